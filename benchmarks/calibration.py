@@ -92,10 +92,10 @@ def of_fruit(fruit: int, args: argparse.Namespace, budget: ErrorBudget, draws: i
     prior_sd = np.append(np.full(3, budget.pit_offset_sd_mm), budget.pit_size_sd)
     for draw in range(draws):
         E_MPa, off = drawn_modulus_MPa(rng), drawn_off(rng, budget)
-        found = estimator.both(world.solved(off), E_MPa=E_MPa, rng=rng, budget=budget)
-        for k, one in enumerate(found.grasps):
-            yield "all", fruit, draw, k, ALONE, E_MPa, one.E_MPa, one.E_sd_MPa, 0.0
-        whole = found.modulus
+        inference = estimator.both(world.solved(off), E_MPa=E_MPa, rng=rng, budget=budget)
+        for k, estimate in enumerate(inference.grasps):
+            yield "all", fruit, draw, k, ALONE, E_MPa, estimate.E_MPa, estimate.E_sd_MPa, 0.0
+        whole = inference.modulus
         yield "all", fruit, draw, -1, TOGETHER, E_MPa, whole.E_MPa, whole.E_sd_MPa, 0.0
         place = np.append(whole.pit.offset_mm, whole.pit.ln_size)
         for name, *values in zip(PIT, off.pit, place, whole.pit.sd, prior_sd, strict=True):
@@ -114,10 +114,10 @@ def split(
         for name, cause in causes(budget).items():
             truths = base if cause.noisy else estimator.world.solved(cause.off(rng))
             sensor = Sensor() if cause.noisy else SILENT
-            for k, one in enumerate(estimator.alone(truths, rng=rng, sensor=sensor, **options)):
-                known = joint_modulus([one.evidence], budget=cause.budget, infer_pit=False)
+            for k, estimate in enumerate(estimator.alone(truths, rng=rng, sensor=sensor, **options)):
+                known = joint_modulus([estimate.evidence], budget=cause.budget, infer_pit=False)
                 part = known.parts_sd_MPa[cause.part] / known.E_MPa
-                change = float(np.log(one.E_MPa / right[k].E_MPa))
+                change = float(np.log(estimate.E_MPa / right[k].E_MPa))
                 yield name, fruit, draw, k, "ln E", 0.0, change, part, 0.0
 
 

@@ -161,12 +161,12 @@ def results(out: Path) -> tuple[set[str], list[dict[str, str]]]:
         return files, list(csv.DictReader(file))
 
 
-def same(one: list[dict[str, str]], other: list[dict[str, str]]) -> bool:
+def same(rows: list[dict[str, str]], other: list[dict[str, str]]) -> bool:
     """The same fruit in the same order with the same endings, and E within 1 %."""
     keys = ("rank", "fruit_id", "outcome")
-    if [[row[key] for key in keys] for row in one] != [[row[key] for key in keys] for row in other]:
+    if [[row[key] for key in keys] for row in rows] != [[row[key] for key in keys] for row in other]:
         return False
-    pairs = [(a["E_MPa"], b["E_MPa"]) for a, b in zip(one, other, strict=True) if a["E_MPa"] or b["E_MPa"]]
+    pairs = [(a["E_MPa"], b["E_MPa"]) for a, b in zip(rows, other, strict=True) if a["E_MPa"] or b["E_MPa"]]
     return all(a and b and abs(float(a) / float(b) - 1) < SAME_E for a, b in pairs)
 
 
@@ -243,9 +243,9 @@ def doubled(campaign: Campaign) -> str:
     """Two runs at once into one place: one works, the other says so."""
     out = campaign.folder / "out"
     shutil.rmtree(out, ignore_errors=True)
-    one, mark = campaign.start(out), campaign.mark
+    first_run, mark = campaign.start(out), campaign.mark
     other = campaign.start(out)
-    statuses = sorted((campaign.wait(one), campaign.wait(other)))
+    statuses = sorted((campaign.wait(first_run), campaign.wait(other)))
     campaign.require(statuses == sorted((2, campaign.status)), f"ended with {statuses}")
     campaign.require(not processes(mark), "processes left")
     campaign.require_nothing_left()

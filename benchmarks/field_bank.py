@@ -52,35 +52,35 @@ def drawn(number: int, rng: np.random.Generator) -> Drawn:
         fruit = fruit_of_seed(name, seed=5000 + number, E_MPa=E_MPa)
         mesh = scanned_mesh(fruit, cells=MESH_CELLS, error_mm=MESH_ERROR_MM)
         return Drawn(fruit=fruit, category="nectarine", mesh=mesh, given_pit=None, depth_mm=1.5)
-    found = drawn_fruit(name, category=kind, rng=rng)
+    drawn_sample = drawn_fruit(name, category=kind, rng=rng)
     return Drawn(
-        fruit=replace(found.fruit, E_MPa=E_MPa, seed=5000 + number),
+        fruit=replace(drawn_sample.fruit, E_MPa=E_MPa, seed=5000 + number),
         category={"pdms_ball": "phantom"}.get(kind, kind),
-        mesh=scanned_skin(found.fruit.skin, cells=MESH_CELLS, error_mm=MESH_ERROR_MM, rng=rng),
-        given_pit=found.prior,
-        depth_mm=min(1.5, found.depth_mm),
+        mesh=scanned_skin(drawn_sample.fruit.skin, cells=MESH_CELLS, error_mm=MESH_ERROR_MM, rng=rng),
+        given_pit=drawn_sample.prior,
+        depth_mm=min(1.5, drawn_sample.depth_mm),
     )
 
 
-def grasped(one: Drawn, azimuth_deg: float, grasp: int, rng: np.random.Generator) -> Recording | None:
+def grasped(drawing: Drawn, azimuth_deg: float, grasp: int, rng: np.random.Generator) -> Recording | None:
     """One grasp, less deep where the solver does not get there; None where it never does."""
-    depth_mm = one.depth_mm
+    depth_mm = drawing.depth_mm
     for _ in range(TRIES):
         hold = hold_along(
-            one.fruit, azimuth_deg=azimuth_deg + rng.normal(0, 8), tilt_deg=float(rng.normal(0, 4))
+            drawing.fruit, azimuth_deg=azimuth_deg + rng.normal(0, 8), tilt_deg=float(rng.normal(0, 4))
         )
         way = two_cycles(
             deepest_mm=depth_mm * float(rng.uniform(0.8, 1)), speed_mm_per_s=float(rng.uniform(0.6, 3))
         )
         try:
-            noise_rng = np.random.default_rng([one.fruit.seed, 7, grasp])
+            noise_rng = np.random.default_rng([drawing.fruit.seed, 7, grasp])
             plan = PlannedGrasp(name=f"grasp-{grasp + 1}", hold=hold, motion=way)
-            found = simulate(one.fruit, plan, rng=noise_rng, fineness=FINENESS)
+            recording = simulate(drawing.fruit, plan, rng=noise_rng, fineness=FINENESS)
         except SampleFailure as failure:
-            sys.stderr.write(f"{one.fruit.fruit_id} grasp {grasp + 1}: {failure}; less deep\n")
+            sys.stderr.write(f"{drawing.fruit.fruit_id} grasp {grasp + 1}: {failure}; less deep\n")
             depth_mm *= 0.8
             continue
-        return replace(found, category=one.category)
+        return replace(recording, category=drawing.category)
     return None
 
 
@@ -90,21 +90,21 @@ def write_fruit(number: int, folder: Path, grasps: int) -> None:
     if (out / "truth.json").exists():
         return
     rng = np.random.default_rng([77, number])
-    one = drawn(number, rng)
+    drawing = drawn(number, rng)
     first_deg = rng.uniform(30, 60)
-    recordings = [grasped(one, first_deg + 90 * g, g, rng) for g in range(grasps)]
+    recordings = [grasped(drawing, first_deg + 90 * g, g, rng) for g in range(grasps)]
     if any(recording is None for recording in recordings):
-        sys.stderr.write(f"{one.fruit.fruit_id}: left out\n")
+        sys.stderr.write(f"{drawing.fruit.fruit_id}: left out\n")
         return
     out.mkdir(parents=True, exist_ok=True)
     for k, recording in enumerate(recordings):
         if recording is not None:
             write_recording(out / f"grasp-{k + 1}.h5", recording)
-    write_mesh(out / "fruit.ply", *one.mesh)
-    if one.given_pit is not None:
+    write_mesh(out / "fruit.ply", *drawing.mesh)
+    if drawing.given_pit is not None:
         sphere = even_sphere(PIT_CELLS)
-        write_mesh(out / "pit.ply", one.given_pit.points_mm(sphere.directions), sphere.triangles())
-    truth = {"E_MPa": one.fruit.E_MPa, "fruit_id": one.fruit.fruit_id, "category": one.category}
+        write_mesh(out / "pit.ply", drawing.given_pit.points_mm(sphere.directions), sphere.triangles())
+    truth = {"E_MPa": drawing.fruit.E_MPa, "fruit_id": drawing.fruit.fruit_id, "category": drawing.category}
     (out / "truth.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
 
 

@@ -16,19 +16,19 @@ Change = Callable[[Fruit, Fruit, np.random.Generator], Fruit]
 def each(change: Callable[[Recording, np.random.Generator], Recording]) -> Change:
     """Every recording of the fruit."""
     return lambda fruit, other, rng: replace(
-        fruit, recordings=tuple(change(one, rng) for one in fruit.recordings)
+        fruit, recordings=tuple(change(recording, rng) for recording in fruit.recordings)
     )
 
 
 def pads(change: Callable[[GelPad, np.random.Generator], GelPad], *, only: int | None = None) -> Change:
     """Every pad, or the `only` one, of every recording."""
 
-    def all_pads(one: Recording, rng: np.random.Generator) -> Recording:
+    def all_pads(recording: Recording, rng: np.random.Generator) -> Recording:
         return replace(
-            one,
+            recording,
             pads=tuple(
                 change(pad, rng) if only in (None, k) and isinstance(pad, GelPad) else pad
-                for k, pad in enumerate(one.pads)
+                for k, pad in enumerate(recording.pads)
             ),
         )
 
@@ -89,7 +89,7 @@ def picture_scale(times: float, *, sensor: str | None = None) -> Change:
             force_N=pad.force_N * times**2,
         )
     )
-    renamed = each(lambda one, rng: one if sensor is None else replace(one, sensor=sensor))
+    renamed = each(lambda recording, rng: recording if sensor is None else replace(recording, sensor=sensor))
     return lambda fruit, other, rng: renamed(scaled(fruit, other, rng), other, rng)
 
 
@@ -124,7 +124,9 @@ def _with_frames(
 
 def frames(order: Callable[[int, np.random.Generator], np.ndarray], *, log: bool) -> Change:
     """Gel frames in another order; with `log` the jaws' log and poses too."""
-    return each(lambda one, rng: _with_frames(one, order(len(one.time_s), rng), log=log, time=False))
+    return each(
+        lambda recording, rng: _with_frames(recording, order(len(recording.time_s), rng), log=log, time=False)
+    )
 
 
 def late(field: str, count: int) -> Change:
@@ -138,24 +140,24 @@ def late(field: str, count: int) -> Change:
 
 def cut(keep: Callable[[Recording], np.ndarray]) -> Change:
     """Only some frames are there."""
-    return each(lambda one, rng: _with_frames(one, keep(one)))
+    return each(lambda recording, rng: _with_frames(recording, keep(recording)))
 
 
-def _total(one: Recording) -> np.ndarray:
-    pad = one.pads[0]
+def _total(recording: Recording) -> np.ndarray:
+    pad = recording.pads[0]
     assert isinstance(pad, GelPad)
     return np.asarray(pad.force_N[:, :, 2].sum(axis=1))
 
 
-def from_contact(one: Recording) -> np.ndarray:
+def from_contact(recording: Recording) -> np.ndarray:
     """Frames from the loading on: the first touch is gone."""
-    total = _total(one)
+    total = _total(recording)
     return np.arange(int(np.argmax(total > 0.3 * total.max())), len(total))
 
 
-def until_peak(one: Recording) -> np.ndarray:
+def until_peak(recording: Recording) -> np.ndarray:
     """Frames up to the greatest force."""
-    return np.arange(int(np.argmax(_total(one))) + 1)
+    return np.arange(int(np.argmax(_total(recording))) + 1)
 
 
 def some(n: int, share: float, rng: np.random.Generator) -> np.ndarray:
@@ -297,15 +299,15 @@ def standing_still(pose_: np.ndarray) -> np.ndarray:
 def exchanged(what: str) -> Change:
     """Left and right pads' gel signals, or their poses, exchanged."""
 
-    def change(one: Recording, rng: np.random.Generator) -> Recording:
-        a, b = one.pads
+    def change(recording: Recording, rng: np.random.Generator) -> Recording:
+        a, b = recording.pads
         assert isinstance(a, GelPad)
         assert isinstance(b, GelPad)
         if what == "poses":
-            return replace(one, pads=(replace(a, pose=b.pose), replace(b, pose=a.pose)))
+            return replace(recording, pads=(replace(a, pose=b.pose), replace(b, pose=a.pose)))
         fields = ("rest_mm", "displacement_mm", "force_N")
         return replace(
-            one,
+            recording,
             pads=(
                 replace(a, **{f: getattr(b, f) for f in fields}),
                 replace(b, **{f: getattr(a, f) for f in fields}),
@@ -322,7 +324,9 @@ def in_order(values: np.ndarray, order: Sequence[int]) -> np.ndarray:
 
 def other_recording(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fruit:
     """Another fruit's recordings under this one's name."""
-    return replace(fruit, recordings=tuple(replace(one, fruit_id=fruit.name) for one in other.recordings))
+    return replace(
+        fruit, recordings=tuple(replace(recording, fruit_id=fruit.name) for recording in other.recordings)
+    )
 
 
 def other_poses(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fruit:
@@ -365,8 +369,8 @@ def pit(change: Callable[[np.ndarray], np.ndarray]) -> Change:
     """The given pit changed; a fruit without one gets its category's first."""
 
     def changed(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fruit:
-        found = fruit.pit or _category_pit(fruit)
-        return replace(fruit, pit=(change(found[0]), found[1]))
+        given_pit = fruit.pit or _category_pit(fruit)
+        return replace(fruit, pit=(change(given_pit[0]), given_pit[1]))
 
     return changed
 

@@ -36,9 +36,9 @@ def fruit_of(folder: Path) -> Fruit | None:
     """The fruit in a folder; None where none is."""
     if not (folder / "fruit.ply").is_file():
         return None
-    own, of_all = folder / "truth.json", folder.parent / "answers.json"
-    if own.is_file():
-        truth = json.loads(own.read_text())
+    own_truth, of_all = folder / "truth.json", folder.parent / "answers.json"
+    if own_truth.is_file():
+        truth = json.loads(own_truth.read_text())
     elif of_all.is_file():
         truth = json.loads(of_all.read_text()).get(folder.name)
     else:
@@ -65,15 +65,15 @@ def fruits_in(paths: Sequence[Path], half: str) -> list[Fruit]:
     folders = [
         f for path in paths for f in ([path] if (path / "fruit.ply").is_file() else sorted(path.iterdir()))
     ]
-    found = [fruit for folder in folders if folder.is_dir() and (fruit := fruit_of(folder)) is not None]
+    fruits = [fruit for folder in folders if folder.is_dir() and (fruit := fruit_of(folder)) is not None]
     wanted = {"even": (0,), "odd": (1,), "all": (0, 1)}[half]
-    return [fruit for fruit in found if fruit.number % 2 in wanted]
+    return [fruit for fruit in fruits if fruit.number % 2 in wanted]
 
 
 def partner(fruits: Sequence[Fruit], k: int) -> Fruit:
     """The next fruit of the same category, else the next."""
     rest = [*fruits[k + 1 :], *fruits[:k]]
-    same = [one for one in rest if one.category == fruits[k].category]
+    same = [fruit for fruit in rest if fruit.category == fruits[k].category]
     return (same or rest or [fruits[k]])[0]
 
 

@@ -254,7 +254,7 @@ MISTAKES: tuple[Mistake, ...] = (
     ),
     Mistake(
         name="every third frame dropped",
-        change=cut(lambda one: np.flatnonzero(np.arange(len(one.time_s)) % 3 != 2)),
+        change=cut(lambda recording: np.flatnonzero(np.arange(len(recording.time_s)) % 3 != 2)),
         kinds={FindingKind.FRAMES_DROPPED},
         harmless=True,
     ),

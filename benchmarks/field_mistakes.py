@@ -77,12 +77,14 @@ def checked(fruit: Fruit) -> list[Answer]:
     if fruit.pit is not None:
         doubts = of_a_given_pit(fruit.vertices, *fruit.pit, load_prior(fruit.category))
         said = [
-            Answer(kind=one.kind, sentence=one.sentence, refused=one.refused)
-            for one in doubts
-            if one.kind is not None
+            Answer(kind=doubt.kind, sentence=doubt.sentence, refused=doubt.refused)
+            for doubt in doubts
+            if doubt.kind is not None
         ]
     said += [
-        Answer(kind=one.kind, sentence=one.sentence) for one in category_doubts(fruit) if one.kind is not None
+        Answer(kind=doubt.kind, sentence=doubt.sentence)
+        for doubt in category_doubts(fruit)
+        if doubt.kind is not None
     ]
     for finding in findings_of(fruit):
         said.append(
@@ -95,7 +97,7 @@ def checked(fruit: Fruit) -> list[Answer]:
                 remark=finding.remark,
             )
         )
-    return sorted(said, key=lambda one: one.remark)
+    return sorted(said, key=lambda answer: answer.remark)
 
 
 COVERED_SD = 2.0
@@ -137,8 +139,8 @@ def as_batch(fruit: Fruit, folder: Path) -> Path:
     write_mesh(where / "fruit.ply", fruit.vertices, fruit.faces)
     if fruit.pit is not None:
         write_mesh(where / "pit.ply", *fruit.pit)
-    for k, one in enumerate(fruit.recordings):
-        write_recording(where / "grasps" / f"grasp-{k + 1}.h5", replace(one, fruit_id="F"))
+    for k, recording in enumerate(fruit.recordings):
+        write_recording(where / "grasps" / f"grasp-{k + 1}.h5", replace(recording, fruit_id="F"))
     return folder
 
 
@@ -152,7 +154,7 @@ def judged(fruit: Fruit, changed: Fruit, mistake: Mistake, cache: Path | None) -
         "category": fruit.category,
         "harmless": mistake.harmless,
         "covered": mistake.covered,
-        "refused": any(one.refused for one in said),
+        "refused": any(answer.refused for answer in said),
         "named": how == "named",
         "among several": how == "among several",
         "kind": said[0].kind.value if said else "",
@@ -185,7 +187,7 @@ def in_a_line(name: str, rows: Sequence[dict[str, object]]) -> str:
         return f"{np.median(values):6.3f}" if values else "     -"
 
     said = [bool(row["refused"] or row["named"] or row["among several"]) for row in rows]
-    wrong = [row for row, one in zip(rows, said, strict=True) if not one and _far(row)]
+    wrong = [row for row, answered in zip(rows, said, strict=True) if not answered and _far(row)]
     bare = [row for row in rows if row["covered"] and float(str(row.get("sds") or 0.0)) > COVERED_SD]
     return (
         f"{name:32s} {len(rows):3d}  named {share('named'):4.0%}  among several "
@@ -222,8 +224,8 @@ def main() -> None:
         sound([cheap_fruit(seed) for seed in range(options.cheap)])
         return
     fruits = [
-        replace(one, recordings=one.recordings[: options.grasps])
-        for one in fruits_in(options.folders, options.half)
+        replace(given, recordings=given.recordings[: options.grasps])
+        for given in fruits_in(options.folders, options.half)
     ]
     if options.sound:
         sound(fruits)
@@ -232,16 +234,16 @@ def main() -> None:
     for mistake in (SOUND, *MISTAKES):
         if options.only not in mistake.name:
             continue
-        own = []
+        judgements = []
         for k, fruit in enumerate(fruits[: options.limit]):
             rng = np.random.default_rng([11, fruit.number])
             changed = mistake.change(fruit, partner(fruits, k), rng)
-            own.append(judged(fruit, changed, mistake, options.grade))
-            if options.verbose and mistake is not SOUND and not own[-1]["named"]:
-                sys.stdout.write(f"  {mistake.name} | {fruit.name} | {str(own[-1]['said'])[:200]}\n")
-        sys.stdout.write(in_a_line(mistake.name, own) + "\n")
+            judgements.append(judged(fruit, changed, mistake, options.grade))
+            if options.verbose and mistake is not SOUND and not judgements[-1]["named"]:
+                sys.stdout.write(f"  {mistake.name} | {fruit.name} | {str(judgements[-1]['said'])[:200]}\n")
+        sys.stdout.write(in_a_line(mistake.name, judgements) + "\n")
         sys.stdout.flush()
-        rows += own
+        rows += judgements
     if options.csv:
         pd.DataFrame(rows).to_csv(options.csv, index=False)
 

@@ -33,19 +33,24 @@ from tactile.checks.time_order import drift_of, dropped_steps, release_less_touc
 from tactile.io.recording import GelPad, Recording
 
 
-def of_recording(one: Recording, vertices: np.ndarray, faces: np.ndarray) -> Iterator[tuple[str, float]]:
+def of_recording(
+    recording: Recording, vertices: np.ndarray, faces: np.ndarray
+) -> Iterator[tuple[str, float]]:
     """(quantity, value) of a recording, pad by pad where it is one of a pad."""
-    pressings = [pressing_of(pad) for pad in one.pads if isinstance(pad, GelPad)]
-    yield "turns_share of jaws", turns_share(one.aperture_mm)
-    if (apart := release_less_touch_mm(one, pressings)) is not None:
+    pressings = [pressing_of(pad) for pad in recording.pads if isinstance(pad, GelPad)]
+    yield "turns_share of jaws", turns_share(recording.aperture_mm)
+    if (apart := release_less_touch_mm(recording, pressings)) is not None:
         yield "release less touch, mm", apart
-    yield "fastest closing, mm/s", float(np.abs(np.diff(one.aperture_mm) / np.diff(one.time_s)).max())
-    steps = np.diff(one.time_s)
+    yield (
+        "fastest closing, mm/s",
+        float(np.abs(np.diff(recording.aperture_mm) / np.diff(recording.time_s)).max()),
+    )
+    steps = np.diff(recording.time_s)
     yield "time step over the median, greatest", float(steps.max() / np.median(steps))
     yield "time step over the median, smallest", float(steps.min() / np.median(steps))
-    yield "time steps that are multiples of those beside", float(dropped_steps(one.time_s))
+    yield "time steps that are multiples of those beside", float(dropped_steps(recording.time_s))
     for pressing in pressings:
-        yield from _of_pad(pressing, one)
+        yield from _of_pad(pressing, recording)
     prints = [footprint(pressing, vertices, faces) for pressing in pressings]
     both = [made for made in prints if made is not None]
     if len(both) == 2:
@@ -64,37 +69,43 @@ def of_recording(one: Recording, vertices: np.ndarray, faces: np.ndarray) -> Ite
                 yield f"squares of tilts less those of {kind}", better
 
 
-def _of_pad(one: Pressing, recording: Recording) -> Iterator[tuple[str, float]]:
-    displacement, force = noise_shares(one)
+def _of_pad(pressing: Pressing, recording: Recording) -> Iterator[tuple[str, float]]:
+    displacement, force = noise_shares(pressing)
     yield "noise over peak, displacement", displacement
     yield "noise over peak, force", force
-    yield "quiet frames, share", float(one.quiet.mean())
-    for name, values in (("displacement", one.felt_mm), ("force", one.force_N)):
+    yield "quiet frames, share", float(pressing.quiet.mean())
+    for name, values in (("displacement", pressing.felt_mm), ("force", pressing.force_N)):
         normal = np.abs(values[:, :, 2])
         yield f"values at the greatest, {name}", float((normal >= normal.max() * (1 - 1e-6)).sum())
-        yield f"roughness, {name}", roughness(values[:, one.touched, 2].sum(axis=1), recording.aperture_mm)
-        if (similarity := like_neighbours(one, values)) is not None:
+        yield (
+            f"roughness, {name}",
+            roughness(values[:, pressing.touched, 2].sum(axis=1), recording.aperture_mm),
+        )
+        if (similarity := like_neighbours(pressing, values)) is not None:
             yield f"correlation with neighbours, {name}", similarity
-        yield f"first frame over peak, {name}", _first(values[:, one.touched, 2])
-    top, use = heaviest(one), one.touched
-    mean = np.abs(one.force_N[top][:, use].mean(axis=(0, 1)))
+        yield f"first frame over peak, {name}", _first(values[:, pressing.touched, 2])
+    top, use = heaviest(pressing), pressing.touched
+    mean = np.abs(pressing.force_N[top][:, use].mean(axis=(0, 1)))
     yield "force across over force along z", float(mean[:2].max() / max(mean[2], 1e-30))
-    total = one.force_N[:, use, 2].sum(axis=1)
+    total = pressing.force_N[:, use, 2].sum(axis=1)
     yield "frames above 90 % of the peak", float((total > 0.9 * total.max()).sum())
     yield "force in the last frame over peak", float(total[-1] / total.max())
-    if (drift := drift_of(one)) is not None:
+    if (drift := drift_of(pressing)) is not None:
         yield "drift over peak", abs(drift[0]) / drift[2]
         yield "drift over its noise", abs(drift[0]) / max(drift[1], 1e-30)
-    rest = one.pad.rest_mm[:, :2]
+    rest = pressing.pad.rest_mm[:, :2]
     yield "missing sites of the grid", float(len(missing_sites(rest)))
     hull = ConvexHull(rest).equations
-    outermost = (rest @ hull[:, :2].T + hull[:, 2]).max(axis=1) > -0.3 * one.spacing_mm
-    at = one.force_N[top, :, 2].mean(axis=0)
+    outermost = (rest @ hull[:, :2].T + hull[:, 2]).max(axis=1) > -0.3 * pressing.spacing_mm
+    at = pressing.force_N[top, :, 2].mean(axis=0)
     few = max(3, int(outermost.sum()) // 10)
     yield "outermost markers over peak", float(np.sort(at[outermost])[-few:].mean() / np.quantile(at, 0.98))
-    felt, closing = float(np.quantile(np.abs(one.felt_mm[:, :, 2]).max(axis=0), 0.98)), closing_mm(one)
+    felt, closing = (
+        float(np.quantile(np.abs(pressing.felt_mm[:, :, 2]).max(axis=0), 0.98)),
+        closing_mm(pressing),
+    )
     yield "gel's indentation over the pad's closing", felt / max(closing, 1e-30)
-    relation = relation_of(one)
+    relation = relation_of(pressing)
     if relation is not None:
         yield "|ln gain|", abs(float(np.log(relation.gain)))
         yield "correlation over time", relation.in_time
@@ -114,12 +125,12 @@ def of_pit(fruit: Fruit) -> Iterator[tuple[str, float]]:
     """(quantity, value) of a given pit against its category's; none without either."""
     if fruit.pit is None:
         return
-    found = against_category(fruit.vertices, *fruit.pit, load_prior(fruit.category))
-    if found is not None:
-        yield "pit.ply from its category's place, mm", found.off_mm
-        yield "pit.ply from its category's place, half width", found.off_mm / found.half_mm
-        yield "pit.ply, |ln size over its category's|", abs(found.size)
-        yield "pit.ply, spread of ln sides over its category's", float(np.ptp(found.sides))
+    deviation = against_category(fruit.vertices, *fruit.pit, load_prior(fruit.category))
+    if deviation is not None:
+        yield "pit.ply from its category's place, mm", deviation.off_mm
+        yield "pit.ply from its category's place, half width", deviation.off_mm / deviation.half_mm
+        yield "pit.ply, |ln size over its category's|", abs(deviation.size)
+        yield "pit.ply, spread of ln sides over its category's", float(np.ptp(deviation.sides))
 
 
 MOVED_MM, SCALED = 6.0, 1.3
@@ -131,10 +142,10 @@ def of_pit_graded(fruit: Fruit, cache: Path) -> Iterator[tuple[str, float]]:
     """(quantity, value): how E changes where the pit is given elsewhere, in another size, turned."""
     if load_prior(fruit.category).axis_ratios is None:
         return
-    one = replace(fruit, recordings=fruit.recordings[:1])
+    single_grasp = replace(fruit, recordings=fruit.recordings[:1])
 
     def E_MPa(name: str, change: Callable[[np.ndarray], np.ndarray]) -> float:
-        made = pit(change)(one, one, np.random.default_rng(0))
+        made = pit(change)(single_grasp, single_grasp, np.random.default_rng(0))
         record = graded(made, cache / name / fruit.name)
         return record.modulus.E_MPa if record.graded and record.modulus is not None else float("nan")
 
@@ -162,16 +173,16 @@ def main() -> None:
     options = parser.parse_args()
     fruits = fruits_in(options.folders, options.half)
     fruits += [cheap_fruit(seed) for seed in range(options.cheap)]
-    found: dict[str, list[float]] = defaultdict(list)
+    values_of: dict[str, list[float]] = defaultdict(list)
     for fruit in fruits:
         for name, value in of_pit_graded(fruit, options.pits) if options.pits else of_pit(fruit):
             if np.isfinite(value):
-                found[name].append(value)
-        for one in () if options.pits else fruit.recordings:
-            for name, value in of_recording(one, fruit.vertices, fruit.faces):
-                found[name].append(value)
+                values_of[name].append(value)
+        for recording in () if options.pits else fruit.recordings:
+            for name, value in of_recording(recording, fruit.vertices, fruit.faces):
+                values_of[name].append(value)
     sys.stdout.write(f"{'':47s} {'least':>9s} {'1 %':>9s} {'median':>9s} {'99 %':>9s} {'most':>9s}\n")
-    for name, values in found.items():
+    for name, values in values_of.items():
         shown = " ".join(f"{value:9.3g}" for value in np.quantile(values, [0, 0.01, 0.5, 0.99, 1]))
         sys.stdout.write(f"{name:47s} {shown}  ({len(values)})\n")
 

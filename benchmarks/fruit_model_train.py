@@ -55,13 +55,13 @@ class UNet(nn.Module):
         super().__init__()
         a, b, c, d = WIDTHS
         self.stem = convolved(3, a, stride=2)
-        self.one = ConvBlock(a)
+        self.block_one = ConvBlock(a)
         self.down_two = convolved(a, b, stride=2)
-        self.two = ConvBlock(b)
+        self.block_two = ConvBlock(b)
         self.down_three = convolved(b, c, stride=2)
-        self.three = nn.Sequential(ConvBlock(c), ConvBlock(c))
+        self.block_three = nn.Sequential(ConvBlock(c), ConvBlock(c))
         self.down_four = convolved(c, d, stride=2)
-        self.four = nn.Sequential(ConvBlock(d), ConvBlock(d))
+        self.block_four = nn.Sequential(ConvBlock(d), ConvBlock(d))
         self.up_three = convolved(c + d, c)
         self.up_two = convolved(b + c, b)
         self.up_one = convolved(a + b, a)
@@ -69,10 +69,10 @@ class UNet(nn.Module):
 
     def forward(self, images: torch.Tensor) -> torch.Tensor:
         """Log odds."""
-        x1 = self.one(self.stem(2 * images - 1))
-        x2 = self.two(self.down_two(x1))
-        x3 = self.three(self.down_three(x2))
-        x4 = self.four(self.down_four(x3))
+        x1 = self.block_one(self.stem(2 * images - 1))
+        x2 = self.block_two(self.down_two(x1))
+        x3 = self.block_three(self.down_three(x2))
+        x4 = self.block_four(self.down_four(x3))
         y = self.up_three(torch.cat([x3, enlarged(x4)], 1))
         y = self.up_two(torch.cat([x2, enlarged(y)], 1))
         y = self.up_one(torch.cat([x1, enlarged(y)], 1))
@@ -210,9 +210,9 @@ def kept_back(
             x, y = tensors(images[start : start + batch], cover[start : start + batch])
             log_odds = model(x.contiguous(memory_format=torch.channels_last)).float()
             losses.append(float(loss_of(log_odds, y)) * len(x))
-            found, true = log_odds > 0, functional.avg_pool2d(y, 2) > 0.5
-            both = (found & true).sum((1, 2, 3)).float()
-            overlaps += (both / (found | true).sum((1, 2, 3)).clamp(1)).tolist()
+            predicted, true = log_odds > 0, functional.avg_pool2d(y, 2) > 0.5
+            both = (predicted & true).sum((1, 2, 3)).float()
+            overlaps += (both / (predicted | true).sum((1, 2, 3)).clamp(1)).tolist()
     return sum(losses) / len(images), float(np.mean(overlaps)), float(np.percentile(overlaps, 10))
 
 

@@ -29,15 +29,15 @@ def write_raw_batch(batch: Path, raw: Path, fruits: list[str]) -> None:
     table = pd.read_csv(batch / "fruits.csv", dtype=str)
     table[table["fruit_id"].isin(fruits)].to_csv(raw / "fruits.csv", index=False)
     for fruit in fruits:
-        own = batch / "fruits" / fruit
+        fruit_folder = batch / "fruits" / fruit
         to = raw / "fruits" / fruit
         for name in ("photos", "fruit.ply"):
-            if (own / name).is_dir() and not (to / name).exists():
-                shutil.copytree(own / name, to / name)
-            elif (own / name).is_file():
+            if (fruit_folder / name).is_dir() and not (to / name).exists():
+                shutil.copytree(fruit_folder / name, to / name)
+            elif (fruit_folder / name).is_file():
                 to.mkdir(parents=True, exist_ok=True)
-                shutil.copy(own / name, to / name)
-        for k, path in enumerate(sorted((own / "grasps").glob("*.h5"))):
+                shutil.copy(fruit_folder / name, to / name)
+        for k, path in enumerate(sorted((fruit_folder / "grasps").glob("*.h5"))):
             recording = read_recording(path)
             pad = recording.pads[0]
             if isinstance(pad, GelPad) and not (raw / "sensor.toml").exists():

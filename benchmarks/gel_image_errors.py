@@ -113,14 +113,14 @@ def sensor(kind: str) -> Sensor:
         GelLight(direction=np.array([0.8 * np.cos(a), 0.8 * np.sin(a), -0.6]), colour=0.9 * np.eye(3)[k])
         for k, a in enumerate(around)
     )
-    one, two = camera(0.0, distance_mm=22.0, focal_px=760.0), None
+    first_camera, second_camera = camera(0.0, distance_mm=22.0, focal_px=760.0), None
     if kind == "markers-stereo":
-        one, two = (camera(t, distance_mm=24.0, focal_px=740.0) for t in (0.35, -0.35))
+        first_camera, second_camera = (camera(t, distance_mm=24.0, focal_px=740.0) for t in (0.35, -0.35))
     return Sensor(
         kind=kind,  # type: ignore[arg-type]
         name=f"rendered {kind}",
-        camera=one,
-        second_camera=two,
+        camera=first_camera,
+        second_camera=second_camera,
         thickness_mm=THICKNESS_MM,
         E_MPa=E_MPA,
         nu=NU,
@@ -133,23 +133,25 @@ def sensor(kind: str) -> Sensor:
 def tracked(eye: GelCamera, images: list[np.ndarray], reference: np.ndarray) -> tuple[TrackedMarkers, float]:
     """The grid's markers through the images, and CPU seconds per frame."""
     start = reference_of(reference, source="reference")
-    found = start.markers.centre_px
-    _, which = cKDTree(on_face(eye, found)[:, :2]).query(GRID[:, :2])
+    centre_px = start.markers.centre_px
+    _, which = cKDTree(on_face(eye, centre_px)[:, :2]).query(GRID[:, :2])
     began = time.process_time()
     frames = list(follow(start, images))
     spent = (time.process_time() - began) / len(images)
     return TrackedMarkers(
         time_s=np.arange(len(images)) / 30.0,
-        reference_px=found[which],
+        reference_px=centre_px[which],
         position_px=np.stack([frame.position_px[which] for frame in frames]),
         rest_mm=GRID,
     ), spent
 
 
-def rendered(eye: GelCamera, one: Sensor, shapes: list[Field], rng: np.random.Generator) -> list[np.ndarray]:
+def rendered(
+    eye: GelCamera, gel_sensor: Sensor, shapes: list[Field], rng: np.random.Generator
+) -> list[np.ndarray]:
     """What this camera sees of every shape."""
     look = GelLook(rest_mm=GRID)
-    return [gel_image(eye, one.lights, look, shape, rng) for shape in shapes]
+    return [gel_image(eye, gel_sensor.lights, look, shape, rng) for shape in shapes]
 
 
 def measured(
@@ -164,18 +166,18 @@ def measured(
 
     `distance`: factor on the camera's distance, and on its focal length, that is taken for the true one.
     """
-    one = replace(sensor(kind), outline=outline)
+    gel_sensor = replace(sensor(kind), outline=outline)
     block = known.block
 
     def shape_of(press: Pressed) -> Field:
         return smooth_field(block.x_mm, block.y_mm, press.displacement_mm)
 
     shapes = [shape_of(press) for press in known.frames]
-    eye = one.camera
+    eye = gel_sensor.camera
     assert eye is not None
-    images = rendered(eye, one, shapes, rng)
+    images = rendered(eye, gel_sensor, shapes, rng)
     flat: Callable = lambda at: np.zeros((len(at), 3))  # noqa: E731
-    reference = rendered(eye, one, [flat], rng)[0]
+    reference = rendered(eye, gel_sensor, [flat], rng)[0]
     markers, spent = tracked(eye, images, reference)
     kept = np.isfinite(markers.position_px[..., 0]).mean()
     print(f"{kind}: {100 * kept:.2f} % of markers followed, {1e3 * spent:.1f} ms of CPU a frame")
@@ -183,22 +185,26 @@ def measured(
         pose = eye.gel_from_camera.copy()
         pose[:3, 3] *= distance
         focal = distance * eye.focal_px[0], distance * eye.focal_px[1]
-        one = replace(one, camera=replace(eye, focal_px=focal, gel_from_camera=pose))
+        gel_sensor = replace(gel_sensor, camera=replace(eye, focal_px=focal, gel_from_camera=pose))
     second, shape = None, None
-    if one.second_camera is not None:
-        others = rendered(one.second_camera, one, shapes, rng)
-        second, more = tracked(one.second_camera, others, rendered(one.second_camera, one, [flat], rng)[0])
+    if gel_sensor.second_camera is not None:
+        others = rendered(gel_sensor.second_camera, gel_sensor, shapes, rng)
+        second, more = tracked(
+            gel_sensor.second_camera, others, rendered(gel_sensor.second_camera, gel_sensor, [flat], rng)[0]
+        )
         spent += more
     if kind == "photometric":
         prints = [
             ball_print(eye, reference, image, radius_mm=CALIBRATION_BALL_MM, source="ball")
-            for image in rendered(eye, one, [shape_of(press) for press in known.ball], rng)
+            for image in rendered(eye, gel_sensor, [shape_of(press) for press in known.ball], rng)
         ]
-        for found in prints:
-            place = found.centre_mm.round(3)
-            print(f"ball: {found.depth_mm:.3f} mm deep, contact of {found.contact_mm:.2f} mm at {place} mm")
+        for imprint in prints:
+            place = imprint.centre_mm.round(3)
+            print(
+                f"ball: {imprint.depth_mm:.3f} mm deep, contact of {imprint.contact_mm:.2f} mm at {place} mm"
+            )
         shape = PhotometricDepth(eye, reference, ball_lookup(prints))
-    chosen = fields_of(one, markers, second=second, images=images if shape else None, shape=shape)
+    chosen = fields_of(gel_sensor, markers, second=second, images=images if shape else None, shape=shape)
     began = time.process_time()
     if shape is not None:
         for image, pixels in zip(images, markers.position_px, strict=True):
@@ -206,9 +212,9 @@ def measured(
     before = None
     for moved in chosen.displacement_mm:
         for _ in range(1 + DEPTH_ROUNDS if kind == "markers-mono" else 1):
-            found = chosen.solver.solve(moved, before=before)
-            before = found.touching
-        chosen.solver.force_spread(found.touching, found.motion_mm)
+            contact = chosen.solver.solve(moved, before=before)
+            before = contact.touching
+        chosen.solver.force_spread(contact.touching, contact.motion_mm)
     return chosen, spent + (time.process_time() - began) / len(images)
 
 
@@ -227,8 +233,8 @@ def row(kind: str, fields: GelFields, known: KnownGel, seconds: float) -> dict[s
     def rms(values: np.ndarray) -> float:
         return float(np.sqrt(np.nanmean(values**2)))
 
-    def correlation(one: np.ndarray, other: np.ndarray) -> float:
-        return float(np.corrcoef(one.ravel(), other.ravel())[0, 1])
+    def correlation(forces: np.ndarray, true_forces: np.ndarray) -> float:
+        return float(np.corrcoef(forces.ravel(), true_forces.ravel())[0, 1])
 
     touched = fields.force_N[loaded] != 0
     inside = (np.abs(fields.force_N - true_f) < 2 * fields.force_sd_N)[loaded][touched]
@@ -252,11 +258,11 @@ def print_draws(block: GelBlock, count: int, rng: np.random.Generator) -> None:
     """Dots alone under presses at random: median and worst of every column, outline said and not."""
     rows: dict[GelOutline | None, list[dict[str, object]]] = {OUTLINE: [], None: []}
     for press in [drawn(block, rng) for _ in range(count)]:
-        for outline, own in rows.items():
+        for outline, table_rows in rows.items():
             fields, seconds = measured("markers-mono", press, np.random.default_rng(5), outline=outline)
-            own.append(row("markers-mono", fields, press, seconds))
-    for outline, own in rows.items():
-        table = pd.DataFrame(own).iloc[:, 2:-1].agg(["min", "median", "max"]).T
+            table_rows.append(row("markers-mono", fields, press, seconds))
+    for outline, table_rows in rows.items():
+        table = pd.DataFrame(table_rows).iloc[:, 2:-1].agg(["min", "median", "max"]).T
         print(f"{outline}:\n{table.to_string(float_format='%.3g')}")
 
 

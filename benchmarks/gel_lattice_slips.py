@@ -74,8 +74,8 @@ def unloaded_motion(
         score = cv2.matchTemplate(there, patch, cv2.TM_CCOEFF_NORMED)
         _, best, _, (across, down) = cv2.minMaxLoc(score)
         motion[n] = across - reach, down - reach
-        found = there[down : down + 2 * half + 1, across : across + 2 * half + 1]
-        ring = np.abs(found.astype(np.int16) - patch).mean(axis=2)
+        matched = there[down : down + 2 * half + 1, across : across + 2 * half + 1]
+        ring = np.abs(matched.astype(np.int16) - patch).mean(axis=2)
         about = np.hypot(*np.mgrid[-half : half + 1, -half : half + 1]) > 0.3 * pitch
         unloaded[n] = best > LIKE and np.hypot(*motion[n]) < STAYS * pitch and np.median(ring[about]) < COLOUR
     return motion, unloaded
@@ -133,24 +133,24 @@ def main() -> None:
         frames = list(frames_of(path))
         row: dict[str, object] = {"clip": name, "sha256": digest[:12]}
         try:
-            found = judged(frames)
+            slips = judged(frames)
         except TactileFailure as failure:
             rows.append(row | {"failure": str(failure)})
             print(name, failure, flush=True)
             continue
         row |= {
-            "frames": found.frames,
-            "judged": found.judged,
-            "slipped": len(found.slipped),
-            "first_slip": found.slipped[0] if found.slipped else "",
-            "partly": len(found.partly),
-            "uncertain": len(found.uncertain),
-            "kept": round(found.kept, 4),
-            "frames_per_s": round(found.frames / found.seconds, 1),
+            "frames": slips.frames,
+            "judged": slips.judged,
+            "slipped": len(slips.slipped),
+            "first_slip": slips.slipped[0] if slips.slipped else "",
+            "partly": len(slips.partly),
+            "uncertain": len(slips.uncertain),
+            "kept": round(slips.kept, 4),
+            "frames_per_s": round(slips.frames / slips.seconds, 1),
             "failure": "",
         }
         rows.append(row)
-        if found.slipped or found.partly or found.uncertain:
+        if slips.slipped or slips.partly or slips.uncertain:
             print(row, flush=True)
     table = pd.DataFrame(rows)
     table.to_csv(given.out, index=False)

@@ -45,12 +45,12 @@ def rgb(frame: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(frame[..., ::-1])
 
 
-def errors_of(found: EstimatedReference, truth_px: np.ndarray, spacing: float) -> dict[str, np.ndarray]:
+def errors_of(estimate: EstimatedReference, truth_px: np.ndarray, spacing: float) -> dict[str, np.ndarray]:
     """Errors in spacings of the unloaded places and of those below the print, and these over their sd."""
-    away, which = cKDTree(truth_px).query(found.rest_px)
+    away, which = cKDTree(truth_px).query(estimate.rest_px)
     same = np.asarray(away) < SAME * spacing
-    off = (found.rest_px - truth_px[np.asarray(which)])[same]
-    unloaded, sd = found.unloaded[same], found.sd_px[same]
+    off = (estimate.rest_px - truth_px[np.asarray(which)])[same]
+    unloaded, sd = estimate.unloaded[same], estimate.sd_px[same]
     return {
         "unloaded": off[unloaded] / spacing,
         "below": off[~unloaded] / spacing,
@@ -82,11 +82,11 @@ def estimates(
         near = np.asarray(away) < SAME * lattice.spacing_px
         for name, places_px, has in (("lens", None, on_grid), ("described", described_px, near)):
             try:
-                found = estimated_reference(lattice, ideal, has, described_px=places_px, source="loaded")
+                estimate = estimated_reference(lattice, ideal, has, described_px=places_px, source="loaded")
             except TactileFailure:
                 answers.append((name, None))
                 continue
-            answers.append((name, errors_of(found, truth_px, lattice.spacing_px)))
+            answers.append((name, errors_of(estimate, truth_px, lattice.spacing_px)))
         loaded = np.asarray(cKDTree(truth_px).query(lattice.rest_px)[1])
         off = (lattice.rest_px - truth_px[loaded]) / lattice.spacing_px
         answers.append(("frame itself", {"below": off[np.linalg.norm(off, axis=1) < SAME]}))
@@ -138,13 +138,19 @@ def main() -> None:
             noticed, sure = sum(v >= 1.0 for v in values), sum(v >= SURE for v in values)
             print(f"{name}: {len(values)}, noticed {noticed}, of them sure {sure}; largest {max(values):.2f}")
     print(f"estimates from {clips} clips")
-    for name, found in answers.items():
-        good = [one for one in found if one is not None]
-        said_of = [f"{name}: {len(found)} frames, {len(found) - len(good)} refused"]
+    for name, errors in answers.items():
+        good = [frame_errors for frame_errors in errors if frame_errors is not None]
+        said_of = [f"{name}: {len(errors)} frames, {len(errors) - len(good)} refused"]
         for part in ("unloaded", "below"):
-            if any(part in one for one in good):
-                size = root_mean_square([one[part] for one in good if part in one])
-                over = root_mean_square([one[f"{part}_over_sd"] for one in good if f"{part}_over_sd" in one])
+            if any(part in frame_errors for frame_errors in good):
+                size = root_mean_square([frame_errors[part] for frame_errors in good if part in frame_errors])
+                over = root_mean_square(
+                    [
+                        frame_errors[f"{part}_over_sd"]
+                        for frame_errors in good
+                        if f"{part}_over_sd" in frame_errors
+                    ]
+                )
                 said_of.append(f"{part} {size:.3f} spacings ({PITCH_UM * size:.0f} um), over sd {over:.2f}")
         print("; ".join(said_of))
     if given.out is not None:

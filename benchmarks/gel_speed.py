@@ -55,8 +55,8 @@ def pressed_mm(sensor: Sensor, radius_mm: float) -> list[np.ndarray]:
         pressure = np.sqrt(share) * np.sqrt(np.maximum(1 - (away / a) ** 2, 0))
         force = pressure[:, None] * [0.3, 0.1, 1.0] * grid.pitch_mm**2
         moved.append((grid.compliance @ force.ravel()).reshape(-1, 3))
-    deepest = max(float(-one[:, 2].min()) for one in moved)
-    return [DEEPEST_MM / deepest * one for one in moved]
+    deepest = max(float(-field_mm[:, 2].min()) for field_mm in moved)
+    return [DEEPEST_MM / deepest * field_mm for field_mm in moved]
 
 
 def picture(sensor: Sensor, moved_mm: np.ndarray, radius_px: float, rng: np.random.Generator) -> np.ndarray:
@@ -104,15 +104,15 @@ def timed(
         )
 
     start = time.process_time()
-    found = fields_of(sensor, first(frames))
+    gel_fields = fields_of(sensor, first(frames))
     all_s = time.process_time() - start
     start = time.process_time()
-    fields_of(sensor, first(MOMENTS), hyperparameters=found.hyperparameters)
+    fields_of(sensor, first(MOMENTS), hyperparameters=gel_fields.hyperparameters)
     few_s = time.process_time() - start
     start = time.process_time()
-    fields_of(sensor, first(frames), hyperparameters=found.hyperparameters)
+    fields_of(sensor, first(frames), hyperparameters=gel_fields.hyperparameters)
     force_s = (time.process_time() - start - few_s) / (frames - MOMENTS)
-    return tracking_s, force_s, all_s - frames * force_s, found
+    return tracking_s, force_s, all_s - frames * force_s, gel_fields
 
 
 def main() -> None:
@@ -137,14 +137,14 @@ def main() -> None:
         pictures = [picture(sensor, moved, radius, rng) for moved in pressed_mm(sensor, contact_mm)]
         runs = [timed(pictures, sensor, options.frames, lost=lost) for _ in range(options.runs)]
         tracking_s, force_s, once_s = np.median([run[:3] for run in runs], axis=0)
-        found = runs[0][3]
+        gel_fields = runs[0][3]
         name = f"{rows * columns}_{contact_mm:g}_{lost:d}"
         kept |= {
-            f"{name}_mm": found.displacement_mm,
-            f"{name}_N": found.force_N,
-            f"{name}_sd": found.force_sd_N,
+            f"{name}_mm": gel_fields.displacement_mm,
+            f"{name}_N": gel_fields.force_N,
+            f"{name}_sd": gel_fields.force_sd_N,
         }
-        most, nodes = found.touching.sum(axis=1).max(), found.touching.shape[1]
+        most, nodes = gel_fields.touching.sum(axis=1).max(), gel_fields.touching.shape[1]
         hidden = f", {LOST:.0%} of them hidden" if lost else ""
         print(
             f"{rows * columns} markers{hidden}, contact of {contact_mm} mm radius ({most} of {nodes} nodes): "

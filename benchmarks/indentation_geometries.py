@@ -51,13 +51,13 @@ def over_hertz(solid, squeezes, *, nu, along):
 
 def over_modulus(solid, strains, *, radius, height):
     """Nominal stress over strain, E = 1; NaN from where the elements give up."""
-    found = np.full(len(strains), np.nan)
+    ratios = np.full(len(strains), np.nan)
     for k, strain in enumerate(strains):
         try:
-            found[k] = solid.force_at(height / 2 * (1 - strain)) / (np.pi * radius**2 * strain)
+            ratios[k] = solid.force_at(height / 2 * (1 - strain)) / (np.pi * radius**2 * strain)
         except RuntimeError:
             break
-    return found
+    return ratios
 
 
 def spheroids():

@@ -193,11 +193,11 @@ def answer_baselines(cases: Path, answers: Path, rounds: Path, nulls: Path, null
         f"the process {least_gain:.0f}",
         flush=True,
     )
-    found = {}
+    by_case = {}
     for path in sorted(rounds.glob("*.npz")):
         case = stored(path)
         linear, E = case.linear(), tuple(case.facts["E_MPa"])
-        found[path.stem] = {
+        by_case[path.stem] = {
             "modulus alone": modulus_alone(E),
             "Gaussian process": gaussian_process(
                 residual_samples(cases / path.stem), E, least_gain=least_gain
@@ -205,14 +205,14 @@ def answer_baselines(cases: Path, answers: Path, rounds: Path, nulls: Path, null
             "sparse regression": sparse_regression(linear, E, threshold=threshold),
             "random forest": forest.answer(linear, E),
         }
-        print(path.stem, {name: one["verdict"] for name, one in found[path.stem].items()}, flush=True)
+        print(path.stem, {name: said["verdict"] for name, said in by_case[path.stem].items()}, flush=True)
     facts = {
         "null_rounds": len(without),
         "false_alarms": false_alarms,
         "threshold_sd": threshold,
         "least_gain": least_gain,
     }
-    (answers / BASELINES).write_text(json.dumps({"facts": facts, "answers": found}, indent=1) + "\n")
+    (answers / BASELINES).write_text(json.dumps({"facts": facts, "answers": by_case}, indent=1) + "\n")
 
 
 def residual_samples(folder: Path) -> Float[np.ndarray, "s 6"]:
@@ -257,7 +257,7 @@ def score(answers: Path, labels: Path, manifest: Path | None, table: Path | None
     seals = f", all with the hashes of {manifest}" if manifest and not wrong else ""
     print("\n".join([*wrong, f"{len(published)} labels{seals}"]))
     relatives = relatives_in(RELATIVES_FILE)
-    labelled = {case: scored_label(one.get("label", one), relatives) for case, one in published.items()}
+    labelled = {case: scored_label(entry.get("label", entry), relatives) for case, entry in published.items()}
     rows = [row_of(run, answers) for run in runs if run["case"] in labelled]
     print("\n".join([*report(rows, labelled), *cost_lines(rows)]))
     if table is not None:
@@ -273,7 +273,7 @@ def cost_lines(rows: Sequence[Mapping[str, Any]]) -> list[str]:
     """Sizes of verdicts, the held-out residual with the named effect over the one without, and the cost."""
     answered = [row for row in rows if "failure" not in row]
     named = [row["heldout"] for row in answered if row["detected"] and row["heldout"]["before"]]
-    ratios = [one["after"] / one["before"] for one in named]
+    ratios = [residuals["after"] / residuals["before"] for residuals in named]
     lines = [f"names of a verdict: mean {np.mean([len(row['verdict']) for row in answered]):.2f}"]
     if ratios:
         lines.append(f"held-out residual, with over without an effect: median {np.median(ratios):.2f}")
@@ -291,11 +291,11 @@ def broken_seals(seals: Mapping[str, str], published: Mapping[str, Any]) -> list
     """
     wrong = []
     for case, seal in seals.items():
-        one = published.get(case)
-        if one is None:
+        entry = published.get(case)
+        if entry is None:
             wrong.append(f"{case}: no label")
             continue
-        text = one["salt"] + json.dumps(one["label"], sort_keys=True, separators=(",", ":"))
+        text = entry["salt"] + json.dumps(entry["label"], sort_keys=True, separators=(",", ":"))
         if hashlib.sha256(text.encode()).hexdigest() != seal:
             wrong.append(f"{case}: the label is not the one that was sealed")
     return wrong + [f"{case}: a label without a seal" for case in published if case not in seals]
@@ -347,15 +347,15 @@ def row_of(run: Mapping[str, Any], answers: Path) -> dict[str, Any]:
         "p": said["p_value"],
         "ranking": [
             {
-                "effect": "+".join(sorted(one["effect"].split("+"))),
-                "probability": one["probability"],
-                "refitted": one["refitted"],
+                "effect": "+".join(sorted(hypothesis["effect"].split("+"))),
+                "probability": hypothesis["probability"],
+                "refitted": hypothesis["refitted"],
                 "parameters": {
                     name: parameter | {"interval": parameter.get("interval_90")}
-                    for name, parameter in one["parameters"].items()
+                    for name, parameter in hypothesis["parameters"].items()
                 },
             }
-            for one in said["ranking"]
+            for hypothesis in said["ranking"]
         ],
         "E_before": with_interval(said["E_MPa"]["before"]),
         "E_after": with_interval(said["E_MPa"]["after"]),

@@ -34,25 +34,25 @@ LESS_DEEP = (1.0, 0.75, 0.5)
 """Shares of the drawn travel that are tried until the solver gets there."""
 
 
-def recorded(number: int, one: Drawn, folder: Path, fineness: Fineness) -> Recording:
+def recorded(number: int, drawing: Drawn, folder: Path, fineness: Fineness) -> Recording:
     """The grasp of a drawn fruit, simulated unless it is there. Raises SampleFailure."""
     path = folder / f"{number:03d}" / "grasp-1.h5"
     if path.is_file():
         return read_recording(path)
     rng = np.random.default_rng([78, number])
-    hold = hold_along(one.fruit, azimuth_deg=float(rng.uniform(30, 60)), tilt_deg=float(rng.normal(0, 3)))
+    hold = hold_along(drawing.fruit, azimuth_deg=float(rng.uniform(30, 60)), tilt_deg=float(rng.normal(0, 3)))
     deepest_mm, speed_mm_per_s = float(rng.uniform(0.8, 1.2)), float(rng.uniform(0.8, 2.5))
-    found = None
+    recording = None
     for less in LESS_DEEP:
         way = two_cycles(deepest_mm=less * deepest_mm, speed_mm_per_s=speed_mm_per_s)
         with suppress(SampleFailure):
             grasp = PlannedGrasp(name="grasp-1", hold=hold, motion=way)
-            found = simulate(one.fruit, grasp, rng=rng, gel=(DEFAULT_GEL, STIFF), fineness=fineness)
+            recording = simulate(drawing.fruit, grasp, rng=rng, gel=(DEFAULT_GEL, STIFF), fineness=fineness)
             break
-    if found is None:
-        raise SampleFailure(f"{one.fruit.fruit_id}: not in equilibrium at any depth")
+    if recording is None:
+        raise SampleFailure(f"{drawing.fruit.fruit_id}: not in equilibrium at any depth")
     path.parent.mkdir(parents=True, exist_ok=True)
-    write_recording(path, replace(found, category=one.category))
+    write_recording(path, replace(recording, category=drawing.category))
     return read_recording(path)
 
 
@@ -85,28 +85,28 @@ def main() -> None:
     for number in range(options.first, options.first + options.count):
         if number % 2 not in wanted:
             continue
-        one = drawn(number, np.random.default_rng([77, number]))
+        drawing = drawn(number, np.random.default_rng([77, number]))
         try:
-            recording = recorded(number, one, options.folder, FINER if options.finer else SHIPPED)
+            recording = recorded(number, drawing, options.folder, FINER if options.finer else SHIPPED)
         except SampleFailure as failure:
             sys.stderr.write(f"{number:03d}: {failure}; left out\n")
             continue
-        pit = one.given_pit
+        pit = drawing.given_pit
         sphere = even_sphere(PIT_CELLS)
         fruit = Fruit(
-            name=one.fruit.fruit_id,
+            name=drawing.fruit.fruit_id,
             number=number,
-            category=one.category,
-            E_MPa=one.fruit.E_MPa,
-            vertices=one.mesh[0],
-            faces=one.mesh[1],
+            category=drawing.category,
+            E_MPa=drawing.fruit.E_MPa,
+            vertices=drawing.mesh[0],
+            faces=drawing.mesh[1],
             pit=None if pit is None else (pit.points_mm(sphere.directions), sphere.triangles()),
             recordings=(recording,),
         )
         record = graded(
             replace(fruit, recordings=(with_bare_jaw(recording),)), options.folder / f"{number:03d}" / "plain"
         )
-        line = f"{number:03d} {one.category:9s} {one.fruit.E_MPa:.3f} MPa"
+        line = f"{number:03d} {drawing.category:9s} {drawing.fruit.E_MPa:.3f} MPa"
         if record.modulus is None:
             sys.stdout.write(f"{line}  {record.reason}\n")
             continue

@@ -128,7 +128,7 @@ def _core(data: Forward, shift_mm: np.ndarray | tuple[float, ...] = (0.0, 0.0, 0
 
 
 @cache
-def found(
+def fitted_modulus(
     name: str,
     *,
     shift_mm: tuple[float, ...] = (0.0, 0.0, 0.0),
@@ -172,29 +172,31 @@ def _row(
     )
 
 
-def _against(one: FittedModulus, other: FittedModulus) -> FittedModulus:
-    """The change from the other to the one."""
+def _against(fitted: FittedModulus, other: FittedModulus) -> FittedModulus:
+    """The change from `other` to `fitted`."""
     return replace(
-        one, error=(1 + one.error) / (1 + other.error) - 1, energy=(1 + one.energy) / (1 + other.energy) - 1
+        fitted,
+        error=(1 + fitted.error) / (1 + other.error) - 1,
+        energy=(1 + fitted.energy) / (1 + other.energy) - 1,
     )
 
 
 def material() -> Iterator[PaperRow]:
     """Fig. 3c: the same linear estimator on linear and on Neo-Hookean truth, by depth of the press."""
     for kind in ("press", "grasp"):
-        linear = found(f"{kind}-linear")
+        linear = fitted_modulus(f"{kind}-linear")
         yield _row("material", f"{kind}, linear truth", "", None, f"{kind}-linear", linear)
         for depth in (0.4, 1.0):
-            got = found(f"{kind}-neo-hookean", depth_mm=depth)
+            got = fitted_modulus(f"{kind}-neo-hookean", depth_mm=depth)
             case = f"{kind}, Neo-Hookean against linear truth, {depth} mm"
             yield _row("material", case, "2.01", 1.0, f"{kind}-neo-hookean", _against(got, linear))
         case = f"{kind}, the same with the Neo-Hookean model, 1.0 mm"
         try:
-            got = found(f"{kind}-neo-hookean", finite=True, size=COARSE)
+            got = fitted_modulus(f"{kind}-neo-hookean", finite=True, size=COARSE)
         except FemFailure as failure:
             got = FittedModulus(error=np.nan, energy=np.nan, dofs=0, seconds=0.0)
             case += f" ({failure.problem.value})"
-        linear = found(f"{kind}-linear", size=COARSE)
+        linear = fitted_modulus(f"{kind}-linear", size=COARSE)
         yield _row("material", case, "", 0.3, f"{kind}-neo-hookean", _against(got, linear))
 
 
@@ -208,10 +210,17 @@ def area() -> Iterator[PaperRow]:
         (225, "< 5", 1.0),
     ):
         name = f"press-{mm2}mm2"
-        yield _row("contact area", f"{mm2} mm2", paper, target, name, found(name))
+        yield _row("contact area", f"{mm2} mm2", paper, target, name, fitted_modulus(name))
     for mm2, cells in ((9, 3), (25, 5)):
         name = f"press-{mm2}mm2"
-        yield _row("contact area", f"{mm2} mm2, markers 1 mm apart", "", None, name, found(name, cells=cells))
+        yield _row(
+            "contact area",
+            f"{mm2} mm2, markers 1 mm apart",
+            "",
+            None,
+            name,
+            fitted_modulus(name, cells=cells),
+        )
 
 
 def wrong_core() -> Iterator[PaperRow]:
@@ -224,7 +233,12 @@ def wrong_core() -> Iterator[PaperRow]:
                     shift = tuple(sign * steps * float(k == axis) for k in range(3))
                     case = f"{title}, {word} {sign * steps:+.0f} mm"
                     yield _row(
-                        "core misplaced", case, "8", 8.0, name, found(name, shift_mm=shift, size=COARSE)
+                        "core misplaced",
+                        case,
+                        "8",
+                        8.0,
+                        name,
+                        fitted_modulus(name, shift_mm=shift, size=COARSE),
                     )
 
 
@@ -262,27 +276,34 @@ def _models(histories: list[GraspHistory], mesh: FleshMesh, *, base_fixed: bool)
 
 def position() -> Iterator[PaperRow]:
     """Fig. 5a: where on the face one presses."""
-    middle = found("press-100mm2", size=COARSE)
+    middle = fitted_modulus("press-100mm2", size=COARSE)
     for at in (2, 4, 6, 8):
         name = f"press-at-{at}mm"
-        change = _against(found(name, size=COARSE), middle)
+        change = _against(fitted_modulus(name, size=COARSE), middle)
         yield _row("position", f"{at} mm off the middle", "2.97", 1.5, name, change)
 
 
 def shape() -> Iterator[PaperRow]:
     """Fig. 5b: cores of one volume and several shapes, known to the estimator."""
-    ball = found("press-ball")
+    ball = fitted_modulus("press-ball")
     yield _row("core shape", "ball, error", "", None, "press-ball", ball)
     for kind in ("cube", "star", "tetrahedron"):
         name = f"press-{kind}"
-        yield _row("core shape", f"{kind} against ball", "0.57", 0.5, name, _against(found(name), ball))
+        yield _row(
+            "core shape", f"{kind} against ball", "0.57", 0.5, name, _against(fitted_modulus(name), ball)
+        )
 
 
 def without_core() -> Iterator[PaperRow]:
     """The same data, by the same estimator without a core, and by a half-space under a square punch."""
     for name in ("grasp", *(f"press-{mm2}mm2" for mm2 in (1, 9, 25, 100, 225))):
         yield _row(
-            "no core", f"{name}, same estimator", "", None, name, found(name, homogeneous=True, size=COARSE)
+            "no core",
+            f"{name}, same estimator",
+            "",
+            None,
+            name,
+            fitted_modulus(name, homogeneous=True, size=COARSE),
         )
         data = forward(name)
         pad = data.pads[0]

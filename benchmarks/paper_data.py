@@ -53,15 +53,15 @@ def forward(name: str) -> Forward:
     for k, (axis, centre, edge, move) in enumerate(
         zip(kept["patch_axis"], kept["patch_centre_mm"], kept["patch_edge_mm"], kept["moves_mm"], strict=True)
     ):
-        own = kept["pad"] == k
-        force = kept["force_N"][:, own].astype(float)
+        of_pad = kept["pad"] == k
+        force = kept["force_N"][:, of_pad].astype(float)
         pads.append(
             PadData(
                 axis=int(axis),
                 centre_mm=centre,
                 edge_mm=float(edge),
                 move_mm=move,
-                place_mm=kept["place_mm"][own],
+                place_mm=kept["place_mm"][of_pad],
                 force_N=force,
             )
         )
@@ -81,16 +81,16 @@ def forward(name: str) -> Forward:
 
 def _mirrored(pads: list[PadData], flip: np.ndarray) -> list[PadData]:
     """Each pad with its image; a pad that the plane cuts is completed, another one gets a twin."""
-    found = []
+    mirrored = []
     for pad in pads:
         place, force = pad.place_mm * flip, pad.force_N * flip
         if np.allclose(pad.centre_mm * flip, pad.centre_mm):
             place, force = np.vstack([pad.place_mm, place]), np.concatenate([pad.force_N, force], axis=1)
-            found.append(_with(pad, place, force))
+            mirrored.append(_with(pad, place, force))
         else:
             twin = _with(pad, place, force, centre_mm=pad.centre_mm * flip, move_mm=pad.move_mm * flip)
-            found += [pad, twin]
-    return found
+            mirrored += [pad, twin]
+    return mirrored
 
 
 def _with(pad: PadData, place_mm: np.ndarray, force_N: np.ndarray, **changes: np.ndarray) -> PadData:

@@ -114,8 +114,8 @@ def category_of_bank(kind: str) -> str:
     """The shipped category file with the proportions about which the bank draws the kind's pits."""
     shipped = (FOLDER / f"{kind}.toml").read_text(encoding="utf-8")
     drawn = ", ".join(f"{share:g}" for share in KINDS[kind].pit_over_box)
-    own = f'axis_ratios = {{ value = [{drawn}], source = "samples/scenes/scene_fruit.py" }}'
-    return re.sub(r"^axis_ratios = .*$", own, shipped, flags=re.MULTILINE)
+    axis_ratios = f'axis_ratios = {{ value = [{drawn}], source = "samples/scenes/scene_fruit.py" }}'
+    return re.sub(r"^axis_ratios = .*$", axis_ratios, shipped, flags=re.MULTILINE)
 
 
 def write_batch(

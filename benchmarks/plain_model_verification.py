@@ -89,10 +89,10 @@ def main() -> None:
         for k in wanted.grasp if not wanted.body or body.name in wanted.body else ():
             recording = (body / "dense" if wanted.dense else body) / f"grasp-{k}.h5"
             try:
-                found = line(opened(body, recording), true_MPa)
+                cells = line(opened(body, recording), true_MPa)
             except Exception as error:  # noqa: BLE001 - a row says it, the others follow
-                found = f"{type(error).__name__}: {error}"
-            print(f"| {body.name} | {k} | {found} |", flush=True)
+                cells = f"{type(error).__name__}: {error}"
+            print(f"| {body.name} | {k} | {cells} |", flush=True)
 
 
 if __name__ == "__main__":

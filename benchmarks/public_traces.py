@@ -110,7 +110,7 @@ def of_cylinder(folder: Path) -> Iterator[NamedTrace]:
     for path in sorted(folder.rglob("*.xls*")):
         steps: list[np.ndarray] = []
         for table in pd.read_excel(path, sheet_name=None, header=None, engine="calamine").values():
-            names = [str(one).lower() for one in table.iloc[1]] if len(table) > 30 else []
+            names = [str(cell).lower() for cell in table.iloc[1]] if len(table) > 30 else []
             at = [next((k for k, n in enumerate(names) if key in n), None) for key in RHEOMETER_COLUMNS]
             if None in at:
                 continue
@@ -164,32 +164,35 @@ def exponent_of(trace: IndenterTrace, onset_mm: float) -> float:
     return float(np.polyfit(np.log(depth[used]), np.log(force[used] - zero), 1)[0])
 
 
-def explained(one: NamedTrace) -> dict[str, object]:
+def explained(named_trace: NamedTrace) -> dict[str, object]:
     """One line of the table."""
     try:
         account = account_for(
-            one.trace, thickness_mm=one.thickness_mm, poisson_ratio=NU, rng=np.random.default_rng(0)
+            named_trace.trace,
+            thickness_mm=named_trace.thickness_mm,
+            poisson_ratio=NU,
+            rng=np.random.default_rng(0),
         )
     except FemFailure as failure:
-        return {"trace": one.name, "verdict": f"refused: {failure.problem.value}"}
+        return {"trace": named_trace.name, "verdict": f"refused: {failure.problem.value}"}
     said, trace = account.explanation, account.trace
     verdict = said.verdict if isinstance(said.verdict, str) else " | ".join(said.verdict)
     names = [u.name for u in account.linear.law.unknowns]
     onset = float(account.linear.scaled[names.index("onset_mm")])
     return {
-        "trace": one.name,
+        "trace": named_trace.name,
         "verdict": verdict,
         "top": said.ranking[0].effect,
         "E_before_kPa": 1e3 * said.before.value,
         "E_after_kPa": 1e3 * said.after.value,
         "withheld": said.withheld or "",
         "E_linear_kPa": 1e3 * float(np.exp(account.linear.scaled[0])),
-        "slope_kPa": slope_kPa(one.trace),
+        "slope_kPa": slope_kPa(named_trace.trace),
         "unexplained": account.named.share,
         "end_before": said.heldout.rms_before if said.heldout else float("nan"),
         "end_after": said.heldout.rms_after if said.heldout else float("nan"),
         "exponent": exponent_of(trace, onset),
-        "peak_N": float(one.trace.force_N.max()),
+        "peak_N": float(named_trace.trace.force_N.max()),
         "ruptured": any("break" in note or "rupture" in note.lower() for note in said.notes),
     }
 
@@ -215,13 +218,15 @@ def summary(rows: list[dict[str, object]]) -> None:
     exponents = quantiles([float(row["exponent"]) for row in stiff])
     print(f"exponent where stiffening is named ({len(stiff)}): {exponents}")
     print(f"E withheld in {sum(bool(row['withheld']) for row in done)}")
-    for kind, own in by_kind(done).items():
-        if len(own) > 5:
+    for kind, kind_rows in by_kind(done).items():
+        if len(kind_rows) > 5:
             for name in ("slope_kPa", "E_linear_kPa"):
-                known = np.array([float(row[name]) for row in own])
+                known = np.array([float(row[name]) for row in kind_rows])
                 print(f"{kind}: {name} {known.mean():.1f} +- {known.std(ddof=1):.1f}")
-            rank = spearmanr([row["E_linear_kPa"] for row in own], [row["peak_N"] for row in own])
-            print(f"{kind}: {len(own)}, Spearman of E (linear) with the peak force {rank.statistic:.2f}")
+            rank = spearmanr([row["E_linear_kPa"] for row in kind_rows], [row["peak_N"] for row in kind_rows])
+            print(
+                f"{kind}: {len(kind_rows)}, Spearman of E (linear) with the peak force {rank.statistic:.2f}"
+            )
 
 
 def by_kind(rows: list[dict[str, object]]) -> dict[str, list[dict[str, object]]]:

@@ -92,7 +92,7 @@ def log_evidence(trace: IndenterTrace) -> float:
     law = linear_law(trace, thickness_mm=None, poisson_ratio=NU)
     stiffening = {"stiffening": forms_of(trace)["stiffening"]}
     plain, *fits = candidate_fits(law, trace, pooled_noise(trace), np.random.default_rng(0), stiffening)
-    of_forms = logsumexp([one.log_evidence for one in fits]) - np.log(len(fits))
+    of_forms = logsumexp([fit.log_evidence for fit in fits]) - np.log(len(fits))
     return float(np.logaddexp(plain.log_evidence, of_forms))
 
 
@@ -202,17 +202,17 @@ def of_mixture(name: str, rows: list[dict[str, object]], published_kPa: float) -
     def column(key: str) -> np.ndarray:
         return np.array([float(str(row[key])) for row in rows])
 
-    own, law = column("own_kPa"), column("law_kPa")
+    own_kPa, law = column("own_kPa"), column("law_kPa")
     return {
         "mixture": name,
         "part": "development" if name in DEVELOPMENT else "last",
         "curves": len(rows),
         "published_kPa": published_kPa,
-        "own_kPa": own.mean(),
+        "own_kPa": own_kPa.mean(),
         "law_kPa": law.mean(),
-        "within_5_of_own": int((np.abs(law / own - 1) <= 0.05).sum()),
+        "within_5_of_own": int((np.abs(law / own_kPa - 1) <= 0.05).sum()),
         "within_10_of_published": int((np.abs(law / published_kPa - 1) <= 0.1).sum()),
-        "own_within_10_of_published": int((np.abs(own / published_kPa - 1) <= 0.1).sum()),
+        "own_within_10_of_published": int((np.abs(own_kPa / published_kPa - 1) <= 0.1).sum()),
         "E_kPa": column("E_kPa").mean(),
         "E_between_curves_kPa": column("E_kPa").std(ddof=1) if len(rows) > 1 else float("nan"),
         "E_sd_kPa": column("E_sd_kPa").mean(),

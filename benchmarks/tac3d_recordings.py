@@ -31,7 +31,7 @@ def unpacked(folder: Path) -> list[Path]:
     wheel = next(folder.glob("pytac3d-*.whl"))
     with zipfile.ZipFile(wheel) as held:
         held.extractall(folder, [name for name in held.namelist() if name.endswith(".npy")])
-    return sorted({found.parent.parent for found in folder.rglob("index.npy")})
+    return sorted({index_path.parent.parent for index_path in folder.rglob("index.npy")})
 
 
 def largest_change(sensors: list[Tac3D], again: Recording) -> float:
@@ -62,7 +62,7 @@ def main() -> None:
     for place in unpacked(given.folder):
         groups = [[read_tac3d(folder)] for folder in sensor_folders(place)]
         if len(groups) == 2:
-            groups.append([one for group in groups for one in group])
+            groups.append([sensor for group in groups for sensor in group])
         for sensors in groups:
             name = "+".join(sensor.serial for sensor in sensors)
             converted = recording_of_tac3d(sensors, fruit_id=name, category="unknown")

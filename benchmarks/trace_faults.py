@@ -41,10 +41,8 @@ def stiffness(travel, force, exponent: float) -> float:
             return x[0] * np.maximum(travel - x[1], 0) ** exponent + x[2] - force
 
         start = [np.ptp(force) / (hi - lo) ** exponent, lo + share * (hi - lo), force[0]]
-        found = least_squares(
-            gap, start, x_scale=[max(start[0], 1e-9), hi - lo, np.ptp(force)], loss="linear"
-        )
-        best = min(best, (float(found.cost), float(found.x[0])))
+        fit = least_squares(gap, start, x_scale=[max(start[0], 1e-9), hi - lo, np.ptp(force)], loss="linear")
+        best = min(best, (float(fit.cost), float(fit.x[0])))
     return best[1]
 
 
@@ -52,7 +50,7 @@ def read(p: Press, folder: Path):
     """The recording's columns and the notes; a refusal as a note."""
     p.write(folder / "t.csv")
     try:
-        found = read_trace(
+        converted = read_trace(
             folder / "t.csv",
             fruit_id="f",
             category="plum",
@@ -62,13 +60,13 @@ def read(p: Press, folder: Path):
         )
     except TactileFailure as failure:
         return None, [f"REFUSED {failure.detail}"]
-    one = found.recording
-    return (one.time_s, one.aperture_mm, one.pads[0].force_z_N), list(found.notes)
+    recording = converted.recording
+    return (recording.time_s, recording.aperture_mm, recording.pads[0].force_z_N), list(converted.notes)
 
 
 def corrections(notes: list[str]) -> list[str]:
     """Notes on what was corrected."""
-    return [one for one in notes if re.search(CORRECTED, one) and "thinned" not in one]
+    return [note for note in notes if re.search(CORRECTED, note) and "thinned" not in note]
 
 
 def outcome(kind: str, seed: int, folder: Path) -> str:
@@ -88,9 +86,9 @@ def outcome(kind: str, seed: int, folder: Path) -> str:
     if columns is None:
         return "" if words.startswith("REFUSED") else text
     others = [
-        one
-        for one in corrections(notes)
-        if not re.search(words.replace("(?=.*", "(").replace(")(", ")|("), one)
+        correction
+        for correction in corrections(notes)
+        if not re.search(words.replace("(?=.*", "(").replace(")(", ")|("), correction)
     ]
     true = stiffness(sound.travel_mm, sound.force_N, sound.exponent)
     ratio = stiffness(*columns[1:], sound.exponent) / true

@@ -108,8 +108,8 @@ def _surface(name: str, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
     vertices = numbers(f"{name} vertices", surface[0], (None, 3))
     faces = numbers(f"{name} faces", surface[1], (None, 3), whole=True)
     if faces.min() < 0 or faces.max() >= len(vertices):
-        found = f"indices from {faces.min()} to {faces.max()}"
-        raise DrupeError(f"{name} faces: found {found}, expected 0 to {len(vertices) - 1}")
+        face_range = f"indices from {faces.min()} to {faces.max()}"
+        raise DrupeError(f"{name} faces: found {face_range}, expected 0 to {len(vertices) - 1}")
     return vertices, faces
 
 

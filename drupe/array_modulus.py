@@ -83,8 +83,8 @@ def modulus(
     log = StageLog(report)
     given = array_batch(mesh, recordings, pit=pit, nu=nu, category=category, settings=settings)
     with given as root, threadpool_limits(1):
-        fruit, found = measured_fruit(array_task(root), log)
-        patches = patch_residuals(fruit.placed, found.grasps)
+        fruit, inference = measured_fruit(array_task(root), log)
+        patches = patch_residuals(fruit.placed, inference.grasps)
     held = log.facts.modulus
     assert held is not None  # set where measured_fruit returns
     return MeasuredModulus(
@@ -103,7 +103,7 @@ def modulus(
         warnings=tuple(dict.fromkeys(log.warnings)),
         doubts=log.facts.doubts,
         residuals=tuple(
-            MarkerResidual(name=one.name, place_mm=one.places_mm, residual_mm=one.residual_um / 1e3)
-            for one in patches
+            MarkerResidual(name=patch.name, place_mm=patch.places_mm, residual_mm=patch.residual_um / 1e3)
+            for patch in patches
         ),
     )

@@ -70,8 +70,8 @@ def read(out: str | Path) -> GradedBatch:
         ranking = table.assign(reference=table["reference"] == "true").astype(kinds)
         ranking[added] = table[added].convert_dtypes()
     except (TypeError, ValueError) as error:
-        found = f"found a value of another kind ({error}), expected those of drupe grade"
-        raise DrupeError(f"{results.ranking_json}: {found}; run `drupe report {out}`") from None
+        message = f"found a value of another kind ({error}), expected those of drupe grade"
+        raise DrupeError(f"{results.ranking_json}: {message}; run `drupe report {out}`") from None
     return GradedBatch(folder=results.root, ranking=ranking, provenance=said)
 
 

@@ -88,13 +88,13 @@ def _explained(
     columns = ["effect", "probability", "log_evidence", "E_MPa", "E_sd_MPa"]
     rows = [
         (
-            one.effect,
-            one.probability,
-            one.log_evidence,
-            np.nan if one.modulus is None else one.modulus.value,
-            np.nan if one.modulus is None else one.modulus.sd,
+            hypothesis.effect,
+            hypothesis.probability,
+            hypothesis.log_evidence,
+            np.nan if hypothesis.modulus is None else hypothesis.modulus.value,
+            np.nan if hypothesis.modulus is None else hypothesis.modulus.sd,
         )
-        for one in entry.ranking
+        for hypothesis in entry.ranking
     ]
     return ExplainedMismatch(
         verdict=entry.verdict,

@@ -82,7 +82,7 @@ class LiveModulus:
             place.append((pad.rest_mm + moved)[pad.used] @ at[:3, :3].T + at[:3, 3])
             push.append(force[pad.used] @ at[:3, :3].T)
             touch.append(pressed[pad.used])
-        found, self._before = frame_modulus(
+        estimate, self._before = frame_modulus(
             self._model,
             self._before,
             position_mm=np.vstack(place),
@@ -90,7 +90,7 @@ class LiveModulus:
             touching=np.concatenate(touch),
             sd_mm=max(pad.displacement_sd_mm for pad in self._pads),
         )
-        return found
+        return estimate
 
 
 def live(

@@ -31,6 +31,6 @@ class cached_value(Generic[T]):  # noqa: N801 - used as a decorator, like functo
     def __get__(self, instance: object | None, owner: type) -> "T | cached_value[T]":
         if instance is None:
             return self
-        found = self.compute(instance)
-        instance.__dict__[self.name] = found
-        return found
+        attribute = self.compute(instance)
+        instance.__dict__[self.name] = attribute
+        return attribute

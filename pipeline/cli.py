@@ -117,8 +117,10 @@ def _not_ours(error: Exception) -> str:
     if not (isinstance(error, OSError) and error.errno in OF_A_PLACE and error.filename):
         return ""
     place = Path(os.fsdecode(error.filename)).absolute()
-    own = (Path(__file__).parent, Path(sys.prefix), Path(sys.base_prefix, "lib"))
-    if any(place.is_relative_to(one) for one in own) or any(p.startswith(PREFIX) for p in place.parts):
+    own_folders = (Path(__file__).parent, Path(sys.prefix), Path(sys.base_prefix, "lib"))
+    if any(place.is_relative_to(folder) for folder in own_folders) or any(
+        p.startswith(PREFIX) for p in place.parts
+    ):
         return ""
     named = printable(os.fsdecode(error.filename))
     return f"{named}: {error.strerror}; correct the name, or ask for permission to read and write there."

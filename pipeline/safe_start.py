@@ -16,8 +16,8 @@ def leave_current_folder_off_the_path() -> None:
     """Takes away the entry that -c or -m put first (in safe-path mode there is none), and those that empty
     entries of PYTHONPATH put before Python's own library; what is installed comes after it, and stays.
     """
-    own = os.path.dirname(os.__file__)  # noqa: PTH120 - pathlib may not be ours yet
-    end = sys.path.index(own) if own in sys.path else len(sys.path)
+    standard_library = os.path.dirname(os.__file__)  # noqa: PTH120 - pathlib may not be ours yet
+    end = sys.path.index(standard_library) if standard_library in sys.path else len(sys.path)
     first = 0 if sys.flags.safe_path else 1
     named = _names_here("" if sys.flags.ignore_environment else os.environ.get("PYTHONPATH", ""))
     sys.path[:] = [

@@ -62,11 +62,11 @@ def fruit_points(
             f"Only {int(above_ground.sum())} trusted points of the geometry model lie above the "
             "ground at the fruit; check the photos, or remove the model."
         )
-    found, outward = points[above_ground], normals[above_ground] @ turn.T
-    if len(found) > MOST_POINTS:
-        pick = np.random.default_rng(SEED).choice(len(found), MOST_POINTS, replace=False)
-        found, outward = found[pick], outward[pick]
-    return found, outward, scale_sd
+    skin_points, outward = points[above_ground], normals[above_ground] @ turn.T
+    if len(skin_points) > MOST_POINTS:
+        pick = np.random.default_rng(SEED).choice(len(skin_points), MOST_POINTS, replace=False)
+        skin_points, outward = skin_points[pick], outward[pick]
+    return skin_points, outward, scale_sd
 
 
 def _world_from_tags(

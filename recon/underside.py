@@ -43,22 +43,22 @@ def _merged(
     checked = checked_photos(photos, mat)
     over = route(checked.photos)
     require_seen(over.quality, left_out=checked.warnings)
-    found = both_sides(_side(upright), _side(over), on_mat=mat is not None)
-    mesh = repaired(found.vertices, upright.faces, max_faces=len(upright.faces))
+    joined = both_sides(_side(upright), _side(over), on_mat=mat is not None)
+    mesh = repaired(joined.vertices, upright.faces, max_faces=len(upright.faces))
     quality, views = upright.quality, None
     if upright.cameras and over.cameras:
-        places = np.concatenate([_places(upright), moved(_places(over), found.upright_from_over)])
+        places = np.concatenate([_places(upright), moved(_places(over), joined.upright_from_over)])
         views = seeing_views(mesh.vertices, mesh.faces, places)
         share, hole_mm2 = seen_and_unseen(mesh.vertices, mesh.faces, views)
         quality = replace(quality, seen_share=share, unseen_mm2=hole_mm2)
-    quality = replace(quality, flipped_views=over.quality.views_used, flipped_miss_mm=found.miss_mm)
+    quality = replace(quality, flipped_views=over.quality.views_used, flipped_miss_mm=joined.miss_mm)
     kept = [w for w in upright.warnings if w not in seen_doubts(upright.quality)]
     said = [
         f"In {WHERE}: {w}"
         for w in (*checked.warnings, *over.warnings, *over.notes)
         if w not in seen_doubts(over.quality)
     ]
-    if found.by_convention:
+    if joined.by_convention:
         said.append(
             f"The fruit is so round that {WHERE} fits in two ways. drupe assumed that you turned the "
             "fruit over about the mat's arrow, with the suture still along the arrow."
@@ -67,7 +67,7 @@ def _merged(
         upright,
         vertices=mesh.vertices,
         faces=mesh.faces,
-        surface_sd_mm=max(upright.surface_sd_mm, found.miss_mm / float(np.sqrt(2))),
+        surface_sd_mm=max(upright.surface_sd_mm, joined.miss_mm / float(np.sqrt(2))),
         quality=quality,
         views=views,
         sd_mm=None,

@@ -56,9 +56,9 @@ class Failures(NamedTuple):
 def decision_lists(batch: BatchEntry, fruits: list[Indexed]) -> tuple[DecisionList, ...]:
     """Ship, hold, inspect; the first two only where classes say what is shipped."""
     by_list: dict[str, list[Indexed]] = {SHIP: [], HOLD: [], INSPECT: []}
-    for one in fruits:
-        if one[1].decision:
-            by_list[one[1].decision].append(one)
+    for fruit in fruits:
+        if fruit[1].decision:
+            by_list[fruit[1].decision].append(fruit)
     shown = say(" or ").join(batch.ships or ()) or say("of a class that is shipped")
     share = share_words(batch.certainty)
     parted = batch.ships is not None
@@ -81,8 +81,8 @@ def decision_lists(batch: BatchEntry, fruits: list[Indexed]) -> tuple[DecisionLi
 def _by_reason(fruits: list[Indexed]) -> tuple[tuple[str, tuple[Indexed, ...]], ...]:
     """Those that share a reason together, the commonest first; a borderline's percentage is left out."""
     groups: dict[str, list[Indexed]] = {}
-    for one in fruits:
-        groups.setdefault(one[1].decision_reason.partition(":")[0], []).append(one)
+    for fruit in fruits:
+        groups.setdefault(fruit[1].decision_reason.partition(":")[0], []).append(fruit)
     return tuple(
         (reason, tuple(group)) for reason, group in sorted(groups.items(), key=lambda item: -len(item[1]))
     )

@@ -111,7 +111,7 @@ class ScreenEntry:
         """
         if self.why_not:
             return f"not screened: {self.why_not}"
-        return OR.join(one.name for one in self.suspects) or "none found"
+        return OR.join(suspect.name for suspect in self.suspects) or "none found"
 
 
 @dataclass(frozen=True, kw_only=True)

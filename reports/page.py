@@ -192,7 +192,7 @@ def _screened(fruit: FruitEntry) -> str:
     if screen.why_not:
         return say("not screened")
     p = p_words(screen.p_value)
-    first = [effect_name(one.name) for one in screen.suspects[:1]]
+    first = [effect_name(suspect.name) for suspect in screen.suspects[:1]]
     return f"{first[0]}?{p}" if first else f"{say('none found')}{p}"
 
 

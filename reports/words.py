@@ -119,7 +119,7 @@ def screen_words(screen: ScreenEntry) -> str:
 def suspect_words(suspects: Sequence[Suspect]) -> str:
     """The likeliest of the suspects, and those that look like it."""
     first, *others = suspects
-    like = f", or {' or '.join(effect_name(one.name) for one in others)}" if others else ""
+    like = f", or {' or '.join(effect_name(other.name) for other in others)}" if others else ""
     return f"{first.short}{like}"
 
 

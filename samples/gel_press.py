@@ -134,10 +134,10 @@ def pressed(block: GelBlock, path: Sequence[BallPose], *, radius_mm: float, fric
         if np.any(force[edge]):
             raise NotInEquilibrium("the ball's contact grew past the part of the gel that can be loaded")
         # what a node holds on to is a point of the ball, in the ball's own frame
-        own = turn.inv().apply(at + u - centre)
+        in_ball_mm = turn.inv().apply(at + u - centre)
         now = force[:, 2] / weight[:, 0] < 0
         stretch = _shear(force / weight, at + u - centre) / SHEAR_MPA_PER_MM
-        held = np.where(now[:, None], own - turn.inv().apply(stretch), own)
+        held = np.where(now[:, None], in_ball_mm - turn.inv().apply(stretch), in_ball_mm)
         touching = now
         every = np.zeros((len(block.face_mm), 3))
         every[block.reach] = -force

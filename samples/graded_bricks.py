@@ -224,12 +224,12 @@ def _follows(
     count = len(keys)
     free = np.ones(count, dtype=bool)
     free[node] = False
-    own = np.flatnonzero(free)
+    kept = np.flatnonzero(free)
     step = csr_array(
         coo_array(
             (
-                np.concatenate([np.ones(len(own)), shares[row, column]]),
-                (np.concatenate([own, node[row]]), np.concatenate([own, cells[brick[row], column]])),
+                np.concatenate([np.ones(len(kept)), shares[row, column]]),
+                (np.concatenate([kept, node[row]]), np.concatenate([kept, cells[brick[row], column]])),
             ),
             shape=(count, count),
         )

@@ -46,11 +46,11 @@ class Bricks:
     @property
     def free_nodes(self) -> Int[np.ndarray, " f"]:
         """Nodes that move for themselves: neither the pit's nor such as hang on larger bricks."""
-        own = np.ones(len(self.nodes_mm), dtype=bool)
-        own[self.pit_nodes] = False
+        free = np.ones(len(self.nodes_mm), dtype=bool)
+        free[self.pit_nodes] = False
         if self.follows is not None:
-            own &= self.follows.diagonal() == 1.0
-        return np.flatnonzero(own)
+            free &= self.follows.diagonal() == 1.0
+        return np.flatnonzero(free)
 
 
 def flesh_bricks(fruit: SampleFruit, axis: Float[np.ndarray, " 3"], fineness: Fineness) -> Bricks:

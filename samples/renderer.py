@@ -38,10 +38,10 @@ def _compiler_found() -> bool:
     if "DRJIT_LIBLLVM_PATH" in os.environ:
         return True
     names = (find_library(f"LLVM-{version}") for version in range(30, 15, -1))
-    found = next((name for name in names if name), None)
-    if found is not None:
-        os.environ["DRJIT_LIBLLVM_PATH"] = found
-    return found is not None
+    path = next((name for name in names if name), None)
+    if path is not None:
+        os.environ["DRJIT_LIBLLVM_PATH"] = path
+    return path is not None
 
 
 def denoiser() -> Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]:

@@ -234,7 +234,7 @@ def neighbourhood(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[float, csr_array]:
     tree = cKDTree(rest_mm)
     spacing = float(np.median(np.asarray(tree.query(rest_mm, k=[2])[0])))
     near = tree.query_ball_point(rest_mm, r=1.6 * spacing)
-    count = np.array([len(found) for found in near])
+    count = np.array([len(neighbours) for neighbours in near])
     ends = np.concatenate([[0], np.cumsum(count)])
     return spacing, csr_array((np.repeat(1 / count, count), np.concatenate(list(near)), ends))
 

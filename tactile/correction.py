@@ -266,7 +266,7 @@ def _given_by_rig(recording: Recording, curve: RigCurve, source: str) -> list[Fl
     Raises TactileFailure (implausible-recording) for a force that the rig's curve says nothing of.
     """
     force = [_normal_N(pad) for pad in recording.pads]
-    largest = max(float(one.max()) for one in force)
+    largest = max(float(normal_N.max()) for normal_N in force)
     if not curve.reaches(largest):
         raise TactileFailure(
             TactileProblem.IMPLAUSIBLE_RECORDING,
@@ -274,7 +274,7 @@ def _given_by_rig(recording: Recording, curve: RigCurve, source: str) -> list[Fl
             f"{curve.largest_N:.3g} N, expected at most {MOST_BEYOND:g} times that. Squeeze the rigid "
             "object equally hard and calibrate again.",
         )
-    return [curve.give(one) / len(force) for one in force]
+    return [curve.give(normal_N) / len(force) for normal_N in force]
 
 
 def _stiff(recording: Recording, gave: Sequence[Float[np.ndarray, " _t"]]) -> Recording:

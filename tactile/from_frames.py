@@ -53,18 +53,21 @@ def recording_of(raw: RawGrasp, *, progress: Progress | None = None, covariance:
     raw = with_square_pixels(raw)
     _refuse_other_pads_markers(raw)
     read = [_fields(raw, pad, progress, covariance=covariance) for pad in raw.pads]
-    start, end = max(one.time_s[0] for one in read), min(one.time_s[-1] for one in read)
+    start, end = (
+        max(pad_fields.time_s[0] for pad_fields in read),
+        min(pad_fields.time_s[-1] for pad_fields in read),
+    )
     first = read[0]
     within = (first.time_s >= start) & (first.time_s <= end)
     when = first.time_s[within]
     rows = np.flatnonzero(first.kept)[within]
     if len(when) < 2:
-        found = "pads whose frames do not overlap in time"
+        fault = "pads whose frames do not overlap in time"
         raise TactileFailure(
             TactileProblem.UNREADABLE_FRAMES,
-            f"{raw.source}: found {found}, expected one grasp in both; set time_offset_s.",
+            f"{raw.source}: found {fault}, expected one grasp in both; set time_offset_s.",
         )
-    notes = [*raw.notes, *(note for one in read for note in one.notes)]
+    notes = [*raw.notes, *(note for pad_fields in read for note in pad_fields.notes)]
     if len(read) > 1 and not any(pad.sensor.serial for pad in raw.pads):
         notes.append(
             f"{raw.source}: no sensor has a serial number, so drupe cannot detect swapped pads with "
@@ -80,7 +83,7 @@ def recording_of(raw: RawGrasp, *, progress: Progress | None = None, covariance:
             time_s=when,
             aperture_mm=raw.aperture_mm[rows],
             wrench_N=None if raw.wrench_N is None else raw.wrench_N[rows],
-            pads=_with_jaw(tuple(_resampled(one, when) for one in read), raw, rows),
+            pads=_with_jaw(tuple(_resampled(pad_fields, when) for pad_fields in read), raw, rows),
         ),
         notes=tuple(notes),
     )
@@ -131,7 +134,7 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None, *, covariance
     if not kept.all():
         notes.append(f"{source}: {int((~kept).sum())} frames repeat the one before; drupe left them out.")
     shading = shading_of(pad.sensor, camera, pad.view.reference)
-    found = fields_of(
+    fields = fields_of(
         pad.sensor,
         tracked,
         second=second,
@@ -139,8 +142,8 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None, *, covariance
         shape=shading,
         reference_sd_px=reference_sd_px,
     )
-    push_N = found.force_N[:, :, 2]
-    share = edge_share(found.rest_mm, push_N[int(push_N.sum(axis=1).argmax())])
+    push_N = fields.force_N[:, :, 2]
+    share = edge_share(fields.rest_mm, push_N[int(push_N.sum(axis=1).argmax())])
     if share > MUCH_AT_EDGE:
         notes.append(
             f"{source}: the contact reaches the edge of the markers ({share:.0%} of the maximum push "
@@ -150,9 +153,9 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None, *, covariance
     gel = GelPad(
         name=pad.name,
         pose=pad.pose[kept],
-        rest_mm=found.rest_mm,
-        displacement_mm=filled(found.rest_mm, found.displacement_mm),
-        force_N=found.force_N,
+        rest_mm=fields.rest_mm,
+        displacement_mm=filled(fields.rest_mm, fields.displacement_mm),
+        force_N=fields.force_N,
         gel_kn_MPa_per_mm=kn,
         gel_kt_MPa_per_mm=kt,
         thickness_mm=pad.sensor.thickness_mm,
@@ -164,18 +167,18 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None, *, covariance
         reference_sd_mm=None if reference_sd_px is None else reference_sd_px * mm_per_px(camera),
         force_scale_sd=pad.sensor.force_sd,
         displacement_scale_sd=pad.sensor.displacement_sd,
-        spread=_spread(found, covariance=covariance),
+        spread=_spread(fields, covariance=covariance),
     )
     return _PadFields(tracked.time_s, kept, gel, notes)
 
 
-def _spread(found: GelFields, *, covariance: bool) -> MarkerSpread:
+def _spread(fields: GelFields, *, covariance: bool) -> MarkerSpread:
     """Of a marker that is not seen in a frame, its neighbours'."""
-    frame = int(np.argmax(np.abs(found.force_N[:, :, 2]).sum(axis=1)))
-    joint = JointCovariance(frame=frame, values=found.joint_covariance(frame)) if covariance else None
-    sd_mm = np.where(np.isfinite(found.displacement_mm), found.displacement_sd_mm, np.nan)
+    frame = int(np.argmax(np.abs(fields.force_N[:, :, 2]).sum(axis=1)))
+    joint = JointCovariance(frame=frame, values=fields.joint_covariance(frame)) if covariance else None
+    sd_mm = np.where(np.isfinite(fields.displacement_mm), fields.displacement_sd_mm, np.nan)
     return MarkerSpread(
-        displacement_sd_mm=filled(found.rest_mm, sd_mm), force_sd_N=found.force_sd_N, joint=joint
+        displacement_sd_mm=filled(fields.rest_mm, sd_mm), force_sd_N=fields.force_sd_N, joint=joint
     )
 
 
@@ -194,24 +197,24 @@ def _spread_at(
     )
 
 
-def _least(one: TrackedMarkers, second: TrackedMarkers | None) -> Float[np.ndarray, " t"] | None:
+def _least(first: TrackedMarkers, second: TrackedMarkers | None) -> Float[np.ndarray, " t"] | None:
     """Certainty of each frame by the camera that is less sure of it."""
-    if one.certainty is None or second is None or second.certainty is None:
-        return one.certainty
-    return np.asarray(np.minimum(one.certainty, second.certainty))
+    if first.certainty is None or second is None or second.certainty is None:
+        return first.certainty
+    return np.asarray(np.minimum(first.certainty, second.certainty))
 
 
 def _refuse_other_pads_markers(raw: RawGrasp) -> None:
     """Says that pads are swapped where each one's markers lie as the other's description has them."""
     if len(raw.pads) != 2:
         return
-    one, two = raw.pads
-    own = [_fits(pad, pad.sensor) for pad in raw.pads]
-    if any(own) or not (_fits(one, two.sensor) and _fits(two, one.sensor)):
+    first, second = raw.pads
+    unswapped = [_fits(pad, pad.sensor) for pad in raw.pads]
+    if any(unswapped) or not (_fits(first, second.sensor) and _fits(second, first.sensor)):
         return
     raise TactileFailure(
         TactileProblem.WRONG_SENSOR,
-        f"{raw.source}: found the markers of {one.name} in {two.name}'s description and vice versa, "
+        f"{raw.source}: found the markers of {first.name} in {second.name}'s description and vice versa, "
         "expected each pad's own. The pads are swapped: swap their frames or their descriptions.",
     )
 
@@ -232,20 +235,22 @@ def _chosen(view: RawCamera, kept: Bool[np.ndarray, " t"]) -> Iterator[UInt8[np.
     return (frame for frame, wanted in zip(view.pictures.frames(), kept, strict=True) if wanted)
 
 
-def _resampled(one: _PadFields, when: Float[np.ndarray, " t"]) -> GelPad:
+def _resampled(fields: _PadFields, when: Float[np.ndarray, " t"]) -> GelPad:
     """One pad's fields at the grasp's common times (s); rotations are those of the nearest frame."""
-    pad = one.pad
-    nearest = np.abs(one.time_s[None] - when[:, None]).argmin(axis=1) if len(one.time_s) else when.astype(int)
+    pad = fields.pad
+    nearest = (
+        np.abs(fields.time_s[None] - when[:, None]).argmin(axis=1) if len(fields.time_s) else when.astype(int)
+    )
     pose = pad.pose[nearest].copy()
-    pose[:, :3, 3] = at_times(when, one.time_s, pad.pose[:, :3, 3])
+    pose[:, :3, 3] = at_times(when, fields.time_s, pad.pose[:, :3, 3])
     return replace(
         pad,
         pose=pose,
-        displacement_mm=at_times(when, one.time_s, pad.displacement_mm),
-        force_N=at_times(when, one.time_s, pad.force_N),
-        certainty=None if pad.certainty is None else at_times(when, one.time_s, pad.certainty),
-        print_shown=None if pad.print_shown is None else at_times(when, one.time_s, pad.print_shown),
-        spread=None if pad.spread is None else _spread_at(pad.spread, when, one.time_s),
+        displacement_mm=at_times(when, fields.time_s, pad.displacement_mm),
+        force_N=at_times(when, fields.time_s, pad.force_N),
+        certainty=None if pad.certainty is None else at_times(when, fields.time_s, pad.certainty),
+        print_shown=None if pad.print_shown is None else at_times(when, fields.time_s, pad.print_shown),
+        spread=None if pad.spread is None else _spread_at(pad.spread, when, fields.time_s),
     )
 
 

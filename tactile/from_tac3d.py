@@ -136,12 +136,13 @@ def _said_of(sensor: Tac3D) -> list[str]:
         )
     total = sensor.force_N.sum(axis=1)
     worst = int(np.abs(total - sensor.resultant_force_N)[:, 2].argmax())
-    own, sums = sensor.resultant_force_N[worst, 2], total[worst, 2]
+    resultant_N, sums = sensor.resultant_force_N[worst, 2], total[worst, 2]
     largest = float(np.abs(sensor.resultant_force_N[:, 2]).max())
-    if abs(own - sums) > 0.01 * largest > 0:
+    if abs(resultant_N - sums) > 0.01 * largest > 0:
         notes.append(
-            f"{name}: the resultant and the sum of the forces differ by up to {abs(own - sums):.2f} N "
-            f"along z (frame {worst}: {own:.2f} and {sums:.2f} N); drupe keeps the markers' forces."
+            f"{name}: the resultant and the sum of the forces differ by up to "
+            f"{abs(resultant_N - sums):.2f} N along z (frame {worst}: {resultant_N:.2f} and {sums:.2f} N); "
+            "drupe keeps the markers' forces."
         )
     rest = sensor.position_mm - sensor.displacement_mm
     moves = float(np.abs(rest - np.median(rest, axis=0)).max())
@@ -163,24 +164,33 @@ def _refuse_time(sensor: Tac3D) -> None:
         )
 
 
-def _second_clock(one: Tac3D, two: Tac3D) -> tuple[Float[np.ndarray, " t"], str]:
+def _second_clock(first_sensor: Tac3D, second_sensor: Tac3D) -> tuple[Float[np.ndarray, " t"], str]:
     """The second sensor's times on the first one's clock (which starts at zero), and how they were found.
 
     Receiving times are one computer's clock. Without them, starts more than half a second apart mean two
     clocks: both recorders were started together, and the fine shift is where the two normal forces agree
     best.
     """
-    if one.receive_s is not None and two.receive_s is not None:
-        shift = float(np.median(two.receive_s - two.send_s) - np.median(one.receive_s - one.send_s))
-        said = f"{two.serial}: its clock is {-shift:.3f} s ahead of {one.serial}'s (receiving times)."
-        return two.send_s + shift - one.send_s[0], said
-    apart = float(two.send_s[0] - one.send_s[0])
-    if abs(apart) < APART_S:
-        return two.send_s - one.send_s[0], (
-            f"drupe assumes that {one.serial} and {two.serial} share one clock."
+    if first_sensor.receive_s is not None and second_sensor.receive_s is not None:
+        shift = float(
+            np.median(second_sensor.receive_s - second_sensor.send_s)
+            - np.median(first_sensor.receive_s - first_sensor.send_s)
         )
-    first, second = one.send_s - one.send_s[0], two.send_s - two.send_s[0]
-    pushes = [-s.force_N.sum(axis=1)[:, 2] for s in (one, two)]
+        said = (
+            f"{second_sensor.serial}: its clock is {-shift:.3f} s ahead of {first_sensor.serial}'s "
+            "(receiving times)."
+        )
+        return second_sensor.send_s + shift - first_sensor.send_s[0], said
+    apart = float(second_sensor.send_s[0] - first_sensor.send_s[0])
+    if abs(apart) < APART_S:
+        return second_sensor.send_s - first_sensor.send_s[0], (
+            f"drupe assumes that {first_sensor.serial} and {second_sensor.serial} share one clock."
+        )
+    first, second = (
+        first_sensor.send_s - first_sensor.send_s[0],
+        second_sensor.send_s - second_sensor.send_s[0],
+    )
+    pushes = [-s.force_N.sum(axis=1)[:, 2] for s in (first_sensor, second_sensor)]
     likeness = np.array([_likeness(first, pushes[0], second + lag, pushes[1]) for lag in LAGS_S])
     best = int(likeness.argmax())
     if likeness[best] > 0.8:
@@ -188,8 +198,8 @@ def _second_clock(one: Tac3D, two: Tac3D) -> tuple[Float[np.ndarray, " t"], str]
     else:
         lag, how = 0.0, "they start together (their forces are too steady for a better match)"
     said = (
-        f"the time stamps of {one.serial} and {two.serial} differ by {abs(apart):.2f} s (two clocks); "
-        f"drupe shifts the second so that {how}."
+        f"the time stamps of {first_sensor.serial} and {second_sensor.serial} differ by {abs(apart):.2f} s "
+        f"(two clocks); drupe shifts the second so that {how}."
     )
     return second + lag, said
 

@@ -23,13 +23,13 @@ class Jaws:
     up: tuple[float, float, float]
 
 
-def posed_by_jaws(found: Converted, jaws: Jaws, *, source: str) -> Converted:
+def posed_by_jaws(converted: Converted, jaws: Jaws, *, source: str) -> Converted:
     """The recording with poses from its aperture.
 
     Raises TactileFailure (unreadable-frames) for a recording that has poses, is no grasp between two gels, or
     has an aperture that does not change.
     """
-    held = found.recording
+    held = converted.recording
     pads = [pad for pad in held.pads if isinstance(pad, GelPad)]
     faults = {
         "a press or a bare indenter, expected a grasp between two gels": len(pads) != 2,
@@ -44,7 +44,7 @@ def posed_by_jaws(found: Converted, jaws: Jaws, *, source: str) -> Converted:
     poses = jaw_poses(held.aperture_mm, **directions)
     posed = tuple(replace(pad, pose=pose) for pad, pose in zip(pads, poses, strict=True))
     note = f"{source}: poses follow from the aperture of two jaws that close in a straight line."
-    return Converted(recording=replace(held, pads=posed), notes=(*found.notes, note))
+    return Converted(recording=replace(held, pads=posed), notes=(*converted.notes, note))
 
 
 def jaw_poses(

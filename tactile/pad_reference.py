@@ -82,9 +82,9 @@ def estimated_reference(
     if unloaded.sum() < needed:
         raise _refusal(source, int(unloaded.sum()), len(known), needed)
     expected, sd_px = fit(unloaded)
-    own = float(np.sqrt(((lattice.rest_px - expected)[unloaded] ** 2).mean()))
+    misfit_px = float(np.sqrt(((lattice.rest_px - expected)[unloaded] ** 2).mean()))
     whole = WHOLE_SD * lattice.spacing_px
-    place_sd_px = np.sqrt((BELOW_PRINT * sd_px) ** 2 + own**2 + whole**2)
+    place_sd_px = np.sqrt((BELOW_PRINT * sd_px) ** 2 + misfit_px**2 + whole**2)
     if (place_sd_px[known] > LARGEST_SD * lattice.spacing_px).any():
         raise _refusal(source, int(unloaded.sum()), len(known), needed)
     seen = unloaded | ~known
@@ -164,10 +164,10 @@ def _parts(
         yield known & (side > np.quantile(side[known], 0.5))
 
 
-def _refusal(source: str, found: int, markers: int, needed: int) -> TactileFailure:
+def _refusal(source: str, unloaded: int, markers: int, needed: int) -> TactileFailure:
     return TactileFailure(
         TactileProblem.NO_MARKERS,
-        f"{source}: found {found} of {markers} markers outside the imprint, expected at least "
+        f"{source}: found {unloaded} of {markers} markers outside the imprint, expected at least "
         f"{needed} to estimate the untouched gel. Name a picture or clip of it (reference = ... in "
         "grasp.toml), or record one with the jaws open.",
     )
@@ -198,15 +198,15 @@ class PrintWatch:
     def __post_init__(self) -> None:
         self._at = set(looked_at(self.frames))
 
-    def look(self, t: int, frame: UInt8[np.ndarray, "h w 3"], found: FrameMarkers) -> None:
+    def look(self, t: int, frame: UInt8[np.ndarray, "h w 3"], markers: FrameMarkers) -> None:
         """Keeps how much of a print frame `t` shows, if it is one of those that are looked at."""
-        if t in self._at and np.isfinite(found.position_px[:, 0]).any():
+        if t in self._at and np.isfinite(markers.position_px[:, 0]).any():
             self.shown[t] = shown_print(
                 frame,
                 self.reference,
                 camera=self.camera,
                 described_mm=self.sensor.rest_mm,
-                position_px=found.position_px,
+                position_px=markers.position_px,
             )
 
     def over_time(self) -> Float[np.ndarray, " t"] | None:
@@ -253,11 +253,11 @@ def references_said(raw: RawGrasp) -> list[str]:
         if pad.sensor.camera is not None:
             source = f"{raw.source}/{pad.name}"
             try:
-                found = pad_reference(pad.sensor, pad.view, pad.sensor.camera, source=source)
+                reference = pad_reference(pad.sensor, pad.view, pad.sensor.camera, source=source)
             except TactileFailure as failure:
                 read = f"drupe read {pad.view.reference_from} and {pad.described_in}"
                 raise TactileFailure(failure.problem, f"{failure.detail} ({read})") from None
-            said += found.notes if found.shown is not None else ()
+            said += reference.notes if reference.shown is not None else ()
     return said
 
 
@@ -301,17 +301,17 @@ def _estimated(sensor: Sensor, view: RawCamera, camera: GelCamera, source: str) 
         known = np.isin(np.arange(len(lattice.rest_px)), places.kept)
         described_px = lattice.rest_px.copy()
         described_px[places.kept] = project(camera, sensor.rest_mm)[places.described]
-    found = estimated_reference(lattice, ideal, known, described_px=described_px, source=source)
-    rest = lattice_of(found.rest_px, lattice.spacing_px, shape=lattice.shape, margin_px=lattice.margin_px)
-    spread = float(np.sqrt((found.sd_px**2).mean()))
+    estimate = estimated_reference(lattice, ideal, known, described_px=described_px, source=source)
+    rest = lattice_of(estimate.rest_px, lattice.spacing_px, shape=lattice.shape, margin_px=lattice.margin_px)
+    spread = float(np.sqrt((estimate.sd_px**2).mean()))
     note = (
         f"{source}: drupe estimated the untouched gel from frame {view.pictures.numbers[t]}, in which "
-        f"{int(found.unloaded.sum())} of {len(found.unloaded)} markers lie outside the imprint. The "
+        f"{int(estimate.unloaded.sum())} of {len(estimate.unloaded)} markers lie outside the imprint. The "
         f"places have a standard deviation of {spread:.1f} px, which the displacement's noise "
         "includes."
     )
-    estimated = replace(markers, lattice=rest, markers=replace(markers.markers, centre_px=found.rest_px))
-    return PadReference(markers=estimated, shown=None, sd_px=found.sd_px, notes=(note,))
+    estimated = replace(markers, lattice=rest, markers=replace(markers.markers, centre_px=estimate.rest_px))
+    return PadReference(markers=estimated, shown=None, sd_px=estimate.sd_px, notes=(note,))
 
 
 def _frames_at(pictures: Pictures, wanted: list[int]) -> Iterator[tuple[int, UInt8[np.ndarray, "h w 3"]]]:

@@ -91,8 +91,8 @@ def print_shading(
     rows, columns = np.nonzero(inner)
     if not len(rows):
         return 0.0
-    own = detail[rows, columns] - _usual(detail[rows, columns], rows, columns, markers_px, spacing_px)
-    return float(np.quantile(np.linalg.norm(own, axis=1), QUANTILE))
+    excess = detail[rows, columns] - _usual(detail[rows, columns], rows, columns, markers_px, spacing_px)
+    return float(np.quantile(np.linalg.norm(excess, axis=1), QUANTILE))
 
 
 def _blurred(
@@ -219,4 +219,6 @@ def _ideal(
 def becomes_flatter(before: ShownPrint, after: ShownPrint) -> bool:
     """Whether the gel is flatter in one picture than in another that shows something already."""
     pairs = ((before.bulge, after.bulge), (before.shading, after.shading))
-    return any(one >= SOMETHING and two <= FLATTER * one for one, two in pairs)
+    return any(
+        sign_before >= SOMETHING and sign_after <= FLATTER * sign_before for sign_before, sign_after in pairs
+    )

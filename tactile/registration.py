@@ -76,10 +76,10 @@ def _register_pad(
     met = touched & on_skin
     shift = float(np.mean(depth[met])) if met.any() else np.inf
     if met.sum() < max(1.0, FEWEST_HITS * touched.sum()) or abs(shift) > FARTHEST_SHARE * size_mm:
-        found = f"first touches {abs(shift):.1f} mm from" if np.isfinite(shift) else "first touches beside"
+        fault = f"first touches {abs(shift):.1f} mm from" if np.isfinite(shift) else "first touches beside"
         raise TactileFailure(
             TactileProblem.PADS_OFF_FRUIT,
-            f"{source}: pads/{pad.name}/pose: found {found} the fruit's surface, expected within "
+            f"{source}: pads/{pad.name}/pose: found {fault} the fruit's surface, expected within "
             f"{FARTHEST_SHARE * size_mm:.1f} mm. Poses and mesh use different frames: check the "
             "robot's calibration (drupe robot), the units (mm) and the orientation of the fruit.",
         )

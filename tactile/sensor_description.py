@@ -111,11 +111,11 @@ def camera_from_dots(
     start = np.array([np.log(spacing / np.mean(pitch_mm) * distance_mm), 0, 0, 0, 0, 0, 0, 0], dtype=float)
     unit = np.array([0.1, 0.1, 0.1, 0.1, 0.1, *(0.5 * np.asarray(pitch_mm)), 0.1])
     for count in (SQUARE, SQUARE + 1):
-        found = least_squares(
+        fit = least_squares(
             misfit, start[:count], loss="soft_l1", f_scale=0.02 * spacing, x_scale=unit[:count]
         )
-        off = float(np.sqrt(np.mean(np.sum(misfit(found.x).reshape(-1, 2) ** 2, axis=1))))
-        camera = camera_of(found.x)
+        off = float(np.sqrt(np.mean(np.sum(misfit(fit.x).reshape(-1, 2) ** 2, axis=1))))
+        camera = camera_of(fit.x)
         if off <= OFF_GRID * spacing and (count == SQUARE or not has_square_pixels(camera)):
             break
     else:
@@ -131,7 +131,7 @@ def camera_from_dots(
         columns=columns,
         dots=len(places),
         off_px=off,
-        aspect=None if count == SQUARE else _aspect(camera, found),
+        aspect=None if count == SQUARE else _aspect(camera, fit),
     )
 
 
@@ -164,8 +164,8 @@ def _middle_of_grid(
     return np.array(middle)
 
 
-def _refused(source: str, found: str, expected: str) -> TactileFailure:
-    return TactileFailure(TactileProblem.WRONG_SENSOR, f"{source}: found {found}, expected {expected}.")
+def _refused(source: str, fault: str, expected: str) -> TactileFailure:
+    return TactileFailure(TactileProblem.WRONG_SENSOR, f"{source}: found {fault}, expected {expected}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -194,7 +194,7 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
     camera_from_dots raises of the picture.
     """
     if model.kind == "fields":
-        spread = {name: one.relative_sd for name, one in model.fields.items()}
+        spread = {name: published.relative_sd for name, published in model.fields.items()}
         table = {"kind": model.kind, "name": model.name, "spread": spread}
         return Described(table=table, said=_said(model, {}, spread))
     missing = [OPTIONS[name] for name in NEEDED if name not in model.gel]
@@ -211,7 +211,7 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
             "recordings' frames; give --picture.",
         )
     grid = None if model.rows is None or model.columns is None else (model.rows, model.columns)
-    found = camera_from_dots(
+    fit = camera_from_dots(
         picture,
         pitch_mm=_two(model.pitch_mm),
         distance_mm=float(model.distance_mm.value[0]),
@@ -219,21 +219,21 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
         source=source,
         grid=grid,
     )
-    ratio, ratio_sd = found.aspect or (1.0, 0.0)
+    ratio, ratio_sd = fit.aspect or (1.0, 0.0)
     spread = _spread(model, model.pitch_mm, model.distance_mm, ratio_sd=ratio_sd / ratio)
     table = {
         "kind": model.kind,
         "name": model.name,
-        "gel": {name: _plain(one) for name, one in model.gel.items()},
-        "camera": _camera_table(found),
-        "markers": {"rows": found.rows, "columns": found.columns, "pitch_mm": list(_two(model.pitch_mm))},
+        "gel": {name: _plain(published) for name, published in model.gel.items()},
+        "camera": _camera_table(fit),
+        "markers": {"rows": fit.rows, "columns": fit.columns, "pitch_mm": list(_two(model.pitch_mm))},
         "spread": spread,
     }
     seen = [
-        f"{source}: {found.dots} dots of a grid of {found.rows} x {found.columns}, {found.off_px:.2g} "
-        "px off the grid of the fitted camera"
+        f"{source}: {fit.dots} dots of a grid of {fit.rows} x {fit.columns}, "
+        f"{fit.off_px:.2g} px off the grid of the fitted camera"
     ]
-    if found.aspect is not None:
+    if fit.aspect is not None:
         seen.append(
             f"{source}: the picture was resized without its proportions. A millimetre along x has "
             f"{ratio:.3f} ± {ratio_sd:.3f} times the pixels of a millimetre along y. drupe reads frames "
@@ -245,15 +245,15 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
 
 def with_given(model: SensorModel, given: dict[str, tuple[tuple[float, ...], float]]) -> SensorModel:
     """The model with what the user measured (value, relative spread) in place of what is published."""
-    own = {
+    given_fields = {
         name: Published(
             value=np.array(value), sd=share * float(np.mean(np.abs(value))), source="given by the user"
         )
         for name, (value, share) in given.items()
     }
-    pitch = own.pop("pitch_mm", model.pitch_mm)
-    distance = own.pop("distance_mm", model.distance_mm)
-    return replace(model, gel=model.gel | own, pitch_mm=pitch, distance_mm=distance)
+    pitch = given_fields.pop("pitch_mm", model.pitch_mm)
+    distance = given_fields.pop("distance_mm", model.distance_mm)
+    return replace(model, gel=model.gel | given_fields, pitch_mm=pitch, distance_mm=distance)
 
 
 def _forces(model: SensorModel) -> dict[str, float]:
@@ -290,10 +290,10 @@ def _said(model: SensorModel, causes: dict[str, float], spread: dict[str, float]
     """What each value rests on, and what comes of it."""
     known = {**model.gel, "pitch_mm": model.pitch_mm, "distance_mm": model.distance_mm, **model.fields}
     lines = [
-        f"{name} {_words(one)} ({one.source})"
+        f"{name} {_words(published)} ({published.source})"
         + (f": ± {causes[name]:.0%} of force" if name in causes else "")
-        for name, one in known.items()
-        if one is not None
+        for name, published in known.items()
+        if published is not None
     ]
     lines.append(
         f"force ± {spread['force']:.0%} and displacement ± {spread['displacement']:.1%}, common to "
@@ -303,12 +303,12 @@ def _said(model: SensorModel, causes: dict[str, float], spread: dict[str, float]
     return (*lines, *([model.notes] if model.notes else []))
 
 
-def _words(one: Published) -> str:
-    return f"{' x '.join(f'{value:g}' for value in one.value)} ± {one.sd:g}"
+def _words(published: Published) -> str:
+    return f"{' x '.join(f'{value:g}' for value in published.value)} ± {published.sd:g}"
 
 
-def _camera_table(found: CameraFound) -> dict[str, Any]:
-    camera = found.camera
+def _camera_table(calibration: CameraFound) -> dict[str, Any]:
+    camera = calibration.camera
     return {
         "image_px": list(camera.image_px),
         "focal_px": list(camera.focal_px),
@@ -318,9 +318,9 @@ def _camera_table(found: CameraFound) -> dict[str, Any]:
     }
 
 
-def _plain(one: Published) -> float | list[float]:
-    return float(one.value[0]) if len(one.value) == 1 else one.value.tolist()
+def _plain(published: Published) -> float | list[float]:
+    return float(published.value[0]) if len(published.value) == 1 else published.value.tolist()
 
 
-def _two(one: Published) -> tuple[float, float]:
-    return float(one.value[0]), float(one.value[-1])
+def _two(published: Published) -> tuple[float, float]:
+    return float(published.value[0]), float(published.value[-1])

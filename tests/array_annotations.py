@@ -186,7 +186,9 @@ def _remembering(function: Any, hints: dict[str, Any], wrap: Wrap) -> Any:
         form: Any = tuple([_form(args[k]) if k < count else None for k in known.places])
         if named:
             form = form, tuple([(name, _form(named[name])) for name in known.names if name in named])
-        if UNKNOWN in form or (named and (UNKNOWN in form[0] or any(one is UNKNOWN for _, one in form[1]))):
+        if UNKNOWN in form or (
+            named and (UNKNOWN in form[0] or any(argument_form is UNKNOWN for _, argument_form in form[1]))
+        ):
             known.checks.call = lambda: function(*args, **named)
             return known.run(*args, **named)
         results = known.sound.get(form)
@@ -218,7 +220,7 @@ def _form(value: Any) -> Any:
 def _form_of_result(value: Any) -> Any:
     if type(value) is not tuple:
         return _form(value)
-    forms = tuple([_form(one) for one in value])
+    forms = tuple([_form(element) for element in value])
     return UNKNOWN if UNKNOWN in forms else forms
 
 

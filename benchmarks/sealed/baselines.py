@@ -80,7 +80,10 @@ def threshold_of(rounds: Sequence[LinearRound], *, false_alarms: float) -> float
     """The threshold at which this share of rounds without mismatch keeps a term."""
     levels = np.arange(1.0, 60.0, 0.5)
     for level in levels:
-        kept = [sparse_regression(one, (1.0, 0.0), threshold=level)["order"] != [] for one in rounds]
+        kept = [
+            sparse_regression(linear_round, (1.0, 0.0), threshold=level)["order"] != []
+            for linear_round in rounds
+        ]
         if np.mean(kept) <= false_alarms:
             return float(level)
     return float(levels[-1])
@@ -110,8 +113,8 @@ def t_values(
     normal: Float[np.ndarray, "p p"], right: Float[np.ndarray, " p"], active: Sequence[int]
 ) -> Float[np.ndarray, " a"]:
     """Amounts of these terms over their standard deviations."""
-    own = normal[np.ix_(active, active)]
-    covariance = np.linalg.inv(own + RIDGE * np.diag(np.diag(own)))
+    active_normal = normal[np.ix_(active, active)]
+    covariance = np.linalg.inv(active_normal + RIDGE * np.diag(np.diag(active_normal)))
     return np.asarray(covariance @ right[active] / np.sqrt(np.diag(covariance)))
 
 
@@ -203,7 +206,7 @@ def _features(
 
 def _fitted(drawn: Sequence[tuple[Float[np.ndarray, "d f"], list[str]]]) -> RandomForestClassifier:
     model = RandomForestClassifier(TREES, random_state=0, class_weight="balanced")
-    return model.fit(np.vstack([X for X, _ in drawn]), [name for _, own in drawn for name in own])
+    return model.fit(np.vstack([X for X, _ in drawn]), [name for _, labels in drawn for name in labels])
 
 
 def _p_of(model: RandomForestClassifier, name: str, features: Float[np.ndarray, "1 f"]) -> float:

@@ -64,20 +64,20 @@ def amplitude_bounds(
     includes the model's own error.
     """
     plain = [0, *(j for j, column in enumerate(case.columns) if column["role"] in nuisances)]
-    found: dict[str, dict[str, float]] = {}
-    for one in case.signatures:
-        effect, own = one["effect"], list(one["columns"])
+    bounds: dict[str, dict[str, float]] = {}
+    for signature in case.signatures:
+        effect, column_indices = signature["effect"], list(signature["columns"])
         scale = E_MPa if effect == "skin" else PER_AMOUNT.get(effect)
-        if scale is None or not own:
+        if scale is None or not column_indices:
             continue
-        names = [case.columns[j]["name"] for j in own]
-        chosen = own if effect != "pose_error" else own[:SHIFTS]
-        variances = bound(information, case.columns, [*plain, *own])
-        sd = scale * float(np.sqrt(variances[[len(plain) + own.index(j) for j in chosen]].mean()))
+        names = [case.columns[j]["name"] for j in column_indices]
+        chosen = column_indices if effect != "pose_error" else column_indices[:SHIFTS]
+        variances = bound(information, case.columns, [*plain, *column_indices])
+        sd = scale * float(np.sqrt(variances[[len(plain) + column_indices.index(j) for j in chosen]].mean()))
         pad = names[0].split()[0] if names[0].split()[0] in ("left", "right") else ""
-        known = found.setdefault(effect, {})
+        known = bounds.setdefault(effect, {})
         known[pad] = min(sd, known.get(pad, np.inf))
-    return {effect: float(np.mean(list(own.values()))) for effect, own in found.items()}
+    return {effect: float(np.mean(list(by_pad.values()))) for effect, by_pad in bounds.items()}
 
 
 def amplitude_of(effect: str, parameters: Mapping[str, Any], **without: float) -> float | None:

@@ -11,44 +11,46 @@ METHODS = ("modulus alone", "Gaussian process", "sparse regression", "random for
 FINDER = "this finder"
 
 
-def finder_answer(one: Scored) -> dict[str, Any]:
+def finder_answer(case: Scored) -> dict[str, Any]:
     """The finder's answer, as the rows hold those of other methods."""
-    E = one.row["E_after"]
+    E = case.row["E_after"]
     return {
-        "verdict": list(one.verdict) if one.detected else ["none"],
-        "order": list(one.order) if one.detected and not one.unknown else [],
+        "verdict": list(case.verdict) if case.detected else ["none"],
+        "order": list(case.order) if case.detected and not case.unknown else [],
         "E": [E["value"], E["sd"]],
     }
 
 
 def method_table(cases: Sequence[Scored], *, lost: int = 0) -> list[str]:
     """One row per method over all answered cases; `lost`: cases without the finder's answer, told apart."""
-    answers: dict[str, list[dict[str, Any] | None]] = {FINDER: [finder_answer(one) for one in cases]}
+    answers: dict[str, list[dict[str, Any] | None]] = {FINDER: [finder_answer(case) for case in cases]}
     for name in METHODS:
-        answers[name] = [one.row.get("baselines", {}).get(name) for one in cases]
+        answers[name] = [case.row.get("baselines", {}).get(name) for case in cases]
     lines = ["", f"beside baselines ({len(cases)} cases{f', {lost} more without an answer' if lost else ''})"]
     lines.append(
         f"  {'':18s} {'false alarms':>14s} {'first name':>12s} {'both of pair':>13s} {'unknown':>9s} "
         f"{'E inside':>10s} {'E error':>8s}"
     )
-    return lines + [row_of(name, cases, own) for name, own in answers.items() if any(own)]
+    return lines + [
+        row_of(name, cases, case_answers) for name, case_answers in answers.items() if any(case_answers)
+    ]
 
 
 def row_of(name: str, cases: Sequence[Scored], answers: Sequence[Mapping[str, Any] | None]) -> str:
     """One method: counts by kind; E inside its 90 % interval; median |error| of E."""
-    both = [(one, own) for one, own in zip(cases, answers, strict=True) if own is not None]
+    both = [(case, answer) for case, answer in zip(cases, answers, strict=True) if answer is not None]
 
     def counted(kind: str, right: Any) -> str:
-        rows = [bool(right(one, own)) for one, own in both if one.kind == kind]
+        rows = [bool(right(case, answer)) for case, answer in both if case.kind == kind]
         return f"{sum(rows)} of {len(rows)}"
 
-    E = np.array([[one.label["E_MPa"], *own["E"]] for one, own in both])
+    E = np.array([[case.label["E_MPa"], *answer["E"]] for case, answer in both])
     held = [inside((value - NINETY * sd, value + NINETY * sd), truth) for truth, value, sd in E]
     cells = (
-        counted("sound", lambda _, own: own["verdict"] != ["none"]),
-        counted("single", lambda one, own: list(own["order"])[:1] == [one.truth]),
-        counted("pair", lambda one, own: first_two(own["order"]) == set(one.truth.split("+"))),
-        counted("outside", lambda _, own: own["verdict"] == ["unknown"]),
+        counted("sound", lambda _, answer: answer["verdict"] != ["none"]),
+        counted("single", lambda case, answer: list(answer["order"])[:1] == [case.truth]),
+        counted("pair", lambda case, answer: first_two(answer["order"]) == set(case.truth.split("+"))),
+        counted("outside", lambda _, answer: answer["verdict"] == ["unknown"]),
         f"{sum(held)} of {len(held)}",
         f"{np.median(np.abs(E[:, 1] / E[:, 0] - 1)):.1%}",
     )

@@ -36,13 +36,13 @@ def parameter_errors(
     `said`: value, sd and interval (either may be None) by name; `true`: values by name. Of several effects
     names begin with the effect's own and a point, in both.
     """
-    found = []
+    errors = []
     for effect in effects:
         for spec in SPECS[effect].parameters if effect in SPECS else ():
             key = f"{effect}.{spec.name}" if len(effects) > 1 else spec.name
             if key in said and key in true and spec.name not in PLACES:
-                found.append(_compared(f"{effect}.{spec.name}", said[key], true[key]))
-    return found
+                errors.append(_compared(f"{effect}.{spec.name}", said[key], true[key]))
+    return errors
 
 
 def _compared(name: str, said: Mapping[str, Any], truth: Any) -> ParameterError:

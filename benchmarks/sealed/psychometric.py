@@ -54,7 +54,7 @@ def fitted_curve(stimuli: Sequence[float], seen: Sequence[bool]) -> Curve | None
             minimize(loss, [start, np.log(STEEPNESS)], method="Nelder-Mead")
             for start in (x.min(), middle, x.max())
         ),
-        key=lambda found: float(found.fun),
+        key=lambda optimum: float(optimum.fun),
     )
     return Curve(
         half=float(np.exp(best.x[0])), steepness=float(np.exp(best.x[1])), seen=int(y.sum()), total=len(y)

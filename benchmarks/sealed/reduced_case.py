@@ -58,15 +58,15 @@ class ReducedCase:
         """The products as selection takes them."""
         regressors = [
             Regressor(
-                name=one["name"],
-                sd=one["sd"],
-                mean=one["mean"],
-                positive=one["positive"],
-                least=one["least"],
-                same_as=one.get("same_as"),
+                name=column["name"],
+                sd=column["sd"],
+                mean=column["mean"],
+                positive=column["positive"],
+                least=column["least"],
+                same_as=column.get("same_as"),
                 fields=(),
             )
-            for one in self.columns
+            for column in self.columns
         ]
         return GramMatrix.from_products(regressors, self.rows, self.products)
 
@@ -118,11 +118,11 @@ class ReducedCase:
         renumbered = {j: k for k, j in enumerate(kept)}
         sources = [*kept, *(error.same_as for error in errors)]
         rows, products = [], []
-        for known, own in zip(self.rows, self.products, strict=True):
+        for known, gram in zip(self.rows, self.products, strict=True):
             place = {int(j): at for at, j in enumerate(known, 1)}
             rows.append(np.array([k for k, j in enumerate(sources) if j in place], dtype=np.int64))
             at = [0, *(place[j] for j in sources if j in place)]
-            products.append(own[np.ix_(at, at)])
+            products.append(gram[np.ix_(at, at)])
         columns = [self.columns[j] for j in kept]
         for error in errors:
             source = renumbered[error.same_as]
@@ -148,7 +148,7 @@ def _variant(effect: Effect, label: str) -> Variant:
 
 def gains_of(linear: LinearRound) -> dict[str, float]:
     """Each effect's best gain, ln evidence."""
-    return {one.effect.spec.name: float(one.gain) for one in linear.best}
+    return {fit.effect.spec.name: float(fit.gain) for fit in linear.best}
 
 
 def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: LinearRound) -> ReducedCase:
@@ -164,20 +164,20 @@ def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: L
     ]
     signatures = [
         {
-            "effect": one.effect.spec.name,
-            "label": one.signature.label,
-            "columns": list(one.columns),
-            "said": one.auxiliary_log_likelihood - one.direct,
-            "direct": one.direct,
+            "effect": fit.effect.spec.name,
+            "label": fit.signature.label,
+            "columns": list(fit.columns),
+            "said": fit.auxiliary_log_likelihood - fit.direct,
+            "direct": fit.direct,
         }
-        for one in linear.linear_fits
+        for fit in linear.linear_fits
     ]
     return ReducedCase(
         columns=columns,
         signatures=signatures,
         rows=list(linear.products.rows),
         products=list(linear.products.products),
-        count=sum(one.own.shape[1] for one in recorded),
+        count=sum(equations.nuisances.shape[1] for equations in recorded),
         facts={
             "compliance": forward.compliance,
             "compliance_ratio": forward.compliance_ratio,

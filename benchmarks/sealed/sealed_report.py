@@ -37,27 +37,27 @@ def report(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, Any]) -> list
 
 def tables(cases: Sequence[Scored]) -> list[str]:
     """Counts, confusion, reliability, coverage and curves of answered cases."""
-    sound = [one for one in cases if one.kind == "sound"]
-    singles = [one for one in cases if one.kind == "single"]
-    pairs = [one for one in cases if one.kind == "pair"]
-    outside = [one for one in cases if one.kind == "outside"]
-    plain = [one for one in singles if one.signal > PLAIN_SIGNAL]
-    covered = [one.covered for one in (*singles, *pairs) if one.detected]
-    wrong = [one.detected and not one.unknown and not one.related for one in outside]
+    sound = [case for case in cases if case.kind == "sound"]
+    singles = [case for case in cases if case.kind == "single"]
+    pairs = [case for case in cases if case.kind == "pair"]
+    outside = [case for case in cases if case.kind == "outside"]
+    plain = [single for single in singles if single.signal > PLAIN_SIGNAL]
+    covered = [case.covered for case in (*singles, *pairs) if case.detected]
+    wrong = [case.detected and not case.unknown and not case.related for case in outside]
     return [
-        share("false alarms in sound cases", [one.detected for one in sound]),
+        share("false alarms in sound cases", [case.detected for case in sound]),
         *(
-            share(f"  {law} flesh", [one.detected for one in sound if one.label.get("law") == law])
-            for law in sorted({one.label["law"] for one in sound if "law" in one.label})
+            share(f"  {law} flesh", [case.detected for case in sound if case.label.get("law") == law])
+            for law in sorted({case.label["law"] for case in sound if "law" in case.label})
         ),
-        share("single effects detected", [one.detected for one in singles]),
-        share(f"  named first, signal/noise over {PLAIN_SIGNAL:g}", [one.named_first for one in plain]),
-        share("  named first, all", [one.named_first for one in singles]),
-        share("pairs with both named", [one.both_named for one in pairs]),
-        share("  one of the two in the verdict", [_one_of_two(one) for one in pairs]),
+        share("single effects detected", [single.detected for single in singles]),
+        share(f"  named first, signal/noise over {PLAIN_SIGNAL:g}", [case.named_first for case in plain]),
+        share("  named first, all", [single.named_first for single in singles]),
+        share("pairs with both named", [pair.both_named for pair in pairs]),
+        share("  one of the two in the verdict", [_one_of_two(pair) for pair in pairs]),
         share("verdict covers the truth, where something was found", covered),
-        share("outside the catalogue: called unknown", [one.unknown for one in outside]),
-        share("  unknown or a relative", [one.unknown or one.related for one in outside]),
+        share("outside the catalogue: called unknown", [case.unknown for case in outside]),
+        share("  unknown or a relative", [case.unknown or case.related for case in outside]),
         share("  taken for another effect", wrong),
         "",
         *confusion(cases),
@@ -70,36 +70,36 @@ def tables(cases: Sequence[Scored]) -> list[str]:
     ]  # fmt: skip
 
 
-def _one_of_two(one: Scored) -> bool:
-    said = {part for name in one.verdict for part in name.split("+")}
-    return bool(said & set(one.truth.split("+")))
+def _one_of_two(case: Scored) -> bool:
+    said = {part for name in case.verdict for part in name.split("+")}
+    return bool(said & set(case.truth.split("+")))
 
 
 def confusion(cases: Sequence[Scored]) -> list[str]:
     """Truth to verdicts, commonest first; the matrix's zeros left out."""
-    found: dict[str, Counter[str]] = {}
-    for one in cases:
-        truth = f"{one.truth} ({one.physics})" if one.physics else one.truth
-        found.setdefault(truth, Counter())[" | ".join(one.verdict)] += 1
+    by_truth: dict[str, Counter[str]] = {}
+    for case in cases:
+        truth = f"{case.truth} ({case.physics})" if case.physics else case.truth
+        by_truth.setdefault(truth, Counter())[" | ".join(case.verdict)] += 1
     return ["truth: verdicts"] + [
-        f"  {truth:34s} " + "  ".join(f"{count} x [{said}]" for said, count in own.most_common())
-        for truth, own in sorted(found.items())
+        f"  {truth:34s} " + "  ".join(f"{count} x [{said}]" for said, count in verdicts.most_common())
+        for truth, verdicts in sorted(by_truth.items())
     ]
 
 
 def name_probabilities(cases: Sequence[Scored]) -> list[tuple[float, bool]]:
     """Of each case in which something was found: the first name's probability, and whether it is true."""
-    found = []
-    for one in cases:
-        first = next((c for c in one.row["ranking"] if c["effect"] != "none"), None)
-        if one.detected and first is not None:
-            found.append((float(first["probability"]), first["effect"] == one.truth))
-    return found
+    probabilities = []
+    for case in cases:
+        first = next((c for c in case.row["ranking"] if c["effect"] != "none"), None)
+        if case.detected and first is not None:
+            probabilities.append((float(first["probability"]), first["effect"] == case.truth))
+    return probabilities
 
 
 def reliability(cases: Sequence[Scored]) -> list[str]:
     """p of sound cases by tenths and against the uniform; probabilities of first names against truth."""
-    p = np.array([one.p for one in cases if one.kind == "sound"])
+    p = np.array([case.p for case in cases if case.kind == "sound"])
     counts = np.histogram(p, TENTHS, (0.0, 1.0))[0]
     lines = [f"p of {len(p)} sound cases by tenths: {' '.join(map(str, counts))}"]
     if len(p) > 1:
@@ -107,18 +107,19 @@ def reliability(cases: Sequence[Scored]) -> list[str]:
     said = name_probabilities(cases)
     lines.append("probability of the first name: mean said, share true, cases")
     for low, high in pairwise(PROBABILITIES):
-        own = [(q, true) for q, true in said if low <= q < high or (high == 1.0 and q == 1.0)]
-        if own:
-            mean = np.mean([q for q, _ in own])
+        in_range = [(q, true) for q, true in said if low <= q < high or (high == 1.0 and q == 1.0)]
+        if in_range:
+            mean = np.mean([q for q, _ in in_range])
             lines.append(
-                f"  {low:.2f} to {high:.2f}: {mean:.2f}, {np.mean([t for _, t in own]):.2f}, {len(own)}"
+                f"  {low:.2f} to {high:.2f}: {mean:.2f}, {np.mean([t for _, t in in_range]):.2f}, "
+                f"{len(in_range)}"
             )
     return lines
 
 
 def coverage(cases: Sequence[Scored]) -> list[str]:
     """90 % intervals of parameters, and of E before and after by kind of case, whatever the verdict."""
-    rows = [row for one in cases for row in parameter_rows(one)]
+    rows = [row for case in cases for row in parameter_rows(case)]
     held = [bool(ok) for _, _, ok in rows if ok is not None]
     lines = [share("parameters inside their 90 % intervals", held)]
     by_name: dict[str, list[tuple[float, bool | None]]] = {}
@@ -126,23 +127,23 @@ def coverage(cases: Sequence[Scored]) -> list[str]:
         by_name.setdefault(name, []).append((error, ok))
     if rows:
         lines.append(f"  median |relative error| {np.median([error for _, error, _ in rows]):.1%}")
-    for name, own in sorted(by_name.items()):
-        errors, known = [error for error, _ in own], [ok for _, ok in own if ok is not None]
+    for name, checks in sorted(by_name.items()):
+        errors, known = [error for error, _ in checks], [ok for _, ok in checks if ok is not None]
         lines.append(f"  {name:34s} {np.median(errors):7.1%}  inside {sum(known)} of {len(known)}")
-    groups = {kind: [one for one in cases if kind in ("all", one.kind)] for kind in KINDS}
-    for category in sorted({str(one.label.get("category")) for one in cases}):
+    groups = {kind: [case for case in cases if kind in ("all", case.kind)] for kind in KINDS}
+    for category in sorted({str(case.label.get("category")) for case in cases}):
         groups[f"sound {category}"] = [
-            one for one in groups["sound"] if str(one.label.get("category")) == category
+            case for case in groups["sound"] if str(case.label.get("category")) == category
         ]
     for when, words in (("E_before", "E without an effect"), ("E_after", "E in the end")):
-        lines += [modulus_line(f"{words}, {name}", own, when) for name, own in groups.items() if own]
+        lines += [modulus_line(f"{words}, {name}", group, when) for name, group in groups.items() if group]
     return lines
 
 
 def modulus_line(title: str, cases: Sequence[Scored], when: str) -> str:
     """Share of 90 % intervals that contain the true E, and the relative errors of E."""
-    errors = np.array([one.row[when]["value"] / one.label["E_MPa"] - 1 for one in cases])
-    truths = [inside(one.row[when]["interval"], one.label["E_MPa"]) for one in cases]
+    errors = np.array([case.row[when]["value"] / case.label["E_MPa"] - 1 for case in cases])
+    truths = [inside(case.row[when]["interval"], case.label["E_MPa"]) for case in cases]
     rms = np.sqrt(np.mean(errors**2))
     return (
         share(f"{title}: inside 90 %", truths)
@@ -153,28 +154,28 @@ def modulus_line(title: str, cases: Sequence[Scored], when: str) -> str:
 def case_table(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, Any]) -> list[dict[str, Any]]:
     """One record for each case: truth, verdict, p, and E with its 90 % interval."""
     table = []
-    for one in (scored(row, labels[row["case"]]) for row in rows if "failure" not in row):
+    for case in (scored(row, labels[row["case"]]) for row in rows if "failure" not in row):
         (low, high), (graded_low, graded_high) = (
-            one.row["E_after"]["interval"],
-            one.row["E_before"]["interval"],
+            case.row["E_after"]["interval"],
+            case.row["E_before"]["interval"],
         )
         table.append(
             {
-                "case": one.case,
-                "kind": one.kind,
-                "truth": one.physics or one.truth,
-                "category": one.label["category"],
-                "law": one.label.get("law", ""),
-                "E_true_MPa": one.label["E_MPa"],
-                "E_grade_MPa": one.row["E_before"]["value"],
+                "case": case.case,
+                "kind": case.kind,
+                "truth": case.physics or case.truth,
+                "category": case.label["category"],
+                "law": case.label.get("law", ""),
+                "E_true_MPa": case.label["E_MPa"],
+                "E_grade_MPa": case.row["E_before"]["value"],
                 "E_grade_low_MPa": graded_low,
                 "E_grade_high_MPa": graded_high,
-                "E_explain_MPa": one.row["E_after"]["value"],
+                "E_explain_MPa": case.row["E_after"]["value"],
                 "E_explain_low_MPa": low,
                 "E_explain_high_MPa": high,
-                "p_value": one.p,
-                "detected": one.detected,
-                "verdict": " | ".join(one.verdict),
+                "p_value": case.p,
+                "detected": case.detected,
+                "verdict": " | ".join(case.verdict),
             }
         )
     return table
@@ -186,19 +187,23 @@ def curves(singles: Sequence[Scored]) -> list[str]:
         "amplitude of half the cases (in brackets: all or none seen; SD: Cramer-Rao bound, median)",
         f"  {'effect':20s} {'cases':>5s} {'detected':>12s} {'named first':>12s} {'SD':>10s} {'named/SD':>9s}",
     ]
-    for effect in sorted({one.truth for one in singles}):
-        own = [one for one in singles if one.truth == effect and effect in one.amplitudes]
-        stimuli = [one.amplitudes[effect] for one in own]
-        bound = np.median([b for one in own if (b := bound_of(one, effect)) is not None] or [np.nan])
-        half = [fitted_curve(stimuli, list(map(seen, own))) for seen in SEEN]
+    for effect in sorted({single.truth for single in singles}):
+        of_effect = [single for single in singles if single.truth == effect and effect in single.amplitudes]
+        stimuli = [single.amplitudes[effect] for single in of_effect]
+        bound = np.median(
+            [b for single in of_effect if (b := bound_of(single, effect)) is not None] or [np.nan]
+        )
+        half = [fitted_curve(stimuli, list(map(seen, of_effect))) for seen in SEEN]
         cells = ["-" if c is None else _bracketed(f"{c.half:.3g}", c.bracketed) for c in half]
         ratio = "-" if half[1] is None or not np.isfinite(bound) else f"{half[1].half / bound:.1f}"
         sd = f"{bound:.3g}" if np.isfinite(bound) else "-"
-        lines.append(f"  {effect:20s} {len(own):5d} {cells[0]:>12s} {cells[1]:>12s} {sd:>10s} {ratio:>9s}")
+        lines.append(
+            f"  {effect:20s} {len(of_effect):5d} {cells[0]:>12s} {cells[1]:>12s} {sd:>10s} {ratio:>9s}"
+        )
     for words, stimulus in STIMULI:
         for seen, how in zip(SEEN, ("detected", "named first"), strict=True):
-            usable = [one for one in singles if stimulus(one) is not None]
-            curve = fitted_curve([stimulus(one) or 0.0 for one in usable], list(map(seen, usable)))
+            usable = [single for single in singles if stimulus(single) is not None]
+            curve = fitted_curve([stimulus(single) or 0.0 for single in usable], list(map(seen, usable)))
             if curve is not None:
                 lines.append(
                     f"half {how} at {words} {_bracketed(f'{curve.half:.3g}', curve.bracketed)} "
@@ -211,24 +216,24 @@ def _bracketed(text: str, bracketed: bool) -> str:
     return text if bracketed else f"({text})"
 
 
-def bound_of(one: Scored, effect: str) -> float | None:
+def bound_of(case: Scored, effect: str) -> float | None:
     """The Cramer-Rao bound of a case's amplitude; a drift's is over the peak force."""
-    bound = one.row.get("bounds", {}).get(effect)
+    bound = case.row.get("bounds", {}).get(effect)
     if bound is None:
         return None
-    return float(bound) / max(one.row["peaks_N"]) if effect == "sensor_drift" else float(bound)
+    return float(bound) / max(case.row["peaks_N"]) if effect == "sensor_drift" else float(bound)
 
 
-def amplitude_over_bound(one: Scored) -> float | None:
+def amplitude_over_bound(case: Scored) -> float | None:
     """Amplitude of a single effect over its own case's bound; None where there is no bound."""
-    bound = bound_of(one, one.truth)
-    return None if bound is None or one.truth not in one.amplitudes else one.amplitudes[one.truth] / bound
+    bound = bound_of(case, case.truth)
+    return None if bound is None or case.truth not in case.amplitudes else case.amplitudes[case.truth] / bound
 
 
-SEEN: tuple[Callable[[Scored], bool], ...] = (lambda one: one.detected, lambda one: one.named_first)
+SEEN: tuple[Callable[[Scored], bool], ...] = (lambda case: case.detected, lambda case: case.named_first)
 """What curves are of: detected, named first."""
 STIMULI: tuple[tuple[str, Callable[[Scored], float | None]], ...] = (
     ("amplitude over its Cramer-Rao bound", amplitude_over_bound),
-    ("signal over noise", lambda one: signal_over_noise(one.row)),
+    ("signal over noise", lambda case: signal_over_noise(case.row)),
 )
 """What curves over all effects go against."""

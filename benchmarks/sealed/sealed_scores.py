@@ -97,7 +97,7 @@ def scored(row: Mapping[str, Any], label: Mapping[str, Any]) -> Scored:
         signal=signal_over_noise(row),
         detected=bool(row["detected"]),
         verdict=tuple(row["verdict"]),
-        order=tuple(one["effect"] for one in row["ranking"] if one["effect"] != NONE),
+        order=tuple(hypothesis["effect"] for hypothesis in row["ranking"] if hypothesis["effect"] != NONE),
         p=float(row["p"]),
         row=dict(row),
         label=truth,
@@ -136,34 +136,34 @@ def inside(interval_of: Sequence[float] | None, truth: float) -> bool:
     return interval_of is not None and bool(interval_of[0] <= truth <= interval_of[1])
 
 
-def parameter_rows(one: Scored) -> list[tuple[str, float, bool | None]]:
+def parameter_rows(case: Scored) -> list[tuple[str, float, bool | None]]:
     """Parameters of the true effect wherever it was refitted: name, relative error, inside the interval.
 
     Whatever the verdict; of a vector inside where all components are.
     """
-    own = next((c for c in one.row["ranking"] if c["effect"] == one.truth and c["refitted"]), None)
-    if own is None or one.truth in (NONE, UNKNOWN):
+    refitted = next((c for c in case.row["ranking"] if c["effect"] == case.truth and c["refitted"]), None)
+    if refitted is None or case.truth in (NONE, UNKNOWN):
         return []
-    parts = one.truth.split("+")
+    parts = case.truth.split("+")
     true = {
         f"{effect}.{name}" if len(parts) > 1 else name: value
         for effect in parts
-        for name, value in true_parameters(one, effect).items()
+        for name, value in true_parameters(case, effect).items()
     }
     return [
-        (found.name, abs(found.error), all(found.inside) if found.inside else None)
-        for found in parameter_errors(parts, own["parameters"], true)
-        if found.error is not None
+        (parameter.name, abs(parameter.error), all(parameter.inside) if parameter.inside else None)
+        for parameter in parameter_errors(parts, refitted["parameters"], true)
+        if parameter.error is not None
     ]
 
 
-def true_parameters(one: Scored, effect: str) -> dict[str, Any]:
+def true_parameters(case: Scored, effect: str) -> dict[str, Any]:
     """An effect's parameters as formats define them: drifts in newtons, by the simulation's peak force."""
-    parameters = one.label["parameters"]
-    own = dict(parameters if "+" not in one.truth else parameters[effect])
-    peak = max(one.row.get("peaks_N", [float("nan")]))
-    if effect == "sensor_drift" and "share_per_s" in own:
-        own["newton_per_s"] = own.pop("share_per_s") * peak
-    if effect == "thermal_drift" and "peak_share_per_root_s" in own:
-        own["N_per_root_s"] = own.pop("peak_share_per_root_s") * peak
-    return own
+    parameters = case.label["parameters"]
+    true = dict(parameters if "+" not in case.truth else parameters[effect])
+    peak = max(case.row.get("peaks_N", [float("nan")]))
+    if effect == "sensor_drift" and "share_per_s" in true:
+        true["newton_per_s"] = true.pop("share_per_s") * peak
+    if effect == "thermal_drift" and "peak_share_per_root_s" in true:
+        true["N_per_root_s"] = true.pop("peak_share_per_root_s") * peak
+    return true

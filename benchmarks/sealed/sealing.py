@@ -30,8 +30,8 @@ def _rounded(value: Any) -> Any:
     if isinstance(value, float):
         return float(f"{value:.{DIGITS}g}")
     if isinstance(value, Mapping):
-        return {str(key): _rounded(own) for key, own in value.items()}
-    return [_rounded(own) for own in value] if isinstance(value, list | tuple) else value
+        return {str(key): _rounded(entry) for key, entry in value.items()}
+    return [_rounded(entry) for entry in value] if isinstance(value, list | tuple) else value
 
 
 def sealed(salt: str, label: Any) -> str:
@@ -49,13 +49,13 @@ def read_salt(path: Path) -> str:
 
 def broken_seals(manifest: Mapping[str, str], salt: str, labels: Mapping[str, Any]) -> list[str]:
     """What is wrong, a sentence for each case; empty where every label is the one that was sealed."""
-    found = []
+    faults = []
     for case_id, seal in manifest.items():
         if case_id not in labels:
-            found.append(f"{case_id}: sealed, but without a label")
+            faults.append(f"{case_id}: sealed, but without a label")
         elif sealed(salt, labels[case_id]) != seal:
-            found.append(f"{case_id}: the label is not the one that was sealed")
-    return found + [
+            faults.append(f"{case_id}: the label is not the one that was sealed")
+    return faults + [
         f"{case_id}: a label that was never sealed" for case_id in labels if case_id not in manifest
     ]
 

@@ -94,4 +94,6 @@ def lumped_moments(
     place = np.concatenate([np.ones((*volume.shape, 1)), shape @ x], axis=2)
     load = (shape.T @ (volume[..., None] * place)).reshape(-1, 4)
     where = tets.ravel()
-    return np.stack([np.bincount(where, weights=one, minlength=len(nodes_mm)) for one in load.T], axis=1)
+    return np.stack(
+        [np.bincount(where, weights=component, minlength=len(nodes_mm)) for component in load.T], axis=1
+    )

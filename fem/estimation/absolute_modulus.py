@@ -49,7 +49,7 @@ def absolute_compliance(
     inverse = np.linalg.inv(rows.T @ rows + prior)
     solution = inverse @ rows.T @ (gap * weight)
     residual = gap - columns @ solution
-    own = gap - (columns[:, 1:] @ solution[1:])
+    compression = gap - (columns[:, 1:] @ solution[1:])
     push = _dot(force_N[frame, on], normal)
     touching = np.unique(pad_of_marker[on])
     depth = [abs(float(gap[pad_of_marker[on] == pad].mean())) for pad in touching]
@@ -57,7 +57,7 @@ def absolute_compliance(
     field[0, on] = residual[:, None] * normal
     return AbsoluteFit(
         compliance=float(solution[0]),
-        energy_compliance=float(push @ own) / float(push @ unit),
+        energy_compliance=float(push @ compression) / float(push @ unit),
         noise=float(np.sqrt(inverse[0, 0])) / abs(float(solution[0])),
         surface=float(np.linalg.norm(surface_sd_mm[touching])) / float(np.sum(depth)),
         residual_mm=field,

@@ -146,12 +146,14 @@ def judged_information(
     explained += scale[:, None] * tracks.gel_displacement_mm + np.einsum("k,ktnx->tnx", amounts, columns)
     left = about_episode_mean(tracks.position_mm - tracks.place_mm - explained, tracks.episode)
     left *= marker_weight(tracks)[:, None]
-    own = (equations.along[:, :k] - equations.along[:, k:] @ turns.T) / equations.stiffness[:, None]
+    gel_share = (equations.along[:, :k] - equations.along[:, k:] @ turns.T) / equations.stiffness[:, None]
     scores = np.einsum("tnx,ktnx->nk", left, columns, optimize=True)
     turned = np.einsum("tnx,nxl->ntl", left, rigid, optimize=True).reshape(len(rigid), -1)
-    scores -= turned @ turns.T + own * np.einsum("tnx,tnx->n", left, tracks.gel_displacement_mm)[:, None]
+    scores -= (
+        turned @ turns.T + gel_share * np.einsum("tnx,tnx->n", left, tracks.gel_displacement_mm)[:, None]
+    )
     still = np.einsum("nxl,ktl->ktnx", rigid, turns.reshape(k, frames, 6), optimize=True)
-    still += own.T[:, None, :, None] * tracks.gel_displacement_mm
+    still += gel_share.T[:, None, :, None] * tracks.gel_displacement_mm
     influence = np.stack([about_episode_mean(field, tracks.episode) for field in columns - still])
     influence *= marker_weight(tracks)[:, None]
     return JudgedInformation(normal=normal, right=right, scores=scores, influence=influence)

@@ -52,9 +52,9 @@ class DenoisedForce:
         """How the amounts of patterns f_r (fruit frame) change with the markers' displacement, A (1 - Q) f_r
         (N/mm), and with their recorded force, Q f_r.
         """
-        own = (patterns @ self.turn).reshape(len(patterns), -1)
-        of_force = own if self.kept is None else (own @ self.kept.T) @ self.kept
-        of_displacement = (own - of_force).reshape(patterns.shape) * self.stiffness_N_per_mm
+        turned = (patterns @ self.turn).reshape(len(patterns), -1)
+        of_force = turned if self.kept is None else (turned @ self.kept.T) @ self.kept
+        of_displacement = (turned - of_force).reshape(patterns.shape) * self.stiffness_N_per_mm
         return of_displacement @ self.turn.T, of_force.reshape(patterns.shape) @ self.turn.T
 
 

@@ -53,12 +53,12 @@ class FinerPatterns:
 
     def of_noise(self, by_pattern: Float[np.ndarray, "p r n 3"]) -> Float[np.ndarray, "p r n 3"]:
         """Noise of the forces by the patterns' courses, as it is in the patterns: smoothed in these."""
-        own = slice(self.first, self.first + self.count)
+        finer = slice(self.first, self.first + self.count)
         if not self.count:
             return by_pattern
-        found = by_pattern.copy()
-        found[:, own] = np.einsum("ij,prjx->prix", self.smoothing, by_pattern[:, own], optimize=True)
-        return found
+        smoothed = by_pattern.copy()
+        smoothed[:, finer] = np.einsum("ij,prjx->prix", self.smoothing, by_pattern[:, finer], optimize=True)
+        return smoothed
 
 
 def with_finer_patterns(
@@ -96,8 +96,8 @@ def _noise(prepared: PreparedGrasp, history: GraspHistory, seed: int) -> Float[n
     frames = int(prepared.used.sum())
     return np.concatenate(
         [
-            one.sd_N * drawn_coloured_noise((1, frames, len(pad.rest_mm), 3), pad.lag1**apart, rng)[0]
-            for pad, one in zip(history.pads, prepared.denoised, strict=True)
+            denoised.sd_N * drawn_coloured_noise((1, frames, len(pad.rest_mm), 3), pad.lag1**apart, rng)[0]
+            for pad, denoised in zip(history.pads, prepared.denoised, strict=True)
         ],
         axis=1,
     )

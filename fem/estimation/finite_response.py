@@ -158,8 +158,8 @@ def finite_response(
                 "no force of a pad reaches the mesh, expected a pad that faces its skin; check the poses",
             )
         unit = linear = on_skin.contact_displacement(load)
-        found = _fitted(solid, skin, driven, used, motion, unit, modulus_MPa, scale_sd=scale_sd)
-        motion, modulus_MPa = found.motion, require_positive(found.fit.compliance)
+        fitted = _fitted(solid, skin, driven, used, motion, unit, modulus_MPa, scale_sd=scale_sd)
+        motion, modulus_MPa = fitted.motion, require_positive(fitted.fit.compliance)
     kernel = _kernel(np.einsum("tcx,scx->ts", load[:, skin], linear, optimize=True))
     chosen = _chosen(kernel)
     moved_mm: Float[np.ndarray, "k n 3"] | None = None
@@ -170,8 +170,8 @@ def finite_response(
         solved = finite.displacement(load / before, start=moved_mm, tolerance=tolerance, together=True)
         moved_mm = solved.require_equilibrium().displacement
         unit = linear + _predicted(kernel, chosen, before * moved_mm[:, skin] - linear[chosen])
-        found = _fitted(solid, skin, driven, used, motion, unit, before, scale_sd=scale_sd)
-        motion, modulus_MPa = found.motion, require_positive(found.fit.compliance)
+        fitted = _fitted(solid, skin, driven, used, motion, unit, before, scale_sd=scale_sd)
+        motion, modulus_MPa = fitted.motion, require_positive(fitted.fit.compliance)
         changed = abs(modulus_MPa / before - 1)
         if changed < AGREED and tolerance == TOLERANCE:
             break
@@ -183,12 +183,12 @@ def finite_response(
             f"E at finite strain changes from {before:.4f} to {modulus_MPa:.4f} MPa in round "
             f"{ROUNDS}, expected agreement to {AGREED:.2%}. Check the forces",
         )
-    apart = motion.out_of_fruit(found.places_mm + found.moved / modulus_MPa) - found.places_mm
+    apart = motion.out_of_fruit(fitted.places_mm + fitted.moved / modulus_MPa) - fitted.places_mm
     if solid.support == "free":
-        apart = _without_rigid_motion(apart, found.tracks)
-    on = (found.tracks.episode >= 0)[..., None]
+        apart = _without_rigid_motion(apart, fitted.tracks)
+    on = (fitted.tracks.episode >= 0)[..., None]
     return FiniteResponse(
-        unit_displacement=np.where(on, modulus_MPa * apart, 0.0), modulus_MPa=modulus_MPa, fit=found.fit
+        unit_displacement=np.where(on, modulus_MPa * apart, 0.0), modulus_MPa=modulus_MPa, fit=fitted.fit
     )
 
 
@@ -226,8 +226,8 @@ def _without_rigid_motion(
     left = moved_mm.copy()
     for frame, on in enumerate(tracks.episode >= 0):
         if on.any():
-            own = modes[on].reshape(-1, 6)
-            amounts = np.linalg.lstsq(own, moved_mm[frame, on].ravel(), rcond=None)[0]
+            frame_modes = modes[on].reshape(-1, 6)
+            amounts = np.linalg.lstsq(frame_modes, moved_mm[frame, on].ravel(), rcond=None)[0]
             left[frame] -= modes @ amounts
     return left
 

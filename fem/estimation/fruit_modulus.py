@@ -60,15 +60,15 @@ def infer_modulus(
     """
     about_prior = tuple(respond(mesh))
     grasps = [_tried(*pair, budget) for pair in zip(histories, about_prior, strict=True)]
-    estimates = [one for one in grasps if isinstance(one, ModulusEstimate)]
+    estimates = [grasp for grasp in grasps if isinstance(grasp, ModulusEstimate)]
     if not estimates:
         raise ExceptionGroup("no grasp gives a modulus", [g for g in grasps if isinstance(g, FemFailure)])
     several = len(estimates) > 1
-    found = joint_modulus([one.evidence for one in estimates], budget=budget, infer_pit=several)
+    joint = joint_modulus([estimate.evidence for estimate in estimates], budget=budget, infer_pit=several)
     at, moves, final = np.zeros(4), 0, about_prior
     doubts: tuple[str, ...] = ()
-    while found.pit is not None:
-        place = found.pit.learnt * np.append(found.pit.offset_mm, found.pit.ln_size)
+    while joint.pit is not None:
+        place = joint.pit.learnt * np.append(joint.pit.offset_mm, joint.pit.ln_size)
         if (np.abs(place - at) <= [FAR_MM, FAR_MM, FAR_MM, FAR_SIZE]).all():
             break
         if moves == MOST_MOVES:
@@ -83,17 +83,19 @@ def infer_modulus(
             break
         models = respond(moved_mesh)
         tried = [_tried(*pair, budget) for pair in zip(histories, models, strict=True)]
-        moved = [one for one in tried if isinstance(one, ModulusEstimate)]
+        moved = [grasp for grasp in tried if isinstance(grasp, ModulusEstimate)]
         if len(moved) < len(estimates):
             doubts = (
                 "a grasp fails at the pit's place from the grasps, so this place is only a first estimate",
             )
             break
         at, moves, final = place, moves + 1, tuple(models)
-        found = joint_modulus([one.evidence for one in moved], budget=budget, infer_pit=True, pit_at=at)
-    found = replace(found, warnings=(*found.warnings, *doubts))
+        joint = joint_modulus(
+            [estimate.evidence for estimate in moved], budget=budget, infer_pit=True, pit_at=at
+        )
+    joint = replace(joint, warnings=(*joint.warnings, *doubts))
     return FruitInference(
-        modulus=found, grasps=tuple(grasps), models=about_prior, final_models=final, moves=moves
+        modulus=joint, grasps=tuple(grasps), models=about_prior, final_models=final, moves=moves
     )
 
 

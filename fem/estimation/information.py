@@ -121,13 +121,13 @@ def pad_compliances(
     if not recording.all():  # a pad whose markers touch in one frame only says nothing
         pads = [pad for pad, says in zip(pads, recording, strict=True) if says]
         alone = judged_information(tracks, np.stack(pads), scale_sd=scale_sd, fruit_moves=moves)
-    own = np.arange(len(pads))
+    pad_fields = np.arange(len(pads))
     normal = alone.normal
     each = np.linalg.solve(normal, alone.right)
     fields = np.stack([*pads, *model.sensitivity.values, *scaled])
     known = information(tracks, fields, scale_sd=scale_sd, fruit_moves=moves)
     # What the pads' own fit makes of each field: all of them together are the response itself.
-    sees = np.linalg.solve(normal, known.normal[own])
+    sees = np.linalg.solve(normal, known.normal[pad_fields])
     variance = _design_effect(alone, model.place_mm) * normal
     variance += _of_force_noise(alone, model, tracks, history, compliance=float(each.mean()))
     return PadCompliances(

@@ -111,13 +111,13 @@ def joint_modulus(
     if not grasps:
         raise ValueError("joint_modulus needs at least one grasp, found none")
     at = np.zeros(4) if pit_at is None else pit_at
-    found, between, modulus = _converged(grasps, budget, at, infer_pit=infer_pit)
-    tension = _tension(grasps, found, 1 / modulus) if infer_pit else 1.0
+    solution, between, modulus = _converged(grasps, budget, at, infer_pit=infer_pit)
+    tension = _tension(grasps, solution, 1 / modulus) if infer_pit else 1.0
     if tension > 1:
         grasps = [replace(grasp, information=grasp.information.weakened(tension)) for grasp in grasps]
-        found, between, modulus = _converged(grasps, budget, at, infer_pit=infer_pit)
-    parts = found.parts()
-    pit = _pit(found, at) if infer_pit and any(u.name in PIT for u in found.unknowns) else None
+        solution, between, modulus = _converged(grasps, budget, at, infer_pit=infer_pit)
+    parts = solution.parts()
+    pit = _pit(solution, at) if infer_pit and any(u.name in PIT for u in solution.unknowns) else None
     return FruitModulus(
         E_MPa=modulus,
         E_sd_MPa=modulus * float(np.linalg.norm(list(parts.values()))),
@@ -135,10 +135,10 @@ def _converged(
     ln_s, between = -float(np.mean([np.log(grasp.E_MPa) for grasp in grasps])), 0.0
     for _ in range(MOST_ROUNDS):
         unknowns = _unknowns(grasps, between, budget=budget, pit_at=at)
-        found = _solve(grasps, unknowns, float(np.exp(ln_s)), infer_pit=infer_pit)
-        step = float(found.mean[0])
+        solution = _solve(grasps, unknowns, float(np.exp(ln_s)), infer_pit=infer_pit)
+        step = float(solution.mean[0])
         ln_s += step
-        between = _between(*_one_by_one(grasps, found, float(np.exp(ln_s))))
+        between = _between(*_one_by_one(grasps, solution, float(np.exp(ln_s))))
         if abs(step) < STILL:
             break
     else:
@@ -148,10 +148,10 @@ def _converged(
             f"rounds, expected at most {STILL:.0e}: the grasps contradict each other. Grade them one "
             "by one",
         )
-    return found, between, float(np.exp(-ln_s))
+    return solution, between, float(np.exp(-ln_s))
 
 
-def _tension(grasps: Sequence[GraspEvidence], found: "_Solution", s: float) -> float:
+def _tension(grasps: Sequence[GraspEvidence], solution: "_Solution", s: float) -> float:
     """chi-square per degree of freedom of the pads' numbers against the solution, all priors counted.
 
     Above one the pads differ by more than noise and what the priors allow: something else pulls them apart
@@ -159,18 +159,22 @@ def _tension(grasps: Sequence[GraspEvidence], found: "_Solution", s: float) -> f
     is divided by it (Birge 1932, Physical Review 40). One where the pads leave nothing to compare.
     """
     known = [grasp.information for grasp in grasps]
-    numbers = sum(int(np.linalg.matrix_rank(one.normal, rtol=RANK, hermitian=True)) for one in known)
+    numbers = sum(
+        int(np.linalg.matrix_rank(information.normal, rtol=RANK, hermitian=True)) for information in known
+    )
     if numbers < 2:
         return 1.0
     began = sum(
-        s**2 * one.normal[0, 0]
-        - 2 * s * one.right[0]
-        + one.right @ np.linalg.pinv(one.normal, rcond=RANK, hermitian=True) @ one.right
-        for one in known
+        s**2 * information.normal[0, 0]
+        - 2 * s * information.right[0]
+        + information.right
+        @ np.linalg.pinv(information.normal, rcond=RANK, hermitian=True)
+        @ information.right
+        for information in known
     )
-    change = found.mean
-    off = change - [unknown.mean for unknown in found.unknowns]
-    chi2 = began - 2 * found.right @ change + change @ found.normal @ change + found.weight @ off**2
+    change = solution.mean
+    off = change - [unknown.mean for unknown in solution.unknowns]
+    chi2 = began - 2 * solution.right @ change + change @ solution.normal @ change + solution.weight @ off**2
     return max(1.0, float(chi2) / (numbers - 1))
 
 
@@ -189,25 +193,25 @@ def _unknowns(
     grasps: Sequence[GraspEvidence], between: float, *, budget: ErrorBudget, pit_at: Float[np.ndarray, "4"]
 ) -> list[_Unknown]:
     """ln s first (no prior), then pit and Poisson's ratio, then each grasp's own; none without a spread."""
-    found = [_Unknown(name="ln s", part=TACTILE, sd=np.inf)]
+    unknowns = [_Unknown(name="ln s", part=TACTILE, sd=np.inf)]
     known = {cause for grasp in grasps for cause in grasp.information.causes}
     for name in (*PIT, POISSON_RATIO):
         if name in known:
             mean = -float(pit_at[PIT.index(name)]) if name in PIT else 0.0
-            found.append(_Unknown(name=name, part=part_of(name), sd=budget.sd_of(name), mean=mean))
+            unknowns.append(_Unknown(name=name, part=part_of(name), sd=budget.sd_of(name), mean=mean))
     elements_sd = float(np.sqrt(np.mean([grasp.discretisation_sd**2 for grasp in grasps])))
-    found.append(_Unknown(name=DISCRETISATION, part=DISCRETISATION, sd=elements_sd))
+    unknowns.append(_Unknown(name=DISCRETISATION, part=DISCRETISATION, sd=elements_sd))
     for k, grasp in enumerate(grasps):
         for name, sd in ((MODEL, grasp.misfit_sd), (SCATTER, float(np.sqrt(between)))):
-            found.append(_Unknown(name=name, part=name, sd=sd, grasp=k))
+            unknowns.append(_Unknown(name=name, part=name, sd=sd, grasp=k))
         for number, cause in enumerate(grasp.information.causes):
             if cause == FORCE_SCALE:
                 name = f"{cause} {number}"
-                found.append(_Unknown(name=name, part=TACTILE, sd=budget.force_scale_sd, grasp=k))
+                unknowns.append(_Unknown(name=name, part=TACTILE, sd=budget.force_scale_sd, grasp=k))
             elif cause not in (*PIT, POISSON_RATIO):
                 sd = budget.sd_of(cause, history=grasp.history)
-                found.append(_Unknown(name=cause, part=part_of(cause), sd=sd, grasp=k))
-    return [unknown for unknown in found if unknown.sd > 0]
+                unknowns.append(_Unknown(name=cause, part=part_of(cause), sd=sd, grasp=k))
+    return [unknown for unknown in unknowns if unknown.sd > 0]
 
 
 @dataclass(frozen=True)
@@ -267,48 +271,48 @@ def _solve(
                 name = "ln s" if unknown.name in (DISCRETISATION, MODEL, SCATTER) else unknown.name
                 if name in names:
                     amounts[names.index(name), at] = 1.0
-        own = s**2 * grasp.information.normal
-        normal += amounts.T @ own @ amounts
-        right += amounts.T @ (s * grasp.information.right - own[:, 0])
+        normal_of_grasp = s**2 * grasp.information.normal
+        normal += amounts.T @ normal_of_grasp @ amounts
+        right += amounts.T @ (s * grasp.information.right - normal_of_grasp[:, 0])
     fixed = np.array([not infer_pit and unknown.name in (*PIT, POISSON_RATIO) for unknown in unknowns])
     return _Solution(unknowns, fixed, normal, right)
 
 
-def _pit(found: _Solution, at: Float[np.ndarray, "4"]) -> PitPosterior:
+def _pit(solution: _Solution, at: Float[np.ndarray, "4"]) -> PitPosterior:
     """The pit's part of the posterior; what has no spread stays where it is."""
-    names = [unknown.name for unknown in found.unknowns]
+    names = [unknown.name for unknown in solution.unknowns]
     known = [k for k, name in enumerate(PIT) if name in names]
     chosen = [names.index(PIT[k]) for k in known]
     place, covariance, prior_sd = at.astype(float), np.zeros((4, 4)), np.zeros(4)
-    place[known] += found.mean[chosen]
-    covariance[np.ix_(known, known)] = found.covariance[np.ix_(chosen, chosen)]
-    prior_sd[known] = [found.unknowns[k].sd for k in chosen]
+    place[known] += solution.mean[chosen]
+    covariance[np.ix_(known, known)] = solution.covariance[np.ix_(chosen, chosen)]
+    prior_sd[known] = [solution.unknowns[k].sd for k in chosen]
     return PitPosterior(
         offset_mm=place[:3], ln_size=float(place[3]), covariance=covariance, prior_sd=prior_sd
     )
 
 
 def _one_by_one(
-    grasps: Sequence[GraspEvidence], found: _Solution, s: float
+    grasps: Sequence[GraspEvidence], solution: _Solution, s: float
 ) -> tuple[Float[np.ndarray, " g"], Float[np.ndarray, " g"]]:
     """ln s of each grasp alone, less that of all, with pit and Poisson's ratio as found, and its variance."""
     left, variance = np.zeros(len(grasps)), np.zeros(len(grasps))
     for k, grasp in enumerate(grasps):
-        own = [
+        unknowns = [
             replace(unknown, mean=float(mean) if unknown.grasp is None else 0.0, grasp=None)
-            for unknown, mean in zip(found.unknowns, found.mean, strict=True)
+            for unknown, mean in zip(solution.unknowns, solution.mean, strict=True)
             if unknown.grasp in (None, k) and unknown.part not in (DISCRETISATION, MODEL, SCATTER)
         ]
-        alone = _solve([grasp], [replace(own[0], mean=0.0), *own[1:]], s, infer_pit=False)
+        alone = _solve([grasp], [replace(unknowns[0], mean=0.0), *unknowns[1:]], s, infer_pit=False)
         left[k], variance[k] = alone.mean[0], alone.covariance[0, 0] + grasp.misfit_sd**2
     return left, variance
 
 
-def _between(left: Float[np.ndarray, " g"], own: Float[np.ndarray, " g"]) -> float:
+def _between(left: Float[np.ndarray, " g"], variance: Float[np.ndarray, " g"]) -> float:
     """Variance of the random effect of grasps whose ln s has its own variance, zero or above."""
     if len(left) < 2:
         return 0.0
-    weight = 1 / own
+    weight = 1 / variance
     excess = float(weight @ (left - np.average(left, weights=weight)) ** 2) - (len(left) - 1)
     return max(0.0, excess / float(weight.sum() - (weight**2).sum() / weight.sum()))
 

@@ -35,9 +35,9 @@ def modulus_per_frame(
     out."""
     c = since_first_touch(tracks.unit_displacement, tracks.episode)
     u = since_first_touch(tracks.position_mm - fit.motion_mm, tracks.episode)
-    own = history.pad_of_marker
-    groups = [(BOTH, np.ones(len(own), dtype=bool))]
-    groups += [(pad.name, own == k) for k, pad in enumerate(history.pads)]
+    pad_of_marker = history.pad_of_marker
+    groups = [(BOTH, np.ones(len(pad_of_marker), dtype=bool))]
+    groups += [(pad.name, pad_of_marker == k) for k, pad in enumerate(history.pads)]
     totals = [np.linalg.norm(pad.force_N.sum(axis=1), axis=1) for pad in history.pads]
     table = []
     for pad, (name, chosen) in enumerate(groups, start=-1):

@@ -49,25 +49,25 @@ def warnings_of(
     fruit_moves: bool,
 ) -> tuple[ModulusWarning, ...]:
     """Of: the two methods, the residual, the balance of the pads, loading against unloading."""
-    found: list[ModulusWarning] = []
+    warnings: list[ModulusWarning] = []
     if energy_MPa is None:
         said = (
             "the forces do no work on the displacement (their clocks may differ). There is no energy "
             "estimate, and the least-squares estimate is uncertain"
         )
-        found.append(ModulusWarning(ModulusSign.NO_WORK, said))
+        warnings.append(ModulusWarning(ModulusSign.NO_WORK, said))
     elif abs(np.log(energy_MPa / least_squares_MPa)) > METHODS_APART:
         said = (
             f"the energy ratio gives {energy_MPa:.3f} MPa and least squares gives "
             f"{least_squares_MPa:.3f} MPa, so this grasp contains more than linear elastic flesh"
         )
-        found.append(ModulusWarning(ModulusSign.METHODS_APART, said))
+        warnings.append(ModulusWarning(ModulusSign.METHODS_APART, said))
     if noise_mm > 0 and residual_rms_mm > RESIDUAL_OVER_NOISE * noise_mm:
         said = (
             f"the linear model leaves a residual of {1e3 * residual_rms_mm:.0f} um of marker motion; "
             f"noise in displacement and force explains {1e3 * noise_mm:.0f} um"
         )
-        found.append(ModulusWarning(ModulusSign.RESIDUAL, said))
+        warnings.append(ModulusWarning(ModulusSign.RESIDUAL, said))
     if fruit_moves and len(history.pads) == 2:
         total = [float(np.linalg.norm(pad.force_N.sum(axis=1), axis=1).max()) for pad in history.pads]
         if abs(total[0] - total[1]) > UNBALANCE * max(total):
@@ -76,8 +76,8 @@ def warnings_of(
                 f"the forces of the pads do not balance at their peak ({both}); check the gains of "
                 "the sensors"
             )
-            found.append(ModulusWarning(ModulusSign.UNBALANCED, said))
-    return tuple(found + _phases_apart(frames))
+            warnings.append(ModulusWarning(ModulusSign.UNBALANCED, said))
+    return tuple(warnings + _phases_apart(frames))
 
 
 def _phases_apart(frames: tuple[FrameModulus, ...]) -> list[ModulusWarning]:

@@ -69,12 +69,12 @@ def prepared_grasp(history: GraspHistory, turns: Float[np.ndarray, "p 3 3"]) -> 
     drifted = np.tensordot(grown, drift, axes=1)
     whose = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
     still = [
-        replace(pad, force_N=pad.force_N - own)
-        for pad, own in zip(history.pads, np.split(drifted, whose, axis=1), strict=True)
+        replace(pad, force_N=pad.force_N - drift_N)
+        for pad, drift_N in zip(history.pads, np.split(drifted, whose, axis=1), strict=True)
     ]
     contacts = [pressing_contacts(*pair) for pair in zip(still, turns, strict=True)]
-    pressing = [replace(pad, episode=own) for pad, own in zip(history.pads, contacts, strict=True)]
-    if all((own < 0).all() for own in contacts):
+    pressing = [replace(pad, episode=episode) for pad, episode in zip(history.pads, contacts, strict=True)]
+    if all((episode < 0).all() for episode in contacts):
         raise FemFailure(
             FemProblem.NO_LOAD,
             f"found no frame in which a pad presses on {FEWEST_PRESSED} markers at once, expected a "
@@ -89,9 +89,13 @@ def prepared_grasp(history: GraspHistory, turns: Float[np.ndarray, "p 3 3"]) -> 
     every = force.reshape(len(force), -1) @ patterns.reshape(len(patterns), -1).T
     driving = np.tensordot(every, patterns, axes=1) + drifted
     pads = tuple(
-        replace(pad, force_N=own) for pad, own in zip(pressing, np.split(driving, whose, axis=1), strict=True)
+        replace(pad, force_N=force_N)
+        for pad, force_N in zip(pressing, np.split(driving, whose, axis=1), strict=True)
     )
-    noise = [one.noise_of(own) for one, own in zip(felt, np.split(patterns, whose, axis=1), strict=True)]
+    noise = [
+        denoised.noise_of(pad_patterns)
+        for denoised, pad_patterns in zip(felt, np.split(patterns, whose, axis=1), strict=True)
+    ]
     of_displacement, of_force = (np.concatenate(parts, axis=1) for parts in zip(*noise, strict=True))
     return PreparedGrasp(
         recorded=history,
@@ -147,10 +151,10 @@ def _drift(
         drifting = zero_drift(history, pad, normal)
         if drifting is None or not drifting.sure:
             continue
-        own = history.pad_of_marker == pad
-        size = np.sqrt(own.sum())
+        on_pad = history.pad_of_marker == pad
+        size = np.sqrt(on_pad.sum())
         shares.append(drifting.grown_N(history.time_s) / size)
-        patterns.append(own[:, None] * normal / size)
+        patterns.append(on_pad[:, None] * normal / size)
     count = len(history.pad_of_marker)
     return (
         np.reshape(shares, (len(shares), len(history.time_s))).T,

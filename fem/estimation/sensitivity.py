@@ -54,7 +54,7 @@ def sensitivities(
     modes, share = leading_patterns(force)
     split = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
     by_pad = np.split(modes, split, axis=1)
-    nodal = [link.nodal_force(own) for link, own in zip(links, by_pad, strict=True)]
+    nodal = [link.nodal_force(pad_modes) for link, pad_modes in zip(links, by_pad, strict=True)]
     loads = np.zeros((len(modes), len(solid.mesh.nodes_mm), 3))
     nodal_sum = np.sum(nodal, axis=0)
     loads[:, solid.contact_nodes] = nodal_sum
@@ -63,7 +63,7 @@ def sensitivities(
     causes, forces = inner_forces(solid, moved, links)
     moved = solid.contact_displacement(forces.reshape(-1, *loads.shape[1:]))
     recording = np.concatenate([link.at_markers(moved) for link in links], axis=1)
-    found = list(recording.reshape(len(causes), len(modes), -1, 3))
+    markers_move = list(recording.reshape(len(causes), len(modes), -1, 3))
     for k, pad in enumerate(history.pads):
         for name, way in zip(("across", "along"), tangents(links[k].place.normal), strict=True):
             causes.append(f"{pad.name} {name}")
@@ -74,8 +74,8 @@ def sensitivities(
                 flat = solid.contact_compliance @ total.reshape(len(modes), -1).T
                 under = np.ascontiguousarray(flat.T).reshape(total.shape)
                 ends.append(np.concatenate([link.at_markers(under) for link in slid_pads], axis=1))
-            found.append((ends[0] - ends[1]) / (2 * SLIDE_MM))
-    values = np.einsum("fr,prnx->pfnx", share, np.stack(found))
+            markers_move.append((ends[0] - ends[1]) / (2 * SLIDE_MM))
+    values = np.einsum("fr,prnx->pfnx", share, np.stack(markers_move))
     return Sensitivity(causes=tuple(causes), values=values), float(withheld)
 
 
@@ -133,15 +133,15 @@ def inner_work(
     """-v' (dK/dp) U of pit and Poisson's ratio: the work of `inner_forces` on other displacements v."""
     mesh, nu = solid.mesh, solid.poisson_ratio
     by_nu = solid.parts.change_with_poisson_ratio(moved.reshape(len(moved), -1).T, poisson_ratio=nu)
-    found = {POISSON_RATIO: -np.einsum("rd,dr->r", other.reshape(len(other), -1), by_nu)}
+    work = {POISSON_RATIO: -np.einsum("rd,dr->r", other.reshape(len(other), -1), by_nu)}
     if not len(mesh.pit_nodes):
-        return found
+        return work
     moved, velocities = _from_the_pit(solid, moved), pit_velocities(mesh)
     by_pit = dict(zip(PIT, -work_of_change(mesh, nu, moved, other, velocities), strict=True))
     if solid.support == "base":
         couple = _couple(solid, moved, velocities[PIT.index(PIT_SIZE)])
         by_pit[PIT_SIZE] -= np.einsum("rnx,rnx->r", other, couple)
-    return by_pit | found
+    return by_pit | work
 
 
 def _from_the_pit(solid: UnitModulusSolid, moved: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r n 3"]:

@@ -51,10 +51,10 @@ class ZeroDrifts:
     @classmethod
     def of(cls, history: GraspHistory, normals: Float[np.ndarray, "p 3"]) -> "ZeroDrifts":
         """`normals`: of the pads, towards the fruit's inside, in the fruit's frame."""
-        found = [zero_drift(history, pad, normal) for pad, normal in enumerate(normals)]
+        drifts = [zero_drift(history, pad, normal) for pad, normal in enumerate(normals)]
         return cls(
-            measured=np.array([0.0 if one is None else one.rate_N_per_s for one in found]),
-            weight=np.array([0.0 if one is None else one.sd_N_per_s**-2 for one in found]),
+            measured=np.array([0.0 if drift is None else drift.rate_N_per_s for drift in drifts]),
+            weight=np.array([0.0 if drift is None else drift.sd_N_per_s**-2 for drift in drifts]),
         )
 
 
@@ -63,20 +63,22 @@ def zero_drift(history: GraspHistory, pad: int, normal: Float[np.ndarray, "3"]) 
 
     The frames next to the contact may carry forces below what counts as one, and are left out.
     """
-    own = history.pads[pad]
+    pad_history = history.pads[pad]
     touched = np.flatnonzero([phase != "air" for phase in history.phase])
     if not len(touched):
         return None
     before, after = np.arange(touched[0] - 1), np.arange(touched[-1] + 2, len(history.phase))
     if min(len(before), len(after)) < FEWEST_FRAMES:
         return None
-    if (own.force_N[np.concatenate([before, after])] == 0).mean() > SILENT:
+    if (pad_history.force_N[np.concatenate([before, after])] == 0).mean() > SILENT:
         return None
-    total = (own.force_N @ normal).sum(axis=1)
+    total = (pad_history.force_N @ normal).sum(axis=1)
     apart_s = float(history.time_s[after].mean() - history.time_s[before].mean())
-    inflation = float(variance_inflation(np.array([own.lag1]))[0])
+    inflation = float(variance_inflation(np.array([pad_history.lag1]))[0])
     jumps = np.concatenate([np.diff(total[before]), np.diff(total[after])])
-    each = max(own.force_sd_N * np.sqrt(own.force_N.shape[1]), float(jumps.std()) / np.sqrt(2))
+    each = max(
+        pad_history.force_sd_N * np.sqrt(pad_history.force_N.shape[1]), float(jumps.std()) / np.sqrt(2)
+    )
     noise = each * np.sqrt(inflation * (1 / len(before) + 1 / len(after)))
     return ZeroDrift(
         rate_N_per_s=float(total[after].mean() - total[before].mean()) / apart_s,

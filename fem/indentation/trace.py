@@ -113,15 +113,15 @@ def joined(traces: Sequence[IndenterTrace]) -> IndenterTrace:
     """
     if len(traces) == 1:
         return traces[0]
-    starts = np.cumsum([0, *(len(one.time_s) for one in traces)])[:-1]
+    starts = np.cumsum([0, *(len(trace.time_s) for trace in traces)])[:-1]
     times, end = [], 0.0
-    for one in traces:
-        times.append(one.time_s - one.time_s[0] + end)
-        end = float(times[-1][-1] + np.median(np.diff(one.time_s)))
+    for trace in traces:
+        times.append(trace.time_s - trace.time_s[0] + end)
+        end = float(times[-1][-1] + np.median(np.diff(trace.time_s)))
     arrays: dict[str, Any] = {
-        name: np.concatenate([_known(one, name) for one in traces])
+        name: np.concatenate([_known(trace, name) for trace in traces])
         for name in PER_FRAME[1:]
-        if any(getattr(one, name) is not None for one in traces)
+        if any(getattr(trace, name) is not None for trace in traces)
     }
     return replace(traces[0], time_s=np.concatenate(times), starts=tuple(map(int, starts)), **arrays)
 

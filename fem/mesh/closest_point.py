@@ -48,8 +48,10 @@ class TriangleSearch:
         centre = corner.mean(axis=1)
         radius = np.linalg.norm(corner - centre[:, None], axis=2).max(axis=1)
         band = np.ceil(np.log(np.maximum(radius / radius.max(), LEAST_BAND)) / np.log(BAND))
-        members = [np.flatnonzero(band == one) for one in np.unique(band)]
-        bands = tuple((own, cKDTree(centre[own]), float(radius[own].max())) for own in members)
+        members = [np.flatnonzero(band == level) for level in np.unique(band)]
+        bands = tuple(
+            (triangles, cKDTree(centre[triangles]), float(radius[triangles].max())) for triangles in members
+        )
         return cls(corner, centre, radius, cKDTree(centre), bands)
 
     def closest(self, points_mm: Float[np.ndarray, "p 3"]) -> Closest:
@@ -91,8 +93,8 @@ class TriangleSearch:
         """Pairs (point, triangle of the band) whose ball reaches within the point's bound."""
         reach = bound + largest_mm
         count = min(FIRST, len(members))
-        found = tree.query(points_mm, k=np.arange(1, count + 1), distance_upper_bound=reach.max())
-        apart, index = np.asarray(found[0]), np.asarray(found[1])
+        neighbours = tree.query(points_mm, k=np.arange(1, count + 1), distance_upper_bound=reach.max())
+        apart, index = np.asarray(neighbours[0]), np.asarray(neighbours[1])
         inside = apart <= reach[:, None]
         crowded = np.flatnonzero(inside[:, -1]) if count < len(members) else np.zeros(0, dtype=np.int64)
         inside[crowded] = False  # all of theirs are looked up below

@@ -33,16 +33,16 @@ def _together(points_mm: Float[np.ndarray, "q 3"]) -> np.ndarray:
     apart = np.asarray(tree.query(points_mm, k=[min(2, len(points_mm))])[0])
     reach = max(GAP_MM, GAPS * float(np.median(apart)))
     number = np.full(len(points_mm), -1)
-    found = 0
+    contacts = 0
     for seed in range(len(points_mm)):
         if number[seed] >= 0:
             continue
         front = np.array([seed])
         while len(front):
-            number[front] = found
+            number[front] = contacts
             near = np.unique(np.concatenate(tree.query_ball_point(points_mm[front], reach)).astype(int))
             front = near[number[near] < 0]
-        found += 1
+        contacts += 1
     return number
 
 

@@ -203,12 +203,12 @@ def _quadratic(
 def _check_volumes(mesh: FleshMesh, inner: np.ndarray, outer: Surface, pit: Surface | None) -> None:
     """Raise VOLUME_LOST where the mesh holds another fruit or pit than the surfaces do."""
     pit_found = t6_volume_mm3(mesh.nodes_mm, inner[:, [0, 2, 1, 5, 4, 3]]) if len(inner) else 0.0
-    found = {"fruit": mesh.volume_mm3 + pit_found, "pit": pit_found}
+    volumes_mm3 = {"fruit": mesh.volume_mm3 + pit_found, "pit": pit_found}
     for name, surface in (("fruit", outer), ("pit", pit)):
-        if surface is not None and abs(found[name] / surface.volume_mm3 - 1) > VOLUME_TOLERANCE:
+        if surface is not None and abs(volumes_mm3[name] / surface.volume_mm3 - 1) > VOLUME_TOLERANCE:
             raise FemFailure(
                 FemProblem.VOLUME_LOST,
-                f"the {name} has {found[name]:.0f} mm3 in the mesh but {surface.volume_mm3:.0f} mm3 "
+                f"the {name} has {volumes_mm3[name]:.0f} mm3 in the mesh but {surface.volume_mm3:.0f} mm3 "
                 f"in its surface, a difference above {VOLUME_TOLERANCE:.1%}. Use a finer mesh or "
                 "smooth the surface",
             )

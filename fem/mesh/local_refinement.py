@@ -56,11 +56,11 @@ def affordable_size(
     while True:
         size = size_near(at_mm, radius_mm=radius_mm, edge_mm=edge_mm)
         nodes, finer = bisected(nodes_mm, tets, size)
-        found = t10_dofs(finer)
-        if found <= dof_limit or len(nodes) == len(nodes_mm):
+        dofs = t10_dofs(finer)
+        if dofs <= dof_limit or len(nodes) == len(nodes_mm):
             return size
         room = max(dof_limit - before, 0.02 * before)
-        edge_mm = edge_mm * max(1.08, ((found - before) / room) ** 0.3)
+        edge_mm = edge_mm * max(1.08, ((dofs - before) / room) ** 0.3)
 
 
 def t10_dofs(tets: Int[np.ndarray, "m 4"]) -> int:

@@ -35,15 +35,15 @@ def recovered(mesh: FleshMesh, field: Float[np.ndarray, "m 4 c"]) -> Float[np.nd
     polynomial = np.empty((len(corners), 10, field.shape[2]))
     size = np.empty(len(corners))
     for elements in np.unique(count):
-        own = np.flatnonzero(count == elements)
-        tet = patches.indices[patches.indptr[own][:, None] + np.arange(elements)]
-        arm = place[tet] - centre[own][:, None, None]
-        size[own] = np.linalg.norm(arm.mean(axis=2), axis=2).max(axis=1)
-        terms = _terms(arm.reshape(len(own), -1, 3) / size[own][:, None, None])
+        patch = np.flatnonzero(count == elements)
+        tet = patches.indices[patches.indptr[patch][:, None] + np.arange(elements)]
+        arm = place[tet] - centre[patch][:, None, None]
+        size[patch] = np.linalg.norm(arm.mean(axis=2), axis=2).max(axis=1)
+        terms = _terms(arm.reshape(len(patch), -1, 3) / size[patch][:, None, None])
         gram = terms.swapaxes(1, 2) @ terms
         gram += gram[:, :1, :1] * np.diag(_RIDGE)
-        wanted = terms.swapaxes(1, 2) @ field[tet].reshape(len(own), 4 * elements, -1)
-        polynomial[own] = np.linalg.solve(gram, wanted)
+        wanted = terms.swapaxes(1, 2) @ field[tet].reshape(len(patch), 4 * elements, -1)
+        polynomial[patch] = np.linalg.solve(gram, wanted)
     values = np.empty((len(mesh.nodes_mm), polynomial.shape[2]))
     values[corners] = polynomial[:, 0]
     middles, first = np.unique(mesh.tets[:, 4:], return_index=True)

@@ -90,10 +90,10 @@ def locate(
         others = mesh.outer_faces[tried]
         start = np.full((len(owner), 2), 1 / 3)
         there, reach = _closest_on_faces(points_mm[owner], mesh.nodes_mm[others], start)
-        for one in np.lexsort((tried, reach, owner)):
-            if reach[one] < distance[owner[one]]:
-                at = owner[one]
-                face_nodes[at], reference[at], distance[at] = others[one], there[one], reach[one]
+        for pair in np.lexsort((tried, reach, owner)):
+            if reach[pair] < distance[owner[pair]]:
+                at = owner[pair]
+                face_nodes[at], reference[at], distance[at] = others[pair], there[pair], reach[pair]
     place, normal, _ = _place_and_normal(reference, mesh.nodes_mm[face_nodes])
     if within_mm is not None and len(distance) and distance.max() > within_mm:
         worst = int(distance.argmax())

@@ -144,7 +144,7 @@ def _signals_wait() -> Iterator[None]:
     ends = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
     answered = [number for number in ends if _in_main_thread() and callable(signal.getsignal(number))]
     came: list[int] = []
-    before = {number: signal.signal(number, lambda one, _: came.append(one)) for number in answered}
+    before = {number: signal.signal(number, lambda arrived, _: came.append(arrived)) for number in answered}
     try:
         yield
     finally:

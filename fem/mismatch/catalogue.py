@@ -11,8 +11,8 @@ from fem.mismatch.effect_spec import EffectSpec
 def _collected() -> tuple[Effect, ...]:
     """By EffectSpec.rank, which decides between explanations that are exactly equal."""
     names = sorted(module.name for module in pkgutil.iter_modules(effects.__path__))
-    found: list[Effect] = [import_module(f"{effects.__name__}.{name}").EFFECT for name in names]
-    return tuple(sorted(found, key=lambda effect: effect.spec.rank))
+    catalogue: list[Effect] = [import_module(f"{effects.__name__}.{name}").EFFECT for name in names]
+    return tuple(sorted(catalogue, key=lambda effect: effect.spec.rank))
 
 
 EFFECTS: tuple[Effect, ...] = _collected()

@@ -49,8 +49,8 @@ def displacement_corrections(
     for _ in range(MOST_ROUNDS):
         corrections = _corrections(forward, effects)
         whole = [
-            recording.tracks.unit_displacement + own
-            for recording, own in zip(forward.base.grasps, corrections, strict=True)
+            recording.tracks.unit_displacement + correction
+            for recording, correction in zip(forward.base.grasps, corrections, strict=True)
         ]
         compliance = 1 / modulus_of(forward, Response(unit=whole)).value
         moved = abs(compliance / forward.compliance - 1)
@@ -65,8 +65,8 @@ def displacement_corrections(
             f"expected {STILL:.1%} at most",
         )
     return [
-        over_all_frames(recording, own)
-        for recording, own in zip(forward.base.grasps, corrections, strict=True)
+        over_all_frames(recording, correction)
+        for recording, correction in zip(forward.base.grasps, corrections, strict=True)
     ]
 
 

@@ -150,7 +150,10 @@ class EffectParameter:
         """The numbers searched for, of flesh of modulus E."""
         values = value if isinstance(value, tuple) else (value,)
         scale = E_MPa**self.modulus_power
-        return {spec.name: float(one) / scale for spec, one in zip(self.searched, values, strict=True)}
+        return {
+            spec.name: float(searched_value) / scale
+            for spec, searched_value in zip(self.searched, values, strict=True)
+        }
 
 
 PAD = EffectParameter(name="pad", unit="", words="which pad")
@@ -277,4 +280,4 @@ class EffectSpec:
 
     def parameter(self, name: str) -> EffectParameter | None:
         """The parameter of that name, of a numbered one's too."""
-        return next((one for one in self.parameters if one.is_named(name)), None)
+        return next((parameter for parameter in self.parameters if parameter.is_named(name)), None)

@@ -78,9 +78,9 @@ class GelFault:
     ) -> dict[str, float]:
         """As measured."""
         measured = self.measured(forward)
-        found = {} if measured is None else measured.values
+        measured_values = {} if measured is None else measured.values
         linear = dict(zip(self.amounts, amounts, strict=True))
-        return self.within_bounds({**self.others, **linear, **found})
+        return self.within_bounds({**self.others, **linear, **measured_values})
 
     def within_bounds(self, values: Mapping[str, float]) -> dict[str, float]:
         """These values where a search may start."""
@@ -126,7 +126,7 @@ class GelFault:
     def _respond(self, forward: ForwardModel, parameters: Mapping[str, float]) -> Response:
         unit, shift, balance, rest = [], [], [], []
         for recording in forward.base.grasps:
-            records = [one for one in self.records(forward) if one.grasp == recording.case.name]
+            records = [record for record in self.records(forward) if record.grasp == recording.case.name]
             true = [self.law.undone(record, parameters) for record in records]
             change, shifted = _undone(recording, records, true)
             position = recording.tracks.position_mm
@@ -136,8 +136,8 @@ class GelFault:
             rest.append(
                 np.array(
                     [
-                        drift_between(record.time_s, record.air, record.total_N - own.total_N)
-                        for record, own in zip(records, true, strict=True)
+                        drift_between(record.time_s, record.air, record.total_N - true_record.total_N)
+                        for record, true_record in zip(records, true, strict=True)
                     ]
                 )
             )
@@ -179,8 +179,8 @@ class GelFault:
 
 def faults_of_relation(effects: Sequence[Effect]) -> list["GelFault"]:
     """Faults of the gel that show in force against displacement, in the catalogue's order."""
-    found = [one for one in effects if isinstance(one, GelFault) and one.of_the_relation]
-    return sorted(found, key=lambda one: one.spec.rank)
+    faults = [effect for effect in effects if isinstance(effect, GelFault) and effect.of_the_relation]
+    return sorted(faults, key=lambda fault: fault.spec.rank)
 
 
 def fitted_together(forward: ForwardModel, faults: Sequence[GelFault]) -> RelationFit | None:
@@ -189,7 +189,7 @@ def fitted_together(forward: ForwardModel, faults: Sequence[GelFault]) -> Relati
     Alone each shows in part as another: a loop makes a creep too strong, and the creep the loop.
     """
     first, *others = faults
-    key = ("gel relation", *(one.spec.name for one in faults))
+    key = ("gel relation", *(fault.spec.name for fault in faults))
     if not others:
         return forward.memoised(key, lambda: first.fitted(forward, first.records(forward)))
     return forward.memoised(key, lambda: _fitted(forward, faults, first.records(forward)))
@@ -199,13 +199,15 @@ def _fitted(
     forward: ForwardModel, faults: Sequence[GelFault], records: Sequence[GelRecord]
 ) -> RelationFit | None:
     budget = forward.base.case.budget
-    start = {name: 0.1 * sd for one in faults for name, sd in one.prior_sd.items() if name in one.amounts}
+    start = {
+        name: 0.1 * sd for fault in faults for name, sd in fault.prior_sd.items() if name in fault.amounts
+    }
     return fit_law(
         records,
-        JointLaw(tuple(one.law for one in faults)),
-        start={**start, **{name: value for one in faults for name, value in one.others.items()}},
-        prior_sd={name: sd for one in faults for name, sd in one.prior_sd.items()},
-        bounds={spec.name: (spec.low, spec.high) for one in faults for spec in one.spec.searched},
+        JointLaw(tuple(fault.law for fault in faults)),
+        start={**start, **{name: value for fault in faults for name, value in fault.others.items()}},
+        prior_sd={name: sd for fault in faults for name, sd in fault.prior_sd.items()},
+        bounds={spec.name: (spec.low, spec.high) for fault in faults for spec in fault.spec.searched},
         scale_sd=float(np.hypot(budget.gel_scale_sd, budget.force_scale_sd)),
     )
 
@@ -215,12 +217,12 @@ def _undone(
 ) -> tuple[Float[np.ndarray, "f n 3"], Float[np.ndarray, "f n 3"]]:
     """What the fault adds to the forces that drive the model, N, and to the places, mm; frames used."""
     history, pads, shifts = recording.case.history, [], []
-    for pad, record, own in zip(history.pads, records, true, strict=True):
+    for pad, record, true_record in zip(history.pads, records, true, strict=True):
         force, moved = (
             np.einsum("tij,tnj->tni", record.turn, had - has)
             for had, has in (
-                (record.force_N, own.force_N),
-                (record.displacement_mm, own.displacement_mm),
+                (record.force_N, true_record.force_N),
+                (record.displacement_mm, true_record.displacement_mm),
             )
         )
         pads.append(
@@ -234,7 +236,8 @@ def _undone(
         shifts.append(moved)
     prepared = prepared_grasp(replace(history, pads=tuple(pads)), recording.case.turns).history
     driving, driven = (
-        np.concatenate([pad.force_N for pad in one.pads], axis=1) for one in (recording.prepared, prepared)
+        np.concatenate([pad.force_N for pad in grasp.pads], axis=1)
+        for grasp in (recording.prepared, prepared)
     )
     change = driving - driven
     return change[recording.used], np.concatenate(shifts, axis=1)[recording.used]

@@ -52,13 +52,15 @@ def next_grasp(verdict: str | tuple[str, ...], *, grasps: int) -> str | None:
     return SPEEDS if any(SPECS[name].knows_time for name in names) else ACROSS
 
 
-def planned_grasp(forward: ForwardModel, linear: LinearRound, found: ModelSelection) -> NextGraspPlan | None:
+def planned_grasp(
+    forward: ForwardModel, linear: LinearRound, selection: ModelSelection
+) -> NextGraspPlan | None:
     """The plan; None where nothing is left to tell apart, or nothing of it can be computed.
 
     `forward`, `linear`: the plain model of the recordings so far, and their linear round.
     """
-    left = explanations_left(linear, found, grasps=len(forward.base.grasps))
-    if len(left) < 2 or any(FOLLOWS_RECORDED_BALANCE in one.name.split("+") for one in left):
+    left = explanations_left(linear, selection, grasps=len(forward.base.grasps))
+    if len(left) < 2 or any(FOLLOWS_RECORDED_BALANCE in explanation.name.split("+") for explanation in left):
         return None
     try:
         compared = compared_candidates(forward, left)
@@ -67,28 +69,38 @@ def planned_grasp(forward: ForwardModel, linear: LinearRound, found: ModelSelect
     if not compared:
         return None
     start = _first_pad_deg(forward)
-    listed = tuple(_planned(forward, one, start) for one in compared[:LISTED])
+    listed = tuple(_planned(forward, candidate, start) for candidate in compared[:LISTED])
     return NextGraspPlan(grasps=listed, tried=len(compared))
 
 
-def explanations_left(linear: LinearRound, found: ModelSelection, *, grasps: int) -> list[Explained]:
+def explanations_left(linear: LinearRound, selection: ModelSelection, *, grasps: int) -> list[Explained]:
     """What the verdict leaves, of what was refitted; of a single recording the best and the next.
 
     None of anything where the verdict is "none" or "unknown", or one name that several recordings share.
     """
-    if isinstance(found.verdict, str):
-        if found.verdict in (NONE, UNKNOWN) or grasps > 1:
+    if isinstance(selection.verdict, str):
+        if selection.verdict in (NONE, UNKNOWN) or grasps > 1:
             return []
-        known = [one for one in found.ranking if one.refit is not None or one.name == NONE]
-        first = next((one for one in known if one.name == found.verdict), None)
+        known = [
+            hypothesis
+            for hypothesis in selection.ranking
+            if hypothesis.refit is not None or hypothesis.name == NONE
+        ]
+        first = next((hypothesis for hypothesis in known if hypothesis.name == selection.verdict), None)
         if first is None:
             return []
-        rest = [one for one in known if one is not first and one.probability > LEAST_PROBABILITY]
+        rest = [
+            hypothesis
+            for hypothesis in known
+            if hypothesis is not first and hypothesis.probability > LEAST_PROBABILITY
+        ]
         chosen = [first, *rest[:1]]
     else:
-        left = [one for one in found.ranking if one.name in found.verdict]
-        chosen = [one for one in left if one.refit is not None or one.name == NONE]
-    return [_explained(one, linear) for one in chosen[:MOST_EXPLAINED]]
+        left = [hypothesis for hypothesis in selection.ranking if hypothesis.name in selection.verdict]
+        chosen = [
+            hypothesis for hypothesis in left if hypothesis.refit is not None or hypothesis.name == NONE
+        ]
+    return [_explained(hypothesis, linear) for hypothesis in chosen[:MOST_EXPLAINED]]
 
 
 def in_words(plan: NextGraspPlan) -> str:
@@ -102,10 +114,10 @@ def in_words(plan: NextGraspPlan) -> str:
         PlaceKind.TILTED: "grasp with the jaws tilted towards the stem",
     }[PlaceKind(best.place)]
     pads = " and ".join(f"pad {pad.pad} at {5 * round(pad.round_deg / 5) % 360}" for pad in best.pads)
-    one, other = (name.replace("_", " ") for name in best.pair)
+    first, other = (name.replace("_", " ") for name in best.pair)
     return (
         f"{where} ({pads} degrees round the stem, counted from pad {best.pads[0].pad} of the first "
-        f"recording), {manner_in_words(best)}; of {plan.tried} grasps computed this one sets {one} apart "
+        f"recording), {manner_in_words(best)}; of {plan.tried} grasps computed this one sets {first} apart "
         f"from {other} best, by {_rounded(best.gain)} in ln evidence as far as the models go"
     )
 
@@ -128,28 +140,28 @@ def _rounded(gain: float) -> str:
     return f"{float(f'{gain:.2g}'):g}" if gain < 1e5 else "100000 and more"
 
 
-def _explained(one: Hypothesis, linear: LinearRound) -> Explained:
-    again = one.refit
+def _explained(hypothesis: Hypothesis, linear: LinearRound) -> Explained:
+    again = hypothesis.refit
     return Explained(
-        name=one.name,
-        probability=one.probability,
-        gain=one.gain,
+        name=hypothesis.name,
+        probability=hypothesis.probability,
+        gain=hypothesis.gain,
         fit=linear.null if again is None else again.fit,
         products=linear.products if again is None else again.products,
         refit=again,
     )
 
 
-def _planned(forward: ForwardModel, one: ComparedCandidate, start_deg: float) -> ProposedGrasp:
+def _planned(forward: ForwardModel, candidate: ComparedCandidate, start_deg: float) -> ProposedGrasp:
     """As an answer has it."""
-    place, protocol, least = one.candidate.place, one.candidate.protocol, one.least
+    place, protocol, least = candidate.candidate.place, candidate.candidate.protocol, candidate.least
     pads = []
-    for number, pad in enumerate(one.recording.case.history.pads):
+    for number, pad in enumerate(candidate.recording.case.history.pads):
         touching = (pad.episode >= 0).any(axis=0)
         patch = pad.surface_mm[touching]
         push = np.abs(pad.force_N[:, touching]).sum(axis=(0, 2))
         centre = push @ patch / push.sum()
-        x, y, z = (float(v) for v in one.recording.case.turns[number][:, 2])
+        x, y, z = (float(v) for v in candidate.recording.case.turns[number][:, 2])
         pads.append(
             ProposedPad(
                 pad=pad.name,
@@ -170,15 +182,15 @@ def _planned(forward: ForwardModel, one: ComparedCandidate, start_deg: float) ->
         turned=place.kind == PlaceKind.TURNED,
         gain=least.least,
         pair=least.names,
-        decides=one.decides,
+        decides=candidate.decides,
     )
 
 
 def _first_pad_deg(forward: ForwardModel) -> float:
     """Angle round the stem of the first pad's patch in the first recording."""
     first = forward.base.grasps[0]
-    own = (first.pad_of_marker == 0) & (first.tracks.episode >= 0).any(axis=0)
-    return _round_deg(forward, first.tracks.place_mm[own].mean(axis=0))
+    touching = (first.pad_of_marker == 0) & (first.tracks.episode >= 0).any(axis=0)
+    return _round_deg(forward, first.tracks.place_mm[touching].mean(axis=0))
 
 
 def _round_deg(forward: ForwardModel, point_mm: Float[np.ndarray, "3"]) -> float:

@@ -76,14 +76,17 @@ def explain(
         linear = screened(forward, recorded, EFFECTS)
         detection = detected(linear)
     with stage("verdict, in full"):
-        found = select_model(forward, linear, p_value=detection.p_value)
+        selection = select_model(forward, linear, p_value=detection.p_value)
     null = (linear.products, linear.nuisances)
     with stage("cross-validation"):
-        names = {found.verdict} if isinstance(found.verdict, str) else {*found.verdict}
-        named = next((one for one in found.ranking if one.name in names - {NONE, UNKNOWN}), None)
+        names = {selection.verdict} if isinstance(selection.verdict, str) else {*selection.verdict}
+        named = next(
+            (hypothesis for hypothesis in selection.ranking if hypothesis.name in names - {NONE, UNKNOWN}),
+            None,
+        )
         best = None if named is None else named.refit
         after = null if best is None else _model_of(best)
-        ranking = candidates(found, linear, workers=workers)
+        ranking = candidates(selection, linear, workers=workers)
         proof = held_out(forward, recorded, null, after)
         hidden = hidden_gel_faults(forward, linear.gel_faults, best)
         predicted = traces(forward, recorded, null, after)
@@ -91,21 +94,21 @@ def explain(
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
         place = located(forward, residual)
     with stage("what to record next"):
-        plan = planned_grasp(forward, linear, found)
-        fixed = next_grasp(found.verdict, grasps=len(recorded))
+        plan = planned_grasp(forward, linear, selection)
+        fixed = next_grasp(selection.verdict, grasps=len(recorded))
     return Explanation(
-        detected=detection.mismatch and found.verdict != NONE,
+        detected=detection.mismatch and selection.verdict != NONE,
         p_value=detection.p_value,
         statistics=detection.p_values,
         where=place.where if best is None else _where(place.where, best),
         when=place.when,
         component=place.component,
         ranking=ranking,
-        verdict=found.verdict,
+        verdict=selection.verdict,
         before=plain,
         after=reported_modulus(
-            found.verdict,
-            found.ranking,
+            selection.verdict,
+            selection.ranking,
             ranking,
             plain,
             hidden=float(np.linalg.norm([fault.spread for fault in hidden])),
@@ -122,11 +125,11 @@ def explain(
         notes=(
             *(
                 f"{name} could not be tried: {why}."
-                for name, why in {**linear.without, **found.without}.items()
+                for name, why in {**linear.without, **selection.without}.items()
             ),
             *([] if best is None or named is None else _remarks(best, _parameters_of(named, ranking))),
             *([] if best is None or named is None else _other_pads(named)),
-            *([] if found.verdict == UNKNOWN else _hidden(hidden)),
+            *([] if selection.verdict == UNKNOWN else _hidden(hidden)),
         ),
         seconds=seconds,
     )
@@ -169,9 +172,11 @@ def _remarks(best: Refit, parameters: Mapping[str, Parameter]) -> list[str]:
     said = [] if best.converged else [NOT_CONVERGED_NOTE.format(name=best.name)]
     for effect in best.effects:
         if isinstance(effect, Remarked):
-            own = f"{effect.spec.name}." if len(best.effects) > 1 else ""
+            prefix = f"{effect.spec.name}." if len(best.effects) > 1 else ""
             said.append(
-                effect.remark({k.removeprefix(own): v for k, v in parameters.items() if k.startswith(own)})
+                effect.remark(
+                    {k.removeprefix(prefix): v for k, v in parameters.items() if k.startswith(prefix)}
+                )
             )
     return [remark for remark in said if remark]
 
@@ -186,9 +191,11 @@ def _other_pads(first: Hypothesis) -> list[str]:
     for share, again in first.alternatives:
         words = [
             f"{effect.spec.name.replace('_', ' ')} of the {pad_of(variant)} pad ("
-            + ", ".join(f"{name} {value:.3g}" for name, value in own.items())
+            + ", ".join(f"{name} {value:.3g}" for name, value in parameters.items())
             + ")"
-            for effect, variant, own in zip(again.effects, again.variants, again.parameters, strict=True)
+            for effect, variant, parameters in zip(
+                again.effects, again.variants, again.parameters, strict=True
+            )
             if isinstance(variant, OfPad)
         ]
         said.append(f"{' and '.join(words)} explains the recordings about as well (probability {share:.2f}).")
@@ -197,9 +204,9 @@ def _other_pads(first: Hypothesis) -> list[str]:
 
 def _where(recording: Where, best: Refit) -> Where:
     """Where the named effect sits, where it has a place of its own: a spot in the flesh, or one pad."""
-    for effect, variant, own in zip(best.effects, best.variants, best.parameters, strict=True):
+    for effect, variant, parameters in zip(best.effects, best.variants, best.parameters, strict=True):
         if isinstance(effect, Placed):
-            return effect.where(own)
+            return effect.where(parameters)
         if isinstance(variant, OfPad):
             return Where(region=f"pad {variant.pad}")
     return recording

@@ -21,54 +21,66 @@ from fem.mismatch.signature_variant import pad_of
 from fem.parallel_map import parallel_map
 
 
-def candidates(found: ModelSelection, linear: LinearRound, *, workers: int = 1) -> tuple[Candidate, ...]:
+def candidates(selection: ModelSelection, linear: LinearRound, *, workers: int = 1) -> tuple[Candidate, ...]:
     """The ranking, with parameters where an effect was refitted; `workers`: threads."""
     base = predictive(linear.products, linear.nuisances)
-    return tuple(parallel_map(lambda one: _candidate(one, linear, base), found.ranking, workers=workers))
-
-
-def _candidate(one: Hypothesis, linear: LinearRound, base: Float[np.ndarray, " _g"] | None) -> Candidate:
-    """One hypothesis as the result has it; without parameters and modulus where it was not refitted."""
-    if one.refit is None:
-        drop = sum(fit.chi2_drop for fit in one.linear_fits)
-        return Candidate(
-            effect=one.name, probability=one.probability, parameters={}, log_evidence=one.gain, gain=drop
+    return tuple(
+        parallel_map(
+            lambda hypothesis: _candidate(hypothesis, linear, base), selection.ranking, workers=workers
         )
-    again = one.refit
-    after = predictive(again.products, (*again.nuisances, *again.slopes))
-    modulus = modulus_with(again)
-    return Candidate(
-        effect=one.name,
-        probability=one.probability,
-        parameters=_parameters(again, modulus),
-        log_evidence=one.gain,
-        gain=linear.null.chi2 - again.fit.chi2,
-        heldout=predictive_gain(base, after),
-        refitted=True,
-        modulus=_over_alternatives(modulus.known, one),
     )
 
 
-def _over_alternatives(known: Modulus | None, one: Hypothesis) -> Modulus | None:
+def _candidate(
+    hypothesis: Hypothesis, linear: LinearRound, base: Float[np.ndarray, " _g"] | None
+) -> Candidate:
+    """One hypothesis as the result has it; without parameters and modulus where it was not refitted."""
+    if hypothesis.refit is None:
+        drop = sum(fit.chi2_drop for fit in hypothesis.linear_fits)
+        return Candidate(
+            effect=hypothesis.name,
+            probability=hypothesis.probability,
+            parameters={},
+            log_evidence=hypothesis.gain,
+            gain=drop,
+        )
+    again = hypothesis.refit
+    after = predictive(again.products, (*again.nuisances, *again.slopes))
+    modulus = modulus_with(again)
+    return Candidate(
+        effect=hypothesis.name,
+        probability=hypothesis.probability,
+        parameters=_parameters(again, modulus),
+        log_evidence=hypothesis.gain,
+        gain=linear.null.chi2 - again.fit.chi2,
+        heldout=predictive_gain(base, after),
+        refitted=True,
+        modulus=_over_alternatives(modulus.known, hypothesis),
+    )
+
+
+def _over_alternatives(known: Modulus | None, hypothesis: Hypothesis) -> Modulus | None:
     """E over the pads that cannot be told apart, by their shares: their mean, as uncertain as they differ."""
-    others = [(share, modulus_with(again).known) for share, again in one.alternatives]
+    others = [(share, modulus_with(again).known) for share, again in hypothesis.alternatives]
     there = [(share, modulus) for share, modulus in others if modulus is not None]
     if known is None or not there:
         return known
-    own = 1 - sum(share for share, _ in one.alternatives)
-    return mixture([own, *(share for share, _ in there)], [known, *(modulus for _, modulus in there)])
+    share_of_best = 1 - sum(share for share, _ in hypothesis.alternatives)
+    return mixture(
+        [share_of_best, *(share for share, _ in there)], [known, *(modulus for _, modulus in there)]
+    )
 
 
 def _parameters(again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:
     """A refit's parameters by name, with standard deviation and 90 % interval; vectors are joined again."""
     several = len(again.effects) > 1
-    found: dict[str, Parameter] = {}
+    parameters: dict[str, Parameter] = {}
     first = 0
     for effect, variant, values in zip(again.effects, again.variants, again.parameters, strict=True):
         prefix = f"{effect.spec.name}." if several else ""
         for parameter in effect.spec.parameters:
             if parameter.kind == "pad":
-                found[prefix + parameter.name] = Parameter(value=pad_of(variant), sd=None, unit="")
+                parameters[prefix + parameter.name] = Parameter(value=pad_of(variant), sd=None, unit="")
                 continue
             said = [
                 _said(parameter, spec, values[spec.name], first + k, modulus)
@@ -76,16 +88,16 @@ def _parameters(again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:
             ]
             first += len(said)
             if len(said) > 1:
-                found[prefix + parameter.name] = Parameter(
+                parameters[prefix + parameter.name] = Parameter(
                     value=tuple(v for v, _ in said), sd=tuple(s for _, s in said), unit=parameter.unit
                 )
                 continue
             ((value, spread),), (spec,) = said, parameter.searched
             ends = _ninety(value, spread, spec, scale=value / values[spec.name] if value else 1.0)
-            found[prefix + parameter.name] = Parameter(
+            parameters[prefix + parameter.name] = Parameter(
                 value=value, sd=spread, unit=parameter.unit, interval=ends
             )
-    return found
+    return parameters
 
 
 def _ninety(value: float, spread: float, spec: ParameterSpec, *, scale: float = 1.0) -> tuple[float, float]:
@@ -106,8 +118,8 @@ def _said(
     if not power:
         return value, spread
     scale = E.value**power
-    own = (scale + power * value * scale * modulus.change[number] / size) * spread
-    return value * scale, float(np.hypot(own, power * value * E.value ** (power - 1) * E.sd))
+    parameter_sd = (scale + power * value * scale * modulus.change[number] / size) * spread
+    return value * scale, float(np.hypot(parameter_sd, power * value * E.value ** (power - 1) * E.sd))
 
 
 def traces(
@@ -118,10 +130,10 @@ def traces(
 ) -> tuple[GraspTrace, ...]:
     """Every recording through the fit of the others (its own where it is the only one)."""
     count = len(recorded)
-    found = []
-    for k, one in enumerate(recorded):
+    grasp_traces = []
+    for k, equations in enumerate(recorded):
         others = [j for j in range(count) if j != k] or [k]
-        recording = one.recording
+        recording = equations.recording
         pads = range(len(recording.links))
         normals = np.stack([recording.pose[pad][0, :3, 2] for pad in pads])[recording.pad_of_marker]
         touching = recording.tracks.episode >= 0
@@ -140,7 +152,7 @@ def traces(
         ]
         force = np.mean([np.linalg.norm(pad_force(recording, pad), axis=1) for pad in pads], axis=0)
         phase = tuple(p for p, used in zip(recording.case.history.phase, recording.used, strict=True) if used)
-        found.append(
+        grasp_traces.append(
             GraspTrace(
                 grasp=recording.case.name,
                 time_s=recording.time_s,
@@ -151,4 +163,4 @@ def traces(
                 after_mm=plain + residuals[0] - residuals[1],
             )
         )
-    return tuple(found)
+    return tuple(grasp_traces)

@@ -33,12 +33,17 @@ def superposed(forward: ForwardModel, responses: Sequence[Response]) -> Response
     unit, shift, balance, rest = [], [], [], []
     for k, recording in enumerate(forward.base.grasps):
         plain = recording.tracks.unit_displacement
-        unit.append(plain + sum(own.unit[k] - plain for own in responses))
+        unit.append(plain + sum(response.unit[k] - plain for response in responses))
         shift.append(
-            sum((own.shift_mm[k] for own in responses if own.shift_mm is not None), np.zeros_like(plain))
+            sum(
+                (response.shift_mm[k] for response in responses if response.shift_mm is not None),
+                np.zeros_like(plain),
+            )
         )
         zero = np.zeros((len(plain), 6))
-        balance.append(sum((own.balance[k] for own in responses if own.balance is not None), zero))
+        balance.append(
+            sum((response.balance[k] for response in responses if response.balance is not None), zero)
+        )
         nothing = np.zeros(len(recording.links))
-        rest.append(sum((own.rest[k] for own in responses if own.rest is not None), nothing))
+        rest.append(sum((response.rest[k] for response in responses if response.rest is not None), nothing))
     return Response(unit=unit, shift_mm=shift, balance=balance, rest=rest)

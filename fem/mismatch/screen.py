@@ -127,18 +127,22 @@ def screen(
     recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     linear = screened(forward, recorded, _screened_effects(), noise_draws=1)
     # A frame that stands for its neighbours counts as often: per number of the whole recording, as without.
-    numbers = np.array([one.own.shape[1] for one in recorded])
+    numbers = np.array([equations.nuisances.shape[1] for equations in recorded])
     kept = np.array([recording.kept for recording in forward.base.grasps])
     share = float(numbers.sum() / (numbers / kept).sum())
-    found = detected(linear, kept=share)
-    explanations = suggested(linear, kept=share) if found.mismatch else ()
+    detection = detected(linear, kept=share)
+    explanations = suggested(linear, kept=share) if detection.mismatch else ()
     return Screened(
-        p_value=found.p_value,
-        names=tuple(UNKNOWN if own is None else own.name for own in explanations),
-        statistics=found.p_values,
-        gains={one.name: one.gain for one in linear.best},
+        p_value=detection.p_value,
+        names=tuple(UNKNOWN if explanation is None else explanation.name for explanation in explanations),
+        statistics=detection.p_values,
+        gains={linear_fit.name: linear_fit.gain for linear_fit in linear.best},
         amounts=tuple(_amounts(linear)),
-        moduli={own.name: own.modulus_change for own in explanations if own is not None},
+        moduli={
+            explanation.name: explanation.modulus_change
+            for explanation in explanations
+            if explanation is not None
+        },
         note="; ".join(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
     )
 
@@ -181,8 +185,8 @@ def _forward_model(
         leave_withheld(forward, recording)
         known, frames = model.sensitivity, recording.used[loaded_frames(recording.prepared)]
         inner = {
-            cause: own[frames]
-            for cause, own in zip(known.causes, known.values, strict=True)
+            cause: column[frames]
+            for cause, column in zip(known.causes, known.values, strict=True)
             if cause in INNER
         }
         store_inner_changes(forward, recording, inner)
@@ -234,17 +238,19 @@ def _amounts(linear: LinearRound) -> Iterator[Amount]:
     The fruit's own amounts have their priors; what they could explain as well is not the jaws'.
     """
     products = linear.products
-    fruit = [j for one in linear.best if not one.effect.spec.of_the_jaws for j in one.columns]
-    for one in linear.linear_fits:
-        if not one.effect.spec.of_the_jaws or not one.columns:
+    fruit = [
+        j for linear_fit in linear.best if not linear_fit.effect.spec.of_the_jaws for j in linear_fit.columns
+    ]
+    for linear_fit in linear.linear_fits:
+        if not linear_fit.effect.spec.of_the_jaws or not linear_fit.columns:
             continue
-        fit = products.fit([*linear.nuisances, *fruit, *one.columns])
-        pad = one.signature.variant.pad if isinstance(one.signature.variant, OfPad) else ""
-        for k, j in enumerate(one.columns):
-            at = len(fit.amounts) - len(one.columns) + k
+        fit = products.fit([*linear.nuisances, *fruit, *linear_fit.columns])
+        pad = linear_fit.signature.variant.pad if isinstance(linear_fit.signature.variant, OfPad) else ""
+        for k, j in enumerate(linear_fit.columns):
+            at = len(fit.amounts) - len(linear_fit.columns) + k
             name = products.columns[j].name.removeprefix(f"{pad} ")
             yield Amount(
-                effect=one.effect.spec.name,
+                effect=linear_fit.effect.spec.name,
                 pad=pad,
                 parameter=name,
                 value=float(fit.amounts[at]),

@@ -58,14 +58,14 @@ def discretisation_error(
     strain, volume_mm3 = _strains(mesh, displacement)
     corner = np.linalg.inv(FOUR) @ strain
     i, j = TET_EDGES.T
-    found = np.concatenate([corner, (corner[:, i] + corner[:, j]) / 2], axis=1)
+    nodal = np.concatenate([corner, (corner[:, i] + corner[:, j]) / 2], axis=1)
     smooth = recovered(mesh, strain)[mesh.tets]
-    whole = _energies(found, volume_mm3, n_loads, poisson_ratio).sum(axis=1)
+    whole = _energies(nodal, volume_mm3, n_loads, poisson_ratio).sum(axis=1)
     if not (whole > 0).all():
         raise FemFailure(
             FemProblem.BAD_LOAD, "a displacement field strains nothing: there is no energy to compare with"
         )
-    share = _energies(smooth - found, volume_mm3, n_loads, poisson_ratio) / whole[:, None]
+    share = _energies(smooth - nodal, volume_mm3, n_loads, poisson_ratio) / whole[:, None]
     return DiscretisationError(share.sum(axis=1), share)
 
 

@@ -141,18 +141,18 @@ def equilibrium(
             made, in_full = made + 1, 0
             learnt.forget()
         plain = -tangent.solve(residual)
-        found = _moved(balance, state, learnt.step(plain), sizes[-1])
-        if found is None:
+        change = _moved(balance, state, learnt.step(plain), sizes[-1])
+        if change is None:
             learnt.forget()
             in_full = 0
-            found = _moved(balance, state, learnt.step(plain), sizes[-1])
-        if found is None and not fresh and tangents is not Tangents.ONE:
+            change = _moved(balance, state, learnt.step(plain), sizes[-1])
+        if change is None and not fresh and tangents is not Tangents.ONE:
             tangent = None
             continue
-        if found is None:
+        if change is None:
             ending = Ending.STALLED
             break
-        state, residual, step, share = found
+        state, residual, step, share = change
         if share == 1.0:
             learnt.took(step)
             in_full += 1

@@ -65,9 +65,9 @@ class FinerElements:
         moved = np.moveaxis(moved, 1, 2).reshape(-1, len(coarse))
         dofs = (3 * self.free[:, None] + np.arange(3)).ravel()
         left = force_N.reshape(len(force_N), -1).T - self.stiffness @ moved
-        found = np.zeros_like(left)
-        found[dofs] = self.factor.solve(left[dofs])
-        return np.ascontiguousarray(found.T).reshape(force_N.shape)
+        displacement = np.zeros_like(left)
+        displacement[dofs] = self.factor.solve(left[dofs])
+        return np.ascontiguousarray(displacement.T).reshape(force_N.shape)
 
     def reading(self, points_mm: Float[np.ndarray, "p 3"]) -> csr_array:
         """Sparse (p, n): nodal values to values at points of the body's skin; zero at those beyond the
@@ -78,10 +78,10 @@ class FinerElements:
         near = cKDTree(skin.reshape(-1, 3)).query(points_mm)[0] < longest
         if not near.any():
             return csr_array((len(points_mm), len(self.mesh.nodes_mm)))
-        found = locate(self.mesh, points_mm[near])
-        within = diags_array((found.distance_mm < ON_SKIN_MM).astype(float))
+        places = locate(self.mesh, points_mm[near])
+        within = diags_array((places.distance_mm < ON_SKIN_MM).astype(float))
         spread = eye_array(len(points_mm), format="csr")[:, np.flatnonzero(near)]
-        return csr_array(spread @ within @ found.interpolation)
+        return csr_array(spread @ within @ places.interpolation)
 
 
 def finer_elements(
@@ -110,8 +110,8 @@ def finer_elements(
     parent = _parents(straight[tets[:, :4]].mean(axis=1), corners[coarse])
     place = _barycentric(straight[tets], corners[coarse[parent]])
     first = np.unique(tets, return_index=True)[1]
-    element, own = np.divmod(first, tets.shape[1])
-    shape = t10_shape(place[element, own, 1:])
+    element, node = np.divmod(first, tets.shape[1])
+    shape = t10_shape(place[element, node, 1:])
     of_parent = parents[parent[element]]
     rows = np.repeat(np.arange(len(straight)), shape.shape[1])
     from_coarse = coo_array(
@@ -144,19 +144,19 @@ def _parents(
     """The straight element that holds each point; all are looked at where none of the nearest does."""
     count = min(CANDIDATES, len(corners_mm))
     near = np.asarray(cKDTree(corners_mm.mean(axis=1)).query(middle_mm, k=np.arange(1, count + 1))[1])
-    found = near[:, 0].copy()
+    parent = near[:, 0].copy()
     lost = np.arange(len(middle_mm))
     for choice in range(count):
         tried = near[lost, choice]
         inside = _barycentric(middle_mm[lost, None], corners_mm[tried])[:, 0].min(axis=1) > INSIDE
-        found[lost[inside]] = tried[inside]
+        parent[lost[inside]] = tried[inside]
         lost = lost[~inside]
         if not len(lost):
             break
     for point in lost:
         within = _barycentric(np.broadcast_to(middle_mm[point], (len(corners_mm), 1, 3)), corners_mm)
-        found[point] = within[:, 0].min(axis=1).argmax()
-    return found
+        parent[point] = within[:, 0].min(axis=1).argmax()
+    return parent
 
 
 def _barycentric(

@@ -122,26 +122,26 @@ class FiniteStrainSolid:
         at_once: list[_Loaded | None] = [None] * len(linear)
         if together:
             at_once = self._together(nodal_force_over_E, linear, tolerance=tolerance)
-        found: list[_Loaded] = []
+        solutions: list[_Loaded] = []
         for k, load in enumerate(nodal_force_over_E):
             balanced = at_once[k]
             if balanced is not None:
-                found.append(balanced)
+                solutions.append(balanced)
                 continue
-            last = found[-1] if found and _similar(nodal_force_over_E[k - 1], load) else None
+            last = solutions[-1] if solutions and _similar(nodal_force_over_E[k - 1], load) else None
             if start is not None:
                 first = start[k]
             else:
                 first = linear[k] if last is None else linear[k] + _predicted(linear, last, k)
             tangent = self.rest.linear_tangent if last is None else last.tangent
-            found.append(self._loaded(load, first, tolerance=tolerance, tangent=tangent))
+            solutions.append(self._loaded(load, first, tolerance=tolerance, tangent=tangent))
         return FiniteResult(
-            displacement=np.stack([one.displacement_mm for one in found]),
-            share=np.array([one.share for one in found]),
-            ending=tuple(one.ending for one in found),
-            iterations=tuple(one.iterations for one in found),
-            tangents=tuple(one.tangents for one in found),
-            out_of_balance=np.array([one.out_of_balance for one in found]),
+            displacement=np.stack([solution.displacement_mm for solution in solutions]),
+            share=np.array([solution.share for solution in solutions]),
+            ending=tuple(solution.ending for solution in solutions),
+            iterations=tuple(solution.iterations for solution in solutions),
+            tangents=tuple(solution.tangents for solution in solutions),
+            out_of_balance=np.array([solution.out_of_balance for solution in solutions]),
         )
 
     def _together(
@@ -154,7 +154,7 @@ class FiniteStrainSolid:
         """All loads by accelerated chord steps with the linear factor; None for one that a step leads away
         from balance (FARTHER), or that CHORDS steps do not bring to it.
         """
-        rest, found = self.rest, list[_Loaded | None]([None] * len(loads))
+        rest, solutions = self.rest, list[_Loaded | None]([None] * len(loads))
         open_ = {
             k: _Chord(rest.under(load), rest.admissible(start))
             for k, (load, start) in enumerate(zip(loads, first, strict=True))
@@ -164,7 +164,7 @@ class FiniteStrainSolid:
             for k, chord in list(open_.items()):
                 size = chord.measured()
                 if size <= tolerance:
-                    found[k] = _Loaded(
+                    solutions[k] = _Loaded(
                         displacement_mm=chord.state.displacement_mm,
                         share=1.0,
                         ending=Ending.CONVERGED,
@@ -177,10 +177,10 @@ class FiniteStrainSolid:
                     del open_[k]
             if not open_ or step == CHORDS:
                 break
-            plain = rest.linear_tangent.solve(np.column_stack([one.residual for one in open_.values()]))
-            for chord, own in zip(open_.values(), plain.T, strict=True):
-                chord.step(-own)
-        return found
+            plain = rest.linear_tangent.solve(np.column_stack([chord.residual for chord in open_.values()]))
+            for chord, correction in zip(open_.values(), plain.T, strict=True):
+                chord.step(-correction)
+        return solutions
 
     def _loaded(
         self,

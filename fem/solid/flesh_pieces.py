@@ -38,8 +38,8 @@ class Piece:
     @np.errstate(over="ignore", invalid="ignore")
     def forces(self, stress: Tensors) -> Float[np.ndarray, "n d"]:
         """On `nodes`; not finite where a search for the displacement has run away."""
-        own = self.weighted @ stress.reshape(len(stress), 12, -1)
-        return np.asarray(self.gather @ own.reshape(-1, own.shape[2]))
+        by_element = self.weighted @ stress.reshape(len(stress), 12, -1)
+        return np.asarray(self.gather @ by_element.reshape(-1, by_element.shape[2]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,7 +55,7 @@ class FleshPieces:
         """Of the wanted elements of a mesh."""
         chosen = np.flatnonzero(wanted)
         parts = np.array_split(chosen, max(1, -(-len(chosen) // ELEMENTS))) if len(chosen) else []
-        pieces = tuple(_piece(points, own) for own in parts)
+        pieces = tuple(_piece(points, elements) for elements in parts)
         return cls(n_nodes=points.n_nodes, pieces=pieces, workers=workers)
 
     @classmethod
@@ -71,8 +71,8 @@ class FleshPieces:
             lambda piece: piece.forces(law(piece.gradient(flat, frames))), self.pieces, workers=self.workers
         )
         with np.errstate(over="ignore", invalid="ignore"):
-            for piece, own in zip(self.pieces, forces, strict=True):
-                total[piece.nodes] += own
+            for piece, force in zip(self.pieces, forces, strict=True):
+                total[piece.nodes] += force
         return np.ascontiguousarray(np.moveaxis(total.reshape(-1, 3, frames), 2, 0), dtype=np.float64)
 
     @property
@@ -94,12 +94,12 @@ class FleshPieces:
         )
 
 
-def _piece(points: FleshStrain, own: Int[np.ndarray, " m"]) -> Piece:
+def _piece(points: FleshStrain, elements: Int[np.ndarray, " m"]) -> Piece:
     """The arrays of one piece, its own elements given; slopes and weights in single precision."""
-    tets = points.mesh.tets[own]
+    tets = points.mesh.tets[elements]
     nodes, local = np.unique(tets, return_inverse=True)
-    slope = points.slope[own].astype(np.float32)
-    volume = points.volume_mm3[own]
+    slope = points.slope[elements].astype(np.float32)
+    volume = points.volume_mm3[elements]
     weighted = (slope * volume[..., None, None].astype(np.float32)).reshape(-1, 12, 10)
     ones = np.ones(tets.size, dtype=np.float32)
     return Piece(

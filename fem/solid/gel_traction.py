@@ -136,12 +136,12 @@ class GelField:
 
     def traction(self, a: Float[np.ndarray, "q 2"]) -> Float[np.ndarray, "q 3"]:
         """On the fruit; zero where the normal part has another sign than at the next marker that touches."""
-        found = self.force_per_area(a.clip(self.low_mm, self.high_mm))
+        traction = self.force_per_area(a.clip(self.low_mm, self.high_mm))
         away, who = self.near.query(a, distance_upper_bound=self.reach_mm)
         sign = np.append(self.signs, 0.0)[who]
-        inside = (found[:, 2] * sign > 0) & np.isfinite(away)
+        inside = (traction[:, 2] * sign > 0) & np.isfinite(away)
         inside[inside] = self.hull.find_simplex(a[inside]) >= 0
-        return np.asarray(found * inside[:, None])
+        return np.asarray(traction * inside[:, None])
 
 
 def nodal_force(
@@ -151,16 +151,16 @@ def nodal_force(
 
     `faces`: the skin's T6 faces. Pressure is positive along the pad's z axis, into the fruit.
     """
-    found = np.zeros_like(nodes_mm)
+    nodal_N = np.zeros_like(nodes_mm)
     corners = nodes_mm[faces[:, :3], :2]
     middle = corners.mean(axis=1)
     size = float(np.linalg.norm(corners - middle[:, None], axis=2).max())
-    one, other = (corners[:, k] - corners[:, 0] for k in (1, 2))
-    facing = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0] < 0
+    edge, other = (corners[:, k] - corners[:, 0] for k in (1, 2))
+    facing = edge[:, 0] * other[:, 1] - edge[:, 1] * other[:, 0] < 0
     reach = field.reach_mm + field.shear_mm + size
     near = facing & np.isfinite(field.near.query(middle, distance_upper_bound=reach)[0])
     if not near.any():
-        return found
+        return nodal_N
     cells = faces[near]
     points, weights = skin_rule()
     shape, slope = t6_shape(points), t6_gradient(points)
@@ -172,12 +172,12 @@ def nodal_force(
     load = field.traction(places.reshape(-1, 2)) * area.reshape(-1, 1)
     carried_N = float(np.abs(load[:, 2]).sum())
     if carried_N == 0:
-        return found
+        return nodal_N
     load *= field.normal_N / carried_N
     nodal = np.einsum("qn,mqx->mnx", shape, load.reshape(*area.shape, 3), optimize=True).reshape(-1, 3)
     for x in range(3):
-        found[:, x] = np.bincount(cells.ravel(), nodal[:, x], minlength=len(nodes_mm))
-    return found
+        nodal_N[:, x] = np.bincount(cells.ravel(), nodal[:, x], minlength=len(nodes_mm))
+    return nodal_N
 
 
 def _continued(

@@ -110,7 +110,7 @@ class AddedStress:
         def seen(step: Fields) -> Float[np.ndarray, "g x"]:
             return step[:, self.skin].reshape(1 if together else len(step), -1)
 
-        found = equilibrium(
+        solved = equilibrium(
             self,
             np.zeros_like(self.linear) if start is None else start,
             tolerance=tolerance_mm,
@@ -118,12 +118,12 @@ class AddedStress:
             tangents=Tangents.ONE,
             acceleration=Anderson(MEMORY, weighed=seen),
         )
-        if found.ending is not Ending.CONVERGED:
+        if solved.ending is not Ending.CONVERGED:
             raise FemFailure(
                 FemProblem.NOT_CONVERGED,
                 f"The search for how flesh of {1 / self.compliance:.3g} MPa moves by this law did not "
-                f"converge. The skin still moves by {1e3 * found.sizes[-1]:.2g} µm after {rounds} rounds, "
+                f"converge. The skin still moves by {1e3 * solved.sizes[-1]:.2g} µm after {rounds} rounds, "
                 f"expected at most {1e3 * tolerance_mm:.2g} µm. Check the forces",
             )
         # the last round's step is known and brings the answer nearer
-        return np.asarray(found.state - self.tangent(found.state).solve(found.residual))
+        return np.asarray(solved.state - self.tangent(solved.state).solve(solved.residual))

@@ -75,10 +75,10 @@ def pad_places(pad: PadHistory, mesh: FleshMesh) -> PadPlaces:
 
 def contact_nodes(mesh: FleshMesh, histories: Sequence[GraspHistory]) -> Int[np.ndarray, " c"]:
     """The skin nodes that these grasps load or read, sorted; raises FemFailure (off-surface)."""
-    found = [np.zeros(0, dtype=np.int64)]
+    nodes = [np.zeros(0, dtype=np.int64)]
     for history in histories:
-        found += [pad_places(pad, mesh).nodes for pad in history.pads]
-    return np.unique(np.concatenate(found))
+        nodes += [pad_places(pad, mesh).nodes for pad in history.pads]
+    return np.unique(np.concatenate(nodes))
 
 
 def pad_link(pad: PadHistory, solid: UnitModulusSolid) -> PadLink:

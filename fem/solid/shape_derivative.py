@@ -59,16 +59,16 @@ def stiffness_change(
         flux = np.empty((measure.size, 3, n_ways, n_loads, 3))
         for k, g in enumerate(moving):
             turned = np.einsum("fixe,xye->fiye", strained, g)
-            own = np.trace(g) * stress
-            own -= _stress(turned, mu, lame)
-            own -= np.einsum("fixe,yxe->fiye", stress, g)
-            own *= measure.ravel()
-            flux[:, :, k] = own.transpose(3, 2, 0, 1)
+            stress_change = np.trace(g) * stress
+            stress_change -= _stress(turned, mu, lame)
+            stress_change -= np.einsum("fixe,yxe->fiye", stress, g)
+            stress_change *= measure.ravel()
+            flux[:, :, k] = stress_change.transpose(3, 2, 0, 1)
         force = slope.transpose(0, 2, 1) @ flux.reshape(*slope.shape[:2], -1)
         tets = mesh.tets[start : start + _BATCH].ravel()
         _add_rows(change, tets, force.reshape(len(tets), -1))
-    found = change.reshape(-1, n_ways, n_loads, 3).transpose(1, 2, 0, 3)
-    return np.ascontiguousarray(found)
+    nodal_force = change.reshape(-1, n_ways, n_loads, 3).transpose(1, 2, 0, 3)
+    return np.ascontiguousarray(nodal_force)
 
 
 def work_of_change(
@@ -189,6 +189,6 @@ def _add_rows(
     total: Float[np.ndarray, "n k"], rows: Int[np.ndarray, " e"], values: Float[np.ndarray, "e k"]
 ) -> None:
     """total[rows] += values, row by row."""
-    own, place = np.unique(rows, return_inverse=True)
-    gather = csr_array((np.ones(len(rows)), (place, np.arange(len(rows)))), shape=(len(own), len(rows)))
-    total[own] += gather @ values
+    nodes, place = np.unique(rows, return_inverse=True)
+    gather = csr_array((np.ones(len(rows)), (place, np.arange(len(rows)))), shape=(len(nodes), len(rows)))
+    total[nodes] += gather @ values

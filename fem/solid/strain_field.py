@@ -62,24 +62,24 @@ class FleshStrain:
         """Small strains of displacement fields."""
         count = len(displacement)
         nodal = np.moveaxis(displacement, 0, 1).reshape(self.n_nodes, -1)
-        found = np.empty((count, len(self.slope), 4, 6))
+        strains = np.empty((count, len(self.slope), 4, 6))
         for part in self._batches():
             slope = self.slope[part].reshape(-1, 12, 10)
             gradient = (slope @ nodal[self.mesh.tets[part]]).reshape(len(slope), 4, 3, count, 3)
             strain = (gradient[:, :, ROW, :, COLUMN] + gradient[:, :, COLUMN, :, ROW]) / 2  # (6, m, 4, f)
-            found[:, part] = np.moveaxis(strain, (0, 3), (3, 0))
-        return found
+            strains[:, part] = np.moveaxis(strain, (0, 3), (3, 0))
+        return strains
 
     def forces(self, stress: Float[np.ndarray, "f m 4 6"]) -> Float[np.ndarray, "f n 3"]:
         """B' sigma: the nodal forces that stress fields exert, sum of sigma : grad N."""
         count = len(stress)
-        own = np.empty((len(self.slope), 10, 3 * count))
+        by_element = np.empty((len(self.slope), 10, 3 * count))
         for part in self._batches():
             held = stress[:, part] * self.volume_mm3[part, :, None]
             flux = np.moveaxis(held, 0, -1)[:, :, PLACE]  # (m, 4, 3, 3, f)
             slope = self.slope[part].reshape(-1, 12, 10)
-            own[part] = np.swapaxes(slope, 1, 2) @ flux.reshape(len(slope), 12, 3 * count)
-        summed = (self.gather @ own.reshape(-1, 3 * count)).reshape(self.n_nodes, 3, count)
+            by_element[part] = np.swapaxes(slope, 1, 2) @ flux.reshape(len(slope), 12, 3 * count)
+        summed = (self.gather @ by_element.reshape(-1, 3 * count)).reshape(self.n_nodes, 3, count)
         return np.ascontiguousarray(np.moveaxis(summed, 2, 0))
 
     def _batches(self) -> list[slice]:

@@ -25,11 +25,11 @@ def pressures(
     >>> pressures(np.eye(2), np.array([[-1.0, 1.0]]))
     array([[1., 0.]])
     """
-    found = np.zeros_like(opening)
+    pressure = np.zeros_like(opening)
     closed = np.zeros(len(compliance), dtype=bool)
-    for frame, own in enumerate(opening):
-        found[frame], closed = _one(compliance, own, closed)
-    return found
+    for frame, gap in enumerate(opening):
+        pressure[frame], closed = _one(compliance, gap, closed)
+    return pressure
 
 
 def _one(

@@ -58,7 +58,7 @@ def front_entries(
     border = np.searchsorted(column, start).tolist()  # of fronts, counted in groups
     total = np.concatenate([[0], np.cumsum(length)])
     where = np.empty(len(order), dtype=np.int64)
-    found: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in range(width)]
+    pairs_of_member: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in range(width)]
     counts = np.zeros((width, len(rows) + 1), dtype=np.int64)
     first = 0
     while first < len(rows):
@@ -83,10 +83,14 @@ def front_entries(
             at[mine] = local + stride[mine] * (column[of_group[mine]] - start[s])
         for m in range(width):
             has = np.flatnonzero(size[of_group] > m)
-            found[m].append((row_start[m, of_group[has]] + offset[has], (at + m * stride)[has]))
+            pairs_of_member[m].append((row_start[m, of_group[has]] + offset[has], (at + m * stride)[has]))
             counts[m, first + 1 : last + 1] = np.diff(np.searchsorted(has, cuts))
         first = last
     return [
-        Entries(np.concatenate([one for one, _ in pairs]), np.concatenate([one for _, one in pairs]), until)
-        for pairs, until in zip(found, np.cumsum(counts, axis=1).tolist(), strict=True)
+        Entries(
+            np.concatenate([sources for sources, _ in pairs]),
+            np.concatenate([targets for _, targets in pairs]),
+            until,
+        )
+        for pairs, until in zip(pairs_of_member, np.cumsum(counts, axis=1).tolist(), strict=True)
     ]

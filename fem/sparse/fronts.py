@@ -41,9 +41,9 @@ class Fronts:
     @cached_property
     def position(self) -> Int[np.ndarray, " d"]:
         """Of each dof in the order of elimination."""
-        found = np.empty(len(self.order), dtype=np.int64)
-        found[self.order] = np.arange(len(self.order))
-        return found
+        position = np.empty(len(self.order), dtype=np.int64)
+        position[self.order] = np.arange(len(self.order))
+        return position
 
 
 def fronts(matrix: csr_array) -> Fronts:

@@ -93,22 +93,22 @@ class CholeskyFactor:
         x = np.ascontiguousarray(load[self.fronts.order], dtype=float)  # rows in one piece, solved in place
         start, rows = self.fronts.start, self.fronts.rows
         for s, (triangle, below) in enumerate(zip(self.triangle, self.below, strict=True)):
-            own = x[start[s] : start[s + 1]]
-            if not own.any():
+            pivots = x[start[s] : start[s + 1]]
+            if not pivots.any():
                 continue  # no load here nor below: a load on few nodes reaches the fronts above them alone
-            solve_triangle(triangle, own)
+            solve_triangle(triangle, pivots)
             if len(rows[s]):
-                x[rows[s]] -= below @ own
+                x[rows[s]] -= below @ pivots
         return x
 
     def _backward(self, x: Float[np.ndarray, "d f"], fronts: Iterable[int]) -> None:
         """L^-T x in its own place, at the pivots of these fronts, parents first."""
         start, rows = self.fronts.start, self.fronts.rows
         for s in fronts:
-            own = x[start[s] : start[s + 1]]
+            pivots = x[start[s] : start[s + 1]]
             if len(rows[s]):
-                own -= self.below[s].T @ x[rows[s]]
-            dtrsm(1.0, self.triangle[s], own.T, side=1, lower=1, overwrite_b=1)
+                pivots -= self.below[s].T @ x[rows[s]]
+            dtrsm(1.0, self.triangle[s], pivots.T, side=1, lower=1, overwrite_b=1)
 
 
 def solve_triangle(triangle: Float[np.ndarray, "p p"], load: Float[np.ndarray, "p f"]) -> None:

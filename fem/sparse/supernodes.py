@@ -43,11 +43,11 @@ def supernodes(tree: EliminationTree, size: Int[np.ndarray, " g"]) -> Supernodes
             counts.append(sum(map(len, new)))
         touched, first = np.unique(np.concatenate(parts), return_index=True)
         step = np.repeat(np.arange(len(chain)), counts)[first]
-        own = np.array(chain)
+        groups = np.array(chain)
         entered = np.cumsum(np.bincount(step, weights=weight[touched], minlength=len(chain)))
-        for a, b in _cuts(entered.tolist(), np.cumsum(weight[own]).tolist()):
-            pivots.append(own[a:b])
-            rows.append(touched[(step < b) & (touched > own[b - 1])])
+        for a, b in _cuts(entered.tolist(), np.cumsum(weight[groups]).tolist()):
+            pivots.append(groups[a:b])
+            rows.append(touched[(step < b) & (touched > groups[b - 1])])
         if tree.parent[chain[-1]] >= 0:
             hanging[tree.parent[chain[-1]]].append(len(pivots) - 1)
     return _postordered(pivots, rows, len(weight))
@@ -85,18 +85,18 @@ def _chains(tree: EliminationTree, small: np.ndarray) -> list[list[int]]:
     n = len(small)
     branches, below = [0] * n, [-1] * n
     chain: list[list[int]] = [[] for _ in range(n)]
-    found = []
+    chains = []
     for v in np.flatnonzero(~small).tolist():
         if branches[v] == 1:
             chain[v] = chain[below[v]]
         else:
-            found.append(chain[v])
+            chains.append(chain[v])
         chain[v].append(v)
         p = tree.parent[v]
         if p >= 0:
             branches[p] += 1
             below[p] = v
-    return sorted(found, key=lambda path: path[-1])
+    return sorted(chains, key=lambda path: path[-1])
 
 
 def _cuts(entered: list[float], eliminated: list[int]) -> list[tuple[int, int]]:

@@ -138,7 +138,7 @@ def _require(name: str, value: Value, parameter: EffectParameter) -> None:
     if not right:
         raise ValueError(f"{name} is {value!r:.80}, expected {wanted}")
     numbers = () if isinstance(value, str) else value if isinstance(value, tuple) else (value,)
-    if not all(low <= one <= high for one in numbers):
+    if not all(low <= number <= high for number in numbers):
         raise ValueError(f"{name} is {value!r:.80}, expected {low:g} to {high:g}")
 
 
@@ -159,48 +159,50 @@ class PitFound:
 
 def pit_found(effects: Iterable[ConfirmedEffect]) -> PitFound:
     """What the effects say of the pit."""
-    found = PitFound()
-    for one in effects:
-        if one.spec.correction is Correction.PIT_OFFSET:
-            found = replace(found, offset_mm=one.vector("offset_mm"), offset_sd_mm=one.spread("offset_mm"))
-        if one.spec.correction is Correction.PIT_SIZE:
-            scale = one.number("scale")
-            found = replace(found, scale=scale, size_sd=one.spread("scale") / scale)
-    return found
+    pit = PitFound()
+    for effect in effects:
+        if effect.spec.correction is Correction.PIT_OFFSET:
+            pit = replace(pit, offset_mm=effect.vector("offset_mm"), offset_sd_mm=effect.spread("offset_mm"))
+        if effect.spec.correction is Correction.PIT_SIZE:
+            scale = effect.number("scale")
+            pit = replace(pit, scale=scale, size_sd=effect.spread("scale") / scale)
+    return pit
 
 
 def effects_on(effects: Iterable[ConfirmedEffect], fruit_id: str) -> tuple[ConfirmedEffect, ...]:
     """Those that hold for one fruit."""
-    return tuple(one for one in effects if one.fruits is None or fruit_id in one.fruits)
+    return tuple(effect for effect in effects if effect.fruits is None or fruit_id in effect.fruits)
 
 
 def faults(effects: Iterable[ConfirmedEffect]) -> tuple[Fault, ...]:
     """What is wrong with the recordings of the jaws, to be taken out of every one of them."""
     return tuple(
-        _FAULTS[one.spec.correction](one)
-        for one in effects
-        if one.spec.enters is Entry.RECORDING and one.spec.correction is not None
+        _FAULTS[effect.spec.correction](effect)
+        for effect in effects
+        if effect.spec.enters is Entry.RECORDING and effect.spec.correction is not None
     )
 
 
-def _pose_fault(one: ConfirmedEffect) -> PoseFault:
-    x, y = one.vector("shift_mm")
-    return PoseFault(pad=one.pad, shift_mm=(x, y), tilt_deg=one.number("tilt_deg"))
+def _pose_fault(effect: ConfirmedEffect) -> PoseFault:
+    x, y = effect.vector("shift_mm")
+    return PoseFault(pad=effect.pad, shift_mm=(x, y), tilt_deg=effect.number("tilt_deg"))
 
 
 _FAULTS: dict[Correction, Callable[[ConfirmedEffect], Fault]] = {
-    Correction.FORCE_GAIN: lambda one: GainFault(pad=one.pad, gain=one.number("gain")),
-    Correction.FORCE_DRIFT: lambda one: DriftFault(pad=one.pad, newton_per_s=one.number("newton_per_s")),
-    Correction.JAW_COMPLIANCE: lambda one: ComplianceFault(mm_per_N=one.number("mm_per_N")),
-    Correction.CLOCK_LAG: lambda one: LagFault(lag_s=one.number("lag_s")),
-    Correction.PAD_POSE: _pose_fault,
-    Correction.FORCE_LAW: lambda one: ForceLawFault(a=one.number("a")),
-    Correction.GEL_CREEP: lambda one: GelCreepFault(
-        creep=one.number("creep"), tau_s=one.number("creep_tau_s")
+    Correction.FORCE_GAIN: lambda effect: GainFault(pad=effect.pad, gain=effect.number("gain")),
+    Correction.FORCE_DRIFT: lambda effect: DriftFault(
+        pad=effect.pad, newton_per_s=effect.number("newton_per_s")
     ),
-    Correction.GEL_HYSTERESIS: lambda one: GelHysteresisFault(share=one.number("share")),
-    Correction.THERMAL_DRIFT: lambda one: ThermalFault(
-        strain_per_root_s=one.number("strain_per_root_s"), N_per_root_s=one.number("N_per_root_s")
+    Correction.JAW_COMPLIANCE: lambda effect: ComplianceFault(mm_per_N=effect.number("mm_per_N")),
+    Correction.CLOCK_LAG: lambda effect: LagFault(lag_s=effect.number("lag_s")),
+    Correction.PAD_POSE: _pose_fault,
+    Correction.FORCE_LAW: lambda effect: ForceLawFault(a=effect.number("a")),
+    Correction.GEL_CREEP: lambda effect: GelCreepFault(
+        creep=effect.number("creep"), tau_s=effect.number("creep_tau_s")
+    ),
+    Correction.GEL_HYSTERESIS: lambda effect: GelHysteresisFault(share=effect.number("share")),
+    Correction.THERMAL_DRIFT: lambda effect: ThermalFault(
+        strain_per_root_s=effect.number("strain_per_root_s"), N_per_root_s=effect.number("N_per_root_s")
     ),
 }
 """How a recording is put right for each correction that enters there."""
@@ -208,9 +210,9 @@ _FAULTS: dict[Correction, Callable[[ConfirmedEffect], Fault]] = {
 
 def in_words(effects: Iterable[ConfirmedEffect]) -> str:
     """Names as the ranking's `mismatch` column has them: sorted, joined by "+"."""
-    return "+".join(sorted({one.effect for one in effects}))
+    return "+".join(sorted({effect.effect for effect in effects}))
 
 
 def keyed(effects: Iterable[ConfirmedEffect]) -> list[dict[str, Any]]:
     """What a fruit's result depends on: not who found it, nor how sure it was."""
-    return [one.model_dump(mode="json", include={"effect", "parameters", "sd"}) for one in effects]
+    return [effect.model_dump(mode="json", include={"effect", "parameters", "sd"}) for effect in effects]

@@ -87,8 +87,12 @@ def chart_path(folder: BatchFolder, named: str, *, environment: Mapping[str, str
     if "\0" in named:
         raise refused(folder.settings, '"reference.chart" contains a null character; remove it.')
     place = path.parent.resolve()
-    allowed = [Path(one).resolve() for one in environment.get(ALLOWED_FOLDERS, "").split(os.pathsep) if one]
-    if place == root.parent or any(place.is_relative_to(one) for one in (root, *allowed)):
+    allowed = [
+        Path(directory).resolve()
+        for directory in environment.get(ALLOWED_FOLDERS, "").split(os.pathsep)
+        if directory
+    ]
+    if place == root.parent or any(place.is_relative_to(parent) for parent in (root, *allowed)):
         return path
     sentence = (
         f'"reference.chart": found {named[:200]!r}, which is in {place}; expected a file in the batch '
@@ -118,9 +122,9 @@ def read_chart(path: Path) -> ControlChart:
         raise no_chart(str(error)) from None
     lines = text.splitlines()
     if not lines or lines[0].removeprefix("\ufeff") != HEADER:
-        found = lines[0][:120] if lines else ""
+        first_line = lines[0][:120] if lines else ""
         raise no_chart(
-            f'is not a control chart of drupe: its first line is "{found}", expected "{HEADER}"; '
+            f'is not a control chart of drupe: its first line is "{first_line}", expected "{HEADER}"; '
             "drupe does not overwrite it"
         )
     kept = [line for line in lines[1:] if line.strip()]
@@ -183,11 +187,11 @@ def recordings_sha256(inputs: Mapping[str, str], fruit_id: str) -> str:
     return hashes[0] if len(hashes) == 1 else hashlib.sha256("\n".join(hashes).encode()).hexdigest()
 
 
-def with_points(chart: ControlChart, own: Sequence[Point]) -> ControlChart:
+def with_points(chart: ControlChart, batch_points: Sequence[Point]) -> ControlChart:
     """The chart with the batch's rows at its end, or in place of those it had, whose time they keep."""
     points, lines = list(chart.points), list(chart.lines)
-    for point in own:
-        at = next((k for k, one in enumerate(points) if one.key == point.key), None)
+    for point in batch_points:
+        at = next((k for k, charted_point in enumerate(points) if charted_point.key == point.key), None)
         if at is None:
             points.append(point)
             lines.append(_line(point))
@@ -203,14 +207,14 @@ def _line(point: Point) -> str:
     return out.getvalue()
 
 
-def update_chart(path: Path, own: Sequence[Point]) -> ControlChart:
+def update_chart(path: Path, batch_points: Sequence[Point]) -> ControlChart:
     """Writes the batch's rows into the chart, whole or not at all, while no other run of drupe does.
 
     Raises BatchRefused where the file is no such table, and NotWritten.
     """
     with _alone_in(path.parent):
         before = read_chart(path)
-        after = with_points(before, own)
+        after = with_points(before, batch_points)
         if after != before:
             put(path, ("\n".join([HEADER, *after.lines]) + "\n").encode())
     return after
@@ -239,7 +243,8 @@ def _alone_in(folder: Path) -> Iterator[None]:
 def history_of(chart: ControlChart, reference_id: str) -> list[Point]:
     """The points of one reference body, oldest first."""
     return sorted(
-        (one for one in chart.points if one.reference_id == reference_id), key=lambda one: one.graded_at
+        (point for point in chart.points if point.reference_id == reference_id),
+        key=lambda charted_point: charted_point.graded_at,
     )
 
 

@@ -37,7 +37,7 @@ class DiagnosisRecord(BaseModel):
     def names(self) -> tuple[str, ...]:
         """The verdict's names, the likeliest first."""
         names = (self.verdict,) if isinstance(self.verdict, str) else self.verdict
-        order = {one.effect: place for place, one in enumerate(self.ranking)}
+        order = {hypothesis.effect: place for place, hypothesis in enumerate(self.ranking)}
         return tuple(sorted(names, key=lambda name: order.get(name, len(order))))
 
     @property
@@ -58,10 +58,14 @@ class _ValueWithSd(Protocol):
 
 def suspected_of(effect: str, before: _ValueWithSd, after: _ValueWithSd) -> tuple[SuspectedRecord, ...]:
     """E without and with an effect as a ratio; none where one of them is not a positive number."""
-    known = [one.value for one in (before, after) if one.value is not None and 0 < one.value < math.inf]
+    known = [
+        estimate.value
+        for estimate in (before, after)
+        if estimate.value is not None and 0 < estimate.value < math.inf
+    ]
     if len(known) < 2:
         return ()
-    shares = [(one.sd or 0.0) / value for one, value in zip((before, after), known, strict=True)]
+    shares = [(estimate.sd or 0.0) / value for estimate, value in zip((before, after), known, strict=True)]
     added = math.sqrt(max(shares[1] ** 2 - shares[0] ** 2, 0.0))
     return (SuspectedRecord(effect=effect, E_ratio=known[1] / known[0], added_sd=added),)
 

@@ -177,8 +177,8 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
         text = _with_commas(text, separator)
     columns = 1 + text.lstrip("\n").partition("\n")[0].rstrip(", ").count(",")
     if columns > MOST_COLUMNS:
-        found = f"has {columns} columns, expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
-        raise refused(path, found)
+        message = f"has {columns} columns, expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
+        raise refused(path, message)
     try:
         rows = _rows(text)
     except ValueError as error:
@@ -191,13 +191,13 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
     for line, cells in rows[1:]:
         if any(cell.strip() for cell in cells[len(names) :]):
             comma = _torn_number(names, cells)
-            found = f"line {line} has more cells than the header; " + (
+            message = f"line {line} has more cells than the header; " + (
                 f"{comma}." if comma else "put texts that contain commas in quotation marks."
             )
-            raise BatchRefused([*problems, Problem(str(path), found)])
+            raise BatchRefused([*problems, Problem(str(path), message)])
     if len(rows) - 1 > MOST_FRUIT:
-        found = f"holds {len(rows) - 1} rows; a batch has at most {MOST_FRUIT} fruit: split the batch."
-        raise refused(path, found)
+        message = f"holds {len(rows) - 1} rows; a batch has at most {MOST_FRUIT} fruit: split the batch."
+        raise refused(path, message)
     return names, [(line, dict(zip(names, cells, strict=False))) for line, cells in rows[1:]]
 
 
@@ -365,8 +365,8 @@ def _reference(cells: Mapping[str, str], wrong: Callable[[str], None]) -> dict[s
                 "column reference, or empty the cell."
             )
         return {}
-    found = {name: decimal_number(cells[name]) for name in REFERENCE_MEASURES}
-    E_MPa, sd_MPa = found["reference_E_MPa"], found["reference_E_sd_MPa"]
+    measures = {name: decimal_number(cells[name]) for name in REFERENCE_MEASURES}
+    E_MPa, sd_MPa = measures["reference_E_MPa"], measures["reference_E_sd_MPa"]
     low, high = REFERENCE_E_MPA
     if E_MPa is None or not low <= E_MPa <= high:
         meant = _other_unit(E_MPa) if E_MPa is not None else ""
@@ -382,13 +382,13 @@ def _reference(cells: Mapping[str, str], wrong: Callable[[str], None]) -> dict[s
             f"reference_E_sd_MPa {_as_found(cells['reference_E_sd_MPa'])}; expected one standard deviation "
             f"of reference_E_MPa, {least:g} or more{most}; write it in MPa."
         )
-    text, ratio = cells["reference_poisson_ratio"], found["reference_poisson_ratio"]
+    text, ratio = cells["reference_poisson_ratio"], measures["reference_poisson_ratio"]
     if text and (ratio is None or not LEAST_POISSON_RATIO <= ratio <= LARGEST_POISSON_RATIO):
         wrong(
             f"reference_poisson_ratio {_as_found(text)}; expected {LEAST_POISSON_RATIO:g} to "
             f"{LARGEST_POISSON_RATIO:g}, for example 0.48 for silicone."
         )
-    return {"reference": True, **found}
+    return {"reference": True, **measures}
 
 
 def _as_found(text: str) -> str:

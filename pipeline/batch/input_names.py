@@ -57,8 +57,8 @@ def reserved(folder: Path, name: str) -> Path:
 
 def meshes_named(folder: Path, stem: str) -> list[Path]:
     """The meshes of this stem ("fruit", "pit") in `folder`: the exact .ply first, then by MESHES."""
-    found = [folder / name for name in names_in(folder) if _is_named(name, stem, MESHES)]
-    return sorted(found, key=lambda p: (MESHES.index(p.suffix.lower()), p.name != p.name.lower(), p.name))
+    meshes = [folder / name for name in names_in(folder) if _is_named(name, stem, MESHES)]
+    return sorted(meshes, key=lambda p: (MESHES.index(p.suffix.lower()), p.name != p.name.lower(), p.name))
 
 
 def ready_mesh(folder: Path, stem: str) -> Path:

@@ -243,8 +243,8 @@ class FruitResults:
     @property
     def files(self) -> tuple[Path, ...]:
         """Every file that may be written here, the record first."""
-        named = (one for one in vars(FruitResults).values() if isinstance(one, ResultPath))
-        return tuple(self.root / one.name for one in named)
+        named = (var for var in vars(FruitResults).values() if isinstance(var, ResultPath))
+        return tuple(self.root / result_path.name for result_path in named)
 
     def claim(self) -> None:
         """Begins the list of what is written here; nothing that is not on it is ever replaced or removed."""
@@ -329,8 +329,8 @@ class Results:
                 yield self.root / name
         yield from photo_paths(self.root)
         names = [str(self.root)]
-        with suppress(OSError), os.scandir(reserved(self.root, "fruits")) as found:
-            names += [one.path for one in found]
+        with suppress(OSError), os.scandir(reserved(self.root, "fruits")) as entries:
+            names += [entry.path for entry in entries]
         inside = (f"{name}/{part}" for name in names for part in PARTS)
         yield from (Path(part) for part in inside if os.path.exists(part))  # noqa: PTH110 - of thousands
 
@@ -363,4 +363,4 @@ def _holds_stages(cache: Path) -> bool:
     if not cache.is_dir():
         return not _stands(cache)
     names = [path.name for path in cache.iterdir()]
-    return all(CACHE_FILE.fullmatch(one) or MARK in one or one == LIST_LOCK for one in names)
+    return all(CACHE_FILE.fullmatch(name) or MARK in name or name == LIST_LOCK for name in names)

@@ -88,19 +88,19 @@ def make_batch(
         if not folder.is_dir():
             problems.append(Problem(str(folder), "is not a folder; name a folder of photos."))
             continue
-        found = list(_sources(folder))
-        if not found:
+        sources = list(_sources(folder))
+        if not sources:
             sentence = "holds no photos (JPEG, PNG, HEIC), meshes or recordings; nor do its subfolders."
             problems.append(Problem(str(folder), sentence))
-        fruits += found
-    for one in fruits:
-        if not SAFE_ID.fullmatch(one.fruit_id):
+        fruits += sources
+    for source in fruits:
+        if not SAFE_ID.fullmatch(source.fruit_id):
             sentence = (
-                f'"{one.fruit_id}" is not a valid fruit_id (letters, digits, . _ - and '
+                f'"{source.fruit_id}" is not a valid fruit_id (letters, digits, . _ - and '
                 "spaces); rename the folder."
             )
             problems.append(Problem("a folder's name", sentence))
-    names = [one.fruit_id for one in fruits]
+    names = [fruit.fruit_id for fruit in fruits]
     problems += [
         Problem(
             "drupe new",
@@ -110,7 +110,7 @@ def make_batch(
     ]
     if problems:
         raise BatchRefused(problems)
-    fruits.sort(key=lambda one: in_order(Path(one.fruit_id)))
+    fruits.sort(key=lambda source: in_order(Path(source.fruit_id)))
     target = root.resolve()
     with scratch(near=target) as unfinished:
         try:
@@ -126,22 +126,22 @@ def make_batch(
 
 def _sources(folder: Path) -> Iterator[FruitSource]:
     """The fruit of one folder: itself, or the folders in it."""
-    own = _source(folder)
-    if own is not None:
-        yield own
+    source = _source(folder)
+    if source is not None:
+        yield source
         return
     for inside in sorted((p for p in folder.iterdir() if p.is_dir() and not p.is_symlink()), key=in_order):
-        if (one := _source(inside)) is not None:
-            yield one
+        if (inside_source := _source(inside)) is not None:
+            yield inside_source
 
 
 def _source(folder: Path) -> FruitSource | None:
     """The folder as one fruit, where it holds anything of one."""
-    own = FruitFolder(folder)
-    place = own.photos if photo_paths(own.photos) else folder
+    fruit_folder = FruitFolder(folder)
+    place = fruit_folder.photos if photo_paths(fruit_folder.photos) else folder
     photos = photo_paths(place)
-    mesh = tuple(path for path in (own.fruit_ply, own.pit_ply) if not not_plain(path))
-    recordings = sorted((*CaseFolder(folder).grasp_files(), *own.grasp_files()), key=in_order)
+    mesh = tuple(path for path in (fruit_folder.fruit_ply, fruit_folder.pit_ply) if not not_plain(path))
+    recordings = sorted((*CaseFolder(folder).grasp_files(), *fruit_folder.grasp_files()), key=in_order)
     if not photos and not mesh and not recordings:
         return None
     name = unicodedata.normalize("NFC", folder.resolve().name)
@@ -164,14 +164,14 @@ def _write(
     table = io.StringIO()
     writer = csv.writer(table, lineterminator="\n")
     writer.writerow(columns)
-    writer.writerows([one.fruit_id, *[""] * (len(columns) - 1)] for one in fruits)
+    writer.writerows([fruit.fruit_id, *[""] * (len(columns) - 1)] for fruit in fruits)
     folder.table.write_text(table.getvalue(), encoding="utf-8")
-    for one in fruits:
-        own = folder.fruit(one.fruit_id)
+    for fruit in fruits:
+        fruit_folder = folder.fruit(fruit.fruit_id)
         for place, files in (
-            (own.photos, one.photos),
-            (own.root, one.mesh),
-            (own.root / "grasps", one.recordings),
+            (fruit_folder.photos, fruit.photos),
+            (fruit_folder.root, fruit.mesh),
+            (fruit_folder.root / "grasps", fruit.recordings),
         ):
             place.mkdir(parents=True, exist_ok=True)
             for path in files:
@@ -192,24 +192,26 @@ def _settings(named: dict[str, str], earlier: EarlierBatch | None) -> str:
 
 def _missing(root: Path, fruits: Sequence[FruitSource], *, mat: bool) -> Iterator[str]:
     """What grading needs and these folders did not have."""
-    photographed = [one for one in fruits if one.photos and not one.mesh]
+    photographed = [fruit for fruit in fruits if fruit.photos and not fruit.mesh]
     if photographed and not mat:
         yield (
             "scale: write height_mm of each fruit into fruits.csv, or copy the mat's mat.json into "
             f"{root}, or name a coin under [photos] in batch.toml"
         )
     yield from (
-        f"photos of {one.fruit_id}: {said.rstrip('.')}" for one in photographed for said in one.unused
+        f"photos of {source.fruit_id}: {said.rstrip('.')}"
+        for source in photographed
+        for said in source.unused
     )
-    few = [one.fruit_id for one in photographed if len(one.photos) < FEW]
+    few = [source.fruit_id for source in photographed if len(source.photos) < FEW]
     if few:
         yield (
             f"photos: {_named(few)} fewer than {FEW} photos; take 20 to 36 from all around, at two heights"
         )
-    bare = [one.fruit_id for one in fruits if not one.photos and not one.mesh]
+    bare = [fruit.fruit_id for fruit in fruits if not fruit.photos and not fruit.mesh]
     if bare:
         yield f"shape: {_named(bare)} no photos and no fruit.ply"
-    ungrasped = [one.fruit_id for one in fruits if not one.recordings]
+    ungrasped = [fruit.fruit_id for fruit in fruits if not fruit.recordings]
     if ungrasped:
         yield (
             f"grasps: {_named(ungrasped)} no recording; put .h5 files or folders of frames into "

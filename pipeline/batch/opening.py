@@ -87,20 +87,20 @@ def open_batch(root: Path, *, force: bool = False, choose: RowChoice | None = No
 
     With `force` numbers that are merely implausible stop nothing; `choose` as in `survey`.
     """
-    found = survey(root, choose=choose)
-    stops = [p for p in found.problems if not (force and p.implausible)]
-    if stops or found.settings is None or found.rows is None:
+    batch_survey = survey(root, choose=choose)
+    stops = [p for p in batch_survey.problems if not (force and p.implausible)]
+    if stops or batch_survey.settings is None or batch_survey.rows is None:
         raise BatchRefused(stops)
-    known = found.category
+    known = batch_survey.category
     return Batch(
-        folder=found.folder,
-        settings=found.settings,
-        rows=found.rows,
-        mat=found.mat,
-        category=found.settings.category if known is None else known.category,
+        folder=batch_survey.folder,
+        settings=batch_survey.settings,
+        rows=batch_survey.rows,
+        mat=batch_survey.mat,
+        category=batch_survey.settings.category if known is None else known.category,
         known=known,
         body=STONE_FRUIT if known is None else known.body,
-        prior=found.prior,
+        prior=batch_survey.prior,
     )
 
 
@@ -238,11 +238,11 @@ def named_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
     may lie (else `survey` says so).
     """
     model, chart = settings.recon.geometry_model, settings.reference.chart
-    found = [*own_files(folder, settings), *([folder.root / model] if model else [])]
+    files = [*own_files(folder, settings), *([folder.root / model] if model else [])]
     if chart:
         with suppress(BatchRefused):
-            found.append(chart_path(folder, chart))
-    return tuple(found)
+            files.append(chart_path(folder, chart))
+    return tuple(files)
 
 
 def _is_file(named: str) -> bool:
@@ -297,7 +297,7 @@ def _without_pit(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> list
     mesh its size alone is assumed.
     """
     fruits = [folder.fruit(row.fruit_id) for row in rows or () if not row.reference]
-    return [one.root.name for one in fruits if not one.pit_ply.is_file() and not one.without_shape()]
+    return [fruit.root.name for fruit in fruits if not fruit.pit_ply.is_file() and not fruit.without_shape()]
 
 
 def _effects_without_pit(
@@ -336,11 +336,11 @@ def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, .
         problems += [
             Problem(
                 str(folder.settings),
-                f'"mismatch": {one.effect} is an effect of the pit, but the reference body '
+                f'"mismatch": {effect.effect} is an effect of the pit, but the reference body '
                 f"{row.fruit_id} has none; remove it from the entry's fruits.",
             )
-            for one in settings.mismatch
-            if one.spec.of_the_pit and row.fruit_id in (one.fruits or ())
+            for effect in settings.mismatch
+            if effect.spec.of_the_pit and row.fruit_id in (effect.fruits or ())
         ]
         pit = folder.fruit(row.fruit_id).pit_ply
         if pit.exists() or pit.is_symlink():

@@ -92,7 +92,7 @@ class PlausibleRange:
         if measure not in DIAMETERS:
             known: tuple[float, float] | None = getattr(self.ranges, measure)
             return known
-        sides = [one for one in (self.ranges.height_mm, self.ranges.diameter_mm) if one is not None]
+        sides = [limits for limits in (self.ranges.height_mm, self.ranges.diameter_mm) if limits is not None]
         return (FLATTEST * min(s[0] for s in sides), max(s[1] for s in sides)) if sides else None
 
     @property
@@ -115,12 +115,12 @@ def grading_doubts(grading: Grading, kind: PlausibleRange) -> Iterator[str]:
     if kind.ranges.E_MPa is None:
         return
     low, high = kind.ranges.E_MPa
-    for one in grading.classes:
-        if one.E_max_MPa is not None and not low <= one.E_max_MPa <= high:
-            slip = _meant(one.E_max_MPa, MODULUS_SLIPS, (low, high), "MPa")
+    for grading_class in grading.classes:
+        if grading_class.E_max_MPa is not None and not low <= grading_class.E_max_MPa <= high:
+            slip = _meant(grading_class.E_max_MPa, MODULUS_SLIPS, (low, high), "MPa")
             yield (
-                f'"grading.classes": E_max_MPa of "{one.name}" is {one.E_max_MPa:g}; flesh of {kind.a_fruit} '
-                f"has {low:g} to {high:g} MPa{slip}"
+                f'"grading.classes": E_max_MPa of "{grading_class.name}" is {grading_class.E_max_MPa:g}; '
+                f"flesh of {kind.a_fruit} has {low:g} to {high:g} MPa{slip}"
             )
 
 
@@ -144,13 +144,13 @@ class TableColumns:
     def middle_without(self, row: FruitRow, name: str) -> float | None:
         """The median of the other fruit, where there are enough."""
         values = self._values[name]
-        own: float | None = getattr(row, name)
-        if row.fruit_id not in self._ids or own is None:
+        measurement: float | None = getattr(row, name)
+        if row.fruit_id not in self._ids or measurement is None:
             return statistics.median(values) if len(values) >= FEWEST_OTHERS else None
         count = len(values) - 1
         if count < FEWEST_OTHERS:
             return None
-        at = bisect.bisect_left(values, own)
+        at = bisect.bisect_left(values, measurement)
         low, high = (values[k if k < at else k + 1] for k in ((count - 1) // 2, count // 2))
         return (low + high) / 2
 
@@ -176,25 +176,25 @@ def row_doubts(row: FruitRow, columns: TableColumns, kind: PlausibleRange) -> It
     """
     if row.reference:
         columns = TableColumns(())
-    own = {name: value for name in MEASURES if (value := getattr(row, name)) is not None}
-    if said := _exchanged(own, kind):
+    measurements = {name: value for name in MEASURES if (value := getattr(row, name)) is not None}
+    if said := _exchanged(measurements, kind):
         yield said
         return
-    wrong = {name for name in table_doubts(columns, kind) if name in own}
-    for name, value in own.items():
+    wrong = {name for name in table_doubts(columns, kind) if name in measurements}
+    for name, value in measurements.items():
         limits = kind.of(name)
         if name not in wrong and limits is not None and not _within(value, limits):
             wrong.add(name)
             like = columns.middle_without(row, name)
             slip = _meant(value, SLIPS[name], limits, UNITS[name], like=like)
             yield f"{name} {value:g}: {_range(name, kind)}{slip}"
-    for name in [one for one in own if one not in HARDNESS and one not in wrong]:
-        said = _apart(name, own[name], columns.middle_without(row, name), kind)
+    for name in [measure for measure in measurements if measure not in HARDNESS and measure not in wrong]:
+        said = _apart(name, measurements[name], columns.middle_without(row, name), kind)
         if said:
             wrong.add(name)
             yield said
     if not wrong:
-        yield from _together(own, kind)
+        yield from _together(measurements, kind)
 
 
 def mesh_doubt(box_mm: Sequence[float], height_mm: float | None, kind: PlausibleRange) -> str:
@@ -251,15 +251,16 @@ def _meant(
     return f"; {word} ({after})?"
 
 
-def _exchanged(own: Mapping[str, float], kind: PlausibleRange) -> str:
+def _exchanged(measurements: Mapping[str, float], kind: PlausibleRange) -> str:
     """A sentence where two numbers fit each other's column, and one fits its own in no unit."""
-    for a, b in itertools.combinations(own, 2):
+    for a, b in itertools.combinations(measurements, 2):
         of_a, of_b = kind.of(a), kind.of(b)
         if of_a is None or of_b is None or {a, b} <= set(LENGTHS):
             continue
-        lost = not (_in_some_unit(a, own[a], of_a) and _in_some_unit(b, own[b], of_b))
-        if lost and _within(own[a], of_b) and _within(own[b], of_a):
-            return f"{a} {own[a]:g} and {b} {own[b]:g}: are the two swapped? {_range(a, kind)}."
+        lost = not (_in_some_unit(a, measurements[a], of_a) and _in_some_unit(b, measurements[b], of_b))
+        if lost and _within(measurements[a], of_b) and _within(measurements[b], of_a):
+            both = f"{a} {measurements[a]:g} and {b} {measurements[b]:g}"
+            return f"{both}: are the two swapped? {_range(a, kind)}."
     return ""
 
 
@@ -286,9 +287,9 @@ def _apart(name: str, value: float, middle: float | None, kind: PlausibleRange) 
     return f"{name} {value:g}: other fruit of the batch have about {middle:.4g}{slip}"
 
 
-def _together(own: Mapping[str, float], kind: PlausibleRange) -> Iterator[str]:
+def _together(measurements: Mapping[str, float], kind: PlausibleRange) -> Iterator[str]:
     """Height against diameter, and the density that mass, height and diameter make, an ellipsoid's."""
-    height, diameter, mass = (own.get(name) for name in ("height_mm", "diameter_mm", "mass_g"))
+    height, diameter, mass = (measurements.get(name) for name in ("height_mm", "diameter_mm", "mass_g"))
     most = FLATTER * kind.body.longest_over_shortest
     limits = kind.ranges.density_g_per_cm3
     if limits is None:
@@ -315,7 +316,7 @@ def _together(own: Mapping[str, float], kind: PlausibleRange) -> Iterator[str]:
         if diameter is not None and height is not None and _swapped(mass, height, diameter, kind, limits):
             yield f"height_mm {height:g} and mass_g {mass:g}: are the two swapped?"
             return
-        said = ", ".join(f"{name} {value:g}" for name, value in own.items() if name not in HARDNESS)
+        said = ", ".join(f"{name} {value:g}" for name, value in measurements.items() if name not in HARDNESS)
         density = mass / least if mass / least < limits[0] else mass / greatest
         yield (
             f"{said}: together they give a density of {density:.2g} g per cm3, but {kind.a_fruit} has "

@@ -330,8 +330,8 @@ class Settings(Strict):
                     f'"{name[:80]}" cannot name a column; start with a letter or digit, then use letters, '
                     "digits, spaces and _ . % ° # ( ) / - (at most 60)"
                 )
-            if (own := canonical(name, taken)) in taken:
-                raise ValueError(f'"{name}" is the name of a column of drupe ({own}); choose another name')
+            if (column := canonical(name, taken)) in taken:
+                raise ValueError(f'"{name}" is the name of a column of drupe ({column}); choose another name')
         if len({canonical(name, ()) for name in columns}) < len(columns):
             raise ValueError(f"names must differ by more than capitals and spaces, found {list(columns)}")
         return columns
@@ -375,7 +375,7 @@ def require_settings_file(path: Path) -> None:
 
 
 def _folders(root: Path) -> list[Path]:
-    return [place for one in root.iterdir() if one.is_dir() for place in (one, one / "photos")]
+    return [place for path in root.iterdir() if path.is_dir() for place in (path, path / "photos")]
 
 
 def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
@@ -443,20 +443,20 @@ def shown(value: object) -> str:
 def _expected(error: Any) -> str:
     """What was found and what was expected, in plain words."""
     kind, limits = error["type"], error.get("ctx", {})
-    found = shown(error["input"])
+    shown_input = shown(error["input"])
     if kind in {"value_error", "assertion_error"}:
         message = error["msg"].removeprefix("Value error, ")
         return (
             message
             if isinstance(error["input"], dict | list)
-            else f"found {found}; {message[:1].lower()}{message[1:]}"
+            else f"found {shown_input}; {message[:1].lower()}{message[1:]}"
         )
     if kind == "too_long":
         return f"holds {limits['actual_length']} entries; expected at most {limits['max_length']}"
     if kind == "string_too_long":
         return f"is longer than {limits['max_length']} characters; shorten it"
     if kind == "string_too_short":
-        return f"found {found}; expected a non-empty text"
+        return f"found {shown_input}; expected a non-empty text"
     words = {
         "greater_than_equal": "expected {ge} or more",
         "greater_than": "expected more than {gt}",
@@ -467,9 +467,9 @@ def _expected(error: Any) -> str:
     }
     if kind in words:
         plain = {name: f"{v:g}" if isinstance(v, float) else v for name, v in limits.items()}
-        return f"found {found}; {words[kind].format(**plain)}"
+        return f"found {shown_input}; {words[kind].format(**plain)}"
     if kind.startswith("float") and isinstance(error["input"], str):
-        return f"found {found}; expected a number, without quotes{meant(error['input'])}"
+        return f"found {shown_input}; expected a number, without quotes{meant(error['input'])}"
     for part, expected in (
         ("float", "a number (with a decimal point)"),
         ("int", "a whole number"),
@@ -481,8 +481,8 @@ def _expected(error: Any) -> str:
         ("model", "a table"),
     ):
         if kind.startswith(part):
-            return f"found {found}; expected {expected}"
-    return f"found {found}; {error['msg'][:1].lower()}{error['msg'][1:]}"
+            return f"found {shown_input}; expected {expected}"
+    return f"found {shown_input}; {error['msg'][:1].lower()}{error['msg'][1:]}"
 
 
 def _likely_slip(key: str, value: Any) -> str:

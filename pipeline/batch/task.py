@@ -77,14 +77,14 @@ def fruit_task(
     """
     row = batch.row_of[fruit_id]
     folder = batch.folder.fruit(fruit_id)
-    own = effects_on(batch.settings.mismatch, fruit_id)
-    settings = batch.settings.model_copy(update={"mismatch": own})
+    effects = effects_on(batch.settings.mismatch, fruit_id)
+    settings = batch.settings.model_copy(update={"mismatch": effects})
     category, body, prior = batch.category, batch.body, batch.prior
     if row.reference:
         # Of the confirmed effects, those of the whole batch's flesh are not this body's.
-        own = tuple(one for one in own if one.fruits is not None or one.spec.of_the_jaws)
+        effects = tuple(effect for effect in effects if effect.fruits is not None or effect.spec.of_the_jaws)
         changed = {
-            "mismatch": own,
+            "mismatch": effects,
             "pit": PitSettings(prior=NO_PIT),
             "poisson_ratio": None,
             "poisson_ratio_sd": None,
@@ -104,11 +104,11 @@ def fruit_task(
         files=files,
         settings=[
             settings.model_dump(mode="json", exclude=NOT_IN_THE_KEY),
-            keyed(own),
+            keyed(effects),
             row.height_mm,
             *([row.diameters, row.axis, row.pit_share] if folder.without_shape() else []),
             *folder.unused_photos(),
-            *[one.sentence for one in unused_of_fruit(folder)],
+            *[unused_file.sentence for unused_file in unused_of_fruit(folder)],
             category,
             repr(body),
             repr(prior),

@@ -74,27 +74,27 @@ Unused = Iterator[tuple[Path, str]]
 
 def unused_of_fruit(folder: FruitFolder) -> list[UnusedFile]:
     """Files of a fruit's folder that look like inputs and are not used."""
-    found = [*_in_the_fruit_folder(folder), *_among_grasps(folder)]
-    return _in_sentences(found, lambda: set(folder.input_files()))
+    unused = [*_in_the_fruit_folder(folder), *_among_grasps(folder)]
+    return _in_sentences(unused, lambda: set(folder.input_files()))
 
 
 def unused_of_batch(folder: BatchFolder, used: Collection[Path]) -> list[UnusedFile]:
     """The same of the batch's own folder and of fruits/, outside the folders of single fruit. `used`: files
     that the settings name.
     """
-    found = [*_in_the_batch_folder(folder), *_among_fruits(folder)]
-    return _in_sentences(found, lambda: {*used, *_of_raw_grasps(folder)})
+    unused = [*_in_the_batch_folder(folder), *_among_fruits(folder)]
+    return _in_sentences(unused, lambda: {*used, *_of_raw_grasps(folder)})
 
 
 def unused_inputs(folder: BatchFolder, fruit_ids: Iterable[str], used: Collection[Path]) -> list[UnusedFile]:
     """The same of the batch and of all its fruit."""
-    fruit = [one for fruit_id in fruit_ids for one in unused_of_fruit(folder.fruit(fruit_id))]
+    fruit = [unused_file for fruit_id in fruit_ids for unused_file in unused_of_fruit(folder.fruit(fruit_id))]
     return [*unused_of_batch(folder, used), *fruit]
 
 
-def _in_sentences(found: Iterable[tuple[Path, str]], used: Callable[[], set[Path]]) -> list[UnusedFile]:
+def _in_sentences(unused: Iterable[tuple[Path, str]], used: Callable[[], set[Path]]) -> list[UnusedFile]:
     """One sentence for all files of a folder with one cause. `used` is asked only where there are any."""
-    held = list(found)
+    held = list(unused)
     known = {os.path.realpath(path) for path in used()} if held else set()
     causes: dict[tuple[Path, str], list[Path]] = defaultdict(list)
     for path, why in held:
@@ -129,7 +129,7 @@ def _folders_in(folder: Path) -> Iterator[Path]:
 def _in_the_fruit_folder(folder: FruitFolder) -> Unused:
     """Files in the fruit's own folder, and folders of other names than its parts'."""
     meshes = {folder.fruit_ply: "fruit", folder.pit_ply: "pit"}
-    second = {path: one for one, stem in meshes.items() for path in meshes_named(folder.root, stem)}
+    second = {path: mesh for mesh, stem in meshes.items() for path in meshes_named(folder.root, stem)}
     textured = folder.fruit_ply.suffix.lower() == ".obj"
     for path in _files_in(folder.root):
         kind = kind_of(path)
@@ -195,9 +195,9 @@ _FOR_GRASPS = {
 
 
 def _in_the_batch_folder(folder: BatchFolder) -> Unused:
-    own = {path.name.lower(): path for path in (folder.settings, folder.table, folder.mat)}
+    known_files = {path.name.lower(): path for path in (folder.settings, folder.table, folder.mat)}
     for path in _files_in(folder.root):
-        kind, first = kind_of(path), own.get(path.name.lower())
+        kind, first = kind_of(path), known_files.get(path.name.lower())
         if first is not None and first != path:
             yield path, f"drupe reads {first.name} instead; keep one"
         elif first is None and kind not in ("", "unknown"):

@@ -30,8 +30,8 @@ def require_results_apart(results: Results, batch: BatchFolder, inputs: Iterable
         )
         raise refused(root, f"{held}; {MOVE} with {option} (without it: {batch.default_results}).")
     _require_outside(root, _trees(batch), f"{MOVE} with {option}.")
-    for found in results.inputs_inside():
-        name = found.relative_to(root)
+    for input_path in results.inputs_inside():
+        name = input_path.relative_to(root)
         raise refused(root, f"holds {name}, so it is no folder of results; {MOVE} with {option}.")
     _require_outside(root, _fruit_of_others(root), f"{MOVE} with {option}.")
 
@@ -49,14 +49,14 @@ def require_free(
     """Raises BatchRefused with every file in the way of the results that drupe did not write. `tables`: those
     beside the ranking that are asked for.
     """
-    own = list(fruits)
-    folders = dict.fromkeys(folder for fruit in own for folder in (fruit.root.parent, fruit.root))
-    found = [path for path in folders if path.is_symlink()] or [
+    fruit_results = list(fruits)
+    folders = dict.fromkeys(folder for fruit in fruit_results for folder in (fruit.root.parent, fruit.root))
+    obstacles = [path for path in folders if path.is_symlink()] or [
         *results.in_the_way(tables),
-        *(path for fruit in own for path in fruit.in_the_way()),
+        *(path for fruit in fruit_results for path in fruit.in_the_way()),
     ]
-    if found:
-        raise BatchRefused(_in_the_way(path, option) for path in dict.fromkeys(found))
+    if obstacles:
+        raise BatchRefused(_in_the_way(path, option) for path in dict.fromkeys(obstacles))
 
 
 def require_work_apart(work: Path, case: CaseFolder, inputs: Iterable[Path]) -> None:
@@ -65,8 +65,10 @@ def require_work_apart(work: Path, case: CaseFolder, inputs: Iterable[Path]) -> 
     if at is not None and at in _places_above(inputs) | _lineage(case.root):
         raise refused(work, f"is the case, or holds what it reads; {MOVE} with --work.")
     _require_outside(work, [case.root], f"{MOVE} with --work.")
-    for found in Results(work).inputs_inside():
-        raise refused(work, f"holds {found.name}, so it is no folder to keep meshes in; {MOVE} with --work.")
+    for input_path in Results(work).inputs_inside():
+        raise refused(
+            work, f"holds {input_path.name}, so it is no folder to keep meshes in; {MOVE} with --work."
+        )
     if taken := list(FruitResults(work).in_the_way()):
         raise BatchRefused(_in_the_way(path, "--work") for path in taken)
 
@@ -113,13 +115,13 @@ def _trees(batch: BatchFolder) -> list[str]:
     Raises OSError where fruits/ is there and cannot be read.
     """
     fruits = batch.fruits
-    own: list[str] = []
+    fruit_folders: list[str] = []
     try:
-        with os.scandir(fruits) as found:
-            own = sorted(one.path for one in found if _is_folder(one))
+        with os.scandir(fruits) as entries:
+            fruit_folders = sorted(entry.path for entry in entries if _is_folder(entry))
     except (FileNotFoundError, NotADirectoryError):
         pass
-    return [str(fruits), *own, *(f"{path}/{part}" for path in own for part in PARTS)]
+    return [str(fruits), *fruit_folders, *(f"{path}/{part}" for path in fruit_folders for part in PARTS)]
 
 
 def _is_folder(entry: os.DirEntry[str]) -> bool:

@@ -34,13 +34,16 @@ def check(
         from pipeline.run.checking import check as check_batch
         from pipeline.run.photo_checks import VIEWS_UNKNOWN, views_unknown
     with said_when_interrupted(""):
-        found = check_batch(batch, quick=quick)
-    for one in found:
-        typer.echo(f"{one}")
+        listed_problems = check_batch(batch, quick=quick)
+    for problem in listed_problems:
+        typer.echo(f"{problem}")
     if not quick and views_unknown(batch):
         typer.echo(VIEWS_UNKNOWN)
-    doubts, remarks = sum(one.doubtful for one in found), sum(one.remark for one in found)
-    problems = len(found) - doubts - remarks
+    doubts, remarks = (
+        sum(problem.doubtful for problem in listed_problems),
+        sum(problem.remark for problem in listed_problems),
+    )
+    problems = len(listed_problems) - doubts - remarks
     more = f", and {_so_many(doubts, 'finding')} that will put E in doubt" if doubts else ""
     more += f", and {_so_many(remarks, 'remark')}" if remarks else ""
     typer.echo(f"{_so_many(problems, 'problem')} found in {batch}{more}")

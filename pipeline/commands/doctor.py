@@ -30,14 +30,14 @@ def doctor(
     with elsewhere():
         from pipeline.run.machine_check import machine_check
 
-    found = machine_check(folder, cores=cores())
-    for line in found.lines:
+    machine = machine_check(folder, cores=cores())
+    for line in machine.lines:
         typer.echo(line)
-    for sentence in found.missing:
+    for sentence in machine.missing:
         typer.echo(f"missing: {sentence}")
-    if found.wrong:
-        typer.echo(f"wrong: {found.wrong}")
+    if machine.wrong:
+        typer.echo(f"wrong: {machine.wrong}")
         raise typer.Exit(INTERNAL)
-    if found.missing:
+    if machine.missing:
         raise typer.Exit(USAGE)
     typer.echo("all well")

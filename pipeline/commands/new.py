@@ -48,8 +48,8 @@ def new(
         from pipeline.batch.new_batch import make_batch
     with said_when_interrupted("; drupe wrote no file"):
         made = make_batch(folder, photos or [], category=category, lot=lot, cultivar=cultivar, like=like)
-    pictures = sum(len(one.photos) for one in made.fruits)
-    recordings = sum(len(one.recordings) for one in made.fruits)
+    pictures = sum(len(fruit.photos) for fruit in made.fruits)
+    recordings = sum(len(fruit.recordings) for fruit in made.fruits)
     typer.echo(f"{made.root}: {len(made.fruits)} fruit, {pictures} photos, {recordings} recordings")
     for sentence in made.missing:
         typer.echo(f"missing: {sentence}.")

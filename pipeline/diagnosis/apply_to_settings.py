@@ -42,7 +42,7 @@ def applied(case: Case, found: Explanation, *, now: datetime) -> str:
             text = file.read()
         changed = with_effects(text, effects, note=f"found by drupe explain on {now:%Y-%m-%d}")
         if changed is None:
-            lines = " ".join(line for one in effects for line in _lines(one, note=""))
+            lines = " ".join(line for effect in effects for line in _lines(effect, note=""))
             return (
                 f"Not applied: drupe cannot change {path} without changing other lines; add by hand: {lines}"
             )
@@ -52,8 +52,9 @@ def applied(case: Case, found: Explanation, *, now: datetime) -> str:
     except OSError as error:
         return f"Not applied: drupe cannot write {path} ({error.strerror})."
     applied_effects = " and ".join(
-        f"{one.effect} for " + (f"fruit {case.name} alone" if one.fruits else "every fruit of the batch")
-        for one in effects
+        f"{effect.effect} for "
+        + (f"fruit {case.name} alone" if effect.fruits else "every fruit of the batch")
+        for effect in effects
     )
     rest = "".join(f" {_needs_no_entry(name)}" for name in winner.effect.split("+") if _in_forces(name))
     return f"Applied: {path} now holds {applied_effects}; run `drupe grade` again to use it.{rest}"
@@ -158,7 +159,7 @@ def with_effects(text: str, effects: Sequence[ConfirmedEffect], *, note: str) ->
         changed = with_effects(text.removeprefix(BYTE_ORDER_MARK), effects, note=note)
         return None if changed is None else BYTE_ORDER_MARK + changed
     before = Settings.model_validate(toml_of(text))
-    places = {one.place() for one in effects}
+    places = {effect.place() for effect in effects}
     kept = tuple(one for one in before.mismatch if one.place() not in places)
     replaced = [k for k, one in enumerate(before.mismatch) if one.place() in places]
     lines = text.splitlines(keepends=True)
@@ -170,7 +171,7 @@ def with_effects(text: str, effects: Sequence[ConfirmedEffect], *, note: str) ->
         del lines[start:stop]
     end = "\r\n" if "\r\n" in text else "\n"
     body = "".join(lines).rstrip()
-    added = [line for one in effects for line in ("", *_lines(one, note=note))]
+    added = [line for effect in effects for line in ("", *_lines(effect, note=note))]
     changed = (body + end if body else "") + end.join(added) + end
     try:
         after = Settings.model_validate(toml_of(changed))

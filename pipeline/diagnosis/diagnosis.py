@@ -93,7 +93,9 @@ def graded_case(case: Case, fruit: GraspedFruit, *, jobs: int = 1) -> tuple[Grad
             workers=jobs,
         )
     except ExceptionGroup as failures:
-        raise next(one for one in failures.exceptions if isinstance(one, FemFailure)) from None
+        raise next(
+            exception for exception in failures.exceptions if isinstance(exception, FemFailure)
+        ) from None
     graded = GradedCase(
         modulus=Modulus(value=found.modulus.E_MPa, sd=found.modulus.E_sd_MPa),
         models=tuple(

@@ -163,7 +163,7 @@ def _read(folder: Path) -> dict[str, list[str]] | None:
     try:
         if said["format"] != FORMAT:
             return None
-        return {str(name): [str(one) for one in hashes] for name, hashes in said["files"].items()}
+        return {str(name): [str(hash_) for hash_ in hashes] for name, hashes in said["files"].items()}
     except (KeyError, TypeError, AttributeError):
         return None
 

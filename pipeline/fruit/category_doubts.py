@@ -56,7 +56,7 @@ def of_category(
     if prior is None or prior.axis_ratios is None or prior.fruit_mm is None or prior.measured is not None:
         return []
     size_mm = float(np.cbrt(np.prod(box_mm)))
-    own = _log_likelihood(size_mm, prior.fruit_mm)
+    log_likelihood = _log_likelihood(size_mm, prior.fruit_mm)
     mean, sd = _ln_size(prior.fruit_mm)
     if abs(math.log(size_mm) - mean) <= UNUSUAL_SD * sd:
         return []
@@ -65,8 +65,8 @@ def of_category(
         for other in others
         if other.fruit_mm is not None and other.category != prior.category and _pit_ratio(prior, other)
     ]
-    better, other = max(fits, key=lambda one: one[0], default=(own, prior))
-    if better - own <= math.log(BETTER):
+    better, other = max(fits, key=lambda fit: fit[0], default=(log_likelihood, prior))
+    if better - log_likelihood <= math.log(BETTER):
         return []
     low, high = prior.fruit_mm
     usual, widest = other.fruit_mm or prior.fruit_mm
@@ -75,8 +75,8 @@ def of_category(
             kind=CategoryKind.SIZE,
             sentence=(
                 f"category: the mesh has a mean size of {size_mm:.0f} mm. This fits a "
-                f"{other.category} ({usual:g} to {widest:g} mm) {math.exp(better - own):.0f} times "
-                f"better than a {prior.category} ({low:g} to {high:g} mm). Correct category in "
+                f"{other.category} ({usual:g} to {widest:g} mm) {math.exp(better - log_likelihood):.0f} "
+                f"times better than a {prior.category} ({low:g} to {high:g} mm). Correct category in "
                 "batch.toml. For a cultivar of unusual size, give your own file as [pit] prior, with "
                 "its fruit_mm."
             ),
@@ -101,9 +101,9 @@ def _log_likelihood(size_mm: float, range_mm: tuple[float, float]) -> float:
     return -(((math.log(size_mm) - mean) / sd) ** 2) / 2 - math.log(sd)
 
 
-def _pit_ratio(one: PitPrior, other: PitPrior) -> float:
+def _pit_ratio(prior: PitPrior, other: PitPrior) -> float:
     """|ln| of the ratio of both pits' sizes in equally large fruit; 0 where it is within their spread."""
-    if one.axis_ratios is None or other.axis_ratios is None:
+    if prior.axis_ratios is None or other.axis_ratios is None:
         return 0.0
-    ratio = abs(float(np.log(np.prod(one.axis_ratios) / np.prod(other.axis_ratios)))) / 3
-    return ratio if ratio > math.hypot(one.size_sd, other.size_sd) else 0.0
+    ratio = abs(float(np.log(np.prod(prior.axis_ratios) / np.prod(other.axis_ratios)))) / 3
+    return ratio if ratio > math.hypot(prior.size_sd, other.size_sd) else 0.0

@@ -36,24 +36,27 @@ def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectS
     Parameters count as independent, and the rig as one more, its curve shifted as a whole. Poisson's ratio
     and the pit have their own parts of the error bar.
     """
-    shared, own, doubts = [0.0], [0.0], []
+    shared, fruit_deviations, doubts = [0.0], [0.0], []
     effects = task.settings.mismatch
     rig = batch_rig(task.batch_root, task.settings)
-    counted = [*in_the_model(effects), *(one for one in effects if one.spec.enters is Entry.RECORDING)]
-    for k, one in enumerate(effects):
-        if one not in counted:
+    counted = [
+        *in_the_model(effects),
+        *(effect for effect in effects if effect.spec.enters is Entry.RECORDING),
+    ]
+    for k, effect in enumerate(effects):
+        if effect not in counted:
             continue
-        for name, shifted in _shifted(one):
+        for name, shifted in _shifted(effect):
             try:
                 changed = (*effects[:k], shifted, *effects[k + 1 :])
                 other = _modulus(task, fruit, changed, rig=rig)
             except (TactileFailure, FemFailure, ExceptionGroup):
                 doubts.append(
-                    f"the error bar excludes the standard deviation of {one.effect}'s {name}, because "
+                    f"the error bar excludes the standard deviation of {effect.effect}'s {name}, because "
                     "E has no value there"
                 )
                 continue
-            (own if one.fruits else shared).append(abs(other - E_MPa))
+            (fruit_deviations if effect.fruits else shared).append(abs(other - E_MPa))
     if rig is not None:
         moved = _moved_by_rig(task, fruit, E_MPa, rig)
         shared.append(0.0 if moved is None else moved)
@@ -64,7 +67,7 @@ def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectS
             )
     return EffectSpread(
         common_sd_MPa=float(np.linalg.norm(shared)),
-        own_sd_MPa=float(np.linalg.norm(own)),
+        own_sd_MPa=float(np.linalg.norm(fruit_deviations)),
         doubts=tuple(doubts),
     )
 
@@ -79,17 +82,17 @@ def _moved_by_rig(task: FruitTask, fruit: GraspedFruit, E_MPa: float, rig: RigCu
     return None
 
 
-def _shifted(one: ConfirmedEffect) -> Iterator[tuple[str, ConfirmedEffect]]:
+def _shifted(effect: ConfirmedEffect) -> Iterator[tuple[str, ConfirmedEffect]]:
     """The effect with one number after the other a standard deviation higher."""
-    for name, sd in one.sd.items():
-        value = one.parameters[name]
+    for name, sd in effect.sd.items():
+        value = effect.parameters[name]
         if isinstance(value, tuple):
             spread = sd if isinstance(sd, tuple) else (sd,) * len(value)
             for axis, step in enumerate(spread):
                 moved = tuple(x + step * (axis == k) for k, x in enumerate(value))
-                yield name, one.model_copy(update={"parameters": {**one.parameters, name: moved}})
+                yield name, effect.model_copy(update={"parameters": {**effect.parameters, name: moved}})
         elif isinstance(value, int | float) and isinstance(sd, int | float):
-            yield name, one.model_copy(update={"parameters": {**one.parameters, name: value + sd}})
+            yield name, effect.model_copy(update={"parameters": {**effect.parameters, name: value + sd}})
 
 
 def _modulus(

@@ -115,8 +115,8 @@ def prepared_histories(
     """
     prepared = [_prepared(grasp) for grasp in grasps]
     histories = [
-        history(grasp) if isinstance(one, FemFailure) else one.history
-        for grasp, one in zip(grasps, prepared, strict=True)
+        history(grasp) if isinstance(preparation, FemFailure) else preparation.history
+        for grasp, preparation in zip(grasps, prepared, strict=True)
     ]
     return prepared, histories
 
@@ -131,7 +131,7 @@ def _prepared(grasp: PlacedGrasp) -> PreparedGrasp | FemFailure:
 
 
 def modulus_record(
-    found: FruitModulus,
+    modulus: FruitModulus,
     *,
     effects_common_sd_MPa: float = 0.0,
     effects_own_sd_MPa: float = 0.0,
@@ -148,25 +148,25 @@ def modulus_record(
     the recordings in which one jaw has no gel. `small_strain`: share of those without the large deformation
     that the settings ask for.
     """
-    pit = found.pit
+    pit = modulus.pit
     of_effects = float(np.hypot(effects_common_sd_MPa, effects_own_sd_MPa))
     further = {
         CONFIRMED: of_effects,
-        DOUBTED: doubted * found.E_MPa,
-        SENSOR: sensor.pictures * found.E_MPa,
-        GAIN: sensor.gain * found.E_MPa,
-        OWN_GAIN: sensor.own_gain * found.E_MPa,
-        PLAIN_JAW: PLAIN_JAW_SD * plain_jaws * found.E_MPa,
-        SMALL_STRAIN: SMALL_STRAIN_SD * small_strain * found.E_MPa,
+        DOUBTED: doubted * modulus.E_MPa,
+        SENSOR: sensor.pictures * modulus.E_MPa,
+        GAIN: sensor.gain * modulus.E_MPa,
+        OWN_GAIN: sensor.own_gain * modulus.E_MPa,
+        PLAIN_JAW: PLAIN_JAW_SD * plain_jaws * modulus.E_MPa,
+        SMALL_STRAIN: SMALL_STRAIN_SD * small_strain * modulus.E_MPa,
     }
-    shared = [found.parts_sd_MPa.get(part, 0.0) for part in (POISSON_RATIO, DISCRETISATION)]
+    shared = [modulus.parts_sd_MPa.get(part, 0.0) for part in (POISSON_RATIO, DISCRETISATION)]
     shared += [effects_common_sd_MPa, further[SENSOR], further[GAIN]]
     return ModulusRecord(
-        E_MPa=found.E_MPa,
-        E_sd_MPa=float(np.linalg.norm([found.E_sd_MPa, *further.values()])),
+        E_MPa=modulus.E_MPa,
+        E_sd_MPa=float(np.linalg.norm([modulus.E_sd_MPa, *further.values()])),
         common_sd_MPa=float(np.linalg.norm(shared)),
-        scale_sd_MPa=sensor.common * found.E_MPa,
-        parts_sd_MPa=found.parts_sd_MPa | {part: sd for part, sd in further.items() if sd},
+        scale_sd_MPa=sensor.common * modulus.E_MPa,
+        parts_sd_MPa=modulus.parts_sd_MPa | {part: sd for part, sd in further.items() if sd},
         pit_found=None
         if pit is None
         else PitFoundRecord(
@@ -181,11 +181,11 @@ def modulus_record(
     )
 
 
-def at_small_strain(grasps: Sequence[PlacedGrasp], found: FruitInference) -> list[str]:
+def at_small_strain(grasps: Sequence[PlacedGrasp], inference: FruitInference) -> list[str]:
     """A warning for each recording whose large deformation is left out because it could not be solved for."""
     return [
         _WITHOUT_LARGE.format(name=grasp.name, why=model.small_strain_alone)
-        for grasp, model in zip(grasps, found.final_models, strict=True)
+        for grasp, model in zip(grasps, inference.final_models, strict=True)
         if isinstance(model, GraspModel) and model.small_strain_alone
     ]
 
@@ -226,7 +226,7 @@ def responses(
     supports = [grasp.recording.support for grasp in grasps]
     effects = in_the_model(task.settings.mismatch)
     # A law that holds large deformation itself must not be given it twice.
-    holds_it = any(one.spec.holds_large_deformation for one in effects)
+    holds_it = any(effect.spec.holds_large_deformation for effect in effects)
     large = task.settings.flesh.model == "neo-hookean" and not holds_it
     names = [grasp.name for grasp in grasps]
     assumed = [poisson_ratio, budget.gel_scale_sd, large]
@@ -252,7 +252,7 @@ def responses(
         )
 
     plain = unpacked(cached(task.results.cache, stage, key, compute, record=KeptModels))
-    modelled = [grasp for grasp, one in zip(grasps, plain, strict=True) if isinstance(one, GraspModel)]
+    modelled = [grasp for grasp, model in zip(grasps, plain, strict=True) if isinstance(model, GraspModel)]
     if not effects or not modelled:
         return plain
 
@@ -276,8 +276,8 @@ def responses(
         ],
         rooms=("pipeline", "fem"),
     )
-    found = cached(task.results.cache, f"{stage}-effects", key, corrections, record=KeptCorrections)
-    return with_corrections(plain, found.by_grasp)
+    kept = cached(task.results.cache, f"{stage}-effects", key, corrections, record=KeptCorrections)
+    return with_corrections(plain, kept.by_grasp)
 
 
 def _models(

@@ -16,24 +16,26 @@ from fem.mismatch.effect_spec import Entry
 from fem.mismatch.mismatch_case import MismatchCase
 from pipeline.batch.confirmed_effects import ConfirmedEffect
 
-MECHANICS: dict[str, Effect] = {one.spec.name: one for one in EFFECTS if one.spec.enters is Entry.RESPONSE}
+MECHANICS: dict[str, Effect] = {
+    effect.spec.name: effect for effect in EFFECTS if effect.spec.enters is Entry.RESPONSE
+}
 """Effects that change how flesh or contact answers a force; the others are taken into account before there is
 a model, in the recordings, the settings or the mesh."""
 
 
-def known(one: ConfirmedEffect) -> KnownEffect:
+def known(effect: ConfirmedEffect) -> KnownEffect:
     """An effect in the settings as the mechanics has it."""
-    return KnownEffect(effect=MECHANICS[one.effect], parameters=partial(catalogue_parameters, one))
+    return KnownEffect(effect=MECHANICS[effect.effect], parameters=partial(catalogue_parameters, effect))
 
 
-def catalogue_parameters(one: ConfirmedEffect, E_MPa: float) -> dict[str, float]:
+def catalogue_parameters(effect: ConfirmedEffect, E_MPa: float) -> dict[str, float]:
     """Parameters of the settings under the names of the effect's ParameterSpecs.
 
     Components of a vector stand alone; what counts against the flesh's modulus is brought to E.
     """
     values: dict[str, float] = {}
-    for parameter in one.spec.parameters:
-        value = one.parameters[parameter.name]
+    for parameter in effect.spec.parameters:
+        value = effect.parameters[parameter.name]
         if not isinstance(value, str):
             values |= parameter.searched_values(value, E_MPa=E_MPa)
     return values
@@ -41,7 +43,7 @@ def catalogue_parameters(one: ConfirmedEffect, E_MPa: float) -> dict[str, float]
 
 def added(case: MismatchCase, effects: Sequence[ConfirmedEffect]) -> list[Float[np.ndarray, "_t _n 3"]]:
     """What these effects add to the response of each recording of `case`; raises FemFailure."""
-    return displacement_corrections(case, [known(one) for one in effects])
+    return displacement_corrections(case, [known(effect) for effect in effects])
 
 
 def with_corrections(
@@ -63,26 +65,26 @@ def _corrected(model: GraspModel, beyond: Float[np.ndarray, "_t _n 3"]) -> Grasp
 
 def in_the_model(effects: Sequence[ConfirmedEffect]) -> tuple[ConfirmedEffect, ...]:
     """Those that change the model of a grasp, with no parameter that the mechanics has not."""
-    return tuple(one for one in effects if one.effect in MECHANICS and not _too_much(one))
+    return tuple(effect for effect in effects if effect.effect in MECHANICS and not _too_much(effect))
 
 
 def used(effects: Sequence[ConfirmedEffect]) -> tuple[ConfirmedEffect, ...]:
     """Those that the modulus takes into account."""
     model = in_the_model(effects)
-    return tuple(one for one in effects if one.spec.enters is not Entry.RESPONSE or one in model)
+    return tuple(effect for effect in effects if effect.spec.enters is not Entry.RESPONSE or effect in model)
 
 
 def unused_warnings(effects: Sequence[ConfirmedEffect]) -> list[str]:
     """One warning for each effect that stands in the settings and is not in the modulus."""
     taken = used(effects)
     return [
-        f"batch.toml confirms {one.effect} with {', '.join(_too_much(one))}, which grading cannot "
+        f"batch.toml confirms {effect.effect} with {', '.join(_too_much(effect))}, which grading cannot "
         "take into account yet; E ignores it."
-        for one in effects
-        if one not in taken
+        for effect in effects
+        if effect not in taken
     ]
 
 
-def _too_much(one: ConfirmedEffect) -> list[str]:
+def _too_much(effect: ConfirmedEffect) -> list[str]:
     """Further parameters of a kind (EffectParameter.numbered)."""
-    return sorted(one.parameters.keys() - {parameter.name for parameter in one.spec.parameters})
+    return sorted(effect.parameters.keys() - {parameter.name for parameter in effect.spec.parameters})

@@ -32,9 +32,9 @@ def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, fl
     A batch that states the ratio and no spread is taken at its word; one that was found in recordings comes
     before both.
     """
-    for one in settings.mismatch:
-        if one.spec.correction is Correction.POISSON_RATIO:
-            return one.number("nu"), one.spread("nu"), "found by drupe explain"
+    for effect in settings.mismatch:
+        if effect.spec.correction is Correction.POISSON_RATIO:
+            return effect.number("nu"), effect.spread("nu"), "found by drupe explain"
     if settings.poisson_ratio is not None:
         return settings.poisson_ratio, settings.poisson_ratio_sd or 0.0, "batch.toml"
     if prior is not None and prior.poisson_ratio is not None:
@@ -71,16 +71,16 @@ def flesh_mesh(task: FruitTask, pit: FruitPit, touched_mm: Float[np.ndarray, "p 
 
 def error_budget(task: FruitTask, shape: FruitShape) -> ErrorBudget:
     """Spreads from the batch's settings, else the prior's, else as the budget assumes them."""
-    own, prior, sensor = task.settings.pit, task.prior, task.settings.sensor
+    pit, prior, sensor = task.settings.pit, task.prior, task.settings.sensor
     placed = pit_found(task.settings.mismatch)
     known = {
         "gel_scale_sd": sensor.gel_scale_sd if sensor else None,
         "force_scale_sd": sensor.force_scale_sd if sensor else None,
         "pose_sd_mm": sensor.pose_sd_mm if sensor else None,
         "pit_offset_sd_mm": placed.offset_sd_mm
-        or own.offset_sd_mm
+        or pit.offset_sd_mm
         or (prior.offset_sd_mm if prior else None),
-        "pit_size_sd": placed.size_sd or own.size_sd or (prior.size_sd if prior else None),
+        "pit_size_sd": placed.size_sd or pit.size_sd or (prior.size_sd if prior else None),
         "surface_sd_mm": shape.record.surface_sd_mm,
         "poisson_ratio_sd": poisson_ratio(task.settings, prior)[1],
     }

@@ -169,9 +169,9 @@ def embedded_pit(task: FruitTask, shape: FruitShape) -> FruitPit:
         source = f"{'measured pit, placed as' if measured else 'prior'} for {task.prior.category}"
     else:
         raise ValueError("a batch without a prior has a fruit without a pit.ply")
-    found = pit_found(task.settings.mismatch)
-    if found != PitFound():
-        vertices = found.moved(vertices)
+    found_pit = pit_found(task.settings.mismatch)
+    if found_pit != PitFound():
+        vertices = found_pit.moved(vertices)
         source += ", moved to where it was found"
     embedded = embed_pit(shape.vertices, shape.faces, vertices, faces)
     skin, pit = embedded.skin, embedded.pit

@@ -154,7 +154,9 @@ def _placed(
     recordings = folder.recordings_by_name()
     recordings |= {path.name: path for path in folder.raw_grasp_folders()}
     with log.stage("contact"):
-        for named, path in sorted(recordings.items(), key=lambda one: in_order(Path(one[0]))):
+        for named, path in sorted(
+            recordings.items(), key=lambda name_and_path: in_order(Path(name_and_path[0]))
+        ):
             name = printable(named)
             field = "attribute fruit_id"
             try:
@@ -174,7 +176,9 @@ def _placed(
                     checked=replace(checked, rig=rig),
                     admit=partial(admitted, owner, log, strangers, name=name, field=field),
                 )
-                refuse_copy(name, next((one.name for one in placed if one.digest == grasp.digest), None))
+                refuse_copy(
+                    name, next((earlier.name for earlier in placed if earlier.digest == grasp.digest), None)
+                )
                 placed.append(grasp)
             except TactileFailure as failure:
                 failures[name] = failure
@@ -199,9 +203,9 @@ def admitted(
     named = recording.fruit_id
     if (other := stranger(named, owner)) is not None:
         strangers[other] = other in (owner.batch_fruits or ())
-    found = owner_findings(named, recording.category, owner, source=name, field=field)
+    findings = owner_findings(named, recording.category, owner, source=name, field=field)
     log.warnings += [f"{name}: {said}" for said in owner_remarks(named, recording.category, owner)]
-    return found
+    return findings
 
 
 def _checked(task: FruitTask, shape: FruitShape) -> Checked:
@@ -251,5 +255,5 @@ def why_no_grasp(failures: Sequence[TactileFailure | FemFailure]) -> Exception:
     if len(failures) == 1:
         return failures[0]
     if failures:
-        return FruitEnded(Outcome.ALL_GRASPS_FAILED, said_once([str(one) for one in failures]))
+        return FruitEnded(Outcome.ALL_GRASPS_FAILED, said_once([str(failure) for failure in failures]))
     return FruitEnded(Outcome.NO_GRASP, "record one grasp and put its .h5, or its frames, there.")

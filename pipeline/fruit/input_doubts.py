@@ -152,12 +152,17 @@ def of_findings(recordings: Sequence[tuple[str, Sequence[Finding]]]) -> list[Dou
 
 def remarks_of_grasps(grasps: Sequence[PlacedGrasp]) -> list[str]:
     """What is worth knowing of the recordings and puts nothing in doubt."""
-    return [f"{grasp.name}: {one.sentence}." for grasp in grasps for one in grasp.findings if one.remark]
+    return [
+        f"{grasp.name}: {finding.sentence}."
+        for grasp in grasps
+        for finding in grasp.findings
+        if finding.remark
+    ]
 
 
 def signs_explained(grasp: PlacedGrasp) -> frozenset[ModulusSign]:
     """The signs in the recording's modulus that follow from what was found in it."""
-    named = (EXPLAINS.get(one.kind, ()) for one in grasp.findings if not one.remark)
+    named = (EXPLAINS.get(finding.kind, ()) for finding in grasp.findings if not finding.remark)
     return frozenset[ModulusSign]().union(*named)
 
 
@@ -179,7 +184,7 @@ def causes_alone(
     warnings: Sequence[ModulusWarning], *, explained: frozenset[ModulusSign]
 ) -> list[ModulusWarning]:
     """`warnings` without the signs that follow from a named cause."""
-    return [one for one in warnings if one.sign not in explained]
+    return [warning for warning in warnings if warning.sign not in explained]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -232,9 +237,9 @@ def of_a_given_pit(
     if prior is None or pit is None:
         return []
     off, size, sides = pit.off_mm, pit.size, pit.sides
-    found = []
+    doubts = []
     if off > max(FAR_SD * prior.offset_sd_mm, FAR_SHARE * pit.half_mm):
-        found.append(
+        doubts.append(
             Doubt(
                 kind=PitKind.AWAY,
                 sentence=(
@@ -247,7 +252,7 @@ def of_a_given_pit(
             )
         )
     if abs(size) > max(SIZE_SAID, SIZE_SD * prior.size_sd):
-        found.append(
+        doubts.append(
             Doubt(
                 kind=PitKind.SIZE,
                 sentence=(
@@ -261,7 +266,7 @@ def of_a_given_pit(
         )
     elif float(np.ptp(sides)) > TURNED:
         longest = "xyz"[int(np.argmax(sides))]
-        found.append(
+        doubts.append(
             Doubt(
                 kind=PitKind.TURNED,
                 sentence=(
@@ -272,20 +277,20 @@ def of_a_given_pit(
                 relative_sd=E_OF_A_TURNED_PIT,
             )
         )
-    return found
+    return doubts
 
 
-def of_a_pit_found(found: PitFoundRecord | None, *, given: bool) -> list[Doubt]:
+def of_a_pit_found(pit: PitFoundRecord | None, *, given: bool) -> list[Doubt]:
     """A given pit that the grasps find elsewhere, or of another size, by far more than it may be off."""
-    if found is None or not given or max(map(abs, found.moved)) <= MOVED_SD:
+    if pit is None or not given or max(map(abs, pit.moved)) <= MOVED_SD:
         return []
-    off = float(np.linalg.norm(found.offset_mm))
+    off = float(np.linalg.norm(pit.offset_mm))
     return [
         Doubt(
             kind=PitKind.FOUND_ELSEWHERE,
             sentence=(
                 f"the grasps locate the pit {off:.1f} mm from its place in pit.ply, at "
-                f"{found.size:.2f} times its size. Either pit.ply or the grasps are shifted, scaled "
+                f"{pit.size:.2f} times its size. Either pit.ply or the grasps are shifted, scaled "
                 "or from another fruit."
             ),
             relative_sd=E_PER_MM * off,

@@ -94,10 +94,10 @@ def packed(models: Sequence[GraspModel | FemFailure]) -> KeptModels:
     """What is kept of them."""
     return KeptModels(
         models=tuple(
-            KeptFailure(problem=one.problem, detail=one.detail)
-            if isinstance(one, FemFailure)
-            else KeptModel.of(one)
-            for one in models
+            KeptFailure(problem=model.problem, detail=model.detail)
+            if isinstance(model, FemFailure)
+            else KeptModel.of(model)
+            for model in models
         )
     )
 
@@ -105,6 +105,6 @@ def packed(models: Sequence[GraspModel | FemFailure]) -> KeptModels:
 def unpacked(kept: KeptModels) -> list[GraspModel | FemFailure]:
     """What `packed` was given, to single precision."""
     return [
-        FemFailure(one.problem, one.detail) if isinstance(one, KeptFailure) else one.model()
-        for one in kept.models
+        FemFailure(model.problem, model.detail) if isinstance(model, KeptFailure) else model.model()
+        for model in kept.models
     ]

@@ -10,9 +10,11 @@ def known_gels(sensor: str, settings: SensorSettings | None) -> tuple[PublishedG
     """Of the sensor that a recording names; `settings`: [sensor] of the batch, whose stiffness is first."""
     model = model_named(sensor)
     shipped = () if model is None else (gel_of_model(model),)
-    own = {} if settings is None else settings.gel_stiffness
-    if not own:
+    gel_stiffness = {} if settings is None else settings.gel_stiffness
+    if not gel_stiffness:
         return shipped
-    stated = PublishedGel(source="[sensor] in batch.toml", stiffness=own)
-    others = {name: known for one in shipped for name, known in one.stiffness.items() if name not in own}
-    return (stated, *(replace(one, stiffness=others) for one in shipped))
+    stated = PublishedGel(source="[sensor] in batch.toml", stiffness=gel_stiffness)
+    others = {
+        name: known for gel in shipped for name, known in gel.stiffness.items() if name not in gel_stiffness
+    }
+    return (stated, *(replace(gel, stiffness=others) for gel in shipped))

@@ -40,7 +40,7 @@ class KeptScreen(StageRecord):
 def screened_fruit(
     task: FruitTask,
     fruit: GraspedFruit,
-    found: FruitInference,
+    inference: FruitInference,
     solids: Mapping[Support, UnitModulusSolid],
 ) -> ScreenRecord:
     """What the recordings hold beyond the model that E was inferred with, or why that cannot be told.
@@ -51,9 +51,11 @@ def screened_fruit(
     if plain:
         return ScreenRecord(failure=ONE_GEL.format(", ".join(plain)))
     usable = [
-        (grasp, model, own)
-        for grasp, model, own in zip(fruit.placed, found.models, found.grasps, strict=True)
-        if isinstance(model, GraspModel) and isinstance(own, ModulusEstimate) and own.form == "first-touch"
+        (grasp, model, estimate)
+        for grasp, model, estimate in zip(fruit.placed, inference.models, inference.grasps, strict=True)
+        if isinstance(model, GraspModel)
+        and isinstance(estimate, ModulusEstimate)
+        and estimate.form == "first-touch"
     ]
     placed = [grasp for grasp, _, _ in usable]
     case = MismatchCase(
@@ -64,7 +66,7 @@ def screened_fruit(
     )
 
     confirmed = in_the_model(task.settings.mismatch)
-    holds_it = any(one.spec.holds_large_deformation for one in confirmed)
+    holds_it = any(effect.spec.holds_large_deformation for effect in confirmed)
     finite = task.settings.flesh.model == "neo-hookean" and not holds_it
     # With nothing confirmed the correction is that of finite strain alone. The finder's own column fits
     # better: it spreads the traction as the signatures do (docs/decisions/0014).
@@ -77,7 +79,9 @@ def screened_fruit(
         try:
             said = screen(
                 case,
-                E_MPa=1 / float(np.median([1 / own.E_MPa for _, _, own in usable])) if usable else 1.0,
+                E_MPa=1 / float(np.median([1 / estimate.E_MPa for _, _, estimate in usable]))
+                if usable
+                else 1.0,
                 models=models,
                 solids=solids,
                 holds_large_deformation=holds_it,
@@ -97,11 +101,11 @@ def screened_fruit(
         settings=[
             content_hash(case.mesh, case.grasps),
             [grasp.name for grasp in placed],
-            [own.E_MPa for _, _, own in usable],
+            [estimate.E_MPa for _, _, estimate in usable],
             fruit.poisson_ratio,
             astuple(fruit.budget),
             task.settings.flesh.model,
-            [one.effect for one in confirmed],
+            [effect.effect for effect in confirmed],
             keyed(task.settings.mismatch),
         ],
         rooms=("pipeline", "fem"),
@@ -125,8 +129,14 @@ def _record(said: Screened, all_grasps: Sequence[PlacedGrasp], used: Sequence[Pl
         statistics=said.statistics,
         gains=said.gains,
         amounts=tuple(
-            AmountRecord(effect=one.effect, pad=one.pad, parameter=one.parameter, value=one.value, sd=one.sd)
-            for one in said.amounts
+            AmountRecord(
+                effect=amount.effect,
+                pad=amount.pad,
+                parameter=amount.parameter,
+                value=amount.value,
+                sd=amount.sd,
+            )
+            for amount in said.amounts
         ),
         suspected=tuple(
             SuspectedRecord(effect=name, E_ratio=ratio, added_sd=sd)

@@ -20,7 +20,7 @@ FULL_LOAD = 0.9
 
 
 def model_curves(
-    found: ModulusEstimate,
+    estimate: ModulusEstimate,
     history: GraspHistory,
     axes: Float[np.ndarray, "p t 3"],
     travel_mm: Float[np.ndarray, " t"],
@@ -32,45 +32,45 @@ def model_curves(
     pads' summed. `sd_mm`: what E's error makes of it, the fruit's own part of the travel times E's relative
     error; that part is the deepest way of each pad's skin since first touch, the pads' summed.
     """
-    used = np.flatnonzero(found.loaded)
-    missed, own = np.zeros(len(used)), np.zeros(len(used))
+    used = np.flatnonzero(estimate.loaded)
+    missed, skin_mm = np.zeros(len(used)), np.zeros(len(used))
     for k, pad in enumerate(history.pads):
         along = axes[k][used]
-        residual = np.einsum("fnx,fx->fn", found.residual_mm[:, history.pad_of_marker == k], along)
+        residual = np.einsum("fnx,fx->fn", estimate.residual_mm[:, history.pad_of_marker == k], along)
         known = np.isfinite(residual)
         missed += np.where(known, residual, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
         moved_mm = since_first_touch(pad.position_mm, pad.episode)[used]
         touching = pad.episode[used] >= 0
         way = np.where(touching, np.einsum("fnx,fx->fn", moved_mm, along), np.nan)
         anywhere = touching.any(axis=1)
-        own[anywhere] += np.nanquantile(way[anywhere], OWN_SHARE, axis=1)
-    relative = found.E_sd_MPa / found.E_MPa
+        skin_mm[anywhere] += np.nanquantile(way[anywhere], OWN_SHARE, axis=1)
+    relative = estimate.E_sd_MPa / estimate.E_MPa
     return [
         ModelCurveRecord(
             travel_mm=np.round(travel_mm[used] - missed, 4).tolist(),
             force_N=np.round(force[used], 4).tolist(),
-            sd_mm=np.round(relative * np.abs(own), 4).tolist(),
+            sd_mm=np.round(relative * np.abs(skin_mm), 4).tolist(),
         )
         for force in normal_N
     ]
 
 
-def frame_records(found: ModulusEstimate, travel_mm: Float[np.ndarray, " t"]) -> list[FrameRecord]:
+def frame_records(estimate: ModulusEstimate, travel_mm: Float[np.ndarray, " t"]) -> list[FrameRecord]:
     """E by each frame alone, from all pads, where it carries a signal."""
     return [
         FrameRecord(
-            travel_mm=round(float(travel_mm[one.frame]), 4),
-            E_MPa=float(f"{one.E_MPa:.4g}"),
-            E_sd_MPa=float(f"{one.E_sd_MPa:.3g}"),
-            unloading=one.phase == "unload",
+            travel_mm=round(float(travel_mm[frame.frame]), 4),
+            E_MPa=float(f"{frame.E_MPa:.4g}"),
+            E_sd_MPa=float(f"{frame.E_sd_MPa:.3g}"),
+            unloading=frame.phase == "unload",
         )
-        for one in found.frames
-        if one.pad == BOTH and np.isfinite(one.E_MPa) and one.E_MPa > 0
+        for frame in estimate.frames
+        if frame.pad == BOTH and np.isfinite(frame.E_MPa) and frame.E_MPa > 0
     ]
 
 
 def residual_at_full_load(
-    found: ModulusEstimate,
+    estimate: ModulusEstimate,
     history: GraspHistory,
     axes: Float[np.ndarray, "p t 3"],
     normal_N: Float[np.ndarray, "p t"],
@@ -79,13 +79,13 @@ def residual_at_full_load(
 
     Along each pad's axis into the fruit: positive where the skin went farther in than the model's.
     """
-    used = np.flatnonzero(found.loaded)
+    used = np.flatnonzero(estimate.loaded)
     force = normal_N.sum(axis=0)[used]
     full = force >= FULL_LOAD * force.max()
     by_pad = {}
     for k, pad in enumerate(history.pads):
-        own = found.residual_mm[:, history.pad_of_marker == k][full]
-        along = np.einsum("fnx,fx->fn", own, axes[k][used][full])
+        residual_mm = estimate.residual_mm[:, history.pad_of_marker == k][full]
+        along = np.einsum("fnx,fx->fn", residual_mm, axes[k][used][full])
         touching = np.isfinite(along).all(axis=0)
         by_pad[pad.name] = pad.surface_mm[touching], 1e3 * along[:, touching].mean(axis=0)
     return by_pad

@@ -145,7 +145,7 @@ def findings_of(
 
     `corrected_for`: how many confirmed faults of the gripper were taken out of it before.
     """
-    found = recording_findings(
+    findings = recording_findings(
         recording,
         vertices,
         faces,
@@ -153,14 +153,16 @@ def findings_of(
         surface_sd_mm=checked.surface_sd_mm,
         gels=known_gels(recording.sensor, checked.sensor),
     )
-    found += read_otherwise(recording)
+    findings += read_otherwise(recording)
     if checked.rig is not None:
-        found += jaw_share_findings(recording, checked.rig)
+        findings += jaw_share_findings(recording, checked.rig)
     if checked.explains:
-        found = [replace(one, refused=one.refused and not one.has_effect) for one in found]
-    if said := refusal(found, corrected_for=corrected_for):
+        findings = [
+            replace(finding, refused=finding.refused and not finding.has_effect) for finding in findings
+        ]
+    if said := refusal(findings, corrected_for=corrected_for):
         raise TactileFailure(TactileProblem.IMPLAUSIBLE_RECORDING, f"{source}: {said}.")
-    return tuple(found)
+    return tuple(findings)
 
 
 def read_otherwise(recording: Recording) -> list[Finding]:
@@ -169,12 +171,12 @@ def read_otherwise(recording: Recording) -> list[Finding]:
     return [Finding(kind=kind, rank=rank, says=note, remark=True) for note in recording.notes]
 
 
-def refusal(found: Sequence[Finding], *, corrected_for: int) -> str:
+def refusal(findings: Sequence[Finding], *, corrected_for: int) -> str:
     """Why a recording with these findings is of no use, without a full stop; empty where it is.
 
     `corrected_for`: how many confirmed faults of the gripper were taken out of it: they may be the mistake.
     """
-    said = "; ".join(one.sentence for one in found if one.refused)
+    said = "; ".join(finding.sentence for finding in findings if finding.refused)
     if said and corrected_for:
         said += "; [[mismatch]] in batch.toml corrected it before, so check those numbers too"
     return said
@@ -216,15 +218,15 @@ def touched_by_pad(grasps: Sequence[PlacedGrasp]) -> dict[str, Float[np.ndarray,
 
 
 def patch_residuals(
-    grasps: Sequence[PlacedGrasp], found: Sequence[ModulusEstimate | FemFailure]
+    grasps: Sequence[PlacedGrasp], estimates: Sequence[ModulusEstimate | FemFailure]
 ) -> list[PatchResidual]:
     """What the model leaves under each pad at the greatest force, of all grasps whose modulus comes from
     markers' motion since first touch.
     """
     patches = []
-    for grasp, own in zip(grasps, found, strict=True):
-        if not isinstance(own, FemFailure) and own.form == "first-touch":
-            residuals = residual_at_full_load(own, history(grasp), *_axes_and_forces(grasp))
+    for grasp, estimate in zip(grasps, estimates, strict=True):
+        if not isinstance(estimate, FemFailure) and estimate.form == "first-touch":
+            residuals = residual_at_full_load(estimate, history(grasp), *_axes_and_forces(grasp))
             patches += [
                 PatchResidual(name=f"{grasp.name}, {pad}", places_mm=places, residual_um=values)
                 for pad, (places, values) in residuals.items()
@@ -284,35 +286,35 @@ def grasp_case(grasp: PlacedGrasp) -> GraspCase:
     )
 
 
-def grasp_record(grasp: PlacedGrasp, found: ModulusEstimate | FemFailure) -> GraspRecord:
+def grasp_record(grasp: PlacedGrasp, estimate: ModulusEstimate | FemFailure) -> GraspRecord:
     """What the fruit's record says of one recording and its modulus, or why it has none."""
-    if isinstance(found, FemFailure):
-        return GraspRecord(grasp=grasp.name, failure=found.detail)
+    if isinstance(estimate, FemFailure):
+        return GraspRecord(grasp=grasp.name, failure=estimate.detail)
     curves, travel_mm = force_curves(grasp)
     frames: list[FrameRecord] = []
-    if found.form == "first-touch":
+    if estimate.form == "first-touch":
         axes, normal_N = _axes_and_forces(grasp)
-        models = model_curves(found, history(grasp), axes, travel_mm, normal_N)
+        models = model_curves(estimate, history(grasp), axes, travel_mm, normal_N)
         curves = [
             curve.model_copy(update={"model": model}) for curve, model in zip(curves, models, strict=True)
         ]
-        frames = frame_records(found, travel_mm)
-    energy = found.energy
+        frames = frame_records(estimate, travel_mm)
+    energy = estimate.energy
     return GraspRecord(
         grasp=grasp.name,
         digest=grasp.digest,
-        E_MPa=found.E_MPa,
-        E_sd_MPa=found.E_sd_MPa,
-        parts_sd_MPa=found.parts_sd_MPa,
-        discretisation=found.discretisation,
+        E_MPa=estimate.E_MPa,
+        E_sd_MPa=estimate.E_sd_MPa,
+        parts_sd_MPa=estimate.parts_sd_MPa,
+        discretisation=estimate.discretisation,
         E_energy_MPa=energy.E_MPa if energy else None,
         E_energy_sd_MPa=energy.sd_MPa if energy else None,
-        E_least_squares_MPa=found.least_squares.E_MPa,
-        E_least_squares_sd_MPa=found.least_squares.sd_MPa,
-        residual_um=1e3 * found.residual_rms_mm,
+        E_least_squares_MPa=estimate.least_squares.E_MPa,
+        E_least_squares_sd_MPa=estimate.least_squares.sd_MPa,
+        residual_um=1e3 * estimate.residual_rms_mm,
         noise_um=1e3 * max(pad.displacement_noise.sd for pad in grasp.contact.pads),
         registration_mm=max(pad.residual_mm for pad in grasp.pads),
-        frames_used=int(found.loaded.sum()),
+        frames_used=int(estimate.loaded.sum()),
         markers_used=int(sum((pad.onset >= 0).sum() for pad in grasp.contact.pads)),
         peak_force_N=max(max(c.force_N) for c in curves),
         travel_mm=max(max(c.travel_mm) for c in curves),

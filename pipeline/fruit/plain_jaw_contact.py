@@ -40,13 +40,13 @@ def with_plain_jaws(
             solids=solids,
         )
 
-    found = modulus(fruit.placed, "response")
+    inference = modulus(fruit.placed, "response")
     if not any(grasp.plain_jaw for grasp in fruit.placed):
-        return fruit, found
+        return fruit, inference
     rig = batch_rig(task.batch_root, task.settings)
     surface = fruit.shape.vertices, fruit.shape.faces
     for k in range(MOST_ROUNDS):
-        before_MPa = found.modulus.E_MPa
+        before_MPa = inference.modulus.E_MPa
         plane_strain_MPa = before_MPa / (1 - fruit.poisson_ratio**2)
         placed = tuple(
             replace(
@@ -65,8 +65,8 @@ def with_plain_jaws(
             else grasp
             for grasp in fruit.placed
         )
-        found = modulus(placed, f"response-jaw-{k}")
+        inference = modulus(placed, f"response-jaw-{k}")
         fruit = replace(fruit, placed=placed)
-        if abs(np.log(found.modulus.E_MPa / before_MPa)) < CLOSE:
+        if abs(np.log(inference.modulus.E_MPa / before_MPa)) < CLOSE:
             break
-    return fruit, found
+    return fruit, inference

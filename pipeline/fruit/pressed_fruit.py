@@ -93,7 +93,7 @@ class _AlongOne:
 
     recordings: tuple[CompressionTrace, ...]
     traces: BareTraces
-    found: Explanation
+    explanation: Explanation
     alone: tuple[Modulus, ...]
 
     @property
@@ -111,26 +111,30 @@ def grade_pressed(task: FruitTask, log: StageLog) -> None:
     nu, nu_sd, _ = poisson_ratio(task.settings, task.prior)
     with log.stage("contact"):
         used = _recordings(task, log)
-        doubts = of_findings([(one.name, one.findings) for one in used])
+        doubts = of_findings([(recording.name, recording.findings) for recording in used])
         facts.doubts = tuple(doubt.sentence for doubt in doubts)
         log.warnings[:0] = facts.doubts
     with log.stage("modulus"):
-        found = [_explained(group, nu) for group in _by_diameter(used)]
-        facts.pressed = _pressed_record(found, task, nu)
-        records = [record for one in found for record in _grasp_records(one)]
+        diameters = [_explained(group, nu) for group in _by_diameter(used)]
+        facts.pressed = _pressed_record(diameters, task, nu)
+        records = [record for diameter in diameters for record in _grasp_records(diameter)]
         facts.grasps = tuple(sorted([*facts.grasps, *records], key=lambda record: record.grasp))
-        withheld = [one.found.withheld for one in found if one.found.withheld is not None]
+        withheld = [
+            diameter.explanation.withheld
+            for diameter in diameters
+            if diameter.explanation.withheld is not None
+        ]
         if withheld:
             raise FruitEnded(Outcome.WITHHELD_MODULUS, "; ".join(dict.fromkeys(withheld)))
-        facts.modulus = _modulus_record(found, facts.pressed.shape_sd, nu, nu_sd, doubts)
-        log.warnings += _warnings(found, facts.pressed.shape_sd)
+        facts.modulus = _modulus_record(diameters, facts.pressed.shape_sd, nu, nu_sd, doubts)
+        log.warnings += _warnings(diameters, facts.pressed.shape_sd)
         if task.settings.mismatch:
-            names = ", ".join(dict.fromkeys(one.effect for one in task.settings.mismatch))
+            names = ", ".join(dict.fromkeys(effect.effect for effect in task.settings.mismatch))
             log.warnings.append(
                 f"E excludes the confirmed effects ({names}), because they need the fruit's mesh."
             )
     if task.screen:
-        facts.screen = _screen_record(found)
+        facts.screen = _screen_record(diameters)
 
 
 def _recordings(task: FruitTask, log: StageLog) -> list[CompressionTrace]:
@@ -142,7 +146,7 @@ def _recordings(task: FruitTask, log: StageLog) -> list[CompressionTrace]:
     for named, path in task.folder.recordings_by_name().items():
         name = printable(named)
         try:
-            one = compression_trace(
+            trace = compression_trace(
                 path,
                 stated=stated,
                 prior=task.prior,
@@ -150,13 +154,15 @@ def _recordings(task: FruitTask, log: StageLog) -> list[CompressionTrace]:
                 rig=rig,
                 admit=partial(admit, name=name),
             )
-            refuse_copy(name, next((other.name for other in used if other.digest == one.digest), None))
-            used.append(one)
-            log.warnings += [note for note in one.notes if note not in log.warnings]
+            refuse_copy(name, next((other.name for other in used if other.digest == trace.digest), None))
+            used.append(trace)
+            log.warnings += [note for note in trace.notes if note not in log.warnings]
         except (TactileFailure, FemFailure) as failure:
             failures[name] = failure
             log.warnings.append(f"not used: {failure.detail}")
-    log.facts.grasps = tuple(GraspRecord(grasp=name, failure=one.detail) for name, one in failures.items())
+    log.facts.grasps = tuple(
+        GraspRecord(grasp=name, failure=tactile_failure.detail) for name, tactile_failure in failures.items()
+    )
     if not used:
         raise why_no_grasp(list(failures.values()))
     return used
@@ -204,8 +210,8 @@ def compression_trace(
     )
 
 
-def _unfit(path: Path, found: str, expected: str) -> TactileFailure:
-    said = f"{path.name}: found {found}, expected for a fruit without photos or mesh: {expected}."
+def _unfit(path: Path, contents: str, expected: str) -> TactileFailure:
+    said = f"{path.name}: found {contents}, expected for a fruit without photos or mesh: {expected}."
     return TactileFailure(TactileProblem.UNREADABLE_RECORDING, said)
 
 
@@ -222,68 +228,70 @@ def _without_rig(
 def _by_diameter(used: Sequence[CompressionTrace]) -> list[list[CompressionTrace]]:
     """Recordings along the same diameter together, in the order of the first of each."""
     groups: list[list[CompressionTrace]] = []
-    for one in used:
-        same = next((group for group in groups if group[0].bare.known.same_as(one.bare.known)), None)
+    for recording in used:
+        same = next((group for group in groups if group[0].bare.known.same_as(recording.bare.known)), None)
         if same is None:
-            groups.append([one])
+            groups.append([recording])
         else:
-            same.append(one)
+            same.append(recording)
     return groups
 
 
 def _explained(group: Sequence[CompressionTrace], nu: float) -> _AlongOne:
     """One law for all of them; raises FemFailure, or FruitEnded where a rig was taken off some alone."""
     try:
-        traces = joined_traces([one.bare for one in group])
+        traces = joined_traces([recording.bare for recording in group])
     except BatchRefused as refused:
         said = " ".join(problem.sentence for problem in refused.problems)
         raise FruitEnded(Outcome.ALL_GRASPS_FAILED, said) from None
-    found = explain_trace(
+    explanation = explain_trace(
         traces.trace, thickness_mm=None, poisson_ratio=nu, rng=np.random.default_rng(TRACE_SEED)
     )
-    alone: tuple[Modulus, ...] = (found.before,)
+    alone: tuple[Modulus, ...] = (explanation.before,)
     if len(group) > 1:
         alone = tuple(
             linear_modulus(part, thickness_mm=None, poisson_ratio=nu) for part in traces.trace.parts
         )
-    return _AlongOne(recordings=tuple(group), traces=traces, found=found, alone=alone)
+    return _AlongOne(recordings=tuple(group), traces=traces, explanation=explanation, alone=alone)
 
 
-def _pressed_record(found: Sequence[_AlongOne], task: FruitTask, nu: float) -> PressedRecord:
-    fruit = found[0].fruit
-    own = found[0].recordings[0].bare.pad.specimen.pit_share
+def _pressed_record(diameters: Sequence[_AlongOne], task: FruitTask, nu: float) -> PressedRecord:
+    fruit = diameters[0].fruit
+    recorded_pit_share = diameters[0].recordings[0].bare.pad.specimen.pit_share
     source = "fruits.csv" if task.given.pit_share is not None else "the recording"
-    if task.given.pit_share is None and own is None:
+    if task.given.pit_share is None and recorded_pit_share is None:
         source = "none given" if not fruit.pit_share else f"prior for {task.category}"
     return PressedRecord(
         diameters_mm=fruit.diameters_mm,
-        compressed_along=tuple(DIAMETERS[one.fruit.axis] for one in found),
+        compressed_along=tuple(DIAMETERS[diameter.fruit.axis] for diameter in diameters),
         pit_share=fruit.pit_share,
         pit_source=source,
-        shape_sd=float(np.mean([_shape_sd(one, task.body, nu) for one in found])),
+        shape_sd=float(np.mean([_shape_sd(diameter, task.body, nu) for diameter in diameters])),
     )
 
 
-def _shape_sd(one: _AlongOne, body: PitBody, nu: float) -> float:
+def _shape_sd(diameter: _AlongOne, body: PitBody, nu: float) -> float:
     """Of ln E along one diameter."""
-    of_ellipsoid = one.fruit.curve(thickness_mm=None, poisson_ratio=nu).shape_sd
-    of_suture = ALONG_SUTURE_SD if body.stem_and_suture and DIAMETERS[one.fruit.axis] == "a" else 0.0
+    of_ellipsoid = diameter.fruit.curve(thickness_mm=None, poisson_ratio=nu).shape_sd
+    of_suture = ALONG_SUTURE_SD if body.stem_and_suture and DIAMETERS[diameter.fruit.axis] == "a" else 0.0
     return float(np.hypot(of_ellipsoid, of_suture))
 
 
-def _grasp_records(one: _AlongOne) -> list[GraspRecord]:
+def _grasp_records(diameter: _AlongOne) -> list[GraspRecord]:
     """What each recording gave by itself; the curve from its first touch."""
     records = []
-    for trace, recording, own in zip(one.traces.trace.parts, one.recordings, one.alone, strict=True):
+    for trace, recording, modulus in zip(
+        diameter.traces.trace.parts, diameter.recordings, diameter.alone, strict=True
+    ):
         force, touch = trace.force_N, max(first_touch(trace) - 1, 0)
         records.append(
             GraspRecord(
                 grasp=recording.name,
                 digest=recording.digest,
-                E_MPa=own.value,
-                E_sd_MPa=own.sd,
-                E_least_squares_MPa=own.value,
-                E_least_squares_sd_MPa=own.sd,
+                E_MPa=modulus.value,
+                E_sd_MPa=modulus.sd,
+                E_least_squares_MPa=modulus.value,
+                E_least_squares_sd_MPa=modulus.sd,
                 peak_force_N=float(force.max()),
                 travel_mm=float(trace.travel_mm.max() - trace.travel_mm[touch]),
                 frames_used=len(force),
@@ -300,13 +308,15 @@ def _grasp_records(one: _AlongOne) -> list[GraspRecord]:
 
 
 def _modulus_record(
-    found: Sequence[_AlongOne], shape_sd: float, nu: float, nu_sd: float, doubts: Sequence[Doubt]
+    diameters: Sequence[_AlongOne], shape_sd: float, nu: float, nu_sd: float, doubts: Sequence[Doubt]
 ) -> ModulusRecord:
     """The weighted mean of ln E over the diameters; shape and Poisson's ratio are common to all of them."""
-    relative = np.array([one.found.before.sd / one.found.before.value for one in found])
-    weights = _weights(found)
-    E_MPa = float(np.exp(weights @ np.log([one.found.before.value for one in found])))
-    of_ratio = abs(float(weights @ [_per_ratio(one, nu, nu_sd) for one in found]))
+    relative = np.array(
+        [diameter.explanation.before.sd / diameter.explanation.before.value for diameter in diameters]
+    )
+    weights = _weights(diameters)
+    E_MPa = float(np.exp(weights @ np.log([diameter.explanation.before.value for diameter in diameters])))
+    of_ratio = abs(float(weights @ [_per_ratio(diameter, nu, nu_sd) for diameter in diameters]))
     parts = {
         RECORDINGS: E_MPa * float(np.sum(relative**-2) ** -0.5),
         SHAPE: E_MPa * shape_sd,
@@ -321,65 +331,73 @@ def _modulus_record(
     )
 
 
-def _per_ratio(one: _AlongOne, nu: float, nu_sd: float) -> float:
+def _per_ratio(diameter: _AlongOne, nu: float, nu_sd: float) -> float:
     """Change of ln E over one standard deviation of Poisson's ratio."""
     if not nu_sd:
         return 0.0
-    depth = np.array(TYPICAL * float(np.ptp(one.traces.trace.travel_mm)))
+    depth = np.array(TYPICAL * float(np.ptp(diameter.traces.trace.travel_mm)))
     low, high = max(nu - nu_sd, 0.0), min(nu + nu_sd, LARGEST_POISSON_RATIO)
     forces = [
-        float(one.fruit.curve(thickness_mm=None, poisson_ratio=ratio).force_N_per_MPa(depth))
+        float(diameter.fruit.curve(thickness_mm=None, poisson_ratio=ratio).force_N_per_MPa(depth))
         for ratio in (low, high)
     ]
     return float(np.log(forces[0] / forces[1]) * nu_sd / (high - low))
 
 
-def _screen_record(found: Sequence[_AlongOne]) -> ScreenRecord:
+def _screen_record(diameters: Sequence[_AlongOne]) -> ScreenRecord:
     """What the traces show beyond linear elasticity, the likeliest names first."""
     names = [
         name
-        for one in found
-        for name in ([one.found.verdict] if isinstance(one.found.verdict, str) else one.found.verdict)
+        for diameter in diameters
+        for name in (
+            [diameter.explanation.verdict]
+            if isinstance(diameter.explanation.verdict, str)
+            else diameter.explanation.verdict
+        )
         if name != NONE
     ]
-    p_value = min(1.0, len(found) * min(one.found.p_value for one in found))
+    p_value = min(1.0, len(diameters) * min(diameter.explanation.p_value for diameter in diameters))
     named = tuple(dict.fromkeys(names))
-    return ScreenRecord(p_value=p_value, names=named, suspected=_suspected(found, named))
+    return ScreenRecord(p_value=p_value, names=named, suspected=_suspected(diameters, named))
 
 
-def _suspected(found: Sequence[_AlongOne], names: Sequence[str]) -> tuple[SuspectedRecord, ...]:
+def _suspected(diameters: Sequence[_AlongOne], names: Sequence[str]) -> tuple[SuspectedRecord, ...]:
     """E with what the traces show, as the weighted mean over the diameters; none where E is not known."""
     if not names or UNKNOWN in names:
         return ()
-    weights = _weights(found)
-    each = [suspected_of("", one.found.before, one.found.after) for one in found]
+    weights = _weights(diameters)
+    each = [
+        suspected_of("", diameter.explanation.before, diameter.explanation.after) for diameter in diameters
+    ]
     if not all(each):
         return ()
-    E_ratio = math.exp(weights @ [math.log(one.E_ratio) for (one,) in each])
-    added_sd = float(np.linalg.norm(weights * [one.added_sd for (one,) in each]))
+    E_ratio = math.exp(weights @ [math.log(suspect.E_ratio) for (suspect,) in each])
+    added_sd = float(np.linalg.norm(weights * [suspect.added_sd for (suspect,) in each]))
     return (SuspectedRecord(effect="|".join(names), E_ratio=E_ratio, added_sd=added_sd),)
 
 
-def _weights(found: Sequence[_AlongOne]) -> Float[np.ndarray, " n"]:
+def _weights(diameters: Sequence[_AlongOne]) -> Float[np.ndarray, " n"]:
     """Of each diameter in the mean of ln E: 1 / variance."""
-    relative = np.array([one.found.before.sd / one.found.before.value for one in found])
+    relative = np.array(
+        [diameter.explanation.before.sd / diameter.explanation.before.value for diameter in diameters]
+    )
     return np.asarray(relative**-2 / np.sum(relative**-2))
 
 
-def _warnings(found: Sequence[_AlongOne], shape_sd: float) -> list[str]:
+def _warnings(diameters: Sequence[_AlongOne], shape_sd: float) -> list[str]:
     """What changes E: a rig that gives way, effects that move it, diameters that disagree."""
     said = []
-    for one in found:
-        if all(part.rig_give_mm is None for part in one.traces.trace.parts):
-            rig = rig_share(one.traces.trace, rig_N_per_mm=None, made_known=OF_A_BATCH)
+    for diameter in diameters:
+        if all(part.rig_give_mm is None for part in diameter.traces.trace.parts):
+            rig = rig_share(diameter.traces.trace, rig_N_per_mm=None, made_known=OF_A_BATCH)
             said += [note for note in rig.notes if note not in said]
-        before, after = one.found.before, one.found.after
-        if one.found.verdict != NONE and abs(after.value - before.value) > before.sd + after.sd:
+        before, after = diameter.explanation.before, diameter.explanation.after
+        if diameter.explanation.verdict != NONE and abs(after.value - before.value) > before.sd + after.sd:
             said.append(
                 f"With effects beyond linear elasticity, E is {after.value:.3g} ± {after.sd:.2g} MPa "
                 "(drupe explain). The ranking uses linear elasticity, to treat all fruit alike."
             )
-    values = [one.found.before for one in found]
+    values = [diameter.explanation.before for diameter in diameters]
     for first, second in pairwise(values):
         sd = np.linalg.norm([first.sd / first.value, second.sd / second.value, np.sqrt(2) * shape_sd])
         if abs(np.log(first.value / second.value)) > APART * sd:

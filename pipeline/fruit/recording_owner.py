@@ -53,7 +53,7 @@ def named_row(named: str, batch_fruits: Collection[str]) -> str | None:
     """
     if named in batch_fruits:
         return named
-    same_id = [one for one in batch_fruits if _spelt_plainly(one) == _spelt_plainly(named)]
+    same_id = [fruit for fruit in batch_fruits if _spelt_plainly(fruit) == _spelt_plainly(named)]
     return same_id[0] if len(same_id) == 1 else None
 
 
@@ -64,7 +64,7 @@ def owner_findings(named: str, category: str, owner: Owner, *, source: str, fiel
     `named`, `category`: what the recording says; `source`: its name; `field`: where its id stands in it.
     Raises TactileFailure (foreign-recording) where it names another fruit of the batch.
     """
-    other, found = stranger(named, owner), []
+    other, findings = stranger(named, owner), []
     if other is not None:
         differs = f'{field}: found "{named}", expected "{owner.fruit_id}"'
         if other in (owner.batch_fruits or ()):
@@ -78,14 +78,14 @@ def owner_findings(named: str, category: str, owner: Owner, *, source: str, fiel
             f'{differs}, and fruits.csv has no "{named}". If the recording is of {owner.fruit_id}, '
             f"correct the {field}; otherwise remove the recording"
         )
-        found.append(_doubted(FindingKind.OTHER_FRUIT, says, detail=other))
+        findings.append(_doubted(FindingKind.OTHER_FRUIT, says, detail=other))
     if owner.category is not None and _both_known(category, owner.category):
         says = (
             f'category: found "{category}", expected "{owner.category}" as in batch.toml; correct the '
             "wrong one, or remove the recording if it is another fruit's"
         )
-        found.append(_doubted(FindingKind.OTHER_CATEGORY, says, detail=category))
-    return found
+        findings.append(_doubted(FindingKind.OTHER_CATEGORY, says, detail=category))
+    return findings
 
 
 def owner_remarks(named: str, category: str, owner: Owner) -> list[str]:
@@ -96,7 +96,7 @@ def owner_remarks(named: str, category: str, owner: Owner) -> list[str]:
     differs = owner.category is not None and category and _plain(category) != _plain(owner.category)
     if differs and not _both_known(category, owner.category or ""):
         said.append(f'its category is "{category}", this fruit\'s is "{owner.category}"')
-    return [f"{one}; is the recording in the right folder?" for one in said]
+    return [f"{remark}; is the recording in the right folder?" for remark in said]
 
 
 def _doubted(kind: FindingKind, says: str, *, detail: str) -> Finding:
@@ -105,9 +105,9 @@ def _doubted(kind: FindingKind, says: str, *, detail: str) -> Finding:
     )
 
 
-def _both_known(one: str, other: str) -> bool:
+def _both_known(category: str, other: str) -> bool:
     """Whether two categories differ that drupe ships: names of the user's own may be of the same fruit."""
-    names = {_plain(one), _plain(other)}
+    names = {_plain(category), _plain(other)}
     return len(names) == 2 and names <= set(known_categories())
 
 

@@ -50,9 +50,9 @@ def _doubted(
     used = [grasp for grasp in record.grasps if grasp.failure is None]
     said = []
     for grasp in used if record.graded else ():
-        others = [one for one in holders.get(grasp.digest, ()) if one[0] != record.fruit_id]
+        others = [holder for holder in holders.get(grasp.digest, ()) if holder[0] != record.fruit_id]
         if others:
-            said.append(in_two_fruit(grasp.grasp, (_file(folder, *one) for one in others)))
+            said.append(in_two_fruit(grasp.grasp, (_file(folder, *other) for other in others)))
     marked = with_copies(record, said)
     if not said or record.modulus is None:
         return marked
@@ -65,7 +65,7 @@ def with_copies(record: FruitRecord, said: Sequence[str]) -> FruitRecord:
     if tuple(said) == record.copied:
         return record
     doubts, warnings = (
-        (*said, *(one for one in before if one not in record.copied))
+        (*said, *(sentence for sentence in before if sentence not in record.copied))
         for before in (record.doubts, record.warnings)
     )
     return record.model_copy(update={"copied": tuple(said), "doubts": doubts, "warnings": warnings})

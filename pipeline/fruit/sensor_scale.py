@@ -50,12 +50,12 @@ def sensor_scale(recordings: Sequence[Recording], settings: SensorSettings | Non
     """
     if not recordings:
         return NO_SCALE
-    gain = unseen_gain([pad for one in recordings for pad in _gels(one)])
+    gain = unseen_gain([pad for recording in recordings for pad in _gels(recording)])
     return SensorScale(
-        common=float(np.mean([common_sd(one, settings) for one in recordings])),
-        pictures=float(np.mean([_picture_sd(one, settings) for one in recordings])),
+        common=float(np.mean([common_sd(recording, settings) for recording in recordings])),
+        pictures=float(np.mean([_picture_sd(recording, settings) for recording in recordings])),
         gain=E_PER_GAIN * gain.shared,
-        own_gain=E_PER_GAIN * gain.own,
+        own_gain=E_PER_GAIN * gain.independent,
     )
 
 

@@ -84,9 +84,9 @@ def _lengths(given: Given, mesh: MeshRecord, *, on_mat: bool) -> Iterator[str]:
         apart = max(low - measured, measured - high, 0.0)
         if apart <= tolerance_mm(measured, mesh):
             continue
-        found = f"{low:.1f}" if high - low < 0.05 else f"{low:.1f} to {high:.1f}"
+        mesh_length = f"{low:.1f}" if high - low < 0.05 else f"{low:.1f} to {high:.1f}"
         yield (
-            f"The mesh is {found} mm {what}, but fruits.csv says {name} {measured:g} "
+            f"The mesh is {mesh_length} mm {what}, but fruits.csv says {name} {measured:g} "
             f"({100 * apart / measured:.1f} % difference)"
         )
 

@@ -56,7 +56,7 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
     outcome, reason = Outcome.GRADED.code, ""
     task.results.claim()
     task.results.forget()
-    log.warnings += [printable(one.sentence) for one in unused_of_fruit(task.folder)]
+    log.warnings += [printable(unused_file.sentence) for unused_file in unused_of_fruit(task.folder)]
     with threadpool_limits(1):
         try:
             if task.folder.without_shape():
@@ -126,7 +126,7 @@ def measured_fruit(
     failed, placed = fruit.failed, fruit.placed
     with log.stage("modulus"):
         try:
-            fruit, found = with_plain_jaws(task, fruit, solids=solids)
+            fruit, inference = with_plain_jaws(task, fruit, solids=solids)
             placed = fruit.placed
         except ExceptionGroup as none:
             reasons = [str(failure) for failure in none.exceptions]
@@ -135,49 +135,49 @@ def measured_fruit(
             if not failed and len(records) == 1:
                 raise none.exceptions[0] from None
             raise FruitEnded(Outcome.ALL_GRASPS_FAILED, "; ".join(reasons)) from none
-        records = [*failed, *map(grasp_record, placed, found.grasps)]
+        records = [*failed, *map(grasp_record, placed, inference.grasps)]
         facts.grasps = tuple(sorted(records, key=lambda r: r.grasp))
-        without_large = at_small_strain(placed, found)
-        spread = effect_spread(task, fruit, found.modulus.E_MPa)
+        without_large = at_small_strain(placed, inference)
+        spread = effect_spread(task, fruit, inference.modulus.E_MPa)
         misplaced = of_a_pit_found(
-            modulus_record(found.modulus).pit_found, given=task.folder.pit_ply.is_file()
+            modulus_record(inference.modulus).pit_found, given=task.folder.pit_ply.is_file()
         )
         doubts = [*fruit.doubts, *misplaced]
         facts.doubts = tuple(doubt.sentence for doubt in doubts)
         log.warnings[:0] = [doubt.sentence for doubt in misplaced]
         facts.modulus = modulus_record(
-            found.modulus,
+            inference.modulus,
             effects_common_sd_MPa=spread.common_sd_MPa,
             effects_own_sd_MPa=spread.own_sd_MPa,
             doubted=relative_sd(doubts),
-            sensor=sensor_scale([one.recording for one in placed], task.settings.sensor),
+            sensor=sensor_scale([placed_grasp.recording for placed_grasp in placed], task.settings.sensor),
             plain_jaws=sum(grasp.plain_jaw for grasp in placed) / len(placed),
             small_strain=len(without_large) / len(placed),
         )
-        _refuse_implausible(task, found.modulus.E_MPa)
+        _refuse_implausible(task, inference.modulus.E_MPa)
         facts.mismatch = in_words(used(task.settings.mismatch)) or None
         log.warnings += [*unused_warnings(task.settings.mismatch), *spread.doubts]
-        for grasp, own in zip(placed, found.grasps, strict=True):
-            if isinstance(own, FemFailure):
-                log.warnings.append(f"not used: {grasp.name}: {own.detail}")
+        for grasp, estimate in zip(placed, inference.grasps, strict=True):
+            if isinstance(estimate, FemFailure):
+                log.warnings.append(f"not used: {grasp.name}: {estimate.detail}")
             else:
-                said = causes_alone(own.warnings, explained=signs_explained(grasp))
+                said = causes_alone(estimate.warnings, explained=signs_explained(grasp))
                 log.warnings += [f"{grasp.name}: {warning.sentence}" for warning in said]
-        log.warnings += [*without_large, *found.modulus.warnings]
-    return fruit, found
+        log.warnings += [*without_large, *inference.modulus.warnings]
+    return fruit, inference
 
 
 def _grade(task: FruitTask, log: StageLog) -> None:
     solids: dict[Support, UnitModulusSolid] = {}
-    fruit, found = measured_fruit(task, log, solids=solids if task.screen else None)
+    fruit, inference = measured_fruit(task, log, solids=solids if task.screen else None)
     shape, pit, placed = fruit.shape, fruit.pit, fruit.placed
     return_freed_memory()
     if task.screen:
         with log.stage(SCREEN):
-            log.facts.screen = screened_fruit(task, fruit, found, solids)
+            log.facts.screen = screened_fruit(task, fruit, inference, solids)
     solids.clear()
     with log.stage("picture"):
-        patches = patch_residuals(placed, found.grasps)
+        patches = patch_residuals(placed, inference.grasps)
         residual = residual_map(shape.vertices, shape.faces, patches)
         if residual is not None:
             write_whole(task.results.residual, residual)

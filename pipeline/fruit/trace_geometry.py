@@ -70,7 +70,9 @@ class Stated:
 def stated_in_table(given: Given) -> Stated:
     """What fruits.csv says of a fruit that plates squeeze."""
     diameters = tuple(
-        one for one in (given.diameter_a_mm, given.diameter_b_mm, given.diameter_c_mm) if one is not None
+        diameter_mm
+        for diameter_mm in (given.diameter_a_mm, given.diameter_b_mm, given.diameter_c_mm)
+        if diameter_mm is not None
     )
     specimen = PressedSpecimen(
         kind="fruit" if diameters else None,
@@ -83,12 +85,12 @@ def stated_in_table(given: Given) -> Stated:
 
 def combined(recorded: PressedSpecimen, stated: Stated, *, source: str) -> tuple[PressedSpecimen, list[str]]:
     """The recording's specimen with the stated fields in place of its own, and a note where they differ."""
-    own, said = recorded.stated, stated.specimen.stated
+    recorded_by_name, said = recorded.stated, stated.specimen.stated
     notes = [
-        f"{source}: {KEYS[name]} is {own[name]} in the recording but {value} in {stated.where}; drupe "
-        "uses the latter."
+        f"{source}: {KEYS[name]} is {recorded_by_name[name]} in the recording but {value} in {stated.where}; "
+        "drupe uses the latter."
         for name, value in said.items()
-        if name in own and own[name] != value
+        if name in recorded_by_name and recorded_by_name[name] != value
     ]
     return replace(recorded, **said), notes
 
@@ -115,7 +117,10 @@ def geometry_of(
         return TraceGeometry(geometry=tool, thickness_mm=specimen.thickness_mm)
     kind = specimen.kind or _kind_of(specimen)
     if kind is None:
-        ways = " or ".join(f"{name_of['kind']} {one} with {_ways(NEEDED[one], name_of)}" for one in NEEDED)
+        ways = " or ".join(
+            f"{name_of['kind']} {specimen_kind} with {_ways(NEEDED[specimen_kind], name_of)}"
+            for specimen_kind in NEEDED
+        )
         raise refused(source, f"does not name the specimen between the plates; give {ways}.")
     _require_none(specimen, OF_CYLINDERS if kind == "cylinder" else OF_FRUIT, source, name_of, f"a {kind}")
     missing = [name for name in NEEDED[kind] if name not in specimen.stated]
@@ -160,11 +165,11 @@ def _kind_of(specimen: PressedSpecimen) -> SpecimenKind | None:
 
 
 def _require_none(
-    specimen: PressedSpecimen, own: frozenset[str], source: str, name_of: Mapping[str, str], what: str
+    specimen: PressedSpecimen, allowed: frozenset[str], source: str, name_of: Mapping[str, str], what: str
 ) -> None:
-    strange = [name_of[name] for name in specimen.stated if name not in own]
+    strange = [name_of[name] for name in specimen.stated if name not in allowed]
     if strange:
-        known = ", ".join(name_of[name] for name in name_of if name in own)
+        known = ", ".join(name_of[name] for name in name_of if name in allowed)
         said = f"gives {', '.join(strange)} for {what}, which has only {known}; remove it."
         raise refused(source, said)
 

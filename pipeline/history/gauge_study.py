@@ -57,7 +57,9 @@ def gauge_study(readings: Float[np.ndarray, "parts appraisers trials"]) -> Gauge
         (ms_both - ms_error) / r,
         (ms_part - ms_both) / (k * r),
     )
-    repeatability, reproducibility, interaction, part = (math.sqrt(max(one, 0.0)) for one in variances)
+    repeatability, reproducibility, interaction, part = (
+        math.sqrt(max(variance, 0.0)) for variance in variances
+    )
     gauge = math.hypot(repeatability, reproducibility, interaction)
     return GaugeStudy(
         repeatability=repeatability,

@@ -79,7 +79,9 @@ def history_entry(
         series=series,
         bodies=bodies,
         alarms=tuple(_alarms(bodies)),
-        conversions=tuple(_conversion_entry(one, used=one in asked) for one in conversions),
+        conversions=tuple(
+            _conversion_entry(conversion, used=conversion in asked) for conversion in conversions
+        ),
         groups=tuple(lot_groups(series)),
         comparisons=tuple(comparisons(batches)),
         gauges=tuple(gauges),

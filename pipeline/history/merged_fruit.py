@@ -34,9 +34,9 @@ class MergedFruit:
         single: dict[str, tuple[float, float | None]] = {}
         for at, row in enumerate(self.rows):
             known = {
-                one.recording or f"{at} {one.grasp}": (one.E_MPa, one.E_sd_MPa)
-                for one in row.grasps
-                if one.E_MPa is not None and one.E_MPa > 0
+                grasp.recording or f"{at} {grasp.grasp}": (grasp.E_MPa, grasp.E_sd_MPa)
+                for grasp in row.grasps
+                if grasp.E_MPa is not None and grasp.E_MPa > 0
             }
             whole = {" ".join(row.recordings) or f"{at}": (row.E_MPa, row.E_sd_MPa)}
             single |= {name: E for name, E in (known or whole).items() if name not in single}

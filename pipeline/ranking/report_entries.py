@@ -153,13 +153,13 @@ def _reference(finding: ReferenceFinding, chart: ControlChart) -> ReferenceEntry
         alarm=finding.alarm,
         bodies=tuple(
             replace(
-                one,
+                body,
                 history=tuple(
                     RatioPoint(time_utc=point.graded_at, lot=point.lot, ratio=point.ratio, sd=point.ratio_sd)
-                    for point in history_of(chart, one.fruit_id)
+                    for point in history_of(chart, body.fruit_id)
                 ),
             )
-            for one in finding.bodies
+            for body in finding.bodies
         ),
     )
 
@@ -197,7 +197,7 @@ def _fruit_entry(
         E_at_pulp_MPa=temperature.E_at_pulp_MPa if temperature else None,
         E_at_pulp_sd_MPa=temperature.E_at_pulp_sd_MPa if temperature else None,
         shore_oo=record.given.shore_oo,
-        warnings=tuple(one for one in record.warnings if one not in record.doubts),
+        warnings=tuple(warning for warning in record.warnings if warning not in record.doubts),
         doubts=record.doubts,
         forced=record.forced,
         pictures=pictures.of(
@@ -250,7 +250,7 @@ def _suspect(name: str) -> Suspect:
     words = [SCREEN_WORDS[part] if part in SCREEN_WORDS else SPECS[part].words for part in name.split("+")]
     return Suspect(
         name=name,
-        short=", and ".join(one.short for one in words),
+        short=", and ".join(word.short for word in words),
         advice=words[0].advice if name in SCREEN_WORDS else "",
     )
 

@@ -116,12 +116,15 @@ def convert_runs(
     _require_table(source)
     runs = runs_in(source, words=wanted.trace)
     each = [replace(wanted, trace=replace(wanted.trace, run=k + 1), all_runs=False) for k in range(runs)]
-    for one in each:
-        _trace(source, one)
+    for request in each:
+        _trace(source, request)
     paths = [out.with_name(f"{out.stem}-{k + 1}{out.suffix}") for k in range(runs)]
     for path in paths:
         _require_writable(source, path, wanted)
-    return [(path, convert(source, path, one, report=report)) for path, one in zip(paths, each, strict=True)]
+    return [
+        (path, convert(source, path, request, report=report))
+        for path, request in zip(paths, each, strict=True)
+    ]
 
 
 def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable[[str], None]) -> Conversion:
@@ -160,11 +163,18 @@ def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable
         doubts = trace_doubts(converted.recording, prior, source=source)
         return Conversion(notes=converted.notes, doubts=doubts)
     limits = expected_E_MPa(prior)
-    found = recording_findings(converted.recording, None, None, E_range_MPa=limits)
+    findings = recording_findings(converted.recording, None, None, E_range_MPa=limits)
     return Conversion(
-        notes=(*converted.notes, *(f"{source.name}: {one.sentence}." for one in found if one.remark)),
-        doubts=tuple(f"{source.name}: {one.sentence}." for one in found if not (one.refused or one.remark)),
-        refused=tuple(f"{source.name}: {one.sentence}." for one in found if one.refused),
+        notes=(
+            *converted.notes,
+            *(f"{source.name}: {finding.sentence}." for finding in findings if finding.remark),
+        ),
+        doubts=tuple(
+            f"{source.name}: {finding.sentence}."
+            for finding in findings
+            if not (finding.refused or finding.remark)
+        ),
+        refused=tuple(f"{source.name}: {finding.sentence}." for finding in findings if finding.refused),
     )
 
 
@@ -211,8 +221,8 @@ def _read(
 
     Raises BatchRefused where a rig is named for what is no bare trace.
     """
-    found, sensors = _of_any_kind(source, wanted, report, stack)
-    if wanted.rig is not None and found.recording.rig_give_mm is None:
+    converted, sensors = _of_any_kind(source, wanted, report, stack)
+    if wanted.rig is not None and converted.recording.rig_give_mm is None:
         what = (
             "is not a load cell's table; --rig corrects only such tables. For a batch's recordings, "
             "name the rig in batch.toml."
@@ -220,7 +230,7 @@ def _read(
         raise refused(source, what)
     if wanted.topics is not None and source.suffix.lower() != ".mcap":
         raise refused(source, "is not a ROS 2 bag; --topics applies only to a .mcap.")
-    return found, sensors
+    return converted, sensors
 
 
 def _of_any_kind(
@@ -236,14 +246,14 @@ def _of_any_kind(
         described = None if wanted.sensor is None else read_sensor(wanted.sensor)
         kn = None if described is None else described.gel_kn_MPa_per_mm
         kt = None if described is None else described.gel_kt_MPa_per_mm
-        found = recording_of_tac3d(
+        converted = recording_of_tac3d(
             sensors,
             fruit_id=wanted.fruit_id,
             category=wanted.category,
             stiffness=None if kn is None or kt is None else (kn, kt),
             scale_sd=(0.0, 0.0) if described is None else (described.force_sd, described.displacement_sd),
         )
-        return found, sensors
+        return converted, sensors
     kind = source.suffix.lower() if source.is_file() else ""
     if kind in (".h5", ".hdf5") and holds_images_only(source):
         file = stack.enter_context(opened(source))
@@ -268,10 +278,10 @@ def _of_any_kind(
     if kind in (".npz", ".csv", ".mcap"):
         sensor = read_sensor(_needed(source, wanted.sensor, "--sensor"))
         topics = _topics(source, wanted.topics) if kind == ".mcap" else None
-        found = read_field_table(
+        converted = read_field_table(
             source, fruit_id=wanted.fruit_id, category=wanted.category, sensor=sensor, topics=topics
         )
-        return found, []
+        return converted, []
     if any(path.suffix.lower() in (*VIDEOS, *PICTURES) for path in _in_and_below(source)):
         raise refused(source, FRAMES_ALONE)
     there = "is not a format that drupe converts" if source.exists() else "does not exist"
@@ -290,24 +300,26 @@ def _in_and_below(source: Path) -> list[Path]:
     return [*source.glob("*"), *source.glob("*/*")] if source.is_dir() else [source] * source.is_file()
 
 
-def _without_rig(found: Converted, source: Path, rig: Path | None) -> Converted:
+def _without_rig(converted: Converted, source: Path, rig: Path | None) -> Converted:
     """The trace less what its rig gives by itself, where a rig is named."""
     if rig is None:
-        return found
-    corrected = without_rig(found.recording, read_rig(rig).machine, source=source.name, named=rig.name)
-    return Converted(recording=corrected.recording, notes=(*found.notes, *corrected.notes))
+        return converted
+    corrected = without_rig(converted.recording, read_rig(rig).machine, source=source.name, named=rig.name)
+    return Converted(recording=corrected.recording, notes=(*converted.notes, *corrected.notes))
 
 
-def _with_poses(found: Converted, source: Path, wanted: ConvertRequest) -> Converted:
+def _with_poses(converted: Converted, source: Path, wanted: ConvertRequest) -> Converted:
     """The recording with its pads' poses from jaws or a robot's, where they are named."""
-    lacking = replace(found, notes=tuple(note for note in found.notes if not note.endswith(POSES_LACKING)))
+    lacking = replace(
+        converted, notes=tuple(note for note in converted.notes if not note.endswith(POSES_LACKING))
+    )
     if wanted.jaws is not None:
         return posed_by_jaws(lacking, wanted.jaws, source=source.name)
     if wanted.robot is None or wanted.flange is None:
-        return found
+        return converted
     robot, table = read_robot(wanted.robot), read_flange_table(wanted.flange)
     recording, spreads = with_robot_poses(
-        found.recording, robot, table, source=source.name, named=wanted.flange.name
+        converted.recording, robot, table, source=source.name, named=wanted.flange.name
     )
     notes = [
         f"pads/{pad.name}: standard deviation of its place, per axis: {pad.sd_mm:.2g} mm "
@@ -322,7 +334,7 @@ def _with_poses(found: Converted, source: Path, wanted: ConvertRequest) -> Conve
 def _trace(source: Path, wanted: ConvertRequest) -> Converted:
     """A load cell's trace; refuses a geometry that nothing infers E from."""
     round_tip = wanted.indenter != "plate"
-    found = read_trace(
+    converted = read_trace(
         source,
         fruit_id=wanted.fruit_id,
         category=wanted.category,
@@ -343,7 +355,7 @@ def _trace(source: Path, wanted: ConvertRequest) -> Converted:
         known.geometry.curve(thickness_mm=known.thickness_mm, poisson_ratio=ANY_RATIO)
     except FemFailure as failure:
         raise refused(source, failure.detail) from None
-    return found
+    return converted
 
 
 def _topics(source: Path, given: Path | None) -> Path:

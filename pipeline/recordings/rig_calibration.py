@@ -64,14 +64,14 @@ def calibrate_rig(
     for path in sources:
         recording, notes = _read(path, words, report)
         said += notes
-        own = _squeezes(recording, rigid, path.name)
+        file_squeezes = _squeezes(recording, rigid, path.name)
         gels.add(isinstance(recording.pads[0], GelPad))
-        squeezes += own
-        held = min(one.held for one in own)
+        squeezes += file_squeezes
+        held = min(squeeze.held for squeeze in file_squeezes)
         report(
-            f"{path.name}: {len(own)} squeeze{'s' if len(own) > 1 else ''} up to "
-            f"{max(one.largest_N for one in own):.3g} N, with {1 - held:.0%} loss of force during the "
-            "hold"
+            f"{path.name}: {len(file_squeezes)} squeeze{'s' if len(file_squeezes) > 1 else ''} up to "
+            f"{max(squeeze.largest_N for squeeze in file_squeezes):.3g} N, with {1 - held:.0%} loss of force "
+            "during the hold"
         )
     if len(gels) > 1:
         sentence = (
@@ -80,7 +80,7 @@ def calibrate_rig(
         )
         raise refused(sources[0], sentence)
     whole = fit_rig(squeezes)
-    jaws = fit_rig(squeezes, own=False) if gels == {True} else None
+    jaws = fit_rig(squeezes, with_gels=False) if gels == {True} else None
     RIG.put(out, _described(whole, jaws, squeezes, rigid, sources, today), read_rig)
     return (*said, *_in_words(whole, jaws, rigid))
 
@@ -89,8 +89,10 @@ def _read(path: Path, words: TraceWords, report: Callable[[str], None]) -> tuple
     if (path / "grasp.toml").is_file():
         return recording_of(read_raw_grasp(path), progress=frame_progress(report)).recording, ()
     if path.suffix.lower() in TABLES:
-        found = read_trace(path, fruit_id="rig", category="rig", indenter="ball", radius_mm=1.0, words=words)
-        return found.recording, tuple(note for note in found.notes if note != NO_MARKERS)
+        converted = read_trace(
+            path, fruit_id="rig", category="rig", indenter="ball", radius_mm=1.0, words=words
+        )
+        return converted.recording, tuple(note for note in converted.notes if note != NO_MARKERS)
     return read_recording(path), ()
 
 

@@ -168,7 +168,7 @@ def _ball(
     untouched = read_picture(presses.reference)
     prints, said = [], []
     for picture in presses.ball:
-        found = ball_print(
+        imprint = ball_print(
             camera,
             untouched,
             read_picture(picture),
@@ -176,11 +176,11 @@ def _ball(
             source=str(picture),
             gamma=gamma,
         )
-        prints.append(found)
-        x, y = found.centre_mm
+        prints.append(imprint)
+        x, y = imprint.centre_mm
         said.append(
-            f"{picture.name}: ball {found.depth_mm:.2f} mm deep at x {x:.2f}, y {y:.2f} mm, contact radius "
-            f"{found.contact_mm:.2f} mm"
+            f"{picture.name}: ball {imprint.depth_mm:.2f} mm deep at x {x:.2f}, y {y:.2f} mm, contact radius "
+            f"{imprint.contact_mm:.2f} mm"
         )
         report(said[-1])
     write_lookup(file, ball_lookup(prints))

@@ -31,8 +31,10 @@ def trace_doubts(recording: Recording, prior: PitPrior | None, *, source: Path) 
     if prior is None or prior.poisson_ratio is None:
         return ()
     try:
-        found = linear_modulus(trace, thickness_mm=bare.known.thickness_mm, poisson_ratio=prior.poisson_ratio)
+        modulus = linear_modulus(
+            trace, thickness_mm=bare.known.thickness_mm, poisson_ratio=prior.poisson_ratio
+        )
     except FemFailure:  # no law fits: drupe explain says why
         return ()
-    wrong = implausible_E({"E": found.value}, prior)
+    wrong = implausible_E({"E": modulus.value}, prior)
     return () if wrong is None else (f"{source.name}: {wrong}",)

@@ -25,9 +25,9 @@ def trace_words(
         raise refused("--columns", "names both a travel and a gap; give only one.")
     stated = _pairs("--units", units, "time=s,force=N,travel=mm")
     for quantity, unit in stated.items():
-        if isinstance(found := read_unit(unit, quantity), NoUnit):
+        if isinstance(reading := read_unit(unit, quantity), NoUnit):
             ways = ", ".join(EXAMPLES[quantity])
-            raise refused("--units", f"says {quantity}={unit}, which {found.why}; give {ways} or another.")
+            raise refused("--units", f"says {quantity}={unit}, which {reading.why}; give {ways} or another.")
     return TraceWords(columns=names, units=stated, sheet=sheet, run=_run(run))
 
 
@@ -41,13 +41,13 @@ def _run(text: str | None) -> int | None:
 
 
 def _pairs(option: str, text: str | None, example: str) -> dict[str, str]:
-    found: dict[str, str] = {}
+    pairs: dict[str, str] = {}
     for part in _NEXT.split(text) if text is not None else ():
         quantity, equals, name = (piece.strip() for piece in part.partition("="))
         if not equals or not name or quantity not in KNOWN:
             known = ", ".join(KNOWN)
             raise refused(option, f'holds "{part.strip()[:60]}"; give {example} (of {known}).')
-        if quantity in found:
+        if quantity in pairs:
             raise refused(option, f"names {quantity} twice.")
-        found[quantity] = name
-    return found
+        pairs[quantity] = name
+    return pairs

@@ -107,5 +107,5 @@ class BatchRun:
             reference=None if finding is None else asdict(finding),
             force=self.force,
             screened=self.screen,
-            faults=[asdict(one) for one in faults],
+            faults=[asdict(fault) for fault in faults],
         )

@@ -63,16 +63,16 @@ def check(root: Path, *, quick: bool = False) -> tuple[Problem, ...]:
     as far as reading the files can tell. `quick`: photos are read, but not looked at (blur, light, tags of
     the mat, sides without a photo), which takes seconds for each fruit.
     """
-    found = survey(root)
-    rows, columns, read = found.rows, TableColumns(found.rows or ()), Read()
+    batch_survey = survey(root)
+    rows, columns, read = batch_survey.rows, TableColumns(batch_survey.rows or ()), Read()
     if rows is None:
-        rows = tuple(FruitRow(fruit_id=name, unreadable=("height_mm",)) for name in _folders(found))
-    each = (_CheckedFruit(batch=found, row=row, columns=columns, read=read) for row in rows)
-    fruit = [problem for one in each for problem in one.problems(quick=quick)]
-    if found.rows is None:
-        return (*found.problems, *fruit)
-    of_batch = [*_of_settings(found), *_strays(found), *_unused(found)]
-    return (*found.problems, *of_batch, *fruit, *_in_two_fruit(found, read))
+        rows = tuple(FruitRow(fruit_id=name, unreadable=("height_mm",)) for name in _folders(batch_survey))
+    each = (_CheckedFruit(batch=batch_survey, row=row, columns=columns, read=read) for row in rows)
+    fruit = [problem for checked_fruit in each for problem in checked_fruit.problems(quick=quick)]
+    if batch_survey.rows is None:
+        return (*batch_survey.problems, *fruit)
+    of_batch = [*_of_settings(batch_survey), *_strays(batch_survey), *_unused(batch_survey)]
+    return (*batch_survey.problems, *of_batch, *fruit, *_in_two_fruit(batch_survey, read))
 
 
 def _of_settings(batch: Survey) -> Iterator[Problem]:
@@ -177,18 +177,22 @@ class _CheckedFruit:
         rig = self.rig()
         of_the_gripper = jaw_faults(self.effects(), rig)
         recorded = read_recording(path)
-        found = self._of_owner(recorded, source=path.name)
+        owner_doubts = self._of_owner(recorded, source=path.name)
         recording = corrected(recorded, of_the_gripper, source=path.name)
         vertices, faces = (None, None) if mesh is None else mesh
         sensor = None if self.batch.settings is None else self.batch.settings.sensor
         checked = Checked(E_range_MPa=self.kind.ranges.E_MPa, rig=rig, sensor=sensor)
-        own = findings_of(recording, vertices, faces, path.name, checked, corrected_for=len(of_the_gripper))
+        recording_doubts = findings_of(
+            recording, vertices, faces, path.name, checked, corrected_for=len(of_the_gripper)
+        )
         self._once(path, recording_digest(recorded))
-        return self._doubted(path, [one for one in (*found, *own) if not one.remark])
+        return self._doubted(
+            path, [finding for finding in (*owner_doubts, *recording_doubts) if not finding.remark]
+        )
 
     def _of_pressed(self, path: Path) -> list[Problem]:
         """The same of a recording of a fruit that has its diameters for a shape."""
-        one = compression_trace(
+        trace = compression_trace(
             path,
             stated=stated_in_table(given_of(self.row)),
             prior=self.batch.prior,
@@ -196,8 +200,8 @@ class _CheckedFruit:
             rig=self.rig(),
             admit=partial(self._of_owner, source=""),
         )
-        self._once(path, one.digest)
-        return self._doubted(path, one.findings)
+        self._once(path, trace.digest)
+        return self._doubted(path, trace.findings)
 
     def _of_raw_grasp(self, path: Path) -> Iterator[Problem]:
         """Why a grasp that was not converted cannot be used, or to which fruit it may belong."""
@@ -218,7 +222,7 @@ class _CheckedFruit:
         batch, category = self.batch, None
         if batch.settings is not None and not self.row.reference:
             category = batch.settings.category if batch.category is None else batch.category.category
-        known = _folders(batch) if batch.rows is None else [one.fruit_id for one in batch.rows]
+        known = _folders(batch) if batch.rows is None else [row.fruit_id for row in batch.rows]
         owner = Owner(fruit_id=self.row.fruit_id, category=category, batch_fruits=frozenset(known))
         return owner_findings(recorded.fruit_id, recorded.category, owner, source=source, field=field)
 
@@ -228,8 +232,8 @@ class _CheckedFruit:
         refuse_copy(path.name, next((other.name for row, other in same if row == self.row), None))
         same.append((self.row, path))
 
-    def _doubted(self, path: Path, found: Iterable[Finding]) -> list[Problem]:
-        return [doubted(self.row, path, f"{path.name}: {one.sentence}.") for one in found]
+    def _doubted(self, path: Path, findings: Iterable[Finding]) -> list[Problem]:
+        return [doubted(self.row, path, f"{path.name}: {finding.sentence}.") for finding in findings]
 
     def _of_ready_mesh(self, mesh: Mesh) -> Iterator[Problem]:
         """What is wrong with a closed mesh as this fruit's, and with the pit inside it."""
@@ -259,17 +263,17 @@ class _CheckedFruit:
         embedded = embed_pit(*fruit, pit_found(self.effects()).moved(placed[0]), placed[1])
         path, doubts = self.folder.pit_ply, of_a_given_pit(fruit[0], *embedded.pit, self.batch.prior)
         return [
-            at(self.row, path, Outcome.IMPLAUSIBLE_PIT.sentence(one.sentence))
-            if one.refused
-            else doubted(self.row, path, one.sentence)
-            for one in (doubts if pit is not None else ())
+            at(self.row, path, Outcome.IMPLAUSIBLE_PIT.sentence(doubt.sentence))
+            if doubt.refused
+            else doubted(self.row, path, doubt.sentence)
+            for doubt in (doubts if pit is not None else ())
         ]
 
     def _contradicted(self, mesh: Mesh) -> Iterator[Problem]:
         """Sizes and mass of fruits.csv, and of the category, that the ready mesh contradicts."""
         prior = None if self.row.reference else self.batch.prior
-        on_mat, found = self.batch.mat is not None, measured(*mesh, source="fruit.ply")
-        for said in size_doubts(given_of(self.row), found, prior, on_mat=on_mat, body=self.kind.body):
+        on_mat, mesh_record = self.batch.mat is not None, measured(*mesh, source="fruit.ply")
+        for said in size_doubts(given_of(self.row), mesh_record, prior, on_mat=on_mat, body=self.kind.body):
             yield Problem(str(self.folder.fruit_ply), said, fruit_id=self.row.fruit_id, remark=True)
 
 
@@ -291,7 +295,7 @@ def _in_two_fruit(batch: Survey, read: Read) -> Iterator[Problem]:
     """Recordings that several fruit have, each named at all of them."""
     for same in read.values():
         for row, path in same if len(same) > 1 else ():
-            others = (other.relative_to(batch.folder.root) for one, other in same if one != row)
+            others = (other.relative_to(batch.folder.root) for other_row, other in same if other_row != row)
             yield doubted(row, path, in_two_fruit(path.name, map(str, others)))
 
 
@@ -322,8 +326,8 @@ def _size_doubt(mesh: Mesh | None, row: FruitRow, kind: PlausibleRange) -> Itera
     yield doubt
 
 
-def _so_many(count: int, one: str, more: str) -> str:
-    return f"{count} {one if count == 1 else more}"
+def _so_many(count: int, singular: str, plural: str) -> str:
+    return f"{count} {singular if count == 1 else plural}"
 
 
 def _usual_pit(batch: Survey, fruit: Mesh) -> Mesh | None:
@@ -356,12 +360,12 @@ def _strays(batch: Survey) -> tuple[Problem, ...]:
 def _unused(batch: Survey) -> list[Problem]:
     named = () if batch.settings is None else named_files(batch.folder, batch.settings)
     ids = [row.fruit_id for row in batch.rows or ()]
-    found = unused_inputs(batch.folder, ids, named)
-    return [Problem(str(one.path), one.sentence, remark=True) for one in found]
+    unused = unused_inputs(batch.folder, ids, named)
+    return [Problem(str(unused_file.path), unused_file.sentence, remark=True) for unused_file in unused]
 
 
 def _folders(batch: Survey) -> list[str]:
     fruits = batch.folder.fruits
     folders = [p.name for p in fruits.iterdir() if p.is_dir()] if fruits.is_dir() else []
-    found = sorted(unicodedata.normalize("NFC", name) for name in folders if not is_of_the_system(name))
-    return [name for name in found if SAFE_ID.fullmatch(name)]
+    names = sorted(unicodedata.normalize("NFC", name) for name in folders if not is_of_the_system(name))
+    return [name for name in names if SAFE_ID.fullmatch(name)]

@@ -44,7 +44,7 @@ def clean(out: Path, *, everything: bool, dry: bool) -> Cleaned:
         kept = set(stages)
         ours = [path in kept or is_ours(path) for path in there]
         removed = list(compress(there, ours))
-        left = [path for path, own in zip(there, ours, strict=True) if not own]
+        left = [path for path, removable in zip(there, ours, strict=True) if not removable]
         size = sum(path.lstat().st_size for path in removed)
         if not dry:
             for path in removed:
@@ -86,7 +86,9 @@ def _emptied(folder: Path, *locks: str) -> None:
     if not folder.is_dir() or folder.is_symlink():
         return
     left = {path.name for path in folder.iterdir()}
-    if left <= {MANIFEST, *locks} and all(is_lock_file(folder / one) for one in left - {MANIFEST}):
+    if left <= {MANIFEST, *locks} and all(
+        is_lock_file(folder / file_name) for file_name in left - {MANIFEST}
+    ):
         for name in (MANIFEST, *locks):
             (folder / name).unlink(missing_ok=True)
         with suppress(OSError):  # a run that begins there now

@@ -249,12 +249,12 @@ class Cluster:
         """Gives no more fruit to workers that are not fit, by address, and says so; raises BatchRefused where
         no other is there.
         """
-        found = {address: why for address, why in sentences.items() if address not in self._unfit}
-        self._unfit |= set(found)
+        newly_unfit = {address: why for address, why in sentences.items() if address not in self._unfit}
+        self._unfit |= set(newly_unfit)
         self._workers -= self._unfit
         if sentences and not self._workers:
             raise BatchRefused(_problems(sentences))
-        for problem in _problems(found):
+        for problem in _problems(newly_unfit):
             self._tell(f"left out: {problem}")
 
     def _start(self) -> str:

@@ -88,20 +88,20 @@ def unfit(needs: RunNeeds, *, threads: int, most_MiB: float | None) -> str:
 @cache
 def _not_the_same(needs: RunNeeds) -> str:
     """The same of what does not change while a worker lives: its drupe, and what it sees of the files."""
-    own = metadata.version("drupe")
-    if own != needs.drupe or python_version() != needs.python:
+    version = metadata.version("drupe")
+    if version != needs.drupe or python_version() != needs.python:
         return (
-            f"runs drupe {own} on Python {python_version()}, but this command runs drupe "
+            f"runs drupe {version} on Python {python_version()}, but this command runs drupe "
             f"{needs.drupe} on Python {needs.python}; install the same on both."
         )
     if code_version(ROOMS) != needs.code:
         return (
-            f"runs drupe {own} with other source files or numerical libraries than this command. "
+            f"runs drupe {version} with other source files or numerical libraries than this command. "
             "Install the same on both; best is one environment on the shared file system."
         )
     if (here := file_hash(needs.settings)) != needs.settings_sha256:
-        found = "does not find" if here.startswith("unreadable") else "finds another"
-        return f"{found} {needs.settings}: BATCH must lie on a file system that all machines share."
+        verb = "does not find" if here.startswith("unreadable") else "finds another"
+        return f"{verb} {needs.settings}: BATCH must lie on a file system that all machines share."
     said = json_in(needs.run)
     if not is_run(said) or said.get("mark") != needs.mark:
         return f"does not see {needs.run.parent} as this command does: {_SHARED}"

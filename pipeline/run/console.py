@@ -45,7 +45,7 @@ class RunConsole(Console):
     def print(self, *objects: Any, **how: Any) -> None:
         """Shows it, and notes its text."""
         super().print(*objects, **how)
-        self.note(" ".join(str(one) for one in objects))
+        self.note(" ".join(str(printed) for printed in objects))
 
     def of_library(self, text: str) -> None:
         """What a library said: for the log, and shown with `verbose`."""

@@ -98,7 +98,7 @@ def _identity(
     folder: str, settings: Mapping[str, Any], inputs: Mapping[str, Any], fruit: Iterable[str]
 ) -> BatchIdentity:
     """By what one batch is known from another: folder, label, fruit and the digests of what was measured."""
-    own = {
+    digests = {
         path: str(digest)
         for name, digest in inputs.items()
         if len((path := PurePosixPath(name)).parts) > 2 and path.parts[0] == "fruits"
@@ -106,17 +106,17 @@ def _identity(
     return BatchIdentity(
         folder=folder,
         label=tuple(str(settings.get(name)) for name in LABEL),
-        fruit=frozenset({*fruit, *(path.parts[1] for path in own)}),
+        fruit=frozenset({*fruit, *(path.parts[1] for path in digests)}),
         measured=frozenset(
             digest
-            for path, digest in own.items()
+            for path, digest in digests.items()
             if path.suffix.lower() not in SHARED_KINDS and path.stem != "reference" and " " not in digest
         ),
     )
 
 
 def _table(value: object) -> Mapping[str, Any]:
-    return {str(name): one for name, one in value.items()} if isinstance(value, dict) else {}
+    return {str(name): entry for name, entry in value.items()} if isinstance(value, dict) else {}
 
 
 def _listed(fruit: frozenset[str]) -> str:

@@ -102,7 +102,7 @@ class FruitQueue:
 
     def forced(self, fruit_id: str) -> list[str]:
         """What a fruit is graded in spite of, as sentences for its doubts."""
-        return [f"{one} {GRADED_ALL_THE_SAME}" for one in self._forced.get(fruit_id, ())]
+        return [f"{sentence} {GRADED_ALL_THE_SAME}" for sentence in self._forced.get(fruit_id, ())]
 
     def _force(self, fruit_id: str, sentence: str) -> None:
         self._console.print(

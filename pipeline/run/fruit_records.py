@@ -32,7 +32,7 @@ def with_forced(record: FruitRecord, forced: Sequence[str], results: Results) ->
     path = results.fruit(record.fruit_id).record
     record = read_record(path) or record
     doubts, warnings = (
-        (*now, *(one for one in said if one not in record.forced))
+        (*now, *(sentence for sentence in said if sentence not in record.forced))
         for said in (record.doubts, record.warnings)
     )
     record = record.model_copy(update={"forced": now, "doubts": doubts, "warnings": warnings})

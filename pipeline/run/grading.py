@@ -143,7 +143,7 @@ def grade_newcomers(
         _begun(run.results, fruits)
         write_run(run.results, batch.row_of, mark=WorkPlace().mark)
         queue = FruitQueue(run, console, newcomers, fruits=newcomers, records=records)
-        for fruit_id in [one for one in newcomers if one in records]:
+        for fruit_id in [newcomer for newcomer in newcomers if newcomer in records]:
             records[fruit_id] = with_forced(records[fruit_id], queue.forced(fruit_id), run.results)
             ended(run, records[fruit_id])
         if queue.todo:
@@ -226,8 +226,11 @@ def _say_unused(batch: Batch, console: Console) -> None:
     """Prints which files outside the fruit's folders look like inputs and are not used; a fruit's own files
     are among its warnings.
     """
-    found = unused_of_batch(batch.folder, named_files(batch.folder, batch.settings))
-    lines = [str(Problem(str(one.path.relative_to(batch.folder.root)), one.sentence)) for one in found]
+    unused = unused_of_batch(batch.folder, named_files(batch.folder, batch.settings))
+    lines = [
+        str(Problem(str(unused_file.path.relative_to(batch.folder.root)), unused_file.sentence))
+        for unused_file in unused
+    ]
     more = len(lines) - MOST_UNUSED_SAID
     lines[MOST_UNUSED_SAID:] = [f"and {more} more: `drupe check` lists all"] if more > 0 else []
     for line in lines:
@@ -295,7 +298,7 @@ def _jobs(todo: Sequence[WaitingFruit], jobs: int, console: Console) -> int:
 
 
 def _per_fruit_MiB(todo: Sequence[WaitingFruit]) -> float:
-    return max(PER_FRUIT_MIB[kind] for kind in {_kind(one.folder) for one in todo})
+    return max(PER_FRUIT_MIB[kind] for kind in {_kind(waiting.folder) for waiting in todo})
 
 
 def _kind(fruit: FruitFolder) -> str:
@@ -389,7 +392,7 @@ def _models(batch: Batch) -> list[Path]:
 
 
 def _inputs(batch: Batch) -> list[Path]:
-    own = [batch.folder.settings, batch.folder.table, *own_files(batch.folder, batch.settings)]
+    paths = [batch.folder.settings, batch.folder.table, *own_files(batch.folder, batch.settings)]
     if batch.mat is not None:
-        own.append(batch.folder.mat)
-    return own + [path for row in batch.rows for path in batch.folder.fruit(row.fruit_id).input_files()]
+        paths.append(batch.folder.mat)
+    return paths + [path for row in batch.rows for path in batch.folder.fruit(row.fruit_id).input_files()]

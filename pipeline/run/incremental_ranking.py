@@ -37,21 +37,29 @@ class IncrementalRanking:
         (`rank_probability`, `rank_low`, `rank_high`, `p_softer_than_next`) is not said of the newcomer.
         """
         self._note(record)
-        related = [self.records[one] for one in sorted(self._related(record)) if one in run.batch.row_of]
+        related = [
+            self.records[fruit_id]
+            for fruit_id in sorted(self._related(record))
+            if fruit_id in run.batch.row_of
+        ]
         in_order, finding = compared(copies_doubted(related, run.batch.folder), run.batch.settings)
-        own = [one for one in in_order if one.fruit_id == record.fruit_id]
-        (fruit,) = entry_of(run)(own, exit_status=None, finding=finding).fruits
+        newcomer_records = [
+            related_record for related_record in in_order if related_record.fruit_id == record.fruit_id
+        ]
+        (fruit,) = entry_of(run)(newcomer_records, exit_status=None, finding=finding).fruits
         others = [
-            one
-            for one in self.entry.fruits
-            if one.fruit_id != fruit.fruit_id and one.fruit_id in run.batch.row_of
+            entry
+            for entry in self.entry.fruits
+            if entry.fruit_id != fruit.fruit_id and entry.fruit_id in run.batch.row_of
         ]
         self.entry = replace(self.entry, fruits=(*others, _ranked(fruit, others)))
 
     def named_by_others(self, newcomers: Iterable[str]) -> list[str]:
         """Fruit that have a recording which names one of the newcomers, and may be that one's."""
         ids = set(newcomers)
-        return sorted({own for own, named in self._strangers if own not in ids and named_row(named, ids)})
+        return sorted(
+            {fruit_id for fruit_id, named in self._strangers if fruit_id not in ids and named_row(named, ids)}
+        )
 
     def _note(self, record: FruitRecord) -> None:
         for grasp in record.grasps:
@@ -64,7 +72,7 @@ class IncrementalRanking:
     def _related(self, record: FruitRecord) -> set[str]:
         """The fruit itself, the reference bodies, and all that have a recording of any of them."""
         measured = {record.fruit_id, *self._bodies} & self.records.keys()
-        digests = {grasp.digest for one in measured for grasp in self.records[one].grasps}
+        digests = {grasp.digest for fruit_id in measured for grasp in self.records[fruit_id].grasps}
         return measured.union(*(self._holders.get(digest, ()) for digest in digests)) & self.records.keys()
 
 
@@ -72,7 +80,9 @@ def _ranked(fruit: FruitEntry, others: Iterable[FruitEntry]) -> FruitEntry:
     """The fruit, alone in its ranking so far, with its rank among the others."""
     if fruit.rank is None or fruit.E_MPa is None:
         return fruit
-    softer = sum(one.E_MPa < fruit.E_MPa for one in others if one.rank is not None and one.E_MPa is not None)
+    softer = sum(
+        other.E_MPa < fruit.E_MPa for other in others if other.rank is not None and other.E_MPa is not None
+    )
     return replace(
         fruit, rank=1 + softer, rank_probability=None, rank_low=None, rank_high=None, p_softer_than_next=None
     )

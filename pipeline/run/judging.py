@@ -50,6 +50,6 @@ def _near(written: str, known: Sequence[str], what: str) -> str:
 def language_of(report: Path, otherwise: str) -> str:
     """The language of a report that drupe wrote, so that a new one keeps it."""
     head = read_head(report, 200) if report.is_file() and not report.is_symlink() else b""
-    found = re.search(rb'<html lang="(\w+)">', head)
-    language = found[1].decode() if found else otherwise
+    html_tag = re.search(rb'<html lang="(\w+)">', head)
+    language = html_tag[1].decode() if html_tag else otherwise
     return language if language in LANGUAGES else otherwise

@@ -60,7 +60,7 @@ def machine_check(folder: Path, *, cores: int) -> MachineCheck:
             importlib.import_module(name)
         except (ImportError, OSError) as error:
             lines.append(f"optional library {name} does not load ({error}): {cost}")
-    pools = sorted({f"{one['internal_api']} {one['num_threads']}" for one in threadpool_info()})
+    pools = sorted({f"{pool['internal_api']} {pool['num_threads']}" for pool in threadpool_info()})
     lines.append(f"cores: {cores}; threads of libraries: {', '.join(pools) or 'not known'}")
     free_MiB = free_memory_MiB()
     need_MiB = PER_FRUIT_MIB["photos"]
@@ -71,7 +71,9 @@ def machine_check(folder: Path, *, cores: int) -> MachineCheck:
         if free_MiB < LEAST_MIB:
             missing.append(f"memory: {free_MiB:.0f} MiB free, expected at least {LEAST_MIB:.0f}.")
     for what, place in (("results", folder), ("temporary files", Path(tempfile.gettempdir()))):
-        place = next(one for one in (place.absolute(), *place.absolute().parents) if one.is_dir())
+        place = next(
+            ancestor for ancestor in (place.absolute(), *place.absolute().parents) if ancestor.is_dir()
+        )
         free_MB = shutil.disk_usage(place).free / 1e6
         lines.append(f"disk for {what} ({place}): {free_MB / 1e3:.1f} GB free")
         if free_MB < LEAST_DISK_MB:

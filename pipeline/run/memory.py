@@ -19,8 +19,8 @@ def free_memory_MiB(proc: Path = Path("/proc"), groups: Path = Path("/sys/fs/cgr
 
     None where the system does not tell.
     """
-    found = [*_of_machine(proc / "meminfo"), *_of_groups(proc / "self" / "cgroup", groups)]
-    return min(found) / 2**20 if found else None
+    left_bytes = [*_of_machine(proc / "meminfo"), *_of_groups(proc / "self" / "cgroup", groups)]
+    return min(left_bytes) / 2**20 if left_bytes else None
 
 
 def jobs_that_fit(jobs: int, *, per_fruit_MiB: float, free_MiB: float | None) -> int:
@@ -47,10 +47,10 @@ def _of_machine(meminfo: Path) -> Iterator[float]:
         yield float(said["MemAvailable"]) * 2**10
 
 
-def _of_groups(own: Path, groups: Path) -> Iterator[float]:
+def _of_groups(cgroup_file: Path, groups: Path) -> Iterator[float]:
     """What each control group around this process leaves (versions 2 and 1); file cache can be given back."""
     try:
-        lines = own.read_text().splitlines()
+        lines = cgroup_file.read_text().splitlines()
     except OSError:
         return
     for line in lines:

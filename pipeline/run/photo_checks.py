@@ -61,9 +61,9 @@ def _set_problems(
     photos: list[Photo] = []
 
     def read(path: Path) -> None:
-        one = read_photo(path, longest_side_px=LONGEST_SIDE_PX)
+        photo = read_photo(path, longest_side_px=LONGEST_SIDE_PX)
         if not quick:
-            photos.append(one)
+            photos.append(photo)
 
     for path in paths:
         yield from tried(row, path, partial(read, path))

@@ -42,10 +42,10 @@ def report(run: BatchRun, records: MutableMapping[str, FruitRecord]) -> tuple[in
     measured = [records[row.fruit_id] for row in run.batch.rows]
     in_order, finding = compared(copies_doubted(measured, run.batch.folder), settings)
     records.update(_keep_comparisons(measured, in_order, run.results))
-    chart, own = ControlChart(), []
+    chart, points = ControlChart(), []
     if run.chart is not None and finding is not None:
-        own = own_points(finding, lot=settings.lot, now=run.started, inputs=run.inputs)
-        chart = with_points(read_chart(run.chart), own)
+        points = own_points(finding, lot=settings.lot, now=run.started, inputs=run.inputs)
+        chart = with_points(read_chart(run.chart), points)
         finding = drift(chart, finding)
     faults = batch_faults(in_order)
     status = _status(in_order, finding)
@@ -54,8 +54,8 @@ def report(run: BatchRun, records: MutableMapping[str, FruitRecord]) -> tuple[in
     outcomes = {record.fruit_id: record.outcome for record in measured}
     run.write_provenance(outcomes, status, finding, faults)
     _write_tables(entry, run)
-    if run.chart is not None and own:
-        update_chart(run.chart, own)
+    if run.chart is not None and points:
+        update_chart(run.chart, points)
     return status, entry
 
 
@@ -173,10 +173,10 @@ def _write_tables(entry: BatchEntry, run: BatchRun) -> None:
 
 def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:
     """The exit status of a run that went to its end; what staff must look into is no 0."""
-    if not all(one.graded for one in records):
+    if not all(record.graded for record in records):
         return UNUSABLE
     alarm = finding is not None and finding.alarm
-    return DOUBTED if alarm or any(one.doubts for one in records) else DONE
+    return DOUBTED if alarm or any(record.doubts for record in records) else DONE
 
 
 def _keep_comparisons(
@@ -186,10 +186,10 @@ def _keep_comparisons(
     other fruit have too, beside what was measured. The records of those that said otherwise, as they are now.
     """
     kept = {}
-    for record, one in zip(measured, in_order, strict=True):
-        if with_copies(as_measured(record, one), one.copied) != record:
+    for record, compared_record in zip(measured, in_order, strict=True):
+        if with_copies(as_measured(record, compared_record), compared_record.copied) != record:
             path = results.fruit(record.fruit_id).record
             whole = read_record(path) or record
-            kept[record.fruit_id] = with_copies(as_measured(whole, one), one.copied)
+            kept[record.fruit_id] = with_copies(as_measured(whole, compared_record), compared_record.copied)
             write_record(path, kept[record.fruit_id])
     return kept

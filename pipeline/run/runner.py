@@ -83,8 +83,8 @@ class LocalPool:
     def __exit__(self, *_: object) -> None:
         """Kills what is running."""
         with self._held:
-            for one in self._pending.values():
-                _kill(one)
+            for fruit_process in self._pending.values():
+                _kill(fruit_process)
             self._pending.clear()
 
     @property
@@ -99,54 +99,56 @@ class LocalPool:
     def begin(self, fruit_id: str, packed: bytes) -> None:
         """Starts a fruit's process; raises OSError where that cannot be."""
         number, self._begun = self._begun, self._begun + 1
-        one = _Running(fruit_id, self._folder / f"log-{number}", f"{PROCESS} {number}")
-        self._pending[_started(packed, one, self._empty)] = one
+        fruit_process = _Running(fruit_id, self._folder / f"log-{number}", f"{PROCESS} {number}")
+        self._pending[_started(packed, fruit_process, self._empty)] = fruit_process
 
     def happened(self) -> Iterator[Event]:
         """Stages and endings since the last call."""
         done, _ = wait(self._pending, timeout=LOOK_S, return_when="FIRST_COMPLETED")
-        for one in self._pending.values():
-            yield from one.happened()
+        for fruit_process in self._pending.values():
+            yield from fruit_process.happened()
         for future in done:
-            one = self._pending.pop(future)
-            yield from one.happened()
-            one.log.unlink(missing_ok=True)
-            one.output.unlink(missing_ok=True)
-            yield _ending(one, future)
-        for future, one in list(self._pending.items()):
-            if one.out_of_time(self._time_limit_s):
-                yield self._killed(future, TimedOut(one.fruit_id))
-            elif self._most_MiB is not None and _memory_MiB(one) > self._most_MiB:
+            fruit_process = self._pending.pop(future)
+            yield from fruit_process.happened()
+            fruit_process.log.unlink(missing_ok=True)
+            fruit_process.output.unlink(missing_ok=True)
+            yield _ending(fruit_process, future)
+        for future, fruit_process in list(self._pending.items()):
+            if fruit_process.out_of_time(self._time_limit_s):
+                yield self._killed(future, TimedOut(fruit_process.fruit_id))
+            elif self._most_MiB is not None and _memory_MiB(fruit_process) > self._most_MiB:
                 beyond = MemoryError(f"more than the {self._most_MiB:.0f} MiB limit per fruit")
-                yield self._killed(future, Finished(one.fruit_id, beyond))
+                yield self._killed(future, Finished(fruit_process.fruit_id, beyond))
 
     def _killed(self, future: Any, ending: Event) -> Event:
         _kill(self._pending.pop(future))
         return ending
 
 
-def _memory_MiB(one: "_Running") -> float:
+def _memory_MiB(fruit_process: "_Running") -> float:
     """What a fruit's process holds; 0 where the system does not tell."""
     for child in multiprocessing.active_children():
-        if child.name == one.process:
+        if child.name == fruit_process.process:
             with suppress(OSError, ValueError, IndexError):
                 pages = int(Path(f"/proc/{child.pid}/statm").read_text().split()[1])
                 return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
     return 0.0
 
 
-def _started(packed: bytes, one: "_Running", folder: Path) -> Any:
-    run = process(name=one.process, daemon=False, context=multiprocessing.get_context("spawn"))(_fruit)
+def _started(packed: bytes, fruit_process: "_Running", folder: Path) -> Any:
+    run = process(name=fruit_process.process, daemon=False, context=multiprocessing.get_context("spawn"))(
+        _fruit
+    )
     with _deaf_to_ctrl_c():
-        return run(os.getpid(), folder, one.log, one.output, packed)
+        return run(os.getpid(), folder, fruit_process.log, fruit_process.output, packed)
 
 
-def _kill(one: "_Running") -> None:
+def _kill(fruit_process: "_Running") -> None:
     """Ends the process of a fruit. Asking (SIGTERM) is not enough: METIS takes that for a failure of its own
     (`signal(SIGTERM, gk_sigthrow)` in GKlib's error.c), and the work would go on and write a false record.
     """
     for child in multiprocessing.active_children():
-        if child.name == one.process:
+        if child.name == fruit_process.process:
             child.kill()
             child.join()
 
@@ -202,13 +204,13 @@ class _Running:
         return now - self.since_s > limit_s
 
 
-def _ending(one: _Running, future: Any) -> Event:
-    fruit_id = one.fruit_id
+def _ending(fruit_process: _Running, future: Any) -> Event:
+    fruit_id = fruit_process.fruit_id
     try:
         return Finished(fruit_id, future.result())
     except ProcessExpired as error:
-        if one.lacked_memory:
-            return Finished(fruit_id, MemoryError(one.lacked_memory))
+        if fruit_process.lacked_memory:
+            return Finished(fruit_id, MemoryError(fruit_process.lacked_memory))
         return Died(fruit_id, error.exitcode)
     except Exception as error:  # noqa: BLE001 - whatever a fruit raised costs that fruit only
         return Finished(fruit_id, error)

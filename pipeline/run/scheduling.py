@@ -96,11 +96,11 @@ def run_on(engine: Engine, work: Work, tasks: Iterable[tuple[str, Any]]) -> Gene
     with engine:
         while True:
             while not all_begun and engine.room() > 0:
-                one = next(waiting, None)
-                if one is None:
+                next_task = next(waiting, None)
+                if next_task is None:
                     all_begun = True
                     break
-                fruit_id, task = one
+                fruit_id, task = next_task
                 try:
                     engine.begin(fruit_id, pickle.dumps((work, task)))
                     begun += 1

@@ -253,7 +253,11 @@ class PageServer:
         path = self._results.root.joinpath(*parts)
         own = len(parts) == 1 or (len(parts) == 3 and parts[0] == "fruits")
         folders = [path.parent] if len(parts) == 1 else [path.parent, path.parent.parent]
-        if not own or path.suffix.lower() not in MEDIA_TYPES or any(one.is_symlink() for one in folders):
+        if (
+            not own
+            or path.suffix.lower() not in MEDIA_TYPES
+            or any(folder.is_symlink() for folder in folders)
+        ):
             return None
         return path if is_ours(path) else None
 

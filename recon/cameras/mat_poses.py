@@ -227,12 +227,12 @@ def _scale_error(sightings: Sequence[_Sighting], cameras: Sequence[Camera]) -> f
     printed = np.array([k for k, rows in rays.items() if len(rows) >= 3])
     if len(printed) < 4:
         return float("inf")
-    found = np.empty_like(printed)
+    triangulated = np.empty_like(printed)
     for i, key in enumerate(map(tuple, printed.tolist())):
         A = np.concatenate(rays[key])
         A /= np.linalg.norm(A[:, :3], axis=1, keepdims=True)
-        found[i] = np.linalg.lstsq(A[:, :3], -A[:, 3], rcond=None)[0]
-    T, away = fitted_similarity(printed, found)
+        triangulated[i] = np.linalg.lstsq(A[:, :3], -A[:, 3], rcond=None)[0]
+    T, away = fitted_similarity(printed, triangulated)
     scale = float(np.cbrt(np.linalg.det(T[:3, :3])))
     variance = float(np.sum(away**2)) / max(3 * len(printed) - 7, 1)
     return float(np.sqrt(variance / np.sum((printed - printed.mean(0)) ** 2) + (scale - 1) ** 2))

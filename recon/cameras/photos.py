@@ -95,14 +95,14 @@ def _require_size(
 ) -> None:
     """Refuse, before it is decoded, what would not fit into memory or cannot show a fruit."""
     if width * height > most_pixels:
-        found = f"has {width} x {height} pixels" + (" in a progressive JPEG" if progressive else "")
+        fault = f"has {width} x {height} pixels" + (" in a progressive JPEG" if progressive else "")
         other = "save it as a baseline JPEG, " if progressive else ""
         most = f"at most {most_pixels / 1e6:g} million pixels: {other}make it smaller or remove it"
-        raise _unreadable(path, found, most)
+        raise _unreadable(path, fault, most)
     few = min(width, height) < SHORTEST_SIDE_PX
     if few or max(width, height) > MOST_LONGEST_OVER_SHORTEST * min(width, height):
-        found = f"has {width} x {height} pixels, {'too few to show a fruit' if few else 'a strip'}"
-        raise _unreadable(path, found, "a photo: take it again or remove it")
+        fault = f"has {width} x {height} pixels, {'too few to show a fruit' if few else 'a strip'}"
+        raise _unreadable(path, fault, "a photo: take it again or remove it")
 
 
 def _require_promised(path: Path, size: tuple[int, int], promised: tuple[int, int]) -> None:

@@ -72,14 +72,14 @@ def ground_features(photo: Photo, *, most: int) -> GroundFeatures:
         inside = cv2.warpPerspective(np.full_like(grey, 255), H, size, flags=cv2.INTER_NEAREST)
         ahead = _ahead(H, size)
         mask = cv2.erode(np.where(ahead, inside, 0).astype(np.uint8), np.ones((17, 17), np.uint8))
-        points, found = sift.detectAndCompute(seen, mask)
+        points, sift_descriptors = sift.detectAndCompute(seen, mask)
         at = np.array([p.pt for p in points], float).reshape(-1, 1, 2)
         if len(at) == 0:
             places.append(np.empty((0, 2)))
             descriptors.append(np.empty((0, 128), np.float32))
             continue
         places.append(cv2.perspectiveTransform(at, np.linalg.inv(H))[:, 0])
-        root = np.sqrt(found / np.maximum(found.sum(1, keepdims=True), 1e-9))
+        root = np.sqrt(sift_descriptors / np.maximum(sift_descriptors.sum(1, keepdims=True), 1e-9))
         descriptors.append(root.astype(np.float32))
     return GroundFeatures(tuple(places), tuple(descriptors))
 
@@ -97,17 +97,17 @@ def ground_pairs(features: Sequence[GroundFeatures]) -> list[GroundPair]:
     return [pair for pair in pairs if pair is not None]
 
 
-def _pair(a: int, b: int, one: GroundFeatures, other: GroundFeatures) -> GroundPair | None:
+def _pair(a: int, b: int, first: GroundFeatures, second: GroundFeatures) -> GroundPair | None:
     """Matches of two photos' features that one homography explains; None for too few."""
-    found = []
-    for places_a, descriptors_a in zip(one.places_px, one.descriptors, strict=True):
-        for places_b, descriptors_b in zip(other.places_px, other.descriptors, strict=True):
+    matches = []
+    for places_a, descriptors_a in zip(first.places_px, first.descriptors, strict=True):
+        for places_b, descriptors_b in zip(second.places_px, second.descriptors, strict=True):
             i, j = _mutual(descriptors_a, descriptors_b)
             if len(i):
-                found.append((places_a[i], places_b[j]))
-    if not found:
+                matches.append((places_a[i], places_b[j]))
+    if not matches:
         return None
-    at_a, at_b = (np.concatenate(part) for part in zip(*found, strict=True))
+    at_a, at_b = (np.concatenate(part) for part in zip(*matches, strict=True))
     if len(at_a) < FEWEST_INLIERS:
         return None
     H, inside = cv2.findHomography(at_a, at_b, cv2.USAC_MAGSAC, INLIER_PX, maxIters=10000, confidence=0.9999)

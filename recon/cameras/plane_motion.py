@@ -56,8 +56,10 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     focal_px = float(np.median(known)) if known else None
     if len(members) < max(FEWEST_PHOTOS, len(photos) / 2) or 0 not in members:
         raise _apart(photos, members, pairs, size, focal_px)
-    found = _refined([photos[i] for i in members], _started(pairs, members, size, focal_px), size, focal_px)
-    scene, placed = found.scene, [photos[m] for m in members]
+    adjustment = _refined(
+        [photos[i] for i in members], _started(pairs, members, size, focal_px), size, focal_px
+    )
+    scene, placed = adjustment.scene, [photos[m] for m in members]
     foot = aim_of(scene.poses) * [1.0, 1.0, 0.0]
     level = upright(np.array([0.0, 0.0, 1.0]), foot, place_of(scene.poses[0]) - foot)
     cameras = [
@@ -70,9 +72,9 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     return Poses(
         cameras=tuple(c.moved(world) for c in cameras),
         used=np.array(members, int),
-        reprojection_px=float(np.median(found.miss_px)),
+        reprojection_px=float(np.median(adjustment.miss_px)),
         scale_sd=float("inf"),
-        focal_sd_px=found.focal_sd * cameras[0].focal_px,
+        focal_sd_px=adjustment.focal_sd * cameras[0].focal_px,
         box=box,
         warnings=(f"{lost} of {len(photos)} photos. {plan_words(plan)}",) if plan.unplaced else (),
     )
@@ -156,22 +158,22 @@ def _refined(
     photos: Sequence[Photo], scene: PlaneScene, size: tuple[int, int], focal_px: float | None
 ) -> Adjusted:
     """The scene from patches of the ground, searched in smaller and smaller windows."""
-    found = None
+    adjustment = None
     for search_px in SEARCHES_PX:
         seen, ground = ground_tracks(photos, scene, aim_of(scene.poses)[:2], search_px=search_px)
         least = np.bincount(seen.view, minlength=len(photos)).min()
         if len(ground) < FEWEST_TRACKS or least < 8:
             break
         start = PlaneScene(scene.poses, scene.focals_px, scene.k1, ground)
-        found = adjusted(start, seen, size, focal_prior=_focal_prior(size, focal_px), loss_px=LOSS_PX)
-        scene = found.scene
-    if found is None or float(np.median(found.miss_px)) > MOST_MISS_PX:
+        adjustment = adjusted(start, seen, size, focal_prior=_focal_prior(size, focal_px), loss_px=LOSS_PX)
+        scene = adjustment.scene
+    if adjustment is None or float(np.median(adjustment.miss_px)) > MOST_MISS_PX:
         raise ReconProblem.NO_OVERLAP.failure(
             "The common ground of the photos is not flat, or has too little texture; expected at "
             f"least {FEWEST_TRACKS} patches within {MOST_MISS_PX:g} px of one plane. Lay a printed "
             "cloth or paper flat under the fruit, or use the mat (drupe mat)."
         )
-    return found
+    return adjustment
 
 
 def _placed(

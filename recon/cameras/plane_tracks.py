@@ -84,16 +84,16 @@ def ground_tracks(
     corners = np.empty((0, 2), int) if corners is None else np.rint(corners[:, 0]).astype(int)
     views, points, places, spreads = [], [], [], []
     for i, (picture, inside) in enumerate(zip(pictures, shown, strict=True)):
-        moved, found, spread = _searched(median_picture, picture, inside, corners, search_px)
-        at = (corners[found] + moved[found]) * unit + foot - REACH * distance
+        moved, matched, spread = _searched(median_picture, picture, inside, corners, search_px)
+        at = (corners[matched] + moved[matched]) * unit + foot - REACH * distance
         height, width = photos[i].image.shape[:2]
         middle = np.array([(width - 1) / 2, (height - 1) / 2])
         views.append(np.full(len(at), i))
-        points.append(np.flatnonzero(found))
+        points.append(np.flatnonzero(matched))
         places.append(projected(scene, views[-1], at, middle))
         steps = [projected(scene, views[-1], at + unit * e, middle) - places[-1] for e in np.eye(2)]
         px_from_element = np.stack(steps, axis=2)
-        spreads.append(px_from_element @ spread[found] @ np.swapaxes(px_from_element, 1, 2))
+        spreads.append(px_from_element @ spread[matched] @ np.swapaxes(px_from_element, 1, 2))
     W = np.linalg.inv(np.linalg.cholesky(np.concatenate(spreads)))  # the median sighting keeps its size
     seen = Sightings(
         np.concatenate(views),
@@ -141,7 +141,7 @@ def _searched(
     times the inverse of A, n the patch's picture elements over a blur's, and FLOOR_PX in all directions.
     """
     spread = np.tile(np.eye(2), (len(corners), 1, 1))
-    moved, found = np.zeros((len(corners), 2)), np.zeros(len(corners), bool)
+    moved, matched = np.zeros((len(corners), 2)), np.zeros(len(corners), bool)
     reach = PATCH_PX + search_px
     for k, (x, y) in enumerate(corners.tolist()):
         rows, columns = slice(y - reach, y + reach + 1), slice(x - reach, x + reach + 1)
@@ -155,10 +155,10 @@ def _searched(
         top = _top(like[v - 1 : v + 2, u - 1 : u + 2].astype(float))
         if top is None:
             continue
-        moved[k], found[k] = np.array([u, v]) - search_px + top[0], True
+        moved[k], matched[k] = np.array([u, v]) - search_px + top[0], True
         noise = max(1.0 - best, 0.01) / (PATCH_PX * PATCH_PX)
         spread[k] = noise * np.linalg.inv(top[1]) + FLOOR_PX**2 * np.eye(2)
-    return moved, found, spread
+    return moved, matched, spread
 
 
 def _top(like: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]] | None:

@@ -74,15 +74,15 @@ def parse_mat(mapping: Mapping[str, Any], *, source: str) -> Mat:
     Raises ReconFailure (bad-mat) that names `source`, the field, what was found and what was expected.
     """
 
-    def bad(field: str, found: str, expected: str) -> ReconFailure:
-        return ReconProblem.BAD_MAT.failure(f"{source}: {field}: found {found}; expected {expected}.")
+    def bad(field: str, fault: str, expected: str) -> ReconFailure:
+        return ReconProblem.BAD_MAT.failure(f"{source}: {field}: found {fault}; expected {expected}.")
 
     if not isinstance(mapping, Mapping):
         raise bad("the file", _short(mapping), 'an object with "dict" and "tags"')
     name = mapping.get("dict")
     if not isinstance(name, str) or not hasattr(cv2.aruco, f"DICT_{name}"):
-        found = _short(name) if "dict" in mapping else "nothing"
-        raise bad("dict", found, "the name of a marker dictionary, such as APRILTAG_36h11")
+        fault = _short(name) if "dict" in mapping else "nothing"
+        raise bad("dict", fault, "the name of a marker dictionary, such as APRILTAG_36h11")
     tags = mapping.get("tags")
     if not isinstance(tags, Mapping) or len(tags) < 4:
         raise bad("tags", _short(tags) if "tags" in mapping else "nothing", "an object of at least four tags")
@@ -96,8 +96,8 @@ def parse_mat(mapping: Mapping[str, Any], *, source: str) -> Mat:
             raise bad(f"tags.{key}", "a tag that is given twice", "each tag once")
         corners[int(key)] = points
     if over := _overlapping(corners):
-        found = f"a tag that lies over tag {over[0]}"
-        raise bad(f"tags.{over[1]}", found, "each in a place of its own; write the mat with `drupe mat`")
+        fault = f"a tag that lies over tag {over[0]}"
+        raise bad(f"tags.{over[1]}", fault, "each in a place of its own; write the mat with `drupe mat`")
     extent = 2 * np.abs(np.concatenate(list(corners.values()))).max(0)
     size = []
     for field, default in (("W", extent[0]), ("H", extent[1])):
@@ -130,8 +130,8 @@ def _square(value: object, bad: Callable[[str, str], ReconFailure]) -> Float[np.
         slip = next((f": is it in {unit}?" for f, unit in _UNITS if TAG_MM[0] <= side * f <= TAG_MM[1]), "")
         raise bad(f"a tag {side:.3g} mm wide", f"{TAG_MM[0]:g} to {TAG_MM[1]:g} mm{slip}")
     if cv2.contourArea(points[:, :2].astype(np.float32), oriented=True) > 0:
-        found = "corners that run counter-clockwise"
-        raise bad(found, "top-left first, then clockwise, seen from above: does y point down?")
+        fault = "corners that run counter-clockwise"
+        raise bad(fault, "top-left first, then clockwise, seen from above: does y point down?")
     return points
 
 
@@ -181,7 +181,7 @@ def detect_tags(
         placed.append(ordered if border == 1 else (tags[inside], _refined(grey, expected[inside])))
         if off.min() < SHARP:
             break
-    return max(reversed(placed), key=lambda one: len(one[0]), default=as_read[0])
+    return max(reversed(placed), key=lambda detection: len(detection[0]), default=as_read[0])
 
 
 def _read(
@@ -195,11 +195,11 @@ def _read(
     parameters.adaptiveThreshWinSizeMin, parameters.adaptiveThreshWinSizeMax = 7, 35
     parameters.adaptiveThreshWinSizeStep = 14
     detector = cv2.aruco.ArucoDetector(_dictionary(mat.dictionary), parameters)
-    found, numbers, _ = detector.detectMarkers(grey)
+    outlines, numbers, _ = detector.detectMarkers(grey)
     if numbers is None or len(numbers) == 0:
         return np.empty(0, int), np.empty((0, 4, 2))
     tags = np.asarray(numbers, int).ravel()
-    corners = np.asarray(found, float).reshape(-1, 4, 2)
+    corners = np.asarray(outlines, float).reshape(-1, 4, 2)
     once = np.array([tag in mat.corners_mm and (tags == tag).sum() == 1 for tag in tags.tolist()])
     order = np.argsort(tags[once])
     return tags[once][order], corners[once][order]

@@ -62,13 +62,13 @@ def profiles_of(
         )
         colours.append(sampled(s.colours, pixels))
     spots, reach = np.concatenate(points), np.concatenate(reached)
-    own = np.repeat(np.arange(len(rim_views)), [len(p) for p in points])
+    view_numbers = np.repeat(np.arange(len(rim_views)), [len(p) for p in points])
     count = len(spots)
     stack = np.full((3, len(rim_views), count, 3), 255, np.uint8)
     seen = np.zeros((len(rim_views), count), bool)
     for k, s in enumerate(rim_views):
         pixels, free = visible_ground(s.camera, s.outside_px, spots, CLEARANCE_PX)
-        free &= reach & (own != k)
+        free &= reach & (view_numbers != k)
         seen[k] = free
         stack[0, k, free] = sampled(s.colours, pixels[free])
         stack[1, k, free] = sampled(s.lowest, pixels[free], how=cv2.INTER_NEAREST)

@@ -83,7 +83,7 @@ def surface_doubts(
         return shadow
     peak, patch = _worst(error, vertices, faces, views)
     off_mm = abs(float(error.offset_mm[peak]))
-    found = (
+    misfit = (
         f"{place_in_words(vertices, faces, peak)} the photos place the skin {off_mm:.1f} mm "
         f"{'outside' if error.offset_mm[peak] > 0 else 'inside'} the mesh"
     )
@@ -93,9 +93,9 @@ def surface_doubts(
     cause = _cause(evidence, patch, outside=bool(error.offset_mm[peak] > 0))
     if offset.rms_mm > REFUSED_OFF * diameter or offset.local_mm > REFUSED_LOCAL * diameter:
         raise ReconProblem.SURFACE_CONTRADICTED.failure(
-            f"The mesh does not fit the photos: {found} ({whole}). {cause}"
+            f"The mesh does not fit the photos: {misfit} ({whole}). {cause}"
         )
-    return (*shadow, f"{found[0].upper()}{found[1:]} ({whole}). {cause}")
+    return (*shadow, f"{misfit[0].upper()}{misfit[1:]} ({whole}). {cause}")
 
 
 def _volume_limit(evidence: RimEvidence, diameter_mm: float) -> float:

@@ -52,5 +52,5 @@ def view_doubts(
         unseen_mm2=unseen_mm2,
     )
     require_seen(quality, left_out=left_out, plan=plan)
-    found = " ".join(warnings_of(quality, largest_mm=2 * radius_mm))
-    return tuple(said for said in (*poses.warnings, f"{found} {plan_words(plan)}".strip()) if said)
+    warnings = " ".join(warnings_of(quality, largest_mm=2 * radius_mm))
+    return tuple(said for said in (*poses.warnings, f"{warnings} {plan_words(plan)}".strip()) if said)

@@ -86,7 +86,9 @@ def _require_signature(model: Path, session: Session, offered: set[str], *, phot
     if not any(set(names) <= offered for names in ENOUGH):
         missing = '"world_points"'
         half = {"depth": "pose_enc", "pose_enc": "depth"}
-        lacks = next((f'"{other}" beside its "{own}"' for own, other in half.items() if own in offered), None)
+        lacks = next(
+            (f'"{other}" beside its "{output}"' for output, other in half.items() if output in offered), None
+        )
         raise bad_model(
             model,
             f"has no output {lacks or missing} (its outputs are {', '.join(sorted(offered)) or 'none'})",

@@ -53,10 +53,10 @@ def require_onnx(model: Path) -> None:
     if is_lfs_pointer(model):
         raise bad_model(model, NO_LFS_FILE, "the model itself")
     try:
-        found, locations = _looked_through(model)
+        fields, locations = _looked_through(model)
     except _Malformed:
         raise bad_model(model, "is no ONNX model, or was cut short", "a whole ONNX file") from None
-    if not {GRAPH, OPSET} <= found:
+    if not {GRAPH, OPSET} <= fields:
         raise bad_model(model, "is no ONNX model (it holds no graph)", "an ONNX file")
     for location in locations:
         if wrong := _location_fault(model, location):
@@ -71,7 +71,7 @@ def model_files(model: Path) -> tuple[Path, ...]:
         _, locations = _looked_through(model)
     except (ReconFailure, OSError):
         return (model,)
-    return (model, *(model.parent / one for one in locations))
+    return (model, *(model.parent / location for location in locations))
 
 
 def _location_fault(model: Path, location: str) -> str:
@@ -157,8 +157,8 @@ def _varint(file: BinaryIO) -> int | None:
     return None
 
 
-def bad_model(model: Path, found: str, expected: str) -> ReconFailure:
+def bad_model(model: Path, fault: str, expected: str) -> ReconFailure:
     """The failure that a model is not what was expected."""
     return ReconProblem.BAD_GEOMETRY_MODEL.failure(
-        f"The geometry model {model} {found}; expected {expected}."
+        f"The geometry model {model} {fault}; expected {expected}."
     )

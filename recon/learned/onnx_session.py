@@ -31,8 +31,8 @@ def providers_fault(providers: Sequence[str]) -> str:
             hint = f"did you mean {near[0]}?" if near else f"this machine has {', '.join(here)}."
             return f'found "{name}"; expected names of ONNX Runtime\'s providers: {hint}'
     if not set(providers) & set(here):
-        found = f"found {', '.join(providers)}" if providers else "found an empty list"
-        return f"{found}; expected one that this machine has: {', '.join(here)}."
+        fault = f"found {', '.join(providers)}" if providers else "found an empty list"
+        return f"{fault}; expected one that this machine has: {', '.join(here)}."
     return ""
 
 

@@ -114,14 +114,15 @@ def embed_pit(
     )
 
 
-def least_gap_mm(one: Mesh, other: Mesh) -> float:
+def least_gap_mm(first: Mesh, second: Mesh) -> float:
     """Shortest way between two surfaces that do not cross: over the vertices of each, to the other's faces.
 
     Never too short; too long only where two edges face each other midway, by at most h^2 / 8 (1/r + 1/R) for
     edges of length h on surfaces of radii of curvature r and R: 0.02 mm for h = 1 mm on a pit of 10 mm.
     """
     ways = [
-        RayMesh(*mesh).distances_mm(v[np.unique(f)]).min() for (v, f), mesh in ((one, other), (other, one))
+        RayMesh(*mesh).distances_mm(v[np.unique(f)]).min()
+        for (v, f), mesh in ((first, second), (second, first))
     ]
     return float(min(ways))
 

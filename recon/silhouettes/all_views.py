@@ -265,7 +265,7 @@ def _refined(
     expected = [outline for outline in drawings if outline is not None]
     if len(expected) < len(views):
         raise no_fruit("drupe lost its outline during refinement")
-    found = snapped(
+    snapped_outlines = snapped(
         expected,
         log_odds,
         [v.colours for v in views],
@@ -273,7 +273,7 @@ def _refined(
         most_log_odds=step.most_log_odds,
     )
     silhouettes, clear = [], []
-    for view, outline, near in zip(views, found, expected, strict=True):
+    for view, outline, near in zip(views, snapped_outlines, expected, strict=True):
         window = view.window
         if step.sharpen:
             outline, window = sharpened(outline, window, search=step.search)

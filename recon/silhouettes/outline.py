@@ -82,8 +82,8 @@ def snapped(
     """
     shifts = np.arange(-reach_px, reach_px + STEP_PX / 2, STEP_PX)
     gains = [
-        _gain(outline, own, colour, shifts, most_log_odds)
-        for outline, own, colour in zip(outlines, log_odds, colours, strict=True)
+        _gain(outline, view_log_odds, colour, shifts, most_log_odds)
+        for outline, view_log_odds, colour in zip(outlines, log_odds, colours, strict=True)
     ]
     paths = best_rings(np.array(gains, np.float32), bend=BEND, steepest=1)
     moved = [o.points + shifts[path][:, None] * o.normals for o, path in zip(outlines, paths, strict=True)]
@@ -173,20 +173,20 @@ def _on_step(curve: Outline, colours: Float[np.ndarray, "h w 3"]) -> Outline:
     return replace(moved, clear_share=float(clear.mean()))
 
 
-def kept_near(found: Outline, expected: Outline, *, inward_px: float) -> Outline:
+def kept_near(outline: Outline, expected: Outline, *, inward_px: float) -> Outline:
     """The found outline, but the expected one wherever the found one lies more than `inward_px` inside it.
 
     A hull that most views agree on is hardly larger than the fruit; an outline far inside it has followed a
     highlight, a reflection or a likeness of colour, and must not carve.
     """
-    _, nearest = KDTree(expected.points).query(found.points)
-    signed = np.sum((found.points - expected.points[nearest]) * expected.normals[nearest], axis=1)
+    _, nearest = KDTree(expected.points).query(outline.points)
+    signed = np.sum((outline.points - expected.points[nearest]) * expected.normals[nearest], axis=1)
     wrong = ndimage.binary_dilation(np.pad(signed < -inward_px, 16, mode="wrap"), iterations=8)[16:-16]
     if not wrong.any():
-        return found
+        return outline
     weight = ndimage.gaussian_filter1d(wrong.astype(float), 4.0, mode="wrap")[:, None]
-    even = _even(found.points * (1 - weight) + expected.points[nearest] * weight, smooth=0.5)
-    return replace(even, clear_share=found.clear_share * float(1 - wrong.mean()))
+    even = _even(outline.points * (1 - weight) + expected.points[nearest] * weight, smooth=0.5)
+    return replace(even, clear_share=outline.clear_share * float(1 - wrong.mean()))
 
 
 def enlarged(outline: Outline, factor: int) -> Outline:

@@ -173,9 +173,11 @@ def _require_glb(path: Path, data: bytes) -> None:
         raise _unreadable(path, "is broken or was cut short", whole)
     try:
         said = json_of(data[20 : 20 + int.from_bytes(data[12:16], "little")].decode("utf-8", "replace"))
-        compressed = [one for one in said.get("extensionsRequired", []) if "compression" in one]
-        counts = [int(one["count"]) for one in said.get("accessors", [])]
-        placed = sum("mesh" in one for one in said.get("nodes", []))
+        compressed = [
+            extension for extension in said.get("extensionsRequired", []) if "compression" in extension
+        ]
+        counts = [int(accessor["count"]) for accessor in said.get("accessors", [])]
+        placed = sum("mesh" in node for node in said.get("nodes", []))
         generator = said.get("asset", {}).get("generator")
     except (NotReadable, KeyError, TypeError, ValueError, AttributeError) as error:
         raise _unreadable(path, "is broken (its description cannot be read)", whole) from error
@@ -200,11 +202,11 @@ def _points_alone(path: Path, count: int) -> ReconFailure:
     return _unreadable(path, f"is a cloud of {count} points without faces", expected)
 
 
-def _too_fine(path: Path, found: str) -> ReconFailure:
+def _too_fine(path: Path, content: str) -> ReconFailure:
     expected = f"at most {MOST_ELEMENTS} each: decimate it, for example to 200,000 faces"
-    return _unreadable(path, f"holds {found}", expected)
+    return _unreadable(path, f"holds {content}", expected)
 
 
-def _unreadable(path: Path, found: str, expected: str) -> ReconFailure:
-    said = f"{printable(str(path))} {found}; expected {expected}."
+def _unreadable(path: Path, fault: str, expected: str) -> ReconFailure:
+    said = f"{printable(str(path))} {fault}; expected {expected}."
     return ReconProblem.UNREADABLE_MESH.failure(said)

@@ -150,10 +150,10 @@ def _caps(
         count = near.sum(1)
         mean = bell.sum(1) / count
         square = (bell**2).sum(1) - count * mean**2
-        found = (bell @ hollow - mean * (near @ hollow)) / square
-        explained = np.where(found > 0, found**2 * square, 0.0)
+        depth_here = (bell @ hollow - mean * (near @ hollow)) / square
+        explained = np.where(depth_here > 0, depth_here**2 * square, 0.0)
         better = explained > gain
-        depth, gain = np.where(better, found, depth), np.where(better, explained, gain)
+        depth, gain = np.where(better, depth_here, depth), np.where(better, explained, gain)
     return depth, gain
 
 

@@ -61,7 +61,7 @@ class PlyHeader:
 
     def count(self, name: str) -> int:
         """Rows of this element; 0 where there is none."""
-        return sum(one.count for one in self.elements if one.name == name)
+        return sum(element.count for element in self.elements if element.name == name)
 
 
 def read_header(data: bytes) -> PlyHeader:
@@ -91,7 +91,7 @@ def read_header(data: bytes) -> PlyHeader:
             elements[-1] = Element(last.name, last.count, (*last.columns, column))
     if endian is None:
         raise NotPly("is broken (no known format in its header)")
-    if sum(one.least_bytes if endian else one.count for one in elements) > len(data) - end:
+    if sum(element.least_bytes if endian else element.count for element in elements) > len(data) - end:
         raise NotPly("was cut short (its header promises more)")
     return PlyHeader(tuple(elements), endian, length)
 
@@ -131,7 +131,7 @@ def _fans(polygons: Values) -> Int[np.ndarray, "m 3"]:
     if isinstance(polygons, np.ndarray) and polygons.ndim == 2:
         groups = [polygons.astype(np.int64)]
     else:
-        sizes = np.array([len(one) for one in polygons])
+        sizes = np.array([len(polygon) for polygon in polygons])
         groups = [
             np.array([polygons[k] for k in np.flatnonzero(sizes == size).tolist()], np.int64)
             for size in np.unique(sizes)

@@ -102,21 +102,21 @@ def relief(
     regions: tuple[Region, ...] = ()
     gentler = (LESS_AVERAGED, LEAST_MEAN_GAIN_LESS_AVERAGED)
     for averaged, least in ((AVERAGED, LEAST_MEAN_GAIN), gentler):
-        found = searched(coarse, halves[0], loose, held, averaged=averaged)
-        if not (found.far & (found.weight > 0)).any():
+        candidate = searched(coarse, halves[0], loose, held, averaged=averaged)
+        if not (candidate.far & (candidate.weight > 0)).any():
             continue
         null = searched(coarse, halves[0], certain, np.zeros(count), averaged=averaged)
-        regions, kept = judged(coarse, halves[1], found, null, least_mean_gain=least)
+        regions, kept = judged(coarse, halves[1], candidate, null, least_mean_gain=least)
         if kept.any():
             break
     else:
         return replace(nothing, regions=regions)
-    zone = grown(kept, coarse.faces, ZONE_RINGS) & loose & ~(found.far & ~kept)
-    if (found.far & ~zone).any():
-        found = searched(coarse, halves[0], zone, held, averaged=averaged)
+    zone = grown(kept, coarse.faces, ZONE_RINGS) & loose & ~(candidate.far & ~kept)
+    if (candidate.far & ~zone).any():
+        candidate = searched(coarse, halves[0], zone, held, averaged=averaged)
     fine = outline_mesh(vertices, faces, min(FINE, finer))
     again = vertices_per_patch(coarse, views) < 1
-    surface, measured = _finer(coarse, fine, found, zone, held, halves, again=again)
+    surface, measured = _finer(coarse, fine, candidate, zone, held, halves, again=again)
     return Relief(
         vertices=vertices + split(surface - fine.outline.points, fine.level, finer),
         measured=split(measured[:, None].astype(float), fine.level, finer)[:, 0] > 0.25,
@@ -129,7 +129,7 @@ def relief(
 def _finer(
     coarse: OutlineMesh,
     fine: OutlineMesh,
-    found: Found,
+    candidate: Found,
     zone: Bool[np.ndarray, " n"],
     held: Float[np.ndarray, " n"],
     halves: tuple[Sequence[GreyView], Sequence[GreyView]],
@@ -146,8 +146,8 @@ def _finer(
     def spread(values: Float[np.ndarray, "n k"]) -> Float[np.ndarray, "m k"]:
         return split(values, coarse.level, fine.level)
 
-    surface = fine.outline.points + spread(found.surface - coarse.outline.points)
-    measured = spread((found.weight > 0)[:, None].astype(float))[:, 0] > 0
+    surface = fine.outline.points + spread(candidate.surface - coarse.outline.points)
+    measured = spread((candidate.weight > 0)[:, None].astype(float))[:, 0] > 0
     zone = spread(zone[:, None].astype(float))[:, 0] > 0.5
     if again:
         other = searched(fine, halves[0], zone, spread(held[:, None])[:, 0], averaged=AVERAGED)

@@ -102,10 +102,10 @@ def searched(
         scores[:, side] *= (height[:, None] + offsets > -SHALLOW_SHARE * radius)[side]
         offset, weight = best_offsets(_averaged(scores, faces, times), offsets)
         weight[~active] = 0.0
-        found = height + offset
-        hollow = np.maximum(hollow, _hollow(found < -HOLLOW_SHARE * radius, weight > 0, faces))
+        relief_mm = height + offset
+        hollow = np.maximum(hollow, _hollow(relief_mm < -HOLLOW_SHARE * radius, weight > 0, faces))
         pull = LOOSE + (EVERYWHERE + held) * (1 - hollow) ** 4
-        smooth = _membrane(found, weight, pull, active, faces, STIFFNESS)
+        smooth = _membrane(relief_mm, weight, pull, active, faces, STIFFNESS)
         moved = base + (smooth - height)[:, None] * normals
         rows = np.flatnonzero(active & grown(np.abs(smooth) > MOVED_SHARE * radius, faces, GROWTH_RINGS))
         turned = vertex_normals(moved, faces)

@@ -27,7 +27,7 @@ class Region:
 
 
 def judged(
-    mesh: OutlineMesh, held_out: Sequence[GreyView], found: Found, null: Found, *, least_mean_gain: float
+    mesh: OutlineMesh, held_out: Sequence[GreyView], candidate: Found, null: Found, *, least_mean_gain: float
 ) -> tuple[tuple[Region, ...], Bool[np.ndarray, " n"]]:
     """Each connected region that moved, judged by the views held out, and the vertices of those kept.
 
@@ -35,12 +35,12 @@ def judged(
     the mean rise of the correlation that a region must bring.
     """
     per_patch = max(1.0, vertices_per_patch(mesh, held_out))
-    placed = found.weight > 0
-    gain = _gains(mesh, held_out, found.surface, found.far & placed)
-    heights, null_heights = heights_mm(mesh, found.surface), heights_mm(mesh, null.surface)
+    placed = candidate.weight > 0
+    gain = _gains(mesh, held_out, candidate.surface, candidate.far & placed)
+    heights, null_heights = heights_mm(mesh, candidate.surface), heights_mm(mesh, null.surface)
     null_gain = _gains(mesh, held_out, null.surface, null.far & (null.weight > 0))
     regions, kept = [], np.zeros(len(placed), bool)
-    for part in connected_parts(found.far, mesh.faces):
+    for part in connected_parts(candidate.far, mesh.faces):
         measured = part & placed & np.isfinite(gain)
         if not measured.any():
             continue

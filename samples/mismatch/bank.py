@@ -101,7 +101,9 @@ def simulated(folder: Path, fruit: BankFruit) -> tuple[TrueRecording, ...]:
     paths = [folder / f"{fruit.name}-m{mesh}.npz" for mesh in MESHES]
     if not all(path.exists() for path in paths):
         raise SampleFailure(f"not every mesh of {fruit.name} is simulated: run `simulate` first")
-    return tuple(sorted((one for path in paths for one in stored_truths(path)), key=lambda one: one.name))
+    return tuple(
+        sorted((truth for path in paths for truth in stored_truths(path)), key=lambda truth: truth.name)
+    )
 
 
 def draw_case(
@@ -120,7 +122,7 @@ def draw_case(
     plan, peaks = fruit.plan(), tuple(truth.peak_force_N for truth in truths)
     extra, rng = added_effects(case_id, added, level=level)
     drawn, stated = as_stated(plan.drawn, extra, rng)
-    injected = tuple(with_amount(one, max(peaks), truths) for one in (*plan.injected, *stated))
+    injected = tuple(with_amount(injection, max(peaks), truths) for injection in (*plan.injected, *stated))
     origin = {"fruit": fruit.name, "fruit_seed": fruit.seed, "added": added, "level": level, "seed": SEED}
     entry = answer(drawn, label_of_plan(plan, injected)) | {"drawn_from": origin}
     salt = rng.bytes(16).hex()
@@ -162,4 +164,4 @@ def as_stated(
         return seen, added
     true = replace(ratio, parameters={"nu": drawn.fruit.poisson_ratio})
     seen = replace(seen, stated_poisson_ratio=ratio.number("nu"))
-    return seen, tuple(true if one is ratio else one for one in added)
+    return seen, tuple(true if injection is ratio else injection for injection in added)

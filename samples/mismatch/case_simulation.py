@@ -118,20 +118,20 @@ def planned(
 
 
 def _placed(
-    one: InjectedEffect, drawn: DrawnFruit, grasps: tuple[PlannedGrasp, ...], rng: np.random.Generator
+    injection: InjectedEffect, drawn: DrawnFruit, grasps: tuple[PlannedGrasp, ...], rng: np.random.Generator
 ) -> InjectedEffect:
-    if one.effect == "third_contact":
+    if injection.effect == "third_contact":
         place = drawn_place_mm(drawn.fruit.skin, rng)
-        return replace(one, parameters={**one.parameters, "centre_mm": place.tolist()})
-    if one.effect != "soft_spot":
-        return one
+        return replace(injection, parameters={**injection.parameters, "centre_mm": place.tolist()})
+    if injection.effect != "soft_spot":
+        return injection
     number, pad = int(rng.integers(3)), str(rng.choice(["left", "right"]))
     depth = float(rng.uniform(2.5, 5.5))
     centre = spot_under_pad(
         drawn, grasps[number], pad=pad, depth_mm=depth, aside_deg=float(rng.uniform(0, 18)), rng=rng
     )
     where = {"grasp": number + 1, "pad": pad, "depth_mm": depth, "centre_mm": centre.tolist()}
-    return replace(one, parameters={**one.parameters, **where})
+    return replace(injection, parameters={**injection.parameters, **where})
 
 
 def label_of_plan(plan: CasePlan, labelled: tuple[InjectedEffect, ...]) -> dict[str, Any]:
@@ -144,19 +144,21 @@ def label_of_plan(plan: CasePlan, labelled: tuple[InjectedEffect, ...]) -> dict[
     return {"effect": joined_name(labelled), "parameters": joined_parameters(labelled)}
 
 
-def with_amount(one: InjectedEffect, peak_N: float, truths: tuple[TrueRecording, ...] = ()) -> InjectedEffect:
+def with_amount(
+    injection: InjectedEffect, peak_N: float, truths: tuple[TrueRecording, ...] = ()
+) -> InjectedEffect:
     """Drifts are planned as shares of the peak force per time; their labels are in newtons, as is what a
     third contact bears.
     """
-    if one.effect == "third_contact" and truths:
-        return replace(one, parameters={**one.parameters, "force_N": max(map(borne_N, truths))})
-    if one.effect == "thermal_drift":
-        strain, share = one.number("strain_per_root_s"), one.number("peak_share_per_root_s")
-        return replace(one, parameters={"strain_per_root_s": strain, "N_per_root_s": share * peak_N})
-    if one.effect != "sensor_drift":
-        return one
-    amount = one.number("share_per_s") * peak_N
-    return replace(one, parameters={"pad": one.parameters["pad"], "newton_per_s": amount})
+    if injection.effect == "third_contact" and truths:
+        return replace(injection, parameters={**injection.parameters, "force_N": max(map(borne_N, truths))})
+    if injection.effect == "thermal_drift":
+        strain, share = injection.number("strain_per_root_s"), injection.number("peak_share_per_root_s")
+        return replace(injection, parameters={"strain_per_root_s": strain, "N_per_root_s": share * peak_N})
+    if injection.effect != "sensor_drift":
+        return injection
+    amount = injection.number("share_per_s") * peak_N
+    return replace(injection, parameters={"pad": injection.parameters["pad"], "newton_per_s": amount})
 
 
 def true_recordings(plan: CasePlan, *, fineness: BrickGrading = CASE) -> tuple[TrueRecording, ...]:
@@ -165,7 +167,7 @@ def true_recordings(plan: CasePlan, *, fineness: BrickGrading = CASE) -> tuple[T
     Raises NotInEquilibrium where a grasp finds no balance.
     """
     lag = named(plan.injected, "clock_lag")
-    found: dict[str, TrueRecording] = {}
+    recordings: dict[str, TrueRecording] = {}
     for mesh in sorted({g.mesh for g in plan.grasps}):
         here = [g for g in plan.grasps if g.mesh == mesh]
         stands = meshed_fruit(
@@ -176,13 +178,13 @@ def true_recordings(plan: CasePlan, *, fineness: BrickGrading = CASE) -> tuple[T
         for grasp in here:
             grip = grip_of(stands, gel=gel_of(plan.injected, plan.drawn.sensor.gel), inner=inner)
             if lag is None:
-                found[grasp.name] = grasped(grasp, grip, body)
+                recordings[grasp.name] = grasped(grasp, grip, body)
                 continue
             lag_s = lag.number("lag_s")
             frames = grasp.motion.time_s[grasp.motion.recorded]
             everything = grasped(with_instants(grasp, frames - lag_s), grip, body)
-            found[grasp.name] = recorded_late(everything, frames, lag_s=lag_s)
-    return tuple(found[g.name] for g in plan.grasps)
+            recordings[grasp.name] = recorded_late(everything, frames, lag_s=lag_s)
+    return tuple(recordings[g.name] for g in plan.grasps)
 
 
 def body_of(
@@ -205,27 +207,29 @@ def body_of(
     if len(laws) > 1:
         names = " and ".join(p.effect for p in laws)
         raise SampleFailure(f"{names} cannot be injected together: each needs a flesh of its own.")
-    one = laws[0] if laws else None
+    injection = laws[0] if laws else None
     at_rest = stiffness_at_rest(flesh, plain)
-    if one is None or one.effect in MATERIAL_LAWS:
-        law, firmer = flesh_law(plain, one)
+    if injection is None or injection.effect in MATERIAL_LAWS:
+        law, firmer = flesh_law(plain, injection)
         whole = whole_fruit(flesh, stands.dofs, stiffness=at_rest, support=skin_stiffness)
         return NonlinearBody(whole, law, firmer=firmer), None
     linear = at_rest if skin_stiffness is None else csr_array(at_rest + skin_stiffness)
-    if one.effect == "loose_pit":
+    if injection.effect == "loose_pit":
         loose = loose_compliance(flesh, stands.dofs, extra=csr_array(linear - flesh.stiffness))
-        return ElasticBody(loose), pit_contact(flesh, gap_mm=one.number("gap_mm"))
-    if one.effect == "split_pit":
+        return ElasticBody(loose), pit_contact(flesh, gap_mm=injection.number("gap_mm"))
+    if injection.effect == "split_pit":
         if len(injected) > 1:
             raise SampleFailure("split_pit is injected alone: no other flesh is made with two half pits.")
-        split = split_pit_stiffness(flesh, angle_deg=one.number("angle_deg"), share=one.number("share"))
+        split = split_pit_stiffness(
+            flesh, angle_deg=injection.number("angle_deg"), share=injection.number("share")
+        )
         return ElasticBody(skin_compliance(split, stands.dofs)), None
     if skin is None:
         raise SampleFailure("a third contact needs the fruit's skin, which says its normal.")
-    place = np.array(one.parameters["centre_mm"])
+    place = np.array(injection.parameters["centre_mm"])
     compliance, seat = with_third_contact(
         flesh, stands.dofs, centre_mm=place, normal=inward_normal(skin, place),
-        N_per_mm=one.number("N_per_mm"), stiffness=linear,
+        N_per_mm=injection.number("N_per_mm"), stiffness=linear,
     )  # fmt: skip
     return ElasticBody(compliance), seat
 

@@ -238,8 +238,8 @@ def _inverse(C: Tensors) -> Tensors:
     a, b, c, d, e, f = (C[..., i, k] for i, k in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
     minors = (d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b)
     size = a * minors[0] + b * minors[1] + c * minors[2]
-    found = np.stack([minors[k] for k in (0, 1, 2, 1, 3, 4, 2, 4, 5)], axis=-1) / size[..., None]
-    return np.asarray(found.reshape(C.shape))
+    inverse = np.stack([minors[k] for k in (0, 1, 2, 1, 3, 4, 2, 4, 5)], axis=-1) / size[..., None]
+    return np.asarray(inverse.reshape(C.shape))
 
 
 def _faded(memory: np.ndarray, change: np.ndarray, pauses: float) -> np.ndarray:

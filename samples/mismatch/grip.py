@@ -149,11 +149,11 @@ def next_instant(
             for s in (0, 1)
         ]
         enough = ROUGHLY_N if look == 0 and start is None else TOLERANCE_N
-        found = _balanced(
+        balance = _balanced(
             grip, links, origins, compliance, freely, force, enough, near if look == 0 else None
         )
-        change = np.abs(found.u - u).max()
-        force, u = found.force_N, found.u
+        change = np.abs(balance.u - u).max()
+        force, u = balance.force_N, balance.u
         lost = [let_go(grip.gels[s], kept_on[s], links[s], grip.local(s, u, origins)) for s in (0, 1)]
         if any(new is not None for new in lost):  # fewer hold each time: this ends
             kept_on = [old if new is None else new for old, new in zip(kept_on, lost, strict=True)]
@@ -268,27 +268,27 @@ def _newton_step(
         return np.asarray(y + push.held_by(compliance.times(y, columns, columns)[:, None], columns)[:, 0])
 
     whole = LinearOperator((count, count), matvec=missed, dtype=float)
-    found, left = gmres(whole, short, rtol=LEFT_SHARE, restart=GMRES_ROUNDS, maxiter=1)
+    step_N, left = gmres(whole, short, rtol=LEFT_SHARE, restart=GMRES_ROUNDS, maxiter=1)
     if left:
         moved = compliance.times(np.eye(count), columns, columns)
-        found = np.linalg.solve(np.eye(count) + push.held_by(moved, columns), short)
+        step_N = np.linalg.solve(np.eye(count) + push.held_by(moved, columns), short)
     move = miss.copy()
-    for c, part in parts_of(found, columns):
+    for c, part in parts_of(step_N, columns):
         move[c] = part
     return move
 
 
 def _reach(grip: Grip, force: Float[np.ndarray, " d"]) -> Slices:
     """Where there are forces: of each patch the nodes up to the last that bears one, all inner points."""
-    found = []
+    slices = []
     for side in (0, 1):
         part = grip.part(side)
         bearing = np.flatnonzero(force[part])
         if len(bearing):
-            found.append(slice(part.start, part.start + 3 * (int(bearing[-1]) // 3 + 1)))
+            slices.append(slice(part.start, part.start + 3 * (int(bearing[-1]) // 3 + 1)))
     if grip.part(1).stop < len(force):
-        found.append(slice(grip.part(1).stop, len(force)))
-    return tuple(found)
+        slices.append(slice(grip.part(1).stop, len(force)))
+    return tuple(slices)
 
 
 def _picked(values: Float[np.ndarray, " d"], columns: Slices) -> Float[np.ndarray, " a"]:
@@ -317,19 +317,19 @@ class _Push:
 
     def held_by(self, x: Float[np.ndarray, "a k"], columns: Slices) -> Float[np.ndarray, "a k"]:
         """B x on the columns, for motions x there."""
-        found = []
+        pushes = []
         rest = x
         for c in columns:
             here, rest = rest[: c.stop - c.start], rest[c.stop - c.start :]
             sides = [s for s in (0, 1) if self._grip.part(s).start <= c.start < self._grip.part(s).stop]
             if not sides:
-                found.append(self._inner_slope()[:, None] * here)
+                pushes.append(self._inner_slope()[:, None] * here)
                 continue
             shares, block = self._touching(sides[0], (c.stop - c.start) // 3)
             count = x.shape[1]
             at = np.asarray(shares @ here.reshape(-1, 3 * count)).reshape(-1, 3, count)
-            found.append(np.asarray(shares.T @ (block @ at).reshape(-1, 3 * count)).reshape(-1, count))
-        return np.concatenate(found)
+            pushes.append(np.asarray(shares.T @ (block @ at).reshape(-1, 3 * count)).reshape(-1, count))
+        return np.concatenate(pushes)
 
     def _inner_slope(self) -> Float[np.ndarray, " p"]:
         if self._grip.inner is None:

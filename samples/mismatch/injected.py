@@ -88,16 +88,16 @@ def plain_flesh(flesh: BrickFlesh, injected: tuple[InjectedEffect, ...] = ()) ->
     """The Neo-Hookean law of the flesh with every injected effect that changes its modulus or direction."""
     ratio: Float[np.ndarray, "m 27"] | float = 1.0
     axial = 0.0
-    for one in injected:
-        if one.effect == "graded_modulus":
-            ratio = ratio * graded(flesh.bricks, gamma=one.number("gamma"))
-        elif one.effect == "soft_spot":
+    for injection in injected:
+        if injection.effect == "graded_modulus":
+            ratio = ratio * graded(flesh.bricks, gamma=injection.number("gamma"))
+        elif injection.effect == "soft_spot":
             ratio = ratio * soft_spot(
-                flesh.bricks, centre_mm=np.array(one.parameters["centre_mm"]),
-                radius_mm=one.number("radius_mm"), ratio=one.number("ratio"),
+                flesh.bricks, centre_mm=np.array(injection.parameters["centre_mm"]),
+                radius_mm=injection.number("radius_mm"), ratio=injection.number("ratio"),
             )  # fmt: skip
-        elif one.effect == "anisotropy":
-            axial = one.number("axial")
+        elif injection.effect == "anisotropy":
+            axial = injection.number("axial")
     return PlainFlesh(lame=Lame(mu=flesh.mu_MPa, lam=flesh.lam_MPa), ratio=ratio, axial=axial)
 
 
@@ -118,22 +118,24 @@ def membrane(flesh: BrickFlesh, injected: tuple[InjectedEffect, ...]) -> csr_arr
     return with_skin(flesh, Et_N_per_mm=skin.number("Et_N_per_mm"), poisson_ratio=nu)
 
 
-def flesh_law(plain: PlainFlesh, one: InjectedEffect | None) -> tuple[FleshLaw, float]:
+def flesh_law(plain: PlainFlesh, injection: InjectedEffect | None) -> tuple[FleshLaw, float]:
     """The law of an injected effect, and how much firmer than at rest the solver takes the flesh."""
-    if one is None or one.effect not in MATERIAL_LAWS:
+    if injection is None or injection.effect not in MATERIAL_LAWS:
         return plain, 1.0
     modulus = plain.lame.modulus
-    if one.effect == "stiffening":
-        return StiffeningFlesh(plain=plain, b=one.number("b")), STIFFENING_IS_FIRMER
-    if one.effect == "viscoelastic":
-        return Relaxing(plain=plain, g=one.number("g"), tau_s=one.number("tau_s")), 1.0
-    if one.effect == "plastic_set":
-        limit, hardening = one.number("yield_over_E") * modulus, one.number("hardening") * modulus
+    if injection.effect == "stiffening":
+        return StiffeningFlesh(plain=plain, b=injection.number("b")), STIFFENING_IS_FIRMER
+    if injection.effect == "viscoelastic":
+        return Relaxing(plain=plain, g=injection.number("g"), tau_s=injection.number("tau_s")), 1.0
+    if injection.effect == "plastic_set":
+        limit, hardening = injection.number("yield_over_E") * modulus, injection.number("hardening") * modulus
         return Yielding(plain=plain, yield_MPa=limit, hardening_MPa=hardening), 1.0
-    if one.effect == "drainage":
-        share, tau_s = one.number("volume_share"), one.number("tau_s")
+    if injection.effect == "drainage":
+        share, tau_s = injection.number("volume_share"), injection.number("tau_s")
         return Draining(plain=plain, volume_share=share, tau_s=tau_s), 1.0
-    return Damaged(plain=plain, dmax=one.number("dmax"), W0_MPa=one.number("W0_over_E") * modulus), 1.0
+    return Damaged(
+        plain=plain, dmax=injection.number("dmax"), W0_MPa=injection.number("W0_over_E") * modulus
+    ), 1.0
 
 
 def spot_under_pad(

@@ -127,14 +127,14 @@ class NonlinearBody:
 
     def _excess(self, q: Float[np.ndarray, " u"], pause_s: float) -> tuple[Float[np.ndarray, " u"], State]:
         """Forces of the flesh's stress beyond the linear one at q, and what the flesh then remembers."""
-        found = self._state
+        state = self._state
 
         def stress(H: Float[np.ndarray, "m 27 3 3"]) -> Float[np.ndarray, "m 27 3 3"]:
-            nonlocal found
-            P, found = self._law.stress(H, self._state, pause_s)
+            nonlocal state
+            P, state = self._law.stress(H, self._state, pause_s)
             return P
 
-        return self._whole.excess(q, stress), found
+        return self._whole.excess(q, stress), state
 
 
 def sound_body(stands: MeshedFruit) -> NonlinearBody:

@@ -49,11 +49,11 @@ class SkinCompliance:
         pull = self.core @ sum(
             self.softest[c].T @ part for c, part in parts_of(force, columns)
         )  # the softest motions' share, in double precision
-        found = []
+        displacements = []
         for r in rows:
             elastic = sum(self.elastic[r, c] @ part for c, part in parts_of(single, columns))
-            found.append(elastic + self.softest[r] @ pull)
-        return np.asarray(self.scale * np.concatenate(found))
+            displacements.append(elastic + self.softest[r] @ pull)
+        return np.asarray(self.scale * np.concatenate(displacements))
 
     def dense(self) -> Float[np.ndarray, "d d"]:
         """C itself."""

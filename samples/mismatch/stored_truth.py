@@ -20,12 +20,12 @@ def store_truths(path: Path, truths: tuple[TrueRecording, ...]) -> None:
     """Write a fruit's grasps, whole or not at all."""
     arrays: dict[str, np.ndarray] = {}
     words = []
-    for k, one in enumerate(truths):
-        gel = {name: getattr(one.gel, name) for name in Gel.__dataclass_fields__}
-        words.append({"name": one.name, "gel": gel})
-        arrays[f"time_{k}"], arrays[f"aperture_{k}"] = one.time_s, one.aperture_mm
-        arrays[f"rest_{k}"] = one.rest_mm
-        for side, pad in enumerate(one.pads):
+    for k, truth in enumerate(truths):
+        gel = {name: getattr(truth.gel, name) for name in Gel.__dataclass_fields__}
+        words.append({"name": truth.name, "gel": gel})
+        arrays[f"time_{k}"], arrays[f"aperture_{k}"] = truth.time_s, truth.aperture_mm
+        arrays[f"rest_{k}"] = truth.rest_mm
+        for side, pad in enumerate(truth.pads):
             arrays[f"pose_{k}_{side}"] = pad.pose
             arrays[f"displacement_{k}_{side}"] = pad.displacement_mm.astype(np.float32)
             arrays[f"force_{k}_{side}"] = pad.force_N.astype(np.float32)
@@ -40,8 +40,8 @@ def stored_truths(path: Path) -> tuple[TrueRecording, ...]:
         words = json.loads(str(file["words"]))
         if words["format"] != FORMAT:
             raise ValueError(f"{path} is of another format: simulate the fruit anew")
-        found = []
-        for k, one in enumerate(words["grasps"]):
+        truths = []
+        for k, grasp in enumerate(words["grasps"]):
             left, right = (
                 PadTruth(
                     pose=file[f"pose_{k}_{side}"],
@@ -50,10 +50,10 @@ def stored_truths(path: Path) -> tuple[TrueRecording, ...]:
                 )
                 for side in (0, 1)
             )
-            found.append(
+            truths.append(
                 TrueRecording(
-                    name=one["name"], time_s=file[f"time_{k}"], aperture_mm=file[f"aperture_{k}"],
-                    rest_mm=file[f"rest_{k}"], gel=Gel(**one["gel"]), pads=(left, right),
+                    name=grasp["name"], time_s=file[f"time_{k}"], aperture_mm=file[f"aperture_{k}"],
+                    rest_mm=file[f"rest_{k}"], gel=Gel(**grasp["gel"]), pads=(left, right),
                 )
             )  # fmt: skip
-    return tuple(found)
+    return tuple(truths)

@@ -42,8 +42,8 @@ class WholeFruit:
 
     def _gradients(self, u: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "m 27 3 3"]:
         """Displacement gradient du_i/dx_k at the integration points."""
-        found = np.matmul(self.slopes, u[self.flesh.bricks.cells])
-        return np.asarray(found.reshape(-1, 27, 3, 3).transpose(0, 1, 3, 2))
+        gradients = np.matmul(self.slopes, u[self.flesh.bricks.cells])
+        return np.asarray(gradients.reshape(-1, 27, 3, 3).transpose(0, 1, 3, 2))
 
     def _nodal_force(self, stress: Float[np.ndarray, "m 27 3 3"]) -> Float[np.ndarray, "n 3"]:
         """Forces on the nodes of a stress field P_ik (first index the force's)."""

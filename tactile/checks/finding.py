@@ -158,14 +158,14 @@ def pads_said(names: tuple[str, ...]) -> str:
     return f"the {names[0]} pad's" if len(names) == 1 else "both pads'"
 
 
-def shared(found: Sequence[Finding]) -> list[Finding]:
+def shared(findings: Sequence[Finding]) -> list[Finding]:
     """The findings of two pads as one where they are of one kind, field and detail; the first's numbers."""
-    if len(found) == 2:
-        one, two = found
-        same = (one.kind, one.field, one.detail) == (two.kind, two.field, two.detail)
-        if same and one.pads != two.pads:
-            return [replace(one, pads=(*one.pads, *two.pads))]
-    return list(found)
+    if len(findings) == 2:
+        first, second = findings
+        same = (first.kind, first.field, first.detail) == (second.kind, second.field, second.detail)
+        if same and first.pads != second.pads:
+            return [replace(first, pads=(*first.pads, *second.pads))]
+    return list(findings)
 
 
 def unit_like(factor: float, units: Mapping[float, str]) -> str | None:
@@ -177,7 +177,7 @@ def unit_like(factor: float, units: Mapping[float, str]) -> str | None:
     if not factor > 0:
         return None
     apart = {name: abs(float(np.log(factor / times))) for times, name in units.items()}
-    name = min(apart, key=lambda one: apart[one])
+    name = min(apart, key=lambda unit: apart[unit])
     return name if apart[name] < SIMILAR_FACTOR else None
 
 

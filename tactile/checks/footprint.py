@@ -73,23 +73,23 @@ class Footprint:
 
 
 def footprint(
-    one: Pressing, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
+    press: Pressing, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
 ) -> Footprint | None:
     """The pad's print against the mesh; None where the pad never touches or looks past the mesh."""
-    pose, rest = one.pad.pose[0], one.pad.rest_mm
-    total = clearer(one)[0][:, one.touched, 2].sum(axis=1)
-    if not one.touched.any() or total.max() <= 0:
+    pose, rest = press.pad.pose[0], press.pad.rest_mm
+    total = clearer(press)[0][:, press.touched, 2].sum(axis=1)
+    if not press.touched.any() or total.max() <= 0:
         return None
     ahead = depth_along(rest @ pose[:3, :3].T + pose[:3, 3], pose[:3, 2], vertices[faces])
     met = np.isfinite(ahead)
     if met.sum() < FEWEST:
         return None
-    travel = one.closing_mm
-    touch, sd = _first_touch(one, total, travel)
-    first = ahead[met & _inner(one)] if (met & _inner(one)).any() else ahead[met]
-    middle_mm, tilt = _middle(one, ahead, travel)
+    travel = press.closing_mm
+    touch, sd = _first_touch(press, total, travel)
+    first = ahead[met & _inner(press)] if (met & _inner(press)).any() else ahead[met]
+    middle_mm, tilt = _middle(press, ahead, travel)
     return Footprint(
-        name=one.pad.name,
+        name=press.pad.name,
         ahead_mm=touch - float(first.min()),
         ahead_sd_mm=float(np.hypot(AHEAD_SD_MM, sd)),
         middle_mm=middle_mm,
@@ -155,7 +155,7 @@ def better_otherwise(
 
 
 def _where(prints: Sequence[Footprint]) -> str:
-    worst = max(prints, key=lambda one: float(np.nan_to_num(np.linalg.norm(one.tilt))))
+    worst = max(prints, key=lambda imprint: float(np.nan_to_num(np.linalg.norm(imprint.tilt))))
     off = float(np.linalg.norm(worst.middle_mm))
     return (
         f"the middle of the {worst.name} pad's contact imprint is {off:.1f} mm from the place that "
@@ -166,7 +166,7 @@ def _where(prints: Sequence[Footprint]) -> str:
 def tilted(prints: Sequence[Footprint], surface_sd_mm: float) -> float:
     """Length of the prints' tilts, all together, in the spread that sound ones have."""
     sd = float(np.hypot(TILT_SD, TILT_PER_MM * surface_sd_mm))
-    return float(np.linalg.norm(np.nan_to_num([one.tilt for one in prints]))) / sd
+    return float(np.linalg.norm(np.nan_to_num([imprint.tilt for imprint in prints]))) / sd
 
 
 def _width(width_mm: float, wider_mm: float, *, refused: bool) -> Finding:
@@ -189,23 +189,23 @@ def _aside(what: str, *, kind: FindingKind = FindingKind.ASIDE) -> Finding:
     return Finding(kind, FindingRank.FRUIT, says, relative_sd=E_OF_A_TURN)
 
 
-def _inner(one: Pressing) -> np.ndarray:
+def _inner(press: Pressing) -> np.ndarray:
     """Markers within reach of the print: what stands ahead elsewhere (a stalk) does not count."""
-    rest = one.pad.rest_mm
-    middle = rest[one.touched].mean(axis=0)
-    reach = float(np.linalg.norm(rest[one.touched] - middle, axis=1).max()) + 3.0 * one.spacing_mm
+    rest = press.pad.rest_mm
+    middle = rest[press.touched].mean(axis=0)
+    reach = float(np.linalg.norm(rest[press.touched] - middle, axis=1).max()) + 3.0 * press.spacing_mm
     return np.asarray(np.linalg.norm(rest - middle, axis=1) <= reach)
 
 
 def _first_touch(
-    one: Pressing, total: Float[np.ndarray, " t"], travel: Float[np.ndarray, " t"]
+    press: Pressing, total: Float[np.ndarray, " t"], travel: Float[np.ndarray, " t"]
 ) -> tuple[float, float]:
     """Travel at which the first contact begins, and how far the way there leaves it open.
 
     Total indentation grows with travel past the touch to the power 1.5 (a half-space, Hertz) to 2 (a bed of
     springs): the first frames are led back by both, at most one step before the first frame above noise.
     """
-    noise = float(np.sqrt((total[one.quiet] ** 2).mean()))
+    noise = float(np.sqrt((total[press.quiet] ** 2).mean()))
     level = max(TOUCH_SD * noise, TOUCH_SHARE * float(total.max()))
     first = int(np.argmax(total > level))
     before = max(first - 1, 0)
@@ -225,21 +225,21 @@ def _first_touch(
 
 
 def _middle(
-    one: Pressing, ahead: Float[np.ndarray, " n"], travel: Float[np.ndarray, " t"]
+    press: Pressing, ahead: Float[np.ndarray, " n"], travel: Float[np.ndarray, " t"]
 ) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
     """Middle of the print less the mesh's nearest point, and the mesh's tilt there, from quadratics.
 
     Both over the same markers. At the end of the first closing: a shear during a later hold moves markers.
     """
     end = int(np.argmax(travel >= travel.min() + END_OF_CLOSING * np.ptp(travel)))
-    values, sd = clearer(one)
+    values, sd = clearer(press)
     depth = values[end, :, 2]
     peak = float(np.sort(depth)[-5:].mean())
     use = (depth > max(DEEP * peak, PRINT_SD * sd)) & np.isfinite(ahead)
     nothing = np.full(2, np.nan)
     if use.sum() < FEWEST:
         return nothing, nothing
-    felt, mesh = (_extremum(one.pad.rest_mm[use, :2], z[use]) for z in (depth, -ahead))
+    felt, mesh = (_extremum(press.pad.rest_mm[use, :2], z[use]) for z in (depth, -ahead))
     if felt is None or mesh is None:
         return nothing, nothing
     apart = np.asarray(felt[0] - mesh[0])

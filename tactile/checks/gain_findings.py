@@ -60,9 +60,9 @@ def gain_findings(
         (press, gain, closing, (press.pad.name,), 1 / pads) for press, gain, closing in gains
     ]
     if len(said) == 2 and abs(np.log(said[0][1] / said[1][1])) < ONE_GAIN:
-        (press, one, closing, name, _), (_, two, _, other, _) = said
-        said = [(press, float(np.sqrt(one * two)), closing, (*name, *other), 1.0)]
-    return [_gain_finding(*one, E_range_MPa=E_range_MPa) for one in said]
+        (press, first_gain, closing, name, _), (_, second_gain, _, other, _) = said
+        said = [(press, float(np.sqrt(first_gain * second_gain)), closing, (*name, *other), 1.0)]
+    return [_gain_finding(*arguments, E_range_MPa=E_range_MPa) for arguments in said]
 
 
 def _gain_finding(
@@ -139,16 +139,16 @@ def _thinned_finding(press: Pressing, gain: float, names: tuple[str, ...], count
 
 
 def _blamed(
-    one: Pressing, closing_mm: float, gain: float, E_range_MPa: tuple[float, float] | None
+    press: Pressing, closing_mm: float, gain: float, E_range_MPa: tuple[float, float] | None
 ) -> Field | Literal["stiffness"] | None:
     """Force, displacement or stiffness, where only that one's being wrong suits the jaws and the fruit."""
-    felt = peak_normal(one.felt_mm)
+    felt = peak_normal(press.felt_mm)
     if closing_mm > 0 and not LEAST_IN_GEL * closing_mm < felt < MOST_IN_GEL * closing_mm:
         return "displacement"
     if E_range_MPa is None or closing_mm <= 0:
         return None
     into_flesh = max(closing_mm - felt, 0.1 * closing_mm)
-    E = 0.75 * (1 - NU**2) * peak_total_N(one) / (np.sqrt(RADIUS_MM) * into_flesh**1.5)
+    E = 0.75 * (1 - NU**2) * peak_total_N(press) / (np.sqrt(RADIUS_MM) * into_flesh**1.5)
     low, high = E_range_MPa[0] / HERTZ_OFF, E_range_MPa[1] * HERTZ_OFF
     as_written, as_the_gel_says = low < E < high, low < E / gain < high
     if as_the_gel_says and not as_written:

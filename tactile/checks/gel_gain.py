@@ -25,21 +25,21 @@ share: half of the 0.03 that sound recordings reach (benchmarks/field_spreads.py
 @dataclass(frozen=True, kw_only=True)
 class UnseenGain:
     """Root mean square of ln gain in two independent parts: what all recordings of the gripper `shared`, and
-    these recordings' `own`.
+    what differs between recordings, `independent`.
     """
 
     shared: float
-    own: float = 0.0
+    independent: float = 0.0
 
 
 def unseen_gain(pads: Sequence[GelPad]) -> UnseenGain:
     """Of all pads of all recordings; without a pad that says anything the prior is all there is. A gain that
     the check reports counts as none here: the finding has an error of its own.
     """
-    found = [one for pad in pads if (one := _of_pad(pad)) is not None]
-    if not found:
+    gains = [gain for pad in pads if (gain := _of_pad(pad)) is not None]
+    if not gains:
         return UnseenGain(shared=GAIN_SD)
-    measured, noise_sd = np.transpose(found)
+    measured, noise_sd = np.transpose(gains)
     return gain_left(np.where(np.abs(measured) > GAIN_SAID, 0.0, measured), noise_sd)
 
 
@@ -48,14 +48,17 @@ def gain_left(measured: Float[np.ndarray, " n"], noise_sd: Float[np.ndarray, " n
 
     Their mean m has the variance s^2 = LAW_SD^2 + mean(noise_sd^2) / n: the law's error does not average
     out. The prior is N(0, GAIN_SD^2), w the weight of m. The mean square (w m)^2 + w s^2
-    (tactile.checks.gain_findings) is own^2 + shared^2, where own = w * noise is what the noise makes of w m.
+    (tactile.checks.gain_findings) is
+    independent^2 + shared^2, where independent = w * noise is what the noise makes of w m.
     """
     noise = float(np.sqrt(np.mean(noise_sd**2) / len(noise_sd)))
     sd = float(np.hypot(LAW_SD, noise))
-    own = GAIN_SD**2 / (GAIN_SD**2 + sd**2) * noise
+    independent = GAIN_SD**2 / (GAIN_SD**2 + sd**2) * noise
     return UnseenGain(
-        shared=float(np.sqrt(unseen_error(float(measured.mean()), sd, prior_sd=GAIN_SD) ** 2 - own**2)),
-        own=own,
+        shared=float(
+            np.sqrt(unseen_error(float(measured.mean()), sd, prior_sd=GAIN_SD) ** 2 - independent**2)
+        ),
+        independent=independent,
     )
 
 

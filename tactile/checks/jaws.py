@@ -25,12 +25,12 @@ OVER_CLOSING, SLACK_MM = 1.2, 0.15
 and less (benchmarks/field_spreads.py); the touch is known to a frame's step, some 0.15 mm."""
 
 
-def closing_mm(one: Pressing) -> float:
+def closing_mm(press: Pressing) -> float:
     """How far the pad goes past its first touch (the last frame before any marker is pressed)."""
-    pressed = one.pressed.sum(axis=1) >= FEWEST_PRESSED
+    pressed = press.pressed.sum(axis=1) >= FEWEST_PRESSED
     if not pressed.any():
         return 0.0
-    way = one.closing_mm
+    way = press.closing_mm
     return float(way.max() - way[max(int(np.argmax(pressed)) - 1, 0)])
 
 

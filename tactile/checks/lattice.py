@@ -165,20 +165,20 @@ def _basis(steps: Float[np.ndarray, "p 2"], spacing: float) -> Float[np.ndarray,
     tree = cKDTree(steps)
     groups = tree.query_ball_point(steps, r=SAME_STEP * spacing)
     first = max(range(len(steps)), key=lambda k: len(groups[k]))
-    one = steps[groups[first]].mean(axis=0)
-    angle = np.abs(steps @ one) / np.linalg.norm(steps, axis=1) / np.linalg.norm(one)
+    first_step = steps[groups[first]].mean(axis=0)
+    angle = np.abs(steps @ first_step) / np.linalg.norm(steps, axis=1) / np.linalg.norm(first_step)
     others = [k for k in range(len(steps)) if angle[k] < NOT_ALONG]
     if not others:
         return None
     second = max(others, key=lambda k: len(groups[k]))
-    two = steps[groups[second]].mean(axis=0)
-    third = np.array([one - two, one + two])
+    second_step = steps[groups[second]].mean(axis=0)
+    third = np.array([first_step - second_step, first_step + second_step])
     fits = [
         np.minimum(np.linalg.norm(steps - v, axis=1), np.linalg.norm(steps + v, axis=1))
         < ONE_OF_TWO * spacing
-        for v in (one, two, *third)
+        for v in (first_step, second_step, *third)
     ]
-    return np.stack([one, two]) if np.any(fits, axis=0).mean() > REGULAR else None
+    return np.stack([first_step, second_step]) if np.any(fits, axis=0).mean() > REGULAR else None
 
 
 def _order(press: Pressing) -> float | None:

@@ -146,9 +146,9 @@ def _width_mm(
     pressings: Sequence[Pressing], vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
 ) -> float:
     """The mesh between the two pads: their distance in the first frame less what stands ahead of each."""
-    poses = [one.pad.pose[0] for one in pressings]
+    poses = [pressing.pad.pose[0] for pressing in pressings]
     apart = float((poses[1][:3, 3] - poses[0][:3, 3]) @ poses[0][:3, 2])
-    for one, pose in zip(pressings, poses, strict=True):
-        places = one.pad.rest_mm[one.touched] @ pose[:3, :3].T + pose[:3, 3]
+    for press, pose in zip(pressings, poses, strict=True):
+        places = press.pad.rest_mm[press.touched] @ pose[:3, :3].T + pose[:3, 3]
         apart -= float(np.nanmin(depth_along(places, pose[:3, 2], vertices[faces])))
     return apart

@@ -169,49 +169,49 @@ def mean_sd(sd: float, frames: int) -> float:
     return sd / float(np.sqrt(frames / FRAMES_SIMILAR))
 
 
-def heaviest(one: Pressing) -> Int[np.ndarray, " h"]:
+def heaviest(press: Pressing) -> Int[np.ndarray, " h"]:
     """The frames in which the pad is pressed most, by force and displacement together."""
-    sizes = [np.linalg.norm(values, axis=(1, 2)) for values in (one.felt_mm, one.force_N)]
+    sizes = [np.linalg.norm(values, axis=(1, 2)) for values in (press.felt_mm, press.force_N)]
     size = np.sum([x / max(float(x.max()), 1e-30) for x in sizes], axis=0)
     return np.asarray(np.argsort(-size, kind="stable")[:HEAVIEST])
 
 
-def like_neighbours(one: Pressing, field: Float[np.ndarray, "t n 3"]) -> float | None:
+def like_neighbours(press: Pressing, field: Float[np.ndarray, "t n 3"]) -> float | None:
     """Correlation over markers of a field's normal part with the mean of the nearest, at the peak.
 
     None where the field hardly rises above its noise.
     """
-    top = heaviest(one)
+    top = heaviest(press)
     mean = field[top, :, 2].mean(axis=0)
-    sd = mean_sd(_noise(field, one.quiet), len(top))
-    around = mean[one.near].mean(axis=1)
+    sd = mean_sd(_noise(field, press.quiet), len(top))
+    around = mean[press.near].mean(axis=1)
     if mean.std() < 4 * sd or not around.std() > 0:
         return None
     return float(np.corrcoef(mean, around)[0, 1])
 
 
-def clearer(one: Pressing) -> tuple[Float[np.ndarray, "t n 3"], float]:
+def clearer(press: Pressing) -> tuple[Float[np.ndarray, "t n 3"], float]:
     """Displacement or force, whichever stands out more from its noise, and its noise; positive z: pressed."""
-    shares = noise_shares(one)
-    return (one.felt_mm, one.felt_sd_mm) if shares[0] <= shares[1] else (one.force_N, one.force_sd_N)
+    shares = noise_shares(press)
+    return (press.felt_mm, press.felt_sd_mm) if shares[0] <= shares[1] else (press.force_N, press.force_sd_N)
 
 
-def gives_way(one: Pressing) -> bool:
+def gives_way(press: Pressing) -> bool:
     """Whether the gel moves, or should by its law, by more than its markers' noise: a stiff one does not."""
-    top = heaviest(one)
-    fields = [one.felt_mm, *([] if one.gel_mm is None else [one.gel_mm])]
-    least = LEAST_OVER_NOISE * one.felt_sd_mm
+    top = heaviest(press)
+    fields = [press.felt_mm, *([] if press.gel_mm is None else [press.gel_mm])]
+    least = LEAST_OVER_NOISE * press.felt_sd_mm
     return any(float(np.quantile(np.abs(f[top, :, 2].mean(axis=0)), 0.98)) >= least for f in fields)
 
 
-def noise_shares(one: Pressing) -> tuple[float, float]:
+def noise_shares(press: Pressing) -> tuple[float, float]:
     """Noise of displacement and of force over what the most pressed markers show."""
-    top = heaviest(one)
+    top = heaviest(press)
     peaks = [
         float(np.sort(np.abs(field[top, :, 2].mean(axis=0)))[-MOST_OF_TOP:].mean())
-        for field in (one.felt_mm, one.force_N)
+        for field in (press.felt_mm, press.force_N)
     ]
-    return one.felt_sd_mm / max(peaks[0], 1e-30), one.force_sd_N / max(peaks[1], 1e-30)
+    return press.felt_sd_mm / max(peaks[0], 1e-30), press.force_sd_N / max(peaks[1], 1e-30)
 
 
 def peak_normal(values: Float[np.ndarray, "t n 3"]) -> float:
@@ -219,6 +219,6 @@ def peak_normal(values: Float[np.ndarray, "t n 3"]) -> float:
     return float(np.abs(values[:, :, 2]).max())
 
 
-def peak_total_N(one: Pressing) -> float:
+def peak_total_N(press: Pressing) -> float:
     """The largest total normal force of a frame, whatever its sign."""
-    return float(np.abs(one.force_N[:, :, 2].sum(axis=1)).max())
+    return float(np.abs(press.force_N[:, :, 2].sum(axis=1)).max())

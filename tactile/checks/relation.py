@@ -74,14 +74,14 @@ class Relation:
     summed: float
 
 
-def relation_of(one: Pressing) -> Relation | None:
+def relation_of(press: Pressing) -> Relation | None:
     """How the pad's forces and displacements relate; None where no marker is pressed or no law is known."""
-    if one.gel_mm is None or not one.touched.any() or not gives_way(one):
+    if press.gel_mm is None or not press.touched.any() or not gives_way(press):
         return None
-    use = one.touched
-    felt, gel = one.felt_mm[:, use], one.gel_mm[:, use]
+    use = press.touched
+    felt, gel = press.felt_mm[:, use], press.gel_mm[:, use]
     U, V = felt[:, :, 2].sum(axis=1), gel[:, :, 2].sum(axis=1)
-    top = heaviest(one)
+    top = heaviest(press)
     lag, at_lag = _lag(U, V)
     return Relation(
         felt_mm=float(np.abs(U).max()),
@@ -89,11 +89,11 @@ def relation_of(one: Pressing) -> Relation | None:
         gain=_slope(U, V),
         gain_sd=_slope_sd(U, V),
         in_time=_correlation(U, V),
-        over_markers=_over_markers(one, top, use),
-        axes=_axes(one, felt[top].mean(axis=0), gel[top].mean(axis=0), frames=len(top)),
+        over_markers=_over_markers(press, top, use),
+        axes=_axes(press, felt[top].mean(axis=0), gel[top].mean(axis=0), frames=len(top)),
         lag_frames=lag,
         at_lag=at_lag,
-        saturation=_saturation(felt[:, :, 2], gel[:, :, 2], noise=(one.felt_sd_mm, one.gel_sd_mm)),
+        saturation=_saturation(felt[:, :, 2], gel[:, :, 2], noise=(press.felt_sd_mm, press.gel_sd_mm)),
         summed=_correlation(np.cumsum(U), V),
     )
 
@@ -104,12 +104,12 @@ def _correlation(a: Float[np.ndarray, " t"], b: Float[np.ndarray, " t"]) -> floa
     return float(a @ b) / size if size > 0 else 0.0
 
 
-def _over_markers(one: Pressing, frames: np.ndarray, use: Bool[np.ndarray, " n"]) -> float:
+def _over_markers(press: Pressing, frames: np.ndarray, use: Bool[np.ndarray, " n"]) -> float:
     """Correlation over markers of U and V in these frames' mean, divided by what noise leaves of it."""
-    if one.gel_mm is None or use.sum() < FEWEST_OVER_MARKERS:
+    if press.gel_mm is None or use.sum() < FEWEST_OVER_MARKERS:
         return 1.0
-    u, v = (x[frames][:, use, 2].mean(axis=0) for x in (one.felt_mm, one.gel_mm))
-    noise = [mean_sd(s, len(frames)) ** 2 for s in (one.felt_sd_mm, one.gel_sd_mm)]
+    u, v = (x[frames][:, use, 2].mean(axis=0) for x in (press.felt_mm, press.gel_mm))
+    noise = [mean_sd(s, len(frames)) ** 2 for s in (press.felt_sd_mm, press.gel_sd_mm)]
     share = [max(1 - n / max(float(x.var()), 1e-30), 0.0) for n, x in zip(noise, (u, v), strict=True)]
     if min(share) < CLEAR_SHARE:
         return 1.0
@@ -117,7 +117,7 @@ def _over_markers(one: Pressing, frames: np.ndarray, use: Bool[np.ndarray, " n"]
 
 
 def _axes(
-    one: Pressing, u: Float[np.ndarray, "m 3"], v: Float[np.ndarray, "m 3"], *, frames: int
+    press: Pressing, u: Float[np.ndarray, "m 3"], v: Float[np.ndarray, "m 3"], *, frames: int
 ) -> Float[np.ndarray, "3 3"]:
     """Correlations over markers of the components' means over some frames; 0 where noise hides one."""
     if len(u) < FEWEST_OVER_MARKERS:
@@ -125,7 +125,7 @@ def _axes(
     u, v = u - u.mean(axis=0), v - v.mean(axis=0)
     su, sv = u.std(axis=0), v.std(axis=0)
     seen_u, seen_v = (
-        x > SEEN_SD * mean_sd(sd, frames) for x, sd in ((su, one.felt_sd_mm), (sv, one.gel_sd_mm))
+        x > SEEN_SD * mean_sd(sd, frames) for x, sd in ((su, press.felt_sd_mm), (sv, press.gel_sd_mm))
     )
     both = v.T @ u / len(u) / np.maximum(sv[:, None] * su[None], 1e-30)
     return np.asarray(np.where(seen_v[:, None] & seen_u[None], both, 0.0))
@@ -134,13 +134,13 @@ def _axes(
 def _lag(U: Float[np.ndarray, " t"], V: Float[np.ndarray, " t"]) -> tuple[int, float]:
     """Frames by which V follows U best, and the correlation there."""
     most = max(1, min(len(U) // LAG_SHARE, MOST_LAG))
-    found = {}
+    correlations = {}
     for lag in range(-most, most + 1):
         a = U[max(0, -lag) : len(U) - max(0, lag)]
         b = V[max(0, lag) : len(V) - max(0, -lag)]
-        found[lag] = _correlation(a, b)
-    best = max(found, key=lambda lag: found[lag])
-    return best, found[best]
+        correlations[lag] = _correlation(a, b)
+    best = max(correlations, key=lambda lag: correlations[lag])
+    return best, correlations[best]
 
 
 def _saturation(
@@ -236,8 +236,10 @@ def relation_findings(
 
 def _pad_finding(press: Pressing, r: Relation) -> Finding | None:
     """Everything but a gain: the first mistake, the plainest first, that the relation shows."""
-    found = (_refused(press, kind, says, **more) for shown, kind, says, more in _mistakes(press, r) if shown)
-    return next(found, None)
+    findings = (
+        _refused(press, kind, says, **more) for shown, kind, says, more in _mistakes(press, r) if shown
+    )
+    return next(findings, None)
 
 
 def _mistakes(press: Pressing, r: Relation) -> Iterator[tuple[bool, FindingKind, str, dict[str, Any]]]:
@@ -335,11 +337,11 @@ def _exchanged(r: Relation) -> tuple[int, int] | None:
     return None
 
 
-def _field_exchanged(one: Pressing) -> Field | None:
+def _field_exchanged(press: Pressing) -> Field | None:
     """Whichever has its largest component elsewhere than along z; None where neither has."""
-    fields: dict[Field, np.ndarray] = {"displacement": one.felt_mm, "force": one.force_N}
+    fields: dict[Field, np.ndarray] = {"displacement": press.felt_mm, "force": press.force_N}
     for name, values in fields.items():
-        if int(np.argmax((values[one.pressed] ** 2).sum(axis=0))) != 2:
+        if int(np.argmax((values[press.pressed] ** 2).sum(axis=0))) != 2:
             return name
     return None
 
@@ -349,6 +351,6 @@ def _flat(values: Float[np.ndarray, "t n 3"], sd: float, use: Bool[np.ndarray, "
     return bool(np.sqrt((values[:, use] ** 2).mean(axis=(1, 2))).max() < max(FLAT_SD * sd, 1e-9))
 
 
-def _pushes(one: Pressing) -> bool:
-    total = one.force_N[:, :, 2].sum(axis=1)
+def _pushes(press: Pressing) -> bool:
+    total = press.force_N[:, :, 2].sum(axis=1)
     return bool(total.max() > -total.min())

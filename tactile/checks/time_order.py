@@ -173,24 +173,24 @@ def turns_share(jaws_mm: Float[np.ndarray, " t"]) -> float:
     return float((moves[1:] * moves[:-1] < 0).mean()) if len(moves) >= FEWEST_MOVES else 0.0
 
 
-def drift_of(one: Pressing) -> tuple[float, float, float] | None:
+def drift_of(press: Pressing) -> tuple[float, float, float] | None:
     """Change of the total force from before the grasp to after it, its noise, and the peak (N).
 
     None where either side has no quiet frames.
     """
     pressed = np.flatnonzero(
-        (one.felt_mm[:, one.touched, 2] > PRESSED_SD * one.felt_sd_mm).sum(axis=1) >= FEWEST_PRESSED
+        (press.felt_mm[:, press.touched, 2] > PRESSED_SD * press.felt_sd_mm).sum(axis=1) >= FEWEST_PRESSED
     )
     if not len(pressed):
         return None
-    still = np.sqrt((one.felt_mm**2).mean(axis=(1, 2)))
+    still = np.sqrt((press.felt_mm**2).mean(axis=(1, 2)))
     quiet = np.asarray(still <= QUIET_OVER * np.percentile(still, QUIET_SHARE))
     before, after = quiet.copy(), quiet.copy()
     before[pressed[0] :] = False
     after[: pressed[-1]] = False
     if min(before.sum(), after.sum()) < FEWEST_QUIET:
         return None
-    total = one.force_N[:, :, 2].sum(axis=1)
+    total = press.force_N[:, :, 2].sum(axis=1)
     change = float(np.median(total[after]) - np.median(total[before]))
     noise = float(total[before].std()) / float(np.sqrt(min(before.sum(), after.sum()) / 2))
     return change, noise, float(total.max())
@@ -233,10 +233,10 @@ def _start(pressings: Sequence[Pressing]) -> Iterator[Finding]:
         yield Finding(kind, rank, says, pads=pads, refused=refused, relative_sd=sd, hides_touch=starts)
 
 
-def _taken_for_contact(one: Pressing) -> bool:
+def _taken_for_contact(press: Pressing) -> bool:
     """Whether the offset of the whole pad is so large that tactile.contact sees no frame in the air."""
-    total = one.pad.force_N[:, :, 2].sum(axis=1)
-    return bool(np.median(total[one.quiet]) > NEAR_THE_LIMIT * STARTS_IN_CONTACT * total.max())
+    total = press.pad.force_N[:, :, 2].sum(axis=1)
+    return bool(np.median(total[press.quiet]) > NEAR_THE_LIMIT * STARTS_IN_CONTACT * total.max())
 
 
 def roughness(signal: Float[np.ndarray, " t"], jaws_mm: Float[np.ndarray, " t"]) -> float:
@@ -259,7 +259,7 @@ def release_less_touch_mm(recording: Recording, pressings: Sequence[Pressing]) -
     total = np.sum(
         [
             total / max(float(total.max()), 1e-30)
-            for total in (clearer(one)[0][:, one.touched, 2].sum(axis=1) for one in pressings)
+            for total in (clearer(pressing)[0][:, pressing.touched, 2].sum(axis=1) for pressing in pressings)
         ],
         axis=0,
     )

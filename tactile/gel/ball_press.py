@@ -104,11 +104,11 @@ def ball_print(
     near = lit & (distance < reach)
     explained = _explained(basis[near], change[near])
     if near.sum() < FEWEST_BLOCKS or explained < LIKE_A_BALL:
-        found = (
+        fault = (
             f"an imprint of {16 * near.sum()} pixels whose colours explain only {explained:.0%} of a "
             "ball's slopes"
         )
-        raise _no_ball(source, found, radius_mm)
+        raise _no_ball(source, fault, radius_mm)
     deep, eye = contact**2 / radius_mm, camera.gel_from_camera[2, 3]
     middle = project(camera, np.append(centre, 0.0)[None])
     for _ in range(DEPTH_ROUNDS):
@@ -119,11 +119,11 @@ def ball_print(
         deep = -float(shading.at(image, middle)[0, 2])
     low, high = DEPTH_SHARES[0] * contact**2 / (2 * radius_mm), DEPTH_SHARES[1] * contact**2 / radius_mm
     if not low <= deep <= high:
-        found = (
+        fault = (
             f"an imprint {2 * contact:.1f} mm wide and {deep:.2f} mm deep, where {low:.2f} to "
             f"{high:.2f} mm fit"
         )
-        raise _no_ball(source, found, radius_mm)
+        raise _no_ball(source, fault, radius_mm)
     return BallPrint(centre_mm=centre, contact_mm=contact, depth_mm=deep, change=change[near], slopes=slopes)
 
 
@@ -134,10 +134,10 @@ def ball_lookup(prints: Sequence[BallPrint]) -> SlopeLookup:
     )
 
 
-def _no_ball(source: str, found: str, radius_mm: float) -> TactileFailure:
+def _no_ball(source: str, fault: str, radius_mm: float) -> TactileFailure:
     return TactileFailure(
         TactileProblem.UNREADABLE_FRAMES,
-        f"{source}: found {found}, expected the imprint of a ball of {radius_mm:g} mm, fully within "
+        f"{source}: found {fault}, expected the imprint of a ball of {radius_mm:g} mm, fully within "
         "the picture; press one ball into the middle of the gel, under the lighting of the reference",
     )
 

@@ -65,10 +65,10 @@ class GelFields:
         """Covariance of [displacement; force] of one frame, markers then x, y, z in each."""
         if isinstance(self.solver, SpringForce):
             return self.solver.joint_covariance()
-        found = self.solver.joint_covariance(self.touching[frame], float(self.motion_mm[frame]))
-        half = len(found) // 2
-        found[half:, half:] += ForcePlacing(self.rest_mm).covariance_N2(self.force_N[frame])
-        return found
+        covariance = self.solver.joint_covariance(self.touching[frame], float(self.motion_mm[frame]))
+        half = len(covariance) // 2
+        covariance[half:, half:] += ForcePlacing(self.rest_mm).covariance_N2(self.force_N[frame])
+        return covariance
 
 
 def layer_of(sensor: Sensor) -> GelLayer:

@@ -142,15 +142,15 @@ class InvertedForce:
         """One frame; markers that are NaN are left out. `before`: what touched before."""
         y, equations, right = self._observed(displacement_mm)
         motion_mm = motion_of(y)
-        found = self._solved_active_set(equations, right, motion_mm, before)
-        t = found.unknowns[: self._size].reshape(-1, 3)
-        at = self._at(found.touching)
+        active_set = self._solved_active_set(equations, right, motion_mm, before)
+        t = active_set.unknowns[: self._size].reshape(-1, 3)
+        at = self._at(active_set.touching)
         return GelContact(
             node_force_N=t,
-            touching=found.touching,
+            touching=active_set.touching,
             motion_mm=motion_mm,
             force_N=self.grid.to_markers @ t,
-            displacement_mm=(self._moved_by[:, at] @ found.unknowns[at]).reshape(y.shape),
+            displacement_mm=(self._moved_by[:, at] @ active_set.unknowns[at]).reshape(y.shape),
         )
 
     def active_set(self, displacement_mm: Float[np.ndarray, "n 3"]) -> ActiveSet:
@@ -215,7 +215,7 @@ class InvertedForce:
             return np.zeros(self.grid.rest_mm.shape)
         end, shares = 3 * int(touching.sum()), self.grid.to_markers[:, touching].T
         force = [root[:, k:end:3] @ shares for k in range(3)]
-        return np.asarray(np.sqrt(np.stack([(one**2).sum(axis=0) for one in force], axis=1)))
+        return np.asarray(np.sqrt(np.stack([(component**2).sum(axis=0) for component in force], axis=1)))
 
     def _root(self, touching: Bool[np.ndarray, " m"], motion_mm: float) -> Float[np.ndarray, "a a"]:
         """A root of the covariance of the unknowns in play: R' R."""
@@ -234,14 +234,14 @@ class InvertedForce:
         if usable.all():
             return self._equations
         key = usable.tobytes()
-        if (found := self._in_view.pop(key, None)) is None:
+        if (equations := self._in_view.pop(key, None)) is None:
             lost = np.flatnonzero(~usable)
             rows = (3 * lost[:, None] + np.arange(3)).ravel()
-            found = self._equations.without(rows_of(self._observed_by[rows], self.information[lost]))
-        self._in_view[key] = found
+            equations = self._equations.without(rows_of(self._observed_by[rows], self.information[lost]))
+        self._in_view[key] = equations
         if len(self._in_view) > KEPT_VIEWS:
             self._in_view.popitem(last=False)
-        return found
+        return equations
 
     def _solved_active_set(
         self,
@@ -258,16 +258,16 @@ class InvertedForce:
         full = np.diag(self._data)[2 : self._size : 3]
         information = np.maximum(full - equations.pressure_lost, 1e-9 * full)
         first = self._first_touching(equations, right, motion_mm, information)
-        found = self._stationary(first, equations, right, motion_mm, information)
+        active_set = self._stationary(first, equations, right, motion_mm, information)
         if self.sees_depth or not first.any():
-            return found
+            return active_set
         starts = [] if before is None or not before.any() else [before | self._adjacent(before)]
-        pressure = np.maximum(found.unknowns[2 : self._size : 3], 0.0)
+        pressure = np.maximum(active_set.unknowns[2 : self._size : 3], 0.0)
         around = np.append(pressure, 0.0)[self._adjacent_nodes].sum(axis=1)
         smoothed = pressure + around / (self._adjacent_nodes < len(pressure)).sum(axis=1)
         starts += [smoothed > share * smoothed.max() for share in OF_PEAK]
         others = [self._stationary(start, equations, right, motion_mm, information) for start in starts]
-        return max([found, *others], key=lambda one: one.log_likelihood)
+        return max([active_set, *others], key=lambda candidate: candidate.log_likelihood)
 
     def _adjacent(self, nodes: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
         """The nodes that have one of these beside them."""

@@ -134,14 +134,14 @@ def face_compliance(
     stiffness = _brick_stiffness(places, nu)
     a, b, up = places.shape[:3]
     above = csr_array(np.eye(up)[:, 1:])
-    found = np.zeros((a, b, 3, a, b, 3))
+    nodal_compliance = np.zeros((a, b, 3, a, b, 3))
     for parity in product((0, 1), repeat=2):
         bases = [
             [csr_array(parted[axis][p ^ (i == axis)]) for i in range(3)] for axis, p in enumerate(parity)
         ]
         motion = [kron(kron(bases[0][i], bases[1][i]), above) for i in range(3)]
-        own = block_diag(motion, format="csr")
-        small = (own.T @ stiffness @ own).toarray()
+        motions = block_diag(motion, format="csr")
+        small = (motions.T @ stiffness @ motions).toarray()
         ends = np.cumsum([0, *(part.shape[1] for part in motion)])
         top = np.concatenate([np.arange(end + up - 2, stop, up - 1) for end, stop in pairwise(ends)])
         loads = np.eye(len(small))[:, top]
@@ -150,8 +150,8 @@ def face_compliance(
         for i, j in product(range(3), repeat=2):
             left, right = (kron(bases[0][k], bases[1][k]).toarray() for k in (i, j))
             block = compliance[face[i] : face[i + 1], face[j] : face[j + 1]]
-            found[:, :, i, :, :, j] += (left @ block @ right.T).reshape(a, b, a, b)
-    return np.asarray(found.reshape(3 * a * b, -1))
+            nodal_compliance[:, :, i, :, :, j] += (left @ block @ right.T).reshape(a, b, a, b)
+    return np.asarray(nodal_compliance.reshape(3 * a * b, -1))
 
 
 def _brick_stiffness(places: Float[np.ndarray, "a b u 3"], nu: float) -> csr_array:
@@ -210,14 +210,14 @@ def _endless(
     inverse = np.linalg.inv(stiffness.reshape(*waves, unknowns, unknowns)).reshape(stiffness.shape)
     by_cell = np.real(np.fft.ifft2(inverse[:, :, :, -1, :, :, :, -1], axes=(0, 1)))
     cell, kind = zip(*(np.divmod(np.arange(2 * count + 1), 2) for count in cells), strict=True)
-    apart = [own[:, None] - own for own in cell]
-    found = by_cell[
+    apart = [index[:, None] - index for index in cell]
+    compliance = by_cell[
         apart[0][:, None, :, None], apart[1][None, :, None, :], :,
         kind[0][:, None, None, None], kind[1][:, None, None], :,
         kind[0][:, None], kind[1],
     ]  # fmt: skip
     size = 3 * len(kind[0]) * len(kind[1])
-    return np.ascontiguousarray(found.transpose(0, 1, 4, 2, 3, 5)).reshape(size, size)
+    return np.ascontiguousarray(compliance.transpose(0, 1, 4, 2, 3, 5)).reshape(size, size)
 
 
 def _even_and_odd(nodes: int, *, bonded: bool) -> tuple[np.ndarray, np.ndarray]:
@@ -234,10 +234,10 @@ def _values(line_mm: Float[np.ndarray, " a"], at_mm: Float[np.ndarray, " n"]) ->
     place = np.clip((at_mm - line_mm[0]) / size, 0.0, len(line_mm) // 2)
     cell = np.minimum(place.astype(int), len(line_mm) // 2 - 1)
     s = 2 * (place - cell) - 1
-    found = np.zeros((len(at_mm), len(line_mm)))
+    shape_functions = np.zeros((len(at_mm), len(line_mm)))
     for offset, value in enumerate((s * (s - 1) / 2, 1 - s * s, s * (s + 1) / 2)):
-        found[np.arange(len(at_mm)), 2 * cell + offset] = value
-    return found
+        shape_functions[np.arange(len(at_mm)), 2 * cell + offset] = value
+    return shape_functions
 
 
 def _tents(

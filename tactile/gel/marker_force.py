@@ -82,9 +82,9 @@ class ForcePlacing:
     def __init__(self, rest_mm: Float[np.ndarray, "n 3"]) -> None:
         tree = cKDTree(rest_mm)
         spacing = float(np.median(np.asarray(tree.query(rest_mm, k=2)[0])[:, 1]))
-        _, found = tree.query(rest_mm, k=NEIGHBOURS + 1, distance_upper_bound=ADJACENT * spacing)
-        near, own = np.asarray(found), np.arange(len(rest_mm))[:, None]
-        self._near: Int[np.ndarray, "n k"] = np.where(near < len(rest_mm), near, own)
+        _, nearest = tree.query(rest_mm, k=NEIGHBOURS + 1, distance_upper_bound=ADJACENT * spacing)
+        near, markers = np.asarray(nearest), np.arange(len(rest_mm))[:, None]
+        self._near: Int[np.ndarray, "n k"] = np.where(near < len(rest_mm), near, markers)
 
     def sd_N(self, force_N: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Standard deviation of every marker's force in one frame."""
@@ -99,10 +99,15 @@ class ForcePlacing:
         n = len(force_N)
         partner, exchanged = self._exchanged(force_N)
         total = np.zeros((n, 3, n, 3))
-        own = np.arange(n)
+        marker = np.arange(n)
         for axis in range(3):
             other, much = partner[:, axis], exchanged[:, axis]
-            for a, b, sign in ((own, own, 1), (other, other, 1), (own, other, -1), (other, own, -1)):
+            for a, b, sign in (
+                (marker, marker, 1),
+                (other, other, 1),
+                (marker, other, -1),
+                (other, marker, -1),
+            ):
                 np.add.at(total[:, axis, :, axis], (a, b), sign * much)
         return total.reshape(3 * n, 3 * n)
 

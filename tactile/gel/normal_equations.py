@@ -152,30 +152,30 @@ class NormalEquations:
     def factor(self, touching: Bool[np.ndarray, " m"]) -> TouchingFactor:
         """The factor of the nodes that touch; kept for the next time."""
         key = touching.tobytes()
-        if (found := self._kept.pop(key, None)) is None:
-            found = self._factor(touching)
-            self._kept_numbers += found.root.size
-        self._kept[key] = found
+        if (factor := self._kept.pop(key, None)) is None:
+            factor = self._factor(touching)
+            self._kept_numbers += factor.root.size
+        self._kept[key] = factor
         while len(self._kept) > 1 and self._kept_numbers > KEPT_NUMBERS:
             self._kept_numbers -= self._kept.popitem(last=False)[1].root.size
-        return found
+        return factor
 
     def _factor(self, touching: Bool[np.ndarray, " m"]) -> TouchingFactor:
         at = dofs_of(touching)
         block = self._normal[np.ix_(at, at)]
         if self.lost is not None:
-            own = self.lost[:, at]
-            block -= own.T @ own
+            lost = self.lost[:, at]
+            block -= lost.T @ lost
         return _eliminated(at, block, self._mixed[at], self.fields)
 
     def resisted(
         self, at: Int[np.ndarray, " a"], forces: Float[np.ndarray, " a"], fields: Float[np.ndarray, " s"]
     ) -> Float[np.ndarray, " m"]:
         """The equations' left side in every node's pressure."""
-        found = forces @ self._pressure_columns[at] + self.fields_by_pressure @ fields
+        left_side = forces @ self._pressure_columns[at] + self.fields_by_pressure @ fields
         if self.lost is not None:
-            found = found - (self.lost[:, at] @ forces) @ self._lost_pressure
-        return np.asarray(found)
+            left_side = left_side - (self.lost[:, at] @ forces) @ self._lost_pressure
+        return np.asarray(left_side)
 
 
 def factor_of(normal: Float[np.ndarray, "b b"], forces: int) -> TouchingFactor:

@@ -44,8 +44,8 @@ def write_lookup(path: Path, lookup: SlopeLookup) -> None:
         np.savez(file, coefficients=lookup.coefficients)
 
 
-def _refused(path: Path, found: str) -> TactileFailure:
+def _refused(path: Path, fault: str) -> TactileFailure:
     return TactileFailure(
         TactileProblem.UNREADABLE_SENSOR,
-        f"{path.name}: found {found}, expected a photometric look-up as drupe calibrate writes it.",
+        f"{path.name}: found {fault}, expected a photometric look-up as drupe calibrate writes it.",
     )

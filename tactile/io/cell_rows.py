@@ -91,8 +91,8 @@ def number_in(source: str, row: int, cell: Cell, *, holes: bool = False, commas:
         return math.nan
     value = number_of(cell) if commas or isinstance(cell, float) else decimal_number(text)
     if value is None or not abs(value) <= LARGEST:
-        found = f'"{text[:60]}"' if text else "nothing"
-        raise unusable(source, f"{found} in row {row}", f"a number up to {LARGEST:g}{meant(text)}")
+        content = f'"{text[:60]}"' if text else "nothing"
+        raise unusable(source, f"{content} in row {row}", f"a number up to {LARGEST:g}{meant(text)}")
     return value
 
 
@@ -187,7 +187,7 @@ def _spreadsheet(path: Path, data: bytes) -> tuple[CellTable, ...]:
     try:
         if zipfile.is_zipfile(path):
             with zipfile.ZipFile(path) as archive:
-                if sum(one.file_size for one in archive.infolist()) > MOST_UNPACKED:
+                if sum(member.file_size for member in archive.infolist()) > MOST_UNPACKED:
                     raise unusable(path.name, "more than 500 MB unpacked", "a smaller spreadsheet")
         _require_few_cells(path, lambda: load_workbook(io.BytesIO(data)))
         book = load_workbook(io.BytesIO(data))
@@ -226,8 +226,8 @@ def _require_few_cells(path: Path, load: Callable[[], Any]) -> None:
     if trial.ending is TrialEnding.TOO_LONG:
         raise unusable(f"{path.name}: {where}", f"cells that take more than {PATIENCE_S:.0f} s", expected)
     if trial.ending is TrialEnding.TOO_LARGE:
-        found = f"cells so far apart that they take more than {size(MOST_MEMORY)}"
-        raise unusable(f"{path.name}: {where}", found, expected)
+        fault = f"cells so far apart that they take more than {size(MOST_MEMORY)}"
+        raise unusable(f"{path.name}: {where}", fault, expected)
     left = MOST_CELLS
     for name, (rows, columns) in zip(names, spans, strict=False):
         left -= int(rows) * int(columns)

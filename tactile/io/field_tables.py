@@ -107,8 +107,8 @@ def _from_csv(path: Path) -> dict[str, np.ndarray]:
         order = rows[np.lexsort([columns["marker"][rows], columns["time_s"][rows]])]
         count = len(np.unique(columns["marker"][rows]))
         if len(order) != count * len(time_s):
-            found = f"{len(order)} rows of pad {number:g}"
-            raise unusable(path.name, found, f"{count} markers in each of {len(time_s)} frames")
+            fault = f"{len(order)} rows of pad {number:g}"
+            raise unusable(path.name, fault, f"{count} markers in each of {len(time_s)} frames")
         for field, triple in (("rest_mm", REST), ("displacement_mm", MOVED), ("force_N", PUSHED)):
             values = np.stack([columns[c][order] for c in triple], axis=1).reshape(len(time_s), count, 3)
             held[f"pads/{name}/{field}"] = values[0] if field == "rest_mm" else values

@@ -61,8 +61,8 @@ def read_columns(
         raise unusable(path.name, "no rows", "a header and one row for each frame")
     header = [name.strip() for name in rows[0]]
     if len(rows) > MOST_ROWS or len(header) > MOST_COLUMNS:
-        found = f"{len(rows)} rows of {len(header)} columns"
-        raise unusable(path.name, found, f"at most {MOST_ROWS} rows of {MOST_COLUMNS} columns")
+        fault = f"{len(rows)} rows of {len(header)} columns"
+        raise unusable(path.name, fault, f"at most {MOST_ROWS} rows of {MOST_COLUMNS} columns")
     if len(header) == 1 and (other := next((name for c, name in _OTHERS if c in header[0]), "")):
         raise unusable(path.name, f"cells separated by {other}", "commas; save it as CSV with commas")
     refuse_repeated_names(path.name, header)
@@ -85,9 +85,9 @@ def read_log(path: Path) -> GraspLog:
     for name in NEEDED:
         if name not in columns:
             like = next((other for other in columns if other.lower() == name.lower()), None)
-            found = "the columns " + ", ".join(columns)
+            fault = "the columns " + ", ".join(columns)
             expected = f"a column {name} too" if like is None else f"{name} in place of {like}"
-            raise unusable(f"{path.name}: {name}", found, expected)
+            raise unusable(f"{path.name}: {name}", fault, expected)
     cell = [name for name in LOAD_CELL if name in columns]
     if cell and len(cell) < len(LOAD_CELL):
         raise unusable(path.name, f"only {', '.join(cell)} of the load cell", ", ".join(LOAD_CELL))
@@ -102,7 +102,7 @@ def read_log(path: Path) -> GraspLog:
             force=pressed,
         )
     except NotPrepared as cause:
-        raise unusable(path.name, cause.found, cause.expected) from None
+        raise unusable(path.name, cause.fault, cause.expected) from None
     increasing(path.name, done.time_s)
     place = done.columns["aperture_mm"]
     if (farthest := float(np.abs(place).max())) > FARTHEST_MM:
@@ -119,7 +119,7 @@ def read_log(path: Path) -> GraspLog:
         aperture_mm=place,
         frame=None if frame is None else frame.astype(np.int64),
         wrench_N=np.stack([done.columns[name] for name in cell], axis=1) if cell else None,
-        notes=tuple(f"{path.name}: {one.says}" for one in done.corrections),
+        notes=tuple(f"{path.name}: {correction.says}" for correction in done.corrections),
     )
 
 
@@ -128,5 +128,5 @@ def increasing(source: str, time_s: Float[np.ndarray, " t"]) -> None:
     back = np.flatnonzero(np.diff(time_s) <= 0)
     if len(back):
         k = int(back[0])
-        found = f"{time_s[k + 1]:g} s in row {k + 3} after {time_s[k]:g} s"
-        raise unusable(f"{source}: time_s", found, "increasing times; leave out the repeated rows")
+        fault = f"{time_s[k + 1]:g} s in row {k + 3} after {time_s[k]:g} s"
+        raise unusable(f"{source}: time_s", fault, "increasing times; leave out the repeated rows")

@@ -85,15 +85,15 @@ def link_out(file: h5py.File) -> str:
 
 def _links(file: h5py.File) -> list[tuple[str, bool]]:
     """Names in the file, and whether what they name is in it too; MOST_LINKS + 1 at most."""
-    found: list[tuple[str, bool]] = []
+    links: list[tuple[str, bool]] = []
 
     def look(name: bytes, link: Any) -> bool | None:
         inside = link.type in (h5py.h5l.TYPE_HARD, h5py.h5l.TYPE_SOFT)
-        found.append((name.decode(errors="replace"), inside))
-        return True if len(found) > MOST_LINKS else None
+        links.append((name.decode(errors="replace"), inside))
+        return True if len(links) > MOST_LINKS else None
 
     file.id.links.visit(look, info=True)
-    return found
+    return links
 
 
 def _read(path: Path, tell: Callable[[str], None]) -> None:
@@ -113,7 +113,7 @@ def _groups(file: h5py.File) -> list[Any]:
     pads = child_group(file, "pads")
     if pads is None:
         return []
-    return [pads, *(one for name in pads if (one := child_group(pads, name)) is not None)]
+    return [pads, *(child for name in pads if (child := child_group(pads, name)) is not None)]
 
 
 def holds(group: Any, name: str, kind: type) -> bool:
@@ -180,13 +180,13 @@ def fault_of(path: Path, said: str) -> tuple[str, str, str] | None:
         in_use = len(first) > 11 and first[8] >= 2 and bool(first[11] & OPEN_TO_WRITE)
         return _STILL_OPEN if in_use or "already open for write" in said else None
     if first.startswith(b"MATLAB 5.0"):
-        found = "a MATLAB file of a version before 7.3"
-        return found, "HDF5", "write the recording with h5create, h5write and h5writeatt"
+        fault = "a MATLAB file of a version before 7.3"
+        return fault, "HDF5", "write the recording with h5create, h5write and h5writeatt"
     if "signature not found" in said and not first:
         return "an empty file", "an HDF5 recording", "copy it again from the recorder"
     if "signature not found" in said and not first.startswith(bytes(8)):
-        found = f"no HDF5 file (it begins with {printable(repr(first[:12]))})"
-        return found, "an HDF5 recording", "copy it again, or make a recording of it with `drupe convert`"
+        fault = f"no HDF5 file (it begins with {printable(repr(first[:12]))})"
+        return fault, "an HDF5 recording", "copy it again, or make a recording of it with `drupe convert`"
     return None
 
 

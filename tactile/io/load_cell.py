@@ -75,8 +75,8 @@ def read_trace(
     a travel that goes the wrong way.
     """
     words = words or TraceWords()
-    sheet, found, notes = _table(path, words)
-    logged = _logged(path, sheet, found, notes)
+    sheet, columns, notes = _table(path, words)
+    logged = _logged(path, sheet, columns, notes)
     prepared = _prepared(path.name, logged, words.run, notes)
     time_s, pushed = prepared.time_s, prepared.force_N
     if time_s[0] > LATEST_START_S:
@@ -120,17 +120,17 @@ def _table(path: Path, words: TraceWords) -> tuple[CellTable, FoundColumns, list
             known = ", ".join(sheet.name for sheet in sheets if sheet.name) or "none: it is no spreadsheet"
             raise unusable(path.name, f'no sheet "{words.sheet}"', f"one of its sheets ({known})")
         sheets = chosen
-    found = [(sheet, columns) for sheet in sheets if (columns := find_columns(path.name, sheet, words))]
-    if not found:
+    candidates = [(sheet, columns) for sheet in sheets if (columns := find_columns(path.name, sheet, words))]
+    if not candidates:
         raise columns_wanted(path.name, sheets, words)
-    if len(found) > 1:
-        names = ", ".join(f'"{sheet.name}"' for sheet, _ in found)
+    if len(candidates) > 1:
+        names = ", ".join(f'"{sheet.name}"' for sheet, _ in candidates)
         raise unusable(
             path.name,
-            f"{len(found)} sheets with these columns: {names}",
-            f'one of them named: give --sheet "{found[0][0].name}"',
+            f"{len(candidates)} sheets with these columns: {names}",
+            f'one of them named: give --sheet "{candidates[0][0].name}"',
         )
-    sheet, columns = found[0]
+    sheet, columns = candidates[0]
     notes = [NO_MARKERS]
     if sheet.encoding == "cp1252":
         notes.append(f"{path.name}: is not UTF-8; drupe read it as Windows-1252.")
@@ -145,8 +145,8 @@ def _table(path: Path, words: TraceWords) -> tuple[CellTable, FoundColumns, list
 
 def runs_in(path: Path, *, words: TraceWords | None = None) -> int:
     """How many runs stand one below the other in the table; raises TactileFailure as `read_trace` does."""
-    sheet, found, notes = _table(path, words or TraceWords())
-    return len(_runs(path.name, _logged(path, sheet, found, notes), notes))
+    sheet, columns, notes = _table(path, words or TraceWords())
+    return len(_runs(path.name, _logged(path, sheet, columns, notes), notes))
 
 
 def _runs(source: str, logged: LoggedTrace, notes: list[str]) -> list[LoggedTrace]:
@@ -155,8 +155,8 @@ def _runs(source: str, logged: LoggedTrace, notes: list[str]) -> list[LoggedTrac
     try:
         runs, corrections = written_runs(logged)
     except NotPrepared as cause:
-        raise unusable(source, cause.found, cause.expected) from None
-    notes += [f"{source}: {one.says}" for one in corrections]
+        raise unusable(source, cause.fault, cause.expected) from None
+    notes += [f"{source}: {correction.says}" for correction in corrections]
     return runs
 
 
@@ -164,10 +164,10 @@ def _prepared(source: str, logged: LoggedTrace, run: int | None, notes: list[str
     """The one run, or that of this number, without what the logger did; notes on each correction."""
     runs = _runs(source, logged, notes)
     if run is None and len(runs) > 1:
-        first = ", ".join(str(one.rows[0]) for one in runs)
-        found = f"{_NUMBERS.get(len(runs), len(runs))} runs one below the other (they begin in rows {first})"
+        first = ", ".join(str(trace.rows[0]) for trace in runs)
+        fault = f"{_NUMBERS.get(len(runs), len(runs))} runs one below the other (they begin in rows {first})"
         raise unusable(
-            source, found, f"one run: give --run 1 to {len(runs)} for one, or --run all for a file of each"
+            source, fault, f"one run: give --run 1 to {len(runs)} for one, or --run all for a file of each"
         )
     if run is not None and run > len(runs):
         raise unusable(
@@ -176,36 +176,38 @@ def _prepared(source: str, logged: LoggedTrace, run: int | None, notes: list[str
     chosen = runs[(run or 1) - 1]
     if run is not None:
         notes.append(f"{source}: run {run} of {len(runs)}, rows {chosen.rows[0]} to {chosen.rows[-1]}.")
-    if min(np.isfinite(one).sum() for one in (chosen.time_s, *chosen.columns.values())) < FEWEST_FRAMES:
+    if min(np.isfinite(column).sum() for column in (chosen.time_s, *chosen.columns.values())) < FEWEST_FRAMES:
         raise unusable(source, "no rows", "a header and one row for each frame")
     try:
         prepared = prepare(chosen)
     except NotPrepared as cause:
-        raise unusable(source, cause.found, cause.expected) from None
-    notes += [f"{source}: {one.says}" for one in prepared.corrections]
+        raise unusable(source, cause.fault, cause.expected) from None
+    notes += [f"{source}: {correction.says}" for correction in prepared.corrections]
     return prepared.logged
 
 
-def _logged(path: Path, sheet: CellTable, found: FoundColumns, notes: list[str]) -> LoggedTrace:
+def _logged(path: Path, sheet: CellTable, columns: FoundColumns, notes: list[str]) -> LoggedTrace:
     """Each quantity in s, N, mm, NaN where a cell is empty; rows without any of the three are left out, and
     so are headers that stand again between runs.
 
     A comma is a decimal one where commas do not part the cells; a file with both commas and points in its
     numbers is refused, since one of them then parts thousands.
     """
-    rows, breaks = _rows_and_breaks(sheet, found)
-    width = len(found.header)
+    rows, breaks = _rows_and_breaks(sheet, columns)
+    width = len(columns.header)
     for number, cells in rows:
         if len(cells) > width:
             expected = f"{width} as in the header, and numbers with a decimal point"
             raise unusable(path.name, f"{len(cells)} cells in row {number}", expected)
-    commas = sheet.delimiter != "commas" and _decimal_commas(path, rows, found)
+    commas = sheet.delimiter != "commas" and _decimal_commas(path, rows, columns)
     if commas:
         notes.append(f"{path.name}: decimal commas.")
     values = {
-        q: found.units[q].factor
-        * np.array([_number(f"{path.name}: {found.header[at][:60]}", row, at, commas=commas) for row in rows])
-        for q, at in found.place.items()
+        q: columns.units[q].factor
+        * np.array(
+            [_number(f"{path.name}: {columns.header[at][:60]}", row, at, commas=commas) for row in rows]
+        )
+        for q, at in columns.place.items()
     }
     quantity = "gap" if "gap" in values else "travel"
     return LoggedTrace(
@@ -218,28 +220,28 @@ def _logged(path: Path, sheet: CellTable, found: FoundColumns, notes: list[str])
     )
 
 
-def _rows_and_breaks(sheet: CellTable, found: FoundColumns) -> tuple[list[Row], tuple[int, ...]]:
+def _rows_and_breaks(sheet: CellTable, columns: FoundColumns) -> tuple[list[Row], tuple[int, ...]]:
     """Rows of numbers, and before which of them the header stands again; its row of units goes with it."""
     rows: list[Row] = []
     breaks: list[int] = []
     repeats = [
-        tuple(str(cells[at]) if at < len(cells) else "" for at in found.place.values())
-        for _, cells in sheet.rows[max(found.first - 2, 0) : found.first]
+        tuple(str(cells[at]) if at < len(cells) else "" for at in columns.place.values())
+        for _, cells in sheet.rows[max(columns.first - 2, 0) : columns.first]
     ]
-    for number, cells in sheet.rows[found.first :]:
-        own = tuple(str(cells[at]) if at < len(cells) else "" for at in found.place.values())
-        if own in repeats and not any(number_of(cell) is not None for cell in own):
+    for number, cells in sheet.rows[columns.first :]:
+        entries = tuple(str(cells[at]) if at < len(cells) else "" for at in columns.place.values())
+        if entries in repeats and not any(number_of(cell) is not None for cell in entries):
             breaks.append(len(rows))
-        elif any(own):
+        elif any(entries):
             rows.append((number, cells))
     return rows, tuple(dict.fromkeys(breaks))
 
 
-def _decimal_commas(path: Path, rows: list[tuple[int, list[Cell]]], found: FoundColumns) -> bool:
+def _decimal_commas(path: Path, rows: list[tuple[int, list[Cell]]], columns: FoundColumns) -> bool:
     texts = [
         (number, cell)
         for number, cells in rows
-        for at in found.place.values()
+        for at in columns.place.values()
         if at < len(cells) and isinstance(cell := cells[at], str)
     ]
     comma = next(((number, cell) for number, cell in texts if "," in cell), None)

@@ -67,9 +67,9 @@ class Pictures:
     numbered: bool = False
 
 
-def unusable(source: str, found: str, expected: str) -> TactileFailure:
+def unusable(source: str, fault: str, expected: str) -> TactileFailure:
     """The failure sentence of frames and their log."""
-    detail = printable(f"{source}: found {found}, expected {expected}.")
+    detail = printable(f"{source}: found {fault}, expected {expected}.")
     return TactileFailure(TactileProblem.UNREADABLE_FRAMES, detail)
 
 
@@ -123,8 +123,8 @@ def pictures_of(dataset: Any, source: str) -> Pictures:
             except (OSError, MemoryError) as cause:
                 if not lacks_memory(cause):
                     raise
-                found = f"frame {k} that takes more than {size(MOST_FRAME_MEMORY)} to unpack"
-                raise unusable(source, found, "a frame of a camera; copy the file again") from cause
+                fault = f"frame {k} that takes more than {size(MOST_FRAME_MEMORY)} to unpack"
+                raise unusable(source, fault, "a frame of a camera; copy the file again") from cause
             yield frame
 
     return Pictures(source, tuple(range(dataset.shape[0])), frames)
@@ -132,7 +132,7 @@ def pictures_of(dataset: Any, source: str) -> Pictures:
 
 def _folder(folder: Path) -> Pictures:
     """The numbered pictures frame_*.png or .jpg of a folder, read one by one. Raises TactileFailure."""
-    found: dict[int, Path] = {}
+    paths: dict[int, Path] = {}
     for path in sorted(folder.iterdir()):
         named = NUMBERED.match(path.stem)
         if named is None or path.suffix.lower() not in PICTURES:
@@ -140,16 +140,16 @@ def _folder(folder: Path) -> Pictures:
         if len(named.group(1)) > 12:
             raise unusable(folder.name, path.name[:60], "numbers of at most 12 digits")
         number = int(named.group(1))
-        if number in found:
-            raise unusable(folder.name, f"{found[number].name} and {path.name}", "each frame once")
-        found[number] = path
-    if not found:
+        if number in paths:
+            raise unusable(folder.name, f"{paths[number].name} and {path.name}", "each frame once")
+        paths[number] = path
+    if not paths:
         raise unusable(folder.name, "no frame_*.png or .jpg", "frame_000000.png, frame_000001.png, ...")
-    numbers = tuple(sorted(found))
+    numbers = tuple(sorted(paths))
 
     def frames() -> Iterator[UInt8[np.ndarray, "h w 3"]]:
         for number in numbers:
-            yield read_picture(found[number])
+            yield read_picture(paths[number])
 
     return Pictures(folder.name, numbers, frames, numbered=True)
 
@@ -159,15 +159,17 @@ def _video(path: Path) -> Pictures:
     _require_container(path)
     video = _capture(path)
     said = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
-    wide, high = (int(video.get(one)) for one in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT))
+    wide, high = (
+        int(video.get(property_id)) for property_id in (cv2.CAP_PROP_FRAME_WIDTH, cv2.CAP_PROP_FRAME_HEIGHT)
+    )
     video.release()
     if said < 1:
         raise unusable(path.name, "a video that cannot be opened", "a whole one; copy it again")
     if said > MOST_FRAMES:
         raise unusable(path.name, f"{said} frames", f"at most {MOST_FRAMES}")
     if wide * high > MOST_PIXELS:
-        found = f"frames of {wide} x {high} pixels"
-        raise unusable(path.name, found, f"at most {MOST_PIXELS / 1e6:g} million")
+        fault = f"frames of {wide} x {high} pixels"
+        raise unusable(path.name, fault, f"at most {MOST_PIXELS / 1e6:g} million")
 
     def frames() -> Iterator[UInt8[np.ndarray, "h w 3"]]:
         video = _capture(path)
@@ -235,8 +237,8 @@ def _require_size(named: str, data: UInt8[np.ndarray, " n"]) -> int:
     if pixels == 0:
         raise unusable(named, "a damaged picture, or no PNG or JPEG", "a whole one; copy it again")
     if pixels > MOST_PIXELS:
-        found = f"a picture of {pixels / 1e6:.0f} million pixels"
-        raise unusable(named, found, f"at most {MOST_PIXELS / 1e6:g} million")
+        fault = f"a picture of {pixels / 1e6:.0f} million pixels"
+        raise unusable(named, fault, f"at most {MOST_PIXELS / 1e6:g} million")
     return pixels
 
 
@@ -282,8 +284,8 @@ class Watch:
         before = None
         for k, frame in enumerate(frames):
             if frame.shape[:2] != self.shape:
-                found = f"frame {k} of {frame.shape[1]} x {frame.shape[0]} pixels"
-                raise unusable(self.source, found, f"{self.shape[1]} x {self.shape[0]} as the reference")
+                fault = f"frame {k} of {frame.shape[1]} x {frame.shape[0]} pixels"
+                raise unusable(self.source, fault, f"{self.shape[1]} x {self.shape[0]} as the reference")
             refuse_saturated(frame, f"{self.source}: frame {k}")
             self.doubled.append(before is not None and np.array_equal(frame, before))
             before = self.latest = frame

@@ -50,20 +50,22 @@ def load_npz(path: Path) -> dict[str, np.ndarray]:
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
             held = archive.infolist()
-            if len(held) > MOST_ARRAYS or sum(one.file_size for one in held) > MOST_BYTES:
+            if len(held) > MOST_ARRAYS or sum(member.file_size for member in held) > MOST_BYTES:
                 raise NotReadable(f"unpacks to more than {size(MOST_BYTES)} or {MOST_ARRAYS} arrays")
             arrays: dict[str, np.ndarray] = {}
-            for one in held:
+            for member in held:
                 left = MOST_VALUES - sum(array.size for array in arrays.values())
-                arrays[one.filename.removesuffix(".npy")] = _array(_opened(archive, one), most_values=left)
+                arrays[member.filename.removesuffix(".npy")] = _array(
+                    _opened(archive, member), most_values=left
+                )
             return arrays
     except (zipfile.BadZipFile, zlib.error, EOFError, OSError, NotImplementedError, RuntimeError) as error:
         raise NotReadable("is no whole .npz file") from error
 
 
-def _opened(archive: zipfile.ZipFile, one: zipfile.ZipInfo) -> io.BytesIO:
-    with archive.open(one) as file:
-        data = file.read(one.file_size + 1)
+def _opened(archive: zipfile.ZipFile, member: zipfile.ZipInfo) -> io.BytesIO:
+    with archive.open(member) as file:
+        data = file.read(member.file_size + 1)
     return io.BytesIO(data)
 
 

@@ -173,9 +173,9 @@ def _pad(
     pictures = pictures_in(_place(folder, name, table.file_name("frames", default="")))
     untouched = read_reference(folder, name, table, pictures)
     if untouched.picture is None and described.kind != "markers-mono":
-        found = f'"{ESTIMATE}" for a sensor of kind "{described.kind}"'
+        fault = f'"{ESTIMATE}" for a sensor of kind "{described.kind}"'
         expected = "a picture: an estimate has the markers' places alone, enough for markers-mono only"
-        raise table.refusal("reference", found, expected)
+        raise table.refusal("reference", fault, expected)
     first = next(pictures.frames()) if untouched.picture is None else untouched.picture
     if described.camera is not None and first.shape[1::-1] != described.camera.image_px:
         width, height = described.camera.image_px
@@ -197,8 +197,8 @@ def _pad(
             )
         second = RawCamera(reference=read_picture(other_gel), pictures=pictures_in(other))
         if second.pictures.numbers != pictures.numbers:
-            found = f"{len(second.pictures.numbers)} frames"
-            raise unusable(other.name, found, f"the numbers of {pictures.source} ({len(pictures.numbers)})")
+            fault = f"{len(second.pictures.numbers)} frames"
+            raise unusable(other.name, fault, f"the numbers of {pictures.source} ({len(pictures.numbers)})")
     time_s, aperture_mm = _times(folder, name, table, pictures, log)
     poses = _poses(table, aperture_mm - at_mm, loading)
     return RawPad(
@@ -245,12 +245,12 @@ def _plain_jaw(
 
 def _sensor_path(folder: Path, table: Table) -> Path:
     name = table.file_name("sensor")
-    found = _nearest(folder, name)
-    if found is None:
+    path = _nearest(folder, name)
+    if path is None:
         raise table.refusal(
             "sensor", f"no file {name} in {folder.name} or above it", "a sensor's description"
         )
-    return found
+    return path
 
 
 def _nearest(folder: Path, name: str) -> Path | None:
@@ -316,9 +316,9 @@ def _times(
     folder: Path, name: str, table: Table, pictures: Pictures, log: GraspLog
 ) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"]]:
     """Each frame's time on the log's clock, and the aperture then."""
-    own = folder / name / "times.csv"
-    if own.is_file():
-        columns = read_columns(own, wanted=FRAME_TIMES)
+    times_csv = folder / name / "times.csv"
+    if times_csv.is_file():
+        columns = read_columns(times_csv, wanted=FRAME_TIMES)
         for needed in FRAME_TIMES:
             if needed not in columns:
                 raise unusable(
@@ -338,15 +338,15 @@ def _times(
         table_said = "log.csv"
     missing = [number for number in pictures.numbers if number not in stamps]
     if missing:
-        found = f"no time for frame {missing[0]} ({len(missing)} such)"
-        raise unusable(table_said, found, f"a row for each frame of {pictures.source}")
+        fault = f"no time for frame {missing[0]} ({len(missing)} such)"
+        raise unusable(table_said, fault, f"a row for each frame of {pictures.source}")
     offset = table.numbers("time_offset_s", (), needed=False)
     time_s = np.array([stamps[n] for n in pictures.numbers]) - (0.0 if offset is None else float(offset))
     outside = (time_s < log.time_s[0] - 1e-9) | (time_s > log.time_s[-1] + 1e-9)
     if outside.any():
-        found = f"frames from {time_s[0]:g} to {time_s[-1]:g} s"
+        fault = f"frames from {time_s[0]:g} to {time_s[-1]:g} s"
         expected = f"times within the log's, {log.time_s[0]:g} to {log.time_s[-1]:g} s; set time_offset_s"
-        raise unusable(pictures.source, found, expected)
+        raise unusable(pictures.source, fault, expected)
     return time_s, np.interp(time_s, log.time_s, log.aperture_mm)
 
 
@@ -356,12 +356,12 @@ def _require_description(folder: Path) -> None:
     if "grasp.toml" in names:
         return
     recordings = [name for name in names if name.lower().endswith((".h5", ".hdf5", ".mat"))]
-    found = "no grasp.toml" if names else "an empty folder"
+    fault = "no grasp.toml" if names else "an empty folder"
     expected = "grasp.toml, log.csv and the frames of a raw grasp; fill the folder, or move it away"
     if recordings:
-        found += f", but {recordings[0]}" + (f" and {len(recordings) - 1} more" if recordings[1:] else "")
+        fault += f", but {recordings[0]}" + (f" and {len(recordings) - 1} more" if recordings[1:] else "")
         expected = "recordings beside each other in grasps/; move them up"
-    raise unusable(folder.name, found, expected)
+    raise unusable(folder.name, fault, expected)
 
 
 def _refuse_swapped(folder: Path, table: Table, pads: tuple[RawPad, ...]) -> None:

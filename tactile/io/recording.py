@@ -282,17 +282,17 @@ def write_recording(path: Path, recording: Recording) -> None:
 def opened(path: Path) -> Iterator[Any]:
     """The open file; every complaint of the HDF5 library inside the block becomes a TactileFailure."""
     if not named_in_utf8(path):
-        found, expected = "a name that is not UTF-8", "letters, digits, - and _"
-        raise unreadable(path, "the file", found, expected, "rename it")
+        fault, expected = "a name that is not UTF-8", "letters, digits, - and _"
+        raise unreadable(path, "the file", fault, expected, "rename it")
     if missing := absence(path):
         advice = "record the grasp again or correct the name"
         raise unreadable(path, "the file", missing, "an HDF5 recording", advice)
     if (length := path.stat().st_size) > MOST_BYTES:
-        found = f"{length / 1e9:.1f} GB"
+        fault = f"{length / 1e9:.1f} GB"
         advice = "divide the recording, or leave its images out"
-        raise unreadable(path, "the file", found, f"at most {size(MOST_BYTES)}", advice)
-    if found := texts_fault(path):
-        raise unreadable(path, "the file", found, COMPLETE, DAMAGED)
+        raise unreadable(path, "the file", fault, f"at most {size(MOST_BYTES)}", advice)
+    if fault := texts_fault(path):
+        raise unreadable(path, "the file", fault, COMPLETE, DAMAGED)
     try:
         file = h5py.File(path, "r")
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as cause:
@@ -301,8 +301,8 @@ def opened(path: Path) -> Iterator[Any]:
     with file:
         try:
             if name := link_out(file):
-                found = "a link to another file"
-                raise unreadable(path, name, found, "all fields in this file", "copy them into it")
+                fault = "a link to another file"
+                raise unreadable(path, name, fault, "all fields in this file", "copy them into it")
             yield file
         except (OSError, RuntimeError, KeyError) as cause:
             raise _damaged(path, cause) from cause
@@ -326,10 +326,10 @@ def _damaged(path: Path, cause: Exception) -> TactileFailure:
     if known := fault_of(path, said):
         return unreadable(path, "the file", *known)
     if "truncated file" in said:
-        found = "one that is cut short, or that its writer did not close"
-        return unreadable(path, "the file", found, COMPLETE, COPY_AGAIN)
-    found = f"no readable HDF5 ({said})" if said else "no readable HDF5"
-    return unreadable(path, "the file", found, COMPLETE, DAMAGED)
+        fault = "one that is cut short, or that its writer did not close"
+        return unreadable(path, "the file", fault, COMPLETE, COPY_AGAIN)
+    fault = f"no readable HDF5 ({said})" if said else "no readable HDF5"
+    return unreadable(path, "the file", fault, COMPLETE, DAMAGED)
 
 
 def _read_pad(pad: GroupReader, name: str, *, frames: int, scale_sd: float) -> GelPad | IndenterPad:
@@ -399,14 +399,14 @@ def _no_face(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[str, str, str] | None:
     """What was found, expected and is to be done where markers span no area; None where they do."""
     expected = f"at least {FEWEST_MARKERS} that are not on one line"
     if len(rest_mm) < FEWEST_MARKERS:
-        found = f"{len(rest_mm)} marker{'' if len(rest_mm) == 1 else 's'}"
-        return found, expected, "record all markers of the gel"
+        fault = f"{len(rest_mm)} marker{'' if len(rest_mm) == 1 else 's'}"
+        return fault, expected, "record all markers of the gel"
     places = rest_mm[:, :2] - rest_mm[:, :2].mean(axis=0)
     along, across = np.linalg.svd(places, compute_uv=False)
     if across > LEAST_SPREAD * along:
         return None
-    found = f"{len(rest_mm)} markers {'in one place' if along == 0 else 'on one line'} in x and y"
-    return found, expected, "write each marker's own x, y, z"
+    fault = f"{len(rest_mm)} markers {'in one place' if along == 0 else 'on one line'} in x and y"
+    return fault, expected, "write each marker's own x, y, z"
 
 
 def _write_gel(group: Any, pad: GelPad) -> None:

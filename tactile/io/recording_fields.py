@@ -69,10 +69,10 @@ def first_line(cause: Exception) -> str:
     return str(cause).splitlines()[0][:120] if str(cause) else type(cause).__name__
 
 
-def unreadable(path: Path, field: str, found: str, expected: str, advice: str) -> TactileFailure:
+def unreadable(path: Path, field: str, fault: str, expected: str, advice: str) -> TactileFailure:
     """The failure sentence of this format: where, what was found, what was expected, what to do."""
-    found = found if len(found) <= 200 else f"{found[:197]}..."
-    detail = f"{path.name}: {field}: found {found}, expected {expected}; {advice}."
+    fault = fault if len(fault) <= 200 else f"{fault[:197]}..."
+    detail = f"{path.name}: {field}: found {fault}, expected {expected}; {advice}."
     return TactileFailure(TactileProblem.UNREADABLE_RECORDING, printable(detail))
 
 
@@ -130,13 +130,13 @@ class GroupReader:
             if isinstance(value, str):
                 value.encode("utf-8")
         except UnicodeError as cause:
-            found = "bytes that are no UTF-8"
-            raise self._refuse(field, found, "a text in UTF-8", "write it as a string") from cause
+            fault = "bytes that are no UTF-8"
+            raise self._refuse(field, fault, "a text in UTF-8", "write it as a string") from cause
         if not isinstance(value, str):
             raise self._refuse(field, _said(value), "a text", "write it as a string")
         if len(value) > MOST_CHARACTERS:
-            found = f"{len(value)} characters"
-            raise self._refuse(field, found, f"at most {MOST_CHARACTERS}", "shorten it")
+            fault = f"{len(value)} characters"
+            raise self._refuse(field, fault, f"at most {MOST_CHARACTERS}", "shorten it")
         return printable(value)
 
     def choice(self, name: str, allowed: set[str], *, default: str | None = None) -> str:
@@ -206,9 +206,9 @@ class GroupReader:
         beyond = (values > limit.largest) | (values < -limit.largest)
         if beyond.any():
             where = tuple(int(i) for i in np.argwhere(beyond)[0])
-            found = f"{values[where]:g} at index {where}"
+            fault = f"{values[where]:g} at index {where}"
             expected = f"at most {limit.largest:g} {limit.unit}"
-            raise self._refuse(name, found, expected, "repair or drop those frames in the recorder")
+            raise self._refuse(name, fault, expected, "repair or drop those frames in the recorder")
 
     def refuse(self, name: str, wrong: tuple[str, str, str] | None) -> None:
         """Refuses a field with what was found, what was expected and what to do; None: nothing is wrong."""
@@ -240,11 +240,11 @@ class GroupReader:
             k = int(back[0]) + 1
             step_s = _step_of(self._dataset(name).dtype, values[k])
             if values[k] == values[k - 1] and step_s > COARSEST_TIME_S:
-                found = f"equal times in frames {k - 1} and {k}: {values[k]:.0f} s in 32 bits"
+                fault = f"equal times in frames {k - 1} and {k}: {values[k]:.0f} s in 32 bits"
                 expected = f"strictly increasing times (float32 has steps of {step_s:g} s there)"
-                raise self._refuse(name, found, expected, "write float64, or seconds from the first frame")
-            found = f"{values[k]:g} s in frame {k} after {values[k - 1]:g} s"
-            raise self._refuse(name, found, "strictly increasing times", "leave out the repeated frames")
+                raise self._refuse(name, fault, expected, "write float64, or seconds from the first frame")
+            fault = f"{values[k]:g} s in frame {k} after {values[k - 1]:g} s"
+            raise self._refuse(name, fault, "strictly increasing times", "leave out the repeated frames")
 
     def poses(self, name: str, frames: int) -> Float[np.ndarray, "t 4 4"]:
         """Rigid transforms, one per frame."""
@@ -254,9 +254,9 @@ class GroupReader:
         last_row = np.abs(values[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1)
         wrong = (skew > RIGID_TOLERANCE) | (np.linalg.det(rotation) < 0) | (last_row > RIGID_TOLERANCE)
         if wrong.any():
-            found = f"a matrix in frame {int(np.argmax(wrong))} that is not a rotation and a shift"
+            fault = f"a matrix in frame {int(np.argmax(wrong))} that is not a rotation and a shift"
             advice = "write the 4x4 pad-to-fruit pose, lengths in mm, right-handed"
-            raise self._refuse(name, found, "rigid motions", advice)
+            raise self._refuse(name, fault, "rigid motions", advice)
         return values
 
     def images(self, name: str) -> Any:
@@ -267,11 +267,11 @@ class GroupReader:
         self._require_own_values(name, data)
         shape = tuple(data.shape)
         if data.nbytes > MOST_IMAGE_BYTES or data.nbytes > 3 * MOST_PIXELS * len(data):
-            found = f"shape {shape}, {data.nbytes / 1e9:.1f} GB"
+            fault = f"shape {shape}, {data.nbytes / 1e9:.1f} GB"
             expected = (
                 f"at most {MOST_IMAGE_BYTES / 1e9:g} GB, and {MOST_PIXELS / 1e6:g} million pixels a frame"
             )
-            raise self._refuse(name, found, expected, "divide the recording")
+            raise self._refuse(name, fault, expected, "divide the recording")
         return data
 
     def picture(self, name: str) -> UInt8[np.ndarray, "h w 3"]:
@@ -295,8 +295,8 @@ class GroupReader:
             length = 0 if null else int(np.prod(held.shape, dtype=np.float64)) * held.dtype.itemsize
             text = h5py.check_string_dtype(held.dtype) is not None
             if length > MOST_ATTRIBUTE_BYTES or not (null or text or held.dtype.kind in "fiubS"):
-                found = f"{length} bytes of type {held.dtype}"
-                raise self._refuse(f"attribute {name}", found, "one number or text", REWRITE)
+                fault = f"{length} bytes of type {held.dtype}"
+                raise self._refuse(f"attribute {name}", fault, "one number or text", REWRITE)
             with limited_memory(SPARE_BYTES):
                 value = self.group.attrs[name]
             return value.flat[0] if isinstance(value, np.ndarray) and value.size == 1 else value
@@ -319,20 +319,20 @@ class GroupReader:
             self.budget.counted.add(self.prefix + name)
             self.budget.used += data.size * max(value_bytes, data.dtype.itemsize)
         if self.budget.used > MOST_READ_BYTES:
-            found = f"shape {tuple(data.shape)}, {self.budget.used / 1e6:.0f} MB in all fields up to this one"
-            raise self._refuse(name, found, f"at most {MOST_READ_BYTES / 1e6:g} MB", "divide the recording")
+            fault = f"shape {tuple(data.shape)}, {self.budget.used / 1e6:.0f} MB in all fields up to this one"
+            raise self._refuse(name, fault, f"at most {MOST_READ_BYTES / 1e6:g} MB", "divide the recording")
 
     def _require_own_values(self, name: str, data: Any) -> None:
         """Refuse values that lie in other files, and chunks that are too large to unpack."""
         if data.external or data.is_virtual:
-            found = "values kept in another file"
-            raise self._refuse(name, found, "values in this file", "write them into the recording")
+            fault = "values kept in another file"
+            raise self._refuse(name, fault, "values in this file", "write them into the recording")
         if lacking := unknown_filter(data):
-            found = f"values packed by the filter {lacking}, which is not installed here"
-            raise self._refuse(name, found, "gzip, LZF or no packing", "write the field again with gzip")
+            fault = f"values packed by the filter {lacking}, which is not installed here"
+            raise self._refuse(name, fault, "gzip, LZF or no packing", "write the field again with gzip")
         if (chunk := chunk_bytes(data)) > MOST_CHUNK_BYTES:
-            found = f"chunks of {chunk / 1e6:.0f} MB"
-            raise self._refuse(name, found, f"at most {MOST_CHUNK_BYTES / 1e6:g} MB", REWRITE)
+            fault = f"chunks of {chunk / 1e6:.0f} MB"
+            raise self._refuse(name, fault, f"at most {MOST_CHUNK_BYTES / 1e6:g} MB", REWRITE)
 
     def _dataset(self, name: str) -> Any:
         """The dataset of this name, still unread. Raises TactileFailure where there is none."""
@@ -361,9 +361,9 @@ class GroupReader:
         except (OSError, MemoryError) as cause:
             if not lacks_memory(cause) and "filter returned failure" not in str(cause):
                 raise
-            found = f"values that are damaged, or take more than {most / 1e6:.0f} MB to unpack"
+            fault = f"values that are damaged, or take more than {most / 1e6:.0f} MB to unpack"
             expected = f"{data.nbytes / 1e6:.1f} MB, as the shape {tuple(data.shape)} says"
-            raise self._refuse(name, found, expected, "copy the file again from the recorder") from cause
+            raise self._refuse(name, fault, expected, "copy the file again from the recorder") from cause
 
     def _require_shape(self, name: str, data: Any, shape: Shape) -> None:
         """Raises TactileFailure where a dataset has another shape; None stands for any length from 1."""
@@ -383,11 +383,11 @@ class GroupReader:
                 )
             raise self._refuse(name, f"shape {held}", shape_said(shape), advice)
 
-    def _refuse(self, field: str, found: str, expected: str, advice: str) -> TactileFailure:
+    def _refuse(self, field: str, fault: str, expected: str, advice: str) -> TactileFailure:
         attribute = field.startswith("attribute ")
         inside = f" of /{self.prefix.rstrip('/')}" if self.prefix else ""
         where = field + inside if attribute else self.prefix + field
-        return unreadable(self.path, where, found, expected, advice)
+        return unreadable(self.path, where, fault, expected, advice)
 
 
 def _chosen(values: np.ndarray, shape: Shape) -> np.ndarray:
@@ -408,16 +408,16 @@ def _not_finite(bad: Bool[np.ndarray, "..."], *, of_markers: bool) -> tuple[str,
         markers, frames = lost.shape[1], lost.shape[0]
         if never:
             within = "" if frames == 1 else " in any frame"
-            found = f"{never} of {markers} markers have no values{within} ({count})"
+            fault = f"{never} of {markers} markers have no values{within} ({count})"
             advice = (
                 "track those markers in the recorder, or take them out of rest_mm and of both fields alike"
             )
-            return found, "a finite number for each marker", advice
+            return fault, "a finite number for each marker", advice
         spoilt = int(lost.any(axis=1).sum())
         if spoilt > MOST_DROPPED * frames:
-            found = f"{ever} of {markers} markers have no values in some of the frames ({count})"
+            fault = f"{ever} of {markers} markers have no values in some of the frames ({count})"
             advice = f"track them throughout: {spoilt} of {frames} frames lack some, too many to drop them"
-            return found, "a finite number for each marker and frame", advice
+            return fault, "a finite number for each marker and frame", advice
     return count, "finite numbers", "repair or drop those frames in the recorder"
 
 

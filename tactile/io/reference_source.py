@@ -96,15 +96,15 @@ def _mean(table: Table, pictures: Pictures) -> Reference:
     if "reference_frames" in table.values:
         first, end = (int(k) for k in table.numbers("reference_frames", (2,)).tolist())
         if not 0 <= first < end <= count:
-            found = f"[{first}, {end}] of {count} frames"
-            raise table.refusal("reference_frames", found, "first frame and the one after the last")
+            fault = f"[{first}, {end}] of {count} frames"
+            raise table.refusal("reference_frames", fault, "first frame and the one after the last")
     total: np.ndarray | None = None
     for k, frame in zip(range(end), pictures.frames(), strict=False):
         if k < first:
             continue
         if total is not None and total.shape != frame.shape:
-            found = f"frame {pictures.numbers[k]} of {frame.shape[1]} x {frame.shape[0]} pixels"
-            raise unusable(pictures.source, found, f"{total.shape[1]} x {total.shape[0]} as those before")
+            fault = f"frame {pictures.numbers[k]} of {frame.shape[1]} x {frame.shape[0]} pixels"
+            raise unusable(pictures.source, fault, f"{total.shape[1]} x {total.shape[0]} as those before")
         total = frame.astype(np.float64) if total is None else total + frame
     if total is None:
         raise unusable(pictures.source, "no frames", "frames of the untouched gel")

@@ -76,13 +76,13 @@ def bag_fields(path: Path, topics: Path) -> dict[str, np.ndarray]:
     if missing:
         raise unusable(f"{path.name}: {missing[0]}", "no message", f"the topic that {topics.name} names")
     series = {key: read[topic] for key, topic in named.items()}
-    moving = [one for key, one in series.items() if not key.endswith(".rest")]
+    moving = [signal for key, signal in series.items() if not key.endswith(".rest")]
     for key, topic in named.items():
         times = read[topic].time_s
         if not key.endswith(".rest") and (len(times) < 2 or (np.diff(times) <= 0).any()):
-            found = f"{len(times)} messages, not each later than the one before"
-            raise unusable(f"{path.name}: {topic}", found, "two or more messages, logged one after another")
-    start, end = max(one.time_s[0] for one in moving), min(one.time_s[-1] for one in moving)
+            fault = f"{len(times)} messages, not each later than the one before"
+            raise unusable(f"{path.name}: {topic}", fault, "two or more messages, logged one after another")
+    start, end = max(signal.time_s[0] for signal in moving), min(signal.time_s[-1] for signal in moving)
     when = series[f"{pads[0]}.displacement"].time_s
     when = when[(when >= start) & (when <= end)]
     if len(when) < 2:
@@ -91,8 +91,8 @@ def bag_fields(path: Path, topics: Path) -> dict[str, np.ndarray]:
     for pad in pads:
         fields[f"pads/{pad}/rest_mm"] = length * series[f"{pad}.rest"].values[0]
         for field, unit, scale in (("displacement", "mm", length), ("force", "N", 1.0)):
-            one = series[f"{pad}.{field}"]
-            fields[f"pads/{pad}/{field}_{unit}"] = scale * at_times(when, one.time_s, one.values)
+            signal = series[f"{pad}.{field}"]
+            fields[f"pads/{pad}/{field}_{unit}"] = scale * at_times(when, signal.time_s, signal.values)
         if f"{pad}.pose" in series:
             fields[f"pads/{pad}/pose"] = _poses(path, named[f"{pad}.pose"], series[f"{pad}.pose"], when)
     if "aperture" in series:
@@ -134,8 +134,8 @@ def _series(path: Path, topics: set[str]) -> dict[str, TopicSeries]:
 
     ending = tried(trial, patience_s=PATIENCE_S, most_bytes=MOST_MEMORY).ending
     if ending is not TrialEnding.DONE:
-        found = f"messages that take more than {PATIENCE_S:.0f} s or {size(MOST_MEMORY)} to decode"
-        raise unusable(path.name, found, "a recording of one grasp; cut the bag to it")
+        fault = f"messages that take more than {PATIENCE_S:.0f} s or {size(MOST_MEMORY)} to decode"
+        raise unusable(path.name, fault, "a recording of one grasp; cut the bag to it")
     try:
         return read()
     except (TactileFailure, NotReadable):
@@ -199,8 +199,8 @@ def _poses(
         raise unusable(f"{path.name}: {topic}", "no poses", "geometry_msgs/msg/PoseStamped")
     lengths = np.linalg.norm(series.values[:, 3:], axis=1)
     if not (np.abs(lengths - 1) < NOT_ROTATION).all():
-        found = f"orientations of length {lengths.min():.3g} to {lengths.max():.3g}"
-        raise unusable(f"{path.name}: {topic}", found, "unit quaternions")
+        fault = f"orientations of length {lengths.min():.3g} to {lengths.max():.3g}"
+        raise unusable(f"{path.name}: {topic}", fault, "unit quaternions")
     pose = np.tile(np.eye(4), (len(lengths), 1, 1))
     pose[:, :3, :3] = Rotation.from_quat(series.values[:, 3:]).as_matrix()
     pose[:, :3, 3] = MM["m"] * series.values[:, :3]

@@ -99,8 +99,8 @@ def read_sensor(path: Path) -> Sensor:
     lights = _lights(top)
     calibration = _calibration(top)
     if photometric and len(lights) < FEWEST_LIGHTS and calibration is None:
-        found = f"{len(lights)} lights and no calibration_file"
-        raise top.refusal("lights", found, f"{FEWEST_LIGHTS} [[lights]] or a calibration_file")
+        fault = f"{len(lights)} lights and no calibration_file"
+        raise top.refusal("lights", fault, f"{FEWEST_LIGHTS} [[lights]] or a calibration_file")
     outline = _outline(gel)
     return Sensor(
         kind=cast(SensorKind, kind),
@@ -157,10 +157,10 @@ def _outline(gel: Table) -> GelOutline | None:
     )
     thickness = gel.within("thickness_mm", THICKNESS, needed=False)
     if thickness is not None and outline.lowest_mm > MOST_SAG * thickness:
-        found = (
+        fault = (
             f"{radius} of a gel {thickness:g} mm thick, whose corners lie {outline.lowest_mm:.3g} mm lower"
         )
-        raise gel.refusal("face_radius_mm", found, f"corners at most {MOST_SAG:.0%} of the thickness lower")
+        raise gel.refusal("face_radius_mm", fault, f"corners at most {MOST_SAG:.0%} of the thickness lower")
     return outline
 
 
@@ -227,8 +227,8 @@ def _lights(top: Table) -> tuple[GelLight, ...]:
         total = np.sum([light.colour for light in lights], axis=0)
         dark = [name for name, value in zip("RGB", total, strict=True) if value <= FAINTEST * total.max()]
         if dark:
-            found = f"no light in {' and '.join(dark)}"
-            raise top.refusal("lights", found, "colours (R, G, B) that light every channel")
+            fault = f"no light in {' and '.join(dark)}"
+            raise top.refusal("lights", fault, "colours (R, G, B) that light every channel")
     return lights
 
 
@@ -247,8 +247,8 @@ def _light(table: Table) -> GelLight:
     if length == 0.0:
         raise table.refusal("direction", "zero", "the direction from the gel to the light")
     if direction[2] >= 0.0:
-        found = f"z = {direction[2]:g}, a light on the fruit's side"
-        raise table.refusal("direction", found, "z below 0: from the gel to the light, z out of the gel")
+        fault = f"z = {direction[2]:g}, a light on the fruit's side"
+        raise table.refusal("direction", fault, "z below 0: from the gel to the light, z out of the gel")
     colour = table.numbers("colour", (3,))
     if (colour < 0.0).any():
         raise table.refusal("colour", str(colour.tolist()), "three numbers, none below 0")
@@ -272,7 +272,7 @@ def _calibration(top: Table) -> Path | None:
         except NotReadable as cause:
             raise top.refusal("calibration_file", f"that {name} {cause}", "a look-up") from cause
         if digest != wanted.lower():
-            found = f"{name} of another calibration (SHA-256 {digest[:12]}...)"
+            fault = f"{name} of another calibration (SHA-256 {digest[:12]}...)"
             expected = f"the look-up that was made with this description ({wanted[:12]}...); calibrate again"
-            raise top.refusal("calibration_file", found, expected)
+            raise top.refusal("calibration_file", fault, expected)
     return path if name else None

@@ -66,7 +66,8 @@ def model_named(sensor: str) -> SensorModel | None:
 
     Other words behind the name are of another sensor: DIGIT 360, DIGIT Pinki.
 
-    >>> [one and one.key for one in map(model_named, ("GelSight Mini, marked gel", "Tac3D A1-0040R", "gel"))]
+    >>> names = ("GelSight Mini, marked gel", "Tac3D A1-0040R", "gel")
+    >>> [model and model.key for model in map(model_named, names)]
     ['gelsight-mini', 'tac3d', None]
     """
     said = _plain(sensor)

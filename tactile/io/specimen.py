@@ -38,7 +38,7 @@ class PressedSpecimen:
 def read_specimen(pad: GroupReader) -> PressedSpecimen:
     """From a pad's attributes, all of which may be missing; raises TactileFailure for what is no number."""
     diameters = tuple(pad.optional_positive(f"diameter_{name}_mm", limit=LENGTH) for name in DIAMETERS)
-    if any(one is not None for one in diameters):
+    if any(diameter is not None for diameter in diameters):
         diameters = tuple(pad.positive(f"diameter_{name}_mm", limit=LENGTH) for name in DIAMETERS)
     has = pad.group.attrs
     return PressedSpecimen(

@@ -116,14 +116,14 @@ def read_unit(text: str, quantity: str) -> Unit | NoUnit:
         return NoUnit(text=shown, why=_AMBIGUOUS[shown])
     other: str | None = None
     for spelt in _spellings(_MEANT.get(shown, shown)):
-        found, of_SI = _parsed(spelt)
-        of_mass = kind == FORCE and found == MASS
-        if found == kind or of_mass:
+        dimension, of_SI = _parsed(spelt)
+        of_mass = kind == FORCE and dimension == MASS
+        if dimension == kind or of_mass:
             factor = of_SI * ours_per_SI * (STANDARD_GRAVITY if of_mass else 1.0)
             if least <= factor * (1 + 1e-9) and factor <= most * (1 + 1e-9):
                 return Unit(text=shown, factor=float(f"{factor:.12g}"), of_mass=of_mass)
             return NoUnit(text=shown, why=f"would be {factor:.3g} {ours}, which no press has")
-        other = other or found
+        other = other or dimension
     if other is None:
         return NoUnit(text=shown, why="is no unit that is known")
     return NoUnit(text=shown, why=f"is {other}, not {kind}", other=other)
@@ -156,7 +156,7 @@ def _parsed(text: str) -> tuple[str | None, float]:
     registry = _registry()
     try:
         unit = registry.parse_units(text)
-        kinds = [kind for one, kind in _KINDS.items() if unit.is_compatible_with(one)]
+        kinds = [kind for dimension, kind in _KINDS.items() if unit.is_compatible_with(dimension)]
         factor = float(registry.Quantity(1.0, unit).to_base_units().magnitude)
     except Exception:  # noqa: BLE001  pint raises more kinds than it documents for texts that are no unit
         return None, 0.0
@@ -189,11 +189,13 @@ def unit_of_name(name: str, quantity: str) -> Unit | NoUnit | None:
     brackets = list(_IN_BRACKETS.finditer(name))
     if not brackets:
         return unit_with_factor(name) or _at_end(name, quantity)
-    found = [(read_unit(one[1], quantity), one.end()) for one in brackets]
-    unit, end = min(found, key=lambda one: (not isinstance(one[0], Unit), not _of_another(one[0])))
+    readings = [(read_unit(bracket[1], quantity), bracket.end()) for bracket in brackets]
+    unit, end = min(
+        readings, key=lambda reading: (not isinstance(reading[0], Unit), not _of_another(reading[0]))
+    )
     if _of_another(unit):
         return unit
-    units = [one for one, _ in found if isinstance(one, Unit)]
+    units = [candidate for candidate, _ in readings if isinstance(candidate, Unit)]
     if units and re.search(r"\d", name[end:]):
         return _open(name, "has a number behind it")
     over = re.match(r"\s*(?:/|per\b)\s*([^\W\d_]+)", name[end:])
@@ -204,8 +206,8 @@ def unit_of_name(name: str, quantity: str) -> Unit | NoUnit | None:
 
 def unit_with_factor(text: str) -> NoUnit | None:
     """An open unit where the text holds a factor: nobody can tell which way it was applied."""
-    found = _FACTOR.search(text)
-    return None if found is None else _open(text, f'has a factor beside it ("{found[0].strip()}")')
+    factor = _FACTOR.search(text)
+    return None if factor is None else _open(text, f'has a factor beside it ("{factor[0].strip()}")')
 
 
 def _at_end(name: str, quantity: str) -> Unit | NoUnit | None:
@@ -224,8 +226,11 @@ def _at_end(name: str, quantity: str) -> Unit | NoUnit | None:
 def _second_unit(name: str, quantity: str, units: list[Unit]) -> NoUnit | None:
     """A unit of the same quantity and another size beside `units`, in brackets or as a short word."""
     words = [word for word in _SHORT_WORD.findall(_IN_BRACKETS.sub(" ", name)) if word.lower() != "in"]
-    every = [*units, *(one for one in (read_unit(word, quantity) for word in words) if isinstance(one, Unit))]
-    if all(math.isclose(one.factor, every[0].factor, rel_tol=1e-6) for one in every[1:]) or not units:
+    every = [
+        *units,
+        *(second for second in (read_unit(word, quantity) for word in words) if isinstance(second, Unit)),
+    ]
+    if all(math.isclose(unit.factor, every[0].factor, rel_tol=1e-6) for unit in every[1:]) or not units:
         return None
     return _open(name, "has a second unit beside it")
 

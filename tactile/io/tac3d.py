@@ -120,8 +120,8 @@ def _checked(folder: Path, name: str, values: np.ndarray, shape: Shape) -> np.nd
     return values
 
 
-def _refused(folder: Path, name: str, found: str, expected: str) -> TactileFailure:
-    detail = f"{folder.name}/{name}.npy: found {found}, expected {expected}."
+def _refused(folder: Path, name: str, fault: str, expected: str) -> TactileFailure:
+    detail = f"{folder.name}/{name}.npy: found {fault}, expected {expected}."
     return TactileFailure(TactileProblem.UNREADABLE_RECORDING, detail)
 
 

@@ -32,9 +32,9 @@ def read_table(path: Path, problem: TactileProblem, *, what: str) -> "Table":
         raise refused(problem, path, "the file", f"that it {cause}", f"{what} in TOML") from cause
 
 
-def refused(problem: TactileProblem, path: Path, field: str, found: str, expected: str) -> TactileFailure:
+def refused(problem: TactileProblem, path: Path, field: str, fault: str, expected: str) -> TactileFailure:
     """The failure sentence: where, what was found, what was expected."""
-    shown = found if len(found) <= 200 else f"{found[:197]}..."
+    shown = fault if len(fault) <= 200 else f"{fault[:197]}..."
     return TactileFailure(problem, printable(f"{path.name}: {field}: found {shown}, expected {expected}."))
 
 
@@ -47,9 +47,9 @@ class Table:
     values: dict[str, Any] = field(default_factory=dict)
     prefix: str = ""
 
-    def refusal(self, name: str, found: str, expected: str) -> TactileFailure:
+    def refusal(self, name: str, fault: str, expected: str) -> TactileFailure:
         """The failure that names this table's field."""
-        return refused(self.problem, self.path, self.prefix + name, found, expected)
+        return refused(self.problem, self.path, self.prefix + name, fault, expected)
 
     def refuse_unknown(self, known: Collection[str]) -> None:
         """Refuses a key that is not in `known`."""
@@ -76,19 +76,19 @@ class Table:
 
     def table(self, name: str, *, needed: bool) -> "Table":
         """The table `name` below this one; empty where it is not there and not needed."""
-        found = self.values.get(name, {})
-        if not isinstance(found, dict):
-            raise self.refusal(name, repr(found), f"a table [{name}]")
-        if needed and not found:
+        entry = self.values.get(name, {})
+        if not isinstance(entry, dict):
+            raise self.refusal(name, repr(entry), f"a table [{name}]")
+        if needed and not entry:
             raise self.refusal(name, "nothing", f"a table [{name}]: this kind of sensor needs it")
-        return Table(self.path, self.problem, found, f"{self.prefix}{name}.")
+        return Table(self.path, self.problem, entry, f"{self.prefix}{name}.")
 
     def tables(self, name: str) -> list["Table"]:
         """The list of tables `name`."""
-        found = self.values.get(name, [])
-        if not isinstance(found, list) or not all(isinstance(item, dict) for item in found):
-            raise self.refusal(name, repr(found), f"tables [[{name}]]")
-        return [Table(self.path, self.problem, item, f"{name}[{k}].") for k, item in enumerate(found)]
+        entries = self.values.get(name, [])
+        if not isinstance(entries, list) or not all(isinstance(item, dict) for item in entries):
+            raise self.refusal(name, repr(entries), f"tables [[{name}]]")
+        return [Table(self.path, self.problem, item, f"{name}[{k}].") for k, item in enumerate(entries)]
 
     def text(self, name: str, *, default: str | None = None) -> str:
         """A text; `default` where it may be left out."""

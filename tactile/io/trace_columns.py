@@ -82,30 +82,30 @@ def _units(
     """The unit of each quantity, from the names, the row of units and --units, which must agree."""
     if idle := [q for q in words.units if q not in chosen]:
         read = ", ".join(f'{q} ("{name[:60]}")' for q, name in chosen.items())
-        found = f"--units of {idle[0]}, where {read} are read"
-        raise unusable(source, found, f"units of these; leave out {idle[0]}={words.units[idle[0]]}")
+        fault = f"--units of {idle[0]}, where {read} are read"
+        raise unusable(source, fault, f"units of these; leave out {idle[0]}={words.units[idle[0]]}")
     units: dict[str, Unit] = {}
     notes, missing = [], []
     for q, name in chosen.items():
         in_name = unit_of_name(name, q)
         in_row = _in_row(row.get(q, ""), q)
         named = f'{q} ("{name[:60]}")'
-        for one in (in_row, in_name):
-            if isinstance(one, NoUnit) and one.other is not None:
-                raise _other_quantity(source, one, q, named)
-        unsure = any(isinstance(one, NoUnit) and one.open for one in (in_row, in_name))
-        in_file = [one for one in (in_row, in_name) if isinstance(one, Unit) and not unsure]
+        for unit in (in_row, in_name):
+            if isinstance(unit, NoUnit) and unit.other is not None:
+                raise _other_quantity(source, unit, q, named)
+        unsure = any(isinstance(unit, NoUnit) and unit.open for unit in (in_row, in_name))
+        in_file = [unit for unit in (in_row, in_name) if isinstance(unit, Unit) and not unsure]
         stated = read_unit(words.units[q], q) if q in words.units else None
         if isinstance(stated, NoUnit):
             raise unusable(source, f"--units {q}={stated.text}, which {stated.why}", _ways(q))
         every = [*in_file, *([stated] if stated else [])]
-        if any(not math.isclose(one.factor, every[0].factor, rel_tol=1e-6) for one in every[1:]):
+        if any(not math.isclose(unit.factor, every[0].factor, rel_tol=1e-6) for unit in every[1:]):
             raise _contradiction(source, named, in_row, in_name, stated)
         if not every:
             missing.append(q)
             continue
         units[q] = every[0]
-        unknown = next((one for one in (in_row, in_name) if isinstance(one, NoUnit)), None)
+        unknown = next((unit for unit in (in_row, in_name) if isinstance(unit, NoUnit)), None)
         if unknown is not None and not in_file:
             notes.append(f'{named} states "{unknown.text}", which {unknown.why}; read in {every[0].text}.')
         if every[0].of_mass:
@@ -121,7 +121,7 @@ def _contradiction(
 ) -> TactileFailure:
     """Two units that are not equal, of the file or of the file and --units."""
     said = (("the row of units", in_row), ("its name", in_name), ("--units", stated))
-    units = [f"{one.text} by {where}" for where, one in said if isinstance(one, Unit)]
+    units = [f"{unit.text} by {where}" for where, unit in said if isinstance(unit, Unit)]
     if stated is None:
         return unusable(
             source, f"{named} in {' and in '.join(units)}", "one unit: correct a copy of the table"
@@ -148,39 +148,40 @@ def _check_apart(source: str, sheet: CellTable, k: int) -> None:
     numbers = next((cells for _, cells in sheet.rows[k + 1 : k + 4] if _numeric(cells)), [])
     names = sheet.rows[k][1]
     if sheet.delimiter == SPACES and numbers and len(numbers) != len(names):
-        found = f"{len(names)} names above {len(numbers)} columns of numbers, apart by spaces"
-        raise unusable(source, found, "names without spaces in them, or tabs or semicolons between columns")
+        fault = f"{len(names)} names above {len(numbers)} columns of numbers, apart by spaces"
+        raise unusable(source, fault, "names without spaces in them, or tabs or semicolons between columns")
 
 
 def _chosen(names: Sequence[str], words: TraceWords) -> dict[str, str] | None:
     """The name in this row of time, force, and travel or gap; None where one of them is not there."""
-    found = {}
+    names_by_quantity = {}
     for quantity, known in KNOWN.items():
         said = words.columns.get(quantity)
         if said is None and quantity in ("travel", "gap") and {"travel", "gap"} & set(words.columns):
             continue
         name = next((name for name in ((said,) if said is not None else known) if name in names), None)
         if name is not None:
-            found[quantity] = name
+            names_by_quantity[quantity] = name
         elif quantity in ("time", "force") or said is not None:
             return None
-    if "travel" in found:
-        found.pop("gap", None)
-    return found if len(found) == 3 else None
+    if "travel" in names_by_quantity:
+        names_by_quantity.pop("gap", None)
+    return names_by_quantity if len(names_by_quantity) == 3 else None
 
 
 def _units_below(sheet: CellTable, k: int, place: Mapping[str, int]) -> tuple[dict[str, str], int]:
     """The texts in the row of units below the names in row `k`, if any, and the first row of numbers."""
     texts: list[dict[str, str]] = []
     for _, cells in sheet.rows[k + 1 : k + 1 + _ROWS_BELOW]:
-        own = {q: cells[at] if at < len(cells) else "" for q, at in place.items()}
+        entries = {q: cells[at] if at < len(cells) else "" for q, at in place.items()}
         if any(
-            cell != "" and (isinstance(cell, float) or number_of(cell) is not None) for cell in own.values()
+            cell != "" and (isinstance(cell, float) or number_of(cell) is not None)
+            for cell in entries.values()
         ):
             break
-        if not any(own.values()):
+        if not any(entries.values()):
             break
-        texts.append({q: str(cell) for q, cell in own.items() if cell})
+        texts.append({q: str(cell) for q, cell in entries.items() if cell})
     if not texts:
         return {}, k + 1
     return max(texts, key=lambda row: sum(map(is_unit, row.values()))), k + 1 + len(texts)
@@ -191,19 +192,21 @@ def _no_unit(
 ) -> TactileFailure:
     """No unit, or one that is not known: asks for it."""
     q = missing[0]
-    stated = {one: _stated(chosen[one], row.get(one, ""), one) for one in missing}
-    unit = min(stated[q], key=lambda one: not (isinstance(one, NoUnit) and one.open), default=None)
+    stated = {quantity: _stated(chosen[quantity], row.get(quantity, ""), quantity) for quantity in missing}
+    unit = min(
+        stated[q], key=lambda reading: not (isinstance(reading, NoUnit) and reading.open), default=None
+    )
     said = f'the unit "{unit.text}", which {unit.why},' if isinstance(unit, NoUnit) else "no unit"
-    whole = ",".join(_asked(one, stated[one]) for one in missing)
-    ways = "; ".join(f"{one} in {', '.join(EXAMPLES[one])}, ..." for one in missing)
-    found = f'{said} of {q} ("{chosen[q]}") in the file'
-    return unusable(source, found, f"its unit: give --units {whole}, or what it is in ({ways})")
+    whole = ",".join(_asked(quantity, stated[quantity]) for quantity in missing)
+    ways = "; ".join(f"{quantity} in {', '.join(EXAMPLES[quantity])}, ..." for quantity in missing)
+    fault = f'{said} of {q} ("{chosen[q]}") in the file'
+    return unusable(source, fault, f"its unit: give --units {whole}, or what it is in ({ways})")
 
 
 def _stated(name: str, in_row: str, quantity: str) -> list[Unit | NoUnit]:
     """What the row of units and the column's name state, the row first."""
-    found = [_in_row(in_row, quantity), unit_of_name(name, quantity)]
-    return [one for one in found if one is not None]
+    units = [_in_row(in_row, quantity), unit_of_name(name, quantity)]
+    return [unit for unit in units if unit is not None]
 
 
 def _in_row(cell: str, quantity: str) -> Unit | NoUnit | None:
@@ -226,17 +229,17 @@ def columns_wanted(source: str, sheets: Sequence[CellTable], words: TraceWords) 
             "no row of names above columns of numbers",
             "a table: a line of names, then one row for each moment with time, force and travel",
         )
-    sheet, header = max(tables, key=lambda one: sum(bool(_like(q, one[1])) for q in KNOWN))
+    sheet, header = max(tables, key=lambda table: sum(bool(_like(q, table[1])) for q in KNOWN))
     listed = ", ".join(f'"{name}"' if not name or " " in name else name for name in header if name)
     where = f' in the sheet "{sheet.name}"' if sheet.name else ""
     others = [other.name for other, _ in tables if other is not sheet]
     others_named = f" (other sheets with tables: {', '.join(others[:12])})" if others else ""
     for quantity, name in words.columns.items():
         if name not in header:
-            near = difflib.get_close_matches(name, [one for one in header if one], n=1, cutoff=0.5)
+            near = difflib.get_close_matches(name, [title for title in header if title], n=1, cutoff=0.5)
             meant = f'; did you mean {quantity}="{near[0]}"?' if near else ""
-            found = f'no column "{name}" for {quantity}{where}, but {listed}{others_named}'
-            return unusable(source, found, f"one of these names{meant}")
+            fault = f'no column "{name}" for {quantity}{where}, but {listed}{others_named}'
+            return unusable(source, fault, f"one of these names{meant}")
     option = proposed(header, header_above_numbers(sheet.rows)[1])
     return unusable(
         source,
@@ -264,7 +267,9 @@ def proposed(header: Sequence[str], units_row: Sequence[str] = ()) -> str:
     row = dict(zip(header, units_row, strict=False))
     stated = {q: _stated(name, row.get(name, ""), q) for q, name in names.items()}
     units = ",".join(
-        _asked(q, one) for q, one in stated.items() if not any(isinstance(unit, Unit) for unit in one)
+        _asked(q, units_stated)
+        for q, units_stated in stated.items()
+        if not any(isinstance(unit, Unit) for unit in units_stated)
     )
     return f"--columns {columns}" + (f" --units {units} (or what they are in)" if units else "")
 
@@ -287,7 +292,7 @@ def header_above_numbers(rows: Sequence[Row]) -> tuple[tuple[str, ...], tuple[st
     there are none.
     """
     for k, (_, cells) in enumerate(rows[:LOOKED_AT]):
-        if k == 0 or not (_numeric(cells) and all(_numeric(one[1]) for one in rows[k + 1 : k + 3])):
+        if k == 0 or not (_numeric(cells) and all(_numeric(row[1]) for row in rows[k + 1 : k + 3])):
             continue
         units: tuple[str, ...] = ()
         for _, above in reversed(rows[max(k - 3, 0) : k]):

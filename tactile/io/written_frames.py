@@ -47,7 +47,7 @@ def written_frames(
         done = prepare_frames(WORDS, time_s, {"aperture_mm": aperture_mm}, first_row=0, force=force_N)
     except NotPrepared as cause:
         expected, _, advice = cause.expected.partition("; ")
-        root.refuse("time_s", (cause.found, expected, advice))
+        root.refuse("time_s", (cause.fault, expected, advice))
         raise
     aperture = done.columns["aperture_mm"]
     root.require_within("time_s", done.time_s, time_limit)

@@ -91,7 +91,7 @@ def find_look(intensity: Float[np.ndarray, "h w"]) -> MarkerLook:
     """
     shade = cv2.GaussianBlur(intensity, (0, 0), intensity.shape[0] / 12)
     relative = intensity / np.maximum(shade, 1.0)
-    best, found = 0.0, MarkerLook(radius_px=4.0, dark=True)
+    best, best_look = 0.0, MarkerLook(radius_px=4.0, dark=True)
     for scale in SCALES[intensity.shape[0] / 10 > SCALES]:
         laplacian = scale**2 * cv2.Laplacian(cv2.GaussianBlur(relative, (0, 0), scale), cv2.CV_32F, ksize=1)
         for dark in (True, False):
@@ -100,8 +100,8 @@ def find_look(intensity: Float[np.ndarray, "h w"]) -> MarkerLook:
             strong = heights[heights > STRONG * np.quantile(heights, 0.9)] if len(heights) else heights
             score = float(np.median(strong) * len(strong) ** 0.25) if len(strong) > 3 else 0.0
             if score > best:
-                best, found = score, MarkerLook(radius_px=float(scale * np.sqrt(2.0)), dark=dark)
-    return found
+                best, best_look = score, MarkerLook(radius_px=float(scale * np.sqrt(2.0)), dark=dark)
+    return best_look
 
 
 def _maxima(answer: Float[np.ndarray, "h w"], scale: float) -> "np.ndarray":
@@ -181,17 +181,17 @@ def centred(shown: Float[np.ndarray, "h w"], start_px: Float[np.ndarray, "n 2"],
 
 def markers_of(shown: Float[np.ndarray, "h w"], look: MarkerLook) -> Blobs:
     """The markers of an unloaded gel: blobs alike in peak and mass, one per place, whole within the frame."""
-    found = find_blobs(shown, look, least=LEAST_CONTRAST)
-    if not len(found.peak):
-        return found
-    usual_peak, usual_mass = np.median(found.peak), np.median(found.mass)
+    blobs = find_blobs(shown, look, least=LEAST_CONTRAST)
+    if not len(blobs.peak):
+        return blobs
+    usual_peak, usual_mass = np.median(blobs.peak), np.median(blobs.mass)
     similar = (
-        (found.peak > usual_peak / UNLIKE)
-        & (found.mass > usual_mass / UNLIKE)
-        & (found.mass < usual_mass * UNLIKE)
+        (blobs.peak > usual_peak / UNLIKE)
+        & (blobs.mass > usual_mass / UNLIKE)
+        & (blobs.mass < usual_mass * UNLIKE)
     )
-    found = found.of(similar & inside(found.centre_px, shown.shape, look.radius_px))
-    return found.of(_alone(found))
+    blobs = blobs.of(similar & inside(blobs.centre_px, shown.shape, look.radius_px))
+    return blobs.of(_alone(blobs))
 
 
 def inside(
@@ -215,16 +215,16 @@ def spacing_of(centre_px: Float[np.ndarray, "n 2"]) -> float:
     return float(np.median(np.asarray(cKDTree(centre_px).query(centre_px, k=[2])[0])))
 
 
-def _alone(found: Blobs) -> Bool[np.ndarray, " n"]:
+def _alone(blobs: Blobs) -> Bool[np.ndarray, " n"]:
     """Of blobs too near to one another the heaviest stays."""
-    keep = np.ones(len(found.mass), dtype=bool)
+    keep = np.ones(len(blobs.mass), dtype=bool)
     if len(keep) < 3:
         return keep
-    tree = cKDTree(found.centre_px)
-    second = np.asarray(tree.query(found.centre_px, k=[3])[0])[:, 0]
+    tree = cKDTree(blobs.centre_px)
+    second = np.asarray(tree.query(blobs.centre_px, k=[3])[0])[:, 0]
     for a, b in sorted(tree.query_pairs(NEAR * float(np.median(second)))):
         if keep[a] and keep[b]:
-            keep[a if found.mass[a] < found.mass[b] else b] = False
+            keep[a if blobs.mass[a] < blobs.mass[b] else b] = False
     return keep
 
 

@@ -66,8 +66,8 @@ def _steps(rest_px: Float[np.ndarray, "n 2"], spacing_px: float) -> Float[np.nda
     pairs = tree.query_pairs(LONG_EDGE * spacing_px, output_type="ndarray")
     offsets = rest_px[pairs[:, 1]] - rest_px[pairs[:, 0]]
     kinds = voted(np.concatenate([offsets, -offsets]), spacing_px, most=STEPS)
-    found = [step for step in kinds if _regular(tree, rest_px, step, spacing_px)]
-    return np.array([*found, *(-step for step in found)]).reshape(-1, 2)
+    steps = [step for step in kinds if _regular(tree, rest_px, step, spacing_px)]
+    return np.array([*steps, *(-step for step in steps)]).reshape(-1, 2)
 
 
 def _regular(

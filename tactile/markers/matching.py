@@ -83,7 +83,7 @@ class Match:
     margin: float = float("inf")
 
     @property
-    def found(self) -> Bool[np.ndarray, " n"]:
+    def matched(self) -> Bool[np.ndarray, " n"]:
         """Whether each marker has a blob."""
         return np.asarray(self.blob >= 0)
 
@@ -109,8 +109,10 @@ class _Sought:
     def displacement(self, blob: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
         """px; of a marker without a blob what its neighbours say."""
         known = blob >= 0
-        own = np.where(known[:, None], self.blobs_px[blob] - self.lattice.rest_px, 0.0)
-        return np.where(known[:, None], own, neighbours_say(self.lattice, own, known, of=~known))
+        displacement_px = np.where(known[:, None], self.blobs_px[blob] - self.lattice.rest_px, 0.0)
+        return np.where(
+            known[:, None], displacement_px, neighbours_say(self.lattice, displacement_px, known, of=~known)
+        )
 
     def missing(self, blob: Int[np.ndarray, " n"]) -> tuple[int, int, int]:
         """Markers without a blob that should be in view, blobs without a marker that should have been in view
@@ -169,7 +171,7 @@ def match(
     best = min(tried, key=_cost_of)
     if best.cost < SURE:
         return best
-    seeds = [_stayed(sought, one.blob, guess) for one, guess in zip(tried, guesses, strict=True)]
+    seeds = [_stayed(sought, trial.blob, guess) for trial, guess in zip(tried, guesses, strict=True)]
     tried += [_grown(sought, seed) for seed in seeds if (seed >= 0).sum() >= FEWEST_SEEDS]
     missing, spare, _ = sought.missing(best.blob)
     if missing >= 2 and spare >= 2:
@@ -181,8 +183,8 @@ def match(
     return _against_shifts(sought, best)
 
 
-def _cost_of(one: Match) -> float:
-    return one.cost
+def _cost_of(candidate: Match) -> float:
+    return candidate.cost
 
 
 def _against_shifts(sought: _Sought, best: Match) -> Match:
@@ -194,16 +196,16 @@ def _against_shifts(sought: _Sought, best: Match) -> Match:
         if not np.isfinite(next_best.cost):
             return replace(best, margin=0.0)
         if next_best is best:
-            others = [one.cost for one in shifted if _differs(best, one)]
+            others = [candidate.cost for candidate in shifted if _differs(best, candidate)]
             return replace(best, margin=min(others, default=np.inf) - best.cost)
         best = next_best
     return replace(best, margin=0.0)
 
 
-def _differs(one: Match, other: Match) -> bool:
+def _differs(candidate: Match, other: Match) -> bool:
     """Whether most of the markers that both have found have another blob."""
-    both = one.found & other.found
-    return bool(both.any() and (one.blob[both] != other.blob[both]).mean() > 0.5)
+    both = candidate.matched & other.matched
+    return bool(both.any() and (candidate.blob[both] != other.blob[both]).mean() > 0.5)
 
 
 def _stayed(
@@ -243,7 +245,7 @@ def _seams(sought: _Sought, best: Match) -> Bool[np.ndarray, " e"]:
     displacement = sought.blobs_px[best.blob] - sought.lattice.rest_px
     a, b = sought.lattice.edges.T
     apart = np.linalg.norm(displacement[a] - displacement[b], axis=1) > SEAM * sought.lattice.spacing_px
-    return np.asarray(apart & best.found[a] & best.found[b])
+    return np.asarray(apart & best.matched[a] & best.matched[b])
 
 
 def _regrown(sought: _Sought, best: Match) -> Iterator[Match]:
@@ -255,14 +257,14 @@ def _regrown(sought: _Sought, best: Match) -> Iterator[Match]:
     if not torn.any():
         return
     count = len(sought.lattice.rest_px)
-    a, b = sought.lattice.edges[~torn & best.found[sought.lattice.edges].all(axis=1)].T
+    a, b = sought.lattice.edges[~torn & best.matched[sought.lattice.edges].all(axis=1)].T
     links = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
     part = connected_components(links, directed=False)[1]
-    sizes = np.bincount(part[best.found], minlength=1)
+    sizes = np.bincount(part[best.matched], minlength=1)
     for seed in np.argsort(-sizes, kind="stable")[:SEEDS]:
         if sizes[seed] < FEWEST_SEEDS:
             return
-        yield _grown(sought, np.where((part == seed) & best.found, best.blob, -1))
+        yield _grown(sought, np.where((part == seed) & best.matched, best.blob, -1))
 
 
 def _grown(sought: _Sought, seed: Int[np.ndarray, " n"]) -> Match:
@@ -271,11 +273,11 @@ def _grown(sought: _Sought, seed: Int[np.ndarray, " n"]) -> Match:
     for _ in range(GROWTH_ROUNDS):
         known = blob >= 0
         ready = ~known & (known[lattice.nearest[:, :GROWTH_NEIGHBOURS]].sum(axis=1) >= 2)
-        found = _mutual(sought, lattice.rest_px + sought.displacement(blob))
-        grown = ready & (found >= 0) & ~np.isin(found, blob[known])
+        partner = _mutual(sought, lattice.rest_px + sought.displacement(blob))
+        grown = ready & (partner >= 0) & ~np.isin(partner, blob[known])
         if not grown.any():
             break
-        blob = np.where(grown, found, blob)
+        blob = np.where(grown, partner, blob)
     return sought.match(blob)
 
 
@@ -324,12 +326,12 @@ def _relabelled_frame(
     moved = np.where(known[:, None], after - lattice.rest_px, 0.0)
     moved = np.where(known[:, None], moved, neighbours_say(lattice, moved, known, of=~known))
     best = match(lattice, [moved, np.zeros_like(moved)], blobs_px)
-    return np.where(best.found[:, None], blobs_px[best.blob] if len(blobs_px) else np.nan, np.nan)
+    return np.where(best.matched[:, None], blobs_px[best.blob] if len(blobs_px) else np.nan, np.nan)
 
 
-def _differ(lattice: Lattice, one: Float[np.ndarray, "n 2"], two: Float[np.ndarray, "n 2"]) -> int:
+def _differ(lattice: Lattice, first_px: Float[np.ndarray, "n 2"], second_px: Float[np.ndarray, "n 2"]) -> int:
     """How many markers are elsewhere by more than half a spacing."""
-    apart = np.linalg.norm(one - two, axis=1)
+    apart = np.linalg.norm(first_px - second_px, axis=1)
     return int((np.nan_to_num(apart) > JUMP * lattice.spacing_px).sum())
 
 

@@ -56,11 +56,11 @@ def tracked_markers(
     count = len(view.pictures.numbers)
     rows: list[FrameMarkers] = []
     prints = PrintWatch(reference, pad.sensor, camera, count)
-    for t, found in enumerate(follow(reference, watch.over(view.pictures.frames()))):
-        rows.append(found)
+    for t, markers in enumerate(follow(reference, watch.over(view.pictures.frames()))):
+        rows.append(markers)
         if watch.latest is not None:
-            prints.look(t, watch.latest, found)
-        seen = float(np.isfinite(found.position_px[places.kept, 0]).mean())
+            prints.look(t, watch.latest, markers)
+        seen = float(np.isfinite(markers.position_px[places.kept, 0]).mean())
         if seen < FEWEST_SEEN:
             raise TactileFailure(
                 TactileProblem.MARKERS_LOST,

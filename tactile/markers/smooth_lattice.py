@@ -74,12 +74,12 @@ def lattice_places(lattice: Lattice) -> tuple[Float[np.ndarray, "n 2"], Bool[np.
     Grown from neighbour to neighbour with steps that follow the picture's distortion. No marker has a place
     where they are scattered.
     """
-    places, found = lattice.rest_px, np.zeros(len(lattice.rest_px), dtype=bool)
+    places, indexed = lattice.rest_px, np.zeros(len(lattice.rest_px), dtype=bool)
     tree = cKDTree(places)
     steps = _first_steps(lattice, tree)
     grid: Int[np.ndarray, "n 2"] = np.full((len(places), 2), UNINDEXED)
     if steps is None:
-        return np.zeros_like(places), found
+        return np.zeros_like(places), indexed
     lonely = tree.query_ball_point(places, (1 + REACH) * lattice.spacing_px, return_length=True) < 4
     aside = np.linalg.norm(places - np.median(places, axis=0), axis=1)
     seed = int(np.where(lonely, aside + np.ptp(places), aside).argmin())
@@ -99,8 +99,8 @@ def lattice_places(lattice: Lattice) -> tuple[Float[np.ndarray, "n 2"], Bool[np.
             now[axis] = (now[axis] + sign * (places[m] - places[k])) / 2
             here[int(m)] = now
             queue.append(int(m))
-    found = grid[:, 0] != UNINDEXED
-    return np.where(found[:, None], grid, 0).astype(np.float64), found
+    indexed = grid[:, 0] != UNINDEXED
+    return np.where(indexed[:, None], grid, 0).astype(np.float64), indexed
 
 
 def _first_steps(lattice: Lattice, tree: cKDTree) -> Float[np.ndarray, "2 2"] | None:
@@ -135,14 +135,14 @@ def fitted_lens(
 
     start = np.concatenate([affine.ravel(), np.zeros(PARAMETERS - 6)])
     unit = np.concatenate([np.tile([*(0.1 / scale), 0.1], 2), 0.01 / scale, [0.1, 0.01, 0.01]])
-    found = least_squares(misfit, start, loss="soft_l1", x_scale=unit)
-    off = np.abs(misfit(found.x))
+    fit = least_squares(misfit, start, loss="soft_l1", x_scale=unit)
+    off = np.abs(misfit(fit.x))
     weight = 1.0 / np.sqrt(1.0 + off**2)
     freedom = max(1.0, 2.0 * len(seen_px) - PARAMETERS)
     variance = float((weight * off**2).sum() / freedom)
-    slopes = np.asarray(found.jac, dtype=np.float64)
+    slopes = np.asarray(fit.jac, dtype=np.float64)
     normal = slopes.T @ slopes
-    return LensFit(found.x, variance * np.linalg.pinv(normal, hermitian=True), shape)
+    return LensFit(fit.x, variance * np.linalg.pinv(normal, hermitian=True), shape)
 
 
 def coherent_misfit_px(lattice: Lattice, off_px: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:

@@ -127,12 +127,12 @@ def follow(
     rest = reference.lattice.rest_px
     moved, speed = np.zeros_like(rest), np.zeros_like(rest)
     for frame in frames:
-        found = _markers_in(reference, frame, moved, speed)
-        known = np.isfinite(found.position_px[:, 0])
-        now = np.where(known[:, None], found.position_px - rest, 0.0)
+        markers = _markers_in(reference, frame, moved, speed)
+        known = np.isfinite(markers.position_px[:, 0])
+        now = np.where(known[:, None], markers.position_px - rest, 0.0)
         now = np.where(known[:, None], now, neighbours_say(reference.lattice, now, known, of=~known))
         moved, speed = now, now - moved
-        yield found
+        yield markers
 
 
 def track(
@@ -165,7 +165,7 @@ def _markers_in(
     best = match(lattice, guesses, blobs.centre_px)
     count = len(lattice.rest_px)
     position = np.full((count, 2), np.nan)
-    position[best.found] = blobs.centre_px[best.blob[best.found]]
+    position[best.matched] = blobs.centre_px[best.blob[best.matched]]
     _look_for_lost(reference, shown, position)
     _give_up_contradicted(lattice, position)
     return FrameMarkers(position, blobs.centre_px, best.certainty)

@@ -55,17 +55,17 @@ def prepare_frames(
     kept = np.flatnonzero(keep)
     part = slice(int(kept[0]), int(kept[-1]) + 1) if len(kept) else slice(0, 0)
     time, rows = time_s[part], rows[part]
-    found = runs(time)
-    if len(found) > 1:
-        begin = ", ".join(str(rows[one.start]) for one in found)
+    spans = runs(time)
+    if len(spans) > 1:
+        begin = ", ".join(str(rows[span.start]) for span in spans)
         raise NotPrepared(
-            f"{len(found)} recordings one behind the other (the time starts again in {words.row}s {begin})",
+            f"{len(spans)} recordings one behind the other (the time starts again in {words.row}s {begin})",
             "one recording in each file; divide it where the time starts again",
         )
     spoilt = np.zeros(len(time), dtype=bool)
     filled: dict[str, Values] = {}
     places = np.arange(len(time), dtype=float)
-    for name, values in [("time", time), *((name, one[part]) for name, one in columns.items())]:
+    for name, values in [("time", time), *((name, column[part]) for name, column in columns.items())]:
         off = wild_times(values) if name == "time" else wild(values)
         if force is not None and name != "time" and off.any():
             off &= ~of_specimen(off, values, force()[part], of_force=False)

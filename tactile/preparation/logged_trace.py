@@ -39,11 +39,11 @@ OVERLAP = 0.5
 
 
 class NotPrepared(Exception):
-    """A record that no step puts right: `found` and `expected` as a reader's sentence needs them."""
+    """A record that no step puts right: `fault` and `expected` as a reader's sentence needs them."""
 
-    def __init__(self, found: str, expected: str) -> None:
-        super().__init__(found, expected)
-        self.found, self.expected = found, expected
+    def __init__(self, fault: str, expected: str) -> None:
+        super().__init__(fault, expected)
+        self.fault, self.expected = fault, expected
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,8 +93,8 @@ def written_runs(logged: LoggedTrace) -> tuple[list[LoggedTrace], list[LoggerCor
     at = np.flatnonzero(keep)
     breaks = np.unique(np.searchsorted(at, np.array(logged.breaks, dtype=int))).tolist()
     left = logged.part(keep)
-    found = runs(left.time_s, [k for k in breaks if 0 < k < len(at)], of_topics=_topics(left))
-    parts = [left.part(one) for one in found]
+    spans = runs(left.time_s, [k for k in breaks if 0 < k < len(at)], of_topics=_topics(left))
+    parts = [left.part(span) for span in spans]
     for before, after in pairwise(parts):
         _refuse_disorder(before, after)
     return parts, notes
@@ -107,8 +107,8 @@ def _refuse_disorder(before: LoggedTrace, after: LoggedTrace) -> None:
     if len(after.rows) < FEWEST_IN_RUN or len(before.rows) < FEWEST_IN_RUN:
         raise NotPrepared(back, "increasing times; leave out the rows whose times are out of order")
     if _goes_on(before, after):
-        found = f"{back}, while {before.quantity} and force go on: the clock was set back"
-        raise NotPrepared(found, "one clock; add to the times behind it what it was set back by")
+        fault = f"{back}, while {before.quantity} and force go on: the clock was set back"
+        raise NotPrepared(fault, "one clock; add to the times behind it what it was set back by")
 
 
 def _goes_on(before: LoggedTrace, after: LoggedTrace) -> bool:
@@ -118,9 +118,9 @@ def _goes_on(before: LoggedTrace, after: LoggedTrace) -> bool:
     load = np.abs(before.force_N - np.nanmedian(before.force_N[:5]))
     if not load[-1] > 0.1 * np.nanmax(load):
         return False
-    for one, other in zip(before.columns.values(), after.columns.values(), strict=True):
-        steps = np.abs(np.diff(one))
-        if not abs(other[0] - one[-1]) <= 3 * np.nanpercentile(steps, 95):
+    for earlier, later in zip(before.columns.values(), after.columns.values(), strict=True):
+        steps = np.abs(np.diff(earlier))
+        if not abs(later[0] - earlier[-1]) <= 3 * np.nanpercentile(steps, 95):
             return False
     return True
 
@@ -139,7 +139,7 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
         order = np.argsort(logged.time_s, kind="stable")
         logged, leave = logged.part(order), leave[order]
     logged = logged.part(~leave)
-    spoilt: set[int] = {row for one in notes if one.fault is LoggerFault.WILD for row in one.rows}
+    spoilt: set[int] = {row for note in notes if note.fault is LoggerFault.WILD for row in note.rows}
     inside = reserved_inside(list(logged.columns.values())) if not _is_joined(logged) else None
     if inside is not None and inside.any():
         says = f"{words.count(int(inside.sum()))} inside the record repeat one value; drupe left out all."
@@ -148,13 +148,13 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
         )
         spoilt |= set(logged.rows[inside].tolist())
         logged = logged.part(~inside)
-    travel, force, found = _without_wild(words, logged)
-    notes += found
-    spoilt |= {row for one in found for row in one.rows}
+    travel, force, corrections = _without_wild(words, logged)
+    notes += corrections
+    spoilt |= {row for repair in corrections for row in repair.rows}
     logged = replace(logged, travel=travel, force_N=force)
-    logged, found = _on_readings(words, logged, known=spoilt)
-    notes += found
-    spoilt |= {row for one in found if one.fault is LoggerFault.MISSING for row in one.rows}
+    logged, corrections = _on_readings(words, logged, known=spoilt)
+    notes += corrections
+    spoilt |= {row for repair in corrections if repair.fault is LoggerFault.MISSING for row in repair.rows}
     if len(spoilt) > MOST_CORRECTED * total:
         share = f"{len(spoilt)} of {total} rows ({len(spoilt) / total:.1%})"
         raise NotPrepared(
@@ -166,13 +166,13 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
         k = int(stands[0])
         back = f"{logged.time_s[k + 1]:g} s in row {logged.rows[k + 1]} after {logged.time_s[k]:g} s"
         raise NotPrepared(back, "increasing times; export more decimals of the time, or leave out one row")
-    logged, found = _without_resets(words, logged)
-    return PreparedTrace(logged=logged, corrections=(*notes, *found))
+    logged, corrections = _without_resets(words, logged)
+    return PreparedTrace(logged=logged, corrections=(*notes, *corrections))
 
 
 def _topics(logged: LoggedTrace) -> list[Bool[np.ndarray, " t"]]:
     """Rows of each topic, where two are joined."""
-    return [np.isfinite(one) for one in logged.columns.values()] if _is_joined(logged) else []
+    return [np.isfinite(column) for column in logged.columns.values()] if _is_joined(logged) else []
 
 
 def _is_joined(logged: LoggedTrace) -> bool:
@@ -242,22 +242,25 @@ def _joined_note(logged: LoggedTrace) -> LoggerCorrection:
     for name, values in logged.columns.items():
         time = logged.time_s[np.isfinite(values)]
         ranges.append((name, len(time), float(time[0]), float(time[-1])))
-    (one, n, a, b), (other, m, c, d) = ranges
+    (first_topic, n, a, b), (second_topic, m, c, d) = ranges
     if min(b, d) - max(a, c) < OVERLAP * min(b - a, d - c):
-        found = f"two clocks: {one} from {a:.10g} to {b:.10g} s, {other} from {c:.10g} to {d:.10g} s"
-        raise NotPrepared(found, "both on one clock; export them again with one time for all topics")
+        fault = (
+            f"two clocks: {first_topic} from {a:.10g} to {b:.10g} s, "
+            f"{second_topic} from {c:.10g} to {d:.10g} s"
+        )
+        raise NotPrepared(fault, "both on one clock; export them again with one time for all topics")
     says = (
-        f"{one} ({n} readings, {n / (b - a):.3g} per second) and {other} ({m} readings, "
-        f"{m / (d - c):.3g} per second) are two topics in one table. drupe interpolated {one} at the "
-        f"times of {other}, where its readings determine it."
+        f"{first_topic} ({n} readings, {n / (b - a):.3g} per second) and {second_topic} ({m} readings, "
+        f"{m / (d - c):.3g} per second) are two topics in one table. drupe interpolated {first_topic} at the "
+        f"times of {second_topic}, where its readings determine it."
     )
-    return correction(LoggerFault.JOINED, one, logged.rows[:1], logged.travel[:1], says)
+    return correction(LoggerFault.JOINED, first_topic, logged.rows[:1], logged.travel[:1], says)
 
 
 def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
     """Both parts of each reset on the scale of the first."""
     try:
-        found = resets(logged.time_s, logged.travel, logged.force_N)
+        zero_resets = resets(logged.time_s, logged.travel, logged.force_N)
     except Ambiguous as cause:
         shown = (
             "no frames in air follow"
@@ -274,17 +277,17 @@ def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, lis
         )
         raise NotPrepared(said, wanted) from None
     travel, force, notes = logged.travel.copy(), logged.force_N.copy(), []
-    for one in found:
-        values, name = (force, "force") if one.quantity == "force" else (travel, logged.quantity)
-        values[one.row :] -= one.step
-        row, step = int(logged.rows[one.row]), np.array([one.step])
+    for reset in zero_resets:
+        values, name = (force, "force") if reset.quantity == "force" else (travel, logged.quantity)
+        values[reset.row :] -= reset.step
+        row, step = int(logged.rows[reset.row]), np.array([reset.step])
         what = (
             "the load cell was zeroed under load"
             if name == "force"
             else f"the display of the {name} was zeroed"
         )
         says = (
-            f"{what} at {words.row} {row} ({words.value(name, one.step)} in one {words.row}, while "
+            f"{what} at {words.row} {row} ({words.value(name, reset.step)} in one {words.row}, while "
             "the other quantity continues); drupe removed the step, on the scale of the rows before "
             "it."
         )

@@ -89,13 +89,13 @@ def spoilt_said(words: Words, corrections: Sequence[LoggerCorrection]) -> str:
     """Wild and missing values with their rows, as part of a sentence.
 
     >>> wild = LoggerFault.WILD
-    >>> one = LoggerCorrection(fault=wild, quantity="force", rows=(42,), values=(-196.13,), says="")
-    >>> spoilt_said(Words(), [one])
+    >>> spike = LoggerCorrection(fault=wild, quantity="force", rows=(42,), values=(-196.13,), says="")
+    >>> spoilt_said(Words(), [spike])
     'wild force: row 42 (-196.13 N)'
     """
-    spoilt = [one for one in corrections if one.fault in (LoggerFault.WILD, LoggerFault.MISSING)]
+    spoilt = [repair for repair in corrections if repair.fault in (LoggerFault.WILD, LoggerFault.MISSING)]
     return "; ".join(
-        f"{one.fault} {one.quantity or 'cells'}: "
-        + listed(words, one.quantity, one.rows, np.array(one.values))
-        for one in spoilt
+        f"{repair.fault} {repair.quantity or 'cells'}: "
+        + listed(words, repair.quantity, repair.rows, np.array(repair.values))
+        for repair in spoilt
     )

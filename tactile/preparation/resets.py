@@ -69,12 +69,16 @@ def resets(time_s: Values, travel: Values, force_N: Values) -> list[Reset]:
     size = np.abs(travel[of_travel + 1] - travel[of_travel])
     usual = np.median(size) if len(size) > MOST_RESETS else 0.0
     alone = np.setdiff1d(of_travel[size > UNUSUAL * usual], of_force)
-    found = _of_travel(time_s, travel, force_N, alone)
+    travel_resets = _of_travel(time_s, travel, force_N, alone)
     scaled = travel.copy()
-    for one in found:
-        scaled[one.row :] -= one.step
+    for reset in travel_resets:
+        scaled[reset.row :] -= reset.step
     steps = np.setdiff1d(of_force, of_travel)
-    return [*found, *_of_force(time_s, scaled, force_N, steps)] if 0 < len(steps) <= MOST else found
+    return (
+        [*travel_resets, *_of_force(time_s, scaled, force_N, steps)]
+        if 0 < len(steps) <= MOST
+        else travel_resets
+    )
 
 
 def impulses(time_s: Values, values: Values) -> Int[np.ndarray, " k"]:
@@ -87,8 +91,8 @@ def impulses(time_s: Values, values: Values) -> Int[np.ndarray, " k"]:
     usual = float(np.median(step))
     per_row = _beyond(np.diff(values), np.ones(len(step)), noise_sd(values))
     per_time = _beyond(np.diff(values), np.maximum(step / usual, 0.2), noise_sd(values))
-    found = np.flatnonzero(per_row & per_time)
-    return found[(found >= 2) & (found <= len(step) - 3)]
+    peaks = np.flatnonzero(per_row & per_time)
+    return peaks[(peaks >= 2) & (peaks <= len(step) - 3)]
 
 
 def _beyond(
@@ -152,15 +156,15 @@ def _of_travel(time_s: Values, travel: Values, force_N: Values, steps: Int[np.nd
     air, sd = air_levels(travel, force_N), noise_sd(force_N)
     forward = direction(travel, air.touch)
     level = air.before_N if air.before_N is not None else float(np.median(force_N[:NEIGHBOURS]))
-    found = []
+    travel_resets = []
     for k in steps.tolist():
         step = _step_of(time_s, travel, k)
         near = force_N[max(k - 2, 0) : k + 4] - level
         in_air = bool((np.abs(near) < CLEAR * sd).all())
         presses = forward * step > 0
         if (presses != (k < air.touch)) if in_air else _felt(travel, force_N, k, step, sd):
-            found.append(Reset(quantity="travel", row=k + 1, step=step))
-    return found
+            travel_resets.append(Reset(quantity="travel", row=k + 1, step=step))
+    return travel_resets
 
 
 def _felt(travel: Values, force_N: Values, k: int, step: float, sd: float) -> bool:
@@ -222,8 +226,8 @@ def _zeroed(
             zeroed.append(False)
             continue
         fits = [np.polyfit(travel[side] - travel[k], force_N[side], 1) for side in sides]
-        slopes = [float(one[0]) for one in fits]
-        errors = [sd * np.sqrt(12 / LOCAL) / one for one in moved]
+        slopes = [float(fit[0]) for fit in fits]
+        errors = [sd * np.sqrt(12 / LOCAL) / span for span in moved]
         same = abs(slopes[1] - slopes[0]) <= SAME_SLOPE * abs(slopes[0]) + 3 * float(np.hypot(*errors))
         moves = abs(slopes[0]) > 5 * errors[0]
         zeroed.append(bool(same and moves and abs(force_N[k + 1]) <= 4 * sd))

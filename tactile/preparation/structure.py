@@ -46,7 +46,7 @@ def reserved_ends(time_s: Values, columns: Sequence[Values]) -> tuple[int, int]:
     place, which stands still at times, and the others are noisy.
     """
     start = _at_start(time_s, columns)
-    turned = [one[start:][::-1] for one in columns]
+    turned = [column[start:][::-1] for column in columns]
     return start, _at_start(-time_s[start:][::-1], turned)
 
 
@@ -54,18 +54,18 @@ def reserved_inside(columns: Sequence[Values]) -> Bool[np.ndarray, " t"]:
     """Rows inside the record in blocks of one fill value, at both ends of which every quantity jumps."""
     rows = len(columns[0])
     inside = np.zeros(rows, dtype=bool)
-    same = np.all([_same(one[1:], one[:-1]) for one in columns], axis=0)
+    same = np.all([_same(column[1:], column[:-1]) for column in columns], axis=0)
     edges = np.flatnonzero(np.r_[True, ~same, True])
-    limits = [JUMP * _large_step(one) for one in columns]
+    limits = [JUMP * _large_step(column) for column in columns]
     for k in np.flatnonzero(np.diff(edges) > LONGEST_WILD).tolist():
         first, end = edges[k], edges[k + 1]
         if first > 0 and end < rows:
             jumps = [
-                min(abs(one[first] - one[first - 1]), abs(one[end] - one[end - 1])) > limit
-                for one, limit in zip(columns, limits, strict=True)
+                min(abs(column[first] - column[first - 1]), abs(column[end] - column[end - 1])) > limit
+                for column, limit in zip(columns, limits, strict=True)
             ]
-            rest = [np.delete(one, np.s_[first:end]) for one in columns]
-            inside[first:end] = all(jumps) and _is_fill([one[first] for one in columns], rest)
+            rest = [np.delete(column, np.s_[first:end]) for column in columns]
+            inside[first:end] = all(jumps) and _is_fill([column[first] for column in columns], rest)
     return inside
 
 
@@ -73,7 +73,7 @@ def _at_start(time_s: Values, columns: Sequence[Values]) -> int:
     """Rows in the blocks at the start that were never written; 0 where they were measured."""
     done, rows = 0, len(time_s)
     while done < rows - 1:
-        each = [one[done:] for one in columns]
+        each = [column[done:] for column in columns]
         length = _block(each)
         if length == rows - done or not _never_written(time_s[done:], each, length):
             break
@@ -83,30 +83,32 @@ def _at_start(time_s: Values, columns: Sequence[Values]) -> int:
 
 def _block(columns: Sequence[Values]) -> int:
     """How many rows at the start hold one value of each quantity."""
-    differs = np.any([~_same(one, one[0]) for one in columns], axis=0)
+    differs = np.any([~_same(column, column[0]) for column in columns], axis=0)
     return int(np.argmax(differs)) if differs.any() else len(differs)
 
 
 def _never_written(time_s: Values, columns: Sequence[Values], length: int) -> bool:
     """Whether the first `length` rows, all of one value, were not measured."""
-    nothing = [bool(np.isnan(one[0])) for one in (time_s, *columns)]
-    rest = [one[length:] for one in columns]
+    nothing = [bool(np.isnan(column[0])) for column in (time_s, *columns)]
+    rest = [column[length:] for column in columns]
     if nothing[0] or all(nothing[1:]):
         return True
-    fill = _is_fill([one[0] for one in columns], rest)
+    fill = _is_fill([column[0] for column in columns], rest)
     stands = length > 1 and not (np.diff(time_s[:length]) != 0).any()
     back = time_s[length] < time_s[length - 1]
     if stands or (back and (length > 1 or fill)):
         return True
     if any(nothing):
-        return length == 1 and bool(np.isfinite([one[0] for one in rest]).all())
+        return length == 1 and bool(np.isfinite([column[0] for column in rest]).all())
     alone = len(columns) == 1 and columns[0][0] > 0  # a place may stand and then jump: a machine's approach
     if alone or not fill or len(rest[0]) < FEWEST:
         return False
-    jumps = _jumps([one[0] for one in columns], rest)
-    if (all(jumps) or (any(jumps) and length > 1)) and not _was_measured([one[0] for one in columns], rest):
+    jumps = _jumps([column[0] for column in columns], rest)
+    if (all(jumps) or (any(jumps) and length > 1)) and not _was_measured(
+        [column[0] for column in columns], rest
+    ):
         return True
-    noisy = [_is_noise_about(one[0], after) for one, after in zip(columns[1:], rest[1:], strict=True)]
+    noisy = [_is_noise_about(column[0], after) for column, after in zip(columns[1:], rest[1:], strict=True)]
     return length >= LONG and any(noisy)
 
 
@@ -139,7 +141,7 @@ def _was_measured(held: Sequence[float], rest: Sequence[Float[np.ndarray, " r"]]
     known = np.isfinite(place) & np.isfinite(force) & ~wild(place) & ~wild(force) & ~reserved_inside(rest)
     other = _block([place[::-1], force[::-1]])
     if (place[-1], force[-1]) == tuple(held) and other < len(place):  # the same block at the other end
-        inner = [one[: len(one) - other][::-1] for one in rest]
+        inner = [column[: len(column) - other][::-1] for column in rest]
         if any(_jumps(held, inner)):
             known[len(known) - other :] = False
     place, force = place[known], force[known]
@@ -170,8 +172,8 @@ def _large_step(values: Values) -> float:
     return float(np.percentile(steps, LARGE)) if len(steps) else 0.0
 
 
-def _same(one: Values, other: Values | float) -> Bool[np.ndarray, " t"]:
-    return np.asarray((one == other) | (np.isnan(one) & np.isnan(other)))
+def _same(column: Values, other: Values | float) -> Bool[np.ndarray, " t"]:
+    return np.asarray((column == other) | (np.isnan(column) & np.isnan(other)))
 
 
 def written(
@@ -222,10 +224,10 @@ def runs(
     """
     starts = np.union1d(run_starts(time_s), np.array(breaks, dtype=int))
     ends = np.r_[starts[1:], len(time_s)]
-    found = [slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True) if b > a]
+    spans = [slice(int(a), int(b)) for a, b in zip(starts, ends, strict=True) if b > a]
     if of_topics and all(len(run_starts(time_s[topic])) == 1 for topic in of_topics):
         return [slice(0, len(time_s))]
-    return found
+    return spans
 
 
 def wild_or_repeated_times(
@@ -245,7 +247,9 @@ def wild_or_repeated_times(
         notes.append(wild_note(words, "time", rows[off], time_s[off]))
     twice = np.zeros(len(time_s), dtype=bool)
     same = [np.diff(time_s) == 0]
-    same += [(np.diff(one) == 0) | (np.isnan(one[1:]) & np.isnan(one[:-1])) for one in columns.values()]
+    same += [
+        (np.diff(column) == 0) | (np.isnan(column[1:]) & np.isnan(column[:-1])) for column in columns.values()
+    ]
     twice[1:] = np.all(same, axis=0)
     if twice.any():
         at, times = rows[twice], time_s[twice]

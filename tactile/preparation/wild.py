@@ -40,16 +40,16 @@ def wild(values: Values) -> Bool[np.ndarray, " t"]:
     ABOVE_NOISE and ABOVE_STEPS, both edges are sharp, and the record goes on where it was (RETURNS). A
     rupture, a release or a reset does not come back; a tooth of a serrated curve has one steep side alone.
     """
-    found = np.zeros(len(values), dtype=bool)
+    outlier = np.zeros(len(values), dtype=bool)
     for _ in range(ROUNDS):
-        at = np.flatnonzero(np.isfinite(values) & ~found)
+        at = np.flatnonzero(np.isfinite(values) & ~outlier)
         if len(at) < FEWEST:
             break
         off = _off_course(values[at])
         if not off.any():
             break
-        found[at[off]] = True
-    return found
+        outlier[at[off]] = True
+    return outlier
 
 
 def of_specimen(
@@ -133,10 +133,10 @@ def _off_course(values: Values) -> Bool[np.ndarray, " t"]:
 
 def wild_times(time_s: Values) -> Bool[np.ndarray, " t"]:
     """Which times are off the increasing course of the rows on both sides; NaN is none."""
-    found = np.zeros(len(time_s), dtype=bool)
+    outlier = np.zeros(len(time_s), dtype=bool)
     at = np.flatnonzero(np.isfinite(time_s))
     if len(at) < FEWEST:
-        return found
+        return outlier
     time = time_s[at]
     for k in np.flatnonzero(np.diff(time) < 0):
         high = next((j for j in range(1, LONGEST + 1) if k - j >= 0 and time[k + 1] > time[k - j]), 0)
@@ -144,17 +144,17 @@ def wild_times(time_s: Values) -> Bool[np.ndarray, " t"]:
             (j for j in range(1, LONGEST + 1) if k + j + 1 < len(time) and time[k + j + 1] > time[k]), 0
         )
         if high:
-            found[at[k - high + 1 : k + 1]] = True
+            outlier[at[k - high + 1 : k + 1]] = True
         elif low:
-            found[at[k + 1 : k + low + 1]] = True
+            outlier[at[k + 1 : k + low + 1]] = True
     for j in range(1, LONGEST + 1):
         for ends, gap, rest in (
             (at[:j], time[j] - time[j - 1], time[j:]),
             (at[-j:], time[-j] - time[-j - 1], time[:-j]),
         ):
             if np.abs(gap) > FAR_OUT * max(float(np.ptp(rest)), 1e-300) and (np.diff(rest) >= 0).mean() > 0.5:
-                found[ends] = True
-    return found
+                outlier[ends] = True
+    return outlier
 
 
 def run_starts(time_s: Values) -> Int[np.ndarray, " k"]:

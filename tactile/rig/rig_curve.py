@@ -120,7 +120,7 @@ def _touched(force: Float[np.ndarray, " t"]) -> int:
     return int(below[-1]) if len(below) else 0
 
 
-def _refused(source: str, found: str, expected: str) -> TactileFailure:
+def _refused(source: str, fault: str, expected: str) -> TactileFailure:
     return TactileFailure(
-        TactileProblem.UNREADABLE_RECORDING, f"{source}: found {found}, expected {expected}."
+        TactileProblem.UNREADABLE_RECORDING, f"{source}: found {fault}, expected {expected}."
     )

@@ -46,8 +46,8 @@ class FittedRig:
     held: float
 
 
-def fit_rig(squeezes: Sequence[RigidPress], *, own: bool = True) -> FittedRig:
-    """The travel that is the rig's, over the force; of what the gels do not give where `own` is false.
+def fit_rig(squeezes: Sequence[RigidPress], *, with_gels: bool = True) -> FittedRig:
+    """The travel that is the rig's, over the force; of what the gels do not give where `with_gels` is false.
 
     travel_i = onset_i + s_i sum_k c_k phi_k(F) with c_k >= 0 and phi = F, F^(2/3) and min(F, f_k): every sum
     of these grows with the force and stiffens, and a spring in series with Hertz's contact is one exactly.
@@ -58,9 +58,9 @@ def fit_rig(squeezes: Sequence[RigidPress], *, own: bool = True) -> FittedRig:
     squeezes' largest forces, and is that of the way in; half of the distance to the way out is part of its
     spread. Raises TactileFailure (unreadable-frames) where the readings do not resolve it.
     """
-    force = [one.force_N for one in squeezes]
-    travel = [one.travel_mm - (0.0 if own else 1.0) * one.part_mm for one in squeezes]
-    largest = min(one.largest_N for one in squeezes)
+    force = [squeeze.force_N for squeeze in squeezes]
+    travel = [squeeze.travel_mm - (0.0 if with_gels else 1.0) * squeeze.part_mm for squeeze in squeezes]
+    largest = min(squeeze.largest_N for squeeze in squeezes)
     inside = [f <= largest * (1 + 1e-9) for f in force]
     force = [f[k] for f, k in zip(force, inside, strict=True)]
     travel = [t[k] for t, k in zip(travel, inside, strict=True)]
@@ -82,7 +82,7 @@ def fit_rig(squeezes: Sequence[RigidPress], *, own: bool = True) -> FittedRig:
     n = len(squeezes)
     few = float(stdtrit(max(n, 2), 0.95) / ndtri(0.95))
     spread = few * float(np.sqrt((USUAL_SCALE_SD**2 + ((scales - 1) ** 2).sum()) / n * (1 + 1 / n)))
-    back = np.zeros(KNOTS) if not own else _hysteresis(squeezes, give, scales, onsets, knots)
+    back = np.zeros(KNOTS) if not with_gels else _hysteresis(squeezes, give, scales, onsets, knots)
     scatter = readings * float(np.sqrt(active / len(residual)))
     sd = np.sqrt(
         (spread * give(knots)) ** 2 + back**2 + (scatter * np.minimum(knots / knots[-1] * 4, 1)) ** 2
@@ -95,7 +95,7 @@ def fit_rig(squeezes: Sequence[RigidPress], *, own: bool = True) -> FittedRig:
         scatter_mm=scatter,
         readings_mm=readings,
         squeezes=n,
-        held=min(one.held for one in squeezes),
+        held=min(squeeze.held for squeeze in squeezes),
     )
 
 
@@ -179,14 +179,14 @@ def _hysteresis(
     knots: Float[np.ndarray, " k"],
 ) -> Float[np.ndarray, " k"]:
     """Half of what the travel on the way out is beyond that on the way in, at the knots; 0 where unknown."""
-    found: list[tuple[float, float]] = []
-    for one, s, o in zip(squeezes, scales, onsets, strict=True):
-        there = (one.back_force_N > 0) & (one.back_force_N <= knots[-1])
-        gap = one.back_travel_mm[there] - o - s * give(one.back_force_N[there])
-        found += zip(one.back_force_N[there].tolist(), (0.5 * gap).tolist(), strict=True)
-    if len(found) < 3:
+    half_gaps: list[tuple[float, float]] = []
+    for squeeze, s, o in zip(squeezes, scales, onsets, strict=True):
+        there = (squeeze.back_force_N > 0) & (squeeze.back_force_N <= knots[-1])
+        gap = squeeze.back_travel_mm[there] - o - s * give(squeeze.back_force_N[there])
+        half_gaps += zip(squeeze.back_force_N[there].tolist(), (0.5 * gap).tolist(), strict=True)
+    if len(half_gaps) < 3:
         return np.zeros(len(knots))
-    force, gap = np.array(sorted(found)).T
+    force, gap = np.array(sorted(half_gaps)).T
     parts = np.array_split(np.arange(len(force)), min(8, len(force) // 2 or 1))
     at = np.array([float(np.median(force[k])) for k in parts])
     middle = np.array([float(np.median(gap[k])) for k in parts])

@@ -96,8 +96,8 @@ def rigid_squeezes(
     pushed = force_N - float(np.median(force_N[:UNLOADED_FRAMES]))
     largest = float(pushed.max(initial=0.0))
     if not largest > LEAST_OVER_NOISE * noise:
-        found = f"a largest force of {largest:.3g} N in noise of {noise:.2g} N"
-        raise _no_squeeze(source, found, f"{LEAST_OVER_NOISE:.0f} times the noise", "squeeze harder")
+        fault = f"a largest force of {largest:.3g} N in noise of {noise:.2g} N"
+        raise _no_squeeze(source, fault, f"{LEAST_OVER_NOISE:.0f} times the noise", "squeeze harder")
     touched = pushed > max(TOUCHED * noise, TOUCHED_SHARE * largest)
     part = np.zeros(len(force_N)) if part_mm is None else part_mm
     return tuple(
@@ -213,9 +213,9 @@ def _require_stiffening(force: Float[np.ndarray, " t"], travel: Float[np.ndarray
         slopes.append((slope, scatter / float(x @ x)))
     (low, low_var), (high, high_var) = slopes
     if high > SOFTENS * low + 3 * float(np.sqrt(high_var + low_var)):
-        found = f"{high:.3g} mm/N over the upper half of the force and {low:.3g} mm/N over the lower"
+        fault = f"{high:.3g} mm/N over the upper half of the force and {low:.3g} mm/N over the lower"
         raise _no_squeeze(
-            source, found, "a travel that grows no faster at higher force", "squeeze what does not yield"
+            source, fault, "a travel that grows no faster at higher force", "squeeze what does not yield"
         )
 
 
@@ -236,10 +236,10 @@ def _episodes(touched: Bool[np.ndarray, " t"]) -> list[slice]:
     return [slice(int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
 
 
-def _no_squeeze(source: str, found: str, expected: str, advice: str) -> TactileFailure:
+def _no_squeeze(source: str, fault: str, expected: str, advice: str) -> TactileFailure:
     return TactileFailure(
         TactileProblem.UNREADABLE_FRAMES,
-        f"{source}: no squeeze of a rigid object: found {found}, expected {expected}; {advice}.",
+        f"{source}: no squeeze of a rigid object: found {fault}, expected {expected}; {advice}.",
     )
 
 
@@ -254,16 +254,16 @@ def gel_give_mm(pad: GelPad, *, shape: Literal["ball", "block"], size_mm: float)
     position = pad.rest_mm + pad.displacement_mm
     pressed = -pad.displacement_mm[:, :, 2]
     height = -position[:, :, 2]
-    found = np.zeros(len(pressed))
+    give_mm = np.zeros(len(pressed))
     for t in np.flatnonzero(pressed.max(axis=1) > 0):
         under = pressed[t] > UNDER * pressed[t].max()
         if shape == "block":
-            found[t] = float(height[t, under].mean())
+            give_mm[t] = float(height[t, under].mean())
         elif under.sum() < FEWEST_UNDER:
-            found[t] = float(height[t, under].max())
+            give_mm[t] = float(height[t, under].max())
         else:
-            found[t] = _apex_mm(position[t, under, :2], height[t, under], radius_mm=size_mm / 2)
-    return found
+            give_mm[t] = _apex_mm(position[t, under, :2], height[t, under], radius_mm=size_mm / 2)
+    return give_mm
 
 
 def _apex_mm(places: Float[np.ndarray, "n 2"], depth: Float[np.ndarray, " n"], *, radius_mm: float) -> float:

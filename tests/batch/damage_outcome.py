@@ -65,8 +65,10 @@ def outcome(command: str, root: Path, path: str = "") -> tuple[list[str], str]:
             return [], _colours(read_photo(root / path))
         if command == "photos":
             place = (root / path).parent
-            said, photos = unused_photos(place), [read_photo(one) for one in photo_paths(place)]
-            return said, "" if said else _digest([(one.image.shape, one.image.tobytes()) for one in photos])
+            said, photos = unused_photos(place), [read_photo(photo_path) for photo_path in photo_paths(place)]
+            return said, "" if said else _digest(
+                [(photo.image.shape, photo.image.tobytes()) for photo in photos]
+            )
         if command == "case":
             case = open_case(root / "case", fruit_id=None, work=root / "work", out=None)
             held = [*case.notes, repr(case.task.settings), repr(case.mesh_sd_mm), repr(case.stated)]
@@ -95,9 +97,14 @@ def _first_columns(source: Path) -> TraceWords:
 
 
 def _digest_of_batch(batch: Path) -> str:
-    found = survey(batch)
-    held: list[object] = [found.settings, found.rows, found.prior, found.mat and found.mat.corners_mm]
-    first, second = found.folder.fruit("A"), found.folder.fruit("B")
+    batch_survey = survey(batch)
+    held: list[object] = [
+        batch_survey.settings,
+        batch_survey.rows,
+        batch_survey.prior,
+        batch_survey.mat and batch_survey.mat.corners_mm,
+    ]
+    first, second = batch_survey.folder.fruit("A"), batch_survey.folder.fruit("B")
     held += [_surface(read_mesh(path)) for path in (first.fruit_ply, first.pit_ply)]
     held += [replace(read_recording(path), notes=()) for path in first.grasp_files()]
     raw = read_raw_grasp(second.grasps / "raw")
@@ -156,14 +163,14 @@ def run(broken: Broken, sound: Path, digest: dict[str, str]) -> tuple[str, str, 
         return "FAILED", said, cpu_s, memory_MB
     if memory_MB > MOST_MEMORY_MB:
         return "FAILED", f"{memory_MB:.0f} MB of memory", cpu_s, memory_MB
-    lines, found = said
+    lines, digest_read = said
     if broken.command == "photo" and not lines:
-        verdict = "same" if re.match(broken.expects, found) else "FAILED"
-        return verdict, f"read as {found}", cpu_s, memory_MB
+        verdict = "same" if re.match(broken.expects, digest_read) else "FAILED"
+        return verdict, f"read as {digest_read}", cpu_s, memory_MB
     text = " | ".join(lines).replace(f"{root}/", "")
     if not lines and broken.expects in ("", "same"):
         kind = broken.command if broken.command != "convert" else broken.path.partition("/AD2")[0]
-        verdict = "same" if found == digest.get(kind) else "other"
+        verdict = "same" if digest_read == digest.get(kind) else "other"
         return ("FAILED" if verdict != (broken.expects or verdict) else verdict), "", cpu_s, memory_MB
     if broken.expects == "same":
         return "FAILED", f"expected the sound input's numbers, got {text!r}", cpu_s, memory_MB
@@ -189,8 +196,8 @@ def _in_a_child(command: str, root: Path, path: str) -> tuple[tuple[list[str], s
         for handle in (0, 1, 2):
             os.dup2(quiet, handle)
         resource.setrlimit(resource.RLIMIT_CPU, (MOST_CPU_S, MOST_CPU_S))
-        own = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
-        most = own + 4 * MOST_MEMORY_MB * 2**20
+        held_bytes = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+        most = held_bytes + 4 * MOST_MEMORY_MB * 2**20
         resource.setrlimit(resource.RLIMIT_AS, (most, most))
         try:
             answer = json.dumps(outcome(command, root, path))

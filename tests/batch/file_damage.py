@@ -130,10 +130,10 @@ def number_changed(which: int, new: str | float) -> Change:
 
     def change(path: Path, _: np.random.Generator) -> None:
         text = path.read_text()
-        found = list(re.finditer(r"(?<![\w.\"-])-?\d+(\.\d+)?(?![\w.-])", text))
-        one = found[which % len(found)]
-        said = new if isinstance(new, str) else f"{float(one[0]) * new:g}"
-        put(path, (text[: one.start()] + said + text[one.end() :]).encode())
+        numbers = list(re.finditer(r"(?<![\w.\"-])-?\d+(\.\d+)?(?![\w.-])", text))
+        number = numbers[which % len(numbers)]
+        said = new if isinstance(new, str) else f"{float(number[0]) * new:g}"
+        put(path, (text[: number.start()] + said + text[number.end() :]).encode())
 
     return change
 

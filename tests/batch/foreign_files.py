@@ -211,9 +211,9 @@ def _compressed(path: Path, _: np.random.Generator) -> None:
 
 def _reversed(file: h5py.File, names: tuple[str, ...] = ()) -> None:
     """The datasets as MATLAB writes them: dimensions reversed, vectors as one row."""
-    found: list[str] = []
-    file.visititems(lambda name, one: found.append(name) if isinstance(one, h5py.Dataset) else None)
-    for name in names or found:
+    datasets: list[str] = []
+    file.visititems(lambda name, node: datasets.append(name) if isinstance(node, h5py.Dataset) else None)
+    for name in names or datasets:
         values = file[name][()]
         del file[name]
         file[name] = values.T if values.ndim > 1 else values[None]

@@ -147,8 +147,8 @@ def glued_pads(name: str, *, rng: np.random.Generator) -> Recording:
         pose[:, :3, :3] = _into(axis, way)
         pose[:, :3, 3] = -way * centre
         pose[:, axis, 3] += way * travel
-        own = share[:, None, None] * marker_N
-        felt.append(Felt(pad, pose, rest, _after_air(np.zeros_like(own)), _after_air(own)))
+        force_N = share[:, None, None] * marker_N
+        felt.append(Felt(pad, pose, rest, _after_air(np.zeros_like(force_N)), _after_air(force_N)))
     press = len(pads) == 1
     return _recording(
         "press" if press else "grasp", travel if press else 2 * (abs(centre[axis]) - travel), felt, rng

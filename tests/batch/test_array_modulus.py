@@ -29,7 +29,7 @@ def graded(tmp_path_factory):
 
 def test_arrays_give_the_modulus_that_grading_gives(graded):
     (fruit,) = (graded / "fruits").iterdir()
-    found = modulus(
+    measured = modulus(
         read_mesh(fruit / "fruit.ply"),
         [read_recording(fruit / "grasps" / "grasp-1.h5")],
         pit="prior",
@@ -39,27 +39,27 @@ def test_arrays_give_the_modulus_that_grading_gives(graded):
     )
     record = read(graded / "results").record(fruit.name)
     held = record["modulus"]
-    assert found.E_MPa == pytest.approx(held["E_MPa"], rel=1e-9)
-    assert found.E_sd_MPa == pytest.approx(held["E_sd_MPa"], rel=1e-9)
-    assert found.parts_sd_MPa == pytest.approx(held["parts_sd_MPa"])
-    assert [text.replace("recording-1", "grasp-1") for text in found.warnings] == record["warnings"]
-    assert found.recordings["E_MPa"].tolist() == pytest.approx([record["grasps"][0]["E_MPa"]])
-    low, high = found.interval_90_MPa
-    assert low < found.E_MPa < high
-    assert {one.name for one in found.residuals} == {"recording-1, left", "recording-1, right"}
-    assert all(one.place_mm.shape == (len(one.residual_mm), 3) for one in found.residuals)
+    assert measured.E_MPa == pytest.approx(held["E_MPa"], rel=1e-9)
+    assert measured.E_sd_MPa == pytest.approx(held["E_sd_MPa"], rel=1e-9)
+    assert measured.parts_sd_MPa == pytest.approx(held["parts_sd_MPa"])
+    assert [text.replace("recording-1", "grasp-1") for text in measured.warnings] == record["warnings"]
+    assert measured.recordings["E_MPa"].tolist() == pytest.approx([record["grasps"][0]["E_MPa"]])
+    low, high = measured.interval_90_MPa
+    assert low < measured.E_MPa < high
+    assert {residual.name for residual in measured.residuals} == {"recording-1, left", "recording-1, right"}
+    assert all(residual.place_mm.shape == (len(residual.residual_mm), 3) for residual in measured.residuals)
 
 
 def test_the_table_is_that_of_the_results_with_types_and_provenance(graded):
-    found = read(graded / "results")
+    batch = read(graded / "results")
     row = json.loads((graded / "results" / "ranking.json").read_text())[0]
-    assert found.ranking.loc[0, "E_MPa"] == row["E_MPa"]
-    kinds = {name: str(found.ranking.dtypes[name]) for name in ("rank", "E_MPa", "reason", "reference")}
+    assert batch.ranking.loc[0, "E_MPa"] == row["E_MPa"]
+    kinds = {name: str(batch.ranking.dtypes[name]) for name in ("rank", "E_MPa", "reason", "reference")}
     assert kinds == {"rank": "Int64", "E_MPa": "Float64", "reason": "string", "reference": "bool"}
-    fruit_id = found.ranking.loc[0, "fruit_id"]
-    assert found.provenance["inputs"][f"fruits/{fruit_id}/fruit.ply"]
+    fruit_id = batch.ranking.loc[0, "fruit_id"]
+    assert batch.provenance["inputs"][f"fruits/{fruit_id}/fruit.ply"]
     with pytest.raises(DrupeError, match='fruit_id: found "X", expected a fruit of the batch'):
-        found.record("X")
+        batch.record("X")
 
 
 def test_grading_a_graded_batch_from_python_gives_the_same_table(graded):

@@ -17,7 +17,7 @@ from field_mistakes import E_range_MPa  # noqa: E402
 
 def named_by(kind, how="named", **more):
     answer = Answer(kind=kind, sentence="in whatever words", **more)
-    return {one.name for one in MISTAKES if naming(answer, one) == how}
+    return {mistake.name for mistake in MISTAKES if naming(answer, mistake) == how}
 
 
 @pytest.mark.parametrize(
@@ -50,7 +50,7 @@ def test_a_field_is_named_by_itself_and_not_by_the_other():
 
 
 def test_a_fruit_of_which_nothing_is_said_is_not_named():
-    assert all(naming(None, one) == "" for one in MISTAKES)
+    assert all(naming(None, mistake) == "" for mistake in MISTAKES)
 
 
 @pytest.mark.parametrize("category", ["nectarine", "plum", "phantom"])

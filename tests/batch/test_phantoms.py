@@ -52,20 +52,20 @@ def graded(tmp_path_factory):
 @pytest.mark.proof
 @pytest.mark.parametrize("name", ["ball", "cube", "cuboid", "solid"])
 def test_the_modulus_is_within_two_percent_and_within_its_error_bar(graded, name):
-    found = record_of(graded[0], name)["modulus"]
-    assert found["E_MPa"] == pytest.approx(E_MPA, rel=0.02)
-    assert abs(found["E_MPa"] - E_MPA) < 3 * found["E_sd_MPa"]
-    assert found["E_sd_MPa"] < 0.05 * E_MPA
+    modulus = record_of(graded[0], name)["modulus"]
+    assert modulus["E_MPa"] == pytest.approx(E_MPA, rel=0.02)
+    assert abs(modulus["E_MPa"] - E_MPA) < 3 * modulus["E_sd_MPa"]
+    assert modulus["E_sd_MPa"] < 0.05 * E_MPA
 
 
 @pytest.mark.proof
 @pytest.mark.parametrize("name", ["ball", "cube", "cuboid", "solid"])
 def test_nothing_of_a_fruit_is_missed_in_a_phantom(graded, name):
     """No stem, no suture, no doubt about shape or size, and Poisson's ratio as the batch says."""
-    found = record_of(graded[0], name)
-    assert found["warnings"] == []
-    assert found["mesh"]["stance"] is None
-    assert (found["flesh"]["poisson_ratio"], found["flesh"]["poisson_ratio_source"]) == (0.45, "batch.toml")
+    record = record_of(graded[0], name)
+    assert record["warnings"] == []
+    assert record["mesh"]["stance"] is None
+    assert (record["flesh"]["poisson_ratio"], record["flesh"]["poisson_ratio_source"]) == (0.45, "batch.toml")
 
 
 @pytest.mark.proof

@@ -79,8 +79,10 @@ def batch(tmp_path_factory, force_per_MPa):
     specimen = replace(pad.specimen, diameters_mm=None)
     bare.unlink()
     write_recording(bare, replace(held, pads=(replace(pad, specimen=specimen),)))
-    own = record(folder, "squeeze-1", "mixed", lambda d: 0.5 * force_per_MPa(d), seed=51)
-    record(folder, "other", "firm", lambda d: 1.1 * force_per_MPa(d), seed=52).rename(own.parent / "other.h5")
+    squeeze = record(folder, "squeeze-1", "mixed", lambda d: 0.5 * force_per_MPa(d), seed=51)
+    record(folder, "other", "firm", lambda d: 1.1 * force_per_MPa(d), seed=52).rename(
+        squeeze.parent / "other.h5"
+    )
     rows = [f"{fruit},60,57,60,b" for fruit in ("firm", "soft", "grams", "mixed")]
     root = folder / "batch"
     (root / "fruits.csv").write_text("\n".join([HEADER, *rows, "unmeasured,,,,b"]))
@@ -151,8 +153,8 @@ def test_explain_takes_the_diameters_of_the_table(batch, tmp_path):
         "explain", batch, "--fruit", "soft", "--json", tmp_path / "a.json", "--out", tmp_path / "out"
     )
     assert code == 0, said
-    found = json.loads((tmp_path / "a.json").read_text())
-    assert found["E_MPa"]["after"]["value"] == pytest.approx(TRUE_MPA["soft"], rel=0.05)
+    answer = json.loads((tmp_path / "a.json").read_text())
+    assert answer["E_MPa"]["after"]["value"] == pytest.approx(TRUE_MPA["soft"], rel=0.05)
 
 
 def test_plates_along_the_stem_are_refused_with_the_way_out(tmp_path, force_per_MPa):

@@ -44,11 +44,11 @@ def graded(tmp_path_factory):
 @pytest.mark.slow
 def test_the_reference_is_graded_solid_and_stands_after_the_fruit(graded):
     batch, ran = graded
-    found = record_of(batch / "results", "ball")
-    assert found["modulus"]["E_MPa"] == pytest.approx(E_MPA, rel=0.03), ran.out
-    assert found["pit"] is None
-    assert found["mesh"]["stance"] is None
-    assert found["warnings"] == []
+    body = record_of(batch / "results", "ball")
+    assert body["modulus"]["E_MPa"] == pytest.approx(E_MPA, rel=0.03), ran.out
+    assert body["pit"] is None
+    assert body["mesh"]["stance"] is None
+    assert body["warnings"] == []
     with (batch / "results" / "ranking.csv").open() as table:
         rows = list(csv.DictReader(table))
     assert [(row["fruit_id"], row["rank"], row["reference"]) for row in rows] == [

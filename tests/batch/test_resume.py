@@ -51,21 +51,21 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
     assert {name: after[name] for name in finished} == finished
     assert len(after) == 2
 
-    one = pd.read_csv(batch / "results" / "ranking.csv", index_col="fruit_id")
-    assert len(one) == 2
-    assert one["E_MPa"].is_monotonic_increasing
+    first_ranking = pd.read_csv(batch / "results" / "ranking.csv", index_col="fruit_id")
+    assert len(first_ranking) == 2
+    assert first_ranking["E_MPa"].is_monotonic_increasing
     answers = json.loads((SHIPPED / "answers.json").read_text())["fruits"]
-    true_MPa = [answers[name]["E_MPa"] for name in one.index]
-    assert one["E_MPa"].to_numpy() == pytest.approx(true_MPa, rel=0.08)
+    true_MPa = [answers[name]["E_MPa"] for name in first_ranking.index]
+    assert first_ranking["E_MPa"].to_numpy() == pytest.approx(true_MPa, rel=0.08)
     assert ": screen" not in again.err
-    assert one[["screen", "mismatch"]].isna().all(axis=None)
+    assert first_ranking[["screen", "mismatch"]].isna().all(axis=None)
 
     unchanged = drupe("grade", "--no-screen", batch)
     assert unchanged.status == 0
     assert "2 of 2 fruit unchanged" in unchanged.err
     assert record_times(batch) == after
 
-    (interrupted,) = one.index.difference(list(finished))
+    (interrupted,) = first_ranking.index.difference(list(finished))
     shutil.rmtree(batch / "results" / "fruits" / interrupted / ".cache")
     grasp = batch / "fruits" / interrupted / "grasps" / "grasp-1.h5"
     grasp.rename(grasp.with_name("renamed.h5"))
@@ -75,7 +75,9 @@ def test_kill_in_the_middle_keeps_finished_fruit_and_the_second_run_does_the_res
     assert "1 of 2 fruit unchanged" in changed.err
     ranking = pd.read_csv(batch / "results" / "ranking.csv", index_col="fruit_id")
     assert set(ranking["maturity"]) == {"all"}
-    assert ranking.loc[interrupted, "E_MPa"] == pytest.approx(one.loc[interrupted, "E_MPa"], rel=0.01)
+    assert ranking.loc[interrupted, "E_MPa"] == pytest.approx(
+        first_ranking.loc[interrupted, "E_MPa"], rel=0.01
+    )
     provenance = json.loads((batch / "results" / "batch.json").read_text())
     assert provenance["exit_status"] == 0
     assert "batch.toml" in provenance["inputs"]

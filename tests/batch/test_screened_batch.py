@@ -57,7 +57,7 @@ def test_every_fruit_has_a_p_its_time_and_the_amount_of_the_gain(screened):
     for name in table.fruit_id:
         record = record_of(batch / "results", name)
         assert record["seconds"]["screen"] > 0
-        left = next(one for one in record["screen"]["amounts"] if one["effect"] == "sensor_gain")
+        left = next(amount for amount in record["screen"]["amounts"] if amount["effect"] == "sensor_gain")
         assert left["pad"] == "left"
         assert left["value"] == pytest.approx(1 - 1 / GAIN, abs=0.03)
 

@@ -69,8 +69,8 @@ def test_noise_alone_leaves_what_the_cut_at_zero_leaves():
     """E max(z^2 - 1, 0) = 2 phi(1) of a standard normal z, times the variance 1 / N."""
     information = 1e6
     wanted = np.sqrt(2 * norm.pdf(1.0) / information) / SD / RATIO
-    found = model_error_of(list(rows_of_amounts(np.zeros(4000), information)))["skin"]
-    assert found == pytest.approx(wanted, rel=0.05)
+    share = model_error_of(list(rows_of_amounts(np.zeros(4000), information)))["skin"]
+    assert share == pytest.approx(wanted, rel=0.05)
 
 
 def test_each_signature_is_fitted_alone_and_the_mean_is_over_all_columns():

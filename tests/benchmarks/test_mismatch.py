@@ -153,7 +153,7 @@ def test_answers_of_two_states_of_the_code_are_refused(proof, monkeypatch, capsy
 def test_the_committed_relatives_are_effects_of_the_catalogue():
     relatives = relatives_in(RELATIVES_FILE)
     assert len(relatives) > 60
-    assert {name for own in relatives.values() for name in own} <= set(SPECS)
+    assert {name for names in relatives.values() for name in names} <= set(SPECS)
 
 
 def test_amplitudes_of_a_pair_are_those_of_its_effects():
@@ -177,7 +177,8 @@ def test_sparse_regression_names_a_plain_effect_and_has_the_wanted_false_alarms(
     without = [problem({}, seed=seed).linear() for seed in range(12)]
     threshold = threshold_of(without, false_alarms=0.0)
     assert all(
-        sparse_regression(one, (0.5, 0.01), threshold=threshold)["verdict"] == [NONE] for one in without
+        sparse_regression(null_round, (0.5, 0.01), threshold=threshold)["verdict"] == [NONE]
+        for null_round in without
     )
     seen = sparse_regression(problem({"clock_lag": 1.0}, seed=40).linear(), (0.5, 0.01), threshold=threshold)
     assert seen["order"][0] == "clock_lag"

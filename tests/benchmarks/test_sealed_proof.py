@@ -25,7 +25,7 @@ def proof(tmp_path):
     folder = tmp_path / "proof"
     folder.mkdir()
     git(tmp_path, "init", "-q")
-    seals = {case: sealed(SALT, one) for case, one in LABELS.items()}
+    seals = {case: sealed(SALT, case_label) for case, case_label in LABELS.items()}
     (folder / "manifest.json").write_text(json.dumps({"seals": seals}))
     commit(tmp_path)
     answers = "".join(json.dumps(row(case, ["none"])) + "\n" for case in LABELS)
@@ -38,8 +38,8 @@ def proof(tmp_path):
 
 
 def git(folder, *command):
-    own = ("-c", "user.name=x", "-c", "user.email=x@y", "-c", "commit.gpgsign=false")
-    subprocess.run(["git", "-C", str(folder), *own, *command], check=True, capture_output=True)
+    identity = ("-c", "user.name=x", "-c", "user.email=x@y", "-c", "commit.gpgsign=false")
+    subprocess.run(["git", "-C", str(folder), *identity, *command], check=True, capture_output=True)
 
 
 def commit(folder):

@@ -25,16 +25,16 @@ CASES = {
     "f": (label("outside", "unknown", physics="palm"), row("f", ["unknown"], p=1e-5, first="slip")),
     "g": (label("outside", "unknown", physics="drainage"), row("g", ["viscoelastic"], first="viscoelastic")),
 }
-LABELS = {name: one for name, (one, _) in CASES.items()}
+LABELS = {name: case_label for name, (case_label, _) in CASES.items()}
 
 
 def lines(**changed):
-    rows = [own | changed.get(name, {}) for name, (_, own) in CASES.items()]
+    rows = [answer | changed.get(name, {}) for name, (_, answer) in CASES.items()]
     return report(rows, LABELS)
 
 
-def line(start, found):
-    return next(one for one in found if one.strip().startswith(start))
+def line(start, reported):
+    return next(text for text in reported if text.strip().startswith(start))
 
 
 @pytest.mark.parametrize(
@@ -60,23 +60,23 @@ def test_each_share_is_what_it_is_by_hand(start, said):
 
 
 def test_a_case_without_an_answer_is_reported_and_not_scored():
-    found = lines(a={"failure": "ValueError: x"})
-    assert line("6 answers, 1 cases without one", found)
-    assert "1 of 1" in line("false alarms", found)
+    reported = lines(a={"failure": "ValueError: x"})
+    assert line("6 answers, 1 cases without one", reported)
+    assert "1 of 1" in line("false alarms", reported)
 
 
 def test_a_physics_that_the_catalogue_has_learnt_counts_as_a_single_effect():
-    one = scored({**CASES["f"][1], "catalogue": ["skin", "third_contact"]}, LABELS["f"])
-    assert (one.kind, one.truth) == ("single", "third_contact")
-    one = scored({**CASES["g"][1], "catalogue": ["skin", "drainage"]}, LABELS["g"])
-    assert (one.kind, one.truth) == ("single", "drainage")
+    case = scored({**CASES["f"][1], "catalogue": ["skin", "third_contact"]}, LABELS["f"])
+    assert (case.kind, case.truth) == ("single", "third_contact")
+    case = scored({**CASES["g"][1], "catalogue": ["skin", "drainage"]}, LABELS["g"])
+    assert (case.kind, case.truth) == ("single", "drainage")
 
 
 def test_a_drift_is_scored_in_newtons_of_the_simulated_peak():
     drift = {"newton_per_s": {"value": 0.11, "sd": 0.01, "interval": [0.09, 0.13]}}
-    own = row("x", ["sensor_drift"], first="sensor_drift", parameters=drift)
+    answer = row("x", ["sensor_drift"], first="sensor_drift", parameters=drift)
     ((name, error, inside),) = parameter_rows(
-        scored(own, label("single", "sensor_drift", pad="left", share_per_s=0.01))
+        scored(answer, label("single", "sensor_drift", pad="left", share_per_s=0.01))
     )
     assert name == "sensor_drift.newton_per_s"
     assert error == pytest.approx(0.1)

@@ -14,7 +14,7 @@ LABELS = {"case-001": label("single", "skin", Et_N_per_mm=1.25), "case-002": lab
 
 
 def seals():
-    return {name: sealed(SALT, one) for name, one in LABELS.items()}
+    return {name: sealed(SALT, case_label) for name, case_label in LABELS.items()}
 
 
 def test_a_seal_is_sha_256_of_salt_and_canonical_text():
@@ -55,8 +55,8 @@ def committed(folder, *steps):
     """A repository in which each step writes and commits files."""
 
     def git(*command):
-        own = ("-c", "user.name=x", "-c", "user.email=x@y", "-c", "commit.gpgsign=false")
-        subprocess.run(["git", "-C", str(folder), *own, *command], check=True, capture_output=True)
+        identity = ("-c", "user.name=x", "-c", "user.email=x@y", "-c", "commit.gpgsign=false")
+        subprocess.run(["git", "-C", str(folder), *identity, *command], check=True, capture_output=True)
 
     git("init", "-q")
     for k, files in enumerate(steps):

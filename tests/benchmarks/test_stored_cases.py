@@ -46,8 +46,8 @@ def test_there_are_cases():
 @pytest.mark.parametrize("name", CASES)
 def test_a_case_replays_to_the_gains_it_had(name):
     case = stored(CASES[name])
-    found = gains_of(case.linear())
-    assert found == pytest.approx(case.facts["gains"], abs=1e-3, rel=1e-4)
+    gains = gains_of(case.linear())
+    assert gains == pytest.approx(case.facts["gains"], abs=1e-3, rel=1e-4)
 
 
 @pytest.mark.parametrize("name", CASES)
@@ -61,12 +61,12 @@ def test_a_signature_that_is_5_percent_off_does_not_replay(name):
 
 def with_signature_off(case: ReducedCase, effect: str, *, share: float) -> ReducedCase:
     """The case with a share of the plain model's response, as large as the signature, added to it."""
-    own = {j for words in case.signatures if words["effect"] == effect for j in words["columns"]}
+    columns = {j for words in case.signatures if words["effect"] == effect for j in words["columns"]}
     products = []
     for rows, known in zip(case.rows, case.products, strict=True):
         change = np.eye(len(known))
         for at, j in enumerate(rows, 1):
-            if int(j) in own:
+            if int(j) in columns:
                 change[at, 1] = share * np.sqrt(known[at, at] / known[1, 1])
         products.append(change @ known @ change.T)
     return replace(case, products=products)

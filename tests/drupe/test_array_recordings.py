@@ -32,8 +32,8 @@ def arrays(stored):
     }
 
 
-def same(one, other):
-    for held, its in zip((one, *one.pads), (other, *other.pads), strict=True):
+def same(recording, other):
+    for held, its in zip((recording, *recording.pads), (other, *other.pads), strict=True):
         for name, value in vars(held).items():
             if name != "pads":
                 np.testing.assert_array_equal(value, getattr(its, name), err_msg=name)

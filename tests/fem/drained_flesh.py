@@ -38,9 +38,9 @@ def drained_more(share: float, tau_s: float) -> dict[tuple[str, bytes], np.ndarr
     solid = replace(solid, contact_nodes=nodes)
     links = [[pad_link(pad, solid) for pad in pads] for pads in bare]
     loads = np.zeros((len(TIME_S), len(bare), *mesh.nodes_mm.shape))
-    for grasp, (own, pads) in enumerate(zip(links, bare, strict=True)):
+    for grasp, (pad_links, pads) in enumerate(zip(links, bare, strict=True)):
         loads[:, grasp, nodes] = sum(
-            link.nodal_force(pad.force_N) for link, pad in zip(own, pads, strict=True)
+            link.nodal_force(pad.force_N) for link, pad in zip(pad_links, pads, strict=True)
         )
     moved = [np.zeros_like(loads[0])]
     fading = np.zeros_like(loads[0])
@@ -49,12 +49,12 @@ def drained_more(share: float, tau_s: float) -> dict[tuple[str, bytes], np.ndarr
         pull = share * lame * (solid.parts.k_lambda @ kept.reshape(len(kept), -1).T).T.reshape(kept.shape)
         moved.append(solid.displacement(force - pull) / firmer)
         fading = kept + ramp * moved[-1]
-    found = {}
-    for grasp, (own, pads) in enumerate(zip(links, true_pads(), strict=True)):
+    by_pad = {}
+    for grasp, (pad_links, pads) in enumerate(zip(links, true_pads(), strict=True)):
         at_nodes = np.stack(moved)[:, grasp, nodes]
-        for link, true in zip(own, pads, strict=True):
-            found[true.name, true.axes.tobytes()] = link.at_markers(at_nodes) - true.unit
-    return found
+        for link, true in zip(pad_links, pads, strict=True):
+            by_pad[true.name, true.axes.tobytes()] = link.at_markers(at_nodes) - true.unit
+    return by_pad
 
 
 def drained(share: float, tau_s: float) -> Altered:

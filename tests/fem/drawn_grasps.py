@@ -203,16 +203,16 @@ class World:
             loads.append(load)
             at_markers.append(traction)
         moved = (1 + PUT_BACK * self.withheld) * place.sample(solid.displacement(np.concatenate(loads)))
-        frames, found = len(RADII_MM), []
+        frames, grasps = len(RADII_MM), []
         for k in range(len(poses)):
-            own = slice(2 * k * n, 2 * (k + 1) * n)
-            cell = CELL_MM2 / (place.normal[own] * out[own]).sum(axis=1)
+            grasp_points = slice(2 * k * n, 2 * (k + 1) * n)
+            cell = CELL_MM2 / (place.normal[grasp_points] * out[grasp_points]).sum(axis=1)
             force = at_markers[k] * cell[:, None]
-            motion = moved[k * frames : (k + 1) * frames, own]
-            found.append(
+            motion = moved[k * frames : (k + 1) * frames, grasp_points]
+            grasps.append(
                 True1MPa(moved_mm=(motion[:, :n], motion[:, n:]), force_N=(force[:, :n], force[:, n:]))
             )
-        return tuple(found)
+        return tuple(grasps)
 
     def _body(self, off: Off) -> UnitModulusSolid:
         mesh = self.solid.mesh
@@ -239,7 +239,7 @@ class World:
         pads: tuple[Pad, ...],
         off: Off,
         place: SurfacePoints | None = None,
-        own: slice = slice(0),
+        marker_points: slice = slice(0),
     ) -> tuple[np.ndarray, np.ndarray]:
         """Forces on the nodes, and the traction at the markers, made to balance by a rigid field."""
         points, area = skin_quadrature(mesh)
@@ -256,7 +256,7 @@ class World:
         load = points.point_load(balanced * area[:, None])
         if place is None:
             return load, np.zeros(0)
-        pressure, traction, rigid = at(place.point_mm[own])
+        pressure, traction, rigid = at(place.point_mm[marker_points])
         return load, traction + pressure[:, :, None] * np.einsum("pxi,fi->fpx", rigid, amount)
 
 

@@ -41,7 +41,7 @@ def drawn_modulus_MPa(rng: np.random.Generator) -> float:
 def recorded(world: World, grasp: int, truth: True1MPa, **options: Any) -> GraspHistory:
     """A recording as grading prepares it."""
     axes = [pad.axes for pad in world.grasps[grasp]]
-    turns = np.stack([np.column_stack([one[1], one[0], -one[2]]) for one in axes])
+    turns = np.stack([np.column_stack([axis[1], axis[0], -axis[2]]) for axis in axes])
     return prepared_grasp(recorded_raw(world, grasp, truth, **options), turns).history
 
 
@@ -78,12 +78,12 @@ class Estimator:
         self, models: Sequence[GraspModel], histories: Sequence[GraspHistory], E_MPa: float
     ) -> list[GraspModel]:
         """The models for these recordings of a fruit of that modulus, in the frames that they load."""
-        found = []
-        for model, usual, own in zip(models, self.typical, histories, strict=True):
-            used = loaded_frames(own)[loaded_frames(usual)]
+        calibrated = []
+        for model, usual, history in zip(models, self.typical, histories, strict=True):
+            used = loaded_frames(history)[loaded_frames(usual)]
             values = press_of(E_MPa) * model.sensitivity.values[:, used]
-            found.append(replace(model, sensitivity=replace(model.sensitivity, values=values)))
-        return found
+            calibrated.append(replace(model, sensitivity=replace(model.sensitivity, values=values)))
+        return calibrated
 
     def both(
         self, truths: Sequence[True1MPa], *, E_MPa: float, rng: np.random.Generator, budget: ErrorBudget

@@ -70,23 +70,25 @@ def units(angle_deg: float | None, edge_mm: float = EDGE_MM) -> dict[tuple[str, 
 
     At the suture's edge the surface's displacement passes from one half's to the other's over `edge_mm`.
     """
-    mesh, found = true_mesh(), {}
+    mesh, units_by_pad = true_mesh(), {}
     bare, nodes = bare_grasps(mesh)
     solid = replace(true_solid(), contact_nodes=nodes)
     links = [[pad_link(pad, solid) for pad in pads] for pads in bare]
     loads = np.zeros((len(bare), len(TIME_S), *mesh.nodes_mm.shape))
-    for load, own, pads in zip(loads, links, bare, strict=True):
-        load[:, nodes] = sum(link.nodal_force(pad.force_N) for link, pad in zip(own, pads, strict=True))
+    for load, pad_links, pads in zip(loads, links, bare, strict=True):
+        load[:, nodes] = sum(link.nodal_force(pad.force_N) for link, pad in zip(pad_links, pads, strict=True))
     together = loads.reshape(-1, *mesh.nodes_mm.shape)
     if angle_deg is None:
         moved = solid.displacement(together)
     else:
         second = np.clip(0.5 + off_suture_mm(solid, angle_deg) / edge_mm, 0.0, 1.0)
         moved = parted_displacement(solid, together, second)
-    for at_nodes, own, pads in zip(moved.reshape(loads.shape)[:, :, nodes], links, true_pads(), strict=True):
-        for link, true in zip(own, pads, strict=True):
-            found[true.name, true.axes.tobytes()] = link.at_markers(at_nodes)
-    return found
+    for at_nodes, pad_links, pads in zip(
+        moved.reshape(loads.shape)[:, :, nodes], links, true_pads(), strict=True
+    ):
+        for link, true in zip(pad_links, pads, strict=True):
+            units_by_pad[true.name, true.axes.tobytes()] = link.at_markers(at_nodes)
+    return units_by_pad
 
 
 def about_the_pit(angle_deg: float | None = None, share: float = 1.0) -> Altered:

@@ -30,7 +30,7 @@ class Linear:
     def tangent(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, "q 3 3 3 3"]:
         """A = lambda I (x) I + mu (delta_ik delta_jl + delta_il delta_jk), the same at every F."""
         mu, lame = unit_lame_constants(self.poisson_ratio)
-        one = np.eye(3)
-        shear = np.einsum("ik,jl->ijkl", one, one) + np.einsum("il,jk->ijkl", one, one)
-        hooke = lame * np.einsum("ij,kl->ijkl", one, one) + mu * shear
+        unit = np.eye(3)
+        shear = np.einsum("ik,jl->ijkl", unit, unit) + np.einsum("il,jk->ijkl", unit, unit)
+        hooke = lame * np.einsum("ij,kl->ijkl", unit, unit) + mu * shear
         return np.broadcast_to(hooke, (len(F), 3, 3, 3, 3)).copy()

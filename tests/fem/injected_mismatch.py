@@ -93,9 +93,9 @@ def store_meshes() -> None:
 
 
 def _stored(name: str) -> FleshMesh:
-    with np.load(STORED / f"{name}.npz", allow_pickle=False) as found:
-        numbers = {key: found[key].astype(np.int64) for key in ("tets", "outer_faces", "pit_nodes")}
-        return FleshMesh(nodes_mm=found["nodes_mm"].astype(float), **numbers)
+    with np.load(STORED / f"{name}.npz", allow_pickle=False) as archive:
+        numbers = {key: archive[key].astype(np.int64) for key in ("tets", "outer_faces", "pit_nodes")}
+        return FleshMesh(nodes_mm=archive["nodes_mm"].astype(float), **numbers)
 
 
 def pad_axes(grasp: int, side: float) -> np.ndarray:
@@ -180,7 +180,7 @@ def true_pads() -> tuple[tuple[TruePad, ...], ...]:
 def pads_under(changed: Callable[[np.ndarray], np.ndarray]) -> tuple[tuple[TruePad, ...], ...]:
     """Both grasps solved on the truth's mesh, `unit` that of the changed forces (t n 3); free of noise."""
     mesh = true_mesh()
-    found = []
+    true_pads_of_grasps = []
     histories = [
         _history([bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)])
         for grasp in range(len(WAYS))
@@ -193,7 +193,7 @@ def pads_under(changed: Callable[[np.ndarray], np.ndarray]) -> tuple[tuple[TrueP
             link.nodal_force(changed(pad.force_N)) for link, pad in zip(links, history.pads, strict=True)
         )
         moved = solid.displacement(loads)[:, solid.contact_nodes]
-        found.append(
+        true_pads_of_grasps.append(
             tuple(
                 TruePad(
                     name=pad.name,
@@ -206,7 +206,7 @@ def pads_under(changed: Callable[[np.ndarray], np.ndarray]) -> tuple[tuple[TrueP
                 for pad, link, side in zip(history.pads, links, (-1.0, 1.0), strict=True)
             )
         )
-    return tuple(found)
+    return tuple(true_pads_of_grasps)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -160,9 +160,9 @@ def found_in(history: GraspHistory, model: GraspModel | None = None) -> ModulusE
     return estimate_modulus(history, model or grasp_model(history, free_ball()), budget=BUDGET)
 
 
-def own_sd_MPa(found: ModulusEstimate) -> float:
+def own_sd_MPa(estimate: ModulusEstimate) -> float:
     """What one recording alone brings: noise, scale errors and misfit."""
-    return float(np.hypot(found.parts_sd_MPa[TACTILE], found.parts_sd_MPa[MODEL]))
+    return float(np.hypot(estimate.parts_sd_MPa[TACTILE], estimate.parts_sd_MPa[MODEL]))
 
 
 def with_pads(history: GraspHistory, **changes: object) -> GraspHistory:

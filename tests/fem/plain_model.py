@@ -42,4 +42,4 @@ def kept_solid(mesh: FleshMesh, poisson_ratio: float, support: Support) -> UnitM
 
 def screened_effects(forward: ForwardModel, effects: Sequence[Effect]) -> LinearRound:
     """The effects' linear signatures on all recordings."""
-    return screened(forward, [GraspEquations.of(forward, one) for one in forward.base.grasps], effects)
+    return screened(forward, [GraspEquations.of(forward, grasp) for grasp in forward.base.grasps], effects)

@@ -8,13 +8,13 @@ from fem.solid.anderson import Anderson
 
 def iterates(f, x, count, acceleration):
     """x and what `count` accelerated steps make of it."""
-    found = [x]
+    states = [x]
     for _ in range(count):
         step = acceleration.step(f(x))
         acceleration.took(step)
         x = x + step
-        found.append(x)
-    return found
+        states.append(x)
+    return states
 
 
 def linear(n, seed=0):
@@ -29,8 +29,8 @@ def linear(n, seed=0):
 @pytest.mark.parametrize("n", [1, 2, 5, 8])
 def test_a_linear_fixed_point_of_n_unknowns_is_met_in_n_steps_and_a_plain_one(n):
     A, b, zero = linear(n)
-    found = iterates(lambda x: b - A @ x, np.zeros(n), n + 1, Anderson(n))
-    off = [np.abs(x - zero).max() / np.abs(zero).max() for x in found]
+    states = iterates(lambda x: b - A @ x, np.zeros(n), n + 1, Anderson(n))
+    off = [np.abs(x - zero).max() / np.abs(zero).max() for x in states]
     assert off[n + 1] < 1e-5
     assert min(off[: n + 1]) > 1e-3
 
@@ -39,11 +39,11 @@ def test_in_a_linear_problem_every_step_is_that_of_gmres_with_a_plain_one_after_
     """Walker and Ni 2011, theorem 2.2: from 0 on, GMRES has the least residual over b, A b, A A b ..."""
     n = 6
     A, b, _ = linear(n)
-    found = iterates(lambda x: b - A @ x, np.zeros(n), n, Anderson(n))
+    states = iterates(lambda x: b - A @ x, np.zeros(n), n, Anderson(n))
     krylov = b[:, None]
     for k in range(1, n):
         gmres = krylov @ np.linalg.lstsq(A @ krylov, b, rcond=None)[0]
-        np.testing.assert_allclose(found[k + 1], gmres + (b - A @ gmres), atol=1e-4)
+        np.testing.assert_allclose(states[k + 1], gmres + (b - A @ gmres), atol=1e-4)
         krylov = np.column_stack([krylov, A @ krylov[:, -1]])
 
 
@@ -51,10 +51,10 @@ def test_with_one_unknown_it_is_the_secant_method():
     def f(x):
         return np.cos(x) - x
 
-    found = np.concatenate(iterates(f, np.array([0.3]), 6, Anderson(1)))
-    for a, b, c in zip(found[:4], found[1:5], found[2:6], strict=True):
+    states = np.concatenate(iterates(f, np.array([0.3]), 6, Anderson(1)))
+    for a, b, c in zip(states[:4], states[1:5], states[2:6], strict=True):
         assert c == pytest.approx(b - f(b) * (b - a) / (f(b) - f(a)), rel=1e-6)
-    assert found[6] == pytest.approx(0.7390851332151607, abs=1e-9)  # Dottie's number
+    assert states[6] == pytest.approx(0.7390851332151607, abs=1e-9)  # Dottie's number
 
 
 def test_groups_have_a_mix_each_and_one_group_has_one_for_all():
@@ -70,9 +70,9 @@ def test_only_what_is_weighed_decides_the_mix():
     """The mix is that of the first unknown alone; the second moves by it, and is no nearer its own zero."""
     slope = np.array([0.5, 1.7])
     first = Anderson(1, weighed=lambda step: step[None, :1])
-    found = iterates(lambda x: 1 - slope * x, np.zeros(2), 2, first)
-    assert found[2][0] == pytest.approx(2.0, abs=1e-6)
-    assert abs(found[2][1] - 1 / 1.7) > 0.05
+    states = iterates(lambda x: 1 - slope * x, np.zeros(2), 2, first)
+    assert states[2][0] == pytest.approx(2.0, abs=1e-6)
+    assert abs(states[2][1] - 1 / 1.7) > 0.05
 
 
 def test_old_steps_are_forgotten_when_told_to_and_where_memory_ends():

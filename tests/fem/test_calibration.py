@@ -34,13 +34,13 @@ def errors(estimator: Estimator, budget: ErrorBudget, part: str, *, draws: int, 
     rng = np.random.default_rng(5)
     options = {"E_MPa": E_MPA, "rng": rng, "budget": ErrorBudget()}
     world = estimator.world
-    usual = [one.E_MPa for one in estimator.alone(world.solved(Off()), sensor=SILENT, **options)]
+    usual = [estimate.E_MPa for estimate in estimator.alone(world.solved(Off()), sensor=SILENT, **options)]
     change, stated = [], []
     for _ in range(draws):
         truths = world.solved(drawn_off(rng, budget))
-        for one, E_MPa in zip(estimator.alone(truths, sensor=sensor, **options), usual, strict=True):
-            known = joint_modulus([one.evidence], budget=budget, infer_pit=False)
-            change.append(np.log(one.E_MPa / E_MPa))
+        for estimate, E_MPa in zip(estimator.alone(truths, sensor=sensor, **options), usual, strict=True):
+            known = joint_modulus([estimate.evidence], budget=budget, infer_pit=False)
+            change.append(np.log(estimate.E_MPa / E_MPa))
             stated.append(known.parts_sd_MPa[part] / known.E_MPa)
     return float(np.sqrt(np.mean(np.square(change)))), float(np.sqrt(np.mean(np.square(stated))))
 
@@ -48,17 +48,17 @@ def errors(estimator: Estimator, budget: ErrorBudget, part: str, *, draws: int, 
 @pytest.mark.proof
 def test_noise_of_force_and_displacement_moves_the_modulus_as_stated(estimator):
     budget = replace(NOTHING, force_scale_sd=0.01)
-    found, stated = errors(estimator, budget, TACTILE, draws=12, sensor=Sensor())
-    assert 0.6 < found / stated < 1.6
+    error, stated = errors(estimator, budget, TACTILE, draws=12, sensor=Sensor())
+    assert 0.6 < error / stated < 1.6
 
 
 @pytest.mark.proof
 def test_a_pit_of_another_size_moves_the_modulus_as_stated(estimator):
-    found, stated = errors(estimator, replace(NOTHING, pit_size_sd=0.03), "pit size", draws=4)
-    assert 0.55 < found / stated < 1.8
+    error, stated = errors(estimator, replace(NOTHING, pit_size_sd=0.03), "pit size", draws=4)
+    assert 0.55 < error / stated < 1.8
 
 
 @pytest.mark.proof
 def test_another_skin_moves_the_modulus_as_stated(estimator):
-    found, stated = errors(estimator, replace(NOTHING, surface_sd_mm=0.1), REGISTRATION, draws=4)
-    assert 0.5 < found / stated < 2
+    error, stated = errors(estimator, replace(NOTHING, surface_sd_mm=0.1), REGISTRATION, draws=4)
+    assert 0.5 < error / stated < 2

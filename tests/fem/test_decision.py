@@ -179,25 +179,28 @@ def weighed(*explanations: tuple[str, float, float], direct: float = 0.0) -> dic
         for name, gain, ratio in explanations
     ]
     shares, unknown = probabilities(known)
-    found = dict(zip([name for name, _, _ in explanations], shares, strict=True)) | {"unknown": unknown}
-    assert sum(found.values()) == pytest.approx(1.0)
-    return found
+    probability = dict(zip([name for name, _, _ in explanations], shares, strict=True)) | {"unknown": unknown}
+    assert sum(probability.values()) == pytest.approx(1.0)
+    return probability
 
 
 def test_without_gain_and_with_the_usual_misfit_there_is_most_likely_no_mismatch():
-    found = weighed((NONE, 0.0, 1.0), *((f"effect {k}", -1.0 + 0.1 * k, 1.0) for k in range(20)))
-    assert found[NONE] > max(probability for name, probability in found.items() if name != NONE) * 5
+    probabilities_of = weighed((NONE, 0.0, 1.0), *((f"effect {k}", -1.0 + 0.1 * k, 1.0) for k in range(20)))
+    assert (
+        probabilities_of[NONE]
+        > max(probability for name, probability in probabilities_of.items() if name != NONE) * 5
+    )
 
 
 def test_an_effect_that_gains_and_leaves_little_is_named():
-    found = weighed((NONE, 0.0, 3.0), ("skin", 40.0, 1.1), ("slip", 10.0, 2.5))
-    assert found["skin"] > 0.95
+    probabilities_of = weighed((NONE, 0.0, 3.0), ("skin", 40.0, 1.1), ("slip", 10.0, 2.5))
+    assert probabilities_of["skin"] > 0.95
 
 
 def test_a_large_misfit_that_no_effect_explains_is_unknown():
-    found = weighed((NONE, 0.0, 20.0), ("skin", 12.0, 19.8), ("slip", 3.0, 20.0))
-    assert found["unknown"] > 0.8
-    assert found[NONE] < 1e-3
+    probabilities_of = weighed((NONE, 0.0, 20.0), ("skin", 12.0, 19.8), ("slip", 3.0, 20.0))
+    assert probabilities_of["unknown"] > 0.8
+    assert probabilities_of[NONE] < 1e-3
 
 
 def test_what_recordings_show_directly_cannot_be_unknown_physics():
@@ -208,8 +211,8 @@ def test_what_recordings_show_directly_cannot_be_unknown_physics():
 
 def test_a_pair_needs_more_than_a_single_effect():
     """By the number of pairs: at equal gain the single is likelier by the ratio of the priors."""
-    found = weighed((NONE, 0.0, 3.0), ("skin", 40.0, 1.0), ("skin+slip", 40.0, 1.0))
-    assert found["skin"] / found["skin+slip"] == pytest.approx(
+    probabilities_of = weighed((NONE, 0.0, 3.0), ("skin", 40.0, 1.0), ("skin+slip", 40.0, 1.0))
+    assert probabilities_of["skin"] / probabilities_of["skin+slip"] == pytest.approx(
         np.exp(log_prior("skin", effects=1) - log_prior("skin+slip", effects=1))
     )
 

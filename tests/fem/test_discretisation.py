@@ -53,9 +53,9 @@ def test_even_strain_has_no_error_and_curved_strain_has_some():
     mesh = cube(3)
     even = mesh.nodes_mm @ np.array([[0.1, 0.2, 0], [0, -0.3, 0.1], [0.4, 0, 0.2]])
     curved = np.sin(mesh.nodes_mm / 2)
-    found = discretisation_error(mesh, np.stack([even, curved]), poisson_ratio=0.3)
-    assert found.energy_share[0] < 1e-20
-    assert found.energy_share[1] > 1e-4
+    error = discretisation_error(mesh, np.stack([even, curved]), poisson_ratio=0.3)
+    assert error.energy_share[0] < 1e-20
+    assert error.energy_share[1] > 1e-4
 
 
 def test_each_load_is_judged_alone_and_elements_add_up():

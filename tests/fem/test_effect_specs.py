@@ -37,9 +37,9 @@ def test_every_effect_of_the_jaws_is_told_from_every_effect_of_the_fruit_by_turn
     jaws = [name for name, spec in SPECS.items() if spec.scope in (Scope.SENSOR, Scope.GRIPPER)]
     fruit = [name for name, spec in SPECS.items() if spec.scope in (Scope.FRUIT, Scope.LOT)]
     assert len(jaws) + len(fruit) == len(SPECS)
-    for one in jaws:
+    for jaw in jaws:
         for other in fruit:
-            assert next_grasp((one, other), grasps=4) == TURNED
+            assert next_grasp((jaw, other), grasps=4) == TURNED
 
 
 def test_what_is_wrong_with_the_jaws_is_put_right_in_the_recordings_and_nothing_else_is():

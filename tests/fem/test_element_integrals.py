@@ -38,10 +38,10 @@ def test_stiffness_is_the_sum_of_its_elements():
     shear = h.transpose(0, 1, 4, 3, 2) + np.einsum("makbk,ij->maibj", h, np.eye(3))
     element = (mu * shear + lame * h).reshape(-1, 30, 30)
     whole = np.zeros((3 * len(nodes), 3 * len(nodes)))
-    for one, dofs in zip(element, (3 * tets[:, :, None] + np.arange(3)).reshape(-1, 30), strict=True):
-        whole[np.ix_(dofs, dofs)] += one
-    found = assemble(nodes, tets).for_unit_modulus(poisson_ratio=0.4)
-    assert np.abs(found.toarray() - whole).max() < 1e-13 * np.abs(whole).max()
+    for stiffness, dofs in zip(element, (3 * tets[:, :, None] + np.arange(3)).reshape(-1, 30), strict=True):
+        whole[np.ix_(dofs, dofs)] += stiffness
+    assembled = assemble(nodes, tets).for_unit_modulus(poisson_ratio=0.4)
+    assert np.abs(assembled.toarray() - whole).max() < 1e-13 * np.abs(whole).max()
     pattern = ElementPattern.of(tets, len(nodes))
     assert np.abs(pattern.matrix(element).toarray() - whole).max() < 1e-13 * np.abs(whole).max()
 

@@ -79,10 +79,10 @@ def test_a_line_search_saves_a_start_from_which_plain_newton_flies_away():
     for _ in range(4):  # plain Newton, as the textbook has it
         x -= np.arctan(x) * (1 + x**2)
     assert abs(x) > 1e6
-    found = search(problem, start=3.0, iterations=30)
-    assert found.ending is Ending.CONVERGED
-    assert abs(found.state[0]) < 1e-12
-    assert min(found.shares) < 1
+    solved = search(problem, start=3.0, iterations=30)
+    assert solved.ending is Ending.CONVERGED
+    assert abs(solved.state[0]) < 1e-12
+    assert min(solved.shares) < 1
 
 
 def test_states_that_no_matter_can_take_are_stepped_back_from():
@@ -91,13 +91,13 @@ def test_states_that_no_matter_can_take_are_stepped_back_from():
 
 
 def test_newton_doubles_the_digits_at_every_step():
-    found = search(stiffening())
-    assert found.ending is Ending.CONVERGED
-    late = np.array([s for s in found.sizes if 1e-14 < s < 1e-1])
+    solved = search(stiffening())
+    assert solved.ending is Ending.CONVERGED
+    late = np.array([s for s in solved.sizes if 1e-14 < s < 1e-1])
     assert len(late) >= 3
     order = np.log(late[1:]) / np.log(late[:-1])
     assert (order[-2:] > 1.7).all()
-    assert found.tangents == len(found.shares)
+    assert solved.tangents == len(solved.shares)
 
 
 def test_chord_steps_find_the_same_with_one_factor_and_few_steps():
@@ -117,9 +117,9 @@ def test_chord_steps_find_the_same_with_one_factor_and_few_steps():
 def test_a_factor_that_serves_no_more_is_renewed():
     problem = Spring(lambda x: x + x**3 - 40.0, lambda x: np.diag(1 + 3 * x**2), 1)
     poor = Dense(np.array([[200.0]]))
-    found = search(problem, tolerance=1e-13, iterations=60, tangents=Tangents.WHILE_THEY_SERVE, tangent=poor)
-    assert found.ending is Ending.CONVERGED
-    assert found.state[0] + found.state[0] ** 3 == pytest.approx(40.0, rel=1e-12)
+    solved = search(problem, tolerance=1e-13, iterations=60, tangents=Tangents.WHILE_THEY_SERVE, tangent=poor)
+    assert solved.ending is Ending.CONVERGED
+    assert solved.state[0] + solved.state[0] ** 3 == pytest.approx(40.0, rel=1e-12)
 
 
 def test_what_did_not_converge_says_how():
@@ -131,9 +131,9 @@ def test_what_did_not_converge_says_how():
 
 
 def test_nothing_is_done_where_all_is_in_balance():
-    found = search(arctan(), iterations=5)
-    assert found.ending is Ending.CONVERGED
-    assert found.shares == ()
+    solved = search(arctan(), iterations=5)
+    assert solved.ending is Ending.CONVERGED
+    assert solved.shares == ()
 
 
 @dataclass
@@ -167,11 +167,11 @@ class Worn:
 
 def test_a_law_with_memory_is_solved_with_one_tangent_and_no_potential():
     path = Worn(np.array([2.0, 4.0, 2.0]))
-    found = search(path, tolerance=1e-10, iterations=30, tangents=Tangents.ONE)
-    assert found.ending is Ending.CONVERGED
-    assert found.state == pytest.approx([2 / 3, 4.0, 2.0], abs=1e-9)
-    assert found.tangents == 1
-    assert set(found.shares) == {1.0}
+    solved = search(path, tolerance=1e-10, iterations=30, tangents=Tangents.ONE)
+    assert solved.ending is Ending.CONVERGED
+    assert solved.state == pytest.approx([2 / 3, 4.0, 2.0], abs=1e-9)
+    assert solved.tangents == 1
+    assert set(solved.shares) == {1.0}
 
 
 def test_one_tangent_stays_however_slow_its_steps_and_the_end_is_said():

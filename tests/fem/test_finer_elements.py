@@ -102,9 +102,9 @@ def test_the_body_keeps_its_shape_and_quadratic_fields_their_values(curved):
 def at_the_same_place(finer: FinerElements, places_mm: np.ndarray) -> np.ndarray:
     """Nodes of the finer mesh that lie where any of these do."""
     distance, nearest = cKDTree(finer.mesh.nodes_mm).query(places_mm)
-    found = nearest[distance < 1e-9]
-    assert len(found)
-    return np.asarray(found)
+    coincident = nearest[distance < 1e-9]
+    assert len(coincident)
+    return np.asarray(coincident)
 
 
 def test_single_nodes_that_a_base_holds_stay(curved):
@@ -148,6 +148,6 @@ def test_forces_that_the_coarse_mesh_balances_add_nothing(curved):
     mesh, points = curved
     finer = around(mesh, points, 1.5, 4.0)
     moved = np.random.default_rng(2).normal(size=(1, len(mesh.nodes_mm), 3))
-    coarse = np.stack([finer.from_coarse @ one for one in moved])
+    coarse = np.stack([finer.from_coarse @ displacement for displacement in moved])
     force = (finer.stiffness @ coarse.reshape(1, -1).T).T.reshape(coarse.shape)
     np.testing.assert_allclose(finer.added(force, moved), 0.0, atol=1e-9 * np.abs(moved).max())

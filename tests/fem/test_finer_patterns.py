@@ -62,15 +62,20 @@ def test_what_the_leading_patterns_leave_out_is_smaller_at_hardly_more_noise() -
             before.append(off_N(ready))
             after.append(off_N(finer))
     assert len(before) > 4
-    left_out, left = (mean_error([smooth(one) for one in errors]) for errors in (before, after))
+    left_out, left = (mean_error([smooth(error) for error in errors]) for errors in (before, after))
     assert left < 0.75 * left_out
     assert np.std(after, axis=0).mean() < 1.05 * np.std(before, axis=0).mean()
 
 
 def mean_error(errors: list[np.ndarray]) -> float:
     """Root mean square of the errors' mean, less what their noise leaves in it."""
-    found = np.stack(errors)
-    return float(np.sqrt((found.mean(axis=0) ** 2).mean() - (found.var(axis=0, ddof=1) / len(found)).mean()))
+    drawn_errors = np.stack(errors)
+    return float(
+        np.sqrt(
+            (drawn_errors.mean(axis=0) ** 2).mean()
+            - (drawn_errors.var(axis=0, ddof=1) / len(drawn_errors)).mean()
+        )
+    )
 
 
 def test_a_contact_that_grows_in_one_shape_has_no_finer_patterns_but_by_chance(monkeypatch) -> None:
@@ -121,8 +126,8 @@ def test_noise_of_the_finer_patterns_alone_is_smoothed() -> None:
     history = recorded(np.random.default_rng(0))
     _, which = with_finer_patterns(prepared_grasp(history, TURN), history)
     noise = np.random.default_rng(1).normal(size=(500, which.first + which.count, len(PLACE), 3))
-    found = which.of_noise(noise)
-    np.testing.assert_array_equal(found[:, : which.first], noise[:, : which.first])
+    smoothed = which.of_noise(noise)
+    np.testing.assert_array_equal(smoothed[:, : which.first], noise[:, : which.first])
     middle = int(np.argmax(growing_contact()[-1, :, 2]))
-    left = found[:, which.first :, middle].var()
+    left = smoothed[:, which.first :, middle].var()
     assert left == pytest.approx(1 / (4 * np.pi * SMOOTHING**2), rel=0.15)

@@ -119,7 +119,7 @@ def finite(history) -> FiniteStrainSolid:
 
 
 @pytest.fixture(scope="module")
-def found(history, driven, finite):
+def response(history, driven, finite):
     return finite_response(
         driven,
         finite,
@@ -144,38 +144,38 @@ def test_maps_of_second_and_third_degree_are_predicted_from_a_few_frames():
     assert np.abs(off).max() < 0.02 * np.abs(second + third).max()
 
 
-def test_a_noise_free_grasp_is_explained_to_a_micrometre(found):
-    assert found.modulus_MPa == pytest.approx(TRUE["E"], rel=OFF)
-    assert found.fit.residual_rms_mm < 1.5e-3
+def test_a_noise_free_grasp_is_explained_to_a_micrometre(response):
+    assert response.modulus_MPa == pytest.approx(TRUE["E"], rel=OFF)
+    assert response.fit.residual_rms_mm < 1.5e-3
 
 
-def test_small_strain_leaves_several_times_as_much(history, driven, finite, found):
+def test_small_strain_leaves_several_times_as_much(history, driven, finite, response):
     model = grasp_model(driven, finite.solid)
     used = loaded_frames(driven)
     small, _ = marker_tracks(driven, model, used)
     fit = fit_compliance(small, scale_sd=SCALE_SD, fruit_moves=True)
-    assert fit.residual_rms_mm > 4 * found.fit.residual_rms_mm
+    assert fit.residual_rms_mm > 4 * response.fit.residual_rms_mm
     bent = with_finite_strain(
         model, driven, finite, recorded=history, force_sd_N=FORCE_SD_N, scale_sd=SCALE_SD
     )
     large, _ = marker_tracks(driven, bent, used)
     again = fit_compliance(large, scale_sd=SCALE_SD, fruit_moves=True)
-    assert 1 / again.compliance == pytest.approx(found.modulus_MPa, rel=2e-3)
-    assert again.residual_rms_mm == pytest.approx(found.fit.residual_rms_mm, rel=0.2)
+    assert 1 / again.compliance == pytest.approx(response.modulus_MPa, rel=2e-3)
+    assert again.residual_rms_mm == pytest.approx(response.fit.residual_rms_mm, rel=0.2)
 
 
-def test_a_fruit_that_turns_between_the_pads_has_the_same_modulus(history, finite, found):
+def test_a_fruit_that_turns_between_the_pads_has_the_same_modulus(history, finite, response):
     """By up to three degrees, a frame after the other: without the turn 35 um would be left."""
     again = finite_response(
         without_rim(turned(history, np.radians(np.linspace(0, 3, 7)))),
         finite,
         recorded=turned(history, np.radians(np.linspace(0, 3, 7))),
         force_sd_N=FORCE_SD_N,
-        modulus_MPa=found.modulus_MPa,
+        modulus_MPa=response.modulus_MPa,
         scale_sd=SCALE_SD,
     )
-    assert again.modulus_MPa == pytest.approx(found.modulus_MPa, rel=1e-3)
-    assert again.fit.residual_rms_mm == pytest.approx(found.fit.residual_rms_mm, rel=0.1)
+    assert again.modulus_MPa == pytest.approx(response.modulus_MPa, rel=1e-3)
+    assert again.fit.residual_rms_mm == pytest.approx(response.fit.residual_rms_mm, rel=0.1)
     stored = np.linalg.norm(again.unit_displacement / again.modulus_MPa, axis=2)
     assert stored.max() < 1.5  # mm: of the turn, which moves markers by 1.4 mm, a second order is stored
 

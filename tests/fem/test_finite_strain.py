@@ -113,17 +113,17 @@ def test_a_free_block_pulled_at_both_ends_follows_the_closed_form(stretch):
 
     across = brentq(lambda a: bar(a)[1, 1], 0.5, 1.5, xtol=1e-14)
     solid = UnitModulusSolid.factorise(cube_flesh(3, uneven=0.2), poisson_ratio=NU, support="free")
-    found = finite_displacement(solid, LAW, pulled_block(solid, bar(across)[0, 0]))
-    found.require_equilibrium()
+    solved = finite_displacement(solid, LAW, pulled_block(solid, bar(across)[0, 0]))
+    solved.require_equilibrium()
     exact = (solid.mesh.nodes_mm - 0.5) * (np.array([stretch, across, across]) - 1)
-    assert np.abs(found.displacement[0] - exact).max() < 1e-6
+    assert np.abs(solved.displacement[0] - exact).max() < 1e-6
 
 
 def test_linear_flesh_without_a_pit_gives_the_linear_answer():
     solid = UnitModulusSolid.factorise(cube_flesh(3, uneven=0.2), poisson_ratio=NU, support="free")
     load = pulled_block(solid, 0.4)
-    found = finite_displacement(solid, Linear(poisson_ratio=NU), load)
-    assert np.abs(found.displacement - solid.displacement(load)).max() < 1e-7
+    solved = finite_displacement(solid, Linear(poisson_ratio=NU), load)
+    assert np.abs(solved.displacement - solid.displacement(load)).max() < 1e-7
 
 
 def test_small_loads_have_the_linear_answer_for_their_limit(free, pinch):
@@ -230,8 +230,8 @@ def test_a_fruit_and_its_load_turned_together_move_alike(free, small_fruit, pinc
         small_fruit.nodes_mm @ turn.T, small_fruit.tets, small_fruit.outer_faces, small_fruit.pit_nodes
     )
     solid = UnitModulusSolid.factorise(there, poisson_ratio=NU, support="free")
-    found = finite_displacement(solid, free.law, pinch @ turn.T).displacement
-    assert np.abs(found @ turn - free.displacement(pinch).displacement).max() < 1e-6
+    displacement = finite_displacement(solid, free.law, pinch @ turn.T).displacement
+    assert np.abs(displacement @ turn - free.displacement(pinch).displacement).max() < 1e-6
 
 
 def test_a_load_that_no_flesh_can_bear_is_reported_with_what_was_borne():
@@ -250,22 +250,22 @@ def test_a_load_that_no_flesh_can_bear_is_reported_with_what_was_borne():
 
     most = minimize_scalar(lambda stretch: -borne(stretch), bounds=(1, 5), method="bounded")
     tension = -1.5 * most.fun
-    found = finite_displacement(
+    solved = finite_displacement(
         solid, law, points.point_load((tension * area[:, None] * points.normal)[None])
     )
-    assert 2 * mu / tension < found.share[0] <= 1 / 1.5
-    assert found.ending[0] is not Ending.CONVERGED
-    stretch = brentq(lambda s: borne(s) - found.share[0] * tension, 1, most.x)
-    assert np.abs(found.displacement[0] - (stretch - 1) * (solid.mesh.nodes_mm - 0.5)).max() < 1e-5
-    with pytest.raises(FemFailure, match=f"reached only {found.share[0]:.0%} of load 1 of 1") as refused:
-        found.require_equilibrium()
+    assert 2 * mu / tension < solved.share[0] <= 1 / 1.5
+    assert solved.ending[0] is not Ending.CONVERGED
+    stretch = brentq(lambda s: borne(s) - solved.share[0] * tension, 1, most.x)
+    assert np.abs(solved.displacement[0] - (stretch - 1) * (solid.mesh.nodes_mm - 0.5)).max() < 1e-5
+    with pytest.raises(FemFailure, match=f"reached only {solved.share[0]:.0%} of load 1 of 1") as refused:
+        solved.require_equilibrium()
     assert refused.value.problem is FemProblem.NOT_CONVERGED
 
 
 def test_no_load_is_no_displacement(free, pinch):
-    found = free.displacement(0 * pinch)
-    assert (found.share == 1).all()
-    assert np.abs(found.displacement).max() < 1e-12
+    solved = free.displacement(0 * pinch)
+    assert (solved.share == 1).all()
+    assert np.abs(solved.displacement).max() < 1e-12
 
 
 def test_another_poisson_ratio_than_the_solids_is_refused(free):
@@ -293,8 +293,8 @@ def test_a_based_block_with_a_ball_in_it_moves_as_calculix_has_it():
     r2 = ((points.point_mm[:, :2] - [13.0, 11.0]) ** 2).sum(axis=1) / 8.0**2
     bump = 0.16 * np.maximum(1 - r2, 0) ** 2 * area * (points.point_mm[:, 2] > 20 - 1e-6)
     load = points.point_load((bump[:, None] * [0.2, 0.1, -1.0])[None])
-    found = finite_displacement(solid, DecoupledNeoHookean(poisson_ratio=NU), load)
-    found.require_equilibrium()
+    solved = finite_displacement(solid, DecoupledNeoHookean(poisson_ratio=NU), load)
+    solved.require_equilibrium()
     top = truth[:, 2] > 20 - 1e-6
     where = locate(mesh, truth[top, :3])
     size = np.sqrt((truth[top, 3:] ** 2).sum(axis=1).mean())
@@ -303,11 +303,11 @@ def test_a_based_block_with_a_ball_in_it_moves_as_calculix_has_it():
         off = where.sample(displacement)[0] - truth[top, 3:]
         return np.sqrt((off**2).sum(axis=1).mean()) / size
 
-    assert rms(found.displacement) < 0.005
+    assert rms(solved.displacement) < 0.005
     assert rms(solid.displacement(load)) > 0.09
     # the ball turns by 3.35 degrees: eight points of its surface follow
     arms = mesh.nodes_mm[mesh.pit_nodes] - 10
-    shift, turn = rigid_fit(arms, found.displacement[0, mesh.pit_nodes])
+    shift, turn = rigid_fit(arms, solved.displacement[0, mesh.pit_nodes])
     assert np.degrees(Rotation.from_matrix(turn).magnitude()) == pytest.approx(3.35, rel=0.015)
     start, moved = truth[~top, :3] - 10, truth[~top, 3:]
     off = shift + start @ (turn - np.eye(3)).T - moved
@@ -325,7 +325,7 @@ def test_nearly_incompressible_flesh_does_not_lock_at_its_many_points():
     work = []
     for degree in (5, 2):
         flesh = FiniteStrainSolid(solid=solid, law=NeoHookean(poisson_ratio=0.49), degree=degree)
-        found = flesh.displacement(load).require_equilibrium()
-        assert np.abs(found.displacement).max() > 1.9
-        work.append((load * found.displacement).sum())
+        solved = flesh.displacement(load).require_equilibrium()
+        assert np.abs(solved.displacement).max() > 1.9
+        work.append((load * solved.displacement).sum())
     assert work[1] == pytest.approx(work[0], rel=1e-3)

@@ -77,9 +77,9 @@ def recorded():
         pads = []
         for name, side in (("left", -1.0), ("right", 1.0)):
             place = placed(axis, side)
-            found = locate(truth.mesh, place)
-            seen = found.sample(moved) + rng.normal(0, SD_MM, (len(PATCH_MM), len(place), 3))
-            cell_mm2 = 1 / np.abs(found.normal[:, axis])
+            skin = locate(truth.mesh, place)
+            seen = skin.sample(moved) + rng.normal(0, SD_MM, (len(PATCH_MM), len(place), 3))
+            cell_mm2 = 1 / np.abs(skin.normal[:, axis])
             force = np.stack([traction_MPa(place, axis, a) * cell_mm2[:, None] for a in PATCH_MM])
             pads.append(
                 recorded_pad(
@@ -141,34 +141,34 @@ def untouched(history):
 
 
 @pytest.fixture(scope="module")
-def found():
+def inference():
     return infer_modulus(recorded(), prior_mesh(), respond(recorded()), budget=WIDE)
 
 
 @pytest.mark.slow
-def test_the_modulus_comes_nearer_than_with_the_priors_pit(found):
-    by_prior = [abs(one.E_MPa / E_MPA - 1) for one in found.grasps]
+def test_the_modulus_comes_nearer_than_with_the_priors_pit(inference):
+    by_prior = [abs(grasp.E_MPa / E_MPA - 1) for grasp in inference.grasps]
     assert np.mean(by_prior) > 0.04
-    assert abs(found.modulus.E_MPa / E_MPA - 1) < 0.7 * np.mean(by_prior)
-    assert abs(found.modulus.E_MPa - E_MPA) < 2 * found.modulus.E_sd_MPa
+    assert abs(inference.modulus.E_MPa / E_MPA - 1) < 0.7 * np.mean(by_prior)
+    assert abs(inference.modulus.E_MPa - E_MPA) < 2 * inference.modulus.E_sd_MPa
 
 
 @pytest.mark.slow
-def test_the_pit_is_found_within_its_error_bar(found):
-    pit = found.modulus.pit
+def test_the_pit_is_found_within_its_error_bar(inference):
+    pit = inference.modulus.pit
     off = np.append(pit.offset_mm - OFFSET_MM, pit.ln_size - np.log(SIZE))
     assert (np.abs(off) < 2.5 * pit.sd).all()
 
 
 @pytest.mark.slow
-def test_what_the_grasps_feel_of_the_pit_is_learnt_and_the_rest_keeps_its_prior(found):
+def test_what_the_grasps_feel_of_the_pit_is_learnt_and_the_rest_keeps_its_prior(inference):
     """Both grasps change with the pit's y and size; nothing presses along z.
 
     Of a share l that is learnt, l / (1 - l) is the information over the prior's. How large all of it is
     depends on the noise, and that on what the mesh leaves of the markers: on one mesh three times as much as
     on another. How much more of y than of z the grasps feel does not.
     """
-    pit = found.modulus.pit
+    pit = inference.modulus.pit
     _, y, z, size = pit.learnt / (1 - pit.learnt)
     assert y > 10 * z
     assert size > 10 * z
@@ -179,34 +179,34 @@ def test_what_the_grasps_feel_of_the_pit_is_learnt_and_the_rest_keeps_its_prior(
 
 
 @pytest.mark.slow
-def test_the_pit_was_moved_in_the_mesh_and_each_grasp_keeps_its_modulus_with_the_priors_pit(found):
-    assert 1 <= found.moves <= 4
-    assert len(found.grasps) == found.modulus.grasps == 2
+def test_the_pit_was_moved_in_the_mesh_and_each_grasp_keeps_its_modulus_with_the_priors_pit(inference):
+    assert 1 <= inference.moves <= 4
+    assert len(inference.grasps) == inference.modulus.grasps == 2
     first = infer_modulus(recorded()[:1], prior_mesh(), respond(recorded()[:1]), budget=WIDE)
-    assert first.grasps[0].E_MPa == pytest.approx(found.grasps[0].E_MPa, rel=1e-6)
+    assert first.grasps[0].E_MPa == pytest.approx(inference.grasps[0].E_MPa, rel=1e-6)
     assert first.moves == 0
 
 
 def test_a_grasp_without_a_load_costs_only_itself():
     histories = (recorded()[0], untouched(recorded()[1]))
-    found = infer_modulus(histories, prior_mesh(), respond(histories), budget=WIDE)
-    good, bad = found.grasps
+    inference = infer_modulus(histories, prior_mesh(), respond(histories), budget=WIDE)
+    good, bad = inference.grasps
     assert isinstance(bad, FemFailure)
     assert bad.problem is FemProblem.NO_LOAD
-    assert found.modulus.grasps == 1
-    assert found.modulus.pit is None
-    assert found.moves == 0
+    assert inference.modulus.grasps == 1
+    assert inference.modulus.pit is None
+    assert inference.moves == 0
     alone = infer_modulus(histories[:1], prior_mesh(), respond(histories[:1]), budget=WIDE)
-    assert found.modulus.E_MPa == pytest.approx(alone.modulus.E_MPa, rel=1e-9)
-    assert found.modulus.E_sd_MPa == pytest.approx(alone.modulus.E_sd_MPa, rel=1e-9)
-    assert found.modulus.E_MPa == pytest.approx(good.E_MPa, rel=1e-3)
+    assert inference.modulus.E_MPa == pytest.approx(alone.modulus.E_MPa, rel=1e-9)
+    assert inference.modulus.E_sd_MPa == pytest.approx(alone.modulus.E_sd_MPa, rel=1e-9)
+    assert inference.modulus.E_MPa == pytest.approx(good.E_MPa, rel=1e-3)
 
 
 def test_no_grasp_with_a_load_raises_every_reason():
     histories = tuple(untouched(history) for history in recorded())
     with pytest.raises(ExceptionGroup, match="no grasp gives a modulus") as caught:
         infer_modulus(histories, prior_mesh(), respond(histories), budget=WIDE)
-    assert [one.problem for one in caught.value.exceptions] == 2 * [FemProblem.NO_LOAD]
+    assert [exception.problem for exception in caught.value.exceptions] == 2 * [FemProblem.NO_LOAD]
 
 
 def test_a_pit_that_the_mesh_cannot_hold_leaves_the_answer_of_the_last_mesh(monkeypatch):
@@ -217,9 +217,9 @@ def test_a_pit_that_the_mesh_cannot_hold_leaves_the_answer_of_the_last_mesh(monk
         raise FemFailure(FemProblem.INVERTED_ELEMENTS, "too close to the skin")
 
     monkeypatch.setattr("fem.estimation.fruit_modulus.with_pit_moved", refuse)
-    found = infer_modulus(recorded(), prior_mesh(), respond(recorded()), budget=WIDE)
-    assert found.moves == 0
-    pit = found.modulus.pit
+    inference = infer_modulus(recorded(), prior_mesh(), respond(recorded()), budget=WIDE)
+    assert inference.moves == 0
+    pit = inference.modulus.pit
     assert pit is not None
     known = pit.learnt * np.append(pit.offset_mm, pit.ln_size)
     np.testing.assert_allclose(asked, [known, known / 2, known / 4], rtol=1e-9)

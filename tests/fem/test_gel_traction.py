@@ -157,5 +157,5 @@ def test_noise_of_markers_far_from_the_contact_loads_nothing():
     far = away_mm > 2.0  # pitches of 1 mm
     assert far.sum() > 20
     noisy[far] += 0.02 * PEAK_MPA
-    same, quiet = (load(one, *flat_skin(0.8)) for one in (replace(frame, force_N=noisy), frame))
+    same, quiet = (load(pad, *flat_skin(0.8)) for pad in (replace(frame, force_N=noisy), frame))
     np.testing.assert_array_equal(same, quiet)

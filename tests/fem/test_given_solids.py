@@ -35,10 +35,10 @@ def solid() -> UnitModulusSolid:
 
 
 def test_a_given_solid_is_taken_with_all_the_skin_as_contact(factorised):
-    found = solids_of(case(), {"free": solid()})["free"]
+    free_solid = solids_of(case(), {"free": solid()})["free"]
     assert factorised == []
-    assert found.factor is solid().factor
-    assert sorted(found.contact_nodes.tolist()) == sorted(case().mesh.outer_nodes.tolist())
+    assert free_solid.factor is solid().factor
+    assert sorted(free_solid.contact_nodes.tolist()) == sorted(case().mesh.outer_nodes.tolist())
 
 
 def test_one_of_another_poisson_ratio_or_mesh_is_not_taken(factorised):

@@ -20,8 +20,8 @@ def test_compliance_at_the_contact_is_that_of_full_solves(solid):
     some = np.vstack([np.eye(size)[rng.choice(size, 6, replace=False)], rng.normal(size=(4, size))])
     loads = all_nodes(some.reshape(len(some), -1, 3), solid)
     moved = solid.displacement(loads)[:, solid.contact_nodes].reshape(len(some), -1)
-    found = some @ solid.contact_compliance
-    assert np.abs(found - moved).max() < 1e-9 * np.abs(moved).max()
+    response = some @ solid.contact_compliance
+    assert np.abs(response - moved).max() < 1e-9 * np.abs(moved).max()
 
 
 def test_nodes_that_a_base_holds_neither_move_nor_push():
@@ -45,8 +45,8 @@ def test_the_markers_displacement_is_that_of_a_full_solve_of_their_nodal_loads(s
     wanted = np.concatenate([link.at_markers(moved) for link in links], axis=1)
     model = grasp_model(pinch(), solid)
     force = np.concatenate([pad.force_N for pad in pinch().pads], axis=1)
-    found = model.unit_displacement(force)
-    assert np.abs(found - wanted).max() < 1e-9 * np.abs(wanted).max()
+    displacement = model.unit_displacement(force)
+    assert np.abs(displacement - wanted).max() < 1e-9 * np.abs(wanted).max()
     assert np.abs(model.compliance - model.compliance.T).max() < 1e-12 * np.abs(model.compliance).max()
     assert model.fruit_moves is (solid.support == "free")
 

@@ -77,8 +77,8 @@ def strained(field, support):
 def test_inner_causes_change_the_response_as_a_second_solid_does(cause, step, support):
     """Every load on a base; on a free fruit those that balance (the last one does not)."""
     wanted = (response(cause, support, 1) - response(cause, support, -1)) / (2 * step)
-    wanted, found = strained(wanted, support), strained(sensitivity(support)[cause], support)
-    off = np.linalg.norm(found - wanted, axis=(1, 2)) / np.linalg.norm(wanted, axis=(1, 2))
+    wanted, column = strained(wanted, support), strained(sensitivity(support)[cause], support)
+    off = np.linalg.norm(column - wanted, axis=(1, 2)) / np.linalg.norm(wanted, axis=(1, 2))
     assert off[: 3 if support == "free" else 4].max() < 5e-3
 
 
@@ -96,9 +96,9 @@ def test_a_pad_that_presses_elsewhere_changes_the_response_as_locating_it_anew_d
         model = grasp_model(replace(pinch(), pads=(slid, right)), solid)
         ends.append(model.unit_displacement(force))
     wanted = strained((ends[0] - ends[1]) / (2 * step_mm), support)
-    found = strained(sensitivity(support)["left across"], support)
+    column = strained(sensitivity(support)["left across"], support)
     within = 0.05 if support == "base" else 0.2
-    assert np.linalg.norm(found - wanted) < within * np.linalg.norm(wanted)
+    assert np.linalg.norm(column - wanted) < within * np.linalg.norm(wanted)
 
 
 def test_a_fruit_without_a_pit_has_no_pit_among_its_causes():

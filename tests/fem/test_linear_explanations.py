@@ -44,8 +44,8 @@ def dense_evidence(data: np.ndarray, *columns: np.ndarray, noise: float = 1.0) -
     return float(multivariate_normal.logpdf(data, cov=covariance))
 
 
-def added(case: SignatureEquations, own: tuple[int, ...]) -> float:
-    return float(case.log_bayes_factor(own, case.right[None])[0])
+def added(case: SignatureEquations, columns: tuple[int, ...]) -> float:
+    return float(case.log_bayes_factor(columns, case.right[None])[0])
 
 
 def test_a_second_signature_adds_what_dense_evidence_says():
@@ -132,5 +132,8 @@ def test_each_explanation_leaves_its_own_misfit():
     assert explanations["none"].weighed.misfit == pytest.approx(1 + 0.5**2 + 0.4**2, rel=0.05)
     assert explanations["skin"].weighed.misfit == pytest.approx(1 + 0.4**2, rel=0.05)
     assert explanations["gripper_compliance+skin"].weighed.misfit == pytest.approx(1.0, rel=0.05)
-    halved = {one.name: one for one in linear_explanations(round_of((0.5, 0.0, 0.4)), kept=0.5)}
+    halved = {
+        explanation.name: explanation
+        for explanation in linear_explanations(round_of((0.5, 0.0, 0.4)), kept=0.5)
+    }
     assert halved["skin"].weighed.misfit == pytest.approx(explanations["skin"].weighed.misfit / 2)

@@ -65,8 +65,8 @@ def test_a_point_is_inside_where_the_surface_winds_round_it_once():
 
 def test_a_triangle_of_the_skin_turned_inside_out_does_not_put_the_pit_outside():
     vertices, faces = (values.copy() for values in FRUIT)
-    one, two = faces[0, :2]
-    vertices[one] = 0.93 * (vertices[one] + 1.6 * (vertices[two] - vertices[one]))
+    first, second = faces[0, :2]
+    vertices[first] = 0.93 * (vertices[first] + 1.6 * (vertices[second] - vertices[first]))
     a, b, c = np.moveaxis(vertices[faces], 1, 0)
     inward = np.einsum("fx,fx->f", np.cross(b - a, c - a), a + b + c) < 0
     pit, _ = ball(2000, semi_axes_mm=(15, 15, 15))

@@ -110,9 +110,9 @@ def chosen(forward: ForwardModel) -> ModelSelection:
 
 
 def test_a_gel_that_sticks_is_named_and_its_reach_is_where_it_lets_go(sticky):
-    found = chosen(sticky)
-    assert found.verdict == "adhesion"
-    best = found.ranking[0].refit
+    selection = chosen(sticky)
+    assert selection.verdict == "adhesion"
+    best = selection.ranking[0].refit
     assert best is not None
     (parameters,) = best.parameters
     assert parameters[adhesion.REACH] == pytest.approx(REACH_MM, abs=3 * NOISE_MM + 0.01)
@@ -173,13 +173,13 @@ def test_a_third_force_counts_each_frame_with_its_own_weight(sticky):
     for recording in sticky.base.grasps:
         equations = balance_equations(sticky, recording)
         assert equations is not None
-        found = ForceBalance.of(recording, equations)
-        for k, course in enumerate(found.courses):
+        balance = ForceBalance.of(recording, equations)
+        for k, course in enumerate(balance.courses):
             for axis, way in enumerate(np.eye(6)):
                 weighed = equations.weighed(course[:, None] * way)
                 np.testing.assert_allclose(
-                    found.normal[k, axis],
-                    found.courses @ weighed,
+                    balance.normal[k, axis],
+                    balance.courses @ weighed,
                     rtol=1e-6,
                     atol=1e-6 * np.abs(weighed).max(),
                 )
@@ -202,8 +202,8 @@ def test_where_nothing_pulls_every_other_effect_counts_as_without_it():
     forward = forward_of(unaltered)
     recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
     others = [sensor_drift.EFFECT, slip.EFFECT]
-    with_it, without = (screened(forward, recorded, own) for own in ([*others, adhesion.EFFECT], others))
-    assert [one.gain for one in with_it.linear_fits] == [one.gain for one in without.linear_fits]
+    with_it, without = (screened(forward, recorded, tried) for tried in ([*others, adhesion.EFFECT], others))
+    assert [fit.gain for fit in with_it.linear_fits] == [fit.gain for fit in without.linear_fits]
     assert with_it.null.chi2 == without.null.chi2
 
 

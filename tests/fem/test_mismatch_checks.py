@@ -27,18 +27,18 @@ def of(given: np.ndarray, after: np.ndarray, lag1: float = 0.0) -> dict:
     tracks = SimpleNamespace(
         sd_mm=np.full(25, 0.004), lag1=np.full(25, lag1), episode=np.zeros((7, 25), dtype=int)
     )
-    found = checks([trace], [SimpleNamespace(tracks=tracks)], rng=np.random.default_rng(0))
-    return {one.name.removeprefix("grasp-1: "): one for one in found}
+    compared = checks([trace], [SimpleNamespace(tracks=tracks)], rng=np.random.default_rng(0))
+    return {check.name.removeprefix("grasp-1: "): check for check in compared}
 
 
 def test_creep_and_loop_of_a_trace_that_creeps_under_a_load_that_stands_still():
-    found = of(CREPT, CREPT)
-    assert found["approach at half the load"].measured == pytest.approx(0.5)
-    assert found["creep in the hold"].measured == pytest.approx(0.1)
-    assert found["creep in the hold"].before == pytest.approx(0.0)
+    by_name = of(CREPT, CREPT)
+    assert by_name["approach at half the load"].measured == pytest.approx(0.5)
+    assert by_name["creep in the hold"].measured == pytest.approx(0.1)
+    assert by_name["creep in the hold"].before == pytest.approx(0.0)
     # by parts: the integral of F dx is 2 N times the .2 mm crept
-    assert found["loop area"].measured == pytest.approx(0.4)
-    assert found["loop area"].before == pytest.approx(0.0)
+    assert by_name["loop area"].measured == pytest.approx(0.4)
+    assert by_name["loop area"].before == pytest.approx(0.0)
 
 
 def test_the_spread_is_that_of_the_mean_of_the_markers():
@@ -62,5 +62,5 @@ def test_what_a_recording_lacks_is_not_asked():
         after_mm=LINEAR[:3],
     )
     tracks = SimpleNamespace(sd_mm=np.full(4, 0.004), lag1=np.zeros(4), episode=np.zeros((3, 4), dtype=int))
-    found = checks([trace], [SimpleNamespace(tracks=tracks)], rng=np.random.default_rng(0))
-    assert [one.name for one in found] == ["g: approach at half the load"]
+    compared = checks([trace], [SimpleNamespace(tracks=tracks)], rng=np.random.default_rng(0))
+    assert [check.name for check in compared] == ["g: approach at half the load"]

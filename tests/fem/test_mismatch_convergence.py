@@ -60,9 +60,9 @@ def test_the_equations_of_markers_are_those_of_the_modulus_that_is_asked_for():
     marker_equations(forward, recording)
     softer = replace(forward, compliance=3 * forward.compliance)
     scale_sd = forward.base.case.budget.gel_scale_sd
-    own = MarkerEquations.of(recording, compliance=softer.compliance, gel_scale_sd=scale_sd)
+    anew = MarkerEquations.of(recording, compliance=softer.compliance, gel_scale_sd=scale_sd)
     field = np.random.default_rng(3).normal(size=recording.tracks.position_mm.shape)
-    np.testing.assert_array_equal(marker_equations(softer, recording).residual(field), own.residual(field))
+    np.testing.assert_array_equal(marker_equations(softer, recording).residual(field), anew.residual(field))
 
 
 def test_an_effect_whose_model_is_not_found_is_reported_as_not_tried(monkeypatch):
@@ -71,8 +71,8 @@ def test_an_effect_whose_model_is_not_found_is_reported_as_not_tried(monkeypatch
     monkeypatch.setattr(stress_history, "MOST_ROUNDS", 1)
     monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-12)
     monkeypatch.setattr(model_selection, "verdict_of", lambda probability, p_value: tuple(probability))
-    found = model_selection.select_model(forward, linear, p_value=0.0)
-    assert "after 1 rounds" in found.without["damage"]
+    selection = model_selection.select_model(forward, linear, p_value=0.0)
+    assert "after 1 rounds" in selection.without["damage"]
 
 
 def test_large_deformation_that_is_not_found_is_reported_and_costs_no_signature(monkeypatch):
@@ -80,16 +80,16 @@ def test_large_deformation_that_is_not_found_is_reported_and_costs_no_signature(
     forward = forward_of()
     linear = screened_effects(forward, [stiffening.EFFECT])
     assert "after 1 rounds" in linear.without["large deformation"]
-    assert [one.signature.variant for one in linear.linear_fits] == [ONE_WAY]
+    assert [fit.signature.variant for fit in linear.linear_fits] == [ONE_WAY]
 
 
 def test_a_slid_path_that_does_not_settle_is_a_signature_that_says_why(monkeypatch):
     monkeypatch.setattr(slip_path, "WHOLE_STEPS", 1)
     monkeypatch.setattr(slip_path, "HALF_STEPS", 0)
     monkeypatch.setattr(slip_path, "STILL_MM", -1.0)
-    found = slip.EFFECT.signatures(forward_of())
-    assert found
-    assert all("slid path" in one.untried and not one.columns for one in found)
+    signatures = slip.EFFECT.signatures(forward_of())
+    assert signatures
+    assert all("slid path" in signature.untried and not signature.columns for signature in signatures)
 
 
 def test_a_loose_pit_whose_gap_does_not_settle_says_so(monkeypatch):

@@ -104,7 +104,7 @@ def test_a_prior_mean_moves_the_density_of_the_data_and_stays_behind_with_its_co
     truth = multivariate_normal(mean=0.8 * rows[2], cov=noise + (rows.T * sds**2) @ rows).logpdf(y)
     constant = multivariate_normal(cov=noise).logpdf(0 * y)
     assert products.fit((1, 2)).log_evidence + constant == pytest.approx(truth, abs=1e-8)
-    plain = Response(unit=[one.recording.tracks.unit_displacement for one in recorded])
+    plain = Response(unit=[equations.recording.tracks.unit_displacement for equations in recorded])
     about, chosen = products.about(SimpleNamespace(compliance=0.4, workers=1), plain, (1,))
     y, noise, rows, sds = dense_parts(small, (1,))
     truth = multivariate_normal(cov=noise + (rows.T * sds**2) @ rows).logpdf(y)
@@ -119,9 +119,9 @@ def test_what_one_recording_predicts_of_the_other_is_the_difference_of_two_evide
     mean, covariance = gain @ y[a], whole[b, b] - gain @ whole[a, b]
     truth = multivariate_normal(mean=mean, cov=covariance, allow_singular=False).logpdf(y[b])
     products = small[2]
-    found = products.fit((1, 2)).log_evidence - products.fit((1, 2), keep=[0]).log_evidence
+    predicted = products.fit((1, 2)).log_evidence - products.fit((1, 2), keep=[0]).log_evidence
     constant = multivariate_normal(cov=noise[b, b]).logpdf(np.zeros(SIZE))
-    assert found + constant == pytest.approx(truth, abs=1e-8)
+    assert predicted + constant == pytest.approx(truth, abs=1e-8)
 
 
 @pytest.fixture(scope="module")
@@ -138,7 +138,10 @@ def test_a_recordings_own_nuisances_eliminated_are_those_kept_as_columns(injecte
     chosen = tuple(range(1, len(known) + 1))
     fit = products.fit(chosen)
     none = (np.zeros((0, 0)),) * 3
-    bare = [GraspEquations(one.recording, one.markers, one.balance, one.rest, *none) for one in recorded]
+    bare = [
+        GraspEquations(equations.recording, equations.markers, equations.balance, equations.rest, *none)
+        for equations in recorded
+    ]
     kept = list(known)
     for k, recording in enumerate(forward.base.grasps):
         for name, sd, field in own_nuisances(forward, recording):
@@ -161,7 +164,7 @@ def test_what_a_fit_leaves_of_null_cases_is_near_their_noise(injected):
     known = common_nuisances(forward)
     products = GramMatrix(forward, recorded, known)
     fit = products.fit(tuple(range(1, len(known) + 1)))
-    for k, one in enumerate(recorded):
-        touching = one.recording.tracks.episode >= 0
-        assert products.marker_residual(k, fit)[touching].std() < 2 * one.recording.tracks.sd_mm[0]
+    for k, equations in enumerate(recorded):
+        touching = equations.recording.tracks.episode >= 0
+        assert products.marker_residual(k, fit)[touching].std() < 2 * equations.recording.tracks.sd_mm[0]
         np.testing.assert_array_equal(products.marker_residual(k, fit)[~touching], 0)

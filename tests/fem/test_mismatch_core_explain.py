@@ -45,12 +45,12 @@ def test_a_pads_gain_is_seen_and_named(answer):
     assert answer.verdict == "sensor_gain"
     assert answer.ranking[0].effect == "sensor_gain"
     assert answer.ranking[0].probability > 0.95
-    assert sum(one.probability for one in answer.ranking) == pytest.approx(1.0)
+    assert sum(hypothesis.probability for hypothesis in answer.ranking) == pytest.approx(1.0)
 
 
 def test_its_gain_comes_back_with_an_interval(answer):
-    found = answer.ranking[0].parameters
-    said, gain = found["pad"].value, found["gain"]
+    parameters = answer.ranking[0].parameters
+    said, gain = parameters["pad"].value, parameters["gain"]
     assert (gain.value if said == "left" else 1 / gain.value) == pytest.approx(1.2, rel=0.02)
     low, high = gain.interval
     assert low < (1.2 if said == "left" else 1 / 1.2) < high < 1.1 * low
@@ -59,10 +59,10 @@ def test_its_gain_comes_back_with_an_interval(answer):
 def test_the_modulus_without_the_gain_is_the_injected_one(answer):
     """Which of the pads it is cannot be told: with the gain on the other one E is 1.2 of what it is."""
     pad = answer.ranking[0].parameters["pad"].value
-    own, other = (E_MPA, 1.2 * E_MPA) if pad == "left" else (1.2 * E_MPA, E_MPA)
-    off = (answer.after.value - own) / (other - own)
+    true_MPa, other = (E_MPA, 1.2 * E_MPA) if pad == "left" else (1.2 * E_MPA, E_MPA)
+    off = (answer.after.value - true_MPa) / (other - true_MPa)
     assert -0.1 < off < 0.55
-    assert NINETY * answer.after.sd >= 0.95 * max(abs(answer.after.value - E) for E in (own, other))
+    assert NINETY * answer.after.sd >= 0.95 * max(abs(answer.after.value - E) for E in (true_MPa, other))
     assert answer.before == PLAIN
 
 

@@ -29,29 +29,29 @@ def recorded(seed: int = 0, *, more: np.ndarray | float = 0.0, gel: np.ndarray |
 
 def denoised_force(pad: PadHistory, turn: np.ndarray, used: np.ndarray) -> DenoisedForce:
     """In the frames used."""
-    found = module.denoised_force(pad, turn, used)
-    assert found.force_N.shape == pad.force_N.shape
-    return replace(found, force_N=found.force_N[used])
+    denoised = module.denoised_force(pad, turn, used)
+    assert denoised.force_N.shape == pad.force_N.shape
+    return replace(denoised, force_N=denoised.force_N[used])
 
 
-def off(found: DenoisedForce, truth: np.ndarray) -> float:
+def off(denoised: DenoisedForce, truth: np.ndarray) -> float:
     """Root mean square error, N."""
-    return float(np.sqrt(((found.force_N - (truth @ TURN.T)[USED]) ** 2).mean()))
+    return float(np.sqrt(((denoised.force_N - (truth @ TURN.T)[USED]) ** 2).mean()))
 
 
 def test_springs_push_by_their_displacement_with_less_noise_than_the_recorded_forces():
     pad = recorded()
-    found = denoised_force(pad, TURN, USED)
-    assert found.sd_N == pytest.approx(GEL_N_PER_MM[2] * NOISE_MM, rel=0.05)
-    assert off(found, FORCE) < 0.5 * NOISE_N
+    denoised = denoised_force(pad, TURN, USED)
+    assert denoised.sd_N == pytest.approx(GEL_N_PER_MM[2] * NOISE_MM, rel=0.05)
+    assert off(denoised, FORCE) < 0.5 * NOISE_N
     springs = -(pad.gel_displacement_mm[USED] @ TURN) * GEL_N_PER_MM @ TURN.T
-    assert np.abs(found.force_N - springs).max() < 0.02 * FORCE.max()
+    assert np.abs(denoised.force_N - springs).max() < 0.02 * FORCE.max()
 
 
 def test_noise_said_to_be_left_is_the_noise_that_is_left():
-    found = denoised_force(recorded(1), TURN, USED)
-    error = (found.force_N - (FORCE @ TURN.T)[USED]) @ TURN
-    assert error[:, :, 2].std() == pytest.approx(found.sd_N, rel=0.2)
+    denoised = denoised_force(recorded(1), TURN, USED)
+    error = (denoised.force_N - (FORCE @ TURN.T)[USED]) @ TURN
+    assert error[:, :, 2].std() == pytest.approx(denoised.sd_N, rel=0.2)
 
 
 def test_a_gain_stays_a_gain():
@@ -62,22 +62,22 @@ def test_a_gain_stays_a_gain():
 
 def test_a_drift_of_which_the_gel_knows_nothing_survives():
     drift = (TIME * 2e-3)[:, None, None] * [0.0, 0.0, 1.0]
-    found = denoised_force(recorded(3, more=drift), TURN, USED)
-    more = ((found.force_N - denoised_force(recorded(3), TURN, USED).force_N) @ TURN)[:, :, 2].mean(axis=1)
+    denoised = denoised_force(recorded(3, more=drift), TURN, USED)
+    more = ((denoised.force_N - denoised_force(recorded(3), TURN, USED).force_N) @ TURN)[:, :, 2].mean(axis=1)
     np.testing.assert_allclose(more, (TIME * 2e-3)[USED], atol=3e-3)
 
 
 def test_a_gel_that_is_no_bed_of_springs_keeps_its_recorded_patterns():
     gel = -np.sign(FORCE) * np.abs(FORCE / GEL_N_PER_MM) ** 0.6
-    found = denoised_force(recorded(4, gel=gel), TURN, USED)
-    assert off(found, FORCE) < NOISE_N
+    denoised = denoised_force(recorded(4, gel=gel), TURN, USED)
+    assert off(denoised, FORCE) < NOISE_N
 
 
 def test_where_displacement_is_the_worse_sensor_the_forces_are_taken_as_they_are():
     pad = replace(recorded(5), displacement_sd_mm=2 * NOISE_N / GEL_N_PER_MM[2])
-    found = denoised_force(pad, TURN, USED)
-    np.testing.assert_array_equal(found.force_N, pad.force_N[USED])
-    assert found.sd_N == NOISE_N
+    denoised = denoised_force(pad, TURN, USED)
+    np.testing.assert_array_equal(denoised.force_N, pad.force_N[USED])
+    assert denoised.sd_N == NOISE_N
 
 
 def test_a_gel_that_does_not_move_says_nothing_and_the_forces_keep_their_patterns():
@@ -96,6 +96,6 @@ def test_forces_near_their_noise_come_out_as_strong_as_they_are():
         force_N=force @ TURN.T,
         episode=np.where(force[:, :, 2] > 3 * NOISE_N, 0, -1),
     )
-    found = (denoised_force(pad, TURN, USED).force_N @ TURN)[:, :, 2].sum(axis=1)
+    push_N = (denoised_force(pad, TURN, USED).force_N @ TURN)[:, :, 2].sum(axis=1)
     expected = truth[USED][:, :, 2].sum(axis=1)
-    assert (found @ expected) / (expected @ expected) == pytest.approx(1.0, abs=0.03)
+    assert (push_N @ expected) / (expected @ expected) == pytest.approx(1.0, abs=0.03)

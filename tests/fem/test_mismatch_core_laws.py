@@ -47,11 +47,11 @@ def stiffness_of(forward: ForwardModel, tangent: np.ndarray) -> csr_array:
         B[:, :, six, :, i] += points.slope[:, :, j] / 2
         B[:, :, six, :, j] += points.slope[:, :, i] / 2
     B = B.reshape(m, 4, 6, 30)
-    own = np.einsum("mq,mqsa,s,mqst,mqtb->mab", points.volume_mm3, B, COUNT, tangent, B, optimize=True)
+    stiffness = np.einsum("mq,mqsa,s,mqst,mqtb->mab", points.volume_mm3, B, COUNT, tangent, B, optimize=True)
     dofs = (3 * points.mesh.tets[:, :, None] + np.arange(3)).reshape(m, 30)
     size = 3 * points.n_nodes
     where = (np.repeat(dofs, 30, axis=1).ravel(), np.tile(dofs, (1, 30)).ravel())
-    return csr_array((own.ravel(), where), shape=(size, size))
+    return csr_array((stiffness.ravel(), where), shape=(size, size))
 
 
 def isotropic() -> np.ndarray:
@@ -88,9 +88,9 @@ def test_the_reduced_space_answers_as_the_law_factorised_in_full(
     forward = pinched_once()
     plain = forward.base.grasps[0].tracks.unit_displacement
     expected = in_full(forward, changed_solid(forward, value * matrix(forward))) - plain
-    found = effect.respond(forward, {effect.parameter.name: value}, ONE_WAY).unit[0] - plain
+    change = effect.respond(forward, {effect.parameter.name: value}, ONE_WAY).unit[0] - plain
     assert np.linalg.norm(expected) > 0.02 * np.linalg.norm(plain)
-    assert np.linalg.norm(found - expected) < off * np.linalg.norm(expected)
+    assert np.linalg.norm(change - expected) < off * np.linalg.norm(expected)
 
 
 @pytest.mark.parametrize("nu", [0.35, 0.49])
@@ -99,8 +99,8 @@ def test_another_poisson_ratio_answers_as_the_fruit_solved_with_it(nu):
     plain = forward.base.grasps[0].tracks.unit_displacement
     solid = UnitModulusSolid.factorise(fruit_mesh(), poisson_ratio=nu, support="free")
     expected = in_full(forward, solid) - plain
-    found = poisson_ratio.EFFECT.respond(forward, {"nu": nu}, ONE_WAY).unit[0] - plain
-    assert np.linalg.norm(found - expected) < 0.02 * np.linalg.norm(expected)
+    change = poisson_ratio.EFFECT.respond(forward, {"nu": nu}, ONE_WAY).unit[0] - plain
+    assert np.linalg.norm(change - expected) < 0.02 * np.linalg.norm(expected)
 
 
 @pytest.mark.parametrize(

@@ -74,7 +74,7 @@ def late(lag_s: float) -> Altered:
     return change
 
 
-def found(effect: Effect, altered: Altered, **options: object) -> tuple[dict[str, float], str, float]:
+def refitted(effect: Effect, altered: Altered, **options: object) -> tuple[dict[str, float], str, float]:
     """Parameters, choice and modulus after a refit of one recording."""
     forward, _, again = linear_and_refitted(only_grasp(injected_case(altered, **options), 0), effect)
     return again.parameters[0], again.variants[0].label, modulus(forward, again)
@@ -89,7 +89,7 @@ def modulus(forward: ForwardModel, again) -> float:
 def test_what_is_known_of_the_gel_says_which_pad_has_the_gain(pad):
     case = only_grasp(injected_case(on_pad(pad, gained(0.8))), 0)
     grasp = case.grasps[0]
-    known = tuple(replace(own, gel_N_per_mm=1.1 * GEL_N_PER_MM[2]) for own in grasp.pads)
+    known = tuple(replace(pad_case, gel_N_per_mm=1.1 * GEL_N_PER_MM[2]) for pad_case in grasp.pads)
     case = replace(case, grasps=(replace(grasp, pads=known),))
     forward, _, again = linear_and_refitted(case, sensor_gain.EFFECT)
     assert again.variants == (OfPad(pad=pad),)
@@ -100,7 +100,7 @@ def test_what_is_known_of_the_gel_says_which_pad_has_the_gain(pad):
 def test_one_pads_gain_over_the_others_is_found():
     """Which of two pads it is cannot be told from their ratio: Young's modulus takes up what is common."""
     pad, gain = "right", 0.8
-    parameters, choice, E = found(sensor_gain.EFFECT, on_pad(pad, gained(gain)))
+    parameters, choice, E = refitted(sensor_gain.EFFECT, on_pad(pad, gained(gain)))
     as_said = parameters["gain"] if choice == pad else 1 / parameters["gain"]
     assert as_said == pytest.approx(gain, rel=0.02)
     assert pytest.approx(E_MPA * (1 if choice == pad else gain), rel=0.03) == E
@@ -115,25 +115,25 @@ def test_E_is_averaged_over_the_pads_that_may_have_the_gain():
     assert first.refit is not None
     ((share, other),) = first.alternatives
     assert 0.35 < share <= 0.5
-    assert {one.variants[0].label for one in (first.refit, other)} == {"left", "right"}
+    assert {fit.variants[0].label for fit in (first.refit, other)} == {"left", "right"}
     said = candidates(selected, linear)[0].modulus
     assert said is not None
     of_right, of_left = E_MPA, 0.8 * E_MPA
-    own = of_left if first.refit.variants[0].label == "left" else of_right
-    mean = (1 - share) * own + share * (of_right + of_left - own)
+    E_MPa = of_left if first.refit.variants[0].label == "left" else of_right
+    mean = (1 - share) * E_MPa + share * (of_right + of_left - E_MPa)
     assert said.value == pytest.approx(mean, rel=0.03)
     assert NINETY * said.sd >= 0.95 * max(abs(said.value - E) for E in (of_left, of_right))
 
 
 def test_a_pads_drift_is_found_and_which_pad():
-    parameters, choice, E = found(sensor_drift.EFFECT, on_pad("right", drifted(0.1)))
+    parameters, choice, E = refitted(sensor_drift.EFFECT, on_pad("right", drifted(0.1)))
     assert choice == "right"
     assert parameters["newton_per_s"] == pytest.approx(0.1, rel=0.08)
     assert pytest.approx(E_MPA, rel=0.03) == E
 
 
 def test_jaws_that_give_way_are_found():
-    given = found(gripper_compliance.EFFECT, given_way(0.4))[0]["mm_per_N"]
+    given = refitted(gripper_compliance.EFFECT, given_way(0.4))[0]["mm_per_N"]
     assert given == pytest.approx(0.4, abs=0.06)  # a mesh this coarse is itself 0.04 too stiff
 
 
@@ -152,16 +152,16 @@ class Overshooting(type(gripper_compliance.EFFECT)):  # type: ignore[misc]
 
 
 def test_where_the_linear_answer_has_no_model_the_search_starts_nearer_to_nothing():
-    given = found(Overshooting(), given_way(0.4))[0]["mm_per_N"]
+    given = refitted(Overshooting(), given_way(0.4))[0]["mm_per_N"]
     assert given == pytest.approx(0.4, abs=0.06)
 
 
 def test_a_late_clock_is_found():
-    assert found(clock_lag.EFFECT, late(0.12))[0]["lag_s"] == pytest.approx(0.12, rel=0.08)
+    assert refitted(clock_lag.EFFECT, late(0.12))[0]["lag_s"] == pytest.approx(0.12, rel=0.08)
 
 
 def test_a_pad_that_is_turned_against_its_pose_is_found():
-    parameters, choice, _ = found(pose_error.EFFECT, on_pad("left", misplaced((0.0, 0.0), 4.0)))
+    parameters, choice, _ = refitted(pose_error.EFFECT, on_pad("left", misplaced((0.0, 0.0), 4.0)))
     # the pads share their x: one turned forth and the other turned back push at the same angle
     as_said = parameters[NAMES[2]] if choice == "left" else -parameters[NAMES[2]]
     assert as_said == pytest.approx(4.0, rel=0.15)
@@ -220,11 +220,11 @@ def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the
         forward,
         [pose_error.EFFECT],
     )
-    assert {one.signature.variant for one in linear.linear_fits} == {OfPad(pad="left"), OfPad(pad="right")}
-    most = max(one.gain for one in linear.linear_fits)
+    assert {fit.signature.variant for fit in linear.linear_fits} == {OfPad(pad="left"), OfPad(pad="right")}
+    most = max(fit.gain for fit in linear.linear_fits)
     right_first = [
-        replace(one, gain=most + 1.0) if one.signature.variant == OfPad(pad="right") else one
-        for one in linear.linear_fits
+        replace(fit, gain=most + 1.0) if fit.signature.variant == OfPad(pad="right") else fit
+        for fit in linear.linear_fits
     ]
     linear = replace(linear, linear_fits=tuple(right_first))
     best = select_model(forward, linear, p_value=0.0).ranking[0].refit
@@ -296,7 +296,7 @@ def test_the_weight_of_an_unaltered_fruit_starts_no_search_for_a_tilt():
     ],
 )
 def test_each_signature_is_the_slope_of_its_own_model(unaltered, effect, variant, null, steps, tolerance):
-    signature = next(one for one in effect.signatures(unaltered) if one.variant == variant)
+    signature = next(candidate for candidate in effect.signatures(unaltered) if candidate.variant == variant)
     names = [spec.name for spec in effect.spec.searched]
     for k, step in enumerate(steps):
         values = np.array(null)
@@ -319,7 +319,7 @@ def test_equal_gains_of_both_pads_leave_forces_that_do_not_balance_as_they_are()
     left, right = sensor_gain.EFFECT.signatures(forward)
     for number, recording in enumerate(forward.base.grasps):
         recorded = balance_equations(forward, recording).measured
-        sums = [one.columns[0].fields[number].balance for one in (left, right)]
+        sums = [signature.columns[0].fields[number].balance for signature in (left, right)]
         assert np.abs(recorded).max() > 0.01
         np.testing.assert_allclose(sums[0] + sums[1], 0.0, atol=1e-9 * np.abs(recorded).max())
         ahead = sensor_gain.EFFECT.respond(forward, {"gain": 1 + 1e-5}, left.variant).balance[number]

@@ -37,16 +37,16 @@ def test_pits_of_other_sizes_answer_as_the_fruit_solved_with_them():
     search = replace(forward(), warm_starts=WarmStarts())
     plain = forward().base.grasps[0].tracks.unit_displacement
     for scale, tolerance in ((0.78, 1e-6), (0.72, 0.06)):
-        (found,) = pit_size.EFFECT.respond(search, {"scale": scale}, ONE_WAY).unit
+        (response,) = pit_size.EFFECT.respond(search, {"scale": scale}, ONE_WAY).unit
         expected = solved((0, 0, 0, np.log(scale)))
-        assert np.linalg.norm(found - expected) < tolerance * np.linalg.norm(expected - plain)
+        assert np.linalg.norm(response - expected) < tolerance * np.linalg.norm(expected - plain)
 
 
 def test_a_pit_elsewhere_answers_as_the_fruit_solved_with_it():
-    found = responded(pit_offset.EFFECT, pit_offset.NAMES, (1.5, -1.0, 0.5))
+    response = responded(pit_offset.EFFECT, pit_offset.NAMES, (1.5, -1.0, 0.5))
     expected = solved((1.5, -1.0, 0.5, 0.0))
     plain = forward().base.grasps[0].tracks.unit_displacement
-    assert np.linalg.norm(found - expected) < 1e-6 * np.linalg.norm(expected - plain)
+    assert np.linalg.norm(response - expected) < 1e-6 * np.linalg.norm(expected - plain)
 
 
 @pytest.mark.parametrize(("effect", "way"), [(pit_offset.EFFECT, 0), (pit_size.EFFECT, 3)])

@@ -56,13 +56,13 @@ def crept(force: np.ndarray, time_s: np.ndarray, g: float, tau_s: float) -> np.n
 def test_the_model_creeps_as_the_convolution_says(g, tau_s):
     forward = forward_of()
     recording = forward.base.grasps[0]
-    found = EFFECT.respond(forward, {"g": g, "tau_s": tau_s}, ONE_WAY).unit[0]
+    response = EFFECT.respond(forward, {"g": g, "tau_s": tau_s}, ONE_WAY).unit[0]
     plain = recording.tracks.unit_displacement
     time = recording.case.history.time_s
     for marker in (3, 30):
         for way in range(3):
             expected = crept(plain[:, marker, way], time, g, tau_s)
-            np.testing.assert_allclose(found[:, marker, way], expected, atol=1e-9)
+            np.testing.assert_allclose(response[:, marker, way], expected, atol=1e-9)
 
 
 def test_each_signature_is_the_slope_of_the_model_at_no_relaxation():
@@ -126,7 +126,7 @@ def test_flesh_that_relaxes_is_found():
 
     def relaxed(unit: np.ndarray) -> np.ndarray:
         flat = unit.reshape(len(unit), -1)
-        return np.stack([crept(own, TIME_S, g, tau_s) for own in flat.T], axis=1).reshape(unit.shape)
+        return np.stack([crept(course, TIME_S, g, tau_s) for course in flat.T], axis=1).reshape(unit.shape)
 
     case = only_grasp(injected_case(crept=relaxed), 1)
     _, _, again = linear_and_refitted(case, EFFECT)

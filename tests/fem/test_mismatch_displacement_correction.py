@@ -41,7 +41,7 @@ def relaxing(elastic: np.ndarray, time_s: np.ndarray) -> np.ndarray:
 
     c = (1 - G) e + G q, q' = e' - q / tau: the arm's own stress, marched in small steps.
     """
-    e, q, found = np.zeros_like(elastic[0]), np.zeros_like(elastic[0]), [elastic[0] * 0]
+    e, q, creep = np.zeros_like(elastic[0]), np.zeros_like(elastic[0]), [elastic[0] * 0]
     for k in range(1, len(elastic)):
         h = (time_s[k] - time_s[k - 1]) / FINE
         for j in range(1, FINE + 1):
@@ -49,8 +49,8 @@ def relaxing(elastic: np.ndarray, time_s: np.ndarray) -> np.ndarray:
             fade = 1 / (1 + h / TAU_S)
             after = (c - G * fade * (q - e)) / (1 - G + G * fade)
             q, e = fade * (q + after - e), after
-        found.append(e)
-    return np.array(found)
+        creep.append(e)
+    return np.array(creep)
 
 
 @cache
@@ -90,13 +90,13 @@ def case_of(history: GraspHistory) -> MismatchCase:
         )
         for pad, side in zip(history.pads, (1.0, -1.0), strict=True)
     )
-    one = GraspCase(
+    grasp_case = GraspCase(
         name="grasp-1",
         history=history,
         pads=pads,
         support="free",
     )
-    return MismatchCase(mesh=coarse_ball(), grasps=(one,), poisson_ratio=NU, budget=BUDGET)
+    return MismatchCase(mesh=coarse_ball(), grasps=(grasp_case,), poisson_ratio=NU, budget=BUDGET)
 
 
 @pytest.mark.slow
@@ -119,8 +119,8 @@ def test_a_skin_of_so_many_newtons_per_millimetre_counts_in_the_modulus_that_com
     history = long_pinch()
     ends = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
     pads = tuple(
-        replace(pad, position_mm=pad.surface_mm + own / E_MPa)
-        for pad, own in zip(history.pads, np.split(stiff, ends, axis=1), strict=True)
+        replace(pad, position_mm=pad.surface_mm + displacement / E_MPa)
+        for pad, displacement in zip(history.pads, np.split(stiff, ends, axis=1), strict=True)
     )
     known = KnownEffect(effect=skin.EFFECT, parameters=lambda E: {"Et_over_E_mm": Et_N_per_mm / E})
     (beyond,) = displacement_corrections(as_case(replace(history, pads=pads)), [known])
@@ -148,7 +148,9 @@ VALUES = {"radius_mm": 5.0, "ratio": 0.5, "nu": 0.42, "scale": 0.95, "mu": 0.3, 
 
 
 @pytest.mark.parametrize(
-    "effect", [one for one in EFFECTS if one.spec.enters is Entry.RESPONSE], ids=lambda one: one.spec.name
+    "effect",
+    [effect for effect in EFFECTS if effect.spec.enters is Entry.RESPONSE],
+    ids=lambda effect: effect.spec.name,
 )
 def test_every_effect_that_changes_the_response_has_a_correction(effect):
     """By its parameters alone: settings know no more of it."""

@@ -83,7 +83,7 @@ def test_drained_flesh_is_elastic_flesh_with_what_is_left_of_lambda(share: float
     forward = forward_of()
     (recording,) = forward.base.grasps
     gone = {drainage.SHARE: share, drainage.TAU: 1e-6}
-    found = drainage.EFFECT.respond(forward, gone, ONE_WAY).unit[0]
+    response = drainage.EFFECT.respond(forward, gone, ONE_WAY).unit[0]
     left = (1 - share) * LAME
     ratio = left / (2 * (left + MU))
     solid = UnitModulusSolid.factorise(forward.base.mesh, poisson_ratio=ratio, support="free")
@@ -94,7 +94,7 @@ def test_drained_flesh_is_elastic_flesh_with_what_is_left_of_lambda(share: float
     moved = solid.displacement(loads)[:, solid.contact_nodes] / (2 * MU * (1 + ratio))
     change = recording.at_markers(moved) - recording.response[leading]
     expected = np.tensordot(recording.shares[:, leading], change, axes=1)
-    more = found - recording.tracks.unit_displacement
+    more = response - recording.tracks.unit_displacement
     assert np.linalg.norm(more - expected) < 0.01 * np.linalg.norm(expected)
     assert np.linalg.norm(expected) > 0.03 * np.linalg.norm(recording.tracks.unit_displacement)
 
@@ -126,7 +126,7 @@ def rounds(altered: Altered, **options: object):
 
 
 def gains(linear: LinearRound) -> dict[str, float]:
-    return {one.effect.spec.name: one.gain for one in linear.best}
+    return {linear_fit.effect.spec.name: linear_fit.gain for linear_fit in linear.best}
 
 
 @pytest.mark.parametrize(
@@ -143,9 +143,9 @@ def test_draining_flesh_is_found_with_its_share_its_time_and_the_modulus(
     assert best.gain > max(least_gain, second.gain + 50)
     again = refit(forward, linear, [best])
     assert again is not None
-    (found,) = again.parameters
-    assert found[drainage.SHARE] == pytest.approx(share, abs=share_off)
-    assert found[drainage.TAU] == pytest.approx(tau_s, rel=tau_off)
+    (parameters,) = again.parameters
+    assert parameters[drainage.SHARE] == pytest.approx(share, abs=share_off)
+    assert parameters[drainage.TAU] == pytest.approx(tau_s, rel=tau_off)
     assert modulus_of(again.forward, again.response).value == pytest.approx(E_MPA, rel=0.02)
 
 
@@ -160,6 +160,6 @@ def test_flesh_whose_whole_resistance_fades_is_viscoelastic():
         return unit + arm.creep_share * lagging(unit, TIME_S, arm.retardation_s)
 
     _, linear = rounds(lambda pad: pad, crept=relaxed)
-    found = gains(linear)
+    gain_of = gains(linear)
     assert linear.best[0].effect is viscoelastic.EFFECT
-    assert found["viscoelastic"] > found["drainage"] + 50
+    assert gain_of["viscoelastic"] > gain_of["drainage"] + 50

@@ -27,9 +27,9 @@ def test_forces_of_the_linear_stress_are_those_of_the_stiffness_matrix():
     solid = forward.base.solid_of(forward.base.grasps[0])
     moved = np.random.default_rng(4).normal(size=(2, *fruit_mesh().nodes_mm.shape))
     pieces = FleshPieces.whole(FleshStrain.of(fruit_mesh()))
-    found = pieces.forces(moved, lambda gradient: linear_stress(gradient, poisson_ratio=NU))
+    forces = pieces.forces(moved, lambda gradient: linear_stress(gradient, poisson_ratio=NU))
     expected = (solid.stiffness @ moved.reshape(2, -1).T).T.reshape(moved.shape)
-    off = np.linalg.norm(found - expected) / np.linalg.norm(expected)
+    off = np.linalg.norm(forces - expected) / np.linalg.norm(expected)
     assert off < 0.02  # curved elements: four points here, fourteen in the stiffness
 
 
@@ -94,10 +94,10 @@ def test_softer_flesh_answers_alike_where_its_law_sees_the_same(monkeypatch, mod
         spec.name: parameters[spec.name] * 1.5**spec.strain_power for spec in module.EFFECT.spec.searched
     }
     more = module.EFFECT.respond(firm, parameters, ONE_WAY).unit[0] - plain
-    found = module.EFFECT.respond(soft, design_effect, ONE_WAY).unit[0] - plain
+    change = module.EFFECT.respond(soft, design_effect, ONE_WAY).unit[0] - plain
     other = module.EFFECT.respond(soft, parameters, ONE_WAY).unit[0] - plain
     size = np.linalg.norm(more)
-    assert np.linalg.norm(found - more) < 2e-3 * size
+    assert np.linalg.norm(change - more) < 2e-3 * size
     assert np.linalg.norm(other - more) > 0.1 * size
 
 
@@ -127,8 +127,8 @@ def test_only_the_last_runs_are_kept():
 
 def difference(module: object, forward: ForwardModel, parameters: dict[str, float], base: dict[str, float]):
     effect = module.EFFECT
-    one = effect.respond(forward, parameters, ONE_WAY).unit[0]
-    return forward.compliance * (one - effect.respond(forward, base, ONE_WAY).unit[0])
+    response = effect.respond(forward, parameters, ONE_WAY).unit[0]
+    return forward.compliance * (response - effect.respond(forward, base, ONE_WAY).unit[0])
 
 
 def cosine_and_ratio(a: np.ndarray, b: np.ndarray) -> tuple[float, float]:

@@ -31,7 +31,9 @@ def noisy() -> tuple[ForwardModel, GraspEquations, ForceNoise]:
 
 def directly(fields: np.ndarray, noise: ForceNoise) -> float:
     """The product of the module's docstring with fields that were solved for."""
-    return float(np.mean([(field * own).sum() for field, own in zip(fields, noise.weighed, strict=True)]))
+    return float(
+        np.mean([(field * weighed).sum() for field, weighed in zip(fields, noise.weighed, strict=True)])
+    )
 
 
 def linear_nuisances(forward: ForwardModel) -> list[Regressor]:
@@ -56,12 +58,12 @@ def test_adjoint_product_of_one_pads_forces_is_that_of_their_response() -> None:
     forward, _, noise = noisy()
     recording = noise.recording
     column: Regressor = GAIN.signatures(forward)[0].columns[0]
-    own = own_markers(recording, 0)
+    markers = own_markers(recording, 0)
     fields = [
         -forward.compliance
         * np.tensordot(
             recording.shares[:, : len(force)],
-            response_to(forward, recording, np.where(own, force, 0.0)),
+            response_to(forward, recording, np.where(markers, force, 0.0)),
             axes=1,
         )
         for force in noise.force_N
@@ -92,11 +94,11 @@ def test_pit_and_poissons_ratio_follow_from_forces_like_their_own_fields() -> No
         assert isinstance(field, ObservationDelta)
         assert field.markers is not None
         assert column.of_forces is not None
-        found = column.of_forces.product(whole)
+        product = column.of_forces.product(whole)
         expected = float((field.markers * noise.weighed[0]).sum())
         scale = float(np.abs(field.markers * noise.weighed[0]).sum())
-        assert found == pytest.approx(expected, abs=0.02 * scale), column.name
-    assert equations.own.size
+        assert product == pytest.approx(expected, abs=0.02 * scale), column.name
+    assert equations.nuisances.size
 
 
 def test_the_plain_models_product_is_negative() -> None:
@@ -125,7 +127,10 @@ def test_drawn_noise_of_the_response_is_as_large_as_the_real_one() -> None:
         course = np.linalg.qr(shares)[0]
         off = np.tensordot(course @ course.T, unit - still.tracks.unit_displacement, axes=1)
         real.append(energy(equations, off, unit))
-        drawn += [energy(equations, np.tensordot(shares, own, axes=1), unit) for own in noise.response]
+        drawn += [
+            energy(equations, np.tensordot(shares, pattern_noise, axes=1), unit)
+            for pattern_noise in noise.response
+        ]
     assert np.mean(drawn) == pytest.approx(np.mean(real), rel=0.25)
 
 
@@ -149,8 +154,8 @@ def test_solved_fields_of_noise_have_the_products_that_adjoint_fields_say() -> N
         kinds.add(type(column.of_forces))
         fields = column.of_forces.fields(noise)
         scale = float(np.abs(fields * noise.weighed).sum())
-        found = column.of_forces.product(noise)
-        assert found == pytest.approx(directly(fields, noise), abs=1e-6 * scale), column.name
+        product = column.of_forces.product(noise)
+        assert product == pytest.approx(directly(fields, noise), abs=1e-6 * scale), column.name
     assert kinds == {OfFlesh, OfSomeForces, OfInnerChange, OfResponse}
     whole = OfAll()
     assert whole.product(noise) == pytest.approx(directly(whole.fields(noise), noise), rel=1e-6)

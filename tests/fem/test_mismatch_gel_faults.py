@@ -93,9 +93,9 @@ def bent_reading() -> ForwardModel:
 
 
 def measured(effect: GelFault, forward: ForwardModel) -> dict[str, float]:
-    found = effect.measured(forward)
-    assert found is not None
-    return found.values
+    relation = effect.measured(forward)
+    assert relation is not None
+    return relation.values
 
 
 @pytest.mark.parametrize(
@@ -127,17 +127,17 @@ def test_a_bent_reading_makes_E_too_low(bent_reading):
 def test_a_sound_gel_shows_none_of_them(unaltered, effect):
     assert effect.direct_evidence(unaltered) == 0.0
     assert not effect.signatures(unaltered)
-    found = effect.measured(unaltered)
-    assert found is not None
+    relation = effect.measured(unaltered)
+    assert relation is not None
     name = effect.amounts[0]
-    assert abs(found.values[name]) < max(4 * found.sd[name], 0.02)
+    assert abs(relation.values[name]) < max(4 * relation.sd[name], 0.02)
 
 
 def test_a_gel_that_bends_and_is_read_rightly_is_no_fault_of_the_reading():
     forward, effect = forward_of(bending_gel(0.5)), sensor_nonlinear.EFFECT
-    found = effect.measured(forward)
-    assert found is not None
-    assert found.evidence > 20  # the relation alone would have it
+    relation = effect.measured(forward)
+    assert relation is not None
+    assert relation.evidence > 20  # the relation alone would have it
     assert effect.flesh_gain(forward) < 0
     assert not effect.signatures(forward)
 
@@ -151,9 +151,9 @@ def test_a_fault_that_is_neither_shown_nor_excluded_is_in_the_error_bar(
     bent_reading, monkeypatch, evidence, there
 ):
     fault = sensor_nonlinear.EFFECT
-    found = fault.measured(bent_reading)
-    assert found is not None
-    weak = replace(found, evidence=evidence)
+    relation = fault.measured(bent_reading)
+    assert relation is not None
+    weak = replace(relation, evidence=evidence)
     monkeypatch.setitem(bent_reading.memo.values, ("gel relation", fault.spec.name), weak)
     moved = fault.modulus_change(bent_reading)
     before = modulus_of(bent_reading).value
@@ -163,7 +163,7 @@ def test_a_fault_that_is_neither_shown_nor_excluded_is_in_the_error_bar(
     named = SimpleNamespace(effects=(gel_creep.EFFECT,))
     assert hidden_gel_faults(bent_reading, (fault,), named) == []
     warming = SimpleNamespace(effects=(thermal_drift.EFFECT,))  # seen in the air, not in the relation
-    assert [one.name for one in hidden_gel_faults(bent_reading, (fault,), warming)] == [fault.spec.name]
+    assert [hidden.name for hidden in hidden_gel_faults(bent_reading, (fault,), warming)] == [fault.spec.name]
 
 
 def test_a_sound_gel_hardly_widens_the_error_bar(unaltered):
@@ -252,11 +252,11 @@ def warmed(monkeypatch, *records: GelRecord) -> RelationFit | None:
 
 
 def test_a_warming_gel_is_measured_where_it_touches_nothing(monkeypatch):
-    found = warmed(monkeypatch, still(1e-3, 0.3), still(1e-3, 0.3, seed=1))
-    assert found is not None
-    assert found.values["strain_per_root_s"] == pytest.approx(1e-3, rel=0.05)
-    assert found.values["N_per_root_s"] == pytest.approx(0.3, rel=0.15)
-    assert found.evidence > 100
+    relation = warmed(monkeypatch, still(1e-3, 0.3), still(1e-3, 0.3, seed=1))
+    assert relation is not None
+    assert relation.values["strain_per_root_s"] == pytest.approx(1e-3, rel=0.05)
+    assert relation.values["N_per_root_s"] == pytest.approx(0.3, rel=0.15)
+    assert relation.evidence > 100
 
 
 def test_a_pad_that_is_never_in_the_air_says_nothing_of_warming(monkeypatch):
@@ -280,7 +280,9 @@ def test_a_bent_reading_is_no_warming_and_no_two_faults():
     prior = log_prior("a+b", effects=len(ALL)) - log_prior("a", effects=len(ALL))
     explanations = linear_explanations(linear)
     of_relation = [pair for pair, _ in fault_pairs(forward, linear, explanations).values()]
-    pairs = [one.weighed.gain for one in [*explanations, *of_relation] if "+" in one.name]
+    pairs = [
+        explanation.weighed.gain for explanation in [*explanations, *of_relation] if "+" in explanation.name
+    ]
     assert max(pairs, default=-np.inf) + TEMPERATURE * prior < linear.best[0].gain
 
 
@@ -289,11 +291,11 @@ def test_what_the_relation_leaves_open_is_in_the_error_bar():
     forward, effect = forward_of(crept(0.06, 1.0)), gel_creep.EFFECT
     linear = screened_effects(forward, (effect,))
     again = refit(forward, linear, linear.linear_fits[:1])
-    own = dict(zip((spec.name for spec in effect.spec.searched), modulus_with(again).sd, strict=True))
+    sd_of = dict(zip((spec.name for spec in effect.spec.searched), modulus_with(again).sd, strict=True))
     relation = effect.relation_sd(forward)
     assert relation["creep_tau_s"] > 0.2
-    assert all(own[name] >= relation[name] for name in relation)
-    assert abs(np.log(again.parameters[0]["creep_tau_s"])) < 2 * own["creep_tau_s"]
+    assert all(sd_of[name] >= relation[name] for name in relation)
+    assert abs(np.log(again.parameters[0]["creep_tau_s"])) < 2 * sd_of["creep_tau_s"]
 
 
 def test_a_loop_that_is_a_bend_adds_nothing_to_it():
@@ -313,14 +315,16 @@ def test_two_faults_together_are_those_injected():
     both = fitted_together(forward, faults_of_relation((gel_hysteresis.EFFECT, sensor_nonlinear.EFFECT)))
     assert both.values["a"] == pytest.approx(-0.3, rel=0.08)
     assert both.values["share"] == pytest.approx(0.1, rel=0.1)
-    alone = [measured_evidence(one, forward) for one in (gel_hysteresis.EFFECT, sensor_nonlinear.EFFECT)]
+    alone = [
+        measured_evidence(effect, forward) for effect in (gel_hysteresis.EFFECT, sensor_nonlinear.EFFECT)
+    ]
     assert both.evidence > max(alone) + LEAST_EVIDENCE
 
 
 def measured_evidence(effect: GelFault, forward: ForwardModel) -> float:
-    found = effect.measured(forward)
-    assert found is not None
-    return found.evidence
+    relation = effect.measured(forward)
+    assert relation is not None
+    return relation.evidence
 
 
 @pytest.mark.parametrize("effect", FAULTS)
@@ -330,7 +334,8 @@ def test_a_drift_of_the_reading_is_taken_out_before_a_law_is_fitted(unaltered, m
     drifting = [still(0.0, 1.5, linear=True, seed=seed) for seed in (0, 1)]
     before = sound[0].time_s < 2.3
     known = [
-        replace(one, zero_drift_N=1.5 / 400 * (one.time_s - one.time_s[before].mean())) for one in drifting
+        replace(record, zero_drift_N=1.5 / 400 * (record.time_s - record.time_s[before].mean()))
+        for record in drifting
     ]
     monkeypatch.setattr(gel_fault, "gel_records", lambda _: known)
     none, raw = (effect.fitted(unaltered, records) for records in (sound, drifting))
@@ -376,16 +381,16 @@ def test_a_records_zero_drift_is_that_of_its_recording():
 def test_a_loop_that_a_creeping_gel_hides_is_found_beside_it_and_both_are_right():
     """Alone each shows in part as the other: the loop comes out too strong and the flesh contradicts it."""
     forward = forward_of(lambda pad: looped(0.09)(crept(0.25, 1.0)(pad)))
-    recorded = [GraspEquations.of(forward, one) for one in forward.base.grasps]
+    recorded = [GraspEquations.of(forward, grasp) for grasp in forward.base.grasps]
     linear = screened(forward, recorded, ALL)
-    assert "gel_hysteresis" not in {one.name for one in linear.linear_fits}
-    creeping = [one for one in linear.linear_fits if one.name == "gel_creep"]
+    assert "gel_hysteresis" not in {fit.name for fit in linear.linear_fits}
+    creeping = [fit for fit in linear.linear_fits if fit.name == "gel_creep"]
     single = refit(forward, linear, creeping)
     assert abs(single.parameters[0]["creep"] / 0.25 - 1) > 0.2
-    (found,) = second_faults(forward, linear.gel_faults, gel_creep.EFFECT)
-    assert found.fault is gel_hysteresis.EFFECT
-    assert found.evidence > LEAST_EVIDENCE
-    values = {name: value for own in found.starts for name, value in own.items()}
+    (second,) = second_faults(forward, linear.gel_faults, gel_creep.EFFECT)
+    assert second.fault is gel_hysteresis.EFFECT
+    assert second.evidence > LEAST_EVIDENCE
+    values = {name: value for start in second.starts for name, value in start.items()}
     assert values["creep"] == pytest.approx(0.25, rel=0.04)
     assert values["creep_tau_s"] == pytest.approx(1.0, rel=0.1)
     assert values["share"] == pytest.approx(0.09, rel=0.05)

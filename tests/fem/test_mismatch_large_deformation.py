@@ -64,8 +64,8 @@ def by_newton(forward: ForwardModel, *, share: float = 1.0) -> np.ndarray:
 
 
 def large_deformation_column(forward: ForwardModel) -> Regressor:
-    (found,) = (one for one in common_nuisances(forward) if one.name == LARGE_DEFORMATION)
-    return found
+    (column,) = (nuisance for nuisance in common_nuisances(forward) if nuisance.name == LARGE_DEFORMATION)
+    return column
 
 
 @pytest.mark.slow
@@ -114,7 +114,7 @@ def test_stiffening_holds_large_deformation_itself(neo_hookean):
 def test_a_plain_model_that_holds_it_has_no_column_of_it():
     forward = forward_of()
     leave_large_deformation(forward)
-    assert LARGE_DEFORMATION not in [one.name for one in common_nuisances(forward)]
+    assert LARGE_DEFORMATION not in [nuisance.name for nuisance in common_nuisances(forward)]
 
 
 def test_b_that_may_as_well_be_nothing_is_said_to_be_large_deformation():
@@ -129,7 +129,7 @@ def test_b_that_may_as_well_be_nothing_is_said_to_be_large_deformation():
 def test_large_deformation_that_is_not_found_is_no_column_and_says_why(compliance):
     """Rounds that have not settled, and rounds that ran away."""
     soft = replace(forward_of(), compliance=compliance)
-    found = large_deformation(soft)
-    assert isinstance(found, FemFailure)
-    assert "moves by this law" in found.detail
-    assert LARGE_DEFORMATION not in [one.name for one in common_nuisances(soft)]
+    failure = large_deformation(soft)
+    assert isinstance(failure, FemFailure)
+    assert "moves by this law" in failure.detail
+    assert LARGE_DEFORMATION not in [nuisance.name for nuisance in common_nuisances(soft)]

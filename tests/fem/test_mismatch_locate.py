@@ -32,31 +32,31 @@ def injected_spot(rng: np.random.Generator) -> ForwardModel:
 
 def test_map_of_the_modulus_is_softest_above_the_injected_spot():
     forward = injected_spot(np.random.default_rng(0))
-    found = located(forward, left_by_plain(forward))
-    softest = found.maps.vertices_mm[found.maps.modulus_score.argmin()]
+    place = located(forward, left_by_plain(forward))
+    softest = place.maps.vertices_mm[place.maps.modulus_score.argmin()]
     assert np.linalg.norm(softest - [HALF_AXES_MM[0], 1.0, -0.5]) < 5.0
-    assert found.maps.modulus_score.min() < -10
-    assert np.median(found.maps.law_error) > 1.5
+    assert place.maps.modulus_score.min() < -10
+    assert np.median(place.maps.law_error) > 1.5
 
 
 def test_injected_spot_is_named_with_its_place():
     forward = injected_spot(np.random.default_rng(1))
-    found = located(forward, left_by_plain(forward))
-    assert found.where.region == "flesh"
-    assert found.where.centre_mm is not None
-    assert np.linalg.norm(np.array(found.where.centre_mm) - SPOT_MM) < 3.0
+    place = located(forward, left_by_plain(forward))
+    assert place.where.region == "flesh"
+    assert place.where.centre_mm is not None
+    assert np.linalg.norm(np.array(place.where.centre_mm) - SPOT_MM) < 3.0
 
 
 def test_fault_of_one_pads_shear_is_named_so():
     forward = forward_of()
     recording = forward.base.grasps[0]
     rough = np.zeros_like(recording.tracks.position_mm)
-    own = recording.pad_of_marker == 1
-    wave = np.sin(3 * recording.tracks.place_mm[own, 1]) * (-1.0) ** np.arange(own.sum())
-    rough[:, own, 2] = 0.05 * np.sin(np.arange(len(rough)))[:, None] * wave
+    on_pad = recording.pad_of_marker == 1
+    wave = np.sin(3 * recording.tracks.place_mm[on_pad, 1]) * (-1.0) ** np.arange(on_pad.sum())
+    rough[:, on_pad, 2] = 0.05 * np.sin(np.arange(len(rough)))[:, None] * wave
     rng = np.random.default_rng(2)
-    found = located(forward, [rough + NOISE_MM * rng.normal(size=rough.shape)])
-    assert (found.where.region, found.component) == ("pad right", "shear")
+    place = located(forward, [rough + NOISE_MM * rng.normal(size=rough.shape)])
+    assert (place.where.region, place.component) == ("pad right", "shear")
 
 
 def test_noise_alone_has_standard_scores_and_no_place():
@@ -69,12 +69,12 @@ def test_noise_alone_has_standard_scores_and_no_place():
     ]
     # Recordings leave ALIKE numbers for each independent one; these draws are independent all.
     thinned = np.sqrt(DESIGN_EFFECT * MARKER_VARIANCE_INFLATION)
-    scores = thinned * np.array([one.modulus_score for one in maps])
+    scores = thinned * np.array([map_.modulus_score for map_ in maps])
     # Scores allow for errors of markers' scales too, which these draws have none of.
     assert 0.3 < np.sqrt((scores**2).mean()) < 1.2
-    assert 0.3 < np.sqrt(np.mean([one.law_error**2 for one in maps])) < 1.2
-    found = located(forward, [NOISE_MM * rng.normal(size=shape)])
-    assert (found.where.region, found.when, found.component) == ("both", "all", "both")
+    assert 0.3 < np.sqrt(np.mean([map_.law_error**2 for map_ in maps])) < 1.2
+    place = located(forward, [NOISE_MM * rng.normal(size=shape)])
+    assert (place.where.region, place.when, place.component) == ("both", "all", "both")
 
 
 def test_a_soft_spot_far_from_every_pad_is_not_visible():

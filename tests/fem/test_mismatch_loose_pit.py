@@ -70,8 +70,10 @@ def pressed(
     """Pressures on the patches, and displacement of the skin."""
     moved = flesh.solid.displacement(load)
     opening = (flesh.load.T @ moved.reshape(1, -1).T).T + gap * flesh.area_mm2
-    found = pressures(flesh.compliance(pit_turns=pit_turns), opening)
-    return found[0], moved[0, flesh.solid.contact_nodes] + np.tensordot(found[0], flesh.skin, axes=1)
+    contact_pressure = pressures(flesh.compliance(pit_turns=pit_turns), opening)
+    return contact_pressure[0], moved[0, flesh.solid.contact_nodes] + np.tensordot(
+        contact_pressure[0], flesh.skin, axes=1
+    )
 
 
 def radial(flesh: LooseFlesh, moved: np.ndarray) -> float:
@@ -210,11 +212,11 @@ def test_the_contact_problem_agrees_with_least_squares_under_bounds():
     root = rng.normal(size=(60, 60))
     compliance = root @ root.T + np.eye(60)
     opening = rng.normal(size=(5, 60))
-    found = pressures(compliance, opening)
+    contact_pressures = pressures(compliance, opening)
     lower = np.linalg.cholesky(compliance)
-    for own, q in zip(found, opening, strict=True):
-        assert own == pytest.approx(nnls(lower.T, -np.linalg.solve(lower, q))[0], abs=1e-9)
-        assert ((compliance @ own + q) > -1e-9).all()
+    for pressure, q in zip(contact_pressures, opening, strict=True):
+        assert pressure == pytest.approx(nnls(lower.T, -np.linalg.solve(lower, q))[0], abs=1e-9)
+        assert ((compliance @ pressure + q) > -1e-9).all()
 
 
 def grounded(history: GraspHistory) -> ForwardModel:
@@ -248,8 +250,8 @@ def moved_by(unit: np.ndarray) -> ForwardModel:
     whole = np.zeros((len(history.time_s), *unit.shape[1:]))
     whole[pinched().base.grasps[0].used] = COMPLIANCE * unit
     pads = tuple(
-        replace(pad, position_mm=pad.position_mm + own)
-        for pad, own in zip(history.pads, np.split(whole, split, axis=1), strict=True)
+        replace(pad, position_mm=pad.position_mm + shift_mm)
+        for pad, shift_mm in zip(history.pads, np.split(whole, split, axis=1), strict=True)
     )
     return grounded(replace(history, pads=pads))
 
@@ -276,11 +278,11 @@ def test_the_pit_is_in_equilibrium_and_pulls_at_nothing(turns):
     recording = forward.base.grasps[0]
     flesh = loose_flesh(forward, recording)
     opening = recording.shares @ flesh.marker_response(recording)[1]
-    found = pressures(flesh.compliance(pit_turns=turns), opening)[1]
-    assert found.min() >= 0
-    assert found.max() > 0
-    total = np.asarray(flesh.load @ found).reshape(-1, 3).sum(axis=0)
-    assert np.linalg.norm(total) < 1e-3 * float(found @ flesh.area_mm2)
+    pressure = pressures(flesh.compliance(pit_turns=turns), opening)[1]
+    assert pressure.min() >= 0
+    assert pressure.max() > 0
+    total = np.asarray(flesh.load @ pressure).reshape(-1, 3).sum(axis=0)
+    assert np.linalg.norm(total) < 1e-3 * float(pressure @ flesh.area_mm2)
 
 
 def test_between_the_frames_solved_for_contact_follows_the_load_not_the_clock():
@@ -295,13 +297,13 @@ def test_between_the_frames_solved_for_contact_follows_the_load_not_the_clock():
         pose=np.repeat(recording.pose[:, 1:2], len(load), axis=1),
         load=load,
     )
-    found = loose_response(forward, held, gap, pit_turns=True)
+    response = loose_response(forward, held, gap, pit_turns=True)
     flesh = loose_flesh(forward, recording)
     free, opening, pushed = flesh.marker_response(recording)
     each = pressures(flesh.compliance(pit_turns=True), held.shares @ opening + gap * flesh.area_mm2)
     assert (each.max(axis=1) > 0).sum() > MOST_FRAMES
     exact = held.over_time(free) + np.tensordot(each, pushed, axes=1)
-    assert found == pytest.approx(exact, abs=1e-3 * np.abs(exact).max())
+    assert response == pytest.approx(exact, abs=1e-3 * np.abs(exact).max())
 
 
 def test_a_loose_pit_shows_as_its_own_model_less_the_bonded_answer():
@@ -334,10 +336,10 @@ def test_a_bonded_pit_shows_no_looseness():
 @pytest.mark.parametrize("turns", [True, False])
 def test_of_a_gap_alone_the_way_that_fits_is_taken(turns):
     gap = {"gap_mm": 0.002 * COMPLIANCE}  # the pinch closes it
-    true_way, other = (AtGap(gap_mm=gap["gap_mm"], pit_turns=own) for own in (turns, not turns))
+    true_way, other = (AtGap(gap_mm=gap["gap_mm"], pit_turns=pit_turns) for pit_turns in (turns, not turns))
     bare = pinched()
     forward = moved_by(loose_response(bare, bare.base.grasps[0], 0.002, pit_turns=turns))
-    ways = [EFFECT.respond(forward, gap, one).unit[0] for one in (true_way, other)]
-    found = EFFECT.respond(forward, gap, ONE_WAY).unit[0]
+    ways = [EFFECT.respond(forward, gap, way).unit[0] for way in (true_way, other)]
+    response = EFFECT.respond(forward, gap, ONE_WAY).unit[0]
     assert np.abs(ways[0] - ways[1]).max() > 1e-3 * np.abs(ways[0]).max()
-    np.testing.assert_array_equal(found, ways[0])
+    np.testing.assert_array_equal(response, ways[0])

@@ -72,13 +72,15 @@ def test_two_inferences_of_E_that_disagree_leave_it_as_uncertain_as_their_scatte
 @pytest.mark.parametrize("name", ["jaws", "thick_skin"])
 def test_e_changes_with_a_parameter_as_the_effect_itself_says(name, request):
     again = request.getfixturevalue(name)
-    found = modulus_with(again)
+    informed = modulus_with(again)
     change = asked(again, 0.02)
-    assert found.change[0] == pytest.approx(change, rel=0.1)
-    own = np.hypot(SYSTEMATIC * np.sqrt(again.fit.covariance[-1, -1]), _own_error(again)[0])
+    assert informed.change[0] == pytest.approx(change, rel=0.1)
+    law_sd = np.hypot(SYSTEMATIC * np.sqrt(again.fit.covariance[-1, -1]), _own_error(again)[0])
     other = again.forward.modulus_scale / (again.forward.compliance * (1 + again.fit.amounts[0]))
-    apart = np.log(found.at.value / other) / 2
-    expected = found.at.value * np.linalg.norm([found.at.sd / found.at.value, change * own, apart])
-    assert found.known.sd == pytest.approx(expected, rel=0.1)
-    assert found.known.sd > 1.2 * found.at.sd
-    assert found.known.value == found.at.value
+    apart = np.log(informed.at.value / other) / 2
+    expected = informed.at.value * np.linalg.norm(
+        [informed.at.sd / informed.at.value, change * law_sd, apart]
+    )
+    assert informed.known.sd == pytest.approx(expected, rel=0.1)
+    assert informed.known.sd > 1.2 * informed.at.sd
+    assert informed.known.value == informed.at.value

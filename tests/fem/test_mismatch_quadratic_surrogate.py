@@ -10,13 +10,13 @@ class Search:
     """Keeps what a search keeps."""
 
     def __init__(self) -> None:
-        self.found: dict[object, tuple] = {}
+        self.solutions: dict[object, tuple] = {}
 
     def warm_start(self, key):
-        return self.found.get(key, ())
+        return self.solutions.get(key, ())
 
-    def store_warm_start(self, key, found):
-        self.found[key] = found
+    def store_warm_start(self, key, solutions):
+        self.solutions[key] = solutions
 
 
 def curved(calls: list[np.ndarray], bend: float = 0.7):

@@ -33,15 +33,15 @@ def rounds(effects, *, workers: int = 1) -> LinearRound:
 
 
 @cache
-def found() -> Refit:
+def damage_refit() -> Refit:
     linear = rounds([damage.EFFECT])
     return refit(injected(), linear, (linear.best[0],))
 
 
 def test_a_law_that_bends_comes_back_with_the_modulus_that_goes_with_it():
-    assert found().forward.compliance == pytest.approx(SOFTER * COMPLIANCE, rel=0.03)
-    assert found().parameters[0]["dmax"] == pytest.approx(TRUTH["dmax"], rel=0.1)
-    assert found().parameters[0]["W0_over_E"] == pytest.approx(TRUTH["W0_over_E"], rel=0.2)
+    assert damage_refit().forward.compliance == pytest.approx(SOFTER * COMPLIANCE, rel=0.03)
+    assert damage_refit().parameters[0]["dmax"] == pytest.approx(TRUTH["dmax"], rel=0.1)
+    assert damage_refit().parameters[0]["W0_over_E"] == pytest.approx(TRUTH["W0_over_E"], rel=0.2)
 
 
 def test_another_modulus_is_taken_up_so_that_the_law_sees_the_same():
@@ -60,17 +60,17 @@ def test_another_modulus_is_taken_up_so_that_the_law_sees_the_same():
 
 
 def test_the_spread_of_a_laws_parameter_has_that_of_the_modulus_in_it():
-    law = found().fit.covariance
+    law = damage_refit().fit.covariance
     expected = law[-1, -1] + 2 * 2 * law[0, -1] + 4 * law[0, 0]
-    assert found().covariance[1, 1] == pytest.approx(expected)
-    assert found().covariance[0, 0] == law[-2, -2]
+    assert damage_refit().covariance[1, 1] == pytest.approx(expected)
+    assert damage_refit().covariance[0, 0] == law[-2, -2]
 
 
 def test_a_parameter_at_the_end_of_its_bounds_is_said_of_its_own_effect():
     linear = rounds([damage.EFFECT, skin.EFFECT])
-    shown = {one.effect.spec.name: one for one in linear.best}
+    shown = {linear_fit.effect.spec.name: linear_fit for linear_fit in linear.best}
     effects = (shown["damage"], shown["skin"])
-    specs = [spec for one in effects for spec in one.effect.spec.searched]
+    specs = [spec for effect in effects for spec in effect.effect.spec.searched]
     search = _Search(injected(), linear, effects, specs)
     middle = (search.low + search.high) / 2
     assert search.at_an_end(middle) == (False, False)
@@ -85,17 +85,19 @@ def test_a_parameter_at_the_end_of_its_bounds_is_said_of_its_own_effect():
 
 def test_one_effects_response_is_kept_while_anothers_parameters_vary(monkeypatch):
     linear = rounds([damage.EFFECT, skin.EFFECT])
-    shown = {one.effect.spec.name: one for one in linear.best}
+    shown = {linear_fit.effect.spec.name: linear_fit for linear_fit in linear.best}
     effects = (shown["damage"], shown["skin"])
     search = _Search(
-        injected(), linear, effects, [spec for one in effects for spec in one.effect.spec.searched]
+        injected(), linear, effects, [spec for effect in effects for spec in effect.effect.spec.searched]
     )
     asked = []
     respond = type(damage.EFFECT).respond
     monkeypatch.setattr(
         type(damage.EFFECT),
         "respond",
-        lambda self, forward, own, variant: asked.append(dict(own)) or respond(self, forward, own, variant),
+        lambda self, forward, parameters, variant: (
+            asked.append(dict(parameters)) or respond(self, forward, parameters, variant)
+        ),
     )
     at = search.scaled([0.3, 0.006, 0.5])
     search.respond(at)
@@ -108,11 +110,11 @@ def test_one_effects_response_is_kept_while_anothers_parameters_vary(monkeypatch
 
 def test_threads_change_no_number():
     effects = [damage.EFFECT, skin.EFFECT, soft_spot.EFFECT]
-    one, two = (rounds(effects, workers=workers) for workers in (1, 3))
-    assert one.null.log_evidence == two.null.log_evidence
-    assert [shown.gain for shown in one.linear_fits] == [shown.gain for shown in two.linear_fits]
-    assert [shown.signature.variant for shown in one.linear_fits] == [
-        shown.signature.variant for shown in two.linear_fits
+    serial, threaded = (rounds(effects, workers=workers) for workers in (1, 3))
+    assert serial.null.log_evidence == threaded.null.log_evidence
+    assert [shown.gain for shown in serial.linear_fits] == [shown.gain for shown in threaded.linear_fits]
+    assert [shown.signature.variant for shown in serial.linear_fits] == [
+        shown.signature.variant for shown in threaded.linear_fits
     ]
 
 

@@ -24,16 +24,16 @@ def let_go(case: MismatchCase, newton_per_s: float) -> MismatchCase:
     time = np.concatenate([history.time_s, history.time_s[-1] + 0.25 * np.arange(1, AFTER + 1)])
     rng = np.random.default_rng(3)
     pads = []
-    for own, motion in zip(history.pads, grasp.pads, strict=True):
+    for pad, motion in zip(history.pads, grasp.pads, strict=True):
         normal = motion.pose[0, :3, 2]
-        grown = newton_per_s * (time - AIR_S) / len(FLAT) * (own.name == "right")
+        grown = newton_per_s * (time - AIR_S) / len(FLAT) * (pad.name == "right")
         more = {
-            name: np.concatenate([getattr(own, name), np.repeat(getattr(own, name)[:1], AFTER, axis=0)])
+            name: np.concatenate([getattr(pad, name), np.repeat(getattr(pad, name)[:1], AFTER, axis=0)])
             for name in ("position_mm", "gel_displacement_mm", "force_N", "episode")
         }
-        more["force_N"][-AFTER:] = own.force_sd_N * rng.normal(size=more["force_N"][-AFTER:].shape)
+        more["force_N"][-AFTER:] = pad.force_sd_N * rng.normal(size=more["force_N"][-AFTER:].shape)
         more["force_N"] = more["force_N"] + grown[:, None, None] * normal
-        pads.append(replace(own, **more))
+        pads.append(replace(pad, **more))
     motions = tuple(
         replace(
             motion,
@@ -63,11 +63,11 @@ def test_a_drift_is_measured_in_the_air_on_its_own_pad_alone():
 def test_what_a_gel_may_remember_is_no_drift():
     case = let_go(injected_case(on_pad("right", lambda pad: pad)), 0.0)
     history = case.grasps[0].history
-    one = history.pads[1]
-    peak = np.abs((one.force_N @ case.grasps[0].pads[1].pose[0, :3, 2]).sum(axis=1)).max()
-    kept = one.force_N.copy()
+    right = history.pads[1]
+    peak = np.abs((right.force_N @ case.grasps[0].pads[1].pose[0, :3, 2]).sum(axis=1)).max()
+    kept = right.force_N.copy()
     kept[-AFTER:] += REMEMBERED * peak / len(FLAT) * case.grasps[0].pads[1].pose[0, :3, 2]
-    assert not felt(replace(history, pads=(history.pads[0], replace(one, force_N=kept))), case, 1).sure
+    assert not felt(replace(history, pads=(history.pads[0], replace(right, force_N=kept))), case, 1).sure
 
 
 def test_without_frames_after_the_contact_nothing_is_said():

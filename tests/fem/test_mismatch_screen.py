@@ -48,9 +48,9 @@ def gained() -> Screened:
     return screen_of(injected_case(on_pad("left", lambda pad: replace(pad, force_N=GAIN * pad.force_N))))
 
 
-def amount(found: Screened, effect: str, pad: str) -> tuple[float, float]:
-    (one,) = [one for one in found.amounts if (one.effect, one.pad) == (effect, pad)]
-    return one.value, one.sd
+def amount(screened: Screened, effect: str, pad: str) -> tuple[float, float]:
+    (of_pad,) = [listed for listed in screened.amounts if (listed.effect, listed.pad) == (effect, pad)]
+    return of_pad.value, of_pad.sd
 
 
 @pytest.mark.slow
@@ -93,10 +93,10 @@ def test_with_gradings_solid_nothing_is_assembled_or_factorised(monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(UnitModulusSolid, "factorise", none_needed)
         patched.setattr(baseline, "assemble", none_needed)
-        found = screen(case, E_MPa=E_MPA, models=models, solids={"free": solid()})
+        screened = screen(case, E_MPa=E_MPA, models=models, solids={"free": solid()})
     anew = screen(case, E_MPa=E_MPA, models=models)
-    assert anew.p_value == pytest.approx(found.p_value, rel=1e-3)
-    assert anew.gains == pytest.approx(found.gains, abs=1e-2)
+    assert anew.p_value == pytest.approx(screened.p_value, rel=1e-3)
+    assert anew.gains == pytest.approx(screened.gains, abs=1e-2)
 
 
 @pytest.mark.slow

@@ -77,9 +77,9 @@ def markers(rng: np.random.Generator, mu: float, *, count: int = 400, frames: in
 def test_markers_that_slip_pile_up_on_the_cone(mu):
     ratios = markers(np.random.default_rng(1), mu)
     tried = np.linspace(0.5 * mu, 2 * mu, 61)
-    found = [ratios.log_ratio(x) for x in tried]
-    assert max(found) > 10
-    assert tried[int(np.argmax(found))] == pytest.approx(mu, rel=0.05)
+    ratio_of_mu = [ratios.log_ratio(x) for x in tried]
+    assert max(ratio_of_mu) > 10
+    assert tried[int(np.argmax(ratio_of_mu))] == pytest.approx(mu, rel=0.05)
 
 
 def test_a_smooth_distribution_is_no_cone():

@@ -96,7 +96,7 @@ def test_injected_spot_is_found_where_it_is_and_started_near_its_ratio():
     forward = forward_of(more + 0.004 * rng.normal(size=more.shape))
     signatures = EFFECT.signatures(forward)
     assert len(signatures) <= 6
-    away = [np.linalg.norm(one.variant.centre_mm - SPOT_MM) for one in signatures]
+    away = [np.linalg.norm(signature.variant.centre_mm - SPOT_MM) for signature in signatures]
     nearest = signatures[int(np.argmin(away))]
     assert min(away) < 3.0
     start = EFFECT.start(forward, nearest, np.array([0.9]))
@@ -109,8 +109,8 @@ def test_without_a_spot_nothing_stands_out():
     def most(more: np.ndarray) -> float:
         forward = forward_of(more)
         left = [
-            own.position_mm - own.place_mm - COMPLIANCE * own.unit_displacement
-            for own in (recording.tracks for recording in forward.base.grasps)
+            tracks.position_mm - tracks.place_mm - COMPLIANCE * tracks.unit_displacement
+            for tracks in (recording.tracks for recording in forward.base.grasps)
         ]
         spots = best_spots(forward, forward.adjoint_basis.observed(left))
         return max((spot.score for spot in spots), default=0.0)

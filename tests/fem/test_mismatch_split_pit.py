@@ -113,9 +113,9 @@ def test_a_split_pit_is_found_with_its_suture_its_share_and_the_modulus(monkeypa
     assert best.gain > max(5.0, second.gain + 5.0)
     again = refit(forward, linear, [best])
     assert again is not None
-    (found,) = again.parameters
-    assert (found[ANGLE] - angle_deg + 90) % 180 - 90 == pytest.approx(0.0, abs=8.0)
-    assert found[SHARE] == pytest.approx(1.0, abs=0.35)
+    (parameters,) = again.parameters
+    assert (parameters[ANGLE] - angle_deg + 90) % 180 - 90 == pytest.approx(0.0, abs=8.0)
+    assert parameters[SHARE] == pytest.approx(1.0, abs=0.35)
     after = modulus_of(again.forward, again.response).value
     assert after == pytest.approx(E_MPA, rel=0.03)
     assert 1 / forward.compliance < 0.97 * E_MPA
@@ -124,5 +124,5 @@ def test_a_split_pit_is_found_with_its_suture_its_share_and_the_modulus(monkeypa
 def test_a_whole_pit_does_not_seem_split(monkeypatch):
     monkeypatch.setattr(screening, "model_error_columns", lambda *_, **__: [])
     _, linear = rounds(about_the_pit())
-    gains = {one.effect.spec.name: one.gain for one in linear.best}
+    gains = {linear_fit.effect.spec.name: linear_fit.gain for linear_fit in linear.best}
     assert gains["split_pit"] < 1.0

@@ -59,7 +59,7 @@ def third_contact_truth(
 
     Both pads are drawn back by half of the third force each, evenly with their push.
     """
-    mesh, found = true_mesh(), {}
+    mesh, by_pad = true_mesh(), {}
     for grasp, pads in enumerate(true_pads()):
         force = pushed_N(grasp, late=late) * (only in (None, grasp))
         bare = [bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)]
@@ -75,13 +75,13 @@ def third_contact_truth(
             extra.append(-0.5 * (force[:, None] * share)[..., None] * UPWARDS)
         loads = locate(mesh, PLACE_MM[None]).point_load(force[:, None, None] * UPWARDS)
         loads[:, solid.contact_nodes] += sum(
-            link.nodal_force(own) for link, own in zip(links, extra, strict=True)
+            link.nodal_force(force_N) for link, force_N in zip(links, extra, strict=True)
         )
         assert np.abs(loads.sum(axis=1)).max() < 1e-9
         moved = solid.displacement(loads)[:, solid.contact_nodes]
-        for pad, link, own in zip(pads, links, extra, strict=True):
-            found[pad.name, pad.axes.tobytes()] = (own, link.at_markers(moved))
-    return found
+        for pad, link, force_N in zip(pads, links, extra, strict=True):
+            by_pad[pad.name, pad.axes.tobytes()] = (force_N, link.at_markers(moved))
+    return by_pad
 
 
 @cache
@@ -112,17 +112,17 @@ def palm() -> ForwardModel:
 
 
 def normal_N(forward: ForwardModel) -> list[np.ndarray]:
-    found = third_contact._found(forward)
-    assert found is not None
-    return [one.force_N @ found.seat.inward for one in found.forces]
+    contact = third_contact._found(forward)
+    assert contact is not None
+    return [force.force_N @ contact.seat.inward for force in contact.forces]
 
 
 def test_a_palm_is_found_with_its_place_its_push_and_the_modulus():
     forward, linear, again = linear_and_refitted(injected_case(borne()), third_contact.EFFECT)
     assert linear.best[0].gain > 100
-    (found,) = again.parameters
-    assert [found[name] for name in third_contact.CENTRE] == pytest.approx(PLACE_MM.tolist(), abs=1.0)
-    assert found[third_contact.FORCE] == pytest.approx(PEAK_N, rel=0.05)
+    (parameters,) = again.parameters
+    assert [parameters[name] for name in third_contact.CENTRE] == pytest.approx(PLACE_MM.tolist(), abs=1.0)
+    assert parameters[third_contact.FORCE] == pytest.approx(PEAK_N, rel=0.05)
     assert again.converged
     assert modulus_of(forward, again.response).value == pytest.approx(E_MPA, rel=0.03)
     assert again.fit.chi2 < linear.null.chi2
@@ -173,9 +173,9 @@ def test_a_force_pays_for_the_freedom_of_its_course_that_it_needs(late: bool):
 
 
 def test_the_response_balances_the_pads_to_noise(palm: ForwardModel):
-    found = third_contact._found(palm)
-    assert found is not None
-    parameters = dict(zip(third_contact.CENTRE, found.seat.place_mm.tolist(), strict=True))
+    contact = third_contact._found(palm)
+    assert contact is not None
+    parameters = dict(zip(third_contact.CENTRE, contact.seat.place_mm.tolist(), strict=True))
     response = third_contact.EFFECT.respond(palm, parameters, ONE_WAY)
     assert response.balance is not None
     for recording, balance in zip(palm.base.grasps, response.balance, strict=True):
@@ -202,7 +202,7 @@ def test_what_is_not_borne_is_not_said_to_be(altered: Altered, name: str):
     forward = forward_of(altered)
     effects = [third_contact.EFFECT, sensor_gain.EFFECT, pose_error.EFFECT]
     linear = screened_effects(forward, effects)
-    gains = {one.effect.spec.name: one.gain for one in linear.best}
+    gains = {linear_fit.effect.spec.name: linear_fit.gain for linear_fit in linear.best}
     assert gains.get("third_contact", -20.0) < gains[name] - 10
 
 

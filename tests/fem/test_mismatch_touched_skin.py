@@ -52,15 +52,15 @@ def test_places_go_back_by_half_the_step_in_which_the_marker_touched():
     k = first.max()
     middle = (recording.load[k - 1] + recording.load[k]) / 2
     for pad, link in enumerate(recording.links):
-        own = late & (recording.pad_of_marker == pad)
+        markers = late & (recording.pad_of_marker == pad)
         place = recording.tracks.place_mm - recording.tracks.place_mm[recording.pad_of_marker == pad].mean(
             axis=0
         )
         normal = mean_normal(link.place.normal)
         along = place - np.outer(place @ normal, normal)
-        got = np.einsum("nx,nx->n", back[own], along[own]) / (along[own] ** 2).sum(axis=1)
+        got = np.einsum("nx,nx->n", back[markers], along[markers]) / (along[markers] ** 2).sum(axis=1)
         assert got == pytest.approx(-COMPLIANCE * STRETCH * middle, rel=0.15)
-        assert np.abs(back[own] @ normal).max() < 1e-9
+        assert np.abs(back[markers] @ normal).max() < 1e-9
 
 
 def test_a_dent_along_the_normal_moves_no_place():
@@ -71,5 +71,5 @@ def test_a_dent_along_the_normal_moves_no_place():
 def test_flesh_that_gives_way_nowhere_leaves_places_as_they_were():
     base = plain()
     after = with_touched_skin(base, compliance=0.0).grasps[0].case.history.pads
-    for one, other in zip(after, base.grasps[0].case.history.pads, strict=True):
-        assert (one.surface_mm == other.surface_mm).all()
+    for pad_after, other in zip(after, base.grasps[0].case.history.pads, strict=True):
+        assert (pad_after.surface_mm == other.surface_mm).all()

@@ -59,9 +59,9 @@ def products(amount: float, *, share: float, ratio: float = 1.0, ways: int = 1) 
     return GramMatrix(forward, [Recording(position, unit)], [column, *errors])
 
 
-def gain(found: GramMatrix) -> float:
-    errors = tuple(range(2, len(found.columns)))
-    return found.fit((*errors, 1)).log_evidence - found.fit(errors).log_evidence
+def gain(matrix: GramMatrix) -> float:
+    errors = tuple(range(2, len(matrix.columns)))
+    return matrix.fit((*errors, 1)).log_evidence - matrix.fit(errors).log_evidence
 
 
 def test_so_much_as_the_model_is_off_by_is_no_finding_and_ten_times_that_is():
@@ -78,16 +78,16 @@ def test_the_softer_the_flesh_the_more_is_error():
 
 def test_alternatives_of_one_effect_share_its_error():
     single, several = (products(0.2, share=0.02, ways=ways) for ways in (1, 4))
-    variances = [sum(column.sd**2 for column in found.columns[2:]) for found in (single, several)]
+    variances = [sum(column.sd**2 for column in matrix.columns[2:]) for matrix in (single, several)]
     assert variances[0] == pytest.approx(variances[1])
     assert gain(several) == pytest.approx(gain(single), abs=1e-6)
 
 
 def test_a_column_of_the_error_has_the_products_of_its_signature():
-    found = products(0.2, share=0.02)
-    at = {int(j): row + 1 for row, j in enumerate(found.rows[0])}
-    np.testing.assert_array_equal(found.products[0][at[2]], found.products[0][at[1]])
-    np.testing.assert_array_equal(found.weighed[0][at[2]], found.weighed[0][at[1]])
+    matrix = products(0.2, share=0.02)
+    at = {int(j): row + 1 for row, j in enumerate(matrix.rows[0])}
+    np.testing.assert_array_equal(matrix.products[0][at[2]], matrix.products[0][at[1]])
+    np.testing.assert_array_equal(matrix.weighed[0][at[2]], matrix.weighed[0][at[1]])
 
 
 def test_the_shipped_shares_are_of_known_effects():

@@ -38,14 +38,14 @@ class Round:
     asked: list[str] = field(default_factory=list)
 
     def explanations(self) -> list[LinearExplanation]:
-        found = [
+        of_effects = [
             LinearExplanation(
                 weighed=Weighed(name=name, gain=gain, misfit=TYPICAL),
                 linear_fits=tuple(self.fits(part)[0] for part in name.split("+")),
             )
             for name, gain in self.gains.items()
         ]
-        return [*found, LinearExplanation(weighed=Weighed(name=NONE, gain=0.0, misfit=3 * MISFIT))]
+        return [*of_effects, LinearExplanation(weighed=Weighed(name=NONE, gain=0.0, misfit=3 * MISFIT))]
 
     def fits(self, name: str) -> list[SimpleNamespace]:
         if name not in self.pads:
@@ -53,7 +53,7 @@ class Round:
         return [fit(name, gain, variant=OfPad(pad=pad)) for pad, gain in self.pads.items() if pad != name]
 
     def refit(self, _forward, _linear, fits, *, starts=()):
-        name = "+".join(sorted(one.name for one in fits))
+        name = "+".join(sorted(linear_fit.name for linear_fit in fits))
         self.asked.append(name)
         if name in self.fails:
             raise FemFailure(FemProblem.NOT_CONVERGED, "no such flesh")
@@ -63,7 +63,7 @@ class Round:
             name=name,
             variants=(variant,),
             log_evidence=self.evidence.get(pad, 5.0),
-            at_an_end=tuple(one.name in self.at_an_end for one in fits),
+            at_an_end=tuple(linear_fit.name in self.at_an_end for linear_fit in fits),
             fit=SimpleNamespace(chi2=self.left.get(name, TYPICAL)),
         )
 
@@ -78,7 +78,9 @@ def selected(monkeypatch):
         linear = SimpleNamespace(
             numbers=1,
             null=SimpleNamespace(log_evidence=0.0),
-            linear_fits=[one for name in case.pads if name in BY_NAME for one in case.fits(name)],
+            linear_fits=[
+                linear_fit for name in case.pads if name in BY_NAME for linear_fit in case.fits(name)
+            ],
         )
         return select_model(SimpleNamespace(workers=1), linear, p_value=p_value)  # type: ignore[arg-type]
 
@@ -87,10 +89,14 @@ def selected(monkeypatch):
 
 def test_what_the_verdict_holds_is_refitted_and_nothing_else(selected):
     case = Round({"skin": 30.0, "slip": 29.5, "damage": 3.0})
-    found = selected(case)
-    assert found.verdict == ("skin", "slip")
+    selection = selected(case)
+    assert selection.verdict == ("skin", "slip")
     assert sorted(case.asked) == ["skin", "slip"]
-    assert [one.refit is not None for one in found.ranking if one.name in ("skin", "slip", "damage")] == [
+    assert [
+        hypothesis.refit is not None
+        for hypothesis in selection.ranking
+        if hypothesis.name in ("skin", "slip", "damage")
+    ] == [
         True,
         True,
         False,
@@ -111,11 +117,11 @@ def test_a_likely_effect_that_is_not_detected_stands_beside_none(selected):
 
 def test_an_explanation_without_a_full_model_is_dropped_and_said(selected):
     case = Round({"skin": 20.0, "slip": 19.0}, fails=("skin",))
-    found = selected(case)
-    assert found.verdict == "slip"
-    assert found.without == {"skin": "no such flesh"}
+    selection = selected(case)
+    assert selection.verdict == "slip"
+    assert selection.without == {"skin": "no such flesh"}
     assert sorted(case.asked) == ["skin", "slip"]
-    assert "skin" not in [one.name for one in found.ranking]
+    assert "skin" not in [hypothesis.name for hypothesis in selection.ranking]
 
 
 def test_unknown_physics_may_resemble_an_explanation_without_a_full_model(selected):
@@ -125,17 +131,17 @@ def test_unknown_physics_may_resemble_an_explanation_without_a_full_model(select
 
 def test_a_pair_whose_second_effect_ends_at_its_bounds_is_dropped(selected):
     case = Round({"skin": 20.0, "skin+slip": 24.0}, at_an_end=("slip",))
-    found = selected(case)
-    assert found.verdict == "skin"
-    assert found.without == {"skin+slip": model_selection.AT_AN_END}
+    selection = selected(case)
+    assert selection.verdict == "skin"
+    assert selection.without == {"skin+slip": model_selection.AT_AN_END}
     single = selected(Round({"slip": 20.0}, at_an_end=("slip",)))
     assert single.verdict == "slip"
 
 
 def test_what_a_full_model_leaves_counts(selected):
     """The best signature's full model explains nothing, so that the second is likelier."""
-    found = selected(Round({"skin": 30.0, "slip": 26.0}, left={"skin": 3 * MISFIT}))
-    assert found.ranking[0].name == "slip"
+    selection = selected(Round({"skin": 30.0, "slip": 26.0}, left={"skin": 3 * MISFIT}))
+    assert selection.ranking[0].name == "slip"
 
 
 def test_so_many_are_refitted_at_most(selected):

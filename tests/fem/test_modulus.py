@@ -54,12 +54,12 @@ def puck_surface(n: int = 72) -> tuple[np.ndarray, np.ndarray]:
 
 @pytest.mark.slow
 def test_a_grasp_gives_the_injected_modulus_both_ways():
-    found = found_in(grasp(noise=0.5), own_model(0.5))
-    assert found.form == "first-touch"
-    assert found.E_MPa == pytest.approx(E_MPA, rel=0.01)
-    assert found.energy is not None
-    assert found.energy.E_MPa == pytest.approx(E_MPA, rel=0.01)
-    assert found.warnings == ()
+    estimate = found_in(grasp(noise=0.5), own_model(0.5))
+    assert estimate.form == "first-touch"
+    assert estimate.E_MPa == pytest.approx(E_MPA, rel=0.01)
+    assert estimate.energy is not None
+    assert estimate.energy.E_MPa == pytest.approx(E_MPA, rel=0.01)
+    assert estimate.warnings == ()
 
 
 @pytest.mark.slow
@@ -75,42 +75,42 @@ def test_a_press_on_a_base_gives_the_injected_modulus():
     )
     history = recorded(PUCK, BOTH[:1], np.random.default_rng(0), moves=False)
     model = grasp_model(history, solid_of(mesh, history, support="base"))
-    found = estimate_modulus(history, model, budget=BUDGET)
-    assert found.E_MPa == pytest.approx(E_MPA, rel=0.015)
-    assert found.energy is not None
-    assert found.energy.E_MPa == pytest.approx(E_MPA, rel=0.015)
+    estimate = estimate_modulus(history, model, budget=BUDGET)
+    assert estimate.E_MPa == pytest.approx(E_MPA, rel=0.015)
+    assert estimate.energy is not None
+    assert estimate.energy.E_MPa == pytest.approx(E_MPA, rel=0.015)
 
 
 def test_the_error_bar_covers_the_truth():
-    found = [found_in(grasp(s), plain_model()) for s in range(8)]
-    own = np.array([own_sd_MPa(f) for f in found])
-    values = np.array([f.E_MPa for f in found])
-    assert (np.abs(values - E_MPA) < 2 * np.array([f.E_sd_MPa for f in found])).all()
-    assert 0.3 < np.std(values) / own.mean() < 1.5
-    assert np.abs(np.array([f.energy.E_MPa for f in found]) - E_MPA).max() < 0.02 * E_MPA
+    estimates = [found_in(grasp(s), plain_model()) for s in range(8)]
+    sd_MPa = np.array([own_sd_MPa(f) for f in estimates])
+    values = np.array([f.E_MPa for f in estimates])
+    assert (np.abs(values - E_MPA) < 2 * np.array([f.E_sd_MPa for f in estimates])).all()
+    assert 0.3 < np.std(values) / sd_MPa.mean() < 1.5
+    assert np.abs(np.array([f.energy.E_MPa for f in estimates]) - E_MPA).max() < 0.02 * E_MPA
 
 
 def test_the_parts_of_the_error_bar_add_up_in_squares():
-    found = found_in(grasp(), plain_model())
-    parts = list(found.parts_sd_MPa.values())
-    assert np.linalg.norm(parts) == pytest.approx(found.E_sd_MPa, rel=1e-9)
-    assert found.least_squares.sd_MPa == found.E_sd_MPa
+    estimate = found_in(grasp(), plain_model())
+    parts = list(estimate.parts_sd_MPa.values())
+    assert np.linalg.norm(parts) == pytest.approx(estimate.E_sd_MPa, rel=1e-9)
+    assert estimate.least_squares.sd_MPa == estimate.E_sd_MPa
 
 
 def test_the_noise_free_model_serves_noisy_recordings_too():
     """The model depends on a recording's forces by its sensitivities only."""
-    own, plain = found_in(grasp(), own_model()), found_in(grasp(), plain_model())
-    assert plain.E_MPa == pytest.approx(own.E_MPa, rel=1e-4)
-    assert plain.E_sd_MPa == pytest.approx(own.E_sd_MPa, rel=1e-2)
+    exact, plain = found_in(grasp(), own_model()), found_in(grasp(), plain_model())
+    assert plain.E_MPa == pytest.approx(exact.E_MPa, rel=1e-4)
+    assert plain.E_sd_MPa == pytest.approx(exact.E_sd_MPa, rel=1e-2)
 
 
 def test_every_frame_and_pad_has_its_own_modulus():
-    found = found_in(grasp(noise=0.1), plain_model())
-    assert {f.pad for f in found.frames} == {"all", "left", "right"}
-    assert len(found.frames) == 3 * len(RADII_MM)
-    heavy = [f for f in found.frames if RADII_MM[f.frame] >= 4]
+    estimate = found_in(grasp(noise=0.1), plain_model())
+    assert {f.pad for f in estimate.frames} == {"all", "left", "right"}
+    assert len(estimate.frames) == 3 * len(RADII_MM)
+    heavy = [f for f in estimate.frames if RADII_MM[f.frame] >= 4]
     assert np.array([f.E_MPa for f in heavy]) == pytest.approx(E_MPA, rel=0.02)
-    assert [f.phase for f in found.frames if f.pad == "all"] == list(PHASES)
+    assert [f.phase for f in estimate.frames if f.pad == "all"] == list(PHASES)
 
 
 def turned(history: GraspHistory, turn: np.ndarray, shift: np.ndarray) -> GraspHistory:

@@ -176,8 +176,8 @@ def test_the_error_bars_know_of_coloured_noise(lag1):
         tracks = replace(tracks, position_mm=seen, sd_mm=np.full(n, 0.01), lag1=np.full(n, lag1))
         fit = fit_compliance(tracks, scale_sd=1e-9, fruit_moves=True)
         by_squares.append((fit.compliance - 1 / E_MPA) / fit.compliance_sd)
-        found = energy_ratio(tracks, force, motion, gel_scale_sd=0.0)
-        by_energy.append((found.modulus_MPa - E_MPA) / (found.modulus_MPa * found.displacement_noise))
+        energy = energy_ratio(tracks, force, motion, gel_scale_sd=0.0)
+        by_energy.append((energy.modulus_MPa - E_MPA) / (energy.modulus_MPa * energy.displacement_noise))
     assert 0.7 < np.std(by_squares) < 1.2
     assert 0.7 < np.std(by_energy) < 1.2
 
@@ -215,9 +215,9 @@ def test_the_energy_ratios_error_bar_covers_the_truth():
     for seed in range(60):
         rng = np.random.default_rng(seed)
         tracks, force, motion = injected_tracks(rng, noise_mm=0.02, scale_sd=0.02)
-        found = energy_ratio(tracks, force, motion, gel_scale_sd=0.02)
-        sd = found.modulus_MPa * np.hypot(found.displacement_noise, found.gel_scale)
-        scores.append((found.modulus_MPa - E_MPA) / sd)
+        energy = energy_ratio(tracks, force, motion, gel_scale_sd=0.02)
+        sd = energy.modulus_MPa * np.hypot(energy.displacement_noise, energy.gel_scale)
+        scores.append((energy.modulus_MPa - E_MPA) / sd)
     assert 0.75 < np.std(scores) < 1.25
 
 

@@ -25,17 +25,17 @@ def one_frame(history: GraspHistory, frame: int) -> GraspHistory:
 
 def test_one_loaded_frame_falls_back_on_the_surface():
     exact = grasp(surface_mm=0.0, noise=0.1)
-    found = found_in(one_frame(exact, 4))
-    assert found.form == "absolute"
-    assert found.E_MPa == pytest.approx(E_MPA, rel=0.02)
-    assert found.warnings[0].sign is ModulusSign.ONE_FRAME
-    assert "only one frame" in found.warnings[0].sentence
+    estimate = found_in(one_frame(exact, 4))
+    assert estimate.form == "absolute"
+    assert estimate.E_MPa == pytest.approx(E_MPA, rel=0.02)
+    assert estimate.warnings[0].sign is ModulusSign.ONE_FRAME
+    assert "only one frame" in estimate.warnings[0].sentence
 
 
 def test_a_noisy_recording_falls_back_on_the_surface_and_says_why():
-    found = found_in(with_pads(grasp(surface_mm=0.0, noise=0.1), displacement_sd_mm=1.0))
-    assert found.form == "absolute"
-    (warning,) = found.warnings
+    estimate = found_in(with_pads(grasp(surface_mm=0.0, noise=0.1), displacement_sd_mm=1.0))
+    assert estimate.form == "absolute"
+    (warning,) = estimate.warnings
     assert "noise makes the comparison of 9 loaded frames" in warning.sentence
     assert "only one frame is loaded" not in warning.sentence
 
@@ -62,14 +62,14 @@ def stretched(history: GraspHistory, frames: int) -> GraspHistory:
 
 def test_a_long_recording_is_thinned_evenly():
     frames = 450
-    found = found_in(stretched(grasp(noise=0.5), frames))
-    used = np.flatnonzero(found.loaded)
+    estimate = found_in(stretched(grasp(noise=0.5), frames))
+    used = np.flatnonzero(estimate.loaded)
     assert len(used) == MOST_FRAMES
     assert (used[0], used[-1]) == (0, frames - 1)
     assert set(np.diff(used)) == {3, 4}
-    assert {frame.frame for frame in found.frames} == set(used)
-    assert found.residual_mm.shape[0] == MOST_FRAMES
-    assert found.E_MPa == pytest.approx(E_MPA, rel=0.01)
+    assert {frame.frame for frame in estimate.frames} == set(used)
+    assert estimate.residual_mm.shape[0] == MOST_FRAMES
+    assert estimate.E_MPa == pytest.approx(E_MPA, rel=0.01)
 
 
 def test_few_frames_are_all_used():
@@ -82,6 +82,6 @@ def test_few_frames_are_all_used():
 @pytest.mark.parametrize("surface_mm", [-0.1, 0.1])
 def test_the_absolute_forms_error_bar_knows_of_the_surface(surface_mm):
     scanned = grasp(surface_mm=surface_mm)
-    found = found_in(one_frame(scanned, 4))
-    assert abs(found.E_MPa / E_MPA - 1) > 0.03
-    assert abs(found.E_MPa - E_MPA) < 2.5 * found.E_sd_MPa
+    estimate = found_in(one_frame(scanned, 4))
+    assert abs(estimate.E_MPa / E_MPA - 1) > 0.03
+    assert abs(estimate.E_MPa - E_MPA) < 2.5 * estimate.E_sd_MPa

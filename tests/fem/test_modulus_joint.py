@@ -66,11 +66,11 @@ def test_the_parts_add_up_to_the_error_bar_in_squares(infer_pit):
     grasps = [
         of_known(rng.normal(0, 0.1, (2, 4)), place, misfit_sd=0.01, discretisation_sd=0.003) for _ in range(3)
     ]
-    found = joint_modulus(grasps, budget=WIDE, infer_pit=infer_pit)
-    assert np.linalg.norm(list(found.parts_sd_MPa.values())) == pytest.approx(found.E_sd_MPa, rel=1e-9)
-    assert set(found.parts_sd_MPa) <= {TACTILE, PIT_PLACE, PIT_SIZE, DISCRETISATION, MODEL, SCATTER}
-    assert found.parts_sd_MPa[DISCRETISATION] == pytest.approx(0.003 * found.E_MPa, rel=1e-6)
-    assert found.parts_sd_MPa[MODEL] < 0.01 * found.E_MPa
+    fruit = joint_modulus(grasps, budget=WIDE, infer_pit=infer_pit)
+    assert np.linalg.norm(list(fruit.parts_sd_MPa.values())) == pytest.approx(fruit.E_sd_MPa, rel=1e-9)
+    assert set(fruit.parts_sd_MPa) <= {TACTILE, PIT_PLACE, PIT_SIZE, DISCRETISATION, MODEL, SCATTER}
+    assert fruit.parts_sd_MPa[DISCRETISATION] == pytest.approx(0.003 * fruit.E_MPa, rel=1e-6)
+    assert fruit.parts_sd_MPa[MODEL] < 0.01 * fruit.E_MPa
 
 
 def pressed(*surface_sd_mm):
@@ -101,51 +101,51 @@ def pressed(*surface_sd_mm):
 )
 def test_the_surface_counts_by_its_error_under_the_pads_where_that_is_known(under_pads_mm, counts_mm):
     slopes = 0.05 * np.ones(len(SURFACE))
-    one = of_known(slopes, np.zeros(len(SURFACE)), causes=SURFACE)
+    grasp = of_known(slopes, np.zeros(len(SURFACE)), causes=SURFACE)
     budget = replace(WIDE, surface_sd_mm=0.2)
-    found = joint_modulus([replace(one, history=pressed(*under_pads_mm))], budget=budget, infer_pit=False)
+    fruit = joint_modulus([replace(grasp, history=pressed(*under_pads_mm))], budget=budget, infer_pit=False)
     # six independent waves of variance sd² / 3, each with a slope of 5 % per mm
-    assert found.parts_sd_MPa[REGISTRATION] / E_MPA == pytest.approx(0.05 * counts_mm * np.sqrt(2), rel=1e-6)
+    assert fruit.parts_sd_MPa[REGISTRATION] / E_MPA == pytest.approx(0.05 * counts_mm * np.sqrt(2), rel=1e-6)
 
 
 def test_a_lone_grasps_pit_counts_by_its_sensitivity_times_its_spread():
-    found = joint_modulus([of_known([0.05, 0, 0, -0.3], np.zeros(4))], budget=WIDE, infer_pit=False)
-    assert found.pit is None
-    assert found.E_MPa == pytest.approx(E_MPA, rel=1e-9)
-    assert found.parts_sd_MPa[PIT_PLACE] == pytest.approx(0.05 * 2.0 * E_MPA, rel=1e-6)
-    assert found.parts_sd_MPa[PIT_SIZE] == pytest.approx(0.3 * 0.5 * E_MPA, rel=1e-6)
-    assert found.parts_sd_MPa[TACTILE] == pytest.approx(NOISE * E_MPA, rel=1e-6)
+    fruit = joint_modulus([of_known([0.05, 0, 0, -0.3], np.zeros(4))], budget=WIDE, infer_pit=False)
+    assert fruit.pit is None
+    assert fruit.E_MPa == pytest.approx(E_MPA, rel=1e-9)
+    assert fruit.parts_sd_MPa[PIT_PLACE] == pytest.approx(0.05 * 2.0 * E_MPA, rel=1e-6)
+    assert fruit.parts_sd_MPa[PIT_SIZE] == pytest.approx(0.3 * 0.5 * E_MPA, rel=1e-6)
+    assert fruit.parts_sd_MPa[TACTILE] == pytest.approx(NOISE * E_MPA, rel=1e-6)
 
 
 def test_a_pit_that_the_data_cannot_see_keeps_its_prior():
     unseen = [of_known(np.zeros((2, 4)), np.zeros(4)) for _ in range(2)]
-    found = joint_modulus(unseen, budget=WIDE, infer_pit=True)
-    np.testing.assert_allclose(found.pit.sd, [2.0, 2.0, 2.0, 0.5], rtol=1e-9)
-    np.testing.assert_allclose(found.pit.prior_sd, found.pit.sd, rtol=1e-9)
-    np.testing.assert_allclose([*found.pit.offset_mm, found.pit.ln_size], 0, atol=1e-9)
-    np.testing.assert_allclose(found.pit.learnt, 0, atol=1e-9)
-    assert found.parts_sd_MPa[PIT_SIZE] < 1e-9
-    assert found.E_sd_MPa == pytest.approx(NOISE * E_MPA / 2, rel=1e-3)
+    fruit = joint_modulus(unseen, budget=WIDE, infer_pit=True)
+    np.testing.assert_allclose(fruit.pit.sd, [2.0, 2.0, 2.0, 0.5], rtol=1e-9)
+    np.testing.assert_allclose(fruit.pit.prior_sd, fruit.pit.sd, rtol=1e-9)
+    np.testing.assert_allclose([*fruit.pit.offset_mm, fruit.pit.ln_size], 0, atol=1e-9)
+    np.testing.assert_allclose(fruit.pit.learnt, 0, atol=1e-9)
+    assert fruit.parts_sd_MPa[PIT_SIZE] < 1e-9
+    assert fruit.E_sd_MPa == pytest.approx(NOISE * E_MPA / 2, rel=1e-3)
 
 
 def test_a_pit_without_spread_stays_and_costs_nothing():
     sure = replace(WIDE, pit_offset_sd_mm=0.0)
     slopes = np.array([0.1, 0.1, 0.1, 0.0])
-    found = joint_modulus([of_known(slopes, np.zeros(4))] * 2, budget=sure, infer_pit=True)
-    assert not found.pit.offset_mm.any()
-    assert not found.pit.sd[:3].any()
-    assert not found.pit.moved[:3].any()
-    assert PIT_PLACE not in found.parts_sd_MPa
+    fruit = joint_modulus([of_known(slopes, np.zeros(4))] * 2, budget=sure, infer_pit=True)
+    assert not fruit.pit.offset_mm.any()
+    assert not fruit.pit.sd[:3].any()
+    assert not fruit.pit.moved[:3].any()
+    assert PIT_PLACE not in fruit.parts_sd_MPa
 
 
 def test_grasps_that_feel_the_pits_size_unlike_each_other_find_it():
     place = np.array([0.0, 0, 0, np.log(0.8)])
     grasps = [of_known([0, 0, 0, slope], place, relative_sd=1e-3) for slope in (-0.2, -0.8)]
-    found = joint_modulus(grasps, budget=WIDE, infer_pit=True)
-    assert found.E_MPa == pytest.approx(E_MPA, rel=2e-3)
-    assert found.pit.ln_size == pytest.approx(np.log(0.8), abs=0.01)
-    assert found.pit.learnt[3] > 0.99
-    assert found.pit.moved[3] == pytest.approx(np.log(0.8) / 0.5, rel=0.05)
+    fruit = joint_modulus(grasps, budget=WIDE, infer_pit=True)
+    assert fruit.E_MPa == pytest.approx(E_MPA, rel=2e-3)
+    assert fruit.pit.ln_size == pytest.approx(np.log(0.8), abs=0.01)
+    assert fruit.pit.learnt[3] > 0.99
+    assert fruit.pit.moved[3] == pytest.approx(np.log(0.8) / 0.5, rel=0.05)
     with_prior = joint_modulus(grasps, budget=WIDE, infer_pit=False)
     assert abs(with_prior.E_MPa / E_MPA - 1) > 0.05
 
@@ -158,10 +158,10 @@ def test_the_pits_posterior_covers_the_pit_as_often_as_it_says():
     for _ in range(100):
         place = rng.normal(size=4) * [0.5, 0.5, 0.5, 0.05]
         grasps = [evidence(s, (1 + s @ place) / E_MPA * (1 + NOISE * rng.normal(size=2))) for s in slopes]
-        found = joint_modulus(grasps, budget=budget, infer_pit=True)
-        off = np.append(found.pit.offset_mm, found.pit.ln_size) - place
-        pit_scores.append(off @ np.linalg.solve(found.pit.covariance, off))
-        scores.append(np.log(found.E_MPa / E_MPA) / (found.E_sd_MPa / found.E_MPa))
+        fruit = joint_modulus(grasps, budget=budget, infer_pit=True)
+        off = np.append(fruit.pit.offset_mm, fruit.pit.ln_size) - place
+        pit_scores.append(off @ np.linalg.solve(fruit.pit.covariance, off))
+        scores.append(np.log(fruit.E_MPa / E_MPA) / (fruit.E_sd_MPa / fruit.E_MPa))
     assert np.mean(pit_scores) == pytest.approx(4, rel=0.35)
     assert 0.75 < np.std(scores) < 1.3
 
@@ -173,30 +173,30 @@ def alone(modulus_MPa, relative_sd=NOISE):
 
 def test_grasps_that_agree_sharpen_as_a_mean_does():
     moduli = E_MPA * np.exp([0.004, -0.002, 0.001, -0.003])
-    found = joint_modulus([alone(one) for one in moduli], budget=WIDE, infer_pit=True)
-    assert found.E_MPa == pytest.approx(E_MPA, rel=2e-3)
-    assert found.E_sd_MPa == pytest.approx(NOISE * E_MPA / 2, rel=0.01)
-    assert found.grasps == 4
-    assert found.warnings == ()
-    assert found.pit is None
+    fruit = joint_modulus([alone(E_MPa) for E_MPa in moduli], budget=WIDE, infer_pit=True)
+    assert fruit.E_MPa == pytest.approx(E_MPA, rel=2e-3)
+    assert fruit.E_sd_MPa == pytest.approx(NOISE * E_MPA / 2, rel=0.01)
+    assert fruit.grasps == 4
+    assert fruit.warnings == ()
+    assert fruit.pit is None
 
 
 def test_grasps_that_scatter_beyond_their_errors_widen_the_error_bar_and_say_so():
     """With equal weights, DerSimonian and Laird's variance of the mean is the scatter's over the number."""
     ln = np.array([0.2, -0.15, 0.05, -0.1])
-    found = joint_modulus([alone(E_MPA * np.exp(x)) for x in ln], budget=WIDE, infer_pit=True)
-    assert np.log(found.E_MPa / E_MPA) == pytest.approx(ln.mean(), abs=0.02)
-    assert found.E_sd_MPa / found.E_MPa == pytest.approx(ln.std(ddof=1) / 2, rel=0.15)
-    assert found.parts_sd_MPa[SCATTER] > 0.9 * found.E_sd_MPa
-    (warning,) = found.warnings
+    fruit = joint_modulus([alone(E_MPA * np.exp(x)) for x in ln], budget=WIDE, infer_pit=True)
+    assert np.log(fruit.E_MPa / E_MPA) == pytest.approx(ln.mean(), abs=0.02)
+    assert fruit.E_sd_MPa / fruit.E_MPa == pytest.approx(ln.std(ddof=1) / 2, rel=0.15)
+    assert fruit.parts_sd_MPa[SCATTER] > 0.9 * fruit.E_sd_MPa
+    (warning,) = fruit.warnings
     assert "disagree beyond their errors (0.611, 0.430, 0.526, 0.452 MPa)" in warning
 
 
 def test_a_lone_grasp_cannot_disagree():
-    found = joint_modulus([alone(E_MPA)], budget=WIDE, infer_pit=False)
-    assert found.E_MPa == pytest.approx(E_MPA, rel=1e-9)
-    assert found.warnings == ()
-    assert SCATTER not in found.parts_sd_MPa
+    fruit = joint_modulus([alone(E_MPA)], budget=WIDE, infer_pit=False)
+    assert fruit.E_MPa == pytest.approx(E_MPA, rel=1e-9)
+    assert fruit.warnings == ()
+    assert SCATTER not in fruit.parts_sd_MPa
 
 
 def test_the_prior_stays_where_it_was_when_the_pit_is_moved_in_the_mesh():
@@ -224,8 +224,8 @@ def test_poisson_ratio_is_common_to_all_grasps_and_no_number_of_them_tells_it():
         )
         for n in (2, 20)
     )
-    for found in (few, many):
-        assert found.parts_sd_MPa[POISSON_RATIO] == pytest.approx(0.02 * E_MPA, rel=1e-3)
+    for fruit in (few, many):
+        assert fruit.parts_sd_MPa[POISSON_RATIO] == pytest.approx(0.02 * E_MPA, rel=1e-3)
     assert many.parts_sd_MPa[TACTILE] == pytest.approx(few.parts_sd_MPa[TACTILE] / np.sqrt(10), rel=1e-2)
 
 
@@ -236,23 +236,23 @@ SYMMETRIC = np.array([[0.1, 0, 0, 0], [-0.1, 0, 0, 0]])
 def test_pads_that_differ_by_what_noise_and_the_prior_allow_are_taken_at_their_word():
     place = np.array([0.5, 0.0, 0.0, 0.0])
     grasps = [of_known(SYMMETRIC, place) for _ in range(2)]
-    found = joint_modulus(grasps, budget=ErrorBudget(pit_offset_sd_mm=0.5, pit_size_sd=0.0), infer_pit=True)
+    fruit = joint_modulus(grasps, budget=ErrorBudget(pit_offset_sd_mm=0.5, pit_size_sd=0.0), infer_pit=True)
     known = 2 * 2 * 0.1**2 / NOISE**2  # information of both grasps' two pads about the pit's x, 1/mm2
-    assert found.pit.offset_mm[0] == pytest.approx(0.5 * known / (known + 0.5**-2), rel=0.02)
+    assert fruit.pit.offset_mm[0] == pytest.approx(0.5 * known / (known + 0.5**-2), rel=0.02)
 
 
 def test_pads_pulled_apart_by_something_else_hardly_move_the_pit():
     """Two grasps show the pit on opposite sides: no place of it is both."""
     left, right = (of_known(SYMMETRIC, np.array([x, 0, 0, 0.0])) for x in (4.0, -3.0))
     budget = ErrorBudget(pit_offset_sd_mm=0.5, pit_size_sd=0.0)
-    found = joint_modulus([left, right], budget=budget, infer_pit=True)
+    fruit = joint_modulus([left, right], budget=budget, infer_pit=True)
     # What both say together is x = 0.5 mm; chi-square is that of their difference of 7 mm.
     known = 2 * 0.1**2 / NOISE**2
     chi2 = (known * 3.5**2 * 2) / 3
     weak = 2 * known / chi2
-    assert found.pit.offset_mm[0] == pytest.approx(0.5 * weak / (weak + 0.5**-2), rel=0.1)
-    assert found.pit.sd[0] == pytest.approx((weak + 0.5**-2) ** -0.5, rel=0.05)
-    (said,) = found.warnings
+    assert fruit.pit.offset_mm[0] == pytest.approx(0.5 * weak / (weak + 0.5**-2), rel=0.1)
+    assert fruit.pit.sd[0] == pytest.approx((weak + 0.5**-2) ** -0.5, rel=0.05)
+    (said,) = fruit.warnings
     assert f"the pads differ by {np.sqrt(chi2):.1f} times" in said
 
 
@@ -263,9 +263,9 @@ def test_pads_that_agree_with_noise_and_prior_contradict_nothing():
 
 def test_the_difference_between_pads_counts_as_more_uncertain_than_their_common_value():
     weight = np.array([[4.0, 1.0], [1.0, 9.0]])
-    found = information._between_pads(weight)
-    assert found.sum() == pytest.approx(weight.sum())
+    between_pads = information._between_pads(weight)
+    assert between_pads.sum() == pytest.approx(weight.sum())
     way = np.array([1.0, -1.0])
-    apart = [way @ np.linalg.inv(one) @ way for one in (found, weight)]
+    apart = [way @ np.linalg.inv(matrix) @ way for matrix in (between_pads, weight)]
     assert apart[0] == pytest.approx(information.BETWEEN_PADS * apart[1])
     assert information._between_pads(np.eye(1)) == pytest.approx(np.eye(1))

@@ -36,22 +36,22 @@ def frames(live, rng, *, noise_mm=0.0, steps=8):
 
 
 def run(live, place, force, touching, sd_mm):
-    before, found = FirstTouch.none(N), []
+    before, estimates = FirstTouch.none(N), []
     for t in range(len(place)):
-        one, before = frame_modulus(
+        estimate, before = frame_modulus(
             live, before, position_mm=place[t], force_N=force[t], touching=touching[t], sd_mm=sd_mm
         )
-        found.append(one)
-    return found
+        estimates.append(estimate)
+    return estimates
 
 
 def test_every_frame_after_the_first_gives_the_injected_modulus(live):
     place, force, touching = frames(live, np.random.default_rng(0))
-    found = run(live, place, force, touching, 1e-3)
-    assert np.isnan(found[0].E_MPa)
-    assert np.array([one.E_MPa for one in found[1:]]) == pytest.approx(E_MPA, rel=2e-3)
-    assert np.nanmax(np.abs(found[-1].residual_mm)) < 1e-4
-    assert np.isnan(found[2].residual_mm[~touching[1] | ~touching[2]]).all()
+    estimates = run(live, place, force, touching, 1e-3)
+    assert np.isnan(estimates[0].E_MPa)
+    assert np.array([estimate.E_MPa for estimate in estimates[1:]]) == pytest.approx(E_MPA, rel=2e-3)
+    assert np.nanmax(np.abs(estimates[-1].residual_mm)) < 1e-4
+    assert np.isnan(estimates[2].residual_mm[~touching[1] | ~touching[2]]).all()
 
 
 def test_its_error_bar_covers_the_truth(live):
@@ -67,15 +67,15 @@ def test_a_marker_that_lets_go_is_compared_with_its_next_touch(live):
     place, force, touching = frames(live, np.random.default_rng(1))
     touching[4, ::2] = False
     place[5:, ::2] += 3.0  # it has been put down elsewhere
-    found = run(live, place, force, touching, 1e-3)
-    assert np.isnan(found[5].residual_mm[::2]).all()
-    assert found[-1].E_MPa == pytest.approx(E_MPA, rel=2e-3)
+    estimates = run(live, place, force, touching, 1e-3)
+    assert np.isnan(estimates[5].residual_mm[::2]).all()
+    assert estimates[-1].E_MPa == pytest.approx(E_MPA, rel=2e-3)
 
 
 def test_too_few_markers_give_nothing(live):
     place, force, touching = frames(live, np.random.default_rng(2))
     touching[:, FEWEST - 1 :] = False
-    assert all(np.isnan(one.E_MPa) for one in run(live, place, force, touching, 1e-3))
+    assert all(np.isnan(estimate.E_MPa) for estimate in run(live, place, force, touching, 1e-3))
 
 
 def test_forces_that_pull_give_nothing(live):

@@ -66,16 +66,16 @@ def test_a_pad_off_the_mesh_is_refused_with_how_far_it_is():
 
 def test_a_gain_of_one_pad_is_said():
     uneven = with_pads(grasp(), force_N=lambda pad: (1.15 if pad.name == "left" else 1.0) * pad.force_N)
-    found = found_in(uneven, plain_model())
-    assert any(one.sign is ModulusSign.UNBALANCED for one in found.warnings)
+    estimate = found_in(uneven, plain_model())
+    assert any(warning.sign is ModulusSign.UNBALANCED for warning in estimate.warnings)
 
 
 def test_a_lag_of_the_forces_is_said_and_widens_the_error_bar():
     history = grasp()
     late = with_pads(history, force_N=lambda pad: np.concatenate([pad.force_N[:1], pad.force_N[:-1]]))
-    plain, found = found_in(history, plain_model()), found_in(late, plain_model())
-    assert found.warnings
-    assert own_sd_MPa(found) > 3 * own_sd_MPa(plain)
+    plain, lagging = found_in(history, plain_model()), found_in(late, plain_model())
+    assert lagging.warnings
+    assert own_sd_MPa(lagging) > 3 * own_sd_MPa(plain)
 
 
 def test_forces_that_are_all_zero_are_refused():
@@ -95,9 +95,9 @@ def test_frames_that_share_no_marker_fall_back_on_the_surface():
         episode[5, ~even & (pad.episode[5] >= 0)] = 0
         return episode
 
-    found = found_in(with_pads(history, episode=apart))
-    assert found.form == "absolute"
-    assert "stay in contact for two frames" in found.warnings[0].sentence
+    estimate = found_in(with_pads(history, episode=apart))
+    assert estimate.form == "absolute"
+    assert "stay in contact for two frames" in estimate.warnings[0].sentence
 
 
 def test_a_pad_seen_in_one_frame_only_leaves_the_other_its_say():
@@ -106,6 +106,6 @@ def test_a_pad_seen_in_one_frame_only_leaves_the_other_its_say():
         return np.where(last | (pad.name == "left"), pad.episode, -1)
 
     short = with_pads(grasp(noise=0.1), episode=once)
-    found = found_in(short)
-    assert found.form == "first-touch"
-    assert found.E_MPa == pytest.approx(E_MPA, rel=0.05)
+    estimate = found_in(short)
+    assert estimate.form == "first-touch"
+    assert estimate.E_MPa == pytest.approx(E_MPA, rel=0.05)

@@ -35,20 +35,20 @@ def test_products_are_those_of_noise_that_the_effect_has_changed(amounts: tuple[
     e, fields = drawn()
     changed = e - amounts[0] * fields[1] - amounts[1] * fields[2]
     plain = fields[0] + amounts[0] * fields[1] + amounts[1] * fields[2]
-    found = found_at(amounts)
-    assert found.square == pytest.approx(mean_product(e, e) - mean_product(changed, changed))
-    assert found.plain == pytest.approx(mean_product(plain, changed))
-    for own, field in zip(found.signatures[0], fields[1:], strict=True):
-        assert own == pytest.approx(mean_product(field, changed))
+    noise = found_at(amounts)
+    assert noise.square == pytest.approx(mean_product(e, e) - mean_product(changed, changed))
+    assert noise.plain == pytest.approx(mean_product(plain, changed))
+    for product, field in zip(noise.signatures[0], fields[1:], strict=True):
+        assert product == pytest.approx(mean_product(field, changed))
 
 
 def test_a_large_effect_leaves_no_more_noise_than_the_least_that_its_signatures_can() -> None:
     e, fields = drawn()
     product, square = mean_product(fields[1], e), mean_product(fields[1], fields[1])
     for large in (1.2, 30.0):
-        found = found_at((large * product / square, 0.0))
-        assert found.square == pytest.approx(product**2 / square)
-        assert found.signatures[0, 0] == pytest.approx(0.0, abs=1e-9 * product)
+        noise = found_at((large * product / square, 0.0))
+        assert noise.square == pytest.approx(product**2 / square)
+        assert noise.signatures[0, 0] == pytest.approx(0.0, abs=1e-9 * product)
 
 
 def test_square_rises_by_twice_the_signatures_products() -> None:

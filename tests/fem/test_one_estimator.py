@@ -40,7 +40,7 @@ def prepared(case):
 
 @pytest.fixture(scope="module")
 def models(case, prepared):
-    histories = [one.history for one in prepared]
+    histories = [grasp.history for grasp in prepared]
     solid = UnitModulusSolid.factorise(
         case.mesh,
         poisson_ratio=case.poisson_ratio,
@@ -55,8 +55,8 @@ def models(case, prepared):
 def graded(case, prepared, models):
     """What grading makes of each grasp."""
     return [
-        estimate_modulus(one.history, model, budget=case.budget)
-        for one, model in zip(prepared, models, strict=True)
+        estimate_modulus(grasp.history, model, budget=case.budget)
+        for grasp, model in zip(prepared, models, strict=True)
     ]
 
 
@@ -69,7 +69,9 @@ def base(case):
 def compliances(case, base):
     """1/E of the models that explaining starts from, one recording after the other."""
     scale_sd = case.budget.gel_scale_sd
-    return [fit_compliance(one.tracks, scale_sd=scale_sd, fruit_moves=True).compliance for one in base.grasps]
+    return [
+        fit_compliance(grasp.tracks, scale_sd=scale_sd, fruit_moves=True).compliance for grasp in base.grasps
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -83,8 +85,8 @@ def test_the_plain_model_of_explain_has_the_compliance_of_grading(
     case, prepared, models, graded, compliances
 ):
     """By the same fit, and by the estimate that weighs the pads."""
-    for one, model, estimate, plain in zip(prepared, models, graded, compliances, strict=True):
-        tracks, _ = marker_tracks(one.history, model, one.used)
+    for grasp, model, estimate, plain in zip(prepared, models, graded, compliances, strict=True):
+        tracks, _ = marker_tracks(grasp.history, model, grasp.used)
         fit = fit_compliance(tracks, scale_sd=case.budget.gel_scale_sd, fruit_moves=model.fruit_moves)
         assert plain == pytest.approx(fit.compliance, rel=SAME)
         assert plain == pytest.approx(1 / estimate.E_MPa, rel=SAME)
@@ -98,32 +100,32 @@ def test_of_one_recording_explaining_infers_the_modulus_and_its_error_bar_as_gra
     leave_large_deformation(forward)  # flesh here moves by small strain
     unit = base.grasps[0].tracks.unit_displacement
     alone = joint_modulus([graded[0].evidence], budget=case.budget, infer_pit=False)
-    for found in (modulus_of(forward), modulus_of(forward, Response(unit=(unit,)))):
-        assert found.value == pytest.approx(alone.E_MPa, rel=SAME)
-        assert found.sd == pytest.approx(alone.E_sd_MPa, rel=0.02)
+    for modulus in (modulus_of(forward), modulus_of(forward, Response(unit=(unit,)))):
+        assert modulus.value == pytest.approx(alone.E_MPa, rel=SAME)
+        assert modulus.sd == pytest.approx(alone.E_sd_MPa, rel=0.02)
     half = modulus_of(forward, Response(unit=[unit / 2])).value
     assert half == pytest.approx(modulus_of(forward).value / 2, rel=SAME)
 
 
 def test_without_an_effect_it_is_what_grading_infers_of_all_grasps(case, graded, forward):
-    together = joint_modulus([one.evidence for one in graded], budget=case.budget, infer_pit=True)
-    found = modulus_of(forward)
-    assert found.value == pytest.approx(together.E_MPa, rel=2e-3)
-    assert found.sd == pytest.approx(together.E_sd_MPa, rel=0.05)
-    assert found.value == pytest.approx(E_MPA, rel=0.01)
+    together = joint_modulus([estimate.evidence for estimate in graded], budget=case.budget, infer_pit=True)
+    modulus = modulus_of(forward)
+    assert modulus.value == pytest.approx(together.E_MPa, rel=2e-3)
+    assert modulus.sd == pytest.approx(together.E_sd_MPa, rel=0.05)
+    assert modulus.value == pytest.approx(E_MPA, rel=0.01)
 
 
 def test_a_recording_that_grading_has_no_modulus_of_has_no_part_in_it(case, graded, forward, models):
     alone = joint_modulus([graded[0].evidence], budget=case.budget, infer_pit=False)
     lost = replace(forward, graded=(models[0], None))
-    first, second = (one.tracks.unit_displacement for one in forward.base.grasps)
-    for found in (modulus_of(lost), modulus_of(lost, Response(unit=[first, -second]))):
-        assert found.value == pytest.approx(alone.E_MPa, rel=2e-3)
-        assert found.sd == pytest.approx(alone.E_sd_MPa, rel=0.05)
+    first, second = (grasp.tracks.unit_displacement for grasp in forward.base.grasps)
+    for modulus in (modulus_of(lost), modulus_of(lost, Response(unit=[first, -second]))):
+        assert modulus.value == pytest.approx(alone.E_MPa, rel=2e-3)
+        assert modulus.sd == pytest.approx(alone.E_sd_MPa, rel=0.05)
 
 
 def test_E_is_in_proportion_to_the_graded_one(forward):
-    half = Response(unit=[one.tracks.unit_displacement / 2 for one in forward.base.grasps])
+    half = Response(unit=[grasp.tracks.unit_displacement / 2 for grasp in forward.base.grasps])
     graded = as_graded(forward, Modulus(value=0.3, sd=0.01))
     assert modulus_of(graded).value == pytest.approx(0.3)
     ratio = modulus_of(forward, half).value / modulus_of(forward).value
@@ -139,6 +141,6 @@ def test_where_grading_has_none_it_is_the_mean_of_the_recordings_own_fits(forwar
 def test_what_an_effect_searches_for_no_longer_counts_with_its_prior(case, models):
     again = linear_and_refitted(case, pit_size.EFFECT)[2]
     again = replace(again, forward=replace(again.forward, graded=models))
-    found = modulus_with(again)
-    assert found.at.sd < 0.97 * modulus_of(again.forward, again.response).sd
-    assert found.known.sd > found.at.sd
+    modulus = modulus_with(again)
+    assert modulus.at.sd < 0.97 * modulus_of(again.forward, again.response).sd
+    assert modulus.known.sd > modulus.at.sd

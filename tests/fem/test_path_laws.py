@@ -58,11 +58,11 @@ def test_shear_beyond_yield_sets_by_the_closed_form_and_unloading_keeps_the_set(
     Y, hardening = 0.1, HARDENING
     path = [0.0, 0.06, 0.12, 0.09, 0.06]
     frames = [np.array([[0, e, 0], [e, 0, 0], [0, 0, 0]]) for e in path]
-    found = plastic_strain(tensors(*frames), Y, poisson_ratio=NU)[0, 0, 0, 1]
+    strain = plastic_strain(tensors(*frames), Y, poisson_ratio=NU)[0, 0, 0, 1]
     # tau = sqrt(3) 2 mu (e - e_p) = Y + H p with e_p = sqrt(3)/2 p
     p = (2 * np.sqrt(3) * MU * 0.12 - Y) / (3 * MU + hardening)
     assert 2 * np.sqrt(3) * MU * 0.06 < Y
-    np.testing.assert_allclose(found, np.sqrt(3) / 2 * p * np.array([0, 0, 1, 1, 1]), atol=1e-12)
+    np.testing.assert_allclose(strain, np.sqrt(3) / 2 * p * np.array([0, 0, 1, 1, 1]), atol=1e-12)
 
 
 def test_set_flesh_changes_its_shape_and_not_its_volume():

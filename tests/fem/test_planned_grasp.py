@@ -64,46 +64,48 @@ def explained(case: MismatchCase, names: Sequence[str]) -> tuple[ForwardModel, L
     """The effects of these names refitted, taken for equally likely."""
     forward, _ = plain_forward_model(case)
     linear = screened_effects(forward, [BY_NAME[name] for name in names])
-    found = []
+    explanations = []
     for name in names:
         again = refit(forward, linear, [next(o for o in linear.best if o.effect.spec.name == name)])
-        found.append(
+        explanations.append(
             Explained(
                 name=name, probability=0.5, gain=0.0, fit=again.fit, products=again.products, refit=again
             )
         )
-    return forward, linear, found
+    return forward, linear, explanations
 
 
 def compared(case: MismatchCase, names: Sequence[str]) -> list[ComparedCandidate]:
-    forward, _, found = explained(case, names)
-    return compared_candidates(forward, found)
+    forward, _, explanations = explained(case, names)
+    return compared_candidates(forward, explanations)
 
 
-def least(found: Sequence[ComparedCandidate], place: PlaceKind, **manner: float) -> float:
+def least(candidates: Sequence[ComparedCandidate], place: PlaceKind, **manner: float) -> float:
     """The smallest distance on one candidate."""
     wanted = {"depth": 1.0, "speed": 1.0, "hold_s": None, "cycles": 1} | manner
-    (one,) = (
-        one
-        for one in found
-        if one.candidate.place.kind == place
-        and one.candidate.place.source == 0
-        and all(getattr(one.candidate.protocol, name) == value for name, value in wanted.items())
+    (chosen,) = (
+        candidate
+        for candidate in candidates
+        if candidate.candidate.place.kind == place
+        and candidate.candidate.place.source == 0
+        and all(getattr(candidate.candidate.protocol, name) == value for name, value in wanted.items())
     )
-    return one.least.least
+    return chosen.least.least
 
 
 @pytest.mark.proof
 def test_creep_and_drift_in_a_short_press_are_parted_by_a_slow_one_that_is_held():
     case = injected_case(crept=lambda unit: unit + ARM.creep_share * lagging(unit, TIME_S, ARM.retardation_s))
-    found = compared(loading_only(case), ["viscoelastic", "sensor_drift"])
-    assert len(found) > 20
-    assert [one.least.least for one in found] == sorted((one.least.least for one in found), reverse=True)
-    best = found[0].candidate.protocol
+    candidates = compared(loading_only(case), ["viscoelastic", "sensor_drift"])
+    assert len(candidates) > 20
+    assert [candidate.least.least for candidate in candidates] == sorted(
+        (candidate.least.least for candidate in candidates), reverse=True
+    )
+    best = candidates[0].candidate.protocol
     assert (best.speed, best.hold_s) == (0.1, 10.0)
-    as_before = least(found, PlaceKind.SAME)
-    assert least(found, PlaceKind.SAME, speed=0.1) > 10 * as_before
-    assert least(found, PlaceKind.SAME, hold_s=10.0) > 5 * as_before
+    as_before = least(candidates, PlaceKind.SAME)
+    assert least(candidates, PlaceKind.SAME, speed=0.1) > 10 * as_before
+    assert least(candidates, PlaceKind.SAME, hold_s=10.0) > 5 * as_before
 
 
 @pytest.mark.proof
@@ -112,10 +114,10 @@ def test_stiffening_and_damage_in_one_loading_are_parted_by_a_second_cycle():
         size = np.linalg.norm(unit, axis=(1, 2))[:, None, None]
         return unit * (1 - 0.05 * size / size.max())
 
-    found = compared(loading_only(injected_case(crept=stiffer)), ["stiffening", "damage"])
-    assert found[0].candidate.protocol.cycles == 2
+    candidates = compared(loading_only(injected_case(crept=stiffer)), ["stiffening", "damage"])
+    assert candidates[0].candidate.protocol.cycles == 2
     for place in (PlaceKind.SAME, PlaceKind.TURNED, PlaceKind.ACROSS):
-        assert least(found, place, cycles=2) > 1.2 * least(found, place)
+        assert least(candidates, place, cycles=2) > 1.2 * least(candidates, place)
 
 
 @pytest.mark.proof
@@ -128,10 +130,10 @@ def test_a_soft_spot_and_a_gain_that_no_balance_shows_are_parted_where_the_spot_
     case = injected_case(
         on_pad("left", lambda pad: replace(pad, position_mm=pad.position_mm + 0.2 * unit / E_MPA))
     )
-    found = compared(only_grasp(case, 0), ["sensor_gain", "soft_spot"])
+    candidates = compared(only_grasp(case, 0), ["sensor_gain", "soft_spot"])
     manners = ({}, {"depth": 1.5}, {"hold_s": 10.0}, {"cycles": 2})
     turned, same, across = (
-        sum(least(found, kind, **manner) for manner in manners)
+        sum(least(candidates, kind, **manner) for manner in manners)
         for kind in (PlaceKind.TURNED, PlaceKind.SAME, PlaceKind.ACROSS)
     )
     assert min(turned, same) > 1.5 * across
@@ -147,13 +149,13 @@ def test_the_grasp_that_is_asked_for_tells_the_truth_apart_by_more_than_another(
         case = injected_case(
             crept=lambda unit: unit + ARM.creep_share * lagging(unit, time_s, ARM.retardation_s), seed=seed
         )
-        timed = [replace(one, history=replace(one.history, time_s=time_s)) for one in case.grasps]
+        timed = [replace(grasp, history=replace(grasp.history, time_s=time_s)) for grasp in case.grasps]
         return replace(case, grasps=tuple(timed))
 
     names = ["viscoelastic", "sensor_drift"]
     first = loading_only(creeping(TIME_S, 0))
-    found = compared(first, names)
-    assert least(found, PlaceKind.SAME, hold_s=10.0) > least(found, PlaceKind.ACROSS)
+    candidates = compared(first, names)
+    assert least(candidates, PlaceKind.SAME, hold_s=10.0) > least(candidates, PlaceKind.ACROSS)
 
     def apart(more: tuple[GraspCase, ...]) -> float:
         _, _, (creep, drift) = explained(replace(first, grasps=(*first.grasps, *more)), names)
@@ -174,18 +176,20 @@ def unaltered() -> ForwardModel:
 def test_about_thirty_candidates_hold_every_kind(unaltered):
     candidates = candidate_grasps(unaltered.base.grasps)
     assert 25 <= len(candidates) <= 40
-    assert {one.place.kind for one in candidates} == set(PlaceKind)
-    protocols = [one.protocol for one in candidates]
-    assert {one.depth for one in protocols} == {1.0, 1.5}
-    assert {one.speed for one in protocols} == {1.0, 0.1}
-    assert {one.hold_s for one in protocols} == {None, 10.0}
-    assert {one.cycles for one in protocols} == {1, 2}
+    assert {candidate.place.kind for candidate in candidates} == set(PlaceKind)
+    protocols = [candidate.protocol for candidate in candidates]
+    assert {protocol.depth for protocol in protocols} == {1.0, 1.5}
+    assert {protocol.speed for protocol in protocols} == {1.0, 0.1}
+    assert {protocol.hold_s for protocol in protocols} == {None, 10.0}
+    assert {protocol.cycles for protocol in protocols} == {1, 2}
 
 
 def test_the_same_spots_again_give_back_the_recorded_response(unaltered):
     """But for the markers at the rim that never touch, whose force the others take."""
     recording = unaltered.base.grasps[0]
-    (same,) = {one.place.kind: one.place for one in candidate_grasps(unaltered.base.grasps)[:1]}.values()
+    (same,) = {
+        grasp.place.kind: grasp.place for grasp in candidate_grasps(unaltered.base.grasps)[:1]
+    }.values()
     placed = placed_course(unaltered.base, same, 1.0)
     peak = int(recording.load.argmax())
     touching = LoadingCourse.of(recording).touching.any(axis=0)
@@ -201,9 +205,9 @@ def test_deeper_presses_harder_over_more_skin(unaltered):
     course = LoadingCourse.of(recording)
     deeper = course.deeper(recording, 1.5)
     left = recording.pad_of_marker == 0
-    force, more = (one.force_N[0, left, 2].sum() for one in (course, deeper))
+    force, more = (loading.force_N[0, left, 2].sum() for loading in (course, deeper))
     assert more / force == pytest.approx(1.5**1.5, rel=0.1)
-    pressed, wider = (one.force_N[0, left, 2] > 1e-4 for one in (course, deeper))
+    pressed, wider = (loading.force_N[0, left, 2] > 1e-4 for loading in (course, deeper))
     assert wider.sum() > pressed.sum()
 
 
@@ -221,8 +225,10 @@ def test_deeper_presses_harder_over_more_skin(unaltered):
 )
 def test_laws_of_gel_gripper_and_clock_have_an_answer_at_candidates(two_candidates, name, parameters):
     recordings = two_candidates.forward.base.grasps
-    found = response_at_candidates(BY_NAME[name], parameters, ONE_WAY, two_candidates.forward, two_candidates)
-    for unit, recording in zip(found.unit, recordings, strict=True):
+    response = response_at_candidates(
+        BY_NAME[name], parameters, ONE_WAY, two_candidates.forward, two_candidates
+    )
+    for unit, recording in zip(response.unit, recordings, strict=True):
         assert unit.shape == recording.tracks.unit_displacement.shape
         assert np.isfinite(unit).all()
 
@@ -248,21 +254,21 @@ def test_a_single_recording_gets_a_plan_and_a_sentence_with_its_place(unaltered)
         Hypothesis(name=name, gain=gain, probability=share, linear_fits=(), refit=again)
         for name, gain, share, again in (("viscoelastic", 9.0, 0.9, creep.refit), (NONE, 0.0, 0.1, None))
     )
-    found = ModelSelection(ranking=ranking, verdict="viscoelastic", without={})
-    plan = planned_grasp(forward, linear, found)
+    selection = ModelSelection(ranking=ranking, verdict="viscoelastic", without={})
+    plan = planned_grasp(forward, linear, selection)
     assert plan is not None
     assert plan.tried > 20
     assert plan.grasps[0].pair == ("viscoelastic", NONE)
     assert 0.0 <= plan.grasps[0].decides <= 1.0
-    turned = next((one for one in plan.grasps if one.turned), None)
-    for one in plan.grasps:
-        assert {pad.pad for pad in one.pads} == {"left", "right"}
-        apart = (one.pads[1].round_deg - one.pads[0].round_deg) % 360
+    turned = next((grasp for grasp in plan.grasps if grasp.turned), None)
+    for grasp in plan.grasps:
+        assert {pad.pad for pad in grasp.pads} == {"left", "right"}
+        apart = (grasp.pads[1].round_deg - grasp.pads[0].round_deg) % 360
         assert apart == pytest.approx(180, abs=25)
     if turned is not None:
         assert turned.pads[0].round_deg == pytest.approx(180, abs=10)
     said = in_words(plan)
     assert "degrees round the stem" in said
     assert "in ln evidence" in said
-    nothing = replace(found, verdict=NONE)
+    nothing = replace(selection, verdict=NONE)
     assert planned_grasp(forward, linear, nothing) is None

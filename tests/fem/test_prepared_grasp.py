@@ -83,21 +83,21 @@ def test_the_patterns_are_the_forces_of_the_prepared_recording():
 
 @pytest.mark.parametrize(("moved_sd_mm", "by_displacement"), [(MOVED_SD_MM, True), (20 * MOVED_SD_MM, False)])
 def test_the_amounts_of_patterns_are_off_by_the_noise_that_is_stated(moved_sd_mm, by_displacement):
-    found, stated = [], []
+    scatter, stated = [], []
     for seed in range(20):
         history = recorded(np.random.default_rng(seed), moved_sd_mm=moved_sd_mm)
         ready = prepared_grasp(history, TURN)
         noise = ready.history.pattern_noise
         assert bool(noise.of_displacement.any()) == by_displacement
         off = ready.history.pads[0].force_N[ready.used] - truth()[ready.used]
-        found.append(np.tensordot(off, noise.patterns[0], axes=2).std())
+        scatter.append(np.tensordot(off, noise.patterns[0], axes=2).std())
         stated.append(
             np.hypot(
                 moved_sd_mm * np.linalg.norm(noise.of_displacement[0]),
                 FORCE_SD_N * np.linalg.norm(noise.of_force[0]),
             )
         )
-    assert np.mean(found) == pytest.approx(np.mean(stated), rel=0.1)
+    assert np.mean(scatter) == pytest.approx(np.mean(stated), rel=0.1)
 
 
 def test_patterns_are_kept_to_the_fourth_even_where_one_alone_exceeds_noise():
@@ -167,5 +167,5 @@ def test_a_drift_of_the_reading_makes_no_marker_press():
     still, drifting = (
         prepared_grasp(recorded(np.random.default_rng(5), more=more), TURN) for more in (0.0, grown)
     )
-    pressing, with_drift = (one.history.pads[0].episode >= 0 for one in (still, drifting))
+    pressing, with_drift = (prepared.history.pads[0].episode >= 0 for prepared in (still, drifting))
     assert (pressing != with_drift).mean() < 0.06

@@ -49,28 +49,28 @@ def reported(
 
 
 def test_without_a_mismatch_E_is_the_plain_models() -> None:
-    found = reported(explanation(NONE, 1.0))
-    assert (found.value, found.sd) == (PLAIN.value, pytest.approx(PLAIN.sd))
+    modulus = reported(explanation(NONE, 1.0))
+    assert (modulus.value, modulus.sd) == (PLAIN.value, pytest.approx(PLAIN.sd))
 
 
 def test_an_effect_that_was_not_detected_widens_E_and_does_not_move_it() -> None:
     """By hand: 0.2 of the upper component, which has a quarter of the probability, lie above the interval."""
-    found = reported(explanation(NONE, 0.75), explanation("skin", 0.25, E=0.5), verdict=NONE)
-    assert found.value == PLAIN.value
-    assert found.sd * Z == pytest.approx(0.5 + 0.01 * norm.ppf(0.8) - PLAIN.value)
+    modulus = reported(explanation(NONE, 0.75), explanation("skin", 0.25, E=0.5), verdict=NONE)
+    assert modulus.value == PLAIN.value
+    assert modulus.sd * Z == pytest.approx(0.5 + 0.01 * norm.ppf(0.8) - PLAIN.value)
 
 
 def test_explanations_share_E_by_their_probabilities() -> None:
     """Two components of probability 3/4 and 1/4, 0.1 apart: mean and quantiles of the mixture, by hand."""
-    found = reported(explanation("skin", 0.6, E=0.3), explanation("poisson_ratio", 0.2, E=0.4))
-    assert found.value == pytest.approx(0.325)
-    assert found.sd * Z == pytest.approx(0.4 + 0.01 * norm.ppf(0.8) - found.value)
+    modulus = reported(explanation("skin", 0.6, E=0.3), explanation("poisson_ratio", 0.2, E=0.4))
+    assert modulus.value == pytest.approx(0.325)
+    assert modulus.sd * Z == pytest.approx(0.4 + 0.01 * norm.ppf(0.8) - modulus.value)
 
 
 def test_an_explanation_of_little_weight_hardly_widens_E() -> None:
     """The standard deviation of this mixture would be five times as large."""
-    found = reported(explanation("skin", 0.975, E=0.4), explanation(UNKNOWN, 0.025))
-    assert 0.01 < found.sd < 0.0115
+    modulus = reported(explanation("skin", 0.975, E=0.4), explanation(UNKNOWN, 0.025))
+    assert 0.01 < modulus.sd < 0.0115
 
 
 def test_an_interval_holds_nine_tenths_of_draws() -> None:
@@ -83,32 +83,35 @@ def test_an_interval_holds_nine_tenths_of_draws() -> None:
     drawn = np.array([m.value for m in moduli])[component] + np.array([m.sd for m in moduli])[
         component
     ] * rng.normal(size=len(component))
-    found = mixture(weights, moduli)
+    modulus = mixture(weights, moduli)
     low, high = np.quantile(drawn, [0.05, 0.95])
-    assert found.value == pytest.approx(drawn.mean(), abs=3e-3)
-    assert found.sd * Z == pytest.approx(max(high - found.value, found.value - low), rel=0.01)
+    assert modulus.value == pytest.approx(drawn.mean(), abs=3e-3)
+    assert modulus.sd * Z == pytest.approx(max(high - modulus.value, modulus.value - low), rel=0.01)
 
 
 def test_an_effect_that_was_not_refitted_counts_by_its_linear_signature() -> None:
     """By hand: none with 0.4, an effect with 0.5 and 10 % more spread, at odds of 3 to 1."""
-    found = reported(explanation(NONE, 0.75), explanation("skin", 0.25, change=(1.25, 0.1)))
+    modulus = reported(explanation(NONE, 0.75), explanation("skin", 0.25, change=(1.25, 0.1)))
     sd_skin = math.hypot(1.25 * PLAIN.sd, 0.1 * 0.5)
-    assert found.value == pytest.approx(0.425)
-    high = found.value + found.sd * Z
+    assert modulus.value == pytest.approx(0.425)
+    high = modulus.value + modulus.sd * Z
     assert 0.75 * norm.cdf(high, 0.4, PLAIN.sd) + 0.25 * norm.cdf(high, 0.5, sd_skin) == pytest.approx(0.95)
 
 
 @pytest.mark.parametrize(("rms", "spread"), [(0.015, 0.17), (0.05, 0.3)])
 def test_unknown_physics_makes_E_uncertain_and_does_not_move_it(rms, spread) -> None:
     heldout = HeldOut(rms_before=rms, rms_after=rms, noise_rms=0.01)
-    found = reported(explanation(UNKNOWN, 1.0), heldout=heldout)
-    assert found.value == PLAIN.value
-    assert found.sd == pytest.approx(math.hypot(PLAIN.sd, spread * PLAIN.value))
+    modulus = reported(explanation(UNKNOWN, 1.0), heldout=heldout)
+    assert modulus.value == PLAIN.value
+    assert modulus.sd == pytest.approx(math.hypot(PLAIN.sd, spread * PLAIN.value))
 
 
 def test_a_hidden_fault_of_a_gel_widens_E() -> None:
-    found = reported(explanation(NONE, 1.0), hidden=0.03)
-    assert (found.value, found.sd) == (PLAIN.value, pytest.approx(math.hypot(PLAIN.sd, 0.03 * PLAIN.value)))
+    modulus = reported(explanation(NONE, 1.0), hidden=0.03)
+    assert (modulus.value, modulus.sd) == (
+        PLAIN.value,
+        pytest.approx(math.hypot(PLAIN.sd, 0.03 * PLAIN.value)),
+    )
 
 
 def test_an_explanation_without_an_E_leaves_the_plain_models() -> None:

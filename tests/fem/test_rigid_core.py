@@ -34,6 +34,6 @@ def without_some_columns():
 )
 def test_reduced_stiffness_is_the_triple_product(kinematics):
     expected = (kinematics.T @ STIFFNESS @ kinematics).toarray()
-    found = reduced(STIFFNESS, kinematics)
-    assert np.abs(found.toarray() - expected).max() <= 1e-14 * np.abs(STIFFNESS.data).max()
-    assert found.has_canonical_format
+    product = reduced(STIFFNESS, kinematics)
+    assert np.abs(product.toarray() - expected).max() <= 1e-14 * np.abs(STIFFNESS.data).max()
+    assert product.has_canonical_format

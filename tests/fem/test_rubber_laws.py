@@ -73,7 +73,7 @@ def test_a_toe_is_the_mean_over_first_touches():
     depth = np.linspace(-0.5, 2.0, 60)[None]
     level, stiffness = springs(lambda d: d**1.5, np.array([2.5]))
     touches = 0.8 * (np.arange(4000) + 0.5) / 4000 - 0.4
-    mean = np.mean([elastic_force(depth - one, None, level, stiffness) for one in touches], axis=0)
+    mean = np.mean([elastic_force(depth - touch, None, level, stiffness) for touch in touches], axis=0)
     assert elastic_force(depth, None, level, stiffness, np.array([0.8])) == pytest.approx(mean, abs=1e-5)
 
 

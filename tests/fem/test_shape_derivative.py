@@ -47,9 +47,9 @@ def test_energy_changes_as_on_moved_nodes(which):
         moved = replace(mesh, nodes_mm=mesh.nodes_mm + sign * step * velocity)
         ends.append(flat @ (unit_stiffness(moved) @ flat.T))
     wanted = (ends[0] - ends[1]) / (2 * step)
-    found = change_of_energy(mesh, velocity)
-    assert np.abs(found - wanted).max() < 1e-3 * np.abs(wanted).max()
-    assert np.abs(found - found.T).max() < 1e-9 * np.abs(found).max()
+    change = change_of_energy(mesh, velocity)
+    assert np.abs(change - wanted).max() < 1e-3 * np.abs(wanted).max()
+    assert np.abs(change - change.T).max() < 1e-9 * np.abs(change).max()
 
 
 def test_work_of_pairs_of_fields_is_that_of_the_changed_forces():
@@ -57,8 +57,8 @@ def test_work_of_pairs_of_fields_is_that_of_the_changed_forces():
     velocities = np.concatenate([pit_velocities(mesh), skin_velocities(mesh)])
     u, v = smooth_fields(mesh), smooth_fields(mesh)[::-1]
     wanted = np.einsum("pfnx,fnx->pf", stiffness_change(mesh, NU, u, velocities), v)
-    found = work_of_change(mesh, NU, u, v, velocities)
-    np.testing.assert_allclose(found, wanted, atol=1e-12 * np.abs(wanted).max())
+    work_of_pairs = work_of_change(mesh, NU, u, v, velocities)
+    np.testing.assert_allclose(work_of_pairs, wanted, atol=1e-12 * np.abs(wanted).max())
 
 
 def test_a_shift_of_everything_changes_nothing():
@@ -87,8 +87,8 @@ def test_a_larger_core_stiffens_a_ball_under_pressure_as_lame_says(cored_ball, p
     solid = UnitModulusSolid.factorise(cored_ball, poisson_ratio=poisson_ratio, support="free")
     moved = solid.displacement(load)
     growth = pit_velocities(cored_ball)[3:]
-    found = -np.vdot(moved, stiffness_change(cored_ball, poisson_ratio, moved, growth))
-    assert found == pytest.approx((work(1e-4) - work(-1e-4)) / 2e-4, rel=0.01)
+    rise = -np.vdot(moved, stiffness_change(cored_ball, poisson_ratio, moved, growth))
+    assert rise == pytest.approx((work(1e-4) - work(-1e-4)) / 2e-4, rel=0.01)
 
 
 def test_the_pit_moves_whole_and_the_skin_stays():

@@ -55,10 +55,10 @@ def test_what_is_kept_is_computed_once_though_many_ask_and_may_ask_for_more_on_t
         return key + memory.memoised("common", lambda: computed.append("common") or "!")
 
     with ThreadPoolExecutor(4) as pool:
-        found = list(
+        answers = list(
             pool.map(lambda k: memory.memoised("ab"[k % 2], lambda: compute("ab"[k % 2])), range(16))
         )
-    assert found == ["a!", "b!"] * 8
+    assert answers == ["a!", "b!"] * 8
     assert sorted(computed) == ["a", "b", "common"]
 
 
@@ -76,6 +76,6 @@ def test_pieces_of_flesh_add_up_to_the_same_forces_however_many_threads_work_on_
     def law(gradient):
         return gradient + np.swapaxes(gradient, 2, 3)
 
-    one, two = (FleshPieces.whole(points, workers=n).forces(moved, law) for n in (1, 3))
+    serial, threaded = (FleshPieces.whole(points, workers=n).forces(moved, law) for n in (1, 3))
     assert len(FleshPieces.whole(points).pieces) > 3
-    np.testing.assert_array_equal(one, two)
+    np.testing.assert_array_equal(serial, threaded)

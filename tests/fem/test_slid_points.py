@@ -16,13 +16,13 @@ def points(solid_ball):
 def test_sliding_agrees_with_locating_anew(solid_ball, points):
     way = np.array([0.02, 0.01, -0.03])
     anew = locate(solid_ball, points.point_mm + way)
-    found = points.slid(solid_ball, way)
-    assert np.abs(found.point_mm - anew.point_mm).max() < 2e-4
-    assert np.abs(found.normal - anew.normal).max() < 1e-3
+    moved = points.slid(solid_ball, way)
+    assert np.abs(moved.point_mm - anew.point_mm).max() < 2e-4
+    assert np.abs(moved.normal - anew.normal).max() < 1e-3
 
 
 def test_a_field_known_at_a_few_nodes_is_read_as_on_the_whole_mesh(solid_ball, points):
     field = np.random.default_rng(0).normal(size=(2, len(solid_ball.nodes_mm), 3))
     nodes = np.unique(points.face_nodes)
-    found = points.among(nodes).sample(field[:, nodes])
-    np.testing.assert_allclose(found, points.sample(field), atol=1e-14)
+    read = points.among(nodes).sample(field[:, nodes])
+    np.testing.assert_allclose(read, points.sample(field), atol=1e-14)

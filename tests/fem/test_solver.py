@@ -107,13 +107,13 @@ def test_compliance_is_that_of_plain_solves(chosen):
         "all": np.arange(n)[::-1],
     }[chosen]
     last = last[(last >= 0) & (last < n)]
-    found = factorise(matrix).compliance(last)
+    compliance = factorise(matrix).compliance(last)
     unit = np.zeros((n, len(last)))
     unit[last, np.arange(len(last))] = 1
     expected = factorise(matrix).solve(unit)[last]
-    assert found.shape == (len(last), len(last))
-    assert (found == found.T).all()
-    assert np.abs(found - expected).max(initial=0) <= 1e-12 * np.abs(expected).max(initial=1)
+    assert compliance.shape == (len(last), len(last))
+    assert (compliance == compliance.T).all()
+    assert np.abs(compliance - expected).max(initial=0) <= 1e-12 * np.abs(expected).max(initial=1)
 
 
 def test_one_analysis_serves_matrices_of_one_pattern():

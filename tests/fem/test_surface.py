@@ -19,34 +19,34 @@ def scattered(nectarine):
 
 
 def test_points_of_the_curved_skin_are_found_where_they_are(nectarine, scattered):
-    found = locate(nectarine, scattered)
-    assert found.distance_mm.max() < 1e-9
-    assert np.abs(found.point_mm - scattered).max() < 1e-9
+    skin = locate(nectarine, scattered)
+    assert skin.distance_mm.max() < 1e-9
+    assert np.abs(skin.point_mm - scattered).max() < 1e-9
 
 
 def test_points_above_the_skin_fall_on_its_foot(nectarine, scattered):
     foot = locate(nectarine, scattered)
-    found = locate(nectarine, foot.point_mm + 0.7 * foot.normal)
-    assert np.abs(found.distance_mm - 0.7).max() < 1e-2
-    assert np.linalg.norm(found.point_mm - foot.point_mm, axis=1).max() < 0.06
+    skin = locate(nectarine, foot.point_mm + 0.7 * foot.normal)
+    assert np.abs(skin.distance_mm - 0.7).max() < 1e-2
+    assert np.linalg.norm(skin.point_mm - foot.point_mm, axis=1).max() < 0.06
 
 
 def test_a_quadratic_field_is_read_off_exactly_where_faces_are_flat(nectarine, scattered):
-    found = locate(nectarine, scattered)
+    skin = locate(nectarine, scattered)
     linear = nectarine.nodes_mm @ np.array([[1.0, 0.2, 0.0], [0.5, -1, 0.3], [0, 2, 1]]) + 4
-    read = found.sample(linear[None])[0]
+    read = skin.sample(linear[None])[0]
     assert (
         np.abs(read - (scattered @ np.array([[1.0, 0.2, 0.0], [0.5, -1, 0.3], [0, 2, 1]]) + 4)).max() < 1e-9
     )
-    assert np.allclose(found.interpolation.sum(axis=1), 1, atol=1e-13)
+    assert np.allclose(skin.interpolation.sum(axis=1), 1, atol=1e-13)
 
 
 def test_forces_spread_to_nodes_keep_total_force_and_moment(nectarine, scattered):
-    found = locate(nectarine, scattered + np.random.default_rng(0).normal(0, 0.2, scattered.shape))
+    skin = locate(nectarine, scattered + np.random.default_rng(0).normal(0, 0.2, scattered.shape))
     force = np.random.default_rng(1).normal(0, 0.1, (3, len(scattered), 3))
-    nodal = found.point_load(force)
+    nodal = skin.point_load(force)
     origin = np.zeros(3)
-    wanted = np.einsum("pxk,fpx->fk", rigid_modes(found.point_mm, centre_mm=origin), force)
+    wanted = np.einsum("pxk,fpx->fk", rigid_modes(skin.point_mm, centre_mm=origin), force)
     given = np.einsum("nxk,fnx->fk", rigid_modes(nectarine.nodes_mm, centre_mm=origin), nodal)
     assert np.abs(given - wanted).max() < 1e-9
 
@@ -82,10 +82,10 @@ def test_closest_points_are_found_among_triangles_of_all_sizes():
     corner = rng.uniform(-3, 3, (400, 1, 3)) + size[:, None, None] * rng.normal(size=(400, 3, 3))
     vertices, faces = corner.reshape(-1, 3), np.arange(1200).reshape(-1, 3)
     points = np.vstack([rng.uniform(-4, 4, (80, 3)), 30 * rng.normal(size=(40, 3))])
-    found = closest_on_triangles(points, vertices, faces)
-    alone = [closest_on_triangles(points, vertices, one[None]).distance_mm for one in faces]
-    assert found.distance_mm == pytest.approx(np.min(alone, axis=0), abs=1e-12)
-    assert (found.face == np.argmin(alone, axis=0)).all()
+    closest = closest_on_triangles(points, vertices, faces)
+    alone = [closest_on_triangles(points, vertices, face[None]).distance_mm for face in faces]
+    assert closest.distance_mm == pytest.approx(np.min(alone, axis=0), abs=1e-12)
+    assert (closest.face == np.argmin(alone, axis=0)).all()
 
 
 def test_closest_points_agree_with_brute_force():

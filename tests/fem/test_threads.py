@@ -42,8 +42,8 @@ class Slow:
 
 def test_threads_compute_values_of_their_own_objects_at_once():
     objects = [Slow(), Slow()]
-    assert parallel_map(lambda one: one.value, objects, workers=2) == [id(one) for one in objects]
-    assert [one.value for one in objects] == [id(one) for one in objects], (
+    assert parallel_map(lambda holder: holder.value, objects, workers=2) == [id(holder) for holder in objects]
+    assert [holder.value for holder in objects] == [id(holder) for holder in objects], (
         "kept: the barrier is not asked again"
     )
     assert Slow.value.__doc__ == "Comes once two threads compute it, each of an object of its own."

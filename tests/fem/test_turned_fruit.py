@@ -32,14 +32,14 @@ def turned_case(turn_rad: np.ndarray) -> MismatchCase:
     turn = Rotation.from_rotvec(turn_rad)
 
     def turned_back(force: np.ndarray) -> np.ndarray:
-        return np.stack([q.inv().apply(own) for q, own in zip(turn, force, strict=True)])
+        return np.stack([q.inv().apply(frame_force) for q, frame_force in zip(turn, force, strict=True)])
 
     case = only_grasp(injected_case(), 0)
     grasp, rng = case.grasps[0], np.random.default_rng(1)
     pads = []
     for pad, true in zip(grasp.history.pads, pads_under(turned_back)[0], strict=True):
         body = true.place_mm + true.unit / E_MPA
-        position = np.stack([q.apply(own) for q, own in zip(turn, body, strict=True)])
+        position = np.stack([q.apply(frame_body) for q, frame_body in zip(turn, body, strict=True)])
         noise = NOISE_MM * rng.normal(size=position.shape)
         pads.append(replace(pad, position_mm=position + noise))
     return replace(case, grasps=(replace(grasp, history=replace(grasp.history, pads=tuple(pads))),))
@@ -57,21 +57,23 @@ def looked_at(case: MismatchCase) -> LinearRound:
 @pytest.mark.slow
 def test_what_a_turn_adds_is_there_in_full_and_is_no_pose_error(monkeypatch):
     case = turned_case(TURN_RAD)
-    found = looked_at(case)
-    columns = [found.products.columns[j] for j in found.null.chosen]
+    linear = looked_at(case)
+    columns = [linear.products.columns[j] for j in linear.null.chosen]
     (place,) = (k for k, column in enumerate(columns) if column.name == TURNED_FRUIT)
-    share = columns[place].mean + found.null.amounts[place]
+    share = columns[place].mean + linear.null.amounts[place]
     monkeypatch.setattr(nuisances, "turned_fruit", lambda *_: None)
     without = looked_at(case)
     assert share == pytest.approx(1.0, abs=0.1)
-    assert found.best[0].gain < 3
+    assert linear.best[0].gain < 3
     assert without.best[0].gain > 100
 
 
 def test_who_takes_large_deformation_in_takes_the_turn_in_too():
     forward, _ = plain_forward_model(turned_case(TURN_RAD))
     (recording,) = forward.base.grasps
-    (column,) = (one for one in nuisances.common_nuisances(forward) if one.name == LARGE_DEFORMATION)
+    (column,) = (
+        nuisance for nuisance in nuisances.common_nuisances(forward) if nuisance.name == LARGE_DEFORMATION
+    )
     (flesh,), turn = large_deformation(forward), turned_fruit(forward, recording)
     np.testing.assert_allclose(column.fields[0].markers, forward.compliance * flesh + turn, rtol=1e-12)
     (alone,) = nuisances.stand_ins(forward)
@@ -84,10 +86,10 @@ def test_beside_a_law_that_holds_large_deformation_the_turn_stands_alone():
         Regressor(name=name, sd=1.0, fields=(), stands_in=name == TURNED_FRUIT)
         for name in ("1/E", "dent", LARGE_DEFORMATION, TURNED_FRUIT, "b")
     ]
-    own = (1, 2)
+    known = (1, 2)
     stiffening = next(effect for effect in EFFECTS if effect.spec.name == "stiffening")
-    assert retained_columns([stiffening], columns, own) == (1, 3)
-    assert retained_columns([POSE_ERROR], columns, own) == own
+    assert retained_columns([stiffening], columns, known) == (1, 3)
+    assert retained_columns([POSE_ERROR], columns, known) == known
 
 
 def test_nothing_is_added_where_the_fruit_does_not_turn():
@@ -110,5 +112,5 @@ def test_turns_count_from_the_first_loading_of_each_contact():
     seen = true.copy()
     for number in (0, 1):
         seen[contact == number] -= true[contact == number].mean()
-    found = from_first_loading(seen[:, None] * np.eye(3)[0], load, contact)
-    np.testing.assert_allclose(found[:, 0], [0.0, 0.0, 0.02, 0.02, 0.0, 0.0, 0.0, 0.04, 0.04], atol=1e-12)
+    turns = from_first_loading(seen[:, None] * np.eye(3)[0], load, contact)
+    np.testing.assert_allclose(turns[:, 0], [0.0, 0.0, 0.02, 0.02, 0.0, 0.0, 0.0, 0.04, 0.04], atol=1e-12)

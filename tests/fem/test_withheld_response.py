@@ -40,24 +40,24 @@ def coarse():
 def without_motion(recording, field):
     """A field where markers touch, each frame's rigid motion taken out."""
     rigid, left = rigid_motion(recording.tracks.place_mm), []
-    for own, touching in zip(field, recording.tracks.episode >= 0, strict=True):
+    for frame_field, touching in zip(field, recording.tracks.episode >= 0, strict=True):
         if touching.sum() < 8:
             continue
-        modes, here = rigid[touching].reshape(-1, 6), own[touching].ravel()
+        modes, here = rigid[touching].reshape(-1, 6), frame_field[touching].ravel()
         left.append(here - modes @ np.linalg.lstsq(modes, here, rcond=None)[0])
     return np.concatenate(left)
 
 
 def test_two_meshes_agree_better_with_what_each_withholds(coarse):
     finer = forward_on(true_mesh)
-    (one,), (other,) = coarse.base.grasps, finer.base.grasps
-    plain = without_motion(one, one.tracks.unit_displacement - other.tracks.unit_displacement)
-    added = without_motion(one, withheld_response(coarse, one) - withheld_response(finer, other))
+    (recording,), (other,) = coarse.base.grasps, finer.base.grasps
+    plain = without_motion(recording, recording.tracks.unit_displacement - other.tracks.unit_displacement)
+    added = without_motion(recording, withheld_response(coarse, recording) - withheld_response(finer, other))
     assert np.linalg.norm(plain + added) < 0.5 * np.linalg.norm(plain)
 
 
 def test_it_is_a_known_part_of_the_plain_model_of_which_little_is_in_doubt(coarse):
-    (column,) = (own for own in common_nuisances(coarse) if own.name == WITHHELD)
+    (column,) = (nuisance for nuisance in common_nuisances(coarse) if nuisance.name == WITHHELD)
     assert (column.mean, column.sd) == (1.0, WITHHELD_SD)
     (recording,) = coarse.base.grasps
     expected = COMPLIANCE * withheld_response(coarse, recording)
@@ -68,4 +68,4 @@ def test_where_it_is_left_out_there_is_no_column():
     forward = forward_on(finders_mesh)
     leave_withheld(forward, forward.base.grasps[0])
     assert withheld_response(forward, forward.base.grasps[0]) is None
-    assert WITHHELD not in [own.name for own in common_nuisances(forward)]
+    assert WITHHELD not in [nuisance.name for nuisance in common_nuisances(forward)]

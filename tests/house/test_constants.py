@@ -36,12 +36,12 @@ def constants(source: str) -> Iterator[tuple[int, str, bool]]:
         if not isinstance(node, ast.Assign | ast.AnnAssign) or not _has_number(node.value):
             continue
         targets = node.targets if isinstance(node, ast.Assign) else [node.target]
-        names = [one.id for target in targets for one in ast.walk(target) if isinstance(one, ast.Name)]
+        names = [name.id for target in targets for name in ast.walk(target) if isinstance(name, ast.Name)]
         if not names or all(name.startswith("__") for name in names):
             continue
         lines = range(node.lineno - 1, (node.end_lineno or node.lineno) + 1)
-        own = any(line in said and (line >= node.lineno or said[line]) for line in lines)
-        yield node.lineno, ", ".join(names), own or _has_docstring(body, place)
+        commented = any(line in said and (line >= node.lineno or said[line]) for line in lines)
+        yield node.lineno, ", ".join(names), commented or _has_docstring(body, place)
 
 
 def without_words(root: Path) -> tuple[dict[str, int], list[str]]:
@@ -60,7 +60,8 @@ def without_words(root: Path) -> tuple[dict[str, int], list[str]]:
 
 def _has_number(value: ast.expr | None) -> bool:
     return value is not None and any(
-        isinstance(one, ast.Constant) and type(one.value) in (int, float, complex) for one in ast.walk(value)
+        isinstance(node, ast.Constant) and type(node.value) in (int, float, complex)
+        for node in ast.walk(value)
     )
 
 
@@ -82,8 +83,8 @@ def _has_docstring(body: list[ast.stmt], place: int) -> bool:
             return False
         if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant):
             text = str(below.value.value)
-            own = above is body[place]
-            return len(re.findall(r"\w+", text)) >= FEWEST_WORDS and (own or text.startswith(SHARED))
+            right_below = above is body[place]
+            return len(re.findall(r"\w+", text)) >= FEWEST_WORDS and (right_below or text.startswith(SHARED))
         if not isinstance(below, ast.Assign | ast.AnnAssign):
             return False
     return False

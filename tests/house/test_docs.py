@@ -64,8 +64,8 @@ def words_of_the_code() -> set[str]:
 
 def headings(document: str) -> set[str]:
     """Anchors as GitHub makes them: lower case, punctuation dropped, blanks to hyphens."""
-    found = re.findall(r"^#+ (.+)$", CODE.sub("", text_of(document)), re.MULTILINE)
-    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in found}
+    titles = re.findall(r"^#+ (.+)$", CODE.sub("", text_of(document)), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-") for title in titles}
 
 
 @pytest.mark.parametrize("document", DOCUMENTS)
@@ -154,13 +154,13 @@ def test_the_citation_names_the_version_and_licence_of_the_package():
 
 def keys_of(model: type[BaseModel]) -> set[str]:
     """The names of a table's keys, those of the tables in it too."""
-    found = set(model.model_fields)
-    for one in model.model_fields.values():
-        kinds = [one.annotation, *getattr(one.annotation, "__args__", ())]
+    names = set(model.model_fields)
+    for field in model.model_fields.values():
+        kinds = [field.annotation, *getattr(field.annotation, "__args__", ())]
         for kind in kinds:
             if isinstance(kind, type) and issubclass(kind, BaseModel):
-                found |= keys_of(kind)
-    return found
+                names |= keys_of(kind)
+    return names
 
 
 @pytest.mark.parametrize(

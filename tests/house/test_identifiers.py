@@ -93,10 +93,10 @@ def home_made(source: str) -> list[str]:
 
     Names of tests are sentences, and keys of files stay as they were fixed.
     """
-    found = []
+    names = []
     for token in tokenize.generate_tokens(io.StringIO(source).readline):
         if token.string in HOME_MADE_NAMES:
-            found.append(token.string)
+            names.append(token.string)
         elif (
             token.type == tokenize.NAME and not token.string.startswith("test_") and token.string not in KEYS
         ):
@@ -104,8 +104,8 @@ def home_made(source: str) -> list[str]:
             for term in ALLOWED:
                 name = name.replace(term, "")
             if words_of(name) & HOME_MADE.keys():
-                found.append(token.string)
-    return found
+                names.append(token.string)
+    return names
 
 
 @pytest.mark.parametrize("room", ROOMS)

@@ -77,7 +77,12 @@ def sentences(text: str) -> list[str]:
     items = re.sub(r"^\s*(?:[-*]|\d+\.)\s+", r"\n", "\n".join(lines), flags=re.MULTILINE)
     items = re.sub(r"^#+ (.*)$", r"\n\1\n", items, flags=re.MULTILINE)
     blocks = [" ".join(block.split()) for block in re.split(r"\n\s*\n", items)]
-    return [one for block in blocks for one in re.split(r"(?<=[.!?])\)? (?=[^a-z]|drupe\b)", block) if one]
+    return [
+        sentence
+        for block in blocks
+        for sentence in re.split(r"(?<=[.!?])\)? (?=[^a-z]|drupe\b)", block)
+        if sentence
+    ]
 
 
 def words(sentence: str) -> int:
@@ -97,7 +102,7 @@ def banned(text: str) -> list[str]:
 @pytest.mark.parametrize("page", PAGES)
 def test_no_sentence_is_long(page):
     text = (ROOT / page).read_text(encoding="utf-8")
-    assert [(words(one), one) for one in sentences(text) if words(one) > MOST_WORDS] == []
+    assert [(words(sentence), sentence) for sentence in sentences(text) if words(sentence) > MOST_WORDS] == []
 
 
 @pytest.mark.parametrize("page", PAGES)

@@ -84,8 +84,8 @@ def texts(node: ast.AST) -> Iterator[str]:
 
 
 def modules() -> list[str]:
-    found = (path.relative_to(ROOT).as_posix() for name in FOLDERS for path in (ROOT / name).rglob("*.py"))
-    return sorted(name for name in found if not name.startswith(NOT_READ) and name not in NO_MESSAGES)
+    paths = (path.relative_to(ROOT).as_posix() for name in FOLDERS for path in (ROOT / name).rglob("*.py"))
+    return sorted(name for name in paths if not name.startswith(NOT_READ) and name not in NO_MESSAGES)
 
 
 def messages_of(module: str) -> list[str]:
@@ -113,7 +113,7 @@ def sentences(text: str) -> list[str]:
 
 
 def too_long(text: str) -> list[str]:
-    return [one for one in sentences(text) if len(one.split()) > MOST_WORDS]
+    return [sentence for sentence in sentences(text) if len(sentence.split()) > MOST_WORDS]
 
 
 def banned(text: str) -> list[str]:
@@ -123,8 +123,8 @@ def banned(text: str) -> list[str]:
 def test_every_sentence_of_every_help_text_is_short_and_plain():
     texts_of_help = dict(helps())
     assert len(texts_of_help) > 100
-    assert {name: found for name, text in texts_of_help.items() if (found := too_long(text))} == {}
-    assert {name: found for name, text in texts_of_help.items() if (found := banned(text))} == {}
+    assert {name: faults for name, text in texts_of_help.items() if (faults := too_long(text))} == {}
+    assert {name: faults for name, text in texts_of_help.items() if (faults := banned(text))} == {}
 
 
 def test_every_option_of_a_measure_states_its_unit():
@@ -138,7 +138,7 @@ def test_every_option_of_a_measure_states_its_unit():
     assert lacking == []
 
 
-@pytest.mark.parametrize("outcome", list(Outcome), ids=lambda one: one.code)
+@pytest.mark.parametrize("outcome", list(Outcome), ids=lambda outcome: outcome.code)
 def test_every_ending_of_a_fruit_is_short_and_plain(outcome):
     template = outcome.sentence(PLACEHOLDER)
     assert too_long(template) == []
@@ -147,10 +147,10 @@ def test_every_ending_of_a_fruit_is_short_and_plain(outcome):
 
 @pytest.mark.parametrize("module", modules())
 def test_every_message_is_short_and_plain(module):
-    found = messages_of(module)
-    assert [one for text in found for one in too_long(text)] == []
+    messages = messages_of(module)
+    assert [sentence for text in messages for sentence in too_long(text)] == []
     if not module.startswith(FILE_GUARDS):
-        assert [f"{term}: {text}" for text in found for term in banned(text)] == []
+        assert [f"{term}: {text}" for text in messages for term in banned(text)] == []
 
 
 def test_every_template_of_a_page_is_short_and_plain():

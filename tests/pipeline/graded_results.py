@@ -58,10 +58,13 @@ def results_of(out, records, *, day="2026-08-10", status=0, inputs=None, **setti
         batch=str(out.parent),
         settings={"category": "nectarine", **settings},
         inputs=inputs
-        or {f"fruits/{one.fruit_id}/grasps/a.h5": f"{day}{out}{one.fruit_id}" for one in records},
+        or {
+            f"fruits/{fruit_record.fruit_id}/grasps/a.h5": f"{day}{out}{fruit_record.fruit_id}"
+            for fruit_record in records
+        },
         started=at,
         finished=at,
         exit_status=status,
-        outcomes={one.fruit_id: one.outcome for one in records},
+        outcomes={fruit_record.fruit_id: fruit_record.outcome for fruit_record in records},
     )
     return out

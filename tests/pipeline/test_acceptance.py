@@ -412,6 +412,6 @@ def test_the_command_prints_draws_and_writes(drupe, results, tmp_path):
     ],
 )
 def test_what_cannot_be_planned_is_refused(drupe, results, arguments, said):
-    ran = drupe(*[results if one == "OUT" else one for one in arguments])
+    ran = drupe(*[results if argument == "OUT" else argument for argument in arguments])
     assert ran.status == 2
     assert said in ran.err

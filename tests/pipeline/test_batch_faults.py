@@ -113,4 +113,4 @@ def test_fruit_without_a_screen_do_not_count():
     batch = batch_of(4, np.random.default_rng(6), gain=0.05)
     bare = batch[0].model_copy(update={"fruit_id": "bare", "screen": None})
     failed = batch[0].model_copy(update={"fruit_id": "f", "screen": ScreenRecord(failure="one recording")})
-    assert {one.fruit for one in batch_faults([*batch, bare, failed])} == {4}
+    assert {fault.fruit for fault in batch_faults([*batch, bare, failed])} == {4}

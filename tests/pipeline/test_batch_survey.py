@@ -27,8 +27,8 @@ def said(folder, text):
     ],
 )
 def test_a_provider_that_models_cannot_run_on_is_refused(tmp_path, providers, sentence):
-    (found,) = said(tmp_path, f"[recon]\nproviders = {providers}\n")
-    assert sentence in found
+    (sentence_found,) = said(tmp_path, f"[recon]\nproviders = {providers}\n")
+    assert sentence in sentence_found
 
 
 def test_providers_that_another_machine_has_may_stand_before_one_that_this_has(tmp_path):

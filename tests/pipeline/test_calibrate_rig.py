@@ -54,12 +54,12 @@ def test_squeezes_become_a_rig_that_says_what_was_squeezed(tmp_path: Path) -> No
 def test_a_rig_is_written_again_and_nobody_elses_file_is(tmp_path: Path) -> None:
     assert calibrated(tmp_path)[0] == 0
     assert calibrated(tmp_path)[0] == 0
-    own = 'format = "drupe-rig"\n'
-    (tmp_path / "rig.toml").write_text(own)
+    other_text = 'format = "drupe-rig"\n'
+    (tmp_path / "rig.toml").write_text(other_text)
     code, said = calibrated(tmp_path)
     assert code != 0
     assert "is not a rig that drupe calibrate wrote" in said
-    assert (tmp_path / "rig.toml").read_text() == own
+    assert (tmp_path / "rig.toml").read_text() == other_text
     code, said = run(
         "calibrate", tmp_path / "s0.csv", tmp_path / "s0.csv", "--rigid", "ball", "--size-mm", "40"
     )

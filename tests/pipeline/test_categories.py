@@ -74,7 +74,7 @@ def test_what_a_phantom_lacks_is_named_with_the_fruit_that_lack_it(made):
     (line,) = problems(made(PHANTOM))
     assert line.startswith('batch.toml: the category "phantom" has no default pit, and B has no pit.ply')
     both = problems(made('category = "phantom"\n'))
-    assert any("add poisson_ratio to batch.toml" in one for one in both)
+    assert any("add poisson_ratio to batch.toml" in sentence for sentence in both)
     assert len(both) == 2
 
 
@@ -98,8 +98,8 @@ def test_a_fruit_with_a_pit_keeps_it_where_the_others_have_none(made):
 def test_a_core_for_all_is_set_in_the_middle_in_its_own_size(made):
     root = made(PHANTOM + '[pit]\nprior = "core.stl"\n')
     trimesh.creation.box([9.0, 9.0, 9.0]).apply_translation([50, 0, 0]).export(root / "core.stl")
-    own, common = (embedded_pit(task, fruit_shape(task)) for task in tasks(root))
-    assert own.record.source == "pit.ply"
+    given_core, common = (embedded_pit(task, fruit_shape(task)) for task in tasks(root))
+    assert given_core.record.source == "pit.ply"
     assert common.record.volume_mm3 == pytest.approx(9.0**3, rel=1e-6)
     assert common.record.centre_mm == pytest.approx([0, 0, 0], abs=1e-3)
     assert common.record.source == "measured pit, placed as for phantom"

@@ -10,7 +10,9 @@ NECTARINE = load_prior("nectarine")
 
 
 def poisson_doubts(**settings):
-    return [one.sentence for one in of_poisson_ratio(Settings(category="nectarine", **settings), NECTARINE)]
+    return [
+        doubt.sentence for doubt in of_poisson_ratio(Settings(category="nectarine", **settings), NECTARINE)
+    ]
 
 
 @pytest.mark.parametrize(

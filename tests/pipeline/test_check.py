@@ -20,7 +20,7 @@ def batch(tmp_path):
 
 
 def said(batch):
-    return [str(one).replace(f"{batch}/", "") for one in check(batch)]
+    return [str(problem).replace(f"{batch}/", "") for problem in check(batch)]
 
 
 def on_one_line(path):

@@ -76,12 +76,14 @@ def ran(address, tmp_path_factory):
         "also fine": "also fine",
     }  # fmt: skip
     events = list(run_on(engine(address, folder, said=said, time_limit_s=20.0), work, tasks.items()))
-    return events, {one.fruit_id: one for one in events if not isinstance(one, Progressed)}, said
+    return events, {event.fruit_id: event for event in events if not isinstance(event, Progressed)}, said
 
 
 def test_each_fruit_ends_in_its_own_way_and_once(ran):
     events, ended, _ = ran
-    assert set(Counter(one.fruit_id for one in events if not isinstance(one, Progressed)).values()) == {1}
+    assert set(Counter(event.fruit_id for event in events if not isinstance(event, Progressed)).values()) == {
+        1
+    }
     assert ended["fine"].result[0] == "fine"
     assert ended["also fine"].result[::2] == ("also fine", "1")
     assert ended["crash"] == Died("crash", -11)
@@ -143,9 +145,9 @@ def test_one_that_comes_later_and_is_not_fit_is_left_out_and_nothing_is_lost(add
     with started(tmp_path, *worker), Client(address, set_as_default=False) as client:
         client.wait_for_workers(3, timeout=60)
         ended = [
-            one.fruit_id
-            for one in run_on(engine(address, tmp_path, said=said), work, tasks)
-            if isinstance(one, Finished) and one.result[0] == "fine"
+            event.fruit_id
+            for event in run_on(engine(address, tmp_path, said=said), work, tasks)
+            if isinstance(event, Finished) and event.result[0] == "fine"
         ]
     assert sorted(ended) == list("abcdefgh")
     assert len([line for line in said if "has 2 threads, expected 1" in line]) == 1
@@ -165,9 +167,9 @@ def test_one_that_comes_later_without_this_drupe_is_left_out_and_nothing_is_lost
     with started(tmp_path / "other", *worker), Client(address, set_as_default=False) as client:
         client.wait_for_workers(3, timeout=60)
         ended = [
-            one.fruit_id
-            for one in run_on(engine(address, tmp_path, said=said), work, tasks)
-            if isinstance(one, Finished) and one.result[0] == "fine"
+            event.fruit_id
+            for event in run_on(engine(address, tmp_path, said=said), work, tasks)
+            if isinstance(event, Finished) and event.result[0] == "fine"
         ]
     assert sorted(ended) == list("abcdefgh")
     (left_out,) = (line for line in said if line.startswith("left out: "))
@@ -186,7 +188,11 @@ def test_a_batch_begun_on_this_machine_ends_on_a_cluster(address, tmp_path, monk
         console = Console(file=said, width=200)
         grading.grade(tmp_path, None, GradeOptions(jobs=2, time_limit_s=60), console=console, **options)
         records = [read_record(tmp_path / "results" / "fruits" / name / "record.json") for name in ("A", "B")]
-        return [one.outcome for one in records], [one.peak_memory_MiB for one in records], said.getvalue()
+        return (
+            [record.outcome for record in records],
+            [record.peak_memory_MiB for record in records],
+            said.getvalue(),
+        )
 
     ended, (first, _), _ = outcomes()
     assert ended == ["graded", "crashed"]
@@ -206,9 +212,9 @@ def wait_until(happened, seconds=60):
 
 
 def free_port():
-    with socket.socket() as one:
-        one.bind(("127.0.0.1", 0))
-        return one.getsockname()[1]
+    with socket.socket() as listener:
+        listener.bind(("127.0.0.1", 0))
+        return listener.getsockname()[1]
 
 
 @contextmanager
@@ -225,8 +231,8 @@ def started(folder, *arguments):
 
 def kill(process):
     if process.poll() is None:
-        for one in [*psutil.Process(process.pid).children(recursive=True), process]:
-            one.kill()
+        for member in [*psutil.Process(process.pid).children(recursive=True), process]:
+            member.kill()
         process.wait()
 
 
@@ -285,7 +291,7 @@ def test_slurm_is_asked_for_jobs_of_one_worker_with_memory_for_one_fruit(slurm, 
     }
     with dask.config.set(configured):
         events = list(run_on(engine, work, [("a", "fine")]))
-    (ended,) = (one for one in events if isinstance(one, Finished))
+    (ended,) = (event for event in events if isinstance(event, Finished))
     assert ended.result[0] == "fine"
     script = (slurm / "script").read_text()
     key = Path(re.search(r"--tls-key (\S+)", script)[1])
@@ -307,8 +313,8 @@ def test_slurms_jobs_speak_tls_with_a_key_that_only_this_user_reads(slurm, tmp_p
         address = jobs.cluster.scheduler_address
         assert address.startswith("tls://")
         files = list(shared.iterdir())
-        assert {stat.S_IMODE(one.stat().st_mode) for one in files} == {0o600}
-        assert sum("PRIVATE KEY" in one.read_text() for one in files) == 1
+        assert {stat.S_IMODE(file.stat().st_mode) for file in files} == {0o600}
+        assert sum("PRIVATE KEY" in file.read_text() for file in files) == 1
         with Client(address, security=jobs.cluster.security, set_as_default=False) as client:
             client.wait_for_workers(1, timeout=60)
             assert client.submit(os.getpid).result(timeout=60) != os.getpid()

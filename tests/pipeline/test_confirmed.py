@@ -92,11 +92,11 @@ def test_every_effect_that_can_be_confirmed_has_the_parameters_of_its_model():
     values = {"number": 0.4, "pair": (0.1, 0.2), "triple": (0.1, 0.2, 0.3), "pad": "left"}
     for name, spec in SPECS.items():
         parameters = {parameter.name: values[parameter.kind] for parameter in spec.parameters}
-        one = ConfirmedEffect(effect=name, parameters=parameters)
-        assert used([one]) == (one,)
+        effect = ConfirmedEffect(effect=name, parameters=parameters)
+        assert used([effect]) == (effect,)
         if name in MECHANICS:
             wanted = {spec.name for spec in MECHANICS[name].spec.searched}
-            assert catalogue_parameters(one, 0.5).keys() == wanted
+            assert catalogue_parameters(effect, 0.5).keys() == wanted
 
 
 def test_a_skin_counts_in_the_stiffness_of_the_flesh_below_it():
@@ -112,10 +112,10 @@ def test_a_second_relaxing_arm_is_said_to_be_left_out():
 
 
 def test_each_number_is_moved_by_its_own_spread_for_the_error_bar():
-    moved = [one.vector("offset_mm") for _, one in _shifted(OFFSET)]
+    moved = [shifted.vector("offset_mm") for _, shifted in _shifted(OFFSET)]
     assert moved == [(1.1, -2.0, 0.5), (1.0, -1.8, 0.5), (1.0, -2.0, 0.6)]
-    ((name, one),) = _shifted(SIZE)
-    assert (name, one.number("scale")) == ("scale", pytest.approx(0.82))
+    ((name, shifted),) = _shifted(SIZE)
+    assert (name, shifted.number("scale")) == ("scale", pytest.approx(0.82))
 
 
 def test_an_answer_of_other_inputs_is_not_the_fruits(tmp_path):
@@ -138,8 +138,13 @@ def test_the_map_of_an_answer_of_other_inputs_is_not_shown(tmp_path):
     for path, content in ((files.outlines, b"a link"), (files.scene, b"own"), (files.mismatch_scene, b"map")):
         path.write_bytes(content)
     pictures = ReportPictures(results, fruits=1)
-    shown = [pictures.of(files, measured=True, graded=True, explained=one) for one in (True, False)]
-    assert [(one.scene, one.explained_scene) for one in shown] == [(b"own", b"map"), (b"own", b"")]
+    shown = [
+        pictures.of(files, measured=True, graded=True, explained=explained) for explained in (True, False)
+    ]
+    assert [(picture.scene, picture.explained_scene) for picture in shown] == [
+        (b"own", b"map"),
+        (b"own", b""),
+    ]
     many = ReportPictures(results, fruits=MANY_SCENES + 1).of(
         files, measured=True, graded=True, explained=True
     )

@@ -98,11 +98,11 @@ def test_the_terminal_shows_what_libraries_say_only_where_that_is_asked_for(tmp_
     done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
     assert done.stdout == "drupe's own result\n"
     assert "drupe's own sentence\n" in done.stderr
-    assert [one in done.stderr for one in OF_LIBRARIES] == [shown] * len(OF_LIBRARIES)
+    assert [library in done.stderr for library in OF_LIBRARIES] == [shown] * len(OF_LIBRARIES)
     if not shown:
         assert done.stderr == "drupe's own sentence\n"
     kept = log.read_text()
-    assert all(one in kept for one in OF_LIBRARIES)
+    assert all(library in kept for library in OF_LIBRARIES)
 
 
 def test_without_a_log_what_libraries_say_is_dropped():

@@ -31,12 +31,12 @@ START = datetime(2026, 8, 14, 9, 30, tzinfo=UTC)
 
 
 def finding(ratio, name="ball"):
-    own = Ratio(ratio=ratio, ln_sd=0.02)
+    ratio_found = Ratio(ratio=ratio, ln_sd=0.02)
     body = ReferenceBodyEntry(
         fruit_id=name, E_known_MPa=0.5, E_known_sd_MPa=0.005, E_found_MPa=0.5 * ratio,
-        E_found_sd_MPa=0.01, ratio=own.ratio, ratio_sd=own.sd,
+        E_found_sd_MPa=0.01, ratio=ratio_found.ratio, ratio_sd=ratio_found.sd,
     )  # fmt: skip
-    return ReferenceFinding(bodies=(body,), ratio=own, corrected=False, sentences=("read",))
+    return ReferenceFinding(bodies=(body,), ratio=ratio_found, corrected=False, sentences=("read",))
 
 
 def row(day, ratio, *, lot="A", sha="s"):
@@ -169,7 +169,7 @@ def test_check_reports_a_chart_elsewhere_and_all_other_problems(tmp_path):
     (tmp_path / "scan.stl").touch()
     settings = 'category = "nectarine"\npoisson_ratio = 0.3\n[reference]\nchart = "/usr/x.csv"\n'
     (tmp_path / "batch.toml").write_text(settings)
-    said = [str(one).replace(f"{tmp_path}/", "") for one in check(tmp_path)]
+    said = [str(problem).replace(f"{tmp_path}/", "") for problem in check(tmp_path)]
     for words in (
         'batch.toml: "reference.chart": found',
         "fruits/A: does not exist",
@@ -177,7 +177,7 @@ def test_check_reports_a_chart_elsewhere_and_all_other_problems(tmp_path):
         "scan.stl is not used",
         "Every E will be in doubt",
     ):
-        assert sum(words in one for one in said) == 1, (words, said)
+        assert sum(words in line for line in said) == 1, (words, said)
 
 
 @pytest.mark.parametrize("named", ["gripper.csv", "charts/gripper.csv", "../gripper.csv"])
@@ -197,9 +197,9 @@ def test_the_lot_starts_no_formula_and_its_row_is_found_again(tmp_path, lot):
 
 
 def test_several_recordings_have_one_hash_whatever_their_order():
-    one = {"fruits/ball/grasps/a.h5": "x"}
-    two = {**one, "fruits/ball/grasps/b.h5": "y", "fruits/ball-2/grasps/c.h5": "z"}
-    assert recordings_sha256(one, "ball") == "x"
+    single = {"fruits/ball/grasps/a.h5": "x"}
+    two = {**single, "fruits/ball/grasps/b.h5": "y", "fruits/ball-2/grasps/c.h5": "z"}
+    assert recordings_sha256(single, "ball") == "x"
     assert recordings_sha256(two, "ball") == recordings_sha256(dict(reversed(two.items())), "ball")
     assert recordings_sha256(two, "ball") not in {"x", "y", "z"}
 
@@ -220,14 +220,16 @@ def test_several_recordings_have_one_hash_whatever_their_order():
     ],
 )
 def test_the_western_electric_rules(z, said):
-    found = out_of_control(np.array(z))
-    assert (said in found) if said else not found
+    rules_broken = out_of_control(np.array(z))
+    assert (said in rules_broken) if said else not rules_broken
 
 
 def test_a_gripper_in_control_is_seldom_called_out_of_it():
     """Rule 1 alone has 0.0027; rule 2 adds about 2 (2 Phi(-2)^2) = 0.002: one batch in two hundred."""
     z = np.random.default_rng(3).standard_normal((20_000, 3))
-    assert np.mean([bool(out_of_control(one)) for one in z]) == pytest.approx(0.0047, abs=0.0015)
+    assert np.mean([bool(out_of_control(deviations)) for deviations in z]) == pytest.approx(
+        0.0047, abs=0.0015
+    )
 
 
 def test_a_slow_drift_is_said_with_the_body_and_a_steady_gripper_is_not():

@@ -81,7 +81,7 @@ def test_a_body_that_may_have_its_core_anywhere_is_not_judged(nectarine):
 
 
 def test_a_given_pit_that_the_grasps_find_elsewhere_is_doubted():
-    found = PitFoundRecord(
+    pit = PitFoundRecord(
         offset_mm=(4.0, 0.0, 3.0),
         offset_sd_mm=(0.3, 0.3, 0.3),
         offset_prior_sd_mm=(0.5, 0.5, 0.5),
@@ -90,10 +90,10 @@ def test_a_given_pit_that_the_grasps_find_elsewhere_is_doubted():
         size_prior_sd=0.03,
         moved=(8.0, 0.0, 6.0, 0.3),
     )
-    (doubt,) = of_a_pit_found(found, given=True)
+    (doubt,) = of_a_pit_found(pit, given=True)
     assert "5.0 mm from its place in pit.ply" in doubt.sentence
-    assert of_a_pit_found(found, given=False) == []
-    near = found.model_copy(update={"moved": (1.0, -2.0, 0.5, 1.0)})
+    assert of_a_pit_found(pit, given=False) == []
+    near = pit.model_copy(update={"moved": (1.0, -2.0, 0.5, 1.0)})
     assert of_a_pit_found(near, given=True) == []
 
 
@@ -115,12 +115,12 @@ def test_a_remark_is_said_puts_nothing_in_doubt_and_explains_no_sign():
     remark = Finding(
         kind=FindingKind.ENDS_PRESSED, rank=FindingRank.MACHINE, says="it ends pressed", remark=True
     )
-    one, two = grasp(1, remark), grasp(2, gain())
-    assert remarks_of_grasps([one, two]) == ["grasp-1: it ends pressed."]
-    (doubt,) = of_grasps([one, two])
+    remarked, two = grasp(1, remark), grasp(2, gain())
+    assert remarks_of_grasps([remarked, two]) == ["grasp-1: it ends pressed."]
+    (doubt,) = of_grasps([remarked, two])
     assert doubt.sentence == "grasp-2: both pads' forces are 1.3 times."
     assert doubt.relative_sd == 0.1
-    assert signs_explained(one) == set()
+    assert signs_explained(remarked) == set()
     assert signs_explained(two)
 
 
@@ -144,7 +144,7 @@ def test_unlike_faults_add_in_squares_also_where_they_are_of_one_kind():
 def test_only_the_signs_that_a_cause_explains_are_left_out():
     signs = [ModulusWarning(sign, "in whatever words") for sign in ModulusSign]
     left = causes_alone(signs, explained=signs_explained(grasp(1, gain())))
-    assert [one.sign for one in left] == [ModulusSign.NO_WORK, ModulusSign.ONE_FRAME]
+    assert [warning.sign for warning in left] == [ModulusSign.NO_WORK, ModulusSign.ONE_FRAME]
     assert causes_alone(signs, explained=signs_explained(grasp(1))) == signs
 
 

@@ -169,7 +169,7 @@ def test_what_is_kept_is_what_was_computed_to_single_precision(workplace, mesh, 
 def test_two_threads_give_the_same_models(workplace, mesh, histories):
     task, _ = workplace
     names = ("along-x", "along-y")
-    one, two = (
+    serial, parallel = (
         elasticity.responses(
             task,
             f"response-{workers}",
@@ -182,19 +182,19 @@ def test_two_threads_give_the_same_models(workplace, mesh, histories):
         )
         for workers in (1, 2)
     )
-    for own, other in zip(one, two, strict=True):
-        np.testing.assert_array_equal(own.compliance, other.compliance)
-        np.testing.assert_array_equal(own.place_mm, other.place_mm)
+    for model, other in zip(serial, parallel, strict=True):
+        np.testing.assert_array_equal(model.compliance, other.compliance)
+        np.testing.assert_array_equal(model.place_mm, other.place_mm)
 
 
 def test_a_grasp_off_the_skin_does_not_cost_the_others(workplace, mesh):
     task, made = workplace
-    found = modulus(task, mesh, "lost", "along-x")
-    lost, good = found.grasps
+    inference = modulus(task, mesh, "lost", "along-x")
+    lost, good = inference.grasps
     assert isinstance(lost, FemFailure)
     assert lost.problem is FemProblem.OFF_SURFACE
     assert "from the skin" in lost.detail
-    assert found.modulus.grasps == 1
+    assert inference.modulus.grasps == 1
     assert good.E_MPa == pytest.approx(E_MPA, rel=0.05)
     again = modulus(task, mesh, "lost", "along-x")
     assert made == ["free"]
@@ -205,14 +205,14 @@ def test_all_grasps_off_the_skin_are_all_named(workplace, mesh):
     task, made = workplace
     with pytest.raises(ExceptionGroup) as caught:
         modulus(task, mesh, "lost")
-    assert [one.problem for one in caught.value.exceptions] == [FemProblem.OFF_SURFACE]
+    assert [exception.problem for exception in caught.value.exceptions] == [FemProblem.OFF_SURFACE]
     assert made == []
 
 
 def test_the_record_holds_a_pit_from_two_grasps_and_none_from_one(workplace, mesh):
     task, _ = workplace
-    one = elasticity.modulus_record(modulus(task, mesh, "along-x").modulus)
-    assert one.pit_found is None
+    modulus_along_x = elasticity.modulus_record(modulus(task, mesh, "along-x").modulus)
+    assert modulus_along_x.pit_found is None
     both = modulus(task, mesh, "along-x", "along-y").modulus
     record = elasticity.modulus_record(both)
     assert record.E_MPa == both.E_MPa
@@ -236,13 +236,13 @@ def test_a_recording_without_equilibrium_at_finite_strain_enters_E_at_small_stra
 
     monkeypatch.setattr(elasticity, "with_finite_strain", unsettled)
     task.settings.flesh.model = "neo-hookean"
-    found = modulus(task, mesh, "along-x", "along-y")
-    assert found.modulus.E_MPa == pytest.approx(linear.modulus.E_MPa, rel=1e-9)
-    for kept in (found, modulus(task, mesh, "along-x", "along-y")):
+    inference = modulus(task, mesh, "along-x", "along-y")
+    assert inference.modulus.E_MPa == pytest.approx(linear.modulus.E_MPa, rel=1e-9)
+    for kept in (inference, modulus(task, mesh, "along-x", "along-y")):
         first, second = elasticity.at_small_strain(grasps("along-x", "along-y"), kept)
         assert first.startswith("along-x: ")
         assert "E still changes in round 10" in first
         assert second.startswith("along-y: ")
-    plain, wider = (elasticity.modulus_record(found.modulus, small_strain=share) for share in (0.0, 1.0))
+    plain, wider = (elasticity.modulus_record(inference.modulus, small_strain=share) for share in (0.0, 1.0))
     assert wider.parts_sd_MPa[elasticity.SMALL_STRAIN] == pytest.approx(0.1 * plain.E_MPa)
     assert wider.E_sd_MPa == pytest.approx(np.hypot(plain.E_sd_MPa, 0.1 * plain.E_MPa))

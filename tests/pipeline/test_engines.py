@@ -53,13 +53,13 @@ def test_tasks_are_taken_as_there_is_room():
     events = run_on(engine, print, tasks())
     next(events)
     assert taken == [0, 1]
-    assert [one.fruit_id for one in events] == [str(k) for k in range(1, 10)]
+    assert [event.fruit_id for event in events] == [str(k) for k in range(1, 10)]
     assert engine.most == 2
 
 
 def test_one_that_cannot_be_begun_costs_itself_alone():
     events = list(run_on(Few(), print, [(name, None) for name in ("a", "unlucky", "b")]))
-    assert sorted(events, key=lambda one: one.fruit_id) == [
+    assert sorted(events, key=lambda event: event.fruit_id) == [
         Finished("a", "a"), Finished("b", "b"),
         Died("unlucky", None, "its process did not start: no process can be made"),
     ]  # fmt: skip

@@ -204,7 +204,7 @@ def test_the_second_gripper_reads_more_by_the_paired_test_of_another_library(sea
     said = (
         f"gripper G2 reads {mean:+.1f} % ({low:+.1f} to {high:+.1f} %, 90 %; p = {test.pvalue:.2g}) against"
     )
-    assert any(one.startswith(said) for one in season.last.entry.comparisons)
+    assert any(comparison.startswith(said) for comparison in season.last.entry.comparisons)
 
 
 def test_the_page_has_a_line_and_a_mark_per_day_for_every_lot_in_colours_of_the_palette(season):

@@ -65,5 +65,5 @@ def test_nothing_is_looked_through_for_garbage_while_libraries_are_imported() ->
 
 
 def _printed(code: str) -> str:
-    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return found.stdout.strip()
+    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    return process.stdout.strip()

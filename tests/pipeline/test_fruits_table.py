@@ -140,16 +140,16 @@ def test_tables_of_other_countries_and_spreadsheets_are_read(tmp_path, separator
     height = "57.8" if separator == "," else "57,8"
     rows = [["fruit_id", "height_mm", "notes"], ["A", height, '"late, 3,4 days"'], ["B", "61.5", ""]]
     (tmp_path / "fruits.csv").write_bytes((mark + end.join(map(separator.join, rows)) + end).encode())
-    found, faults = read_fruits(tmp_path / "fruits.csv")
+    records, faults = read_fruits(tmp_path / "fruits.csv")
     assert faults == []
-    assert [(row.fruit_id, row.height_mm) for row in found] == [("A", 57.8), ("B", 61.5)]
-    assert found[0].notes == "late, 3,4 days"
+    assert [(row.fruit_id, row.height_mm) for row in records] == [("A", 57.8), ("B", 61.5)]
+    assert records[0].notes == "late, 3,4 days"
 
 
 def test_letters_of_any_script_are_ids_and_are_composed(tmp_path):
-    found, faults = read_fruits(table(tmp_path, "fruit_id\nMu\u0308hle-1\nÑandú 2\n桃3\n"))
+    rows, faults = read_fruits(table(tmp_path, "fruit_id\nMu\u0308hle-1\nÑandú 2\n桃3\n"))
     assert faults == []
-    assert [row.fruit_id for row in found] == ["Mühle-1", "Ñandú 2", "桃3"]
+    assert [row.fruit_id for row in rows] == ["Mühle-1", "Ñandú 2", "桃3"]
 
 
 @pytest.mark.parametrize(

@@ -98,8 +98,8 @@ def test_what_is_forced_stands_in_record_table_page_status_and_provenance(batch,
         doubts = held(batch, name)[1].doubts
         assert held(batch, name)[1].warnings[: len(doubts)] == doubts
         for said in ("mass_g of all 2 fruit is 0.09", 'E_max_MPa of "soft" is 300'):
-            (one,) = [doubt for doubt in doubts if said in doubt]
-            assert one.endswith("drupe grades the fruit anyway (--force).")
+            (doubt_said,) = [doubt for doubt in doubts if said in doubt]
+            assert doubt_said.endswith("drupe grades the fruit anyway (--force).")
             assert said in rows[name]["doubts"]
     assert "mass_g of all 2 fruit is 0.09" in page
     assert "(--force). This widens its error bar" not in page
@@ -120,10 +120,10 @@ def test_a_recording_of_two_fruit_is_doubted_in_table_page_and_record_while_both
 
     def recorded(**digests):
         for name, digest in digests.items():
-            found = held(batch, name)[1]
+            graded_record = held(batch, name)[1]
             grasps = (GraspRecord(grasp="grasp-1", digest=digest),)
             path = batch / "results" / "fruits" / name / "record.json"
-            write_record(path, found.model_copy(update={"grasps": grasps}))
+            write_record(path, graded_record.model_copy(update={"grasps": grasps}))
 
     recorded(A="same", B="same")
     status, worked, rows = run()

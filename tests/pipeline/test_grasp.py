@@ -60,8 +60,10 @@ def test_a_bent_force_reading_is_refused_by_grading_and_taken_to_be_explained(tm
     with pytest.raises(TactileFailure, match=r"is nonlinear \(run drupe explain"):
         place_grasp(tmp_path / "grasp.h5", *outer, checked=Checked())
     placed = place_grasp(tmp_path / "grasp.h5", *outer, checked=Checked(explains=True))
-    assert [one.kind for one in placed.findings if "clipped" in one.sentence] == [FindingKind.SATURATION]
-    assert not any(one.refused for one in placed.findings)
+    assert [finding.kind for finding in placed.findings if "clipped" in finding.sentence] == [
+        FindingKind.SATURATION
+    ]
+    assert not any(finding.refused for finding in placed.findings)
 
 
 def test_the_meshs_error_reaches_each_pad_from_the_skin_that_it_touches_alone():
@@ -69,51 +71,51 @@ def test_the_meshs_error_reaches_each_pad_from_the_skin_that_it_touches_alone():
     plain = place_grasp(DATA / "grasp.h5", vertices, faces)
     assert all(pad.surface_sd_mm is None for pad in history(plain).pads)
     middle = {name: points.mean(axis=0) for name, points in plain.touched_mm.items()}
-    (one, at), (other, beyond) = middle.items()
+    (touched, at), (other, beyond) = middle.items()
     nearer = np.linalg.norm(vertices - at, axis=1) < np.linalg.norm(vertices - beyond, axis=1)
     known = place_grasp(DATA / "grasp.h5", vertices, faces, sd_mm=np.where(nearer, 0.3, 0.05))
-    assert known.surface_sd_mm == pytest.approx({one: 0.3, other: 0.05})
+    assert known.surface_sd_mm == pytest.approx({touched: 0.3, other: 0.05})
     pads = {pad.name: pad.surface_sd_mm for pad in history(known).pads}
-    assert pads == pytest.approx({one: 0.3, other: 0.05})
+    assert pads == pytest.approx({touched: 0.3, other: 0.05})
 
 
 @pytest.fixture(scope="module")
-def found(graded):
+def estimate(graded):
     return graded[1]
 
 
 @pytest.mark.slow
-def test_within_two_percent_of_the_answer_from_one_grasp(found):
-    assert found.E_MPa == pytest.approx(E_MPA, rel=0.01)
-    assert found.energy.E_MPa == pytest.approx(E_MPA, rel=0.01)
+def test_within_two_percent_of_the_answer_from_one_grasp(estimate):
+    assert estimate.E_MPa == pytest.approx(E_MPA, rel=0.01)
+    assert estimate.energy.E_MPa == pytest.approx(E_MPA, rel=0.01)
 
 
-def test_what_is_left_is_little_more_than_the_markers_noise(found):
-    assert found.residual_rms_mm < 0.008
-    assert found.warnings == ()
+def test_what_is_left_is_little_more_than_the_markers_noise(estimate):
+    assert estimate.residual_rms_mm < 0.008
+    assert estimate.warnings == ()
 
 
-def test_the_error_bar_is_honest_and_small(found):
-    assert 0.005 < found.E_sd_MPa / found.E_MPa < 0.02
-    assert abs(found.E_MPa - E_MPA) < 2 * found.E_sd_MPa
+def test_the_error_bar_is_honest_and_small(estimate):
+    assert 0.005 < estimate.E_sd_MPa / estimate.E_MPa < 0.02
+    assert abs(estimate.E_MPa - E_MPA) < 2 * estimate.E_sd_MPa
 
 
-def test_every_heavy_frame_agrees_through_load_hold_with_shear_and_unload(found):
-    peak = max(frame.force_N for frame in found.frames)
-    heavy = [frame for frame in found.frames if frame.pad == "all" and frame.force_N > 0.4 * peak]
+def test_every_heavy_frame_agrees_through_load_hold_with_shear_and_unload(estimate):
+    peak = max(frame.force_N for frame in estimate.frames)
+    heavy = [frame for frame in estimate.frames if frame.pad == "all" and frame.force_N > 0.4 * peak]
     assert {frame.phase for frame in heavy} == {"load", "hold", "unload"}
     assert np.array([frame.E_MPa for frame in heavy]) == pytest.approx(E_MPA, rel=0.03)
 
 
 def test_the_record_says_what_was_found_in_the_units_it_names(graded):
-    grasp, found = graded
-    record = grasp_record(grasp, found)
+    grasp, estimate = graded
+    record = grasp_record(grasp, estimate)
     assert record.failure is None
-    assert (record.E_MPa, record.E_sd_MPa) == (found.E_MPa, found.E_sd_MPa)
-    assert np.linalg.norm(list(record.parts_sd_MPa.values())) == pytest.approx(found.E_sd_MPa)
-    assert record.residual_um == pytest.approx(1e3 * found.residual_rms_mm)
-    assert record.frames_used == found.loaded.sum()
-    assert record.peak_force_N == pytest.approx(max(f.force_N for f in found.frames), rel=0.1)
+    assert (record.E_MPa, record.E_sd_MPa) == (estimate.E_MPa, estimate.E_sd_MPa)
+    assert np.linalg.norm(list(record.parts_sd_MPa.values())) == pytest.approx(estimate.E_sd_MPa)
+    assert record.residual_um == pytest.approx(1e3 * estimate.residual_rms_mm)
+    assert record.frames_used == estimate.loaded.sum()
+    assert record.peak_force_N == pytest.approx(max(f.force_N for f in estimate.frames), rel=0.1)
     assert set(record.contact_mm) == {pad.name for pad in grasp.pads}
     assert type(record).model_validate_json(record.model_dump_json()) == record
 

@@ -164,8 +164,8 @@ def test_results_become_days_of_a_lot(three_days):
     batches = [stored_batch(out) for out in three_days]
     entry = history_entry(batches, conversions=(), now=NOW)
     (series,) = entry.series
-    assert [one.day for one in series.days] == [date(2026, 8, 10), date(2026, 8, 12), date(2026, 8, 15)]
-    assert [(one.fruit, one.left_out) for one in series.days] == [(6, 2)] * 3
+    assert [day.day for day in series.days] == [date(2026, 8, 10), date(2026, 8, 12), date(2026, 8, 15)]
+    assert [(day.fruit, day.left_out) for day in series.days] == [(6, 2)] * 3
     assert series.days[-1].E_MPa < 0.8
     assert "E falls by" in series.softening.words
     (ready,) = series.limits

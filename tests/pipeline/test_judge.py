@@ -83,12 +83,15 @@ def test_the_trail_says_who_when_what_why_and_lines_are_only_added(judge, result
     both = trail(results)
     assert both[:1] == first
     said = [json.loads(line) for line in both]
-    assert [(one["by"], one["judged_class"], one["E_MPa"]) for one in said] == [
+    assert [(judgement["by"], judgement["judged_class"], judgement["E_MPa"]) for judgement in said] == [
         (BY, "firm", 0.3), ("C. Roth", "soft", 0.3)
     ]  # fmt: skip
-    assert all(one["at_utc"].endswith("Z") and one["drupe"] and one["key"] == "k" for one in said)
+    assert all(
+        judgement["at_utc"].endswith("Z") and judgement["drupe"] and judgement["key"] == "k"
+        for judgement in said
+    )
     chain = [hashlib.sha256("".join(both[:k]).encode()).hexdigest() for k in range(2)]
-    assert [one["after"] for one in said] == chain
+    assert [judgement["after"] for judgement in said] == chain
     assert rows(results)["A"]["judged_by"] == "C. Roth"
     assert page_of(results).count("<b>Urteil einer Person:</b>") == 2
 

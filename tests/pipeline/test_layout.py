@@ -72,8 +72,8 @@ def test_recordings_come_in_the_order_in_which_they_are_counted(tmp_path):
     (tmp_path / "grasps").mkdir()
     for name in ("grasp-10", "grasp-2", "grasp-1", "b", "a", "grasp-2b"):
         (tmp_path / "grasps" / f"{name}.h5").touch()
-    found = [path.stem for path in FruitFolder(tmp_path).grasp_files()]
-    assert found == ["a", "b", "grasp-1", "grasp-2", "grasp-2b", "grasp-10"]
+    stems = [path.stem for path in FruitFolder(tmp_path).grasp_files()]
+    assert stems == ["a", "b", "grasp-1", "grasp-2", "grasp-2b", "grasp-10"]
 
 
 def test_photos_of_the_fruit_upside_down_are_inputs_and_are_checked(tmp_path):
@@ -111,5 +111,5 @@ def test_inputs_have_the_same_names_however_the_batch_is_named(tmp_path, monkeyp
     moved = grasp.rename(tmp_path / "elsewhere")
     grasp.symlink_to(moved)
     (tmp_path / "other.toml").touch()
-    found = set(input_hashes(Path("batch"), BatchFolder(Path("batch")).fruit("N01").input_files()))
-    assert found >= {"fruits/N01/grasps/g/grasp.toml", str(tmp_path / "other.toml")}
+    hashed_names = set(input_hashes(Path("batch"), BatchFolder(Path("batch")).fruit("N01").input_files()))
+    assert hashed_names >= {"fruits/N01/grasps/g/grasp.toml", str(tmp_path / "other.toml")}

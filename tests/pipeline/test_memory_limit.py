@@ -51,22 +51,22 @@ class Block(threading.Thread):
 @pytest.mark.parametrize("sizes", [(GIB, 2 * GIB), (2 * GIB, GIB)])
 def test_blocks_that_overlap_leave_no_limit(sizes):
     before = limit()
-    one, other = Block(sizes[0]).begun(), Block(sizes[1]).begun()
+    block, other = Block(sizes[0]).begun(), Block(sizes[1]).begun()
     assert limit() != before
-    one.end()
+    block.end()
     other.end()
     assert limit() == before
 
 
 def test_the_widest_open_block_counts_until_the_last_one_ends():
-    one = Block(GIB).begun()
+    block = Block(GIB).begun()
     narrow = limit()
     other = Block(2 * GIB).begun()
     wide = limit()
     assert wide > narrow + 900 * MIB
     other.end()
     assert limit() == wide
-    one.end()
+    block.end()
 
 
 def test_an_exception_lifts_the_limit_and_the_next_block_has_its_own():
@@ -78,13 +78,13 @@ def test_an_exception_lifts_the_limit_and_the_next_block_has_its_own():
 
 
 def test_a_limit_of_the_user_is_not_widened():
-    own = 20 * GIB
-    resource.setrlimit(resource.RLIMIT_AS, (own, resource.getrlimit(resource.RLIMIT_AS)[1]))
+    user_limit = 20 * GIB
+    resource.setrlimit(resource.RLIMIT_AS, (user_limit, resource.getrlimit(resource.RLIMIT_AS)[1]))
     with limited_memory(40 * GIB):
-        assert limit() == own
+        assert limit() == user_limit
     with limited_memory(GIB), limited_memory(40 * GIB):
-        assert limit() == own
-    assert limit() == own
+        assert limit() == user_limit
+    assert limit() == user_limit
 
 
 def test_a_trial_has_its_own_limit_beside_a_wider_block():

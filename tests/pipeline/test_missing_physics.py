@@ -46,15 +46,15 @@ SAID = Screened(
 
 
 def estimate(E_MPa=0.5, form="first-touch"):
-    found = object.__new__(ModulusEstimate)
+    modulus = object.__new__(ModulusEstimate)
     for name, value in (("E_MPa", E_MPa), ("form", form)):
-        object.__setattr__(found, name, value)
-    return found
+        object.__setattr__(modulus, name, value)
+    return modulus
 
 
-def graded(*own):
-    models = tuple(MODEL if isinstance(one, ModulusEstimate) else one for one in own)
-    return SimpleNamespace(models=models, grasps=tuple(own))
+def graded(*estimates):
+    models = tuple(MODEL if isinstance(outcome, ModulusEstimate) else outcome for outcome in estimates)
+    return SimpleNamespace(models=models, grasps=tuple(estimates))
 
 
 @pytest.fixture
@@ -95,7 +95,7 @@ def test_what_was_found_stands_in_the_record(place):
     place.answers(SAID)
     record = stage.screened_fruit(place.task, place.fruit, graded(estimate(0.4), estimate(0.6)), {})
     assert (record.p_value, record.names, record.failure, record.note) == (0.01, ("skin",), "", "")
-    assert [(one.pad, one.value, one.sd) for one in record.amounts] == [("left", 0.01, 0.003)]
+    assert [(amount.pad, amount.value, amount.sd) for amount in record.amounts] == [("left", 0.01, 0.003)]
     (_, options), *_ = place.asked
     assert options["E_MPa"] == pytest.approx(1 / np.median([1 / 0.4, 1 / 0.6]))
 
@@ -118,9 +118,9 @@ def test_finite_strain_is_left_to_the_screen_unless_effects_are_confirmed(
     place.answers(SAID)
     monkeypatch.setattr(stage, "in_the_model", lambda _: confirmed)
     place.task.settings = Settings(category="nectarine", poisson_ratio=0.45, flesh={"model": law})
-    found = graded(estimate(), estimate())
-    found.models = tuple(corrected(model) for model in found.models)
-    stage.screened_fruit(place.task, place.fruit, found, {})
+    inference = graded(estimate(), estimate())
+    inference.models = tuple(corrected(model) for model in inference.models)
+    stage.screened_fruit(place.task, place.fruit, inference, {})
     (_, asked), *_ = place.asked
     assert len(asked["at_finite_strain"]) == held
     left = law == "neo-hookean" and not confirmed
@@ -130,9 +130,9 @@ def test_finite_strain_is_left_to_the_screen_unless_effects_are_confirmed(
 def test_a_recording_at_small_strain_alone_leaves_large_deformation_to_the_screen(place, monkeypatch):
     place.answers(SAID)
     monkeypatch.setattr(stage, "in_the_model", lambda _: (CONFIRMED,))
-    found = graded(estimate(), estimate())
-    found.models = (MODEL, replace(MODEL, small_strain_alone="the nonlinear solve did not converge"))
-    stage.screened_fruit(place.task, place.fruit, found, {})
+    inference = graded(estimate(), estimate())
+    inference.models = (MODEL, replace(MODEL, small_strain_alone="the nonlinear solve did not converge"))
+    stage.screened_fruit(place.task, place.fruit, inference, {})
     first, _ = place.fruit.placed
     assert place.asked[0][1]["at_finite_strain"] == [first.name]
 
@@ -166,8 +166,8 @@ def test_a_fault_of_the_screen_costs_the_screen_alone_and_leaves_its_traceback(p
 
 def test_a_grasp_whose_modulus_is_not_of_first_touch_is_left_out_and_named(place):
     place.answers(SAID)
-    found = graded(estimate(), estimate(form="absolute"))
-    record = stage.screened_fruit(place.task, place.fruit, found, {})
+    inference = graded(estimate(), estimate(form="absolute"))
+    record = stage.screened_fruit(place.task, place.fruit, inference, {})
     assert [grasp.name for grasp in place.asked[0][0].grasps] == ["grasp-1"]
     assert record.note == "without grasp-2, which give no E from first contact"
 

@@ -39,8 +39,8 @@ def test_the_mean_at_full_load_along_each_pads_way_in_of_the_markers_that_touch(
     residual[full] = [0.004, 99.0, -99.0]
     residual[np.flatnonzero(full)[0], :, 0] = 0.010
     residual[np.flatnonzero(full)[1], 2] = np.nan
-    found = Mock(spec=ModulusEstimate, loaded=USED, residual_mm=residual)
-    by_pad = residual_at_full_load(found, history, axes, np.stack([FORCE_N, FORCE_N]))
+    estimate = Mock(spec=ModulusEstimate, loaded=USED, residual_mm=residual)
+    by_pad = residual_at_full_load(estimate, history, axes, np.stack([FORCE_N, FORCE_N]))
     places, values = by_pad["left"]
     np.testing.assert_allclose(places, history.pads[0].surface_mm[[0, 1, 3]])
     assert values == pytest.approx([6.0] * 3)

@@ -19,8 +19,8 @@ def keys(model, at=""):
     for name, field in model.model_fields.items():
         tables = _models(field.annotation)
         if tables:
-            for one in tables:
-                yield from keys(one, f"{at}{name}.")
+            for table in tables:
+                yield from keys(table, f"{at}{name}.")
         else:
             yield f"{at}{name}"
 
@@ -32,7 +32,7 @@ def _models(annotation):
 
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return [annotation]
-    return [one for part in get_args(annotation) for one in _models(part)]
+    return [model for part in get_args(annotation) for model in _models(part)]
 
 
 def filled(**others):

@@ -52,8 +52,8 @@ def write(batch, name, image):
 
 def said(batch, **options):
     """Problems of the photos, and whether each is a remark only."""
-    found = [one for one in check(batch, **options) if "N01/photos" in one.file]
-    return [(str(one).replace(f"{batch}/", ""), one.remark) for one in found]
+    problems = [problem for problem in check(batch, **options) if "N01/photos" in problem.file]
+    return [(str(problem).replace(f"{batch}/", ""), problem.remark) for problem in problems]
 
 
 def bare(image):
@@ -82,11 +82,11 @@ def test_sound_photos_leave_nothing_to_say(batch):
 def test_each_spoilt_photo_is_named_with_what_to_do(batch, small):
     for name, (spoil, _) in SPOILT.items():
         write(batch, name, spoil(small[name]))
-    found = said(batch)
+    problems = said(batch)
     for name, (_, expected) in SPOILT.items():
-        (sentence,) = [one for one, _ in found if name in one]
+        (sentence,) = [text for text, _ in problems if name in text]
         assert re.search(expected, sentence)
-    assert all(remark for _, remark in found)
+    assert all(remark for _, remark in problems)
     assert said(batch, quick=True) == []
 
 

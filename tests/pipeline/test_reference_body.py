@@ -46,8 +46,8 @@ def test_a_reference_is_read_and_a_fruit_is_none(tmp_path, yes):
     rows, faults = read_fruits(path)
     assert not faults
     assert [row.reference for row in rows] == [False, False, True]
-    one = rows[2]
-    assert (one.reference_E_MPa, one.reference_E_sd_MPa, one.reference_poisson_ratio) == (0.5, 0.01, 0.48)
+    body = rows[2]
+    assert (body.reference_E_MPa, body.reference_E_sd_MPa, body.reference_poisson_ratio) == (0.5, 0.01, 0.48)
 
 
 @pytest.mark.parametrize(
@@ -97,11 +97,11 @@ def test_a_reference_is_graded_as_a_solid_phantom_of_its_own_ratio(made):
     assert ball.settings.poisson_ratio is None
     assert ball.prior is not None
     assert ball.prior.poisson_ratio == 0.48
-    assert [one.effect for one in ball.settings.mismatch] == ["sensor_gain"]
+    assert [effect.effect for effect in ball.settings.mismatch] == ["sensor_gain"]
     assert (fruit.category, fruit.settings.pit.none, fruit.settings.poisson_ratio) == (
         "nectarine", False, 0.42
     )  # fmt: skip
-    assert [one.effect for one in fruit.settings.mismatch] == ["skin", "sensor_gain"]
+    assert [effect.effect for effect in fruit.settings.mismatch] == ["skin", "sensor_gain"]
 
 
 def test_the_known_modulus_is_no_part_of_what_is_computed(made):
@@ -135,6 +135,6 @@ def test_a_reference_without_a_ratio_or_with_a_pit_is_refused(made):
 
 
 def test_check_has_nothing_against_a_reference_but_that_it_was_not_grasped(made):
-    found = [str(one) for one in check(made()) if "ball" in str(one)]
-    assert len(found) == 1
-    assert "needs at least one recording (.h5" in found[0]
+    problems = [str(problem) for problem in check(made()) if "ball" in str(problem)]
+    assert len(problems) == 1
+    assert "needs at least one recording (.h5" in problems[0]

@@ -54,7 +54,7 @@ def print_on_the_reference(batch):
 
 
 def about_references(batch):
-    return [str(one) for one in check(batch) if "reference" in str(one)]
+    return [str(problem) for problem in check(batch) if "reference" in str(problem)]
 
 
 def test_check_is_silent_on_empty_references(batch):
@@ -119,7 +119,7 @@ def test_check_says_of_a_recording_that_its_pictures_show_a_print_but_no_force(t
         frames = len(file["time_s"])
         file["pads/left/force_N"][...] *= 1e-6
         file["pads/left/print_shown"] = np.full(frames, 3.0)
-    (said,) = [str(one) for one in check(tmp_path)]
+    (said,) = [str(problem) for problem in check(tmp_path)]
     assert (
         "the left pad's pictures show a contact imprint (3.0 times the limit for an empty gel), yet its force"
         in said

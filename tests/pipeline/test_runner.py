@@ -268,7 +268,14 @@ def test_what_libraries_write_without_end_is_cut(tmp_path):
         while not any(isinstance(event, Finished) for event in events):
             events += pool.happened()
             held = max(
-                [held, *(one.output.stat().st_size for one in pool._pending.values() if one.output.exists())]
+                [
+                    held,
+                    *(
+                        fruit_process.output.stat().st_size
+                        for fruit_process in pool._pending.values()
+                        if fruit_process.output.exists()
+                    ),
+                ]
             )
     lines = [event.line for event in events if isinstance(event, Noted)]
     assert sum(map(len, lines)) < 2**20 + 100

@@ -38,9 +38,9 @@ def test_sensors_are_listed_with_what_has_to_be_given() -> None:
 def test_every_value_that_is_shipped_has_a_source_and_a_spread(name: str) -> None:
     model = read_model(name)
     values = [*model.gel.values(), model.pitch_mm, model.distance_mm, *model.fields.values()]
-    known = [one for one in values if one is not None]
+    known = [published for published in values if published is not None]
     assert known
-    assert all(one.sd > 0 and len(one.source) > 10 for one in known)
+    assert all(published.sd > 0 and len(published.source) > 10 for published in known)
 
 
 def test_a_picture_of_the_dots_makes_a_mini_of_ones_own(tmp_path: Path, empty: Path) -> None:
@@ -48,12 +48,12 @@ def test_a_picture_of_the_dots_makes_a_mini_of_ones_own(tmp_path: Path, empty: P
     code, said = run("sensor", "gelsight-mini", out, "--picture", empty)
     assert code == 0, said
     assert "63 dots of a grid of 7 x 9" in said
-    one = read_sensor(out)
-    assert one.camera is not None
-    assert one.rest_mm is not None
-    assert one.camera.focal_px[0] == pytest.approx(222.0, rel=0.01)
-    assert one.force_sd == pytest.approx(np.linalg.norm([0.09 / 0.435, 0.1 / 4, 0.45 * 4 / 16]), abs=0.02)
-    assert one.rest_mm[0, 2] < -0.2
+    sensor = read_sensor(out)
+    assert sensor.camera is not None
+    assert sensor.rest_mm is not None
+    assert sensor.camera.focal_px[0] == pytest.approx(222.0, rel=0.01)
+    assert sensor.force_sd == pytest.approx(np.linalg.norm([0.09 / 0.435, 0.1 / 4, 0.45 * 4 / 16]), abs=0.02)
+    assert sensor.rest_mm[0, 2] < -0.2
     assert "# E_MPa 0.435 ± 0.09 (6 C10" in out.read_text()
     assert run("sensor", "gelsight-mini", out, "--picture", empty)[0] == 0
 
@@ -62,14 +62,15 @@ def test_what_is_given_takes_the_place_of_what_is_published(tmp_path: Path, empt
     out = tmp_path / "mini.toml"
     given = ("--E-MPa", "0.3", "--distance-mm", "17", "--known-to", "0.02")
     assert run("sensor", "gelsight-mini", out, "--picture", empty, *given)[0] == 0
-    one = read_sensor(out)
-    assert one.E_MPa == 0.3
-    assert 0.05 < one.force_sd < 0.07  # the dots' distance is still what is published
-    own = tmp_path / "own.toml"
+    sensor = read_sensor(out)
+    assert sensor.E_MPa == 0.3
+    assert 0.05 < sensor.force_sd < 0.07  # the dots' distance is still what is published
+    measured = tmp_path / "own.toml"
     assert (
-        run("sensor", "gelsight-mini", own, "--picture", empty, *given, "--pitch-mm", "2.4", "2.36")[0] == 0
+        run("sensor", "gelsight-mini", measured, "--picture", empty, *given, "--pitch-mm", "2.4", "2.36")[0]
+        == 0
     )
-    assert read_sensor(own).force_sd < 0.05
+    assert read_sensor(measured).force_sd < 0.05
 
 
 def test_a_gel_of_ones_own_needs_its_numbers(tmp_path: Path, empty: Path) -> None:
@@ -143,11 +144,14 @@ def test_the_spread_of_the_scales_is_kept_and_goes_into_e(tmp_path: Path) -> Non
 
 
 def test_the_common_scale_is_beside_the_error_bar_and_all_fruit_share_that_of_pictures_and_gain() -> None:
-    found = FruitModulus(
+    modulus = FruitModulus(
         E_MPa=0.5, E_sd_MPa=0.02, parts_sd_MPa={"tactile noise": 0.02}, pit=None, grasps=1, warnings=()
     )
-    plain, wide = modulus_record(found), modulus_record(found, sensor=SensorScale(common=0.1, pictures=0.2))
-    gained = modulus_record(found, sensor=SensorScale(gain=0.2, own_gain=0.1))
+    plain, wide = (
+        modulus_record(modulus),
+        modulus_record(modulus, sensor=SensorScale(common=0.1, pictures=0.2)),
+    )
+    gained = modulus_record(modulus, sensor=SensorScale(gain=0.2, own_gain=0.1))
     assert gained.common_sd_MPa == pytest.approx(np.hypot(plain.common_sd_MPa, 0.2 * plain.E_MPa))
     assert gained.E_sd_MPa == pytest.approx(np.hypot(gained.common_sd_MPa, np.hypot(0.02, 0.1 * plain.E_MPa)))
     assert wide.E_sd_MPa == pytest.approx(np.hypot(plain.E_sd_MPa, 0.2 * plain.E_MPa))

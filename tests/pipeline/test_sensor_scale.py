@@ -30,12 +30,18 @@ def sound():
 def changed(sound, *, only="", **factors):
     """Fields of the pads times factors."""
 
-    def pad(one):
-        return replace(one, **{name: getattr(one, name) * by for name, by in factors.items()})
+    def pad(gel_pad):
+        return replace(gel_pad, **{name: getattr(gel_pad, name) * by for name, by in factors.items()})
 
     return [
         replace(
-            r, pads=tuple(pad(one) if only in one.name and isinstance(one, GelPad) else one for one in r.pads)
+            r,
+            pads=tuple(
+                pad(recorded_pad)
+                if only in recorded_pad.name and isinstance(recorded_pad, GelPad)
+                else recorded_pad
+                for recorded_pad in r.pads
+            ),
         )
         for r in sound
     ]
@@ -45,9 +51,9 @@ def kinds(recordings, settings=None):
     """What is said of the gels by what is known of their sensor."""
     return {
         finding.kind
-        for one in recordings
-        for known in known_gels(one.sensor, settings)
-        for finding in gel_findings([pad for pad in one.pads if isinstance(pad, GelPad)], known)
+        for recording in recordings
+        for known in known_gels(recording.sensor, settings)
+        for finding in gel_findings([pad for pad in recording.pads if isinstance(pad, GelPad)], known)
     }
 
 
@@ -75,16 +81,18 @@ def test_the_bias_of_the_gels_law_does_not_average_out_over_grasps(n, noise):
         gain, bias = rng.normal(0, GAIN_SD), rng.normal(0, LAW_SD)
         measured = gain + bias + rng.normal(0, noise, n)
         found = gain_left(measured, np.full(n, noise))
-        left.append(gain / np.hypot(found.shared, found.own))
+        left.append(gain / np.hypot(found.shared, found.independent))
     assert 0.9 < np.sqrt(np.mean(np.square(left))) < 1.1
 
 
 def test_only_the_noise_of_recordings_is_their_own():
     few, many = (gain_left(np.zeros(n), np.full(n, 0.01)) for n in (1, 100))
-    assert few.own > 0.008
-    assert many.own < few.own / 8
+    assert few.independent > 0.008
+    assert many.independent < few.independent / 8
     assert few.shared == pytest.approx(many.shared, rel=0.1)
-    assert gain_left(np.full(9, 0.06), np.full(9, 0.01)).own == pytest.approx(few.own / 3, rel=0.1)
+    assert gain_left(np.full(9, 0.06), np.full(9, 0.01)).independent == pytest.approx(
+        few.independent / 3, rel=0.1
+    )
 
 
 def test_a_gain_that_no_recording_measures_has_its_prior_spread(sound):
@@ -100,8 +108,8 @@ def test_ten_per_cent_of_the_pictures_are_in_the_error_bar_whether_the_pitch_is_
     """E is 14.8 % off where displacement and forces are 1.1 times too large, rest positions as designed. A
     pitch that is off has a doubt of its own, so that it makes this part no wider.
     """
-    found = changed([replace(one, sensor=sensor) for one in sound], **change)
-    pictures = sensor_scale(found, None).pictures
+    read_so = changed([replace(recording, sensor=sensor) for recording in sound], **change)
+    pictures = sensor_scale(read_so, None).pictures
     assert np.log(1.148) / 2 < pictures < 0.1
     assert pictures == pytest.approx(1.45 * PICTURE_SD)
     assert kinds(changed(sound, displacement_mm=1.1, force_N=1.1)) == set()
@@ -113,8 +121,8 @@ def test_a_stated_picture_scale_has_the_share_of_the_forces_too(sound, by, sd):
     stated, settings = sound, SensorSettings(name="own", picture_scale_sd=sd)
     if by == "displacement_scale_sd":
         stated = [
-            replace(one, pads=tuple(replace(pad, displacement_scale_sd=sd) for pad in one.pads))
-            for one in sound
+            replace(recording, pads=tuple(replace(pad, displacement_scale_sd=sd) for pad in recording.pads))
+            for recording in sound
         ]
         settings = SensorSettings(name="own", picture_scale_sd=0.2)
     assert sensor_scale(stated, settings).pictures == pytest.approx(1.45 * sd)
@@ -138,9 +146,9 @@ def test_the_common_scale_is_stated_by_the_recording_or_by_the_batch_or_assumed(
 def test_stiffness_and_forces_off_together_are_doubted_by_the_sensors_model(sound, factor):
     scaled = changed(sound, force_N=factor, gel_kn_MPa_per_mm=factor, gel_kt_MPa_per_mm=factor)
     assert kinds(scaled) == {FindingKind.STIFFNESS_NOT_OF_SENSOR}
-    assert kinds([replace(one, sensor="own gel") for one in scaled]) == set()
-    own = SensorSettings(name="own gel", gel_kn_MPa_per_mm=0.22)
-    assert kinds([replace(one, sensor="own gel") for one in scaled], own) == {
+    assert kinds([replace(recording, sensor="own gel") for recording in scaled]) == set()
+    settings = SensorSettings(name="own gel", gel_kn_MPa_per_mm=0.22)
+    assert kinds([replace(recording, sensor="own gel") for recording in scaled], settings) == {
         FindingKind.STIFFNESS_NOT_OF_SENSOR
     }
 
@@ -148,9 +156,9 @@ def test_stiffness_and_forces_off_together_are_doubted_by_the_sensors_model(soun
 def test_no_check_of_a_recording_by_itself_sees_stiffness_and_forces_off_together(sound):
     (scaled, _) = changed(sound, force_N=2.0, gel_kn_MPa_per_mm=2.0, gel_kt_MPa_per_mm=2.0)
     assert recording_findings(scaled, None, None) == []
-    (found,) = recording_findings(scaled, None, None, gels=known_gels(scaled.sensor, None))
-    assert "gel_kn_MPa_per_mm is 0.44" in found.says
-    assert found.relative_sd > 0.25  # half of what E is off, over E as found
+    (finding,) = recording_findings(scaled, None, None, gels=known_gels(scaled.sensor, None))
+    assert "gel_kn_MPa_per_mm is 0.44" in finding.says
+    assert finding.relative_sd > 0.25  # half of what E is off, over E as found
 
 
 def test_a_sound_gel_and_one_within_three_deviations_are_not_doubted(sound):
@@ -168,7 +176,7 @@ def test_a_pitch_that_is_not_the_sensors_is_doubted(sound, scale):
 
 def test_the_sensor_of_a_recording_is_found_by_name_key_and_serial():
     sources = [
-        [one.source for one in known_gels(name, None)]
+        [gel.source for gel in known_gels(name, None)]
         for name in (
             "GelSight Mini, marked gel",
             "gelsight-mini",
@@ -178,5 +186,5 @@ def test_the_sensor_of_a_recording_is_found_by_name_key_and_serial():
         )
     ]
     model = 'the sensor model "{}"'
-    found = ["gelsight-mini", "gelsight-mini", "tac3d", "marker-gel-20x20"]
-    assert sources == [*([model.format(name)] for name in found), []]
+    names = ["gelsight-mini", "gelsight-mini", "tac3d", "marker-gel-20x20"]
+    assert sources == [*([model.format(name)] for name in names), []]

@@ -37,13 +37,13 @@ def whole():
 def test_a_record_comes_back_as_it_was_with_records_and_arrays_inside():
     made = whole()
     text, arrays = made.stored()
-    found = Whole.restored(text, arrays)
-    assert (found.name, found.share) == (made.name, made.share)
-    for one, other in zip(found.parts, made.parts, strict=True):
-        np.testing.assert_array_equal(one.points_mm, other.points_mm)
-    assert found.parts[0].heights_mm is None
-    np.testing.assert_array_equal(found.parts[1].heights_mm, np.ones(2))
-    assert found.faces.dtype == made.faces.dtype
+    restored = Whole.restored(text, arrays)
+    assert (restored.name, restored.share) == (made.name, made.share)
+    for part, other in zip(restored.parts, made.parts, strict=True):
+        np.testing.assert_array_equal(part.points_mm, other.points_mm)
+    assert restored.parts[0].heights_mm is None
+    np.testing.assert_array_equal(restored.parts[1].heights_mm, np.ones(2))
+    assert restored.faces.dtype == made.faces.dtype
 
 
 @pytest.mark.parametrize(
@@ -83,13 +83,13 @@ def grasp_model(rng, markers=3):
 
 def test_grasp_models_come_back_to_single_precision_and_failures_with_their_words():
     given = [grasp_model(np.random.default_rng(2)), FemFailure(FemProblem.OFF_SURFACE, "off by 3 mm")]
-    found, failed = unpacked(packed(given))
-    assert isinstance(found, GraspModel)
+    model, failed = unpacked(packed(given))
+    assert isinstance(model, GraspModel)
     for name in ("place_mm", "normal", "compliance", "displacement_correction"):
-        np.testing.assert_allclose(getattr(found, name), getattr(given[0], name), rtol=1e-6)
-    np.testing.assert_allclose(found.sensitivity.values, given[0].sensitivity.values, rtol=1e-6)
-    assert found.sensitivity.causes == given[0].sensitivity.causes
-    assert (found.discretisation, found.fruit_moves) == (0.01, True)
+        np.testing.assert_allclose(getattr(model, name), getattr(given[0], name), rtol=1e-6)
+    np.testing.assert_allclose(model.sensitivity.values, given[0].sensitivity.values, rtol=1e-6)
+    assert model.sensitivity.causes == given[0].sensitivity.causes
+    assert (model.discretisation, model.fruit_moves) == (0.01, True)
     assert isinstance(failed, FemFailure)
     assert (failed.problem, failed.detail) == (FemProblem.OFF_SURFACE, "off by 3 mm")
 

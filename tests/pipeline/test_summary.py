@@ -73,7 +73,7 @@ BOUND = "E is a lower bound on a softer rig. A gripper of 8 N/mm would give 90 %
 )
 def test_a_warning_is_said_whole_and_once(lines, warnings, expected):
     fruits = [replace(fruit(str(k)), warnings=tuple(own)) for k, own in enumerate(warnings, 1)]
-    assert [one for one in lines(*fruits) if one.startswith("warning")] == expected
+    assert [line for line in lines(*fruits) if line.startswith("warning")] == expected
 
 
 def test_so_many_warnings_are_counted_and_one_not_graded_has_its_reason_alone(lines):

@@ -40,14 +40,14 @@ def course(total, jobs, *, scatter=0.0, refused=()):
                 break
         events.append((now, str(fruit), None, fruit not in refused))
         free[slot] = now
-    return sorted(events, key=lambda one: one[0]), max(free)
+    return sorted(events, key=lambda event: event[0]), max(free)
 
 
 def said(total, jobs, **options):
     """(moment, time left that is said), after every event from the first that it is known; and the end."""
     events, end_s = course(total, jobs, **options)
     clock = Clock()
-    left, found = TimeLeft(total=total, jobs=jobs, clock=clock), []
+    left, predictions = TimeLeft(total=total, jobs=jobs, clock=clock), []
     start_s = clock.now_s
     for moment_s, fruit, stage, whole in events:
         clock.now_s = start_s + moment_s
@@ -56,30 +56,30 @@ def said(total, jobs, **options):
         else:
             left.begun(fruit)
         if left.seconds() is not None:
-            found.append((moment_s, left.seconds()))
-    return found, end_s
+            predictions.append((moment_s, left.seconds()))
+    return predictions, end_s
 
 
 @pytest.mark.parametrize("jobs", [1, 2, 3])
 def test_fruit_that_take_alike_are_predicted_exactly(jobs):
-    found, end_s = said(7, jobs)
-    assert found[0][0] == WHOLE_S
-    for moment_s, left_s in found:
+    predictions, end_s = said(7, jobs)
+    assert predictions[0][0] == WHOLE_S
+    for moment_s, left_s in predictions:
         assert left_s == pytest.approx(end_s - moment_s)
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
 def test_the_end_that_is_predicted_moves_little_where_stages_scatter(jobs):
-    found, end_s = said(30, jobs, scatter=0.2)
-    ends = [moment_s + left_s for moment_s, left_s in found]
+    predictions, end_s = said(30, jobs, scatter=0.2)
+    ends = [moment_s + left_s for moment_s, left_s in predictions]
     steps = [abs(b - a) for a, b in itertools.pairwise(ends)]
     assert max(abs(end - end_s) for end in ends) < 0.2 * end_s
     assert max(steps) < 0.06 * end_s
 
 
 def test_a_fruit_refused_at_once_does_not_make_the_others_look_short():
-    found, _ = said(10, 1, refused={0, 2})
-    at = dict(found)
+    predictions, _ = said(10, 1, refused={0, 2})
+    at = dict(predictions)
     assert at[1.0 + WHOLE_S] == pytest.approx(8 * WHOLE_S)  # the first whole fruit has ended
     assert at[2.0 + WHOLE_S] == pytest.approx(7 * WHOLE_S)  # and then a refused one
 

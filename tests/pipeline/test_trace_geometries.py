@@ -51,30 +51,30 @@ def sliding_N(depth):
 
 def test_a_cylinder_between_oiled_plates_gives_its_modulus(tmp_path):
     source = pressed(tmp_path / "t.csv", sliding_N, 3.0)
-    found = explained(
+    answer = explained(
         tmp_path,
         'category = "rubber"\npoisson_ratio = 0.499\n',
         source,
         options=(*CYLINDER, "--ends", "lubricated"),
     )
-    assert found["verdict"] == "none"
-    assert found["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
-    assert any("taken as sliding" in note for note in found["notes"])
+    assert answer["verdict"] == "none"
+    assert answer["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
+    assert any("taken as sliding" in note for note in answer["notes"])
     assert "cylinder 15 mm wide, 12 mm high" in (tmp_path / "page.html").read_text()
 
 
 def test_a_punch_gives_boussinesqs_modulus_and_says_what_it_cannot_look_for(tmp_path):
     source = pressed(tmp_path / "t.csv", lambda d: 2 * 3.0 * E_MPA / (1 - 0.45**2) * d, 0.5)
-    found = explained(
+    answer = explained(
         tmp_path,
         'category = "silicone"\npoisson_ratio = 0.45\n',
         source,
         options=("--indenter", "flat", "--radius-mm", "3"),
     )
-    assert found["verdict"] == "none"
-    assert found["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
-    assert any(note.startswith("Stiffening was not looked for") for note in found["notes"])
-    assert {"stiffening", "damage"}.isdisjoint(one["effect"] for one in found["ranking"])
+    assert answer["verdict"] == "none"
+    assert answer["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
+    assert any(note.startswith("Stiffening was not looked for") for note in answer["notes"])
+    assert {"stiffening", "damage"}.isdisjoint(hypothesis["effect"] for hypothesis in answer["ranking"])
 
 
 def test_the_specimen_is_kept_in_the_recording(tmp_path):
@@ -142,10 +142,10 @@ def test_an_older_files_plate_is_explained_once_the_case_says_what_was_between(t
 
 def test_a_fruit_takes_its_categorys_pit_and_says_so(tmp_path):
     source = pressed(tmp_path / "t.csv", lambda d: 0.9 * d**1.5, 4.0)
-    found = explained(
+    answer = explained(
         tmp_path, 'category = "nectarine"\naxis = "b"\n', source, options=(*FRUIT, "--category", "nectarine")
     )
-    notes = " ".join(found["notes"])
+    notes = " ".join(answer["notes"])
     assert "drupe uses the category's pit, 0.44 of the fruit's diameter" in notes
     assert "axis is c in the recording but b in case.toml; drupe uses the latter" in notes
     assert "The fruit's shape" in notes
@@ -155,16 +155,16 @@ def test_a_fruit_takes_its_categorys_pit_and_says_so(tmp_path):
 @pytest.mark.proof
 def test_three_recordings_of_one_specimen_have_one_modulus_and_their_own_first_touch(tmp_path):
     sources = [pressed(tmp_path / f"{k}.csv", sliding_N, 2.0 + 0.5 * k) for k in range(3)]
-    found = explained(
+    answer = explained(
         tmp_path,
         'category = "rubber"\npoisson_ratio = 0.499\n',
         *sources,
         options=(*CYLINDER, "--ends", "lubricated"),
     )
-    assert found["verdict"] == "none"
-    assert found["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
-    assert {f"onset_mm{end}" for end in ("", "_2", "_3")} <= found["ranking"][0]["parameters"].keys()
-    assert any(note.startswith("Recording 3: First touch 0.099") for note in found["notes"])
+    assert answer["verdict"] == "none"
+    assert answer["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
+    assert {f"onset_mm{end}" for end in ("", "_2", "_3")} <= answer["ranking"][0]["parameters"].keys()
+    assert any(note.startswith("Recording 3: First touch 0.099") for note in answer["notes"])
 
 
 def test_two_bare_jaws_are_two_plates_with_the_mean_of_their_forces(tmp_path):
@@ -184,8 +184,8 @@ def test_two_bare_jaws_are_two_plates_with_the_mean_of_their_forces(tmp_path):
     (case / "one.h5").unlink()
     write_recording(case / "jaws.h5", grasp)
     assert run("explain", case, "--json", tmp_path / "a.json")[0] == 0
-    found = json.loads((tmp_path / "a.json").read_text())
-    assert found["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
+    answer = json.loads((tmp_path / "a.json").read_text())
+    assert answer["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
     write_recording(
         case / "jaws.h5", replace(grasp, pads=(jaws[0], replace(jaws[1], indenter="flat", radius_mm=3.0)))
     )

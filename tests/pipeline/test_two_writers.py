@@ -33,13 +33,13 @@ def write_all(root, which, refused):
 def test_two_workers_on_one_fruit_refuse_each_other_nothing(tmp_path):
     refused = SPAWN.Queue()
     workers = [SPAWN.Process(target=write_all, args=(tmp_path, which, refused)) for which in range(2)]
-    for one in workers:
-        one.start()
+    for worker in workers:
+        worker.start()
     said = []
     while said.count("") < 2:
         said.append(refused.get(timeout=60))
-    for one in workers:
-        one.join()
+    for worker in workers:
+        worker.join()
     assert said == ["", ""]
     assert not list(FruitResults(tmp_path).in_the_way())
     assert {path.name for path in tmp_path.iterdir()} == {

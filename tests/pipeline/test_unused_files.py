@@ -92,7 +92,7 @@ def test_every_kind_of_stray_file_has_its_own_advice(tmp_path):
     ):
         (tmp_path / name).touch()
     (tmp_path / "fruit.ply").touch()
-    said = " ".join(one.sentence for one in unused_of_fruit(FruitFolder(tmp_path)))
+    said = " ".join(unused.sentence for unused in unused_of_fruit(FruitFolder(tmp_path)))
     for words in ("a.zip is not used: drupe does not open archives", "b.mp4 is not used: drupe reads a video",
                   "c.pcd is not used: points",
                   "d.heic is not used: photos are read in photos/", "e.npz is not used: arrays",
@@ -107,7 +107,7 @@ def test_what_settings_and_raw_grasps_name_is_used(tmp_path):
     (raw / "grasp.toml").write_text('[pads.left]\nframes = "../../../../left.avi"\n')
     for name in ("left.avi", "pit.stl", "right.avi"):
         (tmp_path / name).touch()
-    said = [one.path.name for one in unused_of_batch(BatchFolder(tmp_path), {tmp_path / "pit.stl"})]
+    said = [unused.path.name for unused in unused_of_batch(BatchFolder(tmp_path), {tmp_path / "pit.stl"})]
     assert said == ["right.avi"]
 
 
@@ -116,7 +116,7 @@ def test_the_exact_name_comes_before_others_and_ply_before_stl(tmp_path):
         (tmp_path / name).touch()
     folder = FruitFolder(tmp_path)
     assert folder.fruit_ply.name == "Fruit.PLY"
-    assert [one.path.name for one in unused_of_fruit(folder)] == ["FRUIT.obj"]
+    assert [unused.path.name for unused in unused_of_fruit(folder)] == ["FRUIT.obj"]
     (tmp_path / "fruit.ply").touch()
     assert folder.fruit_ply.name == "fruit.ply"
     (said,) = unused_of_fruit(folder)

@@ -17,13 +17,13 @@ from reports.entries import FruitEntry
 from reports.tables import RANKING_COLUMNS, _row
 from tactile.checks.gel_gain import GAIN_SD, LAW_SD, UnseenGain, gain_left
 
-OWN, PICTURES, HIDDEN_GAIN, COMMON = 0.012, 0.05, UnseenGain(shared=0.03, own=0.004), 0.03
-OWN_GAIN_OF_E = E_PER_GAIN * HIDDEN_GAIN.own
+OWN, PICTURES, HIDDEN_GAIN, COMMON = 0.012, 0.05, UnseenGain(shared=0.03, independent=0.004), 0.03
+OWN_GAIN_OF_E = E_PER_GAIN * HIDDEN_GAIN.independent
 
 
 def record(name, E_MPa, *, known=None, outcome="graded", gain=HIDDEN_GAIN):
     """As grading leaves it: relative parts OWN, PICTURES and `gain` of the error, COMMON beside it."""
-    own_gain, shared_gain = E_PER_GAIN * gain.own * E_MPa, E_PER_GAIN * gain.shared * E_MPa
+    own_gain, shared_gain = E_PER_GAIN * gain.independent * E_MPa, E_PER_GAIN * gain.shared * E_MPa
     parts = {"noise": OWN * E_MPa, SENSOR: PICTURES * E_MPa, GAIN: shared_gain, OWN_GAIN: own_gain}
     modulus = ModulusRecord(
         E_MPa=E_MPa,
@@ -108,7 +108,7 @@ def test_a_body_that_contradicts_the_assumed_scales_makes_them_wider():
 
 @pytest.mark.parametrize("ratio", [0.9, 1.0, 1.2])
 def test_the_gain_of_the_gripper_goes_with_the_bodys_ratio_and_the_noise_of_a_fruit_stays(ratio):
-    before = record("soft", 0.4, gain=UnseenGain(shared=0.05, own=0.02)).modulus
+    before = record("soft", 0.4, gain=UnseenGain(shared=0.05, independent=0.02)).modulus
     after = corrected_modulus(before, Ratio(ratio=ratio, ln_sd=0.01))
     assert after.parts_sd_MPa[GAIN] == 0.0
     assert after.parts_sd_MPa[OWN_GAIN] == pytest.approx(0.4 / ratio * E_PER_GAIN * 0.02)
@@ -117,7 +117,7 @@ def test_the_gain_of_the_gripper_goes_with_the_bodys_ratio_and_the_noise_of_a_fr
 
 @pytest.mark.parametrize("ratio", [1.0, 1.2])
 def test_a_gain_that_only_one_fruits_recordings_show_stays_in_its_error_bar(ratio):
-    odd = record("odd", 0.4 * ratio, gain=UnseenGain(shared=0.07, own=0.004))
+    odd = record("odd", 0.4 * ratio, gain=UnseenGain(shared=0.07, independent=0.004))
     ball = record("ball", 0.5 * ratio, known=0.5)
     modulus = against_references([odd, ball], correct=True)[0][0].modulus
     own = E_PER_GAIN * math.sqrt(0.07**2 - HIDDEN_GAIN.shared**2)

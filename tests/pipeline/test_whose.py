@@ -115,12 +115,12 @@ def test_another_known_category_puts_E_in_doubt_and_one_of_the_users_own_does_no
     status, text = checked(batch)
     assert status == 4
     assert 'category: found "plum", expected "nectarine" as in batch.toml' in text
-    assert ["plum" in one.sentence for one in prepared(batch)[0].doubts] == [True]
+    assert ["plum" in doubt.sentence for doubt in prepared(batch)[0].doubts] == [True]
     relabel(recording(batch), category="our early nectarine")
     assert checked(batch)[0] == 0
     fruit, log = prepared(batch)
     assert fruit.doubts == ()
-    assert any('its category is "our early nectarine"' in one for one in log.warnings)
+    assert any('its category is "our early nectarine"' in warning for warning in log.warnings)
 
 
 def test_an_id_that_a_spreadsheet_or_a_recorder_spelt_otherwise_is_the_same_fruits(batch):
@@ -197,8 +197,8 @@ def test_a_copy_within_a_fruit_counts_once(batch):
     fruit, log = prepared(batch)
     assert [grasp.name for grasp in fruit.placed] == ["grasp-1"]
     assert any(
-        one.startswith("not used: grasp-2: contains the same displacements and forces as grasp-1")
-        for one in log.warnings
+        warning.startswith("not used: grasp-2: contains the same displacements and forces as grasp-1")
+        for warning in log.warnings
     )
 
 
@@ -216,7 +216,7 @@ def test_a_recording_of_two_fruit_puts_both_in_doubt(batch):
 
 
 def with_grasps(name, *digests, outcome="graded"):
-    grasps = tuple(GraspRecord(grasp=f"grasp-{k}", digest=one) for k, one in enumerate(digests, 1))
+    grasps = tuple(GraspRecord(grasp=f"grasp-{k}", digest=digest) for k, digest in enumerate(digests, 1))
     modulus = ModulusRecord(E_MPa=0.5, E_sd_MPa=0.03, common_sd_MPa=0.01, parts_sd_MPa={"noise": 0.03})
     changes = {"outcome": outcome, "grasps": grasps, "modulus": modulus, "warnings": ("w",)}
     return graded(name, 0.5, changes=changes)
@@ -225,11 +225,11 @@ def with_grasps(name, *digests, outcome="graded"):
 def test_grading_doubts_both_by_what_fruit_of_a_lot_differ(batch):
     """One of two recordings is shared: half of E's 35 % is in doubt."""
     sound, refused = with_grasps("N05", "c"), with_grasps("N06", "a", outcome="no-shape")
-    one, other, *rest = copies_doubted(
+    first, other, *rest = copies_doubted(
         [with_grasps("N02", "a", "b"), with_grasps("N04", "a"), sound, refused], BatchFolder(batch)
     )
     assert rest == [sound, refused]
-    for record, there, sd in ((one, "N04", 0.5 * 0.35), (other, "N02", 0.35)):
+    for record, there, sd in ((first, "N04", 0.5 * 0.35), (other, "N02", 0.35)):
         (doubt,) = record.doubts
         expected = f"grasp-1: contains the same displacements and forces as fruits/{there}/grasps/grasp-1.h5"
         assert doubt.startswith(expected)
@@ -241,15 +241,17 @@ def test_grading_doubts_both_by_what_fruit_of_a_lot_differ(batch):
 
 
 def test_two_recordings_are_one_only_where_every_value_is(batch):
-    one, other = read_recording(recording(batch)), read_recording(recording(batch, "N04"))
-    assert recording_digest(one) != recording_digest(other)
-    left, right = one.pads
+    recording_a, other = read_recording(recording(batch)), read_recording(recording(batch, "N04"))
+    assert recording_digest(recording_a) != recording_digest(other)
+    left, right = recording_a.pads
     exchanged = (replace(right, name="left"), replace(left, name="right"))
-    assert recording_digest(replace(one, fruit_id="x", pads=exchanged)) == recording_digest(one)
+    assert recording_digest(replace(recording_a, fruit_id="x", pads=exchanged)) == recording_digest(
+        recording_a
+    )
     felt = left.displacement_mm.copy()
     felt[-1, -1, 0] += 1e-4
-    moved = replace(one, pads=(replace(left, displacement_mm=felt), right))
-    assert recording_digest(moved) != recording_digest(one)
+    moved = replace(recording_a, pads=(replace(left, displacement_mm=felt), right))
+    assert recording_digest(moved) != recording_digest(recording_a)
 
 
 def test_each_cause_is_said_once_however_many_recordings_have_it():

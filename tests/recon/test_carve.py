@@ -19,7 +19,7 @@ def carved(masks, towards, **how) -> Block:
     return carve(
         masks,
         [whole_window()] * len(masks),
-        [camera_towards(one) for one in towards],
+        [camera_towards(toward) for toward in towards],
         low_mm=LOW,
         high_mm=HIGH,
         **how,
@@ -77,8 +77,10 @@ def test_of_two_bodies_the_larger_is_kept():
 
 
 def test_cells_that_too_few_views_have_in_sight_are_none():
-    away = [camera_towards(one, off_axis=np.array([400.0, 0.0, 0.0])) for one in directions(24)[:12]]
-    cameras = [*away, *(camera_towards(one) for one in directions(24)[:2])]
+    away = [
+        camera_towards(direction, off_axis=np.array([400.0, 0.0, 0.0])) for direction in directions(24)[:12]
+    ]
+    cameras = [*away, *(camera_towards(direction) for direction in directions(24)[:2])]
     block = carve(masks_of(14), [whole_window()] * 14, cameras, low_mm=LOW, high_mm=HIGH)
     assert not block.filled.any()
 

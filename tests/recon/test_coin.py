@@ -61,9 +61,9 @@ def _pictures(cameras, *, centre=(45.0, -20.0), coin=EURO):
 def test_the_coin_gives_the_scale_whatever_it_was_thought_to_be(off, spread):
     cameras, pictures = _around()
     shrunk = [c.moved(np.diag([0.5, 0.5, 0.5, 1.0])) for c in cameras]
-    found = coin_scale(pictures, shrunk, EURO, unit_mm=2.0 * off, spread=spread)
-    assert found.factor == pytest.approx(2.0, rel=0.01)
-    assert np.allclose(2 * np.array(found.centre), [45, -20], atol=1.0)
+    coin = coin_scale(pictures, shrunk, EURO, unit_mm=2.0 * off, spread=spread)
+    assert coin.factor == pytest.approx(2.0, rel=0.01)
+    assert np.allclose(2 * np.array(coin.centre), [45, -20], atol=1.0)
 
 
 def test_a_table_without_a_coin_is_refused():
@@ -95,16 +95,18 @@ def scale_by(pictures, cameras, *, height_mm, height_sd_mm=0.2, coin=EURO, tall=
 )
 def test_the_coin_counts_and_a_height_that_contradicts_it_is_said(height_mm, height_sd_mm, said):
     cameras, pictures = _around()
-    found = scale_by(pictures, cameras, height_mm=height_mm, height_sd_mm=height_sd_mm)
-    assert found.factor == pytest.approx(1.0, rel=0.01)
-    assert len(found.warnings) == bool(said)
-    assert said in "".join(found.warnings)
+    scale = scale_by(pictures, cameras, height_mm=height_mm, height_sd_mm=height_sd_mm)
+    assert scale.factor == pytest.approx(1.0, rel=0.01)
+    assert len(scale.warnings) == bool(said)
+    assert said in "".join(scale.warnings)
 
 
 def test_a_top_that_no_photo_shows_from_the_side_is_doubted_by_the_coin():
     steep = [c for c in ring(18, width=960, height=720) if c.place[2] > 0.5 * np.linalg.norm(c.place)]
     pictures = _pictures(steep)
-    found, alone = (scale_by(pictures, steep, height_mm=41.0, coin=coin, tall=42.5) for coin in (EURO, None))
-    assert "No photo shows the top from the side" in found.warnings[0]
+    with_coin, alone = (
+        scale_by(pictures, steep, height_mm=41.0, coin=coin, tall=42.5) for coin in (EURO, None)
+    )
+    assert "No photo shows the top from the side" in with_coin.warnings[0]
     assert "use a coin" in alone.warnings[0]
-    assert alone.sd > 2 * found.sd
+    assert alone.sd > 2 * with_coin.sd

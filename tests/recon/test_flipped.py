@@ -57,19 +57,19 @@ def test_the_underside_comes_from_the_fruit_laid_over(
     true, faces = skin_mesh(skin_of_kind(kind, seed=seed), cells=24)
     over, rotation = laid_over(true, tilt, turn)
     upright = photographed(true, faces, rng)
-    found = both_sides(upright, photographed(over, faces, rng))
-    wrong = Rotation.from_matrix(found.upright_from_over[:3, :3]) * rotation
+    joined = both_sides(upright, photographed(over, faces, rng))
+    wrong = Rotation.from_matrix(joined.upright_from_over[:3, :3]) * rotation
     hidden = upright.seen < 0.3
     normals = vertex_normals(true, faces)
     before, after = (
         np.sqrt(np.mean(np.einsum("ij,ij->i", v - true, normals)[hidden] ** 2))
-        for v in (upright.vertices, found.vertices)
+        for v in (upright.vertices, joined.vertices)
     )
     assert np.degrees(wrong.magnitude()) < 4.0
     assert before > 0.5
     assert after < 0.12
-    assert found.miss_mm < 0.15
-    assert found.seen.min() > 0.2 > upright.seen.min()
+    assert joined.miss_mm < 0.15
+    assert joined.seen.min() > 0.2 > upright.seen.min()
 
 
 def test_another_fruit_and_another_scale_are_refused() -> None:
@@ -96,9 +96,9 @@ def test_of_two_ways_that_fit_the_one_about_the_mats_arrow_counts() -> None:
     egg = egg - [0.0, 0.0, egg[:, 2].min()]
     upright = photographed(egg, faces, rng)
     over = photographed(laid_over(egg, 0.0, 5.0)[0], faces, rng)
-    found = both_sides(upright, over)
-    assert found.by_convention
-    assert abs(Rotation.from_matrix(found.upright_from_over[:3, :3]).as_matrix()[0, 0] - 1) < 0.05
+    joined = both_sides(upright, over)
+    assert joined.by_convention
+    assert abs(Rotation.from_matrix(joined.upright_from_over[:3, :3]).as_matrix()[0, 0] - 1) < 0.05
     across = photographed(laid_over(egg, 0.0, 90.0)[0], faces, rng)
     with pytest.raises(ReconFailure, match="two ways"):
         both_sides(upright, across)
@@ -151,17 +151,17 @@ def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_sa
     second = reconstruction(
         photographed(over, faces, rng), faces, high[1], warnings=("one is dark.",), seconds={"outlines": 2.0}
     )
-    found = with_underside(upright, tuple, lambda photos: second, mat=None)
+    merged = with_underside(upright, tuple, lambda photos: second, mat=None)
     before, after = (volume_mm3(x, faces) for x in (upright.vertices, true))
-    gained = volume_mm3(found.vertices, found.faces)
+    gained = volume_mm3(merged.vertices, merged.faces)
     assert abs(gained - after) < 0.4 * abs(before - after)
-    assert found.quality.flipped_views == 36
-    assert 0.0 < found.quality.flipped_miss_mm < 3 * NOISE_MM
-    assert found.quality.seen_share > 0.95  # each set alone sees no underside
+    assert merged.quality.flipped_views == 36
+    assert 0.0 < merged.quality.flipped_miss_mm < 3 * NOISE_MM
+    assert merged.quality.seen_share > 0.95  # each set alone sees no underside
     assert seen_doubts(upright.quality)
-    assert found.warnings == ("In photos-flipped/: one is dark.",)
-    assert found.seconds == {"outlines": 1.0, "outlines, upside down": 2.0}
-    assert found.surface_sd_mm == pytest.approx(max(0.08, found.quality.flipped_miss_mm / np.sqrt(2)))
+    assert merged.warnings == ("In photos-flipped/: one is dark.",)
+    assert merged.seconds == {"outlines": 1.0, "outlines, upside down": 2.0}
+    assert merged.surface_sd_mm == pytest.approx(max(0.08, merged.quality.flipped_miss_mm / np.sqrt(2)))
 
 
 def test_a_second_set_that_saw_too_little_is_not_used_and_that_is_said(unchecked: None) -> None:
@@ -169,7 +169,7 @@ def test_a_second_set_that_saw_too_little_is_not_used_and_that_is_said(unchecked
     side = ScannedSide.of(true, faces, around(30.0))
     upright = reconstruction(side, faces, 30.0)
     few = reconstruction(side, faces, 30.0, quality=replace(upright.quality, views_used=2))
-    found = with_underside(upright, tuple, lambda photos: few, mat=None)
-    assert np.array_equal(found.vertices, upright.vertices)
-    assert found.warnings[:-1] == upright.warnings
-    assert found.warnings[-1].startswith("drupe did not use photos-flipped/: Too few views: only 2 of 36")
+    merged = with_underside(upright, tuple, lambda photos: few, mat=None)
+    assert np.array_equal(merged.vertices, upright.vertices)
+    assert merged.warnings[:-1] == upright.warnings
+    assert merged.warnings[-1].startswith("drupe did not use photos-flipped/: Too few views: only 2 of 36")

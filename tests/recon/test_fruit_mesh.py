@@ -28,53 +28,55 @@ def photos(count: int):
 @cache
 def on_the_mat():
     stages: list[str] = []
-    found = reconstruct(
+    reconstruction = reconstruct(
         photos(12),
         mat=standard_mat(),
         height_mm=None,
         options=QUICK,
         progress=lambda name, _: stages.append(name),
     )
-    return found, stages
+    return reconstruction, stages
 
 
 def test_mesh_is_closed_and_of_the_right_volume():
-    found, _ = on_the_mat()
-    assert open_edges(found.faces) == 0
-    assert len(found.faces) <= 3000
-    assert volume_mm3(found.vertices, found.faces) == pytest.approx(EGG.volume_mm3, rel=0.02)
-    assert found.frame == "mat"
+    reconstruction, _ = on_the_mat()
+    assert open_edges(reconstruction.faces) == 0
+    assert len(reconstruction.faces) <= 3000
+    assert volume_mm3(reconstruction.vertices, reconstruction.faces) == pytest.approx(
+        EGG.volume_mm3, rel=0.02
+    )
+    assert reconstruction.frame == "mat"
 
 
 def test_skin_lies_within_a_pixel_and_the_error_bar_says_so():
-    found, _ = on_the_mat()
-    misses = EGG.misses_mm(found.vertices)
-    skin = misses[found.vertices[:, 2] > 6]
+    reconstruction, _ = on_the_mat()
+    misses = EGG.misses_mm(reconstruction.vertices)
+    skin = misses[reconstruction.vertices[:, 2] > 6]
     assert np.sqrt(np.mean(skin**2)) < 0.3
-    assert 0.3 < found.surface_sd_mm / np.sqrt(np.mean(misses**2)) < 3
-    assert found.vertices[:, 2].min() > -0.5
+    assert 0.3 < reconstruction.surface_sd_mm / np.sqrt(np.mean(misses**2)) < 3
+    assert reconstruction.vertices[:, 2].min() > -0.5
 
 
 def test_quality_and_stages_are_told():
-    found, stages = on_the_mat()
+    reconstruction, stages = on_the_mat()
     assert stages == ["poses", "outlines", "relief", "surface", "quality"]
-    assert list(found.seconds) == stages
-    assert found.quality.views_given == 12
-    assert found.quality.views_used >= 10
-    assert found.quality.silhouette_iou > 0.95
-    assert found.scale_sd < 2e-3
+    assert list(reconstruction.seconds) == stages
+    assert reconstruction.quality.views_given == 12
+    assert reconstruction.quality.views_used >= 10
+    assert reconstruction.quality.silhouette_iou > 0.95
+    assert reconstruction.scale_sd < 2e-3
 
 
 def test_what_no_photo_showed_is_told_by_vertex_and_by_area():
-    found, _ = on_the_mat()
-    up, below = found.vertices[:, 2] > 12, found.vertices[:, 2] < 0.5
-    assert found.views is not None
-    assert found.views[up].min() >= SEEN_BY
-    assert found.views[below].min() == 0
-    assert found.views.max() <= found.quality.views_used
-    assert 0.8 < found.quality.seen_share < 0.95  # no camera stands lower than 20 degrees
-    area = face_areas(found.vertices, found.faces).sum()
-    assert found.quality.unseen_mm2 == pytest.approx((1 - found.quality.seen_share) * area)
+    reconstruction, _ = on_the_mat()
+    up, below = reconstruction.vertices[:, 2] > 12, reconstruction.vertices[:, 2] < 0.5
+    assert reconstruction.views is not None
+    assert reconstruction.views[up].min() >= SEEN_BY
+    assert reconstruction.views[below].min() == 0
+    assert reconstruction.views.max() <= reconstruction.quality.views_used
+    assert 0.8 < reconstruction.quality.seen_share < 0.95  # no camera stands lower than 20 degrees
+    area = face_areas(reconstruction.vertices, reconstruction.faces).sum()
+    assert reconstruction.quality.unseen_mm2 == pytest.approx((1 - reconstruction.quality.seen_share) * area)
 
 
 @pytest.mark.slow
@@ -104,11 +106,13 @@ def test_a_mesh_that_the_photos_contradict_is_made_again_on_the_same_cameras_and
 @pytest.mark.proof
 def test_height_alone_gives_scale_without_a_mat():
     height_mm = 2 * EGG.semi_mm[2]
-    found = reconstruct(photos(14), mat=None, height_mm=height_mm, options=QUICK)
-    assert found.frame == "shape"
-    assert np.ptp(found.vertices[:, 2]) == pytest.approx(height_mm, rel=1e-9)
-    assert volume_mm3(found.vertices, found.faces) == pytest.approx(EGG.volume_mm3, rel=0.04)
-    assert 0.003 < found.scale_sd < 0.03
+    reconstruction = reconstruct(photos(14), mat=None, height_mm=height_mm, options=QUICK)
+    assert reconstruction.frame == "shape"
+    assert np.ptp(reconstruction.vertices[:, 2]) == pytest.approx(height_mm, rel=1e-9)
+    assert volume_mm3(reconstruction.vertices, reconstruction.faces) == pytest.approx(
+        EGG.volume_mm3, rel=0.04
+    )
+    assert 0.003 < reconstruction.scale_sd < 0.03
 
 
 @pytest.mark.parametrize(

@@ -56,9 +56,9 @@ def test_the_shipped_model_finds_an_egg_it_never_saw():
     corners = [np.rint(camera.project(egg.centre[None])[0]).astype(int) - 70 for camera in cameras]
     blank = np.empty((140, 140, 0), np.uint8)
     windows = [Window(blank, tuple(corner.tolist()), 1) for corner in corners]
-    found = fruit_model().log_odds([p.image for p in photos], windows)
+    predicted_log_odds = fruit_model().log_odds([p.image for p in photos], windows)
     overlaps = []
-    for camera, corner, log_odds in zip(cameras, corners, found, strict=True):
+    for camera, corner, log_odds in zip(cameras, corners, predicted_log_odds, strict=True):
         rows, columns = np.mgrid[:140, :140]
         pixels = np.stack([columns + corner[0], rows + corner[1]], -1).reshape(-1, 2)
         true = egg.covers(camera, pixels).reshape(140, 140)

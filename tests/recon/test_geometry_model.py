@@ -64,21 +64,27 @@ def knowing(tmp_path):
 
 
 def test_a_model_that_knows_the_scene_gives_its_mesh_on_the_mat(knowing):
-    found = reconstruct_with_model(photos(), knowing, mat=standard_mat(), height_mm=None)
-    assert open_edges(found.faces) == 0
-    assert volume_mm3(found.vertices, found.faces) == pytest.approx(EGG.volume_mm3, rel=0.02)
-    assert np.sqrt(np.mean(EGG.misses_mm(found.vertices)[found.vertices[:, 2] > 8] ** 2)) < 0.4
-    assert found.scale_sd < 0.01
-    assert found.frame == "mat"
+    reconstruction = reconstruct_with_model(photos(), knowing, mat=standard_mat(), height_mm=None)
+    assert open_edges(reconstruction.faces) == 0
+    assert volume_mm3(reconstruction.vertices, reconstruction.faces) == pytest.approx(
+        EGG.volume_mm3, rel=0.02
+    )
+    assert (
+        np.sqrt(np.mean(EGG.misses_mm(reconstruction.vertices)[reconstruction.vertices[:, 2] > 8] ** 2)) < 0.4
+    )
+    assert reconstruction.scale_sd < 0.01
+    assert reconstruction.frame == "mat"
 
 
 def test_height_gives_scale_without_a_mat(tmp_path):
     outputs = {"world_points": scene_points()[None], "pose_enc": scene_poses()[None]}
-    found = reconstruct_with_model(
+    reconstruction = reconstruct_with_model(
         photos(), written(tmp_path, outputs), mat=None, height_mm=2 * EGG.semi_mm[2]
     )
-    assert volume_mm3(found.vertices, found.faces) == pytest.approx(EGG.volume_mm3, rel=0.04)
-    assert found.frame == "shape"
+    assert volume_mm3(reconstruction.vertices, reconstruction.faces) == pytest.approx(
+        EGG.volume_mm3, rel=0.04
+    )
+    assert reconstruction.frame == "shape"
 
 
 def test_without_a_mat_x_points_to_the_first_photo(tmp_path):
@@ -94,22 +100,24 @@ def test_without_a_mat_x_points_to_the_first_photo(tmp_path):
             np.ones((len(CAMERAS), 2)),
             (places @ TURN.T) / 150 + 0.5,
         )
-        found, _, _ = fruit_points(world, photos(), mat=None, height_mm=48.0)
+        points, _, _ = fruit_points(world, photos(), mat=None, height_mm=48.0)
         azimuth = np.arctan2(places[0, 1], places[0, 0])
-        back = found @ Rotation.from_euler("z", azimuth).as_matrix().T
+        back = points @ Rotation.from_euler("z", azimuth).as_matrix().T
         assert np.ptp(back[:, 0]) / np.ptp(back[:, 1]) == pytest.approx(34 / 22, rel=0.03)
 
 
 def test_points_alone_say_where_the_first_photo_was_taken(knowing):
     maps = point_maps(photos(), knowing)
-    (found,) = maps.places
+    (place,) = maps.places
     true = CAMERAS[0].place @ TURN.T / 150 + [0.3, 0.1, 2.0]
-    assert np.linalg.norm(found - true) * 150 < 0.02 * np.linalg.norm(CAMERAS[0].place)
+    assert np.linalg.norm(place - true) * 150 < 0.02 * np.linalg.norm(CAMERAS[0].place)
 
 
 def test_points_and_height_are_enough_for_a_mesh(knowing):
-    found = reconstruct_with_model(photos(), knowing, mat=None, height_mm=2 * EGG.semi_mm[2])
-    assert volume_mm3(found.vertices, found.faces) == pytest.approx(EGG.volume_mm3, rel=0.04)
+    reconstruction = reconstruct_with_model(photos(), knowing, mat=None, height_mm=2 * EGG.semi_mm[2])
+    assert volume_mm3(reconstruction.vertices, reconstruction.faces) == pytest.approx(
+        EGG.volume_mm3, rel=0.04
+    )
 
 
 def test_the_whole_signature_of_vggt_gives_the_scenes_mesh(tmp_path):
@@ -122,8 +130,12 @@ def test_the_whole_signature_of_vggt_gives_the_scenes_mesh(tmp_path):
         "depth": depth[None], "depth_conf": trust[None], "world_points": points[None],
         "world_points_conf": trust[None], "pose_enc": scene_poses()[None],
     }  # fmt: skip
-    found = reconstruct_with_model(photos(), written(tmp_path, outputs), mat=standard_mat(), height_mm=None)
-    assert volume_mm3(found.vertices, found.faces) == pytest.approx(EGG.volume_mm3, rel=0.03)
+    reconstruction = reconstruct_with_model(
+        photos(), written(tmp_path, outputs), mat=standard_mat(), height_mm=None
+    )
+    assert volume_mm3(reconstruction.vertices, reconstruction.faces) == pytest.approx(
+        EGG.volume_mm3, rel=0.03
+    )
 
 
 def test_a_provider_that_the_machine_lacks_is_named_with_those_it_has(knowing):

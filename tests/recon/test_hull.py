@@ -44,25 +44,27 @@ def cone_exit_mm(rays: np.ndarray, towards: np.ndarray) -> np.ndarray:
 
 def test_the_hull_ends_where_rays_leave_the_nearest_cone():
     towards = directions(9)
-    vertices, faces = hull([exact_silhouette(camera_towards(one)) for one in towards])
+    vertices, faces = hull([exact_silhouette(camera_towards(toward)) for toward in towards])
     rays, _ = ball(3)
-    expected = np.min([cone_exit_mm(rays, one) for one in towards], axis=0)
-    found = np.linalg.norm(vertices - CENTRE, axis=1)
+    expected = np.min([cone_exit_mm(rays, toward) for toward in towards], axis=0)
+    radius = np.linalg.norm(vertices - CENTRE, axis=1)
     near = expected < 0.9 * LONGEST_MM
     assert near.mean() > 0.95
-    np.testing.assert_allclose(found[near], expected[near], atol=0.03)
+    np.testing.assert_allclose(radius[near], expected[near], atol=0.03)
     assert open_edges(faces) == 0
 
 
 def test_nothing_of_the_hull_lies_under_the_floor():
-    vertices, _ = hull([exact_silhouette(camera_towards(one)) for one in directions(24)], floor_mm=8.0)
+    vertices, _ = hull(
+        [exact_silhouette(camera_towards(direction)) for direction in directions(24)], floor_mm=8.0
+    )
     down = ball(3)[0][:, 2] < -0.7
     assert vertices[:, 2].min() == pytest.approx(8.0, abs=0.01)
     np.testing.assert_allclose(vertices[down, 2], 8.0, atol=0.01)
 
 
 def test_one_outline_too_small_eats_a_strict_hull_and_not_one_of_most_views():
-    views = [exact_silhouette(camera_towards(one)) for one in directions(24)]
+    views = [exact_silhouette(camera_towards(direction)) for direction in directions(24)]
     views[5] = Silhouette(views[5].distance_px - 30.0, views[5].window, views[5].camera)
     strict, faces = hull(views)
     tolerant, _ = hull(views, outlier_share=0.1)
@@ -73,9 +75,9 @@ def test_one_outline_too_small_eats_a_strict_hull_and_not_one_of_most_views():
 def test_the_distance_to_a_masks_edge_is_that_to_the_circle():
     truth = from_rim_px()
     camera = camera_towards(np.array([1.0, 0.0, 0.0]))
-    found = silhouette_of_mask(truth > 0, whole_window(), camera)
-    assert np.abs(found.distance_px - truth).max() < 0.6
-    assert np.abs(np.mean(found.distance_px - truth)) < 0.1
+    silhouette = silhouette_of_mask(truth > 0, whole_window(), camera)
+    assert np.abs(silhouette.distance_px - truth).max() < 0.6
+    assert np.abs(np.mean(silhouette.distance_px - truth)) < 0.1
 
 
 def test_in_a_shrunk_window_the_distance_is_in_pixels_of_the_photo():
@@ -83,8 +85,8 @@ def test_in_a_shrunk_window_the_distance_is_in_pixels_of_the_photo():
     window = Window(np.zeros((201, 201, 3), np.uint8), (0, 0), 3)
     rows, columns = np.mgrid[:67, :67]
     truth = RIM_PX - np.hypot(*(3.0 * x + 1 - (SIZE_PX - 1) / 2 for x in (rows, columns)))
-    found = silhouette_of_mask(truth > 0, window, camera)
-    assert np.abs(found.distance_px - truth).max() < 3 * 0.8
+    silhouette = silhouette_of_mask(truth > 0, window, camera)
+    assert np.abs(silhouette.distance_px - truth).max() < 3 * 0.8
 
 
 def test_depth_inside_the_cone_is_in_millimetres_at_the_points_own_depth():

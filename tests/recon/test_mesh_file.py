@@ -115,10 +115,10 @@ def test_a_cube_of_quadrilaterals_or_of_one_triangle_more_has_its_volume(tmp_pat
         "mixed winding, most of it inward": (corners, [q[::-1] for q in quads[:4]] + quads[4:]),
     }.items():
         (tmp_path / "a.ply").write_text(_text_ply(vertices, faces))
-        found, triangles = read_mesh(tmp_path / "a.ply")
+        places, triangles = read_mesh(tmp_path / "a.ply")
         assert open_edges(triangles) == 0, name
         assert len(triangles) == 12, name
-        assert volume_mm3(found, triangles) == pytest.approx(8.0), name
+        assert volume_mm3(places, triangles) == pytest.approx(8.0), name
 
 
 @pytest.mark.parametrize("kind", ["ply", "stl", "obj", "glb"])
@@ -127,14 +127,14 @@ def test_a_closed_surface_that_is_inside_out_is_refused_in_each_format(tmp_path,
     path = tmp_path / f"fruit.{kind}"
     for turned in (faces, faces[:, ::-1]):
         trimesh.Trimesh(vertices, turned, process=False).export(path)
-        found = read_mesh(path)
+        mesh = read_mesh(path)
         if turned is faces:
-            require_closed(*found, what=path.name)
+            require_closed(*mesh, what=path.name)
         else:
             with pytest.raises(
                 ReconFailure, match=rf"fruit\.{kind}'s mesh is inside out; expected faces that"
             ):
-                require_closed(*found, what=path.name)
+                require_closed(*mesh, what=path.name)
 
 
 def test_a_mesh_with_texture_coordinates_is_read_and_nothing_is_printed(tmp_path, capfd):
@@ -155,8 +155,8 @@ def test_a_mesh_with_texture_coordinates_is_read_and_nothing_is_printed(tmp_path
 def test_gltf_is_in_metres_and_a_broken_one_is_named(tmp_path):
     vertices, faces = ball(2)
     trimesh.Trimesh(0.028 * vertices, faces, process=False).export(tmp_path / "a.glb")
-    found, triangles = read_mesh(tmp_path / "a.glb")
-    np.testing.assert_allclose(np.linalg.norm(found, axis=1), 28.0, rtol=1e-6)
+    corners, triangles = read_mesh(tmp_path / "a.glb")
+    np.testing.assert_allclose(np.linalg.norm(corners, axis=1), 28.0, rtol=1e-6)
     assert open_edges(triangles) == 0
     whole = (tmp_path / "a.glb").read_bytes()
     for broken, words in (
@@ -178,12 +178,12 @@ def test_gltf_has_y_up_and_is_turned_to_z_up(tmp_path):
         mesh = trimesh.Trimesh(np.c_[x, z, -y] - node[:3, 3], faces, process=False)
         scene.add_geometry(mesh, transform=node)
         scene.export(tmp_path / f"{name}.glb")
-        found, triangles = read_mesh(tmp_path / f"{name}.glb")
-        np.testing.assert_allclose(found, vertices, atol=1e-3)
-        assert volume_mm3(found, triangles) == pytest.approx(volume_mm3(vertices, faces), rel=1e-4)
-    own = (tmp_path / "a.glb").read_bytes()
-    generator = own[own.index(b'"generator":') : own.index(b"}", own.index(b'"generator":'))]
-    (tmp_path / "c.glb").write_bytes(own.replace(generator, b'"generator":"drupe"'.ljust(len(generator))))
+        corners, triangles = read_mesh(tmp_path / f"{name}.glb")
+        np.testing.assert_allclose(corners, vertices, atol=1e-3)
+        assert volume_mm3(corners, triangles) == pytest.approx(volume_mm3(vertices, faces), rel=1e-4)
+    glb = (tmp_path / "a.glb").read_bytes()
+    generator = glb[glb.index(b'"generator":') : glb.index(b"}", glb.index(b'"generator":'))]
+    (tmp_path / "c.glb").write_bytes(glb.replace(generator, b'"generator":"drupe"'.ljust(len(generator))))
     with pytest.raises(
         ReconFailure, match=r"c\.glb is a picture of drupe's results.*the fruit\.ply beside it"
     ):

@@ -14,7 +14,7 @@ from recon.recon_failure import ReconFailure
 def test_a_stop_while_a_library_is_loaded_is_no_missing_library(tmp_path, monkeypatch, why, ends):
     (tmp_path / "open3d.py").write_text(f"raise ImportError('initialization failed') from {why}\n")
     monkeypatch.syspath_prepend(tmp_path)
-    for name in [one for one in sys.modules if one.partition(".")[0] == "open3d"]:
+    for name in [module for module in sys.modules if module.partition(".")[0] == "open3d"]:
         monkeypatch.delitem(sys.modules, name)
     with pytest.raises(ends):
         open3d()

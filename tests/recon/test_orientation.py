@@ -80,6 +80,6 @@ def test_a_fruit_that_stands_otherwise_is_told_with_angle_and_confidence(axis, d
 
 def test_a_millimetre_twice_as_long_changes_no_confidence():
     vertices, faces = scanned(1)
-    one, two = orientation_of(vertices, faces), orientation_of(2 * vertices, faces)
-    assert two.suture_confidence == pytest.approx(one.suture_confidence, rel=1e-3)
-    assert two.hollow_mm == pytest.approx(2 * one.hollow_mm, rel=1e-3)
+    orientation, doubled = orientation_of(vertices, faces), orientation_of(2 * vertices, faces)
+    assert doubled.suture_confidence == pytest.approx(orientation.suture_confidence, rel=1e-3)
+    assert doubled.hollow_mm == pytest.approx(2 * orientation.hollow_mm, rel=1e-3)

@@ -65,14 +65,14 @@ def rms(values: np.ndarray) -> float:
 
 
 def test_the_outline_of_a_mask_is_the_ellipse_evenly_sampled_with_outward_normals():
-    found = outline_of(off_px(pixels()) < 0)
-    assert len(found.points) == SAMPLES
-    assert np.abs(off_px(found.points) + 0.5).max() < 0.75  # pixels inside end half a pixel before the edge
-    steps = np.linalg.norm(np.roll(found.points, -1, axis=0) - found.points, axis=1)
+    outline = outline_of(off_px(pixels()) < 0)
+    assert len(outline.points) == SAMPLES
+    assert np.abs(off_px(outline.points) + 0.5).max() < 0.75  # pixels inside end half a pixel before the edge
+    steps = np.linalg.norm(np.roll(outline.points, -1, axis=0) - outline.points, axis=1)
     assert steps.std() < 0.05 * steps.mean()
-    truth = (found.points - MIDDLE) / SEMI**2
+    truth = (outline.points - MIDDLE) / SEMI**2
     truth /= np.linalg.norm(truth, axis=1, keepdims=True)
-    assert np.sum(found.normals * truth, axis=1).min() > np.cos(np.radians(5))
+    assert np.sum(outline.normals * truth, axis=1).min() > np.cos(np.radians(5))
 
 
 def test_of_a_masks_parts_the_largest_is_outlined_and_of_none_or_a_speck_nothing():
@@ -88,28 +88,28 @@ def test_an_outline_is_sharpened_to_a_fraction_of_a_pixel(noise):
     """At a share of 0.4 of a step blurred by s the edge lies ndtri(0.6) s outside its middle."""
     start = ellipse(2.0 + np.sin(5 * TURN))
     window = Window(photo(noise), (0, 0), 1)
-    found, whole = sharpened(start, window, search=True)
+    outline, whole = sharpened(start, window, search=True)
     blur_px = np.sqrt(BLUR_PX**2 + 1 / 12 + 1 / 6)  # with the pixel's own area and reading between pixels
     expected = ndtri(1 - STEP_SHARE) * blur_px
     assert whole.shrink == 1
-    assert np.median(off_px(found.points)) == pytest.approx(expected, abs=0.04)
-    assert rms(off_px(found.points) - expected) < 0.06 + 0.02 * noise
-    assert found.clear_share > 0.98
+    assert np.median(off_px(outline.points)) == pytest.approx(expected, abs=0.04)
+    assert rms(off_px(outline.points) - expected) < 0.06 + 0.02 * noise
+    assert outline.clear_share > 0.98
 
 
 def test_where_skin_and_ground_are_alike_the_outline_stays_and_says_so():
     start = ellipse(1.0)
-    found, _ = sharpened(start, Window(photo(1.0, skin=(190, 200, 203)), (0, 0), 1), search=False)
-    assert found.clear_share < 0.05
-    assert rms(off_px(found.points) - 1.0) < 0.1
+    outline, _ = sharpened(start, Window(photo(1.0, skin=(190, 200, 203)), (0, 0), 1), search=False)
+    assert outline.clear_share < 0.05
+    assert rms(off_px(outline.points) - 1.0) < 0.1
 
 
 def test_an_outline_of_a_shrunk_window_is_sharpened_in_the_photos_pixels():
     start = ellipse()
     shrunk = Outline((start.points - 0.5) / 2, start.normals, 0.0)
-    found, whole = sharpened(shrunk, Window(photo(0.0), (7, 9), 2), search=False)
+    outline, whole = sharpened(shrunk, Window(photo(0.0), (7, 9), 2), search=False)
     assert (whole.shrink, whole.corner_px) == (1, (7, 9))
-    assert rms(off_px(found.points)) < 0.45
+    assert rms(off_px(outline.points)) < 0.45
     np.testing.assert_allclose(enlarged(shrunk, 2).points.mean(axis=0), MIDDLE, atol=0.05)
 
 
@@ -118,23 +118,25 @@ def test_snapping_finds_the_edge_by_colour_step_and_odds_within_its_reach():
     truth = off_px(pixels()) < 0
     log_odds = np.where(truth, 1.0, -1.0) + rng.normal(0, 2.0, truth.shape)
     start = ellipse(3.0 * np.sin(3 * TURN))
-    (found,) = snapped([start], [log_odds], [lab(photo(2.0))], reach_px=6.0, most_log_odds=2.5)
+    (outline,) = snapped([start], [log_odds], [lab(photo(2.0))], reach_px=6.0, most_log_odds=2.5)
     assert rms(off_px(start.points)) > 2.0
-    assert rms(off_px(found.points)) < 0.5  # shifts are in steps of half a pixel
+    assert rms(off_px(outline.points)) < 0.5  # shifts are in steps of half a pixel
 
 
 def test_odds_alone_place_an_outline_where_nothing_else_tells():
     truth = off_px(pixels()) < 0
     flat = np.full((SIDE_PX, SIDE_PX, 3), 50.0, np.float32)
-    (found,) = snapped([ellipse(2.5)], [np.where(truth, 2.0, -2.0)], [flat], reach_px=6.0, most_log_odds=2.5)
-    assert rms(off_px(found.points)) < 0.6
+    (outline,) = snapped(
+        [ellipse(2.5)], [np.where(truth, 2.0, -2.0)], [flat], reach_px=6.0, most_log_odds=2.5
+    )
+    assert rms(off_px(outline.points)) < 0.6
 
 
 def test_where_nothing_tells_an_outline_stays_where_it_was():
     flat = np.full((SIDE_PX, SIDE_PX, 3), 50.0, np.float32)
     noise = np.random.default_rng(6).normal(0, 0.05, (SIDE_PX, SIDE_PX))
-    (found,) = snapped([ellipse(2.0)], [noise], [flat], reach_px=6.0, most_log_odds=2.5)
-    assert rms(off_px(found.points) - 2.0) < 0.3
+    (outline,) = snapped([ellipse(2.0)], [noise], [flat], reach_px=6.0, most_log_odds=2.5)
+    assert rms(off_px(outline.points) - 2.0) < 0.3
 
 
 def test_a_bite_deeper_than_allowed_is_given_back_and_a_shallow_one_stays():
@@ -150,20 +152,20 @@ def test_a_bite_deeper_than_allowed_is_given_back_and_a_shallow_one_stays():
 
 def test_the_silhouette_of_an_outline_has_the_signed_distance_near_it_and_is_clipped_further_off():
     window = Window(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8), (0, 0), 1)
-    found = silhouette_of_outline(ellipse(), window, CAMERA).distance_px
+    distance_px = silhouette_of_outline(ellipse(), window, CAMERA).distance_px
     truth = -off_px(pixels())
     near = np.abs(truth) < 8.0
-    assert np.abs(found - truth)[near].max() < 0.25
-    assert np.abs(found).max() == pytest.approx(12.0)
-    assert (found[truth > 20] == 12.0).all()
-    assert (found[truth < -20] == -12.0).all()
+    assert np.abs(distance_px - truth)[near].max() < 0.25
+    assert np.abs(distance_px).max() == pytest.approx(12.0)
+    assert (distance_px[truth > 20] == 12.0).all()
+    assert (distance_px[truth < -20] == -12.0).all()
 
 
 def test_in_a_shrunk_window_the_silhouettes_distance_is_in_pixels_of_the_photo():
     half = Outline((ellipse().points - 0.5) / 2, ellipse().normals, 0.0)
     window = Window(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8), (0, 0), 2)
-    found = silhouette_of_outline(half, window, CAMERA).distance_px
+    distance_px = silhouette_of_outline(half, window, CAMERA).distance_px
     rows, columns = np.mgrid[: SIDE_PX // 2, : SIDE_PX // 2]
     truth = -off_px(2.0 * np.stack([columns, rows], axis=-1) + 0.5)
     near = np.abs(truth) < 8.0
-    assert np.abs(found - truth)[near].max() < 0.25
+    assert np.abs(distance_px - truth)[near].max() < 0.25

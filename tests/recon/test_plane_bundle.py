@@ -35,11 +35,11 @@ def disturbed(scene, rng):
 def test_exact_sightings_give_the_injected_cameras_back():
     rng = np.random.default_rng(1)
     scene, seen = injected(rng, noise_px=0.0)
-    found = adjusted(disturbed(scene, rng), seen, SIZE, focal_prior=(np.log(FOCAL_PX), 0.6))
-    assert np.median(found.miss_px) < 0.05
-    assert found.scene.focals_px == pytest.approx(scene.focals_px, rel=2e-3)
-    assert found.scene.k1 == pytest.approx(K1, abs=3e-3)
-    places = [-p[:3, :3].T @ p[:3, 3] for p in found.scene.poses]
+    adjustment = adjusted(disturbed(scene, rng), seen, SIZE, focal_prior=(np.log(FOCAL_PX), 0.6))
+    assert np.median(adjustment.miss_px) < 0.05
+    assert adjustment.scene.focals_px == pytest.approx(scene.focals_px, rel=2e-3)
+    assert adjustment.scene.k1 == pytest.approx(K1, abs=3e-3)
+    places = [-p[:3, :3].T @ p[:3, 3] for p in adjustment.scene.poses]
     true = [-p[:3, :3].T @ p[:3, 3] for p in scene.poses]
     apart = [np.linalg.norm(np.array(x)[:, None] - np.array(x), axis=2) for x in (true, places)]
     assert np.allclose(apart[1] * apart[0].sum() / apart[1].sum(), apart[0], atol=0.005)
@@ -51,11 +51,11 @@ def test_the_focal_lengths_error_bar_is_as_wide_as_its_errors(noise_px):
     for draw in range(16):
         rng = np.random.default_rng([draw, 7])
         scene, seen = injected(rng, noise_px=noise_px, breathing=0.002)
-        found = adjusted(
+        adjustment = adjusted(
             disturbed(scene, rng), seen, SIZE, focal_prior=(np.log(FOCAL_PX) + 0.03 * rng.normal(), 0.03)
         )
-        off = np.mean(np.log(found.scene.focals_px)) - np.log(FOCAL_PX)
-        errors.append(off / found.focal_sd)
+        off = np.mean(np.log(adjustment.scene.focals_px)) - np.log(FOCAL_PX)
+        errors.append(off / adjustment.focal_sd)
     assert 0.3 < np.sqrt(np.mean(np.square(errors))) < 1.7
 
 
@@ -68,6 +68,6 @@ def test_data_and_prior_count_by_their_spreads(noise_px, drawn_to, within):
         scene, seen = injected(rng, noise_px=noise_px)
         prior = (np.log(FOCAL_PX) + 0.02, 0.01)
         loss_px = max(1.0, 3 * noise_px)
-        found = adjusted(scene, seen, SIZE, focal_prior=prior, breathing_sd=1e-4, loss_px=loss_px)
-        off = np.mean(np.log(found.scene.focals_px)) - np.log(FOCAL_PX)
+        adjustment = adjusted(scene, seen, SIZE, focal_prior=prior, breathing_sd=1e-4, loss_px=loss_px)
+        off = np.mean(np.log(adjustment.scene.focals_px)) - np.log(FOCAL_PX)
         assert off == pytest.approx(drawn_to, abs=within)

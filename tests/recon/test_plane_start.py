@@ -13,8 +13,8 @@ K = np.array([[FOCAL_PX, 0, (SIZE[1] - 1) / 2], [0, FOCAL_PX, (SIZE[0] - 1) / 2]
 
 def homographies_from_first(poses):
     ground = [K @ p[:3][:, [0, 1, 3]] for p in poses]
-    found = [g @ np.linalg.inv(ground[0]) for g in ground]
-    return {i: h / h[2, 2] for i, h in enumerate(found)}
+    homographies = [g @ np.linalg.inv(ground[0]) for g in ground]
+    return {i: h / h[2, 2] for i, h in enumerate(homographies)}
 
 
 @pytest.mark.parametrize("nearest", [300.0, 160.0])
@@ -28,10 +28,10 @@ def test_exact_homographies_give_focal_length_and_poses_up_to_a_similarity(neare
             (0, 55, 130, 190, 260, 4), (31, 40, 28, 52, 35, 22), distances, strict=True
         )
     ]
-    focal_px, found = start_cameras(homographies_from_first(poses), SIZE, known_focal_px)
+    focal_px, cameras = start_cameras(homographies_from_first(poses), SIZE, known_focal_px)
     assert focal_px == pytest.approx(FOCAL_PX, rel=0.02)
     true = np.array([-p[:3, :3].T @ p[:3, 3] for p in poses])
-    places = np.array([-found[i][:3, :3].T @ found[i][:3, 3] for i in range(len(poses))])
+    places = np.array([-cameras[i][:3, :3].T @ cameras[i][:3, 3] for i in range(len(poses))])
     assert (places[:, 2] > 0).all()
     apart = [np.linalg.norm(x[:, None] - x, axis=2) for x in (true, places)]
     scale = apart[0].sum() / apart[1].sum()

@@ -15,7 +15,7 @@ size_sd = { value = 0.05, source = "own" }
 """
 
 
-def own(tmp_path, text):
+def plausible_of(tmp_path, text):
     path = tmp_path / "kaki.toml"
     path.write_text(OWN + text)
     return load_prior(path).plausible
@@ -59,8 +59,8 @@ def test_no_real_fruit_lies_outside(category, height_mm, diameter_mm, mass_g):
 
 
 def test_an_own_category_need_not_say_and_may_say_some(tmp_path):
-    assert own(tmp_path, "") is None
-    said = own(tmp_path, "[plausible]\nheight_mm = [30, 120]\n")
+    assert plausible_of(tmp_path, "") is None
+    said = plausible_of(tmp_path, "[plausible]\nheight_mm = [30, 120]\n")
     assert said.height_mm == (30.0, 120.0)
     assert said.mass_g is None
 
@@ -78,5 +78,5 @@ def test_an_own_category_need_not_say_and_may_say_some(tmp_path):
 )
 def test_a_fault_in_the_table_is_named(tmp_path, text, named):
     with pytest.raises(ReconFailure) as caught:
-        own(tmp_path, text)
+        plausible_of(tmp_path, text)
     assert named in caught.value.detail

@@ -28,8 +28,8 @@ def test_focal_length_distortion_and_places_come_back_without_exif(bent, poses):
     assert len(poses.cameras) == len(cameras)
     assert poses.cameras[0].focal_px == pytest.approx(cameras[0].focal_px, rel=3e-3)
     assert poses.cameras[0].k1 == pytest.approx(-0.06, abs=0.02)
-    for found, true in zip(poses.cameras, cameras, strict=True):
-        assert np.linalg.norm(found.place - true.place) < 1.0
+    for camera, true in zip(poses.cameras, cameras, strict=True):
+        assert np.linalg.norm(camera.place - true.place) < 1.0
     assert poses.reprojection_px < 0.5
 
 
@@ -67,8 +67,8 @@ def test_a_misread_tag_moves_no_camera_and_is_left_out():
     poses = cameras_from_mat(photos, mat)
     assert poses.cameras[0].focal_px == pytest.approx(cameras[0].focal_px, rel=1e-4)
     assert poses.cameras[0].k1 == pytest.approx(-0.06, abs=1e-3)
-    for found, true in zip(poses.cameras, cameras, strict=True):
-        assert np.linalg.norm(found.place - true.place) < 0.05
+    for recovered_camera, true in zip(poses.cameras, cameras, strict=True):
+        assert np.linalg.norm(recovered_camera.place - true.place) < 0.05
     assert poses.reprojection_px < 0.02
 
 

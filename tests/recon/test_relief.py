@@ -93,7 +93,7 @@ def scene(depth_mm: float, texture: float, gloss: float) -> Scene:
 
 
 @cache
-def found(depth_mm: float, texture: float, gloss: float) -> Relief:
+def searched_relief(depth_mm: float, texture: float, gloss: float) -> Relief:
     s = scene(depth_mm, texture, gloss)
     return relief(s.outline, ball(LEVEL)[1], s.images, s.cameras, support=s.support)
 
@@ -111,7 +111,7 @@ def rms(values: np.ndarray) -> float:
 
 
 def test_cavity_that_outlines_bridge_is_found_on_textured_skin():
-    s, got = scene(3.0, 12.0, 0.0), found(3.0, 12.0, 0.0)
+    s, got = scene(3.0, 12.0, 0.0), searched_relief(3.0, 12.0, 0.0)
     before, after = (rms(misses_mm(x[s.bridged], 3.0)) for x in (s.outline, got.vertices))
     assert before > 1.2
     assert after < 0.2 * before
@@ -122,11 +122,11 @@ def test_cavity_that_outlines_bridge_is_found_on_textured_skin():
 def test_hollow_as_deep_as_the_search_looks_is_reported():
     """Such a hollow (0.27 radii, as a scanned peach has) comes out too shallow."""
     deep_mm = 0.27 * RADIUS_MM
-    s, got = scene(deep_mm, 12.0, 0.0), found(deep_mm, 12.0, 0.0)
+    s, got = scene(deep_mm, 12.0, 0.0), searched_relief(deep_mm, 12.0, 0.0)
     assert misses_mm(got.vertices[s.bridged], deep_mm).max() > 0.05 * RADIUS_MM
     assert got.edge_depth_mm > 0.16 * RADIUS_MM
     assert f"{got.edge_depth_mm:.1f} mm deep" in depth_doubts(got.edge_depth_mm)[0]
-    assert found(3.0, 12.0, 0.0).edge_depth_mm == 0.0
+    assert searched_relief(3.0, 12.0, 0.0).edge_depth_mm == 0.0
 
 
 @pytest.mark.parametrize("share", [0.071, 0.02])
@@ -142,7 +142,7 @@ def test_depth_at_the_edge_depends_on_whether_skin_is_a_side(share: float, uprig
 
 
 def test_what_was_measured_and_what_may_be_bridged_is_told_by_vertex():
-    s, got = scene(3.0, 12.0, 0.0), found(3.0, 12.0, 0.0)
+    s, got = scene(3.0, 12.0, 0.0), searched_relief(3.0, 12.0, 0.0)
     directions, _ = ball(LEVEL)
     angle = np.arccos(directions[:, 2])
     assert got.measured[angle < 0.6 * RIM_RAD].mean() > 0.9
@@ -156,20 +156,20 @@ def test_what_was_measured_and_what_may_be_bridged_is_told_by_vertex():
 
 @pytest.mark.parametrize(("depth_mm", "gloss"), [(3.0, 0.0), (0.0, 90.0)], ids=["bare", "highlights"])
 def test_skin_without_texture_stays_on_the_outlines_also_where_highlights_move(depth_mm, gloss):
-    s, got = scene(depth_mm, 0.0, gloss), found(depth_mm, 0.0, gloss)
+    s, got = scene(depth_mm, 0.0, gloss), searched_relief(depth_mm, 0.0, gloss)
     assert np.array_equal(got.vertices, s.outline)
     assert not got.measured.any()
     assert got.bridged[s.bridged].mean() > 0.5
 
 
 def test_highlights_do_not_spoil_a_cavity_on_textured_skin():
-    s, got = scene(3.0, 12.0, 90.0), found(3.0, 12.0, 90.0)
+    s, got = scene(3.0, 12.0, 90.0), searched_relief(3.0, 12.0, 90.0)
     before, after = (rms(misses_mm(x[s.bridged], 3.0)) for x in (s.outline, got.vertices))
     assert after < 0.5 * before
 
 
 def test_a_flat_top_that_is_as_its_outlines_show_stays():
-    s, got = scene(0.0, 12.0, 0.0), found(0.0, 12.0, 0.0)
+    s, got = scene(0.0, 12.0, 0.0), searched_relief(0.0, 12.0, 0.0)
     assert rms(np.linalg.norm(got.vertices - s.outline, axis=1)) < 0.02
 
 

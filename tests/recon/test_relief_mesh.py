@@ -26,8 +26,8 @@ RADIUS_MM = 22.0
 @pytest.mark.parametrize("radius_mm", [10.0, 30.0])
 def test_a_ball_has_its_radius_as_curvature_everywhere(radius_mm):
     directions, faces = ball(4)
-    found = mean_curvature(radius_mm * directions, directions, faces)
-    np.testing.assert_allclose(found, -1 / radius_mm, rtol=0.01)
+    curvature = mean_curvature(radius_mm * directions, directions, faces)
+    np.testing.assert_allclose(curvature, -1 / radius_mm, rtol=0.01)
 
 
 def test_an_ellipsoid_is_rounder_at_its_poles_than_at_its_waist_as_its_curvatures_are():
@@ -35,10 +35,10 @@ def test_an_ellipsoid_is_rounder_at_its_poles_than_at_its_waist_as_its_curvature
     directions, faces = ball(5)
     a, c = 20.0, 26.0
     points = directions * [a, a, c]
-    found = mean_curvature(points, vertex_normals(points, faces), faces)
+    curvature = mean_curvature(points, vertex_normals(points, faces), faces)
     pole, waist = np.abs(directions[:, 2]) > 0.995, np.abs(directions[:, 2]) < 0.05
-    assert found[pole].mean() == pytest.approx(-c / a**2, rel=0.04)
-    assert found[waist].mean() == pytest.approx(-(1 / a + a / c**2) / 2, rel=0.04)
+    assert curvature[pole].mean() == pytest.approx(-c / a**2, rel=0.04)
+    assert curvature[waist].mean() == pytest.approx(-(1 / a + a / c**2) / 2, rel=0.04)
 
 
 def test_a_spike_counts_as_no_more_than_noise():

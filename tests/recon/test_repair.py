@@ -43,12 +43,12 @@ def test_a_hole_cut_into_a_ball_is_closed_to_the_balls_volume_less_the_caps():
     cut = without_cap(vertices, faces, half_angle_deg=20.0)
     height = RADIUS_MM * (1 - np.cos(np.radians(20.0)))
     cap = np.pi * height**2 * (3 * RADIUS_MM - height) / 3
-    found = repaired(vertices, cut, max_faces=100_000)
+    mesh = repaired(vertices, cut, max_faces=100_000)
     assert open_edges(cut) > 0
-    assert open_edges(found.faces) == 0
+    assert open_edges(mesh.faces) == 0
     whole = volume_mm3(vertices, faces)
-    assert whole - 1.1 * cap < volume_mm3(found.vertices, found.faces) < whole + 1e-6
-    assert found.deviation_rms_mm < 1e-4
+    assert whole - 1.1 * cap < volume_mm3(mesh.vertices, mesh.faces) < whole + 1e-6
+    assert mesh.deviation_rms_mm < 1e-4
 
 
 def turned_here_and_there(faces: np.ndarray) -> np.ndarray:
@@ -62,20 +62,20 @@ def turned_here_and_there(faces: np.ndarray) -> np.ndarray:
 )
 def test_a_ball_comes_back_as_it_was_whichever_way_its_faces_look(change):
     vertices, faces = ball_mesh(3)
-    found = repaired(vertices, change(faces), max_faces=len(faces))
-    assert len(found.faces) == len(faces)
-    assert open_edges(found.faces) == 0
-    assert volume_mm3(found.vertices, found.faces) == pytest.approx(volume_mm3(vertices, faces), rel=1e-5)
+    mesh = repaired(vertices, change(faces), max_faces=len(faces))
+    assert len(mesh.faces) == len(faces)
+    assert open_edges(mesh.faces) == 0
+    assert volume_mm3(mesh.vertices, mesh.faces) == pytest.approx(volume_mm3(vertices, faces), rel=1e-5)
 
 
 def test_few_faces_are_kept_and_how_far_they_moved_the_surface_is_told():
     vertices, faces = ball_mesh()
-    found = repaired(vertices, faces, max_faces=1000)
-    assert 900 <= len(found.faces) <= 1000
-    assert open_edges(found.faces) == 0
-    assert volume_mm3(found.vertices, found.faces) == pytest.approx(BALL_MM3, rel=0.01)
-    away = RayMesh(found.vertices, found.faces).distances_mm(vertices)
-    assert found.deviation_rms_mm == pytest.approx(np.sqrt(np.mean(away**2)), rel=0.05)
+    mesh = repaired(vertices, faces, max_faces=1000)
+    assert 900 <= len(mesh.faces) <= 1000
+    assert open_edges(mesh.faces) == 0
+    assert volume_mm3(mesh.vertices, mesh.faces) == pytest.approx(BALL_MM3, rel=0.01)
+    away = RayMesh(mesh.vertices, mesh.faces).distances_mm(vertices)
+    assert mesh.deviation_rms_mm == pytest.approx(np.sqrt(np.mean(away**2)), rel=0.05)
     # a chord of a circle of radius r and length a lies a² / 8 r under it; 1000 even faces have a = 2.4 mm
     assert 0.01 < away.max() < 0.3
 
@@ -88,19 +88,19 @@ def test_debris_and_doubled_faces_and_corners_are_removed():
     loose = np.concatenate(
         [np.arange(len(soup)).reshape(-1, 3), np.arange(30).reshape(-1, 3), triangles + len(soup)]
     )
-    found = repaired(both, loose, max_faces=len(faces))
-    assert len(found.vertices) == len(vertices)
-    assert (open_edges(found.faces), bodies(found.faces)) == (0, 1)
-    assert found.vertices[:, 0].max() < RADIUS_MM + 1e-4
+    mesh = repaired(both, loose, max_faces=len(faces))
+    assert len(mesh.vertices) == len(vertices)
+    assert (open_edges(mesh.faces), bodies(mesh.faces)) == (0, 1)
+    assert mesh.vertices[:, 0].max() < RADIUS_MM + 1e-4
 
 
 def test_a_fin_on_the_surface_leaves_one_manifold():
     vertices, faces = ball_mesh(3)
     edge = faces[0, :2]
     fin = np.concatenate([vertices, [1.2 * vertices[edge].mean(axis=0)]])
-    found = repaired(fin, np.concatenate([faces, [[*edge, len(vertices)]]]), max_faces=10_000)
-    assert open_edges(found.faces) == 0
-    assert volume_mm3(found.vertices, found.faces) == pytest.approx(volume_mm3(vertices, faces), rel=0.01)
+    mesh = repaired(fin, np.concatenate([faces, [[*edge, len(vertices)]]]), max_faces=10_000)
+    assert open_edges(mesh.faces) == 0
+    assert volume_mm3(mesh.vertices, mesh.faces) == pytest.approx(volume_mm3(vertices, faces), rel=0.01)
 
 
 def test_what_stays_open_is_refused():
@@ -133,8 +133,8 @@ def test_the_distance_to_a_balls_mesh_is_that_to_the_ball():
     rays = rng.normal(size=(200, 3))
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)
     radius = rng.uniform(5.0, 40.0, 200)
-    found = RayMesh(vertices, faces).distances_mm(radius[:, None] * rays)
-    np.testing.assert_allclose(found, np.abs(radius - RADIUS_MM), atol=0.03)
+    distance_mm = RayMesh(vertices, faces).distances_mm(radius[:, None] * rays)
+    np.testing.assert_allclose(distance_mm, np.abs(radius - RADIUS_MM), atol=0.03)
 
 
 def test_volume_area_and_normals_of_a_tetrahedron_are_its_closed_forms():

@@ -63,13 +63,13 @@ def ball_block(radius_cells: int = 12, cell_mm: float = 2.0) -> Block:
 
 def test_the_first_block_is_in_the_egg_and_fills_most_of_its_upper_half():
     """Its lower flank may be missing: the plate still has the egg's own colours there."""
-    found = block()
-    away = EGG.misses_mm(found.points)
-    centres = found.low_mm + (np.indices(found.filled.shape).reshape(3, -1).T + 0.5) * found.cell_mm
-    upper = (EGG.misses_mm(centres) < -found.cell_mm) & (centres[:, 2] > EGG.centre[2])
-    assert np.quantile(away, 0.9) < 2 * found.cell_mm  # eight views leave a peak above it
-    assert found.filled.ravel()[upper].mean() > 0.8
-    assert np.linalg.norm(found.points.mean(axis=0)[:2] - EGG.centre[:2]) < 2 * found.cell_mm
+    cells = block()
+    away = EGG.misses_mm(cells.points)
+    centres = cells.low_mm + (np.indices(cells.filled.shape).reshape(3, -1).T + 0.5) * cells.cell_mm
+    upper = (EGG.misses_mm(centres) < -cells.cell_mm) & (centres[:, 2] > EGG.centre[2])
+    assert np.quantile(away, 0.9) < 2 * cells.cell_mm  # eight views leave a peak above it
+    assert cells.filled.ravel()[upper].mean() > 0.8
+    assert np.linalg.norm(cells.points.mean(axis=0)[:2] - EGG.centre[:2]) < 2 * cells.cell_mm
 
 
 def test_where_nothing_stands_there_is_no_fruit():
@@ -91,11 +91,11 @@ def test_learned_odds_and_their_masks_part_the_egg_from_its_ground():
         for i, c in zip(scene().images, scene().cameras, strict=True)
     ]
     log_odds, masks = learned_log_odds(views, bounds, scene().background(covered), EGG.centre)
-    for view, found, mask in zip(views, log_odds, masks, strict=True):
+    for view, view_log_odds, mask in zip(views, log_odds, masks, strict=True):
         egg = truth(view)
         edge = binary_dilation(egg, iterations=2) & ~binary_dilation(egg, iterations=1)
         assert overlap(mask, egg) > 0.95
-        assert ((found > 0) == egg)[~edge].mean() > 0.95
+        assert ((view_log_odds > 0) == egg)[~edge].mean() > 0.95
 
 
 def test_windows_hold_the_points_with_their_margin_and_are_about_as_wide_as_asked():
@@ -125,7 +125,7 @@ def test_points_behind_a_camera_or_outside_its_picture_have_no_window():
 def test_the_pixels_of_a_block_of_cells_are_the_disc_that_the_ball_covers():
     camera = ring(1, width=300, height=225)[0]
     window = Window(np.zeros((225, 300, 3), np.uint8), (0, 0), 1)
-    found = pixels_of(ball_block(), window, camera)
+    mask = pixels_of(ball_block(), window, camera)
     away = np.array([0.0, 0.0, 30.0]) - camera.place
     distance = np.linalg.norm(away)
     rim_px = camera.focal_px * 24.0 / np.sqrt(distance**2 - 24.0**2)
@@ -133,17 +133,17 @@ def test_the_pixels_of_a_block_of_cells_are_the_disc_that_the_ball_covers():
     rows, columns = np.mgrid[:225, :300]
     radius = np.hypot(columns - middle[0], rows - middle[1])
     cell_px = camera.focal_px * 2.0 / distance
-    assert found[radius < rim_px - 1.5 * cell_px].all()
-    assert not found[radius > rim_px + 1.5 * cell_px].any()
+    assert mask[radius < rim_px - 1.5 * cell_px].all()
+    assert not mask[radius > rim_px + 1.5 * cell_px].any()
 
 
 @pytest.mark.parametrize("by_px", [5.0, 12.0])
 def test_a_disc_eroded_is_a_smaller_disc_and_touches_no_border(by_px):
     rows, columns = np.mgrid[:90, :90]
     radius = np.hypot(rows - 45, columns - 45)
-    found = eroded(radius < 35, by_px)
-    assert found[radius < 35 - by_px - 1.5].all()
-    assert not found[radius > 35 - by_px + 1.5].any()
+    mask = eroded(radius < 35, by_px)
+    assert mask[radius < 35 - by_px - 1.5].all()
+    assert not mask[radius > 35 - by_px + 1.5].any()
     assert not eroded(np.ones((40, 40), bool), by_px)[0].any()
 
 

@@ -32,23 +32,23 @@ def test_a_highlight_that_looks_like_ground_takes_no_bite_out_of_the_fruit():
     truth = disc(70)
     log_odds = np.where(truth, 3.0, -3.0).astype(np.float32)
     log_odds[105:125, 80:98] = -3.0
-    (found,) = star_cuts([log_odds], [painted(truth, rng)], [CENTRE + np.array([5.0, -4.0])])
-    assert overlap(found, truth) > 0.975
+    (cut,) = star_cuts([log_odds], [painted(truth, rng)], [CENTRE + np.array([5.0, -4.0])])
+    assert overlap(cut, truth) > 0.975
 
 
 def test_without_any_odds_the_step_of_colour_is_the_contour():
     rng = np.random.default_rng(1)
     truth = disc(64)
     log_odds = np.where(disc(40), 1.0, np.where(disc(90), 0.0, -1.0)).astype(np.float32)
-    (found,) = star_cuts([log_odds], [painted(truth, rng)], [CENTRE])
-    assert overlap(found, truth) > 0.97
+    (cut,) = star_cuts([log_odds], [painted(truth, rng)], [CENTRE])
+    assert overlap(cut, truth) > 0.97
 
 
 def test_pictures_do_not_influence_each_other():
     rng = np.random.default_rng(2)
-    one, other = disc(50), disc(80)
-    log_odds = [np.where(m, 2.0, -2.0).astype(np.float32) for m in (one, other)]
-    colours = [painted(m, rng) for m in (one, other)]
+    small, large = disc(50), disc(80)
+    log_odds = [np.where(m, 2.0, -2.0).astype(np.float32) for m in (small, large)]
+    colours = [painted(m, rng) for m in (small, large)]
     both = star_cuts(log_odds, colours, [CENTRE, CENTRE])
     alone = [star_cuts([o], [c], [CENTRE])[0] for o, c in zip(log_odds, colours, strict=True)]
     assert all((a == b).all() for a, b in zip(both, alone, strict=True))
@@ -57,14 +57,14 @@ def test_pictures_do_not_influence_each_other():
 def test_the_path_is_the_best_of_all_closed_ones():
     rng = np.random.default_rng(3)
     gain = rng.normal(0, 2, (4, 6, 4)).astype(np.float32)
-    found = best_rings(gain, bend=0.7, steepest=1)
+    paths = best_rings(gain, bend=0.7, steepest=1)
     every = np.stack(np.meshgrid(*[np.arange(4)] * 6, indexing="ij"), axis=-1).reshape(-1, 6)
     steps = np.abs(np.diff(every, axis=1, append=every[:, :1]))
     closed = every[(steps[:, :-1] <= 1).all(1) & (steps[:, -1] == 0)]
-    for ring, path in zip(gain, found, strict=True):
+    for ring, path in zip(gain, paths, strict=True):
         assert np.abs(np.diff(path)).max() <= 1
         assert path[0] == path[-1]
         starts = closed[closed[:, 0] == path[0]]
         worth = ring[np.arange(6), starts].sum(1) - 0.7 * np.abs(np.diff(starts, axis=1)).sum(1)
-        own = ring[np.arange(6), path].sum() - 0.7 * np.abs(np.diff(path)).sum()
-        assert own >= worth.max() - 1e-4
+        path_worth = ring[np.arange(6), path].sum() - 0.7 * np.abs(np.diff(path)).sum()
+        assert path_worth >= worth.max() - 1e-4

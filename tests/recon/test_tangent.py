@@ -62,33 +62,33 @@ def rms(values: np.ndarray) -> float:
 
 
 def test_between_few_views_the_settled_surface_is_five_times_nearer_than_the_hull():
-    hull, found, faces = hull_and_fitted(8, noise_px=0.0)
-    assert rms(EGG.misses_mm(found.vertices)) < rms(EGG.misses_mm(hull)) / 5
-    assert volume_mm3(found.vertices, faces) == pytest.approx(EGG.volume_mm3, rel=0.005)
+    hull, surface, faces = hull_and_fitted(8, noise_px=0.0)
+    assert rms(EGG.misses_mm(surface.vertices)) < rms(EGG.misses_mm(hull)) / 5
+    assert volume_mm3(surface.vertices, faces) == pytest.approx(EGG.volume_mm3, rel=0.005)
 
 
 def test_with_exact_outlines_from_all_round_it_is_exact_to_a_fiftieth_of_a_millimetre():
-    _, found, _ = hull_and_fitted(24, noise_px=0.0)
-    assert rms(EGG.misses_mm(found.vertices)) < 0.02
+    _, surface, _ = hull_and_fitted(24, noise_px=0.0)
+    assert rms(EGG.misses_mm(surface.vertices)) < 0.02
 
 
 def test_noise_in_the_outlines_does_not_shrink_it_as_it_shrinks_a_strict_hull():
-    _, found, faces = hull_and_fitted(24, noise_px=0.5)
-    assert volume_mm3(found.vertices, faces) == pytest.approx(EGG.volume_mm3, rel=0.004)
-    assert rms(EGG.misses_mm(found.vertices)) < 0.2
+    _, surface, faces = hull_and_fitted(24, noise_px=0.5)
+    assert volume_mm3(surface.vertices, faces) == pytest.approx(EGG.volume_mm3, rel=0.004)
+    assert rms(EGG.misses_mm(surface.vertices)) < 0.2
 
 
 def test_it_stands_on_the_floor_and_says_where_no_outline_holds_it():
-    _, found, _ = hull_and_fitted(24, noise_px=0.0)
-    assert found.vertices[:, 2].min() == pytest.approx(0.0, abs=0.02)
-    height = found.vertices[:, 2]
-    assert np.median(found.support[height < 0.5]) < 0.1 * np.median(found.support[height > 10])
+    _, surface, _ = hull_and_fitted(24, noise_px=0.0)
+    assert surface.vertices[:, 2].min() == pytest.approx(0.0, abs=0.02)
+    height = surface.vertices[:, 2]
+    assert np.median(surface.support[height < 0.5]) < 0.1 * np.median(surface.support[height > 10])
 
 
 def test_deep_shadows_taken_for_the_fruit_do_not_carry_its_bottom_out():
-    hull, found, faces = hull_and_fitted(24, noise_px=0.0, shadow_px=8.0)
+    hull, surface, faces = hull_and_fitted(24, noise_px=0.0, shadow_px=8.0)
     beyond = volume_mm3(hull, faces) / EGG.volume_mm3 - 1
-    assert volume_mm3(found.vertices, faces) / EGG.volume_mm3 - 1 < beyond / 3
+    assert volume_mm3(surface.vertices, faces) / EGG.volume_mm3 - 1 < beyond / 3
 
 
 def test_the_rim_of_a_ball_lies_on_the_polar_plane_of_the_camera():

@@ -41,14 +41,14 @@ def test_the_settled_ball_lies_between_its_truth_and_its_hull():
 
 
 def test_from_the_side_nothing_is_taken_off():
-    found = expected_excess(looking_down(8, 0.0), np.full(3, 60.0), 0.0)
-    assert (found.value, found.sd) == (0.0, 0.0)
+    excess = expected_excess(looking_down(8, 0.0), np.full(3, 60.0), 0.0)
+    assert (excess.value, excess.sd) == (0.0, 0.0)
 
 
 def test_from_a_low_angle_nothing_is_taken_off_but_the_height_is_known_less_well():
-    found = expected_excess(looking_down(8, 18.0), np.full(3, 60.0), np.radians(18.0))
-    assert found.value == 0.0
-    assert 0.015 < found.sd < 0.03
+    excess = expected_excess(looking_down(8, 18.0), np.full(3, 60.0), np.radians(18.0))
+    assert excess.value == 0.0
+    assert 0.015 < excess.sd < 0.03
 
 
 def test_the_scale_of_a_ball_made_too_tall_is_put_right():
@@ -65,11 +65,11 @@ def test_the_scale_of_a_ball_made_too_tall_is_put_right():
             top_measured=top_measured,
         )  # fmt: skip
 
-    plain, found = scale(1.0), scale(0.0)
+    plain, corrected = scale(1.0), scale(0.0)
     assert plain.factor < 0.95
-    assert abs(found.factor - 1) < 1.5 * found.sd
-    assert abs(found.factor - 1) < 0.6 * abs(plain.factor - 1)
-    assert "too tall" in found.warnings[0]
+    assert abs(corrected.factor - 1) < 1.5 * corrected.sd
+    assert abs(corrected.factor - 1) < 0.6 * abs(plain.factor - 1)
+    assert "too tall" in corrected.warnings[0]
 
 
 def test_a_top_that_was_measured_is_not_doubted():
@@ -82,5 +82,5 @@ def test_a_top_that_was_measured_is_not_doubted():
 def test_a_top_measured_in_part_has_the_spread_of_either():
     rng = np.random.default_rng(4)
     drawn = np.where(rng.random(200_000) < 0.4, 0.0, rng.normal(0.04, 0.01, 200_000))
-    found = TopExcess(value=0.04, sd=0.01).remaining(0.4)
-    assert (found.value, found.sd) == pytest.approx((drawn.mean(), drawn.std()), rel=0.01)
+    excess = TopExcess(value=0.04, sd=0.01).remaining(0.4)
+    assert (excess.value, excess.sd) == pytest.approx((drawn.mean(), drawn.std()), rel=0.01)

@@ -45,11 +45,11 @@ def test_no_sample_fruit_is_doubted():
 @pytest.mark.parametrize("apart_mm", [40.0, 52.0])
 def test_two_fruits_that_touch_are_doubted(apart_mm):
     directions, faces = ball(4)
-    one, other = (
+    first, second = (
         manifold3d.Manifold(manifold3d.Mesh64(28 * directions + [x, 0, 28], faces.astype(np.uint64)))
         for x in (0.0, apart_mm)
     )
-    both = (one + other).to_mesh64()
+    both = (first + second).to_mesh64()
     doubts = shape_doubts(np.asarray(both.vert_properties)[:, :3], np.asarray(both.tri_verts, int))
     assert doubts
     assert all("The photos may show two fruits" in d for d in doubts)

@@ -51,7 +51,7 @@ def test_lists_name_their_fruit_and_why(empty_batch, graded):
     )
     batch = replace(empty_batch, fruits=fruits, classes=(("ripe", 0.35), ("unripe", None)), ships=("ripe",))
     lists = decision_lists(batch, numbered(batch))
-    assert [[fruit.fruit_id for _, fruit in one.fruits] for one in lists] == [["S"], ["H"], ["B", "L"]]
+    assert [[fruit.fruit_id for _, fruit in list_.fruits] for list_ in lists] == [["S"], ["H"], ["B", "L"]]
     assert [reason for reason, _ in lists[2].groups] == ["borderline", "not graded"]
     assert class_counts(batch, numbered(batch)) == (("ripe", 2, 1), ("unripe", 1, 0))
     page = report_html(batch)

@@ -34,7 +34,10 @@ def ball() -> tuple[DrawnFruit, PlannedGrasp, MeshedFruit]:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "effect",
-    [pytest.param(one, marks=() if one in IN_SHORT else pytest.mark.proof) for one in [*EFFECTS, "palm"]],
+    [
+        pytest.param(effect, marks=() if effect in IN_SHORT else pytest.mark.proof)
+        for effect in [*EFFECTS, "palm"]
+    ],
 )
 def test_an_effect_runs_on_a_graded_mesh(
     effect: str, ball: tuple[DrawnFruit, PlannedGrasp, MeshedFruit]
@@ -74,8 +77,8 @@ def test_a_loose_pit_on_a_graded_mesh_is_as_loose_as_on_an_even_one(
 ) -> None:
     injected = (InjectedEffect(effect="loose_pit", parameters={"gap_mm": 0.05}),)
     grasp, even = rough(drawn_ball(), WAY, FINE_AND_EVEN)
-    found = []
+    forces_N = []
     for stands in (even, ball[2]):
         body, inner = body_of(stands, injected)
-        found.append(total_N(grasped_ball(grasp, stands, body, inner=inner)))
-    assert found[1][1:] == pytest.approx(found[0][1:], rel=0.02)
+        forces_N.append(total_N(grasped_ball(grasp, stands, body, inner=inner)))
+    assert forces_N[1][1:] == pytest.approx(forces_N[0][1:], rel=0.02)

@@ -38,10 +38,10 @@ def test_another_record_keeps_the_gel_and_changes_noise_scan_and_prior() -> None
 
 def test_closer_markers_tell_the_same_force() -> None:
     way = motion([-0.1, 0.6])
-    found = []
+    forces_N = []
     for markers, pitch in ((20, 1.0), (25, 0.8), (16, 1.25)):
         sensor = MarkerSensor(markers=markers, pitch_mm=pitch)
         grasp, stands = rough(replace(drawn_ball(), sensor=sensor), way)
         body = linear_body(stands)
-        found.append(total_N(grasped_ball(grasp, stands, body))[1])
-    assert found == pytest.approx([found[0]] * 3, rel=0.02)
+        forces_N.append(total_N(grasped_ball(grasp, stands, body))[1])
+    assert forces_N == pytest.approx([forces_N[0]] * 3, rel=0.02)

@@ -54,7 +54,7 @@ def test_levels_amplitudes_and_physics_outside_are_planned() -> None:
     assert WIDE not in LEVELS
     assert low <= wide <= high
     both = BankFruit(number=0, effects=("skin", "slip"), level=1).plan()
-    assert [one.effect for one in both.injected] == ["skin", "slip"]
+    assert [effect.effect for effect in both.injected] == ["skin", "slip"]
     palm = BankFruit(number=0, effects=("palm",), level=1).plan()
     assert palm.injected == ()
     assert palm.out_of_catalogue is not None
@@ -81,18 +81,19 @@ def test_a_fruit_is_simulated_mesh_by_mesh_and_once(tmp_path: Path, monkeypatch:
 
 def test_a_draw_is_repeated_exactly_and_another_record_is_another(tmp_path: Path) -> None:
     fruit, truths = BankFruit(number=0), (LOADED,)
-    one, other = (
+    case_id, repeated = (
         draw_case(tmp_path / name, fruit, truths, added=("sensor_gain",), level=2, record=1) for name in "ab"
     )
     again = draw_case(tmp_path / "a", fruit, truths, added=("sensor_gain",), level=2, record=2)
-    assert (one, other, again) == ("sensor_gain-2-0-1", "sensor_gain-2-0-1", "sensor_gain-2-0-2")
-    assert answer_of(tmp_path / "a", one) == answer_of(tmp_path / "b", one)
+    assert (case_id, repeated, again) == ("sensor_gain-2-0-1", "sensor_gain-2-0-1", "sensor_gain-2-0-2")
+    assert answer_of(tmp_path / "a", case_id) == answer_of(tmp_path / "b", case_id)
     first, second, third = (
-        read_mesh(tmp_path / where / "fruit.ply")[0] for where in (f"a/{one}", f"b/{one}", f"a/{again}")
+        read_mesh(tmp_path / where / "fruit.ply")[0]
+        for where in (f"a/{case_id}", f"b/{case_id}", f"a/{again}")
     )
     np.testing.assert_array_equal(first, second)
     assert np.abs(first - third).max() > 0.01
-    assert mean_force_N(tmp_path / "a", one, 0) == mean_force_N(tmp_path / "b", one, 0)
+    assert mean_force_N(tmp_path / "a", case_id, 0) == mean_force_N(tmp_path / "b", case_id, 0)
 
 
 def test_the_label_of_a_case_says_what_was_added_and_fits_its_seal(tmp_path: Path) -> None:

@@ -74,8 +74,8 @@ def test_a_case_is_read_back_and_its_air_carries_the_noise(tmp_path: Path) -> No
     read = read_recording(tmp_path / "case-1" / "grasp-1.h5")
     pad = read.pads[0]
     assert isinstance(pad, GelPad)
-    own = pad.force_N - pad.force_N.mean(axis=0)
-    assert own.std() == pytest.approx(2e-4 * 20.0, rel=0.05)
+    noise_N = pad.force_N - pad.force_N.mean(axis=0)
+    assert noise_N.std() == pytest.approx(2e-4 * 20.0, rel=0.05)
     assert pad.force_N.mean(axis=0).std() == pytest.approx(2e-4 * 10.0, rel=0.2)
     assert not list(tmp_path.glob(".*partial"))
 

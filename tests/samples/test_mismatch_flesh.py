@@ -92,8 +92,8 @@ def test_a_swelling_skin_stores_what_a_spherical_membrane_stores(flesh: BrickFle
     # even strain w / R both ways: energy 4 pi w^2 Et / (1 - nu)
     out = 0.1 * flesh.bricks.nodes_mm / np.linalg.norm(flesh.bricks.nodes_mm, axis=1, keepdims=True)
     q = field(flesh, out)
-    found = 0.5 * q @ with_skin(flesh, Et_N_per_mm=2.0, poisson_ratio=0.3) @ q
-    assert found == pytest.approx(4 * np.pi * 0.1**2 * 2.0 / 0.7, rel=0.01)
+    energy = 0.5 * q @ with_skin(flesh, Et_N_per_mm=2.0, poisson_ratio=0.3) @ q
+    assert energy == pytest.approx(4 * np.pi * 0.1**2 * 2.0 / 0.7, rel=0.01)
 
 
 def test_stretch_along_the_stem_stores_more_by_the_share_said(flesh: BrickFlesh) -> None:
@@ -134,7 +134,7 @@ def test_the_stiffening_stress_is_the_slope_of_an_energy() -> None:
         return float(LAME.mu / b * np.exp(b * W / LAME.mu))
 
     H = 0.05 * np.random.default_rng(0).normal(size=(3, 3))
-    found = StiffeningFlesh(plain=PLAIN, b=b).stress(H[None], (), 1.0)[0][0]
+    stress = StiffeningFlesh(plain=PLAIN, b=b).stress(H[None], (), 1.0)[0][0]
     step = 1e-6
     slope = np.zeros((3, 3))
     for i in range(3):
@@ -142,7 +142,7 @@ def test_the_stiffening_stress_is_the_slope_of_an_energy() -> None:
             d = np.zeros((3, 3))
             d[i, k] = step
             slope[i, k] = (energy(np.eye(3) + H + d) - energy(np.eye(3) + H - d)) / (2 * step)
-    assert found == pytest.approx(slope, rel=1e-5, abs=1e-8)
+    assert stress == pytest.approx(slope, rel=1e-5, abs=1e-8)
 
 
 def test_every_law_is_hookes_for_small_strain() -> None:
@@ -182,9 +182,9 @@ def test_a_bar_that_is_pulled_has_the_stress_of_its_closed_form() -> None:
     for _ in range(50):
         lnJ = np.log(stretch * side**2)
         side -= (LAME.mu * (side**2 - 1) + LAME.lam * lnJ) / (2 * LAME.mu * side + 2 * LAME.lam / side)
-    found = PLAIN.stress((np.diag([side, side, stretch]) - np.eye(3))[None], (), 1.0)[0][0]
+    stress = PLAIN.stress((np.diag([side, side, stretch]) - np.eye(3))[None], (), 1.0)[0][0]
     expected = LAME.mu * (stretch - 1 / stretch) + LAME.lam * np.log(stretch * side**2) / stretch
-    assert found == pytest.approx(np.diag([0.0, 0.0, expected]), abs=1e-12)
+    assert stress == pytest.approx(np.diag([0.0, 0.0, expected]), abs=1e-12)
 
 
 def test_sheared_flesh_yields_hardens_and_keeps_a_set() -> None:

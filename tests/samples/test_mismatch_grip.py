@@ -12,18 +12,18 @@ from samples.mismatch.skin_compliance import skin_compliance
 
 def test_the_skin_gives_way_as_another_solver_says() -> None:
     _, stands = rough(drawn_ball(), motion([-0.1, 0.6]))
-    found = skin_compliance(stands.flesh.stiffness, stands.dofs)
+    compliant = skin_compliance(stands.flesh.stiffness, stands.dofs)
     unit = np.zeros((stands.flesh.unknowns, len(stands.dofs)))
     unit[stands.dofs, np.arange(len(stands.dofs))] = 1.0
     compliance = splu(csc_array(stands.flesh.stiffness)).solve(unit)[stands.dofs]
-    elastic = float(np.abs(found.elastic).max())
+    elastic = float(np.abs(compliant.elastic).max())
     assert elastic < 0.05 * np.abs(compliance).max()
-    assert found.dense() == pytest.approx(compliance, abs=1e-6 * elastic)
+    assert compliant.dense() == pytest.approx(compliance, abs=1e-6 * elastic)
     force = np.random.default_rng(0).normal(size=40)
     part, rows = (slice(0, 15), slice(300, 325)), (slice(6, 30),)
     columns = np.r_[0:15, 300:325]
     expected = 2 * compliance[6:30][:, columns] @ force
-    assert found.scaled(2.0).times(force, part, rows) == pytest.approx(expected, rel=1e-5)
+    assert compliant.scaled(2.0).times(force, part, rows) == pytest.approx(expected, rel=1e-5)
 
 
 def test_a_rigid_ball_presses_the_gel_as_its_cap_says() -> None:

@@ -51,45 +51,45 @@ def total_N(pad: PadTruth) -> np.ndarray:
 
 
 def test_gain_scales_one_pads_force_exactly(truth: TrueRecording) -> None:
-    found = with_gain(truth, pad="right", gain=1.2)
-    assert found.pads[1].force_N == pytest.approx(1.2 * truth.pads[1].force_N)
-    assert found.pads[0] is truth.pads[0]
-    assert np.array_equal(found.pads[1].displacement_mm, truth.pads[1].displacement_mm)
+    recording = with_gain(truth, pad="right", gain=1.2)
+    assert recording.pads[1].force_N == pytest.approx(1.2 * truth.pads[1].force_N)
+    assert recording.pads[0] is truth.pads[0]
+    assert np.array_equal(recording.pads[1].displacement_mm, truth.pads[1].displacement_mm)
 
 
 def test_drift_adds_newtons_per_second_to_one_pad(truth: TrueRecording) -> None:
-    found = with_drift(truth, pad="left", newton_per_s=0.3)
-    assert total_N(found.pads[0]) - total_N(truth.pads[0]) == pytest.approx(0.3 * truth.time_s)
-    assert found.pads[1] is truth.pads[1]
+    recording = with_drift(truth, pad="left", newton_per_s=0.3)
+    assert total_N(recording.pads[0]) - total_N(truth.pads[0]) == pytest.approx(0.3 * truth.time_s)
+    assert recording.pads[1] is truth.pads[1]
 
 
 def test_a_gripper_that_gives_records_more_travel_than_there_was(truth: TrueRecording) -> None:
-    found = with_gripper_compliance(truth, mm_per_N=0.01)
+    recording = with_gripper_compliance(truth, mm_per_N=0.01)
     excess = 0.01 * total_N(truth.pads[0])
-    assert truth.aperture_mm - found.aperture_mm == pytest.approx(2 * excess)
-    for before, after in zip(truth.pads, found.pads, strict=True):
+    assert truth.aperture_mm - recording.aperture_mm == pytest.approx(2 * excess)
+    for before, after in zip(truth.pads, recording.pads, strict=True):
         moved = after.pose[:, :3, 3] - before.pose[:, :3, 3]
         assert moved == pytest.approx(excess[:, None] * before.pose[:, :3, 2])
-    apart = np.linalg.norm(found.pads[1].pose[:, :3, 3] - found.pads[0].pose[:, :3, 3], axis=1)
-    assert apart == pytest.approx(found.aperture_mm)
+    apart = np.linalg.norm(recording.pads[1].pose[:, :3, 3] - recording.pads[0].pose[:, :3, 3], axis=1)
+    assert apart == pytest.approx(recording.aperture_mm)
 
 
 def test_a_wrong_pose_is_the_true_one_times_shift_and_tilt(truth: TrueRecording) -> None:
-    found = with_pose_error(truth, pad="left", shift_mm=(1.0, -2.0), tilt_deg=3.0)
-    error = np.linalg.inv(truth.pads[0].pose) @ found.pads[0].pose
+    recording = with_pose_error(truth, pad="left", shift_mm=(1.0, -2.0), tilt_deg=3.0)
+    error = np.linalg.inv(truth.pads[0].pose) @ recording.pads[0].pose
     assert error[:, :3, 3] == pytest.approx(np.broadcast_to([1.0, -2.0, 0.0], (9, 3)))
     assert error[:, :3, 0] == pytest.approx(np.broadcast_to([1.0, 0.0, 0.0], (9, 3)))
     assert np.degrees(np.arctan2(error[:, 2, 1], error[:, 1, 1])) == pytest.approx(3.0)
-    assert found.pads[1] is truth.pads[1]
+    assert recording.pads[1] is truth.pads[1]
 
 
 def test_a_late_clock_shows_what_was_with_the_pose_that_is(truth: TrueRecording) -> None:
-    found = recorded_late(truth, truth.time_s, lag_s=0.5)
-    assert np.array_equal(found.pads[0].force_N[2:], truth.pads[0].force_N[:-2])
-    assert np.array_equal(found.pads[0].force_N[0], truth.pads[0].force_N[0])
-    assert np.array_equal(found.pads[0].pose, truth.pads[0].pose)
-    assert np.array_equal(found.time_s, truth.time_s)
-    assert np.array_equal(found.aperture_mm, truth.aperture_mm)
+    recording = recorded_late(truth, truth.time_s, lag_s=0.5)
+    assert np.array_equal(recording.pads[0].force_N[2:], truth.pads[0].force_N[:-2])
+    assert np.array_equal(recording.pads[0].force_N[0], truth.pads[0].force_N[0])
+    assert np.array_equal(recording.pads[0].pose, truth.pads[0].pose)
+    assert np.array_equal(recording.time_s, truth.time_s)
+    assert np.array_equal(recording.aperture_mm, truth.aperture_mm)
     some = recorded_late(truth, truth.time_s[[2, 4]] + 0.01, lag_s=0.0)
     assert np.array_equal(some.pads[1].force_N, truth.pads[1].force_N[[2, 4]])
     assert np.array_equal(some.time_s, truth.time_s[[2, 4]])
@@ -123,16 +123,16 @@ def test_hysteresis_spares_the_load_and_the_peak(truth: TrueRecording) -> None:
         for p in truth.pads
     ]
     back = replace(truth, pads=(pads[0], pads[1]))
-    found, was = total_N(with_hysteresis(back, share=0.1).pads[0]), total_N(back.pads[0])
-    assert found[:9] == pytest.approx(was[:9])
-    assert np.all(found[10:17] < was[10:17])
-    assert found[13] == pytest.approx(0.9 * was[13], rel=0.02)
+    force_N, was = total_N(with_hysteresis(back, share=0.1).pads[0]), total_N(back.pads[0])
+    assert force_N[:9] == pytest.approx(was[:9])
+    assert np.all(force_N[10:17] < was[10:17])
+    assert force_N[13] == pytest.approx(0.9 * was[13], rel=0.02)
 
 
 def test_thermal_drift_goes_with_the_root_of_time_on_both_pads(truth: TrueRecording) -> None:
-    found = with_thermal_drift(truth, strain_per_root_s=0.002, N_per_root_s=0.3)
+    recording = with_thermal_drift(truth, strain_per_root_s=0.002, N_per_root_s=0.3)
     reach = np.abs(truth.rest_mm[:, 0]).max()
-    for before, after in zip(truth.pads, found.pads, strict=True):
+    for before, after in zip(truth.pads, recording.pads, strict=True):
         added = total_N(after) - total_N(before)
         assert added == pytest.approx(0.3 * np.sqrt(truth.time_s))
         moved = (after.displacement_mm - before.displacement_mm)[-1]
@@ -142,8 +142,8 @@ def test_thermal_drift_goes_with_the_root_of_time_on_both_pads(truth: TrueRecord
 def test_a_bent_reading_is_off_by_its_share_at_the_largest_force_and_by_half_at_half(
     truth: TrueRecording,
 ) -> None:
-    found = with_bent_reading(truth, a=-0.3)
-    size, read = (np.linalg.norm(one.pads[0].force_N, axis=2) for one in (truth, found))
+    bent = with_bent_reading(truth, a=-0.3)
+    size, read = (np.linalg.norm(recording.pads[0].force_N, axis=2) for recording in (truth, bent))
     assert read.max() == pytest.approx(0.7 * size.max())
     assert (read[4] / size[4])[size[4] == size[4].max()] == pytest.approx(0.85)
 
@@ -160,15 +160,15 @@ def test_a_gel_face_creeps_on_under_a_steady_load(truth: TrueRecording) -> None:
         aperture_mm=truth.aperture_mm[held],
         pads=(pads[0], pads[1]),
     )
-    found = with_gel_creep(still, creep=0.2, creep_tau_s=1.0)
-    more = found.pads[0].displacement_mm[:, 0, 2] / still.pads[0].displacement_mm[-1, 0, 2]
+    crept = with_gel_creep(still, creep=0.2, creep_tau_s=1.0)
+    more = crept.pads[0].displacement_mm[:, 0, 2] / still.pads[0].displacement_mm[-1, 0, 2]
     assert more[8] < 1.15
     assert more[-1] == pytest.approx(1.2, abs=1e-3)
-    assert np.array_equal(found.pads[0].force_N, still.pads[0].force_N)
+    assert np.array_equal(crept.pads[0].force_N, still.pads[0].force_N)
 
 
 def test_a_sensor_believes_its_nominal_stiffness(truth: TrueRecording) -> None:
     soft = replace(truth, gel=Gel(kn_MPa_per_mm=0.1))
-    found = believed(soft, Gel())
-    assert found.pads[0].force_N == pytest.approx(truth.pads[0].force_N)
-    assert found.gel == Gel()
+    recording = believed(soft, Gel())
+    assert recording.pads[0].force_N == pytest.approx(truth.pads[0].force_N)
+    assert recording.gel == Gel()

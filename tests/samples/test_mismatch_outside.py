@@ -48,8 +48,8 @@ def test_a_bond_lets_the_halves_part_by_its_share() -> None:
     ],
 )
 def test_what_has_come_into_the_catalogue_is_drawn_as_ever(name: str, drawn: dict[str, float]) -> None:
-    found = drawn_out_of_catalogue(name, np.random.default_rng(0)).parameters
-    assert found == pytest.approx(drawn)
+    parameters = drawn_out_of_catalogue(name, np.random.default_rng(0)).parameters
+    assert parameters == pytest.approx(drawn)
 
 
 def test_a_palm_takes_what_the_pads_do_not_balance() -> None:

@@ -53,9 +53,9 @@ def test_a_shipped_recording_is_what_the_simulator_gives() -> None:
     plan = planned_grasps(fruit, count=1)[0]
     first_press = slice(9, 16)
     way = straight(plan.motion.time_s[first_press], plan.motion.travel_mm[first_press])
-    found = true_grasp(fruit, replace(plan, motion=way))
+    simulated = true_grasp(fruit, replace(plan, motion=way))
     shipped = read_recording(DATA / "nectarines/fruits/N01/grasps/grasp-1.h5")
-    for true, pad in zip(found.pads, shipped.pads, strict=True):
+    for true, pad in zip(simulated.pads, shipped.pads, strict=True):
         assert isinstance(pad, GelPad)
         assert true.force_N[-1, :, 2].sum() == pytest.approx(pad.force_N[15, :, 2].sum(), rel=0.02)
         miss_mm = true.displacement_mm[-1] - pad.displacement_mm[15]

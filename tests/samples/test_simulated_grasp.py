@@ -73,11 +73,11 @@ def test_a_patch_that_grows_past_the_pad_is_refused() -> None:
 def test_patch_under_a_hard_smooth_face_is_as_wide_as_hertz_says() -> None:
     # a^3 = 3 F R (1 - nu^2) / (4 E), whatever lies behind (Johnson 1985, eq. 4.22); there <r^2> = 2 a^2 / 5
     hard = Gel(kn_MPa_per_mm=10.0, kt_MPa_per_mm=1e-6, friction=0.0)
-    found = true_grasp(
+    recording = true_grasp(
         ball(30.0, 6.0, 0.5, 0.3), ball_grasp(0.3), law="linear", fineness=UNDER_THE_PAD, gel=hard
     )
-    share = found.pads[0].force_N[1, :, 2]
-    width = np.sqrt(2.5 * (share @ (found.rest_mm**2).sum(axis=1)) / share.sum())
+    share = recording.pads[0].force_N[1, :, 2]
+    width = np.sqrt(2.5 * (share @ (recording.rest_mm**2).sum(axis=1)) / share.sum())
     assert width == pytest.approx((3 * share.sum() * 30.0 * 0.91 / (4 * 0.5)) ** (1 / 3), rel=0.03)
 
 

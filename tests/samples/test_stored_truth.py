@@ -29,13 +29,13 @@ def truth(seed: int) -> TrueRecording:
 def test_a_stored_fruit_comes_back_as_it_was(tmp_path: Path) -> None:
     truths = (truth(1), truth(2))
     store_truths(tmp_path / "fruit.npz", truths)
-    for one, other in zip(stored_truths(tmp_path / "fruit.npz"), truths, strict=True):
-        assert (one.name, one.gel) == (other.name, other.gel)
-        np.testing.assert_array_equal(one.rest_mm, other.rest_mm)
-        for pad, own in zip(one.pads, other.pads, strict=True):
-            np.testing.assert_array_equal(pad.pose, own.pose)
-            np.testing.assert_allclose(pad.displacement_mm, own.displacement_mm, rtol=1e-6)
-            np.testing.assert_allclose(pad.force_N, own.force_N, rtol=1e-6)
+    for stored, recording in zip(stored_truths(tmp_path / "fruit.npz"), truths, strict=True):
+        assert (stored.name, stored.gel) == (recording.name, recording.gel)
+        np.testing.assert_array_equal(stored.rest_mm, recording.rest_mm)
+        for pad, true_pad in zip(stored.pads, recording.pads, strict=True):
+            np.testing.assert_array_equal(pad.pose, true_pad.pose)
+            np.testing.assert_allclose(pad.displacement_mm, true_pad.displacement_mm, rtol=1e-6)
+            np.testing.assert_allclose(pad.force_N, true_pad.force_N, rtol=1e-6)
 
 
 def test_another_format_is_refused(tmp_path: Path) -> None:

@@ -55,9 +55,9 @@ def test_an_independent_simulator_records_the_same() -> None:
     hold = Hold(turns=(pose[0, 0, :3, :3], pose[1, 0, :3, :3]), touch_mm=touch)
     grasp = PlannedGrasp(name="grasp-2", hold=hold, motion=straight(time_s, travel))
     stands = meshed_fruit(stored_ball(truth), grasp, sensor=MarkerSensor(gel=gel), fineness=COARSE)
-    found = grasped(grasp, grip_of(stands, gel=gel), sound_body(stands))
-    np.testing.assert_allclose(found.rest_mm, rest_mm, atol=1e-9)
-    for side, pad in enumerate(found.pads):
+    recording = grasped(grasp, grip_of(stands, gel=gel), sound_body(stands))
+    np.testing.assert_allclose(recording.rest_mm, rest_mm, atol=1e-9)
+    for side, pad in enumerate(recording.pads):
         touched = moved_mm[side, :, 2] < 0.1 * moved_mm[side, :, 2].min()
         away = (pad.displacement_mm[-1] - moved_mm[side])[touched]
         assert np.sqrt((away**2).mean()) < 2e-3

@@ -209,7 +209,7 @@ def several(p: Press, rng: np.random.Generator) -> tuple[Press, str]:
     if {"stale", "tared"} <= set(chosen) or {"stale", "zeroed"} <= set(chosen):
         chosen = ["stale", "missing"]
     words = []
-    for name in [one for one in ("tared", "zeroed", "stale", "missing") if one in chosen]:
+    for name in [fault for fault in ("tared", "zeroed", "stale", "missing") if fault in chosen]:
         p, said = FAULTS[name](p, rng)
         words.append(said)
     if rng.random() < 0.5:

@@ -79,8 +79,8 @@ def elsewhere(recording: Recording) -> tuple[Recording, np.ndarray]:
 def travel_path(air: int, step_mm: float, cycles: int) -> np.ndarray:
     """Jaw travel per pad: in the air, then ramps in, holds, and ramps out again."""
     ramp = np.linspace(-1.2 * step_mm, 7 * step_mm, 9)
-    one = np.concatenate([ramp, np.full(5, ramp[-1]), ramp[::-1]])
-    return np.concatenate([np.full(air, -1.5), *[one] * cycles, np.full(10, -1.5)])
+    cycle = np.concatenate([ramp, np.full(5, ramp[-1]), ramp[::-1]])
+    return np.concatenate([np.full(air, -1.5), *[cycle] * cycles, np.full(10, -1.5)])
 
 
 def coloured(rng: np.random.Generator, shape: tuple[int, ...], sd: float) -> np.ndarray:

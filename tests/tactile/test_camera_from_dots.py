@@ -49,7 +49,7 @@ def picture(camera: GelCamera, rest_mm: np.ndarray, *, fine: int = 8) -> np.ndar
     return np.repeat(small[..., None], 3, axis=2)
 
 
-def found(seen: np.ndarray, *, outline: GelOutline | None = DOME, grid: tuple[int, int] | None = (7, 9)):
+def calibrated(seen: np.ndarray, *, outline: GelOutline | None = DOME, grid: tuple[int, int] | None = (7, 9)):
     return camera_from_dots(
         seen, pitch_mm=PITCH_MM, distance_mm=DISTANCE_MM, outline=outline, source="empty.png", grid=grid
     )
@@ -58,16 +58,16 @@ def found(seen: np.ndarray, *, outline: GelOutline | None = DOME, grid: tuple[in
 @pytest.mark.parametrize("outline", [DOME, None])
 def test_the_camera_sees_the_dots_where_they_are(outline) -> None:
     true = eye()
-    one = found(picture(true, dots(outline)), outline=outline)
-    assert (one.rows, one.columns, one.dots) == (7, 9, 63)
-    assert one.camera.focal_px[0] == pytest.approx(true.focal_px[0], rel=0.01)
-    at = on_gel(one.camera, project(true, dots(outline)), outline)
+    calibration = calibrated(picture(true, dots(outline)), outline=outline)
+    assert (calibration.rows, calibration.columns, calibration.dots) == (7, 9, 63)
+    assert calibration.camera.focal_px[0] == pytest.approx(true.focal_px[0], rel=0.01)
+    at = on_gel(calibration.camera, project(true, dots(outline)), outline)
     assert np.abs(at - dots(outline))[:, :2].max() < 0.03
-    assert one.off_px < 0.2
+    assert calibration.off_px < 0.2
 
 
 def test_a_dome_that_nobody_describes_moves_what_lies_aside() -> None:
-    flat = found(picture(eye(), dots(DOME)), outline=None)
+    flat = calibrated(picture(eye(), dots(DOME)), outline=None)
     assert abs(flat.camera.distortion[0] - eye().distortion[0]) > 0.02
 
 
@@ -75,18 +75,18 @@ def test_a_cut_picture_shows_a_part_of_the_grid_that_is_placed_in_it() -> None:
     true = eye()
     whole = picture(true, dots())
     part = whole[20:220, 35:285]
-    one = found(np.ascontiguousarray(part))
-    assert (one.rows, one.columns) == (7, 9)
-    assert one.dots < 63
+    calibration = calibrated(np.ascontiguousarray(part))
+    assert (calibration.rows, calibration.columns) == (7, 9)
+    assert calibration.dots < 63
     seen = project(true, dots()) - np.array([35, 20])
-    assert np.abs(on_gel(one.camera, seen, DOME) - dots())[:, :2].max() < 0.15
+    assert np.abs(on_gel(calibration.camera, seen, DOME) - dots())[:, :2].max() < 0.15
 
 
 @pytest.mark.parametrize(("rows", "columns"), [(5, 9), (7, 8)])
 def test_more_dots_than_the_gel_has_are_another_sensors(rows: int, columns: int) -> None:
     said = f"found a grid of 7 x 9 dots, expected {rows} x {columns} at most"
     with pytest.raises(TactileFailure, match=said):
-        found(picture(eye(), dots()), grid=(rows, columns))
+        calibrated(picture(eye(), dots()), grid=(rows, columns))
 
 
 @pytest.mark.parametrize("size_px", [None, (240, 240)])
@@ -98,34 +98,34 @@ def test_a_pressed_gel_is_refused_in_a_resized_picture_too(size_px: tuple[int, i
     if size_px is not None:
         seen = cv2.resize(seen, size_px, interpolation=cv2.INTER_AREA)
     with pytest.raises(TactileFailure, match=r"px from a grid of 2\.4 x 2\.36 mm .*the gel is untouched"):
-        found(seen)
+        calibrated(seen)
 
 
 @pytest.mark.parametrize("size_px", [(240, 240), (320, 180), (180, 240), (480, 200)])
 def test_a_resized_picture_has_two_focal_lengths(size_px: tuple[int, int]) -> None:
     true = eye(tilt_rad=0.08)
-    one = found(cv2.resize(picture(true, dots()), size_px, interpolation=cv2.INTER_AREA))
+    calibration = calibrated(cv2.resize(picture(true, dots()), size_px, interpolation=cv2.INTER_AREA))
     expected = np.array(true.focal_px) * size_px / true.image_px
-    np.testing.assert_allclose(one.camera.focal_px, expected, rtol=0.01)
-    ratio, sd = one.aspect
+    np.testing.assert_allclose(calibration.camera.focal_px, expected, rtol=0.01)
+    ratio, sd = calibration.aspect
     assert ratio == pytest.approx(expected[0] / expected[1], abs=4 * sd)
     assert sd < 0.01 * ratio
-    assert one.camera.distortion[0] == pytest.approx(true.distortion[0], abs=0.02)
+    assert calibration.camera.distortion[0] == pytest.approx(true.distortion[0], abs=0.02)
 
 
 def test_a_picture_of_its_own_proportions_has_square_pixels() -> None:
-    one = found(cv2.resize(picture(eye(), dots()), (240, 180), interpolation=cv2.INTER_AREA))
-    assert one.aspect is None
-    assert one.camera.focal_px[0] == one.camera.focal_px[1]
+    calibration = calibrated(cv2.resize(picture(eye(), dots()), (240, 180), interpolation=cv2.INTER_AREA))
+    assert calibration.aspect is None
+    assert calibration.camera.focal_px[0] == calibration.camera.focal_px[1]
 
 
 def test_a_picture_without_dots_says_so() -> None:
     with pytest.raises(TactileFailure, match=r"empty\.png"):
-        found(np.full((240, 320, 3), 120, dtype=np.uint8))
+        calibrated(np.full((240, 320, 3), 120, dtype=np.uint8))
 
 
 def test_another_size_of_picture_is_another_camera() -> None:
     large = replace(eye(size_px=(640, 480), focal_px=444.0))
-    one = found(picture(large, dots(), fine=4))
-    assert one.camera.focal_px[0] == pytest.approx(444.0, rel=0.01)
-    assert one.camera.image_px == (640, 480)
+    calibration = calibrated(picture(large, dots(), fine=4))
+    assert calibration.camera.focal_px[0] == pytest.approx(444.0, rel=0.01)
+    assert calibration.camera.image_px == (640, 480)

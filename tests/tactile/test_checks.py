@@ -65,13 +65,13 @@ MILD = {
 
 @pytest.mark.parametrize(
     "mistake",
-    [one for one in MISTAKES if not one.covered and one.name not in UNSEEN],
-    ids=lambda one: one.name,
+    [mistake for mistake in MISTAKES if not mistake.covered and mistake.name not in UNSEEN],
+    ids=lambda mistake: mistake.name,
 )
 def test_a_mistake_is_named_first_and_refused_where_no_modulus_would_mean_anything(mistake):
     said = said_of(mistake)
     assert naming(said[0], mistake) == ("among several" if mistake.name in AMONG_SEVERAL else "named")
-    assert any(one.refused for one in said) == (mistake.name not in MILD)
+    assert any(finding.refused for finding in said) == (mistake.name not in MILD)
 
 
 def drifting(recording):
@@ -98,9 +98,9 @@ SECOND = "both pads' markers are only every second one of the gel: about 200 of 
 )
 def test_markers_left_out_gains_and_drift_are_said_with_their_size(nectarine_grasp, change, words, refused):
     recording, mesh = nectarine_grasp
-    found = findings(change(recording), mesh)
-    assert any(words in one.sentence for one in found)
-    assert any(one.refused for one in found) == refused
+    said = findings(change(recording), mesh)
+    assert any(words in finding.sentence for finding in said)
+    assert any(finding.refused for finding in said) == refused
 
 
 @pytest.mark.parametrize(("from_share", "refused"), [(0.4, True), (0.99, False)])
@@ -112,10 +112,10 @@ def test_markers_that_may_be_a_pitch_off_while_the_pad_presses_are_refused(
     frames = len(recording.time_s)
     certainty = np.where(np.arange(frames) < from_share * frames, 1.0, 0.2)
     unsure = on_pads(lambda pad: replace(pad, certainty=certainty), only="right")(recording)
-    found = findings(unsure, mesh)
-    assert [one.kind for one in found if one.refused] == refused * [FindingKind.MARKERS_PITCH_OFF]
+    said = findings(unsure, mesh)
+    assert [finding.kind for finding in said if finding.refused] == refused * [FindingKind.MARKERS_PITCH_OFF]
     if refused:
-        assert f"(a grid pitch) from frame {np.flatnonzero(certainty < 1)[0]} on" in found[0].sentence
+        assert f"(a grid pitch) from frame {np.flatnonzero(certainty < 1)[0]} on" in said[0].sentence
 
 
 @pytest.mark.parametrize("side", [lambda p: p.rest_mm[:, 0] > 0.2, lambda p: p.rest_mm[:, 1] < 0.0])
@@ -131,8 +131,8 @@ def test_half_of_the_gel_missing_is_refused_without_a_mesh_too(nectarine_grasp, 
 def test_a_cut_gel_of_both_pads_is_said_once(nectarine_grasp):
     recording, mesh = nectarine_grasp
     for choose in (lambda p: p.rest_mm[:, 0] > 0.2, lambda p: picked(len(p.rest_mm))):
-        (one,) = findings(without(choose)(recording), mesh)
-        assert one.sentence.startswith("both pads' ")
+        (finding,) = findings(without(choose)(recording), mesh)
+        assert finding.sentence.startswith("both pads' ")
 
 
 def test_a_gain_of_a_half_on_a_whole_grid_is_a_gain_and_missing_markers_are_one_cause_named(nectarine_grasp):
@@ -158,23 +158,23 @@ def test_a_whole_grid_is_not_thinned(turn_deg):
 def test_the_same_fault_of_both_pads_is_one_finding_whatever_its_numbers(nectarine_grasp):
     recording, mesh = nectarine_grasp
     left, right = (on_pads(lambda p: replace(p, force_N=p.force_N[..., ::-1]), n) for n in ("left", "right"))
-    (one,) = findings(left(recording), mesh)
+    (finding,) = findings(left(recording), mesh)
     (both,) = findings(right(left(recording)), mesh)
-    assert (one.kind, one.field, one.pads) == (FindingKind.AXES, "force", ("left",))
+    assert (finding.kind, finding.field, finding.pads) == (FindingKind.AXES, "force", ("left",))
     assert (both.kind, both.field, both.pads) == (FindingKind.AXES, "force", ("left", "right"))
     assert both.sentence.startswith("both pads' force has its axes")
 
 
 def test_findings_are_told_apart_by_kind_field_and_detail_and_not_by_words():
-    def found(pad, kind=FindingKind.DELAY, field=None, detail="5", says="as it is"):
+    def finding(pad, kind=FindingKind.DELAY, field=None, detail="5", says="as it is"):
         return Finding(
             kind=kind, rank=FindingRank.RELATION, says=says, pads=(pad,), field=field, detail=detail
         )
 
-    (one,) = shared([found("left"), found("right", says="in other words")])
-    assert one.sentence == "both pads' as it is"
+    (merged,) = shared([finding("left"), finding("right", says="in other words")])
+    assert merged.sentence == "both pads' as it is"
     for other in ({"kind": FindingKind.SIGN}, {"field": "force"}, {"detail": "6"}):
-        two = [found("left"), found("right", **other)]
+        two = [finding("left"), finding("right", **other)]
         assert shared(two) == two
 
 
@@ -208,28 +208,28 @@ def test_a_block_of_dead_markers_is_found_where_there_is_noise(nectarine_grasp):
     block = np.argsort(np.linalg.norm(pad.rest_mm - pad.rest_mm[middle], axis=1))[:4]
     moved = pad.displacement_mm.copy()
     moved[:, block] = 0.0
-    found = dead_markers(pressing_of(replace(pad, displacement_mm=moved)))[0]
-    assert set(block) >= set(found.nonzero()[0])
-    assert found.sum() >= 3
+    dead = dead_markers(pressing_of(replace(pad, displacement_mm=moved)))[0]
+    assert set(block) >= set(dead.nonzero()[0])
+    assert dead.sum() >= 3
 
 
 def test_a_gain_widens_the_error_by_what_it_may_do(nectarine_grasp):
     recording, mesh = nectarine_grasp
-    (one,) = findings(force(1.2, "left")(recording), mesh)
-    (two,) = findings(force(1.2)(recording), mesh)
-    assert two.relative_sd == pytest.approx(0.7 * np.log(1.2), rel=0.05)
-    assert one.relative_sd == pytest.approx(two.relative_sd / 2, rel=0.1)
+    (of_one_pad,) = findings(force(1.2, "left")(recording), mesh)
+    (of_both_pads,) = findings(force(1.2)(recording), mesh)
+    assert of_both_pads.relative_sd == pytest.approx(0.7 * np.log(1.2), rel=0.05)
+    assert of_one_pad.relative_sd == pytest.approx(of_both_pads.relative_sd / 2, rel=0.1)
 
 
 @pytest.mark.parametrize("times", [0.93, 1.1])
 def test_a_mesh_of_another_size_is_refused_with_both_widths(nectarine_grasp, times):
     recording, (vertices, faces) = nectarine_grasp
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    (found,) = findings(recording, (middle + times * (vertices - middle), faces))
-    assert found.refused
-    said = re.search(r"\(([0-9.]+) times\)", found.sentence)
+    (finding,) = findings(recording, (middle + times * (vertices - middle), faces))
+    assert finding.refused
+    said = re.search(r"\(([0-9.]+) times\)", finding.sentence)
     assert float(said.group(1)) == pytest.approx(times, abs=0.005)
-    assert "another fruit" in found.sentence
+    assert "another fruit" in finding.sentence
 
 
 def test_frames_are_dropped_where_time_steps_are_multiples_and_not_where_a_clock_jitters():
@@ -246,12 +246,12 @@ def test_frames_are_dropped_where_time_steps_are_multiples_and_not_where_a_clock
 def test_a_recording_that_ends_pressed_is_remarked_and_nothing_is_put_in_doubt(nectarine_grasp):
     recording, mesh = nectarine_grasp
     peak = int(np.argmax(recording.pads[0].force_N[:, :, 2].sum(axis=1)))
-    (found,) = findings(kept(slice(peak + 1))(recording), mesh)
-    assert found.kind is FindingKind.ENDS_PRESSED
-    assert found.remark
-    assert found.relative_sd == 0.0
-    assert not found.refused
-    assert found.pads == ("left", "right")
+    (finding,) = findings(kept(slice(peak + 1))(recording), mesh)
+    assert finding.kind is FindingKind.ENDS_PRESSED
+    assert finding.remark
+    assert finding.relative_sd == 0.0
+    assert not finding.refused
+    assert finding.pads == ("left", "right")
 
 
 def closing_at(mm_per_s):
@@ -276,13 +276,13 @@ def test_a_clock_in_another_unit_is_remarked_of_jaws_alone_and_puts_nothing_in_d
 ):
     recording, mesh = nectarine_grasp
     strange = closing_at(mm_per_s)(recording)
-    (found,) = findings(strange, mesh)
-    assert found.kind is FindingKind.TIME_UNIT
-    assert f"time_s looks like {unit}" in found.sentence
-    assert found.remark
-    assert found.relative_sd == 0.0
+    (remark,) = findings(strange, mesh)
+    assert remark.kind is FindingKind.TIME_UNIT
+    assert f"time_s looks like {unit}" in remark.sentence
+    assert remark.remark
+    assert remark.relative_sd == 0.0
     pressed = replace(strange, loading="press", aperture_mm=-strange.aperture_mm)
-    assert FindingKind.TIME_UNIT not in {one.kind for one in findings(pressed, mesh)}
+    assert FindingKind.TIME_UNIT not in {finding.kind for finding in findings(pressed, mesh)}
 
 
 def said_of_noise(share):
@@ -294,8 +294,8 @@ def said_of_noise(share):
 
 def test_noise_as_of_the_softest_gel_share_is_sound_and_a_little_more_is_said():
     assert said_of_noise(0.0545) == []
-    (found,) = said_of_noise(0.066)
-    assert found.kind is FindingKind.NOISE
-    assert not found.refused
-    assert found.relative_sd == pytest.approx(6.0 * 0.066)
+    (finding,) = said_of_noise(0.066)
+    assert finding.kind is FindingKind.NOISE
+    assert not finding.refused
+    assert finding.relative_sd == pytest.approx(6.0 * 0.066)
     assert said_of_noise(0.11)[0].refused

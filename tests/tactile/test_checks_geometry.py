@@ -34,9 +34,9 @@ def test_pads_exchanged_and_a_mesh_turned_are_named_where_the_sides_of_the_fruit
 
     level, leaning = [0.004, -0.006], [0.03, 0.02]
     off, fits = prints(leaning, leaning), prints(level, level)
-    found = better_otherwise(off, [(FindingKind.PADS_EXCHANGED, fits)], surface_sd_mm=0.0)
-    assert found.kind is FindingKind.PADS_EXCHANGED
-    assert "with the pads exchanged: left and right are swapped" in found.sentence
+    finding = better_otherwise(off, [(FindingKind.PADS_EXCHANGED, fits)], surface_sd_mm=0.0)
+    assert finding.kind is FindingKind.PADS_EXCHANGED
+    assert "with the pads exchanged: left and right are swapped" in finding.sentence
     turned = better_otherwise(
         off, [(FindingKind.PADS_EXCHANGED, off), (FindingKind.MESH_TURNED, fits)], surface_sd_mm=0.0
     )
@@ -55,18 +55,18 @@ def test_pads_exchanged_and_a_mesh_turned_are_named_where_the_sides_of_the_fruit
 def test_a_mesh_that_lies_on_its_side_is_named(nectarine_grasp, turn):
     recording, (vertices, faces) = nectarine_grasp
     middle = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    (found,) = findings(recording, (middle + (vertices - middle) @ turn, faces))
-    assert found.kind is FindingKind.MESH_TURNED
-    assert "rotated by 90 degrees" in found.sentence
+    (finding,) = findings(recording, (middle + (vertices - middle) @ turn, faces))
+    assert finding.kind is FindingKind.MESH_TURNED
+    assert "rotated by 90 degrees" in finding.sentence
 
 
 def test_a_mesh_moved_along_the_pads_is_said(nectarine_grasp):
     recording, (vertices, faces) = nectarine_grasp
     aside = recording.pads[0].pose[0, :3, 0]
-    found = findings(recording, (vertices + 3.0 * aside, faces))
-    assert found
-    assert "middle of the" in found[0].sentence
-    assert not found[0].refused
+    said = findings(recording, (vertices + 3.0 * aside, faces))
+    assert said
+    assert "middle of the" in said[0].sentence
+    assert not said[0].refused
 
 
 def test_missing_sites_are_those_left_out_and_no_others():
@@ -191,18 +191,20 @@ CONTRADICTIONS: list[tuple[str, dict[str, Any], float, str]] = [
 
 
 @pytest.mark.parametrize(
-    ("fields", "values", "cause"), [one[1:] for one in CONTRADICTIONS], ids=[one[0] for one in CONTRADICTIONS]
+    ("fields", "values", "cause"),
+    [contradiction[1:] for contradiction in CONTRADICTIONS],
+    ids=[contradiction[0] for contradiction in CONTRADICTIONS],
 )
 def test_a_print_without_a_force_is_a_contradiction_with_its_cause(
     sound: Recording, fields: dict[str, Any], values: float, cause: str
 ) -> None:
     broken = changed(sound, lambda pad: shown(values)(pad) | fields)
-    found = recording_findings(broken, None, None)
-    assert [one.kind for one in found] == [FindingKind.PRINT_WITHOUT_FORCE]
-    assert found[0].refused
-    assert found[0].pads == ("left",)
-    assert cause in found[0].sentence
-    assert "reference = ... in grasp.toml" in found[0].sentence
+    said = recording_findings(broken, None, None)
+    assert [finding.kind for finding in said] == [FindingKind.PRINT_WITHOUT_FORCE]
+    assert said[0].refused
+    assert said[0].pads == ("left",)
+    assert cause in said[0].sentence
+    assert "reference = ... in grasp.toml" in said[0].sentence
     with pytest.raises(TactileFailure) as caught:
         find_contact(broken, source="g.h5")
     assert caught.value.problem is TactileProblem.IMPLAUSIBLE_RECORDING
@@ -216,21 +218,21 @@ def test_a_print_that_comes_later_without_a_force_names_the_other_causes(sound: 
         fields["print_shown"][len(pad.force_N) // 2 :] = 3.0
         return fields
 
-    (found,) = recording_findings(changed(sound, act), None, None)
-    assert "pictures show a contact imprint (3.0 times the limit for an empty gel)" in found.sentence
-    assert "of another gel, or shear exceeds pressure" in found.sentence
+    (finding,) = recording_findings(changed(sound, act), None, None)
+    assert "pictures show a contact imprint (3.0 times the limit for an empty gel)" in finding.sentence
+    assert "of another gel, or shear exceeds pressure" in finding.sentence
 
 
 def test_an_estimate_that_is_too_coarse_is_not_advised_again(sound: Recording) -> None:
     def act(pad: GelPad) -> dict[str, Any]:
         return shown(2.0)(pad) | {"reference_sd_mm": np.full(len(pad.rest_mm), 0.1)}
 
-    (found,) = recording_findings(changed(sound, act), None, None)
+    (finding,) = recording_findings(changed(sound, act), None, None)
     assert (
         "the estimate of the untouched gel has a standard deviation of 0.1 mm, "
-        "too coarse for the force of this imprint" in found.sentence
+        "too coarse for the force of this imprint" in finding.sentence
     )
-    assert found.sentence.endswith(
+    assert finding.sentence.endswith(
         "name a picture or a clip of the empty gel (reference = ... in grasp.toml)"
     )
 
@@ -257,9 +259,11 @@ def test_a_force_that_is_pulled_by_the_print_on_the_reference_is_no_matter_of_si
 def test_a_reference_that_bears_a_print_puts_the_modulus_in_doubt_or_takes_it(
     sound: Recording, evidence: float, refused: bool
 ) -> None:
-    found = recording_findings(changed(sound, lambda pad: {"reference_print": evidence}), None, None)
-    one = next(one for one in found if one.kind is FindingKind.REFERENCE_PRINT)
-    assert one.refused is refused
-    assert one.relative_sd == 0.5
-    assert one.hides_touch
-    assert f"the left pad's reference shows a contact imprint ({evidence:.1f} times" in one.sentence
+    said = recording_findings(changed(sound, lambda pad: {"reference_print": evidence}), None, None)
+    finding = next(
+        contradiction for contradiction in said if contradiction.kind is FindingKind.REFERENCE_PRINT
+    )
+    assert finding.refused is refused
+    assert finding.relative_sd == 0.5
+    assert finding.hides_touch
+    assert f"the left pad's reference shows a contact imprint ({evidence:.1f} times" in finding.sentence

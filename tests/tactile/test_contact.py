@@ -101,11 +101,11 @@ def test_a_drift_that_all_markers_feel_is_no_contact_and_hides_none(injected, co
     """Ending at so many standard deviations of one marker; four count as a touch."""
     share = injected.recording.time_s / injected.recording.time_s[-1]
     grown = end_sd * injected.sd_N * share[:, None, None] * np.array([0, 0, 1.0])
-    found = find_contact(with_force(injected.recording, lambda pad: pad.force_N + grown), source="x")
-    touches, should = (one.pads[0].episode >= 0 for one in (found, contact))
+    drifted = find_contact(with_force(injected.recording, lambda pad: pad.force_N + grown), source="x")
+    touches, should = (grasp_contact.pads[0].episode >= 0 for grasp_contact in (drifted, contact))
     assert (touches & ~should).sum() < 0.05 * should.sum()
     assert (should & ~touches).sum() < 0.1 * should.sum()
-    assert np.mean([a == b for a, b in zip(found.phase, contact.phase, strict=True)]) > 0.75
+    assert np.mean([a == b for a, b in zip(drifted.phase, contact.phase, strict=True)]) > 0.75
 
 
 @pytest.mark.parametrize("kept", [slice(None), slice(0, 44)])
@@ -115,8 +115,8 @@ def test_a_broad_contact_is_no_drift(injected, kept):
     pressed = injected.clean_force_z_N["left"] > 0
     broad = 20 * injected.sd_N * pressed[:, None, None] * np.array([0, 0, 1.0])
     broad = with_force(recording, lambda pad: pad.force_N + broad)
-    found = find_contact(frames_of(broad, kept), source="x").pads[0]
-    assert ((found.episode >= 0)[pressed[kept]]).mean() > 0.99
+    pad_contact = find_contact(frames_of(broad, kept), source="x").pads[0]
+    assert ((pad_contact.episode >= 0)[pressed[kept]]).mean() > 0.99
 
 
 OPEN = slice(0, 20)

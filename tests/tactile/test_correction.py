@@ -32,11 +32,11 @@ def with_pads(recording, change, name=None):
     return replace(recording, pads=pads)
 
 
-def same(found, expected, atol=1e-9):
-    assert found.aperture_mm == pytest.approx(expected.aperture_mm, abs=atol)
-    for one, other in zip(found.pads, expected.pads, strict=True):
+def same(recording, expected, atol=1e-9):
+    assert recording.aperture_mm == pytest.approx(expected.aperture_mm, abs=atol)
+    for pad, other in zip(recording.pads, expected.pads, strict=True):
         for name in ("pose", "force_N", "displacement_mm"):
-            np.testing.assert_allclose(getattr(one, name), getattr(other, name), atol=atol, err_msg=name)
+            np.testing.assert_allclose(getattr(pad, name), getattr(other, name), atol=atol, err_msg=name)
 
 
 def test_a_gain_is_taken_out_of_its_own_pad_alone(true):
@@ -64,10 +64,10 @@ def test_a_jaw_that_gives_way_is_put_back_by_its_own_force(true):
         pose[:, :3, 3] += 0.02 * push[:, None] * pose[:, :3, 2]
         pads.append(replace(pad, pose=pose))
     recorded = replace(true, pads=tuple(pads), aperture_mm=true.aperture_mm - 0.02 * sum(force))
-    found = corrected(recorded, [ComplianceFault(mm_per_N=0.02)])
-    same(found, true)
-    gap = np.linalg.norm(found.pads[0].pose[:, :3, 3] - found.pads[1].pose[:, :3, 3], axis=1)
-    assert gap == pytest.approx(found.aperture_mm, abs=1e-9)
+    restored = corrected(recorded, [ComplianceFault(mm_per_N=0.02)])
+    same(restored, true)
+    gap = np.linalg.norm(restored.pads[0].pose[:, :3, 3] - restored.pads[1].pose[:, :3, 3], axis=1)
+    assert gap == pytest.approx(restored.aperture_mm, abs=1e-9)
 
 
 @pytest.mark.parametrize("frames", [3, -2])
@@ -80,12 +80,12 @@ def test_a_lag_of_whole_frames_is_undone_exactly_up_to_the_origin_of_time(true, 
         )
 
     recorded = with_pads(true, late)
-    found = corrected(recorded, [LagFault(lag_s=frames * 0.1)])
+    restored = corrected(recorded, [LagFault(lag_s=frames * 0.1)])
     now, then = slice(8, -8), slice(8 - frames, len(true.time_s) - 8 - frames)
-    assert found.aperture_mm[now] == pytest.approx(true.aperture_mm[then], abs=1e-9)
-    for one, other in zip(found.pads, true.pads, strict=True):
-        np.testing.assert_allclose(one.pose[now], other.pose[then], atol=1e-9)
-        np.testing.assert_array_equal(one.force_N[now], other.force_N[then])
+    assert restored.aperture_mm[now] == pytest.approx(true.aperture_mm[then], abs=1e-9)
+    for restored_pad, other in zip(restored.pads, true.pads, strict=True):
+        np.testing.assert_allclose(restored_pad.pose[now], other.pose[then], atol=1e-9)
+        np.testing.assert_array_equal(restored_pad.force_N[now], other.force_N[then])
 
 
 def test_a_misplaced_pad_is_put_back(true):
@@ -143,11 +143,11 @@ def test_a_warming_gel_is_cooled(true):
         moved[:, :, :2] += fault.strain_per_root_s * root[:, None, None] * pad.rest_mm[:, :2]
         return replace(pad, force_N=force, displacement_mm=moved)
 
-    found = corrected(with_pads(true, warmed), [fault])
-    for one, other in zip(found.pads, true.pads, strict=True):
+    restored = corrected(with_pads(true, warmed), [fault])
+    for restored_pad, other in zip(restored.pads, true.pads, strict=True):
         # what had come by the frames in the air is the sensor's offset, which contact takes out
         for name in ("force_N", "displacement_mm"):
-            left = getattr(one, name) - getattr(other, name)
+            left = getattr(restored_pad, name) - getattr(other, name)
             np.testing.assert_allclose(left, np.broadcast_to(left[0], left.shape), atol=1e-9)
 
 
@@ -178,7 +178,7 @@ def test_a_bare_indenter_is_corrected_too():
         ComplianceFault(mm_per_N=0.5),
         LagFault(lag_s=0.0),
     ]
-    found = corrected(recorded, faults)
-    assert found.pads[0].force_z_N == pytest.approx(2.0 * time_s)
-    assert found.aperture_mm == pytest.approx(time_s)
-    assert found.wrench_N == pytest.approx(recorded.wrench_N)
+    restored = corrected(recorded, faults)
+    assert restored.pads[0].force_z_N == pytest.approx(2.0 * time_s)
+    assert restored.aperture_mm == pytest.approx(time_s)
+    assert restored.wrench_N == pytest.approx(recorded.wrench_N)

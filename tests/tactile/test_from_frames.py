@@ -104,10 +104,12 @@ def test_a_jump_that_a_pitch_more_or_less_fits_as_well_is_said_with_its_frame(ra
     for t in range(FRAMES):
         moved = wide + (HALF_PITCH if t >= 5 else 0.0)
         write_picture(raw / f"right/frame_{t:06d}.png", drawn(moved, noise=1.0, seed=10 * t + 1))
-    found = recording_of(read_raw_grasp(raw))
-    assert any("right: frame 5 (0.250 s): nearly all markers move at once" in note for note in found.notes)
-    np.testing.assert_array_equal(gel(found, 0).certainty, 1.0)
-    certainty = gel(found, 1).certainty
+    conversion = recording_of(read_raw_grasp(raw))
+    assert any(
+        "right: frame 5 (0.250 s): nearly all markers move at once" in note for note in conversion.notes
+    )
+    np.testing.assert_array_equal(gel(conversion, 0).certainty, 1.0)
+    certainty = gel(conversion, 1).certainty
     assert (certainty[:5] == 1).all()
     assert (certainty[5:] < 1).all()
 
@@ -190,9 +192,9 @@ def test_swapped_pads_with_like_markers_and_no_serial_are_warned_of(raw: Path) -
 
 def test_a_doubled_frame_is_left_out_and_said(raw: Path) -> None:
     shutil.copy(raw / "left/frame_000003.png", raw / "left/frame_000004.png")
-    found = recording_of(read_raw_grasp(raw))
-    assert len(found.recording.time_s) == FRAMES - 1
-    assert "grasp-1/left: 1 frames repeat the one before" in " ".join(found.notes)
+    conversion = recording_of(read_raw_grasp(raw))
+    assert len(conversion.recording.time_s) == FRAMES - 1
+    assert "grasp-1/left: 1 frames repeat the one before" in " ".join(conversion.notes)
 
 
 def test_dropped_frames_with_numbers_in_the_log_are_said(raw: Path) -> None:
@@ -202,9 +204,9 @@ def test_dropped_frames_with_numbers_in_the_log_are_said(raw: Path) -> None:
     rows = (raw / "log.csv").read_text().splitlines()
     numbered = [f"{k - 1},{row}" if k else f"frame,{row}" for k, row in enumerate(rows)]
     (raw / "log.csv").write_text("\n".join(numbered))
-    found = recording_of(read_raw_grasp(raw))
-    np.testing.assert_allclose(found.recording.time_s, [0.0, 0.05, 0.1, 0.15, 0.3, 0.35])
-    assert "about 2 frames are missing in 1 gaps, the first after 0.150 s" in found.notes[0]
+    conversion = recording_of(read_raw_grasp(raw))
+    np.testing.assert_allclose(conversion.recording.time_s, [0.0, 0.05, 0.1, 0.15, 0.3, 0.35])
+    assert "about 2 frames are missing in 1 gaps, the first after 0.150 s" in conversion.notes[0]
 
 
 def test_frames_taken_unevenly_are_not_lost(raw: Path) -> None:
@@ -222,9 +224,9 @@ def test_a_torn_marker_is_said_and_filled_from_its_neighbours(raw: Path) -> None
         shown = shear(t)
         shown[31] = np.nan
         write_picture(raw / f"left/frame_{t:06d}.png", drawn(shown, noise=1.0, seed=t))
-    found = recording_of(read_raw_grasp(raw))
-    assert "left: 1 of 63 markers disappeared (the first at 0.150 s)" in found.notes[0]
-    assert np.isfinite(gel(found).displacement_mm).all()
+    conversion = recording_of(read_raw_grasp(raw))
+    assert "left: 1 of 63 markers disappeared (the first at 0.150 s)" in conversion.notes[0]
+    assert np.isfinite(gel(conversion).displacement_mm).all()
 
 
 def test_a_pad_with_its_own_clock_is_put_on_the_logs(raw: Path) -> None:
@@ -243,8 +245,8 @@ def test_a_video_stands_for_a_folder_and_a_cut_one_is_refused(raw: Path, tmp_pat
             writer.write(cv2.imread(str(frame)))
             frame.unlink()
         writer.release()
-    found = recording_of(read_raw_grasp(raw))
-    assert len(found.recording.time_s) == FRAMES
+    conversion = recording_of(read_raw_grasp(raw))
+    assert len(conversion.recording.time_s) == FRAMES
     cut("left.avi")(raw)
     with pytest.raises(TactileFailure, match=r"left\.avi: found .*copy it again") as caught:
         recording_of(read_raw_grasp(raw))

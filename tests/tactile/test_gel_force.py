@@ -61,11 +61,11 @@ def test_forces_are_recovered_from_finite_elements_and_noise(block: GelBlock, gr
     displacement, force, total = elements_say(block)
     seen = displacement + noise(np.random.default_rng(1))
     hyperparameters = most_likely_hyperparameters(grid, INFORMATION, [seen])
-    found = InvertedForce(grid, INFORMATION, hyperparameters).solve(seen)
-    assert np.linalg.norm(found.force_N.sum(axis=0) - total) < 0.03 * np.linalg.norm(total)
-    assert np.corrcoef(found.force_N.ravel(), force.ravel())[0, 1] > 0.97
+    contact = InvertedForce(grid, INFORMATION, hyperparameters).solve(seen)
+    assert np.linalg.norm(contact.force_N.sum(axis=0) - total) < 0.03 * np.linalg.norm(total)
+    assert np.corrcoef(contact.force_N.ravel(), force.ravel())[0, 1] > 0.97
     outside = np.linalg.norm(MARKERS[:, :2], axis=1) > 2.7
-    assert np.abs(found.force_N[outside]).max() < 0.03 * force.max()
+    assert np.abs(contact.force_N[outside]).max() < 0.03 * force.max()
 
 
 def test_without_depth_the_force_is_still_told_but_less_surely(block: GelBlock, grid: GelGrid) -> None:
@@ -79,11 +79,11 @@ def test_without_depth_the_force_is_still_told_but_less_surely(block: GelBlock, 
         InvertedForce(grid, flat, hyperparameters),
         InvertedForce(grid, INFORMATION, hyperparameters),
     )
-    found = blind.solve(seen)
-    assert found.force_N.sum(axis=0)[2] == pytest.approx(total[2], rel=0.2)
+    contact = blind.solve(seen)
+    assert contact.force_N.sum(axis=0)[2] == pytest.approx(total[2], rel=0.2)
     unsure, sure = (
-        blind.force_spread(found.touching, found.motion_mm),
-        full.force_spread(found.touching, found.motion_mm),
+        blind.force_spread(contact.touching, contact.motion_mm),
+        full.force_spread(contact.touching, contact.motion_mm),
     )
     assert unsure[:, 2].max() > 1.5 * sure[:, 2].max()
 
@@ -97,17 +97,17 @@ def test_nothing_pulls(block: GelBlock, solver: InvertedForce) -> None:
     displacement, _, _ = elements_say(block)
     rng = np.random.default_rng(4)
     for scale in (0.1, 0.5, 1.0):
-        found = solver.solve(scale * displacement + 3 * noise(rng))
-        assert (found.node_force_N[:, 2] >= 0).all()
-        assert (found.node_force_N[~found.touching] == 0).all()
+        contact = solver.solve(scale * displacement + 3 * noise(rng))
+        assert (contact.node_force_N[:, 2] >= 0).all()
+        assert (contact.node_force_N[~contact.touching] == 0).all()
 
 
 def test_lost_markers_change_little(block: GelBlock, solver: InvertedForce) -> None:
     displacement, _, total = elements_say(block)
     seen = displacement + noise(np.random.default_rng(5))
     seen[[3, 50, 60, 61, 90]] = np.nan
-    found = solver.solve(seen)
-    assert np.linalg.norm(found.force_N.sum(axis=0) - total) < 0.04 * np.linalg.norm(total)
+    contact = solver.solve(seen)
+    assert np.linalg.norm(contact.force_N.sum(axis=0) - total) < 0.04 * np.linalg.norm(total)
 
 
 def test_a_lost_marker_says_as_little_as_one_that_knows_nothing(block: GelBlock, grid: GelGrid) -> None:
@@ -121,9 +121,9 @@ def test_a_lost_marker_says_as_little_as_one_that_knows_nothing(block: GelBlock,
         known = INFORMATION.copy()
         known[lost] = 0.0
         expected = InvertedForce(grid, known, HYPERPARAMETERS).active_set(np.where(lost[:, None], 0.0, seen))
-        found = solver.active_set(np.where(lost[:, None], np.nan, seen))
-        assert (found.touching == expected.touching).all()
-        np.testing.assert_allclose(found.unknowns, expected.unknowns, atol=1e-7)
+        active_set = solver.active_set(np.where(lost[:, None], np.nan, seen))
+        assert (active_set.touching == expected.touching).all()
+        np.testing.assert_allclose(active_set.unknowns, expected.unknowns, atol=1e-7)
         force = solver.solve(np.where(lost[:, None], np.nan, seen)).force_N.sum(axis=0)
         assert np.linalg.norm(force - total) < 0.06 * np.linalg.norm(total)
 
@@ -138,11 +138,11 @@ def test_inside_nothing_pulls_and_outside_nothing_wants_to_push(
         for lost in (0.0, 0.3):
             seen = scale * displacement + 3 * noise(rng)
             seen[rng.random(len(seen)) < lost] = np.nan
-            found = solver.active_set(seen)
-            pressure = found.unknowns[2 : 3 * len(found.touching) : 3]
+            active_set = solver.active_set(seen)
+            pressure = active_set.unknowns[2 : 3 * len(active_set.touching) : 3]
             assert pressure.min() >= 0
-            assert (pressure[~found.touching] == 0).all()
-            assert found.push_sd.max() < 6
+            assert (pressure[~active_set.touching] == 0).all()
+            assert active_set.push_sd.max() < 6
 
 
 def test_the_stated_deviation_is_that_of_drawn_forces(grid: GelGrid, solver: InvertedForce) -> None:
@@ -219,9 +219,9 @@ def test_a_contact_that_drags_more_than_it_presses_is_not_taken_for_noise() -> N
     information = np.tile(np.diag([1 / 0.0027**2, 1 / 0.0027**2, 0.0]), (len(markers), 1, 1))
     grid = gel_grid(slab, markers)
     hyperparameters = most_likely_hyperparameters(grid, information, frames)
-    found = InvertedForce(grid, information, hyperparameters).solve(frames[0])
+    contact = InvertedForce(grid, information, hyperparameters).solve(frames[0])
     total = scale * force.sum(axis=0)
-    assert np.linalg.norm(found.force_N.sum(axis=0)[:2] - total[:2]) < 0.1 * np.linalg.norm(total)
+    assert np.linalg.norm(contact.force_N.sum(axis=0)[:2] - total[:2]) < 0.1 * np.linalg.norm(total)
 
 
 def test_a_drag_goes_one_way_and_a_press_all_ways() -> None:
@@ -319,11 +319,11 @@ def test_pressures_of_all_nodes_and_their_deviations_are_those_of_the_whole_inve
     if gone:
         free = free.without(rows_of(observed[: 3 * gone], information[:gone]))
 
-    found, sd = free.pressures(right)
+    pressures, sd = free.pressures(right)
 
     left = normal_of(observed[3 * gone :], information[gone:], prior)
     inverse = np.linalg.inv(left + np.diag(np.pad(smooth, (3 * NODES, 0))))
-    np.testing.assert_allclose(found, (inverse @ right)[2 : 3 * NODES : 3], rtol=1e-8, atol=1e-10)
+    np.testing.assert_allclose(pressures, (inverse @ right)[2 : 3 * NODES : 3], rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(sd, np.sqrt(np.diag(inverse))[2 : 3 * NODES : 3], rtol=1e-8)
 
 
@@ -394,10 +394,10 @@ def test_the_steeper_the_front_the_less_is_known_of_either_side() -> None:
     row = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
     force = np.zeros((4, 3))
     force[:, 2] = [0.0, 0.0, 5.0, 5.0]
-    found = ForcePlacing(row).sd_N(force) / PLACING
-    assert not found[:, :2].any()
+    placing = ForcePlacing(row).sd_N(force) / PLACING
+    assert not placing[:, :2].any()
     # markers 1 and 2 each exchange 5 N with the other, so that either gets it twice
-    np.testing.assert_allclose(found[:, 2], [0.0, np.sqrt(50.0), np.sqrt(50.0), 0.0])
+    np.testing.assert_allclose(placing[:, 2], [0.0, np.sqrt(50.0), np.sqrt(50.0), 0.0])
 
 
 def test_the_covariance_has_these_variances_and_leaves_the_total_force_alone() -> None:

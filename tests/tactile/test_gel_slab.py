@@ -39,18 +39,18 @@ def test_even_pressure_meets_the_oedometric_modulus_and_even_shear_the_shear_mod
 def test_a_thick_slab_is_the_half_space_of_boussinesq_and_cerruti(nu: float) -> None:
     """The transforms of 1/r and of its gradients: with k h = 40 the back is out of reach."""
     E, k = 0.3, np.array([2.0, 5.0])
-    found = GelSlab(thickness_mm=20.0, E_MPa=E, nu=nu).spectrum(k) * k[:, None]
+    spectrum = GelSlab(thickness_mm=20.0, E_MPa=E, nu=nu).spectrum(k) * k[:, None]
     boussinesq, drawn = 2 * (1 - nu**2) / E, (1 + nu) * (1 - 2 * nu) / E
     across = 2 * (1 + nu) / E
-    np.testing.assert_allclose(found, np.tile([boussinesq, drawn, boussinesq, across], (2, 1)), rtol=1e-7)
+    np.testing.assert_allclose(spectrum, np.tile([boussinesq, drawn, boussinesq, across], (2, 1)), rtol=1e-7)
 
 
 def test_loads_and_displacements_are_reciprocal() -> None:
     rng = np.random.default_rng(3)
     first, second = rng.normal(size=(2, 16, 12, 3))
-    one = np.sum(first * traction_response(SOFT, second, spacing_mm=0.7))
-    two = np.sum(second * traction_response(SOFT, first, spacing_mm=0.7))
-    assert one == pytest.approx(two, rel=1e-10)
+    work = np.sum(first * traction_response(SOFT, second, spacing_mm=0.7))
+    reverse_work = np.sum(second * traction_response(SOFT, first, spacing_mm=0.7))
+    assert work == pytest.approx(reverse_work, rel=1e-10)
 
 
 def test_pressing_an_almost_incompressible_slab_pushes_its_face_outward() -> None:
@@ -185,12 +185,12 @@ def by_elements(*, bonded: bool, domed: bool = False) -> dict[int, np.ndarray]:
 @pytest.mark.parametrize("way", [0, 2])
 def test_a_gel_with_sides_moves_as_another_librarys_elements_say(way: int, sides: GelSides) -> None:
     *truth, under_load = by_elements(bonded=sides == "bonded")[way]
-    found = {}
+    misses = {}
     for outline in (GelOutline(SIZE_MM, sides=sides), None):
         slab = GelSlab(thickness_mm=THICKNESS_MM, E_MPa=E_MPA, nu=NU, outline=outline)
         response = tent_compliance(slab, AT_MM, LOADED_MM, pitch_mm=PITCH_MM)[..., way].sum(axis=2)
-        found[outline] = np.abs(response - truth).max() / np.abs(under_load).max()
-    with_sides, endless = found.values()
+        misses[outline] = np.abs(response - truth).max() / np.abs(under_load).max()
+    with_sides, endless = misses.values()
     assert with_sides < 0.01
     assert endless > 5 * with_sides
 
@@ -199,14 +199,14 @@ def test_a_gel_with_sides_moves_as_another_librarys_elements_say(way: int, sides
 @pytest.mark.parametrize("way", [0, 2])
 def test_a_domed_gel_moves_as_another_librarys_elements_say(way: int) -> None:
     *truth, under_load = by_elements(bonded=False, domed=True)[way]
-    found = {}
+    misses = {}
     for radius in (DOME, (np.inf, np.inf)):
         outline = GelOutline(SIZE_MM, face_radius_mm=radius)
         slab = GelSlab(thickness_mm=THICKNESS_MM, E_MPa=E_MPA, nu=NU, outline=outline)
         response = tent_compliance(slab, AT_MM, LOADED_MM, pitch_mm=PITCH_MM)[..., way].sum(axis=2)
-        found[radius] = np.abs(response - truth).max() / np.abs(under_load).max()
-    assert found[DOME] < 0.004
-    assert found[np.inf, np.inf] > 5 * found[DOME]
+        misses[radius] = np.abs(response - truth).max() / np.abs(under_load).max()
+    assert misses[DOME] < 0.004
+    assert misses[np.inf, np.inf] > 5 * misses[DOME]
 
 
 def test_markers_of_a_domed_gel_lie_on_its_face(tmp_path) -> None:
@@ -222,8 +222,8 @@ def test_far_sides_change_nothing() -> None:
     wide = side_response(THICKNESS_MM, NU, GelOutline((40.0, 40.0)))
     change = wide.between(np.zeros((1, 2)), np.zeros((1, 2)), pitch_mm=1.0) / E_MPA
     slab = GelSlab(thickness_mm=THICKNESS_MM, E_MPa=E_MPA, nu=NU)
-    own = tent_compliance(slab, np.zeros((1, 2)), np.zeros((1, 2)), pitch_mm=1.0)
-    assert np.abs(change).max() < 1e-3 * np.abs(own).max()
+    compliance = tent_compliance(slab, np.zeros((1, 2)), np.zeros((1, 2)), pitch_mm=1.0)
+    assert np.abs(change).max() < 1e-3 * np.abs(compliance).max()
 
 
 GEL = 'kind = "fields"\nname = "a gel"\n[gel]\nthickness_mm = 4.0\nE_MPa = 0.2\nnu = 0.48\n'

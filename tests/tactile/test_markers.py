@@ -128,8 +128,8 @@ def test_the_visible_part_tells_the_whole_discs_centre(s: float) -> None:
     x, y = np.meshgrid(fine, fine)
     disc = np.hypot(x - (s * radius - 0.5), y - 15.0) < radius
     centroid = np.array([[x[disc].mean(), y[disc].mean()]])
-    found = uncut(centroid, (31, 31), radius)
-    np.testing.assert_allclose(found, [[s * radius - 0.5, 15.0]], atol=0.02)
+    centres = uncut(centroid, (31, 31), radius)
+    np.testing.assert_allclose(centres, [[s * radius - 0.5, 15.0]], atol=0.02)
 
 
 @pytest.mark.parametrize("side", ["left", "right", "top", "bottom"])

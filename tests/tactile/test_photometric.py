@@ -79,12 +79,12 @@ def test_the_untouched_gel_is_flat_within_two_micrometres() -> None:
 
 def test_a_ball_finds_its_place_and_gives_the_look_up() -> None:
     """Neither lights nor ambient light are told."""
-    found = ball_print(
+    imprint = ball_print(
         eye(), image(eye(), flat, 0), image(eye(), ball(5.0, 2.0), 2), radius_mm=5.0, source="b"
     )
-    np.testing.assert_allclose(found.centre_mm, [-0.4, 0.6], atol=0.06)
-    assert found.contact_mm == pytest.approx(2.0, rel=0.15)
-    miss = depth_error_um(eye(), ball_lookup([found]))
+    np.testing.assert_allclose(imprint.centre_mm, [-0.4, 0.6], atol=0.06)
+    assert imprint.contact_mm == pytest.approx(2.0, rel=0.15)
+    miss = depth_error_um(eye(), ball_lookup([imprint]))
     assert np.sqrt((miss[:, 2] ** 2).mean()) < 15
 
 
@@ -139,9 +139,9 @@ def test_beside_the_gel_nothing_is_looked_for() -> None:
     reference, press = image(eye(), flat, 0), image(eye(), ball(5.0, 2.0), 2)
     for picture, level in ((reference, 2), (press, 12)):
         picture[:, 330:] = rng.integers(0, level, picture[:, 330:].shape)
-    found = ball_print(eye(), reference, press, radius_mm=5.0, source="b.png")
-    np.testing.assert_allclose(found.centre_mm, [-0.4, 0.6], atol=0.1)
-    assert found.contact_mm == pytest.approx(2.0, rel=0.15)
+    imprint = ball_print(eye(), reference, press, radius_mm=5.0, source="b.png")
+    np.testing.assert_allclose(imprint.centre_mm, [-0.4, 0.6], atol=0.1)
+    assert imprint.contact_mm == pytest.approx(2.0, rel=0.15)
 
 
 def test_a_look_up_that_is_not_finite_is_not_written(tmp_path: Path) -> None:

@@ -37,13 +37,13 @@ def test_a_picture_of_another_size_than_its_header_says_is_damaged(tmp_path, mon
         read_picture(tmp_path / "a.png")
 
 
-@pytest.mark.parametrize("own", [None, "hwaccel;none"])
+@pytest.mark.parametrize("options", [None, "hwaccel;none"])
 def test_ffmpeg_s_limits_hold_while_a_video_is_opened_and_the_user_s_options_are_back_afterwards(
-    tmp_path, monkeypatch, own
+    tmp_path, monkeypatch, options
 ):
     monkeypatch.delenv(pictures.FFMPEG_VARIABLE, raising=False)
-    if own is not None:
-        monkeypatch.setenv(pictures.FFMPEG_VARIABLE, own)
+    if options is not None:
+        monkeypatch.setenv(pictures.FFMPEG_VARIABLE, options)
     seen, opened = [], cv2.VideoCapture
 
     def capture(*arguments):
@@ -55,4 +55,4 @@ def test_ffmpeg_s_limits_hold_while_a_video_is_opened_and_the_user_s_options_are
     with pytest.raises(TactileFailure, match="cannot be opened"):
         pictures.pictures_in(tmp_path / "left.avi")
     assert seen == ["protocol_whitelist;file|format_whitelist;avi,mov"]
-    assert os.environ.get(pictures.FFMPEG_VARIABLE) == own
+    assert os.environ.get(pictures.FFMPEG_VARIABLE) == options

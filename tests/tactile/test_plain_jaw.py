@@ -73,8 +73,10 @@ def test_it_touches_where_the_fruit_comes_first_and_as_widely_as_hertz_has_it() 
     radius = np.linalg.norm(right.rest_mm[:, :2] - middle[:2], axis=1)
     contact = float(radius[weight > 0].max())
     gel_mm = np.sqrt(29 / np.pi)
-    own = CLOSED_MM - 0.4
-    expected = next(a for a in np.arange(0.1, 20, 0.001) if a**2 >= RADIUS_MM * own / (1 + a / gel_mm))
+    indentation_mm = CLOSED_MM - 0.4
+    expected = next(
+        a for a in np.arange(0.1, 20, 0.001) if a**2 >= RADIUS_MM * indentation_mm / (1 + a / gel_mm)
+    )
     assert contact == pytest.approx(expected, rel=0.15)
     # Hertz's pressure has a mean square radius of 2/5 of the contact's
     assert np.sqrt(weight @ radius**2 / weight.sum()) == pytest.approx(np.sqrt(0.4) * expected, rel=0.03)

@@ -58,16 +58,16 @@ def test_rows_lost_inside_a_record_are_left_out_or_are_too_many(fill):
     )
 
     def lost(count):
-        columns = [one.copy() for one in (travel, force)]
-        for one in columns:
-            one[200 : 200 + count] = fill
+        columns = [signal.copy() for signal in (travel, force)]
+        for column in columns:
+            column[200 : 200 + count] = fill
         return logged(*columns)
 
     (correction,) = prepare(lost(6)).corrections
     assert correction.rows == tuple(range(202, 208))
     with pytest.raises(NotPrepared) as caught:
         prepare(lost(40))
-    assert "40 of 600 rows (6.7%) wild or missing" in caught.value.found
+    assert "40 of 600 rows (6.7%) wild or missing" in caught.value.fault
 
 
 def test_each_block_of_rows_that_were_never_written_has_its_own_note():
@@ -75,7 +75,7 @@ def test_each_block_of_rows_that_were_never_written_has_its_own_note():
     force = 5 * np.maximum(travel - 11, 0) ** 1.5 + 0.3 + 0.01 * np.random.default_rng(0).standard_normal(300)
     blocks = np.repeat([-999.0, 0.0], 20)
     _, notes = written_runs(logged(np.r_[blocks, travel], np.r_[blocks, force]))
-    assert [(one.rows[0], len(one.rows), one.values) for one in notes] == [
+    assert [(note.rows[0], len(note.rows), note.values) for note in notes] == [
         (2, 20, (-999.0, -999.0)),
         (22, 20, (0.0, 0.0)),
     ]
@@ -89,7 +89,7 @@ def test_a_step_to_zero_without_air_behind_it_is_refused_with_both_causes(row):
     force += 0.01 * np.random.default_rng(0).standard_normal(300)
     with pytest.raises(NotPrepared, match="zeroed under load, or the specimen broke") as caught:
         prepare(logged(travel, force))
-    assert f"at row {row + 2}, and no frames in air" in caught.value.found
+    assert f"at row {row + 2}, and no frames in air" in caught.value.fault
 
 
 def test_a_field_that_is_read_twice_counts_once(tmp_path):
@@ -141,7 +141,7 @@ def test_frames_that_were_never_written_are_left_out_of_every_field(tmp_path, fi
     np.testing.assert_allclose(read_back.time_s, TIME)
     np.testing.assert_allclose(read_back.aperture_mm, JAWS)
     assert len(read_back.pads[1].force_N) == FRAMES
-    assert [len(one.rows) for one in read_back.corrections] == [n for n in (start, end) if n]
+    assert [len(correction.rows) for correction in read_back.corrections] == [n for n in (start, end) if n]
 
 
 def of_aperture(change):
@@ -173,7 +173,7 @@ def poked(**values):
 )
 def test_apertures_that_the_logger_spoilt_lie_on_lines_between_readings(tmp_path, change, says):
     read_back = read_recording(changed(tmp_path / "a.h5", change))
-    assert [says in one.says for one in read_back.corrections] == [True]
+    assert [says in correction.says for correction in read_back.corrections] == [True]
     np.testing.assert_allclose(read_back.aperture_mm[:145], JAWS[:145], atol=0.12)
 
 
@@ -233,11 +233,11 @@ def test_a_thinned_trace_keeps_its_ramp_and_its_hold_within_the_bound_that_it_st
     rng = np.random.default_rng(1)
     time = np.linspace(0, 400, frames)
     travel, true, force = drawn(time, ramp_s=ramp_s, start_s=20.0, noise_N=0.01, rng=rng)
-    found = thin(time, travel, force)
-    kept = found.kept
-    assert found.noise_N == pytest.approx(0.01, rel=0.05)
+    thinned = thin(time, travel, force)
+    kept = thinned.kept
+    assert thinned.noise_N == pytest.approx(0.01, rel=0.05)
     assert 250 < len(kept) <= 1000
-    assert found.off < 1.6 * BOUND
+    assert thinned.off < 1.6 * BOUND
     assert kept[0] == 0
     assert kept[-1] == frames - 1
     off = np.abs(np.interp(time, time[kept], force[kept]) - true)
@@ -246,7 +246,7 @@ def test_a_thinned_trace_keeps_its_ramp_and_its_hold_within_the_bound_that_it_st
     assert ramp.sum() > min(60, 0.5 * ramp_s * frames / 400)
     assert (time[kept] < 20).sum() > 8
     assert (time[kept] > 350).sum() > 8
-    assert "drupe thinned" in found.said("t.csv")
+    assert "drupe thinned" in thinned.said("t.csv")
 
 
 @pytest.mark.parametrize(("step_N", "noise_N"), [(0.01, 0.0), (0.1, 0.01)])
@@ -254,9 +254,9 @@ def test_a_force_that_is_rounded_has_the_noise_of_its_steps(step_N, noise_N):
     rng = np.random.default_rng(4)
     time = np.linspace(0, 400, 40_000)
     travel, _, force = drawn(time, ramp_s=60.0, start_s=20.0, noise_N=noise_N, rng=rng)
-    found = thin(time, travel, np.round(force / step_N) * step_N)
-    assert found.noise_N == pytest.approx(step_N / 12**0.5, rel=0.3)
-    assert found.off < 3 * BOUND
+    thinned = thin(time, travel, np.round(force / step_N) * step_N)
+    assert thinned.noise_N == pytest.approx(step_N / 12**0.5, rel=0.3)
+    assert thinned.off < 3 * BOUND
 
 
 def test_a_sudden_fall_is_kept_to_the_frame():

@@ -84,7 +84,7 @@ REFUSED: list[tuple[str, str, str]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("line", "says"), [one[1:] for one in REFUSED], ids=[one[0] for one in REFUSED])
+@pytest.mark.parametrize(("line", "says"), [case[1:] for case in REFUSED], ids=[case[0] for case in REFUSED])
 def test_what_is_no_reference_is_refused_by_file_and_field(grasp: Path, line: str, says: str) -> None:
     with pytest.raises(TactileFailure) as caught:
         read_raw_grasp(names(grasp, line))
@@ -157,17 +157,17 @@ def test_it_becomes_a_plate_with_the_gels_force(folder: Path, tmp_path: Path) ->
     ],
 )
 def test_what_a_plain_jaw_cannot_be_is_said(folder: Path, tmp_path: Path, lines: str, words: str) -> None:
-    own = Path(shutil.copytree(folder, tmp_path / "grasp-1"))
-    text = (own / "grasp.toml").read_text()
-    (own / "grasp.toml").write_text(text[: text.index("[pads.right]")] + lines)
+    copied = Path(shutil.copytree(folder, tmp_path / "grasp-1"))
+    text = (copied / "grasp.toml").read_text()
+    (copied / "grasp.toml").write_text(text[: text.index("[pads.right]")] + lines)
     with pytest.raises(TactileFailure, match=words):
-        read_raw_grasp(own)
+        read_raw_grasp(copied)
 
 
 def test_two_plain_jaws_are_no_grasp(folder: Path, tmp_path: Path) -> None:
-    own = Path(shutil.copytree(folder, tmp_path / "grasp-1"))
-    text = (own / "grasp.toml").read_text()
+    copied = Path(shutil.copytree(folder, tmp_path / "grasp-1"))
+    text = (copied / "grasp.toml").read_text()
     start = text.index("[pads.left]")
-    (own / "grasp.toml").write_text(text[:start] + PLAIN.replace("right", "left") + PLAIN)
+    (copied / "grasp.toml").write_text(text[:start] + PLAIN.replace("right", "left") + PLAIN)
     with pytest.raises(TactileFailure, match="one jaw with a gel at least"):
-        read_raw_grasp(own)
+        read_raw_grasp(copied)

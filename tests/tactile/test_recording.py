@@ -380,9 +380,9 @@ LOST = {
 def test_markers_without_values_are_counted_and_frames_are_dropped_only_where_few_lack_some(
     name, injected, tmp_path
 ):
-    change, found, advice = LOST[name]
+    change, fault, advice = LOST[name]
     sentence = refusal(tmp_path, injected.recording, change)
-    assert found in sentence
+    assert fault in sentence
     assert advice in sentence
 
 
@@ -425,9 +425,9 @@ def test_poses_in_single_precision_pass(injected, tmp_path):
 
 def _with_reversed(path):
     with h5py.File(path, "r+") as file:
-        found = []
-        file.visititems(lambda name, one: found.append(name) if isinstance(one, h5py.Dataset) else None)
-        for name in found:
+        names = []
+        file.visititems(lambda name, node: names.append(name) if isinstance(node, h5py.Dataset) else None)
+        for name in names:
             values = file[name][()]
             del file[name]
             file[name] = values.T if values.ndim > 1 else values[None]
@@ -438,11 +438,11 @@ def test_a_recording_whose_dimensions_are_all_reversed_is_read_and_noted(tmp_pat
     write_recording(path, injected.recording)
     sound = read_recording(path)
     _with_reversed(path)
-    found = read_recording(path)
-    assert found.notes == (REVERSED,)
+    reread = read_recording(path)
+    assert reread.notes == (REVERSED,)
     assert sound.notes == ()
-    np.testing.assert_array_equal(found.time_s, sound.time_s)
-    for pad, other in zip(found.pads, sound.pads, strict=True):
+    np.testing.assert_array_equal(reread.time_s, sound.time_s)
+    for pad, other in zip(reread.pads, sound.pads, strict=True):
         for name in ("pose", "rest_mm", "displacement_mm", "force_N"):
             np.testing.assert_array_equal(getattr(pad, name), getattr(other, name))
 

@@ -201,38 +201,38 @@ def estimated(
     return reference, estimated_reference(reference.lattice, ideal, known, source="drawn", **described)
 
 
-def below_print(found: EstimatedReference, truth_px: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
+def below_print(estimate: EstimatedReference, truth_px: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 2"]:
     """Errors (px) of the places that are not seen, over their standard deviations in the second half."""
-    off = found.rest_px - truth_px[np.asarray(cKDTree(truth_px).query(found.rest_px)[1])]
-    return np.stack([np.linalg.norm(off, axis=1), found.sd_px])[:, ~found.unloaded]
+    off = estimate.rest_px - truth_px[np.asarray(cKDTree(truth_px).query(estimate.rest_px)[1])]
+    return np.stack([np.linalg.norm(off, axis=1), estimate.sd_px])[:, ~estimate.unloaded]
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_places_below_a_print_are_those_of_the_lattice_within_their_spread(seed: int) -> None:
     truth = grid() + np.random.default_rng(seed).normal(scale=0.3, size=grid().shape)
     seen = pressed_aside(truth, 6.0)
-    _, found = estimated(seen)
+    _, estimate = estimated(seen)
     moved = np.linalg.norm(seen - truth, axis=1).max()
-    off, sd_px = below_print(found, truth)
+    off, sd_px = below_print(estimate, truth)
     assert moved > 5.0
     assert len(off) >= 6
     assert off.max() < 1.5
     assert (off < 3.0 * sd_px).all()
-    assert found.unloaded.sum() >= 40
+    assert estimate.unloaded.sum() >= 40
 
 
 def test_an_empty_gel_stays_where_it_is_seen() -> None:
-    reference, found = estimated(grid())
-    assert found.unloaded.all()
-    np.testing.assert_array_equal(found.rest_px, reference.lattice.rest_px)
+    reference, estimate = estimated(grid())
+    assert estimate.unloaded.all()
+    np.testing.assert_array_equal(estimate.rest_px, reference.lattice.rest_px)
 
 
 def test_a_described_lattice_is_shifted_to_the_unloaded_markers() -> None:
     truth = grid() + np.array([1.7, -0.9])
     reference = reference_of(drawn(pressed_aside(truth, 6.0), noise=1.0), source="drawn")
     described = grid()[np.asarray(cKDTree(truth).query(reference.lattice.rest_px)[1])]
-    _, found = estimated(pressed_aside(truth, 6.0), described_px=described)
-    off, sd_px = below_print(found, truth)
+    _, estimate = estimated(pressed_aside(truth, 6.0), described_px=described)
+    off, sd_px = below_print(estimate, truth)
     assert len(off) >= 6
     assert off.max() < 0.2
     assert sd_px.max() < 0.05 * PITCH_PX
@@ -274,8 +274,8 @@ def test_the_spread_of_an_estimate_is_in_the_displacements_noise(nectarine_grasp
     sound = find_contact(recording, source="g")
     pads = tuple(replace(pad, reference_sd_mm=np.full(len(pad.rest_mm), 0.05)) for pad in recording.pads)
     wider = find_contact(replace(recording, pads=pads), source="g")
-    for one, other in zip(sound.pads, wider.pads, strict=True):
-        expected = np.hypot(one.displacement_noise.sd, 0.05)
-        assert other.displacement_noise.sd == pytest.approx(expected)
-        assert other.displacement_noise.lag1 > 0.9
-        assert other.force_noise.sd == one.force_noise.sd
+    for sound_pad, wider_pad in zip(sound.pads, wider.pads, strict=True):
+        expected = np.hypot(sound_pad.displacement_noise.sd, 0.05)
+        assert wider_pad.displacement_noise.sd == pytest.approx(expected)
+        assert wider_pad.displacement_noise.lag1 > 0.9
+        assert wider_pad.force_noise.sd == sound_pad.force_noise.sd

@@ -14,12 +14,12 @@ from tactile.tactile_failure import TactileFailure
 RIG = SeriesRig()
 
 
-def found(columns, *, size_mm=40.0):
+def squeezes_in(columns, *, size_mm=40.0):
     return rigid_squeezes(*columns, part_mm=None, size_mm=size_mm, source="s.csv")
 
 
 def fitted(rng, *, scales=(1.0, 1.0, 1.0), rig=RIG, **how) -> FittedRig:
-    return fit_rig([one for s in scales for one in found(press(rng, rig, scale=s, **how))])
+    return fit_rig([squeeze for s in scales for squeeze in squeezes_in(press(rng, rig, scale=s, **how))])
 
 
 @pytest.mark.parametrize(
@@ -55,10 +55,12 @@ def test_the_spread_covers_the_next_squeeze(squeezes):
 
 def test_one_squeeze_has_the_usual_spread_and_many_their_own():
     rng = np.random.default_rng(3)
-    one = fitted(rng, scales=(1.0,))
-    assert one.repeat_mm == pytest.approx(0.05 * np.sqrt(2) * 2.920 / 1.645 * one.curve.give_mm[-1], rel=1e-3)
+    single = fitted(rng, scales=(1.0,))
+    assert single.repeat_mm == pytest.approx(
+        0.05 * np.sqrt(2) * 2.920 / 1.645 * single.curve.give_mm[-1], rel=1e-3
+    )
     many = fitted(rng, scales=(1.0,) * 12)
-    assert many.repeat_mm < 0.3 * one.repeat_mm
+    assert many.repeat_mm < 0.3 * single.repeat_mm
 
 
 def test_friction_between_the_ways_is_said_and_is_in_the_spread():
@@ -97,7 +99,7 @@ def yielding(force):
 )
 def test_what_is_no_rigid_squeeze_is_refused(how, said):
     with pytest.raises(TactileFailure, match="no squeeze of a rigid object") as failure:
-        found(press(np.random.default_rng(6), RIG, **how))
+        squeezes_in(press(np.random.default_rng(6), RIG, **how))
     assert said in str(failure.value)
     assert "expected" in str(failure.value)
 
@@ -106,13 +108,13 @@ def test_force_that_breaks_off_and_travel_that_stays_are_refused():
     time, force, travel = press(np.random.default_rng(7), RIG)
     broken = np.where((np.arange(len(force)) > 60) & (np.arange(len(force)) < 70), 0.5 * force, force)
     with pytest.raises(TactileFailure, match="while the travel goes on"):
-        found((time, broken, travel))
+        squeezes_in((time, broken, travel))
     with pytest.raises(TactileFailure, match=r"of travel as|a travel that goes|readings of the travel"):
-        found((time, force, np.zeros(len(force))))
+        squeezes_in((time, force, np.zeros(len(force))))
     top = int(np.argmax(force))
     dented = np.where(np.arange(len(force)) > top, travel[top] - 0.3 * (travel[top] - travel), travel)
     with pytest.raises(TactileFailure, match="of the travel left as the force comes back"):
-        found((time, force, dented))
+        squeezes_in((time, force, dented))
 
 
 def test_a_travel_that_does_not_resolve_the_rig_is_refused():
@@ -122,10 +124,10 @@ def test_a_travel_that_does_not_resolve_the_rig_is_refused():
 
 
 def test_two_squeezes_in_one_recording_are_two():
-    one = press(np.random.default_rng(9), RIG)
-    two = press(np.random.default_rng(10), RIG)
-    time = np.arange(len(one[0]) + len(two[0])) / 20.0
-    assert len(found((time, np.r_[one[1], two[1]], np.r_[one[2], two[2]]))) == 2
+    first = press(np.random.default_rng(9), RIG)
+    second = press(np.random.default_rng(10), RIG)
+    time = np.arange(len(first[0]) + len(second[0])) / 20.0
+    assert len(squeezes_in((time, np.r_[first[1], second[1]], np.r_[first[2], second[2]]))) == 2
 
 
 def object_mm(force):
@@ -184,8 +186,8 @@ def test_the_gain_is_load_cell_over_gel_whatever_the_signs() -> None:
 
 def test_the_stated_deviation_is_that_of_repeated_presses() -> None:
     rng = np.random.default_rng(0)
-    found = [gel_gain(1.3 * PRESS + rng.normal(scale=0.05, size=40), PRESS, source="p") for _ in range(400)]
-    assert np.std([g.value for g in found]) == pytest.approx(np.mean([g.sd for g in found]), rel=0.15)
+    gains = [gel_gain(1.3 * PRESS + rng.normal(scale=0.05, size=40), PRESS, source="p") for _ in range(400)]
+    assert np.std([g.value for g in gains]) == pytest.approx(np.mean([g.sd for g in gains]), rel=0.15)
 
 
 def test_too_short_a_press_is_refused() -> None:

@@ -109,12 +109,12 @@ LIT_REFUSALS = [
 
 
 @pytest.mark.parametrize(
-    ("text", "written_as", "instead", "field", "found"),
-    [(MONO, *one) for one in REFUSALS]
-    + [(MONO.replace("markers-mono", "photometric") + LIT, *one) for one in LIT_REFUSALS],
+    ("text", "written_as", "instead", "field", "fault"),
+    [(MONO, *refusal) for refusal in REFUSALS]
+    + [(MONO.replace("markers-mono", "photometric") + LIT, *refusal) for refusal in LIT_REFUSALS],
 )
 def test_a_wrong_field_is_named(
-    tmp_path: Path, text: str, written_as: str, instead: str, field: str, found: str
+    tmp_path: Path, text: str, written_as: str, instead: str, field: str, fault: str
 ) -> None:
     assert written_as in text
     assert read_sensor(written(tmp_path, text)).name == "dots"
@@ -123,7 +123,7 @@ def test_a_wrong_field_is_named(
         read_sensor(path)
     assert caught.value.problem is TactileProblem.UNREADABLE_SENSOR
     assert str(caught.value).startswith(f"sensor.toml: {field}: found ")
-    assert found in str(caught.value)
+    assert fault in str(caught.value)
 
 
 def test_a_missing_file_is_named(tmp_path: Path) -> None:
@@ -150,5 +150,5 @@ def test_a_missing_file_is_named(tmp_path: Path) -> None:
     ],
 )
 def test_only_a_serial_number_may_follow_the_name(sensor: str, key: str | None) -> None:
-    found = model_named(sensor)
-    assert (None if found is None else found.key) == key
+    model = model_named(sensor)
+    assert (None if model is None else model.key) == key

@@ -64,12 +64,12 @@ def pictures() -> list[np.ndarray]:
 
 def read(folder: Path, pictures: list[np.ndarray], size_px: tuple[int, int]) -> tuple[GelPad, str]:
     """The pad of the press seen in pictures of that size, described by the first of them."""
-    seen = [cv2.resize(one, size_px, interpolation=cv2.INTER_AREA) for one in pictures]
+    seen = [cv2.resize(picture, size_px, interpolation=cv2.INTER_AREA) for picture in pictures]
     made = described(read_model("gelsight-mini"), seen[0], source="empty.png")
     write_picture(folder / "tip/reference.png", seen[0])
     for t, frame in enumerate(seen[1:]):
         write_picture(folder / f"tip/frame_{t:06d}.png", frame)
-    lights = [{"direction": one.direction.tolist(), "colour": one.colour.tolist()} for one in LIGHTS]
+    lights = [{"direction": light.direction.tolist(), "colour": light.colour.tolist()} for light in LIGHTS]
     lit = made.table | {"kind": "photometric", "ambient": AMBIENT, "lights": lights}
     (folder / "sensor.toml").write_text(as_toml(lit))
     (folder / "grasp.toml").write_text(GRASP)
@@ -97,7 +97,7 @@ def test_squeezed_pictures_give_the_unsqueezed_displacement_and_force(
     assert f"the picture was resized without its proportions. A millimetre along x has {ratio:.2f}" in said
     away_mm = np.abs(pad.displacement_mm - unsqueezed.displacement_mm)
     assert away_mm.max() < 0.02 * np.abs(unsqueezed.displacement_mm).max()
-    force, expected = (one.force_N[-1].sum(axis=0) for one in (pad, unsqueezed))
+    force, expected = (gel_pad.force_N[-1].sum(axis=0) for gel_pad in (pad, unsqueezed))
     assert np.linalg.norm(expected) == pytest.approx(2.4, rel=0.15)
     assert np.linalg.norm(force - expected) < 0.01 * np.linalg.norm(expected)
 

@@ -63,14 +63,14 @@ def write_stereo(folder: Path) -> Path:
 
 
 def test_a_dent_is_seen_to_micrometres_across_and_in_depth(tmp_path: Path) -> None:
-    found = recording_of(read_raw_grasp(write_stereo(tmp_path / "g")))
-    pad = found.recording.pads[0]
+    converted = recording_of(read_raw_grasp(write_stereo(tmp_path / "g")))
+    pad = converted.recording.pads[0]
     order = np.linalg.norm(REST[:, None] - pad.rest_mm[None], axis=2).argmin(axis=0)
     error = pad.displacement_mm - np.stack([press(t) - REST for t in range(FRAMES)])[:, order]
     assert len(set(order.tolist())) == 63
     assert np.sqrt((error[..., :2] ** 2).mean()) < 0.005
     assert np.sqrt((error[..., 2] ** 2).mean()) < 0.02
-    assert found.recording.pads[0].pose[-1, 2, 3] == pytest.approx(0.2)
+    assert converted.recording.pads[0].pose[-1, 2, 3] == pytest.approx(0.2)
 
 
 def test_a_second_camera_that_lacks_frames_is_refused(tmp_path: Path) -> None:
@@ -121,11 +121,11 @@ def gel(recording: Recording) -> GelPad:
 
 def test_what_is_known_of_each_marker_is_kept(made: Recording, tmp_path: Path) -> None:
     write_recording(tmp_path / "g.h5", made)
-    spread, own = gel(read_recording(tmp_path / "g.h5")).spread, gel(made).spread
+    spread, written_spread = gel(read_recording(tmp_path / "g.h5")).spread, gel(made).spread
     assert spread.displacement_sd_mm.shape == gel(made).displacement_mm.shape
     assert (spread.displacement_sd_mm > 0).all()
-    np.testing.assert_allclose(spread.displacement_sd_mm, own.displacement_sd_mm, rtol=1e-6)
-    np.testing.assert_allclose(spread.force_sd_N, own.force_sd_N, rtol=1e-6)
+    np.testing.assert_allclose(spread.displacement_sd_mm, written_spread.displacement_sd_mm, rtol=1e-6)
+    np.testing.assert_allclose(spread.force_sd_N, written_spread.force_sd_N, rtol=1e-6)
 
 
 def test_the_covariance_is_that_of_the_frame_of_greatest_force(made: Recording) -> None:

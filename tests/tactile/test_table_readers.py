@@ -105,9 +105,9 @@ READ = [
 
 @pytest.mark.parametrize("name", OPEN)
 def test_a_factor_or_a_second_unit_leaves_the_unit_open(name: str) -> None:
-    found = unit_of_name(name, "force")
-    assert isinstance(found, NoUnit)
-    assert found.open
+    unit = unit_of_name(name, "force")
+    assert isinstance(unit, NoUnit)
+    assert unit.open
 
 
 @pytest.mark.parametrize("name", READ)
@@ -117,7 +117,7 @@ def test_the_number_of_a_channel_is_no_factor(name: str) -> None:
 
 def test_a_travel_has_the_same_rules() -> None:
     assert all(
-        isinstance(one := unit_of_name(name, "travel"), NoUnit) and one.open
+        isinstance(unit := unit_of_name(name, "travel"), NoUnit) and unit.open
         for name in ("Travel (mm) (x1000)", "Travel (mm) (in)", "Travel 0,01 mm", "Weg (µm) (mm)")
     )
     assert unit_of_name("Travel in (mm)", "travel") == Unit(text="mm", factor=1.0)
@@ -147,9 +147,9 @@ def test_an_open_unit_is_refused_until_the_user_states_it(tmp_path, header: str,
 
     with pytest.raises(TactileFailure, match=said):
         read({})
-    found = read({"force": "daN"})
-    np.testing.assert_allclose(found.recording.pads[0].force_z_N[-1], 0.2 * 29**1.5, rtol=1e-5)
-    assert any("read in daN" in note for note in found.notes)
+    converted = read({"force": "daN"})
+    np.testing.assert_allclose(converted.recording.pads[0].force_z_N[-1], 0.2 * 29**1.5, rtol=1e-5)
+    assert any("read in daN" in note for note in converted.notes)
 
 
 def test_arrays_come_back_in_double_precision(tmp_path):

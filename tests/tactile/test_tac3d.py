@@ -57,12 +57,12 @@ def test_lost_frames_the_deadband_and_the_resultant_are_said(tmp_path: Path) -> 
 
 
 def test_two_clocks_six_seconds_apart_are_brought_together_by_the_forces(tmp_path: Path) -> None:
-    one = read_tac3d(write_sensor(tmp_path / "left", clock_s=100.0))
-    two = read_tac3d(write_sensor(tmp_path / "right", clock_s=106.0, starts_s=0.12))
-    found = converted(one, two)
-    assert "the time stamps of left and right differ by 6.12 s (two clocks)" in " ".join(found.notes)
+    left_sensor = read_tac3d(write_sensor(tmp_path / "left", clock_s=100.0))
+    right_sensor = read_tac3d(write_sensor(tmp_path / "right", clock_s=106.0, starts_s=0.12))
+    joined = converted(left_sensor, right_sensor)
+    assert "the time stamps of left and right differ by 6.12 s (two clocks)" in " ".join(joined.notes)
     left, right = (
-        np.asarray(pad.force_N).sum(axis=1)[:, 2] for pad in found.recording.pads if isinstance(pad, GelPad)
+        np.asarray(pad.force_N).sum(axis=1)[:, 2] for pad in joined.recording.pads if isinstance(pad, GelPad)
     )
     np.testing.assert_allclose(left, right, atol=0.06 * left.max())
 

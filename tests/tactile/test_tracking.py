@@ -151,7 +151,7 @@ def followed(
 
 def a_pitch_off(frames: list[FrameMarkers], truth: Float[np.ndarray, "t n 2"]) -> float:
     """Share of the markers in view that are nearer to another one's place, in the worst frame."""
-    position = np.stack([one.position_px for one in frames])
+    position = np.stack([frame.position_px for frame in frames])
     off = np.linalg.norm(position - truth, axis=2) > PITCH_PX / 2
     return float(off.mean(axis=1).max())
 
@@ -184,7 +184,7 @@ def test_a_press_that_leaves_part_of_the_gel_alone_is_certain() -> None:
     rng = np.random.default_rng(7)
     grid = beyond_the_view(rng)
     frames, _ = followed(grid, [step * press_somewhere(grid, rng, 0.8, 50.0) for step in STEPS])
-    assert min(one.certainty for one in frames) == 1
+    assert min(frame.certainty for frame in frames) == 1
 
 
 def test_a_gel_that_slides_on_at_its_speed_is_certain() -> None:
@@ -193,7 +193,7 @@ def test_a_gel_that_slides_on_at_its_speed_is_certain() -> None:
     moves = [np.full_like(grid, 1.0) * [0.15 * PITCH_PX * k, 0.0] for k in range(6)]
     frames, truth = followed(grid, moves)
     assert a_pitch_off(frames, truth) == 0
-    assert min(one.certainty for one in frames) == 1
+    assert min(frame.certainty for frame in frames) == 1
 
 
 LATTICE = lattice_of(grid(), PITCH_PX, shape=SHAPE, margin_px=0.0)
@@ -230,10 +230,10 @@ def slipped(where: Float[np.ndarray, "t n 2"], first: int, end: int) -> Float[np
 def test_names_wrong_between_two_jumps_are_set_right() -> None:
     right = truth()
     wrong = slipped(right, JUMPS_AT, HEALS_AT)
-    found = relabelled(LATTICE, wrong, blobs(right))
-    both = np.isfinite(found) & np.isfinite(right)
+    positions = relabelled(LATTICE, wrong, blobs(right))
+    both = np.isfinite(positions) & np.isfinite(right)
     assert np.abs(wrong - right)[np.isfinite(wrong) & np.isfinite(right)].max() > 0.9 * PITCH_PX
-    assert np.abs(found - right)[both].max() == 0.0
+    assert np.abs(positions - right)[both].max() == 0.0
     assert both.mean() > 0.97 * np.isfinite(right).mean()
 
 

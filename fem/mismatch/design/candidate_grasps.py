@@ -77,7 +77,7 @@ FEW = (AS_BEFORE, TWICE, SLOW)
 
 def candidate_grasps(grasps: tuple[GraspResponse, ...]) -> list[CandidateGrasp]:
     """About thirty, the least effort first among those of one place."""
-    source = next((k for k, one in enumerate(grasps) if abs(jaws_of(one) @ STEM) < ALONG_STEM), 0)
+    source = next((k for k, grasp in enumerate(grasps) if abs(jaws_of(grasp) @ STEM) < ALONG_STEM), 0)
     jaws = jaws_of(grasps[source])
 
     def place(kind: PlaceKind, degrees: float, axis: Float[np.ndarray, "3"], of: int = source) -> Place:
@@ -95,12 +95,12 @@ def candidate_grasps(grasps: tuple[GraspResponse, ...]) -> list[CandidateGrasp]:
     else:  # turned about the stem, jaws along it stay where they are
         full, few = full[:1], []
     for number, other in enumerate(grasps):
-        known = [grasps[one.source] for one in full if one.kind == PlaceKind.SAME]
-        if not any(_angle_deg(jaws_of(other), jaws_of(one)) < SAME_DEG for one in known):
+        known = [grasps[spot.source] for spot in full if spot.kind == PlaceKind.SAME]
+        if not any(_angle_deg(jaws_of(other), jaws_of(grasp)) < SAME_DEG for grasp in known):
             few.append(place(PlaceKind.SAME, 0.0, STEM, number))
             break
-    return [CandidateGrasp(place=one, protocol=how) for one in full for how in FULL] + [
-        CandidateGrasp(place=one, protocol=how) for one in few for how in FEW
+    return [CandidateGrasp(place=spot, protocol=how) for spot in full for how in FULL] + [
+        CandidateGrasp(place=spot, protocol=how) for spot in few for how in FEW
     ]
 
 

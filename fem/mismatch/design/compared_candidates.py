@@ -62,7 +62,9 @@ def compared_candidates(forward: ForwardModel, explained: Sequence[Explained]) -
             chosen.append((candidate, course))
     if not chosen:
         return []
-    names = {one.products.columns[j].name for one in explained for j in one.fit.chosen}
+    names = {
+        explanation.products.columns[j].name for explanation in explained for j in explanation.fit.chosen
+    }
     candidates = candidate_set(
         forward,
         courses,
@@ -71,10 +73,10 @@ def compared_candidates(forward: ForwardModel, explained: Sequence[Explained]) -
     )
     with_candidates = candidates.forward
     recordings = with_candidates.base.grasps
-    each = [predictions(one, candidates) for one in explained]
+    each = [predictions(explanation, candidates) for explanation in explained]
 
     def compared(k: int) -> ComparedCandidate:
-        pairs = _pairs(with_candidates, recordings[k], explained, [own[k] for own in each])
+        pairs = _pairs(with_candidates, recordings[k], explained, [predicted[k] for predicted in each])
         return ComparedCandidate(
             candidate=chosen[k][0],
             recording=recordings[k],
@@ -82,9 +84,9 @@ def compared_candidates(forward: ForwardModel, explained: Sequence[Explained]) -
             decides=min(pair.decides for pair in pairs),
         )
 
-    answered = [k for k in range(len(chosen)) if all(own[k].answered for own in each)]
-    found = parallel_map(compared, answered, workers=forward.workers)
-    return sorted(found, key=lambda one: -one.least.least)
+    answered = [k for k in range(len(chosen)) if all(predicted[k].answered for predicted in each)]
+    comparisons = parallel_map(compared, answered, workers=forward.workers)
+    return sorted(comparisons, key=lambda candidate: -candidate.least.least)
 
 
 def _pairs(
@@ -95,24 +97,24 @@ def _pairs(
 ) -> list[PairDistance]:
     """Of all pairs of explanations on one candidate."""
     equations = GraspEquations.of(forward, recording)
-    fields = {id(field): field for own in predicted for field in (own.mean, *own.fields)}
+    fields = {id(field): field for prediction in predicted for field in (prediction.mean, *prediction.fields)}
     row = {key: number for number, key in enumerate(fields)}
     plain, weighed = equations.rows(list(fields.values()))
     products = weighed @ plain.T
     products = (products + products.T) / 2
 
-    found = []
+    distances = []
     for i, j in combinations(range(len(explained)), 2):
         difference = np.zeros(len(products))
         difference[row[id(predicted[i].mean)]] += 1
         difference[row[id(predicted[j].mean)]] -= 1
         places, covariances = [], []
         columns = [difference]
-        for own in (predicted[i], predicted[j]):
-            sd = np.sqrt(np.maximum(np.diag(own.covariance), 1e-300))
-            covariances.append(own.covariance / np.outer(sd, sd))
+        for rival in (predicted[i], predicted[j]):
+            sd = np.sqrt(np.maximum(np.diag(rival.covariance), 1e-300))
+            covariances.append(rival.covariance / np.outer(sd, sd))
             places.append(np.arange(len(sd)) + len(columns))
-            for field, scale in zip(own.fields, sd, strict=True):
+            for field, scale in zip(rival.fields, sd, strict=True):
                 column = np.zeros(len(products))
                 column[row[id(field)]] = scale
                 columns.append(column)
@@ -124,15 +126,15 @@ def _pairs(
             first_covariance=covariances[0],
             second_covariance=covariances[1],
         )
-        one, other = explained[i], explained[j]
-        found.append(
+        first, other = explained[i], explained[j]
+        distances.append(
             pair_distance(
                 gram,
-                names=(one.name, other.name),
-                lead=one.gain - other.gain,
-                first_share=one.probability / max(one.probability + other.probability, 1e-300),
+                names=(first.name, other.name),
+                lead=first.gain - other.gain,
+                first_share=first.probability / max(first.probability + other.probability, 1e-300),
                 enough=ENOUGH,
                 rng=np.random.default_rng(0),
             )
         )
-    return found
+    return distances

@@ -59,15 +59,15 @@ class PairGram:
         >>> PairGram(products=np.array([[8.0]]), **both).expected()
         4.0
         """
-        own = self.products[np.ix_(self.first, self.first)]
+        normal = self.products[np.ix_(self.first, self.first)]
         rival = self.products[np.ix_(self.second, self.second)]
         across = self.products[np.ix_(self.second, self.first)]
         missed = self.products[self.second, 0]
         shrunk = _posterior(rival, self.second_covariance)
         spread = rival + across @ self.first_covariance @ across.T
         twice = self.products[0, 0] - missed @ shrunk @ missed
-        twice += np.trace(self.first_covariance @ own) - np.trace(shrunk @ spread)
-        twice += _log_det(rival, self.second_covariance) - _log_det(own, self.first_covariance)
+        twice += np.trace(self.first_covariance @ normal) - np.trace(shrunk @ spread)
+        twice += _log_det(rival, self.second_covariance) - _log_det(normal, self.first_covariance)
         return max(0.0, float(twice) / 2)
 
     def drawn(self, rng: np.random.Generator, draws: int = DRAWS) -> Float[np.ndarray, " n"]:
@@ -76,14 +76,14 @@ class PairGram:
         seen = amounts @ self.products[self.first] + rng.normal(size=(draws, len(self.products))) @ (
             _root(self.products).T
         )
-        own = self.products[np.ix_(self.first, self.first)]
+        normal = self.products[np.ix_(self.first, self.first)]
         rival = self.products[np.ix_(self.second, self.second)]
         mine = seen[:, self.first]
         theirs = seen[:, self.second] + self.products[self.second, 0]
         twice = 2 * seen[:, 0] + self.products[0, 0]
-        twice += np.einsum("nk,kl,nl->n", mine, _posterior(own, self.first_covariance), mine)
+        twice += np.einsum("nk,kl,nl->n", mine, _posterior(normal, self.first_covariance), mine)
         twice -= np.einsum("nk,kl,nl->n", theirs, _posterior(rival, self.second_covariance), theirs)
-        twice += _log_det(rival, self.second_covariance) - _log_det(own, self.first_covariance)
+        twice += _log_det(rival, self.second_covariance) - _log_det(normal, self.first_covariance)
         return np.asarray(twice / 2)
 
 

@@ -88,17 +88,17 @@ class LoadingCourse:
         if depth == 1.0:
             return self
         wide = np.sqrt(depth)
-        force, gel, touching = (np.zeros_like(own) for own in (self.force_N, self.gel_mm, self.touching))
+        force, gel, touching = (np.zeros_like(field) for field in (self.force_N, self.gel_mm, self.touching))
         for number, pad in enumerate(recording.case.history.pads):
             mine = np.flatnonzero(recording.pad_of_marker == number)
             flat = pad.rest_mm[:, :2]
             push = np.maximum(self.force_N[-1, mine, 2], 0.0)
             centre = (push[:, None] * flat).sum(axis=0) / max(float(push.sum()), 1e-12)
             come_from = centre + (flat - centre) / wide
-            for values, found in ((self.force_N, force), (self.gel_mm, gel)):
+            for values, deeper_field in ((self.force_N, force), (self.gel_mm, gel)):
                 table = np.moveaxis(values[:, mine], 1, 0).reshape(len(mine), -1)
                 moved = wide * LinearNDInterpolator(flat, table, fill_value=0.0)(come_from)
-                found[:, mine] = np.moveaxis(moved.reshape(len(mine), len(values), 3), 0, 1)
+                deeper_field[:, mine] = np.moveaxis(moved.reshape(len(mine), len(values), 3), 0, 1)
             nearest = NearestNDInterpolator(flat, np.arange(len(mine)))(come_from).astype(np.int64)
             touching[:, mine] = self.touching[:, mine[nearest]]
         return LoadingCourse(
@@ -117,6 +117,6 @@ class LoadingCourse:
 def _between(known: Float[np.ndarray, " f"], wanted: Float[np.ndarray, " k"]) -> Float[np.ndarray, "k f"]:
     """Weights of linear interpolation at increasing places; below the first in proportion to it."""
     return (
-        np.stack([np.interp(wanted, known, own) for own in np.eye(len(known))], axis=1)
+        np.stack([np.interp(wanted, known, unit) for unit in np.eye(len(known))], axis=1)
         * np.minimum(1.0, wanted / max(float(known[0]), 1e-12))[:, None]
     )

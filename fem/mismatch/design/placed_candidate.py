@@ -92,34 +92,34 @@ def placed_course(base: Baseline, place: Place, depth: float) -> PlacedCourse:
         mine = np.flatnonzero((whose == number) & touched)[::every]
         if len(mine) < len(LOADS):
             raise FemFailure(FemProblem.OFF_SURFACE, f"pad {pad.name} hardly touches")
-        own = mine - int(np.flatnonzero(whose == number)[0])
+        numbers = mine - int(np.flatnonzero(whose == number)[0])
         turn = place.rotation @ source.case.turns[number]
-        surface = centre + (pad.surface_mm[own] - centre) @ place.rotation.T
+        surface = centre + (pad.surface_mm[numbers] - centre) @ place.rotation.T
         on_skin = _on_skin(base, surface, turn[:, 2])
         kept.append(mine)
         turns.append(turn)
         pads.append(
             replace(
                 pad,
-                rest_mm=pad.rest_mm[own],
+                rest_mm=pad.rest_mm[numbers],
                 surface_mm=on_skin,
-                position_mm=pad.position_mm[:, own],
-                gel_displacement_mm=pad.gel_displacement_mm[:, own],
-                force_N=pad.force_N[:, own],
-                episode=pad.episode[:, own],
+                position_mm=pad.position_mm[:, numbers],
+                gel_displacement_mm=pad.gel_displacement_mm[:, numbers],
+                force_N=pad.force_N[:, numbers],
+                episode=pad.episode[:, numbers],
             )
         )
     chosen, axes = np.concatenate(kept), np.stack(turns)
-    along = axes[np.repeat(np.arange(len(pads)), [len(own) for own in kept])]
+    along = axes[np.repeat(np.arange(len(pads)), [len(markers) for markers in kept])]
     whole = [course.force_N[:, whose == k].sum(axis=1) for k in range(len(pads))]
-    parts = [course.force_N[:, own] for own in kept]
+    parts = [course.force_N[:, markers] for markers in kept]
     # markers left out: those that stay take their force, pad by pad and load by load
     scaled = [
-        own
-        * (total[:, 2] / np.where(np.abs(own[:, :, 2].sum(axis=1)) > 0, own[:, :, 2].sum(axis=1), 1.0))[
+        part
+        * (total[:, 2] / np.where(np.abs(part[:, :, 2].sum(axis=1)) > 0, part[:, :, 2].sum(axis=1), 1.0))[
             :, None, None
         ]
-        for own, total in zip(parts, whole, strict=True)
+        for part, total in zip(parts, whole, strict=True)
     ]
     force = np.einsum("knx,nyx->kny", np.concatenate(scaled, axis=1), along)
     gel = np.einsum("knx,nyx->kny", course.gel_mm[:, chosen], along)
@@ -130,9 +130,10 @@ def placed_course(base: Baseline, place: Place, depth: float) -> PlacedCourse:
     solid = base.solids[source.case.support]
     links = tuple(pad_link(pad, solid) for pad in pads)
     loads = np.zeros((count, len(base.mesh.nodes_mm), 3))
-    ends = np.cumsum([len(own) for own in kept])[:-1]
+    ends = np.cumsum([len(markers) for markers in kept])[:-1]
     loads[:, solid.contact_nodes] = sum(
-        link.nodal_force(own) for link, own in zip(links, np.split(patterns, ends, axis=1), strict=True)
+        link.nodal_force(pad_patterns)
+        for link, pad_patterns in zip(links, np.split(patterns, ends, axis=1), strict=True)
     )
     moved = solid.displacement(loads)
     on_skin = moved[:, solid.contact_nodes]
@@ -176,17 +177,17 @@ def frames_of(course: LoadingCourse, protocol: Protocol) -> Frames:
     hold = course.hold_s if protocol.hold_s is None else protocol.hold_s
     rise = course.time_s / protocol.speed
     top, levels = len(LOADS) - 1, np.arange(len(LOADS))
-    found: list[tuple[int, int, bool, float]] = []
+    frames: list[tuple[int, int, bool, float]] = []
     begun = 0.0
     for cycle in range(protocol.cycles):
-        found += [(int(k), cycle, True, begun + float(rise[k])) for k in levels]
+        frames += [(int(k), cycle, True, begun + float(rise[k])) for k in levels]
         peak = begun + float(rise[-1])
         if hold > 0:
-            found += [(top, cycle, True, peak + share * hold) for share in HOLD_SHARES]
+            frames += [(top, cycle, True, peak + share * hold) for share in HOLD_SHARES]
         down = peak + hold
-        found += [(int(k), cycle, False, down + float(rise[-1] - rise[k])) for k in levels[-2::-1]]
+        frames += [(int(k), cycle, False, down + float(rise[-1] - rise[k])) for k in levels[-2::-1]]
         begun = down + float(rise[-1]) + course.frame_s
-    level, cycle_of, rising, time_s = zip(*found, strict=True)
+    level, cycle_of, rising, time_s = zip(*frames, strict=True)
     return Frames(
         level=np.array(level), cycle=np.array(cycle_of), rising=np.array(rising), time_s=np.array(time_s)
     )
@@ -224,7 +225,7 @@ def candidate_recording(
     ends = np.cumsum([len(pad.rest_mm) for pad in placed.pads])[:-1]
     quiet = np.setdiff1d(np.arange(len(time)), at)
     pads, motions, poses = [], [], []
-    for number, (pad, own_force, own_gel, own_episode, own) in enumerate(
+    for number, (pad, own_force, own_gel, own_episode, pad_response) in enumerate(
         zip(
             placed.pads,
             np.split(force, ends, axis=1),
@@ -237,7 +238,7 @@ def candidate_recording(
         felt = own_force.copy()
         felt[quiet] = pad.force_sd_N * rng.normal(size=felt[quiet].shape)
         position = np.broadcast_to(pad.surface_mm, own_force.shape).copy()
-        position[at] += compliance * own
+        position[at] += compliance * pad_response
         pads.append(
             replace(
                 pad,

@@ -66,7 +66,7 @@ class Predicted:
     @property
     def answered(self) -> bool:
         """Whether the laws have an answer there."""
-        known = [one.markers for one in (self.mean, *self.fields) if one.markers is not None]
+        known = [delta.markers for delta in (self.mean, *self.fields) if delta.markers is not None]
         return all(bool(np.isfinite(markers).all()) for markers in known)
 
 
@@ -154,8 +154,8 @@ def _store_path_nuisances(candidates: CandidateSet) -> None:
     causes, moved = _inner_changes(paths)
     for k, recording in enumerate(paths.base.grasps):
         leave_withheld(paths, recording)
-        own = {cause: recording.over_time(field[k]) for cause, field in zip(causes, moved, strict=True)}
-        store_inner_changes(paths, recording, own)
+        changes = {cause: recording.over_time(field[k]) for cause, field in zip(causes, moved, strict=True)}
+        store_inner_changes(paths, recording, changes)
     slid = []
     for recording in paths.base.grasps:
         leading = replace(
@@ -180,16 +180,16 @@ def _inner_changes(paths: ForwardModel) -> tuple[list[str], list[list[Float[np.n
     causes: list[str] = []
     loads: list[np.ndarray] = []
     for recording in grasps:
-        causes, own = inner_forces(paths.base.solid_of(recording), recording.moved, [], with_surface=False)
-        loads.append(own.reshape(-1, *own.shape[2:]))
+        causes, forces = inner_forces(paths.base.solid_of(recording), recording.moved, [], with_surface=False)
+        loads.append(forces.reshape(-1, *forces.shape[2:]))
     moved = paths.base.displacements(loads)
-    found: list[list[np.ndarray]] = [[] for _ in causes]
-    for recording, own in zip(grasps, moved, strict=True):
-        on_skin = own[:, paths.base.solid_of(recording).contact_nodes]
+    changes: list[list[np.ndarray]] = [[] for _ in causes]
+    for recording, displacement in zip(grasps, moved, strict=True):
+        on_skin = displacement[:, paths.base.solid_of(recording).contact_nodes]
         by_cause = recording.at_markers(on_skin).reshape(len(causes), len(recording.moved), -1, 3)
-        for place, field in zip(found, by_cause, strict=True):
+        for place, field in zip(changes, by_cause, strict=True):
             place.append(field)
-    return causes, found
+    return causes, changes
 
 
 def _nuisance_columns(candidates: CandidateSet, names: Collection[str]) -> dict[str, list[Regressor]]:
@@ -227,29 +227,29 @@ def predictions(explained: Explained, candidates: CandidateSet) -> list[Predicte
     at = forward if again is None else replace(forward, compliance=again.forward.compliance)
     grasps = forward.base.grasps
     if again is None:
-        here, ahead = Response(unit=[one.tracks.unit_displacement for one in grasps]), []
+        here, ahead = Response(unit=[grasp.tracks.unit_displacement for grasp in grasps]), []
     else:
         here = _responses(again, again.parameters, at, candidates)
         ahead = [_responses(again, values, at, candidates) for values in _ahead(again)]
     steps = [] if again is None else [step for step, _ in again.ahead]
     slopes = [slope_fields(at, here, far, step) for far, step in zip(ahead, steps, strict=True)]
     amounts, covariance = explained.fit.amounts, explained.fit.covariance
-    found = []
+    predicted = []
     chosen = [explained.products.columns[j] for j in explained.fit.chosen]
     for k in range(len(grasps)):
         known: list[tuple[int, ObservationDelta, float]] = []
         plain = ObservationDelta(markers=at.compliance * here.unit[k])
         known.append((0, plain, 1.0 + float(amounts[0])))
         met: dict[str, int] = {}
-        for place, (own, amount) in enumerate(zip(chosen, amounts, strict=True)):
+        for place, (regressor, amount) in enumerate(zip(chosen, amounts, strict=True)):
             if place == 0 or (again is not None and place >= len(chosen) - len(slopes)):
                 continue
-            number = met.get(own.name, 0)
-            met[own.name] = number + 1
-            column = next(iter(candidates.nuisances.get(own.name, [])[number : number + 1]), None)
+            number = met.get(regressor.name, 0)
+            met[regressor.name] = number + 1
+            column = next(iter(candidates.nuisances.get(regressor.name, [])[number : number + 1]), None)
             field = None if column is None else column.fields[k]
             if column is not None and field is not None:
-                known.append((place, field, own.mean + float(amount)))
+                known.append((place, field, regressor.mean + float(amount)))
         for number, slope in enumerate(slopes):
             place = len(chosen) - len(slopes) + number
             known.append((place, slope[k], float(amounts[place])))
@@ -269,27 +269,27 @@ def predictions(explained: Explained, candidates: CandidateSet) -> list[Predicte
             ]
         )
         places = [place for place, _, _ in known]
-        found.append(
+        predicted.append(
             Predicted(
                 mean=mean,
                 fields=tuple(field for _, field, _ in known),
                 covariance=covariance[np.ix_(places, places)],
             )
         )
-    return found
+    return predicted
 
 
 def _ahead(again: Refit) -> list[tuple[dict[str, float], ...]]:
     """The parameters a step ahead, one after the other, as in the refit's own slopes."""
-    found, steps = [], iter(again.ahead)
+    parameters_ahead, steps = [], iter(again.ahead)
     for number, effect in enumerate(again.effects):
         for spec in effect.spec.searched:
             step, _ = next(steps)
-            values = [dict(own) for own in again.parameters]
+            values = [dict(parameters) for parameters in again.parameters]
             old = values[number][spec.name]
             values[number][spec.name] = old * float(np.exp(step)) if spec.log else old + step
-            found.append(tuple(values))
-    return found
+            parameters_ahead.append(tuple(values))
+    return parameters_ahead
 
 
 def _responses(
@@ -297,8 +297,8 @@ def _responses(
 ) -> Response:
     """Of all effects of an explanation together; NaN where a law has no answer."""
     each = [
-        response_at_candidates(effect, own, variant, at, candidates)
-        for effect, own, variant in zip(again.effects, parameters, again.variants, strict=True)
+        response_at_candidates(effect, effect_parameters, variant, at, candidates)
+        for effect, effect_parameters, variant in zip(again.effects, parameters, again.variants, strict=True)
     ]
     return each[0] if len(each) == 1 else superposed(at, each)
 
@@ -315,13 +315,13 @@ def response_at_candidates(
         return effect.respond(at, parameters, variant)
     paths = replace(candidates.paths, compliance=at.compliance)
     parts: list[Response | None] = [None] * len(candidates.courses)
-    for own in _together(effect, candidates):
-        model = _alone(paths, own, candidates if effect.spec.remembers_grasps else None)
+    for courses in _together(effect, candidates):
+        model = _alone(paths, courses, candidates if effect.spec.remembers_grasps else None)
         with suppress(FemFailure):
-            found = effect.respond(model, parameters, variant)
-            first = len(model.base.grasps) - len(own)
-            for number, course in enumerate(own):
-                parts[course] = _of_one(found, first + number)
+            response = effect.respond(model, parameters, variant)
+            first = len(model.base.grasps) - len(courses)
+            for number, course in enumerate(courses):
+                parts[course] = _of_one(response, first + number)
     whole = [
         Response(unit=[np.full_like(recording.tracks.unit_displacement, np.nan)]) if part is None else part
         for part, recording in zip(parts, paths.base.grasps, strict=True)
@@ -332,8 +332,8 @@ def response_at_candidates(
     all_shift, all_balance = len(shifts) == len(whole), len(balances) == len(whole)
     return Response(
         unit=candidates.read([part.unit[0] for part in whole]),
-        shift_mm=candidates.read([own[0] for own in shifts]) if all_shift else None,
-        balance=candidates.read([own[0] for own in balances]) if all_balance else None,
+        shift_mm=candidates.read([shift[0] for shift in shifts]) if all_shift else None,
+        balance=candidates.read([balance[0] for balance in balances]) if all_balance else None,
         rest=[rests[k][0] for k in candidates.of_course] if len(rests) == len(whole) else None,
     )
 
@@ -351,7 +351,10 @@ def _together(effect: Effect, candidates: CandidateSet) -> list[list[int]]:
             if course.depth == 1.0 and course.place.kind in near and course.place.source == first
         ]
     depths = [course.depth for course in candidates.courses]
-    return [[k for k, depth in enumerate(depths) if depth == own] for own in dict.fromkeys(depths)]
+    return [
+        [k for k, depth in enumerate(depths) if depth == shared_depth]
+        for shared_depth in dict.fromkeys(depths)
+    ]
 
 
 def _alone(paths: ForwardModel, courses: Sequence[int], remembered: CandidateSet | None) -> ForwardModel:
@@ -362,17 +365,17 @@ def _alone(paths: ForwardModel, courses: Sequence[int], remembered: CandidateSet
         before = [remembered.known[place.source]] if place.on_pressed_flesh else []
     key = ("alone", tuple(courses), bool(before))
     memo, starts = paths.memoised(key, lambda: (MemoTable(), WarmStarts()))
-    own = with_grasps(paths, [*before, *(paths.base.grasps[k] for k in courses)], memo)
-    return replace(own, warm_starts=starts)
+    model = with_grasps(paths, [*before, *(paths.base.grasps[k] for k in courses)], memo)
+    return replace(model, warm_starts=starts)
 
 
-def _of_one(found: Response, k: int) -> Response:
+def _of_one(response: Response, k: int) -> Response:
     """One recording's part of a response."""
     return Response(
-        unit=[found.unit[k]],
-        shift_mm=None if found.shift_mm is None else [found.shift_mm[k]],
-        balance=None if found.balance is None else [found.balance[k]],
-        rest=None if found.rest is None else [found.rest[k]],
+        unit=[response.unit[k]],
+        shift_mm=None if response.shift_mm is None else [response.shift_mm[k]],
+        balance=None if response.balance is None else [response.balance[k]],
+        rest=None if response.rest is None else [response.rest[k]],
     )
 
 

@@ -85,18 +85,18 @@ class Damage:
         pieces = FleshPieces.whole(forward.points, workers=forward.workers)
         level = _level(pieces, state, compliance=s, poisson_ratio=nu)
         levels = [relative * level for relative in RELATIVE]
-        laws = [mullins_damage(1.0, own, poisson_ratio=nu) for own in levels]
+        laws = [mullins_damage(1.0, level_MPa, poisson_ratio=nu) for level_MPa in levels]
         moved = state.marker_responses([pieces.forces(s * state.linear, law) for law in laws])
-        found = []
+        signatures = []
         for own_level, more in zip(levels, moved, strict=True):
-            fields = [ObservationDelta(markers=-own) for own in more]
-            found.append(
+            fields = [ObservationDelta(markers=-displacement) for displacement in more]
+            signatures.append(
                 Signature(
                     variant=AtValue(symbol="W0", value=significant(own_level, 3)),
                     columns=(Regressor(name=DMAX, sd=PRIOR_SD, fields=fields, positive=True),),
                 )
             )
-        return found
+        return signatures
 
     def start(
         self,

@@ -105,7 +105,7 @@ class Drainage:
     ) -> dict[str, float]:
         """The amount a counts drainage as if it went on in proportion: s b / (1 - s b) = a b of a mode of
         volume share b, and tau as much shorter than its retardation time."""
-        b = float(np.mean([own.typical_share for own in _fading_volumes(forward)]))
+        b = float(np.mean([volume.typical_share for volume in _fading_volumes(forward)]))
         arm = RelaxingArm.of_creep(b * max(float(amounts[0]), 0.0), value_of(signature.variant))
         return {
             SHARE: float(np.clip(arm.g / b, 2 * LEAST, 0.9)),
@@ -116,19 +116,19 @@ class Drainage:
         """Exact in time for force histories that run straight between frames."""
         return Response(
             unit=[
-                own.response(recording, share=parameters[SHARE], tau_s=parameters[TAU])
-                for own, recording in zip(_fading_volumes(forward), forward.base.grasps, strict=True)
+                volume.response(recording, share=parameters[SHARE], tau_s=parameters[TAU])
+                for volume, recording in zip(_fading_volumes(forward), forward.base.grasps, strict=True)
             ]
         )
 
 
 def _drained(forward: ForwardModel, tau_s: float) -> list[Float[np.ndarray, "_f _n 3"]]:
     """dc/ds: at once nothing, in time that of the elastic law."""
-    found = []
+    responses = []
     for recording, first in zip(forward.base.grasps, _first_orders(forward), strict=True):
         whole = over_all_frames(recording, first)
-        found.append(lagging(whole, recording.case.history.time_s, tau_s)[recording.used])
-    return found
+        responses.append(lagging(whole, recording.case.history.time_s, tau_s)[recording.used])
+    return responses
 
 
 def fading_forces(forward: ForwardModel, moved: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r m 3"]:

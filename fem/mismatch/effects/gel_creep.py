@@ -94,11 +94,11 @@ def memory(
     values: Float[np.ndarray, "t n 3"], time_s: Float[np.ndarray, " t"], tau_s: float
 ) -> Float[np.ndarray, "t n 3"]:
     """m of the module's docstring."""
-    found = np.zeros_like(values)
+    remembered = np.zeros_like(values)
     for k in range(1, len(time_s)):
         fade = float(np.exp(-(time_s[k] - time_s[k - 1]) / tau_s))
-        found[k] = fade * found[k - 1] + (1 - fade) * values[k]
-    return found
+        remembered[k] = fade * remembered[k - 1] + (1 - fade) * values[k]
+    return remembered
 
 
 EFFECT: Effect = GelFault(

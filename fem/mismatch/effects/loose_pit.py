@@ -90,13 +90,13 @@ class LoosePit:
         """
         if not len(forward.base.mesh.pit_nodes):
             return []
-        found = []
+        signatures = []
         for pit_turns, gap_mm in product((True, False), GAPS_MM):
             try:
                 unit = _responses(forward, gap_mm / forward.compliance, pit_turns=pit_turns)
             except FemFailure as failure:
                 way = AtGap(gap_mm=gap_mm, pit_turns=pit_turns)
-                found.append(Signature(variant=way, columns=(), untried=failure.detail))
+                signatures.append(Signature(variant=way, columns=(), untried=failure.detail))
                 continue
             share = _fitted(forward, unit) / forward.compliance
             way = AtGap(gap_mm=significant(gap_mm * share, 3), pit_turns=pit_turns)
@@ -104,10 +104,10 @@ class LoosePit:
                 forward.compliance * (loose - recording.tracks.unit_displacement)
                 for recording, loose in zip(forward.base.grasps, unit, strict=True)
             ]
-            fields = [ObservationDelta(markers=own) for own in more]
+            fields = [ObservationDelta(markers=displacement) for displacement in more]
             column = Regressor(name="loose", sd=1.0, fields=fields, positive=True, least=LEAST_AMOUNT)
-            found.append(Signature(variant=way, columns=(column,)))
-        return found
+            signatures.append(Signature(variant=way, columns=(column,)))
+        return signatures
 
     def start(
         self,
@@ -132,16 +132,16 @@ class LoosePit:
         gap_mm = parameters[GAP]
         if isinstance(variant, AtGap):
             return Response(unit=self._fixed_point(forward, gap_mm, pit_turns=variant.pit_turns))
-        found: list[list[Float[np.ndarray, "_f _n 3"]]] = []
+        responses: list[list[Float[np.ndarray, "_f _n 3"]]] = []
         failures: list[FemFailure] = []
         for turns in (True, False):
             try:
-                found.append(self._fixed_point(forward, gap_mm, pit_turns=turns))
+                responses.append(self._fixed_point(forward, gap_mm, pit_turns=turns))
             except FemFailure as failure:
                 failures.append(failure)
-        if not found:
+        if not responses:
             raise failures[0]
-        return Response(unit=max(found, key=lambda unit: _explained(forward, unit)))
+        return Response(unit=max(responses, key=lambda unit: _explained(forward, unit)))
 
     @staticmethod
     def _fixed_point(
@@ -149,10 +149,10 @@ class LoosePit:
     ) -> list[Float[np.ndarray, "_f _n 3"]]:
         compliance = forward.compliance
         for _ in range(MOST_ROUNDS):
-            found, before = _responses(forward, gap_mm / compliance, pit_turns=pit_turns), compliance
-            compliance = _fitted(forward, found)
+            unit, before = _responses(forward, gap_mm / compliance, pit_turns=pit_turns), compliance
+            compliance = _fitted(forward, unit)
             if abs(compliance / before - 1) < STILL:
-                return found
+                return unit
         raise FemFailure(
             FemProblem.NOT_CONVERGED,
             f"1/E of flesh about a pit with a gap of {gap_mm:.3g} mm still changes by "
@@ -177,8 +177,8 @@ def loose_response(
     free, opening, pushed = forward.memoised(key, lambda: flesh.marker_response(recording))
     open_by = recording.shares @ opening + gap * flesh.area_mm2
     path, frames = _spread(recording.shares)
-    found = pressures(flesh.compliance(pit_turns=pit_turns), open_by[frames])
-    pressed = np.stack([np.interp(path, path[frames], own) for own in found.T], axis=1)
+    contact_pressure = pressures(flesh.compliance(pit_turns=pit_turns), open_by[frames])
+    pressed = np.stack([np.interp(path, path[frames], course) for course in contact_pressure.T], axis=1)
     return np.asarray(recording.over_time(free) + np.tensordot(pressed, pushed, axes=(1, 0)))
 
 
@@ -212,8 +212,8 @@ def _normal_equation(
 ) -> tuple[float, float]:
     """u' W u and u' W y of all recordings; their 1/E is the second over the first."""
     normal = right = 0.0
-    for recording, own in zip(forward.base.grasps, unit, strict=True):
-        heavy = marker_equations(forward, recording).weighed(own)
-        normal += float((heavy * own).sum())
+    for recording, displacement in zip(forward.base.grasps, unit, strict=True):
+        heavy = marker_equations(forward, recording).weighed(displacement)
+        normal += float((heavy * displacement).sum())
         right += float((heavy * (recording.tracks.position_mm - recording.tracks.place_mm)).sum())
     return normal, right

@@ -60,7 +60,7 @@ class PitOffset:
             Regressor(
                 name=cause,
                 sd=2.0,
-                fields=[ObservationDelta(markers=forward.compliance * own[cause]) for own in changes],
+                fields=[ObservationDelta(markers=forward.compliance * change[cause]) for change in changes],
                 of_forces=OfInnerChange(cause),
             )
             for cause in PIT_OFFSET

@@ -80,16 +80,16 @@ class PlasticSet:
             pieces = FleshPieces.of(forward.points, stress > MARGIN * Y, workers=forward.workers)
             law = von_mises_set(Y, poisson_ratio=forward.poisson_ratio)
             forces.append(bounded(pieces.forces(forward.compliance * state.linear, law), forward.compliance))
-        found = []
+        signatures = []
         for Y, more in zip(yields, state.marker_responses(forces), strict=True):
-            fields = [ObservationDelta(markers=-own) for own in more]
-            found.append(
+            fields = [ObservationDelta(markers=-displacement) for displacement in more]
+            signatures.append(
                 Signature(
                     variant=AtValue(symbol="Y", value=significant(Y, 4)),
                     columns=(Regressor(name="set", sd=PRIOR_SD, positive=True, fields=fields),),
                 )
             )
-        return found
+        return signatures
 
     def start(
         self,

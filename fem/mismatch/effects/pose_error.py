@@ -79,9 +79,9 @@ class PoseError:
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """The pad slid along its x and y, and tilted by a degree."""
-        found = []
+        signatures = []
         for pad in pads_of(forward):
-            own = [_first_order(forward, recording, pad) for recording in forward.base.grasps]
+            first_orders = [_first_order(forward, recording, pad) for recording in forward.base.grasps]
             columns = tuple(
                 Regressor(
                     name=f"{pad} {name}",
@@ -91,13 +91,13 @@ class PoseError:
                             markers=shift[k] - forward.compliance * -unit[k],
                             balance=balance[k],
                         )
-                        for unit, shift, balance in own
+                        for unit, shift, balance in first_orders
                     ],
                 )
                 for k, name in enumerate(NAMES)
             )
-            found.append(Signature(variant=OfPad(pad=pad), columns=columns))
-        return found
+            signatures.append(Signature(variant=OfPad(pad=pad), columns=columns))
+        return signatures
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
@@ -130,19 +130,19 @@ class PoseError:
         grasps, pad = forward.base.grasps, pad_of(variant)
 
         def first_order(at: Float[np.ndarray, "3"]) -> list[list[np.ndarray]]:
-            found = []
+            first_responses = []
             for recording in grasps:
                 unit, shift, balance = _first_order(forward, recording, pad)
-                found.append(
+                first_responses.append(
                     [
                         recording.tracks.unit_displacement + np.tensordot(at, unit, axes=1),
                         np.tensordot(at, shift, axes=1),
                         np.tensordot(at, balance, axes=1),
                     ]
                 )
-            return found
+            return first_responses
 
-        found = quadratic_surrogate(
+        responses = quadratic_surrogate(
             forward,
             (self.spec.name, pad, forward.compliance),
             theta,
@@ -151,9 +151,9 @@ class PoseError:
             far=FAR,
         )
         return Response(
-            unit=[own[0] for own in found],
-            shift_mm=[own[1] for own in found],
-            balance=[own[2] for own in found],
+            unit=[response[0] for response in responses],
+            shift_mm=[response[1] for response in responses],
+            balance=[response[2] for response in responses],
         )
 
 
@@ -169,24 +169,24 @@ def _first_order(
         if pad not in recording.pad_names:
             return unit, shift, balance
         number = recording.pad_names.index(pad)
-        axes, own = turn_of(recording, number), own_markers(recording, number)
-        mine = np.where(own, force, 0.0)
+        axes, markers = turn_of(recording, number), own_markers(recording, number)
+        mine = np.where(markers, force, 0.0)
         origin = recording.pose[number][:, None, :3, 3]
         unit[:2] = -slid_response(forward, recording, number)
         for k in range(2):
-            shift[k] = np.where(own, axes[:, k], 0.0)
+            shift[k] = np.where(markers, axes[:, k], 0.0)
             balance[k, :, 3:] = np.cross(axes[:, k], mine.sum(axis=1)) / ARM_MM
         degree = np.pi / 180
-        turned = np.where(own, np.cross(axes[:, 0], recording.patterns), 0.0)
+        turned = np.where(markers, np.cross(axes[:, 0], recording.patterns), 0.0)
         unit[2] = -degree * recording.over_time(response_to(forward, recording, turned))
-        arm = np.where(own, np.cross(axes[:, 0], position - origin), 0.0)
+        arm = np.where(markers, np.cross(axes[:, 0], position - origin), 0.0)
         shift[2] = degree * arm
         aside = np.cross(axes[:, 0], recording.tracks.place_mm - origin[-1])
         turns = _turns(
             forward, recording, recording.tracks.place_mm, position, recording.tracks.unit_displacement
         )
         for k, way in enumerate((axes[:, 0], axes[:, 1], degree * aside)):
-            shift[k] += _ridden(turns, np.where(own[0], -way, 0.0))
+            shift[k] += _ridden(turns, np.where(markers[0], -way, 0.0))
         centre = position.mean(axis=(0, 1))
         balance[2] = degree * wrench(np.cross(axes[:, 0], mine), position, centre_mm=centre)
         balance[2, :, 3:] += degree * np.cross(arm, mine).sum(axis=1) / ARM_MM
@@ -204,7 +204,7 @@ def _exact(
     if pad not in recording.pad_names:
         return zero
     number = recording.pad_names.index(pad)
-    own = recording.pad_of_marker == number
+    markers = recording.pad_of_marker == number
     cos, sin = np.cos(np.radians(theta[2])), np.sin(np.radians(theta[2]))
     back = np.array([[1.0, 0.0, 0.0], [0.0, cos, sin], [0.0, -sin, cos]])
     axes = turn_of(recording, number)
@@ -212,21 +212,21 @@ def _exact(
     shift = turn @ axes[:, :2] @ theta[:2]
     origin = recording.pose[number][:, None, :3, 3]
     truly = position.copy()
-    truly[:, own] = (position[:, own] - origin) @ turn.T + origin - shift
+    truly[:, markers] = (position[:, markers] - origin) @ turn.T + origin - shift
     pushed = force.copy()
-    pushed[:, own] = force[:, own] @ turn.T
+    pushed[:, markers] = force[:, markers] @ turn.T
     history = recording.case.history.pads[number]
     where = (history.surface_mm - origin[-1]) @ turn.T + origin[-1] - shift
     link = pad_link(replace(history, surface_mm=where), forward.base.solid_of(recording))
     links = tuple(link if k == number else other for k, other in enumerate(recording.links))
     patterns = recording.patterns.copy()
-    patterns[:, own] = recording.patterns[:, own] @ turn.T
+    patterns[:, markers] = recording.patterns[:, markers] @ turn.T
     there = replace(recording, links=links, patterns=patterns)
     unit = recording.over_time(response_to(forward, there, patterns))
     centre = position.mean(axis=(0, 1))
     balance = wrench(force, position, centre_mm=centre) - wrench(pushed, truly, centre_mm=centre)
     elsewhere = np.zeros_like(recording.tracks.place_mm)
-    elsewhere[own] = where - history.surface_mm
+    elsewhere[markers] = where - history.surface_mm
     place = recording.tracks.place_mm + elsewhere
     turns = _turns(forward, recording, place, truly, unit)
     # the equations turn the markers where they seem to sit: once more without what that leaves out

@@ -57,7 +57,7 @@ class SensorDrift:
 
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """Minus the response to a growing pressure, and the imbalance that it brings."""
-        found = []
+        signatures = []
         for pad in pads_of(forward):
             fields = [
                 ObservationDelta(
@@ -68,8 +68,8 @@ class SensorDrift:
                 )
             ]
             columns = (Regressor(name=f"{pad} newton_per_s", sd=0.1, fields=fields),)
-            found.append(Signature(variant=OfPad(pad=pad), columns=columns))
-        return found
+            signatures.append(Signature(variant=OfPad(pad=pad), columns=columns))
+        return signatures
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
@@ -93,21 +93,21 @@ class SensorDrift:
 
 def _at_rest(recording: GraspResponse, pad: str) -> Float[np.ndarray, " p"]:
     """Growth of each pad's force per N/s of drift: those of its markers that the fit leaves out lack."""
-    found = np.zeros(len(recording.pad_names))
+    growth = np.zeros(len(recording.pad_names))
     if pad in recording.pad_names:
         number = recording.pad_names.index(pad)
-        found[number] = own_markers(recording, number).sum() / recording.case.pads[number].markers
-    return found
+        growth[number] = own_markers(recording, number).sum() / recording.case.pads[number].markers
+    return growth
 
 
 def _of_pad(
     forward: ForwardModel, pad: str
 ) -> list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]]]:
     """Response (mm MPa) and imbalance (N) per N/s of drift; zero where the pad takes no part."""
-    found = []
+    parts = []
     for recording in forward.base.grasps:
         if pad not in recording.pad_names:
-            found.append((np.zeros_like(recording.force_N), np.zeros((len(recording.force_N), 6))))
+            parts.append((np.zeros_like(recording.force_N), np.zeros((len(recording.force_N), 6))))
             continue
         number = recording.pad_names.index(pad)
         history = recording.case.history
@@ -124,8 +124,8 @@ def _of_pad(
         position = recording.tracks.position_mm
         force = since[:, None, None] * pressed
         balance = wrench(force, position, centre_mm=position.mean(axis=(0, 1)))
-        found.append((since[:, None, None] * moved, balance))
-    return found
+        parts.append((since[:, None, None] * moved, balance))
+    return parts
 
 
 EFFECT: Effect = SensorDrift()

@@ -68,7 +68,7 @@ class SensorGain:
 
         The noise's scale belongs to it: equal gains of both pads leave the sums of forces as they are.
         """
-        found = []
+        signatures = []
         for pad in pads_of(forward):
             fields = [
                 ObservationDelta(
@@ -82,8 +82,8 @@ class SensorGain:
             columns = (
                 Regressor(name=f"{pad} gain", sd=0.15, fields=fields, of_forces=OfSomeForces(_of(pad))),
             )
-            found.append(Signature(variant=OfPad(pad=pad), columns=columns))
-        return found
+            signatures.append(Signature(variant=OfPad(pad=pad), columns=columns))
+        return signatures
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
@@ -102,8 +102,8 @@ class SensorGain:
         z = np.array([z for _, z in known])
         gained = np.array([np.log(parameters["gain"]) if pad == pad_of(variant) else 0.0 for pad, _ in known])
         weight = np.linalg.inv(GEL_SD**2 * np.eye(len(z)) + COMMON_GEL_SD**2)
-        found = (z @ weight @ z - (z - gained) @ weight @ (z - gained)) / 2
-        return float(np.clip(found, -MOST_AUXILIARY, MOST_AUXILIARY))
+        log_ratio = (z @ weight @ z - (z - gained) @ weight @ (z - gained)) / 2
+        return float(np.clip(log_ratio, -MOST_AUXILIARY, MOST_AUXILIARY))
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """The forces of that pad divided by the gain, and the sums with them on the scale of their noise."""
@@ -116,8 +116,10 @@ class SensorGain:
                 for recording, (alone, _) in zip(forward.base.grasps, parts, strict=True)
             ],
             balance=[
-                _balance(forward, recording, share * own, _noise_scale(recording, pad, parameters["gain"]))
-                for recording, (_, own) in zip(forward.base.grasps, parts, strict=True)
+                _balance(
+                    forward, recording, share * balance, _noise_scale(recording, pad, parameters["gain"])
+                )
+                for recording, (_, balance) in zip(forward.base.grasps, parts, strict=True)
             ],
         )
 
@@ -149,8 +151,8 @@ def _noise_scale(recording: GraspResponse, pad: str, gain: float) -> float:
     """
     if pad not in recording.pad_names:
         return 1.0
-    own = float(own_markers(recording, recording.pad_names.index(pad)).mean())
-    return float((own / gain**2 + 1 - own) ** -0.5)
+    pad_share = float(own_markers(recording, recording.pad_names.index(pad)).mean())
+    return float((pad_share / gain**2 + 1 - pad_share) ** -0.5)
 
 
 def _of(pad: str) -> Callable[[GraspResponse, Float[np.ndarray, "q n 3"]], Float[np.ndarray, "q n 3"]]:
@@ -180,28 +182,28 @@ def _of_pad(
     forward: ForwardModel, pad: str
 ) -> list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]]]:
     """Response to one pad's forces alone, mm MPa, and their own sums; zero where it takes no part."""
-    found = []
+    parts = []
     for recording in forward.base.grasps:
         if pad not in recording.pad_names:
-            found.append((np.zeros_like(recording.force_N), np.zeros((len(recording.force_N), 6))))
+            parts.append((np.zeros_like(recording.force_N), np.zeros((len(recording.force_N), 6))))
             continue
-        own = own_markers(recording, recording.pad_names.index(pad))
+        markers = own_markers(recording, recording.pad_names.index(pad))
         alone = forward.memoised(
             ("alone", recording.case.name, pad),
-            partial(_alone, forward, recording, own),
+            partial(_alone, forward, recording, markers),
         )
         position = recording.tracks.position_mm
         balance = wrench(
-            np.where(own, recording.force_N, 0.0), position, centre_mm=position.mean(axis=(0, 1))
+            np.where(markers, recording.force_N, 0.0), position, centre_mm=position.mean(axis=(0, 1))
         )
-        found.append((alone, balance))
-    return found
+        parts.append((alone, balance))
+    return parts
 
 
 def _alone(
-    forward: ForwardModel, recording: GraspResponse, own: Bool[np.ndarray, "1 n 1"]
+    forward: ForwardModel, recording: GraspResponse, markers: Bool[np.ndarray, "1 n 1"]
 ) -> Float[np.ndarray, "f n 3"]:
-    return recording.over_time(response_to(forward, recording, np.where(own, recording.patterns, 0.0)))
+    return recording.over_time(response_to(forward, recording, np.where(markers, recording.patterns, 0.0)))
 
 
 EFFECT: Effect = SensorGain()

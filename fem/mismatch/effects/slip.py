@@ -74,19 +74,19 @@ class Slip:
     def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
         """One for each mu at which something slips."""
         least = least_mu(_ratios(forward))
-        found = []
+        signatures = []
         for mu in (step * least for step in STEPS if step * least < HIGHEST):
             variant = AtValue(symbol="mu", value=round(mu, 4))
             try:
                 paths = _paths(forward, mu)
             except FemFailure as failure:
-                found.append(Signature(variant=variant, columns=(), untried=failure.detail))
+                signatures.append(Signature(variant=variant, columns=(), untried=failure.detail))
                 continue
             if max(float(np.abs(path).max()) for path in paths) > SEEN_MM:
                 fields = [ObservationDelta(markers=-path) for path in paths]
                 column = Regressor(name="path", sd=1.0, fields=fields, positive=True, least=LEAST_OF_PATH)
-                found.append(Signature(variant=variant, columns=(column,)))
-        return found
+                signatures.append(Signature(variant=variant, columns=(column,)))
+        return signatures
 
     def start(
         self,

@@ -150,7 +150,9 @@ class SoftSpot:
         """Every recording's markers above flesh with such a ball in it."""
         centre_mm = np.array([parameters[name] for name in CENTRE])
         inside = _inside(forward, centre_mm, parameters[RADIUS])
-        return Response(unit=[own[0] for own in softened(forward.base, inside, [parameters[RATIO]])])
+        return Response(
+            unit=[by_ratio[0] for by_ratio in softened(forward.base, inside, [parameters[RATIO]])]
+        )
 
 
 EFFECT: Effect = SoftSpot()
@@ -175,11 +177,15 @@ def _of_forces(forward: ForwardModel, spot: Spot) -> OfFlesh:
 def _residual(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]]:
     """What the plain model leaves of the markers' positions (their places and the fruit's motion in it)."""
     tracks = [recording.tracks for recording in forward.base.grasps]
-    return [own.position_mm - own.place_mm - forward.compliance * own.unit_displacement for own in tracks]
+    return [
+        track.position_mm - track.place_mm - forward.compliance * track.unit_displacement for track in tracks
+    ]
 
 
 def _fields(forward: ForwardModel, spot: Spot) -> list[ObservationDelta | None]:
     """What the ball adds to each recording per unit drop; None where it bears next to nothing."""
     inside = _inside(forward, spot.centre_mm, spot.radius_mm)
     moved = to_first_order(forward.base, inside)
-    return [None if own is None else ObservationDelta(markers=forward.compliance * own) for own in moved]
+    return [
+        None if change is None else ObservationDelta(markers=forward.compliance * change) for change in moved
+    ]

@@ -76,7 +76,7 @@ class SplitPit:
         if not len(forward.base.mesh.pit_nodes):
             return []
         part_together(forward, ANGLES_DEG)
-        found = []
+        signatures = []
         for angle in ANGLES_DEG:
             column = Regressor(
                 name=SHARE,
@@ -88,8 +88,8 @@ class SplitPit:
                 of_forces=OfHalves(forward, angle),
             )
             variant = AtValue(symbol="suture at", value=angle, unit="deg")
-            found.append(Signature(variant=variant, columns=(column,)))
-        return found
+            signatures.append(Signature(variant=variant, columns=(column,)))
+        return signatures
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]

@@ -76,7 +76,9 @@ class Stiffening:
         nu, s = forward.poisson_ratio, forward.compliance
         pieces = FleshPieces.whole(forward.points, workers=forward.workers)
         forces = pieces.forces(s * state.linear, fung_at_small_strain(poisson_ratio=nu))
-        fields = [ObservationDelta(markers=-own) for own in state.marker_responses([forces])[0]]
+        fields = [
+            ObservationDelta(markers=-displacement) for displacement in state.marker_responses([forces])[0]
+        ]
         column = Regressor(name=B, sd=PRIOR_SD, positive=True, fields=fields)
         return [Signature(variant=ONE_WAY, columns=(column,))]
 

@@ -147,9 +147,9 @@ def still_pads(records: Sequence[GelRecord]) -> RelationFit | None:
         remembered = REMEMBERED * float(np.abs(record.displacement_mm[..., :2]).max())
         width = float(np.abs(_outward(record)[chosen]).max()) * max(float(np.ptp(root)), 1e-9)
         if size > 0:
-            own = 1 / (noise / size + (remembered / width) ** 2)
-            weight[0] += own
-            right[0] += own * float((outward * moved).sum()) / size
+            precision = 1 / (noise / size + (remembered / width) ** 2)
+            weight[0] += precision
+            right[0] += precision * float((outward * moved).sum()) / size
         chi2 += float((moved**2).sum()) / noise
         count += moved.size
         rate = drift_between(record.time_s, record.air, root_of_time(record))
@@ -161,9 +161,9 @@ def still_pads(records: Sequence[GelRecord]) -> RelationFit | None:
                 record.force_sd_N * np.sqrt(2 * white * len(record.rest_mm) / frames),
                 REMEMBERED * float(np.abs(record.total_N).max()),
             ) / float(np.ptp(record.time_s[record.air]))
-            own = (share / sd) ** 2
-            weight[1] += own
-            right[1] += own * grown / share
+            precision = (share / sd) ** 2
+            weight[1] += precision
+            right[1] += precision * grown / share
     if not weight[0]:
         return None
     spread = np.array([PRIOR_SD[STRAIN], PRIOR_SD[FORCE]])

@@ -103,18 +103,18 @@ class ContactFound:
     @property
     def evidence(self) -> float:
         """ln evidence over none, of all recordings."""
-        return sum(one.evidence for one in self.forces)
+        return sum(force.evidence for force in self.forces)
 
     @property
     def volume(self) -> float:
         """Its part that is not in how well the forces balance."""
-        return sum(one.volume for one in self.forces)
+        return sum(force.volume for force in self.forces)
 
     @property
     def greatest_N(self) -> tuple[float, float]:
         """The greatest normal force, and its standard deviation."""
-        normal = [one.force_N @ self.seat.inward for one in self.forces]
-        best = int(np.argmax([own.max() for own in normal]))
+        normal = [force.force_N @ self.seat.inward for force in self.forces]
+        best = int(np.argmax([course_N.max() for course_N in normal]))
         at = int(normal[best].argmax())
         return float(normal[best][at]), float(self.forces[best].sd_N[at])
 
@@ -129,18 +129,18 @@ class ThirdContact:
         """The force at the place that balances best, where one does; the amount is its greatest value as a
         share of what a pad pushes.
         """
-        found = _found(forward)
-        if found is None:
+        contact = _found(forward)
+        if contact is None:
             return []
-        share = max(found.greatest_N[0], LEAST_N) / _peak_N(forward)
+        share = max(contact.greatest_N[0], LEAST_N) / _peak_N(forward)
         fields = [
             None
             if field is None
             else ObservationDelta(markers=forward.compliance * field[0] / share, balance=field[1] / share)
-            for field in _fields(forward, found)
+            for field in _fields(forward, contact)
         ]
         column = Regressor(name="push", sd=SCALES[-1], fields=fields, positive=True)
-        return [Signature(variant=_variant(found.seat), columns=(column,))]
+        return [Signature(variant=_variant(contact.seat), columns=(column,))]
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
@@ -156,8 +156,8 @@ class ThirdContact:
 
     def direct_evidence(self, forward: ForwardModel) -> float:
         """What it costs that force and place are taken from the balance: negative."""
-        found = _found(forward)
-        return 0.0 if found is None else found.volume + found.search
+        contact = _found(forward)
+        return 0.0 if contact is None else contact.volume + contact.search
 
     def measured_sd(self, forward: ForwardModel) -> dict[str, float]:
         """Of the place about the start; of the force as measured."""
@@ -173,9 +173,9 @@ class ThirdContact:
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """Every recording with the force at this place that balances it."""
-        found = _at(forward, np.array([parameters[name] for name in CENTRE]))
+        contact = _at(forward, np.array([parameters[name] for name in CENTRE]))
         unit, balance = [], []
-        for recording, field in zip(forward.base.grasps, _fields(forward, found), strict=True):
+        for recording, field in zip(forward.base.grasps, _fields(forward, contact), strict=True):
             plain = recording.tracks.unit_displacement
             unit.append(plain if field is None else plain + field[0])
             balance.append(np.zeros((len(plain), 6)) if field is None else field[1])
@@ -223,7 +223,7 @@ def _searched(forward: ForwardModel) -> ContactFound | None:
     places = _places(mesh.nodes_mm[mesh.outer_nodes])
     skin = locate(mesh, places)
     evidence = [
-        sum(one.evidence for one in _forces(forward, place, -normal))
+        sum(force.evidence for force in _forces(forward, place, -normal))
         for place, normal in zip(skin.point_mm, skin.normal, strict=True)
     ]
     mean = float(logsumexp(evidence) - np.log(len(evidence)))
@@ -241,19 +241,19 @@ def _searched(forward: ForwardModel) -> ContactFound | None:
         method="Nelder-Mead",
         options={"initial_simplex": corners, "maxfev": 60, "xatol": 0.05, "fatol": 0.05},
     ).x
-    found = _at(forward, best.place_mm + way @ axes)
-    search = mean - max(*evidence, found.evidence)
-    return replace(found, search=search) if found.evidence > LEAST_EVIDENCE else None
+    contact = _at(forward, best.place_mm + way @ axes)
+    search = mean - max(*evidence, contact.evidence)
+    return replace(contact, search=search) if contact.evidence > LEAST_EVIDENCE else None
 
 
 def _most_evidence(forward: ForwardModel) -> float:
     """Half of the imbalance's chi-square: more no force can gain."""
-    found = 0.0
+    evidence = 0.0
     for recording in forward.base.grasps:
         balance = balance_equations(forward, recording)
         if balance is not None:
-            found += float((balance.measured * balance.weighed(balance.measured)).sum()) / 2
-    return found
+            evidence += float((balance.measured * balance.weighed(balance.measured)).sum()) / 2
+    return evidence
 
 
 def _places(skin_mm: Float[np.ndarray, "o 3"]) -> Float[np.ndarray, "p 3"]:
@@ -267,19 +267,19 @@ def _places(skin_mm: Float[np.ndarray, "o 3"]) -> Float[np.ndarray, "p 3"]:
 
 
 def _fields(
-    forward: ForwardModel, found: ContactFound
+    forward: ForwardModel, contact: ContactFound
 ) -> list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]] | None]:
     """Change of every recording's unit displacement and of its sums of force; None without a force."""
     fields: list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]] | None] = []
-    place = tuple(np.round(found.seat.place_mm, 6))
-    for recording, force in zip(forward.base.grasps, found.forces, strict=True):
+    place = tuple(np.round(contact.seat.place_mm, 6))
+    for recording, force in zip(forward.base.grasps, contact.forces, strict=True):
         if not force.force_N.any():
             fields.append(None)
             continue
-        own = partial(forward.base.marker_response, recording, found.seat.load(np.eye(3)))
-        at_markers = forward.memoised(("third contact", recording.case.name, place), own)
+        response = partial(forward.base.marker_response, recording, contact.seat.load(np.eye(3)))
+        at_markers = forward.memoised(("third contact", recording.case.name, place), response)
         moved = np.tensordot(force.force_N, at_markers, axes=1)
-        fields.append((moved, -force.wrench(recording, found.seat.place_mm)))
+        fields.append((moved, -force.wrench(recording, contact.seat.place_mm)))
     return fields
 
 
@@ -290,8 +290,8 @@ def _peak_N(forward: ForwardModel) -> float:
 
 def _greatest(forward: ForwardModel) -> tuple[float, float]:
     """The greatest push, N, and its relative spread; the least where none is found."""
-    found = _found(forward)
-    if found is None:
+    contact = _found(forward)
+    if contact is None:
         return LEAST_N, 1.0
-    value, sd = found.greatest_N
+    value, sd = contact.greatest_N
     return max(value, LEAST_N), sd / max(value, LEAST_N)

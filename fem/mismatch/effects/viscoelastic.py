@@ -104,19 +104,19 @@ class Viscoelastic:
         grasps = forward.base.grasps
         return Response(
             unit=[
-                recording.tracks.unit_displacement + arm.creep_share * own
-                for recording, own in zip(grasps, crept, strict=True)
+                recording.tracks.unit_displacement + arm.creep_share * creep
+                for recording, creep in zip(grasps, crept, strict=True)
             ]
         )
 
 
 def _crept(forward: ForwardModel, retardation_s: float) -> list[Float[np.ndarray, "_f _n 3"]]:
     """h: nothing at once, in time all of c."""
-    found = []
+    responses = []
     for recording in forward.base.grasps:
         whole = over_all_frames(recording, recording.tracks.unit_displacement)
-        found.append(lagging(whole, recording.case.history.time_s, retardation_s)[recording.used])
-    return found
+        responses.append(lagging(whole, recording.case.history.time_s, retardation_s)[recording.used])
+    return responses
 
 
 EFFECT: Effect = Viscoelastic()

@@ -49,7 +49,7 @@ def balance_equations(forward: ForwardModel, recording: GraspResponse) -> Balanc
 def pull_of(forward: ForwardModel) -> Pull:
     """How far gels are pulled away from the skin, all recordings of the fruit together; computed once."""
 
-    def found() -> Pull:
+    def compute() -> Pull:
         pads = [
             pulled(*pad) for recording in forward.base.grasps for pad in pads_with_normals(recording.case)
         ]
@@ -60,7 +60,7 @@ def pull_of(forward: ForwardModel) -> Pull:
             noise_mm=max(pad.noise_mm for pad in pads),
         )
 
-    return forward.memoised("pulling markers", found)
+    return forward.memoised("pulling markers", compute)
 
 
 def gels_stick(forward: ForwardModel) -> bool:

@@ -35,21 +35,23 @@ def drawn_force_noise(
 
     The fields of all recordings are solved for together.
     """
-    drawn = parallel_map(lambda one: _drawn(forward, one, draws), recorded, workers=forward.workers)
-    forces = [own for _, own in drawn]
+    drawn = parallel_map(
+        lambda equations: _drawn(forward, equations, draws), recorded, workers=forward.workers
+    )
+    forces = [force_N for _, force_N in drawn]
     solved = _solved(forward, recorded, forces)
-    shares = [_shares(one) for one in recorded]
+    shares = [_shares(equations) for equations in recorded]
     weighed = []
-    for one, own, (places, _), (_, response) in zip(recorded, shares, drawn, solved, strict=True):
-        excess = places - forward.compliance * np.einsum("fr,prnx->pfnx", own, response)
-        weighed.append(np.stack([one.weighed_markers(draw) for draw in excess]))
-    pulled = [np.einsum("fr,pfnx->prnx", own, heavy) for own, heavy in zip(shares, weighed, strict=True)]
+    for equations, share, (places, _), (_, response) in zip(recorded, shares, drawn, solved, strict=True):
+        excess = places - forward.compliance * np.einsum("fr,prnx->pfnx", share, response)
+        weighed.append(np.stack([equations.weighed_markers(draw) for draw in excess]))
+    pulled = [np.einsum("fr,pfnx->prnx", share, heavy) for share, heavy in zip(shares, weighed, strict=True)]
     adjoint = _solved(forward, recorded, pulled)
     return [
         ForceNoise(
             compliance=forward.compliance,
-            recording=one.recording,
-            solid=forward.base.solid_of(one.recording),
+            recording=equations.recording,
+            solid=forward.base.solid_of(equations.recording),
             force_N=forces[k],
             moved=solved[k][0],
             response=solved[k][1],
@@ -58,7 +60,7 @@ def drawn_force_noise(
             adjoint=adjoint[k][0],
             adjoint_response=adjoint[k][1],
         )
-        for k, one in enumerate(recorded)
+        for k, equations in enumerate(recorded)
     ]
 
 
@@ -113,16 +115,16 @@ def _solved(
     """K0^-1 L f of the whole flesh and at the markers (E = 1 MPa), recording by recording."""
     base, nodes = forward.base, len(forward.base.mesh.nodes_mm)
     loads = {recording.case.name: np.zeros((0, nodes, 3)) for recording in base.grasps}
-    for one, forces in zip(recorded, force_N, strict=True):
+    for equations, forces in zip(recorded, force_N, strict=True):
         flat = forces.reshape(-1, *forces.shape[2:])
         load = np.zeros((len(flat), nodes, 3))
-        load[:, base.solid_of(one.recording).contact_nodes] = one.recording.nodal_of(flat)
-        loads[one.recording.case.name] = load
+        load[:, base.solid_of(equations.recording).contact_nodes] = equations.recording.nodal_of(flat)
+        loads[equations.recording.case.name] = load
     solved = dict(zip(loads, base.displacements(list(loads.values())), strict=True))
-    found = []
-    for one, forces in zip(recorded, force_N, strict=True):
-        moved = solved[one.recording.case.name]
-        on_skin = moved[:, base.solid_of(one.recording).contact_nodes]
+    displacements = []
+    for equations, forces in zip(recorded, force_N, strict=True):
+        moved = solved[equations.recording.case.name]
+        on_skin = moved[:, base.solid_of(equations.recording).contact_nodes]
         by_draw = moved.reshape(*forces.shape[:2], *moved.shape[1:])
-        found.append((by_draw, one.recording.at_markers(on_skin).reshape(forces.shape)))
-    return found
+        displacements.append((by_draw, equations.recording.at_markers(on_skin).reshape(forces.shape)))
+    return displacements

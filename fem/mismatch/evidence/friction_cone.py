@@ -127,7 +127,7 @@ def _springs(forward: ForwardModel, pad_name: str) -> tuple[float, float, bool]:
 
 
 def _fitted_springs(forward: ForwardModel, pad_name: str) -> tuple[float, float, bool]:
-    found, local = [], True
+    springs, local = [], True
     for part in (slice(2, 3), slice(0, 2)):
         work = moved = residual = noise = 0.0
         pairs = [
@@ -148,8 +148,8 @@ def _fitted_springs(forward: ForwardModel, pad_name: str) -> tuple[float, float,
             residual += float(((force + stiffness * gel) ** 2).sum())
             noise += force.size * (force_sd**2 + (stiffness * gel_sd) ** 2)
         local &= stiffness > 0 and residual < LOCAL * noise
-        found.append(max(stiffness, NO_SPRING))
-    return found[0], found[1], local
+        springs.append(max(stiffness, NO_SPRING))
+    return springs[0], springs[1], local
 
 
 def _gel(recording: GraspResponse, pad: int) -> Float[np.ndarray, "f m 3"]:

@@ -144,9 +144,9 @@ def gel_records(forward: ForwardModel) -> tuple[GelRecord, ...]:
 
 
 def _records(recording: GraspResponse) -> list[GelRecord]:
-    found = [_record(recording.case, k, pad.force_N) for k, pad in enumerate(recording.case.history.pads)]
-    largest = max(_largest_N(record) for record in found)
-    return [replace(record, largest_N=largest) for record in found]
+    records = [_record(recording.case, k, pad.force_N) for k, pad in enumerate(recording.case.history.pads)]
+    largest = max(_largest_N(record) for record in records)
+    return [replace(record, largest_N=largest) for record in records]
 
 
 def _record(case: GraspCase, pad: int, force_N: Float[np.ndarray, "t n 3"]) -> GelRecord:
@@ -287,11 +287,11 @@ def _about(
         root = np.broadcast_to(1 / np.sqrt(variance * white), residual.shape)[:, firm]
         pressed = root * mean.force_N[:, firm, 2]
         fields = [residual, *columns, mean.force_N[..., 2], _bend(mean)]
-        own = np.stack([root * field[:, firm] for field in fields])
+        rows = np.stack([root * field[:, firm] for field in fields])
         # of each marker its own scale, in closed form
         power = (pressed**2).sum(axis=0) + scale_sd**-2
-        across = np.einsum("ktn,tn->kn", own, pressed)
-        products = np.einsum("ktn,ltn->kl", own, own) - (across / power) @ across.T
+        across = np.einsum("ktn,tn->kn", rows, pressed)
+        products = np.einsum("ktn,ltn->kl", rows, rows) - (across / power) @ across.T
         nuisance = products[-2:, -2:] + np.diag([0.0, LAYER_SD**-2.0])
         taken = np.linalg.solve(nuisance, products[-2:, :-2])
         products = products[:-2, :-2] - products[:-2, -2:] @ taken

@@ -19,16 +19,16 @@ from fem.mismatch.model.observation_delta import ObservationDelta
 class GraspEquations:
     """One recording's equations: markers, balance where no base holds the fruit, and the pads at rest.
 
-    What is the recording's own (fem.mismatch.evidence.nuisances) is eliminated too: `own` and
-    `own_weighed` are its rows, `inverse` is (own . W own + L)^-1.
+    What is the recording's own (fem.mismatch.evidence.nuisances) is eliminated too: `nuisances` and
+    `nuisances_weighed` are its rows, `inverse` is (n . W n + L)^-1, n being `nuisances`.
     """
 
     recording: GraspResponse
     markers: MarkerEquations
     balance: BalanceEquations | None
     rest: ZeroDrifts
-    own: Float[np.ndarray, "k d"]
-    own_weighed: Float[np.ndarray, "k d"]
+    nuisances: Float[np.ndarray, "k d"]
+    nuisances_weighed: Float[np.ndarray, "k d"]
     inverse: Float[np.ndarray, "k k"]
 
     @classmethod
@@ -48,22 +48,22 @@ class GraspEquations:
             none,
             none,
         )
-        found = own_nuisances(forward, recording)
-        plain, weighed = bare.rows([field for _, _, field in found])
-        normal = weighed @ plain.T + np.diag([sd**-2.0 for _, sd, _ in found])
-        return replace(bare, own=plain, own_weighed=weighed, inverse=np.linalg.inv(normal))
+        nuisances = own_nuisances(forward, recording)
+        plain, weighed = bare.rows([field for _, _, field in nuisances])
+        normal = weighed @ plain.T + np.diag([sd**-2.0 for _, sd, _ in nuisances])
+        return replace(bare, nuisances=plain, nuisances_weighed=weighed, inverse=np.linalg.inv(normal))
 
     def flat(self, field: ObservationDelta | None) -> Float[np.ndarray, " d"]:
         """A field laid out flat: markers in contact, sums of force, pads at rest."""
         touching, cut, end = self._ends()
-        found = np.zeros(end + len(self.rest.measured))
+        numbers = np.zeros(end + len(self.rest.measured))
         if field is not None and field.markers is not None:
-            found[:cut] = field.markers[touching].ravel()
+            numbers[:cut] = field.markers[touching].ravel()
         if field is not None and field.balance is not None and self.balance is not None:
-            found[cut:end] = field.balance.ravel()
+            numbers[cut:end] = field.balance.ravel()
         if field is not None and field.rest is not None:
-            found[end:] = field.rest
-        return found
+            numbers[end:] = field.rest
+        return numbers
 
     def _ends(self) -> tuple[Bool[np.ndarray, "f n"], int, int]:
         """Which markers touch, and where they and the sums of force end in a flat field."""
@@ -84,13 +84,13 @@ class GraspEquations:
                 weighed[row, end:] = self.rest.weight * field.rest
         weighed[:, :cut] = self.markers.weighed_in_contact(plain[:, :cut])
         if len(self.inverse):
-            weighed -= (weighed @ self.own.T) @ self.inverse @ self.own_weighed
+            weighed -= (weighed @ self.nuisances.T) @ self.inverse @ self.nuisances_weighed
         return plain, weighed
 
     def weighed_markers(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """The W-image of a field of the markers, at the markers; zero out of contact."""
         touching = self.recording.tracks.episode >= 0
         _, weighed = self.rows([ObservationDelta(markers=field)])
-        found = np.zeros_like(field)
-        found[touching] = weighed[0, : 3 * int(touching.sum())].reshape(-1, 3)
-        return found
+        weighed_field = np.zeros_like(field)
+        weighed_field[touching] = weighed[0, : 3 * int(touching.sum())].reshape(-1, 3)
+        return weighed_field

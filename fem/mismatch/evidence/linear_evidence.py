@@ -86,7 +86,7 @@ class GramMatrix:
     ) -> None:
         self._noise, self._workers = tuple(noise), forward.workers
         self._noise_products = MemoTable()
-        plain_fields = [_plain(forward, one) for one in recorded]
+        plain_fields = [_plain(forward, equations) for equations in recorded]
         self.columns = [
             Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields, of_forces=OfAll()),
             *columns,
@@ -106,8 +106,11 @@ class GramMatrix:
         self.rows: list[np.ndarray] = []
         self.products: list[np.ndarray] = []
         self.weighed: list[np.ndarray] = []
-        own = [column for column in self.columns if not column.stands_in]
-        self.data = [_less_prior_means(plain_data(forward, one), own, k) for k, one in enumerate(recorded)]
+        columns_with_mean = [column for column in self.columns if not column.stands_in]
+        self.data = [
+            _less_prior_means(plain_data(forward, equations), columns_with_mean, k)
+            for k, equations in enumerate(recorded)
+        ]
 
         def rows(k: int) -> tuple[list[int], np.ndarray, np.ndarray]:
             known = [j for j, column in enumerate(self.columns) if column.fields[k] is not None]
@@ -135,12 +138,12 @@ class GramMatrix:
         `columns` begin with 1/E; of each recording `rows` are those that it depends on, `products` those of
         the data and these rows.
         """
-        found = cls.__new__(cls)
-        found.columns, found.rows, found.products = list(columns), list(rows), list(products)
-        found.weighed, found.data, found._recorded = [], [], []
-        found._noise, found._noise_products, found._workers = (), MemoTable(), 1
-        found.bias = np.zeros((len(rows), len(columns)))
-        return found
+        matrix = cls.__new__(cls)
+        matrix.columns, matrix.rows, matrix.products = list(columns), list(rows), list(products)
+        matrix.weighed, matrix.data, matrix._recorded = [], [], []
+        matrix._noise, matrix._noise_products, matrix._workers = (), MemoTable(), 1
+        matrix.bias = np.zeros((len(rows), len(columns)))
+        return matrix
 
     def about(
         self,
@@ -173,10 +176,10 @@ class GramMatrix:
         plain_column = Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields)
         other.columns = [plain_column, *old, *more]
         other.rows, other.products, other.weighed, other.data = [], [], [], []
-        for k, one in enumerate(self._recorded):
+        for k, equations in enumerate(self._recorded):
             unit = response.unit[k]
             shift = None if response.shift_mm is None else response.shift_mm[k]
-            data = plain_data(forward, one, unit=unit, shift_mm=shift)
+            data = plain_data(forward, equations, unit=unit, shift_mm=shift)
             if response.balance is not None and data.balance is not None:
                 data = replace(data, balance=data.balance - response.balance[k])
             if response.rest is not None and data.rest is not None:
@@ -184,22 +187,22 @@ class GramMatrix:
             data = _less_prior_means(data, old, k)
             other.data.append(data)
             fresh = [data, plain_fields[k], *(column.fields[k] for column in more)]
-            plain, heavy = one.rows(fresh)
+            plain, heavy = equations.rows(fresh)
             place = {int(j): at + 1 for at, j in enumerate(self.rows[k])}
             kept = [at for at, j in enumerate(chosen) if j in place]
             at = np.array([place[chosen[j]] for j in kept], dtype=np.int64)
             known = self.weighed[k][at]
             across = known @ plain.T
-            own = np.empty((len(fresh) + len(at),) * 2)
-            new = np.r_[0, 1, 2 + len(at) : len(own)]
-            own[np.ix_(new, new)] = heavy @ plain.T
-            own[2 : 2 + len(at), new] = across
-            own[new, 2 : 2 + len(at)] = across.T
-            own[2 : 2 + len(at), 2 : 2 + len(at)] = self.products[k][np.ix_(at, at)]
+            products = np.empty((len(fresh) + len(at),) * 2)
+            new = np.r_[0, 1, 2 + len(at) : len(products)]
+            products[np.ix_(new, new)] = heavy @ plain.T
+            products[2 : 2 + len(at), new] = across
+            products[new, 2 : 2 + len(at)] = across.T
+            products[2 : 2 + len(at), 2 : 2 + len(at)] = self.products[k][np.ix_(at, at)]
             own_rows = [0, *(j + 1 for j in kept), *range(len(chosen) + 1, len(chosen) + 1 + len(more))]
-            own = _corrected(own, other.bias[k, own_rows])
-            own[0, 0] += noise.square[k]
-            other.products.append(own)
+            products = _corrected(products, other.bias[k, own_rows])
+            products[0, 0] += noise.square[k]
+            other.products.append(products)
             other.weighed.append(np.concatenate([heavy[:2], known, heavy[2:]]))
             other.rows.append(np.array(own_rows, dtype=np.int64))
         return other, tuple(range(1, len(other.columns)))
@@ -218,8 +221,8 @@ class GramMatrix:
                 return np.zeros((len(self._recorded), len(chosen), len(chosen)))
             return np.stack(parallel_map(of_recording, range(len(self._noise)), workers=self._workers))
 
-        found: np.ndarray = self._noise_products.memoised(chosen, of_all)
-        return found
+        products: np.ndarray = self._noise_products.memoised(chosen, of_all)
+        return products
 
     def _amounts_of(
         self, columns: Sequence[int], changes: Sequence[Sequence[ObservationDelta | None]]
@@ -228,13 +231,13 @@ class GramMatrix:
         normal, right = np.zeros((len(columns),) * 2), np.zeros((len(changes), len(columns)))
         if not columns:
             return right
-        for k, one in enumerate(self._recorded):
+        for k, equations in enumerate(self._recorded):
             place = {int(j): at + 1 for at, j in enumerate(self.rows[k])}
             to = [b for b, j in enumerate(columns) if j in place]
             at = [place[columns[b]] for b in to]
             normal[np.ix_(to, to)] += self.products[k][np.ix_(at, at)]
-            own = np.stack([one.flat(change[k]) for change in changes])
-            right[:, to] += own @ self.weighed[k][at].T
+            fields = np.stack([equations.flat(change[k]) for change in changes])
+            right[:, to] += fields @ self.weighed[k][at].T
         return np.asarray(np.linalg.lstsq(normal, right.T)[0].T)
 
     def marker_residual(self, k: int, fit: Fit) -> Float[np.ndarray, "f n 3"]:
@@ -318,10 +321,10 @@ def _bias(column: Regressor, noise: ForceNoise, k: int) -> float:
 
 def _corrected(products: Float[np.ndarray, "k k"], bias: Float[np.ndarray, " c"]) -> Float[np.ndarray, "k k"]:
     """Products of data and columns, less what noise adds to those of the data with each column."""
-    found = products.copy()
-    found[0, 1:] -= bias
-    found[1:, 0] -= bias
-    return found
+    corrected = products.copy()
+    corrected[0, 1:] -= bias
+    corrected[1:, 0] -= bias
+    return corrected
 
 
 def _change(
@@ -333,13 +336,13 @@ def _change(
     """
     return [
         ObservationDelta(
-            markers=forward.compliance * (response.unit[k] - one.recording.tracks.unit_displacement),
+            markers=forward.compliance * (response.unit[k] - equations.recording.tracks.unit_displacement),
             balance=None if response.balance is None else response.balance[k],
             rest=None if response.rest is None else response.rest[k],
         )
-        for k, one in enumerate(recorded)
+        for k, equations in enumerate(recorded)
     ]
 
 
-def _plain(forward: ForwardModel, one: GraspEquations) -> ObservationDelta:
-    return ObservationDelta(markers=forward.compliance * one.recording.tracks.unit_displacement)
+def _plain(forward: ForwardModel, equations: GraspEquations) -> ObservationDelta:
+    return ObservationDelta(markers=forward.compliance * equations.recording.tracks.unit_displacement)

@@ -33,10 +33,10 @@ def noise_of_change(
     bias: Float[np.ndarray, "k c1"], products: Float[np.ndarray, "k c1 c1"], amounts: Float[np.ndarray, " c"]
 ) -> NoiseOfChange:
     """n and Q of the plain model's column and of the signatures, of which so much is there."""
-    own, across, plain = products[:, 1:, 1:], products[:, 0, 1:], bias[:, 0]
-    gained, lost = float((bias[:, 1:] @ amounts).sum()), float((own @ amounts @ amounts).sum())
+    of_signatures, across, plain = products[:, 1:, 1:], products[:, 0, 1:], bias[:, 0]
+    gained, lost = float((bias[:, 1:] @ amounts).sum()), float((of_signatures @ amounts @ amounts).sum())
     reached = amounts * (gained / lost if 0 < gained < lost else 1.0)
-    signatures = bias[:, 1:] - own @ reached
+    signatures = bias[:, 1:] - of_signatures @ reached
     return NoiseOfChange(
         square=(bias[:, 1:] + signatures) @ reached,
         plain=plain + (signatures - across) @ reached,
@@ -50,10 +50,10 @@ def noise_products(
     weighed_markers: Callable[[np.ndarray], np.ndarray],
 ) -> Float[np.ndarray, "c c"]:
     """Q of one recording, whose W is `weighed_markers`; zero for what does not follow from the forces."""
-    found = np.zeros((len(columns),) * 2)
+    products = np.zeros((len(columns),) * 2)
     fields = {j: column.fields(noise) for j, column in enumerate(columns) if column is not None}
-    weighed = {j: np.stack([weighed_markers(one) for one in own]) for j, own in fields.items()}
-    for i, one in fields.items():
+    weighed = {j: np.stack([weighed_markers(draw) for draw in draws]) for j, draws in fields.items()}
+    for i, field in fields.items():
         for j, other in weighed.items():
-            found[i, j] = noise.of_draws(np.einsum("pfnx,pfnx->p", one, other))
-    return found
+            products[i, j] = noise.of_draws(np.einsum("pfnx,pfnx->p", field, other))
+    return products

@@ -55,12 +55,12 @@ def common_nuisances(forward: ForwardModel) -> list[Regressor]:
     """Those that all recordings share."""
     budget = forward.base.case.budget
     inner = [_inner(forward, recording) for recording in forward.base.grasps]
-    names = dict.fromkeys(name for own in inner for name in own if name not in SURFACE)
+    names = dict.fromkeys(name for changes in inner for name in changes if name not in SURFACE)
     columns = [
         Regressor(
             name=name,
             sd=_sd(name, budget),
-            fields=[own.get(name) for own in inner],
+            fields=[changes.get(name) for changes in inner],
             of_forces=OfInnerChange(name),
         )
         for name in names
@@ -71,9 +71,10 @@ def common_nuisances(forward: ForwardModel) -> list[Regressor]:
     ]
     columns.append(Regressor(name="dent", sd=DENT, fields=dents, of_forces=OfResponse(_dent)))
     withheld = [withheld_response(forward, recording) for recording in forward.base.grasps]
-    if any(own is not None for own in withheld):
+    if any(response is not None for response in withheld):
         added = [
-            None if own is None else ObservationDelta(markers=forward.compliance * own) for own in withheld
+            None if response is None else ObservationDelta(markers=forward.compliance * response)
+            for response in withheld
         ]
         columns.append(Regressor(name=WITHHELD, mean=1.0, sd=WITHHELD_SD, fields=added))
     beyond = beyond_small_strain(forward)
@@ -94,9 +95,12 @@ def beyond_small_strain(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 
     large = large_deformation(forward)
     if not isinstance(large, list):
         return None
-    moved = [forward.compliance * own for own in large]
+    moved = [forward.compliance * unit for unit in large]
     for turned in _turned(forward):
-        moved = [own + _at_markers(turn, own) for own, turn in zip(moved, turned.fields, strict=True)]
+        moved = [
+            displacement + _at_markers(turn, displacement)
+            for displacement, turn in zip(moved, turned.fields, strict=True)
+        ]
     return moved
 
 
@@ -106,7 +110,9 @@ def turn_alone(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]] | No
     """
     for turned in _turned(forward):
         plain = (recording.tracks.unit_displacement for recording in forward.base.grasps)
-        return [_at_markers(turn, own) for own, turn in zip(plain, turned.fields, strict=True)]
+        return [
+            _at_markers(turn, displacement) for displacement, turn in zip(plain, turned.fields, strict=True)
+        ]
     return None
 
 
@@ -121,7 +127,7 @@ def stand_ins(forward: ForwardModel) -> list[Regressor]:
     turn alone, for large deformation.
     """
     alone = _turned(forward) if isinstance(large_deformation(forward), list) else []
-    return [replace(one, stands_in=True) for one in alone]
+    return [replace(column, stands_in=True) for column in alone]
 
 
 def _turned(forward: ForwardModel) -> list[Regressor]:
@@ -133,9 +139,12 @@ def _turned(forward: ForwardModel) -> list[Regressor]:
             None if recording.case.name in held else turned_fruit(forward, recording)
             for recording in forward.base.grasps
         ]
-        if all(own is None for own in turned):
+        if all(displacement is None for displacement in turned):
             return []
-        added = [None if own is None else ObservationDelta(markers=own) for own in turned]
+        added = [
+            None if displacement is None else ObservationDelta(markers=displacement)
+            for displacement in turned
+        ]
         return [Regressor(name=TURNED_FRUIT, mean=MEAN, sd=SD, fields=added)]
 
     return forward.memoised(TURNED_FRUIT, compute)
@@ -146,13 +155,13 @@ def own_nuisances(
 ) -> list[tuple[str, float, ObservationDelta]]:
     """Those of one recording: name, prior standard deviation, field."""
     budget = forward.base.case.budget
-    found = [
+    nuisances = [
         (name, budget.sd_of(name, history=recording.case.history), field)
         for name, field in _inner(forward, recording).items()
         if name in SURFACE
     ]
-    found += [(name, budget.pose_sd_mm, field) for name, field in _places(forward, recording)]
-    return found + _discrepancies(forward, recording) + _approaches(forward, recording)
+    nuisances += [(name, budget.pose_sd_mm, field) for name, field in _places(forward, recording)]
+    return nuisances + _discrepancies(forward, recording) + _approaches(forward, recording)
 
 
 def _sd(name: str, budget: ErrorBudget) -> float:
@@ -186,11 +195,11 @@ def _dent(recording: GraspResponse, response: Float[np.ndarray, "f n 3"]) -> Flo
         for frame, on in enumerate(touching[:, mine]):
             if on.sum() < FEWEST:
                 continue
-            own = np.flatnonzero(mine)[on]
+            pressed = np.flatnonzero(mine)[on]
             rigid = modes[on].reshape(-1, 6)
-            here = response[frame, own].ravel()
+            here = response[frame, pressed].ravel()
             motion = np.linalg.lstsq(rigid, here, rcond=None)[0]
-            dent[frame, own] = (here - rigid @ motion).reshape(-1, 3)
+            dent[frame, pressed] = (here - rigid @ motion).reshape(-1, 3)
     return dent
 
 
@@ -198,7 +207,7 @@ def _discrepancies(
     forward: ForwardModel, recording: GraspResponse
 ) -> list[tuple[str, float, ObservationDelta]]:
     """Polynomials of second degree over each patch, along three directions, times load and its square."""
-    found = []
+    discrepancies = []
     for pad, name in enumerate(recording.pad_names):
         mine = own_markers(recording, pad)[0, :, 0]
         normal = mean_normal(recording.links[pad].place.normal)
@@ -212,8 +221,10 @@ def _discrepancies(
             for k, shape in enumerate(shapes):
                 for power in (1, 2):
                     field = (recording.load**power)[:, None, None] * (shape[:, None] * axis)
-                    found.append((f"{name} discrepancy {way}{k}{power}", sd, ObservationDelta(markers=field)))
-    return found
+                    discrepancies.append(
+                        (f"{name} discrepancy {way}{k}{power}", sd, ObservationDelta(markers=field))
+                    )
+    return discrepancies
 
 
 def _greatest_response(forward: ForwardModel, recording: GraspResponse, pad: int) -> float:
@@ -225,13 +236,13 @@ def _greatest_response(forward: ForwardModel, recording: GraspResponse, pad: int
 
 def _approaches(forward: ForwardModel, recording: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
     """Each pad along its normal, near each of LOADS, loading and unloading alike."""
-    found = []
-    near = [np.interp(recording.load, LOADS, own) for own in np.eye(len(LOADS))]
+    approaches = []
+    near = [np.interp(recording.load, LOADS, unit) for unit in np.eye(len(LOADS))]
     for pad, name in enumerate(recording.pad_names):
         mine = own_markers(recording, pad)[0, :, 0]
         normal = mean_normal(recording.links[pad].place.normal)
         sd = APPROACH * _greatest_response(forward, recording, pad)
         for k, share in enumerate(near):
             field = share[:, None, None] * (mine[:, None] * normal)
-            found.append((f"{name} approach {k}", sd, ObservationDelta(markers=field)))
-    return found
+            approaches.append((f"{name} approach {k}", sd, ObservationDelta(markers=field)))
+    return approaches

@@ -37,7 +37,7 @@ class SignatureEquations:
         signatures: Mapping[str, Sequence[Sequence[int]]],
     ) -> "SignatureEquations":
         """From the products of a case; `signatures` by the columns of `products`."""
-        columns = sorted({j for ways in signatures.values() for own in ways for j in own})
+        columns = sorted({j for ways in signatures.values() for way in ways for j in way})
         place = {j: k for k, j in enumerate(columns)}
         normal, right = products.marginal(nuisances, columns)
         return cls(
@@ -48,7 +48,7 @@ class SignatureEquations:
             least=np.array([products.columns[j].least for j in columns]),
             columns=tuple(columns),
             ways={
-                name: [tuple(place[j] for j in own) for own in ways if len(own)]
+                name: [tuple(place[j] for j in way) for way in ways if len(way)]
                 for name, ways in signatures.items()
             },
         )
@@ -87,39 +87,39 @@ class SignatureEquations:
         The law behind `first` is not exact either. Its error is noise: its variance in any direction is
         `law_error`^2 of the signal b'(N + L)^-1 b that these columns explain.
         """
-        own = list(first)
-        normal = self.normal[np.ix_(own, own)] + np.diag(self.sd[own] ** -2.0)
-        solved = np.linalg.solve(normal, np.c_[self.normal[own], self.right[own]])
-        noise = 1 + law_error**2 * float(self.right[own] @ solved[:, -1])
-        left = self.normal - self.normal[:, own] @ solved[:, :-1]
+        given_columns = list(first)
+        normal = self.normal[np.ix_(given_columns, given_columns)] + np.diag(self.sd[given_columns] ** -2.0)
+        solved = np.linalg.solve(normal, np.c_[self.normal[given_columns], self.right[given_columns]])
+        noise = 1 + law_error**2 * float(self.right[given_columns] @ solved[:, -1])
+        left = self.normal - self.normal[:, given_columns] @ solved[:, :-1]
         return replace(
             self,
             normal=(left + left.T) / 2 / noise,
-            right=(self.right - self.normal[:, own] @ solved[:, -1]) / noise,
+            right=(self.right - self.normal[:, given_columns] @ solved[:, -1]) / noise,
         )
 
-    def amounts(self, own: Sequence[int]) -> Float[np.ndarray, " k"]:
+    def amounts(self, columns: Sequence[int]) -> Float[np.ndarray, " k"]:
         """Posterior means of the amounts of these columns, of no others: (N + L)^-1 b."""
-        at = list(own)
+        at = list(columns)
         return np.asarray(
             np.linalg.solve(self.normal[np.ix_(at, at)] + np.diag(self.sd[at] ** -2.0), self.right[at])
         )
 
     def log_bayes_factor(
-        self, own: Sequence[int], right: Float[np.ndarray, "d c"]
+        self, columns: Sequence[int], right: Float[np.ndarray, "d c"]
     ) -> Float[np.ndarray, " d"]:
         """Of one signature over none. With a ~ N(0, L^-1): b'(N + L)^-1 b / 2 - ln det(I + L^-1 N) / 2, plus
         ln 2 Phi(mean / sd) where the amount is positive. Below the least amount that has a meaning, none is
         gained.
         """
-        at = list(own)
+        at = list(columns)
         weight = self.sd[at] ** -2.0
         normal = self.normal[np.ix_(at, at)] + np.diag(weight)
         mine = right[:, at]
         amounts = np.linalg.solve(normal, mine.T).T
         log_det = np.linalg.slogdet(normal)[1] - np.log(weight).sum()
-        found = ((mine * amounts).sum(axis=1) - log_det) / 2
+        log_factor = ((mine * amounts).sum(axis=1) - log_det) / 2
         if len(at) == 1 and self.positive[at[0]]:
-            found = found + np.log(2.0) + log_ndtr(amounts[:, 0] * np.sqrt(normal[0, 0]))
+            log_factor = log_factor + np.log(2.0) + log_ndtr(amounts[:, 0] * np.sqrt(normal[0, 0]))
         meaningless = (self.positive[at] & (amounts < self.least[at])).any(axis=1)
-        return np.asarray(np.where(meaningless, np.minimum(found, 0.0), found))
+        return np.asarray(np.where(meaningless, np.minimum(log_factor, 0.0), log_factor))

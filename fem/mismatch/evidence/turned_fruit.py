@@ -57,12 +57,12 @@ def from_first_loading(
     turn: Float[np.ndarray, "f 3"], load: Float[np.ndarray, " f"], contact: Int[np.ndarray, " f"]
 ) -> Float[np.ndarray, "f 3"]:
     """Turns from where the pads first held the fruit in each contact (numbered; -1: none), zero out of it."""
-    found = np.zeros_like(turn)
+    since_first = np.zeros_like(turn)
     for number in np.unique(contact[contact >= 0]):
-        own = np.flatnonzero(contact == number)
-        first = own[: int(np.argmax(load[own] >= FIRST_LOADING * load[own].max())) + 1]
-        found[own] = turn[own] - np.average(turn[first], axis=0, weights=load[first])
-    return found
+        frames = np.flatnonzero(contact == number)
+        first = frames[: int(np.argmax(load[frames] >= FIRST_LOADING * load[frames].max())) + 1]
+        since_first[frames] = turn[frames] - np.average(turn[first], axis=0, weights=load[first])
+    return since_first
 
 
 def _under_turned_forces(

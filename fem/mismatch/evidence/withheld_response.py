@@ -51,10 +51,12 @@ def _added(forward: ForwardModel, recording: GraspResponse) -> Float[np.ndarray,
         TractionField(points_mm=link.skin.point_mm, marker_mm=link.place.point_mm, weights=link.weights)
         for link in recording.links
     ]
-    tractions = [field.forces(recording.patterns[:, own]) for own, field in zip(on_pad, fields, strict=True)]
-    found = np.zeros_like(recording.patterns)
-    for pad, (own, field, link) in enumerate(zip(on_pad, fields, recording.links, strict=True)):
-        touched = link.place.point_mm[(recording.tracks.episode[:, own] >= 0).any(axis=0)]
+    tractions = [
+        field.forces(recording.patterns[:, markers]) for markers, field in zip(on_pad, fields, strict=True)
+    ]
+    added_patterns = np.zeros_like(recording.patterns)
+    for pad, (markers, field, link) in enumerate(zip(on_pad, fields, recording.links, strict=True)):
+        touched = link.place.point_mm[(recording.tracks.episode[:, markers] >= 0).any(axis=0)]
         if not len(touched):
             continue
         width = float(contact_size(touched)[1].max()) / RADIUS_SHARE
@@ -69,7 +71,9 @@ def _added(forward: ForwardModel, recording: GraspResponse) -> Float[np.ndarray,
         loads = np.zeros((len(recording.patterns), len(finer.mesh.nodes_mm), 3))
         readings = [finer.reading(other.points_mm) for other in fields]
         for at, traction in zip(readings, tractions, strict=True):
-            loads += np.stack([at.T @ one for one in traction])
+            loads += np.stack([at.T @ force for force in traction])
         added, reading = finer.added(loads, recording.moved), readings[pad]
-        found[:, own] = field.at_markers(np.stack([reading @ one for one in added]))
-    return recording.over_time(found)
+        added_patterns[:, markers] = field.at_markers(
+            np.stack([reading @ displacement for displacement in added])
+        )
+    return recording.over_time(added_patterns)

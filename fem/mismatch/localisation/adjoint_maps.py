@@ -105,7 +105,7 @@ def _adjoint_fields(
     stresses, density, expected, first = [], np.zeros(elements), np.zeros(elements), 0
     for basis in forward.adjoint_basis.grasps:
         count = len(basis.moved)
-        own = numbers[first : first + count]
+        grasp_numbers = numbers[first : first + count]
         first += count
         nodal = np.moveaxis(basis.moved, 0, 2).reshape(forward.points.n_nodes, -1)
         gradient = (slope @ nodal).reshape(elements, 3, 3, count)
@@ -113,7 +113,9 @@ def _adjoint_fields(
         stress = elastic_stress(np.moveaxis(strain, 1, 2), poisson_ratio=forward.poisson_ratio)
         stress = np.ascontiguousarray(np.moveaxis(stress, 2, 1))
         expected += np.einsum("msk,msk,s->m", strain, stress, COUNT, optimize=True)
-        density += np.einsum("ms,ms,s->m", strain @ own, stress @ own, COUNT, optimize=True)
+        density += np.einsum(
+            "ms,ms,s->m", strain @ grasp_numbers, stress @ grasp_numbers, COUNT, optimize=True
+        )
         stresses.append(stress)
     return np.concatenate(stresses, axis=2), density, expected
 

@@ -73,7 +73,7 @@ def explained(cells: Cells) -> tuple[Variance, ...]:
     correlation = float(np.clip(pairs / max(residual @ residual, 1e-300), 0.0, LARGEST_CORRELATION))
     free = max((len(y) - rank) * (1 - correlation) / (1 + correlation), 1.0)
     total = _residual(ones, y)[0]
-    found = []
+    variances = []
     for name in columns:
         others = np.hstack([ones, *(other for key, other in columns.items() if key != name)])
         without, lower = _residual(others, y)
@@ -87,14 +87,14 @@ def explained(cells: Cells) -> tuple[Variance, ...]:
             * free
             / (len(y) - rank)
         )
-        found.append(
+        variances.append(
             Variance(
                 factor=name,
                 share=rise / max(float(total @ total), 1e-300),
                 p_value=float(fdtrc(rank - lower, free, max(ratio, 0.0))),
             )
         )
-    return tuple(sorted(found, key=lambda row: -row.share))
+    return tuple(sorted(variances, key=lambda row: -row.share))
 
 
 def _residual(
@@ -123,14 +123,14 @@ def _cells(forward: ForwardModel, tables: Sequence[tuple[FrameModulus, ...]]) ->
         cycle = np.max([pad.episode.max(axis=1) for pad in history.pads], axis=0)
         start = history.time_s[np.flatnonzero(recording.used)[0]]
         for name in names:
-            own = [row for row in table if row.pad == name and row.pad != BOTH]
+            pad_rows = [row for row in table if row.pad == name and row.pad != BOTH]
             pace = (
-                np.abs(np.gradient([row.force_N for row in own], [row.time_s for row in own]))
-                if len(own) > 1
-                else np.zeros(len(own))
+                np.abs(np.gradient([row.force_N for row in pad_rows], [row.time_s for row in pad_rows]))
+                if len(pad_rows) > 1
+                else np.zeros(len(pad_rows))
             )
             fresh = True
-            for row, speed in zip(own, pace, strict=True):
+            for row, speed in zip(pad_rows, pace, strict=True):
                 usable = np.isfinite(row.E_MPa) and row.force_N >= LEAST_SHARE_OF_FORCE * greatest
                 if not usable:
                     fresh = True

@@ -78,8 +78,10 @@ def excess_of(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "_f _n
         touching = recording.tracks.episode >= 0
         scaled = basis.equations.residual(field)
         for pad in range(len(recording.links)):
-            own = np.flatnonzero(recording.pad_of_marker == pad)
-            scaled[:, own] -= _rigid(scaled[:, own], recording.tracks.place_mm[own], touching[:, own])
+            markers = np.flatnonzero(recording.pad_of_marker == pad)
+            scaled[:, markers] -= _rigid(
+                scaled[:, markers], recording.tracks.place_mm[markers], touching[:, markers]
+            )
         scaled /= recording.tracks.sd_mm[:, None]
         normal = np.einsum("tnx,nx->tn", scaled, recording.tracks.normal) ** 2
         shear = (scaled**2).sum(axis=2) - normal

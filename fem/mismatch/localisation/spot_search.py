@@ -64,15 +64,15 @@ def best_spots(
     )
     score, _ = bounded_score(balls_seen, numbers)
     best = centres[int(score.argmax())]
-    found = [polished(forward, numbers, best, radius_mm=radius) for radius in radii_mm]
+    spots = [polished(forward, numbers, best, radius_mm=radius) for radius in radii_mm]
     places = [best]
     for number in np.argsort(-score):
         if len(places) > others or score[number] <= 0:
             break
         if min(np.linalg.norm(centres[number] - place) for place in places) > APART_MM:
             places.append(centres[number])
-            found.append(polished(forward, numbers, centres[number], radius_mm=RADIUS_MM))
-    return tuple(spot for spot in found if spot.score > 0)
+            spots.append(polished(forward, numbers, centres[number], radius_mm=RADIUS_MM))
+    return tuple(spot for spot in spots if spot.score > 0)
 
 
 def candidate_centres(forward: ForwardModel) -> Float[np.ndarray, "c 3"]:
@@ -92,8 +92,8 @@ def candidate_centres(forward: ForwardModel) -> Float[np.ndarray, "c 3"]:
 def patch_centres(recording: GraspResponse) -> Float[np.ndarray, "p 3"]:
     """The middle of each pad's load on the fruit."""
     load = np.linalg.norm(recording.force_N, axis=2).sum(axis=0)
-    own = [load * (recording.pad_of_marker == pad) for pad in range(len(recording.links))]
-    return np.stack([weight @ recording.tracks.place_mm / weight.sum() for weight in own])
+    weights = [load * (recording.pad_of_marker == pad) for pad in range(len(recording.links))]
+    return np.stack([weight @ recording.tracks.place_mm / weight.sum() for weight in weights])
 
 
 def balls(forward: ForwardModel, centres: Float[np.ndarray, "c 3"], radius_mm: float) -> csr_array:
@@ -125,15 +125,15 @@ def polished(
         return -float(bounded_score(shown, numbers)[0]) * float(np.exp(-away))
 
     corners = centre_mm + np.vstack([np.zeros(3), 1.5 * np.eye(3)])
-    found = minimize(
+    centre_of_ball = minimize(
         lost,
         centre_mm,
         method="Nelder-Mead",
         options={"initial_simplex": corners, "maxfev": 80, "xatol": 0.05, "fatol": 0.01},
     ).x
-    shown = observed_at(found)
+    shown = observed_at(centre_of_ball)
     score, drop = bounded_score(shown, numbers)
-    return Spot(centre_mm=found, radius_mm=radius_mm, score=float(score), drop=float(drop))
+    return Spot(centre_mm=centre_of_ball, radius_mm=radius_mm, score=float(score), drop=float(drop))
 
 
 def bounded_score(

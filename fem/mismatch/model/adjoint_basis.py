@@ -74,10 +74,10 @@ class AdjointBasis:
         whitened = parallel_map(
             lambda recording: _whitened(base, recording, compliance), base.grasps, workers=workers
         )
-        moved = base.displacements([own.loads for own in whitened])
+        moved = base.displacements([whitened_grasp.loads for whitened_grasp in whitened])
         grasps = tuple(
-            _grasp_basis(recording, own, adjoint, compliance)
-            for recording, own, adjoint in zip(base.grasps, whitened, moved, strict=True)
+            _grasp_basis(recording, whitened_grasp, adjoint, compliance)
+            for recording, whitened_grasp, adjoint in zip(base.grasps, whitened, moved, strict=True)
         )
         cells = [
             _cells(base, recording, points, adjoint, compliance)
@@ -157,16 +157,16 @@ def _cells(
 
 
 def _grasp_basis(
-    recording: GraspResponse, own: _Whitened, moved: Float[np.ndarray, "k m 3"], compliance: float
+    recording: GraspResponse, whitened: _Whitened, moved: Float[np.ndarray, "k m 3"], compliance: float
 ) -> GraspBasis:
     """`moved`: the adjoint fields."""
     plain = recording.tracks.unit_displacement * compliance
     return GraspBasis(
-        equations=own.equations,
-        basis_functions=own.basis_functions,
-        whitening=own.whitening,
+        equations=whitened.equations,
+        basis_functions=whitened.basis_functions,
+        whitening=whitened.whitening,
         moved=moved,
-        plain=own.whitening.T @ np.tensordot(own.weighed, plain, axes=3),
+        plain=whitened.whitening.T @ np.tensordot(whitened.weighed, plain, axes=3),
     )
 
 
@@ -179,11 +179,11 @@ def _polynomials(recording: GraspResponse) -> Float[np.ndarray, "v n 3"]:
         low, high = flat.min(axis=0), flat.max(axis=0)
         x, y = (2 * (flat - low) / np.maximum(high - low, 1e-9) - 1).T
         values = legvander2d(x, y, [DEGREE, DEGREE]).reshape(len(flat), DEGREE + 1, DEGREE + 1)
-        own = recording.pad_of_marker == number
+        on_pad = recording.pad_of_marker == number
         for i, j in orders:
             for way in np.eye(3):
-                shape = np.zeros((len(own), 3))
-                shape[own] = values[:, i, j, None] * way
+                shape = np.zeros((len(on_pad), 3))
+                shape[on_pad] = values[:, i, j, None] * way
                 shapes.append(shape)
     return np.stack(shapes)
 

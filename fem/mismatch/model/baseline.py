@@ -126,14 +126,14 @@ class Baseline:
 
         Loads solved for together cost half of those of one recording after the other.
         """
-        found = [np.zeros(0)] * len(nodal_N)
+        displacements = [np.zeros(0)] * len(nodal_N)
         for support, solid in self.solids.items():
-            own = [k for k, recording in enumerate(self.grasps) if recording.case.support == support]
-            moved = solid.displacement(np.concatenate([nodal_N[k] for k in own]))
-            cuts = np.cumsum([len(nodal_N[k]) for k in own])[:-1]
-            for k, part in zip(own, np.split(moved, cuts), strict=True):
-                found[k] = part
-        return found
+            supported = [k for k, recording in enumerate(self.grasps) if recording.case.support == support]
+            moved = solid.displacement(np.concatenate([nodal_N[k] for k in supported]))
+            cuts = np.cumsum([len(nodal_N[k]) for k in supported])[:-1]
+            for k, part in zip(supported, np.split(moved, cuts), strict=True):
+                displacements[k] = part
+        return displacements
 
     def marker_response(
         self, recording: GraspResponse, nodal_N: Float[np.ndarray, "r m 3"]
@@ -175,7 +175,7 @@ def solids_of(
     """
     skin = np.sort(case.mesh.outer_nodes)
     parts = None
-    found: dict[Support, UnitModulusSolid] = {}
+    by_support: dict[Support, UnitModulusSolid] = {}
     for support in dict.fromkeys(grasp.support for grasp in case.grasps):
         solid = solids.get(support)
         if solid is None or solid.mesh is not case.mesh or solid.poisson_ratio != case.poisson_ratio:
@@ -183,8 +183,8 @@ def solids_of(
             solid = UnitModulusSolid.factorise(
                 case.mesh, poisson_ratio=case.poisson_ratio, support=support, parts=parts
             )
-        found[support] = replace(solid, contact_nodes=skin)
-    return found
+        by_support[support] = replace(solid, contact_nodes=skin)
+    return by_support
 
 
 def project_recording(
@@ -202,11 +202,11 @@ def project_recording(
     whole = int(prepared.used.sum())
     prepared = prepared if most_frames is None else thinned_grasp(prepared, most_frames)
     used, patterns, shares = prepared.used, prepared.patterns, prepared.shares
-    for own in prepared.history.pads:
-        if not (own.episode >= 0).any():
+    for pad_history in prepared.history.pads:
+        if not (pad_history.episode >= 0).any():
             raise FemFailure(
                 FemProblem.NO_LOAD,
-                f"{case.name}: pad {own.name} never presses at {FEWEST_PRESSED} markers at once; "
+                f"{case.name}: pad {pad_history.name} never presses at {FEWEST_PRESSED} markers at once; "
                 "the finder needs a contact that covers more: press deeper, or use a finer marker grid",
             )
     force = prepared.force_N
@@ -259,12 +259,12 @@ def _noise_of_patterns(shares: Float[np.ndarray, "f r"], frame: int) -> float:
 
 def _spread(links: Sequence[PadLink], moved: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "n 3"]:
     """Root mean square over draws and over each pad's markers, of what is not common to the pad."""
-    found = []
+    spreads = []
     for link in links:
         recording = link.at_markers(moved)
-        own = recording - recording.mean(axis=1, keepdims=True)
-        found.append(np.broadcast_to(np.sqrt((own**2).mean(axis=(0, 1))), own.shape[1:]))
-    return np.concatenate(found)
+        deviation = recording - recording.mean(axis=1, keepdims=True)
+        spreads.append(np.broadcast_to(np.sqrt((deviation**2).mean(axis=(0, 1))), deviation.shape[1:]))
+    return np.concatenate(spreads)
 
 
 def _nodal(
@@ -272,4 +272,4 @@ def _nodal(
 ) -> Float[np.ndarray, "r c 3"]:
     split = np.cumsum([len(pad.rest_mm) for pad in case.history.pads])[:-1]
     parts = np.split(patterns, split, axis=1)
-    return np.asarray(sum(link.nodal_force(own) for link, own in zip(links, parts, strict=True)))
+    return np.asarray(sum(link.nodal_force(part) for link, part in zip(links, parts, strict=True)))

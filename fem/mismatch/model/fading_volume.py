@@ -45,8 +45,8 @@ class FadingVolume:
         whole = mu * law.parts[0] + volume
         size = np.sqrt(np.diag(whole))
         stiffness, turn = np.linalg.eigh(whole / np.outer(size, size))
-        own = stiffness > LEAST_OWN * stiffness[-1]
-        even = turn[:, own] / np.sqrt(stiffness[own]) / size[:, None]
+        stiff = stiffness > LEAST_OWN * stiffness[-1]
+        even = turn[:, stiff] / np.sqrt(stiffness[stiff]) / size[:, None]
         share, turn = np.linalg.eigh(even.T @ volume @ even)
         modes = even @ turn
         return cls(

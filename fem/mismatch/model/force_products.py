@@ -73,7 +73,10 @@ class ForceNoise:
         draws, patterns, nodes = len(self.moved), self.recording.finer.first, self.moved.shape[2]
         moved = self.moved[:, :patterns].reshape(draws * patterns, nodes, 3)
         work = inner_work(self.solid, moved, self.adjoint[:, :patterns].reshape(moved.shape))
-        return {cause: self.of_draws(own.reshape(draws, patterns).sum(axis=1)) for cause, own in work.items()}
+        return {
+            cause: self.of_draws(cause_work.reshape(draws, patterns).sum(axis=1))
+            for cause, cause_work in work.items()
+        }
 
 
 class LinearInForces(Protocol):
@@ -125,7 +128,7 @@ class OfResponse:
 
     def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
         """Without a solve."""
-        return np.stack([self.part(noise.recording, own) for own in noise.over_time(noise.response)])
+        return np.stack([self.part(noise.recording, draw) for draw in noise.over_time(noise.response)])
 
 
 @dataclass(frozen=True)
@@ -136,15 +139,17 @@ class OfSomeForces:
 
     def product(self, noise: ForceNoise) -> float:
         """By the adjoint fields at the markers."""
-        own = self._forces(noise)
-        return noise.compliance * noise.of_draws(np.einsum("prnx,prnx->p", noise.adjoint_response, own))
+        force_N = self._forces(noise)
+        return noise.compliance * noise.of_draws(np.einsum("prnx,prnx->p", noise.adjoint_response, force_N))
 
     def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
         """One solve for each draw and pattern."""
-        own, nodes = self._forces(noise), noise.moved.shape[2]
-        loads = np.zeros((*own.shape[:2], nodes, 3))
-        flat = own.reshape(-1, *own.shape[2:])
-        loads[:, :, noise.solid.contact_nodes] = noise.recording.nodal_of(flat).reshape(*own.shape[:2], -1, 3)
+        force_N, nodes = self._forces(noise), noise.moved.shape[2]
+        loads = np.zeros((*force_N.shape[:2], nodes, 3))
+        flat = force_N.reshape(-1, *force_N.shape[2:])
+        loads[:, :, noise.solid.contact_nodes] = noise.recording.nodal_of(flat).reshape(
+            *force_N.shape[:2], -1, 3
+        )
         return noise.solved(loads)
 
     def _forces(self, noise: ForceNoise) -> Float[np.ndarray, "p r n 3"]:
@@ -160,8 +165,8 @@ class OfAll:
 
     def product(self, noise: ForceNoise) -> float:
         """g_r . L' dU_r."""
-        own = np.einsum("prnx,prnx->p", noise.pulled, noise.response)
-        return self.share * noise.compliance * noise.of_draws(own)
+        work = np.einsum("prnx,prnx->p", noise.pulled, noise.response)
+        return self.share * noise.compliance * noise.of_draws(work)
 
     def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
         """The response itself."""

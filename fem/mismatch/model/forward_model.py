@@ -38,8 +38,8 @@ class MemoTable:
         with lock:
             if key not in self.values:
                 self.values[key] = compute()
-            found: T = self.values[key]
-            return found
+            kept: T = self.values[key]
+            return kept
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,14 +65,14 @@ class ForwardModel:
 
     def warm_start(self, key: object) -> tuple[Any, ...]:
         """Solutions of the search under a key, newest first; none outside of a search."""
-        return () if self.warm_starts is None else self.warm_starts.found.get(key, ())
+        return () if self.warm_starts is None else self.warm_starts.solutions.get(key, ())
 
-    def store_warm_start(self, key: object, found: tuple[Any, ...]) -> None:
+    def store_warm_start(self, key: object, solutions: tuple[Any, ...]) -> None:
         """Stores solutions for the search's next calls, replacing those there; no effect outside of a
         search.
         """
         if self.warm_starts is not None:
-            self.warm_starts.found[key] = found
+            self.warm_starts.solutions[key] = solutions
 
     def memoised(self, key: object, compute: Callable[[], T]) -> T:
         """The value of `compute`, computed once for each key, whichever thread needs it first."""

@@ -25,8 +25,8 @@ def inner_changes(forward: ForwardModel, recording: GraspResponse) -> dict[str, 
         moved = moved.reshape(len(causes), len(chosen), *moved.shape[1:])
         shares = recording.shares[:, :LEADING]
         return {
-            cause: np.asarray(np.tensordot(shares, own, axes=(1, 0)))
-            for cause, own in zip(causes, moved, strict=True)
+            cause: np.asarray(np.tensordot(shares, pattern_changes, axes=(1, 0)))
+            for cause, pattern_changes in zip(causes, moved, strict=True)
         }
 
     return forward.memoised(("inner", recording.case.name), compute)

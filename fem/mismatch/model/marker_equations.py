@@ -57,17 +57,18 @@ class MarkerEquations:
     Fields are laid out flat, d numbers: x, y, z of every marker in contact, frame by frame. `member`: which
     number belongs to which contact of a marker's component. `every_frame`: k fields that each frame has any
     amount of (f k columns): its rigid motion where the fruit moves (`free`), and the response to what noise
-    adds to each force pattern. `own`: four fields that each marker may have any amount of, with their priors'
-    weight in `inverse`: its gel displacement (a scale error), and a shift along x, y, z that grows with the
-    load (what scale errors of the forces around it bring). `inverse`: (own' V own + L)^-1; `along`: own' V
-    times `every_frame`; `motions`: the Cholesky factor of the normal equations of `every_frame`, own out.
+    adds to each force pattern. `marker_fields`: four fields B that each marker may have any amount of, with
+    their priors' weight in `inverse`: its gel displacement (a scale error), and a shift along x, y, z that
+    grows with the load (what scale errors of the forces around it bring). `inverse`: (B' V B + L)^-1;
+    `along`: B' V times `every_frame`; `motions`: the Cholesky factor of the normal equations of
+    `every_frame`, B out.
     """
 
     tracks: MarkerTracks
     weight: Float[np.ndarray, " n"]
     member: csr_array
     every_frame: csr_array
-    own: csr_array
+    marker_fields: csr_array
     inverse: Float[np.ndarray, "n 4 4"]
     along: Float[np.ndarray, "n4 m"]
     motions: tuple[np.ndarray, bool]
@@ -97,7 +98,7 @@ class MarkerEquations:
         every_frame = np.concatenate([rigid_motion(tracks.place_mm), felt], axis=2)[:, :, 0 if free else 6 :]
         frame, marker = np.nonzero(tracks.episode >= 0)
         load = np.broadcast_to(recording.load[:, None, None], tracks.position_mm.shape)
-        own = np.concatenate(
+        marker_fields = np.concatenate(
             [
                 about_episode_mean(tracks.gel_displacement_mm, tracks.episode)[frame, marker, :, None],
                 about_episode_mean(load, tracks.episode)[frame, marker, :, None] * np.eye(3),
@@ -106,13 +107,15 @@ class MarkerEquations:
         )
         of_marker = (weight[marker], (marker, np.arange(len(marker))))
         by_marker = csr_array(of_marker, shape=(len(weight), len(marker)))
-        squares = np.einsum("exa,exb->eab", own, own, optimize=True).reshape(len(own), -1)
+        squares = np.einsum("exa,exb->eab", marker_fields, marker_fields, optimize=True).reshape(
+            len(marker_fields), -1
+        )
         normal = (by_marker @ squares).reshape(-1, 4, 4)
         scale = np.column_stack([np.full(len(weight), gel_scale_sd), compliance * recording.uneven])
         normal[:, np.arange(4), np.arange(4)] += scale**-2
         inverse = np.linalg.inv(normal)
         motion_columns = _sparse_rows(every_frame[marker], frame, len(tracks.position_mm))
-        own_columns = _sparse_rows(own, marker, len(weight))
+        own_columns = _sparse_rows(marker_fields, marker, len(weight))
         each = np.repeat(weight[marker], 3)
         along = (own_columns.T @ (motion_columns * each[:, None])).toarray()
         equations = motion_equations(every_frame, weight, tracks.episode)
@@ -130,7 +133,7 @@ class MarkerEquations:
                 np.tile(np.eye(3), (len(marker), 1, 1)), contact, int(contact.max(initial=-1)) + 1
             ),
             every_frame=motion_columns,
-            own=own_columns,
+            marker_fields=own_columns,
             inverse=inverse,
             along=along,
             motions=cho_factor(equations),
@@ -144,17 +147,17 @@ class MarkerEquations:
     def residual(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """A field's residual after motions, scales and places are fitted, mm; zero out of contact."""
         touching = self.tracks.episode >= 0
-        found = np.zeros_like(field)
-        found[touching] = self._residual(field[touching].reshape(-1, 1)).reshape(-1, 3)
-        return found
+        residual = np.zeros_like(field)
+        residual[touching] = self._residual(field[touching].reshape(-1, 1)).reshape(-1, 3)
+        return residual
 
     def weighed_in_contact(self, flat: Float[np.ndarray, "q d"]) -> Float[np.ndarray, "q d"]:
         """`weighed` of several fields laid out flat."""
-        found = np.empty_like(flat)
+        weighed = np.empty_like(flat)
         for first in range(0, len(flat), _AT_ONCE):
             some = slice(first, first + _AT_ONCE)
-            found[some] = self.weight_in_contact * self._residual(flat[some].T).T
-        return found
+            weighed[some] = self.weight_in_contact * self._residual(flat[some].T).T
+        return weighed
 
     def turns(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f 3"]:
         """The fruit's turn in each frame that a field in mm shows, rad, about the axes; zero if it is held.
@@ -182,14 +185,14 @@ class MarkerEquations:
     def _residual(self, flat: Float[np.ndarray, "d q"]) -> Float[np.ndarray, "d q"]:
         mine = self._about_mean(flat)
         motion, amounts = self._fitted(mine)
-        return np.asarray(mine - self._about_mean(self.every_frame @ motion) - self.own @ amounts)
+        return np.asarray(mine - self._about_mean(self.every_frame @ motion) - self.marker_fields @ amounts)
 
     def _fitted(
         self, mine: Float[np.ndarray, "d q"]
     ) -> tuple[Float[np.ndarray, "m q"], Float[np.ndarray, "n4 q"]]:
         """Amounts of what each frame may have any amount of, and of what each marker may."""
         weighted = self.weight_in_contact[:, None] * mine
-        amounts = _by_marker(self.inverse, self.own.T @ weighted)
+        amounts = _by_marker(self.inverse, self.marker_fields.T @ weighted)
         motion = cho_solve(self.motions, self.every_frame.T @ weighted - self.along.T @ amounts)
         return np.asarray(motion), amounts - _by_marker(self.inverse, self.along @ motion)
 
@@ -251,11 +254,11 @@ class BalanceEquations:
         centre = position.mean(axis=(0, 1))
         columns, spreads = [], []
         for pad in range(len(recording.links)):
-            own = np.where((recording.pad_of_marker == pad)[None, :, None], force, 0.0)
-            total = own.sum(axis=1)
+            pad_force_N = np.where((recording.pad_of_marker == pad)[None, :, None], force, 0.0)
+            total = pad_force_N.sum(axis=1)
             for way in np.eye(3):
                 columns.append(np.hstack([np.zeros_like(total), np.cross(way, total) / ARM_MM]))
-                columns.append(wrench(np.cross(way, own), position, centre_mm=centre) * np.pi / 180)
+                columns.append(wrench(np.cross(way, pad_force_N), position, centre_mm=centre) * np.pi / 180)
                 spreads += [SHIFT_SD_MM, TURN_SD_DEG]
         load = np.linalg.norm(force, axis=2).sum(axis=1) / len(recording.links)
         for way in np.eye(6):

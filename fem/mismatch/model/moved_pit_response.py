@@ -25,12 +25,12 @@ def pit_responses(
     grasps = forward.base.grasps
 
     def first_order(theta: Float[np.ndarray, "4"]) -> list[list[np.ndarray]]:
-        found = []
+        responses = []
         for recording in grasps:
             change = inner_changes(forward, recording)
-            own = sum(x * change[name] for x, name in zip(theta * SPREAD, PIT, strict=True))
-            found.append([recording.tracks.unit_displacement + own])
-        return found
+            change_of_unit = sum(x * change[name] for x, name in zip(theta * SPREAD, PIT, strict=True))
+            responses.append([recording.tracks.unit_displacement + change_of_unit])
+        return responses
 
     def exact(theta: Float[np.ndarray, "4"]) -> list[list[np.ndarray]]:
         mesh = with_pit_moved(forward.base.mesh, theta * SPREAD)
@@ -49,6 +49,8 @@ def pit_responses(
         return forward.each(moved_under)
 
     return [
-        own[0]
-        for own in quadratic_surrogate(forward, key, pit / SPREAD, first_order=first_order, exact=exact)
+        quantities[0]
+        for quantities in quadratic_surrogate(
+            forward, key, pit / SPREAD, first_order=first_order, exact=exact
+        )
     ]

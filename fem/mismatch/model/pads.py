@@ -62,9 +62,9 @@ def store_slid_responses(
     (fem.estimation.sensitivity) as known from elsewhere, and turns them to the pads' own x and y.
     """
     turned = []
-    for pad, (link, own) in enumerate(zip(recording.links, along_skin, strict=True)):
+    for pad, (link, change) in enumerate(zip(recording.links, along_skin, strict=True)):
         turn = turn_of(recording, pad)[:, :2].T @ tangents(link.place.normal).T
-        turned.append(np.tensordot(turn, own, axes=1))
+        turned.append(np.tensordot(turn, change, axes=1))
     forward.memoised(("slid", recording.case.name), lambda: np.stack(turned))
 
 
@@ -73,7 +73,9 @@ def _slid_responses(forward: ForwardModel, recording: GraspResponse) -> Float[np
     solid, pads = forward.base.solid_of(recording), range(len(recording.links))
     split = np.cumsum([len(other.rest_mm) for other in recording.case.history.pads])[:-1]
     patterns = np.split(recording.patterns, split, axis=1)
-    unmoved = [link.nodal_force(own) for link, own in zip(recording.links, patterns, strict=True)]
+    unmoved = [
+        link.nodal_force(pad_patterns) for link, pad_patterns in zip(recording.links, patterns, strict=True)
+    ]
     links, loads = [], []
     for pad in pads:
         for way in turn_of(recording, pad).T[:2]:
@@ -86,11 +88,11 @@ def _slid_responses(forward: ForwardModel, recording: GraspResponse) -> Float[np
                 loads.append(whole)
     moved = solid.displacement(np.concatenate(loads))[:, solid.contact_nodes]
     ends = [
-        np.concatenate([link.at_markers(own) for link in several], axis=1)
-        for several, own in zip(links, np.split(moved, len(links)), strict=True)
+        np.concatenate([link.at_markers(displacement) for link in several], axis=1)
+        for several, displacement in zip(links, np.split(moved, len(links)), strict=True)
     ]
-    found = [
+    changes = [
         recording.over_time((ahead - back) / (2 * SLIDE_MM))
         for ahead, back in zip(ends[::2], ends[1::2], strict=True)
     ]
-    return np.stack(found).reshape(len(recording.links), 2, *found[0].shape)
+    return np.stack(changes).reshape(len(recording.links), 2, *changes[0].shape)

@@ -65,13 +65,13 @@ class PartedPit:
         if solid.support == "free":
             still = solid.free_body.without_rigid_motion(moved.reshape(len(moved), -1).T)
             moved = np.ascontiguousarray(still.T).reshape(moved.shape)
-        found = []
-        for own, load in zip(np.split(moved, len(angle)), np.split(loads, len(angle)), strict=True):
-            stiffness = own.reshape(6, -1) @ load.reshape(6, -1).T
+        parted = []
+        for displacement, load in zip(np.split(moved, len(angle)), np.split(loads, len(angle)), strict=True):
+            stiffness = displacement.reshape(6, -1) @ load.reshape(6, -1).T
             factor = np.linalg.cholesky((stiffness + stiffness.T) / 2)
-            on_skin = own[:, solid.contact_nodes]
-            found.append(cls(np.linalg.solve(factor, on_skin.reshape(6, -1)).reshape(on_skin.shape)))
-        return found
+            on_skin = displacement[:, solid.contact_nodes]
+            parted.append(cls(np.linalg.solve(factor, on_skin.reshape(6, -1)).reshape(on_skin.shape)))
+        return parted
 
     def at_markers(self, recording: GraspResponse) -> Float[np.ndarray, "6 n 3"]:
         """Its modes at a recording's markers."""
@@ -124,14 +124,15 @@ class OfHalves:
         """By the work that both do on the modes: no solve."""
         modes = self._modes(noise)
         moved, pulled = (
-            np.einsum("qnx,prnx->pqr", modes, own, optimize=True) for own in (noise.force_N, noise.pulled)
+            np.einsum("qnx,prnx->pqr", modes, force_N, optimize=True)
+            for force_N in (noise.force_N, noise.pulled)
         )
         return noise.compliance * noise.of_draws(np.einsum("pqr,pqr->p", moved, pulled))
 
     def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
         """Without a solve."""
         modes = self._modes(noise)
-        return noise.over_time(np.stack([_by_work(modes, own) for own in noise.force_N]))
+        return noise.over_time(np.stack([_by_work(modes, force_N) for force_N in noise.force_N]))
 
     def _modes(self, noise: ForceNoise) -> Float[np.ndarray, "6 n 3"]:
         return parted_pit(self.forward, noise.recording, self.angle_deg).at_markers(noise.recording)

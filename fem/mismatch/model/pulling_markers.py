@@ -105,9 +105,9 @@ def pulled(history: PadHistory, normal: Float[np.ndarray, "t 3"]) -> Pull:
 def pull_N(recording: GraspCase) -> Float[np.ndarray, "t n 3"]:
     """What the gel pulls with at each marker, of all pads, after its touch."""
     pads = pads_with_normals(recording)
-    sizes = [np.where(own.later, own.normal_N, 0.0) for own in (pulling(*pad) for pad in pads)]
+    sizes = [np.where(pulls.later, pulls.normal_N, 0.0) for pulls in (pulling(*pad) for pad in pads)]
     return np.concatenate(
-        [own[..., None] * normal[:, None] for own, (_, normal) in zip(sizes, pads, strict=True)], axis=1
+        [size_N[..., None] * normal[:, None] for size_N, (_, normal) in zip(sizes, pads, strict=True)], axis=1
     )
 
 

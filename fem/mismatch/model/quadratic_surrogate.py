@@ -43,14 +43,14 @@ def quadratic_surrogate(
     known: tuple[SurrogateAnchor, ...] = forward.warm_start(("anchored", key))
     size = float(np.linalg.norm(theta))
     if size < NEAR:
-        return [list(own) for own in first_order(theta)]
-    nearest = min(known, key=lambda one: float(np.linalg.norm(theta - one.anchor)), default=None)
+        return [list(quantities) for quantities in first_order(theta)]
+    nearest = min(known, key=lambda anchor: float(np.linalg.norm(theta - anchor.anchor)), default=None)
     if nearest is None or np.linalg.norm(theta - nearest.anchor) > far * size:
         pairs = zip(exact(theta), first_order(theta), strict=True)
         nearest = SurrogateAnchor(theta, [[a - b for a, b in zip(x, y, strict=True)] for x, y in pairs])
         forward.store_warm_start(("anchored", key), (*known, nearest))
     share = nearest.share(theta)
     return [
-        [q + share * more for q, more in zip(own, excess, strict=True)]
-        for own, excess in zip(first_order(theta), nearest.excess, strict=True)
+        [q + share * more for q, more in zip(quantities, excess, strict=True)]
+        for quantities, excess in zip(first_order(theta), nearest.excess, strict=True)
     ]

@@ -56,10 +56,10 @@ def first_changes(forward: ForwardModel, derivative: Operator) -> list[Float[np.
     return [
         np.tensordot(
             recording.shares[:, recording.leading],
-            recording.at_markers(own[:, forward.base.solid_of(recording).contact_nodes]),
+            recording.at_markers(displacement[:, forward.base.solid_of(recording).contact_nodes]),
             axes=1,
         )
-        for recording, own in zip(grasps, moved, strict=True)
+        for recording, displacement in zip(grasps, moved, strict=True)
     ]
 
 
@@ -79,7 +79,7 @@ def reduced_laws(
             forward,
             recording,
             np.concatenate([step[a:b] for step in steps]),
-            [np.concatenate([step[a:b] for step in own]) for own in pulled],
+            [np.concatenate([step[a:b] for step in part_forces]) for part_forces in pulled],
         )
         for recording, a, b in zip(grasps, first, first[1:], strict=False)
     ]
@@ -97,8 +97,8 @@ def _of_recording(
     flat = space.reshape(len(space), -1)
     projected = []
     for force in pulled:
-        own = flat @ force.reshape(len(space), -1).T
-        projected.append((own + own.T) / 2)
+        product = flat @ force.reshape(len(space), -1).T
+        projected.append((product + product.T) / 2)
     load = flat @ (solid.stiffness @ recording.moved[leading].reshape(count, -1).T)
     at_markers = recording.at_markers(space[:, solid.contact_nodes])
     return ReducedLaw(

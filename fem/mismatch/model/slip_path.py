@@ -73,22 +73,22 @@ def slip_path(
 
 def _in_pad_axes(recording: GraspResponse, vectors: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
     """Markers' vectors of the fruit frame, each in its own pad's axes."""
-    found = np.empty_like(vectors)
+    in_pad_axes = np.empty_like(vectors)
     for pad, pose in enumerate(recording.pose):
-        own = recording.pad_of_marker == pad
-        found[:, own] = vectors[:, own] @ pose[:, :3, :3]
-    return found
+        markers = recording.pad_of_marker == pad
+        in_pad_axes[:, markers] = vectors[:, markers] @ pose[:, :3, :3]
+    return in_pad_axes
 
 
 def _in_fruit_axes(
     recording: GraspResponse, along_pad: Float[np.ndarray, "f n 2"]
 ) -> Float[np.ndarray, "f n 3"]:
     """Markers' vectors along their own pad's x and y, in the fruit frame."""
-    found = np.empty((*along_pad.shape[:2], 3))
+    in_fruit_axes = np.empty((*along_pad.shape[:2], 3))
     for pad, pose in enumerate(recording.pose):
-        own = recording.pad_of_marker == pad
-        found[:, own] = along_pad[:, own] @ np.swapaxes(pose[:, :3, :2], 1, 2)
-    return found
+        markers = recording.pad_of_marker == pad
+        in_fruit_axes[:, markers] = along_pad[:, markers] @ np.swapaxes(pose[:, :3, :2], 1, 2)
+    return in_fruit_axes
 
 
 def _returned(

@@ -19,14 +19,14 @@ def to_first_order(base: Baseline, inside: csr_array) -> list[Float[np.ndarray, 
     """K0^-1 K1 U at each recording's markers, for E = 1 MPa; None where nothing bears on the ball."""
     chosen = [_bearing(recording, inside) for recording in base.grasps]
     moved = _given_way(base, inside, _of_chosen(base, chosen))
-    found: list[Float[np.ndarray, "_f _n 3"] | None] = []
-    for recording, own, field in zip(base.grasps, chosen, moved, strict=True):
-        if not own.any():
-            found.append(None)
+    changes: list[Float[np.ndarray, "_f _n 3"] | None] = []
+    for recording, bearing, field in zip(base.grasps, chosen, moved, strict=True):
+        if not bearing.any():
+            changes.append(None)
             continue
         at_markers = recording.at_markers(field[:, base.solid_of(recording).contact_nodes])
-        found.append(np.tensordot(recording.shares[:, own], at_markers, axes=(1, 0)))
-    return found
+        changes.append(np.tensordot(recording.shares[:, bearing], at_markers, axes=(1, 0)))
+    return changes
 
 
 def softened(
@@ -38,10 +38,10 @@ def softened(
     first = _given_way(base, inside, plain)
     second = _given_way(base, inside, first)
     return [
-        _of_recording(base, recording, inside, ratios, own, fields)
-        if own.any()
+        _of_recording(base, recording, inside, ratios, bearing, fields)
+        if bearing.any()
         else _as_it_is(recording, ratios)
-        for recording, own, *fields in zip(base.grasps, chosen, plain, first, second, strict=True)
+        for recording, bearing, *fields in zip(base.grasps, chosen, plain, first, second, strict=True)
     ]
 
 
@@ -57,13 +57,13 @@ def _of_recording(
     reduced = Softened.of(inside, *fields, work=_work(base, recording)[np.ix_(chosen, chosen)])
     skin = base.solid_of(recording).contact_nodes
     at_markers = np.stack([recording.at_markers(field[:, skin]) for field in fields])
-    found = []
+    responses = []
     for ratio in ratios:
         amounts = reduced.amounts(ratio)
         amounts[0] -= np.eye(len(amounts[0]))
         more = np.einsum("fs,prs,prnx->fnx", recording.shares[:, chosen], amounts, at_markers, optimize=True)
-        found.append(np.asarray(recording.tracks.unit_displacement + more))
-    return found
+        responses.append(np.asarray(recording.tracks.unit_displacement + more))
+    return responses
 
 
 def _as_it_is(recording: GraspResponse, ratios: Sequence[float]) -> list[Float[np.ndarray, "f n 3"]]:
@@ -74,20 +74,20 @@ def _given_way(
     base: Baseline, inside: csr_array, moved: Sequence[Float[np.ndarray, "_ m 3"]]
 ) -> list[Float[np.ndarray, "_ m 3"]]:
     """K0^-1 K1 of each recording's fields."""
-    return base.displacements([times(inside, own) for own in moved])
+    return base.displacements([times(inside, field) for field in moved])
 
 
 def _of_chosen(base: Baseline, chosen: Sequence[Bool[np.ndarray, " _"]]) -> list[Float[np.ndarray, "_ m 3"]]:
-    return [recording.moved[own] for recording, own in zip(base.grasps, chosen, strict=True)]
+    return [recording.moved[bearing] for recording, bearing in zip(base.grasps, chosen, strict=True)]
 
 
 def _bearing(recording: GraspResponse, inside: csr_array) -> Bool[np.ndarray, " r"]:
     """Which patterns do work inside the ball that counts."""
-    own = (recording.moved * times(inside, recording.moved)).sum(axis=(1, 2)) * (recording.shares**2).sum(
-        axis=0
-    )
+    work_inside = (recording.moved * times(inside, recording.moved)).sum(axis=(1, 2)) * (
+        recording.shares**2
+    ).sum(axis=0)
     whole = float((recording.tracks.unit_displacement * recording.force_N).sum())
-    return np.asarray(own > LEAST_SHARE * whole)
+    return np.asarray(work_inside > LEAST_SHARE * whole)
 
 
 def _work(base: Baseline, recording: GraspResponse) -> Float[np.ndarray, "r r"]:

@@ -38,52 +38,55 @@ class PathState:
     @classmethod
     def of(cls, base: Baseline, frames: tuple[PathFrames, ...]) -> "PathState":
         """Under the recordings' forces."""
-        fields = [_combined(recording, own) for recording, own in zip(base.grasps, frames, strict=True)]
+        fields = [
+            _combined(recording, chosen_frames)
+            for recording, chosen_frames in zip(base.grasps, frames, strict=True)
+        ]
         return cls(base=base, frames=frames, linear=np.concatenate(fields))
 
     @property
     def first(self) -> list[int]:
         """Where each recording begins among the frames, and the end."""
-        return [0, *np.cumsum([len(own.chosen) for own in self.frames]).tolist()]
+        return [0, *np.cumsum([len(chosen_frames.chosen) for chosen_frames in self.frames]).tolist()]
 
     def response(self, force: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """K0^-1 of nodal forces, each recording with its own support."""
-        found = np.empty_like(force)
+        displacement = np.empty_like(force)
         for support, solid in self.base.solids.items():
-            own = self._held(support)
-            turn, parts = _few(force[own])
-            found[own] = np.tensordot(turn, solid.displacement(parts), axes=1)
-        return found
+            held = self._held(support)
+            turn, parts = _few(force[held])
+            displacement[held] = np.tensordot(turn, solid.displacement(parts), axes=1)
+        return displacement
 
     def marker_responses(
         self, forces: Sequence[Float[np.ndarray, "f n 3"]]
     ) -> list[list[Float[np.ndarray, "_f _n 3"]]]:
         """`at_markers` of the `response` to each of several laws' forces, solved for together."""
-        found: list[dict[str, Float[np.ndarray, "_f _n 3"]]] = [{} for _ in forces]
+        by_law: list[dict[str, Float[np.ndarray, "_f _n 3"]]] = [{} for _ in forces]
         for support, solid in self.base.solids.items():
-            own = self._held(support)
-            turns, parts = zip(*(_few(force[own]) for force in forces), strict=True)
+            held = self._held(support)
+            turns, parts = zip(*(_few(force[held]) for force in forces), strict=True)
             on_skin = solid.contact_displacement(np.concatenate(parts))
             cuts = np.cumsum([len(part) for part in parts])[:-1]
-            for one, turn, part in zip(found, turns, np.split(on_skin, cuts), strict=True):
+            for responses, turn, part in zip(by_law, turns, np.split(on_skin, cuts), strict=True):
                 moved, first = np.tensordot(turn, part, axes=1), 0
                 for recording, frames in zip(self.base.grasps, self.frames, strict=True):
                     if recording.case.support == support:
                         after = first + len(frames.chosen)
                         seen_at = recording.at_markers(moved[first:after])
-                        one[recording.case.name] = np.tensordot(frames.mix, seen_at, axes=1)
+                        responses[recording.case.name] = np.tensordot(frames.mix, seen_at, axes=1)
                         first = after
-        return [[one[recording.case.name] for recording in self.base.grasps] for one in found]
+        return [[responses[recording.case.name] for recording in self.base.grasps] for responses in by_law]
 
     def at_markers(self, field: Float[np.ndarray, "f m 3"]) -> list[Float[np.ndarray, "_f _n 3"]]:
         """Of every recording, in all frames used."""
-        found = []
-        for recording, own, a, b in zip(
+        responses = []
+        for recording, chosen_frames, a, b in zip(
             self.base.grasps, self.frames, self.first, self.first[1:], strict=False
         ):
             seen_at = recording.at_markers(field[a:b][:, self.base.solid_of(recording).contact_nodes])
-            found.append(np.tensordot(own.mix, seen_at, axes=1))
-        return found
+            responses.append(np.tensordot(chosen_frames.mix, seen_at, axes=1))
+        return responses
 
     def _held(self, support: Support) -> Int[np.ndarray, " g"]:
         """Which frames are of recordings with this support."""
@@ -104,8 +107,8 @@ def _few(
     return turn[:, kept], (turn[:, kept].T @ flat).reshape(-1, *fields.shape[1:])
 
 
-def _combined(recording: GraspResponse, own: PathFrames) -> Float[np.ndarray, "k n 3"]:
-    return np.asarray(np.tensordot(recording.shares[own.chosen], recording.moved, axes=1))
+def _combined(recording: GraspResponse, chosen_frames: PathFrames) -> Float[np.ndarray, "k n 3"]:
+    return np.asarray(np.tensordot(recording.shares[chosen_frames.chosen], recording.moved, axes=1))
 
 
 def added_stress(
@@ -157,8 +160,8 @@ def path_response(
 def whole_response(state: PathState, more: Float[np.ndarray, "f m 3"]) -> list[Float[np.ndarray, "_f _n 3"]]:
     """The markers' displacement with v - v0 = `more` added to the linear one, of every recording."""
     return [
-        recording.tracks.unit_displacement + own
-        for recording, own in zip(state.base.grasps, state.at_markers(more), strict=True)
+        recording.tracks.unit_displacement + displacement
+        for recording, displacement in zip(state.base.grasps, state.at_markers(more), strict=True)
     ]
 
 

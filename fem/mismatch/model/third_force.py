@@ -155,12 +155,12 @@ class ForceBalance:
         normal = (arms.T @ half).reshape(count, count)
         pushed = (self.pushed @ arms).ravel()
         shares = np.diag([1.0, FRICTION, FRICTION])
-        found = [
+        posteriors = [
             _posterior(normal, pushed, scale * self.peak_N * np.kron(root, shares))
             for scale in SCALES
             for root in self.roots
         ]
-        amounts, covariance, evidence, volume = max(found, key=lambda one: one[2])
+        amounts, covariance, evidence, volume = max(posteriors, key=lambda posterior: posterior[2])
         local = self.courses.T @ amounts.reshape(-1, 3)
         pulls = self.recording.load @ local[:, 0] <= 0
         slides = np.linalg.norm(local[:, 1:]) > CONE * np.linalg.norm(local[:, 0])

@@ -79,8 +79,8 @@ def _pushed_aside(
         if mine.sum() < FEWEST:
             continue
         modes = rigid_motion(places[mine]).reshape(-1, 6)
-        own = there[mine].ravel()
-        own = (own - modes @ np.linalg.lstsq(modes, own, rcond=None)[0]).reshape(-1, 3)
+        slid = there[mine].ravel()
+        slid = (slid - modes @ np.linalg.lstsq(modes, slid, rcond=None)[0]).reshape(-1, 3)
         out = mean_normal(normal[own_markers])
-        aside[mine] = own - (own @ out)[:, None] * out
+        aside[mine] = slid - (slid @ out)[:, None] * out
     return np.asarray(aside)

@@ -13,8 +13,8 @@ from typing import Any
 class WarmStarts:
     """What one search has found, each under the key of the model that found it. Values are never changed."""
 
-    found: dict[object, tuple[Any, ...]] = field(default_factory=dict)
+    solutions: dict[object, tuple[Any, ...]] = field(default_factory=dict)
 
     def copy(self) -> "WarmStarts":
         """A copy for another search that continues from here on its own."""
-        return WarmStarts(dict(self.found))
+        return WarmStarts(dict(self.solutions))

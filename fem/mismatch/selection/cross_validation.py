@@ -35,12 +35,14 @@ def held_out(
         return None
     models = [(model, k) for model in (before, after) for k in range(count)]
     left_out = parallel_map(
-        lambda one: _residual_squares(*one[0], one[1], count), models, workers=forward.workers
+        lambda model_and_grasp: _residual_squares(*model_and_grasp[0], model_and_grasp[1], count),
+        models,
+        workers=forward.workers,
     )
     lost = [sum(left_out[:count]), sum(left_out[count:])]
-    whole = sum(_size(forward, one) for one in recorded)
+    whole = sum(_size(forward, equations) for equations in recorded)
     rng = np.random.default_rng(0)
-    noise = sum(noise_left_mm2(one.markers, rng) for one in recorded)
+    noise = sum(noise_left_mm2(equations.markers, rng) for equations in recorded)
     return HeldOut(
         rms_before=float(np.sqrt(lost[0] / whole)),
         rms_after=float(np.sqrt(lost[1] / whole)),
@@ -87,7 +89,7 @@ def _residual_squares(products: GramMatrix, columns: Sequence[int], k: int, coun
     return float((products.marker_residual(k, others) ** 2).sum())
 
 
-def _size(forward: ForwardModel, one: GraspEquations) -> float:
-    tracks = one.recording.tracks
+def _size(forward: ForwardModel, equations: GraspEquations) -> float:
+    tracks = equations.recording.tracks
     response = about_episode_mean(forward.compliance * tracks.unit_displacement, tracks.episode)
     return float((response**2).sum())

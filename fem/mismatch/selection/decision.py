@@ -91,23 +91,23 @@ def probabilities(
 ) -> tuple[Float[np.ndarray, " h"], float]:
     """Of each of the explanations, "none" among them, and of "unknown"; `temperature`: TEMPERATURE."""
     temperature = TEMPERATURE if temperature is None else temperature
-    before = next(one.misfit for one in explanations if one.name == NONE)
+    before = next(explanation.misfit for explanation in explanations if explanation.name == NONE)
     usual = log_usual(before)
     uniform = -float(np.log(np.log(MOST_MISFIT))) if before > MISFIT else -np.inf
     present = float(np.logaddexp(usual, uniform) - np.log(2.0))
     scatter = MISFIT * np.sqrt(2 / FREEDOM)
     excess = max(before - MISFIT, scatter)
     mean = min(REMAINING + scatter / excess, 1.0)
-    effects = sum(one.name != NONE and "+" not in one.name for one in explanations)
+    effects = sum(explanation.name != NONE and "+" not in explanation.name for explanation in explanations)
     named, resembled = [], []
-    for one in explanations:
-        gain = one.gain / temperature
-        remaining = max(one.misfit - MISFIT, 0.0) / excess
+    for explanation in explanations:
+        gain = explanation.gain / temperature
+        remaining = max(explanation.misfit - MISFIT, 0.0) / excess
         left = -np.log(mean) - remaining / mean
-        prior = log_prior(one.name, effects=effects)
-        as_named = prior + gain + (usual if one.name == NONE else present + left)
-        named.append(as_named if one.tenable else -np.inf)
-        resembled.append(prior + gain - max(one.direct, 0.0) / temperature + present)
+        prior = log_prior(explanation.name, effects=effects)
+        as_named = prior + gain + (usual if explanation.name == NONE else present + left)
+        named.append(as_named if explanation.tenable else -np.inf)
+        resembled.append(prior + gain - max(explanation.direct, 0.0) / temperature + present)
     inside, outside = np.array(named) + np.log(1 - OUTSIDE), np.array(resembled) + np.log(OUTSIDE)
     total = logsumexp([*inside, *outside])
     return np.exp(inside - total), float(np.exp(logsumexp(outside) - total))

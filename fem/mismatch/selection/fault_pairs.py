@@ -22,7 +22,7 @@ def direct_evidence(forward: ForwardModel, effects: Sequence[Effect]) -> float:
     """What the recordings show directly of all these effects; of several faults of the gel together."""
     faults = faults_of_relation(effects)
     alone = [effect for effect in effects if len(faults) < 2 or effect not in faults]
-    total = sum(one.direct_evidence(forward) for one in alone if isinstance(one, SeenDirectly))
+    total = sum(effect.direct_evidence(forward) for effect in alone if isinstance(effect, SeenDirectly))
     together = fitted_together(forward, faults) if len(faults) > 1 else None
     return total + (0.0 if together is None else together.evidence)
 
@@ -43,14 +43,14 @@ def second_faults(forward: ForwardModel, faults: Sequence[GelFault], first: GelF
     before = fitted_together(forward, (first,))
     if before is None:
         return []
-    found = []
+    seconds = []
     for fault in faults_of_relation([fault for fault in faults if fault is not first]):
         both = fitted_together(forward, faults_of_relation([first, fault]))
         added = 0.0 if both is None else both.evidence - before.evidence
         if both is not None and added >= LEAST_EVIDENCE:
             starts = (first.within_bounds(both.values), fault.within_bounds(both.values))
-            found.append(SecondFault(fault=fault, evidence=added, starts=starts))
-    return found
+            seconds.append(SecondFault(fault=fault, evidence=added, starts=starts))
+    return seconds
 
 
 def fault_pairs(
@@ -68,7 +68,7 @@ def fault_pairs(
         return {}
     best = max(shown, key=lambda single: single.weighed.gain)
     (first,) = faults_of_relation([best.linear_fits[0].effect])
-    found = {}
+    pairs = {}
     for second in second_faults(forward, linear.gel_faults, first):
         name = "+".join(sorted((best.name, second.fault.spec.name)))
         weighed = Weighed(
@@ -79,8 +79,8 @@ def fault_pairs(
         )
         fits = (*best.linear_fits, _without_signature(second))
         explanation = LinearExplanation(weighed=weighed, linear_fits=fits, modulus_change=best.modulus_change)
-        found[name] = (explanation, second)
-    return found
+        pairs[name] = (explanation, second)
+    return pairs
 
 
 def _without_signature(second: SecondFault) -> LinearFit:

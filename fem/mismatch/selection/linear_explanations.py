@@ -95,7 +95,7 @@ def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation], kept: floa
     Two faults of one gel relation show in part as each other: those are
     fem.mismatch.selection.fault_pairs.
     """
-    found = []
+    pairs = []
     ways = {fits[0].name: fits for fits in _ways(linear.linear_fits)}
     for number, first in enumerate(singles):
         (fit,) = first.linear_fits
@@ -117,23 +117,23 @@ def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation], kept: floa
                     misfit=misfit_left(linear, (fit, best), kept=kept),
                     direct=first.weighed.direct + best.direct,
                 )
-                found.append(
+                pairs.append(
                     LinearExplanation(
                         weighed=weighed,
                         linear_fits=(fit, best),
                         modulus_change=modulus_change(linear.null, both),
                     )
                 )
-    return found
+    return pairs
 
 
 def _second(linear: LinearRound, equations: SignatureEquations, fit: LinearFit) -> LinearFit:
     """A signature's fit beside a first effect: gain and amounts are what it adds."""
     if not fit.columns:
         return fit
-    own = equations.numbers(fit.columns)
-    amounts = equations.amounts(own)
-    moved = float(equations.log_bayes_factor(own, equations.right[None])[0])
+    numbers = equations.numbers(fit.columns)
+    amounts = equations.amounts(numbers)
+    moved = float(equations.log_bayes_factor(numbers, equations.right[None])[0])
     wrong = violates_sign_constraint(linear.products, fit.columns, amounts)
     said = min(fit.auxiliary_log_likelihood - fit.direct, max(moved, 0.0))
     return replace(fit, amounts=amounts, gain=-np.inf if wrong else moved + said + fit.direct)

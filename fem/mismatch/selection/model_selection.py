@@ -88,7 +88,9 @@ def select_model(forward: ForwardModel, linear: LinearRound, *, p_value: float) 
 
     while True:
         ranking = _ranking(linear, left, in_full)
-        names = verdict_of({one.name: one.probability for one in ranking}, p_value=p_value)
+        names = verdict_of(
+            {hypothesis.name: hypothesis.probability for hypothesis in ranking}, p_value=p_value
+        )
         due = [
             explanation
             for name in names
@@ -104,7 +106,11 @@ def select_model(forward: ForwardModel, linear: LinearRound, *, p_value: float) 
             if full.failed:
                 without[explanation.name] = full.failed
     verdict = names[0] if len(names) == 1 else names
-    listed = (one for one in ranking if "+" not in one.name or one.probability >= LEAST_LISTED)
+    listed = (
+        hypothesis
+        for hypothesis in ranking
+        if "+" not in hypothesis.name or hypothesis.probability >= LEAST_LISTED
+    )
     return ModelSelection(ranking=tuple(listed), verdict=verdict, without=without)
 
 
@@ -112,21 +118,23 @@ def _ranking(
     linear: LinearRound, left: Sequence[LinearExplanation], in_full: dict[str, _InFull]
 ) -> list[Hypothesis]:
     """All explanations with their probabilities, likeliest first."""
-    shares, unknown = probabilities([_weighed(linear, one, in_full.get(one.name)) for one in left])
+    shares, unknown = probabilities(
+        [_weighed(linear, explanation, in_full.get(explanation.name)) for explanation in left]
+    )
     hypotheses = [
         Hypothesis(
-            name=one.name,
-            gain=one.weighed.gain,
+            name=explanation.name,
+            gain=explanation.weighed.gain,
             probability=float(share),
-            linear_fits=one.linear_fits,
-            refit=in_full[one.name].refits[0][1] if one.name in in_full else None,
-            modulus_change=one.modulus_change,
-            alternatives=in_full[one.name].alternatives if one.name in in_full else (),
+            linear_fits=explanation.linear_fits,
+            refit=in_full[explanation.name].refits[0][1] if explanation.name in in_full else None,
+            modulus_change=explanation.modulus_change,
+            alternatives=in_full[explanation.name].alternatives if explanation.name in in_full else (),
         )
-        for one, share in zip(left, shares, strict=True)
-        if one.name not in in_full or in_full[one.name].refits
+        for explanation, share in zip(left, shares, strict=True)
+        if explanation.name not in in_full or in_full[explanation.name].refits
     ]
-    most = max(one.weighed.gain for one in left)
+    most = max(explanation.weighed.gain for explanation in left)
     hypotheses.append(Hypothesis(name=UNKNOWN, gain=most, probability=unknown, linear_fits=(), refit=None))
     return sorted(hypotheses, key=lambda hypothesis: -hypothesis.probability)
 

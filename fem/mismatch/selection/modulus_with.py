@@ -73,7 +73,7 @@ def _fits(
     forward: ForwardModel, response: Response | None, *, beyond: Beyond
 ) -> list[tuple[GraspResponse, MarkerTracks, CompliantFit]]:
     """Every recording with the effect's response, and its own fit."""
-    found = []
+    fits = []
     for k, recording in enumerate(forward.base.grasps):
         tracks = recording.tracks
         if response is not None:
@@ -89,8 +89,8 @@ def _fits(
             scale_sd=forward.base.case.budget.gel_scale_sd,
             fruit_moves=recording.case.support == "free",
         )
-        found.append((recording, tracks, fit))
-    return found
+        fits.append((recording, tracks, fit))
+    return fits
 
 
 def _inferred(
@@ -111,8 +111,8 @@ def _inferred(
         )
         if model is not None
     ]
-    found = joint_modulus(evidence, budget=budget, infer_pit=len(evidence) > 1)
-    return Modulus(value=forward.modulus_scale * found.E_MPa, sd=forward.modulus_scale * found.E_sd_MPa)
+    joint = joint_modulus(evidence, budget=budget, infer_pit=len(evidence) > 1)
+    return Modulus(value=forward.modulus_scale * joint.E_MPa, sd=forward.modulus_scale * joint.E_sd_MPa)
 
 
 def _mean_of_fits(forward: ForwardModel, response: Response | None, *, beyond: Beyond) -> Modulus:
@@ -152,16 +152,19 @@ def modulus_with(again: Refit) -> ModulusWith:
         _without(again.forward.base.case.budget, again.effects),
         beyond=turn_alone(again.forward) if holds_it else beyond_small_strain(again.forward),
     )
-    own = _own_error(again)
-    laws = SYSTEMATIC**2 * again.fit.covariance[-len(own) :, -len(own) :] + np.diag(own**2)
+    model_sd = _own_error(again)
+    laws = SYSTEMATIC**2 * again.fit.covariance[-len(model_sd) :, -len(model_sd) :] + np.diag(model_sd**2)
     change = np.array(
-        [np.log(one.value / plain.value) / step for one, (step, _) in zip(changed, again.ahead, strict=True)]
+        [
+            np.log(modulus.value / plain.value) / step
+            for modulus, (step, _) in zip(changed, again.ahead, strict=True)
+        ]
     )
     spread = float(np.hypot(np.sqrt(change @ laws @ change), _apart(again, plain)))
     return ModulusWith(
         at=plain,
         known=replace(plain, sd=float(np.hypot(plain.sd, plain.value * spread))),
-        sd=np.hypot(SYSTEMATIC * np.sqrt(np.diag(again.covariance)), own),
+        sd=np.hypot(SYSTEMATIC * np.sqrt(np.diag(again.covariance)), model_sd),
         change=change,
     )
 
@@ -181,7 +184,9 @@ def _apart(again: Refit, modulus: Modulus) -> float:
 
 def _without(budget: ErrorBudget, effects: Sequence[Effect]) -> ErrorBudget:
     """The budget without spreads of what these effects search for."""
-    searched = {SPREADS[one]: 0.0 for one in SPREADS if one in [effect.spec.correction for effect in effects]}
+    searched = {
+        SPREADS[spread]: 0.0 for spread in SPREADS if spread in [effect.spec.correction for effect in effects]
+    }
     return replace(budget, **searched)
 
 
@@ -189,11 +194,11 @@ def _own_error(again: Refit) -> Float[np.ndarray, " p"]:
     """What the model's own error makes of each parameter, on the scale searched, and of a gel's fault what
     the relation leaves open, which the search does not move it by (HELD of fem.mismatch.gel_fault).
     """
-    found = []
+    model_sd = []
     for effect, values in zip(again.effects, again.parameters, strict=True):
         relation = effect.relation_sd(again.forward, again.effects) if isinstance(effect, GelFault) else {}
         for spec in effect.spec.searched:
             value = values[spec.name]
             by_model = np.hypot(spec.model_sd, spec.model_share * value) / (value if spec.log else 1.0)
-            found.append(np.hypot(by_model, relation.get(spec.name, 0.0)))
-    return np.array(found)
+            model_sd.append(np.hypot(by_model, relation.get(spec.name, 0.0)))
+    return np.array(model_sd)

@@ -23,15 +23,15 @@ def checks(
     traces: Sequence[GraspTrace], grasps: Sequence[GraspResponse], *, rng: np.random.Generator
 ) -> tuple[Check, ...]:
     """Each number measured, and predicted by both models; sd from the markers' noise."""
-    found = []
+    all_checks = []
     for trace, recording in zip(traces, grasps, strict=True):
         lag1 = float(recording.tracks.lag1.mean())
         drawn = drawn_coloured_noise((COPIES, len(trace.time_s), 1, 3), lag1, rng)[:, :, 0, 0]
         noise = _noise_mm(recording) * drawn
-        copies = [_numbers(trace, trace.after_mm + one) for one in noise]
+        copies = [_numbers(trace, trace.after_mm + draw) for draw in noise]
         numbers = [_numbers(trace, x) for x in (trace.given_mm, trace.before_mm, trace.after_mm)]
-        found += compared(numbers, copies, UNITS, prefix=f"{trace.grasp}: ")
-    return tuple(found)
+        all_checks += compared(numbers, copies, UNITS, prefix=f"{trace.grasp}: ")
+    return tuple(all_checks)
 
 
 def compared(
@@ -50,7 +50,7 @@ def compared(
             measured=measured[name],
             before=before[name],
             after=after[name],
-            sd=float(np.std([one[name] for one in copies])),
+            sd=float(np.std([copy[name] for copy in copies])),
             unit=units[name],
         )
         for name in measured
@@ -68,18 +68,18 @@ def _numbers(trace: GraspTrace, approach_mm: Float[np.ndarray, " f"]) -> dict[st
     """Of the first loading and of the first hold; those that the recording has."""
     phase, force = np.array(trace.phase), trace.force_N
     loading = _first_run(phase == "load")
-    found = {}
+    curve_numbers = {}
     if len(loading) > 2:
         top, start = loading[-1], loading[0]
         half = loading[int(np.argmin(np.abs(force[loading] - (force[top] + force[start]) / 2)))]
         rise = approach_mm[top] - approach_mm[start]
-        found["approach at half the load"] = float((approach_mm[half] - approach_mm[start]) / rise)
+        curve_numbers["approach at half the load"] = float((approach_mm[half] - approach_mm[start]) / rise)
     hold = _first_run(phase == "hold")
     if len(hold) > 1:
-        found["creep in the hold"] = float(approach_mm[hold[-1]] - approach_mm[hold[0]])
+        curve_numbers["creep in the hold"] = float(approach_mm[hold[-1]] - approach_mm[hold[0]])
     if (phase == "unload").any():
-        found["loop area"] = float(np.trapezoid(force, approach_mm))
-    return found
+        curve_numbers["loop area"] = float(np.trapezoid(force, approach_mm))
+    return curve_numbers
 
 
 def _first_run(chosen: np.ndarray) -> np.ndarray:

@@ -85,8 +85,8 @@ class Refit:
         other = copy(self.products)
         other.columns = list(other.columns)
         for column, sd in zip(self.slopes, TRUST * self.fit.sd[-len(self.slopes) :], strict=True):
-            own = other.columns[column]
-            other.columns[column] = replace(own, sd=min(own.sd, float(sd)))
+            slope = other.columns[column]
+            other.columns[column] = replace(slope, sd=min(slope.sd, float(sd)))
         return other
 
     @property
@@ -108,7 +108,7 @@ def refit(
 
     `starts`: parameters of each effect to start from where they are known; else from the linear amounts.
     """
-    specs = [spec for one in linear_fits for spec in one.effect.spec.searched]
+    specs = [spec for fit in linear_fits for spec in fit.effect.spec.searched]
     search = _Search(forward, linear, tuple(linear_fits), specs)
     now, _ = search.followed(search.begun(forward, starts or [None] * len(linear_fits)))
     gained = float("inf")
@@ -134,8 +134,8 @@ def refit(
             break
     parameters, first = [], 0
     values = search.plain(now.at)
-    for one in linear_fits:
-        names = [spec.name for spec in one.effect.spec.searched]
+    for fit in linear_fits:
+        names = [spec.name for spec in fit.effect.spec.searched]
         parameters.append(dict(zip(names, values[first : first + len(names)], strict=True)))
         first += len(names)
     count = len(specs)
@@ -143,8 +143,8 @@ def refit(
     along = np.eye(len(now.fit.amounts))[-count:]
     along[:, 0] = search.power
     return Refit(
-        effects=tuple(one.effect for one in linear_fits),
-        variants=tuple(one.signature.variant for one in linear_fits),
+        effects=tuple(fit.effect for fit in linear_fits),
+        variants=tuple(fit.signature.variant for fit in linear_fits),
         parameters=tuple(parameters),
         covariance=along @ now.fit.covariance @ along.T,
         response=now.response,
@@ -187,23 +187,23 @@ class _Search:
         warm_start = forward.warm_starts or WarmStarts()
         self.forward = replace(forward, warm_starts=warm_start.copy())
         self.linear, self.linear_fits = linear, linear_fits
-        effects = [one.effect for one in linear_fits]
+        effects = [fit.effect for fit in linear_fits]
         self.nuisances = retained_columns(effects, linear.products.columns, linear.nuisances)
-        self.signatures = tuple(j for one in linear_fits for j in one.columns)
+        self.signatures = tuple(j for fit in linear_fits for j in fit.columns)
         self.log = np.array([spec.log for spec in specs])
         low, high = (np.array([getattr(spec, end) for spec in specs]) for end in ("low", "high"))
         self.low, self.high = self._scale(low), self._scale(high)
         quarter = (self.high - self.low) / 4
-        own = [
+        spreads = [
             (
-                one.effect.measured_sd(forward)[spec.name]
-                if isinstance(one.effect, SeenDirectly)
+                fit.effect.measured_sd(forward)[spec.name]
+                if isinstance(fit.effect, SeenDirectly)
                 else spec.spread
             )
-            for one in linear_fits
-            for spec in one.effect.spec.searched
+            for fit in linear_fits
+            for spec in fit.effect.spec.searched
         ]
-        self.spread = np.array([a if b is None else b for a, b in zip(quarter, own, strict=True)])
+        self.spread = np.array([a if b is None else b for a, b in zip(quarter, spreads, strict=True)])
         self.power = np.array([spec.strain_power for spec in specs])
         self.low_is_a_law = np.array([spec.low_is_a_law for spec in specs])
         self.known: dict[bytes, tuple[Response, float]] = {}
@@ -224,11 +224,11 @@ class _Search:
         share, before = 1.0, None
         while True:
             values: list[float] = []
-            for one, start in zip(self.linear_fits, starts, strict=True):
-                own = (
-                    one.effect.start(forward, one.signature, share * one.amounts) if start is None else start
+            for fit, start in zip(self.linear_fits, starts, strict=True):
+                values_of_effect = (
+                    fit.effect.start(forward, fit.signature, share * fit.amounts) if start is None else start
                 )
-                values += [own[spec.name] for spec in one.effect.spec.searched]
+                values += [values_of_effect[spec.name] for spec in fit.effect.spec.searched]
             try:
                 now = self.linearised(self.scaled(values))
                 break
@@ -238,10 +238,10 @@ class _Search:
                     raise
                 before = values
         first = 0
-        for one, start in zip(self.linear_fits, starts, strict=True):
-            end = first + len(one.effect.spec.searched)
-            if start is None and isinstance(one.effect, StartsElsewhere):
-                other = one.effect.other_start(forward, one.signature.variant)
+        for fit, start in zip(self.linear_fits, starts, strict=True):
+            end = first + len(fit.effect.spec.searched)
+            if start is None and isinstance(fit.effect, StartsElsewhere):
+                other = fit.effect.other_start(forward, fit.signature.variant)
                 if other is not None:
                     tried = [*values[:first], *other.values(), *values[end:]]
                     plain = self.linear.null.log_evidence
@@ -262,7 +262,7 @@ class _Search:
         """Of each effect whether a parameter has come to the end of its bounds."""
         margin = 1.01 * MARGIN * (self.high - self.low)
         ends = ((at <= self.low + margin) & ~self.low_is_a_law) | (at >= self.high - margin)
-        first = np.cumsum([0, *(len(one.effect.spec.searched) for one in self.linear_fits)])
+        first = np.cumsum([0, *(len(fit.effect.spec.searched) for fit in self.linear_fits)])
         return tuple(bool(ends[a:b].any()) for a, b in pairwise(first))
 
     def plain(self, at: Float[np.ndarray, " p"]) -> list[float]:
@@ -270,21 +270,26 @@ class _Search:
 
     def respond(self, at: Float[np.ndarray, " p"]) -> Response:
         """The responses of the effects, their changes of the plain model added up."""
-        values, found, first = self.plain(at), [], 0
-        for one in self.linear_fits:
-            names = [spec.name for spec in one.effect.spec.searched]
-            own = dict(zip(names, values[first : first + len(names)], strict=True))
-            found.append(self._single_response(one, own))
+        values, responses, first = self.plain(at), [], 0
+        for fit in self.linear_fits:
+            names = [spec.name for spec in fit.effect.spec.searched]
+            parameters = dict(zip(names, values[first : first + len(names)], strict=True))
+            responses.append(self._single_response(fit, parameters))
             first += len(names)
-        return found[0] if len(found) == 1 else superposed(self.forward, found)
+        return responses[0] if len(responses) == 1 else superposed(self.forward, responses)
 
-    def _single_response(self, one: LinearFit, own: dict[str, float]) -> Response:
+    def _single_response(self, fit: LinearFit, parameters: dict[str, float]) -> Response:
         """One effect's response; those of last time are kept, for when another's parameters vary."""
-        key = (one.effect.spec.name, one.signature.variant, tuple(own.values()), self.forward.compliance)
+        key = (
+            fit.effect.spec.name,
+            fit.signature.variant,
+            tuple(parameters.values()),
+            self.forward.compliance,
+        )
         if key not in self.single_responses:
             if len(self.single_responses) >= MOST_SINGLE_RESPONSES:
                 del self.single_responses[next(iter(self.single_responses))]
-            self.single_responses[key] = one.effect.respond(self.forward, own, one.signature.variant)
+            self.single_responses[key] = fit.effect.respond(self.forward, parameters, fit.signature.variant)
         return self.single_responses[key]
 
     def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
@@ -347,8 +352,12 @@ class _Search:
             self.forward, response, self.nuisances, slopes, signatures=self.signatures
         )
         fit = products.fit(chosen)
-        own = slice(len(fit.amounts) - len(slopes), None)
-        still = fit.amounts[own] @ np.linalg.solve(fit.covariance[own, own], fit.amounts[own]) / 2
+        slope_columns = slice(len(fit.amounts) - len(slopes), None)
+        still = (
+            fit.amounts[slope_columns]
+            @ np.linalg.solve(fit.covariance[slope_columns, slope_columns], fit.amounts[slope_columns])
+            / 2
+        )
         return _Linearised(
             at=at,
             merit=merit,

@@ -118,10 +118,10 @@ def screened(
         GramMatrix(forward, recorded, columns, noise=noise),
         (*range(1, len(known) + 1), *of_errors),
         signatures,
-        auxiliary=lambda *own: _auxiliary(forward, *own),
+        auxiliary=lambda *signature_at_amounts: _auxiliary(forward, *signature_at_amounts),
         without=without,
         gel_faults=tuple(effect for effect in effects if isinstance(effect, GelFault)),
-        numbers=sum(equations.own.shape[1] for equations in recorded),
+        numbers=sum(equations.nuisances.shape[1] for equations in recorded),
     )
 
 
@@ -152,7 +152,9 @@ def linear_round(
         products=products,
         nuisances=nuisances,
         null=null,
-        linear_fits=tuple(_linear_fit(products, nuisances, null, auxiliary, *own) for own in signatures),
+        linear_fits=tuple(
+            _linear_fit(products, nuisances, null, auxiliary, *signature) for signature in signatures
+        ),
         equations=equations,
         null_draws=NullDraws(
             bare=bare,
@@ -186,7 +188,7 @@ def _auxiliary(
 
 def _linear_fit(
     products: GramMatrix,
-    own: tuple[int, ...],
+    nuisances: tuple[int, ...],
     null: Fit,
     auxiliary: Auxiliary,
     effect: Effect,
@@ -194,7 +196,7 @@ def _linear_fit(
     columns: tuple[int, ...],
 ) -> LinearFit:
     """One signature fitted beside the nuisances; it gains nothing with an amount that has no meaning."""
-    fit = products.fit([*own, *columns])
+    fit = products.fit([*nuisances, *columns])
     amounts = fit.amounts[len(fit.amounts) - len(columns) :]
     wrong = violates_sign_constraint(products, columns, amounts)
     moved = fit.log_evidence - null.log_evidence + log_positive(products, columns, fit)

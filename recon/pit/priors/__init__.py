@@ -118,9 +118,9 @@ def load_prior(category_or_path: str | Path) -> PitPrior:
         return _shipped(name)
     path = Path(name)
     if wrong := not_plain(path):
-        found = "is no file" if wrong == "does not exist" else wrong
+        fault = "is no file" if wrong == "does not exist" else wrong
         raise ReconProblem.NO_PRIOR.failure(
-            f"{path} {found}; write the file (copy a shipped category and edit it: docs/formats.md), "
+            f"{path} {fault}; write the file (copy a shipped category and edit it: docs/formats.md), "
             f"or name a shipped category: {', '.join(known_categories())}."
         )
     return _read(path)

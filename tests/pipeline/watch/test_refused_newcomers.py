@@ -33,7 +33,7 @@ def test_a_fruit_keeps_its_record_when_a_newcomer_that_it_names_is_refused(batch
     status = watched(
         lambda: in_the_way(batch, "B"), *one_by_one(batch, "B"), lambda: taken_away(batch, "B"), *LATER
     )
-    assert any("fruits/B/record.json" in one for one in problems(watched))
+    assert any("fruits/B/record.json" in problem for problem in problems(watched))
     assert (status, sorted(rows(batch))) == (0, ["A", "D"])
 
 
@@ -63,7 +63,7 @@ def test_a_newcomer_that_was_refused_is_forgotten_when_it_is_gone(batch, watched
         lambda: taken_away(batch, "N9"),
         *LATER,
     )
-    assert any("fruits/N9/record.json" in one for one in problems(watched))
+    assert any("fruits/N9/record.json" in problem for problem in problems(watched))
     assert status == 0
     assert watched.worked == [*names]
 

@@ -213,7 +213,7 @@ def test_ctrl_c_after_a_comparison_that_was_refused_tells_so_by_its_status(batch
     watch = watched.until_ctrl_c(*one_by_one(batch, "A", "B"), without_memory, *QUIET, interrupted)
     assert lacks_memory(watched)
     assert left(watch, batch)[1:] == (2, ["A", "B"], 2, [])
-    assert sorted(one.fruit_id for one in watch.graded.reported.fruits) == ["A", "B"]
+    assert sorted(fruit.fruit_id for fruit in watch.graded.reported.fruits) == ["A", "B"]
 
 
 def test_ctrl_c_after_a_comparison_that_was_refused_half_way_says_what_ranking_csv_holds(
@@ -232,7 +232,7 @@ def test_ctrl_c_after_a_comparison_that_was_refused_half_way_says_what_ranking_c
     assert sorted(rows(batch)) == ["A"]
     assert watch.graded.reported is None
     assert left(watch, batch)[1:] == (130, ["A"], 130, ["A"])
-    assert [one.fruit_id for one in watch.graded.reported.fruits] == ["A"]
+    assert [fruit.fruit_id for fruit in watch.graded.reported.fruits] == ["A"]
 
 
 def test_settings_that_were_refused_and_are_undone_leave_a_whole_batch(
