@@ -30,6 +30,7 @@ class Round:
     """What the linear round says, and what refits would: misfit, log evidence, failures, ends."""
 
     gains: dict[str, float]
+    none_leaves: float = 3 * MISFIT
     left: dict[str, float] = field(default_factory=dict)
     evidence: dict[str, float] = field(default_factory=dict)
     fails: tuple[str, ...] = ()
@@ -45,7 +46,7 @@ class Round:
             )
             for name, gain in self.gains.items()
         ]
-        return [*of_effects, LinearExplanation(weighed=Weighed(name=NONE, gain=0.0, misfit=3 * MISFIT))]
+        return [*of_effects, LinearExplanation(weighed=Weighed(name=NONE, gain=0.0, misfit=self.none_leaves))]
 
     def fits(self, name: str) -> list[SimpleNamespace]:
         if name not in self.pads:
@@ -104,7 +105,7 @@ def test_what_the_verdict_holds_is_refitted_and_nothing_else(selected):
 
 
 def test_nothing_is_refitted_where_no_mismatch_is_likeliest(selected):
-    case = Round({"skin": 3.0})
+    case = Round({"skin": 0.0}, none_leaves=TYPICAL)
     assert selected(case, p_value=0.3).verdict == NONE
     assert case.asked == []
 
