@@ -56,7 +56,8 @@ def fit_rig(squeezes: Sequence[RigidPress], *, with_gels: bool = True) -> Fitted
     times Student's 95 % quantile with max(n, 2) degrees of freedom over the normal's, so that an interval of
     two of these holds as often after three squeezes as after thirty. The curve holds up to the least of the
     squeezes' largest forces, and is that of the way in; half of the distance to the way out is part of its
-    spread. Raises TactileFailure (unreadable-frames) where the readings do not resolve it.
+    spread, but for the jaws alone: what gels give on the way out is not known. Raises TactileFailure
+    (unreadable-frames) where the readings do not resolve it.
     """
     force = [squeeze.force_N for squeeze in squeezes]
     travel = [squeeze.travel_mm - (0.0 if with_gels else 1.0) * squeeze.part_mm for squeeze in squeezes]
