@@ -89,8 +89,7 @@ class FruitPresses:
         skin = self.surface_sd_mm / (np.sqrt(2) * depth_mm)
         return float(np.linalg.norm([METHOD_SD, 0.01 + pit, skin]))
 
-    @staticmethod
-    def ball_sd(depth_mm: float) -> float:
+    def ball_sd(self, depth_mm: float) -> float:
         """The same of the ball's force. A paraboloid at small strain stands for a sphere at large ones: that
         is off by some 10 % of the force where the depth is the radius (Du et al., "Nonlinear indentation of
         second-order hyperelastic materials", arXiv 2209.05646, 2022), and less in proportion before.
@@ -149,7 +148,9 @@ def spheroid_presses(
     force = shape.curve(thickness_mm=None, poisson_ratio=poisson_ratio).force_N_per_MPa(depth)
     radius = 1 / (1 / BALL_MM + 2 / float(np.mean(diameters_mm)))
     under_ball = [
-        hertz_sphere_force_N(E_MPa=1.0, poisson_ratio=poisson_ratio, radius_mm=radius, indentation_mm=float(d))
+        hertz_sphere_force_N(
+            E_MPa=1.0, poisson_ratio=poisson_ratio, radius_mm=radius, indentation_mm=float(d)
+        )
         for d in DEPTHS * BALL_MM
     ]
     return FruitPresses(

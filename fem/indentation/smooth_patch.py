@@ -12,7 +12,7 @@ POWERS = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
 
 @dataclass(frozen=True, kw_only=True)
 class SmoothPatch:
-    """Height over the plane that touches the fruit in the direction `out`, at lateral places near `centre_mm`.
+    """Height over the plane that touches the fruit in the direction `out`, at places near `centre_mm`.
 
     A mesh's facets cut corners of a few hundredths of a millimetre, which is much of the first approach. The
     polynomial through the vertices goes between them as the skin does; its highest point has height zero.
@@ -42,9 +42,7 @@ class SmoothPatch:
         rms = float(np.sqrt(np.mean((terms @ coefficients - height) ** 2)))
         lattice = _disc(0.5, 0.01)
         coefficients[POWERS.index((0, 0))] -= (_terms(lattice) @ coefficients).max()
-        return cls(
-            centre_mm=centre, frame=frame, radius_mm=radius_mm, coefficients=coefficients, rms_mm=rms
-        )
+        return cls(centre_mm=centre, frame=frame, radius_mm=radius_mm, coefficients=coefficients, rms_mm=rms)
 
     def lateral_mm(self, points_mm: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p 3"]:
         """Along the skin (two) and out of it, from the centre."""

@@ -1,6 +1,6 @@
-"""Force of rigid, frictionless tools on flesh of E = 1 MPa, by unilateral contact on the solid's own compliance.
+"""Force of rigid tools without friction on flesh of E = 1 MPa, by unilateral contact.
 
-Under tools that only push, the gap of every skin node is  w = g - d + n' C n p >= 0  with pressures p >= 0 and
+Under tools that only push, the gap of every skin node is  w = g - d + n' C n p >= 0  with forces p >= 0 and
 w p = 0: g the gap before, d how far the tool has come, n the direction to the tool, C the compliance of the
 skin (UnitModulusSolid.contact_compliance). Of a flat plate the kinematics are exact; strain is small.
 """
@@ -15,7 +15,7 @@ from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.unilateral_contact import pressures
 
 LOOSE = 1e5
-"""Between two tools the fruit floats along them: it is held by a spring so many times softer than a node, which
+"""Between two tools the fruit floats along them: a spring so many times softer than a node holds it, and
 takes less than 1e-4 of the force."""
 
 
