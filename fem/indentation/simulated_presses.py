@@ -3,9 +3,9 @@
 The plates close on the narrowest width across the stem axis (z), as on two cheeks; without friction the fruit
 rests there. The ball presses half way between a plate and the next cheek, away from the suture, into a fruit
 that is held elsewhere.
-Measured (benchmarks/results/trade_tests.csv) on balls with pits of 0, 0.4 and 0.6 of the diameter, squeezed
-by 1 to 5 % of it: the force is within 1.5 % of axisymmetric elements at small strain, at 5 % within 0.8 %.
-With neo-Hookean flesh theirs differs at 5 % by -1, 1 and 5 %.
+Measured (benchmarks/results/firmness_readings.csv) on balls with pits of 0, 0.4 and 0.6 of the diameter,
+squeezed by 1 to 5 % of it: the force is within 1.5 % of axisymmetric elements at small strain, at 5 % within
+0.8 %. With neo-Hookean flesh theirs differs at 5 % by -1, 1 and 5 %.
 """
 
 from dataclasses import dataclass

@@ -8,6 +8,7 @@ from jaxtyping import Float
 DEGREE = 4
 """Of the polynomial. A sphere's cap as wide as its radius is met within 5e-4 of the radius."""
 POWERS = [(i, j) for i in range(DEGREE + 1) for j in range(DEGREE + 1 - i)]
+"""Exponents of the polynomial's terms."""
 
 
 @dataclass(frozen=True, kw_only=True)

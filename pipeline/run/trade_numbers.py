@@ -28,8 +28,9 @@ from reports.trade_page import SizeEffect, TradeEntry, TradeFruit, TradeWords, t
 from reports.words import with_sd
 
 DIAMETERS_mm = (20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)
+"""Of the page's round fruit: from cherries to large peaches."""
 PIT_SHARES = (0.0, 0.3, 0.45, 0.6)
-"""Of the page's round fruit: diameters, and the pit's over the fruit's."""
+"""Their pits' diameters over their own: as far as the table of spheroids goes."""
 
 Limit = tuple[TradeTest, float]
 """A test and a limit in its unit."""
@@ -157,7 +158,9 @@ def _table(done: Sequence[TradeFruit], tests: Sequence[TradeTest]) -> pd.DataFra
         for test in tests:
             value, sd = fruit.readings.get(test.name, (math.nan, math.nan))
             numbers |= {test.name: value, f"{test.name}_sd": sd}
-        shown = {name: None if x is None else float(f"{x:.4g}") for name, x in (numbers | fruit.E_at).items()}
+        shown = {
+            name: None if x is None else float(f"{x:.4g}") for name, x in {**numbers, **fruit.E_at}.items()
+        }
         rows.append({"fruit_id": safe_cell(fruit.fruit_id)} | shown | {"reason": safe_cell(fruit.reason)})
     table = pd.DataFrame(rows)
     return table[[name for name in table if name != "reason"] + ["reason"]]

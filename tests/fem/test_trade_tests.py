@@ -51,15 +51,15 @@ def between_plates(law, pit_share, squeezes):
 
 def hertzian(nu=0.49):
     """A fruit that is Hertz's half-space under either tool: 60 mm between the plates."""
-    plate, under = SQUEEZES * 60, DEPTHS * 2.5
+    approach, under = SQUEEZES * 60, DEPTHS * 2.5
     by_plates = [
-        hertz_sphere_force_N(E_MPa=1, poisson_ratio=nu, radius_mm=30, indentation_mm=d / 2) for d in plate
+        hertz_sphere_force_N(E_MPa=1, poisson_ratio=nu, radius_mm=30, indentation_mm=d / 2) for d in approach
     ]
     by_ball = [
         hertz_sphere_force_N(E_MPa=1, poisson_ratio=nu, radius_mm=2.5, indentation_mm=d) for d in under
     ]
     return FruitPresses(
-        plates=PressCurve(depth_mm=plate, sampled_N_per_MPa=np.array(by_plates)),
+        plates=PressCurve(depth_mm=approach, sampled_N_per_MPa=np.array(by_plates)),
         ball=PressCurve(depth_mm=under, sampled_N_per_MPa=np.array(by_ball)),
         diameters_mm=(60.0, 60.0, 60.0),
         pit_share=0.0,

@@ -1,6 +1,6 @@
 """Errors of the tests that `drupe firmness` simulates: finer elements, large deformation, true fruit.
 
-    python benchmarks/trade_tests.py [--results OUT]
+    python benchmarks/firmness_readings.py [--results OUT]
 
 Balls of 60 mm between plates: force over that of axisymmetric elements (tests/fem/compressed_solid.py), which
 share nothing with fem/, at small strain and for neo-Hookean flesh, for several meshes. With --results, the
