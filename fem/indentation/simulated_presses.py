@@ -220,12 +220,13 @@ def _curves(solid: UnitModulusSolid, places: _Places) -> tuple[PressCurve, Press
     skin_mm = solid.mesh.nodes_mm[skin]
 
     def tool(patch: SmoothPatch, within_mm: float, curvature_per_mm: float) -> RigidTool:
+        def apart_mm(points_mm: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, " p"]:
+            off = patch.lateral_mm(points_mm)[:, :2]
+            return np.asarray(curvature_per_mm * (off**2).sum(axis=1) / 2 - patch.height_mm(points_mm))
+
         near = patch.near(skin_mm, within_mm)
-        off = patch.lateral_mm(skin_mm[near])[:, :2]
-        bulge = curvature_per_mm * (off**2).sum(axis=1) / 2
-        return RigidTool(
-            nodes=skin[near], towards=patch.frame[2], gap_mm=bulge - patch.height_mm(skin_mm[near])
-        )
+        first = apart_mm(patch.lattice_mm(patch.radius_mm / 2, patch.radius_mm / 100)).min()
+        return RigidTool(nodes=skin[near], towards=patch.frame[2], gap_mm=apart_mm(skin_mm[near]) - first)
 
     approach, depth = SQUEEZES * places.diameters_mm[0], DEPTHS * BALL_MM
     plates = [tool(patch, TOUCHED * places.radius_mm, 0.0) for patch in places.plates]
