@@ -23,6 +23,7 @@ from pipeline.commands.clean import clean
 from pipeline.commands.convert import convert
 from pipeline.commands.doctor import doctor
 from pipeline.commands.explain import explain
+from pipeline.commands.firmness import firmness
 from pipeline.commands.grade import grade
 from pipeline.commands.history import history
 from pipeline.commands.judge import judge
@@ -87,6 +88,7 @@ COMMANDS: dict[Callable[..., None], str] = {
     report: "Rebuild ranking and report from stored results.",
     judge: "Record a person's verdict on a fruit, next to its E.",
     history: "Show how lots soften over days and when they are ready.",
+    firmness: "Simulate plates, FirmTech, a ball and S368.4 on each fruit.",
     plan: "Show how many fruit of a lot to inspect.",
     convert: "Convert gel frames, tables or other formats to a recording.",
     calibrate: "Calibrate a sensor, or measure a rig's compliance.",

@@ -87,8 +87,8 @@ def tetrahedralise(
     *,
     edge_mm: float,
     refine_at_mm: Float[np.ndarray, "q 3"] | None = None,
-    refine_radius_mm: float | None = None,
-    refine_edge_mm: float | None = None,
+    refine_radius_mm: float | Float[np.ndarray, " q"] | None = None,
+    refine_edge_mm: float | Float[np.ndarray, " q"] | None = None,
     dof_limit: int = 60_000,
     curved: bool = True,
 ) -> FleshMesh:
@@ -97,8 +97,8 @@ def tetrahedralise(
     Never longer than an eighth of the cube root of the volume, so that a cherry is resolved like a peach,
     and 0.4 of that on sharp edges of the pit. Within refine_radius_mm of the points refine_at_mm edges are
     about refine_edge_mm, growing gently beyond; both follow the width of the contact that the points cover
-    where neither is given (fem.mesh.contact_size): cover it. All these are longer where the mesh would
-    otherwise exceed dof_limit degrees of freedom (three a node).
+    where neither is given (fem.mesh.contact_size): cover it. Both may be given for each point. All these are
+    longer where the mesh would otherwise exceed dof_limit degrees of freedom (three a node).
     Boundary corners, and with `curved` mid-edge nodes too, lie on the surfaces as given, not on the mesher's
     simplification of them. Both volumes are measured against the surfaces' own. Two runs
     give meshes alike, not the same ones (see fem.mesh.tetwild).
@@ -132,8 +132,8 @@ def _fine_places(
     pit: Surface | None,
     edge_mm: float,
     touched_mm: np.ndarray | None,
-    refine_edge_mm: float | None,
-    refine_radius_mm: float | None,
+    refine_edge_mm: float | Float[np.ndarray, " q"] | None,
+    refine_radius_mm: float | Float[np.ndarray, " q"] | None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Points that need short edges, how short, and how far around: the pit's creases, and the contacts."""
     at = np.empty((0, 3))

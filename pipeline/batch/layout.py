@@ -292,6 +292,9 @@ class Results:
     ranking_parquet = ResultPath("ranking.parquet")
     """ranking.parquet, where one is asked for."""
     report = ResultPath("report.html")
+    firmness = ResultPath("firmness.csv")
+    firmness_page = ResultPath("firmness.html")
+    """What `drupe firmness` writes."""
     provenance = ResultPath("batch.json")
     verdicts = ResultPath("verdicts.jsonl")
     """What people say of fruit (pipeline.batch.verdicts); no command removes it."""
@@ -307,8 +310,8 @@ class Results:
 
     @property
     def tables_on_request(self) -> tuple[Path, ...]:
-        """Further tables of the batch, of which a run writes those that are asked for."""
-        return (self.ranking_excel, self.ranking_parquet)
+        """Further tables of the batch, of which a command writes those that are asked for."""
+        return (self.ranking_excel, self.ranking_parquet, self.firmness, self.firmness_page)
 
     def claim(self) -> None:
         """Begins the list of what is written here."""

@@ -1,0 +1,49 @@
+"""`drupe firmness`."""
+
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.problem import refused
+from pipeline.safe_start import elsewhere
+
+
+def firmness(
+    out: Annotated[Path, typer.Argument(metavar="OUT", help="The results folder of `drupe grade`.")],
+    chord: Annotated[
+        tuple[float, float],
+        typer.Option("--chord", metavar="LOW HIGH", help="The two forces of your FirmTech, in gf."),
+    ] = (50.0, 350.0),
+    ball_force: Annotated[
+        float, typer.Option("--ball-force", metavar="N", help="Force on the 5 mm ball, in N.")
+    ] = 1.0,
+    limit: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--limit",
+            metavar="TEST=VALUE",
+            help="A limit in a test's unit: drupe states the E at which these fruit read it. Repeatable.",
+        ),
+    ] = None,
+) -> None:
+    """Simulate standard firmness tests on each graded fruit: plates, FirmTech, a 5 mm ball, ASAE S368.4.
+
+    drupe presses the fruit's own mesh and pit with its E, and states each reading with its error. It writes
+    OUT/firmness.csv and OUT/firmness.html, and changes no other result. It takes about 10 s of CPU
+    per fruit.
+
+    Exit status: 0 done; 1 internal error; 2 usage or unreadable results.
+
+    Example: drupe firmness monday/results --limit plates_5pct_N=10
+    """
+    with elsewhere():
+        from fem.indentation.trade_tests import trade_tests
+        from pipeline.run.trade_numbers import trade_numbers
+    try:
+        tests = trade_tests(chord_gf=chord, ball_N=ball_force)
+    except ValueError as reason:
+        raise refused("drupe firmness", f"--chord, --ball-force: {reason}.") from None
+    for line in trade_numbers(out, tests, limit or [], now=datetime.now(UTC)):
+        typer.echo(line)
