@@ -49,7 +49,7 @@ SCREEN_WORDS: Mapping[str, EffectWords] = {
 """Names of the screen that are no effect of the catalogue."""
 RANK_FIELDS = ("rank", "rank_probability", "rank_low", "rank_high", "p_softer_than_next")
 """What an entry takes over of a fruit's place."""
-SETTING_FIELDS = ("cultivar", "lot", "harvest_date", "pulp_temperature_C")
+SETTING_FIELDS = ("cultivar", "lot", "packer", "harvest_date", "pulp_temperature_C")
 """What an entry takes over of the batch's settings."""
 RANKING_SEED = 20260814
 """Seed of the draws behind the ranking's intervals; any number does, kept so that runs repeat."""

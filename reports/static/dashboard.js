@@ -250,9 +250,9 @@
       const next = shown[(shown.indexOf(opened) + Number(step.dataset.step) + shown.length) % shown.length];
       change({ fruit: next.id });
     } else if (alone) {
-      document.body.classList.add("one");
+      document.body.classList.add(alone.dataset.part);
       window.print();
-      document.body.classList.remove("one");
+      document.body.classList.remove(alone.dataset.part);
     }
   });
   addEventListener("hashchange", () => {
