@@ -84,7 +84,7 @@ def test_the_record_keeps_the_measured_modulus_and_the_report_shows_both(results
     assert record.temperature.E_MPa == pytest.approx(0.3 * FACTOR)
     page = (results / "report.html").read_text("utf-8").replace("\u00a0", " ").replace("\\u003c", "<")
     assert "At the temperature of the grasp E is 0.300 ± 0.015 MPa" in page
-    assert "<dt>E at 8 °C, as measured</dt><dd>0.3 ± 0.015 MPa</dd>" in page
+    assert "<dt>E at 8 °C, as measured</dt><dd>0.300 ± 0.015 MPa</dd>" in page
     error_bar = page.partition("<h4>Error bar</h4>")[2].partition("</dl>")[0]
     assert "<dt>temperature coefficient</dt>" in error_bar
 
