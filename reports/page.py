@@ -94,9 +94,7 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         "first_large": lambda text: text[:1].upper() + text[1:],
         "inspect_words": lambda fruit: reason_words(fruit.decision_reason, fruit.suspicion),
         "list_words": lambda fruit: say(WORDS[fruit.decision]) if fruit.decision in WORDS else "",
-        "qr": lambda fruit_id: base64.b64encode(
-            qr_png(sheet_code(batch.lot or batch.name, fruit_id))
-        ).decode(),
+        "qr": lambda fruit: _qr(batch, fruit.fruit_id),
         "screened": _screened,
         "utc": _utc,
     }
@@ -122,6 +120,7 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         limits_drawn=any(limit is not None for _, limit in batch.classes),
         lists=decision_lists(batch, fruits),
         lot=_json_lines([_lot(batch, fruits)]),
+        lot_code=_qr(batch),
         most_linked=MOST_LINKED,
         most_listed=MOST_LISTED,
         provenance=[(say("Settings in force"), batch.settings), (say("Versions"), batch.versions)],
@@ -291,6 +290,11 @@ def _image(picture: Picture, alt: str) -> Markup:
         content = base64.b64encode(picture.webp).decode("ascii")
         shown = Markup('<img src="data:image/webp;base64,{}" alt="{}" loading="lazy">').format(content, alt)
     return element("a", shown, href=quote(picture.file)) if picture.file else Markup(shown)
+
+
+def _qr(batch: BatchEntry, fruit_id: str = "") -> str:
+    """The sheet's code as the content of a data URI."""
+    return base64.b64encode(qr_png(sheet_code(batch.lot or batch.name, fruit_id))).decode("ascii")
 
 
 def _utc(at: datetime) -> str:

@@ -41,7 +41,13 @@ def lot(graded, template, count):
         fruit_id="lost", ok=False, outcome="no-photos", reason="No photo.", decision="inspect",
         decision_reason="not graded",
     )  # fmt: skip
-    return replace(template, fruits=(*fruits, lost), classes=CLASSES, ships=("ripe",), shore=None, inputs=())
+    words = {
+        name: tuple((f"{name}: {k}", "1.0") for k in range(count))
+        for name, count in (("settings", 45), ("versions", 25))
+    }
+    return replace(
+        template, fruits=(*fruits, lost), classes=CLASSES, ships=("ripe",), shore=None, inputs=(), **words
+    )
 
 
 @pytest.fixture(scope="module")
