@@ -52,8 +52,8 @@ def skin_texture(
     points, normals = _skin(vertices, faces, towards)
     total, weights = np.zeros((len(points), 3)), np.zeros((len(points), 1))
     for photo in photos:
-        sight = photo.place_mm - points
-        facing = np.sum(normals * sight, axis=1) / np.linalg.norm(sight, axis=1)
+        to_camera = photo.place_mm - points
+        facing = np.sum(normals * to_camera, axis=1) / np.linalg.norm(to_camera, axis=1)
         u, v, depth = photo.pixels_from_mesh @ np.column_stack([points, np.ones(len(points))]).T
         u, v = u / depth, v / depth
         height, width = photo.image.shape[:2]

@@ -14,7 +14,7 @@ from starlette.responses import HTMLResponse, RedirectResponse, Response
 from starlette.routing import Route
 
 from pipeline.problem import BatchRefused, refused
-from pipeline.watch.devices import Device, device_with, hash_of, read_devices
+from pipeline.watch.devices import KnownDevice, device_with, hash_of, read_devices
 from pipeline.watch.forms import HEADERS, form_of
 from reports.login_page import login_html
 
@@ -97,9 +97,9 @@ class DeviceLogin:
     clock: Callable[[], float] = time.monotonic
     prefix: str = ""
     strict: bool = True
-    _sessions: dict[str, tuple[Device, float]] = field(default_factory=dict)
+    _sessions: dict[str, tuple[KnownDevice, float]] = field(default_factory=dict)
     _wrong: dict[str, deque[float]] = field(default_factory=dict)
-    _read: tuple[tuple[int, ...], tuple[Device, ...]] = ((), ())
+    _read: tuple[tuple[int, ...], tuple[KnownDevice, ...]] = ((), ())
 
     def knows(self, request: Request) -> bool:
         """Whether a request has the cookie of a session whose device is still in the file."""
@@ -133,7 +133,7 @@ class DeviceLogin:
             return self._page(401)
         return self._begun(device)
 
-    def _begun(self, device: Device) -> Response:
+    def _begun(self, device: KnownDevice) -> Response:
         session = secrets.token_urlsafe(32)
         while len(self._sessions) >= MOST_SESSIONS:
             self._sessions.pop(next(iter(self._sessions)))
@@ -147,7 +147,7 @@ class DeviceLogin:
     def _page(self, status: int, more: dict[str, str] | None = None) -> Response:
         return HTMLResponse(login_html(status, language=self.language), status, HEADERS | (more or {}))
 
-    def _known(self) -> tuple[Device, ...]:
+    def _known(self) -> tuple[KnownDevice, ...]:
         """The devices in the file as it is now; none where it cannot be read."""
         try:
             status = self.devices.stat()

@@ -22,7 +22,7 @@ MOST_NAME = 80
 """Characters of a device's name."""
 
 
-class Device(BaseModel):
+class KnownDevice(BaseModel):
     """A device by name, with the SHA-256 (hex) of its token."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -35,10 +35,10 @@ class Device(BaseModel):
 class _Devices(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
-    devices: tuple[Device, ...] = ()
+    devices: tuple[KnownDevice, ...] = ()
 
 
-def read_devices(path: Path) -> tuple[Device, ...]:
+def read_devices(path: Path) -> tuple[KnownDevice, ...]:
     """The devices of a file; raises BatchRefused where there is none, or it holds something else."""
     try:
         return _Devices.model_validate_json(read_text(path, most_bytes=MOST_BYTES)).devices
@@ -56,7 +56,7 @@ def add_device(path: Path, name: str, *, now: datetime) -> str:
     if any(device.name == name for device in devices):
         raise refused("NAME", f'"{name}" has a token already; revoke it, or choose another name.')
     token = secrets.token_urlsafe(32)
-    _write(path, (*devices, Device(name=name, sha256=hash_of(token), added_utc=now)))
+    _write(path, (*devices, KnownDevice(name=name, sha256=hash_of(token), added_utc=now)))
     return token
 
 
@@ -70,7 +70,7 @@ def revoke_device(path: Path, name: str) -> None:
     _write(path, left)
 
 
-def device_with(devices: Sequence[Device], token: str) -> Device | None:
+def device_with(devices: Sequence[KnownDevice], token: str) -> KnownDevice | None:
     """The device whose token this is. The time that it takes does not depend on how much of it is right."""
     given, owner = hash_of(token), None
     for device in devices:
@@ -84,7 +84,7 @@ def hash_of(token: str) -> str:
     return hashlib.sha256(token.encode()).hexdigest()
 
 
-def _write(path: Path, devices: tuple[Device, ...]) -> None:
+def _write(path: Path, devices: tuple[KnownDevice, ...]) -> None:
     put(path, _Devices(devices=devices).model_dump_json(indent=1).encode() + b"\n")
     try:
         path.chmod(0o600)

@@ -158,6 +158,6 @@ def test_the_section_shows_the_pit_in_flesh(turned_in_browser):
     again, _ = picture_of(page)
     middle = tuple(half // 2 for half in cut.shape[:2])
     assert hue(cut[middle]) == pytest.approx(hue(PIT_BGR), abs=0.08)
-    beside = cut[middle[0], middle[1] - int(0.18 * cut.shape[0])]
-    assert beside == pytest.approx((140, 214, 250), abs=4)
+    flesh = cut[middle[0], middle[1] - int(0.18 * cut.shape[0])]
+    assert flesh == pytest.approx((140, 214, 250), abs=4)
     assert np.abs(again - whole).mean() < 0.5
