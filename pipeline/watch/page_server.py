@@ -64,12 +64,15 @@ MEDIA_TYPES = {
 
 
 class Access(Protocol):
-    """Says who may open the page. `prefix`: of every address, as a route of Starlette; `strict`: whether
-    forms must name the page that they come from.
-    """
+    """Says who may open the page."""
 
-    prefix: str
-    strict: bool
+    @property
+    def prefix(self) -> str:
+        """Of every address, as a route of Starlette."""
+
+    @property
+    def strict(self) -> bool:
+        """Whether forms must name the page that they come from."""
 
     def knows(self, request: Request) -> bool:
         """Whether whoever sent this request may open the page."""
