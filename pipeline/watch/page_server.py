@@ -36,7 +36,15 @@ from starlette.routing import Route
 from pipeline.batch.layout import Results
 from pipeline.files.manifest import is_ours
 from pipeline.problem import refused
-from pipeline.watch.connections import BACKLOG, QUEUE, REQUEST_S, connections_at_once, limited_http
+from pipeline.watch.connections import (
+    BACKLOG,
+    QUEUE,
+    REQUEST_S,
+    TURNS,
+    CappedSocket,
+    connections_at_once,
+    limited_http,
+)
 from pipeline.watch.device_login import DeviceLogin, Network
 from pipeline.watch.forms import HEADERS, form_of
 from reports.language import ENGLISH
@@ -167,6 +175,7 @@ class PageServer:
                 self._app(),
                 log_config=None,
                 access_log=False,
+                loop="asyncio",
                 lifespan="off",
                 http=limited_http(connections_at_once()),  # type: ignore[arg-type]  # a protocol's factory
                 ws="none",
@@ -183,7 +192,8 @@ class PageServer:
         started = False
         while not self._closed.is_set():
             try:
-                with self._socket.dup() as listening:
+                most = connections_at_once() + TURNS * BACKLOG
+                with CappedSocket(fileno=self._socket.dup().detach()).capped(most) as listening:
                     self._server.run(sockets=[listening])
                 why = "its server ended"
             except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it is, grading goes on

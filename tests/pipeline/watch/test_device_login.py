@@ -4,8 +4,11 @@ import datetime
 import http.client
 import ipaddress
 import json
+import select
+import socket
 import ssl
-from contextlib import closing
+import time
+from contextlib import ExitStack, closing
 from pathlib import Path
 from urllib.parse import urlencode, urlsplit
 
@@ -20,6 +23,7 @@ from pipeline.batch.layout import Results
 from pipeline.cli import app
 from pipeline.problem import BatchRefused
 from pipeline.watch import device_login
+from pipeline.watch.connections import BACKLOG, TURNS, connections_at_once
 from pipeline.watch.device_login import MOST_WRONG, WRONG_S, network_of
 from pipeline.watch.devices import add_device, read_devices, revoke_device
 from pipeline.watch.page_server import PageServer
@@ -120,6 +124,18 @@ def test_without_tls_there_is_nothing(server):
         connection.request("GET", "/login")
         with pytest.raises((http.client.HTTPException, OSError)):
             connection.getresponse()
+
+
+def test_connections_that_begin_no_tls_leave_files_to_grading(server):
+    """They are closed beyond the limit, at once; the others after the time for a handshake."""
+    most = connections_at_once() + TURNS * BACKLOG
+    with ExitStack() as held:
+        place = "127.0.0.1", urlsplit(server.address).port
+        idle = [held.enter_context(socket.create_connection(place, timeout=10)) for _ in range(most + 100)]
+        time.sleep(1)
+        closed, _, _ = select.select(idle, [], [], 0)
+        assert 100 <= len(closed) <= 110
+    assert ask(server, "/login")[0] == 200
 
 
 def test_a_revoked_device_loses_its_session_and_its_token_at_once(server, devices):
