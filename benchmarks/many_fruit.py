@@ -185,8 +185,7 @@ def simulate(graded: Path, batch: Path, *, jobs: int, work_s: float, reports: bo
     grading.BatchProgress, grading.report, fruits_table.MOST_FRUIT = Measured, timed_report, 10**6
     if not reports:
         ReportSoFar.write = lambda _self, **_: None
-    grading.local_pool = lambda jobs, **_: Simulated(ended, jobs=jobs, work_s=work_s)
-    grading._jobs = lambda _todo, jobs, _console: jobs
+    grading._engine = lambda *_: Simulated(ended, jobs=jobs, work_s=work_s)
     how = GradeOptions(jobs=jobs, time_limit_s=600)
     status, _ = grading.grade(batch, None, how, console=RunConsole(quiet=True))
     spent_s = time.process_time() - meter.cpu_s

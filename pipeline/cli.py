@@ -21,6 +21,7 @@ from pipeline.commands.calibrate import calibrate
 from pipeline.commands.check import check
 from pipeline.commands.clean import clean
 from pipeline.commands.convert import convert
+from pipeline.commands.device import device
 from pipeline.commands.doctor import doctor
 from pipeline.commands.explain import explain
 from pipeline.commands.firmness import firmness
@@ -103,6 +104,7 @@ COMMANDS: dict[Callable[..., None], str] = {
 """Commands, and what the list of them says of each in one line of 80 columns."""
 for command, in_short in COMMANDS.items():
     app.command(short_help=in_short)(command)
+app.add_typer(device, name="device", short_help="Manage devices that may open the page of drupe watch.")
 
 
 def _not_ours(error: Exception) -> str:

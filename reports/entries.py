@@ -269,6 +269,7 @@ class BatchEntry:
     unfinished: Unfinished | None = None
     cultivar: str | None = None
     lot: str | None = None
+    packer: str | None = None
     harvest_date: date | None = None
     pulp_temperature_C: float | None = None
     classes: tuple[tuple[str, float | None], ...] = ()

@@ -1,7 +1,8 @@
 """The fruit in three dimensions, as binary glTF 2.0: pit, and the skin with its contact patches painted on.
 
 Colours are those of the vertices (COLOR_0, RGBA); the skin is half transparent, so that the pit shows. A map
-of the skin is a second set of colours (COLOR_1), its name and ends in the skin's `extras`.
+of the skin is a second set of colours (COLOR_1), its name and ends in the skin's `extras`. Photos of the skin
+are an image by direction from a point, which the `extras` name too.
 """
 
 from __future__ import annotations
@@ -16,9 +17,10 @@ from scipy.spatial import cKDTree
 
 from reports.mesh_picture import FLESH, PADS, PIT
 from reports.skin_map import SkinLayer
+from reports.skin_texture import middle
 
 SKIN_TRIANGLES, PIT_TRIANGLES = 1600, 400
-"""Of the decimated surfaces. Set by hand: 40 kB a fruit, and facets of 4 mm on one of 60 mm."""
+"""Of the decimated surfaces. Set by hand: 30 kB without photos, and facets of 4 mm on one of 60 mm."""
 SKIN_ALPHA, PATCH_ALPHA = 0.45, 0.92
 """Opacity of the skin and of what the pads touched (by eye)."""
 ROUND = 1.6
@@ -64,8 +66,14 @@ def fruit_scene(
     pit: SceneSurface | None,
     contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]],
     layer: SkinLayer | None = None,
+    *,
+    photo: bytes = b"",
+    stem_and_suture: bool = True,
 ) -> bytes:
-    """A GLB in mm, z to the stem; `contacts_mm`: points that each pad touches; `layer`: a map of the skin."""
+    """A GLB in mm, z to the stem; `contacts_mm`: points that each pad touches; `layer`: a map of the skin;
+    `photo`: a JPEG of it by direction (reports.skin_texture); `stem_and_suture`: whether the body has them,
+    at +z and +x.
+    """
     parts: list[_Part] = []
     if pit is not None and len(pit.faces):
         inner = pit.decimated(PIT_TRIANGLES)
@@ -79,7 +87,10 @@ def fruit_scene(
         colour[shown] = np.insert(layer.colours[nearest[shown]], 3, PATCH_ALPHA, axis=1)
         painted.colours.append(colour)
         painted.extras["map"] = {"name": layer.name, "low": layer.low, "high": layer.high}
-    return _glb([*parts, painted])
+    painted.extras["stem_and_suture"] = stem_and_suture
+    if photo:
+        painted.extras["photo"] = {"image": 0, "middle": middle(skin.vertices).tolist()}
+    return _glb([*parts, painted], photo)
 
 
 def _painted(
@@ -97,7 +108,7 @@ def _painted(
     return colour
 
 
-def _glb(parts: list[_Part]) -> bytes:
+def _glb(parts: list[_Part], photo: bytes) -> bytes:
     """Header, JSON chunk and binary chunk (glTF 2.0, 4.4)."""
     buffer = bytearray()
     views: list[dict[str, int]] = []
@@ -135,6 +146,11 @@ def _glb(parts: list[_Part]) -> bytes:
         }
         extras = {"extras": part.extras} if part.extras else {}
         meshes.append({"name": part.name, **extras, "primitives": [primitive]})
+    images = {}
+    if photo:
+        views.append({"buffer": 0, "byteOffset": len(buffer), "byteLength": len(photo)})
+        images = {"images": [{"bufferView": len(views) - 1, "mimeType": "image/jpeg"}]}
+        buffer.extend(photo)
     buffer.extend(b"\0" * (-len(buffer) % 4))
     content = {
         "asset": {"version": "2.0", "generator": "drupe"},
@@ -145,6 +161,7 @@ def _glb(parts: list[_Part]) -> bytes:
         "materials": [{"alphaMode": "BLEND", "doubleSided": True}],
         "accessors": accessors,
         "bufferViews": views,
+        **images,
         "buffers": [{"byteLength": len(buffer)}],
     }
     text = json.dumps(content, separators=(",", ":")).encode()

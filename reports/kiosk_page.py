@@ -7,6 +7,7 @@ has changed; without scripts the browser loads the page again every few seconds.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from urllib.parse import quote
 
 from reports.batch_overview import class_words, reason_words
 from reports.entries import HOLD, INSPECT, SHIP, BatchEntry, FruitEntry
@@ -14,6 +15,7 @@ from reports.html_templates import own_script, page_environment
 from reports.language import ENGLISH, say, spoken
 from reports.messages import in_language
 from reports.palette import UNKNOWN, class_marks
+from reports.sheet_code import read_sheet_code
 from reports.svg import class_mark
 from reports.words import NOTHING, UNEXPLAINED, advice, effect_name, suspect_words
 
@@ -47,15 +49,16 @@ class KioskEntry:
     problems: tuple[str, ...] = ()
 
 
-def kiosk_html(entry: KioskEntry, *, language: str = ENGLISH) -> str:
+def kiosk_html(entry: KioskEntry, *, fault: str = "", language: str = ENGLISH) -> str:
     """The whole page. All text of the batch is escaped; a content security policy in the page forbids every
-    outside source and every script but the page's own. `language`: one of reports.language.LANGUAGES.
+    outside source and every script but the page's own. `fault`: why a scanned code opened nothing;
+    `language`: one of reports.language.LANGUAGES.
     """
     with spoken(language):
-        return _page(entry)
+        return _page(entry, fault)
 
 
-def _page(entry: KioskEntry) -> str:
+def _page(entry: KioskEntry, fault: str) -> str:
     environment = page_environment()
     batch = None if entry.batch is None else in_language(entry.batch)
     marks = class_marks(tuple(name for name, _ in batch.classes)) if batch is not None else {}
@@ -73,6 +76,7 @@ def _page(entry: KioskEntry) -> str:
     script, script_hash = own_script("kiosk.js")
     return environment.get_template("templates/kiosk.html.j2").render(
         entry=entry,
+        fault=fault,
         last=recent[0] if recent else None,
         before=recent[1 : 1 + MOST_BEFORE],
         graded=sum(fruit.ok for fruit in alone),
@@ -87,6 +91,23 @@ def _page(entry: KioskEntry) -> str:
         script=script,
         script_hash=script_hash,
     )
+
+
+def led_to(entry: KioskEntry, text: str) -> tuple[str, str]:
+    """Where the code of a sheet, or a fruit's name, leads from the page: an address beside it, and where
+    there is none, a sentence that says why.
+    """
+    if entry.batch is None:
+        return "./", ""
+    lot, fruit_id = read_sheet_code(text)
+    own = entry.batch.lot or entry.batch.name
+    if lot is not None and lot != own:
+        return "", say("This code is of lot {lot}; the page shows lot {own}.", lot=lot, own=own)
+    if lot is not None and not fruit_id:
+        return "report.html", ""
+    if any(fruit.fruit_id == fruit_id for fruit in entry.batch.fruits):
+        return f"judge?fruit={quote(fruit_id, safe='')}", ""
+    return "", say("The page shows no fruit {fruit}.", fruit=fruit_id)
 
 
 def next_action(fruit: FruitEntry) -> str:

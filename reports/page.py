@@ -33,10 +33,12 @@ from reports.charts_batch import control_chart, correlation_words
 from reports.charts_fruit import fruit_charts
 from reports.entries import OR, BatchEntry, FruitEntry, Picture, without_references
 from reports.html_templates import own_script, page_environment
+from reports.kiosk_page import WORDS
 from reports.language import ENGLISH, language_in_force, say, say_html, spoken
 from reports.language import decimals as with_comma
 from reports.messages import in_language
 from reports.palette import UNKNOWN, class_marks
+from reports.sheet_code import qr_png, sheet_code
 from reports.svg import class_mark, element
 from reports.tables import ranking_csv
 from reports.words import (
@@ -91,6 +93,8 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         "facts": lambda fruit: _facts(fruit, batch.columns),
         "first_large": lambda text: text[:1].upper() + text[1:],
         "inspect_words": lambda fruit: reason_words(fruit.decision_reason, fruit.suspicion),
+        "list_words": lambda fruit: say(WORDS[fruit.decision]) if fruit.decision in WORDS else "",
+        "qr": lambda fruit: _qr(batch, fruit.fruit_id),
         "screened": _screened,
         "utc": _utc,
     }
@@ -116,6 +120,7 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         limits_drawn=any(limit is not None for _, limit in batch.classes),
         lists=decision_lists(batch, fruits),
         lot=_json_lines([_lot(batch, fruits)]),
+        lot_code=_qr(batch),
         most_linked=MOST_LINKED,
         most_listed=MOST_LISTED,
         provenance=[(say("Settings in force"), batch.settings), (say("Versions"), batch.versions)],
@@ -202,6 +207,7 @@ def _about(batch: BatchEntry) -> list[tuple[str, str]]:
         (say("category"), batch.category),
         (say("cultivar"), batch.cultivar),
         (say("lot"), batch.lot),
+        (say("packer"), batch.packer),
         (say("harvested"), batch.harvest_date.isoformat() if batch.harvest_date else None),
         (say("pulp at"), None if pulp_C is None else with_comma(f"{pulp_C:.1f} °C")),
         (say("graded"), _utc(batch.finished_utc)),
@@ -284,6 +290,11 @@ def _image(picture: Picture, alt: str) -> Markup:
         content = base64.b64encode(picture.webp).decode("ascii")
         shown = Markup('<img src="data:image/webp;base64,{}" alt="{}" loading="lazy">').format(content, alt)
     return element("a", shown, href=quote(picture.file)) if picture.file else Markup(shown)
+
+
+def _qr(batch: BatchEntry, fruit_id: str = "") -> str:
+    """The sheet's code as the content of a data URI."""
+    return base64.b64encode(qr_png(sheet_code(batch.lot or batch.name, fruit_id))).decode("ascii")
 
 
 def _utc(at: datetime) -> str:

@@ -9,6 +9,7 @@ category = "{category}"              # {known}, or a file of your own
 # lot = "H-07"
 # orchard = "north slope"
 # operator = "A. Meier"
+# packer = "Huber Obst"             # for the printed sheets
 # harvest_date = 2026-08-14
 # measured_on = 2026-08-15           # day of the grasps; default: of the first grading
 # pulp_temperature_C = 20.0          # at the grasps, -5 to 50

@@ -273,6 +273,8 @@ class Settings(Strict):
     lot: Words | None = None
     orchard: Words | None = None
     operator: Words | None = None
+    packer: Words | None = None
+    """Who packed the lot, for the printed sheets."""
     harvest_date: Day | None = None
     measured_on: Day | None = None
     """The day on which the fruit were grasped, for `drupe history`; else that of the first grading."""

@@ -22,7 +22,7 @@ from recon.pit.priors import PitBody, PitPrior
 
 IN_THE_REPORT_ALONE = {
     "calibration_days", "columns", "cultivar", "grading", "harvest_date", "lot", "measured_on", "notes",
-    "operator", "orchard", "pulp_temperature_C", "reference", "temperature",
+    "operator", "orchard", "packer", "pulp_temperature_C", "reference", "temperature",
 }  # fmt: skip
 """Settings that change no fruit's result."""
 NOT_IN_THE_KEY: dict[str, Any] = {

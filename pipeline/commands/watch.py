@@ -1,5 +1,6 @@
 """`drupe watch`."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -27,6 +28,19 @@ def watch(
         int,
         typer.Option(min=0, max=65535, help="Port of the page on this machine.", show_default="any free one"),
     ] = 0,
+    host: Annotated[
+        str,
+        typer.Option(help="Address to listen at. Any other than this machine's own needs the next three."),
+    ] = "127.0.0.1",
+    certificate: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="TLS certificate of this machine, PEM.")
+    ] = None,
+    key: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Its key, PEM, without a password.")
+    ] = None,
+    devices: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Devices that may open the page (drupe device).")
+    ] = None,
     settle: Annotated[
         float, typer.Option(min=0, help="Wait until a fruit's files are unchanged for this time, in seconds.")
     ] = 2,
@@ -48,8 +62,9 @@ def watch(
     counts as a fruit.
 
     The page shows each fruit when its grade is ready, and takes a person's verdict on it. Only browsers on
-    this machine can open it. drupe prints its address. Ranking and report follow at intervals that keep their
-    cost near 1 % of the time, and at the end. Press Ctrl-C to stop.
+    this machine can open it. drupe prints its address. With --host, --certificate, --key and --devices,
+    devices on the network open it over TLS, each with its own token. Ranking and report follow at intervals
+    that keep their cost near 1 % of the time, and at the end. Press Ctrl-C to stop.
 
     Example: drupe watch monday --port 8000
     """
@@ -63,10 +78,12 @@ def watch(
         from pipeline.ranking.run_summary import print_summary
         from pipeline.run.batch_run import GradeOptions, ReportOptions
         from pipeline.run.console import RunConsole
+        from pipeline.watch.device_login import network_of
         from pipeline.watch.page_server import PageServer
         from pipeline.watch.verdict_desk import VerdictDesk
         from pipeline.watch.watching import BatchWatch, WatchOptions
     require_settings_file(BatchFolder(batch).settings)
+    network = network_of(host, certificate=certificate, key=key, devices=devices)
     console = RunConsole(quiet=quiet, verbose=verbose, log=log)
     place = out or batch / "results"
     options = WatchOptions(
@@ -84,7 +101,7 @@ def watch(
     def tell(sentence: str) -> None:
         console.print(sentence, highlight=False, markup=False, soft_wrap=True)
 
-    with PageServer(Results(place), port=port, tell=tell) as server:
+    with PageServer(Results(place), port=port, network=network, language=language, tell=tell) as server:
         typer.echo(f"page: {server.address}")
         typer.echo(f"watching {batch}; press Ctrl-C to stop")
         watching = BatchWatch(

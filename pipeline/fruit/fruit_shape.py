@@ -27,7 +27,8 @@ class FruitShape:
     """The fruit's surface in the fruit frame (mm), and the pose back to the frame it was made in.
 
     `views`: how many photos show each vertex, `sd_mm`: standard deviation of the skin's place there, where
-    that is known. `mat_from_fruit`: the fruit frame in the mat's; None without a mat.
+    that is known. `mat_from_fruit`: the fruit frame in the mat's; None without a mat. `skin`: JPEG of the
+    skin (reports.skin_texture), empty without photos.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -38,6 +39,7 @@ class FruitShape:
     views: Int[np.ndarray, " n"] | None = None
     sd_mm: Float[np.ndarray, " n"] | None = None
     mat_from_fruit: Float[np.ndarray, "4 4"] | None = None
+    skin: bytes = b""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -126,6 +128,7 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
         shape,
         views=made.views,
         sd_mm=made.sd_mm,
+        skin=made.skin.tobytes(),
         warnings=(*folder.unused_photos(), *made.warnings),
         record=shape.record.model_copy(
             update={"scale_sd": made.scale_sd, "surface_sd_mm": made.surface_sd_mm, "quality": made.quality}

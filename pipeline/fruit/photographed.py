@@ -23,13 +23,15 @@ from recon.underside import with_underside
 from recon.wording import listed
 from reports.outlined_photos import OutlinedPhoto, outline_sheet_jpeg, outlined_photo_jpeg
 from reports.photo import thumbnail_jpeg
+from reports.skin_texture import SkinPhoto, skin_texture
 
 
 class KeptMesh(StageRecord):
     """The stage "mesh": a fruit's surface in its own frame (mm), and what the photos say of it.
 
     `views`, `sd_mm`: as in FruitShape. `photo`: the bytes of a small JPEG;
-    `outlines`: of one with all photos used and their outlines, none where a geometry model was used.
+    `outlines`: of one with all photos used and their outlines, none where a geometry model was used;
+    `skin`: of the skin by direction (reports.skin_texture), none there either.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -39,6 +41,7 @@ class KeptMesh(StageRecord):
     sd_mm: Float[np.ndarray, " n"] | None
     photo: UInt8[np.ndarray, " b"]
     outlines: UInt8[np.ndarray, " c"]
+    skin: UInt8[np.ndarray, " d"]
     scale_sd: float
     surface_sd_mm: float | None
     quality: dict[str, int | float]
@@ -83,6 +86,7 @@ def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
         sd_mm=whole.sd_mm,
         photo=np.frombuffer(photo, dtype=np.uint8),
         outlines=np.frombuffer(outlines, dtype=np.uint8),
+        skin=np.frombuffer(_skin(used, made, whole), dtype=np.uint8),
         scale_sd=whole.scale_sd,
         surface_sd_mm=whole.surface_sd_mm,
         quality=quality.known(),
@@ -128,6 +132,15 @@ def _pictures(
     if not outlined:
         return thumbnail_jpeg(first.image), b""
     return outlined_photo_jpeg(outlined[0]), outline_sheet_jpeg(outlined)
+
+
+def _skin(images: Sequence[UInt8[np.ndarray, "_ _ 3"]], made: Reconstruction, whole: Reconstruction) -> bytes:
+    """A JPEG of the skin of the whole fruit, from the photos that `made` its upper side."""
+    photos = (
+        SkinPhoto(image, camera.intrinsics @ camera.cam_from_world[:3], camera.place)
+        for image, camera in zip(images, made.cameras, strict=True)
+    )
+    return skin_texture(whole.vertices, whole.faces, photos)
 
 
 def _photo_doubts(

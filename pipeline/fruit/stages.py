@@ -199,6 +199,8 @@ def _grade(task: FruitTask, log: StageLog) -> None:
                 SceneSurface(pit.vertices, pit.faces) if len(pit.faces) else None,
                 touched_by_pad(placed),
                 residual_layer(shape.vertices, patches),
+                photo=shape.skin,
+                stem_and_suture=task.body.stem_and_suture,
             ),
         )
 

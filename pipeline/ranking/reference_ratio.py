@@ -355,10 +355,14 @@ def corrected_modulus(modulus: ModulusRecord, ratio: Ratio) -> ModulusRecord:
 
 
 def scaled_grasp(grasp: GraspRecord, ratio: float) -> GraspRecord:
-    """One recording's moduli over `ratio`, as the fruit's."""
+    """One recording's moduli over `ratio`, as the fruit's, and those of its frames."""
     known = {name: getattr(grasp, name) for name in _SCALED}
     changed = {name: value / ratio for name, value in known.items() if value is not None}
-    return grasp.model_copy(update=changed)
+    frames = [
+        frame.model_copy(update={"E_MPa": frame.E_MPa / ratio, "E_sd_MPa": frame.E_sd_MPa / ratio})
+        for frame in grasp.frames
+    ]
+    return grasp.model_copy(update=changed | {"frames": frames})
 
 
 def own_points(

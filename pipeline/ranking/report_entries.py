@@ -38,6 +38,7 @@ from reports.entries import (
     Unfinished,
     VerdictEntry,
 )
+from reports.words import with_sd
 
 SCREEN_WORDS: Mapping[str, EffectWords] = {
     UNKNOWN: EffectWords(
@@ -49,7 +50,7 @@ SCREEN_WORDS: Mapping[str, EffectWords] = {
 """Names of the screen that are no effect of the catalogue."""
 RANK_FIELDS = ("rank", "rank_probability", "rank_low", "rank_high", "p_softer_than_next")
 """What an entry takes over of a fruit's place."""
-SETTING_FIELDS = ("cultivar", "lot", "harvest_date", "pulp_temperature_C")
+SETTING_FIELDS = ("cultivar", "lot", "packer", "harvest_date", "pulp_temperature_C")
 """What an entry takes over of the batch's settings."""
 RANKING_SEED = 20260814
 """Seed of the draws behind the ranking's intervals; any number does, kept so that runs repeat."""
@@ -263,8 +264,8 @@ def _facts(record: FruitRecord, place: Rank | None) -> Iterator[tuple[str, str]]
         )
         yield "E as measured", f"{reference.E_MPa * reference.ratio:.4g} MPa ({by})"
     if (at := record.temperature) is not None:
-        measured = f"{at.E_at_pulp_MPa:.4g} ± {at.E_at_pulp_sd_MPa:.2g} MPa"
-        yield f"E at {at.pulp_C:g} °C, as measured", measured
+        measured = with_sd(at.E_at_pulp_MPa, at.E_at_pulp_sd_MPa)
+        yield f"E at {at.pulp_C:g} °C, as measured", f"{measured} MPa"
         yield (
             "Reference temperature",
             f"{at.reference_C:g} °C; E there is {at.factor:.3f} times E as measured",
@@ -315,7 +316,8 @@ def _facts(record: FruitRecord, place: Rank | None) -> Iterator[tuple[str, str]]
 def _pit_found(found: PitFoundRecord) -> list[tuple[str, str]]:
     """What the grasps say of the pit, beside what the prior said."""
     offset = ", ".join(
-        f"{x:+.1f} ± {sd:.1f}" for x, sd in zip(found.offset_mm, found.offset_sd_mm, strict=True)
+        f"{round(x, 1) + 0.0:+.1f} ± {sd:.1f}"
+        for x, sd in zip(found.offset_mm, found.offset_sd_mm, strict=True)
     )
     before = ", ".join(f"{sd:.1f}" for sd in found.offset_prior_sd_mm)
     return [

@@ -6,9 +6,10 @@ a file descriptor all the same, and grading needs those.
 
 import asyncio
 import resource
+import socket
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
@@ -39,6 +40,31 @@ def connections_at_once() -> int:
         open_now = 0
     free = limit - open_now - RESERVED_FILES - TURNS * BACKLOG
     return max(FEWEST_CONNECTIONS, min(MOST_CONNECTIONS, free))
+
+
+class CappedSocket(socket.socket):
+    """A listening socket that closes what comes while so many of its connections are open.
+
+    `limited_http` sees a connection only after the handshake of TLS, and each costs a file descriptor before.
+    """
+
+    most: int
+    _open: list[socket.socket]
+
+    def capped(self, most: int) -> Self:
+        """This socket, with its limit."""
+        self.most, self._open = most, []
+        return self
+
+    def accept(self) -> tuple[socket.socket, Any]:
+        """As every socket; asyncio goes on after ConnectionAbortedError."""
+        connection, address = super().accept()
+        self._open = [one for one in self._open if one.fileno() >= 0]
+        if len(self._open) >= self.most:
+            connection.close()
+            raise ConnectionAbortedError
+        self._open.append(connection)
+        return connection, address
 
 
 def limited_http(most: int, *, request_s: float = REQUEST_S) -> Callable[..., asyncio.Protocol]:

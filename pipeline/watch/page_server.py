@@ -1,26 +1,29 @@
-"""Serves what `drupe watch` shows, to browsers on this machine alone.
+"""Serves what `drupe watch` shows, to browsers on this machine, or over TLS to devices of the plant.
 
-It listens on the loopback interface. Every address begins with a token that only the person at the terminal
-is given. Through it verdicts can be added (pipeline.watch.verdict_desk) and nothing else changed; of the
+By default it listens on the loopback interface. Every address begins with a token that only the person at
+the terminal is given. On a network a device sends its own token first (pipeline.watch.device_login). Through
+the page verdicts can be added (pipeline.watch.verdict_desk) and nothing else changed; of the
 results only files that drupe wrote are given.
 """
 
 import asyncio
 import hmac
+import ipaddress
 import secrets
 import socket
 import threading
 import time
 from collections.abc import AsyncIterator, Callable, Mapping
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Protocol, Self
-from urllib.parse import parse_qsl
 
 import uvicorn
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.middleware.trustedhost import TrustedHostMiddleware
-from starlette.requests import ClientDisconnect, Request
+from starlette.requests import Request
 from starlette.responses import (
     HTMLResponse,
     PlainTextResponse,
@@ -33,7 +36,18 @@ from starlette.routing import Route
 from pipeline.batch.layout import Results
 from pipeline.files.manifest import is_ours
 from pipeline.problem import refused
-from pipeline.watch.connections import BACKLOG, QUEUE, connections_at_once, limited_http
+from pipeline.watch.connections import (
+    BACKLOG,
+    QUEUE,
+    REQUEST_S,
+    TURNS,
+    CappedSocket,
+    connections_at_once,
+    limited_http,
+)
+from pipeline.watch.device_login import DeviceLogin, Network
+from pipeline.watch.forms import HEADERS, form_of
+from reports.language import ENGLISH
 
 LOOPBACK = "127.0.0.1"
 NEWS_S = 0.2
@@ -55,18 +69,47 @@ MEDIA_TYPES = {
     ".glb": "model/gltf-binary",
 }
 """Kinds of files that are given, and as what."""
-HEADERS = {
-    "Cache-Control": "no-store",
-    "Referrer-Policy": "no-referrer",
-    "X-Content-Type-Options": "nosniff",
-    "X-Frame-Options": "DENY",
-    "Cross-Origin-Resource-Policy": "same-origin",
-}
-"""Of every answer: kept nowhere, shown in no other site's frame, the token passed on to nobody."""
 
 
-MOST_FORM_BYTES, FORM_S = 20_000, 10.0
-"""Of a form: 1,200 characters of 12 bytes each (percent encoding), and the seconds that sending may take."""
+class Access(Protocol):
+    """Says who may open the page."""
+
+    @property
+    def prefix(self) -> str:
+        """Of every address, as a route of Starlette."""
+
+    @property
+    def strict(self) -> bool:
+        """Whether forms must name the page that they come from."""
+
+    def knows(self, request: Request) -> bool:
+        """Whether whoever sent this request may open the page."""
+
+    def routes(self) -> list[Route]:
+        """Addresses of its own, for everybody."""
+
+    def refusal(self, request: Request) -> Response | None:
+        """What others get; None: that there is nothing."""
+
+
+@dataclass(frozen=True)
+class TokenInAddress:
+    """Whoever knows the address may open the page, on this machine."""
+
+    token: str
+    prefix: str = "/{token}"
+    strict: bool = False
+
+    def knows(self, request: Request) -> bool:
+        """By constant-time comparison."""
+        return hmac.compare_digest(request.path_params["token"].encode(), self.token.encode())
+
+    def routes(self) -> list[Route]:
+        """None."""
+        return []
+
+    def refusal(self, request: Request) -> None:
+        """Nothing."""
 
 
 class Desk(Protocol):
@@ -75,14 +118,21 @@ class Desk(Protocol):
     def form(self, fruit_id: str) -> str | None:
         """The page with the form for a fruit; None where there is no such fruit."""
 
+    def scanned(self, text: str) -> tuple[str, str]:
+        """Where a scanned code leads; empty with the page that says why it leads nowhere."""
+
     def judge(self, fruit_id: str, written: Mapping[str, str]) -> str | None:
         """Keeps a verdict, or gives the page that says why not."""
 
 
 class _Server(uvicorn.Server):
-    """Accepts BACKLOG connections a turn; the others wait in the system."""
+    """Accepts BACKLOG connections a turn; the others wait in the system. TLS must begin within REQUEST_S."""
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        if self.config.is_ssl:
+            loop = asyncio.get_running_loop()  # this server's own; uvicorn has no option for it
+            waiting = partial(loop.create_server, ssl_handshake_timeout=REQUEST_S)
+            loop.create_server = waiting  # type: ignore[method-assign]
         await super().startup(sockets)
         for one in sockets or ():
             one.listen(QUEUE)
@@ -91,9 +141,9 @@ class _Server(uvicorn.Server):
 class PageServer:
     """A page that changes, and the report beside it; used as a context.
 
-    `port` 0: any free one. `tell` gets one sentence when the page stops by itself; it is then started again
-    at the same address, every AGAIN_S. Grading does not depend on it. Raises BatchRefused where the port is
-    taken, or the server does not start.
+    `port` 0: any free one. `network`: where others than this machine may open it; None: nowhere. `tell` gets
+    one sentence when the page stops by itself; it is then started again at the same address, every AGAIN_S.
+    Grading does not depend on it. Raises BatchRefused where the port is taken, or the server does not start.
     """
 
     def __init__(
@@ -101,23 +151,21 @@ class PageServer:
         results: Results,
         *,
         port: int = 0,
-        token: str | None = None,
+        network: Network | None = None,
+        language: str = ENGLISH,
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
         self._results = results
-        self._token = token or secrets.token_urlsafe(16)
+        self._network = network
+        self._access: Access = (
+            TokenInAddress(secrets.token_urlsafe(16))
+            if network is None
+            else DeviceLogin(devices=network.devices, language=language)
+        )
         self.desk: Desk | None = None
         self._page, self._version, self._closed = "", 0, threading.Event()
         self._tell, self._stopped = tell, False
-        self._socket = socket.socket(socket.AF_INET, socket.SOCK_STREAM)
-        self._socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            self._socket.bind((LOOPBACK, port))
-            self._socket.listen(QUEUE)
-        except OSError as error:
-            self._socket.close()
-            sentence = f"is not available ({error.strerror}); choose another port, or 0 for any free one."
-            raise refused(f"--port {port}", sentence) from None
+        self._socket = _listening(LOOPBACK if network is None else network.host, port)
         self._server = self._new_server()
         self._thread = threading.Thread(target=self._serve, name="drupe page", daemon=True)
 
@@ -127,11 +175,14 @@ class PageServer:
                 self._app(),
                 log_config=None,
                 access_log=False,
+                loop="asyncio",
                 lifespan="off",
                 http=limited_http(connections_at_once()),  # type: ignore[arg-type]  # a protocol's factory
                 ws="none",
                 backlog=BACKLOG,
                 server_header=False,
+                ssl_certfile=None if self._network is None else self._network.certificate,
+                ssl_keyfile=None if self._network is None else self._network.key,
                 timeout_graceful_shutdown=1,
             )
         )
@@ -141,7 +192,8 @@ class PageServer:
         started = False
         while not self._closed.is_set():
             try:
-                with self._socket.dup() as listening:
+                most = connections_at_once() + TURNS * BACKLOG
+                with CappedSocket(fileno=self._socket.dup().detach()).capped(most) as listening:
                     self._server.run(sockets=[listening])
                 why = "its server ended"
             except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it is, grading goes on
@@ -157,7 +209,13 @@ class PageServer:
     @property
     def address(self) -> str:
         """Where the page is."""
-        return f"http://{LOOPBACK}:{self._socket.getsockname()[1]}/{self._token}/"
+        port = self._socket.getsockname()[1]
+        if isinstance(self._access, TokenInAddress):
+            return f"http://{LOOPBACK}:{port}/{self._access.token}/"
+        host = self._socket.getsockname()[0]
+        everywhere = ipaddress.ip_address(host).is_unspecified
+        named = socket.getfqdn() if everywhere else f"[{host}]" if ":" in host else host
+        return f"https://{named}:{port}/"
 
     def show(self, page: str) -> None:
         """The page from now on; browsers that have it open show it within a second."""
@@ -186,31 +244,43 @@ class PageServer:
         self._socket.close()
 
     def _app(self) -> Starlette:
+        start, hosts = self._access.prefix, [LOOPBACK, "localhost"] if self._network is None else ["*"]
         return Starlette(
             routes=[
-                Route("/{token}/", self._kiosk),
-                Route("/{token}/events", self._events),
-                Route("/{token}/judge", self._judge, methods=["GET", "POST"]),
-                Route("/{token}/{path:path}", self._file),
+                Route(f"{start}/", self._kiosk),
+                Route(f"{start}/events", self._events),
+                Route(f"{start}/scan", self._scan),
+                Route(f"{start}/judge", self._judge, methods=["GET", "POST"]),
+                *self._access.routes(),
+                Route(f"{start}/{{path:path}}", self._file),
             ],
-            middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=[LOOPBACK, "localhost"])],
+            middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts)],
         )
 
-    def _knows(self, request: Request) -> bool:
-        return hmac.compare_digest(request.path_params["token"].encode(), self._token.encode())
-
     async def _kiosk(self, request: Request) -> Response:
-        return HTMLResponse(self._page, headers=HEADERS) if self._knows(request) else _nothing()
+        if not self._access.knows(request):
+            return self._access.refusal(request) or _nothing()
+        return HTMLResponse(self._page, headers=HEADERS)
+
+    async def _scan(self, request: Request) -> Response:
+        """Leads to what a code names: the form for a fruit, or the report of the lot."""
+        if not self._access.knows(request) or self.desk is None:
+            return _nothing()
+        code = request.query_params.get("code", "")
+        address, page = await asyncio.to_thread(self.desk.scanned, code)
+        if address:
+            return RedirectResponse(address, 303, HEADERS)
+        return HTMLResponse(page, 404, HEADERS)
 
     async def _judge(self, request: Request) -> Response:
         """The form for a fruit, or its verdict kept; a form of another site is not taken."""
         fruit_id, desk = request.query_params.get("fruit", ""), self.desk
-        if not self._knows(request) or desk is None:
+        if not self._access.knows(request) or desk is None:
             return _nothing()
         if request.method != "POST":
             page = await asyncio.to_thread(desk.form, fruit_id)
             return _nothing() if page is None else HTMLResponse(page, headers=HEADERS)
-        written = await _form(request)
+        written = await form_of(request, strict=self._access.strict)
         if written is None or await asyncio.to_thread(desk.form, fruit_id) is None:
             return _nothing()
         page = await asyncio.to_thread(desk.judge, fruit_id, written)
@@ -219,13 +289,13 @@ class PageServer:
         return RedirectResponse("./", status_code=303, headers=HEADERS)
 
     async def _events(self, request: Request) -> Response:
-        if not self._knows(request):
+        if not self._access.knows(request):
             return _nothing()
-        return StreamingResponse(self._news(), media_type="text/event-stream", headers=HEADERS)
+        return StreamingResponse(self._news(request), media_type="text/event-stream", headers=HEADERS)
 
-    async def _news(self) -> AsyncIterator[str]:
+    async def _news(self, request: Request) -> AsyncIterator[str]:
         sent, quiet_s = -1, 0.0
-        while not self._closed.is_set():
+        while not self._closed.is_set() and self._access.knows(request):
             if sent != self._version:
                 sent, quiet_s = self._version, 0.0
                 yield f"event: changed\ndata: {sent}\n\n"
@@ -236,7 +306,7 @@ class PageServer:
             quiet_s += NEWS_S
 
     async def _file(self, request: Request) -> Response:
-        path = self._given(request.path_params["path"]) if self._knows(request) else None
+        path = self._given(request.path_params["path"]) if self._access.knows(request) else None
         if path is None:
             return _nothing()
         try:
@@ -262,20 +332,17 @@ class PageServer:
         return path if is_ours(path) else None
 
 
-async def _form(request: Request) -> dict[str, str] | None:
-    """The fields of a form of this page; None of one from another site, too long, or too slow."""
-    if request.headers.get("sec-fetch-site", "same-origin") != "same-origin":
-        return None
-    body = b""
+def _listening(host: str, port: int) -> socket.socket:
+    """A socket that listens there; raises BatchRefused where it cannot."""
     try:
-        async with asyncio.timeout(FORM_S):
-            async for part in request.stream():
-                body += part
-                if len(body) > MOST_FORM_BYTES:
-                    return None
-        return dict(parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=10))
-    except (TimeoutError, ValueError, ClientDisconnect):
-        return None
+        family, *_, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        listening = socket.create_server(place[:2], family=family, backlog=QUEUE)
+    except OSError as error:
+        sentence = f"is not available ({error.strerror}); choose another port, or 0 for any free one."
+        raise refused(
+            f"--port {port}" if host == LOOPBACK else f"--host {host}, --port {port}", sentence
+        ) from None
+    return listening
 
 
 def _nothing() -> Response:

@@ -13,7 +13,8 @@ from pipeline.run.console import utc_now
 from pipeline.run.judging import judge_fruit
 from reports.entries import FruitEntry, VerdictEntry
 from reports.judge_page import judge_html
-from reports.kiosk_page import KioskEntry, kiosk_html
+from reports.kiosk_page import KioskEntry, kiosk_html, led_to
+from reports.language import spoken
 
 
 @dataclass(kw_only=True)
@@ -48,6 +49,16 @@ class VerdictDesk:
             return None
         names = [name for name, _ in entry.batch.classes]
         return judge_html(fruit, names, fault=fault, written=written, language=self.language)
+
+    def scanned(self, text: str) -> tuple[str, str]:
+        """Where a scanned code leads, from the page's own address; else the page that says why not."""
+        with self._lock:
+            entry = self._judged()
+        if entry is None:
+            return "./", ""
+        with spoken(self.language):
+            address, fault = led_to(entry, text)
+        return address, "" if address else kiosk_html(entry, fault=fault, language=self.language)
 
     def judge(self, fruit_id: str, written: Mapping[str, str]) -> str | None:
         """Keeps the verdict that the form has; where it cannot, the form again with the reason."""

@@ -250,9 +250,9 @@
       const next = shown[(shown.indexOf(opened) + Number(step.dataset.step) + shown.length) % shown.length];
       change({ fruit: next.id });
     } else if (alone) {
-      document.body.classList.add("one");
+      document.body.classList.add(alone.dataset.part);
       window.print();
-      document.body.classList.remove("one");
+      document.body.classList.remove(alone.dataset.part);
     }
   });
   addEventListener("hashchange", () => {
@@ -262,6 +262,9 @@
   });
   addEventListener("beforeprint", () => fill(true, true));
   addEventListener("afterprint", () => fill(true));
+  for (const part of document.querySelectorAll("main, section, dl, tbody, ul, details, .cards")) { // blank lines of the file
+    for (const child of [...part.childNodes]) if (child.nodeType === Node.TEXT_NODE && !child.data.trim()) child.remove();
+  }
   follow(read() || {});
   const row = body.querySelector("tr:not(.space)");
   if (row) height = row.getBoundingClientRect().height || height;

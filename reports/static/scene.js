@@ -6,7 +6,9 @@
   const canvas = dialog.querySelector("canvas");
   const lacking = dialog.querySelector(".lacking");
   const choice = dialog.querySelector("select"), bar = dialog.querySelector(".bar");
-  let gl = null, uniforms = null, scenes = [], parts = [], middle = [0, 0, 0], reach = 1, yaw = 0.6, pitch = 0.35, zoom = 1;
+  const cut = dialog.querySelector("input"), scale = dialog.querySelector(".scale"), ends = dialog.querySelectorAll(".end");
+  const BARS_MM = [1, 2, 5, 10, 20, 50, 100];
+  let gl = null, uniforms = null, scenes = [], parts = [], low = [], high = [], middle = [0, 0, 0], reach = 1, yaw = 0.6, pitch = 0.35, zoom = 1;
 
   // parts with their sets of colours; the second set is a map, with its name and the ends of its bar
   function sceneOf(coded) {
@@ -25,7 +27,12 @@
       place: read(one.attributes.POSITION), corner: read(one.indices),
       colours: ["COLOR_0", "COLOR_1"].filter((name) => name in one.attributes).map((name) => read(one.attributes[name])),
     })));
-    return { parts, map: gltf.meshes.map((mesh) => mesh.extras && mesh.extras.map).find(Boolean) };
+    const extra = (name) => gltf.meshes.map((mesh) => mesh.extras && mesh.extras[name]).find(Boolean);
+    const photo = extra("photo"), view = photo && gltf.bufferViews[gltf.images[photo.image].bufferView];
+    return {
+      parts, map: extra("map"), photo, named: extra("stem_and_suture"),
+      jpeg: photo && new Blob([bytes.subarray(start + view.byteOffset, start + view.byteOffset + view.byteLength)], { type: "image/jpeg" }),
+    };
   }
 
   function begun() {
@@ -39,28 +46,39 @@
       gl.attachShader(program, shader);
     };
     add(gl.VERTEX_SHADER, `in vec3 place; in vec4 colour; uniform mat3 turn; uniform vec3 middle; uniform vec3 scale;
-      out vec3 seen; out vec4 paint;
-      void main() { seen = turn * (place - middle); paint = colour;
+      out vec3 seen; out vec3 spot; out vec4 paint;
+      void main() { seen = turn * (place - middle); spot = place; paint = colour;
         gl_Position = vec4(seen.xy * scale.xy, -seen.z * scale.z, 1.0); }`);
-    add(gl.FRAGMENT_SHADER, `in vec3 seen; in vec4 paint; out vec4 shown;
-      void main() { vec3 n = normalize(cross(dFdx(seen), dFdy(seen)));
+    // of what is cut open, the far side's inside is drawn flat in the colour of flesh: a filled section
+    add(gl.FRAGMENT_SHADER, `in vec3 seen; in vec3 spot; in vec4 paint; out vec4 shown;
+      uniform float from; uniform vec3 eye; uniform bool photographed; uniform sampler2D photo;
+      void main() {
+        vec3 n = normalize(cross(dFdx(seen), dFdy(seen))), d = normalize(spot - eye);
         float light = 0.45 + 0.55 * abs(dot(n, normalize(vec3(-0.4, 0.5, 0.75))));
-        shown = vec4(paint.rgb * light * paint.a, paint.a); }`);
+        if (spot.y < from) discard;
+        if (from > -1e8 && !gl_FrontFacing) { shown = vec4(0.98, 0.84, 0.55, 1.0); return; }
+        vec4 c = paint;
+        if (photographed) c = vec4(textureGrad(photo, vec2(atan(d.y, d.x) / 6.2831853, acos(d.z) / 3.1415927), vec2(0), vec2(0)).rgb, 1.0);
+        if (photographed) light = 0.75 + 0.25 * light;
+        if (from > -1e8) c.a = 1.0;
+        shown = vec4(c.rgb * light * c.a, c.a); }`);
     gl.bindAttribLocation(program, 0, "place");
     gl.bindAttribLocation(program, 1, "colour");
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS)) return false;
     gl.useProgram(program);
-    uniforms = Object.fromEntries(["turn", "middle", "scale"].map((name) => [name, gl.getUniformLocation(program, name)]));
+    uniforms = Object.fromEntries(["turn", "middle", "scale", "from", "eye", "photographed"].map((name) => [name, gl.getUniformLocation(program, name)]));
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.CULL_FACE);
+    gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
+    for (const [name, set] of [["MIN_FILTER", "LINEAR"], ["MAG_FILTER", "LINEAR"], ["WRAP_S", "REPEAT"], ["WRAP_T", "CLAMP_TO_EDGE"]]) gl.texParameteri(gl.TEXTURE_2D, gl[`TEXTURE_${name}`], gl[set]);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
     return true;
   }
 
   function load() {
-    const low = [Infinity, Infinity, Infinity], high = [-Infinity, -Infinity, -Infinity];
-    const name = choice.value, shown = scenes.find((scene) => name && scene.map && scene.map.name === name) || scenes[0];
+    [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
+    const name = choice.value === "photo" ? "" : choice.value, shown = scenes.find((scene) => name && scene.map && scene.map.name === name) || scenes[0];
     for (const part of parts) {
       gl.deleteVertexArray(part.array);
       part.buffers.forEach((buffer) => gl.deleteBuffer(buffer));
@@ -104,17 +122,37 @@
     gl.clearColor(0, 0, 0, 0);
     gl.depthMask(true);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
+    const from = cut.value > 0 ? low[1] + (cut.value / 100) * (high[1] - low[1]) : -1e9, photographed = choice.value === "photo";
+    const opaque = (part) => part.solid || photographed || from > -1e8;
     for (const solid of [true, false]) {
       if (solid) gl.disable(gl.BLEND); else gl.enable(gl.BLEND);
       gl.depthMask(solid);
-      for (const face of solid ? [gl.BACK] : [gl.FRONT, gl.BACK]) {
+      for (const face of solid && from < -1e8 ? [gl.BACK] : [gl.FRONT, gl.BACK]) {
         gl.cullFace(face);
-        for (const part of parts.filter((one) => one.solid === solid)) {
+        for (const part of parts.filter((one) => opaque(one) === solid)) {
+          gl.uniform1f(uniforms.from, part.solid ? -1e9 : from);
+          gl.uniform1i(uniforms.photographed, photographed && !part.solid);
           gl.bindVertexArray(part.array);
           gl.drawElements(gl.TRIANGLES, part.count, gl.UNSIGNED_SHORT, 0);
         }
       }
     }
+    named(rows);
+  }
+
+  // Where stem and suture are, and a bar as long as so many millimetres
+  function named(rows) {
+    const px_per_mm = zoom / reach * canvas.clientHeight / 2;
+    const spots = [[middle[0], middle[1], high[2] + 2], [high[0] + 2, middle[1], middle[2]]];
+    ends.forEach((end, k) => {
+      const [x, y, near] = rows.map((row) => row.reduce((sum, each, j) => sum + each * (spots[k][j] - middle[j]), 0));
+      end.style.left = `${canvas.clientWidth / 2 + x * px_per_mm}px`;
+      end.style.top = `${canvas.clientHeight / 2 - y * px_per_mm}px`;
+      end.classList.toggle("behind", near < -3);
+    });
+    const mm = BARS_MM.find((each) => each * px_per_mm >= 50) || 100;
+    scale.style.width = `${mm * px_per_mm}px`;
+    scale.textContent = `${mm} mm`;
   }
 
   function turned(right, up) {
@@ -132,16 +170,25 @@
     if (!lacking.hidden) return;
     [yaw, pitch, zoom] = [0.6, 0.35, 1];
     scenes = [button.dataset.scene, button.dataset.explained].filter(Boolean).map(sceneOf);
-    for (const option of choice.options) option.hidden = option.disabled = option.value !== "" && !scenes.some((scene) => scene.map && scene.map.name === option.value);
-    choice.closest("p").hidden = !scenes.some((scene) => scene.map);
-    choice.value = "";
+    const photo = scenes.find((scene) => scene.photo);
+    ends.forEach((end) => { end.hidden = !scenes[0].named; });
+    for (const option of choice.options) option.hidden = option.disabled = option.value === "photo" ? !photo : option.value !== "" && !scenes.some((scene) => scene.map && scene.map.name === option.value);
+    choice.closest("label").hidden = !photo && !scenes.some((scene) => scene.map);
+    choice.value = photo ? "photo" : "";
+    cut.value = 0;
     load();
-    draw();
+    if (!photo) return draw();
+    gl.uniform3fv(uniforms.eye, photo.photo.middle);
+    createImageBitmap(photo.jpeg).then((picture) => {
+      gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, picture);
+      draw();
+    });
   });
   choice.addEventListener("change", () => {
     load();
     draw();
   });
+  cut.addEventListener("input", draw);
   canvas.addEventListener("pointerdown", (event) => canvas.setPointerCapture(event.pointerId));
   canvas.addEventListener("pointermove", (event) => {
     if (event.buttons) turned(event.movementX / 150, event.movementY / 150);

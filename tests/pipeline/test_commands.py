@@ -16,6 +16,14 @@ def test_a_command_is_a_file_of_its_name():
 def test_the_reference_has_a_row_for_every_command():
     reference = (ROOT / "docs" / "reference" / "command-line.md").read_text(encoding="utf-8")
     rows = [line for line in reference.splitlines() if line.startswith("| `drupe ")]
-    assert {row.split()[2].strip("`") for row in rows} == {
-        c.callback.__name__ for c in app.registered_commands
+    commands = {c.callback.__name__ for c in app.registered_commands}
+    groups = {group.name for group in app.registered_groups}
+    assert {row.split()[2].strip("`") for row in rows} == commands | groups
+
+
+def test_a_group_of_commands_is_a_file_of_its_name():
+    places = {
+        group.name: {c.callback.__module__ for c in group.typer_instance.registered_commands}
+        for group in app.registered_groups
     }
+    assert places == {name: {f"pipeline.commands.{name}"} for name in places}

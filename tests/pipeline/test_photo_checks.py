@@ -138,7 +138,8 @@ def test_grading_warns_of_photos_that_are_not_used_and_grades_anew_when_they_cha
     directions, faces = ball(3)
     mesh = KeptMesh(
         vertices=28.0 * directions, faces=faces, mesh_from_fruit=np.eye(4), views=None, sd_mm=None,
-        photo=np.zeros(1, np.uint8), outlines=np.zeros(0, np.uint8), scale_sd=0.001, surface_sd_mm=0.1,
+        photo=np.zeros(1, np.uint8), outlines=np.zeros(0, np.uint8), skin=np.zeros(0, np.uint8),
+        scale_sd=0.001, surface_sd_mm=0.1,
         quality={"views_used": 0}, warnings=("as before.",),
     )  # fmt: skip
     with mock.patch.object(pipeline.fruit.fruit_shape, "photographed", return_value=mesh):
@@ -154,7 +155,8 @@ def test_a_photographed_fruit_knows_its_place_on_the_mat_alone(batch):
     place[:3, 3] = 3.0, -2.0, 0.4
     mesh = KeptMesh(
         vertices=28.0 * directions, faces=faces, mesh_from_fruit=place, views=None, sd_mm=None,
-        photo=np.zeros(1, np.uint8), outlines=np.zeros(0, np.uint8), scale_sd=0.001, surface_sd_mm=0.1,
+        photo=np.zeros(1, np.uint8), outlines=np.zeros(0, np.uint8), skin=np.zeros(0, np.uint8),
+        scale_sd=0.001, surface_sd_mm=0.1,
         quality={"views_used": 0}, warnings=(),
     )  # fmt: skip
     with mock.patch.object(pipeline.fruit.fruit_shape, "photographed", return_value=mesh):

@@ -14,6 +14,8 @@ from pipeline.batch.settings import read_settings
 from pipeline.batch.task import fruit_task
 from pipeline.history.stored_batch import stored_batch
 from pipeline.problem import BatchRefused
+from pipeline.ranking.reference_temperature import at_reference_temperature
+from reports.grasp_record import FrameRecord, GraspRecord
 
 E_PER_C, E_PER_C_SD, PULP_C, REFERENCE_C = -0.012, 0.004, 8.0, 20.0
 FACTOR = math.exp(E_PER_C * (REFERENCE_C - PULP_C))
@@ -59,6 +61,15 @@ def test_e_is_that_of_the_closed_form_and_the_measured_e_is_beside_it(results):
         assert relative[0] > 1.2 * relative[1]
 
 
+def test_grasps_and_their_frames_are_at_the_reference_temperature_too(batch):
+    frame = FrameRecord(travel_mm=1.0, E_MPa=0.31, E_sd_MPa=0.02)
+    grasp = GraspRecord(grasp="g1", E_MPa=0.3, E_sd_MPa=0.01, E_energy_MPa=0.29, frames=[frame])
+    record = graded("A", 0.3).model_copy(update={"grasps": (grasp,)})
+    (at,) = at_reference_temperature(record, read_settings(batch / "batch.toml")).grasps
+    moduli = at.E_MPa, at.E_sd_MPa, at.E_energy_MPa, at.frames[0].E_MPa, at.frames[0].E_sd_MPa
+    assert moduli == pytest.approx([FACTOR * E for E in (0.3, 0.01, 0.29, 0.31, 0.02)])
+
+
 def test_class_and_history_are_at_the_reference_temperature(results):
     assert rows(results)["B"]["maturity"] == "soft"
     kept = {fruit.fruit_id: fruit.E_MPa for fruit in stored_batch(results).fruit}
@@ -84,7 +95,7 @@ def test_the_record_keeps_the_measured_modulus_and_the_report_shows_both(results
     assert record.temperature.E_MPa == pytest.approx(0.3 * FACTOR)
     page = (results / "report.html").read_text("utf-8").replace("\u00a0", " ").replace("\\u003c", "<")
     assert "At the temperature of the grasp E is 0.300 ± 0.015 MPa" in page
-    assert "<dt>E at 8 °C, as measured</dt><dd>0.3 ± 0.015 MPa</dd>" in page
+    assert "<dt>E at 8 °C, as measured</dt><dd>0.300 ± 0.015 MPa</dd>" in page
     error_bar = page.partition("<h4>Error bar</h4>")[2].partition("</dl>")[0]
     assert "<dt>temperature coefficient</dt>" in error_bar
 

@@ -7,12 +7,14 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from urllib.parse import parse_qs
 
+import cv2
 import numpy as np
 import pytest
 from browser import NODES, busy, chromium, reloaded
 
 from reports.entries import FruitEntry, VerdictEntry
 from reports.page import report_html
+from reports.sheet_code import sheet_code
 from reports.tables import ranking_csv
 
 pytestmark = pytest.mark.slow
@@ -39,7 +41,13 @@ def lot(graded, template, count):
         fruit_id="lost", ok=False, outcome="no-photos", reason="No photo.", decision="inspect",
         decision_reason="not graded",
     )  # fmt: skip
-    return replace(template, fruits=(*fruits, lost), classes=CLASSES, ships=("ripe",), shore=None, inputs=())
+    words = {
+        name: tuple((f"{name}: {k}", "1.0") for k in range(count))
+        for name, count in (("settings", 45), ("versions", 25))
+    }
+    return replace(
+        template, fruits=(*fruits, lost), classes=CLASSES, ships=("ripe",), shore=None, inputs=(), **words
+    )
 
 
 @pytest.fixture(scope="module")
@@ -160,6 +168,44 @@ def test_printing_gives_the_certificate_and_the_ranking_alone(shown):
         "[...document.querySelectorAll('main > *')].filter((e) => e.offsetHeight).map((e) => e.className)"
     )
     assert set(seen) <= {"lot", "decisions", "ranking", "faults"}
+
+
+@pytest.mark.parametrize(("part", "count"), [("one", 3), ("lot", 3), ("lot", 400)])
+def test_a_sheet_is_one_page_with_a_code_that_another_reader_finds(
+    browser, tmp_path, awkward_batch, graded, part, count
+):
+    """The reader of the code is OpenCV's; the fruit has more warnings than most."""
+    batch = lot(graded, awkward_batch, count)
+    said = tuple(
+        f"Warning {k}: {'the photos do not show the underside of this fruit; ' * 3}" for k in range(6)
+    )
+    first = replace(
+        batch.fruits[0], warnings=said, doubts=said[:2], grasps=2, recordings=2 * batch.fruits[0].recordings
+    )
+    batch = replace(
+        batch, fruits=(first, *batch.fruits[1:]), lot="H/07", cultivar="Big Top", packer="Huber Obst"
+    )
+    path = tmp_path / "report.html"
+    path.write_text(report_html(batch), encoding="utf-8")
+    page = browser.new_page(viewport={"width": 690, "height": 1017}, device_scale_factor=3)
+    page.set_default_timeout(TIMEOUT_MS)
+    page.goto(path.as_uri())
+    page.evaluate("window.print = () => { window.sheet = document.body.className; }")
+    page.locator(f"button.alone[data-part={part}]").first.click()
+    assert page.evaluate("window.sheet") == part
+    page.evaluate("(part) => document.body.classList.add(part)", part)
+    assert len(re.findall(rb"/Type\s*/Page\b", page.pdf(format="A4"))) == 1
+    page.emulate_media(media="print")
+    picture = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_GRAYSCALE)
+    assert cv2.QRCodeDetector().detectAndDecode(picture)[0] == sheet_code(
+        "H/07", first.fruit_id if part == "one" else ""
+    )
+    sign = page.locator(".sign:visible").bounding_box()
+    assert 0 < sign["y"] < sign["y"] + sign["height"] <= 1017
+    shown = page.locator("body").inner_text()
+    for word in ("H/07", "Big Top", "Huber Obst", "2026-08-14", "Signature"):
+        assert word in shown
+    page.close()
 
 
 def test_filters_are_in_the_address_and_come_back_from_it(shown):

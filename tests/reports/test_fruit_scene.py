@@ -2,13 +2,20 @@
 
 import io
 import json
+from dataclasses import replace
+from datetime import UTC, datetime
 
+import cv2
 import numpy as np
 import pytest
 import trimesh
+from browser import chromium
+from conftest import graded_fruit
 
+from reports.entries import BatchEntry
 from reports.fruit_scene import PIT_TRIANGLES, SKIN_TRIANGLES, SceneSurface, fruit_scene
-from reports.mesh_picture import FLESH, PADS
+from reports.mesh_picture import FLESH, PADS, PIT
+from reports.page import report_html
 from reports.skin_map import SkinLayer
 
 
@@ -67,6 +74,7 @@ def test_a_map_of_the_skin_is_a_second_set_of_colours():
     content = json.loads(made[20 : 20 + int.from_bytes(made[12:16], "little")])
     pit, outer = content["meshes"]
     assert "extras" not in pit
+    assert outer["extras"]["stem_and_suture"] is True
     assert outer["extras"]["map"] == {"name": "m", "low": "-50 µm", "high": "50 µm"}
     assert {"COLOR_0", "COLOR_1"} < set(outer["primitives"][0]["attributes"])
     outer["primitives"][0]["attributes"]["COLOR_0"] = outer["primitives"][0]["attributes"].pop("COLOR_1")
@@ -82,3 +90,74 @@ def test_a_map_of_the_skin_is_a_second_set_of_colours():
     low, high = colour[(x > 12) & (z < -3)], colour[(x > 12) & (z > 3)]
     assert (low[:, 0] > low[:, 2] + 60).all()
     assert (high[:, 2] > high[:, 0] + 60).all()
+
+
+SKIN_BGR, PIT_BGR = (30, 200, 60), tuple(255 * np.array(PIT)[::-1])
+
+
+@pytest.fixture(scope="module")
+def turned_in_browser(tmp_path_factory):
+    """A ball of 60 mm with a pit of 24 mm off its middle, in the report's dialog; its canvas as pictures."""
+    photo = cv2.imencode(".jpg", np.full((64, 128, 3), SKIN_BGR, np.uint8))[1].tobytes()
+    scene = fruit_scene(ball(30.0, 4), ball(12.0, 4), {}, photo=photo)
+    fruit = graded_fruit("N1", rank=1, E_MPa=0.4)
+    pictures = replace(fruit.pictures, scene=scene)
+    now = datetime(2026, 8, 15, tzinfo=UTC)
+    batch = BatchEntry(
+        name="b", category="nectarine", fruits=(replace(fruit, pictures=pictures),), started_utc=now,
+        finished_utc=now, exit_status=0,
+    )  # fmt: skip
+    path = tmp_path_factory.mktemp("scene") / "report.html"
+    path.write_text(report_html(batch), encoding="utf-8")
+    with chromium() as browser:
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        page.set_default_timeout(120_000)
+        page.goto(path.as_uri())
+        page.locator("button.turn").click()
+        page.wait_for_timeout(1000)
+        if page.locator("#scene .lacking").is_visible():
+            pytest.skip("this Chromium has no WebGL 2")
+        yield page
+
+
+def picture_of(page):
+    """The canvas as BGR, and where the page has it."""
+    room = page.locator("#scene canvas").bounding_box()
+    coded = page.locator("#scene canvas").screenshot()
+    return cv2.imdecode(np.frombuffer(coded, np.uint8), cv2.IMREAD_COLOR).astype(float), room
+
+
+def hue(bgr):
+    return np.array(bgr, float) / np.linalg.norm(bgr)
+
+
+def test_the_skin_has_the_photos_colour_and_the_bar_the_scene_s_scale(turned_in_browser):
+    page = turned_in_browser
+    picture, room = picture_of(page)
+    assert page.locator("#scene select").input_value() == "photo"
+    middle = picture[picture.shape[0] // 2, picture.shape[1] // 2]
+    assert hue(middle) == pytest.approx(hue(SKIN_BGR), abs=0.05)
+    row = picture[picture.shape[0] // 2]
+    green = row[:, 1] - row[:, 0] > 60
+    bar = page.locator("#scene .scale").bounding_box()
+    mm = float(page.locator("#scene .scale").inner_text().removesuffix(" mm"))
+    assert green.sum() / bar["width"] * mm == pytest.approx(60.0, rel=0.03)
+    stem, suture = (page.locator("#scene .end").nth(k).bounding_box() for k in (0, 1))
+    assert stem["y"] < room["y"] + 0.3 * room["height"]
+    assert suture["x"] > room["x"] + 0.5 * room["width"]
+
+
+def test_the_section_shows_the_pit_in_flesh(turned_in_browser):
+    page = turned_in_browser
+    whole, _ = picture_of(page)
+    page.locator("#scene input").fill("50")
+    page.wait_for_timeout(300)
+    cut, _ = picture_of(page)
+    page.locator("#scene input").fill("0")
+    page.wait_for_timeout(300)
+    again, _ = picture_of(page)
+    middle = tuple(half // 2 for half in cut.shape[:2])
+    assert hue(cut[middle]) == pytest.approx(hue(PIT_BGR), abs=0.08)
+    flesh = cut[middle[0], middle[1] - int(0.18 * cut.shape[0])]
+    assert flesh == pytest.approx((140, 214, 250), abs=4)
+    assert np.abs(again - whole).mean() < 0.5

@@ -3,9 +3,12 @@
 from datetime import UTC, datetime
 
 import pytest
+from browser import chromium
 
 from reports.entries import HOLD, INSPECT, SHIP, BatchEntry, FruitEntry, ScreenEntry, Suspect
+from reports.judge_page import judge_html
 from reports.kiosk_page import KioskEntry, kiosk_html
+from reports.login_page import login_html
 
 NOON = datetime(2026, 8, 14, 12, tzinfo=UTC)
 SKIN = Suspect(name="skin", short="a stiff skin carries part of the load", advice="")
@@ -49,3 +52,33 @@ def test_what_explain_found_stands_there_in_place_of_suspicions():
 )
 def test_nothing_is_said_of_what_e_or_the_decision_take_into_account(how):
     assert WITHOUT not in page(**how)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_axe_finds_nothing_on_the_line_s_pages_and_nothing_is_cut_off(tmp_path, scheme):
+    axe = pytest.importorskip("axe_playwright_python.sync_playwright")
+    fruit = FruitEntry(
+        fruit_id="N01", ok=True, outcome="graded", rank=1, E_MPa=0.4, E_sd_MPa=0.02, decision=SHIP
+    )
+    batch = BatchEntry(
+        name="m", category="peach", fruits=(fruit,), started_utc=NOON, finished_utc=NOON, exit_status=0
+    )
+    entry = KioskEntry(name="m", batch=batch, recent=("N01",), waiting=(("N02", "photos or fruit.ply"),))
+    pages = {
+        "kiosk": kiosk_html(entry),
+        "refused": kiosk_html(entry, fault="The page shows no fruit N09."),
+        "judge": judge_html(fruit, ["soft", "firm"]),
+        "login": login_html(401),
+    }
+    with chromium() as browser:
+        for name, html in pages.items():
+            path = tmp_path / f"{name}.html"
+            path.write_text(html, encoding="utf-8")
+            for width in (360, 800, 1280):
+                page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
+                page.goto(path.as_uri())
+                found = axe.Axe().run(page).response["violations"]
+                assert [(v["id"], v["nodes"][0]["html"][:120]) for v in found] == [], (name, width)
+                assert page.evaluate("document.documentElement.scrollWidth") <= width, (name, width)
+                page.close()

@@ -10,7 +10,8 @@ from graded_results import graded, results_of
 
 from pipeline.batch.layout import Results
 from pipeline.batch.verdicts import read_trail
-from pipeline.watch.page_server import MOST_FORM_BYTES, PageServer
+from pipeline.watch.forms import MOST_FORM_BYTES
+from pipeline.watch.page_server import PageServer
 from pipeline.watch.verdict_desk import VerdictDesk
 from reports.entries import BatchEntry, FruitEntry
 from reports.kiosk_page import KioskEntry
@@ -103,6 +104,24 @@ def test_a_fruit_that_is_not_shown_has_no_form_and_takes_no_verdict(server, resu
     assert ask(server, unknown)[0] == 404
     assert ask(server, unknown, FORM)[0] == 404
     assert not results.verdicts.exists()
+
+
+@pytest.mark.parametrize(
+    ("code", "place", "said"),
+    [
+        ("drupe/b/N%201", "judge?fruit=N%201", ""),
+        ("DRUPE/b/N%201\r", "judge?fruit=N%201", ""),
+        ("N 1", "judge?fruit=N%201", ""),
+        ("drupe/b/", "report.html", ""),
+        ("drupe/c/N%201", None, "This code is of lot c; the page shows lot b."),
+        ("<b>N 2", None, "The page shows no fruit &lt;b&gt;N 2."),
+    ],
+)
+def test_a_scanned_code_leads_to_the_fruit_s_form_or_the_lot_s_report(server, code, place, said):
+    status, led_to, page = ask(server, f"{urlsplit(server.address).path}scan?{urlencode({'code': code})}")
+    assert (status, led_to) == ((303, place) if place else (404, None))
+    assert said in page
+    assert ask(server, f"/wrong/scan?{urlencode({'code': code})}")[0] == 404
 
 
 def test_a_form_with_a_fault_comes_back_with_what_was_written(server, results):

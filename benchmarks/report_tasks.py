@@ -1,0 +1,284 @@
+"""Fifteen tasks of a quality manager on a report, in clicks and keys, and what the report costs a browser.
+
+    python benchmarks/report_tasks.py RESULTS [--multiqc FILE] [--csv FILE]
+
+RESULTS is a folder of `drupe grade` with report.html and ranking.csv. The script performs every task on the
+report in headless Chromium and compares the answer with pandas' from ranking.csv. A click, a drag and a key
+count one each (a chord such as Ctrl+C too), a choice from a list two. Reading and scrolling count nothing.
+The spreadsheet's numbers are those of `spreadsheet`: keys of the shortest formula, or steps of Excel's menus,
+on ranking.csv as it opens. MultiQC's are performed too, on a report of the columns of ranking.csv as a table.
+A dash means that the program cannot do it.
+"""
+
+import argparse
+import csv
+import io
+import sys
+from pathlib import Path
+from string import ascii_uppercase
+
+import numpy as np
+import pandas as pd
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "reports"))
+from browser import NODES, chromium, reloaded
+
+FILTER = 5
+"""Steps to one value of a column: filter on (Ctrl+Shift+L), its arrow, all values off, the value, OK."""
+
+CELLS = """(head) => {
+  const has = (one) => one.tHead && one.tHead.innerText.includes(head);
+  const table = [...document.querySelectorAll("table")].find(has);
+  const at = [...table.tHead.rows[0].cells].findIndex((cell) => cell.innerText.trim() === head);
+  return [...table.tBodies[0].rows].map((row) => row.cells[at].innerText.trim());
+}"""
+"""Texts of a column of a table of MultiQC's, in the order of its rows."""
+
+
+class Hand:
+    """Does what a person does on a page, and counts."""
+
+    def __init__(self, page) -> None:
+        self.page, self.count = page, 0
+
+    def click(self, where) -> None:
+        """One."""
+        where.click()
+        self.count += 1
+
+    def type(self, text: str) -> None:
+        """One for each character."""
+        self.page.keyboard.type(text)
+        self.count += len(text)
+
+    def press(self, key: str) -> None:
+        """One, a chord too."""
+        self.page.keyboard.press(key)
+        self.count += 1
+
+    def choose(self, name: str, value: str) -> None:
+        """Two: the list, and the value in it."""
+        self.page.locator(f"form.tools [name={name}]").select_option(value)
+        self.count += 2
+
+    def shown(self) -> list[str]:
+        """Fruit of the table in its order, scrolled through."""
+        box, names = self.page.locator(".box"), []
+        height = box.evaluate("box => box.scrollHeight")
+        for top in range(0, height, 300):
+            box.evaluate(
+                "(box, top) => { box.scrollTop = top; box.dispatchEvent(new Event('scroll')); }", top
+            )
+            names += self.page.locator("table.fruit tbody tr:not(.space) th").all_inner_texts()
+        box.evaluate("box => { box.scrollTop = 0; }")
+        return list(dict.fromkeys(names))
+
+
+def tasks(table: pd.DataFrame):
+    """Name, what is done on the report, and whether pandas says the same, of each task."""
+    graded = table[table.E_MPa.notna()]
+    one = graded.maturity.mode()[0]
+    some, name = graded[graded.maturity == one], graded.fruit_id.iloc[len(graded) // 2]
+    low, high = (f"{x:.1f}" for x in np.quantile(graded.E_MPa, (0.3, 0.6)))
+    between = graded[graded.E_MPa.between(float(low), float(high))]
+    ship = set(table.fruit_id[table.decision == "ship"])
+
+    def text(hand, where):
+        return hand.page.locator(where).first.inner_text().replace("\u00a0", " ")
+
+    def count(hand):
+        return int(text(hand, ".count[data-list=ship]")) == len(ship)
+
+    def shares(hand):
+        said = text(hand, ".summary")
+        return all(f"{100 * share:.0f} %" in said for share in graded.maturity.value_counts(normalize=True))
+
+    def softest(hand):
+        row = hand.page.locator("table.fruit tbody tr:not(.space)").first.inner_text()
+        return graded.sort_values("E_MPa").fruit_id.iloc[0] in row and graded.fruit_id.iloc[0] in text(
+            hand, ".verdict"
+        )
+
+    def inspect(hand):
+        return int(text(hand, ".count[data-list=inspect]")) == (table.decision == "inspect").sum()
+
+    def alone(hand):
+        hand.choose("class", one)
+        return hand.shown() == list(some.fruit_id)
+
+    def limits(hand):
+        hand.click(hand.page.locator("[name=from]"))
+        hand.type(low)
+        hand.press("Tab")
+        hand.type(high)
+        return hand.shown() == list(between.fruit_id)
+
+    def mean(hand):
+        hand.choose("class", one)
+        said = text(hand, "form.tools output")
+        return f"{some.E_MPa.mean():.3g}" in said and f"{some.E_MPa.std():.3g}" in said
+
+    def find(hand):
+        hand.click(hand.page.locator("[name=q]"))
+        hand.type(name)
+        return hand.shown() == [name]
+
+    def by_height(hand):
+        hand.click(hand.page.get_by_role("button", name="Height"))
+        heights = table.set_index("fruit_id").height_mm[hand.shown()].dropna()
+        return heights.is_monotonic_increasing and len(heights) == table.height_mm.notna().sum()
+
+    def curve(hand):
+        hand.click(hand.page.locator("table.fruit tbody th a").nth(1))
+        return hand.page.locator("#card .plot").first.is_visible()
+
+    def following(hand):
+        before = text(hand, "#fruit-name")
+        hand.click(hand.page.get_by_role("button", name="Next", exact=True))
+        return text(hand, "#fruit-name") != before
+
+    def save(hand):
+        hand.choose("list", "ship")
+        with hand.page.expect_download() as coming:
+            hand.click(hand.page.locator("button.save"))
+        saved = pd.read_csv(io.StringIO(coming.value.path().read_text("utf-8-sig")))
+        return set(saved.fruit_id) == ship
+
+    def histogram(hand):
+        said = hand.page.locator("#histogram .plot").get_attribute("aria-label")
+        return sum(int(bar.rpartition(": ")[2]) for bar in said.split("; ")) == len(graded)
+
+    def sheet(hand):
+        hand.page.evaluate("window.print = () => { window.sheet = document.body.className; }")
+        hand.click(hand.page.locator("table.fruit tbody th a").first)
+        hand.click(hand.page.locator("#card button.alone"))
+        hand.count += 1  # Print in the dialog of the browser
+        return hand.page.evaluate("window.sheet") == "one"
+
+    def view(hand):
+        hand.choose("class", one)
+        hand.press("Control+l")
+        hand.press("Control+c")
+        hand.page.goto("about:blank")
+        hand.page.go_back()
+        return hand.shown() == list(some.fruit_id)
+
+    return (
+        {
+            "count the fruit to ship": count,
+            "share of each class": shares,
+            "the softest fruit and its E": softest,
+            "fruit to inspect, with reasons": inspect,
+            "show one class alone": alone,
+            "fruit with E between two limits": limits,
+            "mean and standard deviation of a class": mean,
+            "find a fruit by its name": find,
+            "sort by height": by_height,
+            "force-displacement curve of a fruit": curve,
+            "the same of the next fruit": following,
+            "save the fruit to ship as CSV": save,
+            "histogram of E with the class limits": histogram,
+            "print the sheet of a fruit": sheet,
+            "hand on exactly this view": view,
+        },
+        name,
+    )
+
+
+def spreadsheet(table: pd.DataFrame, name: str) -> list[int | None]:
+    """Clicks and keys in a spreadsheet, in the order of the tasks."""
+    column = {
+        head: (ascii_uppercase + "".join(ascii_uppercase))[k] for k, head in enumerate(table.columns[:26])
+    }
+    E, made, listed = column["E_MPa"], column["maturity"], column["decision"]
+
+    def formula(text: str) -> int:
+        return 1 + len(text) + 1  # an empty cell, the formula, Enter
+
+    shares = [f'=COUNTIF({made}:{made},"{each}")/COUNT({E}:{E})' for each in table.maturity.dropna().unique()]
+    return [
+        formula(f'=COUNTIF({listed}:{listed},"ship")'),
+        sum(map(formula, shares)),
+        0,  # the first row
+        FILTER,
+        FILTER,
+        1 + 3 + 3 + 1 + 3 + 1,  # filter on; arrow, number filters, between; number, Tab, number, Enter
+        FILTER + formula(f"=SUBTOTAL(101,{E}:{E})") + formula(f"=SUBTOTAL(107,{E}:{E})"),
+        1 + len(name) + 1,  # Ctrl+F, name, Enter
+        2,  # a cell of the column, sort
+        None,
+        None,
+        FILTER + 2 + 2 + 1 + len("ship.csv") + 2,  # copy all, paste into a new file, save as, name, type
+        4,  # the column; insert, histogram, its kind (limits of classes are not drawn)
+        None,
+        FILTER + 1,  # and save
+    ]
+
+
+def multiqc(browser, path: Path, name: str) -> list[int | None]:
+    """The same in a report of MultiQC with a table of the ranking's columns, performed where it can do it."""
+    counts: list[int | None] = [None] * 15
+    for task, head in ((2, "E_MPa"), (8, "height_mm")):
+        page = browser.new_page()
+        page.goto(path.as_uri())
+        hand, values = Hand(page), []
+        while not values or values != sorted(values):
+            hand.click(page.locator(f"table thead th:has-text('{head}')").first)
+            page.wait_for_timeout(500)
+            values = [float(text) for text in page.evaluate(CELLS, head) if text]
+        counts[task] = hand.count
+        page.close()
+    counts[7] = 1 + len(name) + 1  # the browser's own search
+    return counts
+
+
+def cost(browser, path: Path) -> str:
+    """Size of the file, time until it is loaded (the best of three), and nodes of the document."""
+    page = browser.new_page()
+    page.goto(path.as_uri(), timeout=120_000)
+    loads = [reloaded(page) for _ in range(3)]
+    nodes = page.evaluate(NODES)
+    page.close()
+    loaded, processor = (min(each) for each in zip(*loads, strict=True))
+    return (
+        f"{path.stat().st_size / 1e6:.1f} MB, loaded in {loaded:.2f} s ({processor:.2f} s CPU), {nodes} nodes"
+    )
+
+
+def main() -> None:
+    """Prints the cost, and a row for each task."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("results", type=Path)
+    parser.add_argument("--multiqc", type=Path)
+    parser.add_argument("--csv", type=Path)
+    options = parser.parse_args()
+    table = pd.read_csv(options.results / "ranking.csv")
+    to_do, name = tasks(table)
+    report = (options.results / "report.html").absolute()
+    with chromium() as browser:
+        print(f"{len(table)} fruit: {cost(browser, report)}")
+        own = []
+        for task, perform in to_do.items():
+            page = browser.new_page(accept_downloads=True)
+            page.goto(report.as_uri(), timeout=120_000)
+            hand = Hand(page)
+            if not perform(hand):
+                raise SystemExit(f"{task}: the report and pandas disagree")
+            own.append(hand.count)
+            page.close()
+        others = multiqc(browser, options.multiqc.absolute(), name) if options.multiqc else [None] * 15
+    rows = list(zip(to_do, own, spreadsheet(table, name), others, strict=True))
+    header = ("task", "report", "spreadsheet", "multiqc")
+    for row in (header, *rows):
+        print(f"{row[0]:40s}", *(f"{'-' if each is None else each:>12}" for each in row[1:]))
+    if options.csv:
+        with options.csv.open("w", newline="") as file:
+            csv.writer(file).writerows(
+                (header, *(["-" if each is None else each for each in row] for row in rows))
+            )
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,52 @@
+"""`drupe device`."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.safe_start import elsewhere
+
+device = typer.Typer(
+    help="Manage the devices that may open the page of `drupe watch` over the network.",
+    no_args_is_help=True,
+    rich_markup_mode=None,
+)
+FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="The file of devices.")]
+NameArgument = Annotated[str, typer.Argument(metavar="NAME", help="The device's name.")]
+
+
+@device.command(short_help="Add a device and print its token.")
+def add(file: FileArgument, name: NameArgument) -> None:
+    """Add a device to FILE and print its token. FILE holds a hash of it, so no one can print it again.
+
+    Example: drupe device add devices.json "kiosk at belt 2"
+    """
+    with elsewhere():
+        from pipeline.run.console import utc_now
+        from pipeline.watch.devices import add_device
+    typer.echo(add_device(file, name, now=utc_now()))
+
+
+@device.command(short_help="Revoke a device's token.")
+def revoke(file: FileArgument, name: NameArgument) -> None:
+    """Remove a device from FILE. Its token and its open pages stop working at once.
+
+    Example: drupe device revoke devices.json "kiosk at belt 2"
+    """
+    with elsewhere():
+        from pipeline.watch.devices import revoke_device
+    revoke_device(file, name)
+    typer.echo(f"revoked {name}")
+
+
+@device.command("list", short_help="List the devices.")
+def list_devices(file: FileArgument) -> None:
+    """List the devices of FILE, each with the day on which it was added.
+
+    Example: drupe device list devices.json
+    """
+    with elsewhere():
+        from pipeline.watch.devices import read_devices
+    for one in read_devices(file):
+        typer.echo(f"{one.added_utc:%Y-%m-%d}  {one.name}")

@@ -1,0 +1,172 @@
+"""Who may open the page of `drupe watch` over a network: devices that sent their token over TLS."""
+
+import ipaddress
+import secrets
+import ssl
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from starlette.requests import Request
+from starlette.responses import HTMLResponse, RedirectResponse, Response
+from starlette.routing import Route
+
+from pipeline.problem import BatchRefused, refused
+from pipeline.watch.devices import KnownDevice, device_with, hash_of, read_devices
+from pipeline.watch.forms import HEADERS, form_of
+from reports.login_page import login_html
+
+COOKIE = "__Host-drupe"
+"""By this prefix browsers take the cookie over TLS alone, of this host alone."""
+SESSION_S = 16 * 3600
+"""Seconds after which a device must send its token again."""
+MOST_SESSIONS = 256
+"""Sessions at once; one more ends the oldest."""
+MOST_WRONG, WRONG_S = 5, 300.0
+"""Wrong tokens from one address within so many seconds; then it must wait."""
+MOST_ADDRESSES = 1000
+"""Addresses whose wrong tokens are remembered."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Network:
+    """Where the page is, and by what: address to listen at, certificate and key (PEM), file of devices."""
+
+    host: str
+    certificate: Path
+    key: Path
+    devices: Path
+
+    def check(self) -> None:
+        """Raises BatchRefused where the certificate, its key or the devices cannot be used."""
+        for option, path in (("--certificate", self.certificate), ("--key", self.key)):
+            if not path.is_file():
+                raise refused(option, f"there is no file {path}.")
+        try:
+            context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+            context.load_cert_chain(self.certificate, self.key, password=lambda: b"")
+        except (OSError, ValueError) as fault:
+            sentence = (
+                f"cannot be used with {self.key} ({fault}); give a certificate and its key without "
+                "a password, both in PEM."
+            )
+            raise refused(self.certificate, sentence) from None
+        if not read_devices(self.devices):
+            sentence = f"has no device; add one with `drupe device add {self.devices} NAME`."
+            raise refused(self.devices, sentence)
+
+
+def network_of(
+    host: str, *, certificate: Path | None, key: Path | None, devices: Path | None
+) -> Network | None:
+    """The network for the page; None for this machine alone. Raises BatchRefused where it lacks something."""
+    given = {"--certificate": certificate, "--key": key, "--devices": devices}
+    if is_this_machine(host) and not any(given.values()):
+        return None
+    if certificate is None or key is None or devices is None:
+        missing = " and ".join(name for name, path in given.items() if path is None)
+        sentence = (
+            f"needs {missing}: on a network the page is encrypted, and each device has a token. "
+            "Without these options only this machine can open the page."
+        )
+        raise refused(f"--host {host}", sentence)
+    network = Network(host=host, certificate=certificate, key=key, devices=devices)
+    network.check()
+    return network
+
+
+def is_this_machine(host: str) -> bool:
+    """Whether an address is reached from this machine alone."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+@dataclass(kw_only=True)
+class DeviceLogin:
+    """A session for each device that sent its token; all of them end with the program.
+
+    `clock` in seconds. Wrong tokens are counted by address.
+    """
+
+    devices: Path
+    language: str
+    clock: Callable[[], float] = time.monotonic
+    prefix: str = ""
+    strict: bool = True
+    _sessions: dict[str, tuple[KnownDevice, float]] = field(default_factory=dict)
+    _wrong: dict[str, deque[float]] = field(default_factory=dict)
+    _read: tuple[tuple[int, ...], tuple[KnownDevice, ...]] = ((), ())
+
+    def knows(self, request: Request) -> bool:
+        """Whether a request has the cookie of a session whose device is still in the file."""
+        session = hash_of(request.cookies.get(COOKIE, ""))
+        device, until = self._sessions.get(session, (None, 0.0))
+        if device in self._known() and self.clock() < until:
+            return True
+        self._sessions.pop(session, None)
+        return False
+
+    def routes(self) -> list[Route]:
+        """The page on which a device sends its token."""
+        return [Route("/login", self._login, methods=["GET", "POST"])]
+
+    def refusal(self, request: Request) -> Response | None:
+        """What a browser without a session gets instead of the page; None: that there is nothing."""
+        return RedirectResponse("login", 303, HEADERS) if request.url.path == "/" else None
+
+    async def _login(self, request: Request) -> Response:
+        if request.method != "POST":
+            return self._page(200)
+        address = request.client.host if request.client else ""
+        if (wait_s := self._wait_s(address)) > 0:
+            return self._page(429, {"Retry-After": str(int(wait_s) + 1)})
+        written = await form_of(request, strict=self.strict)
+        if written is None:
+            return self._page(403)
+        device = device_with(self._known(), written.get("token", "").strip())
+        if device is None:
+            self._count(address)
+            return self._page(401)
+        return self._begun(device)
+
+    def _begun(self, device: KnownDevice) -> Response:
+        session = secrets.token_urlsafe(32)
+        while len(self._sessions) >= MOST_SESSIONS:
+            self._sessions.pop(next(iter(self._sessions)))
+        self._sessions[hash_of(session)] = device, self.clock() + SESSION_S
+        answer = RedirectResponse("./", 303, HEADERS)
+        answer.set_cookie(
+            COOKIE, session, max_age=SESSION_S, path="/", secure=True, httponly=True, samesite="strict"
+        )
+        return answer
+
+    def _page(self, status: int, more: dict[str, str] | None = None) -> Response:
+        return HTMLResponse(login_html(status, language=self.language), status, HEADERS | (more or {}))
+
+    def _known(self) -> tuple[KnownDevice, ...]:
+        """The devices in the file as it is now; none where it cannot be read."""
+        try:
+            status = self.devices.stat()
+            state = status.st_mtime_ns, status.st_size, status.st_ino
+            if state != self._read[0]:
+                self._read = state, read_devices(self.devices)
+        except (OSError, BatchRefused):
+            self._read = (), ()
+        return self._read[1]
+
+    def _wait_s(self, address: str) -> float:
+        times = self._wrong.get(address, deque())
+        while times and self.clock() - times[0] >= WRONG_S:
+            times.popleft()
+        return WRONG_S - (self.clock() - times[0]) if len(times) >= MOST_WRONG else 0.0
+
+    def _count(self, address: str) -> None:
+        times = self._wrong.pop(address, deque())
+        while len(self._wrong) >= MOST_ADDRESSES:
+            self._wrong.pop(next(iter(self._wrong)))
+        self._wrong[address] = times
+        times.append(self.clock())

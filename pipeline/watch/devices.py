@@ -1,0 +1,92 @@
+"""Devices that may open the page of `drupe watch` over a network: a file with the hash of each one's token.
+
+A token has 256 random bits, so that its SHA-256 needs neither salt nor stretching.
+"""
+
+import hashlib
+import hmac
+import secrets
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from pipeline.files.plain_file import NotReadable, printable, read_text
+from pipeline.files.whole_file import NotWritten, put
+from pipeline.problem import nearest, refused
+
+MOST_BYTES = 1_000_000
+"""Of the file: 5,000 devices."""
+MOST_NAME = 80
+"""Characters of a device's name."""
+
+
+class KnownDevice(BaseModel):
+    """A device by name, with the SHA-256 (hex) of its token."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    name: str
+    sha256: str
+    added_utc: datetime
+
+
+class _Devices(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+    devices: tuple[KnownDevice, ...] = ()
+
+
+def read_devices(path: Path) -> tuple[KnownDevice, ...]:
+    """The devices of a file; raises BatchRefused where there is none, or it holds something else."""
+    try:
+        return _Devices.model_validate_json(read_text(path, most_bytes=MOST_BYTES)).devices
+    except NotReadable as fault:
+        raise refused(path, f"{fault}; add a device with `drupe device add {path} NAME`.") from None
+    except ValidationError:
+        raise refused(path, "is no file of devices; name another file.") from None
+
+
+def add_device(path: Path, name: str, *, now: datetime) -> str:
+    """Adds a device, also to a new file that its owner alone may read; its token, which no file has."""
+    devices = read_devices(path) if path.is_symlink() or path.exists() else ()
+    if not 0 < len(name) <= MOST_NAME or printable(name) != name:
+        raise refused("NAME", f"must have 1 to {MOST_NAME} printable characters.")
+    if any(device.name == name for device in devices):
+        raise refused("NAME", f'"{name}" has a token already; revoke it, or choose another name.')
+    token = secrets.token_urlsafe(32)
+    _write(path, (*devices, KnownDevice(name=name, sha256=hash_of(token), added_utc=now)))
+    return token
+
+
+def revoke_device(path: Path, name: str) -> None:
+    """Removes a device; its token and its sessions end at once."""
+    devices = read_devices(path)
+    left = tuple(device for device in devices if device.name != name)
+    if len(left) == len(devices):
+        names = [device.name for device in devices]
+        raise refused("NAME", f'found "{name}"; {nearest(name, names, "the file has no such device.")}')
+    _write(path, left)
+
+
+def device_with(devices: Sequence[KnownDevice], token: str) -> KnownDevice | None:
+    """The device whose token this is. The time that it takes does not depend on how much of it is right."""
+    given, owner = hash_of(token), None
+    for device in devices:
+        if hmac.compare_digest(device.sha256, given):
+            owner = device
+    return owner
+
+
+def hash_of(token: str) -> str:
+    """SHA-256 in hex."""
+    return hashlib.sha256(token.encode()).hexdigest()
+
+
+def _write(path: Path, devices: tuple[KnownDevice, ...]) -> None:
+    put(path, _Devices(devices=devices).model_dump_json(indent=1).encode() + b"\n")
+    try:
+        path.chmod(0o600)
+    except OSError as fault:
+        raise NotWritten(path, fault) from fault

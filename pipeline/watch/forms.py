@@ -1,0 +1,40 @@
+"""Forms that the pages of `drupe watch` send, and the headers of every answer."""
+
+import asyncio
+from urllib.parse import parse_qsl
+
+from starlette.requests import ClientDisconnect, Request
+
+HEADERS = {
+    "Cache-Control": "no-store",
+    "Referrer-Policy": "no-referrer",
+    "X-Content-Type-Options": "nosniff",
+    "X-Frame-Options": "DENY",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+"""Of every answer: kept nowhere, shown in no other site's frame, the token passed on to nobody."""
+MOST_FORM_BYTES, FORM_S = 20_000, 10.0
+"""Of a form: 1,200 characters of 12 bytes each (percent encoding), and the seconds that sending may take."""
+
+
+async def form_of(request: Request, *, strict: bool) -> dict[str, str] | None:
+    """The fields of a form of this page; None of one from another site, too long, or too slow.
+
+    `strict`: a browser must say that the form is of this page (Sec-Fetch-Site, else Origin); otherwise it
+    must not say that it is another's.
+    """
+    own = f"{request.url.scheme}://{request.headers.get('host', '')}"
+    site, origin = request.headers.get("sec-fetch-site"), request.headers.get("origin")
+    by_origin = origin == own or (origin is None and not strict)
+    if not (by_origin if site is None else site == "same-origin"):
+        return None
+    body = b""
+    try:
+        async with asyncio.timeout(FORM_S):
+            async for part in request.stream():
+                body += part
+                if len(body) > MOST_FORM_BYTES:
+                    return None
+        return dict(parse_qsl(body.decode(), keep_blank_values=True, max_num_fields=10))
+    except (TimeoutError, ValueError, ClientDisconnect):
+        return None
