@@ -344,7 +344,7 @@ def _screen_record(found: Sequence[_AlongOne]) -> ScreenRecord:
     ]
     p_value = min(1.0, len(found) * min(one.found.p_value for one in found))
     named = tuple(dict.fromkeys(names))
-    return ScreenRecord(p_value=p_value, names=named, suspected=_suspected(found, named))
+    return ScreenRecord(p_value=p_value, p_nominal=True, names=named, suspected=_suspected(found, named))
 
 
 def _suspected(found: Sequence[_AlongOne], names: Sequence[str]) -> tuple[SuspectedRecord, ...]:
