@@ -141,6 +141,7 @@ def account_for(
         p_value=answer.p_value,
         statistics=answer.p_values,
         p_nominal=P_NOMINAL,
+        left_out=tuple(left_out),
         where=Where(region=_where(names)),
         when=_when(trace, plain),
         component="normal",
@@ -224,7 +225,9 @@ def _cells(trace: IndenterTrace, plain: TraceFit, no_contact: NoContactNoise) ->
     value = plain.law.values(plain.scaled[None])
     part_of = np.repeat(trace.numbers, [len(part.time_s) for part in trace.parts])
     zero = np.array([value[f"zero_N{suffix_of(k)}"][0] for k in part_of.tolist()])
-    depth = np.concatenate([_depth_mm(part, plain, k) for k, part in _numbered(trace)])
+    depth = np.concatenate(
+        [_depth_mm(part, plain, k) for k, part in zip(trace.numbers, trace.parts, strict=True)]
+    )
     (per_MPa,) = plain.law.curve_N_per_MPa(value, np.maximum(depth, 0.0)[None])
     loaded = np.flatnonzero(per_MPa > 0.05 * per_MPa.max())
     phases = trace.phases
@@ -241,15 +244,11 @@ def _cells(trace: IndenterTrace, plain: TraceFit, no_contact: NoContactNoise) ->
     )
 
 
-def _numbered(trace: IndenterTrace) -> list[tuple[int, IndenterTrace]]:
-    return list(zip(trace.numbers, trace.parts, strict=True))
-
-
 def _notes(trace: IndenterTrace, named: TraceFit, scatter_sd: float) -> tuple[str, ...]:
     """What a reader must know of this trace."""
     law, several = named.law, len(trace.parts) > 1
     notes: list[str] = []
-    for k, part in _numbered(trace):
+    for k, part in zip(trace.numbers, trace.parts, strict=True):
         of = f"Recording {k + 1}: " if several else ""
         onset, zero = (law.index(f"{name}{suffix_of(k)}") for name in ("onset_mm", "zero_N"))
         late_mm, late_sd = named.scaled[onset] - part.travel_mm[0], named.sd[onset]
@@ -268,12 +267,9 @@ def _notes(trace: IndenterTrace, named: TraceFit, scatter_sd: float) -> tuple[st
         notes.append(f"The search for the parameters of {law.name} has not settled; do not trust them.")
     if several:
         notes.append(
-            f"E of the {len(trace.parts)} recordings scatters by {scatter_sd:.1%} (standard deviation); the "
-            "error bar of their common E includes this."
-        )
-        notes.append(
             f"{len(trace.parts)} recordings have one law and one E; each was taken to begin with flesh that "
-            "has come back from the one before, and with the damage and set of none."
+            "has come back from the one before, and with the damage and set of none. Their own E scatters by "
+            f"{scatter_sd:.1%} (standard deviation); the error bar of the common E includes this."
         )
     if law.curve.held_over_sliding(np.zeros(1)) is not None:
         ends = law.index("ends_held")
@@ -285,5 +281,7 @@ def _notes(trace: IndenterTrace, named: TraceFit, scatter_sd: float) -> tuple[st
         )
     for name, why in law.curve.without.items():
         notes.append(f"{name.replace('_', ' ').capitalize()} was not looked for: {why}.")
-    deepest = max(float(_depth_mm(part, named, k).max()) for k, part in _numbered(trace))
+    deepest = max(
+        float(_depth_mm(part, named, k).max()) for k, part in zip(trace.numbers, trace.parts, strict=True)
+    )
     return (*notes, *law.curve.notes(deepest))

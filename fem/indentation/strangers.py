@@ -22,6 +22,7 @@ from fem.mismatch.selection.decision import DETECTION_P, smallest_p_value
 
 STRANGER_SD = 0.5
 """Standard deviation of ln E of another specimen's recording. Set by hand; one specimen's scatter less."""
+#: values of tau, equally likely beforehand: from next to none to that of strangers (set by hand)
 SCATTERS = np.geomspace(1e-3, STRANGER_SD, 24)
 OTHER_SHAPE = "its curve has another shape"
 #: recordings from which on it can be told which of them does not belong
@@ -104,17 +105,15 @@ def _p_values(found: OwnModuli, k: int, others: Sequence[int]) -> tuple[dict[str
     grams = _grams(found, float(shares[int(np.argmax(np.sum(logs, axis=0)))]))
     theirs, at = grams[list(others)].sum(axis=0), len(own.scaled) - len(found.ln_E) + 1 + k
 
-    def without_k(tau: float) -> Float[np.ndarray, " n"]:
-        return np.where(np.arange(len(found.ln_E)) == k, STRANGER_SD, tau)
-
-    solved = [_solved(theirs + grams[k], found, without_k(tau)) for tau in SCATTERS]
+    alone = np.arange(len(found.ln_E)) == k
+    solved = [_solved(theirs + grams[k], found, np.where(alone, STRANGER_SD, tau)) for tau in SCATTERS]
     weights = softmax([log for _, _, log in solved])
     variance = np.array([covariance[at, at] for _, covariance, _ in solved])
     mean = np.array([change[at] for change, _, _ in solved]) + found.ln_E[k] - found.ln_E.mean()
     # less the prior of s_k: what the recording itself says
     of_data = 1 / np.maximum(1 / variance - STRANGER_SD**-2, 1e-6)
     mean = mean * of_data / variance
-    change, covariance, _ = _solved(theirs, found, without_k(float(weights @ SCATTERS)))
+    change, covariance, _ = _solved(theirs, found, np.where(alone, STRANGER_SD, weights @ SCATTERS))
     normal, right, square = grams[k][:-1, :-1], grams[k][:-1, -1], grams[k][-1, -1]
     left = right - normal @ change
     known = left @ np.linalg.inv(np.linalg.inv(covariance) + normal) @ left
@@ -129,9 +128,8 @@ def _p_values(found: OwnModuli, k: int, others: Sequence[int]) -> tuple[dict[str
 
 def _noise(own: TraceFit, frames: slice, share: float) -> TraceNoise:
     """Of one recording, with so large a share of the force unexplained."""
-    whole = own.noise
-    wander_N = whole.wander_N[frames] * (share / own.share)
-    return TraceNoise(white_N=whole.white_N, wander_N=wander_N, clock=whole.clock[frames])
+    wander_N = own.noise.wander_N[frames] * (share / own.share)
+    return replace(own.noise, wander_N=wander_N, clock=own.noise.clock[frames])
 
 
 def _grams(found: OwnModuli, share: float) -> Float[np.ndarray, "n q q"]:
@@ -140,12 +138,9 @@ def _grams(found: OwnModuli, share: float) -> Float[np.ndarray, "n q q"]:
     """
     grams, jacobian = [], found.own.jacobian
     left = found.trace.force_N - found.own.force_N
-    for k, (frames, column) in enumerate(zip(found.trace.slices, found.columns, strict=True)):
-        of_E = jacobian[frames, column]
-        others = np.delete(jacobian[frames], found.columns, axis=1)
-        each = np.zeros((len(of_E), len(found.ln_E)))
-        each[:, k] = of_E
-        columns = np.column_stack([of_E, others, each, left[frames]])
+    for frames, column in zip(found.trace.slices, found.columns, strict=True):
+        of_E, others = jacobian[frames, column], np.delete(jacobian[frames], found.columns, axis=1)
+        columns = np.column_stack([of_E, others, jacobian[frames][:, found.columns], left[frames]])
         grams.append(columns.T @ _noise(found.own, frames, share).solve(columns))
     return np.array(grams)
 
@@ -153,9 +148,7 @@ def _grams(found: OwnModuli, share: float) -> Float[np.ndarray, "n q q"]:
 def _solved(
     gram: Float[np.ndarray, "q q"], found: OwnModuli, sd: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"], float]:
-    """Changes of ln E, the law's other unknowns and s, their covariance, and ln of the evidence; s has `sd`
-    beforehand.
-    """
+    """Changes of ln E, the law's other unknowns and s, whose prior has `sd`; covariance; ln evidence."""
     priors = np.array([(u.mean, u.sd) for u in found.own.law.unknowns])
     priors = np.delete(priors, found.columns[1:], axis=0)
     scaled = np.delete(found.own.scaled, found.columns[1:])

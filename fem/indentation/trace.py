@@ -124,13 +124,8 @@ def joined(traces: Sequence[IndenterTrace]) -> IndenterTrace:
         for name in PER_FRAME[1:]
         if any(getattr(one, name) is not None for one in traces)
     }
-    return replace(
-        traces[0],
-        time_s=np.concatenate(times),
-        starts=tuple(map(int, starts)),
-        numbers=tuple(range(len(traces))),
-        **arrays,
-    )
+    arrays["numbers"] = tuple(range(len(traces)))
+    return replace(traces[0], time_s=np.concatenate(times), starts=tuple(map(int, starts)), **arrays)
 
 
 def without(trace: IndenterTrace, places: Collection[int]) -> IndenterTrace:

@@ -367,9 +367,10 @@ def _weights(found: Sequence[_AlongOne]) -> Float[np.ndarray, " n"]:
 
 
 def _warnings(found: Sequence[_AlongOne], shape_sd: float) -> list[str]:
-    """What changes E: a rig that gives way, effects that move it, diameters that disagree."""
+    """What changes E: recordings left out, a rig that gives way, effects, diameters that disagree."""
     said = []
     for one in found:
+        said += one.traces.naming(one.found.notes[: len(one.found.left_out)])
         if all(part.rig_give_mm is None for part in one.traces.trace.parts):
             rig = rig_share(one.traces.trace, rig_N_per_mm=None, made_known=OF_A_BATCH)
             said += [note for note in rig.notes if note not in said]

@@ -139,7 +139,7 @@ def several(E_MPa, *, seed, energy=neo_hookean, odd=None):
     )
 
 
-def side_by_side(trace):
+def with_moduli(trace):
     """Fit of the plain law, with the recordings' own moduli."""
     no_contact = pooled_noise(trace)
     known = from_prior(linear_law(trace, thickness_mm=None, poisson_ratio=NU), trace, no_contact)
@@ -162,7 +162,7 @@ def test_a_curve_of_another_specimen_is_named_with_its_modulus_and_leaves_E_to_t
 
 
 def test_a_curve_of_another_shape_is_named():
-    _, found, _ = side_by_side(several([E_MPA] * 5, seed=1, odd=lambda x: yeoh(x, 3.0, 3.0)))
+    _, found, _ = with_moduli(several([E_MPA] * 5, seed=1, odd=lambda x: yeoh(x, 3.0, 3.0)))
     assert list(strangers(found)) == [1]
 
 
@@ -172,12 +172,12 @@ def test_curves_of_one_specimen_are_named_as_seldom_as_the_level_says_and_E_cove
     named, inside, wide = 0, 0, []
     for seed in range(20):
         moduli = E_MPA * np.exp(0.05 * np.random.default_rng(seed).standard_normal(5))
-        known, found, (sd, added_sd) = side_by_side(several(moduli, seed=seed))
+        known, found, (sd, added_sd) = with_moduli(several(moduli, seed=seed))
         named += bool(strangers(found))
         inside += abs(known.scaled[0] - np.log(E_MPA)) < 1.645 * np.hypot(known.sd[0], added_sd)
         wide.append(sd)
     assert named <= 4
     assert inside >= 14
     assert np.median(wide) == pytest.approx(0.05, rel=0.4)
-    _, _, (sd, _) = side_by_side(several([E_MPA] * 5, seed=0))
+    _, _, (sd, _) = with_moduli(several([E_MPA] * 5, seed=0))
     assert sd < 0.01
