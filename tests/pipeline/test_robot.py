@@ -175,10 +175,16 @@ def test_poses_on_the_mat_are_shifted_to_the_fruit_that_stands_there(tmp_path: P
     recording, outer = read_recording(DATA / "grasp.h5"), read_mesh(DATA / "fruit.ply")
     mat_from_fruit = pose(4.0, -7.0, 0.3)
     pads = tuple(replace(pad, pose=mat_from_fruit @ pad.pose) for pad in recording.pads)
-    write_recording(tmp_path / "grasp.h5", replace(recording, pads=pads, pose_frame="mat"))
+    at, force = np.array([1.0, 2.0, 30.0]), np.array([3.0, -1.0, 2.0])  # in the fruit frame
+    wrench = np.r_[force, np.cross(at + mat_from_fruit[:3, 3], force)]
+    wrenches = np.tile(wrench, (len(recording.time_s), 1))
+    on_mat = replace(recording, pads=pads, pose_frame="mat", pose_sd_mm=0.2, wrench_N=wrenches)
+    write_recording(tmp_path / "grasp.h5", on_mat)
     plain = place_grasp(DATA / "grasp.h5", *outer)
     placed = place_grasp(tmp_path / "grasp.h5", *outer, mat_from_fruit=mat_from_fruit)
     for truth, pad in zip(plain.pads, placed.pads, strict=True):
         np.testing.assert_allclose(pad.surface_mm, truth.surface_mm, atol=1e-9)
+    np.testing.assert_allclose(placed.recording.wrench_N[0], np.r_[force, np.cross(at, force)], atol=1e-9)
+    assert placed.recording.pose_sd_mm == 0.2
     with pytest.raises(TactileFailure, match=r"Put its mat\.json beside"):
         place_grasp(tmp_path / "grasp.h5", *outer)
