@@ -98,9 +98,8 @@ def of_gripper(folder: Path) -> Iterator[NamedTrace]:
         peak = int(np.argmax(force_N))
         closing = np.sign(place[peak] - place[0]) or 1.0
         travel = closing * (place - place[0])
-        yield NamedTrace(
-            path.name, trace_of(time_s[kept], force_N[kept], travel[kept], Ball(radius_mm=FRUIT_MM))
-        )
+        name = "_".join(path.relative_to(folder).parts)
+        yield NamedTrace(name, trace_of(time_s[kept], force_N[kept], travel[kept], Ball(radius_mm=FRUIT_MM)))
 
 
 def of_cylinder(folder: Path) -> Iterator[NamedTrace]:

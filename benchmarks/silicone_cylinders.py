@@ -1,7 +1,7 @@
 """Silicone cylinders of known modulus, pressed between plates: what drupe makes of them.
 
     python benchmarks/silicone_cylinders.py FOLDER [--csv FILE] [--part development|last|all]
-        [--tests A1 B2 ...] [--jobs 2]
+        [--tests A1 B2 ...] [--together FILE] [--jobs 2]
 
 FOLDER: a folder of tables for each mixture, and published.json, of
 github.com/abubakardawood/tissue-phantom-material-database (A. B. Dawood et al. 2026, data CC BY 4.0):
@@ -17,6 +17,9 @@ ends        log evidence of held, and of any, over sliding ends
 verdict     none or stiffening; sensor_drift alone or in a list
 last fifth  error of the force predicted from the first four fifths, over its root mean square; beside it the
             best of six published laws (sliding ends, zero as recorded), refitted to the same part
+
+--together fits all curves of a mixture with one law instead, and writes for each mixture: E, the scatter of
+its curves, the curves that do not belong, and the slope by the law of the others.
 """
 
 import argparse
@@ -38,7 +41,8 @@ from fem.indentation.contact_law import linear_law
 from fem.indentation.explain_trace import account_for
 from fem.indentation.explanations import candidate_fits, forms_of
 from fem.indentation.no_contact import pooled_noise
-from fem.indentation.trace import DRIFT_SHARE_PER_MIN, IndenterTrace
+from fem.indentation.strangers import scatter
+from fem.indentation.trace import DRIFT_SHARE_PER_MIN, IndenterTrace, joined
 from pipeline.fruit.bare_traces import spread
 
 DEVELOPMENT = ("EF10_0T", "EF30_25T", "EF10_100T", "EF50_12_5T", "EF30_0T")
@@ -48,8 +52,8 @@ RANGE_N = 1000.0
 """Of the load cell, as the tables state."""
 NU = 0.49
 """Of silicone. Assumed."""
-FRAMES = 150
-"""Of each curve, spread evenly over time, force and travel."""
+FRAMES, FRAMES_TOGETHER = 150, 120
+"""Of a curve, spread evenly over time, force and travel: of one alone, and of one of ten together."""
 SLOPE_UP_TO = 0.1
 """Greatest strain of the line through the recorded origin."""
 SEEN = 0.8
@@ -58,10 +62,10 @@ HEADER = 8
 """Lines before the first row."""
 
 
-def read(path: Path, ends: Ends | None = None) -> IndenterTrace:
+def read(path: Path, ends: Ends | None = None, frames: int = FRAMES) -> IndenterTrace:
     """Time, travel and force of one table."""
     time_s, travel_mm, force_N = np.genfromtxt(path, delimiter=",", skip_header=HEADER)[:, :3].T
-    kept = spread(time_s, travel_mm, force_N, FRAMES)
+    kept = spread(time_s, travel_mm, force_N, frames)
     kept = kept[np.r_[True, np.diff(time_s[kept]) > 0]]
     return IndenterTrace(
         time_s=time_s[kept],
@@ -226,6 +230,28 @@ def of_mixture(name: str, rows: list[dict[str, object]], published_kPa: float) -
     }
 
 
+def together(paths: list[Path]) -> dict[str, object]:
+    """All curves of a mixture with one law, as `drupe explain` fits those of one specimen."""
+    whole = joined([read(path, frames=FRAMES_TOGETHER) for path in paths])
+    account = account_for(whole, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
+    said, trace = account.explanation, account.trace
+    law_N = account.posterior.force_N(trace)
+    slopes = [slope_kPa(part, law_N[at]) for part, at in zip(trace.parts, trace.slices, strict=True)]
+    left_out = sorted(set(range(len(paths))) - set(trace.numbers))
+    return {
+        "mixture": paths[0].parent.name,
+        "curves": len(paths),
+        "E_kPa": 1e3 * said.after.value,
+        "E_sd_kPa": 1e3 * said.after.sd,
+        "scatter": scatter(trace, account.named, pooled_noise(trace))[0],
+        "left_out": " ".join(paths[k].stem.rsplit("_", 1)[1] for k in left_out),
+        "why": " ".join(note for note in said.notes if "does not belong" in note),
+        "law_kPa": float(np.mean(slopes)),
+        "verdict": said.verdict if isinstance(said.verdict, str) else " | ".join(said.verdict),
+        "heldout": said.heldout.rms_after if said.heldout else float("nan"),
+    }
+
+
 def main() -> None:
     """Read, explain, print."""
     parser = argparse.ArgumentParser(
@@ -236,6 +262,7 @@ def main() -> None:
     parser.add_argument("--curves", type=Path, help="write a row for each curve")
     parser.add_argument("--part", choices=("development", "last", "all"), default="all")
     parser.add_argument("--tests", nargs="*", help="A1 to A5, B1 to B5; all by default")
+    parser.add_argument("--together", type=Path, help="one law for all curves of a mixture: a row for each")
     parser.add_argument("--jobs", type=int, default=1)
     args = parser.parse_args()
     published = json.loads((args.folder / "published.json").read_text())["E"]
@@ -250,12 +277,19 @@ def main() -> None:
         for path in sorted((args.folder / name).glob("*.csv"))
         if not args.tests or path.stem.rsplit("_", 1)[1] in args.tests
     ]
+    groups = [[path for path in paths if path.parent.name == name] for name in chosen]
+    work, of_each = (together, [group for group in groups if group]) if args.together else (scored, paths)
     rows = []
     with ProcessPoolExecutor(args.jobs) as pool:
-        for row in pool.map(scored, paths):
+        for row in pool.map(work, of_each):
             rows.append(row)
             shown = (f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values())
             print(*shown, flush=True)
+    if args.together:
+        for row in rows:
+            row["published_kPa"] = published[str(row["mixture"])][0]
+        write(args.together, rows)
+        return
     mixtures = [
         of_mixture(name, [row for row in rows if row["mixture"] == name], published[name][0])
         for name in chosen
@@ -266,12 +300,17 @@ def main() -> None:
     totals(rows, mixtures)
     for where, table in ((args.csv, mixtures), (args.curves, rows)):
         if where is not None:
-            with where.open("w", newline="") as file:
-                written = csv.DictWriter(file, list(table[0]))
-                written.writeheader()
-                written.writerows(
-                    {k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in table
-                )
+            write(where, table)
+
+
+def write(where: Path, table: list[dict[str, object]]) -> None:
+    """As CSV."""
+    with where.open("w", newline="") as file:
+        written = csv.DictWriter(file, list(table[0]))
+        written.writeheader()
+        written.writerows(
+            {k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in table
+        )
 
 
 def totals(rows: list[dict[str, object]], mixtures: list[dict[str, object]]) -> None:

@@ -54,7 +54,7 @@ def explain_verdict(entry: ExplainEntry) -> str:
         either = " or ".join(LISTED.get(effect, effect_name(effect)) for effect in by_rank(entry))
         what = (
             f"The recording differs from the model, and no known effect explains the difference "
-            f"({_chance(entry.p_value)})"
+            f"({_chance(entry)})"
             if named == (UNEXPLAINED,)
             else f"This recording cannot distinguish {either}"
         )
@@ -62,7 +62,7 @@ def explain_verdict(entry: ExplainEntry) -> str:
     if named == (UNEXPLAINED,):
         return (
             f"The recordings differ from the model, and no known effect explains the difference "
-            f"({_chance(entry.p_value)}). "
+            f"({_chance(entry)}). "
             f"Do not trust E = {_E(entry.before)}. "
             f"With the error that such physics causes elsewhere, E is {_E(entry.after)}."
         )
@@ -120,5 +120,5 @@ def _E(modulus: Record) -> str:
     return f"{with_sd(modulus.value, modulus.sd)} MPa".replace(" ", NO_BREAK)
 
 
-def _chance(p_value: float) -> str:
-    return f"p = {p_value:.2g}"
+def _chance(entry: ExplainEntry) -> str:
+    return f"p = {entry.p_value:.2g}" + (", nominal" if entry.p_nominal else "")

@@ -77,13 +77,15 @@ class Suspect:
 @dataclass(frozen=True, kw_only=True)
 class Suspicion:
     """Why a fruit is to be inspected although its E is not in doubt: the suspected effect (empty: none is
-    named), the screen's p, and E and class without and with the effect (None, empty: not known).
+    named), the screen's p (`p_nominal`: not calibrated), and E and class without and with the effect (None,
+    empty: not known).
     """
 
     effect: str
     p_value: float | None
     E_MPa: float
     E_sd_MPa: float
+    p_nominal: bool = False
     maturity: str = ""
     E_with_MPa: float | None = None
     E_with_sd_MPa: float | None = None
@@ -94,10 +96,11 @@ class Suspicion:
 class ScreenEntry:
     """What the screen for missing physics says of a fruit: suspects, the likeliest first, none where nothing
     was found; or in `why_not` why it says nothing (a sentence without a full stop). `note`: what was left
-    out.
+    out. `p_nominal`: p is not calibrated.
     """
 
     p_value: float | None = None
+    p_nominal: bool = False
     suspects: tuple[Suspect, ...] = ()
     why_not: str = ""
     note: str = ""

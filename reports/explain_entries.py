@@ -19,7 +19,7 @@ from jaxtyping import Float
 FORMAT: Final = "drupe-mismatch"
 VERSION: Final = 1
 """Name and number of the format in docs/formats.md; the number grows when an old reader would fail."""
-OPTIONAL = frozenset({"next_grasp_plan", "E_withheld", "doubts"})
+OPTIONAL = frozenset({"next_grasp_plan", "E_withheld", "doubts", "p_nominal", "left_out"})
 """Keys that are left out where there is nothing."""
 OF_THE_PAGE = frozenset({"patch_mm"})
 """Fields of the finder's records that the page alone shows."""
@@ -41,8 +41,10 @@ class ExplainEntry:
     """All that is written of one fruit. `verdict`: the names left; one, or several not told apart.
 
     `before`, `after`: E without the effect and with it; `withheld`: why no E is given, which is then not a
-    number. `heldout`: residuals on recordings that the fit did not see, None where there are none. `doubts`:
-    why E cannot be right. `applied`: one sentence where the effect was written into a batch's settings, or
+    number. `p_nominal`: what p assumes where it is not calibrated. `left_out`: recordings that do not belong
+    to the others. `heldout`: residuals on recordings that
+    the fit did not see, None where there are none. `doubts`: why E cannot be right. `applied`: one sentence
+    where the effect was written into a batch's settings, or
     why it was not. `inputs`: SHA-256 in hex by file. Of the page alone: `cells`, `traces`, `maps`; `effects`,
     words of the single effects in verdict and ranking; `parameter_words`, meanings by effect and parameter;
     `contacts_mm`, where each pad touched, all grasps together; `facts`, (label, value): Poisson's ratio,
@@ -64,6 +66,8 @@ class ExplainEntry:
     next_grasp: str | None = None
     next_grasp_plan: Record | None = None
     statistics: Mapping[str, float] = field(default_factory=dict)
+    p_nominal: str | None = None
+    left_out: tuple[str, ...] = ()
     variance: tuple[Record, ...] = ()
     checks: tuple[Record, ...] = ()
     notes: tuple[str, ...] = ()
@@ -99,7 +103,10 @@ class ExplainEntry:
                 "heldout_rms_after": self.heldout and self.heldout.rms_after,
                 "noise_rms": self.heldout and self.heldout.noise_rms,
             },
-            **{name: getattr(self, name) for name in ("next_grasp", "next_grasp_plan", "statistics")},
+            **{
+                name: getattr(self, name)
+                for name in ("next_grasp", "next_grasp_plan", "statistics", "p_nominal", "left_out")
+            },
             **{name: getattr(self, name) for name in ("variance", "checks", "notes", "seconds", "case")},
             **{name: getattr(self, name) for name in ("category", "grasps", "applied", "inputs", "versions")},
             "made_utc": self.made_utc.isoformat(timespec="seconds"),

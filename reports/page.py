@@ -196,7 +196,7 @@ def _screened(fruit: FruitEntry) -> str:
         return UNKNOWN_WORD
     if screen.why_not:
         return say("not screened")
-    p = p_words(screen.p_value)
+    p = p_words(screen.p_value, screen.p_nominal)
     first = [effect_name(suspect.name) for suspect in screen.suspects[:1]]
     return f"{first[0]}?{p}" if first else f"{say('none found')}{p}"
 

@@ -133,7 +133,7 @@ def suspicion_words(found: Suspicion) -> str:
     """
     effect = effect_name(found.effect) or say("no single effect")
     without = _with_class(found.E_MPa, found.E_sd_MPa, found.maturity)
-    p_value = number(found.p_value, figures=2)
+    p_value = number(found.p_value, figures=2) + (f", {say('nominal')}" if found.p_nominal else "")
     if found.E_with_MPa is None:
         return say(
             "{effect} (p = {p}), E is {without} without it and unknown with it",
@@ -155,15 +155,18 @@ def _with_class(E_MPa: float, E_sd_MPa: float | None, maturity: str) -> str:
     return f"{value} ({maturity})" if maturity else value
 
 
-def p_words(p_value: float | None) -> str:
-    """A p-value in brackets, with a space before; empty where there is none.
+def p_words(p_value: float | None, nominal: bool = False) -> str:
+    """A p-value in brackets, with a space before; empty where there is none. `nominal`: not calibrated.
 
     >>> [p_words(p).replace(NO_BREAK, " ") for p in (0.432, 0.0123, 1e-7, None)]
     [' (p = 0.43)', ' (p = 0.012)', ' (p < 0.001)', '']
+    >>> p_words(0.432, nominal=True).replace(NO_BREAK, " ")
+    ' (p = 0.43, nominal)'
     """
     if p_value is None or not math.isfinite(p_value):
         return ""
     said = f"< {SMALLEST_P:g}" if p_value < SMALLEST_P else f"= {number(p_value, figures=2)}"
+    said += f", {say('nominal')}" if nominal else ""
     return (
         f" (p {said})".replace("p ", f"p{NO_BREAK}")
         .replace("= ", f"={NO_BREAK}")

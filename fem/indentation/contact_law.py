@@ -13,8 +13,8 @@ from fem.indentation.trace_effect import TraceEffect, Unknown, Values
 
 #: least depth that the springs are laid out for, mm
 SHALLOWEST_MM = 1e-3
-#: unknowns that each of several recordings has for itself
-OWN = ("onset_mm", "zero_N", "toe_mm")
+#: unknowns that each of several recordings has for itself, where the law has them for each
+OWN = ("E_MPa", "onset_mm", "zero_N", "toe_mm")
 #: prior sd of the exponent that bends the force-depth curve: 7 % of the force at a depth of R, for strains
 #: that are small no more, a ball that is not quite one, friction under it
 BEND_SD = 0.1
@@ -26,9 +26,9 @@ TOE_SD = 1.0
 ENDS_SD = 1.7
 
 
-def suffix_of(part: int) -> str:
+def suffix_of(number: int) -> str:
     """How the unknowns of a recording are told from the first's: none, _2, _3, ..."""
-    return "" if part == 0 else f"_{part + 1}"
+    return "" if number == 0 else f"_{number + 1}"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +73,7 @@ class Law:
                 part,
                 {**value, **{name: value[at] for name in OWN if (at := f"{name}{suffix_of(k)}") in value}},
             )
-            for k, part in enumerate(trace.parts)
+            for k, part in zip(trace.numbers, trace.parts, strict=True)
         ]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
@@ -131,7 +131,7 @@ def linear_law(trace: IndenterTrace, *, thickness_mm: float | None, poisson_rati
     which first touches are spread.
     """
     curve = trace.geometry.curve(thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-    own = [_own(part, suffix_of(k), curve.toe_mm) for k, part in enumerate(trace.parts)]
+    own = [_own(part, suffix_of(k), curve.toe_mm) for k, part in zip(trace.numbers, trace.parts, strict=True)]
     deepest = [
         max(float(part.travel_mm.max()) - unknowns[0].mean, 1e-3)
         for part, unknowns in zip(trace.parts, own, strict=True)

@@ -8,14 +8,14 @@ from jaxtyping import Float
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.contact_curve import out_of_range
 from fem.indentation.contact_law import linear_law, suffix_of
-from fem.indentation.explanations import CurvePosterior, candidate_fits, forms_of, posterior
+from fem.indentation.explanations import P_NOMINAL, CurvePosterior, candidate_fits, forms_of, posterior
 from fem.indentation.fit import TraceFit, from_prior
 from fem.indentation.heldout import predicted_N, share_missed
 from fem.indentation.no_contact import NoContactNoise, pooled_noise, require_force
 from fem.indentation.rig_share import least_modulus, rig_share, rig_spread, unsure_E, widened
 from fem.indentation.rupture import Rupture, before_rupture, find_rupture
-from fem.indentation.strangers import strangers
-from fem.indentation.trace import IndenterTrace, joined
+from fem.indentation.strangers import likeliest_with_own_moduli, scatter, strangers
+from fem.indentation.trace import IndenterTrace, joined, without
 from fem.indentation.trace_checks import checks
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, HeldOut, Modulus, ModulusCell, Where
@@ -104,15 +104,28 @@ def account_for(
     whole = [_up_to_rupture(part) for part in trace.parts]
     trace = joined([part for part, _ in whole])
     ruptured = [rupture.said for _, rupture in whole if rupture is not None]
+
+    def explained(trace: IndenterTrace) -> CurvePosterior:
+        law = linear_law(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
+        return posterior(candidate_fits(law, trace, pooled_noise(trace), rng, forms_of(trace)))
+
+    answer, left_out = explained(trace), dict[int, str]()
+    if len(trace.parts) > 1:
+        left_out = strangers(likeliest_with_own_moduli(trace, answer.best, pooled_noise(trace)))
+    if left_out:
+        trace = without(trace, left_out)
+        answer = explained(trace)
     no_contact = pooled_noise(trace)
-    law = linear_law(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-    answer = posterior(candidate_fits(law, trace, no_contact, rng, forms_of(trace)))
     plain, chosen, verdict = answer.best[NONE], answer.likeliest, answer.verdict
     names = verdict if isinstance(verdict, tuple) else (verdict,)
     heldout, failed = _held_out(plain, chosen, trace, no_contact)
     rig = rig_share(trace, rig_N_per_mm=rig_N_per_mm)
     rig_sd = rig_spread(chosen, trace, no_contact)
-    before, after = (widened(one, rig_sd) for one in (plain.modulus, answer.modulus(heldout)))
+    between = [scatter(trace, one, no_contact) for one in (plain, chosen)]
+    before, after = (
+        widened(E, float(np.hypot(rig_sd, added_sd)))
+        for E, (_, added_sd) in zip((plain.modulus, answer.modulus(heldout)), between, strict=True)
+    )
     withheld, bound = None, rig.bound or (unsure_E(after, rig_sd) if rig_sd > 0 else None)
     if bound is not None:
         least_MPa = least_modulus(plain, trace, no_contact, after)
@@ -127,6 +140,8 @@ def account_for(
         detected=verdict != NONE,
         p_value=answer.p_value,
         statistics=answer.p_values,
+        p_nominal=P_NOMINAL,
+        left_out=tuple(left_out),
         where=Where(region=_where(names)),
         when=_when(trace, plain),
         component="normal",
@@ -139,7 +154,7 @@ def account_for(
         next_grasp=next_press(names),
         cells=_cells(trace, plain, no_contact),
         checks=checks(trace, plain, chosen, rng=rng),
-        notes=(*ruptured, *rig.notes, *_notes(trace, chosen), *strangers(trace, chosen), *failed),
+        notes=(*left_out.values(), *ruptured, *rig.notes, *_notes(trace, chosen, between[1][0]), *failed),
     )
     return Account(
         explanation=explanation,
@@ -208,9 +223,11 @@ def _depth_mm(part: IndenterTrace, known: TraceFit, number: int) -> Float[np.nda
 def _cells(trace: IndenterTrace, plain: TraceFit, no_contact: NoContactNoise) -> tuple[ModulusCell, ...]:
     """Secant moduli under the linear fit's onset and zero: they scatter about one number if it holds."""
     value = plain.law.values(plain.scaled[None])
-    part_of = np.repeat(np.arange(len(trace.parts)), [len(part.time_s) for part in trace.parts])
+    part_of = np.repeat(trace.numbers, [len(part.time_s) for part in trace.parts])
     zero = np.array([value[f"zero_N{suffix_of(k)}"][0] for k in part_of.tolist()])
-    depth = np.concatenate([_depth_mm(part, plain, k) for k, part in enumerate(trace.parts)])
+    depth = np.concatenate(
+        [_depth_mm(part, plain, k) for k, part in zip(trace.numbers, trace.parts, strict=True)]
+    )
     (per_MPa,) = plain.law.curve_N_per_MPa(value, np.maximum(depth, 0.0)[None])
     loaded = np.flatnonzero(per_MPa > 0.05 * per_MPa.max())
     phases = trace.phases
@@ -227,11 +244,11 @@ def _cells(trace: IndenterTrace, plain: TraceFit, no_contact: NoContactNoise) ->
     )
 
 
-def _notes(trace: IndenterTrace, named: TraceFit) -> tuple[str, ...]:
+def _notes(trace: IndenterTrace, named: TraceFit, scatter_sd: float) -> tuple[str, ...]:
     """What a reader must know of this trace."""
     law, several = named.law, len(trace.parts) > 1
     notes: list[str] = []
-    for k, part in enumerate(trace.parts):
+    for k, part in zip(trace.numbers, trace.parts, strict=True):
         of = f"Recording {k + 1}: " if several else ""
         onset, zero = (law.index(f"{name}{suffix_of(k)}") for name in ("onset_mm", "zero_N"))
         late_mm, late_sd = named.scaled[onset] - part.travel_mm[0], named.sd[onset]
@@ -251,7 +268,8 @@ def _notes(trace: IndenterTrace, named: TraceFit) -> tuple[str, ...]:
     if several:
         notes.append(
             f"{len(trace.parts)} recordings have one law and one E; each was taken to begin with flesh that "
-            "has come back from the one before, and with the damage and set of none."
+            "has come back from the one before, and with the damage and set of none. Their own E scatters by "
+            f"{scatter_sd:.1%} (standard deviation); the error bar of the common E includes this."
         )
     if law.curve.held_over_sliding(np.zeros(1)) is not None:
         ends = law.index("ends_held")
@@ -263,5 +281,7 @@ def _notes(trace: IndenterTrace, named: TraceFit) -> tuple[str, ...]:
         )
     for name, why in law.curve.without.items():
         notes.append(f"{name.replace('_', ' ').capitalize()} was not looked for: {why}.")
-    deepest = max(float(_depth_mm(part, named, k).max()) for k, part in enumerate(trace.parts))
+    deepest = max(
+        float(_depth_mm(part, named, k).max()) for k, part in zip(trace.numbers, trace.parts, strict=True)
+    )
     return (*notes, *law.curve.notes(deepest))

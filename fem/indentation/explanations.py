@@ -3,7 +3,7 @@
 The evidence of a law takes the place of a signature's, the mean over an effect's forms that over its ways to
 show. The misfit that a law leaves goes as the square of the share of the force that it leaves unexplained:
 the least share (fem.indentation.fit) is as usual as MISFIT is of grasps. The p-value of the misfit takes the
-scatter of grasps, and the share is known on a grid only: this p is nominal.
+scatter of grasps, and the share is known on a grid only: this p is nominal, and says so (P_NOMINAL).
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,6 +39,9 @@ from fem.mismatch.selection.decision import (
 from fem.mismatch.selection.model_selection import Hypothesis
 from fem.mismatch.selection.reported_modulus import reported_modulus
 
+P_NOMINAL = (
+    "nominal: it assumes that laws err as much in curves as models do in grasps, and is not calibrated"
+)
 DRAWS = 16
 """Starts drawn from the prior beside those that simpler laws suggest."""
 BEHIND = 30.0
@@ -53,7 +56,7 @@ SHAPES = frozenset({"stiffening", "plastic_set", "damage"})
 """Effects that bend the curve of a load that only grows. Flesh that yields or is damaged answers such a load
 as some nonlinear elastic flesh does (deformation theory; Hencky 1924, Z. Angew. Math. Mech. 4, 323). The
 interval of E leaves such pairs out."""
-NUISANCES = (*OWN, "ends_held")
+NUISANCES = (*OWN[1:], "ends_held")
 """Unknowns of the plain law that are reported with every effect."""
 
 

@@ -1,6 +1,6 @@
 """What a bare indenter recorded: force over travel and time, checked."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -29,7 +29,7 @@ class IndenterTrace:
 
     `travel_mm` is the machine's own reading: contact may start later than travel, or before the first frame.
     `starts`: first frames of the recordings of one specimen that are joined here, each from its own travel on
-    (`joined`); one trace alone has one.
+    (`joined`); one trace alone has one. `numbers`: their places among all recordings of the specimen.
     Where the rig's own give was taken off it, `rig_give_mm` is that, `rig_sd_mm` its standard deviation,
     which all frames share. `drift_N_per_min`: standard deviation of the load cell's drift, where it is known.
     Raises FemFailure (bad-load) where arrays differ in length, hold what is no number, or time runs back.
@@ -40,6 +40,7 @@ class IndenterTrace:
     travel_mm: Float[np.ndarray, " t"]
     geometry: Geometry
     starts: tuple[int, ...] = (0,)
+    numbers: tuple[int, ...] = (0,)
     rig_give_mm: Float[np.ndarray, " t"] | None = None
     rig_sd_mm: Float[np.ndarray, " t"] | None = None
     drift_N_per_min: float | None = None
@@ -75,7 +76,7 @@ class IndenterTrace:
         arrays: dict[str, Any] = {
             name: values[frames] for name in PER_FRAME if (values := getattr(self, name)) is not None
         }
-        return replace(self, starts=(0,), **arrays)
+        return replace(self, starts=(0,), numbers=(0,), **arrays)
 
     @cached_property
     def parts(self) -> tuple["IndenterTrace", ...]:
@@ -123,7 +124,14 @@ def joined(traces: Sequence[IndenterTrace]) -> IndenterTrace:
         for name in PER_FRAME[1:]
         if any(getattr(trace, name) is not None for trace in traces)
     }
+    arrays["numbers"] = tuple(range(len(traces)))
     return replace(traces[0], time_s=np.concatenate(times), starts=tuple(map(int, starts)), **arrays)
+
+
+def without(trace: IndenterTrace, places: Collection[int]) -> IndenterTrace:
+    """The trace less its recordings at these places; the others keep their numbers."""
+    kept = [k for k in range(len(trace.parts)) if k not in places]
+    return replace(joined([trace.parts[k] for k in kept]), numbers=tuple(trace.numbers[k] for k in kept))
 
 
 def _known(trace: IndenterTrace, name: str) -> Float[np.ndarray, " t"]:

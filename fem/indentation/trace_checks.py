@@ -17,7 +17,7 @@ def checks(
     """Measured, and by both laws, of each recording; sd from white noise on the second law's trace."""
     noise = after.noise.white_N * rng.standard_normal((COPIES, len(trace.time_s)))
     found: list[Check] = []
-    for k, (part, frames) in enumerate(zip(trace.parts, trace.slices, strict=True)):
+    for k, part, frames in zip(trace.numbers, trace.parts, trace.slices, strict=True):
         where = f", recording {k + 1}" if len(trace.parts) > 1 else ""
         forces = (part.force_N, before.force_N[frames], after.force_N[frames])
         numbers = [_numbers(part, force) for force in forces]

@@ -207,10 +207,12 @@ class NextGraspPlan:
 class Explanation:
     """The answer. `verdict`: "none", "unknown", one effect, or several that cannot be told apart.
 
-    `statistics`: each detection statistic's own p-value. `notes`: sentences a reader must know (one grasp
+    `statistics`: each detection statistic's own p-value; `p_nominal`: what they assume without a
+    calibration, None where there is one. `notes`: sentences a reader must know (one grasp
     only, the category's pit used). `next_grasp`: in words what to record next, None where nothing is left to
     tell apart; `next_grasp_plan`: where it was computed. `withheld`: why no E is given (of a bare ball's
-    trace), which is then not a number in `before`, `after` and `ranking`.
+    trace), which is then not a number in `before`, `after` and `ranking`. `left_out`: places of recordings
+    that do not belong to the others; the first notes say why.
     """
 
     detected: bool
@@ -233,4 +235,6 @@ class Explanation:
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] | None = None
     withheld: str | None = None
+    p_nominal: str | None = None
+    left_out: tuple[int, ...] = ()
     next_grasp_plan: NextGraspPlan | None = None

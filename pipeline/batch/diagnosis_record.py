@@ -31,6 +31,7 @@ class DiagnosisRecord(BaseModel):
     verdict: str | tuple[str, ...]
     ranking: tuple[_NamedEffect, ...]
     p_value: float | None = None
+    p_nominal: str | None = None
     E_MPa: _Moduli = _Moduli()
 
     @property

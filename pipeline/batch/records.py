@@ -163,7 +163,7 @@ class SuspectedRecord(_Record):
 
 class ScreenRecord(_Record):
     """What the screen for missing physics says: p, names that it suggests (none: nothing was found) with the
-    likeliest first, or in `failure` why it says nothing.
+    likeliest first, or in `failure` why it says nothing. `p_nominal`: p is not calibrated (of curves).
 
     `gains`: ln evidence of the best signature of each effect over that of none. `amounts`: for faults that
     all fruit of a batch have in common. `suspected`: E with each of the names that is a known effect. `note`:
@@ -171,6 +171,7 @@ class ScreenRecord(_Record):
     """
 
     p_value: float | None = None
+    p_nominal: bool = False
     names: tuple[str, ...] = ()
     statistics: dict[str, float] = {}
     gains: dict[str, float] = {}

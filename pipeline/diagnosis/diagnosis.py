@@ -182,7 +182,7 @@ def _of_traces(case: Case, log: StageLog, bare: BareTraces) -> Diagnosis:
             rng=np.random.default_rng(TRACE_SEED),
             rig_N_per_mm=case.rig_N_per_mm,
         )
-    notes = dict.fromkeys([*found.notes, *bare.notes, *notes_on_trace(case), *case.notes])
+    notes = dict.fromkeys([*bare.naming(found.notes), *bare.notes, *notes_on_trace(case), *case.notes])
     return Diagnosis(
         explanation=replace(found, notes=tuple(notes)),
         grasps=bare.names,

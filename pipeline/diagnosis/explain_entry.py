@@ -41,6 +41,7 @@ def explain_entry(
         **known
         | {
             "verdict": verdict,
+            "left_out": tuple(found.grasps[k] for k in answer.left_out),
             "seconds": seconds,
             "case": case,
             "category": category,

@@ -44,7 +44,7 @@ def print_explanation(entry: ExplainEntry, written: list[Path], *, console: Cons
         line(f"doubt: {doubt}")
     line(
         f"probability of so large a difference without a mismatch: p {entry.p_value:.2g} (drupe "
-        f"reports a mismatch below {DETECTION_P:g})"
+        f"reports a mismatch below {DETECTION_P:g})" + (f"; {entry.p_nominal}" if entry.p_nominal else "")
     )
     if entry.heldout is None:
         line("held-out recordings: none, so nothing confirms the answer")

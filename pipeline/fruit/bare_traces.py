@@ -1,5 +1,6 @@
 """The traces of a bare indenter on one specimen: read, held against its geometry, joined under one law."""
 
+import re
 from collections.abc import Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
@@ -31,6 +32,8 @@ ALONG_STEM = (
     "back), b (across the cheeks), c (stem to tip)"
 )
 """Of a stone fruit; the factors are in benchmarks/results/diameter_shapes.csv."""
+NUMBERED = re.compile(r"^Recording (\d+)")
+"""How notes of the finder begin that are of a single recording among several."""
 DEEP = "case.toml and drupe convert give no thickness_mm: drupe assumes a thick specimen."
 
 
@@ -59,6 +62,11 @@ class BareTraces:
     trace: IndenterTrace
     known: TraceGeometry
     notes: tuple[str, ...] = field(default=())
+
+    def naming(self, notes: Iterable[str]) -> list[str]:
+        """Notes of the finder with the name of each recording beside its number."""
+        names = dict(enumerate(self.names, 1))
+        return [NUMBERED.sub(lambda found: f"{found[0]} ({names[int(found[1])]})", note) for note in notes]
 
     @property
     def facts(self) -> tuple[tuple[str, str], ...]:

@@ -1,5 +1,7 @@
 """The flesh of one fruit as finite elements, and what its modulus may be off by."""
 
+from collections.abc import Sequence
+
 import numpy as np
 from jaxtyping import Float, Int
 
@@ -15,6 +17,7 @@ from pipeline.batch.task import FruitTask
 from pipeline.fruit.content_hash import content_hash
 from pipeline.fruit.fruit_shape import FruitPit, FruitShape
 from recon.pit.priors import PitPrior
+from tactile.io.recording import Recording
 
 
 class KeptFlesh(StageRecord):
@@ -69,14 +72,17 @@ def flesh_mesh(task: FruitTask, pit: FruitPit, touched_mm: Float[np.ndarray, "p 
     return FleshMesh(**dict(cached(task.results.cache, "flesh", key, compute, record=KeptFlesh)))
 
 
-def error_budget(task: FruitTask, shape: FruitShape) -> ErrorBudget:
-    """Spreads from the batch's settings, else the prior's, else as the budget assumes them."""
+def error_budget(task: FruitTask, shape: FruitShape, recordings: Sequence[Recording] = ()) -> ErrorBudget:
+    """Spreads from the batch's settings, else the largest of the recordings' or the prior's, else as the
+    budget assumes them.
+    """
     pit, prior, sensor = task.settings.pit, task.prior, task.settings.sensor
     placed = pit_found(task.settings.mismatch)
     known = {
         "gel_scale_sd": sensor.gel_scale_sd if sensor else None,
         "force_scale_sd": sensor.force_scale_sd if sensor else None,
-        "pose_sd_mm": sensor.pose_sd_mm if sensor else None,
+        "pose_sd_mm": (sensor.pose_sd_mm if sensor else None)
+        or max((recording.pose_sd_mm or ErrorBudget.pose_sd_mm for recording in recordings), default=None),
         "pit_offset_sd_mm": placed.offset_sd_mm
         or pit.offset_sd_mm
         or (prior.offset_sd_mm if prior else None),

@@ -27,6 +27,7 @@ from tactile.plain_jaw import has_plain_jaw, with_plain_jaw
 from tactile.recording_digest import recording_digest
 from tactile.registration import PadRegistration, register
 from tactile.rig.rig_curve import RigCurve
+from tactile.robot.pad_poses import moved_wrench
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
@@ -185,7 +186,7 @@ def refusal(findings: Sequence[Finding], *, corrected_for: int) -> str:
 def _in_fruit_frame(
     recording: Recording, mat_from_fruit: Float[np.ndarray, "4 4"] | None, source: str
 ) -> Recording:
-    """The recording with its pads' poses in the fruit frame; refuses the mat's frame without a mat."""
+    """The recording, poses and wrench, in the fruit frame; refuses the mat's frame without a mat."""
     if recording.pose_frame == "fruit":
         return recording
     if mat_from_fruit is None:
@@ -196,7 +197,10 @@ def _in_fruit_frame(
         )
     fruit_from_mat = np.linalg.inv(mat_from_fruit)
     pads = tuple(replace(pad, pose=fruit_from_mat @ pad.pose) for pad in recording.pads)
-    return replace(recording, pads=pads, pose_frame="fruit")
+    wrench_N = recording.wrench_N
+    if wrench_N is not None:
+        wrench_N = moved_wrench(fruit_from_mat[None], wrench_N)
+    return replace(recording, pads=pads, pose_frame="fruit", wrench_N=wrench_N)
 
 
 def _refuse_no_pose(recording: Recording, source: str) -> None:

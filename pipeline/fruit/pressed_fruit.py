@@ -358,7 +358,7 @@ def _screen_record(diameters: Sequence[_AlongOne]) -> ScreenRecord:
     ]
     p_value = min(1.0, len(diameters) * min(diameter.explanation.p_value for diameter in diameters))
     named = tuple(dict.fromkeys(names))
-    return ScreenRecord(p_value=p_value, names=named, suspected=_suspected(diameters, named))
+    return ScreenRecord(p_value=p_value, p_nominal=True, names=named, suspected=_suspected(diameters, named))
 
 
 def _suspected(diameters: Sequence[_AlongOne], names: Sequence[str]) -> tuple[SuspectedRecord, ...]:
@@ -385,9 +385,10 @@ def _weights(diameters: Sequence[_AlongOne]) -> Float[np.ndarray, " n"]:
 
 
 def _warnings(diameters: Sequence[_AlongOne], shape_sd: float) -> list[str]:
-    """What changes E: a rig that gives way, effects that move it, diameters that disagree."""
+    """What changes E: recordings left out, a rig that gives way, effects, diameters that disagree."""
     said = []
     for diameter in diameters:
+        said += diameter.traces.naming(diameter.explanation.notes[: len(diameter.explanation.left_out)])
         if all(part.rig_give_mm is None for part in diameter.traces.trace.parts):
             rig = rig_share(diameter.traces.trace, rig_N_per_mm=None, made_known=OF_A_BATCH)
             said += [note for note in rig.notes if note not in said]

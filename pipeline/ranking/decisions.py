@@ -91,18 +91,20 @@ def _missing_physics(
     screened = () if screen is None else screen.suspected
     known = screened if explained is None else explained.suspected
     p_value = None if screen is None else screen.p_value
+    nominal = screen is not None and screen.p_nominal
     changing = next((one for one in known if _class_of(E_MPa * one.E_ratio, grading) != place.maturity), None)
     improbable = p_value is not None and p_value < grading.inspect_below_p
     if changing is None and not improbable:
         return None
     if p_value is None and explained is not None:
-        p_value = explained.p_value
+        p_value, nominal = explained.p_value, explained.p_nominal is not None
     shown = changing or next(iter(known or screened), None)
     names = () if screen is None else screen.names
     with_MPa = None if shown is None else E_MPa * shown.E_ratio
     return IMPROBABLE if improbable else OTHER_CLASS, Suspicion(
         effect=shown.effect if shown is not None else "|".join(names),
         p_value=p_value,
+        p_nominal=nominal,
         E_MPa=E_MPa,
         E_sd_MPa=E_sd_MPa,
         maturity=place.maturity or "",

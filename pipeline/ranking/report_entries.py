@@ -240,6 +240,7 @@ def _screen(record: FruitRecord) -> ScreenEntry | None:
         return None
     return ScreenEntry(
         p_value=said.p_value,
+        p_nominal=said.p_nominal,
         suspects=tuple(map(_suspect, said.names)),
         why_not=said.failure.rstrip("."),
         note=said.note,

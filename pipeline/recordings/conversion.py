@@ -326,8 +326,6 @@ def _with_poses(converted: Converted, source: Path, wanted: ConvertRequest) -> C
         f"({pad.calibration_mm:.2g} calibration, {pad.flange_mm:.2g} flange, {pad.gripper_mm:.2g} gripper)."
         for pad in spreads
     ]
-    worst = max(pad.sd_mm for pad in spreads)
-    notes.append(f"Write pose_sd_mm = {worst:.2g} under [sensor] in batch.toml.")
     return replace(lacking, recording=recording, notes=(*lacking.notes, *notes))
 
 

@@ -154,6 +154,7 @@ def _described(
         fitted.other_name: fitted.other.tolist(),
         "pose_aperture_mm": gripper.pose_aperture_mm,
         "pose_sd_mm": gripper.pose_sd_mm,
+        **({} if gripper.wrench_frame is None else {"wrench_frame": gripper.wrench_frame}),
         "pads": {name: {"pose": pose.tolist()} for name, pose in gripper.pads.items()},
         "inputs": [
             {"name": path.name, "sha256": hashlib.sha256(read_bytes(path, most_bytes=MOST_BYTES)).hexdigest()}
@@ -180,7 +181,7 @@ def _in_words(fitted: BaseAndMat, gripper: Gripper) -> tuple[str, ...]:
         f"standard deviation of a pad's place at the fruit, per axis: {total:.2g} mm ({at_fruit:.2g} mm from "
         f"the calibration, with {turn:.2g} degrees; {reach:.2g} mm from the flange; "
         f"{gripper.pose_sd_mm:.2g} mm from the gripper's drawing)",
-        f"write pose_sd_mm = {total:.2g} under [sensor] in batch.toml",
+        "drupe convert --robot writes it into the recordings, and drupe grade includes it in E's error bar",
     ]
     if gripper.pose_sd_mm == 0:
         lines.append(

@@ -1,9 +1,9 @@
 """A table of a robot's flange poses, as its controller or driver logs them: base_from_flange, one per row.
 
 Columns, by name in the first row: `x_mm`, `y_mm`, `z_mm` or `x_m`, `y_m`, `z_m`; the rotation as a quaternion
-`qx`, `qy`, `qz`, `qw`, a rotation vector `rx_rad`, `ry_rad`, `rz_rad` (or `_deg`), or a matrix `r11`, `r12`
-... `r33`; optionally `time_s`, `aperture_mm`, and what was seen or touched there: `photo`, or `tag` and
-`corner`.
+`qx`, `qy`, `qz`, `qw`, a rotation vector `rx_rad`, `ry_rad`, `rz_rad` (or `_deg`), angles `roll_deg`,
+`pitch_deg`, `yaw_deg` (or `_rad`) about the fixed axes x, y, z in this order, or a matrix `r11`, `r12` ...
+`r33`; optionally `time_s`, `aperture_mm`, and what was seen or touched there: `photo`, or `tag` and `corner`.
 """
 
 from collections.abc import Sequence
@@ -23,8 +23,11 @@ PLACE = {("x_mm", "y_mm", "z_mm"): 1.0, ("x_m", "y_m", "z_m"): 1000.0}
 QUATERNION = ("qx", "qy", "qz", "qw")
 VECTOR = {("rx_rad", "ry_rad", "rz_rad"): 1.0, ("rx_deg", "ry_deg", "rz_deg"): np.pi / 180}
 """Columns of the rotation vector, and the factor to radians."""
+ANGLES = {("roll_rad", "pitch_rad", "yaw_rad"): 1.0, ("roll_deg", "pitch_deg", "yaw_deg"): np.pi / 180}
+"""Columns of Euler angles, and the factor to radians: R = Rz(yaw) Ry(pitch) Rx(roll), the convention of ROS
+(REP 103) and URDF; FANUC calls them W, P, R and KUKA C, B, A."""
 MATRIX = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
-ROTATIONS = (QUATERNION, *VECTOR, MATRIX)
+ROTATIONS = (QUATERNION, *VECTOR, *ANGLES, MATRIX)
 LEAST_REACH_MM, MOST_REACH_MM = 20.0, 20_000.0
 """These are the limits of the farthest flange position, mm: no arm works within 20 mm of its base, and none
 reaches 20 m. Beyond them the unit is another."""
@@ -136,11 +139,15 @@ class _Columns:
                 known, np.abs(np.linalg.norm(given, axis=1) - 1), "a quaternion of another length than 1"
             )
             turns[known] = Rotation.from_quat(given).as_matrix() if known.any() else given.reshape(-1, 3, 3)
-        elif names in VECTOR:
-            vectors = given * VECTOR[names]
-            length = np.linalg.norm(vectors, axis=1) if VECTOR[names] == 1.0 else np.zeros(len(vectors))
-            self._refuse(known, length > MOST_TURN_RAD, "a turn of more than 2 pi; is it in degrees")
-            turns[known] = Rotation.from_rotvec(vectors).as_matrix()
+        elif names in VECTOR or names in ANGLES:
+            factor = (VECTOR | ANGLES)[names]
+            size = np.linalg.norm(given, axis=1) if names in VECTOR else np.abs(given).max(axis=1)
+            too_long = (size > MOST_TURN_RAD) & (factor == 1.0)
+            self._refuse(known, too_long, "a turn of more than 2 pi; is it in degrees")
+            turn = Rotation.from_rotvec(given * factor)
+            if names in ANGLES:
+                turn = Rotation.from_euler("xyz", given * factor)
+            turns[known] = turn.as_matrix()
         else:
             matrices = given.reshape(-1, 3, 3)
             square = np.swapaxes(matrices, 1, 2) @ matrices

@@ -61,6 +61,7 @@ RATIO = Limit(0.4999, "", least=0.1)
 RADIUS = Limit(1000.0, "millimetres", least=0.001)
 SHARE = Limit(1.0, "(a share)")
 SCALE_SD = Limit(2.0, "(a relative standard deviation)", least=1e-4)
+POSE_SD = Limit(20.0, "mm", least=1e-3)
 """These are the largest that each field can be at all, in the unit named, some hundred times what sensors and
 grippers reach: beyond it a number is broken or in another unit, and squares of it may overflow. The least
 likewise: the softest gel made has 1e-4 MPa, and 30 mm of it a shear stiffness E / (2 (1 + nu) h) of 1.1e-6
@@ -182,7 +183,8 @@ class Recording:
     off a bare press's travel because the rig gives way, with its standard deviation `rig_sd_mm`; None:
     nothing. `notes`: what its reader took otherwise than the file has it, without full stops. `corrections`:
     what the logger did and reading put right; they are not written. `pose_frame`: what the pads' poses lead
-    to, the fruit frame or the mat's (from a robot), which grading shifts to the fruit.
+    to, the fruit frame or the mat's (from a robot), which grading shifts to the fruit. `pose_sd_mm`: standard
+    deviation of a pad's place per axis, where a robot's calibration tells it.
     """
 
     fruit_id: str
@@ -199,6 +201,7 @@ class Recording:
     notes: tuple[str, ...] = ()
     corrections: tuple[LoggerCorrection, ...] = ()
     pose_frame: PoseFrame = "fruit"
+    pose_sd_mm: float | None = None
 
 
 def read_recording(path: Path) -> Recording:
@@ -232,6 +235,7 @@ def read_recording(path: Path) -> Recording:
             **_rig_fields(root, frames),
             notes=(REVERSED,) if turned else (),
             pose_frame=cast(PoseFrame, root.choice("pose_frame", {"fruit", "mat"}, default="fruit")),
+            pose_sd_mm=root.optional_positive("pose_sd_mm", limit=POSE_SD),
             pads=tuple(
                 _read_pad(pads_group.child(name), name, frames=frames, scale_sd=scale_sd)
                 for name in PADS_OF_LOADING[loading]
@@ -258,6 +262,8 @@ def write_recording(path: Path, recording: Recording) -> None:
         )
         if recording.pose_frame != "fruit":
             file.attrs["pose_frame"] = recording.pose_frame
+        if recording.pose_sd_mm is not None:
+            file.attrs["pose_sd_mm"] = recording.pose_sd_mm
         file["time_s"] = np.asarray(recording.time_s, dtype=np.float64)
         file["aperture_mm"] = np.asarray(recording.aperture_mm, dtype=np.float64)
         if recording.wrench_N is not None:

@@ -4,6 +4,7 @@ gripper.toml, from the gripper's drawing:
 ```toml
 pose_aperture_mm = 60.0            # the aperture at which the poses hold
 pose_sd_mm = 0.2                   # optional: standard deviation of a pad's place on the flange, per axis
+wrench_frame = "flange"            # or "base": of the load cell's wrench; needed where recordings have one
 [pads.left]                        # and [pads.right]; of a press [pads.tip]
 pose = [[0, 0, 1, -30], [1, 0, 0, 0], [0, 1, 0, 150], [0, 0, 0, 1]]   # pad frame to flange frame, mm
 ```
@@ -32,7 +33,7 @@ from tactile.tactile_failure import TactileProblem
 FORMAT = "drupe-robot"
 VERSION = 1
 """Of the file; docs/formats.md describes it."""
-GRIPPER_KEYS = {"pose_aperture_mm", "pose_sd_mm", "pads"}
+GRIPPER_KEYS = {"pose_aperture_mm", "pose_sd_mm", "wrench_frame", "pads"}
 ROBOT_KEYS = GRIPPER_KEYS | {
     "format", "version", "made", "base_from_mat", "covariance", "flange_sd_mm", "flange_sd_deg", "poses",
     "heldout_mm", "heldout_deg", "pixel_sd", "flange_from_camera", "base_from_camera", "flange_from_tip",
@@ -42,11 +43,15 @@ ROBOT_KEYS = GRIPPER_KEYS | {
 
 @dataclass(frozen=True, kw_only=True)
 class Gripper:
-    """`pads`: flange_from_pad (mm) by name, at `pose_aperture_mm`; `pose_sd_mm`: their spread per axis."""
+    """`pads`: flange_from_pad (mm) by name, at `pose_aperture_mm`; `pose_sd_mm`: their spread per axis.
+    `wrench_frame`: "flange" or "base", in whose axes and about whose origin the load cell measures; None:
+    not stated.
+    """
 
     pads: dict[str, Float[np.ndarray, "4 4"]]
     pose_aperture_mm: float
     pose_sd_mm: float
+    wrench_frame: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,6 +104,7 @@ def _gripper(top: Table) -> Gripper:
         pads=poses,
         pose_aperture_mm=at_mm or 0.0,
         pose_sd_mm=_spread(top, "pose_sd_mm"),
+        wrench_frame=top.choice("wrench_frame", ("flange", "base")) if "wrench_frame" in top.values else None,
     )
 
 

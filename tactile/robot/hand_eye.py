@@ -47,6 +47,7 @@ WAYS: dict[str, Callable[[Float[np.ndarray, "n 4 4"]], Float[np.ndarray, "n 4 4"
     "positions in mm under a name in m": lambda poses: _scaled(poses, 0.001),
     "quaternions in the order w, x, y, z": lambda poses: _reordered(poses),
     "inverse rotations": lambda poses: _turned_back(poses),
+    "angles about the moving axes x, y, z as roll, pitch and yaw": lambda poses: _about_moving_axes(poses),
 }
 """Mistakes in a table of poses, and what undoes each."""
 
@@ -365,6 +366,13 @@ def _reordered(poses: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 4 4"]:
     x, y, z, w = Rotation.from_matrix(poses[:, :3, :3]).as_quat().T
     changed = poses.copy()
     changed[:, :3, :3] = Rotation.from_quat(np.stack([y, z, w, x], axis=1)).as_matrix()
+    return changed
+
+
+def _about_moving_axes(poses: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 4 4"]:
+    changed = poses.copy()
+    angles = Rotation.from_matrix(poses[:, :3, :3]).as_euler("xyz")
+    changed[:, :3, :3] = Rotation.from_euler("XYZ", angles).as_matrix()
     return changed
 
 

@@ -42,9 +42,10 @@ def with_robot_poses(
 
     With `time_s` the flange's poses (and `aperture_mm`, if there is one) are interpolated at the recording's
     times; without, a single row holds for all frames, or there is one row a frame. Jaws move along their own
-    z by half of the change of aperture; a press's tip is fixed on the flange. Raises TactileFailure where
-    table, gripper and recording do not belong together, or the pads are far from the mat. `source`, `named`:
-    what the recording and the table are called.
+    z by half of the change of aperture; a press's tip is fixed on the flange. A wrench is turned into the
+    mat's frame. Raises TactileFailure where table, gripper and recording do not belong together, the wrench's
+    frame is not stated, or the pads are far from the mat. `source`, `named`: what the recording and the table
+    are called.
     """
     flange, aperture_mm = _at_frames(table, recording, source=source, named=named)
     recording = recording if aperture_mm is None else replace(recording, aperture_mm=aperture_mm)
@@ -59,6 +60,14 @@ def with_robot_poses(
         0.5 * (robot.gripper.pose_aperture_mm - recording.aperture_mm) * (recording.loading == "grasp")
     )
     mat_from_flange = np.linalg.inv(robot.base_from_mat) @ flange
+    wrench_N = None
+    if recording.wrench_N is not None:
+        cell = {"flange": mat_from_flange, "base": np.linalg.inv(robot.base_from_mat)[None]}
+        frame = robot.gripper.wrench_frame
+        if frame is None:
+            expected = 'wrench_frame = "flange" or "base" in the gripper\'s description and in the robot\'s'
+            raise unusable(f"{source}: wrench_N", "a wrench in a frame that is not stated", expected)
+        wrench_N = moved_wrench(cell[frame], recording.wrench_N)
     pads, spreads = [], []
     for pad in recording.pads:
         on_flange = np.tile(robot.gripper.pads[pad.name], (len(flange), 1, 1))
@@ -69,7 +78,17 @@ def with_robot_poses(
             raise _elsewhere(source, pad.name, middle)
         pads.append(replace(pad, pose=pose))
         spreads.append(_spread(pad.name, robot, middle, on_flange[len(pose) // 2, :3, 3]))
-    return replace(recording, pads=tuple(pads), pose_frame="mat"), tuple(spreads)
+    sd_mm = max(one.sd_mm for one in spreads)
+    placed = replace(recording, pads=tuple(pads), pose_frame="mat", pose_sd_mm=sd_mm, wrench_N=wrench_N)
+    return placed, tuple(spreads)
+
+
+def moved_wrench(
+    to_from: Float[np.ndarray, "#t 4 4"], wrench_N: Float[np.ndarray, "t 6"]
+) -> Float[np.ndarray, "t 6"]:
+    """Force (N) and torque (N mm) in another frame, about its origin: R f and R m + p x R f."""
+    force, torque = np.einsum("tij,tkj->kti", to_from[:, :3, :3], wrench_N.reshape(-1, 2, 3))
+    return np.concatenate([force, torque + np.cross(to_from[:, :3, 3], force)], axis=1)
 
 
 def _at_frames(

@@ -66,11 +66,15 @@ def record(folder: Path, name: str, fruit: str, force_of, *, seed: int, deepest_
 
 @pytest.fixture(scope="module")
 def batch(tmp_path_factory, force_per_MPa):
-    """Two sound fruit, one in grams, one whose diameters nobody wrote, one with another's recording too."""
+    """Two sound fruit, one in grams, one whose diameters nobody wrote, one with another's recording
+    too, and one of whose recordings is of a stiffer fruit under its name.
+    """
     folder = tmp_path_factory.mktemp("pressed")
     for k, (fruit, E) in enumerate(TRUE_MPA.items()):
         for n in (1, 2):
             record(folder, f"squeeze-{n}", fruit, lambda d, E=E: E * force_per_MPa(d), seed=10 * k + n)
+    for n, E in enumerate((0.6, 0.6, 0.96, 0.6), 1):
+        record(folder, f"squeeze-{n}", "odd", lambda d, E=E: E * force_per_MPa(d), seed=20 + n)
     record(folder, "squeeze-1", "grams", lambda d: 102 * 0.6 * force_per_MPa(d), seed=31)
     bare = record(folder, "squeeze-1", "unmeasured", lambda d: 0.6 * force_per_MPa(d), seed=41)
     held = read_recording(bare)
@@ -83,7 +87,7 @@ def batch(tmp_path_factory, force_per_MPa):
     record(folder, "other", "firm", lambda d: 1.1 * force_per_MPa(d), seed=52).rename(
         squeeze.parent / "other.h5"
     )
-    rows = [f"{fruit},60,57,60,b" for fruit in ("firm", "soft", "grams", "mixed")]
+    rows = [f"{fruit},60,57,60,b" for fruit in ("firm", "soft", "grams", "mixed", "odd")]
     root = folder / "batch"
     (root / "fruits.csv").write_text("\n".join([HEADER, *rows, "unmeasured,,,,b"]))
     (root / "batch.toml").write_text('category = "nectarine"\n')
@@ -108,7 +112,16 @@ def test_moduli_are_within_their_error_bars_and_in_order(graded):
         assert pytest.approx(truth, abs=1.5 * sd) == E
         assert pytest.approx(truth, rel=0.03) == E
         assert rows[fruit]["mismatch"] == "none found"
-    assert [rows[fruit]["rank"] for fruit in ("soft", "firm")] == ["1", "3"]
+    assert [rows[fruit]["rank"] for fruit in ("soft", "firm")] == ["1", "4"]
+
+
+def test_a_recording_unlike_the_others_is_named_and_left_out(graded):
+    rows, records, page = graded
+    said = "Recording 3 (squeeze-3) does not belong to the others, and drupe leaves it out"
+    assert said in rows["odd"]["warnings"]
+    assert float(rows["odd"]["E_MPa"]) == pytest.approx(0.6, rel=0.03)
+    assert "nominal" in page
+    assert records["odd"]["screen"]["p_nominal"]
 
 
 def test_a_rig_of_which_nothing_is_known_is_said(graded):

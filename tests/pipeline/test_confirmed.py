@@ -56,6 +56,10 @@ def test_a_pit_that_was_found_narrows_the_error_budget():
     assert budget.pit_offset_sd_mm == 0.2
     assert budget.pit_size_sd == pytest.approx(0.025)
     assert pit_found(()) == PitFound()
+    robots = [SimpleNamespace(pose_sd_mm=sd) for sd in (0.4, 0.7)]
+    assert error_budget(task, shape, robots).pose_sd_mm == 0.7
+    robots.append(SimpleNamespace(pose_sd_mm=None))
+    assert error_budget(task, shape, robots[-1:]).pose_sd_mm == budget.pose_sd_mm == 0.3
 
 
 def test_a_pit_that_was_found_is_embedded_where_it_was_found(tmp_path):

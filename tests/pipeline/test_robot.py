@@ -90,7 +90,7 @@ def distance(robot: Robot) -> float:
 def test_photos_then_a_grasp_give_pads_within_their_stated_error(photos: Path, tmp_path: Path) -> None:
     code, words = calibrated(photos, tmp_path / "robot.toml")
     assert code == 0, words
-    assert re.search(r"write pose_sd_mm = 0\.\d+ under \[sensor\]", words)
+    assert "drupe grade includes it in E's error bar" in words
     assert distance(read_robot(tmp_path / "robot.toml")) < chi2.ppf(0.999, 6)
     write_recording_without_poses(tmp_path / "grasp.h5")
     flange = pose(3.0, -2.0, 190.0, 180.0, 0.0, 20.0)
@@ -104,6 +104,7 @@ def test_photos_then_a_grasp_give_pads_within_their_stated_error(photos: Path, t
     ]
     made = read_recording(tmp_path / "placed.h5")
     assert made.pose_frame == "mat"
+    assert made.pose_sd_mm == pytest.approx(max(stated), rel=0.05)
     for pad, sd in zip(made.pads, stated, strict=True):
         truth = FLANGE_FROM_PAD[pad.name].copy()
         truth[:3, 3] += 0.5 * (60.0 - made.aperture_mm[0]) * truth[:3, 2]
@@ -174,10 +175,16 @@ def test_poses_on_the_mat_are_shifted_to_the_fruit_that_stands_there(tmp_path: P
     recording, outer = read_recording(DATA / "grasp.h5"), read_mesh(DATA / "fruit.ply")
     mat_from_fruit = pose(4.0, -7.0, 0.3)
     pads = tuple(replace(pad, pose=mat_from_fruit @ pad.pose) for pad in recording.pads)
-    write_recording(tmp_path / "grasp.h5", replace(recording, pads=pads, pose_frame="mat"))
+    at, force = np.array([1.0, 2.0, 30.0]), np.array([3.0, -1.0, 2.0])  # in the fruit frame
+    wrench = np.r_[force, np.cross(at + mat_from_fruit[:3, 3], force)]
+    wrenches = np.tile(wrench, (len(recording.time_s), 1))
+    on_mat = replace(recording, pads=pads, pose_frame="mat", pose_sd_mm=0.2, wrench_N=wrenches)
+    write_recording(tmp_path / "grasp.h5", on_mat)
     plain = place_grasp(DATA / "grasp.h5", *outer)
     placed = place_grasp(tmp_path / "grasp.h5", *outer, mat_from_fruit=mat_from_fruit)
     for truth, pad in zip(plain.pads, placed.pads, strict=True):
         np.testing.assert_allclose(pad.surface_mm, truth.surface_mm, atol=1e-9)
+    np.testing.assert_allclose(placed.recording.wrench_N[0], np.r_[force, np.cross(at, force)], atol=1e-9)
+    assert placed.recording.pose_sd_mm == 0.2
     with pytest.raises(TactileFailure, match=r"Put its mat\.json beside"):
         place_grasp(tmp_path / "grasp.h5", *outer)

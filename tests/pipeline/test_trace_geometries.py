@@ -152,6 +152,30 @@ def test_a_fruit_takes_its_categorys_pit_and_says_so(tmp_path):
     assert "squeezed along 60 mm" in (tmp_path / "page.html").read_text()
 
 
+@pytest.mark.slow
+def test_a_curve_of_another_specimen_is_named_by_its_file_and_left_out(tmp_path):
+    """The third press is of a cylinder 1.5 times as stiff."""
+    stiffer = (1.0, 1.0, 1.5, 1.0)
+    sources = [
+        pressed(tmp_path / f"{k}.csv", lambda d, times=times: times * sliding_N(d), 2.0)
+        for k, times in enumerate(stiffer)
+    ]
+    found = explained(
+        tmp_path,
+        'category = "rubber"\npoisson_ratio = 0.499\n',
+        *sources,
+        options=(*CYLINDER, "--ends", "lubricated"),
+    )
+    assert found["left_out"] == ["press-3"]
+    said = "Recording 3 (press-3) does not belong to the others"
+    assert found["notes"][0].startswith(said)
+    assert found["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
+    page = (tmp_path / "page.html").read_text()
+    assert said in page
+    assert "nominal: it assumes" in page
+    assert found["p_nominal"].startswith("nominal")
+
+
 @pytest.mark.proof
 def test_three_recordings_of_one_specimen_have_one_modulus_and_their_own_first_touch(tmp_path):
     sources = [pressed(tmp_path / f"{k}.csv", sliding_N, 2.0 + 0.5 * k) for k in range(3)]
@@ -164,7 +188,7 @@ def test_three_recordings_of_one_specimen_have_one_modulus_and_their_own_first_t
     assert answer["verdict"] == "none"
     assert answer["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
     assert {f"onset_mm{end}" for end in ("", "_2", "_3")} <= answer["ranking"][0]["parameters"].keys()
-    assert any(note.startswith("Recording 3: First touch 0.099") for note in answer["notes"])
+    assert any(note.startswith("Recording 3 (press-3): First touch 0.099") for note in answer["notes"])
 
 
 def test_two_bare_jaws_are_two_plates_with_the_mean_of_their_forces(tmp_path):

@@ -27,6 +27,7 @@ class Loader(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         print("loaded", flush=True)
 
 sys.meta_path.insert(0, Loader())
+sys.modules.pop("pycolmap", None)
 import recon.cameras.colmap
 print("goes on")
 """

@@ -152,6 +152,14 @@ def test_a_camera_at_rest_and_a_carried_mat_cover_the_mats_place():
     assert chi2.ppf(0.005, 6 * draws) < total < chi2.ppf(0.995, 6 * draws)
 
 
+def about_moving_axes(poses):
+    """True poses as a controller gives their angles that turns about moving axes, read about fixed ones."""
+    wrong = poses.copy()
+    angles = Rotation.from_matrix(poses[:, :3, :3]).as_euler("XYZ")
+    wrong[:, :3, :3] = Rotation.from_euler("xyz", angles).as_matrix()
+    return wrong
+
+
 def reordered(poses: np.ndarray) -> np.ndarray:
     """What a reader gets where w comes first under the names qx, qy, qz, qw."""
     changed = poses.copy()
@@ -189,6 +197,7 @@ def transposed(poses: np.ndarray) -> np.ndarray:
         (np.linalg.inv, "inverse poses"),
         (transposed, "inverse rotations"),
         (reordered, "quaternions in the order w, x, y, z"),
+        (about_moving_axes, "angles about the moving axes"),
         (single_shifted, r"03\.png .* off the other poses"),
         (lambda poses: np.roll(poses, 1, axis=0), "each row names its own photo"),
         (lambda poses: np.broadcast_to(poses[:1], poses.shape), "rotations that differ by .* second axis"),
@@ -286,6 +295,34 @@ def test_the_tables_aperture_takes_the_place_of_a_missing_one():
         placed(exactly(), single, a_grasp(np.full(5, 55.0)))
 
 
+FORCE_N, AT_MM = np.array([1.0, -2.0, 3.0]), np.array([5.0, -4.0, 40.0])
+"""A force on the mat, and where it acts."""
+
+
+@pytest.mark.parametrize("frame", ["flange", "base"])
+def test_the_load_cells_wrench_is_turned_into_the_mats_frame(frame: str):
+    """A force at a known place: what a cell reads in its own frame gives back force and moment on the mat."""
+    robot = exactly()
+    base_from_flange = BASE_FROM_MAT @ UPRIGHT @ pose(0, 0, 0, 3, -8, 25)
+    cell_from_mat = np.linalg.inv(base_from_flange if frame == "flange" else np.eye(4)) @ BASE_FROM_MAT
+    force, at = cell_from_mat[:3, :3] @ FORCE_N, cell_from_mat[:3, :3] @ AT_MM + cell_from_mat[:3, 3]
+    grasp = replace(a_grasp(np.full(5, 55.0)), wrench_N=np.tile(np.r_[force, np.cross(at, force)], (5, 1)))
+    with pytest.raises(TactileFailure, match="a wrench in a frame that is not stated, expected wrench_frame"):
+        placed(robot, a_table(base_from_flange[None]), grasp)
+    robot = replace(robot, gripper=replace(robot.gripper, wrench_frame=frame))
+    recording, _ = placed(robot, a_table(base_from_flange[None]), grasp)
+    expected = np.r_[FORCE_N, np.cross(AT_MM, FORCE_N)]
+    np.testing.assert_allclose(recording.wrench_N, np.tile(expected, (5, 1)), atol=1e-9)
+
+
+def test_the_recording_carries_the_spread_of_its_pads_places():
+    recording, spreads = placed(
+        exactly(), a_table((BASE_FROM_MAT @ UPRIGHT)[None]), a_grasp(np.full(5, 55.0))
+    )
+    assert recording.pose_sd_mm == max(one.sd_mm for one in spreads)
+    assert recording.pose_sd_mm == pytest.approx(np.hypot(0.1, np.radians(0.05) * 155), rel=0.2)
+
+
 def test_pads_off_the_mat_and_tables_of_another_grasp_are_refused():
     robot, grasp, flange = exactly(), a_grasp(np.full(5, 55.0)), BASE_FROM_MAT @ UPRIGHT
     with pytest.raises(TactileFailure, match="expected within 400 mm of its middle"):
@@ -309,6 +346,9 @@ ROWS = {
     + ";".join(f"{x:.6f}".replace(".", ",") for x in TURN.as_rotvec()),
     "x_mm,y_mm,z_mm,rx_deg,ry_deg,rz_deg": "500,-100,300,"
     + ",".join(f"{x:.6f}" for x in TURN.as_rotvec(degrees=True)),
+    "x_mm,y_mm,z_mm,roll_deg,pitch_deg,yaw_deg": "500,-100,300,170,10,40",
+    "x_mm,y_mm,z_mm,roll_rad,pitch_rad,yaw_rad": "500,-100,300,"
+    + ",".join(f"{x:.6f}" for x in np.radians([170, 10, 40])),
     "x_mm,y_mm,z_mm,r11,r12,r13,r21,r22,r23,r31,r32,r33": "500,-100,300,"
     + ",".join(f"{x:.4f}" for x in TURN.as_matrix().ravel()),
 }
@@ -335,6 +375,7 @@ MIRRORED = "1,0,0,0,1,0,0,0,-1"
         ("x_m,y_m,z_m,qx,qy,qz,qw", "500,-100,300,0,0,0,1", "is x_m in another unit"),
         ("x_mm,y_mm,z_mm,qx,qy,qz,qw", "500,-100,300,0,0,0.1,1.2", "row 2: found a quaternion of another"),
         ("x_mm,y_mm,z_mm,rx_rad,ry_rad,rz_rad", "500,0,0,0,170,0", "is it in degrees"),
+        ("x_mm,y_mm,z_mm,roll_rad,pitch_rad,yaw_rad", "500,0,0,0,10,170", "is it in degrees"),
         ("x_mm,y_mm,z_mm," + ",".join(f"r{i}{j}" for i in "123" for j in "123"), f"500,0,0,{MIRRORED}",
          "row 2: found a left-handed matrix"),
         ("x_mm,y_mm,z_mm,qx,qy,qz,qw", "500,,300,0,0,0,1", "row 2: found part of a pose"),
