@@ -41,22 +41,22 @@ def balls(nu=0.45, radius=30.0):
         for limit in (20_000, 30_000, 45_000, 60_000):
             presses.DOF_LIMIT = limit
             plates = presses.simulated_presses(fruit, pit, poisson_ratio=nu, **SURE)[0].plates
-            found = np.array([plates.force_N_per_MPa(2 * radius * x) for x in SHARES])
-            small, large = (100 * (found / truth - 1) for truth in truths)
+            force_N_per_MPa = np.array([plates.force_N_per_MPa(2 * radius * x) for x in SHARES])
+            small, large = (100 * (force_N_per_MPa / truth - 1) for truth in truths)
             yield share, limit, *small.round(2), *large.round(2)
 
 
 def nectarines(results):
     """Rows: fruit, test, reading of the true fruit, reading found, and their difference in sd."""
-    found = pd.read_csv(results / "firmness.csv").set_index("fruit_id")
+    readings = pd.read_csv(results / "firmness.csv").set_index("fruit_id")
     seed = json.loads(ANSWERS.read_text())["seed"]
-    for fruit in fruits_of_seed(len(found), seed=seed):
+    for fruit in fruits_of_seed(len(readings), seed=seed):
         pit = ball(3000, semi_axes_mm=fruit.pit.semi_axes_mm, centre_mm=fruit.pit.centre_mm)
         true = presses.simulated_presses(
             skin_mesh(fruit.skin, cells=48), pit, poisson_ratio=fruit.poisson_ratio, **SURE
         )[0]
         for test in trade_tests():
-            truth, row = test.read(true, fruit.E_MPa)[0], found.loc[fruit.fruit_id]
+            truth, row = test.read(true, fruit.E_MPa)[0], readings.loc[fruit.fruit_id]
             off = (row[test.name] - truth) / row[f"{test.name}_sd"]
             yield fruit.fruit_id, test.name, f"{truth:.4g}", row[test.name], round(off, 2)
 

@@ -77,8 +77,8 @@ class Hand:
 def tasks(table: pd.DataFrame):
     """Name, what is done on the report, and whether pandas says the same, of each task."""
     graded = table[table.E_MPa.notna()]
-    one = graded.maturity.mode()[0]
-    some, name = graded[graded.maturity == one], graded.fruit_id.iloc[len(graded) // 2]
+    commonest_class = graded.maturity.mode()[0]
+    some, name = graded[graded.maturity == commonest_class], graded.fruit_id.iloc[len(graded) // 2]
     low, high = (f"{x:.1f}" for x in np.quantile(graded.E_MPa, (0.3, 0.6)))
     between = graded[graded.E_MPa.between(float(low), float(high))]
     ship = set(table.fruit_id[table.decision == "ship"])
@@ -103,7 +103,7 @@ def tasks(table: pd.DataFrame):
         return int(text(hand, ".count[data-list=inspect]")) == (table.decision == "inspect").sum()
 
     def alone(hand):
-        hand.choose("class", one)
+        hand.choose("class", commonest_class)
         return hand.shown() == list(some.fruit_id)
 
     def limits(hand):
@@ -114,7 +114,7 @@ def tasks(table: pd.DataFrame):
         return hand.shown() == list(between.fruit_id)
 
     def mean(hand):
-        hand.choose("class", one)
+        hand.choose("class", commonest_class)
         said = text(hand, "form.tools output")
         return f"{some.E_MPa.mean():.3g}" in said and f"{some.E_MPa.std():.3g}" in said
 
@@ -156,7 +156,7 @@ def tasks(table: pd.DataFrame):
         return hand.page.evaluate("window.sheet") == "one"
 
     def view(hand):
-        hand.choose("class", one)
+        hand.choose("class", commonest_class)
         hand.press("Control+l")
         hand.press("Control+c")
         hand.page.goto("about:blank")
@@ -259,17 +259,17 @@ def main() -> None:
     report = (options.results / "report.html").absolute()
     with chromium() as browser:
         print(f"{len(table)} fruit: {cost(browser, report)}")
-        own = []
+        steps = []
         for task, perform in to_do.items():
             page = browser.new_page(accept_downloads=True)
             page.goto(report.as_uri(), timeout=120_000)
             hand = Hand(page)
             if not perform(hand):
                 raise SystemExit(f"{task}: the report and pandas disagree")
-            own.append(hand.count)
+            steps.append(hand.count)
             page.close()
         others = multiqc(browser, options.multiqc.absolute(), name) if options.multiqc else [None] * 15
-    rows = list(zip(to_do, own, spreadsheet(table, name), others, strict=True))
+    rows = list(zip(to_do, steps, spreadsheet(table, name), others, strict=True))
     header = ("task", "report", "spreadsheet", "multiqc")
     for row in (header, *rows):
         print(f"{row[0]:40s}", *(f"{'-' if each is None else each:>12}" for each in row[1:]))

@@ -40,7 +40,7 @@ class DecisionList(NamedTuple):
     @property
     def fruits(self) -> tuple[Indexed, ...]:
         """All of them."""
-        return tuple(one for _, group in self.groups for one in group)
+        return tuple(fruit for _, group in self.groups for fruit in group)
 
 
 class Failures(NamedTuple):
@@ -94,12 +94,12 @@ def failures(fruits: list[Indexed]) -> tuple[Failures, ...]:
     for index, fruit in fruits:
         if not fruit.ok:
             groups.setdefault((fruit.outcome, advice(fruit)), []).append((index, fruit))
-    found = []
+    failed_groups = []
     for (outcome, what_to_do), group in groups.items():
         plain = {re.sub(r"\d+(\.\d+)?", "#", fruit.reason.replace(fruit.fruit_id, "@")) for _, fruit in group}
         same = group[0][1].reason if len(plain) == 1 else ""
-        found.append(Failures(outcome, what_to_do, tuple(group), same))
-    return tuple(sorted(found, key=lambda one: -len(one.fruits)))
+        failed_groups.append(Failures(outcome, what_to_do, tuple(group), same))
+    return tuple(sorted(failed_groups, key=lambda failure: -len(failure.fruits)))
 
 
 def share_words(share: float) -> str:

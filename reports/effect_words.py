@@ -72,14 +72,14 @@ def explain_verdict(entry: ExplainEntry) -> str:
         listed = f"{', '.join(names[:-1])} or {names[-1]}"
         return f"These recordings cannot distinguish {listed}. Averaged over all explanations, {moved}."
     first = in_short(named[0], entry)
-    sure = next((one.probability for one in entry.ranking if one.effect == named[0]), None)
+    sure = next((candidate.probability for candidate in entry.ranking if candidate.effect == named[0]), None)
     certainty = "" if sure is None else f" ({effect_name(named[0])}, probability {percent(sure)})"
     return f"{first[:1].upper()}{first[1:]}{certainty}. Averaged over all explanations, {moved}."
 
 
 def by_rank(entry: ExplainEntry) -> tuple[str, ...]:
     """The verdict's names, the likeliest first."""
-    order = {one.effect: k for k, one in enumerate(entry.ranking)}
+    order = {candidate.effect: k for k, candidate in enumerate(entry.ranking)}
     return tuple(sorted(entry.verdict, key=lambda effect: order.get(effect, len(order))))
 
 

@@ -40,7 +40,9 @@ def evidence_chart(ranking: Sequence[Record], *, verdict: Sequence[str]) -> Mark
         width=640.0,
         height=12.0 + row_px * max(len(shown), 1),
         title="Probability of each explanation",
-        description="; ".join(f"{effect_name(one.effect)}: {percent(one.probability)}" for one in shown),
+        description="; ".join(
+            f"{effect_name(candidate.effect)}: {percent(candidate.probability)}" for candidate in shown
+        ),
     )
 
 

@@ -65,7 +65,7 @@ def explain_html(entry: ExplainEntry) -> str:
         "share_bar": share_bar,
         "value": _value,
     }
-    named = [one for one in entry.ranking if one.effect in entry.verdict]
+    named = [candidate for candidate in entry.ranking if candidate.effect in entry.verdict]
     sides = _sides(entry)
     with_effect = _kind(entry) not in (NOTHING, UNEXPLAINED)
     return environment.get_template("templates/explain.html.j2").render(

@@ -71,7 +71,7 @@ def _page(entry: KioskEntry, fault: str) -> str:
         "next_action": next_action,
         "left_out": left_out,
         "list_words": lambda fruit: say(WORDS[fruit.decision]) if fruit.decision in WORDS else "",
-        "missing_words": lambda missing: say(" and ").join(say(one) for one in missing.split(" and ")),
+        "missing_words": lambda missing: say(" and ").join(say(part) for part in missing.split(" and ")),
     }
     script, script_hash = own_script("kiosk.js")
     return environment.get_template("templates/kiosk.html.j2").render(
@@ -81,7 +81,9 @@ def _page(entry: KioskEntry, fault: str) -> str:
         before=recent[1 : 1 + MOST_BEFORE],
         graded=sum(fruit.ok for fruit in alone),
         of_rank=sum(fruit.rank is not None for fruit in alone),
-        lists=[(say(words), sum(one.decision == name for one in alone)) for name, words in COUNTED.items()],
+        lists=[
+            (say(words), sum(fruit.decision == name for fruit in alone)) for name, words in COUNTED.items()
+        ],
         decides=any(fruit.decision in (SHIP, HOLD) for fruit in alone),
         at_work=", ".join(entry.working)
         if len(entry.working) <= MOST_AT_WORK
@@ -100,9 +102,11 @@ def led_to(entry: KioskEntry, text: str) -> tuple[str, str]:
     if entry.batch is None:
         return "./", ""
     lot, fruit_id = read_sheet_code(text)
-    own = entry.batch.lot or entry.batch.name
-    if lot is not None and lot != own:
-        return "", say("This code is of lot {lot}; the page shows lot {own}.", lot=lot, own=own)
+    page_lot = entry.batch.lot or entry.batch.name
+    if lot is not None and lot != page_lot:
+        return "", say(
+            "This code is of lot {lot}; the page shows lot {page_lot}.", lot=lot, page_lot=page_lot
+        )
     if lot is not None and not fruit_id:
         return "report.html", ""
     if any(fruit.fruit_id == fruit_id for fruit in entry.batch.fruits):
@@ -138,9 +142,9 @@ def left_out(fruit: FruitEntry) -> str:
         return ""
     suspects = () if fruit.screen is None else fruit.screen.suspects
     if fruit.mismatch and not fruit.mismatch_taken:
-        found = f"{say('Missing physics')}: {effect_name(fruit.mismatch)}."
+        sentence = f"{say('Missing physics')}: {effect_name(fruit.mismatch)}."
     elif suspects and suspects[0].name != UNEXPLAINED:
-        found = f"{say('Missing physics suspected')}: {suspect_words(suspects)}."
+        sentence = f"{say('Missing physics suspected')}: {suspect_words(suspects)}."
     else:
         return ""
-    return f"{found} {say('Neither E nor the advice accounts for it.')}"
+    return f"{sentence} {say('Neither E nor the advice accounts for it.')}"

@@ -96,9 +96,9 @@ def _painted(
         skin = _through_flesh(skin, surface, inner, facing, view)
     for k, points in enumerate(touched.values()):
         cover = _patch(surface, points)
-        own = cover > 0
-        colour = _lit(np.array(PADS[k % len(PADS)]), normals[own], view, gloss=0.1)
-        skin[own] += 0.78 * cover[own, None] * (colour - skin[own])
+        mask = cover > 0
+        colour = _lit(np.array(PADS[k % len(PADS)]), normals[mask], view, gloss=0.1)
+        skin[mask] += 0.78 * cover[mask, None] * (colour - skin[mask])
     image[surface.hit] = np.clip(skin, 0.0, 1.0)
     return image
 
@@ -127,16 +127,16 @@ def _through_flesh(
     both: Bool[np.ndarray, "h w"] = surface.hit & inner.hit
     if not both.any():
         return skin
-    own = inner.hit[surface.hit]
+    pit_mask = inner.hit[surface.hit]
     deep = np.clip(inner.depth_mm[both] - surface.depth_mm[both], 0.0, None)
     usual = max(float(np.median(deep)), 1e-6)
-    clear = 0.62 * np.exp(-0.25 * deep / usual) * (0.45 + 0.55 * facing[own])
+    clear = 0.62 * np.exp(-0.25 * deep / usual) * (0.45 + 0.55 * facing[pit_mask])
     normals = inner.normals[both]
     stone = _lit(PIT, normals, view, gloss=0.12)
     rim = 1.0 - np.clip(normals @ view.axes[2], 0.0, 1.0)
     stone = stone * (1.0 - 0.35 * rim[:, None] ** 2)
     seen = skin.copy()
-    seen[own] += clear[:, None] * (stone - skin[own])
+    seen[pit_mask] += clear[:, None] * (stone - skin[pit_mask])
     return seen
 
 

@@ -91,6 +91,6 @@ def _drawn(image: UInt8[np.ndarray, "h w 3"], curve: Float[np.ndarray, "n 2"]) -
 def _plain(name: str) -> str:
     """A name in the letters that OpenCV has; the middle of a long one is left out."""
     ascii_name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
-    shown = "".join(one if one.isprintable() else "?" for one in ascii_name)
+    shown = "".join(character if character.isprintable() else "?" for character in ascii_name)
     half = NAME_LETTERS // 2 - 1
     return shown if len(shown) <= NAME_LETTERS else f"{shown[:half]}..{shown[-half:]}"

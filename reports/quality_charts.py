@@ -16,8 +16,8 @@ def characteristic_chart(plan: AcceptanceEntry, *, width_px: int) -> Markup:
     plot = _plot(padded([*percent], from_zero=True), (0.0, 1.0), width_px)
     parts = [plot.axis_x("Nonconforming fruit (%)"), plot.axis_y("Probability of acceptance")]
     parts += [
-        plot.line(percent, one, class_=class_)
-        for one, class_ in zip(probabilities, ("model pad0", "oc"), strict=False)
+        plot.line(percent, probability, class_=class_)
+        for probability, class_ in zip(probabilities, ("model pad0", "oc"), strict=False)
     ]
     if plan.aql <= plot.x_limits[1]:
         x = plot.x(plan.aql)

@@ -120,10 +120,10 @@ class TracedSurface:
     def nearest(self, points_mm: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, "q 3"]:
         """The surface's point nearest to each point."""
         query = _tensor(np.ascontiguousarray(points_mm, np.float32))
-        found: Float[np.ndarray, "q 3"] = (
+        nearest_mm: Float[np.ndarray, "q 3"] = (
             self.scene.compute_closest_points(query, nthreads=1)["points"].numpy().astype(float)
         )
-        return found
+        return nearest_mm
 
     def shaded(self, points_mm: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, " q"]:
         """Share of the sky about +z, cosine-weighted, that the surface hides from each point."""
@@ -152,10 +152,10 @@ def _interpolated(
     values: Float[np.ndarray, "n c"], corners: Int[np.ndarray, "k 3"], weights: Float[np.ndarray, "k 3"]
 ) -> Float[np.ndarray, "k c"]:
     """Values of the vertices at places inside triangles, by their barycentric weights."""
-    found = weights[:, :1] * values[corners[:, 0]]
+    interpolated = weights[:, :1] * values[corners[:, 0]]
     for corner in (1, 2):
-        found += weights[:, corner, None] * values[corners[:, corner]]
-    return np.asarray(found)
+        interpolated += weights[:, corner, None] * values[corners[:, corner]]
+    return np.asarray(interpolated)
 
 
 def _unit(vectors: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:

@@ -38,8 +38,8 @@ def residual_map(
     for patch in patches:
         if len(patch.places_mm) < 2:
             continue
-        own, near = on_skin(vertices_mm, patch.places_mm, patch.residual_um)
-        values.append(own)
+        residual_um, near = on_skin(vertices_mm, patch.places_mm, patch.residual_um)
+        values.append(residual_um)
         seen.append(near)
         view = _above(patch.places_mm, middle_mm)
         sides.append(
@@ -57,7 +57,7 @@ def residual_map(
         hatched="no marker of this gel",
         least=limit,
     )
-    scores = [np.clip(own, -limit, limit) for own in values]
+    scores = [np.clip(residual_um, -limit, limit) for residual_um in values]
     return map_picture(sides, scores, style=style, seen=np.zeros(len(vertices_mm), bool), samples=SAMPLES)
 
 
@@ -72,7 +72,7 @@ def residual_layer(
     ]
     if not carried:
         return None
-    values, seen = (np.array(one) for one in zip(*carried, strict=True))
+    values, seen = (np.array(per_vertex) for per_vertex in zip(*carried, strict=True))
     count = seen.sum(axis=0)
     return SkinLayer(
         name="residual",
@@ -88,7 +88,9 @@ def _limit_um(
     seen: Sequence[Bool[np.ndarray, " n"]] | Bool[np.ndarray, "g n"],
 ) -> float:
     """How far the bar reaches."""
-    measured = np.concatenate([np.abs(own[near]) for own, near in zip(values, seen, strict=True)])
+    measured = np.concatenate(
+        [np.abs(residual_um[near]) for residual_um, near in zip(values, seen, strict=True)]
+    )
     return max(float(np.quantile(measured, MOST_SHARE)) if len(measured) else 0.0, LEAST_UM)
 
 
@@ -117,7 +119,8 @@ def on_skin(
     pitch = max(pitch, 1e-6)
     count = min(NEIGHBOURS, len(places_mm))
     away, which = (
-        np.asarray(one).reshape(len(vertices_mm), count) for one in tree.query(vertices_mm, k=count)
+        np.asarray(per_neighbour).reshape(len(vertices_mm), count)
+        for per_neighbour in tree.query(vertices_mm, k=count)
     )
     weight = np.exp(-0.5 * ((away**2 - away[:, :1] ** 2) / pitch**2))
     return (weight * values[which]).sum(axis=1) / weight.sum(axis=1), away[:, 0] < REACH * pitch

@@ -85,6 +85,6 @@ def _skin(
     distance, nearest = cKDTree(out / radius[:, None]).query(towards, k=NEAREST)
     near = 1.0 / (np.asarray(distance) + 1e-6)
     near /= near.sum(axis=1, keepdims=True)
-    found = np.einsum("kn,kn->k", near, radius[nearest])
+    radii = np.einsum("kn,kn->k", near, radius[nearest])
     there = np.einsum("kn,kni->ki", near, normal[nearest])
-    return middle(vertices) + found[:, None] * towards, there / np.linalg.norm(there, axis=1, keepdims=True)
+    return middle(vertices) + radii[:, None] * towards, there / np.linalg.norm(there, axis=1, keepdims=True)

@@ -68,19 +68,19 @@ def remarks(fruit: FruitEntry) -> str:
     """What a reader must know of a fruit before trusting its row; empty where there is nothing."""
     if not fruit.ok:
         return f"{say('not graded')}: {fruit.outcome}"
-    found = [say("reference body")] if fruit.reference else []
+    notes = [say("reference body")] if fruit.reference else []
     if fruit.mismatch and fruit.mismatch != NOTHING:
         taken = f" ({say('taken into account')})" if fruit.mismatch_taken else ""
         doubt = f", {say('do not trust E')}" if fruit.mismatch == UNEXPLAINED else ""
-        found.append(f"{say('mismatch')}: {effect_name(fruit.mismatch)}{taken}{doubt}")
+        notes.append(f"{say('mismatch')}: {effect_name(fruit.mismatch)}{taken}{doubt}")
     if fruit.E_uncorrected_MPa is not None:
-        found.append(say("E corrected by the reference body"))
+        notes.append(say("E corrected by the reference body"))
     if fruit.doubts:
-        found.append(say("E is in doubt, so no class") if fruit.class_withheld else say("E is in doubt"))
+        notes.append(say("E is in doubt, so no class") if fruit.class_withheld else say("E is in doubt"))
     if fruit.warnings:
         count = len(fruit.warnings)
-        found.append(say("1 warning") if count == 1 else say("{count} warnings", count=count))
-    return ", ".join(found)
+        notes.append(say("1 warning") if count == 1 else say("{count} warnings", count=count))
+    return ", ".join(notes)
 
 
 def verdict_words(verdict: VerdictEntry) -> str:
@@ -123,7 +123,7 @@ def suspect_words(suspects: Sequence[Suspect]) -> str:
     return f"{first.short}{like}"
 
 
-def suspicion_words(found: Suspicion) -> str:
+def suspicion_words(suspicion: Suspicion) -> str:
     """The suspected effect, p, and E without and with it.
 
     >>> doubt = Suspicion(effect="plastic_set", p_value=6e-41, E_MPa=0.416, E_sd_MPa=0.04, maturity="ripe",
@@ -131,10 +131,10 @@ def suspicion_words(found: Suspicion) -> str:
     >>> suspicion_words(doubt).replace(NO_BREAK, " ")
     'plastic set (p = 6.0e-41), E is 0.416 ± 0.040 MPa (ripe) without it and 0.513 ± 0.050 MPa (firm) with it'
     """
-    effect = effect_name(found.effect) or say("no single effect")
-    without = _with_class(found.E_MPa, found.E_sd_MPa, found.maturity)
-    p_value = number(found.p_value, figures=2) + (f", {say('nominal')}" if found.p_nominal else "")
-    if found.E_with_MPa is None:
+    effect = effect_name(suspicion.effect) or say("no single effect")
+    without = _with_class(suspicion.E_MPa, suspicion.E_sd_MPa, suspicion.maturity)
+    p_value = number(suspicion.p_value, figures=2) + (f", {say('nominal')}" if suspicion.p_nominal else "")
+    if suspicion.E_with_MPa is None:
         return say(
             "{effect} (p = {p}), E is {without} without it and unknown with it",
             effect=effect,
@@ -146,7 +146,7 @@ def suspicion_words(found: Suspicion) -> str:
         effect=effect,
         p=p_value,
         without=without,
-        with_it=_with_class(found.E_with_MPa, found.E_with_sd_MPa, found.maturity_with),
+        with_it=_with_class(suspicion.E_with_MPa, suspicion.E_with_sd_MPa, suspicion.maturity_with),
     )
 
 
@@ -259,9 +259,9 @@ def verdict(fruits: tuple[FruitEntry, ...], *, waiting: int = 0) -> str:
         lead = say("The only fruit is graded")
     softest, firmest = graded[0], graded[-1]
     if softest is firmest:
-        found = say("{fruit} has E = {modulus}", fruit=softest.fruit_id, modulus=_modulus(softest))
+        sentence = say("{fruit} has E = {modulus}", fruit=softest.fruit_id, modulus=_modulus(softest))
     else:
-        found = say(
+        sentence = say(
             "the softest is {softest} ({of_softest}), the firmest {firmest} ({of_firmest})",
             softest=softest.fruit_id,
             of_softest=_modulus(softest),
@@ -273,7 +273,7 @@ def verdict(fruits: tuple[FruitEntry, ...], *, waiting: int = 0) -> str:
         rest = "; " + say("1 is not graded and needs attention")
     elif failed:
         rest = "; " + say("{count} are not graded and need attention", count=failed)
-    return f"{lead}: {found}{rest}."
+    return f"{lead}: {sentence}{rest}."
 
 
 def _modulus(fruit: FruitEntry) -> str:

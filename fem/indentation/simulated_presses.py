@@ -122,11 +122,11 @@ def simulated_presses(
         varied.append((mesh, min(poisson_ratio + poisson_ratio_sd, 0.499)))
     if pit is not None and pit_size_sd > 0:
         varied.append((with_pit_moved(mesh, np.array([0, 0, 0, np.log1p(pit_size_sd)])), poisson_ratio))
-    found = []
+    presses = []
     for flesh, nu in varied:
         solid = UnitModulusSolid.factorise(flesh, poisson_ratio=nu, support="free")
         plates, ball = _curves(solid, places)
-        found.append(
+        presses.append(
             FruitPresses(
                 plates=plates,
                 ball=ball,
@@ -135,8 +135,8 @@ def simulated_presses(
                 surface_sd_mm=surface_sd_mm,
             )
         )
-    _ = found[0].radii_mm  # refuses what is no fruit
-    return tuple(found)
+    _ = presses[0].radii_mm  # refuses what is no fruit
+    return tuple(presses)
 
 
 def spheroid_presses(

@@ -98,7 +98,7 @@ def reading(
     value, depth_mm = test.read(plain, E_MPa)
     relative = math.hypot(E_sd_MPa / E_MPa, test.force_sd(plain, depth_mm))
     firmer = test.read(plain, E_MPa * math.exp(relative))[0] - value
-    others = (test.read(one, E_MPa)[0] - value for one in varied)
+    others = (test.read(variant, E_MPa)[0] - value for variant in varied)
     return value, math.hypot(firmer, *others)
 
 

@@ -48,5 +48,5 @@ def list_devices(file: FileArgument) -> None:
     """
     with elsewhere():
         from pipeline.watch.devices import read_devices
-    for one in read_devices(file):
-        typer.echo(f"{one.added_utc:%Y-%m-%d}  {one.name}")
+    for known_device in read_devices(file):
+        typer.echo(f"{known_device.added_utc:%Y-%m-%d}  {known_device.name}")

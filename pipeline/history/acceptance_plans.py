@@ -221,7 +221,9 @@ def _require_known(
     if lot_size < 2:
         raise NoPlan(f"found a lot of {lot_size} fruit, expected 2 or more")
     if aql not in aqls:
-        raise NoPlan(f"found AQL {aql:g} %, expected one of {', '.join(f'{one:g}' for one in aqls)}")
+        raise NoPlan(
+            f"found AQL {aql:g} %, expected one of {', '.join(f'{known_aql:g}' for known_aql in aqls)}"
+        )
     if level not in levels:
         raise NoPlan(f'found inspection level "{level}", expected one of {", ".join(levels)}')
     if inspection not in INSPECTIONS:

@@ -105,7 +105,9 @@ def gauge_entry(batches: Sequence[StoredBatch], kind: str) -> GaugeEntry | str:
             "categories"
         ),
         components=tuple((name, 100 * sd, study.percent(sd)) for name, sd in components),
-        biases=tuple((name, 100 * float(one)) for name, one in zip(names, bias, strict=True)),
+        biases=tuple(
+            (name, 100 * float(relative_bias)) for name, relative_bias in zip(names, bias, strict=True)
+        ),
     )
 
 

@@ -66,21 +66,21 @@ def reading_of(text: str) -> Reading:
     >>> one.column, round(one.newtons, 5), one.plunger_mm
     ('cheek 1', 9.80665, 8.0)
     """
-    found = COLUMN.fullmatch(text)
-    if found is None:
+    match = COLUMN.fullmatch(text)
+    if match is None:
         raise NoReading(f'found "{text}", expected COLUMN=UNIT@PLUNGER, for example "cheek 1=kgf@11.1mm"')
-    unit = found["unit"]
+    unit = match["unit"]
     if unit not in UNITS:
         raise NoReading(f'found the unit "{unit}", expected a force: {", ".join(UNITS)}')
-    plunger_mm = PLUNGERS_MM.get(found["plunger"].replace(" ", ""))
+    plunger_mm = PLUNGERS_MM.get(match["plunger"].replace(" ", ""))
     if plunger_mm is None:
-        found_size, known = found["plunger"].strip(), ", ".join(PLUNGERS_MM)
+        found_size, known = match["plunger"].strip(), ", ".join(PLUNGERS_MM)
         raise NoReading(f'found a plunger of "{found_size}", expected one of {known}')
-    if found["column"].strip() == OWN_SCALE and unit != "N":
-        wanted = f"{OWN_SCALE}=N@{found['plunger'].strip()}"
+    if match["column"].strip() == OWN_SCALE and unit != "N":
+        wanted = f"{OWN_SCALE}=N@{match['plunger'].strip()}"
         raise NoReading(f'found "{text}", but the column {OWN_SCALE} is in N; write "{wanted}"')
     newtons = float(_units.Quantity(1.0, unit).to("N").magnitude)
-    return Reading(column=found["column"].strip(), newtons=newtons, plunger_mm=plunger_mm)
+    return Reading(column=match["column"].strip(), newtons=newtons, plunger_mm=plunger_mm)
 
 
 @dataclass(frozen=True, kw_only=True)

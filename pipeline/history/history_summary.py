@@ -40,5 +40,5 @@ def _series_lines(series: SeriesEntry) -> Iterator[str]:
         yield f"  note: {printable(note)}."
 
 
-def _counted(count: int, one: str, more: str) -> str:
-    return f"{count} {one if count == 1 else more}"
+def _counted(count: int, singular: str, more: str) -> str:
+    return f"{count} {singular if count == 1 else more}"

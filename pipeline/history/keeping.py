@@ -176,8 +176,8 @@ def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
     if unknown := [kind for kind in wanted.gauge if kind not in APPRAISERS]:
         raise refused(COMMAND, f'--gauge: found "{unknown[0]}", expected {" or ".join(APPRAISERS)}.')
     if not 0 < wanted.precision <= 1:
-        found = f"{100 * wanted.precision:g}"
-        raise refused(COMMAND, f"--precision: found {found}, expected per cent of the mean, 0 to 100.")
+        percent = f"{100 * wanted.precision:g}"
+        raise refused(COMMAND, f"--precision: found {percent}, expected per cent of the mean, 0 to 100.")
     if wanted.store is None and wanted.fit:
         raise refused(COMMAND, "--fit stores its result; name a store with --store.")
     if wanted.oc is not None and not wanted.quality.accept:

@@ -129,7 +129,11 @@ def _last_days(batches: Sequence[StoredBatch]) -> Iterator[list[StoredBatch]]:
     """Batches of each lot's last day, the newest last, also where no fruit of that day counts. Batches of
     reference bodies alone are left out.
     """
-    fruit = [batch for batch in batches if batch.lost or any(one.E_known_MPa is None for one in batch.fruit)]
+    fruit = [
+        batch
+        for batch in batches
+        if batch.lost or any(specimen.E_known_MPa is None for specimen in batch.fruit)
+    ]
     for _, of_lot in groupby(sorted(fruit, key=lambda batch: batch.series), key=lambda batch: batch.series):
         days = sorted(of_lot, key=lambda batch: (batch.measured, batch.graded_utc))
         yield [batch for batch in days if batch.measured == days[-1].measured]
@@ -146,7 +150,7 @@ def _decision(on_day: Sequence[StoredBatch], class_name: str, plan: SamplingPlan
         known = ", ".join(ranges) or "none"
         raise NoPlan(f'batch.toml has no class "{class_name}"; its classes: {known}')
     low, high = ranges[class_name]
-    fruit = {one.fruit_id: one.E_MPa for one in merged_fruit(on_day)}
+    fruit = {specimen.fruit_id: specimen.E_MPa for specimen in merged_fruit(on_day)}
     drawn = sorted(fruit, key=lambda name: _place(on_day[-1], name))[: plan.n]
     E_MPa = np.array([fruit[name] for name in drawn])
     top = math.inf if high is None else high
@@ -168,7 +172,10 @@ def _place(batch: StoredBatch, fruit_id: str) -> str:
 def _left_out(on_day: Sequence[StoredBatch], counted: set[str]) -> str:
     """How many fruit of the day do not count, in words; without those that count in another batch."""
     doubted = {
-        one.fruit_id for batch in on_day for one in batch.fruit if one.doubted and one.E_known_MPa is None
+        fruit.fruit_id
+        for batch in on_day
+        for fruit in batch.fruit
+        if fruit.doubted and fruit.E_known_MPa is None
     }
     lost = {name for batch in on_day for name in batch.lost}
     kinds = {"in doubt": doubted - counted, "not graded": lost - doubted - counted}
@@ -191,8 +198,8 @@ def _by_attributes(plan: AttributesPlan, E_MPa: np.ndarray, low: float, high: fl
 def _by_variables(plan: VariablesPlan, E_MPa: np.ndarray, low: float, high: float) -> tuple[str, str]:
     upper = math.isfinite(high)
     if (low > 0) == upper:
-        found = "has two limits" if upper else "has no limit"
-        raise NoPlan(f"a plan by variables needs a class with one limit, and this one {found}")
+        limits = "has two limits" if upper else "has no limit"
+        raise NoPlan(f"a plan by variables needs a class with one limit, and this one {limits}")
     if (fruit := len(E_MPa)) < plan.n:
         return MORE, f"{fruit} fruit are measured; the plan needs {plan.n}: grade {plan.n - fruit} more"
     Q = quality_index(np.log(E_MPa), limit=math.log(high if upper else low), upper=upper)

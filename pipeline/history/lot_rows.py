@@ -106,9 +106,9 @@ def write_store(connection: Connection, stored: HistoryStore) -> None:
 
 def _tables(connection: Connection) -> Tables:
     """The tables by name, as they are in the database."""
-    found = MetaData()
-    found.reflect(connection)
-    return found.tables
+    metadata = MetaData()
+    metadata.reflect(connection)
+    return metadata.tables
 
 
 def _rows(connection: Connection, tables: Tables) -> list[tuple[Cells, list[Cells]]]:

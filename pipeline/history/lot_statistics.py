@@ -103,4 +103,4 @@ def _holm(p: Sequence[float]) -> list[float]:
     steps = np.maximum.accumulate(np.asarray(p)[order] * np.arange(len(p), 0, -1))
     adjusted = np.empty(len(p))
     adjusted[order] = np.minimum(steps, 1.0)
-    return [float(one) for one in adjusted]
+    return [float(p_value) for p_value in adjusted]

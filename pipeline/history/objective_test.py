@@ -40,7 +40,7 @@ def objective_samples(
 
 
 def _sample(name: str, fruit: Sequence[MergedFruit], per_recording: int) -> ObjectiveSampleEntry:
-    cheeks = [(one.fruit_id, one.cheeks) for one in fruit]
+    cheeks = [(specimen.fruit_id, specimen.cheeks) for specimen in fruit]
     lacking = [(name, left) for name, E in cheeks if (left := CHEEKS - per_recording * len(E)) > 0]
     missing = max(FRUIT - len(fruit), 0)
     words = f"{len(fruit)} fruit, at least {FRUIT} are needed"

@@ -163,9 +163,11 @@ def is_same_batch(first: StoredBatch, second: StoredBatch) -> bool:
 
     Recordings of reference bodies do not count: these are in many batches.
     """
-    for one, other in product(_no_bodies(first), _no_bodies(second)):
-        shared = {*one.recordings} & {*other.recordings}
-        if shared and (one.fruit_id == other.fruit_id or shared in ({*one.recordings}, {*other.recordings})):
+    for fruit, other in product(_no_bodies(first), _no_bodies(second)):
+        shared = {*fruit.recordings} & {*other.recordings}
+        if shared and (
+            fruit.fruit_id == other.fruit_id or shared in ({*fruit.recordings}, {*other.recordings})
+        ):
             return True
     return _label(first) == _label(second) and not _ids(first).isdisjoint(_ids(second))
 

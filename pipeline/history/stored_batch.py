@@ -144,7 +144,7 @@ def _batch(out: Path, results: Results, said: Mapping[str, Any]) -> StoredBatch:
     fruit = [
         _fruit(record, recordings.get(record.fruit_id, {})) for record in records if _has_modulus(record)
     ]
-    graded = {one.fruit_id for one in fruit}
+    graded = {specimen.fruit_id for specimen in fruit}
     classes = (settings.get("grading") or {}).get("classes") or ()
     gripper, sensor = settings.get("gripper") or {}, settings.get("sensor") or {}
     return StoredBatch(

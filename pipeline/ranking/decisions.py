@@ -92,7 +92,9 @@ def _missing_physics(
     known = screened if explained is None else explained.suspected
     p_value = None if screen is None else screen.p_value
     nominal = screen is not None and screen.p_nominal
-    changing = next((one for one in known if _class_of(E_MPa * one.E_ratio, grading) != place.maturity), None)
+    changing = next(
+        (suspect for suspect in known if _class_of(E_MPa * suspect.E_ratio, grading) != place.maturity), None
+    )
     improbable = p_value is not None and p_value < grading.inspect_below_p
     if changing is None and not improbable:
         return None

@@ -128,12 +128,14 @@ def combined_ratio(
     """
     ln_ratio = np.log(E_found_MPa / E_known_MPa)
     shared = common_sd_MPa / E_found_MPa
-    own = np.maximum((E_found_sd_MPa / E_found_MPa) ** 2 - shared**2, 0) + (E_known_sd_MPa / E_known_MPa) ** 2
-    weight = (1 / own) / (1 / own).sum()
+    independent_variance = (
+        np.maximum((E_found_sd_MPa / E_found_MPa) ** 2 - shared**2, 0) + (E_known_sd_MPa / E_known_MPa) ** 2
+    )
+    weight = (1 / independent_variance) / (1 / independent_variance).sum()
     mean = float(weight @ ln_ratio)
-    chi2, degrees = float((((ln_ratio - mean) ** 2) / own).sum()), len(ln_ratio) - 1
+    chi2, degrees = float((((ln_ratio - mean) ** 2) / independent_variance).sum()), len(ln_ratio) - 1
     p_value = float(chdtrc(degrees, chi2)) if degrees else 1.0
-    variance = 1 / float((1 / own).sum())
+    variance = 1 / float((1 / independent_variance).sum())
     if p_value < DISAGREE_P:
         variance *= max(chi2 / degrees, 1.0)
     return Ratio(

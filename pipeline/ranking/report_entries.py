@@ -80,7 +80,7 @@ def batch_entry(
     graded = [r for r in records if r.graded and not r.given.reference]
     moduli = [r.modulus for r in graded if r.modulus]
     of_all = min(map(shared_gain, moduli), default=0.0)
-    moduli = [with_own_gain(one, of_all) for one in moduli]
+    moduli = [with_own_gain(modulus, of_all) for modulus in moduli]
     E, sd, common, scale = (
         np.array([(m.E_MPa, m.E_sd_MPa, m.common_sd_MPa, m.scale_sd_MPa) for m in moduli]).reshape(-1, 4).T
     )
@@ -302,8 +302,8 @@ def _facts(record: FruitRecord, place: Rank | None) -> Iterator[tuple[str, str]]
                 yield f"Error bar: {name}", f"± {sd_MPa:.{places}f} MPa"
         if (scale := record.modulus.scale_sd_MPa) > 0:
             yield f"In addition to the error bar: {COMMON_SCALE}", f"± {scale:.{places}f} MPa"
-        if (found := record.modulus.pit_found) is not None:
-            yield from _pit_found(found)
+        if (pit_found := record.modulus.pit_found) is not None:
+            yield from _pit_found(pit_found)
     yield from ((f"Recording {g.grasp}", g.failure) for g in record.grasps if g.failure is not None)
     given = record.given
     if given.reference and given.reference_E_MPa is not None and given.reference_E_sd_MPa is not None:
@@ -314,18 +314,17 @@ def _facts(record: FruitRecord, place: Rank | None) -> Iterator[tuple[str, str]]
         yield "Notes", given.notes
 
 
-def _pit_found(found: PitFoundRecord) -> list[tuple[str, str]]:
+def _pit_found(pit: PitFoundRecord) -> list[tuple[str, str]]:
     """What the grasps say of the pit, beside what the prior said."""
     offset = ", ".join(
-        f"{round(x, 1) + 0.0:+.1f} ± {sd:.1f}"
-        for x, sd in zip(found.offset_mm, found.offset_sd_mm, strict=True)
+        f"{round(x, 1) + 0.0:+.1f} ± {sd:.1f}" for x, sd in zip(pit.offset_mm, pit.offset_sd_mm, strict=True)
     )
-    before = ", ".join(f"{sd:.1f}" for sd in found.offset_prior_sd_mm)
+    before = ", ".join(f"{sd:.1f}" for sd in pit.offset_prior_sd_mm)
     return [
         ("Pit relative to the prior (x, y, z)", f"{offset} mm (prior ± {before})"),
         (
             "Pit size relative to the prior",
-            f"{found.size:.3f} ± {found.size_sd:.3f} (prior 1 ± {found.size_prior_sd:.3f})",
+            f"{pit.size:.3f} ± {pit.size_sd:.3f} (prior 1 ± {pit.size_prior_sd:.3f})",
         ),
     ]
 

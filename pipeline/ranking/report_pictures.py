@@ -90,14 +90,14 @@ class ReportPictures:
         if not there:
             return FruitPictures()
         state = tuple((name, *_state(path)) for name, path in there.items())
-        found = (str(files.root), state)
-        if found not in self._made:
-            self._made[found] = self._pictures(files, there)
+        key = (str(files.root), state)
+        if key not in self._made:
+            self._made[key] = self._pictures(files, there)
         if not (measured and self._with_scenes and files.scene.is_file()):
-            return self._made[found]
+            return self._made[key]
         more = files.mismatch_scene if explained and files.mismatch_scene.is_file() else None
         return replace(
-            self._made[found],
+            self._made[key],
             scene=files.scene.read_bytes(),
             explained_scene=b"" if more is None else more.read_bytes(),
         )

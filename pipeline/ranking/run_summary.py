@@ -47,7 +47,7 @@ def _once(lead: str, said: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
     for fruit_id, sentences in said:
         for sentence in dict.fromkeys(sentences):
             ids.setdefault(sentence, []).append(fruit_id)
-    ordered = sorted(ids.items(), key=lambda one: -len(one[1]))
+    ordered = sorted(ids.items(), key=lambda ids_of_sentence: -len(ids_of_sentence[1]))
     lines = [
         f"{lead}: {'all fruit' if len(those) == len(said) > 1 else listed(those, MOST_IDS)}: {sentence}"
         for sentence, those in ordered[:MOST_LINES]
@@ -101,7 +101,11 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
         console.print(table)
     graded = [fruit.ok for fruit in without_references(batch.fruits)]
     lines = [
-        *(f"not graded: {one.fruit_id}: {one.outcome}: {one.reason}" for one in batch.fruits if not one.ok),
+        *(
+            f"not graded: {fruit.fruit_id}: {fruit.outcome}: {fruit.reason}"
+            for fruit in batch.fruits
+            if not fruit.ok
+        ),
         *doubted(batch.fruits),
         *to_inspect(batch.fruits),
         *warned(batch.fruits),

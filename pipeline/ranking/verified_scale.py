@@ -46,11 +46,11 @@ def with_own_gain(modulus: ModulusRecord, shared: float) -> ModulusRecord:
     more = parts.get(GAIN, 0.0) ** 2 - kept**2
     if more <= 0:
         return modulus
-    own = math.sqrt(parts.get(OWN_GAIN, 0.0) ** 2 + more)
+    own_gain_sd = math.sqrt(parts.get(OWN_GAIN, 0.0) ** 2 + more)
     return modulus.model_copy(
         update={
             "common_sd_MPa": math.sqrt(max(modulus.common_sd_MPa**2 - more, 0.0)),
-            "parts_sd_MPa": parts | {GAIN: kept, OWN_GAIN: own},
+            "parts_sd_MPa": parts | {GAIN: kept, OWN_GAIN: own_gain_sd},
         }
     )
 

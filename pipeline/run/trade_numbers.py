@@ -56,7 +56,7 @@ def trade_numbers(
             yield _line(done[-1], tests)
     yield from (_limit_line(limit, done) for limit in asked)
     write_whole(results.firmness, _table(done, tests).to_csv(index=False, lineterminator="\n"))
-    moduli = [one.E_MPa for one in done if one.readings and one.E_MPa]
+    moduli = [fruit.E_MPa for fruit in done if fruit.readings and fruit.E_MPa]
     entry = TradeEntry(
         made_utc=now,
         folder=printable(str(out)),
@@ -71,15 +71,15 @@ def trade_numbers(
 def _limit(text: str, tests: Sequence[TradeTest]) -> Limit:
     name, _, value = text.partition("=")
     test = {test.name: test for test in tests}.get(name.strip())
-    found = f'found "{printable(text[:80])}"'
+    quotation = f'found "{printable(text[:80])}"'
     if test is None:
         names = [test.name for test in tests]
         known = nearest(name, names, f"known tests: {', '.join(names)}.")
-        raise refused("--limit", f"{found}; {known}")
+        raise refused("--limit", f"{quotation}; {known}")
     with suppress(ValueError):
         if 0 < float(value) < math.inf:
             return test, float(value)
-    raise refused("--limit", f"{found}, expected {test.name}=NUMBER, above 0.")
+    raise refused("--limit", f"{quotation}, expected {test.name}=NUMBER, above 0.")
 
 
 def _simulated(
@@ -112,8 +112,10 @@ def _presses(record: FruitRecord, folder: FruitResults, settings: dict[str, Any]
     """On the fruit's mesh. The pit's spread: found by grasps, stated in the batch, or its category's."""
     if record.flesh is None or record.mesh is None:
         raise FemFailure(FemProblem.BAD_LOAD, "it has diameters, but no mesh")
-    found = record.modulus and record.modulus.pit_found
-    pit_size_sd = found.size_sd / found.size if found else (settings.get("pit") or {}).get("size_sd")
+    pit_found = record.modulus and record.modulus.pit_found
+    pit_size_sd = (
+        pit_found.size_sd / pit_found.size if pit_found else (settings.get("pit") or {}).get("size_sd")
+    )
     with suppress(ReconFailure):
         if pit_size_sd is None:
             pit_size_sd = load_prior(str(settings.get("category"))).size_sd
@@ -136,7 +138,7 @@ def _line(fruit: TradeFruit, tests: Sequence[TradeTest]) -> str:
 
 
 def _limit_line(limit: Limit, done: Sequence[TradeFruit]) -> str:
-    reached = [E for one in done if math.isfinite(E := one.E_at.get(_column(limit), math.nan))]
+    reached = [E for fruit in done if math.isfinite(E := fruit.E_at.get(_column(limit), math.nan))]
     named = f"{limit[1]:g} {limit[0].unit} ({limit[0].title})"
     if not reached:
         return f"{named}: no simulated E of these fruit reads it."
@@ -174,7 +176,7 @@ def _sizes(tests: Sequence[TradeTest], *, E_MPa: float, poisson_ratio: float = 0
             spheroid_presses((d, d, d), pit_share=share, poisson_ratio=poisson_ratio) for d in DIAMETERS_mm
         ]
         for test in tests:
-            values[test.name].append([test.read(one, E_MPa)[0] for one in fruit])
+            values[test.name].append([test.read(presses, E_MPa)[0] for presses in fruit])
     return SizeEffect(
         E_MPa=E_MPa,
         poisson_ratio=poisson_ratio,

@@ -73,19 +73,21 @@ class Arrivals:
         """Looks into the folders of all `rows`, into those of fruit whose files are as they were `graded` in
         turn; the rows of fruit that lack nothing.
         """
-        before, found = self.of, dict[str, Arrival]()
-        as_graded = [name for name, one in before.items() if graded.get(name) == one.state]
+        before, arrivals = self.of, dict[str, Arrival]()
+        as_graded = [
+            name for name, earlier_arrival in before.items() if graded.get(name) == earlier_arrival.state
+        ]
         self.turn = self.turn + TURN if self.turn + TURN < len(as_graded) else 0
         passed_over = {*as_graded[: self.turn], *as_graded[self.turn + TURN :]}
         for row in rows:
             name = row.fruit_id
-            one = before[name] if name in passed_over else arrival(folder.fruit(name), row)
-            if not one.state:
+            fruit_arrival = before[name] if name in passed_over else arrival(folder.fruit(name), row)
+            if not fruit_arrival.state:
                 continue
-            found[name] = one
-            if self.since.get(name, ((), 0.0))[0] != one.state:
-                self.since[name] = one.state, self.clock()
-        self.of, self.expected = found, len(rows) - len(found)
+            arrivals[name] = fruit_arrival
+            if self.since.get(name, ((), 0.0))[0] != fruit_arrival.state:
+                self.since[name] = fruit_arrival.state, self.clock()
+        self.of, self.expected = arrivals, len(rows) - len(arrivals)
         return tuple(row for row in rows if row.fruit_id in self.of and not self.of[row.fruit_id].missing)
 
     def at_rest(self, name: str) -> bool:
@@ -95,7 +97,9 @@ class Arrivals:
     @property
     def lacking(self) -> tuple[tuple[str, str], ...]:
         """Fruit that have files, but not all that grading needs, and what they lack."""
-        return tuple((name, one.missing) for name, one in self.of.items() if one.missing)
+        return tuple(
+            (name, fruit_arrival.missing) for name, fruit_arrival in self.of.items() if fruit_arrival.missing
+        )
 
 
 def own_state(folder: BatchFolder) -> State:
@@ -105,14 +109,14 @@ def own_state(folder: BatchFolder) -> State:
 
 def state_of(files: Iterator[Path]) -> State:
     """Of files that may vanish meanwhile."""
-    found = []
+    states = []
     for path in files:
         try:
             at = path.stat()
         except OSError:
             continue
-        found.append((str(path), at.st_size, at.st_mtime_ns))
-    return tuple(sorted(found))
+        states.append((str(path), at.st_size, at.st_mtime_ns))
+    return tuple(sorted(states))
 
 
 def _files(fruit: FruitFolder) -> Iterator[Path]:
@@ -133,7 +137,7 @@ def _files(fruit: FruitFolder) -> Iterator[Path]:
 def _inside(place: Path) -> list[Path]:
     """What a folder holds but for folders; nothing where it is gone or cannot be read."""
     try:
-        with os.scandir(place) as found:
-            return [Path(one.path) for one in found if not one.is_dir()]
+        with os.scandir(place) as entries:
+            return [Path(entry.path) for entry in entries if not entry.is_dir()]
     except OSError:
         return []

@@ -59,7 +59,7 @@ class CappedSocket(socket.socket):
     def accept(self) -> tuple[socket.socket, Any]:
         """As every socket; asyncio goes on after ConnectionAbortedError."""
         connection, address = super().accept()
-        self._open = [one for one in self._open if one.fileno() >= 0]
+        self._open = [open_connection for open_connection in self._open if open_connection.fileno() >= 0]
         if len(self._open) >= self.most:
             connection.close()
             raise ConnectionAbortedError
@@ -82,7 +82,7 @@ def limited_http(most: int, *, request_s: float = REQUEST_S) -> Callable[..., as
             held[self] = None
             self._deadline = self.loop.call_later(request_s, self._end_if_waiting)
             if len(held) > most:
-                next((one for one in held if not one.at_work), self).end()
+                next((protocol for protocol in held if not protocol.at_work), self).end()
 
         def connection_lost(self, exc: Exception | None) -> None:
             held.pop(self, None)

@@ -23,9 +23,9 @@ async def form_of(request: Request, *, strict: bool) -> dict[str, str] | None:
     `strict`: a browser must say that the form is of this page (Sec-Fetch-Site, else Origin); otherwise it
     must not say that it is another's.
     """
-    own = f"{request.url.scheme}://{request.headers.get('host', '')}"
+    page_origin = f"{request.url.scheme}://{request.headers.get('host', '')}"
     site, origin = request.headers.get("sec-fetch-site"), request.headers.get("origin")
-    by_origin = origin == own or (origin is None and not strict)
+    by_origin = origin == page_origin or (origin is None and not strict)
     if not (by_origin if site is None else site == "same-origin"):
         return None
     body = b""

@@ -134,8 +134,8 @@ class _Server(uvicorn.Server):
             waiting = partial(loop.create_server, ssl_handshake_timeout=REQUEST_S)
             loop.create_server = waiting  # type: ignore[method-assign]
         await super().startup(sockets)
-        for one in sockets or ():
-            one.listen(QUEUE)
+        for listener in sockets or ():
+            listener.listen(QUEUE)
 
 
 class PageServer:
@@ -321,10 +321,10 @@ class PageServer:
         if any(part in ("", ".", "..") or part.startswith(".") or "\0" in part for part in parts):
             return None
         path = self._results.root.joinpath(*parts)
-        own = len(parts) == 1 or (len(parts) == 3 and parts[0] == "fruits")
+        in_layout = len(parts) == 1 or (len(parts) == 3 and parts[0] == "fruits")
         folders = [path.parent] if len(parts) == 1 else [path.parent, path.parent.parent]
         if (
-            not own
+            not in_layout
             or path.suffix.lower() not in MEDIA_TYPES
             or any(folder.is_symlink() for folder in folders)
         ):

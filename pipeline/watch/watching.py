@@ -59,7 +59,7 @@ class BatchWatch:
     """Row and files of each fruit when it was last graded."""
     recent: list[str] = field(default_factory=list)
     """Fruit in the order in which their files were graded, the last first."""
-    own: State | None = None
+    compared_state: State | None = None
     """The batch's own files when all fruit were last held against each other; None: none were yet, or that
     was refused the last time.
     """
@@ -98,18 +98,22 @@ class BatchWatch:
         named: dict[str, str] = {}
         while True:
             began = self.clock()
-            own, batch, problems = self._opened()
+            batch_state, batch, problems = self._opened()
             looked_s = self.clock() - began
             if batch is not None:
                 self.graded.looked(batch)
-            now = own, problems, tuple((name, one.state) for name, one in self.arrivals.of.items())
+            now = (
+                batch_state,
+                problems,
+                tuple((name, arrival.state) for name, arrival in self.arrivals.of.items()),
+            )
             if now != before:
                 before, quiet_since, refused_at = now, self.clock(), -float("inf")
                 self._tell(problems)
             named = self._name_lacking(named)
             if self.clock() - refused_at >= AGAIN_S:
-                if batch is not None and (chosen := self._chosen(batch, own)):
-                    done = self._grade(batch, own, chosen)
+                if batch is not None and (chosen := self._chosen(batch, batch_state)):
+                    done = self._grade(batch, batch_state, chosen)
                     refused_at = -float("inf") if done else self.clock()
                     quiet_since = self.clock() if done else quiet_since
                     continue
@@ -119,7 +123,7 @@ class BatchWatch:
             idle_s, coming = self.options.idle_s, not all(map(self.arrivals.at_rest, self.arrivals.of))
             if idle_s is not None and not coming and self.clock() - quiet_since >= idle_s:
                 if batch is not None and self.graded.uncompared:
-                    self._grade(batch, own, [], compare_all=True)
+                    self._grade(batch, batch_state, [], compare_all=True)
                 return self.stop()
             self.sleep(max(EVERY_S, looked_s / SHARE))
 
@@ -135,19 +139,19 @@ class BatchWatch:
         """The batch's own files, and the batch with the fruit that are whole, or why it cannot be graded: it
         may be out of reach for a moment, as one on a network drive.
         """
-        own: State = ()
+        batch_state: State = ()
         try:
-            own = own_state(BatchFolder(self.root))
-            return own, open_batch(self.root, choose=self._whole), ()
+            batch_state = own_state(BatchFolder(self.root))
+            return batch_state, open_batch(self.root, choose=self._whole), ()
         except (BatchRefused, OSError) as fault:
-            return own, None, self._sentences(fault)
+            return batch_state, None, self._sentences(fault)
 
     def _whole(self, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
         """The fruit that lack nothing, listed or not."""
         every = (*rows, *unlisted_fruit(folder.fruits, rows))
         return self.arrivals.look(folder, every, {name: files for name, (_, files) in self.tried.items()})
 
-    def _chosen(self, batch: Batch, own: State) -> list[str]:
+    def _chosen(self, batch: Batch, batch_state: State) -> list[str]:
         """Fruit that are whole, at rest and not graded as they are: as many as are worked on at once, the
         first come first. All whose files are as they were graded, but not their row or the batch's own files,
         at once: most are only read again.
@@ -156,7 +160,10 @@ class BatchWatch:
             name
             for name, row in batch.row_of.items()
             if self.arrivals.at_rest(name)
-            and (own != self.own or self.tried.get(name) != (row, self.arrivals.of[name].state))
+            and (
+                batch_state != self.compared_state
+                or self.tried.get(name) != (row, self.arrivals.of[name].state)
+            )
         ]
         again = [
             name
@@ -172,7 +179,7 @@ class BatchWatch:
 
     def _begin_with_earlier_results(self) -> None:
         """Fruit that earlier runs graded come first, all at once: those that are unchanged are only read."""
-        own, batch, _ = self._opened()
+        batch_state, batch, _ = self._opened()
         if batch is None:
             return
         records = {row.fruit_id: Results(self.options.out).fruit(row.fruit_id).record for row in batch.rows}
@@ -183,18 +190,22 @@ class BatchWatch:
                     there[name] = path.stat().st_mtime
         if there:
             in_order = sorted(there, key=lambda name: there[name])
-            self._grade(batch, own, in_order)
+            self._grade(batch, batch_state, in_order)
 
-    def _grade(self, batch: Batch, own: State, chosen: list[str], *, compare_all: bool = False) -> bool:
+    def _grade(
+        self, batch: Batch, batch_state: State, chosen: list[str], *, compare_all: bool = False
+    ) -> bool:
         """Grades the chosen fruit; whether they could be. All fruit so far are held against each other anew
         where they are to be (`compare_all`), the batch's own files have changed since they were, or so many
         are chosen (rows that change at once) that it takes no longer; else those alone are graded again that
         have a recording which names one of the chosen. A report follows where it is due, or a chosen one is a
         reference body, by which all others are corrected.
         """
-        self.tried = {name: one for name, one in self.tried.items() if name in batch.row_of}
+        self.tried = {
+            name: row_and_state for name, row_and_state in self.tried.items() if name in batch.row_of
+        }
         many = len(chosen) > max(self.options.grading.jobs, len(self.tried) / AS_MANY)
-        changed = own != self.own
+        changed = batch_state != self.compared_state
         states = {name: self.arrivals.of[name].state for name in chosen}
         known = {*self.tried, *chosen, *self.graded.ungraded}
         waiting = sum(name not in known and self.arrivals.at_rest(name) for name in batch.row_of)
@@ -203,13 +214,13 @@ class BatchWatch:
         try:
             if anew:
                 self.graded.grade_all(so_far, chosen, waiting=waiting, changed=changed)
-                self.own = own
+                self.compared_state = batch_state
                 for name in chosen:
                     self._first_of_recent(name)
             else:
                 self.graded.grade_newcomers(so_far, chosen, waiting=waiting)
         except (BatchRefused, OSError) as fault:
-            self.own = None if anew else self.own
+            self.compared_state = None if anew else self.compared_state
             for name in self.graded.ungraded:
                 self.tried.pop(name, None)  # as it was before it changed it is graded again, too
             self._refused(fault)
@@ -252,7 +263,7 @@ class BatchWatch:
         """The fruit was graded last, unless its files are those of before: then it is where it was."""
         if name in self.tried and self.tried[name][1] == self.arrivals.of[name].state:
             return
-        self.recent = [name, *(one for one in self.recent if one != name)]
+        self.recent = [name, *(fruit_id for fruit_id in self.recent if fruit_id != name)]
 
     def _name_lacking(self, named: Mapping[str, str]) -> dict[str, str]:
         """Says on the console which fruit lack files though theirs are at rest, where it has not `named` them

@@ -95,8 +95,8 @@ def test_facets_of_a_coarse_mesh_change_no_reading_by_more_than_a_fiftieth(solid
     """With 600 vertices facets cut corners of 0.1 mm, a sixth of the approach at 2 % of the diameter."""
     coarse = simulated(0.0, vertices=600)[0]
     for test in trade_tests():
-        found, expected = (test.read(one, 0.6)[0] for one in (coarse, solid_ball))
-        assert found == pytest.approx(expected, rel=0.02), test.name
+        coarse_reading, expected = (test.read(presses, 0.6)[0] for presses in (coarse, solid_ball))
+        assert coarse_reading == pytest.approx(expected, rel=0.02), test.name
 
 
 @pytest.mark.parametrize("pit_share", [0.0, 0.4])
@@ -106,8 +106,8 @@ def test_plates_agree_with_axisymmetric_elements_at_small_strain_within_a_hundre
     squeezes = (0.01, 0.02, 0.05)
     truth = between_plates(linear, pit_share, squeezes)
     fruit = pitted[0] if pit_share else solid_ball
-    found = [fruit.plates.force_N_per_MPa(2 * RADIUS_MM * x) for x in squeezes]
-    assert found == pytest.approx(truth, rel=0.01)
+    forces = [fruit.plates.force_N_per_MPa(2 * RADIUS_MM * x) for x in squeezes]
+    assert forces == pytest.approx(truth, rel=0.01)
 
 
 @pytest.mark.parametrize("pit_share", [0.0, 0.4, pytest.param(0.6, marks=pytest.mark.proof)])
@@ -134,12 +134,12 @@ def test_table_of_spheroids_and_mesh_tell_the_same_of_a_round_fruit(pitted):
     """The page's curves for other sizes and pits are those of the fruit's own simulation."""
     by_table = spheroid_presses((60.0, 60.0, 60.0), pit_share=0.4, poisson_ratio=NU)
     for test in trade_tests():
-        found, expected = (test.read(one, 0.6)[0] for one in (pitted[0], by_table))
-        assert found == pytest.approx(expected, rel=0.05 if "ball" in test.name else 0.03), test.name
+        mesh_reading, expected = (test.read(presses, 0.6)[0] for presses in (pitted[0], by_table))
+        assert mesh_reading == pytest.approx(expected, rel=0.05 if "ball" in test.name else 0.03), test.name
 
 
 def test_pit_and_poissons_ratio_make_plates_stiffer_and_widen_the_error(pitted):
-    plain, other_nu, larger_pit = (one.plates.force_N_per_MPa(3.0) for one in pitted)
+    plain, other_nu, larger_pit = (presses.plates.force_N_per_MPa(3.0) for presses in pitted)
     assert other_nu / plain == pytest.approx((1 - 0.45**2) / (1 - 0.47**2), rel=0.01)
     by_table = [
         spheroid_presses((60.0,) * 3, pit_share=share, poisson_ratio=NU).plates.force_N_per_MPa(3.0)
@@ -159,7 +159,9 @@ def test_apparent_modulus_of_a_hertzian_sphere_is_its_modulus():
 @pytest.mark.parametrize("forces_gf", [(50.0, 350.0), (15.0, 200.0)])
 def test_firmtechs_chord_of_a_hertzian_sphere_is_its_closed_form(forces_gf):
     """d = (F/k)^(2/3): the chord grows with either force, as Tetteh et al. found on rubber balls."""
-    test = next(one for name, one in named_tests(chord_gf=forces_gf).items() if name.startswith("chord"))
+    test = next(
+        trade_test for name, trade_test in named_tests(chord_gf=forces_gf).items() if name.startswith("chord")
+    )
     k = 0.6 * hertz_sphere_force_N(E_MPa=1, poisson_ratio=0.49, radius_mm=30, indentation_mm=0.5)
     first, last = ((gf * N_PER_GF / k) ** (2 / 3) for gf in forces_gf)
     assert test.read(hertzian(), 0.6)[0] == pytest.approx((forces_gf[1] - forces_gf[0]) / (last - first))
@@ -167,8 +169,8 @@ def test_firmtechs_chord_of_a_hertzian_sphere_is_its_closed_form(forces_gf):
 
 
 def test_depth_under_the_ball_is_hertz_solved_for_depth():
-    found = named_tests(ball_N=2.0)["ball_5mm_2N_mm"].read(hertzian(), 0.8)[0]
-    force = hertz_sphere_force_N(E_MPa=0.8, poisson_ratio=0.49, radius_mm=2.5, indentation_mm=found)
+    depth_mm = named_tests(ball_N=2.0)["ball_5mm_2N_mm"].read(hertzian(), 0.8)[0]
+    force = hertz_sphere_force_N(E_MPa=0.8, poisson_ratio=0.49, radius_mm=2.5, indentation_mm=depth_mm)
     assert force == pytest.approx(2.0)
 
 

@@ -305,10 +305,10 @@ def test_each_lot_has_its_size_and_its_last_day():
     batches.append(batch([0.4] * 20, lot="9", key="e"))
     wanted = PlanWanted(lot_size=("7=150", "8=1200"))
     first, second = acceptance_entries(batches, "ready", wanted)
-    assert [(one.name, one.verdict) for one in first.decisions] == [
+    assert [(lot_decision.name, lot_decision.verdict) for lot_decision in first.decisions] == [
         ("nectarine, lot 7, 2026-08-12", "accept")
     ]
-    assert [one.verdict for one in second.decisions] == ["more fruit needed"]
+    assert [lot_decision.verdict for lot_decision in second.decisions] == ["more fruit needed"]
     assert "lot 9" in first.refusals[0]
     assert second.refusals == ()
 

@@ -39,11 +39,11 @@ def fruit(name, **amounts):
 
 def batch_of(count, rng, *, gain=0.0, between=0.0):
     """Fruit whose left pad has a gain (as 1 - 1/gain), and the right one the opposite; drifts of nothing."""
-    found = []
+    fruits = []
     for k in range(count):
         left = gain + between * rng.normal() + OWN_SD["gain"] * rng.normal()
         drift = OWN_SD["newton_per_s"] * rng.normal(size=2)
-        found.append(
+        fruits.append(
             fruit(
                 f"N{k}",
                 left__gain=left,
@@ -52,7 +52,7 @@ def batch_of(count, rng, *, gain=0.0, between=0.0):
                 right__newton_per_s=drift[1],
             )
         )
-    return found
+    return fruits
 
 
 @pytest.mark.parametrize("between", [0.0, 0.006, 0.018])

@@ -62,17 +62,17 @@ def test_what_a_class_says_is_done_to_its_own_fruit_alone(ship, lists):
 
 
 def test_a_fruit_at_the_limit_is_borderline_and_its_other_class_is_named():
-    found = decided(0.69, 0.05)
-    assert found.decision == "inspect"
-    assert found.decision_reason.startswith("borderline: ship with probability")
-    assert found.other_class == "firm"
+    decision = decided(0.69, 0.05)
+    assert decision.decision == "inspect"
+    assert decision.decision_reason.startswith("borderline: ship with probability")
+    assert decision.other_class == "firm"
     firm = class_probabilities(np.log(0.69), 0.05 / 0.69, CLASSES)[2]
-    assert found.other_class_probability == pytest.approx(firm)
+    assert decision.other_class_probability == pytest.approx(firm)
 
 
 def test_a_limit_between_two_classes_that_are_shipped_alike_holds_no_fruit_back():
-    found = decided(0.2, 0.01)
-    assert (found.decision, found.other_class) == ("ship", "ripe")
+    decision = decided(0.2, 0.01)
+    assert (decision.decision, decision.other_class) == ("ship", "ripe")
 
 
 @pytest.mark.parametrize(
@@ -113,9 +113,9 @@ def suspected(p_value, *moduli, names=("skin",)):
 )
 def test_a_fruit_whose_screen_is_improbable_is_inspected(p_value, moduli, names, limits):
     grading = CERTAIN_SHIP.model_copy(update=limits)
-    found = decided(0.416, 0.04, grading, **suspected(p_value, *moduli, names=names))
-    assert found.decision == "inspect"
-    assert found.decision_reason.startswith("missing physics suspected: ")
+    decision = decided(0.416, 0.04, grading, **suspected(p_value, *moduli, names=names))
+    assert decision.decision == "inspect"
+    assert decision.decision_reason.startswith("missing physics suspected: ")
     assert decided(0.416, 0.04, Grading(**limits), **suspected(p_value)).decision == "inspect"
 
 
@@ -141,12 +141,12 @@ def test_a_fruit_is_not_inspected_for_a_likely_screen_that_leaves_its_class(p_va
 def test_a_fruit_whose_class_the_suspected_effect_changes_is_inspected(E_MPa, ratio, effect):
     other = SuspectedRecord(effect=effect, E_ratio=ratio)
     same = SuspectedRecord(effect="drainage", E_ratio=1.01)
-    found = decided(E_MPa, E_MPa / 50, CERTAIN_SHIP, **suspected(0.03, same, other))
-    assert found.decision == "inspect"
-    assert found.decision_reason.startswith(
+    decision = decided(E_MPa, E_MPa / 50, CERTAIN_SHIP, **suspected(0.03, same, other))
+    assert decision.decision == "inspect"
+    assert decision.decision_reason.startswith(
         f"the suspected effect changes its class: {effect_name(effect)} (p = 0.030)"
     )
-    assert {found.suspicion.maturity, found.suspicion.maturity_with} == {"ripe", "firm"}
+    assert {decision.suspicion.maturity, decision.suspicion.maturity_with} == {"ripe", "firm"}
 
 
 def explanation(after, verdict="skin"):
@@ -164,17 +164,17 @@ def explanation(after, verdict="skin"):
 )
 def test_what_explain_found_counts_instead_of_what_the_screen_suspects(explained, list_name):
     changes = suspected(0.02, SuspectedRecord(effect="slip", E_ratio=2.0))
-    found = decided(0.4, 0.01, CERTAIN_SHIP, explained=explained, **changes)
-    assert found.decision == list_name
+    decision = decided(0.4, 0.01, CERTAIN_SHIP, explained=explained, **changes)
+    assert decision.decision == list_name
 
 
 @pytest.mark.parametrize(("certainty", "list_name"), [(0.5, "ship"), (0.8, "ship"), (0.9, "inspect")])
 def test_the_certainty_that_a_decision_needs_is_a_setting(certainty, list_name):
     """ln(0.6 / 0.55) / 0.08 = 1.088 sd below the limit: 86 % certain."""
     grading = CERTAIN_SHIP.model_copy(update={"certainty": certainty})
-    found = decided(0.55, 0.55 * 0.08, grading)
-    assert found.decision == list_name
-    assert (found.other_class is None) == (certainty < 0.86)
+    decision = decided(0.55, 0.55 * 0.08, grading)
+    assert decision.decision == list_name
+    assert (decision.other_class is None) == (certainty < 0.86)
 
 
 def test_without_classes_and_for_a_reference_body_there_is_no_list():
@@ -183,7 +183,7 @@ def test_without_classes_and_for_a_reference_body_there_is_no_list():
 
 
 def test_one_class_parts_nothing_unless_it_says_so():
-    one = Grading(classes=(GradingClass(name="all"),))
-    assert one.shipped is None
+    grading = Grading(classes=(GradingClass(name="all"),))
+    assert grading.shipped is None
     assert Grading(classes=(GradingClass(name="all", ship=True),)).shipped == (True,)
     assert ship_probability((0.25, 0.75), (False, True)) == 0.75

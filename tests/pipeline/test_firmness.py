@@ -49,25 +49,25 @@ def test_a_ball_reads_what_the_table_of_spheroids_says(drupe, out):
     before = {path: path.read_bytes() for path in out.rglob("record.json")}
     done = drupe("firmness", out, "--chord", 20, 200, "--limit", "plates_5pct_N=10")
     assert done.status == 0, done.err
-    found = rows(out)
+    table = rows(out)
     curve = Ellipsoid(diameters_mm=(56.0,) * 3, axis=0, pit_share=0.0).curve(
         thickness_mm=None, poisson_ratio=0.45
     )
     for percent in (2, 5):
         depth = percent / 100 * 2 * RADIUS_MM
         force = E_MPa * float(curve.force_N_per_MPa(np.array(depth)))
-        assert float(found["A"][f"plates_{percent}pct_N"]) == pytest.approx(force, rel=0.02)
-        assert float(found["A"][f"plates_{percent}pct_N_per_mm"]) == pytest.approx(force / depth, rel=0.02)
-        spread = float(found["A"][f"plates_{percent}pct_N_sd"]) / force
+        assert float(table["A"][f"plates_{percent}pct_N"]) == pytest.approx(force, rel=0.02)
+        assert float(table["A"][f"plates_{percent}pct_N_per_mm"]) == pytest.approx(force / depth, rel=0.02)
+        spread = float(table["A"][f"plates_{percent}pct_N_sd"]) / force
         assert 0.05 < spread < 0.06  # of E, and a little of the method
-    at_limit = float(found["A"]["E_MPa_at_10_plates_5pct_N"])
-    assert at_limit == pytest.approx(E_MPa * 10 / float(found["A"]["plates_5pct_N"]), rel=2e-3)
+    at_limit = float(table["A"]["E_MPa_at_10_plates_5pct_N"])
+    assert at_limit == pytest.approx(E_MPa * 10 / float(table["A"]["plates_5pct_N"]), rel=2e-3)
     assert f"E_max_MPa = {at_limit:.3g}" in done.out
-    assert float(found["A"]["chord_20_200gf_gf_per_mm"]) > 0
+    assert float(table["A"]["chord_20_200gf_gf_per_mm"]) > 0
     assert {path: path.read_bytes() for path in out.rglob("record.json")} == before
-    assert found["B"]["reason"] == "no contact"
-    assert "fruit.ply" in found["C"]["reason"]
-    assert not found["B"]["plates_2pct_N"]
+    assert table["B"]["reason"] == "no contact"
+    assert "fruit.ply" in table["C"]["reason"]
+    assert not table["B"]["plates_2pct_N"]
     page = (out / "firmness.html").read_text("utf-8")
     assert "FirmTech, chord from 20 to 200 gf" in page
     assert "<script" not in page

@@ -25,9 +25,9 @@ from pipeline.history.stored_batch import StoredBatch, StoredFruit, StoredGrasp
     ],
 )
 def test_units_and_plungers_are_those_of_the_trade(text, column, newtons, plunger_mm):
-    found = reading_of(text)
-    assert (found.column, found.plunger_mm) == (column, plunger_mm)
-    assert found.newtons == pytest.approx(newtons, rel=1e-12)
+    reading = reading_of(text)
+    assert (reading.column, reading.plunger_mm) == (column, plunger_mm)
+    assert reading.newtons == pytest.approx(newtons, rel=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -64,25 +64,25 @@ def test_the_error_is_that_of_refits_without_each_fruit(power):
             predicted = intercept + slope * x[k]
             left_out.append(F[k] - (math.exp(predicted) if law else predicted))
         errors[law] = np.array(left_out)
-    found = firmness_relation(E, F)
-    rms = {law: math.sqrt(np.mean(one**2)) for law, one in errors.items()}
-    assert found.power == min(rms, key=rms.get)
-    assert found.power == power
-    assert found.error_N == pytest.approx(rms[power], rel=1e-9)
+    relation = firmness_relation(E, F)
+    rms = {law: math.sqrt(np.mean(error**2)) for law, error in errors.items()}
+    assert relation.power == min(rms, key=rms.get)
+    assert relation.power == power
+    assert relation.error_N == pytest.approx(rms[power], rel=1e-9)
     spread = [F[k] - np.delete(F, k).mean() for k in range(len(F))]
-    assert found.explained == pytest.approx(1 - np.sum(errors[power] ** 2) / np.sum(np.square(spread)))
+    assert relation.explained == pytest.approx(1 - np.sum(errors[power] ** 2) / np.sum(np.square(spread)))
 
 
 def test_the_interval_is_the_textbooks():
     E, F = fruit_and_readings(np.random.default_rng(5))
-    found, line = firmness_relation(E, F), linregress(E, F)
+    relation, line = firmness_relation(E, F), linregress(E, F)
     at = np.array([0.5, 1.0])
     residual_sd = line.stderr * math.sqrt(np.sum((E - E.mean()) ** 2))
     sd = residual_sd * np.sqrt(1 + 1 / len(E) + (at - E.mean()) ** 2 / np.sum((E - E.mean()) ** 2))
     half = student.ppf(0.95, len(E) - 2) * sd
     middle = line.intercept + line.slope * at
-    assert not found.power
-    assert found.predicted(at) == pytest.approx(np.stack([middle, middle - half, middle + half], axis=1))
+    assert not relation.power
+    assert relation.predicted(at) == pytest.approx(np.stack([middle, middle - half, middle + half], axis=1))
 
 
 def test_nine_of_ten_further_fruit_lie_in_the_band():
@@ -125,15 +125,15 @@ def test_cheeks_are_averaged_and_plungers_and_cultivars_kept_apart():
         for k, e in enumerate(E)
     ]
     readings = [reading_of(text) for text in ("c1=kgf@8mm", "c2=kgf@8mm", "wide=N@11.1mm")]
-    found = list(firmness_relations([stored(fruit), stored(fruit[:3], cultivar="B")], readings))
-    assert [key for key, _, _ in found] == [
+    relations = list(firmness_relations([stored(fruit), stored(fruit[:3], cultivar="B")], readings))
+    assert [key for key, _, _ in relations] == [
         *[("peach A", 8.0), ("peach A", 11.1)],
         *[("peach B", 8.0), ("peach B", 11.1)],
     ]
-    assert found[0][1].reading_N == pytest.approx(F)
-    assert found[1][1].reading_N == pytest.approx(2 * F)
-    assert found[2][2] is None
-    assert "not fitted: 3 fruit" in found[2][1].words
+    assert relations[0][1].reading_N == pytest.approx(F)
+    assert relations[1][1].reading_N == pytest.approx(2 * F)
+    assert relations[2][2] is None
+    assert "not fitted: 3 fruit" in relations[2][1].words
     with pytest.raises(
         NoReading, match='"note" of --firmness; its 12 cells have text or a number not above 0'
     ):
@@ -147,9 +147,9 @@ def test_a_mistyped_column_is_refused_and_readings_left_out_are_counted():
         StoredFruit(fruit_id=f"N{k}", E_MPa=float(E[k]), E_sd_MPa=0.02, columns={"c1": cells[k]})
         for k in range(12)
     ]
-    (found,) = firmness_relations([stored(fruit)], [reading_of("c1=N@8mm")])
-    assert found[1].reading_N == pytest.approx(F[:9])
-    assert found[1].words.endswith(". drupe left out 3 cells with text or a number not above 0")
+    (relation,) = firmness_relations([stored(fruit)], [reading_of("c1=N@8mm")])
+    assert relation[1].reading_N == pytest.approx(F[:9])
+    assert relation[1].words.endswith(". drupe left out 3 cells with text or a number not above 0")
     mistyped = [reading_of("c1=N@8mm"), reading_of("c2=N@8mm")]
     with pytest.raises(NoReading, match='no fruit has a reading in the column "c2"'):
         list(firmness_relations([stored(fruit)], mistyped))
@@ -192,7 +192,9 @@ def test_the_command_fits_and_predicts_within_the_range_alone(drupe, tmp_path):
     assert "nectarine, plunger of 8 mm: F = " in ran.out
     assert "Readings against E" in page.read_text()
     rows = {row["fruit_id"]: row for row in csv.DictReader(table.read_text().splitlines())}
-    low, middle, high = (float(rows["new"][f"firmness_8mm_N_{one}"]) for one in ("low", "predicted", "high"))
+    low, middle, high = (
+        float(rows["new"][f"firmness_8mm_N_{column}"]) for column in ("low", "predicted", "high")
+    )
     assert low < 20 + 45 * 0.7 < high
     assert low < middle < high
     assert rows["hard"]["firmness_8mm_N_predicted"] == rows["ball"]["firmness_8mm_N_predicted"] == ""

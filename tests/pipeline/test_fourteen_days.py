@@ -54,7 +54,9 @@ class Season:
                 "day": day, "gripper": gripper, "fruit_id": f"F{k}", "measured_on": f"{measured}", "lot": lot,
                 "E": E, "calibration": calibration,
             }  # fmt: skip
-            grasps = tuple(GraspRecord(grasp=one, E_MPa=E * by) for one, by in (("g1", 0.99), ("g2", 1.01)))
+            grasps = tuple(
+                GraspRecord(grasp=grasp, E_MPa=E * by) for grasp, by in (("g1", 0.99), ("g2", 1.01))
+            )
             records.append(make(f"F{k}", E, changes={"grasps": grasps}))
             inputs |= {f"fruits/F{k}/grasps/g{n}.h5": f"{name} F{k} {n} {scale}" for n in (1, 2)}
         out = self.root / name / f"results-{len(self.outs)}"
@@ -220,7 +222,7 @@ def test_the_page_has_a_line_and_a_mark_per_day_for_every_lot_in_colours_of_the_
 def test_the_order_of_days_in_the_store_changes_nothing(season):
     with history_store(season.store) as stored:
         batches = stored.batches()
-    forth, back = (history_entry(one, conversions=(), now=NOW) for one in (batches, batches[::-1]))
+    forth, back = (history_entry(order, conversions=(), now=NOW) for order in (batches, batches[::-1]))
     assert [lot.softening.words for lot in forth.series] == [lot.softening.words for lot in back.series]
     assert sorted(forth.groups[0].rates) == ["A", "B", "C"]
     assert forth.groups[0].rates == pytest.approx(back.groups[0].rates, rel=1e-4)

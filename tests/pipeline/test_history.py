@@ -49,11 +49,13 @@ def test_equal_days_are_least_squares_by_another_library():
 
 def test_one_tau_is_fieller():
     law = softening_of(lot(np.random.default_rng(8), days=(0, 2, 5), k=0.1), single_sd=0.1)
-    one = replace(law, weights=np.ones(1), a=law.a[:1], k=law.k[:1], covariance=law.covariance[:1], last=20.0)
-    (a,), (k,), ((Vaa, Vak), (_, Vkk)) = one.a, one.k, one.covariance[0]
+    single_tau = replace(
+        law, weights=np.ones(1), a=law.a[:1], k=law.k[:1], covariance=law.covariance[:1], last=20.0
+    )
+    (a,), (k,), ((Vaa, Vak), (_, Vkk)) = single_tau.a, single_tau.k, single_tau.covariance[0]
     away, q = a - math.log(0.5), 1.6448536
     ends = np.roots([k**2 - q**2 * Vkk, -2 * (away * k - q**2 * Vak), away**2 - q**2 * Vaa])
-    earliest, _, latest = reached(one, 0.5)
+    earliest, _, latest = reached(single_tau, 0.5)
     assert [earliest, latest] == pytest.approx(sorted(ends), abs=0.01)
 
 
@@ -111,20 +113,20 @@ def test_nine_of_ten_new_readings_lie_in_the_interval():
     inside = total = 0
     for _ in range(300):
         E = np.exp(rng.uniform(-1.5, 0.3, 12))
-        found = conversion(E, 60 + 12 * np.log(E) + rng.normal(0, 2, 12))
-        one = math.exp(rng.uniform(-1.2, 0.0))
-        if (predicted := found.predicted(one)) is None:
+        shore_fit = conversion(E, 60 + 12 * np.log(E) + rng.normal(0, 2, 12))
+        new_E_MPa = math.exp(rng.uniform(-1.2, 0.0))
+        if (predicted := shore_fit.predicted(new_E_MPa)) is None:
             continue
         total += 1
-        inside += abs(60 + 12 * math.log(one) + rng.normal(0, 2) - predicted[0]) <= predicted[1]
+        inside += abs(60 + 12 * math.log(new_E_MPa) + rng.normal(0, 2) - predicted[0]) <= predicted[1]
     assert 0.85 <= inside / total <= 0.95
 
 
 def test_nothing_is_predicted_beyond_the_fruit_fitted_nor_fitted_to_few_or_equal_ones():
     E = np.exp(np.linspace(-1, 0, 10))
-    found = conversion(E, 60 + 12 * np.log(E))
-    assert found.predicted(1.5) is None
-    assert found.predicted(0.5)[0] == pytest.approx(60 + 12 * math.log(0.5))
+    shore_fit = conversion(E, 60 + 12 * np.log(E))
+    assert shore_fit.predicted(1.5) is None
+    assert shore_fit.predicted(0.5)[0] == pytest.approx(60 + 12 * math.log(0.5))
     with pytest.raises(
         NotFitted, match="5 fruit of nectarine A have both E and shore_oo; the fit needs at least 8"
     ):
@@ -141,8 +143,8 @@ def three_days(tmp_path):
     for k, day in enumerate(("2026-08-10", "2026-08-12", "2026-08-15")):
         E = 1.1 * np.exp(-0.12 * (0, 2, 5)[k] + rng.normal(0, 0.12, 6))
         fruit = [
-            graded(f"N{j}", float(one), shore_oo=float(55 + 14 * np.log(one) + rng.normal(0, 0.8)))
-            for j, one in enumerate(E)
+            graded(f"N{j}", float(E_MPa), shore_oo=float(55 + 14 * np.log(E_MPa) + rng.normal(0, 0.8)))
+            for j, E_MPa in enumerate(E)
         ]
         body = graded("ball", 0.9 * (1, 1, 1.5)[k], sd=0.04, reference=True, reference_E_MPa=0.9)
         odd = graded("odd", 40.0, doubts=["a gram for a newton"])
@@ -273,7 +275,7 @@ def day_of(out, E, *, lot="7", day="2026-08-10", scale="a", extra=(), **settings
     inputs = {f"fruits/{name}/grasps/g.h5": f"{name}{scale}" for name in E}
     return results_of(
         out,
-        [*(graded(name, one) for name, one in E.items()), *extra],
+        [*(graded(name, E_MPa) for name, E_MPa in E.items()), *extra],
         day=day,
         lot=lot,
         inputs=inputs,
@@ -359,9 +361,11 @@ def test_a_fruit_that_is_lost_when_graded_again_no_longer_counts(tmp_path):
 
 def renamed_day(out, ids, **settings):
     """Results of a day whose fruit A to D have other ids, with the same recordings."""
-    E = {ids.get(name, name): one for name, one in DAY.items()}
+    E = {ids.get(name, name): E_MPa for name, E_MPa in DAY.items()}
     inputs = {f"fruits/{ids.get(name, name)}/grasps/g.h5": f"{name}a" for name in DAY}
-    return results_of(out, [graded(name, one) for name, one in E.items()], lot="7", inputs=inputs, **settings)
+    return results_of(
+        out, [graded(name, E_MPa) for name, E_MPa in E.items()], lot="7", inputs=inputs, **settings
+    )
 
 
 @pytest.mark.parametrize(
@@ -387,8 +391,8 @@ def test_a_renamed_fruit_is_counted_once_and_forgotten_with_its_former_id(drupe,
         (batch,) = kept_in(store)
         assert {f.fruit_id: f.E_MPa for f in batch.fruit} == {ids.get(n, n): E for n, E in DAY.items()}
         if outs == (first, later):
-            with history_store(store) as one:
-                kept = one.kept[batch.key].rows
+            with history_store(store) as opened:
+                kept = opened.kept[batch.key].rows
     assert len(kept) > 5
     drupe("history", "--store", store, "--forget", f"7/{ids.get('D', 'D')}")
     (batch,) = kept_in(store)
@@ -399,16 +403,16 @@ def test_a_fruit_renamed_and_back_has_its_first_id_and_a_copied_recording_replac
     first = stored_batch(day_of(tmp_path / "b" / "results", DAY))
     other = stored_batch(renamed_day(tmp_path / "b" / "other", {"D": "X"}, day="2026-08-11"))
     with history_store(None) as store:
-        for one in (first, other, replace(first, graded_utc="2026-08-12T08:00:00+00:00")):
-            store.add(one)
+        for revision in (first, other, replace(first, graded_utc="2026-08-12T08:00:00+00:00")):
+            store.add(revision)
         (batch,) = store.batches()
         assert [f.fruit_id for f in batch.fruit] == [*"ABCD"]
     copy = replace(other.fruit[-1], grasps=first.fruit[0].grasps)
     assert copy.fruit_id == "X"
     both = replace(other, fruit=(*first.fruit, copy), listed=(*"ABCD", "X"))
     with history_store(None) as store:
-        for one in (first, both):
-            store.add(one)
+        for revision in (first, both):
+            store.add(revision)
         (batch,) = store.batches()
     assert [f.fruit_id for f in batch.fruit] == [*"ABCDX"]
 
@@ -528,8 +532,8 @@ def test_no_flipped_bit_of_a_store_is_used_and_a_damaged_row_is_named_and_forgot
 
 
 def test_a_row_that_is_lost_from_a_store_is_noticed(tmp_path):
-    with history_store(tmp_path / "s") as one:
-        one.add(stored_batch(day_of(tmp_path / "b" / "results", DAY)))
+    with history_store(tmp_path / "s") as store:
+        store.add(stored_batch(day_of(tmp_path / "b" / "results", DAY)))
     with sqlite3.connect(tmp_path / "s") as other:
         other.execute("DELETE FROM fruit WHERE fruit_id = 'B'")
     other.close()

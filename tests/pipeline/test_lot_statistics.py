@@ -54,10 +54,12 @@ def test_an_interaction_that_is_simulated_is_its_own_component():
 
 def test_statistics_are_those_of_pandas():
     E = np.random.default_rng(1).lognormal(0, 0.3, 23)
-    found, series = lot_statistics(E, precision=0.05), pd.Series(E)
-    assert (found.n, found.mean_MPa, found.sd_MPa) == pytest.approx((23, series.mean(), series.std()))
+    statistics, series = lot_statistics(E, precision=0.05), pd.Series(E)
+    assert (statistics.n, statistics.mean_MPa, statistics.sd_MPa) == pytest.approx(
+        (23, series.mean(), series.std())
+    )
     shares = np.array(PERCENTILES) / 100
-    assert found.percentiles_MPa == pytest.approx(series.quantile(shares).tolist())
+    assert statistics.percentiles_MPa == pytest.approx(series.quantile(shares).tolist())
 
 
 def test_one_fruit_has_no_spread():
@@ -89,15 +91,21 @@ def scaled(n):
 def test_lots_differ_as_another_library_says():
     rng = np.random.default_rng(5)
     E = {"A": rng.normal(1.0, 0.1, 10), "B": rng.normal(0.9, 0.3, 14), "C": rng.normal(0.7, 0.1, 9)}
-    found = lot_differences({**E, "single": [1.0]})
-    assert [(one.first, one.second) for one in found] == [("A", "B"), ("A", "C"), ("B", "C")]
+    differences = lot_differences({**E, "single": [1.0]})
+    assert [(difference.first, difference.second) for difference in differences] == [
+        ("A", "B"),
+        ("A", "C"),
+        ("B", "C"),
+    ]
     raw = []
-    for one in found:
-        other = CompareMeans(DescrStatsW(E[one.first]), DescrStatsW(E[one.second]))
+    for difference in differences:
+        other = CompareMeans(DescrStatsW(E[difference.first]), DescrStatsW(E[difference.second]))
         interval = other.tconfint_diff(alpha=0.1, usevar="unequal")
-        assert (one.low_MPa, one.high_MPa) == pytest.approx(interval)
+        assert (difference.low_MPa, difference.high_MPa) == pytest.approx(interval)
         raw.append(other.ttest_ind(usevar="unequal")[1])
-    assert [one.p for one in found] == pytest.approx(multipletests(raw, method="holm")[1].tolist())
+    assert [difference.p for difference in differences] == pytest.approx(
+        multipletests(raw, method="holm")[1].tolist()
+    )
 
 
 def test_a_tenth_of_the_fruit_is_there_as_many_spreads_before_the_mean():

@@ -57,7 +57,7 @@ def batch_read_with(gain):
 
 
 def arrays(*values):
-    return (np.array(one, dtype=float) for one in values)
+    return (np.array(row, dtype=float) for row in values)
 
 
 def test_the_mean_is_weighted_by_both_errors():
@@ -76,10 +76,10 @@ def test_the_error_covers_the_truth_and_a_sound_gripper_is_seldom_doubted():
     """Drawn grippers of gain 1 and three bodies each, a third of their variance common to all three."""
     rng = np.random.default_rng(7)
     n, runs, known, sd, common = 3, 3000, 0.5, 0.02, 0.0115
-    own = math.sqrt(sd**2 - common**2)
+    independent = math.sqrt(sd**2 - common**2)
     z, doubted, disagreeing = [], 0, 0
     for _ in range(runs):
-        errors = own * rng.standard_normal(n) + common * rng.standard_normal()
+        errors = independent * rng.standard_normal(n) + common * rng.standard_normal()
         said = known * np.exp(0.01 * rng.standard_normal(n))
         E = known * np.exp(errors)
         ratio = combined_ratio(E, sd * E, common * E, said, 0.01 * said)
@@ -104,21 +104,21 @@ def test_a_batch_without_a_reference_is_as_measured():
 @pytest.mark.parametrize("correct", [False, True])
 def test_a_sound_gripper_changes_nothing(correct):
     records = batch_read_with(1.01)
-    found, finding = against_references(records, correct=correct)
+    checked_records, finding = against_references(records, correct=correct)
     assert not finding.alarm
     assert "1.01 ± 0.02 times" in finding.sentences[0]
     assert "(ball): within 2 standard deviations" in finding.sentences[0]
-    assert [(one.modulus, one.doubts, one.grasps) for one in found] == [
-        (one.modulus, one.doubts, one.grasps) for one in records
-    ]
+    assert [
+        (fruit_record.modulus, fruit_record.doubts, fruit_record.grasps) for fruit_record in checked_records
+    ] == [(fruit_record.modulus, fruit_record.doubts, fruit_record.grasps) for fruit_record in records]
 
 
 def test_a_gain_puts_every_fruit_in_doubt_and_widens_its_error_by_the_gain():
     records = batch_read_with(GAIN)
-    found, finding = against_references(records, correct=False)
+    checked_records, finding = against_references(records, correct=False)
     assert finding.alarm
     assert READS in finding.sentences[0]
-    for before, after in zip(records[:2], found[:2], strict=True):
+    for before, after in zip(records[:2], checked_records[:2], strict=True):
         E = before.modulus.E_MPa
         assert after.modulus.E_MPa == E
         assert after.modulus.E_sd_MPa == pytest.approx(E * math.hypot(0.02, math.log(GAIN)))
@@ -126,63 +126,68 @@ def test_a_gain_puts_every_fruit_in_doubt_and_widens_its_error_by_the_gain():
         (doubt,) = after.doubts
         assert "gripper reads 1.12 ± 0.03" in doubt
         assert after.warnings == (doubt, "w")
-    assert (found[2].modulus, found[2].doubts) == (records[2].modulus, ())
+    assert (checked_records[2].modulus, checked_records[2].doubts) == (records[2].modulus, ())
 
 
 @pytest.mark.parametrize("gain", [0.7, 1.12, 1.4])
 def test_a_correction_gives_the_true_moduli_and_carries_the_ratios_error(gain):
     """The fruit are of 0.4 and 0.8 MPa whatever the gripper's gain."""
-    found, finding = against_references(batch_read_with(gain), correct=True)
+    corrected_records, finding = against_references(batch_read_with(gain), correct=True)
     assert finding.corrected
     assert not finding.alarm
     ratio_sd = math.hypot(0.02, 0.01)
-    for one, truth in zip(found, (0.4, 0.8), strict=False):
-        assert one.modulus.E_MPa == pytest.approx(truth)
-        assert one.modulus.E_sd_MPa == pytest.approx(truth * math.hypot(0.02, ratio_sd))
-        assert one.modulus.common_sd_MPa == pytest.approx(truth * math.hypot(0.01, ratio_sd))
-        assert one.grasps[0].E_MPa == pytest.approx(truth)
-        assert one.grasps[0].E_energy_MPa == pytest.approx(1.01 * truth)
-        assert one.doubts == ()
-    assert found[2].modulus.E_MPa == 0.5 * gain
+    for fruit_record, truth in zip(corrected_records, (0.4, 0.8), strict=False):
+        assert fruit_record.modulus.E_MPa == pytest.approx(truth)
+        assert fruit_record.modulus.E_sd_MPa == pytest.approx(truth * math.hypot(0.02, ratio_sd))
+        assert fruit_record.modulus.common_sd_MPa == pytest.approx(truth * math.hypot(0.01, ratio_sd))
+        assert fruit_record.grasps[0].E_MPa == pytest.approx(truth)
+        assert fruit_record.grasps[0].E_energy_MPa == pytest.approx(1.01 * truth)
+        assert fruit_record.doubts == ()
+    assert corrected_records[2].modulus.E_MPa == 0.5 * gain
 
 
 @pytest.mark.parametrize("gain", [12.7, 1.6, 1 / 12.7])
 @pytest.mark.parametrize("correct", [False, True])
 def test_a_ratio_that_no_gripper_has_corrects_nothing_and_names_the_number_that_was_typed(gain, correct):
     records = batch_read_with(gain)
-    found, finding = against_references(records, correct=correct)
+    checked_records, finding = against_references(records, correct=correct)
     assert finding.alarm
     assert not finding.corrected
     assert "Check reference_E_MPa = 0.5 MPa of ball for typing errors" in finding.sentences[0]
     assert "drupe corrects none" in finding.sentences[0]
-    for before, after in zip(records[:2], found[:2], strict=True):
+    for before, after in zip(records[:2], checked_records[:2], strict=True):
         E = before.modulus.E_MPa
         assert after.modulus.E_MPa == E
         assert after.modulus.E_sd_MPa == pytest.approx(E * math.hypot(0.02, math.log(gain)))
         (doubt,) = after.doubts
         assert "Check reference_E_MPa = 0.5 MPa of ball for typing errors" in doubt
         assert after.grasps == before.grasps
-    assert _status(found, finding) == 4
+    assert _status(checked_records, finding) == 4
 
 
 def test_a_ratio_that_its_own_error_explains_is_not_called_a_slip():
     """1.6 of a body that is known to 40 %: nothing is said of it but that it is within its error."""
     wide = record("ball", 0.8, known=0.5)
     wide = wide.model_copy(update={"given": wide.given.model_copy(update={"reference_E_sd_MPa": 0.2})})
-    found, finding = against_references([record("soft", 0.4), wide], correct=True)
+    checked_records, finding = against_references([record("soft", 0.4), wide], correct=True)
     assert not finding.alarm
-    assert found[0].doubts == ()
+    assert checked_records[0].doubts == ()
 
 
 def test_what_is_kept_stays_as_measured_so_that_a_second_run_corrects_once():
     records = batch_read_with(GAIN)
-    found, _ = against_references(records, correct=True)
-    kept = [as_measured(record, one) for record, one in zip(records, found, strict=True)]
-    assert [one.modulus for one in kept] == [one.modulus for one in records]
+    corrected_records, _ = against_references(records, correct=True)
+    kept = [
+        as_measured(record, corrected_record)
+        for record, corrected_record in zip(records, corrected_records, strict=True)
+    ]
+    assert [fruit_record.modulus for fruit_record in kept] == [
+        fruit_record.modulus for fruit_record in records
+    ]
     assert kept[0].reference.E_MPa == pytest.approx(0.4)
     assert kept[0].reference.corrected
     again, _ = against_references(kept, correct=True)
-    assert again == found
+    assert again == corrected_records
     undone, _ = against_references(kept[:2], correct=False)
     assert undone == records[:2]
 
@@ -199,38 +204,40 @@ def test_bodies_that_disagree_are_named():
 def test_bodies_that_contradict_each_other_judge_nothing_and_doubt_every_fruit(correct):
     """Ratios of 1 and 3: their mean may lie within 2 of its widened errors of 1, and says nothing."""
     records = [*batch_read_with(1.0), record("other", 1.5, known=0.5)]
-    found, finding = against_references(records, correct=correct)
+    checked_records, finding = against_references(records, correct=correct)
     assert finding.alarm
     assert not finding.corrected
     said = "drupe cannot judge the gripper, because the reference bodies contradict each other"
     assert said in finding.sentences[0]
     assert "as expected" not in " ".join(finding.sentences)
-    for before, after in zip(records[:2], found[:2], strict=True):
+    for before, after in zip(records[:2], checked_records[:2], strict=True):
         E = before.modulus.E_MPa
         assert after.modulus.E_MPa == E
         assert after.modulus.E_sd_MPa == pytest.approx(E * math.hypot(0.02, math.log(3)))
         (doubt,) = after.doubts
         assert "contradict each other (ball 1.00 ± 0.02, other 3.00 ± 0.07)" in doubt
-    assert [one.doubts for one in found[2:]] == [(), ()]
-    assert _status(found, finding) == 4
+    assert [fruit_record.doubts for fruit_record in checked_records[2:]] == [(), ()]
+    assert _status(checked_records, finding) == 4
 
 
 def test_an_alarm_is_no_status_of_0():
     """A chart out of control doubts no single E, and somebody must look all the same."""
     records = batch_read_with(1.0)
-    found, finding = against_references(records, correct=False)
-    assert _status(found, None) == _status(found, finding) == 0
-    assert _status(found, replace(finding, drifts=True)) == 4
+    checked_records, finding = against_references(records, correct=False)
+    assert _status(checked_records, None) == _status(checked_records, finding) == 0
+    assert _status(checked_records, replace(finding, drifts=True)) == 4
     lost = record("lost", 1.0, outcome="no-grasp")
-    assert _status([*found, lost], replace(finding, drifts=True)) == 3
+    assert _status([*checked_records, lost], replace(finding, drifts=True)) == 3
 
 
 def test_a_reference_that_was_not_graded_checks_nothing_and_says_so():
     records = [*batch_read_with(GAIN)[:2], record("ball", 0.5, known=0.5, outcome="never-touches")]
-    found, finding = against_references(records, correct=True)
+    checked_records, finding = against_references(records, correct=True)
     assert finding.alarm
     assert "No reference body is graded (ball: never-touches)" in finding.sentences[0]
-    assert [one.modulus for one in found[:2]] == [one.modulus for one in records[:2]]
+    assert [fruit_record.modulus for fruit_record in checked_records[:2]] == [
+        fruit_record.modulus for fruit_record in records[:2]
+    ]
 
 
 def test_parts_of_a_corrected_error_add_up():
@@ -250,10 +257,10 @@ def root(tmp_path):
 
 @pytest.mark.parametrize("correct", [False, True])
 def test_ranking_page_and_terminal_say_it(root, correct):
-    found, finding = against_references(batch_read_with(GAIN), correct=correct)
+    checked_records, finding = against_references(batch_read_with(GAIN), correct=correct)
     batch, moment = open_batch(root), datetime(2026, 8, 14, tzinfo=UTC)
     entry = batch_entry(
-        batch, found, results=Results(root / "results"), inputs={}, started=moment, finished=moment,
+        batch, checked_records, results=Results(root / "results"), inputs={}, started=moment, finished=moment,
         exit_status=0, finding=finding,
     )  # fmt: skip
     rows = {row["fruit_id"]: row for row in csv.DictReader(io.StringIO(ranking_csv(entry)))}

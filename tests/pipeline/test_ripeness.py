@@ -73,10 +73,11 @@ def test_no_fruit_gives_no_standing():
 
 
 def test_correlation_with_shore_is_one_for_the_same_order():
-    found = agreement(np.array([0.1, 0.4, 0.9, 1.5]), np.array([20.0, 35.0, 60.0, 61.0]))
-    assert found.spearman == pytest.approx(1.0)
-    assert found.n == 4
-    assert found.p == pytest.approx(2 / 24)  # two of the 24 orders agree as well: this one and its reverse
+    correlation = agreement(np.array([0.1, 0.4, 0.9, 1.5]), np.array([20.0, 35.0, 60.0, 61.0]))
+    assert correlation.spearman == pytest.approx(1.0)
+    assert correlation.n == 4
+    # Two of the 24 orders agree as well: this one and its reverse
+    assert correlation.p == pytest.approx(2 / 24)
 
 
 def test_two_fruit_or_a_constant_reference_have_no_correlation():

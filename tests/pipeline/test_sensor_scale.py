@@ -80,8 +80,8 @@ def test_the_bias_of_the_gels_law_does_not_average_out_over_grasps(n, noise):
     for _ in range(1500):
         gain, bias = rng.normal(0, GAIN_SD), rng.normal(0, LAW_SD)
         measured = gain + bias + rng.normal(0, noise, n)
-        found = gain_left(measured, np.full(n, noise))
-        left.append(gain / np.hypot(found.shared, found.independent))
+        unseen_gain = gain_left(measured, np.full(n, noise))
+        left.append(gain / np.hypot(unseen_gain.shared, unseen_gain.independent))
     assert 0.9 < np.sqrt(np.mean(np.square(left))) < 1.1
 
 

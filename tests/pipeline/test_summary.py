@@ -72,14 +72,14 @@ BOUND = "E is a lower bound on a softer rig. A gripper of 8 N/mm would give 90 %
     ],
 )
 def test_a_warning_is_said_whole_and_once(lines, warnings, expected):
-    fruits = [replace(fruit(str(k)), warnings=tuple(own)) for k, own in enumerate(warnings, 1)]
+    fruits = [replace(fruit(str(k)), warnings=tuple(sentences)) for k, sentences in enumerate(warnings, 1)]
     assert [line for line in lines(*fruits) if line.startswith("warning")] == expected
 
 
 def test_so_many_warnings_are_counted_and_one_not_graded_has_its_reason_alone(lines):
     many = replace(fruit("A"), warnings=tuple(f"{k}." for k in range(MOST_LINES + 3)))
     said = lines(many, fruit("B", "a doubt", ok=False))
-    assert len([one for one in said if one.startswith("warning")]) == MOST_LINES + 1
+    assert len([line for line in said if line.startswith("warning")]) == MOST_LINES + 1
     assert "warning: see report.html for 3 more" in said
     assert "not graded: B: no-grasp: no grasp" in said
 
@@ -88,18 +88,18 @@ SKIN = Suspect(name="skin", short="a stiff skin carries part of the load", advic
 
 
 def test_what_the_screen_suspects_is_one_line_for_all_fruit_that_share_it(lines):
-    found = ScreenEntry(p_value=0.01, suspects=(SKIN,))
+    screen = ScreenEntry(p_value=0.01, suspects=(SKIN,))
     said = lines(
-        replace(fruit("N01"), screen=found),
-        replace(fruit("N02"), screen=replace(found, p_value=0.02)),
+        replace(fruit("N01"), screen=screen),
+        replace(fruit("N02"), screen=replace(screen, p_value=0.02)),
         replace(fruit("N03"), screen=ScreenEntry(p_value=0.7)),
         replace(fruit("N04"), screen=ScreenEntry(why_not="one recording alone tells too little")),
     )
-    (line,) = [one for one in said if "suspected" in one]
+    (line,) = [text for text in said if "suspected" in text]
     assert line.endswith("a stiff skin carries part of the load (run drupe explain for details): N01, N02")
-    (why,) = [one for one in said if "not tested" in one]
+    (why,) = [text for text in said if "not tested" in text]
     assert why == "not tested for missing physics: one recording alone tells too little: N04"
-    assert not any("N03:" in one for one in said)
+    assert not any("N03:" in text for text in said)
 
 
 def test_a_fault_of_the_whole_batch_is_said(lines):

@@ -44,10 +44,10 @@ def record(name, E_MPa, *, known=None, outcome="graded", gain=HIDDEN_GAIN):
 
 def after(read, *, correct):
     """A fruit of 0.4 MPa beside a body of 0.5, both read by this factor."""
-    found, _ = against_references(
+    checked_records, _ = against_references(
         [record("soft", 0.4 * read), record("ball", 0.5 * read, known=0.5)], correct=correct
     )
-    return found[0].modulus
+    return checked_records[0].modulus
 
 
 def adds_up(modulus):
@@ -80,8 +80,8 @@ def test_a_body_read_as_known_leaves_what_it_is_known_to():
 
 def test_without_a_graded_body_the_assumed_scale_stays():
     records = [record("soft", 0.4), record("ball", 0.5, known=0.5, outcome="never-touches")]
-    found, _ = against_references(records, correct=True)
-    assert found[0].modulus == records[0].modulus
+    checked_records, _ = against_references(records, correct=True)
+    assert checked_records[0].modulus == records[0].modulus
     assert against_references(records[:1], correct=False)[0][0].modulus == records[0].modulus
 
 
@@ -120,9 +120,11 @@ def test_a_gain_that_only_one_fruits_recordings_show_stays_in_its_error_bar(rati
     odd = record("odd", 0.4 * ratio, gain=UnseenGain(shared=0.07, independent=0.004))
     ball = record("ball", 0.5 * ratio, known=0.5)
     modulus = against_references([odd, ball], correct=True)[0][0].modulus
-    own = E_PER_GAIN * math.sqrt(0.07**2 - HIDDEN_GAIN.shared**2)
-    assert modulus.parts_sd_MPa[OWN_GAIN] / modulus.E_MPa == pytest.approx(math.hypot(own, OWN_GAIN_OF_E))
-    assert math.sqrt(modulus.E_sd_MPa**2 - modulus.common_sd_MPa**2) > own * modulus.E_MPa
+    own_gain_sd = E_PER_GAIN * math.sqrt(0.07**2 - HIDDEN_GAIN.shared**2)
+    assert modulus.parts_sd_MPa[OWN_GAIN] / modulus.E_MPa == pytest.approx(
+        math.hypot(own_gain_sd, OWN_GAIN_OF_E)
+    )
+    assert math.sqrt(modulus.E_sd_MPa**2 - modulus.common_sd_MPa**2) > own_gain_sd * modulus.E_MPa
     split = with_own_gain(odd.modulus, HIDDEN_GAIN.shared * E_PER_GAIN)
     assert adds_up(split)
     assert split.E_sd_MPa == odd.modulus.E_sd_MPa
@@ -163,13 +165,13 @@ def test_the_error_bar_without_a_body_covers_drawn_grippers():
 
 
 def test_report_and_ranking_show_the_common_scale_beside_the_error_bar():
-    one = record("soft", 0.4)
-    said = about_error(one.modulus)
+    fruit = record("soft", 0.4)
+    said = about_error(fruit.modulus)
     assert f"A {COMMON_SCALE} adds ± 3 % of E" in said
     assert "To remove it, add a body of known modulus to fruits.csv (reference = true)." in said
-    assert (f"In addition to the error bar: {COMMON_SCALE}", "± 0.012 MPa") in _facts(one, None)
+    assert (f"In addition to the error bar: {COMMON_SCALE}", "± 0.012 MPa") in _facts(fruit, None)
     entry = FruitEntry(fruit_id="soft", ok=True, outcome="graded", E_MPa=0.4, E_scale_sd_MPa=0.012)
     assert RANKING_COLUMNS[26] == "E_scale_sd_MPa"
     assert _row(entry)["E_scale_sd_MPa"] == 0.012
-    none = one.modulus.model_copy(update={"scale_sd_MPa": 0.0})
+    none = fruit.modulus.model_copy(update={"scale_sd_MPa": 0.0})
     assert COMMON_SCALE not in about_error(none)

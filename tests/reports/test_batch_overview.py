@@ -26,10 +26,13 @@ def test_failures_of_one_cause_are_one_and_their_numbers_do_not_part_them(empty_
         lost("D", "One is black.", "too-few-views"),
         lost("E", "None.", "too-few-views"),
     )
-    found = failures(numbered(replace(empty_batch, fruits=fruits)))
-    assert [(one.outcome, len(one.fruits)) for one in found] == [("too-few-views", 3), ("never-touches", 2)]
-    assert found[0].same_reason == ""
-    assert found[1].same_reason == "grasp-1 of A misses it by 3.2 mm."
+    groups = failures(numbered(replace(empty_batch, fruits=fruits)))
+    assert [(failure.outcome, len(failure.fruits)) for failure in groups] == [
+        ("too-few-views", 3),
+        ("never-touches", 2),
+    ]
+    assert groups[0].same_reason == ""
+    assert groups[1].same_reason == "grasp-1 of A misses it by 3.2 mm."
     page = report_html(replace(empty_batch, fruits=fruits))
     assert "2 fruit <code>never-touches</code>" in page
     assert page.count("Check that the gripper closed on the fruit") == 1 + 2  # once, and in each fruit's part

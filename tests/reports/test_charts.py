@@ -138,10 +138,10 @@ def test_marks_lie_inside_their_axes(large_batch):
 
 @given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e3), st.integers(2, 12))
 def test_ticks_are_few_and_inside(lowest, span, at_most):
-    found = ticks(lowest, lowest + span, at_most=at_most)
-    assert len(found) <= at_most
+    positions = ticks(lowest, lowest + span, at_most=at_most)
+    assert len(positions) <= at_most
     slack = 1e-6 * (span + abs(lowest))
-    assert all(lowest - slack <= value <= lowest + span + slack for value in found)
+    assert all(lowest - slack <= value <= lowest + span + slack for value in positions)
 
 
 @given(st.lists(st.floats(allow_nan=True, allow_infinity=True, width=16), max_size=5), st.booleans())
@@ -171,8 +171,8 @@ def luminance(code):
     return float(linear @ [0.2126, 0.7152, 0.0722])
 
 
-def contrast(one, other):
-    low, high = sorted((luminance(one), luminance(other)))
+def contrast(colour, other):
+    low, high = sorted((luminance(colour), luminance(other)))
     return (high + 0.05) / (low + 0.05)
 
 

@@ -306,8 +306,8 @@ def test_axe_finds_nothing_and_nothing_is_cut_off(shown, width, scheme):
     page, _ = shown(40, viewport={"width": width, "height": 800}, color_scheme=scheme)
     for summary in page.locator("summary").all():
         summary.click()
-    found = axe.Axe().run(page)
-    assert [(v["id"], v["nodes"][0]["html"][:120]) for v in found.response["violations"]] == []
+    audit = axe.Axe().run(page)
+    assert [(v["id"], v["nodes"][0]["html"][:120]) for v in audit.response["violations"]] == []
     assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 

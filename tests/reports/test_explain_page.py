@@ -175,7 +175,7 @@ def test_a_plan_is_written_beside_the_sentence_and_only_where_there_is_one():
     assert written["next_grasp"] == "grasp across"
     plan = written["next_grasp_plan"]
     assert plan["tried"] == 33
-    assert [one["place"] for one in plan["grasps"]] == ["across", "same spots"]
+    assert [grasp["place"] for grasp in plan["grasps"]] == ["across", "same spots"]
     assert "patch_mm" not in plan["grasps"][0]["pads"][0]
     assert list(plan["grasps"][0]["pads"][0]["centre_mm"]) == [0.0, 25.0, 0.0]
     assert "next_grasp_plan" not in entry().as_json()
@@ -216,8 +216,8 @@ def test_verdicts_that_are_no_effect_have_words_of_their_own():
 
 def test_an_effect_without_words_is_told_by_its_name():
     pose = Candidate(effect="pose_error", probability=1.0, parameters={}, log_evidence=9.0, gain=20.0)
-    found = entry(verdict=("pose_error",), effects={}, ranking=(pose,))
-    assert "Pose error (pose error" in explain_verdict(found)
+    pose_entry = entry(verdict=("pose_error",), effects={}, ranking=(pose,))
+    assert "Pose error (pose error" in explain_verdict(pose_entry)
 
 
 def test_several_names_are_given_the_likeliest_first():

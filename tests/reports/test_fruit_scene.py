@@ -27,7 +27,7 @@ def ball(radius_mm, subdivisions):
 def patch(radius_mm):
     """Markers 1 mm apart on the ball's +x side."""
     line = np.arange(-4.0, 5.0)
-    y, z = (one.ravel() for one in np.meshgrid(line, line))
+    y, z = (grid.ravel() for grid in np.meshgrid(line, line))
     return np.column_stack([np.sqrt(radius_mm**2 - y**2 - z**2), y, z])
 
 
@@ -35,9 +35,9 @@ def patch(radius_mm):
 def opened():
     made = fruit_scene(ball(30.0, 5), ball(12.0, 4), {"left": patch(30.0), "right": np.empty((0, 3))})
     assert len(made) < 60_000
-    found = trimesh.load(io.BytesIO(made), file_type="glb")
-    assert isinstance(found, trimesh.Scene)
-    return found
+    scene = trimesh.load(io.BytesIO(made), file_type="glb")
+    assert isinstance(scene, trimesh.Scene)
+    return scene
 
 
 def test_skin_and_pit_keep_their_shape_and_close(opened):
@@ -61,8 +61,8 @@ def test_the_skin_is_painted_where_a_pad_touched_and_lets_the_pit_show(opened):
 
 
 def test_a_fruit_without_a_pit_is_its_skin_alone():
-    found = trimesh.load(io.BytesIO(fruit_scene(ball(30.0, 2), None, {})), file_type="glb")
-    assert list(found.geometry) == ["skin"]
+    scene = trimesh.load(io.BytesIO(fruit_scene(ball(30.0, 2), None, {})), file_type="glb")
+    assert list(scene.geometry) == ["skin"]
 
 
 def test_a_map_of_the_skin_is_a_second_set_of_colours():
@@ -83,9 +83,9 @@ def test_a_map_of_the_skin_is_a_second_set_of_colours():
     rest = made[20 + int.from_bytes(made[12:16], "little") :]
     head = b"glTF" + (2).to_bytes(4, "little") + (20 + len(text) + len(rest)).to_bytes(4, "little")
     swapped = head + len(text).to_bytes(4, "little") + b"JSON" + text + rest
-    found = trimesh.load(io.BytesIO(swapped), file_type="glb").geometry["skin"]
-    colour = found.visual.vertex_attributes["color"].astype(int)
-    x, _, z = found.vertices.T
+    mesh = trimesh.load(io.BytesIO(swapped), file_type="glb").geometry["skin"]
+    colour = mesh.visual.vertex_attributes["color"].astype(int)
+    x, _, z = mesh.vertices.T
     assert (colour[x < 8][:, :3] == np.round(255 * np.array(FLESH))).all()
     low, high = colour[(x > 12) & (z < -3)], colour[(x > 12) & (z > 3)]
     assert (low[:, 0] > low[:, 2] + 60).all()

@@ -78,7 +78,7 @@ def test_axe_finds_nothing_on_the_line_s_pages_and_nothing_is_cut_off(tmp_path, 
             for width in (360, 800, 1280):
                 page = browser.new_page(viewport={"width": width, "height": 800}, color_scheme=scheme)
                 page.goto(path.as_uri())
-                found = axe.Axe().run(page).response["violations"]
-                assert [(v["id"], v["nodes"][0]["html"][:120]) for v in found] == [], (name, width)
+                violations = axe.Axe().run(page).response["violations"]
+                assert [(v["id"], v["nodes"][0]["html"][:120]) for v in violations] == [], (name, width)
                 assert page.evaluate("document.documentElement.scrollWidth") <= width, (name, width)
                 page.close()

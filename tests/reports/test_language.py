@@ -13,7 +13,7 @@ from reports.language import ENGLISH, LANGUAGES, say, spoken, words_of
 from reports.page import report_html
 
 REPORTS = Path(page.__file__).parent
-OTHERS = [one for one in LANGUAGES if one != ENGLISH]
+OTHERS = [language for language in LANGUAGES if language != ENGLISH]
 
 
 def said_in_code():
@@ -61,7 +61,7 @@ def test_a_page_is_in_its_language(awkward_batch, language, word):
     assert f'<html lang="{language}">' in html
     assert word in html
     assert "softest first" not in html
-    fruit = next(one for one in awkward_batch.fruits if one.E_MPa is not None)
+    fruit = next(fruit for fruit in awkward_batch.fruits if fruit.E_MPa is not None)
     assert f"{fruit.E_MPa:.1f}".replace(".", ",") in html
     kiosk = kiosk_html(KioskEntry(name="m", batch=awkward_batch, recent=(fruit.fruit_id,)), language=language)
     assert f'<html lang="{language}">' in kiosk

@@ -45,12 +45,12 @@ def drawn(pdf):
 
 def paths_mm(pdf):
     """Corner points of each filled path, mm from the sheet's centre."""
-    found = []
+    paths = []
     for block in re.split(r"\n(?:f|b|B|S|s|n|f\*)\n", drawn(pdf)):
         points = re.findall(r"^([\d.-]+) ([\d.-]+) [ml]$", block, re.MULTILINE)
         if points:
-            found.append(np.array(points, float) / POINTS_PER_MM - np.array(SHEET_MM) / 2)
-    return found
+            paths.append(np.array(points, float) / POINTS_PER_MM - np.array(SHEET_MM) / 2)
+    return paths
 
 
 def test_page_is_the_sheet_at_true_size(corners, bits):

@@ -66,8 +66,8 @@ def test_shadow_falls_under_the_fruit_and_not_far_from_it(fruit):
 
 
 def test_nearest_point_of_a_sphere_is_along_the_radius(fruit):
-    found = TracedSurface.of(*fruit).nearest(np.array([[50.0, 0.0, 0.0], [0.0, -45.0, 0.0]]))
-    assert np.allclose(found, [[RADIUS_MM, 0, 0], [0, -RADIUS_MM, 0]], atol=0.2)
+    nearest = TracedSurface.of(*fruit).nearest(np.array([[50.0, 0.0, 0.0], [0.0, -45.0, 0.0]]))
+    assert np.allclose(nearest, [[RADIUS_MM, 0, 0], [0, -RADIUS_MM, 0]], atol=0.2)
 
 
 def test_pit_darkens_only_the_middle(fruit):

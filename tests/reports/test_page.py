@@ -55,8 +55,8 @@ Make = Callable[..., FruitEntry]
 
 def opened(text):
     """The page with every fruit opened, as its script shows one at a time, and without its scripts."""
-    found = re.search(r'<script type="application/json" id="details">(.*?)</script>', text, re.DOTALL)
-    cards = [json.loads(line) for line in found[1].splitlines()] if found else []
+    match = re.search(r'<script type="application/json" id="details">(.*?)</script>', text, re.DOTALL)
+    cards = [json.loads(line) for line in match[1].splitlines()] if match else []
     parts = "".join(
         card["html"].replace('="fruit-name"', f'="fruit-{k}-name"') for k, card in enumerate(cards)
     )

@@ -15,7 +15,7 @@ PITCH_MM = 1.5
 
 def patch():
     """Markers on the sphere about +x, PITCH_MM apart."""
-    y, z = (one.ravel() for one in np.meshgrid(*2 * [np.arange(-6, 6.1, PITCH_MM)]))
+    y, z = (grid.ravel() for grid in np.meshgrid(*2 * [np.arange(-6, 6.1, PITCH_MM)]))
     return np.column_stack([np.sqrt(25.0**2 - y**2 - z**2), y, z])
 
 

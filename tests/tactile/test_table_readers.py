@@ -155,16 +155,16 @@ def test_an_open_unit_is_refused_until_the_user_states_it(tmp_path, header: str,
 def test_arrays_come_back_in_double_precision(tmp_path):
     values = np.arange(12, dtype=np.int16).reshape(3, 4)
     np.save(tmp_path / "a.npy", values)
-    np.savez_compressed(tmp_path / "a.npz", one=values, two=2.5 * values)
+    np.savez_compressed(tmp_path / "a.npz", first=values, second=2.5 * values)
     np.testing.assert_array_equal(load_npy(tmp_path / "a.npy"), values)
     held = load_npz(tmp_path / "a.npz")
-    assert {name: array.dtype for name, array in held.items()} == {"one": float, "two": float}
-    np.testing.assert_array_equal(held["two"], 2.5 * values)
+    assert {name: array.dtype for name, array in held.items()} == {"first": float, "second": float}
+    np.testing.assert_array_equal(held["second"], 2.5 * values)
 
 
 def test_bytes_that_would_become_too_many_doubles_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr(tactile.io.plain_numpy, "MOST_VALUES", 1000)
-    np.savez_compressed(tmp_path / "a.npz", one=np.zeros(600, np.uint8), two=np.zeros(600, np.uint8))
+    np.savez_compressed(tmp_path / "a.npz", first=np.zeros(600, np.uint8), second=np.zeros(600, np.uint8))
     with pytest.raises(NotReadable, match="more than 1000 values"):
         load_npz(tmp_path / "a.npz")
 

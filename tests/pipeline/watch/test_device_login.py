@@ -108,7 +108,7 @@ def test_a_device_sees_the_page_after_it_sent_its_token(server):
     assert 'type="password"' in ask(server, "/login")[2]
     status, headers, _ = login(server, server.token)
     assert (status, headers["location"]) == (303, "./")
-    attributes = {one.strip().lower() for one in headers["set-cookie"].split(";")[1:]}
+    attributes = {attribute.strip().lower() for attribute in headers["set-cookie"].split(";")[1:]}
     assert {"secure", "httponly", "samesite=strict", "path=/"} < attributes
     cookie = headers["set-cookie"].partition(";")[0]
     assert server.token not in cookie
@@ -180,8 +180,8 @@ def test_a_token_from_another_page_is_not_taken(server, headers):
     [("https://{}", 303), ("http://{}", 403), ("https://evil.example", 403), (None, 403)],
 )
 def test_an_older_browser_must_name_the_page_as_origin(server, origin, status):
-    own = f"127.0.0.1:{urlsplit(server.address).port}"
-    headers = {} if origin is None else {"Origin": origin.format(own)}
+    host = f"127.0.0.1:{urlsplit(server.address).port}"
+    headers = {} if origin is None else {"Origin": origin.format(host)}
     assert ask(server, "/login", {"token": server.token}, **headers)[0] == status
 
 

@@ -86,7 +86,7 @@ def test_the_page_ranks_a_newcomer_among_all_before_any_report(batch, watched, m
     ranks = {}
     for entry in watched.shown:
         if entry.recent:
-            fruit = next(one for one in entry.batch.fruits if one.fruit_id == entry.recent[0])
+            fruit = next(fruit for fruit in entry.batch.fruits if fruit.fruit_id == entry.recent[0])
             ranks.setdefault(fruit.fruit_id, (fruit.rank, len(entry.batch.fruits)))
     assert ranks == {"C": (1, 1), "E": (2, 2), "A": (1, 3), "D": (3, 4), "B": (2, 5)}
     assert {name: row["rank"] for name, row in rows(batch).items()} == dict(

@@ -40,20 +40,20 @@ def server(tmp_path):
 
 
 def test_the_page_is_given_to_who_knows_its_token_alone(server):
-    own = urlsplit(server.address).path
-    assert len(own) > 20
-    status, headers, body = ask(server, own)
+    address = urlsplit(server.address).path
+    assert len(address) > 20
+    status, headers, body = ask(server, address)
     assert (status, body) == (200, b"<p>first</p>")
     assert headers["x-frame-options"] == "DENY"
     assert ask(server, "/")[0] == 404
     assert ask(server, "/wrong/")[0] == 404
-    assert ask(server, own, host="evil.example")[0] == 400
+    assert ask(server, address, host="evil.example")[0] == 400
     for method in ("POST", "PUT", "DELETE", "PATCH"):
-        assert ask(server, own, method=method)[0] == 405
+        assert ask(server, address, method=method)[0] == 405
 
 
 def test_of_the_results_only_what_drupe_wrote_is_given(server, tmp_path):
-    own = urlsplit(server.address).path
+    address = urlsplit(server.address).path
     results = Results(tmp_path / "results")
     fruit = results.fruit("N01")
     fruit.root.mkdir(parents=True)
@@ -64,14 +64,14 @@ def test_of_the_results_only_what_drupe_wrote_is_given(server, tmp_path):
     secret = tmp_path / "secret.json"
     secret.write_text("{}")
     (results.root / "linked.json").symlink_to(secret)
-    assert ask(server, own + "report.html")[2] == b"<p>report</p>"
-    assert ask(server, own + f"fruits/N01/{fruit.picture.name}")[2] == b"png"
+    assert ask(server, address + "report.html")[2] == b"<p>report</p>"
+    assert ask(server, address + f"fruits/N01/{fruit.picture.name}")[2] == b"png"
     for path in (
         "fruits/N01/mine.png", "linked.json", "../secret.json", "%2e%2e/secret.json", ".written.json",
         "fruits/N01/.written.json", "fruits/N01", "fruits/../../secret.json", "report.html%00.png",
         "//etc/passwd",
     ):  # fmt: skip
-        assert ask(server, own + path)[0] == 404, path
+        assert ask(server, address + path)[0] == 404, path
 
 
 def test_news_reach_an_open_page_within_a_second(server):
@@ -176,9 +176,11 @@ def test_open_pages_keep_their_place_and_one_more_connection_is_closed(tmp_path,
         address = urlsplit(server.address)
         open_pages = []
         for _ in range(2):
-            one = held.enter_context(closing(http.client.HTTPConnection(LOOPBACK, address.port, timeout=10)))
-            one.request("GET", address.path + "events")
-            open_pages.append(one.getresponse())
+            connection = held.enter_context(
+                closing(http.client.HTTPConnection(LOOPBACK, address.port, timeout=10))
+            )
+            connection.request("GET", address.path + "events")
+            open_pages.append(connection.getresponse())
         with pytest.raises(OSError, match=r"reset|closed|Broken pipe"):
             ask(server, address.path)
         assert all(answer.readline() == b"event: changed\n" for answer in open_pages)

@@ -117,13 +117,13 @@ def test_a_deleted_fruit_costs_nothing(batch, watched):
 
 def test_a_fruit_whose_files_are_away_for_a_moment_is_not_lost(batch, watched, monkeypatch):
     reports_take(monkeypatch, watched, 1000.0)
-    own, away = batch / "fruits" / "A", batch / "A"
+    folder, away = batch / "fruits" / "A", batch / "A"
     watch = watched.until_ctrl_c(
         *one_by_one(batch, "A", "B", "C"),
-        lambda: own.rename(away),
+        lambda: folder.rename(away),
         *QUIET,
         *one_by_one(batch, "D"),
-        lambda: away.rename(own),
+        lambda: away.rename(folder),
         *QUIET,
         interrupted,
     )
@@ -143,7 +143,9 @@ def test_a_batch_that_is_out_of_reach_for_a_moment_is_shown_and_watched_on(batch
     )
     assert (status, watched.worked) == (0, ["A", "B"])
     problems = [problem for entry in watched.shown for problem in entry.problems]
-    assert any(f"{batch}: drupe cannot process it (No such file or directory)" in one for one in problems)
+    assert any(
+        f"{batch}: drupe cannot process it (No such file or directory)" in problem for problem in problems
+    )
     assert watched.shown[-1].problems == ()
 
 
