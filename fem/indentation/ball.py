@@ -121,13 +121,13 @@ class BallOnSlab(ContactCurve):
 
     def notes(self, deepest_mm: float) -> tuple[str, ...]:
         """Depth beyond small strain; a half-space that nobody stated."""
-        found = []
+        notes = []
         if deepest_mm > DEEP * self.radius_mm:
-            found.append(
+            notes.append(
                 f"The ball went {deepest_mm / self.radius_mm:.1f} of its radii deep, where small strain has "
                 "ended: stiffening may be the geometry's in part."
             )
-        return (*found, *([THICK] if self.thickness_mm is None else []))
+        return (*notes, *([THICK] if self.thickness_mm is None else []))
 
     def over_half_space(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
         """The slab's factor on the force at this depth."""

@@ -126,13 +126,13 @@ def bonded_stress(slender: float, *, poisson_ratio: float) -> CubicSpline:
     near = np.ix_(_neighbours(at, here), _neighbours(heights, slender))
     count = int(known[near].sum(axis=2).min())
     logs = np.log(_continued(ratio))
-    found = [
+    log_ratios = [
         float(
             RectBivariateSpline(at, np.log(heights), logs[:, :, k]).ev(np.array(here), np.log([slender]))[0]
         )
         for k in range(count)
     ]
-    return CubicSpline(np.r_[0.0, strains[:count]], np.r_[0.0, np.exp(found) * strains[:count]])
+    return CubicSpline(np.r_[0.0, strains[:count]], np.r_[0.0, np.exp(log_ratios) * strains[:count]])
 
 
 def _neighbours(nodes: Float[np.ndarray, " n"], value: float) -> Int[np.ndarray, "2"]:
@@ -231,15 +231,15 @@ class CompressedCylinder(ContactCurve):
 
     def notes(self, deepest_mm: float) -> tuple[str, ...]:
         """Ranges left, and what ends do to E."""
-        found = []
+        notes = []
         strain, trusted = deepest_mm / self.length_mm, TRUSTED_STRAIN[self.specimen.ends]
         if strain > trusted:
-            found.append(
+            notes.append(
                 f"The specimen was squeezed by {strain:.0%} of its height, beyond the {trusted:.0%} that its "
                 "law is held to."
             )
         if self.specimen.ends == "bonded":
-            found.append(
+            notes.append(
                 f"Its ends are taken as held: if they slid, E would be {self._ends_factor:.2f} times as much."
             )
         elif self.specimen.ends == "lubricated":
@@ -249,5 +249,5 @@ class CompressedCylinder(ContactCurve):
                 said = f"E would be {1 / held:.2f} times as much"
             except FemFailure:
                 said = "E would be less"
-            found.append(f"Its ends are taken as sliding without friction: if they were held, {said}.")
-        return tuple(found)
+            notes.append(f"Its ends are taken as sliding without friction: if they were held, {said}.")
+        return tuple(notes)

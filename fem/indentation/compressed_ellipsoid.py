@@ -42,10 +42,10 @@ class Ellipsoid:
     pit_share: float
 
     def __post_init__(self) -> None:
-        for one in self.diameters_mm:
-            require_positive("diameter", one, "give the fruit's three")
+        for diameter_mm in self.diameters_mm:
+            require_positive("diameter", diameter_mm, "give the fruit's three")
         if max(self.diameters_mm) > LONGEST * min(self.diameters_mm):
-            said = " x ".join(f"{one:g}" for one in self.diameters_mm)
+            said = " x ".join(f"{diameter_mm:g}" for diameter_mm in self.diameters_mm)
             raise out_of_range(
                 f"diameters of {said} mm",
                 f"none more than {LONGEST:g} times another: check them; of longer bodies cut a cylinder",
@@ -64,7 +64,7 @@ class Ellipsoid:
     @property
     def said(self) -> str:
         """For reports."""
-        size = " x ".join(f"{one:g}" for one in self.diameters_mm)
+        size = " x ".join(f"{diameter_mm:g}" for diameter_mm in self.diameters_mm)
         pit = f"a pit of {self.pit_share:.0%} of it" if self.pit_share else "no pit"
         return f"plates on a fruit of {size} mm, squeezed along {self.along_mm:g} mm, with {pit}"
 
@@ -161,8 +161,8 @@ class CompressedEllipsoid(ContactCurve):
         if not share:
             return float(curvature)
         ratios = [
-            float(spheroid_over_hertz(self.poisson_ratio, one, self.fruit.along_over_across)(root))
-            for one in ((1 - PIT_SD) * share, min((1 + PIT_SD) * share, LARGEST_PIT))
+            float(spheroid_over_hertz(self.poisson_ratio, pit_share, self.fruit.along_over_across)(root))
+            for pit_share in ((1 - PIT_SD) * share, min((1 + PIT_SD) * share, LARGEST_PIT))
         ]
         return float(np.hypot(curvature, np.log(ratios[1] / ratios[0]) / 2))
 
@@ -179,13 +179,13 @@ class CompressedEllipsoid(ContactCurve):
 
     def notes(self, deepest_mm: float) -> tuple[str, ...]:
         """Ranges left, and how uncertain the shape makes E."""
-        found = [
+        notes = [
             f"The fruit's shape (three diameters, its pit's size) leaves another ± {self.shape_sd:.0%} of E, "
             "which its interval does not hold; it is common to all squeezes of this fruit."
         ]
         if deepest_mm > TRUSTED_SQUEEZE * self.fruit.along_mm:
-            found.append(
+            notes.append(
                 f"The fruit was squeezed by {deepest_mm / self.fruit.along_mm:.0%} of its diameter, beyond "
                 f"the {TRUSTED_SQUEEZE:.0%} that its law is held to."
             )
-        return tuple(found)
+        return tuple(notes)

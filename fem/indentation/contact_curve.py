@@ -95,9 +95,9 @@ class Geometry(Protocol):
         """
 
 
-def out_of_range(found: str, expected: str) -> FemFailure:
+def out_of_range(fault: str, expected: str) -> FemFailure:
     """The failure (bad-load) of a geometry or trace that no law holds for."""
-    return FemFailure(FemProblem.BAD_LOAD, f"indenter trace: found {found}, expected {expected}.")
+    return FemFailure(FemProblem.BAD_LOAD, f"indenter trace: found {fault}, expected {expected}.")
 
 
 def require_positive(name: str, value_mm: float, advice: str) -> None:

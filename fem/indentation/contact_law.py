@@ -103,9 +103,11 @@ class Law:
         slack = None
         for effect in self.effects:
             if effect.slack_mm is not None:
-                own = effect.slack_mm(value, self.curve, deepest, level)
-                slack = own if slack is None else slack + own
-        relaxation = next((one.relaxation for one in self.effects if one.relaxation is not None), None)
+                effect_slack_mm = effect.slack_mm(value, self.curve, deepest, level)
+                slack = effect_slack_mm if slack is None else slack + effect_slack_mm
+        relaxation = next(
+            (effect.relaxation for effect in self.effects if effect.relaxation is not None), None
+        )
         row = (depth, slack, level, stiffness)
         if relaxation is None:
             force = elastic_force(*row, value.get("toe_mm"))
@@ -131,10 +133,12 @@ def linear_law(trace: IndenterTrace, *, thickness_mm: float | None, poisson_rati
     which first touches are spread.
     """
     curve = trace.geometry.curve(thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
-    own = [_own(part, suffix_of(k), curve.toe_mm) for k, part in zip(trace.numbers, trace.parts, strict=True)]
+    recording_unknowns = [
+        _own(part, suffix_of(k), curve.toe_mm) for k, part in zip(trace.numbers, trace.parts, strict=True)
+    ]
     deepest = [
         max(float(part.travel_mm.max()) - unknowns[0].mean, 1e-3)
-        for part, unknowns in zip(trace.parts, own, strict=True)
+        for part, unknowns in zip(trace.parts, recording_unknowns, strict=True)
     ]
     peaks = [np.abs(part.force_N).max() for part in trace.parts]
     guess = float(np.mean(np.log(peaks / curve.force_N_per_MPa(np.array(deepest)))))
@@ -143,7 +147,7 @@ def linear_law(trace: IndenterTrace, *, thickness_mm: float | None, poisson_rati
         curve=curve,
         baseline=(
             Unknown(name="E_MPa", unit="MPa", scale="log", mean=guess, sd=2.0),
-            *(unknown for unknowns in own for unknown in unknowns),
+            *(unknown for unknowns in recording_unknowns for unknown in unknowns),
             Unknown(name="bend", unit="1", scale="linear", mean=0.0, sd=BEND_SD),
             Unknown(
                 name="drift_N_per_min", unit="N/min", scale="linear", mean=0.0, sd=trace.drift_sd_N_per_min

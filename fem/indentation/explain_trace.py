@@ -121,7 +121,7 @@ def account_for(
     heldout, failed = _held_out(plain, chosen, trace, no_contact)
     rig = rig_share(trace, rig_N_per_mm=rig_N_per_mm)
     rig_sd = rig_spread(chosen, trace, no_contact)
-    between = [scatter(trace, one, no_contact) for one in (plain, chosen)]
+    between = [scatter(trace, fit, no_contact) for fit in (plain, chosen)]
     before, after = (
         widened(E, float(np.hypot(rig_sd, added_sd)))
         for E, (_, added_sd) in zip((plain.modulus, answer.modulus(heldout)), between, strict=True)
@@ -135,7 +135,7 @@ def account_for(
     ranking = tuple(answer.candidate(name) for name in answer.probability if name not in (NONE, UNKNOWN))
     if withheld is not None:
         before, after = WITHHELD, WITHHELD
-        ranking = tuple(replace(one, modulus=None) for one in ranking)
+        ranking = tuple(replace(candidate, modulus=None) for candidate in ranking)
     explanation = Explanation(
         detected=verdict != NONE,
         p_value=answer.p_value,
@@ -168,8 +168,8 @@ def account_for(
 def _up_to_rupture(trace: IndenterTrace) -> tuple[IndenterTrace, Rupture | None]:
     """One recording, cut where its flesh breaks; raises FemFailure (no-load) where no force stands out."""
     no_contact = require_force(trace)
-    found = find_rupture(trace, noise_N=no_contact.slow_N)
-    return (trace if found is None else before_rupture(trace, found)), found
+    rupture = find_rupture(trace, noise_N=no_contact.slow_N)
+    return (trace if rupture is None else before_rupture(trace, rupture)), rupture
 
 
 def _held_out(

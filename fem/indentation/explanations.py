@@ -96,24 +96,26 @@ def candidate_fits(
     singles: dict[str, list[TraceFit]] = {}
     for name, forms in effects.items():
         if name not in linear.curve.without:
-            own = singles.setdefault(name, [])
+            form_fits = singles.setdefault(name, [])
             for form in forms:
-                own.append(fitted((form,), [plain, *own[-1:]]))
-    best = {name: max(own, key=lambda one: one.log_score) for name, own in singles.items()}
+                form_fits.append(fitted((form,), [plain, *form_fits[-1:]]))
+    best = {
+        name: max(form_fits, key=lambda trace_fit: trace_fit.log_score) for name, form_fits in singles.items()
+    }
     top = max(best, key=lambda name: best[name].log_evidence)
     reach = best[top].log_evidence - BEHIND
     chosen = {name: [best[name]] for name in best}
-    for name, (one,) in chosen.items():
-        if one.law.effects[0].relaxation is not None and one is singles[name][0]:
+    for name, (trace_fit,) in chosen.items():
+        if trace_fit.law.effects[0].relaxation is not None and trace_fit is singles[name][0]:
             chosen[name].append(singles[name][1])
     pairs = [
-        fitted(one.law.effects + other.law.effects, [one, other], follow=1)
+        fitted(first.law.effects + second.law.effects, [first, second], follow=1)
         for pair in combinations(best, 2)
         if (top in pair or min(best[name].log_evidence for name in pair) >= reach)
         and ("unload" in trace.phases or not SHAPES.issuperset(pair))
-        for one, other in product(*(chosen[name] for name in pair))
+        for first, second in product(*(chosen[name] for name in pair))
     ]
-    return [plain, *(one for own in singles.values() for one in own), *pairs]
+    return [plain, *(trace_fit for form_fits in singles.values() for trace_fit in form_fits), *pairs]
 
 
 def _starts(law: Law, known: list[TraceFit], rng: np.random.Generator) -> Float[np.ndarray, "s k"]:
@@ -121,9 +123,9 @@ def _starts(law: Law, known: list[TraceFit], rng: np.random.Generator) -> Float[
     names = [u.name for u in law.unknowns]
     mean, sd = np.array([(u.mean, u.sd) for u in law.unknowns]).T
     rows = [np.vstack([mean, mean + 0.7 * sd * rng.standard_normal((DRAWS, len(mean)))])]
-    for one in known:
+    for simpler_fit in known:
         kept = mean + 0.7 * sd * np.vstack([np.zeros(len(mean)), rng.standard_normal((DRAWS, len(mean)))])
-        for u, value in zip(one.law.unknowns, one.scaled, strict=True):
+        for u, value in zip(simpler_fit.law.unknowns, simpler_fit.scaled, strict=True):
             if u.name in names:
                 kept[:, names.index(u.name)] = value
         rows.append(kept)
@@ -165,7 +167,7 @@ class CurvePosterior:
         """
         verdict = (self.verdict,) if isinstance(self.verdict, str) else self.verdict
         names = {name for name in verdict if name in self.best} or {self.likeliest.law.name}
-        named = np.array([one.law.name in names for one in self.fits])
+        named = np.array([trace_fit.law.name in names for trace_fit in self.fits])
         likely = np.flatnonzero(named & (self.weights > LEAST_WEIGHT))
         mask = np.zeros(len(trace.time_s), dtype=bool) if unseen is None else unseen
         forces = [without_measured(self.fits[k].law, self.fits[k].scaled, trace, mask) for k in likely]
@@ -174,9 +176,9 @@ class CurvePosterior:
     def candidate(self, name: str) -> Candidate:
         """One law as answers have it; E is the mixture over its forms."""
         best = self.best.get(name)
-        own = [k for k, one in enumerate(self.fits) if one.law.name == name]
-        weights = self.weights[own]
-        moduli = [self.fits[k].modulus for k in own]
+        indices = [k for k, trace_fit in enumerate(self.fits) if trace_fit.law.name == name]
+        weights = self.weights[indices]
+        moduli = [self.fits[k].modulus for k in indices]
         return Candidate(
             effect=name,
             probability=self.probability[name],
@@ -206,14 +208,24 @@ def posterior(fits: list[TraceFit]) -> CurvePosterior:
     So are the combinations of forms of a pair. Those that were not fitted count as without evidence.
     """
     groups: dict[str, list[TraceFit]] = {}
-    for one in fits:
-        groups.setdefault(one.law.name, []).append(one)
-    best = {name: max(own, key=lambda one: one.log_score) for name, own in groups.items()}
-    logs = {name: np.array([one.log_evidence for one in own]) for name, own in groups.items()}
+    for trace_fit in fits:
+        groups.setdefault(trace_fit.law.name, []).append(trace_fit)
+    best = {
+        name: max(form_fits, key=lambda trace_fit: trace_fit.log_score) for name, form_fits in groups.items()
+    }
+    logs = {
+        name: np.array([trace_fit.log_evidence for trace_fit in form_fits])
+        for name, form_fits in groups.items()
+    }
     plain = best[NONE].log_evidence
     ways = {name: prod(len(groups[effect]) for effect in name.split("+")) for name in groups}
-    gain = {name: float(logsumexp(own) - np.log(ways[name]) - plain) for name, own in logs.items()}
-    misfit = {name: MISFIT * (one.share / one.usual_share) ** 2 for name, one in best.items()}
+    gain = {
+        name: float(logsumexp(log_evidences) - np.log(ways[name]) - plain)
+        for name, log_evidences in logs.items()
+    }
+    misfit = {
+        name: MISFIT * (trace_fit.share / trace_fit.usual_share) ** 2 for name, trace_fit in best.items()
+    }
     weighed = [Weighed(name=name, gain=gain[name], misfit=misfit[name]) for name in best]
     shares, unknown = probabilities(weighed, temperature=TEMPERATURE)
     probability = {**dict(zip(best, shares.tolist(), strict=True)), UNKNOWN: unknown}
@@ -224,8 +236,9 @@ def posterior(fits: list[TraceFit]) -> CurvePosterior:
         fits=tuple(fits),
         weights=np.array(
             [
-                probability[one.law.name] * float(np.exp(one.log_evidence - logsumexp(logs[one.law.name])))
-                for one in fits
+                probability[trace_fit.law.name]
+                * float(np.exp(trace_fit.log_evidence - logsumexp(logs[trace_fit.law.name])))
+                for trace_fit in fits
             ]
         ),
         probability=dict(sorted(probability.items(), key=lambda item: -item[1])),
@@ -236,18 +249,18 @@ def posterior(fits: list[TraceFit]) -> CurvePosterior:
     )
 
 
-def parameters_of(one: TraceFit) -> dict[str, Parameter]:
+def parameters_of(trace_fit: TraceFit) -> dict[str, Parameter]:
     """The effects' parameters by the names that files use, with the nuisances that a reader must know."""
     known: dict[str, Parameter] = {}
-    scaled = list(zip(one.law.unknowns, one.scaled.tolist(), one.sd.tolist(), strict=True))
-    at = len(one.law.baseline)
+    scaled = list(zip(trace_fit.law.unknowns, trace_fit.scaled.tolist(), trace_fit.sd.tolist(), strict=True))
+    at = len(trace_fit.law.baseline)
     for u, value, sd in scaled[:at]:
         if u.name.startswith(NUISANCES):
             known[u.name] = u.parameter(value, sd)
-    for effect in one.law.effects:
+    for effect in trace_fit.law.effects:
         part = slice(at, at + len(effect.unknowns))
         if effect.parameters is not None:
-            known |= effect.parameters(one.scaled[part], one.covariance[part, part])
+            known |= effect.parameters(trace_fit.scaled[part], trace_fit.covariance[part, part])
         else:
             known |= {u.name: u.parameter(value, sd) for u, value, sd in scaled[part]}
         at = part.stop

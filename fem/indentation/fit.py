@@ -148,7 +148,7 @@ def fit(
     order = np.argsort(target.misfit(starts, law.force_N(trace, starts)))[:follow]
     scaled = starts[order[0]]
     if follow > 1:
-        scaled = min((_descend(target, starts[k], steps=FEW) for k in order), key=lambda one: one[0])[1]
+        scaled = min((_descend(target, starts[k], steps=FEW) for k in order), key=lambda state: state[0])[1]
     for _ in range(ROUNDS):
         _, scaled, force, slope, converged = _descend(target, scaled, steps=STEPS)
         gap = (trace.force_N - force)[frames]
@@ -156,7 +156,7 @@ def fit(
         if share == before:
             break
         target = target_at(share)
-    logs = [target_at(float(one)).log_evidence(scaled, force, slope) for one in shares]
+    logs = [target_at(float(trial_share)).log_evidence(scaled, force, slope) for trial_share in shares]
     return TraceFit(
         law=law,
         noise=target.noise,

@@ -39,9 +39,9 @@ def slab_factor_of_punch(over_thickness: float, *, poisson_ratio: float) -> floa
     1958, 442-450; Hayes, Keer, Herrmann, Mockros, "A mathematical analysis for indentation tests of articular
     cartilage", J. Biomech. 5, 1972, 541-551.
     """
-    nodes, weights = (one / 2 for one in leggauss(POINTS[0]))
+    nodes, weights = (array / 2 for array in leggauss(POINTS[0]))
     nodes = nodes + 0.5
-    waves, steps = (MOST_WAVES * one / 2 for one in leggauss(POINTS[1]))
+    waves, steps = (MOST_WAVES * array / 2 for array in leggauss(POINTS[1]))
     waves = waves + MOST_WAVES / 2
     k = 3 - 4 * poisson_ratio
     layer = (2 * k * np.sinh(2 * waves) - 4 * waves) / (2 * k * np.cosh(2 * waves) + 4 * waves**2 + 1 + k**2)
@@ -126,10 +126,10 @@ class PunchOnSlab(ContactCurve):
 
     def notes(self, deepest_mm: float) -> tuple[str, ...]:
         """Ranges left, and a half-space that nobody stated."""
-        found = []
+        notes = []
         if deepest_mm > DEEP * self.radius_mm:
-            found.append(
+            notes.append(
                 f"The punch went {deepest_mm / self.radius_mm:.2f} of its radius deep, where small strain "
                 "has ended, and a sharp rim cuts: E may be off by more than its interval."
             )
-        return (*found, *([THICK] if self.thickness_mm is None else []))
+        return (*notes, *([THICK] if self.thickness_mm is None else []))

@@ -140,9 +140,11 @@ def _kept(fade: Float[np.ndarray, "t k p"], added: Float[np.ndarray, "t k p"]) -
         return added
     kept = np.empty((added[0].size, frames))
     band = np.ones((2, frames), order="F")
-    for one, fades, source in zip(kept, fade.reshape(frames, -1).T, added.reshape(frames, -1).T, strict=True):
+    for solution, fades, source in zip(
+        kept, fade.reshape(frames, -1).T, added.reshape(frames, -1).T, strict=True
+    ):
         band[1, :-1] = -fades[1:]
-        one[:] = dtbtrs(band, source, uplo="L", diag="U")[0]
+        solution[:] = dtbtrs(band, source, uplo="L", diag="U")[0]
     return np.asarray(kept.T.reshape(added.shape))
 
 

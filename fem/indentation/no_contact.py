@@ -79,9 +79,11 @@ def pooled_noise(trace: IndenterTrace) -> NoContactNoise:
     each = [no_contact_noise(part, first_touch(part)) for part in trace.parts]
     if len(each) == 1:
         return each[0]
-    weights = [max(one.frames, 1) for one in each]
-    variance, lag1 = np.average([(one.sd_N**2, one.lag1) for one in each], axis=0, weights=weights)
-    return NoContactNoise(sd_N=float(variance**0.5), lag1=float(lag1), frames=sum(one.frames for one in each))
+    weights = [max(noise.frames, 1) for noise in each]
+    variance, lag1 = np.average([(noise.sd_N**2, noise.lag1) for noise in each], axis=0, weights=weights)
+    return NoContactNoise(
+        sd_N=float(variance**0.5), lag1=float(lag1), frames=sum(noise.frames for noise in each)
+    )
 
 
 def no_contact_noise(trace: IndenterTrace, touch: int) -> NoContactNoise:

@@ -60,7 +60,9 @@ def rig_share(trace: IndenterTrace, *, rig_N_per_mm: float | None, made_known: s
     """
     if len(trace.parts) > 1:
         each = [rig_share(part, rig_N_per_mm=rig_N_per_mm, made_known=made_known) for part in trace.parts]
-        return max(each, key=lambda one: one.rig_mm_per_N / max(one.recorded_mm_per_N, 1e-12))
+        return max(
+            each, key=lambda part_share: part_share.rig_mm_per_N / max(part_share.recorded_mm_per_N, 1e-12)
+        )
     used = _upper_half(trace)
     force = trace.force_N[used]
     if trace.rig_give_mm is not None and trace.rig_sd_mm is not None:

@@ -80,14 +80,14 @@ def find_rupture(trace: IndenterTrace, *, noise_N: float) -> Rupture | None:
     return None
 
 
-def before_rupture(trace: IndenterTrace, found: Rupture) -> IndenterTrace:
+def before_rupture(trace: IndenterTrace, rupture: Rupture) -> IndenterTrace:
     """The trace up to the largest force; raises FemFailure (bad-load) where too few frames are left."""
-    if found.last + 1 < FEWEST_FRAMES:
+    if rupture.last + 1 < FEWEST_FRAMES:
         raise out_of_range(
-            f"a rupture after {found.last + 1} frames ({found.time_s:.3g} s)",
+            f"a rupture after {rupture.last + 1} frames ({rupture.time_s:.3g} s)",
             f"at least {FEWEST_FRAMES} before it: record more often, or press slower",
         )
-    return trace.cut(slice(0, found.last + 1))
+    return trace.cut(slice(0, rupture.last + 1))
 
 
 def _rise_N_per_s(time_s: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]) -> float:

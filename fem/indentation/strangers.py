@@ -31,10 +31,12 @@ FEWEST_PARTS = 3
 
 @dataclass(frozen=True, kw_only=True)
 class OwnModuli:
-    """`own`: a law's fit to `trace` with a modulus for each recording, `ln_E`, which are these `columns`."""
+    """`law_fit`: a law's fit to `trace` with a modulus for each recording, `ln_E`, which are these
+    `columns`.
+    """
 
     trace: IndenterTrace
-    own: TraceFit
+    law_fit: TraceFit
     columns: list[int]
     ln_E: Float[np.ndarray, " n"]
 
@@ -44,9 +46,9 @@ def own_moduli(trace: IndenterTrace, known: TraceFit, no_contact: NoContactNoise
     law, at = known.law, len(known.law.baseline)
     extra = [replace(law.unknowns[0], name=f"E_MPa{suffix_of(k)}") for k in trace.numbers[1:]]
     start = np.insert(known.scaled, at, np.full(len(extra), known.scaled[0]))
-    own = fit(replace(law, baseline=(*law.baseline, *extra)), trace, no_contact, start[None], follow=1)
+    law_fit = fit(replace(law, baseline=(*law.baseline, *extra)), trace, no_contact, start[None], follow=1)
     columns = [0, *range(at, at + len(extra))]
-    return OwnModuli(trace=trace, own=own, columns=columns, ln_E=own.scaled[columns])
+    return OwnModuli(trace=trace, law_fit=law_fit, columns=columns, ln_E=law_fit.scaled[columns])
 
 
 def likeliest_with_own_moduli(
@@ -55,8 +57,8 @@ def likeliest_with_own_moduli(
     """Of the plain law and the single effects, by evidence: a law that is common to all moduli bends to a
     recording of another specimen.
     """
-    each = [own_moduli(trace, one, no_contact) for name, one in best.items() if "+" not in name]
-    return max(each, key=lambda found: found.own.log_score)
+    each = [own_moduli(trace, trace_fit, no_contact) for name, trace_fit in best.items() if "+" not in name]
+    return max(each, key=lambda moduli: moduli.law_fit.log_score)
 
 
 def scatter(trace: IndenterTrace, known: TraceFit, no_contact: NoContactNoise) -> tuple[float, float]:
@@ -65,24 +67,24 @@ def scatter(trace: IndenterTrace, known: TraceFit, no_contact: NoContactNoise) -
     """
     if len(trace.parts) == 1:
         return 0.0, 0.0
-    found = own_moduli(trace, known, no_contact)
-    gram = _grams(found, found.own.share).sum(axis=0)
-    solved = [_solved(gram, found, np.full(len(found.ln_E), tau)) for tau in SCATTERS]
+    moduli = own_moduli(trace, known, no_contact)
+    gram = _grams(moduli, moduli.law_fit.share).sum(axis=0)
+    solved = [_solved(gram, moduli, np.full(len(moduli.ln_E), tau)) for tau in SCATTERS]
     weights = softmax([log for _, _, log in solved])
-    off = float(found.ln_E.mean() - known.scaled[0])
+    off = float(moduli.ln_E.mean() - known.scaled[0])
     square = weights @ [covariance[0, 0] + (off + change[0]) ** 2 for change, covariance, _ in solved]
     added = max(float(square - known.covariance[0, 0]), 0.0)
     return float(weights @ SCATTERS), added**0.5
 
 
-def strangers(found: OwnModuli) -> dict[int, str]:
+def strangers(moduli: OwnModuli) -> dict[int, str]:
     """Recordings that do not belong, by their index, each with a sentence: the least likely first, then the
     next given the rest, while the smallest p-value of all, corrected for their number, is below DETECTION_P.
     """
     said: dict[int, str] = {}
-    members = list(range(len(found.ln_E)))
+    members = list(range(len(moduli.ln_E)))
     while len(members) >= FEWEST_PARTS:
-        tried = {k: _p_values(found, k, [j for j in members if j != k]) for k in members}
+        tried = {k: _p_values(moduli, k, [j for j in members if j != k]) for k in members}
         each = {(kind, k): p for k, (p_values, _) in tried.items() for kind, p in p_values.items()}
         p_value = smallest_p_value({f"{kind} {k}": p for (kind, k), p in each.items()})
         if p_value >= DETECTION_P:
@@ -97,23 +99,26 @@ def strangers(found: OwnModuli) -> dict[int, str]:
     return said
 
 
-def _p_values(found: OwnModuli, k: int, others: Sequence[int]) -> tuple[dict[str, float], float]:
+def _p_values(moduli: OwnModuli, k: int, others: Sequence[int]) -> tuple[dict[str, float], float]:
     """Of recording k given others: "modulus" and "shape"; and its modulus over theirs."""
-    trace, own, shares = found.trace, found.own, SHARES[found.own.usual_share * (1 - 1e-9) <= SHARES]
-    gaps = trace.force_N - own.force_N
-    logs = [_noise(own, trace.slices[j], 1.0).log_likelihoods(gaps[trace.slices[j]], shares) for j in others]
-    grams = _grams(found, float(shares[int(np.argmax(np.sum(logs, axis=0)))]))
-    theirs, at = grams[list(others)].sum(axis=0), len(own.scaled) - len(found.ln_E) + 1 + k
+    trace, law_fit = moduli.trace, moduli.law_fit
+    shares = SHARES[law_fit.usual_share * (1 - 1e-9) <= SHARES]
+    gaps = trace.force_N - law_fit.force_N
+    logs = [
+        _noise(law_fit, trace.slices[j], 1.0).log_likelihoods(gaps[trace.slices[j]], shares) for j in others
+    ]
+    grams = _grams(moduli, float(shares[int(np.argmax(np.sum(logs, axis=0)))]))
+    theirs, at = grams[list(others)].sum(axis=0), len(law_fit.scaled) - len(moduli.ln_E) + 1 + k
 
-    alone = np.arange(len(found.ln_E)) == k
-    solved = [_solved(theirs + grams[k], found, np.where(alone, STRANGER_SD, tau)) for tau in SCATTERS]
+    alone = np.arange(len(moduli.ln_E)) == k
+    solved = [_solved(theirs + grams[k], moduli, np.where(alone, STRANGER_SD, tau)) for tau in SCATTERS]
     weights = softmax([log for _, _, log in solved])
     variance = np.array([covariance[at, at] for _, covariance, _ in solved])
-    mean = np.array([change[at] for change, _, _ in solved]) + found.ln_E[k] - found.ln_E.mean()
+    mean = np.array([change[at] for change, _, _ in solved]) + moduli.ln_E[k] - moduli.ln_E.mean()
     # less the prior of s_k: what the recording itself says
     of_data = 1 / np.maximum(1 / variance - STRANGER_SD**-2, 1e-6)
     mean = mean * of_data / variance
-    change, covariance, _ = _solved(theirs, found, np.where(alone, STRANGER_SD, weights @ SCATTERS))
+    change, covariance, _ = _solved(theirs, moduli, np.where(alone, STRANGER_SD, weights @ SCATTERS))
     normal, right, square = grams[k][:-1, :-1], grams[k][:-1, -1], grams[k][-1, -1]
     left = right - normal @ change
     known = left @ np.linalg.inv(np.linalg.inv(covariance) + normal) @ left
@@ -126,35 +131,35 @@ def _p_values(found: OwnModuli, k: int, others: Sequence[int]) -> tuple[dict[str
     return p_values, float(np.exp(weights @ mean))
 
 
-def _noise(own: TraceFit, frames: slice, share: float) -> TraceNoise:
+def _noise(law_fit: TraceFit, frames: slice, share: float) -> TraceNoise:
     """Of one recording, with so large a share of the force unexplained."""
-    wander_N = own.noise.wander_N[frames] * (share / own.share)
-    return replace(own.noise, wander_N=wander_N, clock=own.noise.clock[frames])
+    wander_N = law_fit.noise.wander_N[frames] * (share / law_fit.share)
+    return replace(law_fit.noise, wander_N=wander_N, clock=law_fit.noise.clock[frames])
 
 
-def _grams(found: OwnModuli, share: float) -> Float[np.ndarray, "n q q"]:
+def _grams(moduli: OwnModuli, share: float) -> Float[np.ndarray, "n q q"]:
     """Z' C^-1 Z of each recording: Z the slopes of ln E, of the law's other unknowns and of each s, and the
     force that is left.
     """
-    grams, jacobian = [], found.own.jacobian
-    left = found.trace.force_N - found.own.force_N
-    for frames, column in zip(found.trace.slices, found.columns, strict=True):
-        of_E, others = jacobian[frames, column], np.delete(jacobian[frames], found.columns, axis=1)
-        columns = np.column_stack([of_E, others, jacobian[frames][:, found.columns], left[frames]])
-        grams.append(columns.T @ _noise(found.own, frames, share).solve(columns))
+    grams, jacobian = [], moduli.law_fit.jacobian
+    left = moduli.trace.force_N - moduli.law_fit.force_N
+    for frames, column in zip(moduli.trace.slices, moduli.columns, strict=True):
+        of_E, others = jacobian[frames, column], np.delete(jacobian[frames], moduli.columns, axis=1)
+        columns = np.column_stack([of_E, others, jacobian[frames][:, moduli.columns], left[frames]])
+        grams.append(columns.T @ _noise(moduli.law_fit, frames, share).solve(columns))
     return np.array(grams)
 
 
 def _solved(
-    gram: Float[np.ndarray, "q q"], found: OwnModuli, sd: Float[np.ndarray, " n"]
+    gram: Float[np.ndarray, "q q"], moduli: OwnModuli, sd: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"], float]:
     """Changes of ln E, the law's other unknowns and s, whose prior has `sd`; covariance; ln evidence."""
-    priors = np.array([(u.mean, u.sd) for u in found.own.law.unknowns])
-    priors = np.delete(priors, found.columns[1:], axis=0)
-    scaled = np.delete(found.own.scaled, found.columns[1:])
-    scaled[0] = found.ln_E.mean()
+    priors = np.array([(u.mean, u.sd) for u in moduli.law_fit.law.unknowns])
+    priors = np.delete(priors, moduli.columns[1:], axis=0)
+    scaled = np.delete(moduli.law_fit.scaled, moduli.columns[1:])
+    scaled[0] = moduli.ln_E.mean()
     precision = np.r_[priors[:, 1], sd] ** -2.0
-    off = np.r_[scaled - priors[:, 0], found.ln_E - found.ln_E.mean()]
+    off = np.r_[scaled - priors[:, 0], moduli.ln_E - moduli.ln_E.mean()]
     covariance = np.linalg.inv(gram[:-1, :-1] + np.diag(precision))
     pull = gram[:-1, -1] - precision * off
     log_det = np.linalg.slogdet(covariance)[1] + np.log(precision).sum()

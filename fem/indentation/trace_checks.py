@@ -16,14 +16,14 @@ def checks(
 ) -> tuple[Check, ...]:
     """Measured, and by both laws, of each recording; sd from white noise on the second law's trace."""
     noise = after.noise.white_N * rng.standard_normal((COPIES, len(trace.time_s)))
-    found: list[Check] = []
+    comparisons: list[Check] = []
     for k, part, frames in zip(trace.numbers, trace.parts, trace.slices, strict=True):
         where = f", recording {k + 1}" if len(trace.parts) > 1 else ""
         forces = (part.force_N, before.force_N[frames], after.force_N[frames])
         numbers = [_numbers(part, force) for force in forces]
-        copies = [_numbers(part, forces[2] + one[frames]) for one in noise]
-        found += compared(numbers, copies, UNITS, suffix=where)
-    return tuple(found)
+        copies = [_numbers(part, forces[2] + noise_N[frames]) for noise_N in noise]
+        comparisons += compared(numbers, copies, UNITS, suffix=where)
+    return tuple(comparisons)
 
 
 def _numbers(trace: IndenterTrace, force_N: Float[np.ndarray, " t"]) -> dict[str, float]:
@@ -31,11 +31,11 @@ def _numbers(trace: IndenterTrace, force_N: Float[np.ndarray, " t"]) -> dict[str
     phases = np.array(trace.phases)
     deepest = int(np.argmax(trace.travel_mm >= trace.travel_mm.max() * (1 - 1e-3)))
     half = int(np.argmax(trace.travel_mm >= (trace.travel_mm[0] + trace.travel_mm[deepest]) / 2))
-    found = {"half-way force": float(force_N[half] / force_N[deepest])}
+    numbers = {"half-way force": float(force_N[half] / force_N[deepest])}
     hold = deepest + np.flatnonzero(phases[deepest:] == "hold")
     if len(hold):
         last = hold[int(np.argmax(np.r_[np.diff(hold) > 1, True]))]
-        found["force kept in the hold"] = float(force_N[last] / force_N[deepest])
+        numbers["force kept in the hold"] = float(force_N[last] / force_N[deepest])
     if (phases == "unload").any():
-        found["loop area"] = float(np.trapezoid(force_N, trace.travel_mm))
-    return found
+        numbers["loop area"] = float(np.trapezoid(force_N, trace.travel_mm))
+    return numbers

@@ -22,7 +22,7 @@ MISMATCH_HEADER = re.compile(r"[ \t]*\[\[[ \t]*mismatch[ \t]*\]\]")
 BYTE_ORDER_MARK = "\ufeff"
 
 
-def applied(case: Case, found: Explanation, *, now: datetime) -> str:
+def applied(case: Case, explanation: Explanation, *, now: datetime) -> str:
     """Writes the effect found into the batch's settings where it is confirmed; the sentence that says so.
 
     Confirmed: one verdict (or one pair), and recordings that the fit did not see come out better with it.
@@ -30,9 +30,9 @@ def applied(case: Case, found: Explanation, *, now: datetime) -> str:
     if case.batch is None:
         raise ValueError(case.name)
     path = case.batch.folder.settings
-    if doubt := why_not(found):
+    if doubt := why_not(explanation):
         return f"Not applied: {doubt}"
-    winner = next(one for one in found.ranking if one.effect == found.verdict)
+    winner = next(candidate for candidate in explanation.ranking if candidate.effect == explanation.verdict)
     try:
         effects = confirmed_effects(winner, fruit_id=case.name)
     except ValidationError as error:
@@ -60,25 +60,25 @@ def applied(case: Case, found: Explanation, *, now: datetime) -> str:
     return f"Applied: {path} now holds {applied_effects}; run `drupe grade` again to use it.{rest}"
 
 
-def why_not(found: Explanation) -> str:
+def why_not(explanation: Explanation) -> str:
     """Why the answer is no confirmed effect; empty where it is one."""
-    if not found.detected or found.verdict == NONE:
+    if not explanation.detected or explanation.verdict == NONE:
         return "nothing is missing, so there is nothing to apply."
-    if found.verdict == UNKNOWN:
+    if explanation.verdict == UNKNOWN:
         return "the cause is unknown, so grading cannot take it into account."
-    if not isinstance(found.verdict, str):
-        names = ", ".join(LISTED.get(name, name) for name in found.verdict)
+    if not isinstance(explanation.verdict, str):
+        names = ", ".join(LISTED.get(name, name) for name in explanation.verdict)
         return f"the recordings cannot distinguish {names}; record the proposed grasp, and run explain again."
-    if all(map(_in_forces, found.verdict.split("+"))):
-        return _needs_no_entry(found.verdict)
-    if found.heldout is None:
+    if all(map(_in_forces, explanation.verdict.split("+"))):
+        return _needs_no_entry(explanation.verdict)
+    if explanation.heldout is None:
         return "no second recording confirms the effect; record another grasp."
-    if not found.heldout.rms_after < found.heldout.rms_before:
+    if not explanation.heldout.rms_after < explanation.heldout.rms_before:
         return "the effect does not improve the prediction of held-out recordings."
-    if found.heldout.rms_before <= found.heldout.noise_rms:
+    if explanation.heldout.rms_before <= explanation.heldout.noise_rms:
         return "the misfit of held-out recordings is within sensor noise even without the effect."
-    if all(one.effect != found.verdict for one in found.ranking):
-        return f"the ranking does not contain {found.verdict}."
+    if all(candidate.effect != explanation.verdict for candidate in explanation.ranking):
+        return f"the ranking does not contain {explanation.verdict}."
     return ""
 
 
@@ -117,7 +117,7 @@ def confirmed_effects(winner: Candidate, *, fruit_id: str) -> tuple[ConfirmedEff
 
 def _own(winner: Candidate, effect: str) -> dict[str, Parameter]:
     """The parameters of one effect of the winner."""
-    own = {
+    parameters = {
         name.removeprefix(f"{effect}."): parameter
         for name, parameter in winner.parameters.items()
         if name.startswith(f"{effect}.")
@@ -125,8 +125,8 @@ def _own(winner: Candidate, effect: str) -> dict[str, Parameter]:
     spec = SPECS.get(effect)
     for name, parameter in winner.parameters.items():
         if spec is not None and spec.parameter(name) is not None:
-            own.setdefault(name, parameter)
-    return own
+            parameters.setdefault(name, parameter)
+    return parameters
 
 
 def _of_one_fruit(effect: str) -> bool:
@@ -160,8 +160,8 @@ def with_effects(text: str, effects: Sequence[ConfirmedEffect], *, note: str) ->
         return None if changed is None else BYTE_ORDER_MARK + changed
     before = Settings.model_validate(toml_of(text))
     places = {effect.place() for effect in effects}
-    kept = tuple(one for one in before.mismatch if one.place() not in places)
-    replaced = [k for k, one in enumerate(before.mismatch) if one.place() in places]
+    kept = tuple(effect for effect in before.mismatch if effect.place() not in places)
+    replaced = [k for k, effect in enumerate(before.mismatch) if effect.place() in places]
     lines = text.splitlines(keepends=True)
     blocks = _blocks(lines)
     if replaced and len(blocks) != len(before.mismatch):
@@ -194,9 +194,9 @@ def _blocks(lines: Sequence[str]) -> list[tuple[int, int]]:
     return blocks
 
 
-def _lines(one: ConfirmedEffect, *, note: str) -> list[str]:
-    held = one.model_dump(exclude_none=True)
-    if not one.sd:
+def _lines(effect: ConfirmedEffect, *, note: str) -> list[str]:
+    held = effect.model_dump(exclude_none=True)
+    if not effect.sd:
         del held["sd"]
     header = f"[[mismatch]]{f'  # {note}' if note else ''}"
     return [header, *(f"{key} = {toml_value(value)}" for key, value in held.items())]

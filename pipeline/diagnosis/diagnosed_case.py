@@ -201,7 +201,7 @@ def _of_batch(root: Path, fruit_id: str, out: Path | None) -> Case:
         raise BatchRefused([Problem(str(batch.folder.table), f"{fruit_id}: {said}", fruit_id, True)])
     notes: tuple[str, ...] = ()
     if held := batch.settings.mismatch:
-        notes = (_SETTINGS_LEFT_ASIDE.format(", ".join(dict.fromkeys(one.effect for one in held))),)
+        notes = (_SETTINGS_LEFT_ASIDE.format(", ".join(dict.fromkeys(effect.effect for effect in held))),)
     task = fruit_task(batch, fruit_id, Results(out or batch.folder.default_results))
     task = replace(task, settings=task.settings.model_copy(update={"mismatch": ()}))
     return Case(name=fruit_id, task=task, batch=batch, stated=stated_in_table(task.given), notes=notes)

@@ -49,8 +49,10 @@ def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
     """Explains the case, in stages told to `log`, with so many threads; raises as the stages do."""
     bare = bare_recordings(case.task.folder.grasp_files(), case.stated, case.task.prior)
     with threadpool_limits(1):
-        found = _of_grasps(case, log, jobs) if bare is None else _of_traces(case, log, joined_traces(bare))
-    return replace(found, doubts=doubts_of_modulus(case, found.explanation))
+        diagnosis = (
+            _of_grasps(case, log, jobs) if bare is None else _of_traces(case, log, joined_traces(bare))
+        )
+    return replace(diagnosis, doubts=doubts_of_modulus(case, diagnosis.explanation))
 
 
 def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
@@ -83,7 +85,7 @@ def graded_case(case: Case, fruit: GraspedFruit, *, jobs: int = 1) -> tuple[Grad
     fruit = with_stated_surface(case, fruit)
     solids: dict[Support, UnitModulusSolid] = {}
     try:
-        found = fruit_modulus(
+        inference = fruit_modulus(
             case.task,
             fruit.placed,
             fruit.mesh,
@@ -97,23 +99,23 @@ def graded_case(case: Case, fruit: GraspedFruit, *, jobs: int = 1) -> tuple[Grad
             exception for exception in failures.exceptions if isinstance(exception, FemFailure)
         ) from None
     graded = GradedCase(
-        modulus=Modulus(value=found.modulus.E_MPa, sd=found.modulus.E_sd_MPa),
+        modulus=Modulus(value=inference.modulus.E_MPa, sd=inference.modulus.E_sd_MPa),
         models=tuple(
             model
             if isinstance(model, GraspModel)
-            and isinstance(own, ModulusEstimate)
-            and own.form == "first-touch"
+            and isinstance(outcome, ModulusEstimate)
+            and outcome.form == "first-touch"
             else None
-            for model, own in zip(found.models, found.grasps, strict=True)
+            for model, outcome in zip(inference.models, inference.grasps, strict=True)
         ),
         solids=solids,
     )
     lost = [
-        f"both values of E (with and without an effect) ignore {grasp.name}: {own.detail}."
-        for grasp, own in zip(fruit.placed, found.grasps, strict=True)
-        if isinstance(own, FemFailure)
+        f"both values of E (with and without an effect) ignore {grasp.name}: {outcome.detail}."
+        for grasp, outcome in zip(fruit.placed, inference.grasps, strict=True)
+        if isinstance(outcome, FemFailure)
     ]
-    said = [*at_small_strain(fruit.placed, found), *found.modulus.warnings]
+    said = [*at_small_strain(fruit.placed, inference), *inference.modulus.warnings]
     return graded, [*lost, *(f"E without an effect: {sentence}." for sentence in said)]
 
 
@@ -148,13 +150,13 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
             why = f"grading gives no E for these recordings ({failure.detail})"
             graded, of_grading = None, [f"{why}; E without an effect is the mean of the individual fits."]
     with log.stage("explanation"):
-        found = find(handed, graded, log, jobs=jobs)
-    notes = dict.fromkeys([*of_grading, *found.notes, *notes_on(case, fruit, log.warnings)])
+        explanation = find(handed, graded, log, jobs=jobs)
+    notes = dict.fromkeys([*of_grading, *explanation.notes, *notes_on(case, fruit, log.warnings)])
     budget, pit = handed.budget, fruit.pit.record
-    scale = sensor_scale([one.recording for one in fruit.placed], case.task.settings.sensor).common
+    scale = sensor_scale([grasp.recording for grasp in fruit.placed], case.task.settings.sensor).common
     off = f"± {budget.pit_offset_sd_mm:g} mm, ± {100 * budget.pit_size_sd:g} %"
     return Diagnosis(
-        explanation=replace(found, notes=tuple(notes)),
+        explanation=replace(explanation, notes=tuple(notes)),
         grasps=tuple(grasp.name for grasp in fruit.placed),
         contacts_mm=touched_by_pad(fruit.placed),
         pit=SceneSurface(fruit.pit.vertices, fruit.pit.faces) if len(fruit.pit.faces) else None,
@@ -175,16 +177,16 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
 def _of_traces(case: Case, log: StageLog, bare: BareTraces) -> Diagnosis:
     nu = poisson_ratio(case.task.settings, case.task.prior)[0]
     with log.stage("explanation"):
-        found = explain_trace(
+        explanation = explain_trace(
             replace(bare.trace, drift_N_per_min=case.drift_N_per_min),
             thickness_mm=bare.known.thickness_mm,
             poisson_ratio=nu,
             rng=np.random.default_rng(TRACE_SEED),
             rig_N_per_mm=case.rig_N_per_mm,
         )
-    notes = dict.fromkeys([*bare.naming(found.notes), *bare.notes, *notes_on_trace(case), *case.notes])
+    notes = dict.fromkeys([*bare.naming(explanation.notes), *bare.notes, *notes_on_trace(case), *case.notes])
     return Diagnosis(
-        explanation=replace(found, notes=tuple(notes)),
+        explanation=replace(explanation, notes=tuple(notes)),
         grasps=bare.names,
         facts=(
             ("Indenter", bare.trace.geometry.said),

@@ -23,7 +23,7 @@ OF_A_TRACE = {
 
 
 def explain_entry(
-    found: Diagnosis,
+    diagnosis: Diagnosis,
     *,
     case: str,
     category: str,
@@ -34,30 +34,32 @@ def explain_entry(
     applied: str = "",
 ) -> ExplainEntry:
     """All that is written of one case. Fields of one name are taken over by it (`seconds` excepted)."""
-    answer = found.explanation
+    answer = diagnosis.explanation
     verdict = (answer.verdict,) if isinstance(answer.verdict, str) else answer.verdict
     known = {field.name: getattr(answer, field.name) for field in fields(answer)}
     return ExplainEntry(
         **known
         | {
             "verdict": verdict,
-            "left_out": tuple(found.grasps[k] for k in answer.left_out),
+            "left_out": tuple(diagnosis.grasps[k] for k in answer.left_out),
             "seconds": seconds,
             "case": case,
             "category": category,
-            "grasps": found.grasps,
+            "grasps": diagnosis.grasps,
             "applied": applied or None,
             "inputs": inputs,
             "versions": versions,
             "made_utc": made,
-            "effects": effect_entries([*verdict, *(one.effect for one in answer.ranking)]),
+            "effects": effect_entries([*verdict, *(candidate.effect for candidate in answer.ranking)]),
             "parameter_words": {
-                one.effect: {name: parameter_words(one.effect, name) for name in one.parameters}
-                for one in answer.ranking
+                candidate.effect: {
+                    name: parameter_words(candidate.effect, name) for name in candidate.parameters
+                }
+                for candidate in answer.ranking
             },
-            "contacts_mm": found.contacts_mm,
-            "facts": found.facts,
-            "doubts": found.doubts,
+            "contacts_mm": diagnosis.contacts_mm,
+            "facts": diagnosis.facts,
+            "doubts": diagnosis.doubts,
         }
     )
 
@@ -76,9 +78,11 @@ def parameter_words(effect: str, name: str) -> str:
     >>> parameter_words("viscoelastic", "tau_2_s")
     'time over which it fades'
     """
-    part, _, own = name.rpartition(".")
-    specs = [SPECS[one] for one in ([part] if part else effect.split("+")) if one in SPECS]
-    known = (spec.parameter(own) for spec in specs)
+    part, _, parameter_name = name.rpartition(".")
+    specs = [
+        SPECS[effect_name] for effect_name in ([part] if part else effect.split("+")) if effect_name in SPECS
+    ]
+    known = (spec.parameter(parameter_name) for spec in specs)
     words = next((parameter.words for parameter in known if parameter is not None), None)
-    of_trace = next((said for one, said in OF_A_TRACE.items() if own.startswith(one)), None)
+    of_trace = next((said for prefix, said in OF_A_TRACE.items() if parameter_name.startswith(prefix)), None)
     return words or of_trace or name.replace("_", " ")

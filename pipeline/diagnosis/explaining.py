@@ -108,8 +108,8 @@ def _explained(
     require_one_fruit(case)
     started, since_s = now(), time.monotonic()
     log = StageLog(report)
-    found = finding(case, log, jobs=jobs)
-    explanation = found.explanation
+    diagnosis = finding(case, log, jobs=jobs)
+    explanation = diagnosis.explanation
     done = applied(case, explanation, now=started) if wanted.apply else ""
     made = now()
     seconds = {
@@ -118,7 +118,7 @@ def _explained(
         IN_ALL: round(time.monotonic() - since_s, 2),
     }
     entry = explain_entry(
-        found,
+        diagnosis,
         case=case.name,
         category=case.task.category,
         seconds=seconds,
@@ -132,7 +132,7 @@ def _explained(
     if case.batch is not None:
         remove(case.task.results.mismatch_scene)  # so that none stands beside another answer
         write_whole(case.task.results.mismatch, _json({**entry.as_json(), "key": case.task.key}) + "\n")
-        scene = explained_scene(entry, found.pit)
+        scene = explained_scene(entry, diagnosis.pit)
         if scene is not None:
             write_whole(case.task.results.mismatch_scene, scene)
     if wanted.html is not None:
@@ -165,11 +165,11 @@ def _require_apart_of_batch(case: Case, batch: Batch, wanted: ExplainOutputs) ->
     if former_batch(results) is not None:
         require_same_batch(results, identity(batch, input_hashes(batch.folder.root, inputs)), "--out")
     lists = (place / name for place in (results.root, fruit.root) for name in (MANIFEST, LIST_LOCK))
-    own = (*results.files, results.lock, results.run, *fruit.files, *lists)
+    result_files = (*results.files, results.lock, results.run, *fruit.files, *lists)
     for target in (wanted.json, wanted.html):
         if target is not None:
             require_file_apart(target, inputs=inputs, folders=batch_trees(batch.folder), but_in=root)
-            if any(_same(target, path) for path in own):
+            if any(_same(target, path) for path in result_files):
                 raise refused(target, "is a file of the results; give another name.")
     return root
 
@@ -204,8 +204,8 @@ def _require_writable(wanted: ExplainOutputs) -> None:
         require_new_or_ours(wanted.html, _is_page, "a page of drupe explain")
 
 
-def _same(one: Path, other: Path) -> bool:
-    return one.resolve() == other.resolve()
+def _same(path: Path, other: Path) -> bool:
+    return path.resolve() == other.resolve()
 
 
 def _is_answer(path: Path) -> bool:

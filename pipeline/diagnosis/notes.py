@@ -72,10 +72,10 @@ def _require_own(case: Case, path: Path, recording: Recording) -> list[str]:
     """
     said = recording.fruit_id, recording.category
     try:
-        found = owner_findings(*said, owner_of(case.task), source=path.name, field="attribute fruit_id")
+        findings = owner_findings(*said, owner_of(case.task), source=path.name, field="attribute fruit_id")
     except TactileFailure as failure:
         raise refused(path, failure.detail) from None
-    return [f"{path.name}: {one.sentence}." for one in found]
+    return [f"{path.name}: {finding.sentence}." for finding in findings]
 
 
 def notes_on_trace(case: Case) -> list[str]:
@@ -100,7 +100,7 @@ def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[s
 
 def _scale(placed: Sequence[PlacedGrasp], settings: SensorSettings | None) -> list[str]:
     """What the sensors' scales leave open."""
-    scale = sensor_scale([one.recording for one in placed], settings)
+    scale = sensor_scale([grasp.recording for grasp in placed], settings)
     share = float(np.linalg.norm([scale.common, scale.pictures, scale.gain]))
     if not share:
         return []
@@ -112,13 +112,13 @@ def _scale(placed: Sequence[PlacedGrasp], settings: SensorSettings | None) -> li
     ]
 
 
-def doubts_of_modulus(case: Case, found: Explanation) -> tuple[str, ...]:
+def doubts_of_modulus(case: Case, explanation: Explanation) -> tuple[str, ...]:
     """A sentence where E, without an effect or with it, is one that no flesh of the category has."""
-    if found.withheld is not None:
+    if explanation.withheld is not None:
         return ()
-    values = {"E": found.before.value}
-    if found.verdict != NONE:
-        values = {"E without an effect": found.before.value, "E with it": found.after.value}
+    values = {"E": explanation.before.value}
+    if explanation.verdict != NONE:
+        values = {"E without an effect": explanation.before.value, "E with it": explanation.after.value}
     wrong = implausible_E(values, case.task.prior)
     return () if wrong is None else (wrong,)
 
@@ -127,10 +127,10 @@ def _air(grasp: PlacedGrasp) -> list[str]:
     frames = grasp.contact.no_contact_frames
     if frames - 1 >= FEWEST_NO_CONTACT_FRAMES:
         return []
-    found = f"only {frames} frames" if frames else "no frame"
+    count = f"only {frames} frames" if frames else "no frame"
     return [
         (
-            f"{grasp.name}: {found} before first contact. drupe estimates noise from frames in contact "
+            f"{grasp.name}: {count} before first contact. drupe estimates noise from frames in contact "
             f"and may miss weaker effects; record at least {FEWEST_NO_CONTACT_FRAMES + 1} frames in the "
             "air."
         )
@@ -140,13 +140,13 @@ def _air(grasp: PlacedGrasp) -> list[str]:
 def _swapped(grasps: Sequence[PlacedGrasp]) -> list[str]:
     """Two recordings whose left and right gels (told by their markers' places) have changed names."""
     notes = []
-    for one, other in combinations(grasps, 2):
-        (a, b), (c, d) = _gels(one), _gels(other)
+    for first, second in combinations(grasps, 2):
+        (a, b), (c, d) = _gels(first), _gels(second)
         if a is None or c is None or b is None or d is None:
             continue
         if _same(a, d) and _same(b, c) and not _same(a, c):
             notes.append(
-                f"{one.name} and {other.name}: the left pad's markers in one are the right pad's in "
+                f"{first.name} and {second.name}: the left pad's markers in one are the right pad's in "
                 "the other. If you swapped the pads' names but not the gels, effects appear at the "
                 "wrong pad."
             )
@@ -158,7 +158,7 @@ def _gels(grasp: PlacedGrasp) -> tuple[GelPad | None, GelPad | None]:
     return pads.get("left"), pads.get("right")
 
 
-def _same(one: GelPad, other: GelPad) -> bool:
-    return one.rest_mm.shape == other.rest_mm.shape and bool(
-        np.allclose(one.rest_mm, other.rest_mm, atol=1e-3)
+def _same(pad: GelPad, other: GelPad) -> bool:
+    return pad.rest_mm.shape == other.rest_mm.shape and bool(
+        np.allclose(pad.rest_mm, other.rest_mm, atol=1e-3)
     )

@@ -26,10 +26,10 @@ def print_explanation(entry: ExplainEntry, written: list[Path], *, console: Cons
     line(f"{entry.case}: {explain_verdict(entry)}")
     if entry.ranking:
         console.print(_ranking(entry))
-    for one in entry.ranking:
-        if one.effect in entry.verdict and one.parameters:
-            parameters = ", ".join(_in_short(*named) for named in one.parameters.items())
-            line(f"{effect_name(one.effect)}: {parameters}")
+    for candidate in entry.ranking:
+        if candidate.effect in entry.verdict and candidate.parameters:
+            parameters = ", ".join(_in_short(*named) for named in candidate.parameters.items())
+            line(f"{effect_name(candidate.effect)}: {parameters}")
     if entry.verdict != ("none",):
         line(f"where: {where_in_words(entry)}; when: {when_in_words(entry)}; {component_in_words(entry)}")
     before = with_sd(entry.before.value, entry.before.sd)
@@ -70,11 +70,11 @@ def _ranking(entry: ExplainEntry) -> Table:
     table.add_column("explanation")
     table.add_column("probability", justify="right")
     table.add_column("E (MPa)", justify="right")
-    for one in entry.ranking[:SHOWN]:
+    for candidate in entry.ranking[:SHOWN]:
         table.add_row(
-            escape(effect_name(one.effect)),
-            percent(one.probability).replace(NO_BREAK, " "),
-            UNKNOWN if one.modulus is None else with_sd(one.modulus.value, one.modulus.sd),
+            escape(effect_name(candidate.effect)),
+            percent(candidate.probability).replace(NO_BREAK, " "),
+            UNKNOWN if candidate.modulus is None else with_sd(candidate.modulus.value, candidate.modulus.sd),
         )
     return table
 

@@ -66,7 +66,7 @@ class BareTraces:
     def naming(self, notes: Iterable[str]) -> list[str]:
         """Notes of the finder with the name of each recording beside its number."""
         names = dict(enumerate(self.names, 1))
-        return [NUMBERED.sub(lambda found: f"{found[0]} ({names[int(found[1])]})", note) for note in notes]
+        return [NUMBERED.sub(lambda match: f"{match[0]} ({names[int(match[1])]})", note) for note in notes]
 
     @property
     def facts(self) -> tuple[tuple[str, str], ...]:

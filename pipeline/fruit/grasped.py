@@ -118,7 +118,7 @@ def grasped_fruit(task: FruitTask, log: StageLog, *, explains: bool = False) -> 
         failed=failed,
         mesh=mesh,
         poisson_ratio=nu,
-        budget=error_budget(task, shape, [one.recording for one in placed]),
+        budget=error_budget(task, shape, [grasp.recording for grasp in placed]),
         doubts=tuple(doubts),
     )
 

@@ -78,7 +78,7 @@ def with_robot_poses(
             raise _elsewhere(source, pad.name, middle)
         pads.append(replace(pad, pose=pose))
         spreads.append(_spread(pad.name, robot, middle, on_flange[len(pose) // 2, :3, 3]))
-    sd_mm = max(one.sd_mm for one in spreads)
+    sd_mm = max(spread.sd_mm for spread in spreads)
     placed = replace(recording, pads=tuple(pads), pose_frame="mat", pose_sd_mm=sd_mm, wrench_N=wrench_N)
     return placed, tuple(spreads)
 

@@ -22,8 +22,8 @@ def test_incompressible_sliding_ends_are_the_neo_hookean_closed_form():
     """Treloar's (1/l^2 - l)/3."""
     strain = np.array([0.05, 0.1, 0.2, 0.3])
     left = 1 - strain
-    found = force(strain, ends="lubricated", nu=0.4999) / (np.pi / 4)
-    assert found == pytest.approx((left**-2 - left) / 3, rel=1e-3)
+    stress = force(strain, ends="lubricated", nu=0.4999) / (np.pi / 4)
+    assert stress == pytest.approx((left**-2 - left) / 3, rel=1e-3)
 
 
 def test_sliding_ends_agree_with_finite_elements():

@@ -32,8 +32,8 @@ def test_a_slight_squeeze_of_a_sphere_is_hertz_at_both_contacts():
 def test_finite_elements_between_the_tables_shapes_agree_within_a_fiftieth(nu, along, pit_share):
     solid = spheroid(nu=nu, along=along, pit_share=pit_share, round_=28, out=12)
     truth = [solid.force_at(along * (1 - x)) for x in SQUEEZES]
-    found = curve(2.0, 2.0, 2 * along, pit_share=pit_share, nu=nu).force_N_per_MPa(2 * along * SQUEEZES)
-    assert found == pytest.approx(truth, rel=0.02)
+    force = curve(2.0, 2.0, 2 * along, pit_share=pit_share, nu=nu).force_N_per_MPa(2 * along * SQUEEZES)
+    assert force == pytest.approx(truth, rel=0.02)
 
 
 @pytest.mark.proof
@@ -52,9 +52,9 @@ def test_force_goes_with_the_square_of_size_at_one_squeeze():
 
 
 def test_which_two_diameters_lie_across_does_not_matter():
-    one, other = curve(60.0, 56.0, 58.0), curve(58.0, 60.0, 56.0, axis=0)
+    first, second = curve(60.0, 56.0, 58.0), curve(58.0, 60.0, 56.0, axis=0)
     depth = 58 * SQUEEZES
-    assert one.force_N_per_MPa(depth) == pytest.approx(other.force_N_per_MPa(depth))
+    assert first.force_N_per_MPa(depth) == pytest.approx(second.force_N_per_MPa(depth))
 
 
 def test_a_stone_makes_fruit_stiffer_the_deeper_the_more():

@@ -39,9 +39,11 @@ PUBLISHED = {
 @pytest.mark.parametrize("nu", PUBLISHED)
 def test_slabs_agree_with_the_published_table_within_its_last_digits(nu):
     over = np.array([0.2, 0.4, 0.6, 0.8, 1.0, 1.5, 2.0])
-    found = np.array([slab_factor_of_punch(one, poisson_ratio=nu) for one in over])
-    assert found[:3] == pytest.approx(PUBLISHED[nu][:3], rel=0.001)
-    assert found == pytest.approx(PUBLISHED[nu], rel=0.01)
+    factors = np.array(
+        [slab_factor_of_punch(radius_over_thickness, poisson_ratio=nu) for radius_over_thickness in over]
+    )
+    assert factors[:3] == pytest.approx(PUBLISHED[nu][:3], rel=0.001)
+    assert factors == pytest.approx(PUBLISHED[nu], rel=0.01)
 
 
 @pytest.mark.proof

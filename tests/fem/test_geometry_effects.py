@@ -77,9 +77,9 @@ def test_none_of_an_effect_is_the_plain_curve_in_every_geometry(name, effect):
 @pytest.mark.parametrize("name", GEOMETRIES)
 def test_relaxing_flesh_keeps_its_share_in_a_long_hold_in_every_geometry(name):
     sudden = np.where(TIME_S > 0, 1.0, -1e-9)
-    found = force(GEOMETRIES[name], "viscoelastic", sudden, weight_1=1.0, tau_1=2.0)
+    force_N = force(GEOMETRIES[name], "viscoelastic", sudden, weight_1=1.0, tau_1=2.0)
     kept = 0.5 + 0.5 * np.exp(-(TIME_S - 0.05) / 2.0)
-    assert found[1:] / force(GEOMETRIES[name], None, sudden)[1:] == pytest.approx(kept[1:], rel=0.03)
+    assert force_N[1:] / force(GEOMETRIES[name], None, sudden)[1:] == pytest.approx(kept[1:], rel=0.03)
 
 
 def test_stiffening_of_an_even_field_is_fungs_law_itself():
@@ -87,24 +87,24 @@ def test_stiffening_of_an_even_field_is_fungs_law_itself():
     strain = TRAVEL_MM / 10.0
     share = np.exp(3.0 * (strain**2 / 2) * 2 * (1 + NU))
     expected = force(SLIDING) * share
-    found = force(SLIDING, "stiffening", b=3.0)
-    assert found == pytest.approx(expected, abs=5e-3 * expected.max())
+    force_N = force(SLIDING, "stiffening", b=3.0)
+    assert force_N == pytest.approx(expected, abs=5e-3 * expected.max())
 
 
 def test_damage_of_an_even_field_is_simos_law_itself():
     strain = np.maximum.accumulate(TRAVEL_MM) / 10.0
     keep = 1 - 0.5 * -np.expm1(-(strain**2 / 2) / 0.005)
     expected = force(SLIDING) * keep
-    found = force(SLIDING, "damage", dmax=0.5, W0_over_E=0.005)
-    assert found == pytest.approx(expected, abs=5e-3 * expected.max())
+    force_N = force(SLIDING, "damage", dmax=0.5, W0_over_E=0.005)
+    assert force_N == pytest.approx(expected, abs=5e-3 * expected.max())
 
 
 def test_an_even_field_flows_at_its_yield_stress_and_keeps_what_it_set():
-    found = force(SLIDING, "plastic_set", yield_over_E=0.05)
+    force_N = force(SLIDING, "plastic_set", yield_over_E=0.05)
     area = np.pi * 25.0
-    assert found.max() == pytest.approx(0.05 * area, rel=0.08)
+    assert force_N.max() == pytest.approx(0.05 * area, rel=0.08)
     gone = (TIME_S > 8) & (TRAVEL_MM < 1.5 - 0.5 - 1e-6)
-    assert found[gone] == pytest.approx(0, abs=1e-9)
+    assert force_N[gone] == pytest.approx(0, abs=1e-9)
 
 
 @pytest.mark.slow

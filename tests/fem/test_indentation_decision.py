@@ -39,7 +39,7 @@ def fitted():
     plain = linear_law(TRACE, thickness_mm=None, poisson_ratio=0.45)
     known = from_prior(plain, TRACE, pooled_noise(TRACE))
 
-    def one(log_evidence, *names, E=1.0, share=SHARE):
+    def fit(log_evidence, *names, E=1.0, share=SHARE):
         scale = Unknown(name="x", unit="1", scale="log", mean=0.0, sd=1.0)
         effects = tuple(TraceEffect(name=name, unknowns=(scale,)) for name in names)
         scaled = np.concatenate([[np.log(E)], known.scaled[1:], np.zeros(len(names))])
@@ -53,7 +53,7 @@ def fitted():
             share=share,
         )
 
-    return one
+    return fit
 
 
 def test_probabilities_are_those_of_grasps(fitted):
@@ -69,8 +69,8 @@ def test_probabilities_are_those_of_grasps(fitted):
         temperature=1.0,
     )
     answer = posterior(fits)
-    found = [answer.probability[name] for name in ("none", "slip", "skin")]
-    assert found == pytest.approx(expected.tolist())
+    posterior_probabilities = [answer.probability[name] for name in ("none", "slip", "skin")]
+    assert posterior_probabilities == pytest.approx(expected.tolist())
     assert answer.probability["unknown"] == pytest.approx(unknown_)
     assert answer.weights[1] / answer.weights[2] == pytest.approx(np.exp(2.0))
 
@@ -89,9 +89,9 @@ def test_evidence_and_misfit_each_detect_a_mismatch(fitted):
 
 def test_E_is_the_mixture_over_forms(fitted):
     answer = posterior([fitted(0.0), fitted(30.0, "slip", E=1.0), fitted(30.0, "slip", E=3.0)])
-    found = answer.candidate("slip").modulus
-    assert found == mixture([1, 1], [fitted(0.0, E=E).modulus for E in (1.0, 3.0)])
-    assert found.value == pytest.approx(2.0, rel=1e-3)
+    modulus = answer.candidate("slip").modulus
+    assert modulus == mixture([1, 1], [fitted(0.0, E=E).modulus for E in (1.0, 3.0)])
+    assert modulus.value == pytest.approx(2.0, rel=1e-3)
 
 
 def test_the_force_is_that_of_the_laws_that_the_verdict_names(fitted):
@@ -120,8 +120,8 @@ def test_every_form_is_an_effect_of_the_catalogue_and_changes_the_force(trace, n
         bare = plain.force_N(trace, scaled[:, : len(plain.unknowns)])
         assert np.abs(law.force_N(trace, scaled) - bare).max() > 1e-4 * np.abs(bare).max()
         if form.parameters is None and isinstance(trace.geometry, Ball):
-            for one in form.unknowns:
-                assert one.unit == SPECS[name].parameter(one.name).unit
+            for form_unknown in form.unknowns:
+                assert form_unknown.unit == SPECS[name].parameter(form_unknown.name).unit
 
 
 def test_a_parameter_that_the_effect_does_not_have_is_refused():

@@ -54,8 +54,8 @@ def test_hertz_alone_is_nothing_missing_and_zero_and_onset_are_reported_side_by_
     assert said.withheld is None
     assert said.next_grasp is None
     assert said.after.value == pytest.approx(E_MPa, rel=0.03)
-    found = said.ranking[0].parameters
-    assert found["zero_N"].value == pytest.approx(0.05, abs=4 * found["zero_N"].sd + 0.003)
+    parameters = said.ranking[0].parameters
+    assert parameters["zero_N"].value == pytest.approx(0.05, abs=4 * parameters["zero_N"].sd + 0.003)
     assert any("with the load cell at 0.0" in note for note in said.notes)
 
 
@@ -154,19 +154,19 @@ def test_flesh_that_relaxes_a_little_gives_E_held_or_not(hold_s, fall_s, noise_N
 def test_a_rupture_is_recognised_and_the_trace_is_cut_before_it(left):
     time, travel, depth, noise = ramp(4, hold_s=2.0)
     force = hertz_N(depth) * np.where(time > 5.5, left, 1.0)
-    found = account(time, force + noise, travel)
-    assert found.trace.time_s[-1] == pytest.approx(5.5, abs=0.05)
-    assert found.explanation.verdict == "none"
-    assert found.explanation.after.value == pytest.approx(E_MPa, rel=0.04)
-    assert found.explanation.notes[0].startswith("Rupture: at 5.")
+    press_account = account(time, force + noise, travel)
+    assert press_account.trace.time_s[-1] == pytest.approx(5.5, abs=0.05)
+    assert press_account.explanation.verdict == "none"
+    assert press_account.explanation.after.value == pytest.approx(E_MPa, rel=0.04)
+    assert press_account.explanation.notes[0].startswith("Rupture: at 5.")
 
 
 @pytest.mark.proof
 def test_a_rupture_of_the_injected_press_leaves_the_modulus_of_what_came_before():
-    found = of_slab(injected(np.random.default_rng(5), puncture=0.3, press=Press(rate_hz=20.0)))
-    assert found.explanation.notes[0].startswith("Rupture")
-    assert found.trace.travel_mm[-1] < 1.4
-    assert found.explanation.after.value == pytest.approx(0.3, rel=0.05)
+    press_account = of_slab(injected(np.random.default_rng(5), puncture=0.3, press=Press(rate_hz=20.0)))
+    assert press_account.explanation.notes[0].startswith("Rupture")
+    assert press_account.trace.travel_mm[-1] < 1.4
+    assert press_account.explanation.after.value == pytest.approx(0.3, rel=0.05)
 
 
 def test_what_no_law_explains_is_unknown_and_its_E_is_withheld():
@@ -266,13 +266,13 @@ def test_a_joined_trace_has_each_recordings_force_and_phases():
     whole = joined(parts)
     assert joined(parts[:1]) is parts[0]
     law = linear_law(whole, thickness_mm=THICK_MM, poisson_ratio=NU)
-    own = [f"{n}{k}" for k in ("", "_2", "_3") for n in ("onset_mm", "zero_N")]
-    assert [u.name for u in law.unknowns] == ["E_MPa", *own, "bend", "drift_N_per_min"]
+    recording_names = [f"{n}{k}" for k in ("", "_2", "_3") for n in ("onset_mm", "zero_N")]
+    assert [u.name for u in law.unknowns] == ["E_MPa", *recording_names, "bend", "drift_N_per_min"]
     scaled = np.array([u.mean for u in law.unknowns])
     force = law.force_N(whole, scaled[None])[0]
     second = linear_law(parts[1], thickness_mm=THICK_MM, poisson_ratio=NU)
-    own = second.force_N(parts[1], scaled[[0, 3, 4, 7, 8]][None])[0]
-    assert force[whole.slices[1]] == pytest.approx(own)
+    second_force = second.force_N(parts[1], scaled[[0, 3, 4, 7, 8]][None])[0]
+    assert force[whole.slices[1]] == pytest.approx(second_force)
     assert whole.phases == tuple(phase for part in parts for phase in part.phases)
     assert (np.diff(whole.time_s) > 0).all()
 

@@ -56,7 +56,7 @@ def test_one_frame_that_reads_low_or_high_is_no_rupture(factor):
 
 def test_a_rupture_at_once_leaves_too_little_and_says_so():
     time, force, travel = ramp(rate_hz=10.0)
-    trace, found = rupture(time, force * np.where(time > 1.7, 0.3, 1.0), travel)
-    assert found is not None
+    trace, first_rupture = rupture(time, force * np.where(time > 1.7, 0.3, 1.0), travel)
+    assert first_rupture is not None
     with pytest.raises(FemFailure, match=r"found a rupture after \d+ frames .* at least 20 before it"):
-        before_rupture(trace, found)
+        before_rupture(trace, first_rupture)

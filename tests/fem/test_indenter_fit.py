@@ -47,11 +47,11 @@ def test_a_model_is_looked_at_as_often_however_many_frames_there_are():
 @pytest.mark.parametrize("fade", [0.0, 0.6])
 def test_noise_in_the_air_is_found_white_or_coloured(fade):
     rng = np.random.default_rng(5)
-    found = []
+    noises_N = []
     for _ in range(8):
         trace = ball_trace(*injected(rng, noise_N=0.004, fade=fade, press=Press(air_s=12.0)))
-        found.append(no_contact_noise(trace, first_touch(trace)).slow_N)
-    assert np.mean(found) == pytest.approx(0.004 * np.sqrt((1 + fade) / (1 - fade)), rel=0.2)
+        noises_N.append(no_contact_noise(trace, first_touch(trace)).slow_N)
+    assert np.mean(noises_N) == pytest.approx(0.004 * np.sqrt((1 + fade) / (1 - fade)), rel=0.2)
 
 
 def test_a_load_cell_that_counts_in_steps_is_never_noiseless():
@@ -77,9 +77,9 @@ def test_nine_tenths_of_the_intervals_hold_the_truth():
         press = Press(ramp_s=rng.uniform(2, 8), onset_mm=onset, unload=False, rate_hz=5.0)
         E = np.exp(rng.uniform(np.log(0.1), np.log(1.0)))
         trace = ball_trace(*injected(rng, E_MPa=E, noise_N=12 * E / 500, press=press, g=(g,), tau_s=(tau,)))
-        one = fitted(trace, viscoelastic(1), rng=rng)
-        said = parameters_of(one)
-        ratio.append(np.exp(one.scaled[0]) / E)
+        trace_fit = fitted(trace, viscoelastic(1), rng=rng)
+        said = parameters_of(trace_fit)
+        ratio.append(np.exp(trace_fit.scaled[0]) / E)
         for name, true in (("g", g), ("tau_s", tau), ("onset_mm", onset)):
             low, high = said[name].interval
             inside[name].append(low <= true <= high)
@@ -138,5 +138,5 @@ def test_the_past_does_not_know_the_future():
     changed = ball_trace(columns[0], np.where(late, columns[1][::-1], columns[1]), columns[2])
     no_contact = NoContactNoise(sd_N=0.004, lag1=0.0, frames=29)
     named = fitted(trace, viscoelastic(1), rng=rng)
-    forces = [predicted_N(named, one, no_contact)[late] for one in (trace, changed)]
+    forces = [predicted_N(named, recording, no_contact)[late] for recording in (trace, changed)]
     assert forces[0] == pytest.approx(forces[1], abs=1e-3 * DEEPEST_MM)

@@ -74,21 +74,21 @@ def test_plastic_set_follows_finite_elements_within_a_twentieth(yield_over_E):
         radius_mm=RADIUS_MM,
         over_half_space=SLAB.over_half_space(np.maximum.accumulate(depth))[None],
     )
-    found = elastic_force(depth[None], slack, level, stiffness)[0]
-    off = (found - force) / force.max()
+    law_force = elastic_force(depth[None], slack, level, stiffness)[0]
+    off = (law_force - force) / force.max()
     assert np.sqrt(np.mean(off**2)) < 0.05
 
 
 def test_without_its_effect_every_law_is_the_linear_one():
     strain = np.linspace(0.01, 0.5, 9)[None]
-    none, one = np.array([[1e-9]]), np.ones((1, 9))
+    none, over_half_space = np.array([[1e-9]]), np.ones((1, 9))
     assert stiffening_share(none, strain, poisson_ratio=NU) == pytest.approx(1)
     assert damage_share(none, np.array([[0.01]]), strain, 0 * strain + 1, poisson_ratio=NU) == pytest.approx(
         1
     )
     level = np.linspace(0, 1, 5)[None]
     slack = plastic_slack_mm(
-        np.array([[1e4]]), strain, level, poisson_ratio=NU, radius_mm=5.0, over_half_space=one
+        np.array([[1e4]]), strain, level, poisson_ratio=NU, radius_mm=5.0, over_half_space=over_half_space
     )
     assert slack == pytest.approx(0, abs=1e-5)
 
@@ -97,14 +97,14 @@ def test_shares_and_times_carry_the_unknowns_scatter():
     rng = np.random.default_rng(3)
     root = rng.normal(size=(4, 4)) * 0.03
     mean, covariance = np.array([-0.5, -1.0, 0.0, 2.0]), root @ root.T
-    found = viscoelastic_parameters(mean, covariance)
+    parameters = viscoelastic_parameters(mean, covariance)
     draws = rng.multivariate_normal(mean, covariance, size=20000)
     weight = np.exp(draws[:, :2])
     g = weight / (1 + weight.sum(axis=1, keepdims=True))
     tau = np.exp(np.cumsum(draws[:, 2:], axis=1))
     for name, sample in {"g": g[:, 0], "g_2": g[:, 1], "tau_s": tau[:, 0], "tau_2_s": tau[:, 1]}.items():
-        assert found[name].sd == pytest.approx(sample.std(), rel=0.1)
-        assert found[name].interval == pytest.approx(np.quantile(sample, [0.05, 0.95]), rel=0.012)
+        assert parameters[name].sd == pytest.approx(sample.std(), rel=0.1)
+        assert parameters[name].interval == pytest.approx(np.quantile(sample, [0.05, 0.95]), rel=0.012)
 
 
 def test_a_curve_that_only_opens_is_elastic_without_memory():
@@ -112,6 +112,6 @@ def test_a_curve_that_only_opens_is_elastic_without_memory():
     time_s, depth = np.arange(5.0), np.array([[1.0, 0.8, 0.6, 0.4, 0.2]])
     level, stiffness = np.array([[0.0, 0.3]]), np.array([[2.0, 1.0]])
     share, tau = np.zeros((1, 1)), np.ones((1, 1))
-    found = relaxing_force(time_s, depth, None, level, stiffness, share, tau)
+    force = relaxing_force(time_s, depth, None, level, stiffness, share, tau)
     expected = 2 * depth + np.maximum(depth - 0.3, 0)
-    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    np.testing.assert_allclose(force, expected, rtol=1e-9)

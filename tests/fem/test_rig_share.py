@@ -40,12 +40,12 @@ def explained(trace, **how):
 
 def test_slopes_are_those_of_springs_in_series():
     force = np.linspace(2, 4, 200)
-    own = np.polyfit(force, hertz_mm(force, 0.5), 1)[0]
-    found = rig_share(pressed(10.0, taken_off=True), rig_N_per_mm=None)
-    assert found.rig_mm_per_N == pytest.approx(0.1, rel=0.01)
-    assert found.rig_sd_mm_per_N == pytest.approx(0.005, rel=0.05)
-    assert found.recorded_mm_per_N - found.rig_mm_per_N == pytest.approx(own, rel=0.05)
-    assert found.bound is None
+    object_mm_per_N = np.polyfit(force, hertz_mm(force, 0.5), 1)[0]
+    share = rig_share(pressed(10.0, taken_off=True), rig_N_per_mm=None)
+    assert share.rig_mm_per_N == pytest.approx(0.1, rel=0.01)
+    assert share.rig_sd_mm_per_N == pytest.approx(0.005, rel=0.05)
+    assert share.recorded_mm_per_N - share.rig_mm_per_N == pytest.approx(object_mm_per_N, rel=0.05)
+    assert share.bound is None
 
 
 def test_E_is_a_lower_bound_where_the_object_is_within_the_rigs_spread():
@@ -90,7 +90,7 @@ def test_a_lower_bound_is_said_in_place_of_E_and_lies_below_the_truth():
     said = explained(pressed(4.0, E_MPa=100.0, peak_N=10.0, taken_off=True, share=0.1))
     assert said.withheld is not None
     assert np.isnan(said.after.value)
-    assert all(one.modulus is None for one in said.ranking)
+    assert all(candidate.modulus is None for candidate in said.ranking)
     least = float(said.withheld.split("at least ")[1].split()[0])
     assert 0.5 < least < 100.0
     stated = explained(pressed(4.0, E_MPa=100.0, peak_N=10.0), rig_N_per_mm=4.0)

@@ -150,20 +150,20 @@ def with_moduli(trace):
 @pytest.mark.parametrize("ratio", [0.7, 1.3])
 def test_a_curve_of_another_specimen_is_named_with_its_modulus_and_leaves_E_to_the_others(ratio):
     moduli = E_MPA * np.array([1.01, ratio, 0.99, 1.0, 1.02])
-    found = explained(several(moduli, seed=3))
-    named = [note for note in found.explanation.notes if "does not belong" in note]
+    account = explained(several(moduli, seed=3))
+    named = [note for note in account.explanation.notes if "does not belong" in note]
     assert len(named) == 1
     assert named[0].startswith("Recording 2 does not belong to the others")
     said = float(named[0].split("its modulus is ")[1].split()[0])
     assert said == pytest.approx(ratio / np.mean(np.delete(moduli, 1)) * E_MPA, rel=0.03)
-    assert found.trace.numbers == (0, 2, 3, 4)
-    assert found.explanation.after.value == pytest.approx(E_MPA, rel=0.03)
-    assert {cell.grasp for cell in found.explanation.cells} == {"press", "press_3", "press_4", "press_5"}
+    assert account.trace.numbers == (0, 2, 3, 4)
+    assert account.explanation.after.value == pytest.approx(E_MPA, rel=0.03)
+    assert {cell.grasp for cell in account.explanation.cells} == {"press", "press_3", "press_4", "press_5"}
 
 
 def test_a_curve_of_another_shape_is_named():
-    _, found, _ = with_moduli(several([E_MPA] * 5, seed=1, odd=lambda x: yeoh(x, 3.0, 3.0)))
-    assert list(strangers(found)) == [1]
+    _, recording_moduli, _ = with_moduli(several([E_MPA] * 5, seed=1, odd=lambda x: yeoh(x, 3.0, 3.0)))
+    assert list(strangers(recording_moduli)) == [1]
 
 
 @pytest.mark.slow
@@ -172,8 +172,8 @@ def test_curves_of_one_specimen_are_named_as_seldom_as_the_level_says_and_E_cove
     named, inside, wide = 0, 0, []
     for seed in range(20):
         moduli = E_MPA * np.exp(0.05 * np.random.default_rng(seed).standard_normal(5))
-        known, found, (sd, added_sd) = with_moduli(several(moduli, seed=seed))
-        named += bool(strangers(found))
+        known, recording_moduli, (sd, added_sd) = with_moduli(several(moduli, seed=seed))
+        named += bool(strangers(recording_moduli))
         inside += abs(known.scaled[0] - np.log(E_MPA)) < 1.645 * np.hypot(known.sd[0], added_sd)
         wide.append(sd)
     assert named <= 4

@@ -109,8 +109,8 @@ def test_only_one_name_that_helps_unseen_recordings_is_confirmed():
 
 def test_what_the_recorded_forces_hold_is_not_written_and_the_user_is_told_why():
     adhesion = candidate("adhesion", 0.99, reach_mm=0.13)
-    found = fake_explanation(verdict="adhesion", ranking=(adhesion,))
-    assert why_not(found) == (
+    explanation = fake_explanation(verdict="adhesion", ranking=(adhesion,))
+    assert why_not(explanation) == (
         "adhesion needs no entry: the recorded forces include it, so E is right without one."
     )
     pair = candidate("adhesion+sensor_gain", 0.9, reach_mm=0.13, pad="left", gain=1.1)
@@ -128,8 +128,9 @@ def settings(tmp_path, extra):
 def test_settings_give_each_fruit_its_effects_and_the_jaws_faults_to_all(tmp_path):
     text = ""
     spot = candidate("soft_spot", 0.9, centre_mm=(1.0, 2.0, 3.0), radius_mm=4.0, ratio=0.4)
-    for one in (GAIN, spot):
-        text = with_effects(TEXT + text, confirmed_effects(one, fruit_id="N01"), note="x").removeprefix(TEXT)
+    for winner in (GAIN, spot):
+        effects = confirmed_effects(winner, fruit_id="N01")
+        text = with_effects(TEXT + text, effects, note="x").removeprefix(TEXT)
     held = settings(tmp_path, text).mismatch
     assert [e.effect for e in effects_on(held, "N01")] == ["sensor_gain", "soft_spot"]
     assert [e.effect for e in effects_on(held, "N02")] == ["sensor_gain"]

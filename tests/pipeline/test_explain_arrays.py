@@ -21,20 +21,20 @@ def recordings():
 
 def test_the_finder_gets_the_arrays_and_its_answer_comes_back(finder, recordings):
     mesh, pit = read_mesh(DATA / "fruit.ply"), read_mesh(DATA / "pit.ply")
-    found = explain(mesh, recordings, pit=pit, nu=0.42, category="nectarine")
+    mismatch = explain(mesh, recordings, pit=pit, nu=0.42, category="nectarine")
     answer = fake_explanation()
     assert finder["case"].poisson_ratio == 0.42
     assert [grasp.name for grasp in finder["case"].grasps] == ["recording-1", "recording-2"]
-    assert (found.E_MPa, found.E_without_MPa) == (answer.after.value, answer.before.value)
-    assert found.candidates["effect"].tolist() == [one.effect for one in answer.ranking]
-    assert np.isfinite(found.candidates["probability"]).all()
-    assert found.answer["format"] == "drupe-mismatch"
-    assert found.sentence
+    assert (mismatch.E_MPa, mismatch.E_without_MPa) == (answer.after.value, answer.before.value)
+    assert mismatch.candidates["effect"].tolist() == [candidate.effect for candidate in answer.ranking]
+    assert np.isfinite(mismatch.candidates["probability"]).all()
+    assert mismatch.answer["format"] == "drupe-mismatch"
+    assert mismatch.sentence
 
 
 def test_a_fruit_of_a_batch_is_explained_with_the_batchs_settings(finder, batch):
-    found = explain_fruit(batch, "N01")
+    mismatch = explain_fruit(batch, "N01")
     assert finder["case"].poisson_ratio == 0.45
-    assert found.answer["case"] == "N01"
+    assert mismatch.answer["case"] == "N01"
     with pytest.raises(DrupeError, match='has no fruit "N1"; did you mean "N01"'):
         explain_fruit(batch, "N1")

@@ -145,9 +145,9 @@ def test_an_E_that_is_withheld_is_null_and_said_in_words_on_the_page_and_in_the_
 
 
 def test_both_parts_of_a_pair_bring_their_words_and_verdicts_that_are_no_effect_none():
-    found = effect_entries(["pit_size+sensor_gain", "none", "unknown", "pit_size"])
-    assert list(found) == ["pit_size", "sensor_gain"]
-    assert found["sensor_gain"].advice == SPECS["sensor_gain"].words.advice
+    entries = effect_entries(["pit_size+sensor_gain", "none", "unknown", "pit_size"])
+    assert list(entries) == ["pit_size", "sensor_gain"]
+    assert entries["sensor_gain"].advice == SPECS["sensor_gain"].words.advice
 
 
 def test_parameters_of_further_arms_and_of_pairs_have_words():

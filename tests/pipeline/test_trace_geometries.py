@@ -160,20 +160,20 @@ def test_a_curve_of_another_specimen_is_named_by_its_file_and_left_out(tmp_path)
         pressed(tmp_path / f"{k}.csv", lambda d, times=times: times * sliding_N(d), 2.0)
         for k, times in enumerate(stiffer)
     ]
-    found = explained(
+    answer = explained(
         tmp_path,
         'category = "rubber"\npoisson_ratio = 0.499\n',
         *sources,
         options=(*CYLINDER, "--ends", "lubricated"),
     )
-    assert found["left_out"] == ["press-3"]
+    assert answer["left_out"] == ["press-3"]
     said = "Recording 3 (press-3) does not belong to the others"
-    assert found["notes"][0].startswith(said)
-    assert found["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
+    assert answer["notes"][0].startswith(said)
+    assert answer["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
     page = (tmp_path / "page.html").read_text()
     assert said in page
     assert "nominal: it assumes" in page
-    assert found["p_nominal"].startswith("nominal")
+    assert answer["p_nominal"].startswith("nominal")
 
 
 @pytest.mark.proof

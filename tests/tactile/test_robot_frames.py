@@ -319,7 +319,7 @@ def test_the_recording_carries_the_spread_of_its_pads_places():
     recording, spreads = placed(
         exactly(), a_table((BASE_FROM_MAT @ UPRIGHT)[None]), a_grasp(np.full(5, 55.0))
     )
-    assert recording.pose_sd_mm == max(one.sd_mm for one in spreads)
+    assert recording.pose_sd_mm == max(spread.sd_mm for spread in spreads)
     assert recording.pose_sd_mm == pytest.approx(np.hypot(0.1, np.radians(0.05) * 155), rel=0.2)
 
 

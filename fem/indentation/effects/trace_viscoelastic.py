@@ -59,13 +59,13 @@ def viscoelastic_parameters(
     g = weight / (1 + weight.sum())
     times = np.tril(np.ones((arms, arms)))
     log_g = np.eye(arms) - g
-    found: dict[str, Parameter] = {}
+    parameters: dict[str, Parameter] = {}
     for k in range(arms):
         suffix = "" if k == 0 else f"_{k + 1}"
         sd = float(np.sqrt(log_g[k] @ covariance[:arms, :arms] @ log_g[k])) / (1 - g[k])
         share = unknown(SPEC, "g", scale="logit", mean=0.0, sd=1.0)
-        found[f"g{suffix}"] = share.parameter(float(np.log(g[k] / (1 - g[k]))), sd)
+        parameters[f"g{suffix}"] = share.parameter(float(np.log(g[k] / (1 - g[k]))), sd)
         late = float(np.sqrt(times[k] @ covariance[arms:, arms:] @ times[k]))
         tau = unknown(SPEC, "tau_s", scale="log", mean=0.0, sd=1.0)
-        found[f"tau{suffix}_s"] = tau.parameter(float(times[k] @ scaled[arms:]), late)
-    return found
+        parameters[f"tau{suffix}_s"] = tau.parameter(float(times[k] @ scaled[arms:]), late)
+    return parameters
