@@ -10,9 +10,10 @@ from fem.cached_value import cached_value
 from fem.indentation.no_contact import NoContactNoise
 from fem.indentation.trace import IndenterTrace
 
-#: independent looks at a model's error per peak force passed, and per recording: what laws of rubber leave of
-#: silicone cylinders changes sign some five times in a ramp (benchmarks/silicone_cylinders.py)
-LOOKS = 10.0
+LOOKS = 20.0
+"""Independent looks at a model's error per peak force passed, and per recording. Set by hand: with 10 curves of
+balls are predicted worse (0.050 for 0.043), and the answers on silicone cylinders are the same
+(`benchmarks/public_traces.py`, `benchmarks/silicone_cylinders.py`)."""
 FLOOR = 0.03
 """Share of the peak force below which the unexplained part no longer falls with the force (set by hand)."""
 

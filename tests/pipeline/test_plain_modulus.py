@@ -61,8 +61,8 @@ def test_where_no_recording_gives_a_modulus_the_first_ones_reason_is_said(monkey
 def test_what_grading_warns_of_and_leaves_out_is_handed_on(monkeypatch):
     lost = FemFailure(FemProblem.TOO_FEW_MARKERS, "found 4 markers under load")
     fruit = replace(FRUIT, placed=(SimpleNamespace(name="grasp-1"),))
-    found = inference(grasps=(lost,), warnings=("the pads contradict each other",))
-    monkeypatch.setattr(diagnosis, "fruit_modulus", lambda *_, **__: found)
+    contradicting = inference(grasps=(lost,), warnings=("the pads contradict each other",))
+    monkeypatch.setattr(diagnosis, "fruit_modulus", lambda *_, **__: contradicting)
     _, notes = graded_case(case_with(None), fruit)
     assert "ignore grasp-1: found 4 markers under load." in notes[0]
     assert "the pads contradict each other" in notes[1]
