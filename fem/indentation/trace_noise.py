@@ -10,10 +10,10 @@ from fem.cached_value import cached_value
 from fem.indentation.no_contact import NoContactNoise
 from fem.indentation.trace import IndenterTrace
 
-LOOKS = 20.0
-"""Independent looks at a model's error per peak force passed, and per recording. Set by hand: with 10 curves of
-balls are predicted worse (0.050 for 0.043), and the answers on silicone cylinders are the same
-(`benchmarks/public_traces.py`, `benchmarks/silicone_cylinders.py`)."""
+LOOKS = 10.0
+"""Independent looks at a model's error per peak force passed, and per recording: what laws of rubber leave of
+silicone cylinders changes sign some five times in a ramp (`benchmarks/silicone_cylinders.py`). With 20 a law is
+named for a curve that no law explains."""
 FLOOR = 0.03
 """Share of the peak force below which the unexplained part no longer falls with the force (set by hand)."""
 
@@ -97,7 +97,7 @@ def model_clock(
 ) -> Float[np.ndarray, " t"]:
     """Runs with the force's changes (over its peak) and with time (over the recording), LOOKS times each.
 
-    A model's error has one value per stretch of path, not per frame: a trace is some sixty independent looks
+    A model's error has one value per stretch of path, not per frame: a trace is some thirty independent looks
     at it, however many frames were recorded.
     """
     change = (np.abs(np.diff(force_N)) + white_N) / np.abs(force_N).max()
