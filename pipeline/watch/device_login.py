@@ -104,6 +104,10 @@ class DeviceLogin:
         self._sessions.pop(session, None)
         return False
 
+    def device_of(self, request: Request) -> str:
+        """The name of the session's device."""
+        return self._sessions[self._session_of(request)][0].name
+
     def routes(self) -> list[Route]:
         """The page on which a device sends its token, and the end of its session."""
         return [

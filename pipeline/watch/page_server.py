@@ -88,6 +88,9 @@ class Access(Protocol):
     def knows(self, request: Request) -> bool:
         """Whether whoever sent this request may open the page."""
 
+    def device_of(self, request: Request) -> str:
+        """Name of the known device that sent this request; empty where devices have none."""
+
     def routes(self) -> list[Route]:
         """Addresses of its own, for everybody."""
 
@@ -107,6 +110,10 @@ class TokenInAddress:
         """By constant-time comparison."""
         return hmac.compare_digest(request.path_params["token"].encode(), self.token.encode())
 
+    def device_of(self, _: Request) -> str:
+        """None."""
+        return ""
+
     def routes(self) -> list[Route]:
         """None."""
         return []
@@ -124,8 +131,8 @@ class Desk(Protocol):
     def scanned(self, text: str) -> tuple[str, str]:
         """Where a scanned code leads; empty with the page that says why it leads nowhere."""
 
-    def judge(self, fruit_id: str, written: Mapping[str, str]) -> str | None:
-        """Keeps a verdict, or gives the page that says why not."""
+    def judge(self, fruit_id: str, written: Mapping[str, str], device: str) -> str | None:
+        """Keeps a verdict that a device sent, or gives the page that says why not."""
 
 
 class _Server(uvicorn.Server):
@@ -288,13 +295,14 @@ class PageServer:
         fruit_id, desk = request.query_params.get("fruit", ""), self.desk
         if not self._access.knows(request) or desk is None:
             return _nothing()
+        device = self._access.device_of(request)
         if request.method != "POST":
             page = await asyncio.to_thread(desk.form, fruit_id)
             return _nothing() if page is None else HTMLResponse(page)
         written = await form_of(request, strict=self._access.strict)
         if written is None or await asyncio.to_thread(desk.form, fruit_id) is None:
             return _nothing()
-        page = await asyncio.to_thread(desk.judge, fruit_id, written)
+        page = await asyncio.to_thread(desk.judge, fruit_id, written, device)
         if page is not None:
             return HTMLResponse(page, status_code=422)
         return RedirectResponse("./", status_code=303)

@@ -20,7 +20,8 @@ from reports.language import spoken
 @dataclass(kw_only=True)
 class VerdictDesk:
     """Shows what is watched through `show`, with verdicts that the last report does not have yet. `kept` is
-    told of each new one; `logout`: whether devices can log out. Used by two threads: the one that grades, and the page's.
+    told of each new one; `logout`: whether devices can log out. Used by two threads: the one that grades,
+    and the page's.
     """
 
     results: Results
@@ -61,8 +62,8 @@ class VerdictDesk:
             address, fault = led_to(entry, text)
         return address, "" if address else self._page(entry, fault)
 
-    def judge(self, fruit_id: str, written: Mapping[str, str]) -> str | None:
-        """Keeps the verdict that the form has; where it cannot, the form again with the reason."""
+    def judge(self, fruit_id: str, written: Mapping[str, str], device: str) -> str | None:
+        """Keeps the verdict of a device's form; where it cannot, the form again with the reason."""
         texts = {name: written.get(name, "") for name in ("class", "by", "why")}
         try:
             verdict = judge_fruit(
@@ -72,6 +73,7 @@ class VerdictDesk:
                 by=texts["by"],
                 why=texts["why"],
                 now=self.now(),
+                device=device,
             )
         except BatchRefused as refusal:
             faults = "; ".join(problem.sentence for problem in refusal.problems)

@@ -88,8 +88,8 @@ class Desk:
     def scanned(self, text):
         return f"judge?fruit={text}", ""
 
-    def judge(self, fruit_id, written):
-        self.kept.append((fruit_id, written))
+    def judge(self, *verdict):
+        self.kept.append(verdict)
 
 
 @pytest.fixture
@@ -172,7 +172,7 @@ def test_a_verdict_needs_the_session_and_the_page_s_own_form(server):
     assert ask(server, path, form, Cookie=cookie)[0] == 404
     assert kept == []
     assert ask(server, path, form, Sec_Fetch_Site="same-origin", Cookie=cookie)[0] == 303
-    assert kept == [("N1", form)]
+    assert kept == [("N1", form, "belt 2")]
 
 
 def test_news_need_the_session_and_end_when_the_device_is_revoked(server, devices):
