@@ -88,7 +88,7 @@ class DeviceLogin:
     strict: bool = True
     _sessions: dict[str, tuple[KnownDevice, float]] = field(default_factory=dict)
     _read: tuple[tuple[int, ...], tuple[KnownDevice, ...]] = ((), ())
-    _told: bool = False
+    _reported: bool = False
 
     @property
     def cookie(self) -> str:
@@ -157,11 +157,11 @@ class DeviceLogin:
             status = self.devices.stat()
             state = status.st_mtime_ns, status.st_size, status.st_ino
             if state != self._read[0]:
-                self._read, self._told = (state, read_devices(self.devices)), False
+                self._read, self._reported = (state, read_devices(self.devices)), False
         except (OSError, BatchRefused):
             self._read = (), ()
-            if not self._told:
-                self._told = True
+            if not self._reported:
+                self._reported = True
                 self.tell(
                     f"{self.devices} cannot be read; no device can open the page until drupe can read it"
                 )
