@@ -49,16 +49,16 @@ class KioskEntry:
     problems: tuple[str, ...] = ()
 
 
-def kiosk_html(entry: KioskEntry, *, fault: str = "", language: str = ENGLISH) -> str:
+def kiosk_html(entry: KioskEntry, *, fault: str = "", logout: bool = False, language: str = ENGLISH) -> str:
     """The whole page. All text of the batch is escaped; a content security policy in the page forbids every
-    outside source and every script but the page's own. `fault`: why a scanned code opened nothing;
-    `language`: one of reports.language.LANGUAGES.
+    outside source and every script but the page's own. `fault`: why a scanned code opened nothing; `logout`:
+    whether devices can log out; `language`: one of reports.language.LANGUAGES.
     """
     with spoken(language):
-        return _page(entry, fault)
+        return _page(entry, fault, logout)
 
 
-def _page(entry: KioskEntry, fault: str) -> str:
+def _page(entry: KioskEntry, fault: str, logout: bool) -> str:
     environment = page_environment()
     batch = None if entry.batch is None else in_language(entry.batch)
     marks = class_marks(tuple(name for name, _ in batch.classes)) if batch is not None else {}
@@ -77,6 +77,7 @@ def _page(entry: KioskEntry, fault: str) -> str:
     return environment.get_template("templates/kiosk.html.j2").render(
         entry=entry,
         fault=fault,
+        logout=logout,
         last=recent[0] if recent else None,
         before=recent[1 : 1 + MOST_BEFORE],
         graded=sum(fruit.ok for fruit in alone),

@@ -12,7 +12,6 @@ def login_html(status: int, *, language: str = ENGLISH) -> str:
         faults = {
             401: say("This token is not known."),
             403: say("The form came from another page."),
-            429: say("There were too many wrong tokens. Wait five minutes."),
         }
         template = page_environment().get_template("templates/login.html.j2")
         return template.render(fault=faults.get(status, ""))

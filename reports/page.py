@@ -293,8 +293,9 @@ def _image(picture: Picture, alt: str) -> Markup:
 
 
 def _qr(batch: BatchEntry, fruit_id: str = "") -> str:
-    """The sheet's code as the content of a data URI."""
-    return base64.b64encode(qr_png(sheet_code(batch.lot or batch.name, fruit_id))).decode("ascii")
+    """The sheet's code as the content of a data URI; empty where there is none."""
+    code = sheet_code(batch.lot or batch.name, fruit_id)
+    return base64.b64encode(qr_png(code)).decode("ascii") if code else ""
 
 
 def _utc(at: datetime) -> str:

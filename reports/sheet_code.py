@@ -13,15 +13,18 @@ from urllib.parse import quote, unquote
 import segno
 
 HEAD = "drupe"
+MOST_BYTES = 300
+"""Of a code: longer names have none, and a symbol of so many is still easy to scan (69 modules)."""
 
 
 def sheet_code(lot: str, fruit_id: str = "") -> str:
-    """The text of a sheet's code.
+    """The text of a sheet's code; empty where the names are too long for one.
 
     >>> sheet_code("H/07", "N 1")
     'drupe/H%2F07/N%201'
     """
-    return "/".join((HEAD, quote(lot, safe=""), quote(fruit_id, safe="")))
+    text = "/".join((HEAD, *(quote(name, safe="", errors="surrogatepass") for name in (lot, fruit_id))))
+    return text if len(text) <= MOST_BYTES else ""
 
 
 def read_sheet_code(text: str) -> tuple[str | None, str]:

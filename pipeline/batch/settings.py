@@ -270,7 +270,7 @@ class Settings(Strict):
 
     category: Name
     cultivar: Words | None = None
-    lot: Words | None = None
+    lot: Name | Literal[""] | None = None
     orchard: Words | None = None
     operator: Words | None = None
     packer: Words | None = None

@@ -26,6 +26,7 @@ MOST_NAME, MOST_WHY = 80, 1000
 class Verdict(BaseModel):
     """A person's class for a fruit. `key`, `E_MPa`, `E_sd_MPa`: of the result that the person judged.
 
+    `device`: the one of the network that sent it; empty where none did.
     `after`: SHA-256 of all lines before, so that a line that was changed or removed shows.
     """
 
@@ -37,6 +38,7 @@ class Verdict(BaseModel):
     why: str
     at_utc: datetime
     drupe: str
+    device: str = ""
     key: str
     E_MPa: float | None
     E_sd_MPa: float | None
@@ -78,7 +80,14 @@ def read_trail(path: Path) -> Trail:
 
 
 def add_verdict(
-    path: Path, record: FruitRecord, *, judged_class: str, by: str, why: str, now: datetime
+    path: Path,
+    record: FruitRecord,
+    *,
+    judged_class: str,
+    by: str,
+    why: str,
+    now: datetime,
+    device: str = "",
 ) -> Verdict:
     """Adds a person's verdict on the fruit of `record` to the trail at `path`.
 
@@ -101,6 +110,7 @@ def add_verdict(
             why=said["why"],
             at_utc=now,
             drupe=metadata.version("drupe"),
+            device=device,
             key=record.key,
             E_MPa=E_MPa,
             E_sd_MPa=E_sd_MPa,

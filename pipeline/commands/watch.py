@@ -111,7 +111,11 @@ def watch(
             show=lambda entry: desk.show_entry(entry),
         )
         desk = VerdictDesk(
-            results=Results(place), language=language, show=server.show, kept=watching.graded.judged
+            results=Results(place),
+            language=language,
+            show=server.show,
+            kept=watching.graded.judged,
+            logout=network is not None,
         )
         server.desk = desk
         try:

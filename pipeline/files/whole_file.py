@@ -44,10 +44,11 @@ class NotWritten(OSError):
         return type(self), (self._path, OSError(self.errno, self.strerror))
 
 
-def put(path: Path, data: bytes) -> None:
+def put(path: Path, data: bytes, *, mode: int = 0o666, like: os.stat_result | None = None) -> None:
     """Writes `data` to `path` so that a reader, or a run killed meanwhile, never sees half a file.
 
-    A link at `path` is replaced, not followed. Raises NotWritten.
+    A link at `path` is replaced, not followed. `mode`: of the file, less the umask; `like`: a file whose mode
+    it has instead, and where root writes it, whose owner. Raises NotWritten.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -62,7 +63,9 @@ def put(path: Path, data: bytes) -> None:
                 os.fsync(file.fileno())
                 umask = os.umask(0)
                 os.umask(umask)
-                Path(name).chmod(0o666 & ~umask)
+                if like is not None and os.geteuid() == 0:
+                    os.chown(name, like.st_uid, like.st_gid)
+                Path(name).chmod(mode & ~umask if like is None else like.st_mode & 0o777)
                 Path(name).replace(path)
         except BaseException:
             Path(name).unlink(missing_ok=True)

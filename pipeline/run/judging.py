@@ -17,7 +17,14 @@ from reports.language import LANGUAGES
 
 
 def judge_fruit(
-    results: Results, fruit_id: str, *, judged_class: str, by: str, why: str, now: datetime
+    results: Results,
+    fruit_id: str,
+    *,
+    judged_class: str,
+    by: str,
+    why: str,
+    now: datetime,
+    device: str = "",
 ) -> Verdict:
     """Adds the verdict to the results' trail. Raises BatchRefused where the fruit has no result there, or the
     class is none of the batch's; and NotWritten.
@@ -25,7 +32,9 @@ def judge_fruit(
     record, classes = judged_record(results, fruit_id)
     if classes and judged_class not in classes:
         raise refused("--class", f'found "{judged_class[:80]}"; {_near(judged_class, classes, "classes")}')
-    return add_verdict(results.verdicts, record, judged_class=judged_class, by=by, why=why, now=now)
+    return add_verdict(
+        results.verdicts, record, judged_class=judged_class, by=by, why=why, now=now, device=device
+    )
 
 
 def judged_record(results: Results, fruit_id: str) -> tuple[FruitRecord, tuple[str, ...]]:

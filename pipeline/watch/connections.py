@@ -25,6 +25,8 @@ RESERVED_FILES = 128
 """File descriptors that are left to grading. A fruit needs some ten; reports and records a few at a time."""
 FEWEST_CONNECTIONS = 8
 """Connections at once where few file descriptors are free."""
+SHARE_OF_ADDRESS = 4
+"""One address of a network has at most a quarter of the connections at once: two browsers with six each."""
 REQUEST_S = 10.0
 """Seconds within which a connection must send the whole head of its next request."""
 
@@ -43,27 +45,30 @@ def connections_at_once() -> int:
 
 
 class CappedSocket(socket.socket):
-    """A listening socket that closes what comes while so many of its connections are open.
+    """A listening socket that closes what comes while so many of its connections are open, of all addresses
+    or of one.
 
     `limited_http` sees a connection only after the handshake of TLS, and each costs a file descriptor before.
     """
 
     most: int
-    _open: list[socket.socket]
+    most_of_address: int
+    _open: list[tuple[socket.socket, str]]
 
-    def capped(self, most: int) -> Self:
-        """This socket, with its limit."""
-        self.most, self._open = most, []
+    def capped(self, most: int, *, most_of_address: int) -> Self:
+        """This socket, with its limits."""
+        self.most, self.most_of_address, self._open = most, most_of_address, []
         return self
 
     def accept(self) -> tuple[socket.socket, Any]:
         """As every socket; asyncio goes on after ConnectionAbortedError."""
         connection, address = super().accept()
-        self._open = [open_connection for open_connection in self._open if open_connection.fileno() >= 0]
-        if len(self._open) >= self.most:
+        self._open = [(held, host) for held, host in self._open if held.fileno() >= 0]
+        of_address = sum(host == address[0] for _, host in self._open)
+        if len(self._open) >= self.most or of_address >= self.most_of_address:
             connection.close()
             raise ConnectionAbortedError
-        self._open.append(connection)
+        self._open.append((connection, address[0]))
         return connection, address
 
 

@@ -1,10 +1,8 @@
 """Who may open the page of `drupe watch` over a network: devices that sent their token over TLS."""
 
-import ipaddress
 import secrets
 import ssl
 import time
-from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,19 +13,15 @@ from starlette.routing import Route
 
 from pipeline.problem import BatchRefused, refused
 from pipeline.watch.devices import KnownDevice, device_with, hash_of, read_devices
-from pipeline.watch.forms import HEADERS, form_of
+from pipeline.watch.forms import form_of
 from reports.login_page import login_html
 
-COOKIE = "__Host-drupe"
-"""By this prefix browsers take the cookie over TLS alone, of this host alone."""
+THIS_MACHINE = "127.0.0.1", "localhost"
+"""Where the page listens without a network."""
 SESSION_S = 16 * 3600
 """Seconds after which a device must send its token again."""
 MOST_SESSIONS = 256
 """Sessions at once; one more ends the oldest."""
-MOST_WRONG, WRONG_S = 5, 300.0
-"""Wrong tokens from one address within so many seconds; then it must wait."""
-MOST_ADDRESSES = 1000
-"""Addresses whose wrong tokens are remembered."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -63,13 +57,13 @@ def network_of(
 ) -> Network | None:
     """The network for the page; None for this machine alone. Raises BatchRefused where it lacks something."""
     given = {"--certificate": certificate, "--key": key, "--devices": devices}
-    if is_this_machine(host) and not any(given.values()):
+    if host in THIS_MACHINE and not any(given.values()):
         return None
     if certificate is None or key is None or devices is None:
         missing = " and ".join(name for name, path in given.items() if path is None)
         sentence = (
             f"needs {missing}: on a network the page is encrypted, and each device has a token. "
-            "Without these options only this machine can open the page."
+            "Without --host only this machine can open the page."
         )
         raise refused(f"--host {host}", sentence)
     network = Network(host=host, certificate=certificate, key=key, devices=devices)
@@ -77,75 +71,85 @@ def network_of(
     return network
 
 
-def is_this_machine(host: str) -> bool:
-    """Whether an address is reached from this machine alone."""
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"
-
-
 @dataclass(kw_only=True)
 class DeviceLogin:
     """A session for each device that sent its token; all of them end with the program.
 
-    `clock` in seconds. Wrong tokens are counted by address.
+    `port`: the page's own, since browsers send cookies to all ports of a host. `tell` gets one sentence when
+    the file of devices cannot be read. `clock` in seconds.
     """
 
     devices: Path
+    port: int
     language: str
+    tell: Callable[[str], None]
     clock: Callable[[], float] = time.monotonic
     prefix: str = ""
     strict: bool = True
     _sessions: dict[str, tuple[KnownDevice, float]] = field(default_factory=dict)
-    _wrong: dict[str, deque[float]] = field(default_factory=dict)
     _read: tuple[tuple[int, ...], tuple[KnownDevice, ...]] = ((), ())
+    _reported: bool = False
+
+    @property
+    def cookie(self) -> str:
+        """Its name. By this prefix browsers take the cookie over TLS alone, of this host alone."""
+        return f"__Host-drupe-{self.port}"
 
     def knows(self, request: Request) -> bool:
         """Whether a request has the cookie of a session whose device is still in the file."""
-        session = hash_of(request.cookies.get(COOKIE, ""))
+        session = self._session_of(request)
         device, until = self._sessions.get(session, (None, 0.0))
         if device in self._known() and self.clock() < until:
             return True
         self._sessions.pop(session, None)
         return False
 
+    def device_of(self, request: Request) -> str:
+        """The name of the session's device."""
+        return self._sessions[self._session_of(request)][0].name
+
     def routes(self) -> list[Route]:
-        """The page on which a device sends its token."""
-        return [Route("/login", self._login, methods=["GET", "POST"])]
+        """The page on which a device sends its token, and the end of its session."""
+        return [
+            Route("/login", self._login, methods=["GET", "POST"]),
+            Route("/logout", self._logout, methods=["POST"]),
+        ]
 
     def refusal(self, request: Request) -> Response | None:
         """What a browser without a session gets instead of the page; None: that there is nothing."""
-        return RedirectResponse("login", 303, HEADERS) if request.url.path == "/" else None
+        return RedirectResponse("login", 303) if request.url.path == "/" else None
 
     async def _login(self, request: Request) -> Response:
         if request.method != "POST":
             return self._page(200)
-        address = request.client.host if request.client else ""
-        if (wait_s := self._wait_s(address)) > 0:
-            return self._page(429, {"Retry-After": str(int(wait_s) + 1)})
         written = await form_of(request, strict=self.strict)
         if written is None:
             return self._page(403)
         device = device_with(self._known(), written.get("token", "").strip())
-        if device is None:
-            self._count(address)
-            return self._page(401)
-        return self._begun(device)
+        return self._page(401) if device is None else self._begun(device)
+
+    async def _logout(self, request: Request) -> Response:
+        if await form_of(request, strict=self.strict) is None:
+            return self._page(403)
+        self._sessions.pop(self._session_of(request), None)
+        return RedirectResponse("login", 303)
 
     def _begun(self, device: KnownDevice) -> Response:
         session = secrets.token_urlsafe(32)
         while len(self._sessions) >= MOST_SESSIONS:
             self._sessions.pop(next(iter(self._sessions)))
         self._sessions[hash_of(session)] = device, self.clock() + SESSION_S
-        answer = RedirectResponse("./", 303, HEADERS)
+        answer = RedirectResponse("./", 303)
         answer.set_cookie(
-            COOKIE, session, max_age=SESSION_S, path="/", secure=True, httponly=True, samesite="strict"
+            self.cookie, session, max_age=SESSION_S, path="/", secure=True, httponly=True, samesite="strict"
         )
         return answer
 
-    def _page(self, status: int, more: dict[str, str] | None = None) -> Response:
-        return HTMLResponse(login_html(status, language=self.language), status, HEADERS | (more or {}))
+    def _session_of(self, request: Request) -> str:
+        return hash_of(request.cookies.get(self.cookie, ""))
+
+    def _page(self, status: int) -> Response:
+        return HTMLResponse(login_html(status, language=self.language), status)
 
     def _known(self) -> tuple[KnownDevice, ...]:
         """The devices in the file as it is now; none where it cannot be read."""
@@ -153,20 +157,12 @@ class DeviceLogin:
             status = self.devices.stat()
             state = status.st_mtime_ns, status.st_size, status.st_ino
             if state != self._read[0]:
-                self._read = state, read_devices(self.devices)
+                self._read, self._reported = (state, read_devices(self.devices)), False
         except (OSError, BatchRefused):
             self._read = (), ()
+            if not self._reported:
+                self._reported = True
+                self.tell(
+                    f"{self.devices} cannot be read; no device can open the page until drupe can read it"
+                )
         return self._read[1]
-
-    def _wait_s(self, address: str) -> float:
-        times = self._wrong.get(address, deque())
-        while times and self.clock() - times[0] >= WRONG_S:
-            times.popleft()
-        return WRONG_S - (self.clock() - times[0]) if len(times) >= MOST_WRONG else 0.0
-
-    def _count(self, address: str) -> None:
-        times = self._wrong.pop(address, deque())
-        while len(self._wrong) >= MOST_ADDRESSES:
-            self._wrong.pop(next(iter(self._wrong)))
-        self._wrong[address] = times
-        times.append(self.clock())

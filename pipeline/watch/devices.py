@@ -5,13 +5,17 @@ A token has 256 random bits, so that its SHA-256 needs neither salt nor stretchi
 
 import hashlib
 import hmac
+import os
 import secrets
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
+from typing import Annotated
 
-from pydantic import BaseModel, ConfigDict, ValidationError
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from pipeline.files.lock_file import holder_of, locked_within
 from pipeline.files.plain_file import NotReadable, printable, read_text
 from pipeline.files.whole_file import NotWritten, put
 from pipeline.problem import nearest, refused
@@ -28,7 +32,7 @@ class KnownDevice(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     name: str
-    sha256: str
+    sha256: Annotated[str, Field(pattern="^[0-9a-f]{64}$")]
     added_utc: datetime
 
 
@@ -50,24 +54,27 @@ def read_devices(path: Path) -> tuple[KnownDevice, ...]:
 
 def add_device(path: Path, name: str, *, now: datetime) -> str:
     """Adds a device, also to a new file that its owner alone may read; its token, which no file has."""
-    devices = read_devices(path) if path.is_symlink() or path.exists() else ()
     if not 0 < len(name) <= MOST_NAME or printable(name) != name:
         raise refused("NAME", f"must have 1 to {MOST_NAME} printable characters.")
-    if any(device.name == name for device in devices):
-        raise refused("NAME", f'"{name}" has a token already; revoke it, or choose another name.')
     token = secrets.token_urlsafe(32)
-    _write(path, (*devices, KnownDevice(name=name, sha256=hash_of(token), added_utc=now)))
+    with _alone(path):
+        devices = read_devices(path) if path.is_symlink() or path.exists() else ()
+        if any(device.name == name for device in devices):
+            raise refused("NAME", f'"{name}" has a token already; revoke it, or choose another name.')
+        _write(path, (*devices, KnownDevice(name=name, sha256=hash_of(token), added_utc=now)))
     return token
 
 
 def revoke_device(path: Path, name: str) -> None:
     """Removes a device; its token and its sessions end at once."""
-    devices = read_devices(path)
-    left = tuple(device for device in devices if device.name != name)
-    if len(left) == len(devices):
-        names = [device.name for device in devices]
-        raise refused("NAME", f'found "{name}"; {nearest(name, names, "the file has no such device.")}')
-    _write(path, left)
+    read_devices(path)  # refused before the folder is made
+    with _alone(path):
+        devices = read_devices(path)
+        left = tuple(device for device in devices if device.name != name)
+        if len(left) == len(devices):
+            names = [device.name for device in devices]
+            raise refused("NAME", f'found "{name}"; {nearest(name, names, "the file has no such device.")}')
+        _write(path, left)
 
 
 def device_with(devices: Sequence[KnownDevice], token: str) -> KnownDevice | None:
@@ -84,9 +91,24 @@ def hash_of(token: str) -> str:
     return hashlib.sha256(token.encode()).hexdigest()
 
 
-def _write(path: Path, devices: tuple[KnownDevice, ...]) -> None:
-    put(path, _Devices(devices=devices).model_dump_json(indent=1).encode() + b"\n")
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """While no other process changes a file of devices in this folder; raises BatchRefused, NotWritten."""
     try:
-        path.chmod(0o600)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
     except OSError as fault:
         raise NotWritten(path, fault) from fault
+    try:
+        if not locked_within(folder):
+            sentence = f"another process{holder_of(folder)} locked this folder; end it, and try again."
+            raise refused(path.parent, sentence)
+        yield
+    finally:
+        os.close(folder)
+
+
+def _write(path: Path, devices: tuple[KnownDevice, ...]) -> None:
+    """A new file is its owner's alone; another keeps its mode, and its owner where root changes it."""
+    text = _Devices(devices=devices).model_dump_json(indent=1) + "\n"
+    put(path, text.encode(), like=path.stat() if path.exists() else None, mode=0o600)

@@ -7,12 +7,15 @@ from starlette.requests import ClientDisconnect, Request
 
 HEADERS = {
     "Cache-Control": "no-store",
-    "Referrer-Policy": "no-referrer",
+    "Referrer-Policy": "same-origin",
     "X-Content-Type-Options": "nosniff",
     "X-Frame-Options": "DENY",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-"""Of every answer: kept nowhere, shown in no other site's frame, the token passed on to nobody."""
+"""Of every answer: kept nowhere, shown in no other site's frame, the token passed on to no other site.
+
+With "no-referrer" browsers would send the origin "null" with a form.
+"""
 MOST_FORM_BYTES, FORM_S = 20_000, 10.0
 """Of a form: 1,200 characters of 12 bytes each (percent encoding), and the seconds that sending may take."""
 

@@ -40,6 +40,7 @@ from pipeline.watch.connections import (
     BACKLOG,
     QUEUE,
     REQUEST_S,
+    SHARE_OF_ADDRESS,
     TURNS,
     CappedSocket,
     connections_at_once,
@@ -58,6 +59,8 @@ STARTS_WITHIN_S = 10.0
 """Seconds within which the server must listen."""
 AGAIN_S = 5.0
 """Seconds after which a page that stopped is started again."""
+CIPHERS = "DEFAULT:!aNULL:!eNULL"
+"""Of TLS: OpenSSL's own. By itself uvicorn 0.40 also offers suites without encryption or certificate."""
 MEDIA_TYPES = {
     ".html": "text/html; charset=utf-8",
     ".csv": "text/csv; charset=utf-8",
@@ -85,6 +88,9 @@ class Access(Protocol):
     def knows(self, request: Request) -> bool:
         """Whether whoever sent this request may open the page."""
 
+    def device_of(self, request: Request) -> str:
+        """Name of the known device that sent this request; empty where devices have none."""
+
     def routes(self) -> list[Route]:
         """Addresses of its own, for everybody."""
 
@@ -104,6 +110,10 @@ class TokenInAddress:
         """By constant-time comparison."""
         return hmac.compare_digest(request.path_params["token"].encode(), self.token.encode())
 
+    def device_of(self, _: Request) -> str:
+        """None."""
+        return ""
+
     def routes(self) -> list[Route]:
         """None."""
         return []
@@ -121,8 +131,8 @@ class Desk(Protocol):
     def scanned(self, text: str) -> tuple[str, str]:
         """Where a scanned code leads; empty with the page that says why it leads nowhere."""
 
-    def judge(self, fruit_id: str, written: Mapping[str, str]) -> str | None:
-        """Keeps a verdict, or gives the page that says why not."""
+    def judge(self, fruit_id: str, written: Mapping[str, str], device: str) -> str | None:
+        """Keeps a verdict that a device sent, or gives the page that says why not."""
 
 
 class _Server(uvicorn.Server):
@@ -157,15 +167,17 @@ class PageServer:
     ) -> None:
         self._results = results
         self._network = network
-        self._access: Access = (
-            TokenInAddress(secrets.token_urlsafe(16))
-            if network is None
-            else DeviceLogin(devices=network.devices, language=language)
-        )
         self.desk: Desk | None = None
         self._page, self._version, self._closed = "", 0, threading.Event()
         self._tell, self._stopped = tell, False
         self._socket = _listening(LOOPBACK if network is None else network.host, port)
+        self._access: Access = (
+            TokenInAddress(secrets.token_urlsafe(16))
+            if network is None
+            else DeviceLogin(
+                devices=network.devices, port=self._socket.getsockname()[1], language=language, tell=tell
+            )
+        )
         self._server = self._new_server()
         self._thread = threading.Thread(target=self._serve, name="drupe page", daemon=True)
 
@@ -181,6 +193,9 @@ class PageServer:
                 ws="none",
                 backlog=BACKLOG,
                 server_header=False,
+                proxy_headers=False,
+                headers=list(HEADERS.items()),
+                ssl_ciphers=CIPHERS,
                 ssl_certfile=None if self._network is None else self._network.certificate,
                 ssl_keyfile=None if self._network is None else self._network.key,
                 timeout_graceful_shutdown=1,
@@ -192,8 +207,11 @@ class PageServer:
         started = False
         while not self._closed.is_set():
             try:
-                most = connections_at_once() + TURNS * BACKLOG
-                with CappedSocket(fileno=self._socket.dup().detach()).capped(most) as listening:
+                at_once = connections_at_once()
+                most = at_once + TURNS * BACKLOG
+                of_address = most if self._network is None else at_once // SHARE_OF_ADDRESS
+                socket_ = CappedSocket(fileno=self._socket.dup().detach())
+                with socket_.capped(most, most_of_address=of_address) as listening:
                     self._server.run(sockets=[listening])
                 why = "its server ended"
             except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it is, grading goes on
@@ -260,7 +278,7 @@ class PageServer:
     async def _kiosk(self, request: Request) -> Response:
         if not self._access.knows(request):
             return self._access.refusal(request) or _nothing()
-        return HTMLResponse(self._page, headers=HEADERS)
+        return HTMLResponse(self._page)
 
     async def _scan(self, request: Request) -> Response:
         """Leads to what a code names: the form for a fruit, or the report of the lot."""
@@ -269,29 +287,30 @@ class PageServer:
         code = request.query_params.get("code", "")
         address, page = await asyncio.to_thread(self.desk.scanned, code)
         if address:
-            return RedirectResponse(address, 303, HEADERS)
-        return HTMLResponse(page, 404, HEADERS)
+            return RedirectResponse(address, 303)
+        return HTMLResponse(page, 404)
 
     async def _judge(self, request: Request) -> Response:
         """The form for a fruit, or its verdict kept; a form of another site is not taken."""
         fruit_id, desk = request.query_params.get("fruit", ""), self.desk
         if not self._access.knows(request) or desk is None:
             return _nothing()
+        device = self._access.device_of(request)
         if request.method != "POST":
             page = await asyncio.to_thread(desk.form, fruit_id)
-            return _nothing() if page is None else HTMLResponse(page, headers=HEADERS)
+            return _nothing() if page is None else HTMLResponse(page)
         written = await form_of(request, strict=self._access.strict)
         if written is None or await asyncio.to_thread(desk.form, fruit_id) is None:
             return _nothing()
-        page = await asyncio.to_thread(desk.judge, fruit_id, written)
+        page = await asyncio.to_thread(desk.judge, fruit_id, written, device)
         if page is not None:
-            return HTMLResponse(page, status_code=422, headers=HEADERS)
-        return RedirectResponse("./", status_code=303, headers=HEADERS)
+            return HTMLResponse(page, status_code=422)
+        return RedirectResponse("./", status_code=303)
 
     async def _events(self, request: Request) -> Response:
         if not self._access.knows(request):
             return _nothing()
-        return StreamingResponse(self._news(request), media_type="text/event-stream", headers=HEADERS)
+        return StreamingResponse(self._news(request), media_type="text/event-stream")
 
     async def _news(self, request: Request) -> AsyncIterator[str]:
         sent, quiet_s = -1, 0.0
@@ -313,7 +332,7 @@ class PageServer:
             content = await asyncio.to_thread(path.read_bytes)
         except OSError:
             return _nothing()
-        return Response(content, media_type=MEDIA_TYPES[path.suffix.lower()], headers=HEADERS)
+        return Response(content, media_type=MEDIA_TYPES[path.suffix.lower()])
 
     def _given(self, named: str) -> Path | None:
         """The file of the results that an address names, where it is one that drupe wrote there."""
@@ -346,4 +365,4 @@ def _listening(host: str, port: int) -> socket.socket:
 
 
 def _nothing() -> Response:
-    return PlainTextResponse("not found", status_code=404, headers=HEADERS)
+    return PlainTextResponse("not found", status_code=404)

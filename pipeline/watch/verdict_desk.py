@@ -20,7 +20,8 @@ from reports.language import spoken
 @dataclass(kw_only=True)
 class VerdictDesk:
     """Shows what is watched through `show`, with verdicts that the last report does not have yet. `kept` is
-    told of each new one. Used by two threads: the one that grades, and the page's.
+    told of each new one; `logout`: whether devices can log out. Used by two threads: the one that grades,
+    and the page's.
     """
 
     results: Results
@@ -28,6 +29,7 @@ class VerdictDesk:
     show: Callable[[str], None]
     kept: Callable[[], None]
     now: Callable[[], datetime] = utc_now
+    logout: bool = False
     _entry: KioskEntry | None = None
     _new: dict[str, tuple[VerdictEntry, ...]] = field(default_factory=dict)
     _lock: Lock = field(default_factory=Lock)
@@ -58,10 +60,10 @@ class VerdictDesk:
             return "./", ""
         with spoken(self.language):
             address, fault = led_to(entry, text)
-        return address, "" if address else kiosk_html(entry, fault=fault, language=self.language)
+        return address, "" if address else self._page(entry, fault)
 
-    def judge(self, fruit_id: str, written: Mapping[str, str]) -> str | None:
-        """Keeps the verdict that the form has; where it cannot, the form again with the reason."""
+    def judge(self, fruit_id: str, written: Mapping[str, str], device: str) -> str | None:
+        """Keeps the verdict of a device's form; where it cannot, the form again with the reason."""
         texts = {name: written.get(name, "") for name in ("class", "by", "why")}
         try:
             verdict = judge_fruit(
@@ -71,6 +73,7 @@ class VerdictDesk:
                 by=texts["by"],
                 why=texts["why"],
                 now=self.now(),
+                device=device,
             )
         except BatchRefused as refusal:
             faults = "; ".join(problem.sentence for problem in refusal.problems)
@@ -85,7 +88,10 @@ class VerdictDesk:
 
     def _show(self) -> None:
         if (entry := self._judged()) is not None:
-            self.show(kiosk_html(entry, language=self.language))
+            self.show(self._page(entry))
+
+    def _page(self, entry: KioskEntry, fault: str = "") -> str:
+        return kiosk_html(entry, fault=fault, logout=self.logout, language=self.language)
 
     def _judged(self) -> KioskEntry | None:
         if self._entry is None or self._entry.batch is None or not self._new:

@@ -66,7 +66,7 @@ def test_axe_finds_nothing_on_the_line_s_pages_and_nothing_is_cut_off(tmp_path, 
     )
     entry = KioskEntry(name="m", batch=batch, recent=("N01",), waiting=(("N02", "photos or fruit.ply"),))
     pages = {
-        "kiosk": kiosk_html(entry),
+        "kiosk": kiosk_html(entry, logout=True),
         "refused": kiosk_html(entry, fault="The page shows no fruit N09."),
         "judge": judge_html(fruit, ["soft", "firm"]),
         "login": login_html(401),

@@ -314,3 +314,14 @@ def test_an_explained_fruit_is_sent_to_drupe_explain_once(awkward_batch):
         page = opened(report_html(replace(awkward_batch, fruits=(fruit,))))
         assert page.count("for its probability and its influence on E") == 1
         assert page.index("<details", page.index("<article")) < page.index("ignored some of the data")
+
+
+@pytest.mark.parametrize(
+    ("lot", "coded"),
+    [("桃" * 20, True), ("x" * 300, False), ("桃" * 260, False), ("b\udce4\ud800", True)],
+    ids=["some", "many", "too many for any code", "no text"],
+)
+def test_a_name_too_long_for_a_code_costs_the_code_alone(awkward_batch, lot, coded):
+    page = report_html(replace(awkward_batch, lot=lot))
+    assert page.count("Code of ") == coded * (1 + len(awkward_batch.fruits))
+    assert 'src="data:image/png;base64,"' not in page
