@@ -11,9 +11,9 @@ from fem.indentation.no_contact import NoContactNoise
 from fem.indentation.trace import IndenterTrace
 
 LOOKS = 10.0
-"""Independent looks at a model's error per peak force passed, and per recording: what laws of rubber leave of
-silicone cylinders changes sign some five times in a ramp (`benchmarks/silicone_cylinders.py`). With 20 a law is
-named for a curve that no law explains."""
+"""Independent looks at a model's error per peak force passed, and per recording: what laws of rubber leave
+of silicone cylinders changes sign some five times in a ramp (`benchmarks/silicone_cylinders.py`). With 20 a
+law is named for a curve that no law explains."""
 FLOOR = 0.03
 """Share of the peak force below which the unexplained part no longer falls with the force (set by hand)."""
 
