@@ -270,7 +270,8 @@ class Settings(Strict):
 
     category: Name
     cultivar: Words | None = None
-    lot: Name | Literal[""] | None = None
+    lot: Annotated[str, Field(max_length=200)] | None = None
+    """Its QR code holds so much; empty is none."""
     orchard: Words | None = None
     operator: Words | None = None
     packer: Words | None = None
