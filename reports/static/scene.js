@@ -5,7 +5,7 @@
   if (!dialog || !dialog.showModal) return;
   const canvas = dialog.querySelector("canvas");
   const lacking = dialog.querySelector(".lacking");
-  const choice = dialog.querySelector("select"), bar = dialog.querySelector(".bar");
+  const choice = dialog.querySelector("select"), bar = dialog.querySelector(".bar"), unseen = dialog.querySelector(".unseen");
   const cut = dialog.querySelector("input"), scale = dialog.querySelector(".scale"), ends = dialog.querySelectorAll(".end");
   const BARS_MM = [1, 2, 5, 10, 20, 50, 100], FLESH = [0.98, 0.84, 0.55, 1];
   let gl = null, uniforms = null, scenes = [], parts = [], current = null, low = [], high = [], middle = [0, 0, 0], reach = 1, yaw = 0.6, pitch = 0.35, zoom = 1;
@@ -103,6 +103,7 @@
     });
     middle = low.map((value, k) => (value + high[k]) / 2);
     reach = 0.6 * Math.max(...high.map((value, k) => value - low[k]));
+    unseen.hidden = choice.value !== "photo";
     bar.hidden = !name;
     if (!name) return;
     const said = choice.selectedOptions[0].dataset;

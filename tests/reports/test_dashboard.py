@@ -24,14 +24,12 @@ TIMEOUT_MS = 120_000
 """Of each step: on a busy machine a browser starts slowly."""
 ENDS = """() => {
   const place = (of) => of.getBoundingClientRect();
-  const sheet = document.querySelector("#card article"), after = (part) => {
-    const next = [...sheet.children].filter((each) => each.offsetHeight && place(each).top > place(part).top)[0];
-    return place(next || sheet)[next ? "top" : "bottom"] + 1;
-  };
-  const inside = ":scope > *, tbody tr, figure, figcaption, img, canvas";
-  return [...sheet.querySelectorAll(inside)].filter((each) => each.offsetHeight && !each.matches(".qr")).map((each) => {
-    const part = [...sheet.children].find((whole) => whole.contains(each));
-    return [place(each).top, place(each).bottom, after(part)];
+  const sheet = document.querySelector("#card article");
+  const parts = [...sheet.children].filter((part) => part.offsetHeight && !part.matches(".qr"));
+  return parts.flatMap((part, k) => {
+    const end = k + 1 < parts.length ? place(parts[k + 1]).top : place(sheet).bottom;
+    const inside = [part, ...part.querySelectorAll("tr, figure, figcaption, img, canvas")];
+    return inside.map(place).filter((each) => each.height).map((each) => [each.top, each.bottom, end + 1]);
   });
 }"""
 """Top and bottom of all that a sheet shows of a fruit, and where the next part begins or the sheet ends."""
@@ -187,7 +185,7 @@ def test_printing_gives_the_certificate_and_the_ranking_alone(shown):
 def test_a_sheet_is_one_page_with_a_code_that_another_reader_finds(
     browser, tmp_path, awkward_batch, graded, part, count
 ):
-    """The reader of the code is OpenCV's; the fruit has more warnings, grasps and verdicts than have a place."""
+    """The reader of the code is OpenCV's; not all warnings, grasps and verdicts of the fruit have a place."""
     batch = lot(graded, awkward_batch, count)
     said = tuple(
         f"Warning {k}: {'the photos do not show the underside of this fruit; ' * 6}" for k in range(20)
@@ -206,8 +204,8 @@ def test_a_sheet_is_one_page_with_a_code_that_another_reader_finds(
     )
     first = batch.fruits[0]
     first = replace(
-        first, warnings=said, doubts=said[:2], grasps=20, recordings=20 * first.recordings, verdicts=5 * (verdict,),
-        pictures=replace(first.pictures, photo=large, mesh=large),
+        first, warnings=said, doubts=said[:2], grasps=20, recordings=20 * first.recordings,
+        verdicts=5 * (verdict,), pictures=replace(first.pictures, photo=large, mesh=large),
     )  # fmt: skip
     batch = replace(
         batch, fruits=(first, *batch.fruits[1:]), lot="H/07", cultivar="Big Top", packer="Huber Obst"

@@ -145,6 +145,7 @@ def test_the_skin_has_the_photos_colour_and_the_bar_the_scene_s_scale(turned_in_
     page = turned_in_browser
     picture, room = picture_of(page)
     assert page.locator("#scene select").input_value() == "photo"
+    assert page.locator("#scene .unseen").is_visible()
     middle = picture[picture.shape[0] // 2, picture.shape[1] // 2]
     assert hue(middle) == pytest.approx(hue(SKIN_BGR), abs=0.05)
     row = picture[picture.shape[0] // 2]
@@ -216,4 +217,5 @@ def test_no_skin_has_another_fruit_s_photo(turned_in_browser):
     assert is_skin(picture_of(page)[0], NEXT_BGR)
     failed = turn("N2")
     assert page.locator("#scene select").input_value() == ""
+    assert page.locator("#scene .unseen").is_hidden()
     assert np.abs(failed - early).mean() < 0.5
