@@ -46,10 +46,10 @@
       gl.attachShader(program, shader);
     };
     add(gl.VERTEX_SHADER, `in vec3 place; in vec4 colour; uniform mat3 turn; uniform vec3 middle; uniform vec3 scale;
-      out vec3 seen; out vec3 spot; out vec4 paint;
+      out vec3 seen; centroid out vec3 spot; out vec4 paint;
       void main() { seen = turn * (place - middle); spot = place; paint = colour;
         gl_Position = vec4(seen.xy * scale.xy, -seen.z * scale.z, 1.0); }`);
-    add(gl.FRAGMENT_SHADER, `in vec3 seen; in vec3 spot; in vec4 paint; out vec4 shown;
+    add(gl.FRAGMENT_SHADER, `in vec3 seen; centroid in vec3 spot; in vec4 paint; out vec4 shown;
       uniform float from; uniform vec4 section; uniform vec3 eye; uniform bool photographed; uniform sampler2D photo;
       void main() {
         vec3 n = normalize(cross(dFdx(seen), dFdy(seen))), d = normalize(spot - eye);
