@@ -3,19 +3,20 @@
     python benchmarks/report_tasks.py RESULTS [--multiqc FILE] [--csv FILE]
 
 RESULTS is a folder of `drupe grade` with report.html and ranking.csv. The script performs every task on the
-report in headless Chromium and compares the answer with pandas' from ranking.csv. A click, a drag and a key
+report in headless Chromium and compares the answer with pandas' from ranking.csv. Of a curve and a sheet it
+compares the fruit and its E, because ranking.csv has no curve. A click, a drag and a key
 count one each (a chord such as Ctrl+C too), a choice from a list two. Reading and scrolling count nothing.
-The spreadsheet's numbers are those of `spreadsheet`: keys of the shortest formula, or steps of Excel's menus,
-on ranking.csv as it opens. MultiQC's are performed too, on a report of the columns of ranking.csv as a table.
+The spreadsheet's numbers are counted, not performed: steps of Excel's menus on ranking.csv as it opens.
+Two of MultiQC's are performed, on a report of the columns of ranking.csv as a table, and a search is counted.
 A dash means that the program cannot do it.
 """
 
 import argparse
 import csv
 import io
+import re
 import sys
 from pathlib import Path
-from string import ascii_uppercase
 
 import numpy as np
 import pandas as pd
@@ -25,6 +26,12 @@ from browser import NODES, chromium, reloaded
 
 FILTER = 5
 """Steps to one value of a column: filter on (Ctrl+Shift+L), its arrow, all values off, the value, OK."""
+PIVOT = ("Insert", "PivotTable", "OK", "drag maturity to the rows")
+SHARES = ("drag maturity to the values", "right click", "Show Values As", "% of Grand Total")
+MEAN = ("drag E_MPa to the values", "right click", "Summarize Values By", "Average")
+DEVIATION = ("drag E_MPa to the values", "right click", "Summarize Values By", "More Options", "StdDev", "OK")
+"""Steps in Excel: a table with a row for each class, and what it shows of them."""
+NOT_TRIED = "not tried"
 
 CELLS = """(head) => {
   const has = (one) => one.tHead && one.tHead.innerText.includes(head);
@@ -86,6 +93,13 @@ def tasks(table: pd.DataFrame):
     def text(hand, where):
         return hand.page.locator(where).first.inner_text().replace("\u00a0", " ")
 
+    def shows(hand, row):
+        """The card is of the fruit of this row of pandas', with its E."""
+        E_MPa = float(re.search(r"E = ([\d.]+)", text(hand, "#card .result"))[1])
+        return (
+            text(hand, "#fruit-name").endswith(row.fruit_id) and abs(E_MPa - row.E_MPa) < 0.1 * row.E_sd_MPa
+        )
+
     def count(hand):
         return int(text(hand, ".count[data-list=ship]")) == len(ship)
 
@@ -94,13 +108,15 @@ def tasks(table: pd.DataFrame):
         return all(f"{100 * share:.0f} %" in said for share in graded.maturity.value_counts(normalize=True))
 
     def softest(hand):
-        row = hand.page.locator("table.fruit tbody tr:not(.space)").first.inner_text()
-        return graded.sort_values("E_MPa").fruit_id.iloc[0] in row and graded.fruit_id.iloc[0] in text(
-            hand, ".verdict"
-        )
+        least = graded.loc[graded.E_MPa.idxmin()]
+        return least.fruit_id in text(hand, ".verdict") and shows(hand, least)
 
     def inspect(hand):
-        return int(text(hand, ".count[data-list=inspect]")) == (table.decision == "inspect").sum()
+        reasons = table.decision_reason[table.decision == "inspect"]
+        reasons = reasons.map(lambda reason: reason.partition(":")[0]).value_counts()
+        listed = text(hand, ".card.inspect").lower()
+        shown = int(text(hand, ".count[data-list=inspect]")) == reasons.sum()
+        return shown and all(f"{reason} ({fruit})".lower() in listed for reason, fruit in reasons.items())
 
     def alone(hand):
         hand.choose("class", commonest_class)
@@ -130,12 +146,16 @@ def tasks(table: pd.DataFrame):
 
     def curve(hand):
         hand.click(hand.page.locator("table.fruit tbody th a").nth(1))
-        return hand.page.locator("#card .plot").first.is_visible()
+        return force(hand) and shows(hand, table.loc[1])
+
+    def force(hand):
+        label = hand.page.locator("#card .plot").first.get_attribute("aria-label")
+        peaks = re.findall(r"pad \w+: ([\d.]+) N", label)
+        return label.startswith("Force against travel") and all(float(peak) > 0 for peak in peaks or ["0"])
 
     def following(hand):
-        before = text(hand, "#fruit-name")
         hand.click(hand.page.get_by_role("button", name="Next", exact=True))
-        return text(hand, "#fruit-name") != before
+        return force(hand) and shows(hand, table.loc[1])
 
     def save(hand):
         hand.choose("list", "ship")
@@ -146,21 +166,33 @@ def tasks(table: pd.DataFrame):
 
     def histogram(hand):
         said = hand.page.locator("#histogram .plot").get_attribute("aria-label")
-        return sum(int(bar.rpartition(": ")[2]) for bar in said.split("; ")) == len(graded)
+        bars = np.array(re.findall(r"([\d.]+)–([\d.]+) MPa: (\d+)", said), dtype=float)
+        for low, high, fruit in bars:  # their ends are rounded
+            air = 0.02 * (high - low)
+            inside = graded[graded.E_MPa.between(low + air, high - air)]
+            if inside.maturity.nunique() > 1 or not (
+                len(inside) <= fruit <= graded.E_MPa.between(low - air, high + air).sum()
+            ):
+                return False
+        return bars[:, 2].sum() == len(graded)
 
     def sheet(hand):
         hand.page.evaluate("window.print = () => { window.sheet = document.body.className; }")
         hand.click(hand.page.locator("table.fruit tbody th a").first)
         hand.click(hand.page.locator("#card button.alone"))
         hand.count += 1  # Print in the dialog of the browser
-        return hand.page.evaluate("window.sheet") == "one"
+        hand.page.evaluate("document.body.classList.add(window.sheet)")
+        pages = len(re.findall(rb"/Type\s*/Page\b", hand.page.pdf(format="A4")))
+        hand.page.emulate_media(media="print")
+        return pages == 1 and shows(hand, table.loc[0]) and "Signature" in text(hand, "body")
 
     def view(hand):
         hand.choose("class", commonest_class)
         hand.press("Control+l")
         hand.press("Control+c")
+        address = hand.page.url
         hand.page.goto("about:blank")
-        hand.page.go_back()
+        hand.page.goto(address)
         return hand.shown() == list(some.fruit_id)
 
     return (
@@ -185,25 +217,16 @@ def tasks(table: pd.DataFrame):
     )
 
 
-def spreadsheet(table: pd.DataFrame, name: str) -> list[int | None]:
+def spreadsheet(name: str) -> list[int | None]:
     """Clicks and keys in a spreadsheet, in the order of the tasks."""
-    column = {
-        head: (ascii_uppercase + "".join(ascii_uppercase))[k] for k, head in enumerate(table.columns[:26])
-    }
-    E, made, listed = column["E_MPa"], column["maturity"], column["decision"]
-
-    def formula(text: str) -> int:
-        return 1 + len(text) + 1  # an empty cell, the formula, Enter
-
-    shares = [f'=COUNTIF({made}:{made},"{each}")/COUNT({E}:{E})' for each in table.maturity.dropna().unique()]
     return [
-        formula(f'=COUNTIF({listed}:{listed},"ship")'),
-        sum(map(formula, shares)),
+        FILTER,  # the status bar counts
+        len(PIVOT + SHARES),
         0,  # the first row
         FILTER,
         FILTER,
         1 + 3 + 3 + 1 + 3 + 1,  # filter on; arrow, number filters, between; number, Tab, number, Enter
-        FILTER + formula(f"=SUBTOTAL(101,{E}:{E})") + formula(f"=SUBTOTAL(107,{E}:{E})"),
+        len(PIVOT + MEAN + DEVIATION),
         1 + len(name) + 1,  # Ctrl+F, name, Enter
         2,  # a cell of the column, sort
         None,
@@ -215,9 +238,9 @@ def spreadsheet(table: pd.DataFrame, name: str) -> list[int | None]:
     ]
 
 
-def multiqc(browser, path: Path, name: str) -> list[int | None]:
-    """The same in a report of MultiQC with a table of the ranking's columns, performed where it can do it."""
-    counts: list[int | None] = [None] * 15
+def multiqc(browser, path: Path, name: str) -> list[int | str]:
+    """The same in a report of MultiQC with a table of the ranking's columns: two tasks performed."""
+    counts: list[int | str] = [NOT_TRIED] * 15
     for task, head in ((2, "E_MPa"), (8, "height_mm")):
         page = browser.new_page()
         page.goto(path.as_uri())
@@ -228,7 +251,7 @@ def multiqc(browser, path: Path, name: str) -> list[int | None]:
             values = [float(text) for text in page.evaluate(CELLS, head) if text]
         counts[task] = hand.count
         page.close()
-    counts[7] = 1 + len(name) + 1  # the browser's own search
+    counts[7] = 1 + len(name) + 1  # the browser's search, counted
     return counts
 
 
@@ -268,8 +291,8 @@ def main() -> None:
                 raise SystemExit(f"{task}: the report and pandas disagree")
             steps.append(hand.count)
             page.close()
-        others = multiqc(browser, options.multiqc.absolute(), name) if options.multiqc else [None] * 15
-    rows = list(zip(to_do, steps, spreadsheet(table, name), others, strict=True))
+        others = multiqc(browser, options.multiqc.absolute(), name) if options.multiqc else [NOT_TRIED] * 15
+    rows = list(zip(to_do, steps, spreadsheet(name), others, strict=True))
     header = ("task", "report", "spreadsheet", "multiqc")
     for row in (header, *rows):
         print(f"{row[0]:40s}", *(f"{'-' if each is None else each:>12}" for each in row[1:]))

@@ -71,7 +71,8 @@ class Reconstruction:
     `surface_sd_mm` its root mean square over the skin that was seen. A geometry model gives none of these.
     `outlines` are the fruit's in each of these photos, pixels (column, row) of the photo without distortion.
     `notes` tell of what was done otherwise than usual, without a doubt of the mesh; `unplaced` are the photos
-    whose camera was not found.
+    whose camera was not found. `flipped_cameras` are those of photos of the fruit upside down, in the same
+    frame, with their distortion.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -88,6 +89,7 @@ class Reconstruction:
     sd_mm: Float[np.ndarray, " n"] | None = None
     notes: tuple[str, ...] = ()
     unplaced: tuple[str, ...] = ()
+    flipped_cameras: tuple[Camera, ...] = ()
 
 
 def reconstruct(

@@ -170,6 +170,9 @@ def _lot(batch: BatchEntry, fruits: list[Indexed]) -> dict[str, object]:
             "E": say("E, modulus of the flesh (MPa)"),
             "rank": say("Rank"),
             "per": say("fruit per {width} MPa", width="#"),
+            ".warning": say("and {count} more warnings in the report", count="#"),
+            ".next": say("and {count} more notes in the report", count="#"),
+            "tbody tr": say("and {count} more grasps in the report", count="#"),
             "mean": say("mean {mean} MPa, standard deviation {sd} MPa", mean="#", sd="##"),
         },
     }

@@ -1,16 +1,16 @@
 """The fruit's skin as its photos show it, as one picture: longitude to the right, from the stem down.
 
-Photos are blended by how squarely they face the skin. Skin that no photo shows has the mean colour.
+Photos are blended by how squarely they face the skin. Skin that no photo shows is grey.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 from scipy.spatial import cKDTree
 
 from reports.photo import jpeg
@@ -21,6 +21,10 @@ LEAST_FACING = 0.35
 """Cosine of view and normal below which a photo is not used: near its outline it shows the background."""
 SHARPNESS = 8
 """Power of that cosine: the squarest photo dominates, and no seam shows (by eye)."""
+UNSEEN = 128.0
+"""Grey of skin that no photo shows."""
+LIFT_MM = 0.3
+"""Over the skin, where lines of sight end: the skin between vertices lies up to this far under a face."""
 NEAREST = 4
 """Vertices between which the skin is interpolated."""
 
@@ -40,10 +44,15 @@ def middle(vertices: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " 3"]:
 
 
 def skin_texture(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], photos: Iterable[SkinPhoto]
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+    photos: Iterable[SkinPhoto],
+    hidden: Callable[[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]], Bool[np.ndarray, " k"]],
 ) -> bytes:
     """A JPEG whose pixel (u, v), both from 0 to 1, is the skin at longitude 2 π u from +x towards +y and at
     the angle π v from +z, seen from the middle of the mesh. Empty where no photo shows the skin.
+
+    `hidden`: whether the mesh lies between pairs of points (mm).
     """
     longitude = 2 * np.pi * (np.arange(WIDTH_PX) + 0.5) / WIDTH_PX
     polar = np.pi * (np.arange(HEIGHT_PX) + 0.5)[:, None] / HEIGHT_PX
@@ -58,6 +67,8 @@ def skin_texture(
         u, v = u / depth, v / depth
         height, width = photo.image.shape[:2]
         used = (facing > LEAST_FACING) & (depth > 0) & (u > 0) & (u < width - 1) & (v > 0) & (v < height - 1)
+        start = points[used] + LIFT_MM * normals[used]
+        used[used] = ~hidden(start, np.broadcast_to(photo.place_mm, start.shape))
         if not used.any():
             continue
         weight = facing[used, None] ** SHARPNESS
@@ -67,7 +78,7 @@ def skin_texture(
     shown = weights[:, 0] > 0
     if not shown.any():
         return b""
-    colour = np.tile(total[shown].sum(axis=0) / weights.sum(), (len(points), 1))
+    colour = np.full_like(total, UNSEEN)
     colour[shown] = total[shown] / weights[shown]
     return jpeg(np.round(colour).reshape(HEIGHT_PX, WIDTH_PX, 3).astype(np.uint8))
 

@@ -1,8 +1,9 @@
 """Photos to a mesh in the fruit frame, with every doubt about photos and mesh that they give rise to."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ from jaxtyping import Float, Int, UInt8
 
 from pipeline.batch.stage_record import StageRecord
 from pipeline.batch.task import FruitTask
-from recon.cameras.camera import straightened
+from recon.cameras.camera import Camera, straightened
 from recon.cameras.photos import Photo, read_photos
 from recon.cameras.view_plan import ViewPlan, view_plan
 from recon.checks.photo_check import checked_photos
@@ -19,6 +20,7 @@ from recon.checks.verdict import require_seen, shape_doubts
 from recon.fruit_mesh import ReconOptions, Reconstruction, reconstruct, reconstruct_with_model
 from recon.learned.fruit_model import SHIPPED
 from recon.surface.fruit_frame import to_fruit_frame
+from recon.surface.ray_mesh import RayMesh
 from recon.underside import with_underside
 from recon.wording import listed
 from reports.outlined_photos import OutlinedPhoto, outline_sheet_jpeg, outlined_photo_jpeg
@@ -71,12 +73,22 @@ def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
         left_out=checked.warnings,
         plan=_plan(made, [photo.name for photo in given]),
     )
-    whole = made
+    whole, over = made, list[Photo]()
+
+    def route_over(photos: Sequence[Photo]) -> Reconstruction:
+        over.extend(photos)
+        return route(photos)
+
     if task.folder.flipped_files():
-        whole = with_underside(made, lambda: read_photos(task.folder.photos_flipped), route, mat=task.mat)
+        whole = with_underside(
+            made, lambda: read_photos(task.folder.photos_flipped), route_over, mat=task.mat
+        )
     quality = replace(whole.quality, views_given=len(given))
     vertices, fruit_from_mesh = to_fruit_frame(whole.vertices)
-    used = _used(checked.photos, made)
+    used = list(_used(checked.photos, [replace(camera, k1=made.quality.k1) for camera in made.cameras]))
+    skin = _skin(
+        chain(used, _used(over, whole.flipped_cameras)), (*made.cameras, *whole.flipped_cameras), whole
+    )
     photo, outlines = _pictures(given[0], used, made)
     return KeptMesh(
         vertices=vertices,
@@ -86,7 +98,7 @@ def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
         sd_mm=whole.sd_mm,
         photo=np.frombuffer(photo, dtype=np.uint8),
         outlines=np.frombuffer(outlines, dtype=np.uint8),
-        skin=np.frombuffer(_skin(used, made, whole), dtype=np.uint8),
+        skin=np.frombuffer(skin, dtype=np.uint8),
         scale_sd=whole.scale_sd,
         surface_sd_mm=whole.surface_sd_mm,
         quality=quality.known(),
@@ -113,11 +125,10 @@ def _plan(made: Reconstruction, given: Sequence[str]) -> ViewPlan | None:
     )
 
 
-def _used(photos: Sequence[Photo], made: Reconstruction) -> list[UInt8[np.ndarray, "_h _w 3"]]:
-    """The photos of the mesh's cameras, without distortion."""
+def _used(photos: Sequence[Photo], cameras: Sequence[Camera]) -> Iterator[UInt8[np.ndarray, "_h _w 3"]]:
+    """The photos of these cameras, without distortion."""
     by_name = {photo.name: photo for photo in photos}
-    cameras = [replace(camera, k1=made.quality.k1) for camera in made.cameras]
-    return [straightened(by_name[camera.name], camera)[0] for camera in cameras]
+    return (straightened(by_name[camera.name], camera)[0] for camera in cameras)
 
 
 def _pictures(
@@ -134,13 +145,18 @@ def _pictures(
     return outlined_photo_jpeg(outlined[0]), outline_sheet_jpeg(outlined)
 
 
-def _skin(images: Sequence[UInt8[np.ndarray, "_ _ 3"]], made: Reconstruction, whole: Reconstruction) -> bytes:
-    """A JPEG of the skin of the whole fruit, from the photos that `made` its upper side."""
+def _skin(
+    images: Iterable[UInt8[np.ndarray, "_ _ 3"]], cameras: Sequence[Camera], whole: Reconstruction
+) -> bytes:
+    """A JPEG of the skin of the whole fruit, from photos without distortion and their cameras."""
+    if not cameras:
+        return b""
     photos = (
         SkinPhoto(image, camera.intrinsics @ camera.cam_from_world[:3], camera.place)
-        for image, camera in zip(images, made.cameras, strict=True)
+        for image, camera in zip(images, cameras, strict=True)
     )
-    return skin_texture(whole.vertices, whole.faces, photos)
+    hidden = RayMesh(whole.vertices, whole.faces).hidden
+    return skin_texture(whole.vertices, whole.faces, photos, hidden)
 
 
 def _photo_doubts(

@@ -19,6 +19,7 @@
   }));
   const counted = (row) => row.E !== null && row.rank !== null;
   const EXTRA = 3, AT_ONCE = 22; // rows above the part in view, and rows in the page at once
+  const PRINTED = { ".warning": 4, ".next": 3, "tbody tr": 6 }; // what has a place on the sheet of a fruit
   let state = {}, shown = rows, height = 34, opened = null, cardCharts = [], lotCharts = [];
 
   // The state: q, list, class, from, to, zoom (the form), sort (a column, - before it: downwards), fruit
@@ -202,6 +203,14 @@
     if (!row) return;
     const { html, charts: specs } = JSON.parse(details[row.k]);
     card.innerHTML = html.replace(/>\s*\n\s*</g, "><");
+    for (const [kind, most] of Object.entries(PRINTED)) {
+      const beyond = [...card.querySelectorAll(kind)].slice(most);
+      beyond.forEach((each) => each.classList.add("beyond"));
+      const more = document.createElement("p");
+      more.className = "more print-only";
+      more.textContent = words[kind].replace("#", beyond.length);
+      if (beyond.length) (beyond[0].closest(".table") || beyond[0]).after(more);
+    }
     const holder = card.querySelector(".charts"), groups = {};
     for (const spec of specs) { // those of a recording below each other, then the others
       const group = groups[spec.group || ""] ||= holder.appendChild(document.createElement("div"));

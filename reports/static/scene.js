@@ -5,10 +5,10 @@
   if (!dialog || !dialog.showModal) return;
   const canvas = dialog.querySelector("canvas");
   const lacking = dialog.querySelector(".lacking");
-  const choice = dialog.querySelector("select"), bar = dialog.querySelector(".bar");
+  const choice = dialog.querySelector("select"), bar = dialog.querySelector(".bar"), unseen = dialog.querySelector(".unseen");
   const cut = dialog.querySelector("input"), scale = dialog.querySelector(".scale"), ends = dialog.querySelectorAll(".end");
-  const BARS_MM = [1, 2, 5, 10, 20, 50, 100];
-  let gl = null, uniforms = null, scenes = [], parts = [], low = [], high = [], middle = [0, 0, 0], reach = 1, yaw = 0.6, pitch = 0.35, zoom = 1;
+  const BARS_MM = [1, 2, 5, 10, 20, 50, 100], FLESH = [0.98, 0.84, 0.55, 1];
+  let gl = null, uniforms = null, scenes = [], parts = [], current = null, low = [], high = [], middle = [0, 0, 0], reach = 1, yaw = 0.6, pitch = 0.35, zoom = 1;
 
   // parts with their sets of colours; the second set is a map, with its name and the ends of its bar
   function sceneOf(coded) {
@@ -36,7 +36,7 @@
   }
 
   function begun() {
-    gl = canvas.getContext("webgl2", { antialias: true, alpha: true });
+    gl = canvas.getContext("webgl2", { antialias: true, alpha: true, stencil: true });
     if (!gl) return false;
     const program = gl.createProgram();
     const add = (kind, text) => {
@@ -46,17 +46,16 @@
       gl.attachShader(program, shader);
     };
     add(gl.VERTEX_SHADER, `in vec3 place; in vec4 colour; uniform mat3 turn; uniform vec3 middle; uniform vec3 scale;
-      out vec3 seen; out vec3 spot; out vec4 paint;
+      out vec3 seen; centroid out vec3 spot; out vec4 paint;
       void main() { seen = turn * (place - middle); spot = place; paint = colour;
         gl_Position = vec4(seen.xy * scale.xy, -seen.z * scale.z, 1.0); }`);
-    // of what is cut open, the far side's inside is drawn flat in the colour of flesh: a filled section
-    add(gl.FRAGMENT_SHADER, `in vec3 seen; in vec3 spot; in vec4 paint; out vec4 shown;
-      uniform float from; uniform vec3 eye; uniform bool photographed; uniform sampler2D photo;
+    add(gl.FRAGMENT_SHADER, `in vec3 seen; centroid in vec3 spot; in vec4 paint; out vec4 shown;
+      uniform float from; uniform vec4 section; uniform vec3 eye; uniform bool photographed; uniform sampler2D photo;
       void main() {
         vec3 n = normalize(cross(dFdx(seen), dFdy(seen))), d = normalize(spot - eye);
         float light = 0.45 + 0.55 * abs(dot(n, normalize(vec3(-0.4, 0.5, 0.75))));
         if (spot.y < from) discard;
-        if (from > -1e8 && !gl_FrontFacing) { shown = vec4(0.98, 0.84, 0.55, 1.0); return; }
+        if (section.a > 0.0) { shown = section; return; }
         vec4 c = paint;
         if (photographed) c = vec4(textureGrad(photo, vec2(atan(d.y, d.x) / 6.2831853, acos(d.z) / 3.1415927), vec2(0), vec2(0)).rgb, 1.0);
         if (photographed) light = 0.75 + 0.25 * light;
@@ -67,7 +66,7 @@
     gl.linkProgram(program);
     if (!gl.getProgramParameter(program, gl.LINK_STATUS)) return false;
     gl.useProgram(program);
-    uniforms = Object.fromEntries(["turn", "middle", "scale", "from", "eye", "photographed"].map((name) => [name, gl.getUniformLocation(program, name)]));
+    uniforms = Object.fromEntries(["turn", "middle", "scale", "from", "section", "eye", "photographed"].map((name) => [name, gl.getUniformLocation(program, name)]));
     gl.enable(gl.DEPTH_TEST);
     gl.enable(gl.CULL_FACE);
     gl.bindTexture(gl.TEXTURE_2D, gl.createTexture());
@@ -99,10 +98,12 @@
       });
       gl.bindBuffer(gl.ELEMENT_ARRAY_BUFFER, buffers[2]);
       gl.bufferData(gl.ELEMENT_ARRAY_BUFFER, part.corner, gl.STATIC_DRAW);
-      return { array, buffers, count: part.corner.length, solid: part.colours[0][3] === 255 };
+      const solid = part.colours[0][3] === 255;
+      return { array, buffers, count: part.corner.length, solid, section: solid ? Array.from(part.colours[0].slice(0, 4), (value) => value / 255) : FLESH };
     });
     middle = low.map((value, k) => (value + high[k]) / 2);
     reach = 0.6 * Math.max(...high.map((value, k) => value - low[k]));
+    unseen.hidden = choice.value !== "photo";
     bar.hidden = !name;
     if (!name) return;
     const said = choice.selectedOptions[0].dataset;
@@ -123,21 +124,50 @@
     gl.depthMask(true);
     gl.clear(gl.COLOR_BUFFER_BIT | gl.DEPTH_BUFFER_BIT);
     const from = cut.value > 0 ? low[1] + (cut.value / 100) * (high[1] - low[1]) : -1e9, photographed = choice.value === "photo";
-    const opaque = (part) => part.solid || photographed || from > -1e8;
-    for (const solid of [true, false]) {
-      if (solid) gl.disable(gl.BLEND); else gl.enable(gl.BLEND);
-      gl.depthMask(solid);
-      for (const face of solid && from < -1e8 ? [gl.BACK] : [gl.FRONT, gl.BACK]) {
-        gl.cullFace(face);
-        for (const part of parts.filter((one) => opaque(one) === solid)) {
-          gl.uniform1f(uniforms.from, part.solid ? -1e9 : from);
-          gl.uniform1i(uniforms.photographed, photographed && !part.solid);
-          gl.bindVertexArray(part.array);
-          gl.drawElements(gl.TRIANGLES, part.count, gl.UNSIGNED_SHORT, 0);
-        }
-      }
+    gl.uniform1f(uniforms.from, from);
+    const skin = parts.filter((part) => !part.solid), pit = parts.filter((part) => part.solid);
+    const faces = (culled, of) => {
+      gl.cullFace(culled);
+      for (const part of of) drawn(part, photographed && !part.solid);
+    };
+    gl.disable(gl.BLEND);
+    if (from > -1e8 || photographed) {
+      faces(gl.BACK, parts);
+      if (from > -1e8) [...skin, ...pit].forEach(filled);
+    } else {
+      faces(gl.BACK, pit);
+      gl.enable(gl.BLEND);
+      gl.depthMask(false);
+      faces(gl.FRONT, skin);
+      faces(gl.BACK, skin);
     }
     named(rows);
+  }
+
+  function drawn(part, photographed, section = [0, 0, 0, 0]) {
+    gl.uniform1i(uniforms.photographed, photographed);
+    gl.uniform4fv(uniforms.section, section);
+    gl.bindVertexArray(part.array);
+    gl.drawElements(gl.TRIANGLES, part.count, gl.UNSIGNED_SHORT, 0);
+  }
+
+  // A part's section: the plane is inside a closed surface where an odd number of its faces lie behind the plane
+  function filled(part) {
+    gl.disable(gl.CULL_FACE);
+    gl.disable(gl.DEPTH_TEST);
+    gl.enable(gl.STENCIL_TEST);
+    gl.clear(gl.STENCIL_BUFFER_BIT);
+    gl.stencilFunc(gl.ALWAYS, 0, 1);
+    gl.stencilOp(gl.INVERT, gl.INVERT, gl.INVERT);
+    gl.colorMask(false, false, false, false);
+    drawn(part, false);
+    gl.colorMask(true, true, true, true);
+    gl.stencilFunc(gl.NOTEQUAL, 0, 1);
+    gl.stencilOp(gl.KEEP, gl.KEEP, gl.KEEP);
+    drawn(part, false, part.section);
+    gl.disable(gl.STENCIL_TEST);
+    gl.enable(gl.DEPTH_TEST);
+    gl.enable(gl.CULL_FACE);
   }
 
   // Where stem and suture are, and a bar as long as so many millimetres
@@ -172,17 +202,25 @@
     scenes = [button.dataset.scene, button.dataset.explained].filter(Boolean).map(sceneOf);
     const photo = scenes.find((scene) => scene.photo);
     ends.forEach((end) => { end.hidden = !scenes[0].named; });
-    for (const option of choice.options) option.hidden = option.disabled = option.value === "photo" ? !photo : option.value !== "" && !scenes.some((scene) => scene.map && scene.map.name === option.value);
+    for (const option of choice.options) option.hidden = option.disabled = option.value === "photo" || option.value !== "" && !scenes.some((scene) => scene.map && scene.map.name === option.value);
     choice.closest("label").hidden = !photo && !scenes.some((scene) => scene.map);
-    choice.value = photo ? "photo" : "";
+    choice.value = "";
     cut.value = 0;
+    current = button;
     load();
-    if (!photo) return draw();
-    gl.uniform3fv(uniforms.eye, photo.photo.middle);
-    createImageBitmap(photo.jpeg).then((picture) => {
+    draw();
+    // until this fruit's photo is decoded, and where it cannot be, the skin has the pad contacts
+    if (photo) createImageBitmap(photo.jpeg).then((picture) => {
+      if (current !== button) return;
+      gl.uniform3fv(uniforms.eye, photo.photo.middle);
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, picture);
+      const option = choice.querySelector("[value=photo]");
+      option.hidden = option.disabled = false;
+      if (choice.value) return;
+      choice.value = "photo";
+      load();
       draw();
-    });
+    }, () => {});
   });
   choice.addEventListener("change", () => {
     load();

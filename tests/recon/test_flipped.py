@@ -127,7 +127,9 @@ def test_photos_that_cannot_be_used_leave_the_upright_mesh_with_a_warning(tmp_pa
 def reconstruction(side: ScannedSide, faces: np.ndarray, height_mm: float, **said: object) -> Reconstruction:
     """A scanned side as a reconstruction from the cameras around it."""
     cameras = [camera_at(place, [0.0, 0.0, height_mm / 2]) for place in around(height_mm)]
-    quality = replace(NOTHING_KNOWN, views_given=36, views_used=36, widest_gap_deg=30.0, seen_share=0.6)
+    quality = replace(
+        NOTHING_KNOWN, views_given=36, views_used=36, widest_gap_deg=30.0, seen_share=0.6, k1=0.0
+    )
     made = Reconstruction(
         vertices=side.vertices, faces=faces, scale_sd=0.001, surface_sd_mm=0.08, quality=quality,
         warnings=seen_doubts(quality), seconds={"outlines": 1.0}, frame="mat", cameras=tuple(cameras),
@@ -152,6 +154,9 @@ def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_sa
         photographed(over, faces, rng), faces, high[1], warnings=("one is dark.",), seconds={"outlines": 2.0}
     )
     merged = with_underside(upright, tuple, lambda photos: second, mat=None)
+    for camera, moved in zip(second.cameras, merged.flipped_cameras, strict=True):
+        off = np.linalg.norm(moved.project(true) - camera.project(over), axis=1)
+        assert off.max() < 0.02 * np.ptp(camera.project(over), axis=0).max()
     before, after = (volume_mm3(x, faces) for x in (upright.vertices, true))
     gained = volume_mm3(merged.vertices, merged.faces)
     assert abs(gained - after) < 0.4 * abs(before - after)

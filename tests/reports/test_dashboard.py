@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from browser import NODES, busy, chromium, reloaded
 
-from reports.entries import FruitEntry, VerdictEntry
+from reports.entries import FruitEntry, Picture, VerdictEntry
 from reports.page import report_html
 from reports.sheet_code import sheet_code
 from reports.tables import ranking_csv
@@ -22,6 +22,17 @@ MOST_NODES, MOST_LOAD_S = 2000, 1.5
 """Of a report of 500 fruit: nodes at a time; seconds until loaded, by the clock and of the processor."""
 TIMEOUT_MS = 120_000
 """Of each step: on a busy machine a browser starts slowly."""
+ENDS = """() => {
+  const place = (of) => of.getBoundingClientRect();
+  const sheet = document.querySelector("#card article");
+  const parts = [...sheet.children].filter((part) => part.offsetHeight && !part.matches(".qr"));
+  return parts.flatMap((part, k) => {
+    const end = k + 1 < parts.length ? place(parts[k + 1]).top : place(sheet).bottom;
+    const inside = [part, ...part.querySelectorAll("tr, figure, figcaption, img, canvas")];
+    return inside.map(place).filter((each) => each.height).map((each) => [each.top, each.bottom, end + 1]);
+  });
+}"""
+"""Top and bottom of all that a sheet shows of a fruit, and where the next part begins or the sheet ends."""
 CLASSES = (("ripe", 0.5), ("firm", 0.9), ("unripe", None))
 
 
@@ -174,14 +185,28 @@ def test_printing_gives_the_certificate_and_the_ranking_alone(shown):
 def test_a_sheet_is_one_page_with_a_code_that_another_reader_finds(
     browser, tmp_path, awkward_batch, graded, part, count
 ):
-    """The reader of the code is OpenCV's; the fruit has more warnings than most."""
+    """The reader of the code is OpenCV's; not all warnings, grasps and verdicts of the fruit have a place."""
     batch = lot(graded, awkward_batch, count)
     said = tuple(
-        f"Warning {k}: {'the photos do not show the underside of this fruit; ' * 3}" for k in range(6)
+        f"Warning {k}: {'the photos do not show the underside of this fruit; ' * 6}" for k in range(20)
     )
+    at_utc = datetime(2026, 11, 28, 9, 30, tzinfo=UTC)
+    verdict = VerdictEntry(
+        judged_class="firm",
+        by="A. Meier",
+        why="hard at the suture " * 9,
+        at_utc=at_utc,
+        E_MPa=0.2,
+        E_sd_MPa=0.01,
+    )
+    large = Picture(
+        webp=cv2.imencode(".webp", np.full((1200, 900, 3), 90, np.uint8))[1].tobytes(), file="a.jpg"
+    )
+    first = batch.fruits[0]
     first = replace(
-        batch.fruits[0], warnings=said, doubts=said[:2], grasps=2, recordings=2 * batch.fruits[0].recordings
-    )
+        first, warnings=said, doubts=said[:2], grasps=20, recordings=20 * first.recordings,
+        verdicts=5 * (verdict,), pictures=replace(first.pictures, photo=large, mesh=large),
+    )  # fmt: skip
     batch = replace(
         batch, fruits=(first, *batch.fruits[1:]), lot="H/07", cultivar="Big Top", packer="Huber Obst"
     )
@@ -203,6 +228,12 @@ def test_a_sheet_is_one_page_with_a_code_that_another_reader_finds(
     sign = page.locator(".sign:visible").bounding_box()
     assert 0 < sign["y"] < sign["y"] + sign["height"] <= 1017
     shown = page.locator("body").inner_text()
+    if part == "one":
+        for words in ("18 more warnings", "2 more notes", "14 more grasps"):
+            assert f"and {words} in the report" in shown
+        ends = page.evaluate(ENDS)
+        assert len(ends) >= 4 + 3 + 3 + 6 + 2 * 3
+        assert all(0 <= top < bottom <= least for top, bottom, least in ends), ends
     for word in ("H/07", "Big Top", "Huber Obst", "2026-08-14", "Signature"):
         assert word in shown
     page.close()
