@@ -4,7 +4,7 @@
 
 Balls of 60 mm between plates: force over that of axisymmetric elements (tests/fem/compressed_solid.py), which
 share nothing with fem/, at small strain and for neo-Hookean flesh, for several meshes. With --results, the
-results of `drupe grade` on samples/data/nectarines: readings by drupe's shape and pit against those of the true
+results of `drupe grade` on the sample nectarines: readings by drupe's shape and pit against those of the true
 ones. Both have the true E, so that the difference is the method's; so is its standard deviation.
 """
 

@@ -34,8 +34,8 @@ DIAMETERS_mm = (20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)
 PIT_SHARES = (0.0, 0.3, 0.45, 0.6)
 """Their pits' diameters over their own: as far as the table of spheroids goes."""
 BALL_FROM_mm = 50.0
-"""Smaller fruit, and pits, change what the ball reads: by mesh it goes 0.73 mm, not 0.89 mm, into a fruit of
-20 mm with a pit of 0.6."""
+"""Smaller fruit, and pits, change what the ball reads: by mesh it goes 0.66 mm, not 0.79 mm, into a fruit of
+20 mm and 0.6 MPa with a pit of 0.6."""
 PENDING = "not simulated yet: run drupe firmness again"
 
 Limit = tuple[TradeTest, float]
