@@ -18,12 +18,15 @@ COLOURS = ("c0", "c2", "c3", "c4")
 
 @dataclass(frozen=True, kw_only=True)
 class TradeWords:
-    """A test: its column, what it is, its unit and where it comes from."""
+    """A test: its column, what it is, its unit and where it comes from. `drawn_for`: the fruit of its chart,
+    where not all.
+    """
 
     name: str
     title: str
     unit: str
     source: str
+    drawn_for: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -26,7 +26,9 @@ BALL_N = 1.0
 """Set by hand: the ball goes less than its radius into flesh of 0.1 MPa or more."""
 SQUEEZE = {(5, "N/mm"): "Karageorgiadou et al., Horticulturae 10, 2024, 435"}
 """Who squeezes a fruit by how many per cent of its diameter, and in which unit."""
-ONE_PLATE = "Two plates give the lower bound of FirmTech's reading, one rigid contact up to twice as much"
+SINGLE_CONTACT = (
+    "Two plates give the lower bound of FirmTech's reading, one rigid contact up to twice as much"
+)
 """FirmTech's loading is between the two (Tetteh et al., abstract). At one force one contact gives way half as
 far as two, and E goes with the slope's power 3/2: 2^(3/2) = 2.8."""
 
@@ -77,7 +79,7 @@ def trade_tests(*, chord_gf: tuple[float, float] = CHORD_GF, ball_N: float = BAL
             unit="gf/mm",
             source="Tetteh et al., Trans. ASABE 49, 2006, 113-121",
             read=partial(_chord, chord_gf),
-            caveat=ONE_PLATE,
+            caveat=SINGLE_CONTACT,
         ),
         TradeTest(
             name=f"ball_{2 * BALL_MM:g}mm_{ball_N:g}N_mm",

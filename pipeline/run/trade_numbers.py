@@ -113,7 +113,8 @@ def _write(
 
 def _words(test: TradeTest) -> TradeWords:
     source = ". ".join(filter(None, (test.source, test.caveat)))
-    return TradeWords(name=test.name, title=test.title, unit=test.unit, source=source)
+    drawn_for = "no pit, large fruit" if test.under_ball else ""
+    return TradeWords(name=test.name, title=test.title, unit=test.unit, source=source, drawn_for=drawn_for)
 
 
 def _limits(texts: Sequence[str], tests: Sequence[TradeTest]) -> list[Limit]:
@@ -236,10 +237,9 @@ def _table(done: Sequence[TradeFruit], tests: Sequence[TradeTest], graded_utc: s
         shown = {
             name: None if x is None else float(f"{x:.4g}") for name, x in {**numbers, **fruit.E_at}.items()
         }
-        words = {name: safe_cell(getattr(fruit, name)) for name in ("doubt", "reason")}
-        rows.append(
-            {"fruit_id": safe_cell(fruit.fruit_id)} | shown | {"finished_utc": safe_cell(graded_utc)} | words
-        )
+        words = {"doubt": safe_cell(fruit.doubt), "reason": safe_cell(fruit.reason)}
+        when = safe_cell(graded_utc)
+        rows.append({"fruit_id": safe_cell(fruit.fruit_id), **shown, "finished_utc": when, **words})
     table = pd.DataFrame(rows)
     last = ["finished_utc", "doubt", "reason"]
     return table[[name for name in table if name not in last] + last]
