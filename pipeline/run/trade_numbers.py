@@ -234,7 +234,7 @@ def _table(done: Sequence[TradeFruit], tests: Sequence[TradeTest], graded_utc: s
         for test in tests:
             value, sd = fruit.readings.get(test.name, (math.nan, math.nan))
             numbers |= {test.name: value, f"{test.name}_sd": sd}
-        shown = {
+        shown: dict[str, Any] = {
             name: None if x is None else float(f"{x:.4g}") for name, x in {**numbers, **fruit.E_at}.items()
         }
         words = {"doubt": safe_cell(fruit.doubt), "reason": safe_cell(fruit.reason)}
