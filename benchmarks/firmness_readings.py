@@ -4,8 +4,8 @@
 
 Balls of 60 mm between plates: force over that of axisymmetric elements (tests/fem/compressed_solid.py), which
 share nothing with fem/, at small strain and for neo-Hookean flesh, for several meshes. With --results, the
-results of `drupe grade` and `drupe firmness` of samples/data/nectarines: each reading against the one of the
-true shape, pit and E, in standard deviations.
+results of `drupe grade` on the sample nectarines: readings by drupe's shape and pit against those of the true
+ones. Both have the true E, so that the difference is the method's; so is its standard deviation.
 """
 
 import argparse
@@ -14,10 +14,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 
 from fem.indentation import simulated_presses as presses
-from fem.indentation.trade_tests import trade_tests
+from fem.indentation.trade_tests import reading, trade_tests
+from pipeline.batch.layout import Results
+from pipeline.batch.records import read_record
+from pipeline.run.trade_numbers import fruit_presses
 from samples.fruit import fruits_of_seed, skin_mesh
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "fem"))
@@ -25,7 +27,7 @@ from compressed_solid import linear, neo_hookean, spheroid
 from fem_shapes import ball
 
 ANSWERS = Path(__file__).parents[1] / "samples" / "data" / "nectarines" / "answers.json"
-SHARES = (0.01, 0.02, 0.05)
+SHARES = (0.0025, 0.005, 0.01, 0.02, 0.05)
 SURE = {"poisson_ratio_sd": 0.0, "pit_size_sd": 0.0}
 
 
@@ -47,18 +49,28 @@ def balls(nu=0.45, radius=30.0):
 
 
 def nectarines(results):
-    """Rows: fruit, test, reading of the true fruit, reading found, and their difference in sd."""
-    readings = pd.read_csv(results / "firmness.csv").set_index("fruit_id")
+    """Rows: fruit, test, reading of the true fruit and of drupe's, difference and sd in %, and in sd."""
+    folders = sorted(path.parent.name for path in results.glob("fruits/*/record.json"))
     seed = json.loads(ANSWERS.read_text())["seed"]
-    for fruit in fruits_of_seed(len(readings), seed=seed):
+    for fruit in fruits_of_seed(len(folders), seed=seed):
+        folder = Results(results).fruit(fruit.fruit_id)
+        by_drupe = fruit_presses(read_record(folder.record), folder)
         pit = ball(3000, semi_axes_mm=fruit.pit.semi_axes_mm, centre_mm=fruit.pit.centre_mm)
         true = presses.simulated_presses(
             skin_mesh(fruit.skin, cells=48), pit, poisson_ratio=fruit.poisson_ratio, **SURE
         )[0]
         for test in trade_tests():
-            truth, row = test.read(true, fruit.E_MPa)[0], readings.loc[fruit.fruit_id]
-            off = (row[test.name] - truth) / row[f"{test.name}_sd"]
-            yield fruit.fruit_id, test.name, f"{truth:.4g}", row[test.name], round(off, 2)
+            truth = test.read(true, fruit.E_MPa)[0]
+            value, sd = reading(test, by_drupe, E_MPa=fruit.E_MPa, E_sd_MPa=0.0)
+            shares = (f"{100 * x / truth:.2f}" for x in (value - truth, sd))
+            yield (
+                fruit.fruit_id,
+                test.name,
+                f"{truth:.4g}",
+                f"{value:.4g}",
+                *shares,
+                f"{(value - truth) / sd:.2f}",
+            )
 
 
 if __name__ == "__main__":

@@ -18,18 +18,21 @@ COLOURS = ("c0", "c2", "c3", "c4")
 
 @dataclass(frozen=True, kw_only=True)
 class TradeWords:
-    """A test: its column, what it is, its unit and where it comes from."""
+    """A test: its column, what it is, its unit and where it comes from. `drawn_for`: the fruit of its chart,
+    where not all.
+    """
 
     name: str
     title: str
     unit: str
     source: str
+    drawn_for: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TradeFruit:
     """A fruit's readings by test, each with its standard deviation, or why there are none. NaN: out of the
-    simulation's reach. `E_at`: moduli by the column of a limit.
+    simulation's reach. `E_at`: moduli by the column of a limit. `doubt`: what cannot be right in its inputs.
     """
 
     fruit_id: str
@@ -39,12 +42,15 @@ class TradeFruit:
     pit_share: float | None = None
     readings: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     E_at: Mapping[str, float] = field(default_factory=dict)
+    doubt: str = ""
     reason: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SizeEffect:
-    """Readings of round fruit of one E: by test, for each pit share a value at each diameter."""
+    """Readings of round fruit of one E: by test, for each pit share a value at each diameter; NaN where
+    none holds.
+    """
 
     E_MPa: float
     poisson_ratio: float
@@ -55,9 +61,10 @@ class SizeEffect:
 
 @dataclass(frozen=True, kw_only=True)
 class TradeEntry:
-    """What the page shows."""
+    """What the page shows. `graded_utc`: when the grading ended."""
 
     made_utc: datetime
+    graded_utc: str
     folder: str
     tests: tuple[TradeWords, ...]
     fruit: tuple[TradeFruit, ...]
@@ -93,17 +100,20 @@ def size_chart(test: TradeWords, sizes: SizeEffect) -> Markup:
     )
     parts = [plot.axis_x("Diameter (mm)", at_most=7), plot.axis_y(test.unit, at_most=5)]
     for k, line in enumerate(values):
-        parts.append(plot.line(diameters, line, class_=f"lot {COLOURS[k]}"))
+        if np.isfinite(line).any():
+            parts.append(plot.line(diameters, line, class_=f"lot {COLOURS[k]}"))
     if not shown.any():
         parts.append(label("out of reach", 180.0, 110.0, anchor="middle"))
     ends = "; ".join(
-        f"pit {share:.0%}: {line[0]:.3g} to {line[-1]:.3g} {test.unit}"
-        for share, line in zip(sizes.pit_shares, values, strict=True)
+        f"pit {share:.0%}: {line[there][0]:.3g} to {line[there][-1]:.3g} {test.unit}"
+        for share, line, there in zip(sizes.pit_shares, values, shown, strict=True)
+        if there.any()
     )
+    reached = diameters[shown.any(axis=0)] if shown.any() else diameters
     return drawing(
         *parts,
         width=320.0,
         height=232.0,
         title=test.title,
-        description=f"From {diameters[0]:g} to {diameters[-1]:g} mm at one E: {ends}",
+        description=f"From {reached[0]:g} to {reached[-1]:g} mm at one E: {ends}",
     )

@@ -24,7 +24,13 @@ CHORD_GF = (50.0, 350.0)
 """Set by hand; an instrument's own settings take their place."""
 BALL_N = 1.0
 """Set by hand: the ball goes less than its radius into flesh of 0.1 MPa or more."""
-SQUEEZE = "force at a share of the diameter: Karageorgiadou et al., Horticulturae 10, 2024, 435"
+SQUEEZE = {(5, "N/mm"): "Karageorgiadou et al., Horticulturae 10, 2024, 435"}
+"""Who squeezes a fruit by how many per cent of its diameter, and in which unit."""
+SINGLE_CONTACT = (
+    "Two plates give the lower bound of FirmTech's reading, one rigid contact up to twice as much"
+)
+"""FirmTech's loading is between the two (Tetteh et al., abstract). At one force one contact gives way half as
+far as two, and E goes with the slope's power 3/2: 2^(3/2) = 2.8."""
 
 _Read = Callable[[FruitPresses, float], tuple[float, float]]
 
@@ -33,6 +39,7 @@ _Read = Callable[[FruitPresses, float], tuple[float, float]]
 class TradeTest:
     """`name` holds the conditions and ends with the unit. `read`: reading and depth (mm) for E in MPa, NaN
     where the simulation does not reach. `force_sd`: relative standard deviation of the force at a depth.
+    `caveat`: how an instrument may read otherwise.
     """
 
     name: str
@@ -41,6 +48,12 @@ class TradeTest:
     source: str
     read: _Read
     force_sd: Callable[[FruitPresses, float], float] = FruitPresses.plates_sd
+    caveat: str = ""
+
+    @property
+    def under_ball(self) -> bool:
+        """Whether the ball presses, and not the plates."""
+        return self.force_sd is FruitPresses.ball_sd
 
 
 def trade_tests(*, chord_gf: tuple[float, float] = CHORD_GF, ball_N: float = BALL_N) -> tuple[TradeTest, ...]:
@@ -54,7 +67,7 @@ def trade_tests(*, chord_gf: tuple[float, float] = CHORD_GF, ball_N: float = BAL
             name=f"plates_{percent}pct_{unit.replace('/', '_per_')}",
             title=f"Plates, {percent} % of the diameter",
             unit=unit,
-            source=SQUEEZE,
+            source=SQUEEZE.get((percent, unit), "no standard: the squeeze is the condition"),
             read=partial(read, percent / 100),
         )
 
@@ -66,6 +79,7 @@ def trade_tests(*, chord_gf: tuple[float, float] = CHORD_GF, ball_N: float = BAL
             unit="gf/mm",
             source="Tetteh et al., Trans. ASABE 49, 2006, 113-121",
             read=partial(_chord, chord_gf),
+            caveat=SINGLE_CONTACT,
         ),
         TradeTest(
             name=f"ball_{2 * BALL_MM:g}mm_{ball_N:g}N_mm",
@@ -79,7 +93,7 @@ def trade_tests(*, chord_gf: tuple[float, float] = CHORD_GF, ball_N: float = BAL
             name="s368_5pct_MPa",
             title="Apparent modulus, plates at 5 %",
             unit="MPa",
-            source="ANSI/ASAE S368.4 DEC2000, parallel plates, Poisson's ratio 0.49",
+            source="ANSI/ASAE S368.4 DEC2000, parallel plates, Poisson's ratio 0.49, the ellipsoid's radii",
             read=partial(_apparent_modulus, 0.05),
         ),
     )

@@ -56,6 +56,8 @@ class PitRecord(_Record):
     box_mm: tuple[float, float, float]
     thinnest_flesh_mm: float
     flesh_volume_mm3: float
+    size_sd: float | None = None
+    """Relative standard deviation of its size that graded the fruit; None before it is graded."""
 
 
 class PressedRecord(_Record):

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from pipeline.batch.layout import PARTS, BatchFolder, CaseFolder, FruitResults, Results
-from pipeline.files.manifest import was_ours
+from pipeline.files.manifest import is_ours, strange_list, was_ours
 from pipeline.files.plain_file import not_plain
 from pipeline.problem import BatchRefused, Problem, refused
 
@@ -57,6 +57,13 @@ def require_free(
     ]
     if obstacles:
         raise BatchRefused(_in_the_way(path, option) for path in dict.fromkeys(obstacles))
+
+
+def require_targets_free(root: Path, targets: Iterable[Path], option: str) -> None:
+    """The same of these files in the results folder `root` alone."""
+    taken = [path for path in targets if (path.is_symlink() or path.exists()) and not is_ours(path)]
+    if obstacles := [*strange_list(root), *taken]:
+        raise BatchRefused(_in_the_way(path, option) for path in obstacles)
 
 
 def require_work_apart(work: Path, case: CaseFolder, inputs: Iterable[Path]) -> None:

@@ -31,10 +31,10 @@ def firmness(
     """Simulate standard firmness tests on each graded fruit: plates, FirmTech, a 5 mm ball, ASAE S368.4.
 
     drupe presses the fruit's own mesh and pit with its E, and states each reading with its error. It writes
-    OUT/firmness.csv and OUT/firmness.html, and changes no other result. It takes about 10 s of CPU
-    per fruit.
+    OUT/firmness.csv and OUT/firmness.html after each fruit, and changes no other result. It takes about
+    10 s of CPU per fruit.
 
-    Exit status: 0 done; 1 internal error; 2 usage or unreadable results.
+    Exit status: 0 done; 1 internal error; 2 usage or unreadable results; 130 interrupted.
 
     Example: drupe firmness monday/results --limit plates_5pct_N=10
     """

@@ -111,6 +111,9 @@ def grasped_fruit(task: FruitTask, log: StageLog, *, explains: bool = False) -> 
             solver=solver_name(),
         )
     return_freed_memory()
+    budget = error_budget(task, shape, [grasp.recording for grasp in placed])
+    if facts.pit is not None:
+        facts.pit = facts.pit.model_copy(update={"size_sd": budget.pit_size_sd})
     return GraspedFruit(
         shape=shape,
         pit=pit,
@@ -118,7 +121,7 @@ def grasped_fruit(task: FruitTask, log: StageLog, *, explains: bool = False) -> 
         failed=failed,
         mesh=mesh,
         poisson_ratio=nu,
-        budget=error_budget(task, shape, [grasp.recording for grasp in placed]),
+        budget=budget,
         doubts=tuple(doubts),
     )
 

@@ -1,6 +1,7 @@
 """`drupe firmness`: standard tests simulated on graded fruit, as lines, a table and a page."""
 
 import math
+import os
 import statistics
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
@@ -14,13 +15,14 @@ from fem.estimation.error_budget import ErrorBudget
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.simulated_presses import FruitPresses, simulated_presses, spheroid_presses
 from fem.indentation.trade_tests import TradeTest, modulus_at, reading
+from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.layout import FruitResults, Results, write_whole
 from pipeline.batch.provenance import require_provenance
 from pipeline.batch.records import FruitRecord, read_record
-from pipeline.batch.write_guard import require_free
+from pipeline.batch.results_lock import results_lock
+from pipeline.batch.write_guard import require_targets_free
 from pipeline.files.plain_file import printable
 from pipeline.problem import nearest, refused
-from recon.pit.priors import load_prior
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import read_mesh
 from reports.tables import safe_cell
@@ -31,6 +33,10 @@ DIAMETERS_mm = (20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)
 """Of the page's round fruit: from cherries to large peaches."""
 PIT_SHARES = (0.0, 0.3, 0.45, 0.6)
 """Their pits' diameters over their own: as far as the table of spheroids goes."""
+BALL_FROM_mm = 50.0
+"""Smaller fruit, and pits, change what the ball reads: by mesh it goes 0.66 mm, not 0.79 mm, into a fruit of
+20 mm and 0.6 MPa with a pit of 0.6."""
+PENDING = "not simulated yet: run drupe firmness again"
 
 Limit = tuple[TradeTest, float]
 """A test and a limit in its unit."""
@@ -39,33 +45,86 @@ Limit = tuple[TradeTest, float]
 def trade_numbers(
     out: Path, tests: Sequence[TradeTest], limits: Sequence[str], *, now: datetime
 ) -> Iterator[str]:
-    """Simulates the tests fruit by fruit, a line each; then writes firmness.csv and firmness.html in `out`.
+    """Simulates the tests fruit by fruit, a line each; after each, writes firmness.csv and firmness.html in
+    `out`, with a reason for every fruit without readings.
 
     `limits`: texts TEST=VALUE. Raises BatchRefused before anything is computed where results or options are
     not sound; and NotWritten.
     """
     results = Results(out)
     said = require_provenance(results)
-    asked = [_limit(text, tests) for text in limits]
-    require_free(results, [], "drupe grade --out", tables=(results.firmness, results.firmness_page))
-    folders = [results.fruit(str(name)) for name in said.get("outcomes") or ()]
+    names = _fruit_names(results, said)
+    asked = _limits(limits, tests)
+    graded_utc = str(said.get("finished_utc") or "")
     done: list[TradeFruit] = []
-    for folder in folders:
-        if (record := read_record(folder.record)) is not None:
-            done.append(_simulated(record, folder, said.get("settings") or {}, tests, asked))
+    with results_lock(out):
+        targets = (results.firmness, results.firmness_page)
+        require_targets_free(out, targets, "drupe grade --out")
+        if not os.access(out, os.W_OK):
+            raise refused(out, "cannot be written; ask for the right to write there.")
+        for name in names:
+            done.append(_simulated(name, results.fruit(name), tests, asked))
+            waiting = [TradeFruit(fruit_id=later, reason=PENDING) for later in names[len(done) :]]
+            _write(results, [*done, *waiting], tests, now=now, graded_utc=graded_utc)
             yield _line(done[-1], tests)
     yield from (_limit_line(limit, done) for limit in asked)
-    write_whole(results.firmness, _table(done, tests).to_csv(index=False, lineterminator="\n"))
-    moduli = [fruit.E_MPa for fruit in done if fruit.readings and fruit.E_MPa]
+    simulated = sum(not fruit.reason for fruit in done)
+    yield f"{results.firmness} and {results.firmness_page.name}: {simulated} of {len(done)} fruit"
+
+
+def _fruit_names(results: Results, said: dict[str, Any]) -> list[str]:
+    """Of batch.json, which may be a stranger's: names that lead out of the folder are refused."""
+    outcomes = said.get("outcomes")
+    if said.get("exit_status") is None:
+        raise refused(results.provenance, "belongs to an unfinished run; let `drupe grade` finish it first.")
+    if not isinstance(outcomes, dict):
+        sentence = "is damaged or from another version (outcomes is no table); grade the batch again."
+        raise refused(results.provenance, sentence)
+    if not outcomes:
+        raise refused(results.root, "contains no fruit's record; run `drupe grade` first.")
+    for name in outcomes:
+        if not SAFE_ID.fullmatch(name):
+            sentence = f'contains a fruit_id that drupe never writes, "{printable(name[:80])}"; grade again.'
+            raise refused(results.provenance, sentence)
+    return list(outcomes)
+
+
+def _write(
+    results: Results,
+    fruit: Sequence[TradeFruit],
+    tests: Sequence[TradeTest],
+    *,
+    now: datetime,
+    graded_utc: str,
+) -> None:
+    table = _table(fruit, tests, graded_utc)
+    write_whole(results.firmness, table.to_csv(index=False, lineterminator="\n"))
+    moduli = [row.E_MPa for row in fruit if row.readings and row.E_MPa]
     entry = TradeEntry(
         made_utc=now,
-        folder=printable(str(out)),
-        tests=tuple(TradeWords(name=t.name, title=t.title, unit=t.unit, source=t.source) for t in tests),
-        fruit=tuple(done),
+        graded_utc=graded_utc,
+        folder=printable(str(results.root)),
+        tests=tuple(_words(test) for test in tests),
+        fruit=tuple(fruit),
         sizes=_sizes(tests, E_MPa=statistics.median(moduli or [0.5])),
     )
     write_whole(results.firmness_page, trade_html(entry))
-    yield f"{results.firmness} and {results.firmness_page.name}: {len(moduli)} of {len(done)} fruit"
+
+
+def _words(test: TradeTest) -> TradeWords:
+    source = ". ".join(filter(None, (test.source, test.caveat)))
+    drawn_for = "no pit, large fruit" if test.under_ball else ""
+    return TradeWords(name=test.name, title=test.title, unit=test.unit, source=source, drawn_for=drawn_for)
+
+
+def _limits(texts: Sequence[str], tests: Sequence[TradeTest]) -> list[Limit]:
+    limits = [_limit(text, tests) for text in texts]
+    columns = [_column(limit) for limit in limits]
+    for k, column in enumerate(columns):
+        if column in columns[:k]:
+            sentence = f'found "{printable(texts[k][:80])}", which has the same column {column} as another.'
+            raise refused("--limit", sentence)
+    return limits
 
 
 def _limit(text: str, tests: Sequence[TradeTest]) -> Limit:
@@ -83,49 +142,58 @@ def _limit(text: str, tests: Sequence[TradeTest]) -> Limit:
 
 
 def _simulated(
-    record: FruitRecord,
-    folder: FruitResults,
-    settings: dict[str, Any],
-    tests: Sequence[TradeTest],
-    limits: Sequence[Limit],
+    name: str, folder: FruitResults, tests: Sequence[TradeTest], limits: Sequence[Limit]
 ) -> TradeFruit:
+    record = read_record(folder.record)
+    if record is None:
+        return TradeFruit(fruit_id=name, reason="its record.json is missing or cannot be read; grade again")
+    if record.given.reference:
+        return TradeFruit(fruit_id=name, reason="it is a reference body, no fruit")
     E_MPa, E_sd_MPa = record.ranked_modulus
     if E_MPa is None or E_sd_MPa is None or record.modulus is None:
-        return TradeFruit(fruit_id=record.fruit_id, reason=record.reason or record.outcome)
-    E_sd_MPa = math.hypot(E_sd_MPa, record.modulus.scale_sd_MPa / record.modulus.E_MPa * E_MPa)
+        return TradeFruit(fruit_id=name, reason=record.reason or record.outcome)
+    if not 0 < E_MPa < math.inf:
+        return TradeFruit(fruit_id=name, reason=f"its E is {E_MPa:g} MPa")
+    E_sd_MPa = math.hypot(E_sd_MPa, _scale_sd(record) * E_MPa)
     try:
-        presses = _presses(record, folder, settings)
+        presses = fruit_presses(record, folder)
     except (FemFailure, ReconFailure) as failure:
-        return TradeFruit(fruit_id=record.fruit_id, reason=str(failure))
+        return TradeFruit(fruit_id=name, reason=str(failure))
     return TradeFruit(
-        fruit_id=record.fruit_id,
+        fruit_id=name,
         E_MPa=E_MPa,
         E_sd_MPa=E_sd_MPa,
         diameter_mm=presses[0].diameters_mm[0],
         pit_share=presses[0].pit_share,
         readings={test.name: reading(test, presses, E_MPa=E_MPa, E_sd_MPa=E_sd_MPa) for test in tests},
         E_at={_column(limit): modulus_at(limit[0], presses[0], limit[1]) for limit in limits},
+        doubt=" ".join(record.doubts),
     )
 
 
-def _presses(record: FruitRecord, folder: FruitResults, settings: dict[str, Any]) -> tuple[FruitPresses, ...]:
-    """On the fruit's mesh. The pit's spread: found by grasps, stated in the batch, or its category's."""
+def _scale_sd(record: FruitRecord) -> float:
+    """Relative standard deviation of E by the sensor's scale, as reference bodies leave it."""
+    if record.reference is not None:
+        return record.reference.E_scale_sd_MPa / record.reference.E_MPa
+    return 0.0 if record.modulus is None else record.modulus.scale_sd_MPa / record.modulus.E_MPa
+
+
+def fruit_presses(record: FruitRecord, folder: FruitResults) -> tuple[FruitPresses, ...]:
+    """Of the fruit's mesh and pit, with the spreads that graded it. Raises FemFailure and ReconFailure.
+
+    Records of earlier versions have the pit's spread only where grasps looked for the pit.
+    """
     if record.flesh is None or record.mesh is None:
         raise FemFailure(FemProblem.BAD_LOAD, "it has diameters, but no mesh")
-    pit_found = record.modulus and record.modulus.pit_found
-    pit_size_sd = (
-        pit_found.size_sd / pit_found.size if pit_found else (settings.get("pit") or {}).get("size_sd")
-    )
-    with suppress(ReconFailure):
-        if pit_size_sd is None:
-            pit_size_sd = load_prior(str(settings.get("category"))).size_sd
+    sought = record.modulus and record.modulus.pit_found
+    pit_size_sd = (record.pit and record.pit.size_sd) or (sought and sought.size_prior_sd)
     surface_sd = record.mesh.surface_sd_mm
     return simulated_presses(
         read_mesh(folder.fruit_ply),
-        read_mesh(folder.pit_ply) if folder.pit_ply.is_file() else None,
+        read_mesh(folder.pit_ply) if record.pit else None,
         poisson_ratio=record.flesh.poisson_ratio,
         poisson_ratio_sd=record.flesh.poisson_ratio_sd,
-        pit_size_sd=ErrorBudget.pit_size_sd if pit_size_sd is None else pit_size_sd,
+        pit_size_sd=pit_size_sd or ErrorBudget.pit_size_sd,
         surface_sd_mm=ErrorBudget.surface_sd_mm if surface_sd is None else surface_sd,
     )
 
@@ -133,19 +201,25 @@ def _presses(record: FruitRecord, folder: FruitResults, settings: dict[str, Any]
 def _line(fruit: TradeFruit, tests: Sequence[TradeTest]) -> str:
     if fruit.reason:
         return f"{fruit.fruit_id}: not simulated: {printable(fruit.reason)}"
+    doubt = f"; in doubt: {printable(fruit.doubt)}" if fruit.doubt else ""
     read = [f"{with_sd(*fruit.readings[t.name])} {t.unit} ({t.title})" for t in tests]
-    return f"{fruit.fruit_id}: E {with_sd(fruit.E_MPa, fruit.E_sd_MPa)} MPa; {'; '.join(read)}"
+    return f"{fruit.fruit_id}: E {with_sd(fruit.E_MPa, fruit.E_sd_MPa)} MPa; {'; '.join(read)}{doubt}"
 
 
 def _limit_line(limit: Limit, done: Sequence[TradeFruit]) -> str:
-    reached = [E for fruit in done if math.isfinite(E := fruit.E_at.get(_column(limit), math.nan))]
+    sound = [fruit for fruit in done if not fruit.doubt]
+    reached = [E for fruit in sound if math.isfinite(E := fruit.E_at.get(_column(limit), math.nan))]
     named = f"{limit[1]:g} {limit[0].unit} ({limit[0].title})"
+    doubted = ", ".join(fruit.fruit_id for fruit in done if fruit.doubt)
+    without = f" Left out, because in doubt: {doubted}." if doubted else ""
     if not reached:
-        return f"{named}: no simulated E of these fruit reads it."
+        return f"{named}: no simulated E of these fruit reads it.{without}"
     middle = statistics.median(reached)
+    warning = f" {limit[0].caveat}: E is up to 2.8 times too large." if limit[0].caveat else ""
     return (
         f"{named}: these fruit read it at E = {middle:.3g} MPa (median; {min(reached):.3g} to "
         f"{max(reached):.3g} by size and pit). In batch.toml: E_max_MPa = {middle:.3g}"
+        f"{'.' * bool(without or warning)}{without}{warning}"
     )
 
 
@@ -153,19 +227,22 @@ def _column(limit: Limit) -> str:
     return f"E_MPa_at_{limit[1]:g}_{limit[0].name}"
 
 
-def _table(done: Sequence[TradeFruit], tests: Sequence[TradeTest]) -> pd.DataFrame:
+def _table(done: Sequence[TradeFruit], tests: Sequence[TradeTest], graded_utc: str) -> pd.DataFrame:
     rows = []
     for fruit in done:
         numbers = {name: getattr(fruit, name) for name in ("E_MPa", "E_sd_MPa", "diameter_mm", "pit_share")}
         for test in tests:
             value, sd = fruit.readings.get(test.name, (math.nan, math.nan))
             numbers |= {test.name: value, f"{test.name}_sd": sd}
-        shown = {
+        shown: dict[str, Any] = {
             name: None if x is None else float(f"{x:.4g}") for name, x in {**numbers, **fruit.E_at}.items()
         }
-        rows.append({"fruit_id": safe_cell(fruit.fruit_id)} | shown | {"reason": safe_cell(fruit.reason)})
+        words = {"doubt": safe_cell(fruit.doubt), "reason": safe_cell(fruit.reason)}
+        when = safe_cell(graded_utc)
+        rows.append({"fruit_id": safe_cell(fruit.fruit_id), **shown, "finished_utc": when, **words})
     table = pd.DataFrame(rows)
-    return table[[name for name in table if name != "reason"] + ["reason"]]
+    last = ["finished_utc", "doubt", "reason"]
+    return table[[name for name in table if name not in last] + last]
 
 
 def _sizes(tests: Sequence[TradeTest], *, E_MPa: float, poisson_ratio: float = 0.45) -> SizeEffect:
@@ -176,7 +253,14 @@ def _sizes(tests: Sequence[TradeTest], *, E_MPa: float, poisson_ratio: float = 0
             spheroid_presses((d, d, d), pit_share=share, poisson_ratio=poisson_ratio) for d in DIAMETERS_mm
         ]
         for test in tests:
-            values[test.name].append([test.read(presses, E_MPa)[0] for presses in fruit])
+            values[test.name].append(
+                [
+                    math.nan
+                    if test.under_ball and (share > 0 or diameter < BALL_FROM_mm)
+                    else test.read(presses, E_MPa)[0]
+                    for diameter, presses in zip(DIAMETERS_mm, fruit, strict=True)
+                ]
+            )
     return SizeEffect(
         E_MPa=E_MPa,
         poisson_ratio=poisson_ratio,

@@ -1,15 +1,34 @@
 """`drupe firmness` reads results alone, presses each fruit's own mesh, and changes nothing else."""
 
 import csv
+import json
 
 import numpy as np
 import pytest
+from explain_runs import NO_MESH
 from graded_results import graded, results_of
-from small_batches import write_ball
+from small_batches import batch_of_nectarines, write_ball
 
+import pipeline.fruit.grasped
 from fem.indentation.compressed_ellipsoid import Ellipsoid
+from fem.indentation.simulated_presses import spheroid_presses
+from fem.indentation.trade_tests import trade_tests
 from pipeline.batch.layout import Results, write_whole
-from pipeline.batch.records import FleshRecord, MeshRecord
+from pipeline.batch.opening import open_batch
+from pipeline.batch.records import (
+    FleshRecord,
+    MeshRecord,
+    ModulusRecord,
+    PitRecord,
+    ReferenceRecord,
+    TemperatureRecord,
+    write_record,
+)
+from pipeline.batch.results_lock import results_lock
+from pipeline.batch.task import fruit_task
+from pipeline.fruit.grasped import grasped_fruit
+from pipeline.fruit.stage_log import StageLog
+from pipeline.run import trade_numbers
 from recon.surface.mesh_file import mesh_bytes, read_mesh
 
 MESH = MeshRecord(
@@ -18,6 +37,11 @@ MESH = MeshRecord(
 )  # fmt: skip
 FLESH = FleshRecord(nodes=1, tets=1, poisson_ratio=0.45, poisson_ratio_sd=0.0, poisson_ratio_source="batch")
 RADIUS_MM, E_MPa = 28.0, 0.5
+PIT = PitRecord(
+    source="prior", volume_mm3=9e3, centre_mm=(0, 0, 0), box_mm=(25, 25, 25), thinnest_flesh_mm=9,
+    flesh_volume_mm3=8e4, size_sd=0.07,
+)  # fmt: skip
+CHANGES = {"mesh": MESH, "flesh": FLESH}
 
 
 @pytest.fixture(scope="module")
@@ -99,3 +123,188 @@ def test_what_cannot_be_is_refused_before_anything_is_simulated(drupe, out, word
 
 def test_no_results_are_refused(drupe, tmp_path):
     assert drupe("firmness", tmp_path).status == 2
+
+
+@pytest.fixture
+def by_table(monkeypatch):
+    """The table of spheroids in the place of elements; how many fruit were asked for."""
+    asked = []
+
+    def presses(record, _folder):
+        asked.append(record.fruit_id)
+        return (spheroid_presses((56.0,) * 3, pit_share=0.4, poisson_ratio=0.45),)
+
+    monkeypatch.setattr(trade_numbers, "fruit_presses", presses)
+    return asked
+
+
+def changed_json(path, **changes):
+    """Written as drupe writes it."""
+    write_whole(path, json.dumps(json.loads(path.read_text("utf-8")) | changes))
+
+
+def test_every_fruit_has_a_row_and_only_fruit_without_doubt_make_a_limit(drupe, tmp_path, by_table):
+    out = results_of(
+        tmp_path / "results",
+        [
+            graded("A", E_MPa, changes=CHANGES),
+            graded("B", E_MPa, changes=CHANGES, doubts=["the pit is too large."]),
+            graded("C", E_MPa, changes=CHANGES, reference=True, reference_E_MPa=0.5, reference_E_sd_MPa=0.01),
+            graded("D", 0.0, changes=CHANGES),
+            graded("E", E_MPa, changes=CHANGES),
+        ],
+    )
+    Results(out).fruit("E").record.write_text("{}")
+    done = drupe("firmness", out, "--limit", "chord_50_350gf_gf_per_mm=300", "--limit", "plates_5pct_N=10")
+    assert done.status == 0, done.err
+    table = rows(out)
+    assert list(table) == ["A", "B", "C", "D", "E"]
+    assert by_table == ["A", "B"]
+    assert "reference body" in table["C"]["reason"]
+    assert table["D"]["reason"] == "its E is 0 MPa"
+    assert "cannot be read" in table["E"]["reason"]
+    assert not table["C"]["plates_5pct_N"]
+    assert table["B"]["doubt"] == "the pit is too large."
+    assert {row["finished_utc"] for row in table.values()} == {"2026-08-10T12:00:00Z"}
+    assert "Left out, because in doubt: B." in done.out
+    assert done.out.count("one rigid contact up to twice as much") == 1
+    assert "2 of 5 fruit" in done.out
+    page = (out / "firmness.html").read_text("utf-8")
+    for words in ("one rigid contact up to twice as much", "2026-08-10 12:00:00 UTC", "kept from turning",
+                  "those of the ellipsoid", "the pit is too large",
+                  "no pit, large fruit"):  # fmt: skip
+        assert words in page
+
+
+def test_a_limit_leaves_out_what_is_in_doubt(drupe, tmp_path, monkeypatch):
+    """The doubted fruit is smaller, and would halve the force."""
+
+    def presses(record, _folder):
+        diameter = 40.0 if record.doubts else 60.0
+        return (spheroid_presses((diameter,) * 3, pit_share=0.4, poisson_ratio=0.45),)
+
+    monkeypatch.setattr(trade_numbers, "fruit_presses", presses)
+    records = [graded("A", E_MPa, changes=CHANGES), graded("B", E_MPa, changes=CHANGES, doubts=["no."])]
+    out = results_of(tmp_path / "results", records)
+    done = drupe("firmness", out, "--limit", "plates_5pct_N=10")
+    at_limit = float(rows(out)["A"]["E_MPa_at_10_plates_5pct_N"])
+    assert f"E_max_MPa = {at_limit:.3g}" in done.out
+    assert float(rows(out)["B"]["E_MPa_at_10_plates_5pct_N"]) > 2 * at_limit
+
+
+def test_no_readable_record_is_a_table_of_reasons(drupe, tmp_path):
+    out = results_of(tmp_path / "results", [graded("A", E_MPa)])
+    Results(out).fruit("A").record.unlink()
+    assert drupe("firmness", out).status == 0
+    assert "missing" in rows(out)["A"]["reason"]
+
+
+def test_a_pit_that_is_gone_is_a_reason(drupe, tmp_path):
+    out = results_of(tmp_path / "results", [graded("A", E_MPa, changes=CHANGES | {"pit": PIT})])
+    write_ball(tmp_path / "ball.ply")
+    write_whole(Results(out).fruit("A").fruit_ply, (tmp_path / "ball.ply").read_bytes())
+    assert drupe("firmness", out).status == 0
+    assert "pit.ply" in rows(out)["A"]["reason"]
+
+
+@pytest.mark.parametrize("factor", [None, 2.0])
+def test_the_scale_is_as_uncertain_as_reference_bodies_leave_it(drupe, tmp_path, by_table, factor):
+    """Verified by bodies: 1 % and not the sensor's own 20 %; a temperature's factor scales both."""
+    E_MPa = 0.4
+    modulus = ModulusRecord(E_MPa=0.5, E_sd_MPa=0.02, scale_sd_MPa=0.1)
+    reference = ReferenceRecord(
+        bodies=("R",), ratio=1.25, ratio_sd=0.01, corrected=True, E_MPa=E_MPa, E_sd_MPa=0.016,
+        E_scale_sd_MPa=0.004,
+    )  # fmt: skip
+    changes = CHANGES | {"modulus": modulus, "reference": reference}
+    if factor:
+        changes["temperature"] = TemperatureRecord(
+            pulp_C=10, reference_C=20, factor=factor, E_at_pulp_MPa=E_MPa, E_at_pulp_sd_MPa=0.016,
+            E_MPa=factor * E_MPa, E_sd_MPa=factor * 0.016,
+        )  # fmt: skip
+    out = results_of(tmp_path / "results", [graded("A", 0.5, changes=changes)])
+    assert drupe("firmness", out).status == 0
+    expected = (factor or 1) * np.hypot(0.016, 0.004)
+    assert float(rows(out)["A"]["E_sd_MPa"]) == pytest.approx(expected, rel=1e-3)
+
+
+def test_other_files_of_the_results_are_none_of_its_business(drupe, tmp_path, by_table):
+    out = results_of(tmp_path / "results", [graded("A", E_MPa, changes=CHANGES)])
+    (out / "ranking.csv").write_text("my own notes\n", "utf-8")
+    assert drupe("firmness", out).status == 0
+    assert (out / "ranking.csv").read_text("utf-8") == "my own notes\n"
+
+
+def test_what_is_done_stays_when_it_is_interrupted(drupe, tmp_path, monkeypatch):
+    def presses(record, _folder):
+        if record.fruit_id == "B":
+            raise KeyboardInterrupt
+        return (spheroid_presses((56.0,) * 3, pit_share=0.4, poisson_ratio=0.45),)
+
+    monkeypatch.setattr(trade_numbers, "fruit_presses", presses)
+    out = results_of(tmp_path / "results", [graded(name, E_MPa, changes=CHANGES) for name in "ABC"])
+    assert drupe("firmness", out).status == 130
+    table = rows(out)
+    assert float(table["A"]["plates_5pct_N"]) > 0
+    assert [table[name]["reason"] for name in "BC"] == [trade_numbers.PENDING] * 2
+    assert trade_numbers.PENDING in (out / "firmness.html").read_text("utf-8")
+    with results_lock(out):
+        said = drupe("firmness", out)
+    assert said.status == 2
+    assert "another run is writing here" in said.err
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"exit_status": None}, "belongs to an unfinished run"),
+        ({"outcomes": {}}, "contains no fruit's record"),
+        ({"outcomes": ["A"]}, "is damaged or from another version"),
+        ({"outcomes": {"../../other/A": "graded"}}, "a fruit_id that drupe never writes"),
+    ],
+)
+def test_results_that_are_not_sound_are_refused(drupe, tmp_path, by_table, changes, words):
+    out = results_of(tmp_path / "results", [graded("A", E_MPa, changes=CHANGES)])
+    changed_json(Results(out).provenance, **changes)
+    done = drupe("firmness", out)
+    assert (done.status, by_table) == (2, [])
+    assert words in done.err
+    assert not (out / "firmness.csv").exists()
+
+
+def test_two_limits_with_the_same_name_are_refused(drupe, tmp_path, by_table):
+    out = results_of(tmp_path / "results", [graded("A", E_MPa, changes=CHANGES)])
+    limits = ("--limit", "plates_5pct_N=10", "--limit", "plates_5pct_N=10.0000001")
+    done = drupe("firmness", out, *limits)
+    assert (done.status, by_table) == (2, [])
+    assert "the same column E_MPa_at_10_plates_5pct_N" in done.err
+
+
+def test_the_pits_spread_is_the_one_that_graded_the_fruit(tmp_path, monkeypatch):
+    """Stated by the batch; grading keeps it in the record, and the simulation takes it from there."""
+    settings = 'category = "nectarine"\npoisson_ratio = 0.45\n[pit]\nsize_sd = 0.07\n'
+    batch = batch_of_nectarines(tmp_path / "batch", "N02", pit=True, settings=settings)
+    log, results = StageLog(lambda _: None), Results(batch / "results")
+    task = fruit_task(open_batch(batch), "N02", results)
+    task.results.claim()
+    monkeypatch.setattr(pipeline.fruit.grasped, "flesh_mesh", lambda *_: NO_MESH)
+    grasped = grasped_fruit(task, log)
+    assert log.facts.pit.size_sd == grasped.budget.pit_size_sd == 0.07
+    record = graded("N02", E_MPa, changes=CHANGES | {"pit": log.facts.pit})
+    write_record(task.results.record, record)
+    spreads = {}
+    monkeypatch.setattr(trade_numbers, "simulated_presses", lambda *_, **how: spreads.update(how))
+    trade_numbers.fruit_presses(record, task.results)
+    assert spreads["pit_size_sd"] == 0.07
+
+
+def test_the_page_draws_the_ball_for_large_fruit_without_a_pit_alone():
+    tests = trade_tests()
+    sizes = trade_numbers._sizes(tests, E_MPa=0.6)
+    for test in tests:
+        shown = np.isfinite(sizes.values[test.name])
+        if test.under_ball:
+            assert not shown[1:].any()
+            assert shown[0].tolist() == [diameter >= 50 for diameter in sizes.diameters_mm]
+        else:
+            assert shown.sum() > 20, test.name
