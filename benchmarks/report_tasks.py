@@ -94,7 +94,7 @@ def tasks(table: pd.DataFrame):
         return hand.page.locator(where).first.inner_text().replace("\u00a0", " ")
 
     def shows(hand, row):
-        """The card is of the fruit of this row of pandas', with its E."""
+        """The card shows the fruit of this row, with its E."""
         E_MPa = float(re.search(r"E = ([\d.]+)", text(hand, "#card .result"))[1])
         return (
             text(hand, "#fruit-name").endswith(row.fruit_id) and abs(E_MPa - row.E_MPa) < 0.1 * row.E_sd_MPa

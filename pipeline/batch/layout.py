@@ -310,7 +310,7 @@ class Results:
 
     @property
     def tables_on_request(self) -> tuple[Path, ...]:
-        """Further tables of the batch, of which a command writes those that are asked for."""
+        """Further tables of the batch: a command writes those that the user asks for."""
         return (self.ranking_excel, self.ranking_parquet, self.firmness, self.firmness_page)
 
     def claim(self) -> None:

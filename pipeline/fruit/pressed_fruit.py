@@ -385,7 +385,7 @@ def _weights(diameters: Sequence[_AlongOne]) -> Float[np.ndarray, " n"]:
 
 
 def _warnings(diameters: Sequence[_AlongOne], shape_sd: float) -> list[str]:
-    """What changes E: recordings left out, a rig that gives way, effects, diameters that disagree."""
+    """What changes E: recordings left out, a compliant rig, effects, diameters that disagree."""
     said = []
     for diameter in diameters:
         said += diameter.traces.naming(diameter.explanation.notes[: len(diameter.explanation.left_out)])
