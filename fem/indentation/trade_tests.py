@@ -29,8 +29,8 @@ SQUEEZE = {(5, "N/mm"): "Karageorgiadou et al., Horticulturae 10, 2024, 435"}
 SINGLE_CONTACT = (
     "Two plates give the lower bound of FirmTech's reading, one rigid contact up to twice as much"
 )
-"""FirmTech loads a fruit between the two ways (Tetteh et al., abstract). At the same force one contact is pressed
-half as far as two. E goes with the slope to the power 3/2: 2^(3/2) = 2.8."""
+"""FirmTech loads a fruit between these two ways (Tetteh et al., abstract). At the same force one contact is
+pressed half as far as two. E goes with the slope to the power 3/2: 2^(3/2) = 2.8."""
 
 _Read = Callable[[FruitPresses, float], tuple[float, float]]
 
