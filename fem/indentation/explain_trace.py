@@ -137,7 +137,7 @@ def account_for(
         before, after = WITHHELD, WITHHELD
         ranking = tuple(replace(candidate, modulus=None) for candidate in ranking)
     explanation = Explanation(
-        detected=verdict != NONE,
+        detected=answer.detected,
         p_value=answer.p_value,
         statistics=answer.p_values,
         p_nominal=P_NOMINAL,

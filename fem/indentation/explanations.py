@@ -29,6 +29,7 @@ from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_effect import TraceEffect
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, Parameter, mixture
 from fem.mismatch.selection.decision import (
+    DETECTION_P,
     MISFIT,
     Weighed,
     misfit_p_value,
@@ -152,6 +153,11 @@ class CurvePosterior:
         """As of grasps: one name, or several."""
         names = verdict_of(self.probability, p_value=self.p_value)
         return names[0] if len(names) == 1 else names
+
+    @property
+    def detected(self) -> bool:
+        """Whether there is a mismatch; a verdict may list effects without one."""
+        return self.p_value < DETECTION_P and self.verdict != NONE
 
     @property
     def likeliest(self) -> TraceFit:

@@ -1,8 +1,8 @@
 """A fruit between plates and under a small ball, simulated on its own mesh round its own pit, for E = 1 MPa.
 
-The plates close on the narrowest width across the stem axis (z), as on two cheeks; without friction the fruit
-rests there. The ball presses half way between a plate and the next cheek, away from the suture, into a fruit
-that is held elsewhere.
+The plates close on the narrowest width across the stem axis (z), as on two cheeks, without friction. The
+fruit is kept from turning. The ball presses half way between a plate and the next cheek, away from the
+suture, into a fruit that is held elsewhere.
 Measured (benchmarks/results/firmness_readings.csv) on balls with pits of 0, 0.4 and 0.6 of the diameter,
 squeezed by 0.25 to 5 % of it: the force is within 2.4 % of axisymmetric elements at small strain, from 1 % on
 within 1.7 %, at 5 % within 0.8 %. With neo-Hookean flesh theirs differs at 5 % by -1, 1 and 5 %.
@@ -41,7 +41,7 @@ difference above. It goes as one over the squeeze."""
 WAVY = 0.3
 """Of the skin's error, what has waves as short as a contact; the rest shifts or scales it. Set by hand:
 plates read within 2 % on the sample nectarines, whose skin is from photos (0.17 to 0.20 mm). On balls with
-waves of 14 to 24 mm forces scatter as it says at 5 %, and half as much at 2 %."""
+waves of 14 to 24 mm forces scatter by 1 to 1.5 times what it says at 5 %, and by half of it at 2 %."""
 DOF_LIMIT = 45_000
 """Of the mesh. With 60,000 the force changes by at most 0.4 % from a squeeze of 1 % on, in twice the time."""
 

@@ -354,7 +354,7 @@ def _screen_record(diameters: Sequence[_AlongOne]) -> ScreenRecord:
             if isinstance(diameter.explanation.verdict, str)
             else diameter.explanation.verdict
         )
-        if name != NONE
+        if name != NONE and diameter.explanation.detected
     ]
     p_value = min(1.0, len(diameters) * min(diameter.explanation.p_value for diameter in diameters))
     named = tuple(dict.fromkeys(names))

@@ -154,7 +154,7 @@ def test_a_fruit_takes_its_categorys_pit_and_says_so(tmp_path):
 
 @pytest.mark.slow
 def test_a_curve_of_another_specimen_is_named_by_its_file_and_left_out(tmp_path):
-    """The third press is of a cylinder 1.5 times as stiff."""
+    """The third cylinder is 1.5 times as stiff as the others."""
     stiffer = (1.0, 1.0, 1.5, 1.0)
     sources = [
         pressed(tmp_path / f"{k}.csv", lambda d, times=times: times * sliding_N(d), 2.0)

@@ -1,4 +1,4 @@
-"""The page on a network: over TLS alone, for devices with a token, each of which can be revoked."""
+"""The page on a network: over TLS alone, for devices with a token that can be revoked."""
 
 import datetime
 import http.client
