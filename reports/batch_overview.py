@@ -6,7 +6,7 @@ import re
 from collections import Counter
 from typing import NamedTuple
 
-from reports.entries import HOLD, INSPECT, SHIP, BatchEntry, FruitEntry, Suspicion, ranked
+from reports.entries import HOLD, INSPECT, SHIP, BatchEntry, FruitEntry, ShoreCorrelation, Suspicion, ranked
 from reports.language import decimals, say
 from reports.words import NO_BREAK, advice, percent, suspicion_words
 
@@ -141,3 +141,15 @@ def reason_words(reason: str, suspicion: Suspicion | None = None) -> str:
 def numbered(batch: BatchEntry) -> list[Indexed]:
     """All fruit in reading order, with the numbers by which the page links to them."""
     return list(enumerate(ranked(batch.fruits), start=1))
+
+
+def correlation_words(shore: ShoreCorrelation) -> str:
+    """The correlation in one line."""
+    words = (
+        f"{shore.n} fruits with both: Spearman rank correlation {shore.spearman:.2f}, "
+        f"Pearson correlation {shore.pearson:.2f}"
+    )
+    if shore.p is None:
+        return words
+    p = f"<{NO_BREAK}0.001" if shore.p < 0.001 else f"={NO_BREAK}{shore.p:.3f}"
+    return f"{words}, p{NO_BREAK}{p}"

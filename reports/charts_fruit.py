@@ -1,26 +1,20 @@
-"""Charts of one fruit as layers over axes, which static/charts.js draws: marks, lines, areas and error bars.
-
-Colours are names in static/palette.css. Two charts of the same `group` zoom along x together.
-"""
+"""Charts of one fruit: force against travel, residual, and E by grasp and by frame."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Iterable
 from itertools import chain
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from reports.charts import Chart, layer, padded, rounded
 from reports.entries import FruitEntry
 from reports.grasp_record import CurveRecord, GraspRecord
 from reports.language import say
-from reports.svg import padded
 from reports.words import number, with_sd
 
-Chart = dict[str, Any]
-"""A chart for static/charts.js: title, description, caption, axes and layers."""
 _MOST_POINTS = 80
 """Marks of one pad: on a drawing 360 px wide more would lie less than 4 px apart."""
 _MOST_OF_CURVE, _LEAST_OF_MEAN = 16, 4
@@ -63,11 +57,11 @@ def _of_recording(recording: GraspRecord) -> list[Chart]:
         return [of_force]
     travel_mm, force_N, sd_mm = model
     edges = np.r_[travel_mm - 2 * sd_mm, (travel_mm + 2 * sd_mm)[::-1]], np.r_[force_N, force_N[::-1]]
-    band = _shape("area", *edges, colour="cx")
-    line = _shape("line", travel_mm, force_N, colour="ink", smooth=True, name=say("fitted model"))
+    band = layer("area", *edges, colour="cx")
+    line = layer("line", travel_mm, force_N, colour="ink", smooth=True, name=say("fitted model"))
     residuals = [residual_um(curve, travel_mm, force_N) for curve in curves]
     rms_um = math.sqrt(np.nanmean(np.square(np.concatenate(residuals))))
-    zero = _shape("line", across, (0.0, 0.0), colour="soft")
+    zero = layer("line", across, (0.0, 0.0), colour="soft")
     caption = say(
         "marks: recording; line: travel of the fitted model under the same force; "
         "band: ± 2 standard deviations of E"
@@ -133,17 +127,7 @@ def _pad_marks(curve: CurveRecord, up: Iterable[float], k: int) -> Chart:
     points = points[np.isfinite(points).all(axis=1)]
     points = points[:: max(1, math.ceil(len(points) / _MOST_POINTS))]
     how = {"name": f"{say('pad')} {curve.pad}", "colour": f"pad{k % 4}", "shape": _SHAPES[k % 2]}
-    return _shape("marks", points[:, 0], points[:, 1], **how)
-
-
-def _shape(kind: str, x: Iterable[float], y: Iterable[float], **how: object) -> Chart:
-    """A layer of a chart."""
-    return {"kind": kind, "x": _rounded(x), "y": _rounded(y), **how}
-
-
-def _rounded(values: Iterable[float]) -> list[float]:
-    """To five significant digits: a pixel is a thousandth of the chart."""
-    return [float(f"{value:.5g}") for value in values]
+    return layer("marks", points[:, 0], points[:, 1], **how)
 
 
 def _frames(fruit: FruitEntry) -> Chart:
@@ -152,14 +136,14 @@ def _frames(fruit: FruitEntry) -> Chart:
     frames = [frame for rows in by_recording.values() for frame in rows]
     sure = [frame.E_MPa for frame in frames if frame.E_sd_MPa < LEAST_CERTAIN * frame.E_MPa]
     across = padded((frame.travel_mm for frame in frames), from_zero=True)
-    layers = [_shape("area", *_band(fruit, across), colour="cx")]
+    layers = [layer("area", *_band(fruit, across), colour="cx")]
     for k, (name, rows) in enumerate(by_recording.items()):
         for unloading in (False, True):
             shown = [row for row in rows if row.unloading == unloading]
             how: Chart = {"colour": f"pad{k % 4}", "shape": _SHAPES[k % 2], "faint": unloading}
             how |= {} if unloading else {"name": name}
             places = [row.travel_mm for row in shown], [row.E_MPa for row in shown]
-            layers.append(_shape("marks", places[0], places[1], **how))
+            layers.append(layer("marks", places[0], places[1], **how))
     ranges = (
         f"{name}: {number(min(row.E_MPa for row in rows))} to {number(max(row.E_MPa for row in rows))} MPa"
         for name, rows in by_recording.items()
@@ -197,7 +181,7 @@ def _grasps(fruit: FruitEntry) -> Chart:
         say("least squares"): [(row.E_least_squares_MPa, row.E_least_squares_sd_MPa) for row in rows],
     }
     ends, down = _spread(fruit), (-0.5, len(rows) - 0.5)
-    layers = [_shape("area", *_band(fruit, down)[::-1], colour="cx")]
+    layers = [layer("area", *_band(fruit, down)[::-1], colour="cx")]
     for k, (name, of_rows) in enumerate(methods.items()):
         known = [
             (E, sd or 0.0, at) for at, (E, sd) in enumerate(of_rows) if E is not None and math.isfinite(E)
@@ -207,10 +191,10 @@ def _grasps(fruit: FruitEntry) -> Chart:
             "name": name,
             "colour": f"pad{k}",
             "shape": _SHAPES[k],
-            "x_sd": _rounded(sd for _, sd, _ in known),
+            "x_sd": rounded(sd for _, sd, _ in known),
         }
         places = [at + 0.3 * k - 0.15 for _, _, at in known]
-        layers.append(_shape("marks", [E for E, _, _ in known], places, **how))
+        layers.append(layer("marks", [E for E, _, _ in known], places, **how))
     each = (
         f"{row.grasp}: {with_sd(row.E_energy_MPa, row.E_energy_sd_MPa)} MPa, "
         f"{with_sd(row.E_least_squares_MPa, row.E_least_squares_sd_MPa)} MPa"

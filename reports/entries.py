@@ -49,10 +49,7 @@ class FruitPictures:
     outlines: Picture | None = None
     """All photos with the outlines that the shape was made from; the page has a link to it alone."""
     mesh: Picture | None = None
-    coverage: Picture | None = None
     surface_sd: Picture | None = None
-    residual: Picture | None = None
-    """Where the fitted model and the recorded skin differ at the greatest force."""
     views: Picture | None = None
     """Where photos were taken, and where more are needed, of a fruit that lacks views."""
     scene: bytes = b""

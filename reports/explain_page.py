@@ -1,10 +1,10 @@
-"""The page of a mismatch: one HTML file that shows all it holds, with no network and no scripts."""
+"""The page of a mismatch: one HTML file that shows all it holds, with no network."""
 
 from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Sequence
+from collections.abc import Callable
 
 import numpy as np
 
@@ -18,34 +18,27 @@ from reports.effect_words import (
     where_in_words,
     words_of,
 )
-from reports.explain_charts import (
-    evidence_chart,
-    force_and_residual,
-    modulus_over_time,
-    rms_chart,
-    share_bar,
-)
+from reports.explain_charts import evidence_bars, force_and_residual, modulus_over_time, rms_bars
 from reports.explain_entries import ExplainEntry, Record
-from reports.html_templates import page_environment
-from reports.next_grasp_picture import next_grasp_picture
-from reports.skin_map import BLIND_BELOW, MapSide, MapStyle, map_picture, sides_of
+from reports.html_templates import charted_page
+from reports.skin_picture import BLIND_BELOW, MapStyle, coloured, map_picture
 from reports.words import NOTHING, UNEXPLAINED, UNKNOWN, effect_name, number, with_sd
 
-_HATCHED = "not visible from these grasps"
+_UNSEEN = "not visible from these grasps"
 _MAPS = (
     (
         "modulus_score",
-        MapStyle(low="softer than the model", high="firmer than the model", signed=True, hatched=_HATCHED),
+        MapStyle(low="softer than the model", high="firmer than the model", signed=True, unseen=_UNSEEN),
         "Softer (red) or firmer (blue) flesh here would explain the misfit.",
     ),
     (
         "eigenstrain_score",
-        MapStyle(low="nothing", high="strong", signed=False, hatched=_HATCHED),
+        MapStyle(low="nothing", high="strong", signed=False, unseen=_UNSEEN),
         "An internal change of shape (a permanent dent, swelling, a gap) would explain the misfit here.",
     ),
     (
         "law_error",
-        MapStyle(low="nothing", high="strong", signed=False, hatched=_HATCHED),
+        MapStyle(low="nothing", high="strong", signed=False, unseen=_UNSEEN),
         "Places where the linear elastic law fails most.",
     ),
 )
@@ -53,8 +46,7 @@ _MAPS = (
 
 def explain_html(entry: ExplainEntry) -> str:
     """The whole page, the same text for the same record; all text of the case is escaped."""
-    environment = page_environment()
-    environment.filters |= {
+    filters: dict[str, Callable[..., object]] = {
         "degrees": _degrees,
         "interval": _interval,
         "heldout": _heldout,
@@ -62,25 +54,24 @@ def explain_html(entry: ExplainEntry) -> str:
         "modulus": _modulus,
         "p": _p,
         "sentence": _sentence,
-        "share_bar": share_bar,
         "value": _value,
     }
     named = [candidate for candidate in entry.ranking if candidate.effect in entry.verdict]
-    sides = _sides(entry)
     with_effect = _kind(entry) not in (NOTHING, UNEXPLAINED)
-    return environment.get_template("templates/explain.html.j2").render(
+    return charted_page(
+        "explain",
+        filters,
         blind_share=_blind_share(entry),
         component=component_in_words(entry),
         cut=_cut(entry),
         entry=entry,
         named=named,
-        maps=_maps(entry, sides),
+        maps=_maps(entry),
         meanings=_meanings(entry),
         kind=_kind(entry),
         modulus_charts=modulus_over_time(entry, with_effect=with_effect),
-        next_picture=_next_picture(entry, sides),
-        evidence=evidence_chart(entry.ranking, verdict=entry.verdict) if entry.ranking else None,
-        rms=rms_chart(entry.heldout, with_effect=with_effect) if entry.heldout else None,
+        evidence=evidence_bars(entry.ranking, verdict=entry.verdict),
+        rms=rms_bars(entry.heldout, with_effect=with_effect) if entry.heldout else None,
         traces=[(trace.grasp, *force_and_residual(trace, with_effect=with_effect)) for trace in entry.traces],
         with_effect=with_effect,
         verdict=explain_verdict(entry),
@@ -108,47 +99,27 @@ def _meanings(entry: ExplainEntry) -> list[tuple[str, str, str]]:
     ]
 
 
-def _sides(entry: ExplainEntry) -> tuple[MapSide, ...]:
-    """The fruit from six sides, for all its maps; none where there is no map."""
-    if entry.maps is None:
-        return ()
-    return sides_of(
-        entry.maps.vertices_mm,
-        entry.maps.triangles,
-        entry.maps.visible,
-        hatched_below=BLIND_BELOW,
-        contacts_mm=entry.contacts_mm,
-    )
-
-
-def _maps(entry: ExplainEntry, sides: Sequence[MapSide]) -> list[tuple[str, str]]:
+def _maps(entry: ExplainEntry) -> list[tuple[str, str]]:
     """(PNG as base64, what it shows), the first the most telling."""
-    if entry.maps is None:
-        return []
-    seen = entry.maps.visible >= BLIND_BELOW
-    pictures = []
+    maps, pictures = entry.maps, list[tuple[str, str]]()
+    if maps is None:
+        return pictures
     for name, style, words in _MAPS:
-        scores = getattr(entry.maps, name)
+        scores = getattr(maps, name)
         if not np.isfinite(scores).any():
             continue
-        png = map_picture(
-            sides,
+        skin, limit = coloured(
+            maps.vertices_mm,
+            maps.triangles,
             np.nan_to_num(scores),
             style=style,
-            seen=seen,
-            centre_mm=entry.where.centre_mm,
-            radius_mm=entry.where.radius_mm,
+            seen=maps.visible >= BLIND_BELOW,
+            contacts_mm=entry.contacts_mm,
         )
+        spot = {"centre_mm": entry.where.centre_mm, "radius_mm": entry.where.radius_mm}
+        png = map_picture(skin, limit=limit, style=style, **spot)
         pictures.append((base64.b64encode(png).decode("ascii"), words))
     return pictures
-
-
-def _next_picture(entry: ExplainEntry, sides: Sequence[MapSide]) -> str:
-    """PNG as base64 of where the next grasp's pads go; empty where no grasp was planned."""
-    if entry.maps is None or entry.next_grasp_plan is None or not entry.next_grasp_plan.grasps:
-        return ""
-    patches = {pad.pad: pad.patch_mm for pad in entry.next_grasp_plan.grasps[0].pads}
-    return base64.b64encode(next_grasp_picture(sides, patches)).decode("ascii")
 
 
 def _degrees(angle_deg: float) -> str:

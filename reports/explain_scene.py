@@ -6,7 +6,8 @@ import numpy as np
 
 from reports.explain_entries import ExplainEntry
 from reports.fruit_scene import SceneSurface, fruit_scene
-from reports.skin_map import BLIND_BELOW, SkinLayer
+from reports.skin_layer import SkinLayer
+from reports.skin_picture import BLIND_BELOW
 
 
 def explained_scene(entry: ExplainEntry, pit: SceneSurface | None) -> bytes | None:

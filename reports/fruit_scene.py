@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
-from reports.mesh_picture import FLESH, PADS, PIT
-from reports.skin_map import SkinLayer
+from reports.skin_layer import FLESH, PADS, PIT, SkinLayer
 from reports.skin_texture import middle
 
 SKIN_TRIANGLES, PIT_TRIANGLES = 1600, 400

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import base64
 import hashlib
+from collections.abc import Callable, Mapping, Sequence
 from importlib import resources
 
 from jinja2 import BytecodeCache, Environment, PackageLoader, StrictUndefined
 from jinja2.bccache import Bucket
 from markupsafe import Markup
 
+from reports.charts import PlacedCharts
 from reports.language import language_in_force, say, say_html
 from reports.words import duration, effect_name, number, percent, verdict_words, with_sd
 
@@ -30,6 +32,8 @@ class _Compiled(BytecodeCache):
         self._code[bucket.key] = bucket.bytecode_to_string()
 
 
+CHARTS = ("uplot.js", "charts.js")
+"""Scripts of a page with charts: their library (uPlot, MIT, 51 kB), and what draws them."""
 _compiled: dict[str, _Compiled] = {}
 """By language: filters of constants are applied while a template is compiled."""
 
@@ -60,3 +64,20 @@ def own_script(name: str) -> tuple[Markup, str]:
     """A script (static/`name`) for a page, and the SHA-256 (base64) by which its content policy allows it."""
     script = resources.files("reports").joinpath(f"static/{name}").read_text(encoding="utf-8")
     return Markup(script), base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
+
+
+def charted_page(
+    name: str,
+    filters: Mapping[str, Callable[..., object]],
+    *,
+    scripts: Sequence[str] = CHARTS,
+    **content: object,
+) -> str:
+    """A page with charts: the filter "chart" puts one in its place, and `scripts` draw all of them.
+
+    A content security policy in the page forbids every outside source and every script but these.
+    """
+    environment, placed = page_environment(), PlacedCharts()
+    environment.filters |= {"chart": placed.place, **filters}
+    template = environment.get_template(f"templates/{name}.html.j2")
+    return template.render(placed=placed, scripts=[own_script(script) for script in scripts], **content)

@@ -14,9 +14,8 @@ from reports.entries import HOLD, INSPECT, SHIP, BatchEntry, FruitEntry
 from reports.html_templates import own_script, page_environment
 from reports.language import ENGLISH, say, spoken
 from reports.messages import in_language
-from reports.palette import UNKNOWN, class_marks
+from reports.palette import UNKNOWN, class_mark, class_marks
 from reports.sheet_code import read_sheet_code
-from reports.svg import class_mark
 from reports.words import NOTHING, UNEXPLAINED, advice, effect_name, suspect_words
 
 MOST_BEFORE = 8

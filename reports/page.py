@@ -8,8 +8,7 @@ of all fruit.
 from __future__ import annotations
 
 import base64
-import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
 from typing import NamedTuple
 from urllib.parse import quote
@@ -23,23 +22,23 @@ from reports.batch_overview import (
     Indexed,
     class_counts,
     class_words,
+    correlation_words,
     decision_lists,
     failures,
     numbered,
     reason_words,
     share_words,
 )
-from reports.charts_batch import control_chart, correlation_words
+from reports.charts import control_chart, script_json
 from reports.charts_fruit import fruit_charts
 from reports.entries import OR, BatchEntry, FruitEntry, Picture, without_references
-from reports.html_templates import own_script, page_environment
+from reports.html_templates import CHARTS, charted_page, page_environment
 from reports.kiosk_page import WORDS
 from reports.language import ENGLISH, language_in_force, say, say_html, spoken
 from reports.language import decimals as with_comma
 from reports.messages import in_language
-from reports.palette import UNKNOWN, class_marks
+from reports.palette import UNKNOWN, class_mark, class_marks
 from reports.sheet_code import qr_png, sheet_code
-from reports.svg import class_mark, element
 from reports.tables import ranking_csv
 from reports.words import (
     NO_BREAK,
@@ -65,8 +64,6 @@ _EXIT_STATUS = {
 
 _FILTERS = (advice, class_words, control_chart, p_words, reason_words, remarks, share_words)
 """Functions that the template calls by their names."""
-LIBRARY, SCRIPTS = "uplot.js", ("charts.js", "dashboard.js")
-"""In static: the library of the charts (uPlot, MIT, 51 kB), and this package's scripts."""
 
 
 def report_html(batch: BatchEntry, *, provenance: bool = False, language: str = ENGLISH) -> str:
@@ -81,9 +78,8 @@ def report_html(batch: BatchEntry, *, provenance: bool = False, language: str = 
 
 
 def _page(batch: BatchEntry, *, provenance: bool) -> str:
-    environment = page_environment()
     marks = class_marks(tuple(name for name, _ in batch.classes))
-    environment.filters |= {
+    filters: dict[str, Callable[..., object]] = {
         "class_mark": lambda fruit: class_mark(*marks.get(fruit.maturity or "", UNKNOWN)),
         "image": _image,
         "as_given": _as_given,
@@ -98,12 +94,17 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         "screened": _screened,
         "utc": _utc,
     }
-    environment.filters |= {words.__name__: words for words in _FILTERS}
+    filters |= {words.__name__: words for words in _FILTERS}
+    environment = page_environment()
+    environment.filters |= filters
     fruits = numbered(batch)
     alone = without_references(batch.fruits)
     turned = any(fruit.pictures.scene for fruit in batch.fruits)
-    names = (LIBRARY, *SCRIPTS, *(("scene.js",) if turned else ()))
-    return environment.get_template("templates/page.html.j2").render(
+    names = (*CHARTS, "dashboard.js", *(("scene.js",) if turned else ()))
+    return charted_page(
+        "page",
+        filters,
+        scripts=names if fruits else (),
         about=_about(batch),
         any_at_pulp=any(fruit.E_at_pulp_MPa is not None for fruit in batch.fruits),
         any_shore=any(fruit.shore_oo is not None for fruit in batch.fruits),
@@ -124,7 +125,6 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         most_linked=MOST_LINKED,
         most_listed=MOST_LISTED,
         provenance=[(say("Settings in force"), batch.settings), (say("Versions"), batch.versions)],
-        scripts=[own_script(name) for name in names if fruits],
         shore_words=correlation_words(batch.shore) if batch.shore else "",
         status_words="" if batch.exit_status is None else _EXIT_STATUS.get(batch.exit_status, ""),
         took=duration((batch.finished_utc - batch.started_utc).total_seconds()),
@@ -188,8 +188,7 @@ def _details(environment: Environment, fruits: list[Indexed]) -> Iterator[dict[s
 
 def _json_lines(objects: Iterable[object]) -> Markup:
     """Each as JSON on a line of its own, for a script element that no text of it can end."""
-    lines = (json.dumps(each, ensure_ascii=False, separators=(",", ":"), allow_nan=False) for each in objects)
-    return Markup("\n".join(lines).replace("<", "\\u003c"))
+    return Markup("\n".join(map(script_json, objects)))
 
 
 def _screened(fruit: FruitEntry) -> str:
@@ -292,7 +291,9 @@ def _image(picture: Picture, alt: str) -> Markup:
     if picture.webp:
         content = base64.b64encode(picture.webp).decode("ascii")
         shown = Markup('<img src="data:image/webp;base64,{}" alt="{}" loading="lazy">').format(content, alt)
-    return element("a", shown, href=quote(picture.file)) if picture.file else Markup(shown)
+    if not picture.file:
+        return Markup(shown)
+    return Markup('<a href="{}">{}</a>').format(quote(picture.file), shown)
 
 
 def _qr(batch: BatchEntry, fruit_id: str = "") -> str:

@@ -7,10 +7,19 @@ red from green.
 
 from __future__ import annotations
 
+from markupsafe import Markup
+
 _SOFT_TO_FIRM = ("c0", "c1", "c2", "c3", "c4")
 _SHAPES = ("circle", "diamond", "square", "triangle", "down")
 UNKNOWN = ("cx", "circle")
 """Colour and shape of a fruit without a class."""
+_CORNERS = {
+    "square": ((-0.9, -0.9), (0.9, -0.9), (0.9, 0.9), (-0.9, 0.9)),
+    "diamond": ((0.0, -1.3), (1.3, 0.0), (0.0, 1.3), (-1.3, 0.0)),
+    "triangle": ((0.0, -1.2), (1.15, 0.9), (-1.15, 0.9)),
+    "down": ((0.0, 1.2), (1.15, -0.9), (-1.15, -0.9)),
+}
+"""Of the shapes, in their size; static/charts.js has the same."""
 
 
 def class_marks(names: tuple[str, ...]) -> dict[str, tuple[str, str]]:
@@ -24,3 +33,13 @@ def class_marks(names: tuple[str, ...]) -> dict[str, tuple[str, str]]:
         name: (_SOFT_TO_FIRM[round(k * (len(_SOFT_TO_FIRM) - 1) / last)], _SHAPES[k % len(_SHAPES)])
         for k, name in enumerate(names)
     }
+
+
+def class_mark(colour: str, shape: str) -> Markup:
+    """The mark of a class in a line of text."""
+    if shape == "circle":
+        mark = Markup('<circle cx="7" cy="7" r="4.6" class="mark {}"></circle>').format(colour)
+    else:
+        points = " ".join(f"{7 + 4.6 * x:.1f},{7 + 4.6 * y:.1f}" for x, y in _CORNERS[shape])
+        mark = Markup('<polygon points="{}" class="mark {}"></polygon>').format(points, colour)
+    return Markup('<svg viewBox="0 0 14 14" class="dot" aria-hidden="true">{}</svg>').format(mark)

@@ -7,10 +7,9 @@ from dataclasses import dataclass, field
 from datetime import datetime
 
 import numpy as np
-from markupsafe import Markup
 
-from reports.html_templates import page_environment
-from reports.svg import Plot, drawing, label, padded
+from reports.charts import Chart, layer, padded
+from reports.html_templates import charted_page
 
 COLOURS = ("c0", "c2", "c3", "c4")
 """Of the lines, from no pit to the largest."""
@@ -73,47 +72,35 @@ class TradeEntry:
 
 def trade_html(entry: TradeEntry) -> str:
     """The whole page, the same text for the same entry; all text of the batch is escaped."""
-    return (
-        page_environment()
-        .get_template("templates/trade.html.j2")
-        .render(
-            charts=[size_chart(test, entry.sizes) for test in entry.tests],
-            colours=COLOURS,
-            entry=entry,
-            made=f"{entry.made_utc:%Y-%m-%d %H:%M} UTC",
-        )
+    return charted_page(
+        "trade",
+        {},
+        charts=[size_chart(test, entry.sizes) for test in entry.tests],
+        entry=entry,
+        made=f"{entry.made_utc:%Y-%m-%d %H:%M} UTC",
     )
 
 
-def size_chart(test: TradeWords, sizes: SizeEffect) -> Markup:
+def size_chart(test: TradeWords, sizes: SizeEffect) -> Chart:
     """One test's reading over the diameter, a line for each pit."""
     values = np.array(sizes.values[test.name], dtype=float)
     diameters = np.array(sizes.diameters_mm, dtype=float)
     shown = np.isfinite(values)
-    plot = Plot(
-        x_limits=padded(diameters.tolist()),
-        y_limits=padded(values[shown].tolist(), from_zero=True),
-        left=52.0,
-        right=306.0,
-        top=34.0,
-        bottom=190.0,
-    )
-    parts = [plot.axis_x("Diameter (mm)", at_most=7), plot.axis_y(test.unit, at_most=5)]
-    for k, line in enumerate(values):
-        if np.isfinite(line).any():
-            parts.append(plot.line(diameters, line, class_=f"lot {COLOURS[k]}"))
-    if not shown.any():
-        parts.append(label("out of reach", 180.0, 110.0, anchor="middle"))
+    pits = ["no pit" if share == 0 else f"pit {share:.2g}" for share in sizes.pit_shares]
     ends = "; ".join(
-        f"pit {share:.0%}: {line[there][0]:.3g} to {line[there][-1]:.3g} {test.unit}"
-        for share, line, there in zip(sizes.pit_shares, values, shown, strict=True)
+        f"{pit}: {line[there][0]:.3g} to {line[there][-1]:.3g} {test.unit}"
+        for pit, line, there in zip(pits, values, shown, strict=True)
         if there.any()
     )
     reached = diameters[shown.any(axis=0)] if shown.any() else diameters
-    return drawing(
-        *parts,
-        width=320.0,
-        height=232.0,
-        title=test.title,
-        description=f"From {reached[0]:g} to {reached[-1]:g} mm at one E: {ends}",
-    )
+    only = f": {test.drawn_for}" if test.drawn_for else ""
+    return {
+        "title": test.title,
+        "description": f"From {reached[0]:g} to {reached[-1]:g} mm at one E: {ends or 'out of reach'}",
+        "caption": f"{test.title} ({test.unit}){only}{'' if shown.any() else ': out of reach'}",
+        "x": {"label": "Diameter (mm)", "limits": padded(diameters)},
+        "y": {"label": test.unit, "limits": padded(values[shown], from_zero=True)},
+        "layers": [
+            layer("line", diameters, line, colour=COLOURS[k], name=pits[k]) for k, line in enumerate(values)
+        ],
+    }

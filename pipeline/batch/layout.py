@@ -222,15 +222,11 @@ class FruitResults:
     outlines = ResultPath("outlines.jpg")
     """All photos that were used, with their outlines."""
     picture = ResultPath("mesh.png")
-    """The picture of mesh, pit and contact patches."""
+    """The picture of mesh, pit and pad contacts."""
     scene = ResultPath("fruit.glb")
     """Skin, pit and contact patches in three dimensions (glTF)."""
-    coverage = ResultPath("coverage.png")
-    """The map of how many photos show each part of the skin."""
     surface_sd = ResultPath("surface-sd.png")
     """The map of how well the place of the skin is known."""
-    residual = ResultPath("residual.png")
-    """The map of where the fitted model and the recorded skin differ."""
     views = ResultPath("views.png")
     """Where photos were taken and where more are needed, of a fruit that lacks them."""
     traceback = ResultPath("traceback.txt")

@@ -69,17 +69,13 @@ def grasped_fruit(task: FruitTask, log: StageLog, *, explains: bool = False) -> 
     Raises ReconFailure, TactileFailure, FemFailure or FruitEnded where the fruit can go no further.
     """
     # Only what grades a fruit draws: Matplotlib is not for those who look at its recordings.
-    from reports.mesh_picture import mesh_picture
-    from reports.surface_maps import coverage_map, surface_sd_map
+    from reports.skin_picture import mesh_picture, surface_sd_map
 
     facts = log.facts
     with log.stage("mesh"):
         shape = fruit_shape(task)
         facts.mesh = shape.record
         log.warnings += shape.warnings
-        if shape.views is not None:
-            shown = coverage_map(shape.vertices, shape.faces, shape.views, seen_by=SEEN_BY)
-            write_whole(task.results.coverage, shown)
         if shape.sd_mm is not None and shape.views is not None:
             shown = surface_sd_map(shape.vertices, shape.faces, shape.sd_mm, seen=shape.views >= SEEN_BY)
             write_whole(task.results.surface_sd, shown)

@@ -16,7 +16,7 @@ from pipeline.fruit.known_sensor import known_gels
 from pipeline.fruit.model_curve import frame_records, model_curves, residual_at_full_load
 from recon.checks.surface_error import sd_on_patch_mm
 from reports.grasp_record import CurveRecord, FrameRecord, GraspRecord
-from reports.patch_residual import PatchResidual
+from reports.skin_layer import PatchResidual
 from tactile.checks.finding import Finding, FindingKind, FindingRank
 from tactile.checks.jaw_share import jaw_share_findings
 from tactile.checks.of_recording import recording_findings

@@ -44,8 +44,8 @@ from pipeline.fruit.stage_log import StageLog
 from recon.recon_failure import ReconFailure
 from reports.fruit_scene import SceneSurface, fruit_scene
 from reports.grasp_record import GraspRecord
-from reports.mesh_picture import mesh_picture
-from reports.residual_map import residual_layer, residual_map
+from reports.skin_layer import residual_layer
+from reports.skin_picture import mesh_picture
 from reports.view_plan_picture import view_plan_picture
 from tactile.tactile_failure import TactileFailure
 
@@ -177,17 +177,12 @@ def _grade(task: FruitTask, log: StageLog) -> None:
             log.facts.screen = screened_fruit(task, fruit, inference, solids)
     solids.clear()
     with log.stage("picture"):
-        patches = patch_residuals(placed, inference.grasps)
-        residual = residual_map(shape.vertices, shape.faces, patches)
-        if residual is not None:
-            write_whole(task.results.residual, residual)
         write_whole(
             task.results.picture,
             mesh_picture(
                 shape.vertices,
                 shape.faces,
                 pit_vertices=pit.vertices,
-                pit_faces=pit.faces,
                 contacts_mm=touched_by_pad(placed),
                 axis_words=("stem", "suture") if task.body.stem_and_suture else ("z", "x"),
             ),
@@ -198,7 +193,7 @@ def _grade(task: FruitTask, log: StageLog) -> None:
                 SceneSurface(shape.vertices, shape.faces),
                 SceneSurface(pit.vertices, pit.faces) if len(pit.faces) else None,
                 touched_by_pad(placed),
-                residual_layer(shape.vertices, patches),
+                residual_layer(shape.vertices, patch_residuals(placed, inference.grasps)),
                 photo=shape.skin,
                 stem_and_suture=task.body.stem_and_suture,
             ),

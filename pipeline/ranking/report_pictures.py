@@ -33,9 +33,7 @@ _ROOMS: dict[str, _Room] = {
     "photo": _Room(8_500, 420),
     "outlines": _Room(0, 0),
     "mesh": _Room(7_000, 640),
-    "coverage": _Room(5_500, 420),
     "surface_sd": _Room(5_500, 420),
-    "residual": _Room(3_500, 400),
     "views": _Room(9_500, 420),
 }
 """Bytes and pixels by picture. A graded fruit has at most the first six: 30 000 bytes, in a page (base64,
@@ -45,9 +43,7 @@ _ROOMS_OF_MANY: dict[str, _Room] = {
     "photo": _Room(2_500, 220),
     "outlines": _Room(0, 0),
     "mesh": _Room(3_500, 360),
-    "coverage": _Room(0, 0),
     "surface_sd": _Room(0, 0),
-    "residual": _Room(0, 0),
     "views": _Room(3_500, 300),
 }
 """The same beyond MANY fruit: 2000 of them take 16 MB; the maps are links to their files alone."""
@@ -79,9 +75,7 @@ class ReportPictures:
             "photo": files.photo,
             "outlines": files.outlines,
             "mesh": files.picture,
-            "coverage": files.coverage,
             "surface_sd": files.surface_sd,
-            "residual": files.residual,
         }
         paths = wanted if measured else {}
         if not graded:

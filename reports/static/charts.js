@@ -1,4 +1,4 @@
-// Charts of the report: layers of marks, lines, areas, bars and rules over the axes of uPlot. A reader can hover,
+// Charts of a page: layers of marks, lines, areas, bars and rules over the axes of uPlot. A reader can hover,
 // drag across a part (to select it, or to zoom), and use the keyboard. Colours are names in palette.css.
 "use strict";
 const charts = (function () {
@@ -31,7 +31,8 @@ const charts = (function () {
       path(pen, layer.x.map((x, k) => [X(x), Y(layer.y[k])]));
       pen.fill();
     },
-    line(pen, layer, X, Y) {
+    line(pen, layer, X, Y, box, px) {
+      if (layer.dashed) pen.setLineDash([6 * px, 4 * px]);
       path(pen, layer.x.map((x, k) => [X(x), Y(layer.y[k])]), layer.smooth);
       pen.stroke();
     },
@@ -59,6 +60,7 @@ const charts = (function () {
         pen.globalAlpha = many ? 0.4 * solid : solid;
         const [at, up] = [X(x), Y(layer.y[k])];
         if (layer.y_sd && layer.y_sd[k]) path(pen, [[at, Y(layer.y[k] - layer.y_sd[k])], [at, Y(layer.y[k] + layer.y_sd[k])]]);
+        if (layer.y_ends) path(pen, layer.y_ends[k].map((end) => [at, Y(end)]));
         if (layer.x_sd && layer.x_sd[k]) path(pen, [[X(x - layer.x_sd[k]), up], [X(x + layer.x_sd[k]), up]]);
         pen.stroke();
         pen.globalAlpha = solid;
@@ -92,25 +94,28 @@ const charts = (function () {
     pen.restore();
   }
 
+  // a place on an axis in words: a number, or of days since 1970 the date
+  const said = (along, at) => (along.dates ? new Date(864e5 * at).toISOString().slice(0, 10) : say(at));
+
   // what can be pointed at, from left to right: place, words, and what a pick of it is
   function stops(spec) {
     const of = (layer) => (layer.kind === "bars" ? layer.from.map((x, k) => [(x + layer.to[k]) / 2, layer.y[k]])
       : layer.kind === "marks" ? layer.x.map((x, k) => [x, layer.y[k]]) : []);
     return spec.layers.filter((layer) => !layer.faint || !layer.tips).flatMap((layer) => of(layer).map(([x, y], k) => ({
       x, y, pick: layer.picks && layer.picks[k],
-      words: layer.tips ? layer.tips[k] : `${layer.name ? layer.name + ": " : ""}${say(x)}, ${spec.y.names ? spec.y.names[Math.round(y)] : say(y)}`,
+      words: layer.tips ? layer.tips[k] : `${layer.name ? layer.name + ": " : ""}${said(spec.x, x)}, ${spec.y.names ? spec.y.names[Math.round(y)] : say(y)}`,
     }))).sort((a, b) => a.x - b.x);
   }
 
   function axes(spec) {
     const common = { stroke: () => colour("soft"), grid: { stroke: () => colour("grid"), width: 1 }, ticks: { show: false }, font: "12px system-ui, sans-serif", labelFont: "13px system-ui, sans-serif" };
-    const numbers = (plot, places) => places.map((at) => say(at));
+    const numbers = (along) => (plot, places) => places.map((at) => said(along, at));
     const names = spec.y.names;
-    const steps = (along) => along.whole ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000] } : {};
+    const steps = (along) => along.whole || along.dates ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000] } : {};
     return [
-      { ...common, ...steps(spec.x), label: spec.x.label, labelSize: 22, size: 26, values: numbers, space: 60 },
+      { ...common, ...steps(spec.x), label: spec.x.label, labelSize: 22, size: 26, values: numbers(spec.x), space: spec.x.dates ? 100 : 60 },
       { ...common, ...steps(spec.y), label: spec.y.label, labelSize: spec.y.label ? 22 : 0, size: names ? 90 : 48, space: 34,
-        values: names ? (plot, places) => places.map((at) => names[at] ?? "") : numbers, ...(names ? { splits: () => names.map((_, k) => k) } : {}) },
+        values: names ? (plot, places) => places.map((at) => names[at] ?? "") : numbers(spec.y), ...(names ? { splits: () => names.map((_, k) => k) } : {}) },
     ];
   }
 
@@ -209,6 +214,8 @@ const charts = (function () {
     return shown;
   }
 
+  const placed = document.getElementById("charts"), specs = placed ? JSON.parse(placed.textContent) : [];
+  document.querySelectorAll("figure.drawn").forEach((host, k) => chart(host, specs[k]));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => drawn.forEach((each) => each.redraw()));
   return { chart, say };
 })();

@@ -19,7 +19,7 @@ import pipeline.fruit.missing_physics
 import pipeline.fruit.stages
 import pipeline.run.grading
 from pipeline.batch.cache import Kept, cached
-from reports.mesh_picture import mesh_picture
+from reports.skin_picture import mesh_picture
 
 
 @pytest.fixture(autouse=True, scope="module")

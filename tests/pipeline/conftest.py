@@ -13,7 +13,7 @@ import pipeline.diagnosis.diagnosis
 import pipeline.fruit.grasped
 from pipeline.cli import main
 from reports import explain_page
-from reports.skin_map import sides_of
+from reports.skin_picture import map_picture
 
 
 @pytest.fixture
@@ -53,7 +53,7 @@ def finder(monkeypatch):
     monkeypatch.setattr(pipeline.diagnosis.diagnosis, "find", find)
     monkeypatch.setattr(pipeline.diagnosis.diagnosis, "graded_case", graded_case)
     monkeypatch.setattr(pipeline.fruit.grasped, "flesh_mesh", lambda *_: NO_MESH)
-    monkeypatch.setattr(explain_page, "sides_of", partial(sides_of, view_px=50))
+    monkeypatch.setattr(explain_page, "map_picture", partial(map_picture, view_px=50))
     return handed
 
 

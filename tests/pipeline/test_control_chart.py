@@ -24,7 +24,7 @@ from pipeline.batch.opening import open_batch
 from pipeline.problem import BatchRefused
 from pipeline.ranking.reference_ratio import Ratio, ReferenceFinding, drift, own_points
 from pipeline.run.checking import check
-from reports.charts_batch import control_chart
+from reports.charts import control_chart
 from reports.entries import RatioPoint, ReferenceBodyEntry
 
 START = datetime(2026, 8, 14, 9, 30, tzinfo=UTC)
@@ -263,8 +263,8 @@ def test_the_chart_draws_a_mark_a_batch_and_four_limits(count):
         fruit_id="ball", E_known_MPa=0.5, E_known_sd_MPa=0.01, E_found_MPa=0.5, E_found_sd_MPa=0.01,
         ratio=1.0, ratio_sd=0.02, history=history,
     )  # fmt: skip
-    drawn = str(control_chart(body))
-    assert drawn.count('class="mark') == min(count, 60)
-    assert drawn.count('<polyline') == 4  # fmt: skip
-    assert "<A>" not in drawn
-    assert "script" not in drawn
+    layers = control_chart(body)["layers"]
+    assert sum(len(each["x"]) for each in layers if each["kind"] == "marks") == min(count, 60)
+    lines = [each["y"] for each in layers if each["kind"] == "line"]
+    sd = 0.02 / history[-60:][0].ratio
+    assert [line[0] for line in lines] == pytest.approx(np.exp(sd * np.array([-3, -2, 2, 3])), rel=1e-4)

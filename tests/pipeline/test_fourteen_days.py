@@ -19,7 +19,7 @@ from pipeline.history.keeping import HistoryWanted, make_history
 from pipeline.history.lot_database import history_store
 from pipeline.history.lot_history import history_entry
 from reports.grasp_record import GraspRecord
-from reports.history_page import history_html
+from reports.history_charts import lots_chart
 from reports.palette import class_marks
 
 NOW = datetime(2026, 8, 30, 12, tzinfo=UTC)
@@ -210,13 +210,15 @@ def test_the_second_gripper_reads_more_by_the_paired_test_of_another_library(sea
 
 
 def test_the_page_has_a_line_and_a_mark_per_day_for_every_lot_in_colours_of_the_palette(season):
-    page = history_html(season.last.entry)
-    chart = page.partition("Lots of nectarine Big Top over days")[2].partition("</svg>")[0]
+    (group,) = season.last.entry.groups
+    layers = lots_chart(group)["layers"]
     days = season.truth.groupby("lot")["measured_on"].nunique()
-    for count, (colour, shape) in zip(days, class_marks(("A", "B", "C")).values(), strict=True):
-        assert chart.count(f'class="lot {colour}"') == 1
-        assert chart.count(f'class="mark {colour}"') == count + 1  # and in the legend
-        assert f".lot.{colour} {{ stroke: var(--{colour}); }}" in page, shape
+    marks = class_marks(("A", "B", "C")).values()
+    for k, (count, (colour, shape)) in enumerate(zip(days, marks, strict=True)):
+        line, means = layers[2 * k : 2 * k + 2]
+        assert (line["kind"], line["colour"], len(line["x"])) == ("line", colour, count)
+        assert (means["kind"], means["colour"], means["shape"]) == ("marks", colour, shape)
+        assert (means["x"], means["y"]) == (line["x"], line["y"])
 
 
 def test_the_order_of_days_in_the_store_changes_nothing(season):

@@ -34,9 +34,7 @@ def graded_fruit(fruit_id, *, rank, E_MPa, maturity="ripe"):
         pictures=FruitPictures(
             photo=Picture(webp=TINY_WEBP, file="fruits/N 1/photo.jpg"),
             mesh=Picture(webp=TINY_WEBP, file="fruits/N 1/mesh.png"),
-            coverage=Picture(webp=TINY_WEBP, file="fruits/N 1/coverage.png"),
             surface_sd=Picture(webp=TINY_WEBP, file="fruits/N 1/surface-sd.png"),
-            residual=Picture(webp=TINY_WEBP, file="fruits/N 1/residual.png"),
             outlines=Picture(webp=b"", file="fruits/N 1/outlines.jpg"),
         ),
         recordings=(

@@ -11,12 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import reports
-from reports.charts_batch import shortened
+from reports.charts import padded
 from reports.charts_fruit import fruit_charts, model_curve, residual_um
 from reports.entries import FruitEntry
 from reports.grasp_record import CurveRecord, FrameRecord, GraspRecord, ModelCurveRecord
 from reports.palette import UNKNOWN, class_marks
-from reports.svg import AxisScale, padded, ticks
 
 
 def fruit_with(recording):
@@ -136,24 +135,11 @@ def test_marks_lie_inside_their_axes(large_batch):
                 assert all(low <= value <= high for value in layer[axis])
 
 
-@given(st.floats(-1e3, 1e3), st.floats(1e-3, 1e3), st.integers(2, 12))
-def test_ticks_are_few_and_inside(lowest, span, at_most):
-    positions = ticks(lowest, lowest + span, at_most=at_most)
-    assert len(positions) <= at_most
-    slack = 1e-6 * (span + abs(lowest))
-    assert all(lowest - slack <= value <= lowest + span + slack for value in positions)
-
-
 @given(st.lists(st.floats(allow_nan=True, allow_infinity=True, width=16), max_size=5), st.booleans())
 def test_axis_limits_hold_the_values_and_are_never_empty(values, from_zero):
     lowest, highest = padded(values, from_zero=from_zero)
     assert lowest < highest
     assert all(lowest <= value <= highest for value in values if np.isfinite(value))
-
-
-def test_scale_maps_its_ends_onto_its_ends():
-    scale = AxisScale(lowest=2.0, highest=4.0, start_px=100.0, end_px=0.0)
-    assert [scale(value) for value in (2.0, 3.0, 4.0)] == [100.0, 50.0, 0.0]
 
 
 def palette(scheme):
@@ -203,10 +189,3 @@ def test_light_and_dark_pages_have_the_same_colours_and_no_page_has_others():
 def test_classes_differ_in_shape_as_well_as_colour():
     marks = class_marks(("a", "b", "c", "d", "e"))
     assert len({shape for _, shape in marks.values()}) == len({colour for colour, _ in marks.values()}) == 5
-
-
-def test_a_long_name_is_cut_in_its_middle():
-    assert shortened("short", px=100.0) == "short"
-    cut = shortened("x" * 40 + "-17", px=100.0)
-    assert len(cut) <= 100.0 / 7.4
-    assert cut.endswith("-17")

@@ -14,9 +14,8 @@ from conftest import graded_fruit
 
 from reports.entries import BatchEntry
 from reports.fruit_scene import PIT_TRIANGLES, SKIN_TRIANGLES, SceneSurface, fruit_scene
-from reports.mesh_picture import FLESH, PADS, PIT
 from reports.page import report_html
-from reports.skin_map import SkinLayer
+from reports.skin_layer import FLESH, PADS, PIT, SkinLayer
 
 
 def ball(radius_mm, subdivisions):

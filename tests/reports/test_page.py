@@ -250,9 +250,7 @@ def test_sixty_fruits_are_a_page_of_a_few_megabytes_less_pictures(awkward_batch,
 def test_a_fruit_of_photos_shows_what_they_saw_of_it_and_one_of_a_mesh_does_not(graded, empty_batch):
     fruit = graded("N-1", rank=1, E_MPa=0.3)
     for words, picture in (
-        ("coloured by the number of photos of each part", "coverage"),
         ("coloured by the standard deviation of the surface in mm", "surface_sd"),
-        ("coloured by its difference from the model", "residual"),
         ('href="fruits/N%201/outlines.jpg">All photos with their outlines', "outlines"),
         ("the outline from which drupe computed the shape", "outlines"),
     ):

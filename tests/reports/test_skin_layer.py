@@ -1,15 +1,12 @@
 """Markers' residuals are carried to the skin around them, and nowhere else."""
 
-import cv2
 import numpy as np
 import pytest
 
 from recon.silhouettes.hull import ball
-from reports.patch_residual import PatchResidual
-from reports.residual_map import REACH, VIEW_PX, on_skin, residual_layer, residual_map
+from reports.skin_layer import LEAST_UM, REACH, PatchResidual, on_skin, residual_layer
 
-DIRECTIONS, FACES = ball(4)
-SPHERE_MM = 25.0 * DIRECTIONS
+SPHERE_MM = 25.0 * ball(4)[0]
 PITCH_MM = 1.5
 
 
@@ -36,42 +33,26 @@ def _to_neighbour(places):
     return np.sort(away, axis=1)[:, 1]
 
 
-def picture(values, *others):
-    """The map as BGR."""
-    png = residual_map(
-        SPHERE_MM, FACES, [PatchResidual(name="g, left", places_mm=patch(), residual_um=values), *others]
-    )
-    return cv2.imdecode(np.frombuffer(png, np.uint8), cv2.IMREAD_COLOR).astype(int)
+def layer_of(values):
+    return residual_layer(SPHERE_MM, [PatchResidual(name="g, left", places_mm=patch(), residual_um=values)])
 
 
 def test_blue_where_the_skin_went_farther_in_red_where_less():
-    view = picture(np.where(patch()[:, 1] > 0, 60.0, -60.0))[:VIEW_PX, :VIEW_PX]
-    red, blue = (view[..., 2] - view[..., 0]) > 60, (view[..., 0] - view[..., 2]) > 60
-    assert red.sum() > 3000
-    assert blue.sum() > 3000
-    # y grows to the right of one who looks along -x
-    assert np.argwhere(blue)[:, 1].mean() > VIEW_PX / 2 > np.argwhere(red)[:, 1].mean()
-    assert np.argwhere(blue)[:, 0].mean() == pytest.approx(VIEW_PX / 2, abs=4)
-
-
-def test_patches_at_one_place_keep_their_own_values():
-    other = PatchResidual(name="h, left", places_mm=patch(), residual_um=np.full(len(patch()), -60.0))
-    both = picture(np.full(len(patch()), 60.0), other)
-    middle = VIEW_PX // 2
-    first, second = both[middle, middle], both[middle, VIEW_PX + middle]
-    assert first[0] > first[2] + 60
-    assert second[2] > second[0] + 60
+    layer = layer_of(np.where(patch()[:, 1] > 0, 60.0, -60.0))
+    (red, _, blue), y = layer.colours.T, SPHERE_MM[:, 1]
+    assert (blue - red)[layer.shown & (y > 2)].min() > 0.2
+    assert (red - blue)[layer.shown & (y < -2)].min() > 0.2
 
 
 def test_noise_is_pale_on_a_bar_that_reaches_a_least_value():
-    view = picture(np.random.default_rng(1).normal(0.0, 3.0, len(patch())))[:VIEW_PX, :VIEW_PX]
-    assert np.abs(view[..., 2] - view[..., 0]).max() < 75
+    layer = layer_of(np.random.default_rng(1).normal(0.0, 3.0, len(patch())))
+    assert layer.limit == LEAST_UM
+    assert np.abs(np.ptp(layer.colours, axis=1)).max() < 0.3
 
 
 def test_a_lone_marker_makes_no_map():
     lone = PatchResidual(name="g", places_mm=patch()[:1], residual_um=np.zeros(1))
-    assert residual_map(SPHERE_MM, FACES, [lone]) is None
-    assert residual_map(SPHERE_MM, FACES, []) is None
+    assert residual_layer(SPHERE_MM, [lone]) is None
 
 
 def test_over_the_whole_skin_grasps_that_overlap_are_averaged():

@@ -1,0 +1,146 @@
+"""Charts of every page: layers of marks, lines, areas and rules, which static/charts.js draws with uPlot.
+
+Colours are names in static/palette.css. Two charts of the same `group` zoom along x together.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable
+from datetime import date
+from typing import Any
+
+import numpy as np
+from markupsafe import Markup
+
+from reports.entries import ReferenceBodyEntry
+from reports.language import say
+
+Chart = dict[str, Any]
+"""A chart for static/charts.js: title, description, caption, axes and layers."""
+MOST_BATCHES = 60
+"""Of a control chart: beyond it the marks run together."""
+UNKNOWN_LOT = "unknown"
+EPOCH = date(1970, 1, 1)
+
+
+def layer(kind: str, x: Iterable[float], y: Iterable[float], **how: object) -> Chart:
+    """Marks, a line or an area through the points that are finite, rounded: a pixel is a thousandth of
+    the chart. `how`: colour, name, shape, `dashed`, `faint`, and lists of one entry per point.
+    """
+    places = np.column_stack([np.fromiter(x, float), np.fromiter(y, float)])
+    places = places[np.isfinite(places).all(axis=1)]
+    return {"kind": kind, "x": rounded(places[:, 0]), "y": rounded(places[:, 1]), **how}
+
+
+def band(x: Iterable[float], low: Iterable[float], high: Iterable[float], *, colour: str = "cx") -> Chart:
+    """The area between two lines over x."""
+    along = list(x)
+    return layer("area", [*along, *along[::-1]], [*low, *[*high][::-1]], colour=colour)
+
+
+def rules(along: str, at: Iterable[float], names: Iterable[str], *, colour: str = "soft") -> Chart:
+    """Dashed lines at values of the axis "x" or "y"."""
+    return {"kind": "rules", "along": along, "at": rounded(at), "names": list(names), "colour": colour}
+
+
+def rounded(values: Iterable[float]) -> list[float]:
+    """To five significant digits, of large numbers (days) eight."""
+    return [float(f"{value:.{8 if abs(value) >= 1e4 else 5}g}") for value in values]
+
+
+def padded(values: Iterable[float], *, from_zero: bool = False) -> tuple[float, float]:
+    """Axis limits that hold all finite values with a little air; never empty."""
+    finite = [value for value in values if math.isfinite(value)] or [0.0, 1.0]
+    lowest, highest = min(finite), max(finite)
+    if from_zero:
+        lowest = min(lowest, 0.0)
+    air = 0.06 * (highest - lowest) or 0.5 * abs(highest) or 0.5
+    return (lowest if from_zero and lowest == 0.0 else lowest - air, highest + air)
+
+
+def day_limits(days: Iterable[float]) -> tuple[float, float]:
+    """Limits of an axis with `dates` that hold all days with half a day of air at least."""
+    held = list(days)
+    air = max(0.04 * (max(held) - min(held)), 0.5)
+    return min(held) - air, max(held) + air
+
+
+def day_number(day: date) -> int:
+    """Days since 1970, by which an axis with `dates` counts."""
+    return (day - EPOCH).days
+
+
+def script_json(content: object) -> str:
+    """JSON in a line, for a script element that no text of it can end."""
+    text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
+    return text.replace("<", "\\u003c")
+
+
+class PlacedCharts:
+    """Charts of one page in the order of their places, which the page's script fills."""
+
+    def __init__(self) -> None:
+        self._charts: list[Chart] = []
+
+    def place(self, chart: Chart) -> Markup:
+        """The chart's place in the page."""
+        self._charts.append(chart)
+        return Markup('<figure class="drawn"></figure>')
+
+    def json(self) -> Markup:
+        """All charts that have a place so far."""
+        return Markup(script_json(self._charts))
+
+
+def control_chart(body: ReferenceBodyEntry) -> Chart:
+    """Found over known modulus of one reference body by time; one mark a batch, at most 60.
+
+    The inner pair of dashed lines is 1 with 2 of each point's standard deviations either way, the outer 3.
+    """
+    points = body.history[-MOST_BATCHES:]
+    days = [point.time_utc.timestamp() / 86400 for point in points]
+    sds = np.array([point.sd / point.ratio for point in points])
+    ends = [math.exp(way * 3 * sd) for sd in sds for way in (-1, 1)]
+    tips = [
+        f"{point.time_utc:%Y-%m-%d %H:%M} UTC, lot {point.lot or UNKNOWN_LOT}: {point.ratio:.3f} "
+        f"({math.log(point.ratio) / sd:+.1f} sd)"
+        for point, sd in zip(points, sds, strict=True)
+    ]
+    limits = [
+        layer("line", days, np.exp(limit * sds), colour="soft", dashed=True) for limit in (-3, -2, 2, 3)
+    ]
+    marks = {
+        shape: [k for k, point in enumerate(points) if (abs(math.log(point.ratio)) > 3 * sds[k]) == beyond]
+        for shape, beyond in (("circle", False), ("diamond", True))
+    }
+    found = ", ".join(f"{point.time_utc:%Y-%m-%d} {point.ratio:.3f}" for point in points[-10:])
+    return {
+        "title": f"Control chart of {body.fruit_id}",
+        "description": f"E found over E known of the last batches: {found}",
+        "caption": say(
+            "Control chart of {body}. Each mark is a batch; dashed lines are at 2 and 3 of its standard "
+            "deviations from 1",
+            body=body.fruit_id,
+        ),
+        "x": {"label": "", "limits": day_limits(days), "dates": True},
+        "y": {
+            "label": say("E measured / E known"),
+            "limits": padded([*ends, *(point.ratio for point in points)]),
+        },
+        "layers": [
+            *limits,
+            *(
+                layer(
+                    "marks",
+                    [days[k] for k in those],
+                    [points[k].ratio for k in those],
+                    colour="ink",
+                    shape=shape,
+                    tips=[tips[k] for k in those],
+                )
+                for shape, those in marks.items()
+            ),
+        ],
+    }

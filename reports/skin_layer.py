@@ -1,0 +1,134 @@
+"""Maps on a fruit's skin: a value at each vertex, and its colour; nothing here draws a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
+
+FLESH = np.array([0.99, 0.74, 0.47])
+"""sRGB shares, ripe flesh as on photos (by eye)."""
+PIT = np.array([0.36, 0.20, 0.12])
+"""sRGB shares, a stone's brown (by eye)."""
+PADS = ((0.114, 0.306, 0.537), (0.0, 0.47, 0.42), (0.48, 0.25, 0.55), (0.35, 0.35, 0.35))
+"""sRGB shares of the pads' contacts: blue, green, violet, grey, for colour-blind readers too (by eye)."""
+SIGNED = ("7d0630", "d1495b", "f2b9a6", "f7f3ea", "a9cbe0", "3c8dbc", "163f70")
+ONE_SIDED = ("f7f3ea", "e8c06a", "c77a12", "6b2d00")
+"""Colours (sRGB) of a value from its lowest to its highest: about zero, and from zero up."""
+REACH = 1.6
+"""Skin farther from every marker than so many distances of neighbours has no value."""
+NEIGHBOURS = 6
+"""Markers of which a place's value is the mean, by a Gaussian of one marker's distance: a marker's own noise
+does not stand out, a patch's tilt or dome does. Set by hand."""
+MOST_SHARE = 0.98
+"""The colours reach what this share of the values stays below."""
+LEAST_UM = 20.0
+"""Their least reach, um: twice a usual gel's noise, which is not to look like misfit. Set by hand."""
+
+
+def ramp(shares: Float[np.ndarray, " n"], colours: Sequence[str]) -> Float[np.ndarray, "n 3"]:
+    """RGB from 0 to 1 of values from 0 to 1, linear between the colours.
+
+    >>> ramp(np.array([0.0, 1.0]), ("000000", "ff0000")).tolist()
+    [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]
+    """
+    stops = np.array([list(bytes.fromhex(colour)) for colour in colours]) / 255
+    places = np.linspace(0.0, 1.0, len(stops))
+    return np.stack([np.interp(shares, places, channel) for channel in stops.T], axis=-1)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class SkinLayer:
+    """A map about zero over a surface's vertices: its value where `shown`, in the colours of a bar that
+    reaches from -`limit` to `limit`; `low` and `high` are the ends of the bar as they are read. `name` is
+    the page's word for it among the colours of the fruit in three dimensions.
+    """
+
+    name: str
+    values: Float[np.ndarray, " n"]
+    shown: Bool[np.ndarray, " n"]
+    limit: float
+    unit: str
+
+    @property
+    def low(self) -> str:
+        """The bar's lower end with its unit."""
+        return f"-{self.high}"
+
+    @property
+    def high(self) -> str:
+        """The bar's upper end with its unit."""
+        return f"{self.limit:.3g} {self.unit}"
+
+    @property
+    def colours(self) -> Float[np.ndarray, "n 3"]:
+        """RGB of each vertex, 0 to 1."""
+        return ramp(0.5 + 0.5 * self.values / self.limit, SIGNED)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class PatchResidual:
+    """Markers of a pad in a grasp: their places on the skin (fruit frame, mm) and residuals (um).
+
+    Positive: the recorded skin went farther in than the model's.
+    """
+
+    name: str
+    places_mm: Float[np.ndarray, "k 3"]
+    residual_um: Float[np.ndarray, " k"]
+
+
+def residual_layer(
+    vertices_mm: Float[np.ndarray, "n 3"], patches: Sequence[PatchResidual]
+) -> SkinLayer | None:
+    """Residuals over the whole skin, the mean where patches overlap; None without a patch of two markers."""
+    carried = [
+        on_skin(vertices_mm, patch.places_mm, patch.residual_um)
+        for patch in patches
+        if len(patch.places_mm) >= 2
+    ]
+    if not carried:
+        return None
+    values, seen = (np.array(per_vertex) for per_vertex in zip(*carried, strict=True))
+    count = seen.sum(axis=0)
+    measured = np.abs(values[seen])
+    return SkinLayer(
+        name="residual",
+        values=np.where(seen, values, 0.0).sum(axis=0) / np.maximum(count, 1),
+        shown=count > 0,
+        limit=max(float(np.quantile(measured, MOST_SHARE)) if len(measured) else 0.0, LEAST_UM),
+        unit="µm",
+    )
+
+
+def on_skin(
+    vertices_mm: Float[np.ndarray, "n 3"],
+    places_mm: Float[np.ndarray, "k 3"],
+    values: Float[np.ndarray, " k"],
+) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
+    """The markers' values carried to the vertices, and which vertices are near enough to a marker."""
+    tree = cKDTree(places_mm)
+    pitch = float(np.median(np.asarray(tree.query(places_mm, k=2)[0])[:, 1]))
+    pitch = max(pitch, 1e-6)
+    count = min(NEIGHBOURS, len(places_mm))
+    away, which = (
+        np.asarray(per_neighbour).reshape(len(vertices_mm), count)
+        for per_neighbour in tree.query(vertices_mm, k=count)
+    )
+    weight = np.exp(-0.5 * ((away**2 - away[:, :1] ** 2) / pitch**2))
+    return (weight * values[which]).sum(axis=1) / weight.sum(axis=1), away[:, 0] < REACH * pitch
+
+
+def vertex_normals(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Outward unit normals: the area-weighted mean of the faces around each vertex."""
+    corners = vertices[faces]
+    areas = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals = np.zeros_like(vertices)
+    np.add.at(normals, faces, areas[:, None, :])
+    lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+    return np.asarray(normals / np.maximum(lengths, 1e-12))

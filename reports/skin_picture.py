@@ -1,0 +1,252 @@
+"""Pictures of a fruit from several sides: each vertex of the skin has a colour, touched markers are dots."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from matplotlib.axes import Axes
+from matplotlib.collections import TriMesh
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle, Polygon
+from matplotlib.tri import Triangulation
+from scipy.spatial import ConvexHull, cKDTree
+
+from reports.figures import png_of
+from reports.skin_layer import FLESH, ONE_SIDED, PADS, PIT, SIGNED, ramp, vertex_normals
+
+BLIND_BELOW = 3.0
+"""A spot whose signal is less than three times its noise could not be seen."""
+INK, GREY = "#16191d", (0.70, 0.72, 0.75)
+"""Colours of lines (as the page's text) and of skin without a value."""
+FROM_SIDES = (
+    ("suture side", 0.0, 8.0),
+    ("right of the suture", 90.0, 8.0),
+    ("opposite side", 180.0, 8.0),
+    ("left of the suture", 270.0, 8.0),
+    ("stem end", 0.0, 86.0),
+    ("blossom end", 0.0, -86.0),
+)
+"""Name, azimuth and elevation (degrees) of the views: four sides a little from above, stem, blossom end."""
+FROM_TWO = (("", 35.0, 24.0), ("", 215.0, 24.0))
+MARGIN = 1.25
+"""Half the width of a view over that of the fruit (by eye)."""
+MOST_SHARE, LEAST_MM = 0.98, 0.1
+"""The colours of the surface's error reach what this share of the seen vertices stays below, since a few at
+the foot hide the rest. They reach so far (mm) at least: a good surface does not look like a bad one."""
+LENGTHS_MM = (50.0, 20.0, 10.0, 5.0, 2.0, 1.0)
+"""Of a scale bar."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class MapStyle:
+    """What a map's colours mean: words at both ends of its bar, and of skin without a value.
+
+    `signed`: about zero, else from zero up; the bar reaches `least` at least.
+    """
+
+    low: str
+    high: str
+    signed: bool
+    unseen: str
+    least: float = BLIND_BELOW
+
+
+def view_axes(azimuth_deg: float, elevation_deg: float) -> Float[np.ndarray, "3 3"]:
+    """Unit vectors right, up and towards the viewer; azimuth from +x towards +y, elevation above xy."""
+    azimuth, elevation = np.deg2rad([azimuth_deg, elevation_deg])
+    right = np.array([-np.sin(azimuth), np.cos(azimuth), 0.0])
+    flat = np.cos(elevation) * np.array([np.cos(azimuth), np.sin(azimuth), 0.0])
+    towards = flat + np.array([0.0, 0.0, np.sin(elevation)])
+    return np.stack([right, np.cross(towards, right), towards])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Skin:
+    """A surface to draw: vertices (mm), triangles, RGB of each vertex, and where each pad touched it."""
+
+    vertices: Float[np.ndarray, "n 3"]
+    faces: Int[np.ndarray, "m 3"]
+    colours: Float[np.ndarray, "n 3"]
+    contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]]
+
+    @property
+    def middle_mm(self) -> Float[np.ndarray, " 3"]:
+        """That of its box."""
+        return np.asarray((self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2)
+
+    @property
+    def half_mm(self) -> float:
+        """Half the width of a view of it."""
+        return MARGIN * float(np.ptp(self.vertices, axis=0).max()) / 2
+
+    def drawn(self, axes: Axes, view: Float[np.ndarray, "3 3"]) -> None:
+        """Draws the side that faces the viewer, in parallel projection, mm."""
+        normals = vertex_normals(self.vertices, self.faces)
+        across, up, depth = view @ (self.vertices - self.middle_mm).T
+        facing = normals @ view[2]
+        front = self.faces[facing[self.faces].mean(axis=1) > 0]
+        front = front[np.argsort(depth[front].mean(axis=1))]
+        light = 0.62 + 0.38 * np.clip(facing, 0.0, 1.0) ** 0.8
+        shaded = np.column_stack([self.colours * light[:, None], np.ones(len(light))])
+        axes.add_collection(TriMesh(Triangulation(across, up, front), facecolors=shaded))
+        nearest = cKDTree(self.vertices)
+        for k, points in enumerate(self.contacts_mm.values()):
+            seen = points[facing[nearest.query(points)[1]] > 0] if len(points) else points
+            across, up = view[:2] @ (seen - self.middle_mm).T
+            axes.scatter(across, up, s=4, color=PADS[k % len(PADS)], linewidths=0, zorder=3)
+        axes.set(xlim=(-self.half_mm, self.half_mm), ylim=(-self.half_mm, self.half_mm), aspect="equal")
+        axes.set_axis_off()
+
+
+def mesh_picture(
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+    *,
+    pit_vertices: Float[np.ndarray, "k 3"] | None = None,
+    contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] | None = None,
+    axis_words: tuple[str, str] = ("stem", "suture"),
+    view_px: int = 440,
+) -> bytes:
+    """PNG of the fruit (fruit frame, mm) from two opposite sides, the outline of its pit over the flesh.
+
+    `contacts_mm`: points where each pad touches. `axis_words` name z and x.
+    """
+    flesh = np.tile(FLESH, (len(vertices), 1))
+    skin = Skin(vertices=vertices, faces=faces, colours=flesh, contacts_mm=contacts_mm or {})
+    has_pit = pit_vertices is not None and len(pit_vertices) > 0
+    figure = Figure(figsize=(2 * view_px / 100, view_px / 100), dpi=100, facecolor="white")
+    half = skin.half_mm
+    for k, (_, azimuth_deg, elevation_deg) in enumerate(FROM_TWO):
+        view = view_axes(azimuth_deg, elevation_deg)
+        axes = figure.add_axes((0.5 * k, 0.0, 0.5, 1.0))
+        skin.drawn(axes, view)
+        if pit_vertices is not None and has_pit:
+            places = (pit_vertices - skin.middle_mm) @ view[:2].T
+            outline = places[ConvexHull(places).vertices]
+            axes.add_patch(Polygon(outline, facecolor=(*PIT, 0.45), edgecolor=PIT))
+        _directions(axes, view, half, axis_words)
+    _legend(figure.axes[0], tuple(skin.contacts_mm), half, with_pit=has_pit)
+    _scale_bar(figure.axes[1], half)
+    return png_of(figure)
+
+
+def map_picture(
+    skin: Skin,
+    *,
+    limit: float,
+    style: MapStyle,
+    centre_mm: tuple[float, float, float] | None = None,
+    radius_mm: float | None = None,
+    view_px: int = 250,
+) -> bytes:
+    """PNG of six sides, three in a row, over a colour bar; `skin` and `limit` as `coloured` gives them.
+
+    A spot (`centre_mm`, `radius_mm`) is ringed on the sides that it faces.
+    """
+    key_px = 74
+    height = 2 * view_px + key_px
+    figure = Figure(figsize=(3 * view_px / 100, height / 100), dpi=100, facecolor="white")
+    for k, (name, azimuth_deg, elevation_deg) in enumerate(FROM_SIDES):
+        row, column = divmod(k, 3)
+        place = (column / 3, 1 - (row + 1) * view_px / height, 1 / 3, view_px / height)
+        axes, view = figure.add_axes(place), view_axes(azimuth_deg, elevation_deg)
+        skin.drawn(axes, view)
+        axes.text(-0.97 * skin.half_mm, 0.95 * skin.half_mm, name, va="top", fontsize=9.5, color=INK)
+        if centre_mm is not None:
+            _ring(axes, view @ (np.array(centre_mm) - skin.middle_mm), radius_mm or 3.0, skin.half_mm)
+    key = figure.add_axes((0.03, 0.0, 0.94, key_px / height), xlim=(0, 100), ylim=(0, 10))
+    key.set_axis_off()
+    _key(key, limit, style, tuple(skin.contacts_mm))
+    return png_of(figure)
+
+
+def coloured(
+    vertices_mm: Float[np.ndarray, "n 3"],
+    triangles: Int[np.ndarray, "m 3"],
+    values: Float[np.ndarray, " n"],
+    *,
+    style: MapStyle,
+    seen: Bool[np.ndarray, " n"],
+    contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] | None = None,
+) -> tuple[Skin, float]:
+    """The skin in the colours of `values`, grey where they are not `seen`; and how far the colours reach."""
+    limit = max(float(np.nanmax(np.abs(values[seen if seen.any() else slice(None)]))), style.least)
+    shares = np.nan_to_num(values) / limit
+    colours = ramp(0.5 + 0.5 * shares, SIGNED) if style.signed else ramp(shares, ONE_SIDED)
+    colours[~seen] = GREY
+    skin = Skin(vertices=vertices_mm, faces=triangles, colours=colours, contacts_mm=contacts_mm or {})
+    return skin, limit
+
+
+def surface_sd_map(
+    vertices_mm: Float[np.ndarray, "n 3"],
+    triangles: Int[np.ndarray, "m 3"],
+    sd_mm: Float[np.ndarray, " n"],
+    *,
+    seen: Bool[np.ndarray, " n"],
+) -> bytes:
+    """PNG of the fruit (fruit frame, mm) coloured by the standard deviation of its surface at each vertex.
+
+    Grey where a vertex was not `seen`; its sd is a guess from the shape around it.
+    """
+    top = float(np.quantile(sd_mm[seen], MOST_SHARE)) if seen.any() else LEAST_MM
+    words = {"low": "standard deviation of the surface (mm)", "unseen": "seen by fewer than two photos"}
+    style = MapStyle(**words, high="", signed=False, least=LEAST_MM)
+    shown, limit = coloured(
+        vertices_mm, triangles, np.minimum(sd_mm, max(top, LEAST_MM)), style=style, seen=seen
+    )
+    return map_picture(shown, limit=limit, style=style, view_px=200)
+
+
+def _ring(axes: Axes, centre: Float[np.ndarray, " 3"], radius_mm: float, half: float) -> None:
+    if centre[2] < 0.3 * half:
+        return
+    for colour, wide in (("white", 3.6), (INK, 1.6)):
+        axes.add_patch(
+            Circle(tuple(centre[:2]), radius_mm, fill=False, edgecolor=colour, lw=wide, ls=(0, (4, 2)))
+        )
+
+
+def _key(axes: Axes, limit: float, style: MapStyle, pads: Sequence[str]) -> None:
+    """Colour bar with words at its ends, what grey means, and the pads' dots."""
+    bar = ramp(np.linspace(0.0, 1.0, 256), SIGNED if style.signed else ONE_SIDED)
+    axes.imshow(bar[None], extent=(0, 46, 5.6, 8.2), aspect="auto")
+    ends = (-limit, 0.0, limit) if style.signed else (0.0, limit / 2, limit)
+    for x, value in zip((0.0, 23.0, 46.0), ends, strict=True):
+        axes.text(x, 4.9, f"{value:.3g}", ha="center", va="top", fontsize=8.5, color="#535b66")
+    axes.text(0, 2.4, style.low, ha="left", va="top", fontsize=9, color=INK)
+    axes.text(46, 2.4, style.high, ha="right", va="top", fontsize=9, color=INK)
+    marks = [(style.unseen, GREY), *((f"pad {pad}", PADS[k % len(PADS)]) for k, pad in enumerate(pads))]
+    for k, (words, colour) in enumerate(marks):
+        x, y = (56, 7.0) if k == 0 else (56 + 15 * (k - 1), 2.2)
+        axes.plot([x], [y], marker="o", ms=7, color=colour)
+        axes.text(x + 2, y, words, ha="left", va="center", fontsize=9, color=INK)
+
+
+def _directions(axes: Axes, view: Float[np.ndarray, "3 3"], half: float, words_zx: Sequence[str]) -> None:
+    """The z and x axes (stem and suture of a fruit) as two arrows in the lower left corner."""
+    foot = np.array([-0.66 * half, -0.78 * half])
+    for axis, words in zip((2, 0), words_zx, strict=True):
+        tip = foot + 0.22 * half * view[:2, axis]
+        arrow = {"arrowstyle": "<|-", "color": INK, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}
+        axes.annotate(words, xy=tuple(foot), xytext=tuple(tip), arrowprops=arrow, ha="center", fontsize=12)
+
+
+def _scale_bar(axes: Axes, half: float) -> None:
+    length = next((step for step in LENGTHS_MM if step <= 0.7 * half), LENGTHS_MM[-1])
+    end, y = 0.9 * half, -0.88 * half
+    axes.plot([end - length, end], [y, y], color=INK, lw=2.2, solid_capstyle="butt")
+    axes.text(end - length / 2, y + 0.03 * half, f"{length:g} mm", ha="center", va="bottom", fontsize=12)
+
+
+def _legend(axes: Axes, pads: Sequence[str], half: float, *, with_pit: bool) -> None:
+    marks = [(f"pad {pad}", PADS[k % len(PADS)]) for k, pad in enumerate(pads)]
+    if with_pit:
+        marks.append(("pit (expected)", tuple(PIT)))
+    for k, (words, colour) in enumerate(marks):
+        y = half * (0.91 - 0.105 * k)
+        axes.plot([-0.91 * half], [y], marker="o", ms=8, color=colour)
+        axes.text(-0.85 * half, y, words, va="center", fontsize=12, color=INK)
