@@ -36,7 +36,7 @@ from recon.surface.mesh_file import read_mesh, write_mesh
 
 LINES = 20
 """Of the table."""
-PICTURES = ("fruit.ply", "pit.ply", "mesh.png", "residual.png", "fruit.glb")
+PICTURES = ("fruit.ply", "pit.ply", "mesh.png", "fruit.glb")
 GOLDEN = 0.618034
 """Fractional parts of its multiples spread evenly: E of the copies."""
 

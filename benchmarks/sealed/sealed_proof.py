@@ -14,7 +14,7 @@ from typing import Any
 
 import pandas as pd
 from sealed_report import case_table, report
-from sealing import ANSWERS, LABELS, MANIFEST, SALT, broken_seals, order_of_commits, read_salt
+from sealing import ANSWERS, LABELS, MANIFEST, SALT, broken_seals, canonical, order_of_commits, read_salt
 
 PROOF = Path(__file__).resolve().parent / "proof"
 """Where manifest, answers, salt and labels are."""
@@ -35,7 +35,8 @@ def check(proof: Path, table: Path | None) -> int:
     seals = json.loads((proof / MANIFEST).read_text(encoding="utf-8"))["seals"]
     rows = rows_in(proof / ANSWERS)
     labels = json.loads((proof / LABELS).read_text(encoding="utf-8"))
-    broken = broken_seals(seals, read_salt(proof / SALT), labels)
+    salt = read_salt(proof / SALT)
+    broken = broken_seals(seals, {case: salt + canonical(label) for case, label in labels.items()})
     ordered, said = order_of_commits(proof)
     print(
         "\n".join([*said, *broken, f"{len(labels) - len(broken)} of {len(labels)} labels are as sealed", ""])

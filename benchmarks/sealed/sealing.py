@@ -47,17 +47,15 @@ def read_salt(path: Path) -> str:
     return salt
 
 
-def broken_seals(manifest: Mapping[str, str], salt: str, labels: Mapping[str, Any]) -> list[str]:
-    """What is wrong, a sentence for each case; empty where every label is the one that was sealed."""
+def broken_seals(seals: Mapping[str, str], texts: Mapping[str, str]) -> list[str]:
+    """What is wrong, a sentence for each case; empty where every hash is that of the case's text."""
     faults = []
-    for case_id, seal in manifest.items():
-        if case_id not in labels:
-            faults.append(f"{case_id}: sealed, but without a label")
-        elif sealed(salt, labels[case_id]) != seal:
-            faults.append(f"{case_id}: the label is not the one that was sealed")
-    return faults + [
-        f"{case_id}: a label that was never sealed" for case_id in labels if case_id not in manifest
-    ]
+    for case, seal in seals.items():
+        if case not in texts:
+            faults.append(f"{case}: no label")
+        elif hashlib.sha256(texts[case].encode()).hexdigest() != seal:
+            faults.append(f"{case}: the label is not the one that was sealed")
+    return faults + [f"{case}: a label without a seal" for case in texts if case not in seals]
 
 
 def order_of_commits(folder: Path) -> tuple[bool | None, list[str]]:
