@@ -20,9 +20,8 @@ fault.
 """
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -87,7 +86,7 @@ class BatchFault:
     p_value: float
     shown_by: tuple[str, ...]
     fruit: int
-    sentence: str
+    sentence: str = ""
 
 
 def combined(
@@ -126,76 +125,61 @@ def batch_faults(records: Sequence[FruitRecord]) -> tuple[BatchFault, ...]:
     tried = {
         key: of_fruit for key, of_fruit in amounts.items() if len(of_fruit) >= FEWEST and key[0] in SPECS
     }
-    sure = []
+    sure: list[tuple[float, BatchFault]] = []
     for (effect, pad, parameter), of_fruit in tried.items():
         values, sds = (np.array(numbers) for numbers in list(zip(*of_fruit, strict=True))[1:])
         together = combined(values, sds, floor=FLOOR.get(parameter, OF_ITS_OWN * float(np.median(sds))))
         if together.p_value < FALSE_ALARM / len(tried):
-            shown = tuple(name for name, y, s in of_fruit if y * together.mean > 0 and abs(y) > SEEN * s)
-            sure.append(_Sure(effect, pad, parameter, together, shown, len(of_fruit)))
-    return tuple(_faults(sure))
+            fault = BatchFault(
+                effect=effect,
+                pad=pad,
+                parameter=parameter,
+                value=together.mean,
+                sd=together.sd,
+                between_sd=together.between_sd,
+                p_value=together.p_value,
+                shown_by=tuple(
+                    name for name, y, s in of_fruit if y * together.mean > 0 and abs(y) > SEEN * s
+                ),
+                fruit=len(of_fruit),
+            )
+            sure.append((together.t, fault))
+    by_effect: dict[str, list[tuple[float, BatchFault]]] = {}
+    for t, fault in sorted(sure, key=lambda known: known[1].p_value):
+        by_effect.setdefault(fault.effect, []).append((t, fault))
+    return tuple(_surest(known) for known in by_effect.values())
 
 
-class _Sure(NamedTuple):
-    """An amount that all fruit together show, those that show it by themselves, and how many were looked
-    at.
-    """
-
-    effect: str
-    pad: str
-    parameter: str
-    together: Combined
-    shown_by: tuple[str, ...]
-    fruit: int
-
-
-def _faults(sure: Sequence[_Sure]) -> Iterable[BatchFault]:
-    """Of each effect the surest, with the other pads that may have it instead: what is wrong, by how much, in
+def _surest(known: Sequence[tuple[float, BatchFault]]) -> BatchFault:
+    """Of one effect the surest, with the other pads that may have it instead: what is wrong, by how much, in
     how many fruit, and what to do.
     """
-    for effect in dict.fromkeys(
-        amount.effect for amount in sorted(sure, key=lambda amount: amount.together.p_value)
-    ):
-        first, *rest = sorted(
-            (amount for amount in sure if amount.effect == effect), key=lambda amount: -amount.together.t
-        )
-        others = [
-            amount
-            for amount in rest
-            if amount.pad != first.pad
-            and amount.parameter == first.parameter
-            and amount.together.t > AS_SURE * first.together.t
-        ]
-        said, together = ", or ".join(map(_amount, (first, *others))), first.together
-        yield BatchFault(
-            effect=effect,
-            pad=first.pad,
-            parameter=first.parameter,
-            value=together.mean,
-            sd=together.sd,
-            between_sd=together.between_sd,
-            p_value=together.p_value,
-            shown_by=first.shown_by,
-            fruit=first.fruit,
-            sentence=(
-                f"{said[:1].upper()}{said[1:]}: in all {first.fruit} fruit together (p = "
-                f"{together.p_value:.1g}), and visible in {len(first.shown_by)} of {first.fruit} "
-                f"individually. {SPECS[effect].words.advice}"
-            ),
-        )
+    (most, first), *rest = sorted(known, key=lambda candidate: -candidate[0])
+    others = [
+        fault
+        for t, fault in rest
+        if fault.pad != first.pad and fault.parameter == first.parameter and t > AS_SURE * most
+    ]
+    words = ", or ".join(map(_amount, (first, *others)))
+    return replace(
+        first,
+        sentence=f"{words[:1].upper()}{words[1:]}: in all {first.fruit} fruit together (p = "
+        f"{first.p_value:.1g}), and visible in {len(first.shown_by)} of {first.fruit} individually. "
+        f"{SPECS[first.effect].words.advice}",
+    )
 
 
-def _amount(sure: _Sure) -> str:
+def _amount(fault: BatchFault) -> str:
     """The fault with its size."""
-    mean, sd = sure.together.mean, sure.together.sd
-    where = f"the {sure.pad} pad" if sure.pad else "the gripper"
-    if sure.parameter == "gain":
-        gain = 1 / (1 - mean) - 1
+    where = f"the {fault.pad} pad" if fault.pad else "the gripper"
+    if fault.parameter == "gain":
+        gain = 1 / (1 - fault.value) - 1
         much = "much" if gain > 0 else "little"
-        return f"{where} reads {100 * abs(gain):.1f} ± {100 * sd / (1 - mean) ** 2:.1f} % too {much} force"
-    specs = SPECS[sure.effect].parameters
-    spec = next((spec for spec in specs if sure.parameter in {part.name for part in spec.searched}), None)
+        sd = 100 * fault.sd / (1 - fault.value) ** 2
+        return f"{where} reads {100 * abs(gain):.1f} ± {sd:.1f} % too {much} force"
+    specs = SPECS[fault.effect].parameters
+    spec = next((spec for spec in specs if fault.parameter in {part.name for part in spec.searched}), None)
     unit = "" if spec is None else f" {spec.unit}".replace(" 1", "")
-    meaning = SPECS[sure.effect].words.short if spec is None else spec.words
-    axis = {"0": " along its x", "1": " along its y"}.get(sure.parameter.partition(".")[2], "")
-    return f"{where}: {meaning}{axis} {mean:+.3g} ± {sd:.2g}{unit}"
+    meaning = SPECS[fault.effect].words.short if spec is None else spec.words
+    axis = {"0": " along its x", "1": " along its y"}.get(fault.parameter.partition(".")[2], "")
+    return f"{where}: {meaning}{axis} {fault.value:+.3g} ± {fault.sd:.2g}{unit}"
