@@ -50,12 +50,8 @@ class FruitPictures:
     """All photos with the outlines that the shape was made from; the page has a link to it alone."""
     mesh: Picture | None = None
     surface_sd: Picture | None = None
-    views: Picture | None = None
-    """Where photos were taken, and where more are needed, of a fruit that lacks views."""
     scene: bytes = b""
     """The fruit in three dimensions, as GLB; empty where the page is not to hold it."""
-    explained_scene: bytes = b""
-    """The same with the map of `drupe explain`; empty where there is none."""
 
 
 OR = "|"

@@ -227,14 +227,10 @@ class FruitResults:
     """Skin, pit and contact patches in three dimensions (glTF)."""
     surface_sd = ResultPath("surface-sd.png")
     """The map of how well the place of the skin is known."""
-    views = ResultPath("views.png")
-    """Where photos were taken and where more are needed, of a fruit that lacks them."""
     traceback = ResultPath("traceback.txt")
     """Where a fault of drupe's own happened."""
     mismatch = ResultPath("mismatch.json")
     """What `drupe explain` says of the fruit."""
-    mismatch_scene = ResultPath("mismatch.glb")
-    """The fruit in three dimensions with the map of `drupe explain` on its skin (glTF)."""
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -250,7 +246,7 @@ class FruitResults:
     def forget(self) -> None:
         """Removes what an earlier run wrote, record first: no file stands beside a record not its own."""
         for path in self.files:
-            if path not in (self.mismatch, self.mismatch_scene):
+            if path != self.mismatch:
                 remove(path)
 
     def in_the_way(self) -> Iterator[Path]:

@@ -24,7 +24,6 @@ from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
 from pipeline.fruit.placed_grasp import grasp_case, touched_by_pad
 from pipeline.fruit.sensor_scale import sensor_scale
 from pipeline.fruit.stage_log import StageLog
-from reports.fruit_scene import SceneSurface
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 TRACE_SEED = 20261120
@@ -33,14 +32,14 @@ TRACE_SEED = 20261120
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """The explanation, with the recordings it is of, where the pads touched, the pit, and facts for the
-    page. `doubts`: why E cannot be right.
+    """The explanation, with the recordings it is of, where the pads touched, and facts for the page.
+
+    `doubts`: why E cannot be right.
     """
 
     explanation: Explanation
     grasps: tuple[str, ...]
     contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] = field(default_factory=dict)
-    pit: SceneSurface | None = None
     facts: tuple[tuple[str, str], ...] = ()
     doubts: tuple[str, ...] = ()
 
@@ -159,7 +158,6 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
         explanation=replace(explanation, notes=tuple(notes)),
         grasps=tuple(grasp.name for grasp in fruit.placed),
         contacts_mm=touched_by_pad(fruit.placed),
-        pit=SceneSurface(fruit.pit.vertices, fruit.pit.faces) if len(fruit.pit.faces) else None,
         facts=(
             ("Finite elements", f"{len(fruit.mesh.tets)} tetrahedra, {len(fruit.mesh.nodes_mm)} nodes"),
             ("Poisson's ratio", f"{fruit.poisson_ratio:g} ± {budget.poisson_ratio_sd:g}"),

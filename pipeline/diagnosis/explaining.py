@@ -32,7 +32,7 @@ from pipeline.diagnosis.diagnosis import finding
 from pipeline.diagnosis.explain_entry import explain_entry
 from pipeline.diagnosis.notes import require_one_fruit
 from pipeline.diagnosis.terminal_summary import IN_ALL
-from pipeline.files.manifest import LIST_LOCK, MANIFEST, MOST_BYTES, json_in, remove
+from pipeline.files.manifest import LIST_LOCK, MANIFEST, MOST_BYTES, json_in
 from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
 from pipeline.fruit.stage_log import StageLog
@@ -43,7 +43,6 @@ from pipeline.run.grading import read_files
 from recon.recon_failure import ReconFailure
 from reports.explain_entries import FORMAT, ExplainEntry
 from reports.explain_page import explain_html
-from reports.explain_scene import explained_scene
 from tactile.tactile_failure import TactileFailure
 
 PAGE_TITLE = ": differences between simulation and recording</title>"
@@ -130,11 +129,7 @@ def _explained(
     if wanted.json is not None:
         put(wanted.json, (_json(entry.as_json()) + "\n").encode())
     if case.batch is not None:
-        remove(case.task.results.mismatch_scene)  # so that none stands beside another answer
         write_whole(case.task.results.mismatch, _json({**entry.as_json(), "key": case.task.key}) + "\n")
-        scene = explained_scene(entry, diagnosis.pit)
-        if scene is not None:
-            write_whole(case.task.results.mismatch_scene, scene)
     if wanted.html is not None:
         put(wanted.html, explain_html(entry).encode())
     return entry

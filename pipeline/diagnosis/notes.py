@@ -1,7 +1,6 @@
 """What a reader must know of a case's recordings before trusting the answer."""
 
 from collections.abc import Sequence
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,7 @@ from pipeline.fruit.placed_grasp import PlacedGrasp
 from pipeline.fruit.recording_owner import owner_findings
 from pipeline.fruit.sensor_scale import sensor_scale
 from pipeline.problem import refused
-from tactile.io.recording import GelPad, IndenterPad, Recording, read_recording
+from tactile.io.recording import IndenterPad, Recording, read_recording
 from tactile.noise import FEWEST_NO_CONTACT_FRAMES
 from tactile.tactile_failure import TactileFailure
 
@@ -85,7 +84,7 @@ def notes_on_trace(case: Case) -> list[str]:
 
 
 def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[str]:
-    """Notes of the pipeline: what was left aside, what the noise was taken from, pads that swapped names."""
+    """Notes of the pipeline: what was left aside, what the noise was taken from."""
     return [
         *warnings,
         *([ONE_RECORDING] if len(fruit.placed) == 1 else []),
@@ -93,7 +92,6 @@ def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[s
         *([CATEGORY_PIT] if fruit.pit.record and not case.task.folder.pit_ply.is_file() else []),
         *case.notes,
         *(note for grasp in fruit.placed for note in _air(grasp)),
-        *_swapped(fruit.placed),
         *_scale(fruit.placed, case.task.settings.sensor),
     ]
 
@@ -135,30 +133,3 @@ def _air(grasp: PlacedGrasp) -> list[str]:
             "air."
         )
     ]
-
-
-def _swapped(grasps: Sequence[PlacedGrasp]) -> list[str]:
-    """Two recordings whose left and right gels (told by their markers' places) have changed names."""
-    notes = []
-    for first, second in combinations(grasps, 2):
-        (a, b), (c, d) = _gels(first), _gels(second)
-        if a is None or c is None or b is None or d is None:
-            continue
-        if _same(a, d) and _same(b, c) and not _same(a, c):
-            notes.append(
-                f"{first.name} and {second.name}: the left pad's markers in one are the right pad's in "
-                "the other. If you swapped the pads' names but not the gels, effects appear at the "
-                "wrong pad."
-            )
-    return notes
-
-
-def _gels(grasp: PlacedGrasp) -> tuple[GelPad | None, GelPad | None]:
-    pads = {pad.name: pad for pad in grasp.recording.pads if isinstance(pad, GelPad)}
-    return pads.get("left"), pads.get("right")
-
-
-def _same(pad: GelPad, other: GelPad) -> bool:
-    return pad.rest_mm.shape == other.rest_mm.shape and bool(
-        np.allclose(pad.rest_mm, other.rest_mm, atol=1e-3)
-    )

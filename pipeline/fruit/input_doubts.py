@@ -9,7 +9,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
-from pipeline.batch.records import PitFoundRecord
 from pipeline.fruit.placed_grasp import PlacedGrasp
 from recon.pit.priors import PitPrior
 from recon.triangle_mesh import volume_mm3
@@ -41,9 +40,6 @@ E_PER_SIZE = 0.6
 E_OF_A_TURNED_PIT = 0.1
 """Relative standard deviation of E: a quarter turn about z or x made 0.01 to 0.07 (field_spreads.py --pits,
 two nectarines and a plum); assumed half as much again, for pads that meet other sides of it."""
-MOVED_SD = 5.0
-"""Grasps that put a given pit this many of the prior's standard deviations from where it was given; assumed
-as FAR_SD, for no sound recording's pit is given with an error to measure it by."""
 _NO_WORK, _METHODS = ModulusSign.NO_WORK, ModulusSign.METHODS_APART
 _RESIDUAL, _UNBALANCED = ModulusSign.RESIDUAL, ModulusSign.UNBALANCED
 _PHASES = ModulusSign.PHASES_APART
@@ -103,7 +99,6 @@ class PitKind(StrEnum):
     AWAY = "pit-away"
     SIZE = "pit-size"
     TURNED = "pit-turned"
-    FOUND_ELSEWHERE = "pit-found-elsewhere"
 
 
 class CategoryKind(StrEnum):
@@ -278,21 +273,3 @@ def of_a_given_pit(
             )
         )
     return doubts
-
-
-def of_a_pit_found(pit: PitFoundRecord | None, *, given: bool) -> list[Doubt]:
-    """A given pit that the grasps find elsewhere, or of another size, by far more than it may be off."""
-    if pit is None or not given or max(map(abs, pit.moved)) <= MOVED_SD:
-        return []
-    off = float(np.linalg.norm(pit.offset_mm))
-    return [
-        Doubt(
-            kind=PitKind.FOUND_ELSEWHERE,
-            sentence=(
-                f"the grasps locate the pit {off:.1f} mm from its place in pit.ply, at "
-                f"{pit.size:.2f} times its size. Either pit.ply or the grasps are shifted, scaled "
-                "or from another fruit."
-            ),
-            relative_sd=E_PER_MM * off,
-        )
-    ]

@@ -31,7 +31,6 @@ from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
 from pipeline.fruit.input_doubts import (
     causes_alone,
     expected_E_MPa,
-    of_a_pit_found,
     relative_sd,
     signs_explained,
 )
@@ -46,7 +45,6 @@ from reports.fruit_scene import SceneSurface, fruit_scene
 from reports.grasp_record import GraspRecord
 from reports.skin_layer import residual_layer
 from reports.skin_picture import mesh_picture
-from reports.view_plan_picture import view_plan_picture
 from tactile.tactile_failure import TactileFailure
 
 
@@ -68,9 +66,7 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
                     _refuse_implausible(task, log.facts.modulus.E_MPa)
             else:
                 _grade(task, log)
-        except ReconFailure as failure:
-            outcome, reason = failure.problem.value, failure.detail + _drawn(task, failure)
-        except (TactileFailure, FemFailure) as failure:
+        except (ReconFailure, TactileFailure, FemFailure) as failure:
             outcome, reason = failure.problem.value, failure.detail
         except FruitEnded as ended:
             outcome, reason = ended.outcome.code, str(ended)
@@ -92,25 +88,6 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
     )
     write_record(task.results.record, record)
     return record
-
-
-def _drawn(task: FruitTask, failure: ReconFailure) -> str:
-    """Draws where photos are missing, if the failure tells, and says where the picture is."""
-    plan = failure.views
-    if plan is None:
-        return ""
-    picture = view_plan_picture(
-        names=plan.names,
-        azimuth_deg=plan.azimuth_deg,
-        distance=plan.distance,
-        unplaced=plan.unplaced,
-        gaps_deg=plan.gaps_deg,
-        stand_deg=plan.stand_deg,
-    )
-    write_whole(task.results.views, picture)
-    path = task.results.views
-    place = f"{path.parent.parent.name}/{path.parent.name}/{path.name}"
-    return f" To see where to stand, open {place} or the report."
 
 
 def measured_fruit(
@@ -139,17 +116,11 @@ def measured_fruit(
         facts.grasps = tuple(sorted(records, key=lambda r: r.grasp))
         without_large = at_small_strain(placed, inference)
         spread = effect_spread(task, fruit, inference.modulus.E_MPa)
-        misplaced = of_a_pit_found(
-            modulus_record(inference.modulus).pit_found, given=task.folder.pit_ply.is_file()
-        )
-        doubts = [*fruit.doubts, *misplaced]
-        facts.doubts = tuple(doubt.sentence for doubt in doubts)
-        log.warnings[:0] = [doubt.sentence for doubt in misplaced]
         facts.modulus = modulus_record(
             inference.modulus,
             effects_common_sd_MPa=spread.common_sd_MPa,
             effects_own_sd_MPa=spread.own_sd_MPa,
-            doubted=relative_sd(doubts),
+            doubted=relative_sd(fruit.doubts),
             sensor=sensor_scale([placed_grasp.recording for placed_grasp in placed], task.settings.sensor),
             plain_jaws=sum(grasp.plain_jaw for grasp in placed) / len(placed),
             small_strain=len(without_large) / len(placed),

@@ -201,9 +201,7 @@ def _fruit_entry(
         warnings=tuple(warning for warning in record.warnings if warning not in record.doubts),
         doubts=record.doubts,
         forced=record.forced,
-        pictures=pictures.of(
-            files, measured=mesh is not None, graded=record.graded, explained=answer is not None
-        ),
+        pictures=pictures.of(files, measured=mesh is not None),
         has_pit=record.pit is not None,
         recordings=tuple(g for g in record.grasps if g.failure is None),
         smaller_error="" if record.modulus is None else about_error(record.modulus),

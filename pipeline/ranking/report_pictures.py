@@ -34,17 +34,14 @@ _ROOMS: dict[str, _Room] = {
     "outlines": _Room(0, 0),
     "mesh": _Room(7_000, 640),
     "surface_sd": _Room(5_500, 420),
-    "views": _Room(9_500, 420),
 }
-"""Bytes and pixels by picture. A graded fruit has at most the first six: 30 000 bytes, in a page (base64,
-four characters for three bytes) 40 kB; the outlines are a link to their file. `views` is of a fruit that was
-not graded."""
+"""Bytes and pixels by picture. Together 21 000 bytes, in a page (base64, four characters for three bytes)
+28 kB; the outlines are a link to their file."""
 _ROOMS_OF_MANY: dict[str, _Room] = {
     "photo": _Room(2_500, 220),
     "outlines": _Room(0, 0),
     "mesh": _Room(3_500, 360),
     "surface_sd": _Room(0, 0),
-    "views": _Room(3_500, 300),
 }
 """The same beyond MANY fruit: 2000 of them take 16 MB; the maps are links to their files alone."""
 
@@ -64,37 +61,24 @@ class ReportPictures:
         self._with_scenes = fruits <= MANY_SCENES
         self._made: dict[tuple[str, tuple[tuple[str, int, int], ...]], FruitPictures] = {}
 
-    def of(
-        self, files: FruitResults, *, measured: bool, graded: bool, explained: bool = False
-    ) -> FruitPictures:
-        """Pictures of one fruit; of one without a mesh (not `measured`) or graded those that fit it.
-
-        `explained`: `drupe explain` has an answer for it as it is.
-        """
+    def of(self, files: FruitResults, *, measured: bool) -> FruitPictures:
+        """Pictures of one fruit; none of one without a mesh (not `measured`)."""
         wanted = {
             "photo": files.photo,
             "outlines": files.outlines,
             "mesh": files.picture,
             "surface_sd": files.surface_sd,
         }
-        paths = wanted if measured else {}
-        if not graded:
-            paths = paths | {"views": files.views}
-        there = {name: path for name, path in paths.items() if path.is_file()}
+        there = {name: path for name, path in wanted.items() if measured and path.is_file()}
         if not there:
             return FruitPictures()
         state = tuple((name, *_state(path)) for name, path in there.items())
         key = (str(files.root), state)
         if key not in self._made:
             self._made[key] = self._pictures(files, there)
-        if not (measured and self._with_scenes and files.scene.is_file()):
+        if not (self._with_scenes and files.scene.is_file()):
             return self._made[key]
-        more = files.mismatch_scene if explained and files.mismatch_scene.is_file() else None
-        return replace(
-            self._made[key],
-            scene=files.scene.read_bytes(),
-            explained_scene=b"" if more is None else more.read_bytes(),
-        )
+        return replace(self._made[key], scene=files.scene.read_bytes())
 
     def _pictures(self, files: FruitResults, there: dict[str, Path]) -> FruitPictures:
         key = stage_key(

@@ -17,7 +17,6 @@ from pipeline.fruit.input_doubts import expected_E_MPa
 from pipeline.fruit.trace_geometry import OPTIONS, geometry_of
 from pipeline.problem import refused
 from pipeline.recordings.description_file import frame_progress
-from pipeline.recordings.trace_doubts import trace_doubts
 from recon.pit.priors import PitPrior, load_prior
 from recon.recon_failure import ReconFailure
 from tactile.checks.of_recording import recording_findings
@@ -158,11 +157,9 @@ def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable
     )
     for line in _contact(converted.recording, out.name):
         report(line)
-    prior = _prior(converted.recording.category)
     if is_bare(converted.recording):
-        doubts = trace_doubts(converted.recording, prior, source=source)
-        return Conversion(notes=converted.notes, doubts=doubts)
-    limits = expected_E_MPa(prior)
+        return Conversion(notes=converted.notes)
+    limits = expected_E_MPa(_prior(converted.recording.category))
     findings = recording_findings(converted.recording, None, None, E_range_MPa=limits)
     return Conversion(
         notes=(

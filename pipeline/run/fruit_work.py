@@ -39,4 +39,4 @@ def keep_pictures(task: "FruitTask", record: "FruitRecord") -> None:
     fruits = 1 if task.batch_fruits is None else len(task.batch_fruits)
     pictures = ReportPictures(Results(task.results.root.parents[1]), fruits=fruits)
     with suppress(OSError, ValueError):
-        pictures.of(task.results, measured=record.mesh is not None, graded=record.graded)
+        pictures.of(task.results, measured=record.mesh is not None)

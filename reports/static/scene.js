@@ -8,7 +8,7 @@
   const choice = dialog.querySelector("select"), bar = dialog.querySelector(".bar"), unseen = dialog.querySelector(".unseen");
   const cut = dialog.querySelector("input"), scale = dialog.querySelector(".scale"), ends = dialog.querySelectorAll(".end");
   const BARS_MM = [1, 2, 5, 10, 20, 50, 100], FLESH = [0.98, 0.84, 0.55, 1];
-  let gl = null, uniforms = null, scenes = [], parts = [], current = null, low = [], high = [], middle = [0, 0, 0], reach = 1, yaw = 0.6, pitch = 0.35, zoom = 1;
+  let gl = null, uniforms = null, scene = null, parts = [], current = null, low = [], high = [], middle = [0, 0, 0], reach = 1, yaw = 0.6, pitch = 0.35, zoom = 1;
 
   // parts with their sets of colours; the second set is a map, with its name and the ends of its bar
   function sceneOf(coded) {
@@ -77,12 +77,12 @@
 
   function load() {
     [low, high] = [[Infinity, Infinity, Infinity], [-Infinity, -Infinity, -Infinity]];
-    const name = choice.value === "photo" ? "" : choice.value, shown = scenes.find((scene) => name && scene.map && scene.map.name === name) || scenes[0];
+    const name = choice.value === "photo" ? "" : choice.value;
     for (const part of parts) {
       gl.deleteVertexArray(part.array);
       part.buffers.forEach((buffer) => gl.deleteBuffer(buffer));
     }
-    parts = shown.parts.map((part) => {
+    parts = scene.parts.map((part) => {
       const paint = name && part.colours[1] || part.colours[0], buffers = [0, 1, 2].map(() => gl.createBuffer());
       part.place.forEach((value, k) => {
         low[k % 3] = Math.min(low[k % 3], value);
@@ -107,8 +107,8 @@
     bar.hidden = !name;
     if (!name) return;
     const said = choice.selectedOptions[0].dataset;
-    bar.firstElementChild.textContent = `${said.below} (${shown.map.low})`;
-    bar.lastElementChild.textContent = `${said.above} (${shown.map.high})`;
+    bar.firstElementChild.textContent = `${said.below} (${scene.map.low})`;
+    bar.lastElementChild.textContent = `${said.above} (${scene.map.high})`;
   }
 
   function draw() {
@@ -199,20 +199,19 @@
     lacking.hidden = gl !== null || begun();
     if (!lacking.hidden) return;
     [yaw, pitch, zoom] = [0.6, 0.35, 1];
-    scenes = [button.dataset.scene, button.dataset.explained].filter(Boolean).map(sceneOf);
-    const photo = scenes.find((scene) => scene.photo);
-    ends.forEach((end) => { end.hidden = !scenes[0].named; });
-    for (const option of choice.options) option.hidden = option.disabled = option.value === "photo" || option.value !== "" && !scenes.some((scene) => scene.map && scene.map.name === option.value);
-    choice.closest("label").hidden = !photo && !scenes.some((scene) => scene.map);
+    scene = sceneOf(button.dataset.scene);
+    ends.forEach((end) => { end.hidden = !scene.named; });
+    for (const option of choice.options) option.hidden = option.disabled = option.value === "photo" || option.value !== "" && !(scene.map && scene.map.name === option.value);
+    choice.closest("label").hidden = !scene.photo && !scene.map;
     choice.value = "";
     cut.value = 0;
     current = button;
     load();
     draw();
     // until this fruit's photo is decoded, and where it cannot be, the skin has the pad contacts
-    if (photo) createImageBitmap(photo.jpeg).then((picture) => {
+    if (scene.photo) createImageBitmap(scene.jpeg).then((picture) => {
       if (current !== button) return;
-      gl.uniform3fv(uniforms.eye, photo.photo.middle);
+      gl.uniform3fv(uniforms.eye, scene.photo.middle);
       gl.texImage2D(gl.TEXTURE_2D, 0, gl.RGBA, gl.RGBA, gl.UNSIGNED_BYTE, picture);
       const option = choice.querySelector("[value=photo]");
       option.hidden = option.disabled = false;

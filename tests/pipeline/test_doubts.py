@@ -6,13 +6,11 @@ import numpy as np
 import pytest
 
 from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
-from pipeline.batch.records import PitFoundRecord
 from pipeline.fruit.input_doubts import (
     EXPLAINS,
     Doubt,
     causes_alone,
     of_a_given_pit,
-    of_a_pit_found,
     of_grasps,
     relative_sd,
     remarks_of_grasps,
@@ -78,23 +76,6 @@ def test_a_body_that_may_have_its_core_anywhere_is_not_judged(nectarine):
     phantom = load_prior("phantom")
     assert of_a_given_pit(skin, pit + np.array([9.0, 0, 0]), faces, phantom) == []
     assert of_a_given_pit(skin, pit + np.array([9.0, 0, 0]), faces, None) == []
-
-
-def test_a_given_pit_that_the_grasps_find_elsewhere_is_doubted():
-    pit = PitFoundRecord(
-        offset_mm=(4.0, 0.0, 3.0),
-        offset_sd_mm=(0.3, 0.3, 0.3),
-        offset_prior_sd_mm=(0.5, 0.5, 0.5),
-        size=1.01,
-        size_sd=0.02,
-        size_prior_sd=0.03,
-        moved=(8.0, 0.0, 6.0, 0.3),
-    )
-    (doubt,) = of_a_pit_found(pit, given=True)
-    assert "5.0 mm from its place in pit.ply" in doubt.sentence
-    assert of_a_pit_found(pit, given=False) == []
-    near = pit.model_copy(update={"moved": (1.0, -2.0, 0.5, 1.0)})
-    assert of_a_pit_found(near, given=True) == []
 
 
 def grasp(number, *findings):

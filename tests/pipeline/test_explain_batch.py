@@ -3,7 +3,6 @@
 import json
 
 import numpy as np
-import trimesh
 from fake_explanation import GAIN, OTHERS, fake_explanation
 
 import pipeline.diagnosis.diagnosis
@@ -23,16 +22,6 @@ def test_a_fruit_of_a_batch_is_explained_and_its_effect_applied_once(drupe, find
     again = drupe("explain", batch, "--fruit", "N01", "--apply")
     assert "already contain effects (sensor_gain)" in again.out
     assert (batch / "batch.toml").read_text() == text
-
-
-def test_its_map_is_kept_in_three_dimensions_as_long_as_the_answer_has_one(drupe, finder, batch):
-    kept = batch / "results" / "fruits" / "N01" / "mismatch.glb"
-    assert drupe("explain", batch, "--fruit", "N01").status == 0
-    made = trimesh.load(kept)
-    assert set(made.geometry) == {"pit", "skin"}
-    finder["answer"] = fake_explanation(maps=None)
-    assert drupe("explain", batch, "--fruit", "N01").status == 0
-    assert not kept.exists()
 
 
 def test_what_is_not_confirmed_is_not_applied_and_it_is_said_why(drupe, finder, batch):

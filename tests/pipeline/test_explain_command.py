@@ -107,24 +107,6 @@ def test_no_frames_in_the_air_is_noted(drupe, finder, case):
     assert "note: grasp-2: no frame before first contact" in ran.out
 
 
-def test_pads_whose_names_were_swapped_are_noted(drupe, finder, case):
-    def swap(file):
-        pads = file["pads"]
-        pads.move("left", "other")
-        pads.move("right", "left")
-        pads.move("other", "right")
-
-    for k in (1, 2):
-        change(
-            case / f"grasp-{k}.h5",
-            lambda f: f["pads/left/rest_mm"].write_direct(f["pads/left/rest_mm"][:] + 0.2),
-        )
-    change(case / "grasp-2.h5", swap)
-    ran = drupe("explain", case)
-    assert ran.status == 0, ran.err
-    assert "the left pad's markers in one are the right pad's in the other" in ran.out
-
-
 def silent(file):
     for pad in ("left", "right"):
         file[f"pads/{pad}/force_N"][...] = 0.0

@@ -1,7 +1,5 @@
 """The page of a mismatch: verdict first, everything inside one file, hostile text escaped, nothing lost."""
 
-import io
-import json
 import re
 import sys
 from dataclasses import replace
@@ -11,7 +9,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "pipeline"))
 from fake_explanation import fake_explanation
@@ -32,9 +29,6 @@ from reports import explain_page
 from reports.effect_words import VERDICTS, explain_verdict, where_in_words
 from reports.explain_charts import modulus_over_time
 from reports.explain_page import explain_html
-from reports.explain_scene import explained_scene
-from reports.fruit_scene import SceneSurface
-from reports.skin_layer import FLESH
 from reports.skin_picture import map_picture
 
 
@@ -225,43 +219,6 @@ def test_frames_that_say_nothing_of_E_are_not_drawn():
     (chart,) = modulus_over_time(entry(), with_effect=True)
     assert chart["caption"] == "grasp-1"
     assert [len(layer["x"]) for layer in chart["layers"] if layer["kind"] == "marks"] == [20, 20]
-
-
-def content(made):
-    return json.loads(made[20 : 20 + int.from_bytes(made[12:16], "little")])
-
-
-def painted(made):
-    """RGBA of the skin's vertices by the map (COLOR_1), in the order of the file."""
-    said = content(made)
-    start = 28 + int.from_bytes(made[12:16], "little")
-    accessor = said["accessors"][said["meshes"][-1]["primitives"][0]["attributes"]["COLOR_1"]]
-    view = said["bufferViews"][accessor["bufferView"]]
-    at = start + view["byteOffset"]
-    return np.frombuffer(made[at : at + 4 * accessor["count"]], np.uint8).reshape(-1, 4)
-
-
-def test_in_three_dimensions_softer_flesh_is_red_and_skin_that_could_not_be_seen_is_bare():
-    made = explained_scene(entry(), None)
-    assert content(made)["meshes"][0]["extras"]["map"] == {"name": "finder", "low": "-8 σ", "high": "8 σ"}
-    places = np.array(trimesh.load(io.BytesIO(made), file_type="glb").geometry["skin"].vertices)
-    colour = painted(made).astype(int)
-    soft = places[:, 0] > 20
-    assert (colour[soft][:, 0] > colour[soft][:, 2] + 60).all()
-    bare = np.abs(places[:, 0]) < 5
-    assert (colour[bare][:, :3] == np.round(255 * np.array(FLESH))).all()
-
-
-def test_in_three_dimensions_the_pit_is_inside():
-    box = trimesh.creation.box([2.0, 2.0, 2.0])
-    made = explained_scene(entry(), SceneSurface(np.array(box.vertices), np.array(box.faces)))
-    assert [mesh["name"] for mesh in content(made)["meshes"]] == ["pit", "skin"]
-
-
-def test_without_a_map_nothing_is_shown_in_three_dimensions():
-    assert explained_scene(entry(maps=None), None) is None
-    unseen = replace(bumpy_map(), visible=np.zeros(6))
-    assert explained_scene(entry(maps=unseen), None) is None
 
 
 def test_no_two_parts_of_the_page_have_one_name():
