@@ -1,6 +1,5 @@
 """`drupe explain --apply`: a confirmed effect goes into batch.toml, whose other text stays as it is."""
 
-import re
 from collections.abc import Sequence
 from datetime import datetime
 
@@ -16,10 +15,6 @@ from pipeline.diagnosis.diagnosed_case import Case
 from pipeline.files.plain_file import NotReadable, toml_of
 from pipeline.files.toml_text import toml_value
 from reports.effect_words import LISTED
-
-HEADER = re.compile(r"[ \t]*\[")
-MISMATCH_HEADER = re.compile(r"[ \t]*\[\[[ \t]*mismatch[ \t]*\]\]")
-BYTE_ORDER_MARK = "\ufeff"
 
 
 def applied(case: Case, explanation: Explanation, *, now: datetime) -> str:
@@ -43,9 +38,7 @@ def applied(case: Case, explanation: Explanation, *, now: datetime) -> str:
         changed = with_effects(text, effects, note=f"found by drupe explain on {now:%Y-%m-%d}")
         if changed is None:
             lines = " ".join(line for effect in effects for line in _lines(effect, note=""))
-            return (
-                f"Not applied: drupe cannot change {path} without changing other lines; add by hand: {lines}"
-            )
+            return f"Not applied: {path} already holds [[mismatch]] of this kind; change it by hand: {lines}"
         mode = path.stat().st_mode
         write_whole(path.resolve(), changed)
         path.chmod(mode)
@@ -150,48 +143,21 @@ def _rounded(value: Value) -> Value:
 
 
 def with_effects(text: str, effects: Sequence[ConfirmedEffect], *, note: str) -> str | None:
-    """`text` of a batch.toml with the effects in it, each in place of an earlier one of the same place.
-
-    None where that cannot be done without changing what else the file says (it is read back to see). A byte
-    order mark stays.
+    """`text` of a batch.toml with the effects below it; None where they cannot stand there (it is read back
+    to see), or the file holds one of the same place.
     """
-    if text.startswith(BYTE_ORDER_MARK):
-        changed = with_effects(text.removeprefix(BYTE_ORDER_MARK), effects, note=note)
-        return None if changed is None else BYTE_ORDER_MARK + changed
     before = Settings.model_validate(toml_of(text))
-    places = {effect.place() for effect in effects}
-    kept = tuple(effect for effect in before.mismatch if effect.place() not in places)
-    replaced = [k for k, effect in enumerate(before.mismatch) if effect.place() in places]
-    lines = text.splitlines(keepends=True)
-    blocks = _blocks(lines)
-    if replaced and len(blocks) != len(before.mismatch):
+    if {effect.place() for effect in effects} & {effect.place() for effect in before.mismatch}:
         return None
-    for k in reversed(replaced):
-        start, stop = blocks[k]
-        del lines[start:stop]
     end = "\r\n" if "\r\n" in text else "\n"
-    body = "".join(lines).rstrip()
     added = [line for effect in effects for line in ("", *_lines(effect, note=note))]
-    changed = (body + end if body else "") + end.join(added) + end
+    changed = text.rstrip() + end + end.join(added) + end
     try:
         after = Settings.model_validate(toml_of(changed))
     except (NotReadable, ValidationError):
         return None
-    wanted = before.model_copy(update={"mismatch": (*kept, *effects)})
+    wanted = before.model_copy(update={"mismatch": (*before.mismatch, *effects)})
     return changed if after == wanted else None
-
-
-def _blocks(lines: Sequence[str]) -> list[tuple[int, int]]:
-    """First line and end of each [[mismatch]] table; blank and comment lines after it are the next one's."""
-    blocks = []
-    for start in (k for k, line in enumerate(lines) if MISMATCH_HEADER.match(line)):
-        stop = start + 1
-        while stop < len(lines) and not HEADER.match(lines[stop]):
-            stop += 1
-        while stop > start + 1 and (not lines[stop - 1].strip() or lines[stop - 1].lstrip().startswith("#")):
-            stop -= 1
-        blocks.append((start, stop))
-    return blocks
 
 
 def _lines(effect: ConfirmedEffect, *, note: str) -> list[str]:
