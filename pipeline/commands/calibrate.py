@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 
 from pipeline.commands.endings import said_when_interrupted, said_when_refused
-from pipeline.commands.shared_options import SheetOption
+from pipeline.commands.shared_options import ColumnsOption, SheetOption, UnitsOption
 from pipeline.safe_start import elsewhere
 
 
@@ -62,12 +62,8 @@ def calibrate(
             metavar="FILE", help="Another squeeze of the same object. Repeat the option for more squeezes."
         ),
     ] = None,
-    columns: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Columns of a load cell's table, as for drupe convert.")
-    ] = None,
-    units: Annotated[
-        str | None, typer.Option(metavar="LIST", help="Units of a load cell's table, as for drupe convert.")
-    ] = None,
+    columns: ColumnsOption = None,
+    units: UnitsOption = None,
     sheet: SheetOption = None,
 ) -> None:
     """Calibrate a sensor from presses, or measure the compliance of a rig.

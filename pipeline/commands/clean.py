@@ -1,15 +1,15 @@
 """`drupe clean`."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from pipeline.commands.shared_options import ResultsArgument
 from pipeline.safe_start import elsewhere
 
 
 def clean(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The results folder of `drupe grade`.")],
+    out: ResultsArgument,
     everything: Annotated[
         bool, typer.Option("--all", help="Also remove ranking, report and records.")
     ] = False,

@@ -7,7 +7,7 @@ import typer
 from rich.console import Console
 
 from pipeline.commands.endings import said_when_interrupted, said_when_refused
-from pipeline.commands.shared_options import SheetOption
+from pipeline.commands.shared_options import ColumnsOption, SheetOption, UnitsOption
 from pipeline.exit_status import DOUBTED, UNUSABLE
 from pipeline.safe_start import elsewhere
 
@@ -80,22 +80,8 @@ def convert(
             "no pit. Default: the category's value.",
         ),
     ] = None,
-    columns: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LIST",
-            help="Columns of a load cell's table, for example time=Time,force=Force,travel=Pos. Use "
-            "gap=NAME for a distance that decreases.",
-        ),
-    ] = None,
-    units: Annotated[
-        str | None,
-        typer.Option(
-            metavar="LIST",
-            help="Units, if the table does not state them, for example force=N,travel=mm,time=s. "
-            "Also known: kN, lbf, kgf, um, in, ms, min and others.",
-        ),
-    ] = None,
+    columns: ColumnsOption = None,
+    units: UnitsOption = None,
     sheet: SheetOption = None,
     run: Annotated[
         str | None,

@@ -1,17 +1,17 @@
 """`drupe firmness`."""
 
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from pipeline.commands.shared_options import ResultsArgument
 from pipeline.problem import refused
 from pipeline.safe_start import elsewhere
 
 
 def firmness(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The results folder of `drupe grade`.")],
+    out: ResultsArgument,
     chord: Annotated[
         tuple[float, float],
         typer.Option("--chord", metavar="LOW HIGH", help="The two forces of your FirmTech, in gf."),

@@ -1,26 +1,28 @@
 """`drupe judge`."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pipeline.commands.shared_options import LanguageOption, chosen_language
+from pipeline.commands.shared_options import (
+    LanguageOption,
+    MovedBatchOption,
+    ResultsArgument,
+    chosen_language,
+)
 from pipeline.problem import BatchRefused
 from pipeline.safe_start import elsewhere
 
 
 def judge(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The results folder of `drupe grade`.")],
+    out: ResultsArgument,
     fruit: Annotated[str, typer.Argument(metavar="FRUIT", help="The fruit_id.")],
     judged_class: Annotated[
         str, typer.Option("--class", metavar="CLASS", help="Your class for the fruit; one of the batch's.")
     ],
     by: Annotated[str, typer.Option("--by", metavar="NAME", help="Your name.")],
     why: Annotated[str, typer.Option("--why", metavar="TEXT", help="Your reason, in a sentence.")],
-    batch: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="The batch folder, if it moved after grading.")
-    ] = None,
+    batch: MovedBatchOption = None,
     lang: LanguageOption = None,
 ) -> None:
     """Record a person's verdict on a fruit. It is shown next to E and never replaces E.

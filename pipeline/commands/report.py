@@ -1,8 +1,5 @@
 """`drupe report`."""
 
-from pathlib import Path
-from typing import Annotated
-
 import typer
 from rich.console import Console
 
@@ -10,7 +7,9 @@ from pipeline.commands.shared_options import (
     ChecksumsOption,
     ExcelOption,
     LanguageOption,
+    MovedBatchOption,
     ParquetOption,
+    ResultsArgument,
     chosen_language,
 )
 from pipeline.exit_status import UNUSABLE
@@ -18,10 +17,8 @@ from pipeline.safe_start import elsewhere
 
 
 def report(
-    out: Annotated[Path, typer.Argument(metavar="OUT", help="The results folder of `drupe grade`.")],
-    batch: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="The batch folder, if it moved after grading.")
-    ] = None,
+    out: ResultsArgument,
+    batch: MovedBatchOption = None,
     provenance: ChecksumsOption = False,
     excel: ExcelOption = None,
     parquet: ParquetOption = False,

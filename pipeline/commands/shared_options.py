@@ -55,6 +55,26 @@ LogOption = Annotated[
 SheetOption = Annotated[
     str | None, typer.Option(metavar="NAME", help="The sheet to read from a spreadsheet.")
 ]
+ColumnsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LIST",
+        help="Columns of a load cell's table, for example time=Time,force=Force,travel=Pos. Use gap=NAME for "
+        "a distance that decreases.",
+    ),
+]
+UnitsOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="LIST",
+        help="Units, if the table does not state them, for example force=N,travel=mm,time=s. Also known: kN, "
+        "lbf, kgf, um, in, ms, min and others.",
+    ),
+]
+ResultsArgument = Annotated[Path, typer.Argument(metavar="OUT", help="The results folder of `drupe grade`.")]
+MovedBatchOption = Annotated[
+    Path | None, typer.Option("--batch", metavar="DIR", help="The batch folder, if it moved after grading.")
+]
 
 
 def chosen_language(asked: str | None) -> str:

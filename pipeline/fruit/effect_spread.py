@@ -36,30 +36,24 @@ def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectS
     Parameters count as independent, and the rig as one more, its curve shifted as a whole. Poisson's ratio
     and the pit have their own parts of the error bar.
     """
-    shared, fruit_deviations, doubts = [0.0], [0.0], []
+    shared, of_fruit, doubts = [0.0], [0.0], list[str]()
     effects = task.settings.mismatch
     rig = batch_rig(task.batch_root, task.settings)
-    counted = [
-        *in_the_model(effects),
-        *(effect for effect in effects if effect.spec.enters is Entry.RECORDING),
-    ]
+    in_model = in_the_model(effects)
     for k, effect in enumerate(effects):
-        if effect not in counted:
+        if effect not in in_model and effect.spec.enters is not Entry.RECORDING:
             continue
         for name, shifted in _shifted(effect):
-            try:
-                changed = (*effects[:k], shifted, *effects[k + 1 :])
-                other = _modulus(task, fruit, changed, rig=rig)
-            except (TactileFailure, FemFailure, ExceptionGroup):
+            moved = _moved(task, fruit, E_MPa, (*effects[:k], shifted, *effects[k + 1 :]), [rig])
+            (of_fruit if effect.fruits else shared).append(moved or 0.0)
+            if moved is None:
                 doubts.append(
                     f"the error bar excludes the standard deviation of {effect.effect}'s {name}, because "
                     "E has no value there"
                 )
-                continue
-            (fruit_deviations if effect.fruits else shared).append(abs(other - E_MPa))
     if rig is not None:
-        moved = _moved_by_rig(task, fruit, E_MPa, rig)
-        shared.append(0.0 if moved is None else moved)
+        moved = _moved(task, fruit, E_MPa, effects, [rig.plus(1.0), rig.plus(-1.0)])
+        shared.append(moved or 0.0)
         if moved is None:
             doubts.append(
                 "the error bar excludes the standard deviation of the rig's compliance, "
@@ -67,16 +61,22 @@ def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectS
             )
     return EffectSpread(
         common_sd_MPa=float(np.linalg.norm(shared)),
-        own_sd_MPa=float(np.linalg.norm(fruit_deviations)),
+        own_sd_MPa=float(np.linalg.norm(of_fruit)),
         doubts=tuple(doubts),
     )
 
 
-def _moved_by_rig(task: FruitTask, fruit: GraspedFruit, E_MPa: float, rig: RigCurve) -> float | None:
-    """|E(give + sd) - E|, or |E(give - sd) - E| where the fruit is left no travel by the first; else None."""
-    for way in (1.0, -1.0):
+def _moved(
+    task: FruitTask,
+    fruit: GraspedFruit,
+    E_MPa: float,
+    effects: Sequence[ConfirmedEffect],
+    rigs: Sequence[RigCurve | None],
+) -> float | None:
+    """|change of E| with these effects and the first rig that leaves the fruit travel; None with none."""
+    for rig in rigs:
         try:
-            return abs(_modulus(task, fruit, task.settings.mismatch, rig=rig.plus(way)) - E_MPa)
+            return abs(_modulus(task, fruit, effects, rig=rig) - E_MPa)
         except (TactileFailure, FemFailure, ExceptionGroup):
             continue
     return None

@@ -3,7 +3,7 @@
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import astuple, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -25,14 +25,13 @@ from fem.solid.finite_strain import FiniteStrainSolid
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.pad_link import PadPlaces, pad_places
 from pipeline.batch.cache import cached, stage_key
-from pipeline.batch.confirmed_effects import keyed
 from pipeline.batch.records import ModulusRecord, PitFoundRecord
 from pipeline.batch.task import FruitTask
 from pipeline.fruit.content_hash import content_hash
 from pipeline.fruit.flesh_effects import added, in_the_model, with_corrections
 from pipeline.fruit.freed_memory import return_freed_memory
-from pipeline.fruit.kept_models import KeptCorrections, KeptModels, packed, unpacked
-from pipeline.fruit.placed_grasp import PlacedGrasp, grasp_case, history
+from pipeline.fruit.kept_models import KeptModels, packed, unpacked
+from pipeline.fruit.placed_grasp import PlacedGrasp, grasp_case
 from pipeline.fruit.sensor_scale import NO_SCALE, SensorScale
 
 CONFIRMED = "confirmed effects"
@@ -113,21 +112,17 @@ def prepared_histories(
     """Of each grasp how it drives models, or why it drives none, and its recording, prepared where it can
     be.
     """
-    prepared = [_prepared(grasp) for grasp in grasps]
-    histories = [
-        history(grasp) if isinstance(preparation, FemFailure) else preparation.history
-        for grasp, preparation in zip(grasps, prepared, strict=True)
-    ]
+    prepared: list[PreparedGrasp | FemFailure] = []
+    histories = []
+    for grasp in grasps:
+        case = grasp_case(grasp)
+        try:
+            prepared.append(ready := prepared_grasp(case.history, case.turns))
+            histories.append(ready.history)
+        except FemFailure as failure:
+            prepared.append(failure)
+            histories.append(case.history)
     return prepared, histories
-
-
-def _prepared(grasp: PlacedGrasp) -> PreparedGrasp | FemFailure:
-    """The recording as models are driven by it, or why it drives none."""
-    case = grasp_case(grasp)
-    try:
-        return prepared_grasp(case.history, case.turns)
-    except FemFailure as failure:
-        return failure
 
 
 def modulus_record(
@@ -220,8 +215,8 @@ def responses(
 ) -> list[GraspModel | FemFailure]:
     """The model of every grasp on one mesh, or why it has none; one factorisation per support.
 
-    Kept on disk as `stage`, by content; what confirmed effects add to it beside it. `solids` takes up what
-    is factorised; `workers`: grasps modelled at the same time.
+    Kept on disk as `stage`, by content, without confirmed effects. `solids` takes up what is factorised;
+    `workers`: grasps modelled at the same time.
     """
     supports = [grasp.recording.support for grasp in grasps]
     effects = in_the_model(task.settings.mismatch)
@@ -256,28 +251,13 @@ def responses(
     if not effects or not modelled:
         return plain
 
-    def corrections() -> KeptCorrections:
-        case = MismatchCase(
-            mesh=mesh,
-            grasps=tuple(map(grasp_case, modelled)),
-            poisson_ratio=poisson_ratio,
-            budget=budget,
-        )
-        return KeptCorrections(by_grasp=tuple(added(case, effects)))
-
-    key = stage_key(
-        "effects",
-        files=[],
-        settings=[
-            key,
-            [grasp.digest for grasp in modelled],
-            keyed(task.settings.mismatch),
-            astuple(budget),
-        ],
-        rooms=("pipeline", "fem"),
+    case = MismatchCase(
+        mesh=mesh,
+        grasps=tuple(map(grasp_case, modelled)),
+        poisson_ratio=poisson_ratio,
+        budget=budget,
     )
-    kept = cached(task.results.cache, f"{stage}-effects", key, corrections, record=KeptCorrections)
-    return with_corrections(plain, kept.by_grasp)
+    return with_corrections(plain, added(case, effects))
 
 
 def _models(

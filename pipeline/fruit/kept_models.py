@@ -84,12 +84,6 @@ class KeptModels(StageRecord):
     models: tuple[KeptModel | KeptFailure, ...]
 
 
-class KeptCorrections(StageRecord):
-    """The stages "response-N-effects": what confirmed effects add to each grasp's displacement, mm."""
-
-    by_grasp: tuple[Float[np.ndarray, "_ _ 3"], ...]
-
-
 def packed(models: Sequence[GraspModel | FemFailure]) -> KeptModels:
     """What is kept of them."""
     return KeptModels(

@@ -18,7 +18,6 @@ from pipeline.batch.control_chart import ControlChart, Point, history_of, out_of
 from pipeline.batch.provenance import utc_text
 from pipeline.batch.records import FruitRecord, ModulusRecord, ReferenceRecord
 from pipeline.fruit.elasticity import doubted_modulus
-from pipeline.fruit.input_doubts import Doubt
 from pipeline.ranking.verified_scale import (
     sd_of_fruit_MPa,
     shared_gain,
@@ -162,7 +161,17 @@ def against_references(
         return [record.model_copy(update={"reference": None}) for record in records], None
     moduli = {record.fruit_id: record.modulus for record in asked if record.graded and record.modulus}
     bodies = tuple(_body(record, moduli[record.fruit_id]) for record in asked if record.fruit_id in moduli)
-    ratio = _of(bodies, list(moduli.values())) if bodies else None
+    of_bodies = [
+        (
+            body.E_found_MPa,
+            sd_of_fruit_MPa(modulus),
+            shared_sd_of_fruit_MPa(modulus),
+            body.E_known_MPa,
+            body.E_known_sd_MPa,
+        )
+        for body, modulus in zip(bodies, moduli.values(), strict=True)
+    ]
+    ratio = combined_ratio(*np.array(of_bodies).T) if bodies else None
     usable = ratio is not None and ratio.apart and not (ratio.disagree or ratio.implausible)
     corrected = correct and usable
     finding = ReferenceFinding(
@@ -199,16 +208,6 @@ def _body(record: FruitRecord, modulus: ModulusRecord) -> ReferenceBodyEntry:
 
 def _ratio_of(body: ReferenceBodyEntry) -> Ratio:
     return Ratio(ratio=body.ratio, ln_sd=body.ratio_sd / body.ratio)
-
-
-def _of(bodies: Sequence[ReferenceBodyEntry], moduli: Sequence[ModulusRecord]) -> Ratio:
-    return combined_ratio(
-        np.array([body.E_found_MPa for body in bodies]),
-        np.array([sd_of_fruit_MPa(modulus) for modulus in moduli]),
-        np.array([shared_sd_of_fruit_MPa(modulus) for modulus in moduli]),
-        np.array([body.E_known_MPa for body in bodies]),
-        np.array([body.E_known_sd_MPa for body in bodies]),
-    )
 
 
 def _sentences(
@@ -298,12 +297,14 @@ def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitReco
         modulus = corrected_modulus(modulus, ratio)
         changed["grasps"] = tuple(scaled_grasp(grasp, ratio.ratio) for grasp in record.grasps)
     elif ratio.disagree or ratio.apart:
-        doubt = _doubt(ratio, finding.bodies)
+        sentence, off = _doubt(ratio, finding.bodies), abs(math.log(ratio.ratio))
+        if ratio.disagree:
+            off = max(abs(math.log(body.ratio)) for body in finding.bodies)
         if not (ratio.disagree or ratio.implausible):
             modulus = verified(modulus, 0.0, ratio.ln_sd)  # |ln r| itself is the doubt's
-        modulus = doubted_modulus(modulus, doubt.relative_sd, shared=True)
-        changed["doubts"] = (*record.doubts, doubt.sentence)
-        changed["warnings"] = (doubt.sentence, *record.warnings)
+        modulus = doubted_modulus(modulus, off, shared=True)
+        changed["doubts"] = (*record.doubts, sentence)
+        changed["warnings"] = (sentence, *record.warnings)
     else:
         modulus = verified(modulus, math.log(ratio.ratio), ratio.ln_sd)
     reference = ReferenceRecord(
@@ -318,23 +319,16 @@ def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitReco
     return record.model_copy(update={**changed, "modulus": modulus, "reference": reference})
 
 
-def _doubt(ratio: Ratio, bodies: Sequence[ReferenceBodyEntry]) -> Doubt:
+def _doubt(ratio: Ratio, bodies: Sequence[ReferenceBodyEntry]) -> str:
     """The doubt that every fruit of the batch gets where the ratio is wrong and not corrected."""
-    said = _reads(ratio, bodies)
     if ratio.disagree:
         names = ", ".join(f"{body.fruit_id} {_with_sd(_ratio_of(body))}" for body in bodies)
-        return Doubt(
-            sentence=f"drupe cannot judge the gripper: the reference bodies contradict each other ({names}).",
-            relative_sd=max(abs(math.log(body.ratio)) for body in bodies),
-        )
+        return f"drupe cannot judge the gripper: the reference bodies contradict each other ({names})."
     if ratio.implausible:
         said = _implausible(ratio, bodies)
-        sentence = f"{said[:1].lower()}{said[1:]} drupe does not correct E for it."
-        return Doubt(sentence=sentence, relative_sd=abs(math.log(ratio.ratio)))
-    return Doubt(
-        sentence=f"{said[:1].lower()}{said[1:]}, and drupe does not correct E for it.",
-        relative_sd=abs(math.log(ratio.ratio)),
-    )
+        return f"{said[:1].lower()}{said[1:]} drupe does not correct E for it."
+    said = _reads(ratio, bodies)
+    return f"{said[:1].lower()}{said[1:]}, and drupe does not correct E for it."
 
 
 def corrected_modulus(modulus: ModulusRecord, ratio: Ratio) -> ModulusRecord:

@@ -14,7 +14,7 @@ from pipeline.batch.diagnosis_record import DiagnosisRecord, read_diagnosis
 from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import versions
-from pipeline.batch.records import FruitRecord, PitFoundRecord
+from pipeline.batch.records import FruitRecord
 from pipeline.batch.settings import Grading
 from pipeline.batch.verdicts import Trail, Verdict, read_trail
 from pipeline.ranking.batch_faults import BatchFault
@@ -279,7 +279,9 @@ def _facts(record: FruitRecord, place: Rank | None) -> Iterator[tuple[str, str]]
         yield "Surface", f"{mesh.faces} triangles from {mesh.source}"
         if mesh.scale_sd is not None:
             yield "Scale, standard error", f"{100 * mesh.scale_sd:.2f} %"
-        yield from ((f"Shape: {_label(name)}", _shown(value)) for name, value in mesh.quality.items())
+        yield from (
+            (f"Shape: {_QUALITY.get(name, name)}", _shown(value)) for name, value in mesh.quality.items()
+        )
     if (pit := record.pit) is not None:
         box = " × ".join(f"{side:.1f}" for side in pit.box_mm)
         yield "Pit", f"{box} mm, from {pit.source}"
@@ -300,8 +302,13 @@ def _facts(record: FruitRecord, place: Rank | None) -> Iterator[tuple[str, str]]
                 yield f"Error bar: {name}", f"± {sd_MPa:.{places}f} MPa"
         if (scale := record.modulus.scale_sd_MPa) > 0:
             yield f"In addition to the error bar: {COMMON_SCALE}", f"± {scale:.{places}f} MPa"
-        if (pit_found := record.modulus.pit_found) is not None:
-            yield from _pit_found(pit_found)
+        if (pit_place := record.modulus.pit_found) is not None:
+            places_mm = zip(pit_place.offset_mm, pit_place.offset_sd_mm, strict=True)
+            offset = ", ".join(f"{round(x, 1) + 0.0:+.1f} ± {sd:.1f}" for x, sd in places_mm)
+            before = ", ".join(f"{sd:.1f}" for sd in pit_place.offset_prior_sd_mm)
+            yield "Pit relative to the prior (x, y, z)", f"{offset} mm (prior ± {before})"
+            size = f"{pit_place.size:.3f} ± {pit_place.size_sd:.3f} (prior 1 ± {pit_place.size_prior_sd:.3f})"
+            yield "Pit size relative to the prior", size
     yield from ((f"Recording {g.grasp}", g.failure) for g in record.grasps if g.failure is not None)
     given = record.given
     if given.reference and given.reference_E_MPa is not None and given.reference_E_sd_MPa is not None:
@@ -310,21 +317,6 @@ def _facts(record: FruitRecord, place: Rank | None) -> Iterator[tuple[str, str]]
         yield "Mass", f"{given.mass_g:g} g"
     if given.notes:
         yield "Notes", given.notes
-
-
-def _pit_found(pit: PitFoundRecord) -> list[tuple[str, str]]:
-    """What the grasps say of the pit, beside what the prior said."""
-    offset = ", ".join(
-        f"{round(x, 1) + 0.0:+.1f} ± {sd:.1f}" for x, sd in zip(pit.offset_mm, pit.offset_sd_mm, strict=True)
-    )
-    before = ", ".join(f"{sd:.1f}" for sd in pit.offset_prior_sd_mm)
-    return [
-        ("Pit relative to the prior (x, y, z)", f"{offset} mm (prior ± {before})"),
-        (
-            "Pit size relative to the prior",
-            f"{pit.size:.3f} ± {pit.size_sd:.3f} (prior 1 ± {pit.size_prior_sd:.3f})",
-        ),
-    ]
 
 
 _QUALITY = {
@@ -350,16 +342,6 @@ _QUALITY = {
     "ground_known_share": "share of the rims with known ground behind them",
 }
 """What the measures of a mesh are called; another one by its own name."""
-_UNITS = {"px": "px", "mm": "mm", "mm2": "mm²", "deg": "degrees"}
-
-
-def _label(key: str) -> str:
-    if key in _QUALITY:
-        return _QUALITY[key]
-    words, _, unit = key.rpartition("_")
-    if unit not in _UNITS:
-        words, unit = key, ""
-    return words.replace("_", " ") + (f" ({_UNITS[unit]})" if unit else "")
 
 
 def _shown(value: object) -> str:

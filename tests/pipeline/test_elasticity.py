@@ -96,7 +96,6 @@ def off_the_skin(history):
 def workplace(tmp_path, monkeypatch, histories):
     """A fruit's task with an empty cache, its grasps by name, and a count of the factorisations."""
     known = dict(histories, lost=off_the_skin(histories["along-y"]))
-    monkeypatch.setattr(elasticity, "history", lambda grasp: known[grasp.name])
     monkeypatch.setattr(
         elasticity,
         "grasp_case",
