@@ -28,7 +28,6 @@ from pipeline.files.manifest import enter, writing_alone
 from pipeline.run import grading
 from pipeline.run.batch_run import GradeOptions
 from pipeline.run.console import RunConsole
-from pipeline.run.fruit_work import keep_pictures
 from pipeline.run.progress import BatchProgress
 from pipeline.run.reporting import ReportSoFar
 from pipeline.run.scheduling import Finished
@@ -36,7 +35,7 @@ from recon.surface.mesh_file import read_mesh, write_mesh
 
 LINES = 20
 """Of the table."""
-PICTURES = ("fruit.ply", "pit.ply", "mesh.png", "fruit.glb")
+PICTURES = ("fruit.ply", "pit.ply", "mesh.webp", "fruit.glb")
 GOLDEN = 0.618034
 """Fractional parts of its multiples spread evenly: E of the copies."""
 
@@ -88,7 +87,6 @@ def leave_results(graded: Path, task):
                 shutil.copyfile(graded / name, task.results.root / name)
     record = copied(read_record(graded / "record.json"), task.fruit_id, task.key)
     write_record(task.results.record, record)
-    keep_pictures(task, record)
     return record
 
 

@@ -33,11 +33,11 @@ SHIP, HOLD, INSPECT = "ship", "hold", "inspect"
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A picture that the page holds: its bytes as WebP, and the file of it at full size, as a path from the
-    page's folder (empty: there is none). Without bytes the page only links to the file.
+    """A picture that the page holds: its bytes, JPEG or WebP, and the file of it, as a path from the page's
+    folder (empty: there is none). Without bytes the page only links to the file.
     """
 
-    webp: bytes = b""
+    content: bytes = b""
     file: str = ""
 
 

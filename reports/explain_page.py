@@ -100,7 +100,7 @@ def _meanings(entry: ExplainEntry) -> list[tuple[str, str, str]]:
 
 
 def _maps(entry: ExplainEntry) -> list[tuple[str, str]]:
-    """(PNG as base64, what it shows), the first the most telling."""
+    """(WebP as base64, what it shows), the first the most telling."""
     maps, pictures = entry.maps, list[tuple[str, str]]()
     if maps is None:
         return pictures
@@ -117,8 +117,8 @@ def _maps(entry: ExplainEntry) -> list[tuple[str, str]]:
             contacts_mm=entry.contacts_mm,
         )
         spot = {"centre_mm": entry.where.centre_mm, "radius_mm": entry.where.radius_mm}
-        png = map_picture(skin, limit=limit, style=style, **spot)
-        pictures.append((base64.b64encode(png).decode("ascii"), words))
+        picture = map_picture(skin, limit=limit, style=style, **spot)
+        pictures.append((base64.b64encode(picture).decode("ascii"), words))
     return pictures
 
 

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from reports.photo import jpeg, within
+from reports.photo import PAGE_PX, PAGE_QUALITY, jpeg, within
 
 LINE_BGR, INK_BGR = (255, 190, 0), (29, 25, 22)
 """A light blue, which no stone fruit has, on paper and in shadow too; names as the page's text."""
@@ -37,10 +37,10 @@ class OutlinedPhoto(NamedTuple):
     outline_px: Float[np.ndarray, "_n 2"]
 
 
-def outlined_photo_jpeg(photo: OutlinedPhoto, *, longest_px: int = 560) -> bytes:
+def outlined_photo_jpeg(photo: OutlinedPhoto, *, longest_px: int = PAGE_PX) -> bytes:
     """JPEG of the whole photo with its outline, its longer side at most `longest_px`."""
     image, scale = within(photo.image, longest_px)
-    return jpeg(_drawn(image, (photo.outline_px + 0.5) * scale - 0.5))
+    return jpeg(_drawn(image, (photo.outline_px + 0.5) * scale - 0.5), quality=PAGE_QUALITY)
 
 
 def outline_sheet_jpeg(photos: Sequence[OutlinedPhoto]) -> bytes:

@@ -288,9 +288,12 @@ def _as_given(cell: float | str | None) -> str:
 def _image(picture: Picture, alt: str) -> Markup:
     """The picture inside the page, leading to its file at full size; where it has no bytes, words that do."""
     shown: Markup | str = alt
-    if picture.webp:
-        content = base64.b64encode(picture.webp).decode("ascii")
-        shown = Markup('<img src="data:image/webp;base64,{}" alt="{}" loading="lazy">').format(content, alt)
+    if picture.content:
+        content = base64.b64encode(picture.content).decode("ascii")
+        kind = "webp" if picture.content[:4] == b"RIFF" else "jpeg"
+        shown = Markup('<img src="data:image/{};base64,{}" alt="{}" loading="lazy">').format(
+            kind, content, alt
+        )
     if not picture.file:
         return Markup(shown)
     return Markup('<a href="{}">{}</a>').format(quote(picture.file), shown)

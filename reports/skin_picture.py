@@ -14,7 +14,7 @@ from matplotlib.patches import Circle, Polygon
 from matplotlib.tri import Triangulation
 from scipy.spatial import ConvexHull, cKDTree
 
-from reports.figures import png_of
+from reports.figures import webp_of
 from reports.skin_layer import FLESH, ONE_SIDED, PADS, PIT, SIGNED, ramp, vertex_normals
 
 BLIND_BELOW = 3.0
@@ -110,7 +110,7 @@ def mesh_picture(
     axis_words: tuple[str, str] = ("stem", "suture"),
     view_px: int = 440,
 ) -> bytes:
-    """PNG of the fruit (fruit frame, mm) from two opposite sides, the outline of its pit over the flesh.
+    """WebP of the fruit (fruit frame, mm) from two opposite sides, the outline of its pit over the flesh.
 
     `contacts_mm`: points where each pad touches. `axis_words` name z and x.
     """
@@ -130,7 +130,7 @@ def mesh_picture(
         _directions(axes, view, half, axis_words)
     _legend(figure.axes[0], tuple(skin.contacts_mm), half, with_pit=has_pit)
     _scale_bar(figure.axes[1], half)
-    return png_of(figure)
+    return webp_of(figure)
 
 
 def map_picture(
@@ -142,7 +142,7 @@ def map_picture(
     radius_mm: float | None = None,
     view_px: int = 250,
 ) -> bytes:
-    """PNG of six sides, three in a row, over a colour bar; `skin` and `limit` as `coloured` gives them.
+    """WebP of six sides, three in a row, over a colour bar; `skin` and `limit` as `coloured` gives them.
 
     A spot (`centre_mm`, `radius_mm`) is ringed on the sides that it faces.
     """
@@ -160,7 +160,7 @@ def map_picture(
     key = figure.add_axes((0.03, 0.0, 0.94, key_px / height), xlim=(0, 100), ylim=(0, 10))
     key.set_axis_off()
     _key(key, limit, style, tuple(skin.contacts_mm))
-    return png_of(figure)
+    return webp_of(figure)
 
 
 def coloured(
@@ -188,7 +188,7 @@ def surface_sd_map(
     *,
     seen: Bool[np.ndarray, " n"],
 ) -> bytes:
-    """PNG of the fruit (fruit frame, mm) coloured by the standard deviation of its surface at each vertex.
+    """WebP of the fruit (fruit frame, mm) coloured by the standard deviation of its surface at each vertex.
 
     Grey where a vertex was not `seen`; its sd is a guess from the shape around it.
     """

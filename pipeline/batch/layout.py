@@ -221,11 +221,11 @@ class FruitResults:
     """A small photo for the report, with the outline that was used."""
     outlines = ResultPath("outlines.jpg")
     """All photos that were used, with their outlines."""
-    picture = ResultPath("mesh.png")
+    picture = ResultPath("mesh.webp")
     """The picture of mesh, pit and pad contacts."""
     scene = ResultPath("fruit.glb")
     """Skin, pit and contact patches in three dimensions (glTF)."""
-    surface_sd = ResultPath("surface-sd.png")
+    surface_sd = ResultPath("surface-sd.webp")
     """The map of how well the place of the skin is known."""
     traceback = ResultPath("traceback.txt")
     """Where a fault of drupe's own happened."""

@@ -26,7 +26,7 @@ from pipeline.fruit.fruit_shape import FruitPit, FruitShape, embedded_pit, fruit
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit, of_grasps, remarks_of_grasps
 from pipeline.fruit.placed_grasp import Checked, PlacedGrasp, place_grasp
 from pipeline.fruit.raw_grasps import kept_recording
-from pipeline.fruit.recording_owner import Owner, owner_findings, owner_remarks, stranger
+from pipeline.fruit.recording_owner import Owner, owner_findings, stranger
 from pipeline.fruit.same_recording import refuse_copy
 from pipeline.fruit.stage_log import StageLog
 from recon.surface.coverage import SEEN_BY
@@ -173,7 +173,7 @@ def _placed(
                     sd_mm=shape.sd_mm,
                     mat_from_fruit=shape.mat_from_fruit,
                     checked=replace(checked, rig=rig),
-                    admit=partial(admitted, owner, log, strangers, name=name, field=field),
+                    admit=partial(admitted, owner, strangers, name=name, field=field),
                 )
                 refuse_copy(
                     name, next((earlier.name for earlier in placed if earlier.digest == grasp.digest), None)
@@ -193,7 +193,7 @@ def owner_of(task: FruitTask) -> Owner:
 
 
 def admitted(
-    owner: Owner, log: StageLog, strangers: dict[str, bool], recording: Recording, *, name: str, field: str
+    owner: Owner, strangers: dict[str, bool], recording: Recording, *, name: str, field: str
 ) -> list[Finding]:
     """What is doubted of a recording's being its owner's; raises TactileFailure where it is another's.
 
@@ -202,9 +202,7 @@ def admitted(
     named = recording.fruit_id
     if (other := stranger(named, owner)) is not None:
         strangers[other] = other in (owner.batch_fruits or ())
-    findings = owner_findings(named, recording.category, owner, source=name, field=field)
-    log.warnings += [f"{name}: {said}" for said in owner_remarks(named, recording.category, owner)]
-    return findings
+    return owner_findings(named, recording.category, owner, source=name, field=field)
 
 
 def _checked(task: FruitTask, shape: FruitShape) -> Checked:

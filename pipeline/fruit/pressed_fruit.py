@@ -142,7 +142,7 @@ def _recordings(task: FruitTask, log: StageLog) -> list[CompressionTrace]:
     used: list[CompressionTrace] = []
     failures: dict[str, TactileFailure | FemFailure] = {}
     stated, rig = stated_in_table(task.given), batch_rig(task.batch_root, task.settings)
-    admit = partial(admitted, owner_of(task), log, log.facts.strangers, field="attribute fruit_id")
+    admit = partial(admitted, owner_of(task), log.facts.strangers, field="attribute fruit_id")
     for named, path in task.folder.recordings_by_name().items():
         name = printable(named)
         try:

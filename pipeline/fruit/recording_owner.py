@@ -88,17 +88,6 @@ def owner_findings(named: str, category: str, owner: Owner, *, source: str, fiel
     return findings
 
 
-def owner_remarks(named: str, category: str, owner: Owner) -> list[str]:
-    """Warnings where the two are left open ("unknown"), or the category is one of the user's own."""
-    said = []
-    if owner.batch_fruits is not None and named and _plain(named) in NOT_SAID and named != owner.fruit_id:
-        said.append(f'its fruit_id is "{named}", this fruit\'s is "{owner.fruit_id}"')
-    differs = owner.category is not None and category and _plain(category) != _plain(owner.category)
-    if differs and not _both_known(category, owner.category or ""):
-        said.append(f'its category is "{category}", this fruit\'s is "{owner.category}"')
-    return [f"{remark}; is the recording in the right folder?" for remark in said]
-
-
 def _doubted(kind: FindingKind, says: str, *, detail: str) -> Finding:
     return Finding(
         kind=kind, rank=FindingRank.FRUIT, says=says, detail=detail, relative_sd=E_OF_ANOTHER_FRUIT

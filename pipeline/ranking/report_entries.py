@@ -23,7 +23,7 @@ from pipeline.ranking.decisions import decide
 from pipeline.ranking.error_parts import COMMON_SCALE, about_error
 from pipeline.ranking.maturity import Rank, agreement, standings
 from pipeline.ranking.reference_ratio import ReferenceFinding
-from pipeline.ranking.report_pictures import ReportPictures
+from pipeline.ranking.report_pictures import fruit_pictures
 from pipeline.ranking.run_summary import decimals
 from pipeline.ranking.verified_scale import shared_gain, with_own_gain
 from reports.entries import (
@@ -69,14 +69,12 @@ def batch_entry(
     chart: ControlChart | None = None,
     faults: Sequence[BatchFault] = (),
     unfinished: Unfinished | None = None,
-    pictures: ReportPictures | None = None,
 ) -> BatchEntry:
     """The batch as the reports see it, ranked softest first.
 
     `records` and `finding` as `against_references` gives them; `chart`: with this batch's points, if any;
-    `unfinished`: how far a run is whose `records` are not all; `pictures`: those that the run has made.
+    `unfinished`: how far a run is whose `records` are not all.
     """
-    shown = pictures or ReportPictures(results, fruits=len(batch.rows))
     graded = [r for r in records if r.graded and not r.given.reference]
     moduli = [r.modulus for r in graded if r.modulus]
     of_all = min(map(shared_gain, moduli), default=0.0)
@@ -122,7 +120,9 @@ def batch_entry(
         screened=any(r.screen is not None and r.screen.p_value is not None for r in records),
         fruits=tuple(
             replace(
-                _fruit_entry(record, place_of.get(record.fruit_id), results, settings.grading, shown),
+                _fruit_entry(
+                    record, place_of.get(record.fruit_id), results, settings.grading, len(batch.rows)
+                ),
                 verdicts=verdicts_on(record.fruit_id, record.key, trail),
             )
             for record in records
@@ -166,7 +166,7 @@ def _reference(finding: ReferenceFinding, chart: ControlChart) -> ReferenceEntry
 
 
 def _fruit_entry(
-    record: FruitRecord, place: Rank | None, results: Results, grading: Grading, pictures: ReportPictures
+    record: FruitRecord, place: Rank | None, results: Results, grading: Grading, fruits: int
 ) -> FruitEntry:
     """A fruit's record and place as the report and the ranking have it."""
     files = results.fruit(record.fruit_id)
@@ -201,7 +201,7 @@ def _fruit_entry(
         warnings=tuple(warning for warning in record.warnings if warning not in record.doubts),
         doubts=record.doubts,
         forced=record.forced,
-        pictures=pictures.of(files, measured=mesh is not None),
+        pictures=fruit_pictures(results, files, fruits=fruits, measured=mesh is not None),
         has_pit=record.pit is not None,
         recordings=tuple(g for g in record.grasps if g.failure is None),
         smaller_error="" if record.modulus is None else about_error(record.modulus),

@@ -20,7 +20,6 @@ from pipeline.ranking.reference_ratio import (
 )
 from pipeline.ranking.reference_temperature import compared
 from pipeline.ranking.report_entries import batch_entry
-from pipeline.ranking.report_pictures import ReportPictures
 from pipeline.run.batch_run import BatchRun
 from reports.entries import BatchEntry, Unfinished
 from reports.page import report_html
@@ -98,7 +97,6 @@ class ReportSoFar:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._run, self._records, self._pace = run, records, ReportPace(clock)
-        self._pictures = ReportPictures(run.results, fruits=len(run.batch.rows))
 
     def write_when_due(self) -> None:
         """Writes unless the last report is too near, or all fruit are done, which the end writes."""
@@ -122,7 +120,6 @@ class ReportSoFar:
             finding=finding,
             faults=batch_faults(in_order),
             unfinished=Unfinished(done=len(measured), total=len(run.batch.rows), interrupted=interrupted),
-            pictures=self._pictures,
         )
         with suppress(NotWritten):
             _write(entry, run)

@@ -26,7 +26,7 @@ from pipeline.fruit.flesh_effects import (
 from pipeline.fruit.flesh_model import error_budget, poisson_ratio
 from pipeline.fruit.fruit_shape import embedded_pit
 from pipeline.ranking.report_entries import _explained
-from pipeline.ranking.report_pictures import MANY_SCENES, ReportPictures
+from pipeline.ranking.report_pictures import MANY_SCENES, fruit_pictures
 from recon.surface.mesh_file import write_mesh
 
 NU = ConfirmedEffect(effect="poisson_ratio", parameters={"nu": 0.41}, sd={"nu": 0.007})
@@ -142,4 +142,4 @@ def test_many_fruit_are_not_shown_in_three_dimensions(tmp_path):
     for path, content in ((files.outlines, b"a link"), (files.scene, b"own")):
         path.write_bytes(content)
     for fruits, shown in ((1, b"own"), (MANY_SCENES + 1, b"")):
-        assert ReportPictures(results, fruits=fruits).of(files, measured=True).scene == shown
+        assert fruit_pictures(results, files, fruits=fruits).scene == shown

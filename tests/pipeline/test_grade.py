@@ -45,7 +45,7 @@ SOUND = "fruit_id,mass_g\nA,90\nB,90\n"
 ONE_IN_KG = "fruit_id,mass_g\nA,0.09\nB,90\n"
 ALL_IN_KG = "fruit_id,mass_g\nA,0.09\nB,0.09\n"
 IN_KPA = '[[grading.classes]]\nname = "soft"\nE_max_MPa = 300\n[[grading.classes]]\nname = "firm"\n'
-FILES = ("fruit.ply", "pit.ply", "mesh.png")
+FILES = ("fruit.ply", "pit.ply", "mesh.webp")
 
 
 @pytest.fixture

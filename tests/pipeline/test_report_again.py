@@ -201,9 +201,9 @@ def fill(results):
     """Stages, a picture of ours, one that somebody changed, and a stranger's files."""
     for name in ("A", "B"):
         folder = results / "fruits" / name
-        write_whole(folder / "mesh.png", b"picture")
+        write_whole(folder / "mesh.webp", b"picture")
         (folder / ".cache" / "flesh-0123.npz").write_bytes(b"stage")
-    (results / "fruits" / "B" / "mesh.png").write_bytes(b"painted over")
+    (results / "fruits" / "B" / "mesh.webp").write_bytes(b"painted over")
     (results / "fruits" / "A" / "mine.txt").write_text("mine")
     (results / "fruits" / "linked").symlink_to(results.parent.parent)
 
@@ -227,9 +227,9 @@ def test_with_all_only_what_drupe_wrote_goes(drupe, results):
     ran = drupe("clean", results, "--all")
     left = files(results)
     assert "fruits/A/mine.txt" in left
-    assert "fruits/B/mesh.png" in left
+    assert "fruits/B/mesh.webp" in left
     assert not any(name.endswith(("record.json", "report.html", "ranking.csv", ".npz")) for name in left)
-    assert "mesh.png: drupe did not write this file, or somebody changed it" in ran.out
+    assert "mesh.webp: drupe did not write this file, or somebody changed it" in ran.out
     assert (results / "fruits" / "linked").is_symlink()
     assert (results.parent / "batch.toml").is_file()
 

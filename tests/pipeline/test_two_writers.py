@@ -43,7 +43,7 @@ def test_two_workers_on_one_fruit_refuse_each_other_nothing(tmp_path):
     assert said == ["", ""]
     assert not list(FruitResults(tmp_path).in_the_way())
     assert {path.name for path in tmp_path.iterdir()} == {
-        *("record.json", "fruit.ply", "mesh.png"),
+        *("record.json", "fruit.ply", "mesh.webp"),
         *(".cache", ".written.json", LIST_LOCK),
     }
 

@@ -118,23 +118,7 @@ def test_another_known_category_puts_E_in_doubt_and_one_of_the_users_own_does_no
     assert ["plum" in doubt.sentence for doubt in prepared(batch)[0].doubts] == [True]
     relabel(recording(batch), category="our early nectarine")
     assert checked(batch)[0] == 0
-    fruit, log = prepared(batch)
-    assert fruit.doubts == ()
-    assert any('its category is "our early nectarine"' in warning for warning in log.warnings)
-
-
-def test_an_id_that_a_spreadsheet_or_a_recorder_spelt_otherwise_is_the_same_fruits(batch):
-    relabel(recording(batch), fruit_id="n-2")
-    assert checked(batch)[0] == 0
     assert prepared(batch)[0].doubts == ()
-
-
-def test_another_fruit_of_the_batch_is_known_however_its_id_is_spelt(batch):
-    relabel(recording(batch), fruit_id="n4")
-    status, text = checked(batch)
-    assert status == 2
-    assert 'found "n4", expected "N02"' in text
-    assert "Move the file to fruits/N04/grasps" in text
 
 
 @pytest.mark.parametrize(
@@ -252,13 +236,6 @@ def test_two_recordings_are_one_only_where_every_value_is(batch):
     felt[-1, -1, 0] += 1e-4
     moved = replace(recording_a, pads=(replace(left, displacement_mm=felt), right))
     assert recording_digest(moved) != recording_digest(recording_a)
-
-
-def test_each_cause_is_said_once_however_many_recordings_have_it():
-    said = said_once(
-        ["g1: force is 2.0 N.", "g2: never touches.", "g3: force is 2.5 N.", "g4: force is 3 N."]
-    )
-    assert said == "g1: force is 2.0 N. (The same applies to g3, g4.) g2: never touches."
 
 
 def test_recordings_of_different_fruit_have_different_causes():

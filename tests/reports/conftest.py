@@ -32,10 +32,10 @@ def graded_fruit(fruit_id, *, rank, E_MPa, maturity="ripe"):
         grasps=1,
         shore_oo=30.0 + 20.0 * E_MPa,
         pictures=FruitPictures(
-            photo=Picture(webp=TINY_WEBP, file="fruits/N 1/photo.jpg"),
-            mesh=Picture(webp=TINY_WEBP, file="fruits/N 1/mesh.png"),
-            surface_sd=Picture(webp=TINY_WEBP, file="fruits/N 1/surface-sd.png"),
-            outlines=Picture(webp=b"", file="fruits/N 1/outlines.jpg"),
+            photo=Picture(content=TINY_WEBP, file="fruits/N 1/photo.jpg"),
+            mesh=Picture(content=TINY_WEBP, file="fruits/N 1/mesh.webp"),
+            surface_sd=Picture(content=TINY_WEBP, file="fruits/N 1/surface-sd.webp"),
+            outlines=Picture(content=b"", file="fruits/N 1/outlines.jpg"),
         ),
         recordings=(
             GraspRecord(

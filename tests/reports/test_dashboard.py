@@ -200,7 +200,7 @@ def test_a_sheet_is_one_page_with_a_code_that_another_reader_finds(
         E_sd_MPa=0.01,
     )
     large = Picture(
-        webp=cv2.imencode(".webp", np.full((1200, 900, 3), 90, np.uint8))[1].tobytes(), file="a.jpg"
+        content=cv2.imencode(".webp", np.full((1200, 900, 3), 90, np.uint8))[1].tobytes(), file="a.jpg"
     )
     first = batch.fruits[0]
     first = replace(

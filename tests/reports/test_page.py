@@ -85,7 +85,7 @@ def test_page_refers_to_nothing_outside_itself(batch):
         if "src" in attributes:
             assert re.match(r"data:image/(webp|png);base64,", attributes["src"] or "")
         if "href" in attributes:
-            assert re.match(r"#|fruits/[^/:]+/[a-z-]+\.(png|jpg)$", attributes["href"] or "")
+            assert re.match(r"#|fruits/[^/:]+/[a-z-]+\.(png|jpg|webp)$", attributes["href"] or "")
     assert "url(" not in text
     assert "@import" not in text
     bare = text.replace(LIBRARY, "")  # a comment of the library has its address
@@ -260,7 +260,7 @@ def test_a_fruit_of_photos_shows_what_they_saw_of_it_and_one_of_a_mesh_does_not(
 
 
 def test_a_body_without_a_pit_is_drawn_without_one(empty_batch):
-    pictures = FruitPictures(mesh=Picture(webp=b"webp"))
+    pictures = FruitPictures(mesh=Picture(content=b"webp"))
     fruit = FruitEntry(fruit_id="ball", ok=True, outcome="graded", rank=1, E_MPa=0.3, pictures=pictures)
     for has_pit in (False, True):
         page = report_html(replace(empty_batch, fruits=(replace(fruit, has_pit=has_pit),)))

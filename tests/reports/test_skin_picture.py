@@ -4,7 +4,9 @@ import cv2
 import numpy as np
 import pytest
 
+import reports.skin_picture
 from recon.silhouettes.hull import ball
+from reports.figures import png_of
 from reports.photo import thumbnail_jpeg
 from reports.skin_layer import vertex_normals
 from reports.skin_picture import (
@@ -22,6 +24,12 @@ from reports.skin_picture import (
 RADIUS_MM, VIEW_PX = 30.0, 160
 DIRECTIONS, FACES = ball(4)
 SPHERE_MM = RADIUS_MM * DIRECTIONS
+
+
+@pytest.fixture(autouse=True)
+def lossless(monkeypatch):
+    """What is drawn is asked here; WebP changes colours by a little."""
+    monkeypatch.setattr(reports.skin_picture, "webp_of", png_of)
 
 
 def opened(png):
