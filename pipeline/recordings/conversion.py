@@ -1,7 +1,6 @@
 """`drupe convert`: a recording of another kind becomes the one file that everything else reads."""
 
-from collections.abc import Callable
-from contextlib import ExitStack
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -64,6 +63,8 @@ FRAMES_ALONE = (
     "grasp.toml, log.csv and the sensor's description (docs/formats.md, A raw grasp), and give "
     "that folder. drupe sensor writes the description."
 )
+SENSOR_NEEDED = "needs the sensor's description; give --sensor sensor.toml."
+TOPICS_NEEDED = "needs the names of its topics; give --topics topics.toml (docs/formats.md, A ROS 2 bag)."
 POSES_LACKING = "no motion."
 """How the readers' notes of missing poses end, which jaws or a robot supply."""
 ANY_RATIO = 0.45
@@ -113,16 +114,14 @@ def convert_runs(
     if not wanted.all_runs:
         return [(out, convert(source, out, wanted, report=report))]
     _require_table(source)
-    runs = runs_in(source, words=wanted.trace)
-    each = [replace(wanted, trace=replace(wanted.trace, run=k + 1), all_runs=False) for k in range(runs)]
-    for request in each:
-        _trace(source, request)
-    paths = [out.with_name(f"{out.stem}-{k + 1}{out.suffix}") for k in range(runs)]
+    runs = range(1, runs_in(source, words=wanted.trace) + 1)
+    read = [_read(source, replace(wanted, trace=replace(wanted.trace, run=run)), report) for run in runs]
+    paths = [out.with_name(f"{out.stem}-{run}{out.suffix}") for run in runs]
     for path in paths:
         _require_writable(source, path, wanted)
     return [
-        (path, convert(source, path, request, report=report))
-        for path, request in zip(paths, each, strict=True)
+        (path, _written(converted, sensors, source, path, report))
+        for path, (converted, sensors) in zip(paths, read, strict=True)
     ]
 
 
@@ -134,9 +133,13 @@ def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable
     kind that is known, or `out` is one of the inputs or a file that drupe convert did not write.
     """
     _require_writable(source, out, wanted)
-    with ExitStack() as stack:
-        converted, sensors = _read(source, wanted, report, stack)
-    converted = _with_poses(converted, source, wanted)
+    return _written(*_read(source, wanted, report), source, out, report)
+
+
+def _written(
+    converted: Converted, sensors: Sequence[Tac3D], source: Path, out: Path, report: Callable[[str], None]
+) -> Conversion:
+    """Writes what was read of `source`, once the file reads back, and says what the checks find in it."""
     with scratch() as folder:
         draft = folder / "draft.h5"
         write_recording(draft, converted.recording)
@@ -212,13 +215,13 @@ def _contact(recording: Recording, name: str) -> list[str]:
 
 
 def _read(
-    source: Path, wanted: ConvertRequest, report: Callable[[str], None], stack: ExitStack
+    source: Path, wanted: ConvertRequest, report: Callable[[str], None]
 ) -> tuple[Converted, list[Tac3D]]:
-    """The recording in whatever kind of source it is, and the Tac3D sensors it is of, if any.
+    """The recording in whatever kind of source it is, with poses, and the Tac3D sensors it is of, if any.
 
     Raises BatchRefused where a rig is named for what is no bare trace.
     """
-    converted, sensors = _of_any_kind(source, wanted, report, stack)
+    converted, sensors = _of_any_kind(source, wanted, report)
     if wanted.rig is not None and converted.recording.rig_give_mm is None:
         what = (
             "is not a load cell's table; --rig corrects only such tables. For a batch's recordings, "
@@ -227,11 +230,11 @@ def _read(
         raise refused(source, what)
     if wanted.topics is not None and source.suffix.lower() != ".mcap":
         raise refused(source, "is not a ROS 2 bag; --topics applies only to a .mcap.")
-    return converted, sensors
+    return _with_poses(converted, source, wanted), sensors
 
 
 def _of_any_kind(
-    source: Path, wanted: ConvertRequest, report: Callable[[str], None], stack: ExitStack
+    source: Path, wanted: ConvertRequest, report: Callable[[str], None]
 ) -> tuple[Converted, list[Tac3D]]:
     """By what the source holds."""
     report_pad = frame_progress(report, every=TELL_EVERY)
@@ -253,9 +256,9 @@ def _of_any_kind(
         return converted, sensors
     kind = source.suffix.lower() if source.is_file() else ""
     if kind in (".h5", ".hdf5") and holds_images_only(source):
-        file = stack.enter_context(opened(source))
-        raw = raw_of(file, source, sensor=_needed(source, wanted.sensor, "--sensor"))
-        return recording_of(raw, progress=report_pad, covariance=wanted.covariance), []
+        with opened(source) as file:
+            raw = raw_of(file, source, sensor=_needed(source, wanted.sensor, SENSOR_NEEDED))
+            return recording_of(raw, progress=report_pad, covariance=wanted.covariance), []
     if kind in (".h5", ".hdf5"):
         recording = read_recording(source)
         if wanted.robot is not None:
@@ -273,8 +276,8 @@ def _of_any_kind(
     if said.columns or said.units or said.sheet or said.run:
         _require_table(source)
     if kind in (".npz", ".csv", ".mcap"):
-        sensor = read_sensor(_needed(source, wanted.sensor, "--sensor"))
-        topics = _topics(source, wanted.topics) if kind == ".mcap" else None
+        sensor = read_sensor(_needed(source, wanted.sensor, SENSOR_NEEDED))
+        topics = _needed(source, wanted.topics, TOPICS_NEEDED) if kind == ".mcap" else None
         converted = read_field_table(
             source, fruit_id=wanted.fruit_id, category=wanted.category, sensor=sensor, topics=topics
         )
@@ -353,14 +356,8 @@ def _trace(source: Path, wanted: ConvertRequest) -> Converted:
     return converted
 
 
-def _topics(source: Path, given: Path | None) -> Path:
+def _needed(source: Path, given: Path | None, sentence: str) -> Path:
+    """The file that an option names; raises BatchRefused with this sentence where it is left out."""
     if given is None:
-        sentence = "needs the names of its topics; give --topics topics.toml (docs/formats.md, A ROS 2 bag)."
         raise refused(source, sentence)
-    return given
-
-
-def _needed(source: Path, given: Path | None, option: str) -> Path:
-    if given is None:
-        raise refused(source, f"needs the sensor's description; give {option} sensor.toml.")
     return given
