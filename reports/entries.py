@@ -137,8 +137,6 @@ class FruitEntry:
     """Short code: ``graded``, ``too-few-views``, ``never-touches``, ..."""
     reason: str = ""
     """One sentence: what was found, what was expected."""
-    advice: str = ""
-    """What to do next; where empty, the page says what it knows of the outcome's code."""
     rank: int | None = None
     """1 is the softest; None where there is no modulus."""
     rank_probability: float | None = None

@@ -14,6 +14,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy.spatial import cKDTree
 
 from reports.photo import jpeg
+from reports.skin_layer import vertex_normals
 
 WIDTH_PX, HEIGHT_PX = 384, 192
 """About half a millimetre on a fruit of 60 mm, and 10 to 20 kB."""
@@ -87,10 +88,7 @@ def _skin(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], towards: Float[np.ndarray, "k 3"]
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
     """Points of the skin in these directions from its middle, and its unit normals there."""
-    corners = vertices[faces]
-    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normal = np.zeros_like(vertices)
-    np.add.at(normal, faces, area[:, None, :])
+    normal = vertex_normals(vertices, faces)
     out = vertices - middle(vertices)
     radius = np.linalg.norm(out, axis=1)
     distance, nearest = cKDTree(out / radius[:, None]).query(towards, k=NEAREST)

@@ -60,8 +60,8 @@ _ADVICE_OTHERWISE = "Correct the fault above, then run the batch again; drupe ke
 
 
 def advice(fruit: FruitEntry) -> str:
-    """What to do next about a fruit that was not graded: its own advice, or that of its outcome's code."""
-    return fruit.advice or say(_ADVICE.get(fruit.outcome, _ADVICE_OTHERWISE))
+    """What to do next about a fruit that was not graded."""
+    return say(_ADVICE.get(fruit.outcome, _ADVICE_OTHERWISE))
 
 
 def remarks(fruit: FruitEntry) -> str:

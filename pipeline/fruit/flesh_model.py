@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from fem.estimation.error_budget import ErrorBudget
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
@@ -21,12 +21,9 @@ from tactile.io.recording import Recording
 
 
 class KeptFlesh(StageRecord):
-    """The stage "flesh": the elements of a FleshMesh."""
+    """The stage "flesh"."""
 
-    nodes_mm: Float[np.ndarray, "n 3"]
-    tets: Int[np.ndarray, "m 10"]
-    outer_faces: Int[np.ndarray, "k 6"]
-    pit_nodes: Int[np.ndarray, " p"]
+    mesh: FleshMesh
 
 
 def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, float, str]:
@@ -67,9 +64,9 @@ def flesh_mesh(task: FruitTask, pit: FruitPit, touched_mm: Float[np.ndarray, "p 
             refine_at_mm=touched_mm,
             refine_edge_mm=sizes.pad_edge_mm,
         )
-        return KeptFlesh(**{name: getattr(mesh, name) for name in KeptFlesh.model_fields})
+        return KeptFlesh(mesh=mesh)
 
-    return FleshMesh(**dict(cached(task.results.cache, "flesh", key, compute, record=KeptFlesh)))
+    return cached(task.results.cache, "flesh", key, compute, record=KeptFlesh).mesh
 
 
 def error_budget(task: FruitTask, shape: FruitShape, recordings: Sequence[Recording] = ()) -> ErrorBudget:

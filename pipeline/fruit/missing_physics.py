@@ -128,16 +128,7 @@ def _record(said: Screened, all_grasps: Sequence[PlacedGrasp], used: Sequence[Pl
         names=said.names,
         statistics=said.statistics,
         gains=said.gains,
-        amounts=tuple(
-            AmountRecord(
-                effect=amount.effect,
-                pad=amount.pad,
-                parameter=amount.parameter,
-                value=amount.value,
-                sd=amount.sd,
-            )
-            for amount in said.amounts
-        ),
+        amounts=tuple(AmountRecord(**vars(amount)) for amount in said.amounts),
         suspected=tuple(
             SuspectedRecord(effect=name, E_ratio=ratio, added_sd=sd)
             for name, (ratio, sd) in said.moduli.items()

@@ -125,12 +125,6 @@ def test_residuals_on_held_out_grasps_are_there_or_are_not():
     assert set(entry(bare()).as_json()["fit"].values()) == {None}
 
 
-def test_every_parameter_has_its_meaning_under_its_effect():
-    words = entry(fake_explanation()).parameter_words
-    assert words["viscoelastic"]["tau_s"] == "time over which it fades"
-    assert set(words["clock_lag"]) == {"lag_s"}
-
-
 def test_an_E_that_is_withheld_is_null_and_said_in_words_on_the_page_and_in_the_file():
     nothing = Modulus(value=float("nan"), sd=float("nan"))
     answer = fake_explanation(verdict="unknown", before=nothing, after=nothing, withheld="no law holds")

@@ -196,13 +196,6 @@ def test_a_limit_leaves_out_what_is_in_doubt(drupe, tmp_path, monkeypatch):
     assert float(rows(out)["B"]["E_MPa_at_10_plates_5pct_N"]) > 2 * at_limit
 
 
-def test_no_readable_record_is_a_table_of_reasons(drupe, tmp_path):
-    out = results_of(tmp_path / "results", [graded("A", E_MPa)])
-    Results(out).fruit("A").record.unlink()
-    assert drupe("firmness", out).status == 0
-    assert "missing" in rows(out)["A"]["reason"]
-
-
 def test_a_pit_that_is_gone_is_a_reason(drupe, tmp_path):
     out = results_of(tmp_path / "results", [graded("A", E_MPa, changes=CHANGES | {"pit": PIT})])
     write_ball(tmp_path / "ball.ply")
@@ -230,13 +223,6 @@ def test_the_scale_is_as_uncertain_as_reference_bodies_leave_it(drupe, tmp_path,
     assert drupe("firmness", out).status == 0
     expected = (factor or 1) * np.hypot(0.016, 0.004)
     assert float(rows(out)["A"]["E_sd_MPa"]) == pytest.approx(expected, rel=1e-3)
-
-
-def test_other_files_of_the_results_are_none_of_its_business(drupe, tmp_path, by_table):
-    out = results_of(tmp_path / "results", [graded("A", E_MPa, changes=CHANGES)])
-    (out / "ranking.csv").write_text("my own notes\n", "utf-8")
-    assert drupe("firmness", out).status == 0
-    assert (out / "ranking.csv").read_text("utf-8") == "my own notes\n"
 
 
 def test_what_is_done_stays_when_it_is_interrupted(drupe, tmp_path, monkeypatch):

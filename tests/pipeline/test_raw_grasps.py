@@ -1,6 +1,5 @@
 """Raw grasps in a batch: which folders count, and that frames are read once."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 
 from pipeline.batch.cache import damage_reported_to
 from pipeline.batch.layout import FruitFolder, raw_grasp_files
-from pipeline.files.checked_file import is_whole, read_checked
+from pipeline.files.checked_file import is_whole
 from pipeline.fruit import raw_grasps
 from pipeline.fruit.raw_grasps import kept_recording
 from tactile.io.converted import Converted
@@ -130,11 +129,6 @@ def test_a_folder_counts_as_a_grasp_until_a_recording_of_its_name_stands_for_it(
     (folder.parent / "grasp-1.h5").touch()
     assert fruit.raw_grasp_folders() == ()
     assert [path.name for path in fruit.grasp_files()] == ["grasp-1.h5"]
-
-
-def test_notes_are_kept_as_text_that_json_can_hold(folder, readings, tmp_path):
-    kept = kept_recording(folder, tmp_path / "cache", print)
-    assert json.loads(read_checked(kept.path.with_suffix(".json"))) == list(kept.notes)
 
 
 @pytest.mark.parametrize("suffix", [".h5", ".json"])

@@ -3,8 +3,6 @@
 import csv
 import errno
 import json
-import shutil
-import subprocess
 from pathlib import Path
 
 import pandas as pd
@@ -15,8 +13,6 @@ from small_batches import batch_of_balls
 from pipeline.batch.layout import write_whole
 from pipeline.batch.records import ScreenRecord
 from pipeline.files.whole_file import NotWritten
-
-SOFFICE = shutil.which("soffice")
 
 
 @pytest.fixture
@@ -106,28 +102,6 @@ def test_tables_of_other_programmes_hold_the_same_numbers(drupe, results):
     for name in ("rank", "E_MPa", "E_sd_MPa", "p_softer_than_next"):
         assert columns[name].astype(float).to_numpy() == pytest.approx(plain[name].to_numpy(), nan_ok=True)
     assert list(columns["fruit_id"]) == list(plain["fruit_id"])
-
-
-@pytest.mark.skipif(SOFFICE is None, reason="LibreOffice is not installed")
-def test_libreoffice_finds_the_numbers_that_pandas_finds(drupe, results, tmp_path):
-    """Both tables as its English and its German spreadsheet open them, written anew by it."""
-    drupe("report", results, "--csv", "excel-de")
-    plain = pd.read_csv(results / "ranking.csv")
-    for name, separator, country in (("ranking.csv", 44, 1033), ("ranking-excel.csv", 59, 1031)):
-        out = tmp_path / name
-        subprocess.run(
-            [
-                SOFFICE, "--headless", f"-env:UserInstallation=file://{tmp_path}/profile",
-                f"--infilter=CSV:{separator},34,76,1,,{country}", "--convert-to", "xlsx", "--outdir", out,
-                results / name,
-            ],
-            check=True, capture_output=True, timeout=120,
-        )  # fmt: skip
-        (made,) = out.glob("*.xlsx")
-        opened = pd.read_excel(made, engine="calamine")
-        assert list(opened) == list(plain)
-        for column in ("rank", "E_MPa", "E_sd_MPa", "rank_low", "rank_high"):
-            assert opened[column].to_numpy(float) == pytest.approx(plain[column].to_numpy(float), rel=1e-12)
 
 
 def test_a_table_that_nobody_knows_is_refused_and_a_users_own_is_not_replaced(drupe, results):

@@ -2,16 +2,12 @@
 
 from dataclasses import fields
 
-from pipeline.ranking.report_entries import _QUALITY, _flat, _label, _shown
+from pipeline.ranking.report_entries import _QUALITY, _flat, _shown
 from recon.checks.quality import ReconQuality
 
 
 def test_every_measure_of_a_mesh_has_words():
     assert {field.name for field in fields(ReconQuality)} == set(_QUALITY)
-
-
-def test_a_measure_without_words_is_its_name_with_its_unit():
-    assert _label("rim_gap_mm") == "rim gap (mm)"
 
 
 def test_settings_are_written_as_a_reader_does():

@@ -56,12 +56,6 @@ def test_a_force_chart_leaves_out_what_is_not_a_number():
     assert not layers(chart, "line")
 
 
-def test_a_recording_without_a_finite_travel_is_still_a_chart():
-    chart, *_ = fruit_charts(fruit_with(recorded(np.full(3, np.nan), np.full(3, np.nan))))
-    assert chart["layers"] == []
-    json.dumps(chart, allow_nan=False)
-
-
 def test_long_recordings_are_thinned():
     travel = np.linspace(0, 1, 20_000)
     line = ModelCurveRecord(travel_mm=list(travel), force_N=list(travel), sd_mm=list(0.1 * travel))

@@ -13,7 +13,6 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent.parent / "pipeline"))
 from fake_explanation import fake_explanation
 
-from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import (
     Candidate,
     FruitMap,
@@ -24,7 +23,7 @@ from fem.mismatch.result import (
     Where,
 )
 from pipeline.diagnosis.diagnosis import Diagnosis
-from pipeline.diagnosis.explain_entry import effect_entries, explain_entry
+from pipeline.diagnosis.explain_entry import explain_entry
 from reports import explain_page
 from reports.effect_words import VERDICTS, explain_verdict, where_in_words
 from reports.explain_charts import modulus_over_time
@@ -200,12 +199,6 @@ def test_an_effect_without_words_is_told_by_its_name():
 def test_several_names_are_given_the_likeliest_first():
     sentence = explain_verdict(entry(verdict=("clock_lag", "viscoelastic")))
     assert "viscoelastic or clock lag" in sentence
-
-
-def test_a_pair_is_said_as_two():
-    pair = "pit_size+sensor_gain"
-    said = explain_verdict(entry(verdict=(pair,), effects=effect_entries([pair])))
-    assert f", and {SPECS['sensor_gain'].words.short}" in said
 
 
 def test_a_spot_is_told_with_its_place_and_width():

@@ -165,13 +165,6 @@ def test_failures_come_first_with_reason_and_what_to_do(awkward_batch):
     assert places == sorted(places)
 
 
-def test_own_advice_of_a_failure_goes_before_the_general_one(awkward_batch):
-    fruit = FruitEntry(fruit_id="a", ok=False, outcome="too-few-views", advice="Clean the lens.")
-    shown = report_html(replace(awkward_batch, fruits=(fruit,)))
-    assert "Clean the lens." in shown
-    assert "Take more photos" not in shown
-
-
 def test_fruits_follow_by_rank_then_failures(awkward_batch, hostile):
     page = Page(opened(report_html(awkward_batch)))
     text = "".join(page.text)
