@@ -1,11 +1,11 @@
 """Answers mismatch cases by `drupe explain`, and scores the answers.
 
-    python benchmarks/mismatch.py answer CASES ANSWERS ROUNDS
+    python benchmarks/mismatch.py answer CASES ANSWERS
     python benchmarks/mismatch.py score ANSWERS LABELS [--manifest MANIFEST] [--csv FILE]
 
 `answer` explains every case below CASES once, as `drupe explain CASE --json FILE` does. Each case has
 a process of its own. It writes ANSWERS/CASE.json and one line per case in ANSWERS/runs.jsonl: exit status,
-refusal, state of the code, CPU seconds, peak memory. ROUNDS gets the finder's linear problem of each case.
+refusal, state of the code, CPU seconds, peak memory.
 A run that was stopped goes on where it stopped. ANSWERS/baselines.json may have answers of other methods.
 `score` prints all tables. LABELS is answers.json of labelled cases, or labels.json of concealed ones, whose
 labels it compares with the hashes of MANIFEST. Its exit status is 1 if a hash is wrong, a label is missing,
@@ -23,7 +23,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -33,7 +33,7 @@ import numpy as np
 sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
 from cramer_rao import amplitude_bounds, amplitude_of, information_of
 from parameter_errors import NINETY
-from reduced_case import ReducedCase, gains_of, reduced, store
+from reduced_case import ReducedCase, gains_of, reduced
 from sealed_report import case_table, report
 from sealed_scores import RELATIVES
 from sealing import broken_seals
@@ -51,15 +51,14 @@ ROOMS = ("fem", "tactile", "recon", "pipeline")
 RUNS, BASELINES = "runs.jsonl", "baselines.json"
 RELATIVES_FILE = Path(__file__).parent / "sealed" / "other-simulator" / "relatives.csv"
 COMMANDS = {
-    "answer": ("cases", "answers", "rounds"),
-    "explain": ("cases", "answers", "rounds"),
+    "answer": ("cases", "answers"),
+    "explain": ("cases", "answers"),
     "score": ("answers", "labels"),
 }
 """Commands and their paths."""
 HELP = {
     "cases": "folder of the cases; of explain: one case",
     "answers": "folder of the answers",
-    "rounds": "folder of the linear problems",
     "labels": "answers.json of labelled cases, or labels.json of concealed ones",
 }
 MIB = 1024
@@ -90,16 +89,15 @@ def captured() -> Iterator[Captured]:
         yield kept
 
 
-def answer(cases: Path, answers: Path, rounds: Path) -> None:
+def answer(cases: Path, answers: Path) -> None:
     """Every case that has no line in the runs yet, each in a process of its own on one thread."""
     answers.mkdir(parents=True, exist_ok=True)
-    rounds.mkdir(parents=True, exist_ok=True)
     done = {run["case"] for run in runs_in(answers)}
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     for folder in sorted(path.parent for path in cases.glob("*/case.toml")):
         if folder.name in done:
             continue
-        command = [sys.executable, __file__, "explain", str(folder), str(answers), str(rounds)]
+        command = [sys.executable, __file__, "explain", str(folder), str(answers)]
         ended = subprocess.run(command, env=environment, check=False, capture_output=True, text=True)
         sys.stderr.write(ended.stderr)
         run = (
@@ -112,7 +110,7 @@ def answer(cases: Path, answers: Path, rounds: Path) -> None:
         print(f"{folder.name}: {run.get('cpu_s', float('nan')):.0f} CPU-s", flush=True)
 
 
-def explain(folder: Path, answers: Path, rounds: Path) -> dict[str, Any]:
+def explain(folder: Path, answers: Path) -> dict[str, Any]:
     """One case by the product's own command in this process, and what it cost."""
     started = time.perf_counter()
     said = io.StringIO()
@@ -144,8 +142,6 @@ def explain(folder: Path, answers: Path, rounds: Path) -> dict[str, Any]:
             "catalogue": sorted(gains_of(linear)),
             "bounds": amplitude_bounds(kept.information, kept.case, E_MPa=before["value"]),
         }
-        problem = replace(kept.case, facts=kept.case.facts | {"E_MPa": [before["value"], before["sd"]]})
-        store(rounds / f"{folder.name}.npz", problem)
     return run
 
 
