@@ -23,6 +23,7 @@ MOST_BATCHES = 60
 """Of a control chart: beyond it the marks run together."""
 UNKNOWN_LOT = "unknown"
 EPOCH = date(1970, 1, 1)
+"""From which uPlot counts days, as Unix does."""
 
 
 def layer(kind: str, x: Iterable[float], y: Iterable[float], **how: object) -> Chart:
@@ -115,10 +116,10 @@ def control_chart(body: ReferenceBodyEntry) -> Chart:
         shape: [k for k, point in enumerate(points) if (abs(math.log(point.ratio)) > 3 * sds[k]) == beyond]
         for shape, beyond in (("circle", False), ("diamond", True))
     }
-    found = ", ".join(f"{point.time_utc:%Y-%m-%d} {point.ratio:.3f}" for point in points[-10:])
+    last_ratios = ", ".join(f"{point.time_utc:%Y-%m-%d} {point.ratio:.3f}" for point in points[-10:])
     return {
         "title": f"Control chart of {body.fruit_id}",
-        "description": f"E found over E known of the last batches: {found}",
+        "description": f"E found over E known of the last batches: {last_ratios}",
         "caption": say(
             "Control chart of {body}. Each mark is a batch; dashed lines are at 2 and 3 of its standard "
             "deviations from 1",

@@ -31,6 +31,7 @@ FROM_SIDES = (
 )
 """Name, azimuth and elevation (degrees) of the views: four sides a little from above, stem, blossom end."""
 FROM_TWO = (("", 35.0, 24.0), ("", 215.0, 24.0))
+"""Opposite views without a name: azimuth and elevation (degrees), by eye."""
 MARGIN = 1.25
 """Half the width of a view over that of the fruit (by eye)."""
 MOST_SHARE, LEAST_MM = 0.98, 0.1
@@ -64,7 +65,7 @@ def view_axes(azimuth_deg: float, elevation_deg: float) -> Float[np.ndarray, "3 
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Skin:
+class DrawnSkin:
     """A surface to draw: vertices (mm), triangles, RGB of each vertex, and where each pad touched it."""
 
     vertices: Float[np.ndarray, "n 3"]
@@ -115,7 +116,7 @@ def mesh_picture(
     `contacts_mm`: points where each pad touches. `axis_words` name z and x.
     """
     flesh = np.tile(FLESH, (len(vertices), 1))
-    skin = Skin(vertices=vertices, faces=faces, colours=flesh, contacts_mm=contacts_mm or {})
+    skin = DrawnSkin(vertices=vertices, faces=faces, colours=flesh, contacts_mm=contacts_mm or {})
     has_pit = pit_vertices is not None and len(pit_vertices) > 0
     figure = Figure(figsize=(2 * view_px / 100, view_px / 100), dpi=100, facecolor="white")
     half = skin.half_mm
@@ -134,7 +135,7 @@ def mesh_picture(
 
 
 def map_picture(
-    skin: Skin,
+    skin: DrawnSkin,
     *,
     limit: float,
     style: MapStyle,
@@ -171,13 +172,13 @@ def coloured(
     style: MapStyle,
     seen: Bool[np.ndarray, " n"],
     contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] | None = None,
-) -> tuple[Skin, float]:
+) -> tuple[DrawnSkin, float]:
     """The skin in the colours of `values`, grey where they are not `seen`; and how far the colours reach."""
     limit = max(float(np.nanmax(np.abs(values[seen if seen.any() else slice(None)]))), style.least)
     shares = np.nan_to_num(values) / limit
     colours = ramp(0.5 + 0.5 * shares, SIGNED) if style.signed else ramp(shares, ONE_SIDED)
     colours[~seen] = GREY
-    skin = Skin(vertices=vertices_mm, faces=triangles, colours=colours, contacts_mm=contacts_mm or {})
+    skin = DrawnSkin(vertices=vertices_mm, faces=triangles, colours=colours, contacts_mm=contacts_mm or {})
     return skin, limit
 
 
