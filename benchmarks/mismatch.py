@@ -1,12 +1,16 @@
-"""Answers mismatch cases by `drupe explain`, and scores the answers.
+"""Answers mismatch cases by `drupe explain` and by other methods, and scores the answers.
 
-    python benchmarks/mismatch.py answer CASES ANSWERS
+    python benchmarks/mismatch.py answer CASES ANSWERS ROUNDS
+    python benchmarks/mismatch.py baselines CASES ANSWERS ROUNDS NULLS NULL_CASES
     python benchmarks/mismatch.py score ANSWERS LABELS [--manifest MANIFEST] [--csv FILE]
 
 `answer` explains every case below CASES once, as `drupe explain CASE --json FILE` does. Each case has
 a process of its own. It writes ANSWERS/CASE.json and one line per case in ANSWERS/runs.jsonl: exit status,
-refusal, state of the code, CPU seconds, peak memory.
-A run that was stopped goes on where it stopped. ANSWERS/baselines.json may have answers of other methods.
+refusal, state of the code, CPU seconds, peak memory. ROUNDS gets the finder's linear problem of each case for
+the other methods. A run that was stopped goes on where it stopped.
+`baselines` writes the answers of other methods (`sealed/baselines.py`) into ANSWERS/baselines.json. NULLS
+holds rounds of fruit without mismatch (`mismatch_bank.py reduce`), NULL_CASES their folders. The other
+methods get the finder's share of false alarms on them.
 `score` prints all tables. LABELS is answers.json of labelled cases, or labels.json of concealed ones, whose
 labels it compares with the hashes of MANIFEST. Its exit status is 1 if a hash is wrong, a label is missing,
 or the answers come from several states of the code.
@@ -21,44 +25,59 @@ import os
 import resource
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+from jaxtyping import Float
 
 sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
 from cramer_rao import amplitude_bounds, amplitude_of, information_of
 from parameter_errors import NINETY
-from reduced_case import ReducedCase, gains_of, reduced
+from reduced_case import ReducedCase, gains_of, reduced, store, stored
 from sealed_report import case_table, report
 from sealed_scores import RELATIVES
 from sealing import broken_seals
 
+from fem.estimation.sensitivity import mean_normal, tangents
 from fem.mismatch import procedure
 from fem.mismatch.catalogue import SPECS
+from fem.mismatch.evidence.grasp_equations import GraspEquations
+from fem.mismatch.procedure import detected, plain_forward_model
 from fem.mismatch.result import NONE
-from fem.mismatch.selection.decision import MISFIT
+from fem.mismatch.selection.decision import DETECTION_P, MISFIT
 from fem.mismatch.selection.screening import screened
 from pipeline.batch.cache import code_version
 from pipeline.cli import main as drupe
+from pipeline.diagnosis.diagnosed_case import open_case
+from pipeline.diagnosis.diagnosis import mismatch_case
+from pipeline.fruit.grasped import grasped_fruit
+from pipeline.fruit.stage_log import StageLog
 
 ROOMS = ("fem", "tactile", "recon", "pipeline")
 """Packages whose state decides an answer."""
 RUNS, BASELINES = "runs.jsonl", "baselines.json"
 RELATIVES_FILE = Path(__file__).parent / "sealed" / "other-simulator" / "relatives.csv"
+PER_GRASP = 250
+"""Residuals of a grasp that the Gaussian process gets: it inverts a matrix of all of them."""
 COMMANDS = {
-    "answer": ("cases", "answers"),
-    "explain": ("cases", "answers"),
+    "answer": ("cases", "answers", "rounds"),
+    "explain": ("cases", "answers", "rounds"),
+    "baselines": ("cases", "answers", "rounds", "nulls", "null_cases"),
     "score": ("answers", "labels"),
 }
 """Commands and their paths."""
 HELP = {
     "cases": "folder of the cases; of explain: one case",
     "answers": "folder of the answers",
+    "rounds": "folder of the linear problems",
+    "nulls": "folder of rounds without mismatch",
+    "null_cases": "folder of the cases of these rounds",
     "labels": "answers.json of labelled cases, or labels.json of concealed ones",
 }
 MIB = 1024
@@ -89,15 +108,16 @@ def captured() -> Iterator[Captured]:
         yield kept
 
 
-def answer(cases: Path, answers: Path) -> None:
+def answer(cases: Path, answers: Path, rounds: Path) -> None:
     """Every case that has no line in the runs yet, each in a process of its own on one thread."""
     answers.mkdir(parents=True, exist_ok=True)
+    rounds.mkdir(parents=True, exist_ok=True)
     done = {run["case"] for run in runs_in(answers)}
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     for folder in sorted(path.parent for path in cases.glob("*/case.toml")):
         if folder.name in done:
             continue
-        command = [sys.executable, __file__, "explain", str(folder), str(answers)]
+        command = [sys.executable, __file__, "explain", str(folder), str(answers), str(rounds)]
         ended = subprocess.run(command, env=environment, check=False, capture_output=True, text=True)
         sys.stderr.write(ended.stderr)
         run = (
@@ -110,7 +130,7 @@ def answer(cases: Path, answers: Path) -> None:
         print(f"{folder.name}: {run.get('cpu_s', float('nan')):.0f} CPU-s", flush=True)
 
 
-def explain(folder: Path, answers: Path) -> dict[str, Any]:
+def explain(folder: Path, answers: Path, rounds: Path) -> dict[str, Any]:
     """One case by the product's own command in this process, and what it cost."""
     started = time.perf_counter()
     said = io.StringIO()
@@ -142,6 +162,8 @@ def explain(folder: Path, answers: Path) -> dict[str, Any]:
             "catalogue": sorted(gains_of(linear)),
             "bounds": amplitude_bounds(kept.information, kept.case, E_MPa=before["value"]),
         }
+        problem = replace(kept.case, facts=kept.case.facts | {"E_MPa": [before["value"], before["sd"]]})
+        store(rounds / f"{folder.name}.npz", problem)
     return run
 
 
@@ -152,13 +174,84 @@ def runs_in(answers: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in lines]
 
 
+def answer_baselines(cases: Path, answers: Path, rounds: Path, nulls: Path, null_cases: Path) -> None:
+    """The other methods' answers to all cases that have a round."""
+    from baselines import Forest, gaussian_process, modulus_alone, sparse_regression, threshold_of
+
+    null_paths = sorted(nulls.glob("*.npz"))
+    without = [stored(path).with_shipped_model_error().linear() for path in null_paths]
+    false_alarms = float(np.mean([detected(linear).p_value < DETECTION_P for linear in without]))
+    threshold = threshold_of(without, false_alarms=false_alarms)
+    forest = Forest.grown(without, false_alarms=false_alarms)
+    processes = [
+        gaussian_process(residual_samples(null_cases / path.stem), (1.0, 0.0), least_gain=0.0)
+        for path in null_paths
+    ]
+    least_gain = float(np.quantile([process["gain"] for process in processes], 1 - false_alarms))
+    print(
+        f"{len(without)} null rounds, false alarms {false_alarms:.1%}: threshold {threshold:.1f} sd, gain of "
+        f"the process {least_gain:.0f}",
+        flush=True,
+    )
+    by_case = {}
+    for path in sorted(rounds.glob("*.npz")):
+        case = stored(path)
+        linear, E = case.linear(), tuple(case.facts["E_MPa"])
+        by_case[path.stem] = {
+            "modulus alone": modulus_alone(E),
+            "Gaussian process": gaussian_process(
+                residual_samples(cases / path.stem), E, least_gain=least_gain
+            ),
+            "sparse regression": sparse_regression(linear, E, threshold=threshold),
+            "random forest": forest.answer(linear, E),
+        }
+        print(path.stem, {name: said["verdict"] for name, said in by_case[path.stem].items()}, flush=True)
+    facts = {
+        "null_rounds": len(without),
+        "false_alarms": false_alarms,
+        "threshold_sd": threshold,
+        "least_gain": least_gain,
+    }
+    (answers / BASELINES).write_text(json.dumps({"facts": facts, "answers": by_case}, indent=1) + "\n")
+
+
+def residual_samples(folder: Path) -> Float[np.ndarray, "s 6"]:
+    """Markers and frames in contact drawn at random: place on the patch twice (mm), share of the peak load,
+    time (s), the plain model's residual and the response to 1/E along the pad's normal (mm).
+    """
+    with tempfile.TemporaryDirectory() as work:
+        case = open_case(folder.resolve(), fruit_id=None, work=Path(work), out=None)
+        forward, _ = plain_forward_model(mismatch_case(case, grasped_fruit(case.task, StageLog(str))))
+    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    linear = screened(forward, recorded, ())
+    rng = np.random.default_rng(0)
+    samples = []
+    for k, equations in enumerate(recorded):
+        recording = equations.recording
+        residual = linear.products.marker_residual(k, linear.null)
+        response = equations.markers.residual(forward.compliance * recording.tracks.unit_displacement)
+        frames, markers = np.nonzero(recording.tracks.episode >= 0)
+        chosen = np.sort(rng.choice(len(frames), min(PER_GRASP, len(frames)), replace=False))
+        place = recording.tracks.place_mm
+        for frame, marker in zip(frames[chosen], markers[chosen], strict=True):
+            pad = int(recording.pad_of_marker[marker])
+            normals = recording.links[pad].place.normal
+            normal = mean_normal(normals)
+            x, y = tangents(normals) @ (place[marker] - place[recording.pad_of_marker == pad].mean(axis=0))
+            along = (residual[frame, marker] @ normal, response[frame, marker] @ normal)
+            samples.append((x, y, recording.load[frame], recording.time_s[frame], *along))
+    return np.array(samples, dtype=float).reshape(-1, 6)
+
+
 def score(answers: Path, labels: Path, manifest: Path | None, table: Path | None) -> int:
     """All tables of the answers against the labels; the exit status."""
     published = json.loads(labels.read_text(encoding="utf-8"))
     wrong = []
     if manifest is not None:
-        seals = json.loads(manifest.read_text(encoding="utf-8"))
-        wrong = broken_seals(seals, {case: sealed_text(entry) for case, entry in published.items()})
+        wrong = broken_seals(
+            json.loads(manifest.read_text(encoding="utf-8")),
+            {case: sealed_text(entry) for case, entry in published.items()},
+        )
     runs = runs_in(answers)
     codes = sorted({str(run["code"]) for run in runs if "code" in run})
     if len(codes) > 1:
@@ -288,7 +381,7 @@ def main() -> int:
     if chosen.command == "explain":
         print(json.dumps(explain(*places)))
     else:
-        answer(*places)
+        {"answer": answer, "baselines": answer_baselines}[chosen.command](*places)
     return 0
 
 

@@ -15,11 +15,13 @@ changed by linear signatures, averaged over the posterior; the plain E has a rel
 import argparse
 import csv
 import sys
+from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
+from unittest.mock import patch
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -30,6 +32,7 @@ from scipy.stats import kstest
 sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
 from apparent_shares import apparent_row, file_text, fruit_of, model_error_of, scale_prior_of
 from clustered_share import clustered_interval
+from ideal_confusion import ideal_names
 from psychometric import Curve, fitted_curve
 from reduced_case import ReducedCase, stored
 from scored_round import PLAIN_E_SD, ScoredRound, posterior, scored_round
@@ -39,14 +42,19 @@ from sealed_scores import Scored, interval, share
 from fem.mismatch.evidence.model_error import FILE
 from fem.mismatch.procedure import detected
 from fem.mismatch.result import NONE, UNKNOWN
+from fem.mismatch.selection import decision
 from fem.mismatch.selection.decision import DETECTION_P
 from reports.figures import png_of
 
 EVIDENCE = Path(__file__).resolve().parents[1] / "fem" / "mismatch" / "evidence"
+TEMPERATURES, PRIORS_OF_NONE = (1.0, 1.25, 1.5, 2.0, 3.0), (0.5, 0.7)
+"""Tried for the log score."""
 LEAST_PROBABILITY = 1e-3
 """Of the true explanation in the log score: a pair that was not tried has none."""
 ABOVE_BOUND = 2.0
 """Amplitude over its noise-only bound from which an effect should be named. Set by hand."""
+MULTIPLES, DRAWS = (2, 4, 8), 200
+"""Of the ideal confusions: full bounds, and draws of each effect and multiple."""
 RELIABILITY_BINS = np.linspace(0.0, 1.0, 6)
 """Of stated probabilities."""
 
@@ -150,6 +158,26 @@ def _loss(each: ScoredRound, effect: str) -> float:
     return full / noise
 
 
+def log_score_lines(rounds: Sequence[ScoredRound]) -> list[str]:
+    """Mean log probability of the truth by temperature and prior of none, without and with mismatch."""
+    none = [each for each in rounds if each.scored.kind == "sound"]
+    other = [each for each in rounds if each.scored.kind != "sound"]
+    lines = [f"mean log score of the truth, at least ln {LEAST_PROBABILITY:g} (shipped: {_shipped()})"]
+    for prior in PRIORS_OF_NONE:
+        left = (1 - prior) / (1 - decision.PRIOR[NONE])
+        priors = {kind: prior if kind == NONE else left * p for kind, p in decision.PRIOR.items()}
+        for temperature in TEMPERATURES:
+            with patch.multiple(decision, TEMPERATURE=temperature, PRIOR=priors):
+                scores = [[log_score(each) for each in group] for group in (none, other, rounds)]
+            words = " ".join(f"{np.mean(group):8.3f}" if group else f"{'-':>8s}" for group in scores)
+            lines.append(f"  prior of none {prior:g}, temperature {temperature:4.2f}: {words}")
+    return [*lines, f"  columns: {len(none)} without mismatch, {len(other)} with, all"]
+
+
+def _shipped() -> str:
+    return f"prior {decision.PRIOR[NONE]:g}, temperature {decision.TEMPERATURE:g}"
+
+
 def log_score(each: ScoredRound) -> float:
     """ln of the posterior probability of the true explanation."""
     return float(
@@ -179,6 +207,23 @@ def modulus_lines(cases: Sequence[Scored]) -> list[str]:
         f"E, with {PLAIN_E_SD:.0%} for the plain model's own error",
         *(modulus_line(f"  verdict {kind}", group, "E_after") for kind, group in kinds.items()),
     ]
+
+
+def ideal_lines(rounds: Sequence[ScoredRound]) -> list[str]:
+    """How often each effect would come first if the linear model were exact, and what takes it."""
+    first = {each.fruit: each.linear for each in rounds if each.scored.kind == "sound"}
+    named = ideal_names(list(first.values()), multiples=MULTIPLES, draws=DRAWS, rng=np.random.default_rng(0))
+    lines = [
+        f"ideal: first of the posterior at {', '.join(map(str, MULTIPLES))} full bounds (pairs left out), "
+        f"most often instead at {MULTIPLES[-1]} bounds"
+    ]
+    for effect in sorted({effect for effect, _ in named}):
+        shares = [named[effect, k][effect] / named[effect, k].total() for k in MULTIPLES]
+        most = Counter({n: c for n, c in named[effect, MULTIPLES[-1]].items() if n != effect}).most_common(2)
+        total = named[effect, MULTIPLES[-1]].total()
+        taken = ", ".join(f"{name} {count / total:.0%}" for name, count in most)
+        lines.append(f"  {effect:20s} {' '.join(f'{x:5.0%}' for x in shares)}   {taken}")
+    return lines
 
 
 def usual_misfit(misfit: Sequence[tuple[str, float]]) -> tuple[float, float]:
@@ -216,10 +261,13 @@ def tables(rounds: Sequence[ScoredRound]) -> list[str]:
         "",
         *bound_lines(rounds),
         "",
+        *log_score_lines(rounds),
+        "",
         "probability of the first name where a mismatch was detected: stated, share right, right of cases",
         *(f"  {p:.2f} {right:.2f} {count} of {total}" for p, right, count, total in reliability_bins(cases)),
         "",
         *modulus_lines(cases),
+        *(["", *ideal_lines(rounds)] if none else []),
     ]
 
 

@@ -1,4 +1,4 @@
-"""Scores on invented labels: seals, kinds, relatives, costs; the stored linear problem."""
+"""Scores on invented labels: seals, kinds, relatives, costs; other methods; the stored linear problem."""
 
 import hashlib
 import json
@@ -6,11 +6,14 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from sealed_truths import put_on_path
+from synthetic_problem import problem
 
 put_on_path()
 sys.path.append(str(Path(__file__).parents[1] / "fem"))
+from baselines import chosen_terms, sparse_regression, threshold_of  # noqa: E402
 from cramer_rao import amplitude_bounds  # noqa: E402
 from injected_mismatch import E_MPA, injected_case, on_pad  # noqa: E402
 from mismatch import RELATIVES_FILE, captured, main, relatives_in, scored_label  # noqa: E402
@@ -21,6 +24,7 @@ from fem.mismatch.catalogue import SPECS  # noqa: E402
 from fem.mismatch.effects import clock_lag, pit_size, sensor_gain, skin  # noqa: E402
 from fem.mismatch.evidence.grasp_equations import GraspEquations  # noqa: E402
 from fem.mismatch.model.marker_equations import DESIGN_EFFECT  # noqa: E402
+from fem.mismatch.result import NONE  # noqa: E402
 
 EFFECTS = {
     "a-1": ("none", {}, "none"),
@@ -160,6 +164,24 @@ def test_amplitudes_of_a_pair_are_those_of_its_effects():
     (truth,) = scored_label(label, {})["attempts"]
     assert truth["effect"] == "pit_size+skin"
     assert truth["amplitudes"] == pytest.approx({"skin": 0.8, "pit_size": 0.1})
+
+
+def test_thresholded_least_squares_finds_the_terms_of_a_sparse_model():
+    rng = np.random.default_rng(3)
+    X = rng.standard_normal((400, 12))
+    y = X @ np.array([0, 0, 2.0, 0, 0, 0, 0, -1.0, 0, 0, 0, 0]) + rng.standard_normal(400)
+    assert chosen_terms(X.T @ X, X.T @ y, 4.0) == [2, 7]
+
+
+def test_sparse_regression_names_a_plain_effect_and_has_the_wanted_false_alarms():
+    without = [problem({}, seed=seed).linear() for seed in range(12)]
+    threshold = threshold_of(without, false_alarms=0.0)
+    assert all(
+        sparse_regression(null_round, (0.5, 0.01), threshold=threshold)["verdict"] == [NONE]
+        for null_round in without
+    )
+    seen = sparse_regression(problem({"clock_lag": 1.0}, seed=40).linear(), (0.5, 0.01), threshold=threshold)
+    assert seen["order"][0] == "clock_lag"
 
 
 @pytest.fixture(scope="module")

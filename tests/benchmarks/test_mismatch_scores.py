@@ -3,6 +3,7 @@
 import csv
 import re
 import sys
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ put_on_path()
 import mismatch_scores  # noqa: E402
 from clustered_share import clustered_interval  # noqa: E402
 from cramer_rao import amplitude_bounds, amplitude_of  # noqa: E402
+from ideal_confusion import drawn_amounts, ideal_names  # noqa: E402
 from mismatch_scores import false_alarms, log_score, main, reliability_bins, single_lines  # noqa: E402
 from psychometric import fitted_curve  # noqa: E402
 from reduced_case import store  # noqa: E402
@@ -125,6 +127,22 @@ def test_a_higher_temperature_makes_a_clear_truth_less_likely(monkeypatch):
     assert log_score(scored) < before
 
 
+def test_drawn_amounts_lie_their_number_of_bounds_from_zero():
+    linear = labelled_round({}).linear()
+    truths, amounts = drawn_amounts(linear, multiples=(2, 8), count=3, rng=np.random.default_rng(0))
+    squares = np.einsum("di,ij,dj->d", amounts, linear.equations.normal, amounts)
+    assert np.sqrt(squares) == pytest.approx([multiple for _, multiple in truths])
+    assert Counter(truths) == {(name, k): 3 for name in linear.equations.ways for k in (2, 8)}
+
+
+def test_ideal_effects_are_named_far_above_their_bound_and_hardly_below_it():
+    rounds = [labelled_round({}, seed=seed).linear() for seed in range(3)]
+    named = ideal_names(rounds, multiples=(1, 20), draws=60, rng=np.random.default_rng(0))
+    for effect in rounds[0].equations.ways:
+        assert named[effect, 20][effect] == 60
+        assert named[effect, 1]["none"] > 40
+
+
 def rounds_folder(folder):
     """Ten cases without mismatch of five fruit, and skins from weak to strong."""
     for number in range(5):
@@ -143,6 +161,7 @@ def run(monkeypatch, *arguments):
 
 
 def test_the_script_prints_tables_and_writes_a_figure_and_a_table(monkeypatch, tmp_path, capsys):
+    monkeypatch.setattr(mismatch_scores, "DRAWS", 5)
     folder = rounds_folder(tmp_path)
     out, table = tmp_path / "scores.png", tmp_path / "scores.csv"
     run(monkeypatch, folder, "--figure", out, "--csv", table)
