@@ -232,18 +232,3 @@ def _legend(entries: list[tuple[str, str, int]], *, step: float = 104.0) -> list
             parts.append(rule(at, at + 16, 14.0, 14.0, class_=f"model {kind}"))
         parts.append(label(words, at + (14 if kind in ("mark", "measured") else 21), 18.5))
     return parts
-
-
-def share_bar(share: float) -> Markup:
-    """A small bar for a table's cell, full at 1."""
-    width = 90.0
-    return element(
-        "svg",
-        _bar(0.0, 1.0, width, 10.0, class_="trough"),
-        _bar(0.0, 1.0, max(width * min(max(share, 0.0), 1.0), 1.0), 10.0, class_="bar named"),
-        viewBox="0 0 90 12",
-        width="90",
-        height="12",
-        class_="chart cell",
-        aria_hidden="true",
-    )

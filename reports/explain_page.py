@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Sequence
 
 import numpy as np
 
@@ -23,31 +22,17 @@ from reports.explain_charts import (
     force_and_residual,
     modulus_over_time,
     rms_chart,
-    share_bar,
 )
 from reports.explain_entries import ExplainEntry, Record
 from reports.html_templates import page_environment
-from reports.next_grasp_picture import next_grasp_picture
-from reports.skin_map import BLIND_BELOW, MapSide, MapStyle, map_picture, sides_of
+from reports.skin_map import BLIND_BELOW, MapStyle, map_picture, sides_of
 from reports.words import NOTHING, UNEXPLAINED, UNKNOWN, effect_name, number, with_sd
 
-_HATCHED = "not visible from these grasps"
-_MAPS = (
-    (
-        "modulus_score",
-        MapStyle(low="softer than the model", high="firmer than the model", signed=True, hatched=_HATCHED),
-        "Softer (red) or firmer (blue) flesh here would explain the misfit.",
-    ),
-    (
-        "eigenstrain_score",
-        MapStyle(low="nothing", high="strong", signed=False, hatched=_HATCHED),
-        "An internal change of shape (a permanent dent, swelling, a gap) would explain the misfit here.",
-    ),
-    (
-        "law_error",
-        MapStyle(low="nothing", high="strong", signed=False, hatched=_HATCHED),
-        "Places where the linear elastic law fails most.",
-    ),
+_MAP = MapStyle(
+    low="softer than the model",
+    high="firmer than the model",
+    signed=True,
+    hatched="not visible from these grasps",
 )
 
 
@@ -55,18 +40,15 @@ def explain_html(entry: ExplainEntry) -> str:
     """The whole page, the same text for the same record; all text of the case is escaped."""
     environment = page_environment()
     environment.filters |= {
-        "degrees": _degrees,
         "interval": _interval,
         "heldout": _heldout,
         "mark": _mark,
         "modulus": _modulus,
         "p": _p,
         "sentence": _sentence,
-        "share_bar": share_bar,
         "value": _value,
     }
     named = [candidate for candidate in entry.ranking if candidate.effect in entry.verdict]
-    sides = _sides(entry)
     with_effect = _kind(entry) not in (NOTHING, UNEXPLAINED)
     return environment.get_template("templates/explain.html.j2").render(
         blind_share=_blind_share(entry),
@@ -74,11 +56,10 @@ def explain_html(entry: ExplainEntry) -> str:
         cut=_cut(entry),
         entry=entry,
         named=named,
-        maps=_maps(entry, sides),
+        picture=_map(entry),
         meanings=_meanings(entry),
         kind=_kind(entry),
         modulus_charts=modulus_over_time(entry, with_effect=with_effect),
-        next_picture=_next_picture(entry, sides),
         evidence=evidence_chart(entry.ranking, verdict=entry.verdict) if entry.ranking else None,
         rms=rms_chart(entry.heldout, with_effect=with_effect) if entry.heldout else None,
         traces=[(trace.grasp, *force_and_residual(trace, with_effect=with_effect)) for trace in entry.traces],
@@ -108,52 +89,27 @@ def _meanings(entry: ExplainEntry) -> list[tuple[str, str, str]]:
     ]
 
 
-def _sides(entry: ExplainEntry) -> tuple[MapSide, ...]:
-    """The fruit from six sides, for all its maps; none where there is no map."""
-    if entry.maps is None:
-        return ()
-    return sides_of(
-        entry.maps.vertices_mm,
-        entry.maps.triangles,
-        entry.maps.visible,
+def _map(entry: ExplainEntry) -> str:
+    """PNG as base64 of the fruit from six sides; empty where there is no map."""
+    maps = entry.maps
+    if maps is None or not np.isfinite(maps.modulus_score).any():
+        return ""
+    sides = sides_of(
+        maps.vertices_mm,
+        maps.triangles,
+        maps.visible,
         hatched_below=BLIND_BELOW,
         contacts_mm=entry.contacts_mm,
     )
-
-
-def _maps(entry: ExplainEntry, sides: Sequence[MapSide]) -> list[tuple[str, str]]:
-    """(PNG as base64, what it shows), the first the most telling."""
-    if entry.maps is None:
-        return []
-    seen = entry.maps.visible >= BLIND_BELOW
-    pictures = []
-    for name, style, words in _MAPS:
-        scores = getattr(entry.maps, name)
-        if not np.isfinite(scores).any():
-            continue
-        png = map_picture(
-            sides,
-            np.nan_to_num(scores),
-            style=style,
-            seen=seen,
-            centre_mm=entry.where.centre_mm,
-            radius_mm=entry.where.radius_mm,
-        )
-        pictures.append((base64.b64encode(png).decode("ascii"), words))
-    return pictures
-
-
-def _next_picture(entry: ExplainEntry, sides: Sequence[MapSide]) -> str:
-    """PNG as base64 of where the next grasp's pads go; empty where no grasp was planned."""
-    if entry.maps is None or entry.next_grasp_plan is None or not entry.next_grasp_plan.grasps:
-        return ""
-    patches = {pad.pad: pad.patch_mm for pad in entry.next_grasp_plan.grasps[0].pads}
-    return base64.b64encode(next_grasp_picture(sides, patches)).decode("ascii")
-
-
-def _degrees(angle_deg: float) -> str:
-    """To the nearest five degrees, as nobody turns a fruit better."""
-    return f"{5 * round(angle_deg / 5) % 360}°"
+    png = map_picture(
+        sides,
+        np.nan_to_num(maps.modulus_score),
+        style=_MAP,
+        seen=maps.visible >= BLIND_BELOW,
+        centre_mm=entry.where.centre_mm,
+        radius_mm=entry.where.radius_mm,
+    )
+    return base64.b64encode(png).decode("ascii")
 
 
 def _sentence(words: str) -> str:

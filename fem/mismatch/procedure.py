@@ -13,20 +13,18 @@ from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Placed, Remarked, SeenDirectly
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import GramMatrix
-from fem.mismatch.localisation.anova import analysis_of_variance, modulus_cells
-from fem.mismatch.localisation.residual_places import located
+from fem.mismatch.localisation.residual_places import located, modulus_cells
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.model.baseline import Baseline, baseline
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.touched_skin import with_touched_skin
-from fem.mismatch.next_grasp import in_words, next_grasp, planned_grasp
+from fem.mismatch.next_grasp import next_grasp
 from fem.mismatch.reported_values import candidates, traces
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Modulus, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
 from fem.mismatch.selection.decision import DETECTION_P, p_values
 from fem.mismatch.selection.model_selection import Hypothesis, select_model
 from fem.mismatch.selection.modulus_with import modulus_of
-from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.reported_modulus import (
     HiddenGelFault,
@@ -89,13 +87,10 @@ def explain(
         ranking = candidates(selection, linear, workers=workers)
         proof = held_out(forward, recorded, null, after)
         hidden = hidden_gel_faults(forward, linear.gel_faults, best)
-        predicted = traces(forward, recorded, null, after)
+        grasp_traces = traces(forward, recorded, null, after)
     with stage("where and when"):
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
         place = located(forward, residual)
-    with stage("what to record next"):
-        plan = planned_grasp(forward, linear, selection)
-        fixed = next_grasp(selection.verdict, grasps=len(recorded))
     return Explanation(
         detected=detection.mismatch and selection.verdict != NONE,
         p_value=detection.p_value,
@@ -115,12 +110,9 @@ def explain(
             heldout=proof,
         ),
         heldout=proof,
-        next_grasp=fixed if plan is None else in_words(plan),
-        next_grasp_plan=plan,
+        next_grasp=next_grasp(selection.verdict, grasps=len(recorded)),
         cells=modulus_cells(forward, fits),
-        variance=analysis_of_variance(forward, fits),
-        traces=predicted,
-        checks=checks(predicted, forward.base.grasps, rng=np.random.default_rng(0)),
+        traces=grasp_traces,
         maps=place.maps,
         notes=(
             *(

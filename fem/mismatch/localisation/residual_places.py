@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fem.estimation.compliance_fit import rigid_motion
-from fem.mismatch.localisation.adjoint_maps import fruit_map
-from fem.mismatch.localisation.spot_search import best_spots
+from fem.estimation.compliance_fit import CompliantFit, rigid_motion
+from fem.estimation.modulus_by_frame import modulus_per_frame
+from fem.mismatch.localisation.spot_search import best_spots, fruit_map
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import MARKER_VARIANCE_INFLATION
 from fem.mismatch.model.pads import pads_of
-from fem.mismatch.result import FruitMap, Where
+from fem.mismatch.result import FruitMap, ModulusCell, Where
 from fem.mismatch.thresholds import PLACE_EXCESS, PLACE_SHARE, SPOT_SCORE
 
 PHASES = ("load", "hold", "unload")
@@ -27,7 +27,7 @@ PHASES = ("load", "hold", "unload")
 
 @dataclass(frozen=True, kw_only=True)
 class Located:
-    """The words of an answer's `where`, `when` and `component`, and the maps."""
+    """The words of an answer's `where`, `when` and `component`, and the map."""
 
     where: Where
     when: str
@@ -139,3 +139,20 @@ def _when(excess: ExcessVariance) -> str:
 def _component(excess: ExcessVariance) -> str:
     part = excess.most(excess.amount.sum(axis=(0, 1, 2)))
     return "both" if part is None else ("normal", "shear")[part]
+
+
+def modulus_cells(forward: ForwardModel, fits: Sequence[CompliantFit]) -> tuple[ModulusCell, ...]:
+    """E per frame, pad (and all pads together) and grasp; `fits`: the plain fit of each recording."""
+    return tuple(
+        ModulusCell(
+            grasp=recording.case.name,
+            pad=row.pad,
+            time_s=row.time_s,
+            phase=row.phase,
+            E_MPa=row.E_MPa,
+            E_sd_MPa=row.E_sd_MPa,
+        )
+        for recording, fit in zip(forward.base.grasps, fits, strict=True)
+        for row in modulus_per_frame(recording.case.history, recording.tracks, fit, recording.used)
+        if np.isfinite(row.E_MPa)
+    )
