@@ -53,7 +53,7 @@ class Round:
             return [fit(name, 10.0)]
         return [fit(name, gain, variant=OfPad(pad=pad)) for pad, gain in self.pads.items() if pad != name]
 
-    def refit(self, _forward, _linear, fits, *, starts=()):
+    def refit(self, _forward, _linear, fits):
         name = "+".join(sorted(linear_fit.name for linear_fit in fits))
         self.asked.append(name)
         if name in self.fails:
@@ -73,7 +73,6 @@ class Round:
 def selected(monkeypatch):
     def of(case: Round, *, p_value: float = 0.0) -> ModelSelection:
         monkeypatch.setattr(model_selection, "linear_explanations", lambda _: case.explanations())
-        monkeypatch.setattr(model_selection, "fault_pairs", lambda *_: {})
         monkeypatch.setattr(model_selection, "refit", case.refit)
         monkeypatch.setattr(model_selection, "_gain", lambda _, again: again.log_evidence)
         linear = SimpleNamespace(

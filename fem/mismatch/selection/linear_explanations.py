@@ -12,7 +12,7 @@ import numpy as np
 from scipy.special import logsumexp
 
 from fem.mismatch.evidence.signature_equations import SignatureEquations
-from fem.mismatch.gel_fault import faults_of_relation
+from fem.mismatch.gel_fault import is_of_relation
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.decision import LAW_ERROR, Weighed
 from fem.mismatch.selection.screening import (
@@ -92,8 +92,7 @@ def _mixture(fits: Sequence[LinearFit]) -> tuple[float, float]:
 def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation], kept: float) -> list[LinearExplanation]:
     """Each effect with every one of smaller evidence, if that adds something beside it.
 
-    Two faults of one gel relation show in part as each other: those are
-    fem.mismatch.selection.fault_pairs.
+    Not two faults of one gel relation, each of which shows in part as the other.
     """
     pairs = []
     ways = {fits[0].name: fits for fits in _ways(linear.linear_fits)}
@@ -103,7 +102,7 @@ def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation], kept: floa
         if fit.columns:  # else it is seen directly, and leaves the motion as it is
             remaining = remaining.given(remaining.numbers(fit.columns), law_error=LAW_ERROR)
         for second in singles[number + 1 :]:
-            if len(faults_of_relation([fit.effect, second.linear_fits[0].effect])) == 2:
+            if is_of_relation(fit.effect) and is_of_relation(second.linear_fits[0].effect):
                 continue
             added = [_second(linear, remaining, way) for way in ways[second.name]]
             gain = _mean([way.gain for way in added])

@@ -13,11 +13,10 @@ from itertools import product
 import numpy as np
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import AuxiliaryLikelihood
+from fem.mismatch.effect import AuxiliaryLikelihood, SeenDirectly
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import NONE, UNKNOWN
 from fem.mismatch.selection.decision import TEMPERATURE, Weighed, probabilities, verdict_of
-from fem.mismatch.selection.fault_pairs import direct_evidence, fault_pairs
 from fem.mismatch.selection.linear_explanations import LinearExplanation, linear_explanations
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
@@ -77,14 +76,8 @@ class _InFull:
 def select_model(forward: ForwardModel, linear: LinearRound, *, p_value: float) -> ModelSelection:
     """Ranking and verdict, with the full models of what the verdict holds."""
     left = linear_explanations(linear)
-    faults = fault_pairs(forward, linear, left)
-    left += [explanation for explanation, _ in faults.values()]
     in_full: dict[str, _InFull] = {}
     without: dict[str, str] = {}
-
-    def full_model(explanation: LinearExplanation) -> _InFull:
-        second = faults[explanation.name][1] if explanation.name in faults else None
-        return _in_full(forward, linear, explanation, starts=() if second is None else second.starts)
 
     while True:
         ranking = _ranking(linear, left, in_full)
@@ -99,9 +92,10 @@ def select_model(forward: ForwardModel, linear: LinearRound, *, p_value: float) 
         ][: MOST_REFITS - len(in_full)]
         if not due:
             break
-        for explanation, full in zip(
-            due, parallel_map(full_model, due, workers=forward.workers), strict=True
-        ):
+        full_models = parallel_map(
+            lambda explanation: _in_full(forward, linear, explanation), due, workers=forward.workers
+        )
+        for explanation, full in zip(due, full_models, strict=True):
             in_full[explanation.name] = full
             if full.failed:
                 without[explanation.name] = full.failed
@@ -149,18 +143,12 @@ def _weighed(linear: LinearRound, explanation: LinearExplanation, full: _InFull 
     return replace(explanation.weighed, misfit=best.fit.chi2 / linear.numbers)
 
 
-def _in_full(
-    forward: ForwardModel,
-    linear: LinearRound,
-    explanation: LinearExplanation,
-    *,
-    starts: Sequence[dict[str, float]],
-) -> _InFull:
+def _in_full(forward: ForwardModel, linear: LinearRound, explanation: LinearExplanation) -> _InFull:
     """The full models over the pads in question."""
     refits, failed = list[tuple[float, Refit]](), ""
     for fits in product(*(_pads_that_may_be(linear, fit) for fit in explanation.linear_fits)):
         try:
-            again = refit(forward, linear, fits, starts=starts)
+            again = refit(forward, linear, fits)
         except FemFailure as failure:
             failed = failure.detail
             continue
@@ -198,4 +186,7 @@ def _gain(linear: LinearRound, again: Refit) -> float:
         if isinstance(effect, AuxiliaryLikelihood)
     )
     moved = again.log_evidence - linear.null.log_evidence
-    return moved + min(said, max(moved, 0.0)) + direct_evidence(again.forward, again.effects)
+    direct = sum(
+        effect.direct_evidence(again.forward) for effect in again.effects if isinstance(effect, SeenDirectly)
+    )
+    return moved + min(said, max(moved, 0.0)) + direct

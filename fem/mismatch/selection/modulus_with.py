@@ -196,7 +196,7 @@ def _own_error(again: Refit) -> Float[np.ndarray, " p"]:
     """
     model_sd = []
     for effect, values in zip(again.effects, again.parameters, strict=True):
-        relation = effect.relation_sd(again.forward, again.effects) if isinstance(effect, GelFault) else {}
+        relation = effect.relation_sd(again.forward) if isinstance(effect, GelFault) else {}
         for spec in effect.spec.searched:
             value = values[spec.name]
             by_model = np.hypot(spec.model_sd, spec.model_share * value) / (value if spec.log else 1.0)

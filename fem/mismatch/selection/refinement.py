@@ -95,22 +95,14 @@ class Refit:
         return "+".join(sorted(effect.spec.name for effect in self.effects))
 
 
-def refit(
-    forward: ForwardModel,
-    linear: LinearRound,
-    linear_fits: Sequence[LinearFit],
-    *,
-    starts: Sequence[dict[str, float]] = (),
-) -> Refit:
+def refit(forward: ForwardModel, linear: LinearRound, linear_fits: Sequence[LinearFit]) -> Refit:
     """The effects of these signatures, refitted.
 
     Raises FemFailure where their model cannot be computed from any start, or no longer on the way.
-
-    `starts`: parameters of each effect to start from where they are known; else from the linear amounts.
     """
     specs = [spec for fit in linear_fits for spec in fit.effect.spec.searched]
     search = _Search(forward, linear, tuple(linear_fits), specs)
-    now, _ = search.followed(search.begun(forward, starts or [None] * len(linear_fits)))
+    now, _ = search.followed(search.begun(forward))
     gained = float("inf")
     for _ in range(ROUNDS):
         step = now.fit.amounts[-len(specs) :]
@@ -214,7 +206,7 @@ class _Search:
             np.where(self.log, np.log(np.where(self.log, np.maximum(values, 1e-9), 1.0)), values)
         )
 
-    def begun(self, forward: ForwardModel, starts: Sequence[dict[str, float] | None]) -> _Linearised:
+    def begun(self, forward: ForwardModel) -> _Linearised:
         """The model at the start; where it has none, as with a pit that pokes out, nearer to nothing.
 
         Where an effect knows another start that gains about as much, at that one.
@@ -224,11 +216,9 @@ class _Search:
         share, before = 1.0, None
         while True:
             values: list[float] = []
-            for fit, start in zip(self.linear_fits, starts, strict=True):
-                values_of_effect = (
-                    fit.effect.start(forward, fit.signature, share * fit.amounts) if start is None else start
-                )
-                values += [values_of_effect[spec.name] for spec in fit.effect.spec.searched]
+            for fit in self.linear_fits:
+                start = fit.effect.start(forward, fit.signature, share * fit.amounts)
+                values += [start[spec.name] for spec in fit.effect.spec.searched]
             try:
                 now = self.linearised(self.scaled(values))
                 break
@@ -238,9 +228,9 @@ class _Search:
                     raise
                 before = values
         first = 0
-        for fit, start in zip(self.linear_fits, starts, strict=True):
+        for fit in self.linear_fits:
             end = first + len(fit.effect.spec.searched)
-            if start is None and isinstance(fit.effect, StartsElsewhere):
+            if isinstance(fit.effect, StartsElsewhere):
                 other = fit.effect.other_start(forward, fit.signature.variant)
                 if other is not None:
                     tried = [*values[:first], *other.values(), *values[end:]]

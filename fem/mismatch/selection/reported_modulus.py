@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit
 
-from fem.mismatch.gel_fault import GelFault, faults_of_relation
+from fem.mismatch.gel_fault import GelFault, is_of_relation
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, mixture
 from fem.mismatch.selection.model_selection import Hypothesis
@@ -99,9 +99,9 @@ def hidden_gel_faults(
     At even odds beforehand one is there with probability 1 / (1 + exp(-ln evidence)). None beside a named one
     of the same relation: each shows in part as another.
     """
-    if named is not None and faults_of_relation(named.effects):
+    if named is not None and any(map(is_of_relation, named.effects)):
         return []
-    measured = [(fault, fault.measured(forward)) for fault in faults_of_relation(faults)]
+    measured = [(fault, fault.measured(forward)) for fault in faults if is_of_relation(fault)]
     return [
         HiddenGelFault(
             name=fault.spec.name,
