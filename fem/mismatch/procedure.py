@@ -205,12 +205,20 @@ def _where(recording: Where, best: Refit) -> Where:
 
 
 def plain_forward_model(
-    case: MismatchCase, *, solids: Mapping[Support, UnitModulusSolid] | None = None, workers: int = 1
+    case: MismatchCase,
+    *,
+    solids: Mapping[Support, UnitModulusSolid] | None = None,
+    most_frames: int | None = None,
+    workers: int = 1,
 ) -> tuple[ForwardModel, list[CompliantFit]]:
-    """The plain model with 1/E of the recordings' median; `solids`: factorised before, by support."""
+    """The plain model with 1/E of the recordings' median; `solids`: factorised before, by support;
+    `most_frames`: of each recording (None: all).
+    """
     first = baseline(case, solids=solids, workers=workers)
     registered = plain_fits(first)
-    base = with_touched_skin(first, compliance=_median_compliance(registered), workers=workers)
+    base = with_touched_skin(
+        first, compliance=_median_compliance(registered), most_frames=most_frames, workers=workers
+    )
     fits = plain_fits(base)
     compliance, before = _median_compliance(fits), _median_compliance(registered)
     scale = compliance / before if compliance > 0 and before > 0 else 1.0

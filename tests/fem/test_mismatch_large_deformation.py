@@ -11,11 +11,7 @@ from plain_model import screened_effects
 from fem.elements.assembly import unit_lame_constants
 from fem.fem_failure import FemFailure
 from fem.mismatch.effects import stiffening
-from fem.mismatch.evidence.large_deformation import (
-    LARGE_DEFORMATION,
-    large_deformation,
-    leave_large_deformation,
-)
+from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION, large_deformation
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.model import stress_history
 from fem.mismatch.model.forward_model import ForwardModel
@@ -112,8 +108,7 @@ def test_stiffening_holds_large_deformation_itself(neo_hookean):
 
 
 def test_a_plain_model_that_holds_it_has_no_column_of_it():
-    forward = forward_of()
-    leave_large_deformation(forward)
+    forward = replace(forward_of(), beyond_small_strain=False)
     assert LARGE_DEFORMATION not in [nuisance.name for nuisance in common_nuisances(forward)]
 
 

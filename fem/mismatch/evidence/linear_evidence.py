@@ -106,9 +106,8 @@ class GramMatrix:
         self.rows: list[np.ndarray] = []
         self.products: list[np.ndarray] = []
         self.weighed: list[np.ndarray] = []
-        columns_with_mean = [column for column in self.columns if not column.stands_in]
         self.data = [
-            _less_prior_means(plain_data(forward, equations), columns_with_mean, k)
+            _less_prior_means(plain_data(forward, equations), self.columns, k)
             for k, equations in enumerate(recorded)
         ]
 

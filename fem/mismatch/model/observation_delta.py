@@ -35,7 +35,6 @@ class Regressor:
     model's own error (fem.mismatch.evidence.model_error).
     `of_forces`: how the fields follow from the forces, where they do linearly (None: they do not, or hardly),
     from which the noise of the forces in them is known (fem.mismatch.evidence.force_noise).
-    `stands_in`: it stands in for another column in some refits, and is none of the plain model's own.
     """
 
     name: str
@@ -46,7 +45,6 @@ class Regressor:
     mean: float = 0.0
     same_as: int | None = None
     of_forces: LinearInForces | None = None
-    stands_in: bool = False
 
 
 def wrench(

@@ -21,7 +21,7 @@ from fem.estimation.modulus import first_touch_evidence
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response
 from fem.mismatch.effect_spec import Correction
-from fem.mismatch.evidence.nuisances import beyond_small_strain, turn_alone
+from fem.mismatch.evidence.beyond_small_strain import displacement_beyond
 from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
@@ -52,15 +52,15 @@ def modulus_of(forward: ForwardModel, response: Response | None = None) -> Modul
     Without grading's models, or where that inference has no E: the mean of the recordings' own fits. Markers
     move by what large deformation adds, too.
     """
-    return _moduli(forward, [response], forward.base.case.budget, beyond=beyond_small_strain(forward))[0]
+    return _moduli(forward, [response], forward.base.case.budget, beyond=displacement_beyond(forward))[0]
 
 
-Beyond: TypeAlias = Sequence[Float[np.ndarray, "_f _n 3"]] | None
-"""What large deformation adds to the markers' displacement in each recording, mm."""
+Fields: TypeAlias = Sequence[Float[np.ndarray, "_f _n 3"]]
+"""One field of the markers, mm, for each recording."""
 
 
 def _moduli(
-    forward: ForwardModel, responses: Sequence[Response | None], budget: ErrorBudget, *, beyond: Beyond
+    forward: ForwardModel, responses: Sequence[Response | None], budget: ErrorBudget, *, beyond: Fields
 ) -> list[Modulus]:
     """E with each of the responses, all by one estimator: differences between them are the responses' own."""
     if any(forward.graded):
@@ -70,7 +70,7 @@ def _moduli(
 
 
 def _fits(
-    forward: ForwardModel, response: Response | None, *, beyond: Beyond
+    forward: ForwardModel, response: Response | None, *, beyond: Fields
 ) -> list[tuple[GraspResponse, MarkerTracks, CompliantFit]]:
     """Every recording with the effect's response, and its own fit."""
     fits = []
@@ -81,9 +81,7 @@ def _fits(
             tracks = replace(
                 tracks, unit_displacement=response.unit[k], position_mm=tracks.position_mm - shift
             )
-        if beyond is not None:
-            unit = tracks.unit_displacement + beyond[k] / forward.compliance
-            tracks = replace(tracks, unit_displacement=unit)
+        tracks = replace(tracks, unit_displacement=tracks.unit_displacement + beyond[k] / forward.compliance)
         fit = fit_compliance(
             tracks,
             scale_sd=forward.base.case.budget.gel_scale_sd,
@@ -94,7 +92,7 @@ def _fits(
 
 
 def _inferred(
-    forward: ForwardModel, response: Response | None, budget: ErrorBudget, *, beyond: Beyond
+    forward: ForwardModel, response: Response | None, budget: ErrorBudget, *, beyond: Fields
 ) -> Modulus:
     """By fem.estimation.joint_inference, of the recordings that grading has a model of; raises FemFailure."""
     evidence = [
@@ -115,7 +113,7 @@ def _inferred(
     return Modulus(value=forward.modulus_scale * joint.E_MPa, sd=forward.modulus_scale * joint.E_sd_MPa)
 
 
-def _mean_of_fits(forward: ForwardModel, response: Response | None, *, beyond: Beyond) -> Modulus:
+def _mean_of_fits(forward: ForwardModel, response: Response | None, *, beyond: Fields) -> Modulus:
     """The mean of the recordings' own E; its standard deviation by their scatter, and LEAST_RELATIVE_SD for
     what they have in common.
     """
@@ -150,7 +148,7 @@ def modulus_with(again: Refit) -> ModulusWith:
         again.forward,
         responses,
         _without(again.forward.base.case.budget, again.effects),
-        beyond=turn_alone(again.forward) if holds_it else beyond_small_strain(again.forward),
+        beyond=displacement_beyond(again.forward, large_deformation=not holds_it),
     )
     model_sd = _own_error(again)
     laws = SYSTEMATIC**2 * again.fit.covariance[-len(model_sd) :, -len(model_sd) :] + np.diag(model_sd**2)

@@ -16,12 +16,12 @@ from jaxtyping import Float
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response, SeenDirectly, StartsElsewhere
 from fem.mismatch.effect_spec import ParameterSpec
+from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.model.warm_start import WarmStarts
 from fem.mismatch.response_changes import slope_fields, superposed
-from fem.mismatch.selection.retained_columns import retained_columns
 from fem.mismatch.selection.screening import LinearFit, LinearRound
 from fem.mismatch.signature_variant import Variant
 from fem.mismatch.thresholds import LAST_ROUND_GAIN, OTHER_START_SHARE
@@ -179,8 +179,12 @@ class _Search:
         warm_start = forward.warm_starts or WarmStarts()
         self.forward = replace(forward, warm_starts=warm_start.copy())
         self.linear, self.linear_fits = linear, linear_fits
-        effects = [fit.effect for fit in linear_fits]
-        self.nuisances = retained_columns(effects, linear.products.columns, linear.nuisances)
+        holds_it = any(fit.effect.spec.holds_large_deformation for fit in linear_fits)
+        self.nuisances = tuple(
+            j
+            for j in linear.nuisances
+            if not (holds_it and linear.products.columns[j].name == LARGE_DEFORMATION)
+        )
         self.signatures = tuple(j for fit in linear_fits for j in fit.columns)
         self.log = np.array([spec.log for spec in specs])
         low, high = (np.array([getattr(spec, end) for spec in specs]) for end in ("low", "high"))

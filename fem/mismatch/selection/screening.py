@@ -10,13 +10,13 @@ from scipy.special import log_ndtr
 
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly, Signature
+from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION, large_deformation
 from fem.mismatch.evidence.error_scale import NullDraws
 from fem.mismatch.evidence.force_noise import DRAWS, drawn_force_noise
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, large_deformation
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.model_error import model_error_columns, scale_prior
-from fem.mismatch.evidence.nuisances import common_nuisances, stand_ins
+from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.forward_model import ForwardModel
@@ -100,11 +100,10 @@ def screened(
         else:
             recording += [(effect, signature) for signature in answer if not signature.untried]
             without |= {f"{effect.spec.name} ({s.label})": s.untried for s in answer if s.untried}
-    large = large_deformation(forward)
-    if isinstance(large, FemFailure):
+    if forward.beyond_small_strain and isinstance(large := large_deformation(forward), FemFailure):
         without[LARGE_DEFORMATION] = large.detail
     known = common_nuisances(forward)
-    columns: list[Regressor] = [*known, *stand_ins(forward)]
+    columns = list[Regressor](known)
     signatures: list[tuple[Effect, Signature, tuple[int, ...]]] = []
     for effect, signature in recording:
         first = len(columns) + 1
