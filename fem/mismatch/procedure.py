@@ -23,7 +23,8 @@ from fem.mismatch.reported_values import candidates, traces
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Modulus, Parameter, Where
 from fem.mismatch.selection.cross_validation import held_out
 from fem.mismatch.selection.decision import DETECTION_P, p_values
-from fem.mismatch.selection.model_selection import Hypothesis, select_model
+from fem.mismatch.selection.linear_explanations import Hypothesis
+from fem.mismatch.selection.model_selection import select_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.reported_modulus import (

@@ -13,7 +13,8 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.pads import pad_force
 from fem.mismatch.result import NINETY, Candidate, GraspTrace, Modulus, Parameter, mixture
 from fem.mismatch.selection.cross_validation import predictive, predictive_gain
-from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
+from fem.mismatch.selection.linear_explanations import Hypothesis
+from fem.mismatch.selection.model_selection import ModelSelection
 from fem.mismatch.selection.modulus_with import ModulusWith, modulus_with
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import LinearRound

@@ -26,9 +26,9 @@ from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.localisation.spot_search import RADIUS_MM
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.procedure import detected, plain_forward_model
-from fem.mismatch.result import NONE, UNKNOWN
-from fem.mismatch.selection.decision import credible_set, probabilities
-from fem.mismatch.selection.linear_explanations import LinearExplanation, linear_explanations
+from fem.mismatch.result import NONE
+from fem.mismatch.selection.decision import credible_set
+from fem.mismatch.selection.linear_explanations import Hypothesis, linear_explanations, ranked
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.mismatch.signature_variant import OfPad
 from fem.solid.linear_solid import Support, UnitModulusSolid
@@ -114,29 +114,27 @@ def screen(
     explanations = suggested(linear, kept=share) if detection.mismatch else ()
     return Screened(
         p_value=detection.p_value,
-        names=tuple(UNKNOWN if explanation is None else explanation.name for explanation in explanations),
+        names=tuple(explanation.name for explanation in explanations),
         statistics=detection.p_values,
         gains={linear_fit.name: linear_fit.gain for linear_fit in linear.best},
         amounts=tuple(_amounts(linear)),
         moduli={
             explanation.name: explanation.modulus_change
             for explanation in explanations
-            if explanation is not None
+            if explanation.modulus_change is not None
         },
         note="; ".join(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
     )
 
 
-def suggested(linear: LinearRound, *, kept: float) -> tuple[LinearExplanation | None, ...]:
-    """Of the posterior's credible set what is likelier than no mismatch, the likeliest first; None: unknown.
-    `kept`: share of the frames, of thinned recordings.
+def suggested(linear: LinearRound, *, kept: float) -> tuple[Hypothesis, ...]:
+    """Of the posterior's credible set what is likelier than no mismatch, the likeliest first. `kept`: share
+    of the frames, of thinned recordings.
     """
-    tried = linear_explanations(linear, kept=kept)
-    shares, unknown = probabilities([explanation.weighed for explanation in tried])
-    explanations = {explanation.name: explanation for explanation in tried}
-    probability = dict(zip(explanations, shares.tolist(), strict=True)) | {UNKNOWN: unknown}
-    names = credible_set(list(probability), list(probability.values()))
-    return tuple(explanations.get(name) for name in names if probability[name] > probability[NONE])
+    ranking = {hypothesis.name: hypothesis for hypothesis in ranked(linear_explanations(linear, kept=kept))}
+    none = ranking[NONE].probability
+    names = credible_set(list(ranking), [hypothesis.probability for hypothesis in ranking.values()])
+    return tuple(ranking[name] for name in names if ranking[name].probability > none)
 
 
 def _screened_effects() -> list[Effect]:

@@ -276,7 +276,7 @@ def test_a_bent_reading_is_no_warming_and_no_two_faults():
     assert linear.best[0].name == "sensor_nonlinear"
     prior = log_prior("a+b", effects=len(ALL)) - log_prior("a", effects=len(ALL))
     explanations = linear_explanations(linear)
-    pairs = [explanation.weighed.gain for explanation in explanations if "+" in explanation.name]
+    pairs = [explanation.gain for explanation in explanations if "+" in explanation.name]
     assert max(pairs, default=-np.inf) + TEMPERATURE * prior < linear.best[0].gain
 
 

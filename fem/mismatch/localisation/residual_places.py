@@ -20,9 +20,16 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import MARKER_VARIANCE_INFLATION
 from fem.mismatch.model.pads import pads_of
 from fem.mismatch.result import FruitMap, ModulusCell, Where
-from fem.mismatch.thresholds import PLACE_EXCESS, PLACE_SHARE, SPOT_SCORE
 
 PHASES = ("load", "hold", "unload")
+PLACE_SHARE = 0.7
+"""Share of the excess above which one pad, place, phase or component has it. Set by hand: well over half."""
+PLACE_EXCESS = 0.05
+"""Excess, as a share of noise, below which none of pads, phases and components is told from the others. Set
+by hand."""
+SPOT_SCORE = 20.0
+"""Least standard score of a place in the flesh that is named. Set by hand, high: it is the best of many
+places, and model errors score too."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -5,7 +5,7 @@ second one by what it adds beside the first, above the error of the first one's 
 fem.mismatch.selection.decision). A second effect that adds nothing is no explanation of its own.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,8 +13,9 @@ from scipy.special import logsumexp
 
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.gel_fault import is_of_relation
-from fem.mismatch.result import NONE
-from fem.mismatch.selection.decision import LAW_ERROR, Weighed
+from fem.mismatch.result import NONE, UNKNOWN
+from fem.mismatch.selection.decision import LAW_ERROR, Weighed, probabilities
+from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import (
     LinearFit,
     LinearRound,
@@ -24,27 +25,42 @@ from fem.mismatch.selection.screening import (
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinearExplanation:
+class Hypothesis(Weighed):
     """One explanation, and the linear fits of its effects: none for "none", two for a pair.
 
-    `modulus_change`: E with the effects over E without, and the relative standard deviation that they add.
+    `modulus_change`: E with the effects over E without, and the relative standard deviation that they add, by
+    linear signatures; None for unknown physics, which leaves any `misfit`. `probability`: among all, by
+    `ranked`. `refit`: its full model. `alternatives`: the same with another pad, where that gains about as
+    much: its share of the explanation's probability, and its refit.
     """
 
-    weighed: Weighed
+    misfit: float = float("nan")
     linear_fits: tuple[LinearFit, ...] = ()
-    modulus_change: tuple[float, float] = (1.0, 0.0)
-
-    @property
-    def name(self) -> str:
-        """Effects' names, sorted and joined."""
-        return self.weighed.name
+    modulus_change: tuple[float, float] | None = (1.0, 0.0)
+    probability: float = float("nan")
+    refit: Refit | None = None
+    alternatives: tuple[tuple[float, Refit], ...] = ()
 
 
-def linear_explanations(linear: LinearRound, *, kept: float = 1.0) -> list[LinearExplanation]:
+def ranked(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
+    """All that are tenable with their probabilities, and "unknown", the likeliest first."""
+    weighed = list(hypotheses)
+    shares, unknown = probabilities(weighed)
+    ranking = [
+        replace(hypothesis, probability=float(share))
+        for hypothesis, share in zip(weighed, shares, strict=True)
+        if hypothesis.tenable
+    ]
+    most = max(hypothesis.gain for hypothesis in weighed)
+    ranking.append(Hypothesis(name=UNKNOWN, gain=most, probability=unknown, modulus_change=None))
+    return sorted(ranking, key=lambda hypothesis: -hypothesis.probability)
+
+
+def linear_explanations(linear: LinearRound, *, kept: float = 1.0) -> list[Hypothesis]:
     """The explanations, "none" last. `kept`: share of the frames, of thinned recordings."""
     singles = [_single(linear, fits, kept) for fits in _ways(linear.linear_fits)]
-    singles.sort(key=lambda single: -single.weighed.gain)
-    none = LinearExplanation(weighed=Weighed(name=NONE, gain=0.0, misfit=misfit_left(linear, (), kept=kept)))
+    singles.sort(key=lambda single: -single.gain)
+    none = Hypothesis(name=NONE, gain=0.0, misfit=misfit_left(linear, (), kept=kept))
     return [*singles, *_pairs(linear, singles, kept), none]
 
 
@@ -66,15 +82,13 @@ def _mean(gains: Sequence[float]) -> float:
     return float(logsumexp(gains) - np.log(len(gains)))
 
 
-def _single(linear: LinearRound, fits: Sequence[LinearFit], kept: float) -> LinearExplanation:
+def _single(linear: LinearRound, fits: Sequence[LinearFit], kept: float) -> Hypothesis:
     best = fits[0]
-    return LinearExplanation(
-        weighed=Weighed(
-            name=best.name,
-            gain=_mean([fit.gain for fit in fits]),
-            misfit=misfit_left(linear, (best,), kept=kept),
-            direct=best.direct,
-        ),
+    return Hypothesis(
+        name=best.name,
+        gain=_mean([fit.gain for fit in fits]),
+        misfit=misfit_left(linear, (best,), kept=kept),
+        direct=best.direct,
         linear_fits=(best,),
         modulus_change=_mixture(fits),
     )
@@ -89,7 +103,7 @@ def _mixture(fits: Sequence[LinearFit]) -> tuple[float, float]:
     return mean, float(np.sqrt(share @ (added**2 + (changes - mean) ** 2)))
 
 
-def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation], kept: float) -> list[LinearExplanation]:
+def _pairs(linear: LinearRound, singles: Sequence[Hypothesis], kept: float) -> list[Hypothesis]:
     """Each effect with every one of smaller evidence, if that adds something beside it.
 
     Not two faults of one gel relation, each of which shows in part as the other.
@@ -110,15 +124,12 @@ def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation], kept: floa
             if gain > 0 and best.gain > 0:
                 both = linear.products.fit([*linear.nuisances, *fit.columns, *best.columns])
                 best = replace(best, chi2_drop=linear.null.chi2 - fit.chi2_drop - both.chi2)
-                weighed = Weighed(
-                    name="+".join(sorted((first.name, second.name))),
-                    gain=first.weighed.gain + gain,
-                    misfit=misfit_left(linear, (fit, best), kept=kept),
-                    direct=first.weighed.direct + best.direct,
-                )
                 pairs.append(
-                    LinearExplanation(
-                        weighed=weighed,
+                    Hypothesis(
+                        name="+".join(sorted((first.name, second.name))),
+                        gain=first.gain + gain,
+                        misfit=misfit_left(linear, (fit, best), kept=kept),
+                        direct=first.direct + best.direct,
                         linear_fits=(fit, best),
                         modulus_change=modulus_change(linear.null, both),
                     )

@@ -24,7 +24,6 @@ from fem.mismatch.model.warm_start import WarmStarts
 from fem.mismatch.response_changes import slope_fields, superposed
 from fem.mismatch.selection.screening import LinearFit, LinearRound
 from fem.mismatch.signature_variant import Variant
-from fem.mismatch.thresholds import LAST_ROUND_GAIN, OTHER_START_SHARE
 
 ROUNDS = 9
 """Rounds at most."""
@@ -41,6 +40,12 @@ TRUST = 10.0
 other recordings can say and narrow enough that slopes hold."""
 MOST_SINGLE_RESPONSES = 12
 """Responses of single effects kept: a round of differences of two effects asks for fewer. Set by hand."""
+LAST_ROUND_GAIN = 0.3
+"""ln evidence; a round of a refit that gains less is the last. A fifteenth of what sets two explanations
+apart at odds of 20 to 1, by the temperature of the posterior."""
+OTHER_START_SHARE = 0.8
+"""Share of the gain at the linear amounts from which another start is taken: it does not rest on slopes at
+nothing, and the search ends nearer to the truth from there (`benchmarks/mismatch.py`, pose_error)."""
 NEARER, LEAST_SHARE = 0.6, 0.2
 """By how much a start is taken nearer to nothing where it has no model, and how near at most."""
 

@@ -14,7 +14,7 @@ from scipy.special import expit
 from fem.mismatch.gel_fault import GelFault, is_of_relation
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, mixture
-from fem.mismatch.selection.model_selection import Hypothesis
+from fem.mismatch.selection.linear_explanations import Hypothesis
 from fem.mismatch.selection.refinement import Refit
 
 LARGE_MISFIT = 2.0
