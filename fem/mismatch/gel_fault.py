@@ -68,7 +68,9 @@ class GelFault:
         for name in self.amounts:
             amount = measured.values[name]
             there = self.respond(forward, {**nothing, name: amount}, ONE_WAY)
-            fields = [_per_amount(forward, k, there, amount) for k in range(len(forward.base.grasps))]
+            fields = [
+                ObservationDelta().plus(1 / amount, there.change(forward, k)) for k in range(len(there.unit))
+            ]
             columns.append(Regressor(name=name, sd=self.prior_sd[name], fields=fields))
         return [Signature(variant=ONE_WAY, columns=tuple(columns))]
 
@@ -244,18 +246,6 @@ def drift_between(
         return 0.0
     return float(
         (total_N[after].mean() - total_N[before].mean()) / (time_s[after].mean() - time_s[before].mean())
-    )
-
-
-def _per_amount(forward: ForwardModel, grasp: int, there: Response, amount: float) -> ObservationDelta:
-    """Change of one recording per amount, from the response at one."""
-    assert there.shift_mm is not None, "every response of a gel's fault has all channels"
-    assert there.balance is not None, "likewise"
-    assert there.rest is not None, "likewise"
-    plain = forward.base.grasps[grasp].tracks.unit_displacement
-    moved = forward.compliance * (there.unit[grasp] - plain) + there.shift_mm[grasp]
-    return ObservationDelta(
-        markers=moved / amount, balance=there.balance[grasp] / amount, rest=there.rest[grasp] / amount
     )
 
 

@@ -6,7 +6,7 @@ rest      zero drift of each pad's normal force from before the contact to after
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Float
@@ -24,6 +24,18 @@ class ObservationDelta:
     markers: Float[np.ndarray, "f n 3"] | None = None
     balance: Float[np.ndarray, "f 6"] | None = None
     rest: Float[np.ndarray, " p"] | None = None
+
+    def plus(self, amount: float, other: "ObservationDelta | None") -> "ObservationDelta":
+        """This and `amount` times another; a channel that neither changes is None."""
+        if other is None:
+            return self
+        channels = {}
+        for channel in fields(self):
+            mine, more = getattr(self, channel.name), getattr(other, channel.name)
+            if more is not None:
+                mine = amount * more if mine is None else mine + amount * more
+            channels[channel.name] = mine
+        return ObservationDelta(**channels)
 
 
 @dataclass(frozen=True, kw_only=True)

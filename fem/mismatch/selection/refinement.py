@@ -14,14 +14,13 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import Effect, Response, SeenDirectly, StartsElsewhere
+from fem.mismatch.effect import Effect, Response, SeenDirectly, StartsElsewhere, superposed
 from fem.mismatch.effect_spec import ParameterSpec
 from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import Regressor
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.warm_start import WarmStarts
-from fem.mismatch.response_changes import slope_fields, superposed
 from fem.mismatch.selection.screening import LinearFit, LinearRound
 from fem.mismatch.signature_variant import Variant
 
@@ -344,7 +343,12 @@ class _Search:
                 Regressor(
                     name=f"slope {k}",
                     sd=float(spread),
-                    fields=slope_fields(self.forward, response, ahead, step),
+                    fields=[
+                        ObservationDelta()
+                        .plus(1 / step, ahead.change(self.forward, k))
+                        .plus(-1 / step, response.change(self.forward, k))
+                        for k in range(len(response.unit))
+                    ],
                 )
             )
         products, chosen = self.linear.products.about(
