@@ -18,7 +18,7 @@ from jaxtyping import Float
 from fem.mismatch.effect_spec import EffectSpec
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.result import Parameter, Where
+from fem.mismatch.result import Where
 from fem.mismatch.signature_variant import Variant
 
 
@@ -133,15 +133,6 @@ class SeenDirectly(Protocol):
         """Standard deviation of each number that is searched, as measured with it: the search's prior about
         its start.
         """
-        ...
-
-
-@runtime_checkable
-class Remarked(Protocol):
-    """An effect that needs a word more than its name at some parameters."""
-
-    def remark(self, parameters: Mapping[str, Parameter]) -> str:
-        """A sentence that a reader must know of such parameters; empty where there is none."""
         ...
 
 

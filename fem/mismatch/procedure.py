@@ -10,9 +10,8 @@ from scipy.special import logsumexp
 
 from fem.estimation.compliance_fit import CompliantFit, fit_compliance
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.effect import Placed, Remarked, SeenDirectly
+from fem.mismatch.effect import Placed, SeenDirectly
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.localisation.residual_places import located, modulus_cells
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.model.baseline import Baseline, baseline
@@ -20,7 +19,7 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.touched_skin import with_touched_skin
 from fem.mismatch.next_grasp import next_grasp
 from fem.mismatch.reported_values import candidates, traces
-from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Modulus, Parameter, Where
+from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus, Where
 from fem.mismatch.selection.cross_validation import held_out
 from fem.mismatch.selection.decision import DETECTION_P, p_values
 from fem.mismatch.selection.linear_explanations import Hypothesis
@@ -76,15 +75,11 @@ def explain(
         detection = detected(linear)
     with stage("verdict, in full"):
         selection = select_model(forward, linear, p_value=detection.p_value)
-    null = (linear.products, linear.nuisances)
     with stage("cross-validation"):
-        names = {selection.verdict} if isinstance(selection.verdict, str) else {*selection.verdict}
-        named = next(
-            (hypothesis for hypothesis in selection.ranking if hypothesis.name in names - {NONE, UNKNOWN}),
-            None,
-        )
+        named = next((h for h in selection.ranking if h.name in selection.names and h.refit), None)
         best = None if named is None else named.refit
-        after = null if best is None else _model_of(best)
+        null = (linear.products, linear.nuisances)
+        after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
         ranking = candidates(selection, linear, workers=workers)
         proof = held_out(forward, recorded, null, after)
         hidden = hidden_gel_faults(forward, linear.gel_faults, best)
@@ -92,6 +87,13 @@ def explain(
     with stage("where and when"):
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
         place = located(forward, residual)
+    untried = {**linear.without, **selection.without}
+    notes = [f"{name} could not be tried: {why}." for name, why in untried.items()]
+    if best is not None and named is not None:
+        notes += [] if best.converged else [NOT_CONVERGED_NOTE.format(name=best.name)]
+        notes += _other_pads(named)
+    if selection.verdict != UNKNOWN:
+        notes += _hidden(hidden)
     return Explanation(
         detected=detection.mismatch and selection.verdict != NONE,
         p_value=detection.p_value,
@@ -115,15 +117,7 @@ def explain(
         cells=modulus_cells(forward, fits),
         traces=grasp_traces,
         maps=place.maps,
-        notes=(
-            *(
-                f"{name} could not be tried: {why}."
-                for name, why in {**linear.without, **selection.without}.items()
-            ),
-            *([] if best is None or named is None else _remarks(best, _parameters_of(named, ranking))),
-            *([] if best is None or named is None else _other_pads(named)),
-            *([] if selection.verdict == UNKNOWN else _hidden(hidden)),
-        ),
+        notes=tuple(notes),
         seconds=seconds,
     )
 
@@ -153,29 +147,6 @@ def _hidden(faults: Sequence[HiddenGelFault]) -> list[str]:
         for fault in faults
         if fault.spread > NOTED_SPREAD
     ]
-
-
-def _model_of(again: Refit) -> tuple[GramMatrix, tuple[int, ...]]:
-    """A refit's linearised model, and its columns."""
-    return again.near(), (*again.nuisances, *again.slopes)
-
-
-def _remarks(best: Refit, parameters: Mapping[str, Parameter]) -> list[str]:
-    """Remarks of the effects on the parameters found, and whether the search converged."""
-    said = [] if best.converged else [NOT_CONVERGED_NOTE.format(name=best.name)]
-    for effect in best.effects:
-        if isinstance(effect, Remarked):
-            prefix = f"{effect.spec.name}." if len(best.effects) > 1 else ""
-            said.append(
-                effect.remark(
-                    {k.removeprefix(prefix): v for k, v in parameters.items() if k.startswith(prefix)}
-                )
-            )
-    return [remark for remark in said if remark]
-
-
-def _parameters_of(named: Hypothesis, ranking: Sequence[Candidate]) -> Mapping[str, Parameter]:
-    return next(candidate.parameters for candidate in ranking if candidate.effect == named.name)
 
 
 def _other_pads(first: Hypothesis) -> list[str]:

@@ -46,6 +46,11 @@ class ModelSelection:
     verdict: str | tuple[str, ...]
     without: dict[str, str]
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those of the verdict."""
+        return (self.verdict,) if isinstance(self.verdict, str) else self.verdict
+
 
 def select_model(forward: ForwardModel, linear: LinearRound, *, p_value: float) -> ModelSelection:
     """Ranking and verdict, with the full models of what the verdict holds."""
