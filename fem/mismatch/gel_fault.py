@@ -14,6 +14,7 @@ already.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TypeGuard
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -183,7 +184,7 @@ class GelFault:
         return _flesh_fit(forward, None)[1] / _flesh_fit(forward, response)[1] - 1
 
 
-def is_of_relation(effect: Effect) -> bool:
+def is_of_relation(effect: Effect) -> TypeGuard[GelFault]:
     """Whether it is a fault of the gel that shows in force against displacement."""
     return isinstance(effect, GelFault) and effect.of_the_relation
 

@@ -82,7 +82,7 @@ def explain(
         after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
         ranking = candidates(selection, linear, workers=workers)
         proof = held_out(forward, recorded, null, after)
-        hidden = hidden_gel_faults(forward, linear.gel_faults, best)
+        hidden = hidden_gel_faults(forward, EFFECTS, best)
         grasp_traces = traces(forward, recorded, null, after)
     with stage("where and when"):
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
@@ -229,30 +229,20 @@ class CaseDetection:
         return self.p_value < DETECTION_P
 
 
-def detected(linear: LinearRound, *, kept: float = 1.0) -> CaseDetection:
-    """Whether recordings contradict the plain model; `kept`: share of the frames, of thinned ones."""
-    p_value, each = p_values(
-        linear.equations,
-        linear.null_draws,
-        misfit=kept * linear.null.chi2 / linear.numbers,
-        direct=_mean_direct_evidence(linear),
-        against=_against(linear),
-        rng=np.random.default_rng(0),
-    )
-    return CaseDetection(p_value=p_value, p_values=each)
-
-
-def _against(linear: LinearRound) -> dict[str, list[float]]:
-    """What else is known of each signature that shows in the flesh's motion, where it speaks against it."""
+def detected(linear: LinearRound) -> CaseDetection:
+    """Whether recordings contradict the plain model."""
+    direct = [fit.direct for fit in linear.best if isinstance(fit.effect, SeenDirectly)]
     against: dict[str, list[float]] = {}
     for fit in linear.linear_fits:
         of_effect = against.setdefault(fit.name, [])
         if fit.columns:
             of_effect.append(min(fit.auxiliary_log_likelihood, 0.0))
-    return against
-
-
-def _mean_direct_evidence(linear: LinearRound) -> float:
-    """ln of the mean Bayes factor of all effects that recordings can show directly; 0 where there is none."""
-    direct = {fit.name: fit.direct for fit in linear.best if isinstance(fit.effect, SeenDirectly)}
-    return float(logsumexp(list(direct.values())) - np.log(len(direct))) if direct else 0.0
+    p_value, each = p_values(
+        linear.equations,
+        linear.null_draws,
+        misfit=linear.null.chi2 / linear.numbers,
+        direct=float(logsumexp(direct) - np.log(len(direct))) if direct else 0.0,
+        against=against,
+        rng=np.random.default_rng(0),
+    )
+    return CaseDetection(p_value=p_value, p_values=each)

@@ -16,8 +16,6 @@ screen then asks what is left.
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Effect
@@ -106,12 +104,8 @@ def screen(
     forward = replace(forward, path_share=PATH_SHARE, beyond_small_strain=beyond_small_strain)
     recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     linear = screened(forward, recorded, _screened_effects(), noise_draws=1)
-    # A frame that stands for its neighbours counts as often: per number of the whole recording, as without.
-    numbers = np.array([equations.nuisances.shape[1] for equations in recorded])
-    kept = np.array([recording.kept for recording in forward.base.grasps])
-    share = float(numbers.sum() / (numbers / kept).sum())
-    detection = detected(linear, kept=share)
-    explanations = suggested(linear, kept=share) if detection.mismatch else ()
+    detection = detected(linear)
+    explanations = suggested(linear) if detection.mismatch else ()
     return Screened(
         p_value=detection.p_value,
         names=tuple(explanation.name for explanation in explanations),
@@ -127,11 +121,9 @@ def screen(
     )
 
 
-def suggested(linear: LinearRound, *, kept: float) -> tuple[Hypothesis, ...]:
-    """Of the posterior's credible set what is likelier than no mismatch, the likeliest first. `kept`: share
-    of the frames, of thinned recordings.
-    """
-    ranking = {hypothesis.name: hypothesis for hypothesis in ranked(linear_explanations(linear, kept=kept))}
+def suggested(linear: LinearRound) -> tuple[Hypothesis, ...]:
+    """Of the posterior's credible set what is likelier than no mismatch, the likeliest first."""
+    ranking = {hypothesis.name: hypothesis for hypothesis in ranked(linear_explanations(linear))}
     none = ranking[NONE].probability
     names = credible_set(list(ranking), [hypothesis.probability for hypothesis in ranking.values()])
     return tuple(ranking[name] for name in names if ranking[name].probability > none)

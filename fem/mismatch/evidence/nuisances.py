@@ -11,7 +11,7 @@ square. An effect acts on all recordings by one law; these do not, which separat
 import numpy as np
 from jaxtyping import Float
 
-from fem.estimation.compliance_fit import rigid_motion
+from fem.estimation.compliance_fit import rigid_part
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
 from fem.mismatch.evidence.beyond_small_strain import beyond_small_strain
@@ -100,19 +100,13 @@ def _places(forward: ForwardModel, recording: GraspResponse) -> list[tuple[str, 
 
 def _dent(recording: GraspResponse, response: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
     """c without each pad's own rigid motion in each frame: the dent's shape, not how far the pads come."""
-    touching = recording.tracks.episode >= 0
-    dent = np.zeros_like(response)
+    tracks, dent = recording.tracks, np.zeros_like(response)
     for pad in range(len(recording.links)):
         mine = recording.pad_of_marker == pad
-        modes = rigid_motion(recording.tracks.place_mm[mine])
-        for frame, on in enumerate(touching[:, mine]):
-            if on.sum() < FEWEST:
-                continue
-            pressed = np.flatnonzero(mine)[on]
-            rigid = modes[on].reshape(-1, 6)
-            here = response[frame, pressed].ravel()
-            motion = np.linalg.lstsq(rigid, here, rcond=None)[0]
-            dent[frame, pressed] = (here - rigid @ motion).reshape(-1, 3)
+        touching = tracks.episode[:, mine] >= 0
+        enough = touching & (touching.sum(axis=1, keepdims=True) >= FEWEST)
+        rigid = rigid_part(response[:, mine], tracks.place_mm[mine], enough)
+        dent[:, mine] = enough[..., None] * response[:, mine] - rigid
     return dent
 
 

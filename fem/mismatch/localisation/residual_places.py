@@ -11,9 +11,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
-from fem.estimation.compliance_fit import CompliantFit, rigid_motion
+from fem.estimation.compliance_fit import CompliantFit, rigid_part
 from fem.estimation.modulus_by_frame import modulus_per_frame
 from fem.mismatch.localisation.spot_search import best_spots, fruit_map
 from fem.mismatch.model.forward_model import ForwardModel
@@ -86,7 +86,7 @@ def excess_of(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "_f _n
         scaled = basis.equations.residual(field)
         for pad in range(len(recording.links)):
             markers = np.flatnonzero(recording.pad_of_marker == pad)
-            scaled[:, markers] -= _rigid(
+            scaled[:, markers] -= rigid_part(
                 scaled[:, markers], recording.tracks.place_mm[markers], touching[:, markers]
             )
         scaled /= recording.tracks.sd_mm[:, None]
@@ -104,18 +104,6 @@ def excess_of(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "_f _n
                         float(squares[chosen].sum()) - MARKER_VARIANCE_INFLATION * each * samples
                     )
     return ExcessVariance(amount=np.maximum(amount, 0.0), count=count)
-
-
-def _rigid(
-    field: Float[np.ndarray, "f n 3"], place_mm: Float[np.ndarray, "n 3"], touching: Bool[np.ndarray, "f n"]
-) -> Float[np.ndarray, "f n 3"]:
-    """The rigid motion in each frame's field that fits its touching markers best."""
-    modes = rigid_motion(place_mm)
-    weight = touching.astype(float)
-    normal = np.einsum("fn,nxk,nxl->fkl", weight, modes, modes, optimize=True) + 1e-6 * np.eye(6)
-    right = np.einsum("fn,nxk,fnx->fk", weight, modes, field, optimize=True)
-    motion = np.linalg.solve(normal, right[..., None])[..., 0]
-    return np.asarray(np.einsum("nxk,fk->fnx", modes, motion) * weight[..., None])
 
 
 def _where(forward: ForwardModel, excess: ExcessVariance, numbers: Float[np.ndarray, " k"]) -> Where:

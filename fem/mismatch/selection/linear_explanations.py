@@ -56,17 +56,17 @@ def ranked(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
     return sorted(ranking, key=lambda hypothesis: -hypothesis.probability)
 
 
-def linear_explanations(linear: LinearRound, *, kept: float = 1.0) -> list[Hypothesis]:
-    """The explanations, "none" last. `kept`: share of the frames, of thinned recordings."""
-    singles = [_single(linear, fits, kept) for fits in _ways(linear.linear_fits)]
+def linear_explanations(linear: LinearRound) -> list[Hypothesis]:
+    """The explanations, "none" last."""
+    singles = [_single(linear, fits) for fits in _ways(linear.linear_fits)]
     singles.sort(key=lambda single: -single.gain)
-    none = Hypothesis(name=NONE, gain=0.0, misfit=misfit_left(linear, (), kept=kept))
-    return [*singles, *_pairs(linear, singles, kept), none]
+    none = Hypothesis(name=NONE, gain=0.0, misfit=misfit_left(linear, ()))
+    return [*singles, *_pairs(linear, singles), none]
 
 
-def misfit_left(linear: LinearRound, fits: Sequence[LinearFit], *, kept: float = 1.0) -> float:
+def misfit_left(linear: LinearRound, fits: Sequence[LinearFit]) -> float:
     """The chi-square per number that these linear fits leave."""
-    return kept * (linear.null.chi2 - sum(fit.chi2_drop for fit in fits)) / linear.numbers
+    return (linear.null.chi2 - sum(fit.chi2_drop for fit in fits)) / linear.numbers
 
 
 def _ways(fits: Sequence[LinearFit]) -> list[list[LinearFit]]:
@@ -82,12 +82,12 @@ def _mean(gains: Sequence[float]) -> float:
     return float(logsumexp(gains) - np.log(len(gains)))
 
 
-def _single(linear: LinearRound, fits: Sequence[LinearFit], kept: float) -> Hypothesis:
+def _single(linear: LinearRound, fits: Sequence[LinearFit]) -> Hypothesis:
     best = fits[0]
     return Hypothesis(
         name=best.name,
         gain=_mean([fit.gain for fit in fits]),
-        misfit=misfit_left(linear, (best,), kept=kept),
+        misfit=misfit_left(linear, (best,)),
         direct=best.direct,
         linear_fits=(best,),
         modulus_change=_mixture(fits),
@@ -103,7 +103,7 @@ def _mixture(fits: Sequence[LinearFit]) -> tuple[float, float]:
     return mean, float(np.sqrt(share @ (added**2 + (changes - mean) ** 2)))
 
 
-def _pairs(linear: LinearRound, singles: Sequence[Hypothesis], kept: float) -> list[Hypothesis]:
+def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Each effect with every one of smaller evidence, if that adds something beside it.
 
     Not two faults of one gel relation, each of which shows in part as the other.
@@ -128,7 +128,7 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis], kept: float) -> l
                     Hypothesis(
                         name="+".join(sorted((first.name, second.name))),
                         gain=first.gain + gain,
-                        misfit=misfit_left(linear, (fit, best), kept=kept),
+                        misfit=misfit_left(linear, (fit, best)),
                         direct=first.direct + best.direct,
                         linear_fits=(fit, best),
                         modulus_change=modulus_change(linear.null, both),

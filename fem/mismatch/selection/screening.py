@@ -18,7 +18,6 @@ from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.model_error import model_error_columns, scale_prior
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.evidence.signature_equations import SignatureEquations
-from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.parallel_map import parallel_map
@@ -58,7 +57,7 @@ class LinearRound:
 
     `equations`: of all signatures, the nuisances integrated out; `null_draws`: their data without mismatch.
     `without`: effects, one way of theirs to show, or large deformation, that could not be computed, and why.
-    `gel_faults`: all those of the catalogue. `numbers`: how many numbers all recordings have.
+    `numbers`: how many numbers all recordings have, left-out frames of thinned ones included.
     """
 
     products: GramMatrix
@@ -68,8 +67,7 @@ class LinearRound:
     equations: SignatureEquations
     null_draws: NullDraws
     without: dict[str, str]
-    gel_faults: tuple[GelFault, ...] = ()
-    numbers: int
+    numbers: float
 
     @property
     def best(self) -> tuple[LinearFit, ...]:
@@ -119,8 +117,7 @@ def screened(
         signatures,
         auxiliary=lambda *signature_at_amounts: _auxiliary(forward, *signature_at_amounts),
         without=without,
-        gel_faults=tuple(effect for effect in effects if isinstance(effect, GelFault)),
-        numbers=sum(equations.nuisances.shape[1] for equations in recorded),
+        numbers=sum(equations.nuisances.shape[1] / equations.recording.kept for equations in recorded),
     )
 
 
@@ -131,8 +128,7 @@ def linear_round(
     *,
     auxiliary: Auxiliary,
     without: dict[str, str],
-    gel_faults: tuple[GelFault, ...] = (),
-    numbers: int,
+    numbers: float,
 ) -> LinearRound:
     """The evidence of each signature, from products alone.
 
@@ -161,7 +157,6 @@ def linear_round(
             prior=scale_prior(),
         ),
         without=without,
-        gel_faults=gel_faults,
         numbers=numbers,
     )
 
