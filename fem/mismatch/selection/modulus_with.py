@@ -52,7 +52,9 @@ def modulus_of(forward: ForwardModel, response: Response | None = None) -> Modul
     Without grading's models, or where that inference has no E: the mean of the recordings' own fits. Markers
     move by what large deformation adds, too.
     """
-    return _moduli(forward, [response], forward.base.case.budget, beyond=displacement_beyond(forward))[0]
+    plain = Response(unit=[recording.tracks.unit_displacement for recording in forward.base.grasps])
+    beyond = displacement_beyond(forward)
+    return _moduli(forward, [response or plain], forward.base.case.budget, beyond=beyond)[0]
 
 
 Fields: TypeAlias = Sequence[Float[np.ndarray, "_f _n 3"]]
@@ -60,7 +62,7 @@ Fields: TypeAlias = Sequence[Float[np.ndarray, "_f _n 3"]]
 
 
 def _moduli(
-    forward: ForwardModel, responses: Sequence[Response | None], budget: ErrorBudget, *, beyond: Fields
+    forward: ForwardModel, responses: Sequence[Response], budget: ErrorBudget, *, beyond: Fields
 ) -> list[Modulus]:
     """E with each of the responses, all by one estimator: differences between them are the responses' own."""
     if any(forward.graded):
@@ -70,18 +72,17 @@ def _moduli(
 
 
 def _fits(
-    forward: ForwardModel, response: Response | None, *, beyond: Fields
+    forward: ForwardModel, response: Response, *, beyond: Fields
 ) -> list[tuple[GraspResponse, MarkerTracks, CompliantFit]]:
     """Every recording with the effect's response, and its own fit."""
     fits = []
     for k, recording in enumerate(forward.base.grasps):
-        tracks = recording.tracks
-        if response is not None:
-            shift = 0.0 if response.shift_mm is None else response.shift_mm[k]
-            tracks = replace(
-                tracks, unit_displacement=response.unit[k], position_mm=tracks.position_mm - shift
-            )
-        tracks = replace(tracks, unit_displacement=tracks.unit_displacement + beyond[k] / forward.compliance)
+        tracks = replace(
+            recording.tracks,
+            unit_displacement=response.unit[k] + beyond[k] / forward.compliance,
+            position_mm=recording.tracks.position_mm
+            - (0.0 if response.shift_mm is None else response.shift_mm[k]),
+        )
         fit = fit_compliance(
             tracks,
             scale_sd=forward.base.case.budget.gel_scale_sd,
@@ -91,9 +92,7 @@ def _fits(
     return fits
 
 
-def _inferred(
-    forward: ForwardModel, response: Response | None, budget: ErrorBudget, *, beyond: Fields
-) -> Modulus:
+def _inferred(forward: ForwardModel, response: Response, budget: ErrorBudget, *, beyond: Fields) -> Modulus:
     """By fem.estimation.joint_inference, of the recordings that grading has a model of; raises FemFailure."""
     evidence = [
         first_touch_evidence(
@@ -113,7 +112,7 @@ def _inferred(
     return Modulus(value=forward.modulus_scale * joint.E_MPa, sd=forward.modulus_scale * joint.E_sd_MPa)
 
 
-def _mean_of_fits(forward: ForwardModel, response: Response | None, *, beyond: Fields) -> Modulus:
+def _mean_of_fits(forward: ForwardModel, response: Response, *, beyond: Fields) -> Modulus:
     """The mean of the recordings' own E; its standard deviation by their scatter, and LEAST_RELATIVE_SD for
     what they have in common.
     """

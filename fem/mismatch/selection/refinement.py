@@ -5,9 +5,10 @@ differences, are columns like any other; their amounts are the step, their covar
 evidence is that of the linearised model at the end (Laplace), with a prior as wide as the bounds allow.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
@@ -128,12 +129,6 @@ def refit(forward: ForwardModel, linear: LinearRound, linear_fits: Sequence[Line
             gained = float("inf")
         elif gained < LAST_ROUND_GAIN:
             break
-    parameters, first = [], 0
-    values = search.plain(now.at)
-    for fit in linear_fits:
-        names = [spec.name for spec in fit.effect.spec.searched]
-        parameters.append(dict(zip(names, values[first : first + len(names)], strict=True)))
-        first += len(names)
     count = len(specs)
     # slopes are at a given law in its own terms, parameters follow 1/E beside it (ParameterSpec.strain_power)
     along = np.eye(len(now.fit.amounts))[-count:]
@@ -141,7 +136,7 @@ def refit(forward: ForwardModel, linear: LinearRound, linear_fits: Sequence[Line
     return Refit(
         effects=tuple(fit.effect for fit in linear_fits),
         variants=tuple(fit.signature.variant for fit in linear_fits),
-        parameters=tuple(parameters),
+        parameters=tuple(search.by_effect(now.at)),
         covariance=along @ now.fit.covariance @ along.T,
         response=now.response,
         ahead=now.ahead,
@@ -207,7 +202,8 @@ class _Search:
         self.power = np.array([spec.strain_power for spec in specs])
         self.low_is_a_law = np.array([spec.low_is_a_law for spec in specs])
         self.known: dict[bytes, tuple[Response, float]] = {}
-        self.single_responses: dict[tuple[str, Variant, tuple[float, ...], float], Response] = {}
+        # one effect's responses are kept for when another's parameters vary
+        self.single_response = lru_cache(MOST_SINGLE_RESPONSES)(self._single_response)
 
     def _scale(self, values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
         return np.asarray(
@@ -223,33 +219,35 @@ class _Search:
         """
         share, before = 1.0, None
         while True:
-            values: list[float] = []
-            for fit in self.linear_fits:
-                start = fit.effect.start(forward, fit.signature, share * fit.amounts)
-                values += [start[spec.name] for spec in fit.effect.spec.searched]
+            starts = [
+                fit.effect.start(forward, fit.signature, share * fit.amounts) for fit in self.linear_fits
+            ]
             try:
-                now = self.linearised(self.scaled(values))
+                now = self.linearised(self.scaled(starts))
                 break
             except FemFailure:
                 share *= NEARER
-                if share < LEAST_SHARE or values == before:
+                if share < LEAST_SHARE or starts == before:
                     raise
-                before = values
-        first = 0
-        for fit in self.linear_fits:
-            end = first + len(fit.effect.spec.searched)
-            if isinstance(fit.effect, StartsElsewhere):
-                other = fit.effect.other_start(forward, fit.signature.variant)
-                if other is not None:
-                    tried = [*values[:first], *other.values(), *values[end:]]
-                    plain = self.linear.null.log_evidence
-                    if self.merit(self.scaled(tried)) - plain > OTHER_START_SHARE * (now.merit - plain):
-                        values = tried
-                        now = self.linearised(self.scaled(tried))
-            first = end
+                before = starts
+        plain = self.linear.null.log_evidence
+        for k, fit in enumerate(self.linear_fits):
+            if not isinstance(fit.effect, StartsElsewhere):
+                continue
+            other = fit.effect.other_start(forward, fit.signature.variant)
+            if other is not None:
+                tried = [*starts[:k], other, *starts[k + 1 :]]
+                if self.merit(self.scaled(tried)) - plain > OTHER_START_SHARE * (now.merit - plain):
+                    starts = tried
+                    now = self.linearised(self.scaled(tried))
         return now
 
-    def scaled(self, values: Sequence[float]) -> Float[np.ndarray, " p"]:
+    def scaled(self, starts: Sequence[Mapping[str, float]]) -> Float[np.ndarray, " p"]:
+        values = [
+            start[spec.name]
+            for fit, start in zip(self.linear_fits, starts, strict=True)
+            for spec in fit.effect.spec.searched
+        ]
         return self.bounded(self._scale(np.array(values, dtype=float)))
 
     def bounded(self, at: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
@@ -263,32 +261,24 @@ class _Search:
         first = np.cumsum([0, *(len(fit.effect.spec.searched) for fit in self.linear_fits)])
         return tuple(bool(ends[a:b].any()) for a, b in pairwise(first))
 
-    def plain(self, at: Float[np.ndarray, " p"]) -> list[float]:
-        return [float(x) for x in np.where(self.log, np.exp(np.where(self.log, at, 0.0)), at)]
+    def by_effect(self, at: Float[np.ndarray, " p"]) -> list[dict[str, float]]:
+        """The parameters of each effect by name."""
+        values = iter(np.where(self.log, np.exp(np.where(self.log, at, 0.0)), at).tolist())
+        return [{spec.name: next(values) for spec in fit.effect.spec.searched} for fit in self.linear_fits]
 
     def respond(self, at: Float[np.ndarray, " p"]) -> Response:
         """The responses of the effects, their changes of the plain model added up."""
-        values, responses, first = self.plain(at), [], 0
-        for fit in self.linear_fits:
-            names = [spec.name for spec in fit.effect.spec.searched]
-            parameters = dict(zip(names, values[first : first + len(names)], strict=True))
-            responses.append(self._single_response(fit, parameters))
-            first += len(names)
+        responses = [
+            self.single_response(k, tuple(parameters.items()), self.forward.compliance)
+            for k, parameters in enumerate(self.by_effect(at))
+        ]
         return responses[0] if len(responses) == 1 else superposed(self.forward, responses)
 
-    def _single_response(self, fit: LinearFit, parameters: dict[str, float]) -> Response:
-        """One effect's response; those of last time are kept, for when another's parameters vary."""
-        key = (
-            fit.effect.spec.name,
-            fit.signature.variant,
-            tuple(parameters.values()),
-            self.forward.compliance,
-        )
-        if key not in self.single_responses:
-            if len(self.single_responses) >= MOST_SINGLE_RESPONSES:
-                del self.single_responses[next(iter(self.single_responses))]
-            self.single_responses[key] = fit.effect.respond(self.forward, parameters, fit.signature.variant)
-        return self.single_responses[key]
+    def _single_response(
+        self, number: int, parameters: tuple[tuple[str, float], ...], _compliance: float
+    ) -> Response:
+        fit = self.linear_fits[number]
+        return fit.effect.respond(self.forward, dict(parameters), fit.signature.variant)
 
     def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
         """The model with the fit's 1/E taken up where the response depends on it; whether it was.
