@@ -42,45 +42,39 @@ class Located:
     maps: FruitMap
 
 
-@dataclass(frozen=True, kw_only=True)
-class ExcessVariance:
-    """Residual in excess of noise, in units of its variance: (recordings, pads, phases, normal and shear).
-
-    `count`: over how many numbers each is the sum.
-    """
-
-    amount: Float[np.ndarray, "g p 3 2"]
-    count: Float[np.ndarray, "g p 3 2"]
-
-    def most(self, share: Float[np.ndarray, " k"]) -> int | None:
-        """Which of several parts has PLACE_SHARE of the excess, if one has."""
-        enough = self.amount.sum() > PLACE_EXCESS * self.count.sum()
-        total = float(share.sum())
-        return (
-            int(share.argmax()) if enough and share.max() > PLACE_SHARE * total and len(share) > 1 else None
-        )
-
-
 def located(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "_f _n 3"]]) -> Located:
     """`residual`: of a fit at the markers' positions per recording, mm; rigid motions may be in it."""
-    excess = excess_of(forward, residual)
+    names = pads_of(forward)
+    amount, count = _excess(forward, residual, names)
+    enough = amount.sum() > PLACE_EXCESS * count.sum()
+
+    def most(share: Float[np.ndarray, " k"]) -> int | None:
+        """Which of several parts has PLACE_SHARE of the excess, if one has."""
+        has = enough and len(share) > 1 and share.max() > PLACE_SHARE * share.sum()
+        return int(share.argmax()) if has else None
+
+    # phases weigh by their number of samples
+    phase = most(amount.sum(axis=(0, 2)) / np.maximum(count.sum(axis=(0, 2)), 1.0))
+    component = most(amount.sum(axis=(0, 1)))
+    pad = 0 if len(names) == 1 else most(amount.sum(axis=(1, 2)))
     numbers = forward.adjoint_basis.observed(residual)
     return Located(
-        where=_where(forward, excess, numbers),
-        when=_when(excess),
-        component=_component(excess),
+        where=_soft_ball(forward, numbers) or Where(region="both" if pad is None else f"pad {names[pad]}"),
+        when="all" if phase is None else PHASES[phase],
+        component="both" if component is None else ("normal", "shear")[component],
         maps=fruit_map(forward, numbers),
     )
 
 
-def excess_of(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "_f _n 3"]]) -> ExcessVariance:
-    """The sums that where, when and component are read from."""
-    grasps = forward.base.grasps
-    names = pads_of(forward)
-    shape = (len(grasps), len(names), len(PHASES), 2)
-    amount, count = np.zeros(shape), np.zeros(shape)
-    for k, (recording, basis, field) in enumerate(
-        zip(grasps, forward.adjoint_basis.grasps, residual, strict=True)
+def _excess(
+    forward: ForwardModel, residual: Sequence[Float[np.ndarray, "_f _n 3"]], names: Sequence[str]
+) -> tuple[Float[np.ndarray, "p 3 2"], Float[np.ndarray, "p 3 2"]]:
+    """Residual in excess of noise, in units of its variance, by pad, phase, and normal and shear; over how
+    many numbers each is the sum.
+    """
+    amount, count = np.zeros((len(names), len(PHASES), 2)), np.zeros((len(names), len(PHASES), 2))
+    for recording, basis, field in zip(
+        forward.base.grasps, forward.adjoint_basis.grasps, residual, strict=True
     ):
         touching = recording.tracks.episode >= 0
         scaled = basis.equations.residual(field)
@@ -93,47 +87,24 @@ def excess_of(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "_f _n
         normal = np.einsum("tnx,nx->tn", scaled, recording.tracks.normal) ** 2
         shear = (scaled**2).sum(axis=2) - normal
         phase = np.array(recording.case.history.phase)[recording.used]
-        for pad in range(len(recording.links)):
-            for at, name in enumerate(PHASES):
-                chosen = touching & (recording.pad_of_marker == pad) & (phase == name)[:, None]
-                place = names.index(recording.pad_names[pad])
-                samples = float(chosen.sum())
-                for component, (squares, each) in enumerate(((normal, 1.0), (shear, 2.0))):
-                    count[k, place, at, component] = each * samples
-                    amount[k, place, at, component] = (
-                        float(squares[chosen].sum()) - MARKER_VARIANCE_INFLATION * each * samples
-                    )
-    return ExcessVariance(amount=np.maximum(amount, 0.0), count=count)
+        for pad, name in enumerate(recording.pad_names):
+            for at, of_phase in enumerate(PHASES):
+                chosen = touching & (recording.pad_of_marker == pad) & (phase == of_phase)[:, None]
+                numbers = chosen.sum() * np.array([1.0, 2.0])
+                squares = np.array([normal[chosen].sum(), shear[chosen].sum()])
+                place = names.index(name), at
+                count[place] += numbers
+                amount[place] += np.maximum(squares - MARKER_VARIANCE_INFLATION * numbers, 0.0)
+    return amount, count
 
 
-def _where(forward: ForwardModel, excess: ExcessVariance, numbers: Float[np.ndarray, " k"]) -> Where:
-    """The ball of flesh that explains most of the residual; else the pad with the excess; else both."""
-    spots = best_spots(forward, numbers)
-    best = max(spots, key=lambda spot: spot.score, default=None)
-    if (
-        best is not None
-        and best.score > SPOT_SCORE
-        and best.score**2 > PLACE_SHARE * float(numbers @ numbers)
-    ):
-        x, y, z = map(float, best.centre_mm)
-        return Where(region="flesh", centre_mm=(x, y, z), radius_mm=best.radius_mm)
-    names = pads_of(forward)
-    if len(names) == 1:
-        return Where(region=f"pad {names[0]}")
-    pad = excess.most(excess.amount.sum(axis=(0, 2, 3)))
-    return Where(region="both" if pad is None else f"pad {names[pad]}")
-
-
-def _when(excess: ExcessVariance) -> str:
-    """The phase that has most of the excess, each weighed by its number of samples."""
-    count = excess.count.sum(axis=(0, 1, 3))
-    phase = excess.most(excess.amount.sum(axis=(0, 1, 3)) / np.maximum(count, 1.0))
-    return "all" if phase is None else PHASES[phase]
-
-
-def _component(excess: ExcessVariance) -> str:
-    part = excess.most(excess.amount.sum(axis=(0, 1, 2)))
-    return "both" if part is None else ("normal", "shear")[part]
+def _soft_ball(forward: ForwardModel, numbers: Float[np.ndarray, " k"]) -> Where | None:
+    """The ball of flesh that explains most of the residual, if one does."""
+    best = max(best_spots(forward, numbers), key=lambda spot: spot.score, default=None)
+    if best is None or best.score < SPOT_SCORE or best.score**2 < PLACE_SHARE * float(numbers @ numbers):
+        return None
+    x, y, z = map(float, best.centre_mm)
+    return Where(region="flesh", centre_mm=(x, y, z), radius_mm=best.radius_mm)
 
 
 def modulus_cells(forward: ForwardModel, fits: Sequence[CompliantFit]) -> tuple[ModulusCell, ...]:

@@ -11,11 +11,10 @@ from scipy.special import log_ndtr
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly, Signature
 from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION, large_deformation
-from fem.mismatch.evidence.error_scale import NullDraws
 from fem.mismatch.evidence.force_noise import DRAWS, drawn_force_noise
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
-from fem.mismatch.evidence.model_error import model_error_columns, scale_prior
+from fem.mismatch.evidence.model_error import NullDraws, model_error_columns, scale_prior
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.model.forward_model import ForwardModel
