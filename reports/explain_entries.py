@@ -19,10 +19,8 @@ from jaxtyping import Float
 FORMAT: Final = "drupe-mismatch"
 VERSION: Final = 1
 """Name and number of the format in docs/formats.md; the number grows when an old reader would fail."""
-OPTIONAL = frozenset({"next_grasp_plan", "E_withheld", "doubts", "p_nominal", "left_out"})
+OPTIONAL = frozenset({"E_withheld", "doubts", "checks", "p_nominal", "left_out"})
 """Keys that are left out where there is nothing."""
-OF_THE_PAGE = frozenset({"patch_mm"})
-"""Fields of the finder's records that the page alone shows."""
 Record: TypeAlias = Any
 """Of fem/mismatch/result.py."""
 
@@ -64,11 +62,9 @@ class ExplainEntry:
     doubts: tuple[str, ...] = ()
     heldout: Record | None = None
     next_grasp: str | None = None
-    next_grasp_plan: Record | None = None
     statistics: Mapping[str, float] = field(default_factory=dict)
     p_nominal: str | None = None
     left_out: tuple[str, ...] = ()
-    variance: tuple[Record, ...] = ()
     checks: tuple[Record, ...] = ()
     notes: tuple[str, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
@@ -103,11 +99,8 @@ class ExplainEntry:
                 "heldout_rms_after": self.heldout and self.heldout.rms_after,
                 "noise_rms": self.heldout and self.heldout.noise_rms,
             },
-            **{
-                name: getattr(self, name)
-                for name in ("next_grasp", "next_grasp_plan", "statistics", "p_nominal", "left_out")
-            },
-            **{name: getattr(self, name) for name in ("variance", "checks", "notes", "seconds", "case")},
+            **{name: getattr(self, name) for name in ("next_grasp", "statistics", "p_nominal", "left_out")},
+            **{name: getattr(self, name) for name in ("checks", "notes", "seconds", "case")},
             **{name: getattr(self, name) for name in ("category", "grasps", "applied", "inputs", "versions")},
             "made_utc": self.made_utc.isoformat(timespec="seconds"),
         }
@@ -137,8 +130,7 @@ def _candidate(candidate: Record) -> dict[str, Any]:
 def _plain(content: Any) -> Any:
     """Records as mappings, arrays and tuples as lists, numpy's numbers as Python's, None if not finite."""
     if is_dataclass(content):
-        names = [known.name for known in fields(content) if known.name not in OF_THE_PAGE]
-        return {name: _plain(getattr(content, name)) for name in names}
+        return {known.name: _plain(getattr(content, known.name)) for known in fields(content)}
     if isinstance(content, np.generic | np.ndarray):
         return _plain(content.tolist())
     if isinstance(content, Mapping):

@@ -24,30 +24,17 @@ from reports.html_templates import charted_page
 from reports.skin_picture import BLIND_BELOW, MapStyle, coloured, map_picture
 from reports.words import NOTHING, UNEXPLAINED, UNKNOWN, effect_name, number, with_sd
 
-_UNSEEN = "not visible from these grasps"
-_MAPS = (
-    (
-        "modulus_score",
-        MapStyle(low="softer than the model", high="firmer than the model", signed=True, unseen=_UNSEEN),
-        "Softer (red) or firmer (blue) flesh here would explain the misfit.",
-    ),
-    (
-        "eigenstrain_score",
-        MapStyle(low="nothing", high="strong", signed=False, unseen=_UNSEEN),
-        "An internal change of shape (a permanent dent, swelling, a gap) would explain the misfit here.",
-    ),
-    (
-        "law_error",
-        MapStyle(low="nothing", high="strong", signed=False, unseen=_UNSEEN),
-        "Places where the linear elastic law fails most.",
-    ),
+_MAP = MapStyle(
+    low="softer than the model",
+    high="firmer than the model",
+    signed=True,
+    unseen="not visible from these grasps",
 )
 
 
 def explain_html(entry: ExplainEntry) -> str:
     """The whole page, the same text for the same record; all text of the case is escaped."""
     filters: dict[str, Callable[..., object]] = {
-        "degrees": _degrees,
         "interval": _interval,
         "heldout": _heldout,
         "mark": _mark,
@@ -66,7 +53,7 @@ def explain_html(entry: ExplainEntry) -> str:
         cut=_cut(entry),
         entry=entry,
         named=named,
-        maps=_maps(entry),
+        picture=_map(entry),
         meanings=_meanings(entry),
         kind=_kind(entry),
         modulus_charts=modulus_over_time(entry, with_effect=with_effect),
@@ -99,32 +86,21 @@ def _meanings(entry: ExplainEntry) -> list[tuple[str, str, str]]:
     ]
 
 
-def _maps(entry: ExplainEntry) -> list[tuple[str, str]]:
-    """(WebP as base64, what it shows), the first the most telling."""
-    maps, pictures = entry.maps, list[tuple[str, str]]()
-    if maps is None:
-        return pictures
-    for name, style, words in _MAPS:
-        scores = getattr(maps, name)
-        if not np.isfinite(scores).any():
-            continue
-        skin, limit = coloured(
-            maps.vertices_mm,
-            maps.triangles,
-            np.nan_to_num(scores),
-            style=style,
-            seen=maps.visible >= BLIND_BELOW,
-            contacts_mm=entry.contacts_mm,
-        )
-        spot = {"centre_mm": entry.where.centre_mm, "radius_mm": entry.where.radius_mm}
-        picture = map_picture(skin, limit=limit, style=style, **spot)
-        pictures.append((base64.b64encode(picture).decode("ascii"), words))
-    return pictures
-
-
-def _degrees(angle_deg: float) -> str:
-    """To the nearest five degrees, as nobody turns a fruit better."""
-    return f"{5 * round(angle_deg / 5) % 360}°"
+def _map(entry: ExplainEntry) -> str:
+    """WebP as base64 of the fruit from six sides; empty where there is no map."""
+    maps = entry.maps
+    if maps is None or not np.isfinite(maps.modulus_score).any():
+        return ""
+    skin, limit = coloured(
+        maps.vertices_mm,
+        maps.triangles,
+        np.nan_to_num(maps.modulus_score),
+        style=_MAP,
+        seen=maps.visible >= BLIND_BELOW,
+        contacts_mm=entry.contacts_mm,
+    )
+    spot = {"centre_mm": entry.where.centre_mm, "radius_mm": entry.where.radius_mm}
+    return base64.b64encode(map_picture(skin, limit=limit, style=_MAP, **spot)).decode("ascii")
 
 
 def _sentence(words: str) -> str:

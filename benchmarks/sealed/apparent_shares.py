@@ -13,8 +13,7 @@ from scipy.optimize import minimize_scalar
 from scipy.special import logsumexp
 from scipy.stats import invgamma
 
-from fem.mismatch.evidence.error_scale import NullDraws, ScalePrior
-from fem.mismatch.evidence.model_error import FREEDOM, SIZE
+from fem.mismatch.evidence.model_error import FREEDOM, SIZE, NullDraws, ScalePrior
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.selection.screening import LinearRound
 

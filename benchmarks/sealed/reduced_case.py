@@ -34,8 +34,8 @@ class ReducedCase:
     """Columns and signatures in words, products by recording as GramMatrix has them.
 
     `columns`: dicts of name, sd, mean, positive, least, same_as (Regressor) and role ("plain", "nuisance",
-    "model error", "stand-in", "signature"). Older files lack same_as and have "discrepancy" for the model
-    error of their time.
+    "model error", "signature"; in older files "stand-in"). Older files lack same_as and have "discrepancy"
+    for the model error of their time.
     `signatures`: dicts of effect, label, columns, said and direct (what else is known of it, ln).
     `count`: numbers of the data; `facts`: plain numbers of the case.
     """
@@ -156,9 +156,6 @@ def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: L
     roles = ["plain"] + ["signature"] * (len(linear.products.columns) - 1)
     for j in linear.nuisances:
         roles[j] = "nuisance" if linear.products.columns[j].same_as is None else "model error"
-    for j, column in enumerate(linear.products.columns):
-        if column.stands_in:
-            roles[j] = "stand-in"
     columns = [
         column_words(column, role) for column, role in zip(linear.products.columns, roles, strict=True)
     ]

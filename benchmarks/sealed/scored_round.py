@@ -13,9 +13,8 @@ from sealed_scores import Scored, scored
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.procedure import CaseDetection, detected
 from fem.mismatch.result import NINETY, NONE, UNKNOWN, Candidate, Modulus
-from fem.mismatch.selection.decision import probabilities, verdict_of
-from fem.mismatch.selection.linear_explanations import LinearExplanation, linear_explanations
-from fem.mismatch.selection.model_selection import Hypothesis
+from fem.mismatch.selection.decision import verdict_of
+from fem.mismatch.selection.linear_explanations import Hypothesis, linear_explanations, ranked
 from fem.mismatch.selection.reported_modulus import reported_modulus
 from fem.mismatch.selection.screening import LinearRound
 from samples.mismatch.bank import added_effects
@@ -32,7 +31,7 @@ class ScoredRound:
     fruit: str
     stored: ReducedCase
     linear: LinearRound
-    explanations: tuple[LinearExplanation, ...]
+    explanations: tuple[Hypothesis, ...]
     detection: CaseDetection
 
     @cached_property
@@ -74,7 +73,7 @@ def scored_round(name: str, case: ReducedCase) -> ScoredRound:
     plain = Modulus(value=plain_E, sd=PLAIN_E_SD * plain_E)
     ranking = posterior(explanations)
     verdict = verdict_of(dict(ranking), p_value=detection.p_value)
-    after = averaged_modulus(explanations, ranking, NONE if verdict == (NONE,) else verdict, plain)
+    after = averaged_modulus(explanations, NONE if verdict == (NONE,) else verdict, plain)
     row = {
         "case": name,
         "attempt": 0,
@@ -99,37 +98,27 @@ def scored_round(name: str, case: ReducedCase) -> ScoredRound:
     )
 
 
-def posterior(explanations: Sequence[LinearExplanation]) -> list[tuple[str, float]]:
+def posterior(explanations: Sequence[Hypothesis]) -> list[tuple[str, float]]:
     """Names with their probabilities, likeliest first; "unknown" is among them."""
-    shares, unknown = probabilities([explanation.weighed for explanation in explanations])
-    named = [(explanation.name, float(p)) for explanation, p in zip(explanations, shares, strict=True)]
-    return sorted([*named, (UNKNOWN, unknown)], key=lambda pair: -pair[1])
+    return [(hypothesis.name, hypothesis.probability) for hypothesis in ranked(explanations)]
 
 
 def averaged_modulus(
-    explanations: Sequence[LinearExplanation],
-    ranking: Sequence[tuple[str, float]],
-    verdict: str | tuple[str, ...],
-    plain: Modulus,
+    explanations: Sequence[Hypothesis], verdict: str | tuple[str, ...], plain: Modulus
 ) -> Modulus:
     """E as the finder reports it, each explanation by its linear signature."""
-    changes = {explanation.name: explanation.modulus_change for explanation in explanations}
-    hypotheses = [
-        Hypothesis(
-            name=name,
-            gain=0.0,
-            probability=p,
-            linear_fits=(),
-            refit=None,
-            modulus_change=changes.get(name),
-        )
-        for name, p in ranking
-    ]
+    ranking = ranked(explanations)
     candidates = [
-        Candidate(effect=name, probability=p, parameters={}, log_evidence=0.0, gain=0.0)
-        for name, p in ranking
+        Candidate(
+            effect=hypothesis.name,
+            probability=hypothesis.probability,
+            parameters={},
+            log_evidence=0.0,
+            gain=0.0,
+        )
+        for hypothesis in ranking
     ]
-    return reported_modulus(verdict, hypotheses, candidates, plain)
+    return reported_modulus(verdict, ranking, candidates, plain)
 
 
 def _in_words(modulus: Modulus) -> dict[str, Any]:

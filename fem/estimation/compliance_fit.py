@@ -16,7 +16,7 @@ from frame to frame counts with the variance that it has in a mean over frames
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int
 from scipy.linalg import cho_factor, cho_solve
 
 from fem.estimation.coloured_noise import variance_inflation
@@ -220,6 +220,17 @@ def rigid_motion(place_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 6
     modes = rigid_modes(place_mm, centre_mm=place_mm.mean(axis=0))
     modes[:, :, 3:] /= mean_radius_mm(place_mm)
     return modes
+
+
+def rigid_part(
+    field_mm: Float[np.ndarray, "t n 3"], place_mm: Float[np.ndarray, "n 3"], on: Bool[np.ndarray, "t n"]
+) -> Float[np.ndarray, "t n 3"]:
+    """Each frame's rigid motion that fits the field best at the markers that are `on`; zero elsewhere."""
+    modes, weight = rigid_motion(place_mm), on.astype(float)
+    normal = np.einsum("tn,nxk,nxl->tkl", weight, modes, modes, optimize=True) + 1e-6 * np.eye(6)
+    right = np.einsum("tn,nxk,tnx->tk", weight, modes, field_mm, optimize=True)
+    motion = np.linalg.solve(normal, right[..., None])[..., 0]
+    return np.asarray(np.einsum("nxk,tk->tnx", modes, motion) * weight[..., None])
 
 
 def mean_radius_mm(place_mm: Float[np.ndarray, "n 3"]) -> float:

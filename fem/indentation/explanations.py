@@ -37,7 +37,7 @@ from fem.mismatch.selection.decision import (
     smallest_p_value,
     verdict_of,
 )
-from fem.mismatch.selection.model_selection import Hypothesis
+from fem.mismatch.selection.linear_explanations import Hypothesis
 from fem.mismatch.selection.reported_modulus import reported_modulus
 
 P_NOMINAL = (

@@ -6,8 +6,9 @@ from jaxtyping import Float
 from fem.indentation.fit import TraceFit
 from fem.indentation.trace import IndenterTrace
 from fem.mismatch.result import Check
-from fem.mismatch.selection.predictive_checks import COPIES, compared
 
+COPIES = 100
+"""Noisy copies of a trace from which a check's standard deviation is taken."""
 UNITS = {"half-way force": "1", "force kept in the hold": "1", "loop area": "N mm"}
 
 
@@ -22,7 +23,18 @@ def checks(
         forces = (part.force_N, before.force_N[frames], after.force_N[frames])
         numbers = [_numbers(part, force) for force in forces]
         copies = [_numbers(part, forces[2] + noise_N[frames]) for noise_N in noise]
-        comparisons += compared(numbers, copies, UNITS, suffix=where)
+        measured, with_first, with_second = numbers
+        comparisons += [
+            Check(
+                name=f"{name}{where}",
+                measured=measured[name],
+                before=with_first[name],
+                after=with_second[name],
+                sd=float(np.std([copy[name] for copy in copies])),
+                unit=UNITS[name],
+            )
+            for name in measured
+        ]
     return tuple(comparisons)
 
 

@@ -17,8 +17,8 @@ from jaxtyping import Float
 
 from fem.mismatch.effect_spec import EffectSpec
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import Regressor
-from fem.mismatch.result import Parameter, Where
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.result import Where
 from fem.mismatch.signature_variant import Variant
 
 
@@ -55,6 +55,34 @@ class Response:
     shift_mm: Sequence[Float[np.ndarray, "_f _n 3"]] | None = None
     balance: Sequence[Float[np.ndarray, "_f 6"]] | None = None
     rest: Sequence[Float[np.ndarray, " _p"]] | None = None
+
+    def change(self, forward: ForwardModel, grasp: int) -> ObservationDelta:
+        """What it adds to the plain model's prediction of one recording."""
+        plain = forward.base.grasps[grasp].tracks.unit_displacement
+        markers = forward.compliance * (self.unit[grasp] - plain)
+        return ObservationDelta(
+            markers=markers if self.shift_mm is None else markers + self.shift_mm[grasp],
+            balance=None if self.balance is None else self.balance[grasp],
+            rest=None if self.rest is None else self.rest[grasp],
+        )
+
+
+def superposed(forward: ForwardModel, responses: Sequence[Response]) -> Response:
+    """One response with the changes of all: small changes add up."""
+
+    def summed(channel: str, grasp: int, nothing: np.ndarray) -> np.ndarray:
+        known = (getattr(response, channel) for response in responses)
+        return np.asarray(sum((fields[grasp] for fields in known if fields is not None), nothing))
+
+    grasps = range(len(forward.base.grasps))
+    plain = [recording.tracks.unit_displacement for recording in forward.base.grasps]
+    pads = [len(recording.links) for recording in forward.base.grasps]
+    return Response(
+        unit=[plain[k] + sum(response.unit[k] - plain[k] for response in responses) for k in grasps],
+        shift_mm=[summed("shift_mm", k, np.zeros_like(plain[k])) for k in grasps],
+        balance=[summed("balance", k, np.zeros((len(plain[k]), 6))) for k in grasps],
+        rest=[summed("rest", k, np.zeros(pads[k])) for k in grasps],
+    )
 
 
 class Effect(Protocol):
@@ -105,15 +133,6 @@ class SeenDirectly(Protocol):
         """Standard deviation of each number that is searched, as measured with it: the search's prior about
         its start.
         """
-        ...
-
-
-@runtime_checkable
-class Remarked(Protocol):
-    """An effect that needs a word more than its name at some parameters."""
-
-    def remark(self, parameters: Mapping[str, Parameter]) -> str:
-        """A sentence that a reader must know of such parameters; empty where there is none."""
         ...
 
 

@@ -50,23 +50,6 @@ class Correction(StrEnum):
     PIT_SIZE = "pit size"
 
 
-ENTRY: dict[Correction, Entry] = {
-    Correction.FORCE_GAIN: Entry.RECORDING,
-    Correction.FORCE_DRIFT: Entry.RECORDING,
-    Correction.JAW_COMPLIANCE: Entry.RECORDING,
-    Correction.CLOCK_LAG: Entry.RECORDING,
-    Correction.PAD_POSE: Entry.RECORDING,
-    Correction.FORCE_LAW: Entry.RECORDING,
-    Correction.GEL_CREEP: Entry.RECORDING,
-    Correction.GEL_HYSTERESIS: Entry.RECORDING,
-    Correction.THERMAL_DRIFT: Entry.RECORDING,
-    Correction.POISSON_RATIO: Entry.SETTINGS,
-    Correction.PIT_OFFSET: Entry.MESH,
-    Correction.PIT_SIZE: Entry.MESH,
-}
-"""Where each correction is made; an effect without one enters the response of the flesh or contact."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class ParameterSpec:
     """One number that the search varies, within the bounds `low` and `high`.
@@ -271,7 +254,11 @@ class EffectSpec:
     @property
     def enters(self) -> Entry:
         """Where grading takes it into account."""
-        return Entry.RESPONSE if self.correction is None else ENTRY[self.correction]
+        if self.correction is None:
+            return Entry.RESPONSE
+        if self.of_the_jaws:
+            return Entry.RECORDING
+        return Entry.SETTINGS if self.correction is Correction.POISSON_RATIO else Entry.MESH
 
     @property
     def of_the_jaws(self) -> bool:

@@ -14,6 +14,7 @@ already.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
+from typing import TypeGuard
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -25,7 +26,6 @@ from fem.mismatch.evidence.equation_cache import marker_equations
 from fem.mismatch.evidence.gel_relation import (
     GelLaw,
     GelRecord,
-    JointLaw,
     RelationFit,
     fit_law,
     gel_records,
@@ -69,7 +69,9 @@ class GelFault:
         for name in self.amounts:
             amount = measured.values[name]
             there = self.respond(forward, {**nothing, name: amount}, ONE_WAY)
-            fields = [_per_amount(forward, k, there, amount) for k in range(len(forward.base.grasps))]
+            fields = [
+                ObservationDelta().plus(1 / amount, there.change(forward, k)) for k in range(len(there.unit))
+            ]
             columns.append(Regressor(name=name, sd=self.prior_sd[name], fields=fields))
         return [Signature(variant=ONE_WAY, columns=tuple(columns))]
 
@@ -80,10 +82,7 @@ class GelFault:
         measured = self.measured(forward)
         measured_values = {} if measured is None else measured.values
         linear = dict(zip(self.amounts, amounts, strict=True))
-        return self.within_bounds({**self.others, **linear, **measured_values})
-
-    def within_bounds(self, values: Mapping[str, float]) -> dict[str, float]:
-        """These values where a search may start."""
+        values = {**self.others, **linear, **measured_values}
         return {
             spec.name: float(np.clip(values[spec.name], spec.low, spec.high)) for spec in self.spec.searched
         }
@@ -106,12 +105,9 @@ class GelFault:
         """
         return {name: HELD * sd for name, sd in self.relation_sd(forward).items()}
 
-    def relation_sd(self, forward: ForwardModel, effects: Sequence[Effect] = ()) -> dict[str, float]:
-        """Standard deviation of each parameter as the relation has it, on the scale searched; `effects`: of
-        the explanation that it is one of, whose other faults of the gel are known no better.
-        """
-        together = faults_of_relation(effects)
-        measured = fitted_together(forward, together) if self in together else self.measured(forward)
+    def relation_sd(self, forward: ForwardModel) -> dict[str, float]:
+        """Standard deviation of each parameter as the relation has it, on the scale searched."""
+        measured = self.measured(forward)
         assert measured is not None, "asked only where it is seen"
         return {
             spec.name: measured.sd[spec.name] / (measured.values[spec.name] if spec.log else 1.0)
@@ -145,7 +141,9 @@ class GelFault:
 
     def measured(self, forward: ForwardModel) -> RelationFit | None:
         """The law's parameters by force against displacement; kept for the case."""
-        return fitted_together(forward, (self,))
+        return forward.memoised(
+            ("gel relation", self.spec.name), lambda: self.fitted(forward, self.records(forward))
+        )
 
     def records(self, forward: ForwardModel) -> tuple[GelRecord, ...]:
         """What the law is fitted to: without a zero drift, which bends the relation as a law does."""
@@ -153,7 +151,16 @@ class GelFault:
 
     def fitted(self, forward: ForwardModel, records: Sequence[GelRecord]) -> RelationFit | None:
         """The law's parameters by these records; None where they say nothing of it."""
-        return _fitted(forward, (self,), records)
+        budget = forward.base.case.budget
+        start = {name: 0.1 * self.prior_sd[name] for name in self.amounts}
+        return fit_law(
+            records,
+            self.law,
+            start={**start, **self.others},
+            prior_sd=self.prior_sd,
+            bounds={spec.name: (spec.low, spec.high) for spec in self.spec.searched},
+            scale_sd=float(np.hypot(budget.gel_scale_sd, budget.force_scale_sd)),
+        )
 
     def flesh_gain(self, forward: ForwardModel) -> float:
         """ln likelihood of the markers' motion by the plain model with the law undone as measured, over that
@@ -177,39 +184,9 @@ class GelFault:
         return _flesh_fit(forward, None)[1] / _flesh_fit(forward, response)[1] - 1
 
 
-def faults_of_relation(effects: Sequence[Effect]) -> list["GelFault"]:
-    """Faults of the gel that show in force against displacement, in the catalogue's order."""
-    faults = [effect for effect in effects if isinstance(effect, GelFault) and effect.of_the_relation]
-    return sorted(faults, key=lambda fault: fault.spec.rank)
-
-
-def fitted_together(forward: ForwardModel, faults: Sequence[GelFault]) -> RelationFit | None:
-    """The parameters of several faults that the relation shows, all undone at once; kept for the case.
-
-    Alone each shows in part as another: a loop makes a creep too strong, and the creep the loop.
-    """
-    first, *others = faults
-    key = ("gel relation", *(fault.spec.name for fault in faults))
-    if not others:
-        return forward.memoised(key, lambda: first.fitted(forward, first.records(forward)))
-    return forward.memoised(key, lambda: _fitted(forward, faults, first.records(forward)))
-
-
-def _fitted(
-    forward: ForwardModel, faults: Sequence[GelFault], records: Sequence[GelRecord]
-) -> RelationFit | None:
-    budget = forward.base.case.budget
-    start = {
-        name: 0.1 * sd for fault in faults for name, sd in fault.prior_sd.items() if name in fault.amounts
-    }
-    return fit_law(
-        records,
-        JointLaw(tuple(fault.law for fault in faults)),
-        start={**start, **{name: value for fault in faults for name, value in fault.others.items()}},
-        prior_sd={name: sd for fault in faults for name, sd in fault.prior_sd.items()},
-        bounds={spec.name: (spec.low, spec.high) for fault in faults for spec in fault.spec.searched},
-        scale_sd=float(np.hypot(budget.gel_scale_sd, budget.force_scale_sd)),
-    )
+def is_of_relation(effect: Effect) -> TypeGuard[GelFault]:
+    """Whether it is a fault of the gel that shows in force against displacement."""
+    return isinstance(effect, GelFault) and effect.of_the_relation
 
 
 def _undone(
@@ -270,18 +247,6 @@ def drift_between(
         return 0.0
     return float(
         (total_N[after].mean() - total_N[before].mean()) / (time_s[after].mean() - time_s[before].mean())
-    )
-
-
-def _per_amount(forward: ForwardModel, grasp: int, there: Response, amount: float) -> ObservationDelta:
-    """Change of one recording per amount, from the response at one."""
-    assert there.shift_mm is not None, "every response of a gel's fault has all channels"
-    assert there.balance is not None, "likewise"
-    assert there.rest is not None, "likewise"
-    plain = forward.base.grasps[grasp].tracks.unit_displacement
-    moved = forward.compliance * (there.unit[grasp] - plain) + there.shift_mm[grasp]
-    return ObservationDelta(
-        markers=moved / amount, balance=there.balance[grasp] / amount, rest=there.rest[grasp] / amount
     )
 
 

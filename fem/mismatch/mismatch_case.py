@@ -34,13 +34,15 @@ class PadMotion:
 class GraspCase:
     """One recording: its history (markers in and around the patch), and how its pads were driven.
 
-    `pads` in the order of `history.pads`.
+    `pads` in the order of `history.pads`. `correction`: what confirmed effects add to the plain model's
+    response, mm MPa, all frames (GraspModel.displacement_correction); None: nothing.
     """
 
     name: str
     history: GraspHistory
     pads: tuple[PadMotion, ...]
     support: Support
+    correction: Float[np.ndarray, "t n 3"] | None = None
 
     @property
     def turns(self) -> Float[np.ndarray, "p 3 3"]:

@@ -10,23 +10,21 @@ from scipy.special import logsumexp
 
 from fem.estimation.compliance_fit import CompliantFit, fit_compliance
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.effect import Placed, Remarked, SeenDirectly
+from fem.mismatch.effect import Placed, SeenDirectly
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.evidence.linear_evidence import GramMatrix
-from fem.mismatch.localisation.anova import analysis_of_variance, modulus_cells
-from fem.mismatch.localisation.residual_places import located
+from fem.mismatch.localisation.residual_places import located, modulus_cells
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.model.baseline import Baseline, baseline
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.touched_skin import with_touched_skin
-from fem.mismatch.next_grasp import in_words, next_grasp, planned_grasp
+from fem.mismatch.next_grasp import next_grasp
 from fem.mismatch.reported_values import candidates, traces
-from fem.mismatch.result import NONE, UNKNOWN, Candidate, Explanation, Modulus, Parameter, Where
+from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus, Where
 from fem.mismatch.selection.cross_validation import held_out
 from fem.mismatch.selection.decision import DETECTION_P, p_values
-from fem.mismatch.selection.model_selection import Hypothesis, select_model
+from fem.mismatch.selection.linear_explanations import Hypothesis
+from fem.mismatch.selection.model_selection import select_model
 from fem.mismatch.selection.modulus_with import modulus_of
-from fem.mismatch.selection.predictive_checks import checks
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.reported_modulus import (
     HiddenGelFault,
@@ -77,25 +75,25 @@ def explain(
         detection = detected(linear)
     with stage("verdict, in full"):
         selection = select_model(forward, linear, p_value=detection.p_value)
-    null = (linear.products, linear.nuisances)
     with stage("cross-validation"):
-        names = {selection.verdict} if isinstance(selection.verdict, str) else {*selection.verdict}
-        named = next(
-            (hypothesis for hypothesis in selection.ranking if hypothesis.name in names - {NONE, UNKNOWN}),
-            None,
-        )
+        named = next((h for h in selection.ranking if h.name in selection.names and h.refit), None)
         best = None if named is None else named.refit
-        after = null if best is None else _model_of(best)
+        null = (linear.products, linear.nuisances)
+        after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
         ranking = candidates(selection, linear, workers=workers)
         proof = held_out(forward, recorded, null, after)
-        hidden = hidden_gel_faults(forward, linear.gel_faults, best)
-        predicted = traces(forward, recorded, null, after)
+        hidden = hidden_gel_faults(forward, EFFECTS, best)
+        grasp_traces = traces(forward, recorded, null, after)
     with stage("where and when"):
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
         place = located(forward, residual)
-    with stage("what to record next"):
-        plan = planned_grasp(forward, linear, selection)
-        fixed = next_grasp(selection.verdict, grasps=len(recorded))
+    untried = {**linear.without, **selection.without}
+    notes = [f"{name} could not be tried: {why}." for name, why in untried.items()]
+    if best is not None and named is not None:
+        notes += [] if best.converged else [NOT_CONVERGED_NOTE.format(name=best.name)]
+        notes += _other_pads(named)
+    if selection.verdict != UNKNOWN:
+        notes += _hidden(hidden)
     return Explanation(
         detected=detection.mismatch and selection.verdict != NONE,
         p_value=detection.p_value,
@@ -115,22 +113,11 @@ def explain(
             heldout=proof,
         ),
         heldout=proof,
-        next_grasp=fixed if plan is None else in_words(plan),
-        next_grasp_plan=plan,
+        next_grasp=next_grasp(selection.verdict, grasps=len(recorded)),
         cells=modulus_cells(forward, fits),
-        variance=analysis_of_variance(forward, fits),
-        traces=predicted,
-        checks=checks(predicted, forward.base.grasps, rng=np.random.default_rng(0)),
+        traces=grasp_traces,
         maps=place.maps,
-        notes=(
-            *(
-                f"{name} could not be tried: {why}."
-                for name, why in {**linear.without, **selection.without}.items()
-            ),
-            *([] if best is None or named is None else _remarks(best, _parameters_of(named, ranking))),
-            *([] if best is None or named is None else _other_pads(named)),
-            *([] if selection.verdict == UNKNOWN else _hidden(hidden)),
-        ),
+        notes=tuple(notes),
         seconds=seconds,
     )
 
@@ -162,29 +149,6 @@ def _hidden(faults: Sequence[HiddenGelFault]) -> list[str]:
     ]
 
 
-def _model_of(again: Refit) -> tuple[GramMatrix, tuple[int, ...]]:
-    """A refit's linearised model, and its columns."""
-    return again.near(), (*again.nuisances, *again.slopes)
-
-
-def _remarks(best: Refit, parameters: Mapping[str, Parameter]) -> list[str]:
-    """Remarks of the effects on the parameters found, and whether the search converged."""
-    said = [] if best.converged else [NOT_CONVERGED_NOTE.format(name=best.name)]
-    for effect in best.effects:
-        if isinstance(effect, Remarked):
-            prefix = f"{effect.spec.name}." if len(best.effects) > 1 else ""
-            said.append(
-                effect.remark(
-                    {k.removeprefix(prefix): v for k, v in parameters.items() if k.startswith(prefix)}
-                )
-            )
-    return [remark for remark in said if remark]
-
-
-def _parameters_of(named: Hypothesis, ranking: Sequence[Candidate]) -> Mapping[str, Parameter]:
-    return next(candidate.parameters for candidate in ranking if candidate.effect == named.name)
-
-
 def _other_pads(first: Hypothesis) -> list[str]:
     """What the named effect would be on another pad, where recordings cannot tell the pads apart."""
     said = []
@@ -213,12 +177,20 @@ def _where(recording: Where, best: Refit) -> Where:
 
 
 def plain_forward_model(
-    case: MismatchCase, *, solids: Mapping[Support, UnitModulusSolid] | None = None, workers: int = 1
+    case: MismatchCase,
+    *,
+    solids: Mapping[Support, UnitModulusSolid] | None = None,
+    most_frames: int | None = None,
+    workers: int = 1,
 ) -> tuple[ForwardModel, list[CompliantFit]]:
-    """The plain model with 1/E of the recordings' median; `solids`: factorised before, by support."""
+    """The plain model with 1/E of the recordings' median; `solids`: factorised before, by support;
+    `most_frames`: of each recording (None: all).
+    """
     first = baseline(case, solids=solids, workers=workers)
     registered = plain_fits(first)
-    base = with_touched_skin(first, compliance=_median_compliance(registered), workers=workers)
+    base = with_touched_skin(
+        first, compliance=_median_compliance(registered), most_frames=most_frames, workers=workers
+    )
     fits = plain_fits(base)
     compliance, before = _median_compliance(fits), _median_compliance(registered)
     scale = compliance / before if compliance > 0 and before > 0 else 1.0
@@ -257,30 +229,20 @@ class CaseDetection:
         return self.p_value < DETECTION_P
 
 
-def detected(linear: LinearRound, *, kept: float = 1.0) -> CaseDetection:
-    """Whether recordings contradict the plain model; `kept`: share of the frames, of thinned ones."""
-    p_value, each = p_values(
-        linear.equations,
-        linear.null_draws,
-        misfit=kept * linear.null.chi2 / linear.numbers,
-        direct=_mean_direct_evidence(linear),
-        against=_against(linear),
-        rng=np.random.default_rng(0),
-    )
-    return CaseDetection(p_value=p_value, p_values=each)
-
-
-def _against(linear: LinearRound) -> dict[str, list[float]]:
-    """What else is known of each signature that shows in the flesh's motion, where it speaks against it."""
+def detected(linear: LinearRound) -> CaseDetection:
+    """Whether recordings contradict the plain model."""
+    direct = [fit.direct for fit in linear.best if isinstance(fit.effect, SeenDirectly)]
     against: dict[str, list[float]] = {}
     for fit in linear.linear_fits:
         of_effect = against.setdefault(fit.name, [])
         if fit.columns:
             of_effect.append(min(fit.auxiliary_log_likelihood, 0.0))
-    return against
-
-
-def _mean_direct_evidence(linear: LinearRound) -> float:
-    """ln of the mean Bayes factor of all effects that recordings can show directly; 0 where there is none."""
-    direct = {fit.name: fit.direct for fit in linear.best if isinstance(fit.effect, SeenDirectly)}
-    return float(logsumexp(list(direct.values())) - np.log(len(direct))) if direct else 0.0
+    p_value, each = p_values(
+        linear.equations,
+        linear.null_draws,
+        misfit=linear.null.chi2 / linear.numbers,
+        direct=float(logsumexp(direct) - np.log(len(direct))) if direct else 0.0,
+        against=against,
+        rng=np.random.default_rng(0),
+    )
+    return CaseDetection(p_value=p_value, p_values=each)

@@ -9,11 +9,13 @@ from jaxtyping import Float
 from fem.mismatch.effect_spec import EffectParameter, ParameterSpec
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import GramMatrix
+from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.pads import pad_force
 from fem.mismatch.result import NINETY, Candidate, GraspTrace, Modulus, Parameter, mixture
 from fem.mismatch.selection.cross_validation import predictive, predictive_gain
-from fem.mismatch.selection.model_selection import Hypothesis, ModelSelection
+from fem.mismatch.selection.linear_explanations import Hypothesis
+from fem.mismatch.selection.model_selection import ModelSelection
 from fem.mismatch.selection.modulus_with import ModulusWith, modulus_with
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import LinearRound
@@ -129,38 +131,33 @@ def traces(
     after: tuple[GramMatrix, Sequence[int]],
 ) -> tuple[GraspTrace, ...]:
     """Every recording through the fit of the others (its own where it is the only one)."""
-    count = len(recorded)
     grasp_traces = []
     for k, equations in enumerate(recorded):
-        others = [j for j in range(count) if j != k] or [k]
+        others = [j for j in range(len(recorded)) if j != k] or [k]
         recording = equations.recording
-        pads = range(len(recording.links))
-        normals = np.stack([recording.pose[pad][0, :3, 2] for pad in pads])[recording.pad_of_marker]
-        touching = recording.tracks.episode >= 0
-        weight = touching / np.maximum(touching.sum(axis=1, keepdims=True), 1)
-        response = forward.compliance * recording.tracks.unit_displacement
-
-        def approach(
-            field: np.ndarray, normals: np.ndarray = normals, weight: np.ndarray = weight
-        ) -> np.ndarray:
-            return np.asarray(np.einsum("fnx,nx,fn->f", field, normals, weight))
-
-        plain = approach(response)
+        plain = _approach(recording, forward.compliance * recording.tracks.unit_displacement)
         residuals = [
-            approach(products.marker_residual(k, products.fit(columns, keep=others)))
+            _approach(recording, products.marker_residual(k, products.fit(columns, keep=others)))
             for products, columns in (before, after)
         ]
-        force = np.mean([np.linalg.norm(pad_force(recording, pad), axis=1) for pad in pads], axis=0)
-        phase = tuple(p for p, used in zip(recording.case.history.phase, recording.used, strict=True) if used)
+        pads = range(len(recording.links))
         grasp_traces.append(
             GraspTrace(
                 grasp=recording.case.name,
                 time_s=recording.time_s,
-                phase=phase,
-                force_N=force,
+                phase=tuple(np.array(recording.case.history.phase)[recording.used].tolist()),
+                force_N=np.mean([np.linalg.norm(pad_force(recording, pad), axis=1) for pad in pads], axis=0),
                 given_mm=plain + residuals[0],
                 before_mm=plain,
                 after_mm=plain + residuals[0] - residuals[1],
             )
         )
     return tuple(grasp_traces)
+
+
+def _approach(recording: GraspResponse, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, " f"]:
+    """Mean of a field along the pads' normals over the markers that touch."""
+    normals = recording.pose[:, 0, :3, 2][recording.pad_of_marker]
+    touching = recording.tracks.episode >= 0
+    weight = touching / np.maximum(touching.sum(axis=1, keepdims=True), 1)
+    return np.asarray(np.einsum("fnx,nx,fn->f", field, normals, weight))

@@ -119,15 +119,6 @@ class ModulusCell:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Variance:
-    """One row of the analysis of variance of ln E over the cells: how much of it a factor explains."""
-
-    factor: str
-    share: float
-    p_value: float
-
-
-@dataclass(frozen=True, kw_only=True)
 class FruitMap:
     """Maps on the fruit's skin, one number per vertex, each divided by its own noise (standard scores).
 
@@ -139,8 +130,6 @@ class FruitMap:
     vertices_mm: Float[np.ndarray, "n 3"]
     triangles: Int[np.ndarray, "m 3"]
     modulus_score: Float[np.ndarray, " n"]
-    eigenstrain_score: Float[np.ndarray, " n"]
-    law_error: Float[np.ndarray, " n"]
     visible: Float[np.ndarray, " n"]
 
 
@@ -157,60 +146,13 @@ class Check:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ProposedPad:
-    """Where one pad of a planned grasp goes.
-
-    `centre_mm`: middle of its patch on the skin, fruit frame; `direction`: in which it presses, unit vector;
-    `round_deg`: angle of the centre round the stem (z), from that of the first pad in the first recording;
-    `patch_mm`: the markers in contact on the skin.
-    """
-
-    pad: str
-    centre_mm: tuple[float, float, float]
-    direction: tuple[float, float, float]
-    round_deg: float
-    patch_mm: Float[np.ndarray, "n 3"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class ProposedGrasp:
-    """One grasp that could be recorded next, and what is expected of it.
-
-    `depth`, `speed`: over those of `like`, the recorded grasp it is made of; `hold_s`: None as there.
-    `turned`: the same spots with the fruit turned by 180 degrees between the jaws. `gain`: expected ln
-    evidence between the two explanations of `pair`, those told apart least; `decides`: probability that it
-    sets the true one of two apart at odds of 20 to 1, of the two for which that is least.
-    """
-
-    place: str
-    like: str
-    pads: tuple[ProposedPad, ...]
-    depth: float
-    speed: float
-    hold_s: float | None
-    cycles: int
-    turned: bool
-    gain: float
-    pair: tuple[str, str]
-    decides: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class NextGraspPlan:
-    """The most telling candidate grasps, best first, of so many tried."""
-
-    grasps: tuple[ProposedGrasp, ...]
-    tried: int
-
-
-@dataclass(frozen=True, kw_only=True)
 class Explanation:
     """The answer. `verdict`: "none", "unknown", one effect, or several that cannot be told apart.
 
     `statistics`: each detection statistic's own p-value; `p_nominal`: what they assume without a
     calibration, None where there is one. `notes`: sentences a reader must know (one grasp
-    only, the category's pit used). `next_grasp`: in words what to record next, None where nothing is left to
-    tell apart; `next_grasp_plan`: where it was computed. `withheld`: why no E is given (of a bare ball's
+    only, the category's pit used). `next_grasp`: what to record next, None where nothing is left to
+    tell apart. `checks`: of curves alone. `withheld`: why no E is given (of a bare ball's
     trace), which is then not a number in `before`, `after` and `ranking`. `left_out`: places of recordings
     that do not belong to the others; the first notes say why.
     """
@@ -228,7 +170,6 @@ class Explanation:
     heldout: HeldOut | None
     next_grasp: str | None
     cells: tuple[ModulusCell, ...] = ()
-    variance: tuple[Variance, ...] = ()
     traces: tuple[GraspTrace, ...] = ()
     checks: tuple[Check, ...] = ()
     maps: FruitMap | None = None
@@ -237,4 +178,3 @@ class Explanation:
     withheld: str | None = None
     p_nominal: str | None = None
     left_out: tuple[int, ...] = ()
-    next_grasp_plan: NextGraspPlan | None = None

@@ -1,58 +1,36 @@
-"""The screen: the finder's linear round, cut to what every graded fruit can afford.
+"""The screen: the finder's linear round on what every graded fruit can afford.
 
 It asks whether a fruit's recordings hold more than the plain model, and which effects would explain it to
 first order, with the test and the posterior of fem.mismatch.selection.decision. It refits nothing, so a
-name is a suggestion. Against the finder's own linear round
+name is a suggestion. To save time
 
-- the solid that grading factorised is used again, and its sensitivities (fem.estimation.sensitivity) stand
-  for the response to pit, surface and Poisson's ratio;
-- markers are moved to where they touched (fem.mismatch.model.touched_skin) by grading's own response and
-  modulus, so that a recording is projected once and not twice;
+- long recordings are thinned to MOST_FRAMES frames in all; a frame then stands for its neighbours;
 - a soft spot is sought at one radius, and is tried at its best place alone;
 - laws with a history are followed on PATH_SHARE of the finder's frames;
-- elements under the pads are as they are (fem.mismatch.evidence.withheld_response);
-- long recordings are thinned to MOST_FRAMES frames in all; a frame then stands for its neighbours;
 - NOT_SCREENED effects are left out.
 
-What a confirmed effect or large deformation adds to grading's response (GraspModel.displacement_correction)
-is part of the plain model here: the screen then asks what is left. Any other share of large deformation is a
-nuisance of the plain model (fem.mismatch.evidence.large_deformation).
+What a confirmed effect adds to grading's response (GraspCase.correction) is part of the plain model here: the
+screen then asks what is left.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
-import numpy as np
-
-from fem.estimation.frame_thinning import loaded_frames
-from fem.estimation.grasp_model import GraspModel
-from fem.estimation.prepared_grasp import prepared_grasp
-from fem.estimation.sensitivity import PIT, POISSON_RATIO, SURFACE
-from fem.estimation.unit_response import marker_tracks
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Effect
 from fem.mismatch.effects.soft_spot import SoftSpot
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.evidence.large_deformation import leave_finite_strain, leave_large_deformation
-from fem.mismatch.evidence.withheld_response import leave_withheld
 from fem.mismatch.localisation.spot_search import RADIUS_MM
-from fem.mismatch.mismatch_case import GraspCase, MismatchCase
-from fem.mismatch.model.baseline import Baseline, GraspResponse, project_recording, solids_of
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.inner_changes import store_inner_changes
-from fem.mismatch.model.pads import store_slid_responses
-from fem.mismatch.model.touched_skin import touched_case
-from fem.mismatch.procedure import detected, plain_fits
-from fem.mismatch.result import NONE, UNKNOWN
-from fem.mismatch.selection.decision import credible_set, probabilities
-from fem.mismatch.selection.linear_explanations import LinearExplanation, linear_explanations
+from fem.mismatch.mismatch_case import MismatchCase
+from fem.mismatch.procedure import detected, plain_forward_model
+from fem.mismatch.result import NONE
+from fem.mismatch.selection.decision import credible_set
+from fem.mismatch.selection.linear_explanations import Hypothesis, linear_explanations, ranked
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.mismatch.signature_variant import OfPad
 from fem.solid.linear_solid import Support, UnitModulusSolid
 
-INNER = frozenset((*PIT, *SURFACE, POISSON_RATIO))
-"""Causes of fem.estimation.sensitivity that the finder's equations ask for."""
 NOT_SCREENED: Mapping[str, str] = {
     "loose_pit": "its response is a search for where flesh and pit touch, on a solid of its own",
 }
@@ -104,123 +82,51 @@ class Screened:
 def screen(
     case: MismatchCase,
     *,
-    E_MPa: float,
-    models: Sequence[GraspModel],
     solids: Mapping[Support, UnitModulusSolid] | None = None,
-    holds_large_deformation: bool = False,
-    at_finite_strain: Collection[str] = (),
+    beyond_small_strain: bool = True,
 ) -> Screened:
     """The linear round of a fruit that grading has just gone through.
 
-    `E_MPa`, `models`: what grading found, one model for each grasp of `case`, about the same mesh. `solids`:
-    grading's, where they are still there. `holds_large_deformation`: the models do, by the law of a confirmed
-    effect. `at_finite_strain`: names of recordings whose models are at finite strain, the fruit's turn
-    included. Raises FemFailure where a recording cannot be projected, the fit gives no 1/E above zero, or one
-    recording is all there is.
+    `solids`: grading's, where they are still there. `beyond_small_strain`: as ForwardModel has it. Raises
+    FemFailure where a recording cannot be projected, the fit gives no 1/E above zero, or one recording is all
+    there is.
     """
     if len(case.grasps) < 2:
         raise FemFailure(FemProblem.NO_LOAD, TOO_FEW)
-    forward = _forward_model(case, E_MPa, models, solids or {})
-    if holds_large_deformation:
-        leave_large_deformation(forward)
-    leave_finite_strain(forward, at_finite_strain)
+    most_frames = max(MOST_FRAMES // len(case.grasps), 1)
+    forward, _ = plain_forward_model(case, solids=solids, most_frames=most_frames)
+    if not forward.compliance > 0:
+        raise FemFailure(
+            FemProblem.NO_MODULUS,
+            f"the fitted compliance is not positive (1/E is {forward.compliance:.2g} per MPa, expected above "
+            "zero); check the signs of forces and poses",
+        )
+    forward = replace(forward, path_share=PATH_SHARE, beyond_small_strain=beyond_small_strain)
     recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
     linear = screened(forward, recorded, _screened_effects(), noise_draws=1)
-    # A frame that stands for its neighbours counts as often: per number of the whole recording, as without.
-    numbers = np.array([equations.nuisances.shape[1] for equations in recorded])
-    kept = np.array([recording.kept for recording in forward.base.grasps])
-    share = float(numbers.sum() / (numbers / kept).sum())
-    detection = detected(linear, kept=share)
-    explanations = suggested(linear, kept=share) if detection.mismatch else ()
+    detection = detected(linear)
+    explanations = suggested(linear) if detection.mismatch else ()
     return Screened(
         p_value=detection.p_value,
-        names=tuple(UNKNOWN if explanation is None else explanation.name for explanation in explanations),
+        names=tuple(explanation.name for explanation in explanations),
         statistics=detection.p_values,
         gains={linear_fit.name: linear_fit.gain for linear_fit in linear.best},
         amounts=tuple(_amounts(linear)),
         moduli={
             explanation.name: explanation.modulus_change
             for explanation in explanations
-            if explanation is not None
+            if explanation.modulus_change is not None
         },
         note="; ".join(f"{name} could not be tried: {why}" for name, why in linear.without.items()),
     )
 
 
-def suggested(linear: LinearRound, *, kept: float) -> tuple[LinearExplanation | None, ...]:
-    """Of the posterior's credible set what is likelier than no mismatch, the likeliest first; None: unknown.
-    `kept`: share of the frames, of thinned recordings.
-    """
-    tried = linear_explanations(linear, kept=kept)
-    shares, unknown = probabilities([explanation.weighed for explanation in tried])
-    explanations = {explanation.name: explanation for explanation in tried}
-    probability = dict(zip(explanations, shares.tolist(), strict=True)) | {UNKNOWN: unknown}
-    names = credible_set(list(probability), list(probability.values()))
-    return tuple(explanations.get(name) for name in names if probability[name] > probability[NONE])
-
-
-def _forward_model(
-    case: MismatchCase,
-    E_MPa: float,
-    models: Sequence[GraspModel],
-    solids: Mapping[Support, UnitModulusSolid],
-) -> ForwardModel:
-    """The plain model as the finder has it, from what grading knows already."""
-    held = solids_of(case, solids)
-    most_frames = max(MOST_FRAMES // len(case.grasps), 1)
-    grasps = tuple(
-        _projected(case, grasp, model, held[grasp.support], E_MPa=E_MPa, most_frames=most_frames)
-        for grasp, model in zip(case.grasps, models, strict=True)
-    )
-    base = Baseline(case=case, solids=held, grasps=grasps)
-    compliance = float(np.median([fit.compliance for fit in plain_fits(base)]))
-    if not compliance > 0:
-        raise FemFailure(
-            FemProblem.NO_MODULUS,
-            f"the forces do not move the fruit along themselves (1/E is {compliance:.2g} per MPa, expected "
-            "above zero)",
-        )
-    forward = ForwardModel(base=base, compliance=compliance, path_share=PATH_SHARE)
-    for recording, model in zip(grasps, models, strict=True):
-        leave_withheld(forward, recording)
-        known, frames = model.sensitivity, recording.used[loaded_frames(recording.prepared)]
-        inner = {
-            cause: column[frames]
-            for cause, column in zip(known.causes, known.values, strict=True)
-            if cause in INNER
-        }
-        store_inner_changes(forward, recording, inner)
-        by_cause = dict(zip(known.causes, known.values, strict=True))
-        slid = [
-            [by_cause[f"{pad} {way}"][frames] for way in ("across", "along")] for pad in recording.pad_names
-        ]
-        store_slid_responses(forward, recording, np.array(slid))
-    return forward
-
-
-def _projected(
-    case: MismatchCase,
-    grasp: GraspCase,
-    model: GraspModel,
-    solid: UnitModulusSolid,
-    *,
-    E_MPa: float,
-    most_frames: int,
-) -> GraspResponse:
-    """One recording, its markers where they touched by grading's own response."""
-    prepared = prepared_grasp(grasp.history, grasp.turns)
-    tracks, _ = marker_tracks(prepared.history, model, prepared.used)
-    touched = touched_case(
-        grasp, prepared.used, moved_mm=tracks.unit_displacement / E_MPa, normal=tracks.normal
-    )
-    recording = project_recording(
-        touched, solid, force_scale_sd=case.budget.force_scale_sd, most_frames=most_frames
-    )
-    recording = replace(recording, compliance=model.compliance)
-    if model.displacement_correction is None:
-        return recording
-    whole = recording.tracks.unit_displacement + model.displacement_correction[recording.used]
-    return replace(recording, tracks=replace(recording.tracks, unit_displacement=whole))
+def suggested(linear: LinearRound) -> tuple[Hypothesis, ...]:
+    """Of the posterior's credible set what is likelier than no mismatch, the likeliest first."""
+    ranking = {hypothesis.name: hypothesis for hypothesis in ranked(linear_explanations(linear))}
+    none = ranking[NONE].probability
+    names = credible_set(list(ranking), [hypothesis.probability for hypothesis in ranking.values()])
+    return tuple(ranking[name] for name in names if ranking[name].probability > none)
 
 
 def _screened_effects() -> list[Effect]:

@@ -84,11 +84,6 @@ class UnitModulusSolid:
             contact_nodes=nodes,
         )
 
-    @property
-    def base_nodes(self) -> Int[np.ndarray, " b"]:
-        """The skin nodes that a base holds; none of a free fruit."""
-        return _base_nodes(self.mesh) if self.support == "base" else np.zeros(0, dtype=np.int64)
-
     def displacement(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """Nodal displacements times E, mm MPa, for each of f loads given as forces on the nodes, N.
 

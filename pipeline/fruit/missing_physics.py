@@ -4,8 +4,6 @@ import traceback
 from collections.abc import Mapping, Sequence
 from dataclasses import astuple, replace
 
-import numpy as np
-
 from fem.estimation.fruit_modulus import FruitInference
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.modulus import ModulusEstimate
@@ -51,46 +49,31 @@ def screened_fruit(
     if plain:
         return ScreenRecord(failure=ONE_GEL.format(", ".join(plain)))
     usable = [
-        (grasp, model, estimate)
+        (grasp, model)
         for grasp, model, estimate in zip(fruit.placed, inference.models, inference.grasps, strict=True)
         if isinstance(model, GraspModel)
         and isinstance(estimate, ModulusEstimate)
         and estimate.form == "first-touch"
     ]
-    placed = [grasp for grasp, _, _ in usable]
+    placed = [grasp for grasp, _ in usable]
+    confirmed = in_the_model(task.settings.mismatch)
     case = MismatchCase(
         mesh=fruit.mesh,
-        grasps=tuple(map(grasp_case, placed)),
+        grasps=tuple(
+            replace(grasp_case(grasp), correction=model.displacement_correction if confirmed else None)
+            for grasp, model in usable
+        ),
         poisson_ratio=fruit.poisson_ratio,
         budget=fruit.budget,
     )
-
-    confirmed = in_the_model(task.settings.mismatch)
+    # Beside confirmed effects grading's correction holds finite strain. Without any, the finder's own columns
+    # fit better: they spread the traction as the signatures do (docs/decisions/0014).
     holds_it = any(effect.spec.holds_large_deformation for effect in confirmed)
-    finite = task.settings.flesh.model == "neo-hookean" and not holds_it
-    # With nothing confirmed the correction is that of finite strain alone. The finder's own column fits
-    # better: it spreads the traction as the signatures do (docs/decisions/0014).
-    models = [
-        replace(model, displacement_correction=None) if finite and not confirmed else model
-        for _, model, _ in usable
-    ]
+    at_finite_strain = bool(confirmed) and (task.settings.flesh.model == "neo-hookean" or holds_it)
 
     def compute() -> KeptScreen:
         try:
-            said = screen(
-                case,
-                E_MPa=1 / float(np.median([1 / estimate.E_MPa for _, _, estimate in usable]))
-                if usable
-                else 1.0,
-                models=models,
-                solids=solids,
-                holds_large_deformation=holds_it,
-                at_finite_strain=[
-                    grasp.name
-                    for grasp, model, _ in usable
-                    if finite and confirmed and not model.small_strain_alone
-                ],
-            )
+            said = screen(case, solids=solids, beyond_small_strain=not at_finite_strain)
         except FemFailure as failure:
             return KeptScreen(screen=ScreenRecord(failure=failure.detail))
         return KeptScreen(screen=_record(said, fruit.placed, placed))
@@ -101,7 +84,6 @@ def screened_fruit(
         settings=[
             content_hash(case.mesh, case.grasps),
             [grasp.name for grasp in placed],
-            [estimate.E_MPa for _, _, estimate in usable],
             fruit.poisson_ratio,
             astuple(fruit.budget),
             task.settings.flesh.model,

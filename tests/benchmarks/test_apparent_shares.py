@@ -23,8 +23,11 @@ from apparent_shares import (  # noqa: E402
 from mismatch_scores import usual_misfit  # noqa: E402
 
 from fem.mismatch.evidence import model_error  # noqa: E402
-from fem.mismatch.evidence.error_scale import NullDraws, ScalePrior  # noqa: E402
-from fem.mismatch.evidence.model_error import SIZE  # noqa: E402
+from fem.mismatch.evidence.model_error import (  # noqa: E402
+    SIZE,
+    NullDraws,
+    ScalePrior,
+)
 from fem.mismatch.evidence.signature_equations import SignatureEquations  # noqa: E402
 from fem.mismatch.selection.decision import FREEDOM, MISFIT  # noqa: E402
 

@@ -31,7 +31,7 @@ def verdict_by_signatures(case: ReducedCase) -> tuple[str, ...]:
     """The names of the verdict by linear signatures, likeliest first."""
     linear = case.linear()
     explanations = linear_explanations(linear)
-    shares, unknown = probabilities([explanation.weighed for explanation in explanations])
+    shares, unknown = probabilities(explanations)
     names = [*(explanation.name for explanation in explanations), UNKNOWN]
     probability = dict(zip(names, [*shares, unknown], strict=True))
     return verdict_of(probability, p_value=detected(linear).p_value)

@@ -6,7 +6,6 @@ from fem.estimation.compliance_fit import CompliantFit
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.effect import Effect
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.evidence.withheld_response import leave_withheld
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.procedure import plain_forward_model as of_solids
@@ -18,16 +17,10 @@ MOST_SOLIDS = 3
 
 
 def plain_forward_model(case: MismatchCase) -> tuple[ForwardModel, list[CompliantFit]]:
-    """As fem.mismatch.procedure has it, on solids that are kept.
-
-    The error of the mesh is left out: the injected truth is solved on a mesh that is as coarse.
-    """
+    """As fem.mismatch.procedure has it, on solids that are kept."""
     supports = dict.fromkeys(grasp.support for grasp in case.grasps)
     solids = {support: kept_solid(case.mesh, case.poisson_ratio, support) for support in supports}
-    forward, fits = of_solids(case, solids=solids)
-    for recording in forward.base.grasps:
-        leave_withheld(forward, recording)
-    return forward, fits
+    return of_solids(case, solids=solids)
 
 
 def kept_solid(mesh: FleshMesh, poisson_ratio: float, support: Support) -> UnitModulusSolid:

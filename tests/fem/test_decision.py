@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import quad
 from scipy.stats import kstest, norm
 
-from fem.mismatch.evidence.error_scale import NullDraws, ScalePrior
+from fem.mismatch.evidence.model_error import NullDraws, ScalePrior
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.result import NONE
 from fem.mismatch.selection import decision

@@ -1,6 +1,7 @@
 """Start to end: a fruit grasped twice with a sensor that says too much, solved on another mesh."""
 
 from dataclasses import replace
+from functools import partial
 
 import pytest
 from injected_mismatch import E_MPA, Recording, injected_case, on_pad
@@ -15,10 +16,9 @@ from fem.mismatch.effects import (
     skin,
     viscoelastic,
 )
-from fem.mismatch.evidence import nuisances
 from fem.mismatch.mismatch_case import GradedCase
+from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import NINETY, Modulus
-from fem.mismatch.selection import screening
 
 PLAIN = Modulus(value=1.1 * E_MPA, sd=0.03 * E_MPA)
 """What another estimate says of E; no part of the answer but where no effect is named."""
@@ -33,8 +33,8 @@ def answer():
         return replace(pad, force_N=1.2 * pad.force_N)
 
     with pytest.MonkeyPatch.context() as patch:
-        for module in (nuisances, screening):  # flesh here moves by small strain
-            patch.setattr(module, "large_deformation", lambda _: None)
+        # flesh here moves by small strain
+        patch.setattr(start_to_end, "ForwardModel", partial(ForwardModel, beyond_small_strain=False))
         patch.setattr(start_to_end, "EFFECTS", tuple(module.EFFECT for module in SHORT))
         return start_to_end.explain(injected_case(on_pad("left", louder)), graded=GradedCase(modulus=PLAIN))
 

@@ -17,7 +17,6 @@ from plain_model import plain_forward_model, screened_effects
 from fem.elements.assembly import unit_lame_constants
 from fem.materials.relaxing_arm import RelaxingArm, lagging
 from fem.mismatch.effects import clock_lag, drainage, poisson_ratio, viscoelastic
-from fem.mismatch.evidence.large_deformation import leave_large_deformation
 from fem.mismatch.evidence.model_error import model_error_columns
 from fem.mismatch.model.fading_volume import FadingVolume
 from fem.mismatch.model.reduced_law import ReducedLaw
@@ -119,7 +118,7 @@ def test_no_drainage_changes_nothing():
 
 def rounds(altered: Altered, **options: object):
     forward, _ = plain_forward_model(injected_case(altered, **options))
-    leave_large_deformation(forward)  # flesh here moves by small strain
+    forward = replace(forward, beyond_small_strain=False)  # flesh here moves by small strain
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(screening, "model_error_columns", partial(model_error_columns, shares=COARSE_MESH))
         return forward, screened_effects(forward, EFFECTS)

@@ -9,9 +9,9 @@ from plain_model import plain_forward_model
 
 from fem.mismatch.effects.sensor_gain import EFFECT as GAIN
 from fem.mismatch.effects.skin import EFFECT as SKIN
+from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION
 from fem.mismatch.evidence.force_noise import drawn_force_noise
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.model.force_products import ForceNoise, OfAll, OfFlesh, OfResponse, OfSomeForces
 from fem.mismatch.model.forward_model import ForwardModel

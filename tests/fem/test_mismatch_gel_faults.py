@@ -13,16 +13,13 @@ from plain_model import plain_forward_model, screened_effects
 from fem.mismatch import gel_fault
 from fem.mismatch.effects import gel_creep, gel_hysteresis, sensor_nonlinear, thermal_drift
 from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit, _record, gel_records
-from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.gel_fault import LEAST_EVIDENCE, GelFault, faults_of_relation, fitted_together
+from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.selection.decision import TEMPERATURE, log_prior
-from fem.mismatch.selection.fault_pairs import direct_evidence, fault_pairs, second_faults
 from fem.mismatch.selection.linear_explanations import linear_explanations
 from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
 from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.reported_modulus import hidden_gel_faults
-from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY
 
 FAULTS = (sensor_nonlinear.EFFECT, gel_creep.EFFECT, gel_hysteresis.EFFECT)
@@ -279,10 +276,7 @@ def test_a_bent_reading_is_no_warming_and_no_two_faults():
     assert linear.best[0].name == "sensor_nonlinear"
     prior = log_prior("a+b", effects=len(ALL)) - log_prior("a", effects=len(ALL))
     explanations = linear_explanations(linear)
-    of_relation = [pair for pair, _ in fault_pairs(forward, linear, explanations).values()]
-    pairs = [
-        explanation.weighed.gain for explanation in [*explanations, *of_relation] if "+" in explanation.name
-    ]
+    pairs = [explanation.gain for explanation in explanations if "+" in explanation.name]
     assert max(pairs, default=-np.inf) + TEMPERATURE * prior < linear.best[0].gain
 
 
@@ -296,35 +290,6 @@ def test_what_the_relation_leaves_open_is_in_the_error_bar():
     assert relation["creep_tau_s"] > 0.2
     assert all(sd_of[name] >= relation[name] for name in relation)
     assert abs(np.log(again.parameters[0]["creep_tau_s"])) < 2 * sd_of["creep_tau_s"]
-
-
-def test_a_loop_that_is_a_bend_adds_nothing_to_it():
-    """A reading too high at the peak is in part a loop's; fitted together no loop is seen."""
-    forward = forward_of(bent(0.35))
-    bend, loop = sensor_nonlinear.EFFECT, gel_hysteresis.EFFECT
-    assert measured_evidence(loop, forward) > LEAST_EVIDENCE
-    both = fitted_together(forward, (bend, loop))
-    assert both.evidence < measured_evidence(bend, forward) + LEAST_EVIDENCE
-    assert both.values["share"] < 3 * both.sd["share"]
-    assert direct_evidence(forward, (bend, loop)) == both.evidence
-
-
-def test_two_faults_together_are_those_injected():
-    """Each alone is another: bend after loop."""
-    forward = forward_of(lambda pad: bent(-0.3)(looped(0.1)(pad)))
-    both = fitted_together(forward, faults_of_relation((gel_hysteresis.EFFECT, sensor_nonlinear.EFFECT)))
-    assert both.values["a"] == pytest.approx(-0.3, rel=0.08)
-    assert both.values["share"] == pytest.approx(0.1, rel=0.1)
-    alone = [
-        measured_evidence(effect, forward) for effect in (gel_hysteresis.EFFECT, sensor_nonlinear.EFFECT)
-    ]
-    assert both.evidence > max(alone) + LEAST_EVIDENCE
-
-
-def measured_evidence(effect: GelFault, forward: ForwardModel) -> float:
-    relation = effect.measured(forward)
-    assert relation is not None
-    return relation.evidence
 
 
 @pytest.mark.parametrize("effect", FAULTS)
@@ -376,21 +341,3 @@ def test_a_records_zero_drift_is_that_of_its_recording():
     assert grown == pytest.approx(0.4 / count * (time_s[-1] - time_s[0]), rel=0.05)
     left = record.without_zero_drift().total_N
     assert abs(left[45:].mean() - left[:15].mean()) < 0.05 * 0.4 * time_s[-1]
-
-
-def test_a_loop_that_a_creeping_gel_hides_is_found_beside_it_and_both_are_right():
-    """Alone each shows in part as the other: the loop comes out too strong and the flesh contradicts it."""
-    forward = forward_of(lambda pad: looped(0.09)(crept(0.25, 1.0)(pad)))
-    recorded = [GraspEquations.of(forward, grasp) for grasp in forward.base.grasps]
-    linear = screened(forward, recorded, ALL)
-    assert "gel_hysteresis" not in {fit.name for fit in linear.linear_fits}
-    creeping = [fit for fit in linear.linear_fits if fit.name == "gel_creep"]
-    single = refit(forward, linear, creeping)
-    assert abs(single.parameters[0]["creep"] / 0.25 - 1) > 0.2
-    (second,) = second_faults(forward, linear.gel_faults, gel_creep.EFFECT)
-    assert second.fault is gel_hysteresis.EFFECT
-    assert second.evidence > LEAST_EVIDENCE
-    values = {name: value for start in second.starts for name, value in start.items()}
-    assert values["creep"] == pytest.approx(0.25, rel=0.04)
-    assert values["creep_tau_s"] == pytest.approx(1.0, rel=0.1)
-    assert values["share"] == pytest.approx(0.09, rel=0.05)

@@ -15,6 +15,7 @@ from fem.mismatch.selection.screening import LinearRound
 from fem.mismatch.signature_variant import ONE_WAY
 
 SOFTER = 1.25
+STARTED = {"dmax": 0.3, "W0_over_E": 0.006}
 TRUTH = {"dmax": 0.35, "W0_over_E": 0.004}
 
 
@@ -47,7 +48,7 @@ def test_a_law_that_bends_comes_back_with_the_modulus_that_goes_with_it():
 def test_another_modulus_is_taken_up_so_that_the_law_sees_the_same():
     linear = rounds([damage.EFFECT])
     search = _Search(injected(), linear, (linear.best[0],), damage.EFFECT.spec.searched)
-    before = search.linearised(search.scaled([0.3, 0.006]))
+    before = search.linearised(search.scaled([STARTED]))
     after, followed = search.followed(before)
     assert followed
     grown = search.forward.compliance / COMPLIANCE
@@ -99,9 +100,9 @@ def test_one_effects_response_is_kept_while_anothers_parameters_vary(monkeypatch
             asked.append(dict(parameters)) or respond(self, forward, parameters, variant)
         ),
     )
-    at = search.scaled([0.3, 0.006, 0.5])
+    at = search.scaled([STARTED, {"Et_over_E_mm": 0.5}])
     search.respond(at)
-    search.respond(search.scaled([0.3, 0.006, 0.8]))
+    search.respond(search.scaled([STARTED, {"Et_over_E_mm": 0.8}]))
     assert len(asked) == 1
     search.forward = replace(search.forward, compliance=1.1 * search.forward.compliance)
     search.respond(at)

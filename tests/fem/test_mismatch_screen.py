@@ -5,10 +5,10 @@ from functools import cache
 
 import numpy as np
 import pytest
-from injected_mismatch import E_MPA, NU, finders_mesh, injected_case, on_pad, only_grasp
+from injected_mismatch import NU, finders_mesh, injected_case, on_pad, only_grasp
 
 import fem.mismatch.screen as module
-from fem.estimation.grasp_model import GraspModel, grasp_model
+from fem.estimation.grasp_model import grasp_model
 from fem.estimation.prepared_grasp import prepared_grasp
 from fem.fem_failure import FemFailure
 from fem.mismatch.catalogue import EFFECTS
@@ -29,13 +29,8 @@ def solid() -> UnitModulusSolid:
     return UnitModulusSolid.factorise(finders_mesh(), poisson_ratio=NU, support="free", contact_nodes=nodes)
 
 
-def models_of(case: MismatchCase) -> list[GraspModel]:
-    """Grading's models of the recordings."""
-    return [grasp_model(prepared_grasp(grasp.history, grasp.turns).history, solid()) for grasp in case.grasps]
-
-
 def screen_of(case: MismatchCase) -> Screened:
-    return screen(case, E_MPa=E_MPA, models=models_of(case), solids={"free": solid()})
+    return screen(case, solids={"free": solid()})
 
 
 @cache
@@ -85,7 +80,6 @@ def test_a_sound_fruit_has_no_gain_and_no_drift():
 @pytest.mark.slow
 def test_with_gradings_solid_nothing_is_assembled_or_factorised(monkeypatch):
     case = injected_case()
-    models = models_of(case)
 
     def none_needed(*_, **__):
         raise AssertionError("factorised again")
@@ -93,8 +87,8 @@ def test_with_gradings_solid_nothing_is_assembled_or_factorised(monkeypatch):
     with monkeypatch.context() as patched:
         patched.setattr(UnitModulusSolid, "factorise", none_needed)
         patched.setattr(baseline, "assemble", none_needed)
-        screened = screen(case, E_MPa=E_MPA, models=models, solids={"free": solid()})
-    anew = screen(case, E_MPa=E_MPA, models=models)
+        screened = screen_of(case)
+    anew = screen(case)
     assert anew.p_value == pytest.approx(screened.p_value, rel=1e-3)
     assert anew.gains == pytest.approx(screened.gains, abs=1e-2)
 
@@ -104,15 +98,14 @@ def test_an_effect_that_grading_takes_into_account_is_no_longer_found():
     """Flesh that answers 15 % more from the hold on, once unsaid and once taken in."""
     share = 0.15 * (np.arange(17) >= 9)[:, None, None]
     case = injected_case(crept=lambda unit: unit * (1 + share))
-    models = models_of(case)
-    plain = screen(case, E_MPa=E_MPA, models=models, solids={"free": solid()})
+    plain = screen_of(case)
     taken = []
-    for grasp, model in zip(case.grasps, models, strict=True):
-        force = np.concatenate(
-            [pad.force_N for pad in prepared_grasp(grasp.history, grasp.turns).history.pads], axis=1
-        )
-        taken.append(replace(model, displacement_correction=share * model.unit_displacement(force)))
-    left = screen(case, E_MPa=E_MPA, models=taken, solids={"free": solid()})
+    for grasp in case.grasps:
+        history = prepared_grasp(grasp.history, grasp.turns).history
+        force = np.concatenate([pad.force_N for pad in history.pads], axis=1)
+        response = grasp_model(history, solid()).unit_displacement(force)
+        taken.append(replace(grasp, correction=share * response))
+    left = screen_of(replace(case, grasps=tuple(taken)))
     assert plain.gains["viscoelastic"] > 10
     assert left.gains["viscoelastic"] < plain.gains["viscoelastic"] / 5
     assert left.statistics["misfit"] > plain.statistics["misfit"]
@@ -120,7 +113,7 @@ def test_an_effect_that_grading_takes_into_account_is_no_longer_found():
 
 def test_one_recording_alone_is_not_screened():
     with pytest.raises(FemFailure, match="record a second grasp at another place"):
-        screen(only_grasp(injected_case(), 0), E_MPa=E_MPA, models=[])
+        screen(only_grasp(injected_case(), 0))
 
 
 def test_what_the_screen_leaves_out_is_in_the_catalogue():

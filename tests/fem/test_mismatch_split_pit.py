@@ -18,7 +18,6 @@ from fem.mismatch.effects import loose_pit, pit_size, split_pit
 from fem.mismatch.effects.split_pit import ANGLE, EFFECT, SHARE
 from fem.mismatch.evidence.force_noise import drawn_force_noise
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.evidence.large_deformation import leave_large_deformation
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.parted_pit import EDGE_MM, OfHalves, PartedPit, parted_response
 from fem.mismatch.selection import screening
@@ -99,7 +98,7 @@ def test_a_fruit_without_a_pit_has_no_split_one():
 def rounds(altered: Altered) -> tuple[ForwardModel, LinearRound]:
     case = replace(injected_case(altered, mesh=halved_pit.finders_mesh), budget=KNOWN_PIT)
     forward, _ = plain_forward_model(case)
-    leave_large_deformation(forward)  # flesh here moves by small strain
+    forward = replace(forward, beyond_small_strain=False)  # flesh here moves by small strain
     return forward, screened_effects(forward, EFFECTS)
 
 

@@ -10,11 +10,10 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.result import NONE
 from fem.mismatch.selection import model_selection
-from fem.mismatch.selection.decision import MISFIT, Weighed
-from fem.mismatch.selection.linear_explanations import LinearExplanation
-from fem.mismatch.selection.model_selection import ModelSelection, select_model
+from fem.mismatch.selection.decision import MISFIT
+from fem.mismatch.selection.linear_explanations import Hypothesis
+from fem.mismatch.selection.model_selection import MOST_REFITS, ModelSelection, select_model
 from fem.mismatch.signature_variant import ONE_WAY, OfPad
-from fem.mismatch.thresholds import MOST_REFITS
 
 BY_NAME = {effect.spec.name: effect for effect in EFFECTS}
 TYPICAL = 0.9 * MISFIT
@@ -38,22 +37,24 @@ class Round:
     pads: dict[str, float] = field(default_factory=dict)
     asked: list[str] = field(default_factory=list)
 
-    def explanations(self) -> list[LinearExplanation]:
+    def explanations(self) -> list[Hypothesis]:
         of_effects = [
-            LinearExplanation(
-                weighed=Weighed(name=name, gain=gain, misfit=TYPICAL),
+            Hypothesis(
+                name=name,
+                gain=gain,
+                misfit=TYPICAL,
                 linear_fits=tuple(self.fits(part)[0] for part in name.split("+")),
             )
             for name, gain in self.gains.items()
         ]
-        return [*of_effects, LinearExplanation(weighed=Weighed(name=NONE, gain=0.0, misfit=self.none_leaves))]
+        return [*of_effects, Hypothesis(name=NONE, gain=0.0, misfit=self.none_leaves)]
 
     def fits(self, name: str) -> list[SimpleNamespace]:
         if name not in self.pads:
             return [fit(name, 10.0)]
         return [fit(name, gain, variant=OfPad(pad=pad)) for pad, gain in self.pads.items() if pad != name]
 
-    def refit(self, _forward, _linear, fits, *, starts=()):
+    def refit(self, _forward, _linear, fits):
         name = "+".join(sorted(linear_fit.name for linear_fit in fits))
         self.asked.append(name)
         if name in self.fails:
@@ -73,7 +74,6 @@ class Round:
 def selected(monkeypatch):
     def of(case: Round, *, p_value: float = 0.0) -> ModelSelection:
         monkeypatch.setattr(model_selection, "linear_explanations", lambda _: case.explanations())
-        monkeypatch.setattr(model_selection, "fault_pairs", lambda *_: {})
         monkeypatch.setattr(model_selection, "refit", case.refit)
         monkeypatch.setattr(model_selection, "_gain", lambda _, again: again.log_evidence)
         linear = SimpleNamespace(

@@ -1,6 +1,6 @@
-"""What to record next where it cannot be computed."""
+"""What to record next, by what effects state of themselves."""
 
-from fem.mismatch.next_grasp import ACROSS, SPEEDS, TURNED, next_grasp
+from fem.mismatch.next_grasp import ACROSS, SPEEDS, TURNED, TWICE, next_grasp
 from fem.mismatch.result import NONE, UNKNOWN
 
 
@@ -16,8 +16,15 @@ def test_a_single_recording_asks_for_another():
 def test_what_belongs_to_a_jaw_and_what_to_the_fruit_is_separated_by_turning_it():
     assert next_grasp(("soft_spot", "sensor_gain"), grasps=4) == TURNED
     assert next_grasp(("anisotropy", "pose_error"), grasps=4) == TURNED
+    for twins in (("clock_lag", "viscoelastic"), ("gripper_compliance", "pit_size")):
+        assert next_grasp(twins, grasps=4) == TURNED
     assert next_grasp(("sensor_gain+skin", "skin"), grasps=4) == TURNED
     assert next_grasp(("anisotropy", "poisson_ratio"), grasps=4) == ACROSS
+
+
+def test_what_lasts_in_the_flesh_shows_in_a_second_grasp():
+    assert next_grasp(("damage", "stiffening"), grasps=4) == TWICE
+    assert next_grasp(("plastic_set", "viscoelastic"), grasps=4) == TWICE
 
 
 def test_effects_that_depend_on_time_ask_for_speeds():

@@ -15,7 +15,6 @@ from fem.estimation.prepared_grasp import prepared_grasp
 from fem.estimation.unit_response import marker_tracks
 from fem.mismatch.effect import Response
 from fem.mismatch.effects import pit_size
-from fem.mismatch.evidence.large_deformation import leave_large_deformation
 from fem.mismatch.model.baseline import baseline
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.procedure import as_graded
@@ -76,9 +75,8 @@ def compliances(case, base):
 
 @pytest.fixture(scope="module")
 def forward(case, models):
-    forward = replace(plain_forward_model(case)[0], graded=models)
-    leave_large_deformation(forward)  # flesh here moves by small strain
-    return forward
+    # flesh here moves by small strain
+    return replace(plain_forward_model(case)[0], graded=models, beyond_small_strain=False)
 
 
 def test_the_plain_model_of_explain_has_the_compliance_of_grading(
@@ -96,8 +94,10 @@ def test_of_one_recording_explaining_infers_the_modulus_and_its_error_bar_as_gra
     case, models, graded, base, compliances
 ):
     single = replace(base, grasps=base.grasps[:1])
-    forward = ForwardModel(base=single, compliance=compliances[0], graded=models[:1])
-    leave_large_deformation(forward)  # flesh here moves by small strain
+    # flesh here moves by small strain
+    forward = ForwardModel(
+        base=single, compliance=compliances[0], graded=models[:1], beyond_small_strain=False
+    )
     unit = base.grasps[0].tracks.unit_displacement
     alone = joint_modulus([graded[0].evidence], budget=case.budget, infer_pit=False)
     for modulus in (modulus_of(forward), modulus_of(forward, Response(unit=(unit,)))):

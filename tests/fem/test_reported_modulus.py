@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import norm
 
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, mixture
-from fem.mismatch.selection.model_selection import Hypothesis
+from fem.mismatch.selection.linear_explanations import Hypothesis
 from fem.mismatch.selection.reported_modulus import reported_modulus
 
 PLAIN = Modulus(value=0.4, sd=0.004)

@@ -9,17 +9,17 @@ from plain_model import plain_forward_model, screened_effects
 from scipy.spatial.transform import Rotation
 
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.evidence import nuisances
-from fem.mismatch.evidence.large_deformation import (
+from fem.mismatch.evidence import beyond_small_strain
+from fem.mismatch.evidence.beyond_small_strain import (
     LARGE_DEFORMATION,
+    TURNED_FRUIT,
+    displacement_beyond,
+    from_first_loading,
     large_deformation,
-    leave_large_deformation,
+    turned_fruit,
 )
-from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT, from_first_loading, turned_fruit
 from fem.mismatch.mismatch_case import MismatchCase
-from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.selection import screening
-from fem.mismatch.selection.retained_columns import retained_columns
 from fem.mismatch.selection.screening import LinearRound
 
 POSE_ERROR = next(effect for effect in EFFECTS if effect.spec.name == "pose_error")
@@ -48,9 +48,10 @@ def turned_case(turn_rad: np.ndarray) -> MismatchCase:
 def looked_at(case: MismatchCase) -> LinearRound:
     """The linear round with pose errors alone; flesh that moves little."""
     forward, _ = plain_forward_model(case)
-    leave_large_deformation(forward)
     with pytest.MonkeyPatch.context() as patch:  # the forces are exact: no model error stands for the turn
         patch.setattr(screening, "model_error_columns", lambda *_, **__: [])
+        for module in (screening, beyond_small_strain):
+            patch.setattr(module, "large_deformation", lambda _: [])
         return screened_effects(forward, [POSE_ERROR])
 
 
@@ -61,35 +62,22 @@ def test_what_a_turn_adds_is_there_in_full_and_is_no_pose_error(monkeypatch):
     columns = [linear.products.columns[j] for j in linear.null.chosen]
     (place,) = (k for k, column in enumerate(columns) if column.name == TURNED_FRUIT)
     share = columns[place].mean + linear.null.amounts[place]
-    monkeypatch.setattr(nuisances, "turned_fruit", lambda *_: None)
+    monkeypatch.setattr(beyond_small_strain, "turned_fruit", lambda *_: None)
     without = looked_at(case)
     assert share == pytest.approx(1.0, abs=0.1)
     assert linear.best[0].gain < 3
     assert without.best[0].gain > 100
 
 
-def test_who_takes_large_deformation_in_takes_the_turn_in_too():
+def test_markers_move_by_large_deformation_and_by_the_turn():
     forward, _ = plain_forward_model(turned_case(TURN_RAD))
-    (recording,) = forward.base.grasps
-    (column,) = (
-        nuisance for nuisance in nuisances.common_nuisances(forward) if nuisance.name == LARGE_DEFORMATION
-    )
-    (flesh,), turn = large_deformation(forward), turned_fruit(forward, recording)
-    np.testing.assert_allclose(column.fields[0].markers, forward.compliance * flesh + turn, rtol=1e-12)
-    (alone,) = nuisances.stand_ins(forward)
-    assert (alone.name, alone.stands_in) == (TURNED_FRUIT, True)
-    np.testing.assert_array_equal(alone.fields[0].markers, turn)
-
-
-def test_beside_a_law_that_holds_large_deformation_the_turn_stands_alone():
-    columns = [
-        Regressor(name=name, sd=1.0, fields=(), stands_in=name == TURNED_FRUIT)
-        for name in ("1/E", "dent", LARGE_DEFORMATION, TURNED_FRUIT, "b")
-    ]
-    known = (1, 2)
-    stiffening = next(effect for effect in EFFECTS if effect.spec.name == "stiffening")
-    assert retained_columns([stiffening], columns, known) == (1, 3)
-    assert retained_columns([POSE_ERROR], columns, known) == known
+    columns = beyond_small_strain.beyond_small_strain(forward)
+    assert [column.name for column in columns] == [LARGE_DEFORMATION, TURNED_FRUIT]
+    (flesh,), turn = large_deformation(forward), turned_fruit(forward, forward.base.grasps[0])
+    (both,) = displacement_beyond(forward)
+    (alone,) = displacement_beyond(forward, large_deformation=False)
+    np.testing.assert_allclose(both, forward.compliance * flesh + turn, rtol=1e-12)
+    np.testing.assert_array_equal(alone, turn)
 
 
 def test_nothing_is_added_where_the_fruit_does_not_turn():

@@ -14,7 +14,6 @@ from fem.mismatch.result import (
     Modulus,
     ModulusCell,
     Parameter,
-    Variance,
     Where,
 )
 from recon.silhouettes.hull import ball
@@ -57,8 +56,6 @@ def fake_map(rng):
         vertices_mm=vertices,
         triangles=triangles,
         modulus_score=-9 * spot + rng.normal(0, 0.4, len(direction)),
-        eigenstrain_score=3 * spot,
-        law_error=4 * spot,
         visible=seen,
     )
 
@@ -109,12 +106,6 @@ def fake_explanation(**changes):
         heldout=HeldOut(rms_before=2.61, rms_after=1.04, noise_rms=1.0),
         next_grasp="Hold one grasp for 30 s: relaxation goes on, a clock's lag does not.",
         cells=tuple(cells),
-        variance=(
-            Variance(factor="time", share=0.71, p_value=1e-12),
-            Variance(factor="load", share=0.08, p_value=0.002),
-            Variance(factor="pad", share=0.003, p_value=0.6),
-            Variance(factor="direction", share=0.01, p_value=0.3),
-        ),
         traces=tuple(traces),
         checks=(
             Check(name="decay during the hold", measured=0.21, before=0.0, after=0.205, sd=0.01, unit="1"),

@@ -96,8 +96,6 @@ def test_what_was_found_stands_in_the_record(place):
     record = stage.screened_fruit(place.task, place.fruit, graded(estimate(0.4), estimate(0.6)), {})
     assert (record.p_value, record.names, record.failure, record.note) == (0.01, ("skin",), "", "")
     assert [(amount.pad, amount.value, amount.sd) for amount in record.amounts] == [("left", 0.01, 0.003)]
-    (_, options), *_ = place.asked
-    assert options["E_MPa"] == pytest.approx(1 / np.median([1 / 0.4, 1 / 0.6]))
 
 
 CONFIRMED = SimpleNamespace(effect="skin", spec=SimpleNamespace(holds_large_deformation=False))
@@ -109,11 +107,16 @@ def corrected(model):
 
 
 @pytest.mark.parametrize(
-    ("law", "confirmed", "held"),
-    [("linear", (), 0), ("neo-hookean", (), 0), ("neo-hookean", (CONFIRMED,), 2)],
+    ("law", "confirmed", "beyond"),
+    [
+        ("linear", (), True),
+        ("neo-hookean", (), True),
+        ("neo-hookean", (CONFIRMED,), False),
+        ("linear", (CONFIRMED,), True),
+    ],
 )
 def test_finite_strain_is_left_to_the_screen_unless_effects_are_confirmed(
-    place, monkeypatch, law, confirmed, held
+    place, monkeypatch, law, confirmed, beyond
 ):
     place.answers(SAID)
     monkeypatch.setattr(stage, "in_the_model", lambda _: confirmed)
@@ -121,33 +124,20 @@ def test_finite_strain_is_left_to_the_screen_unless_effects_are_confirmed(
     inference = graded(estimate(), estimate())
     inference.models = tuple(corrected(model) for model in inference.models)
     stage.screened_fruit(place.task, place.fruit, inference, {})
-    (_, asked), *_ = place.asked
-    assert len(asked["at_finite_strain"]) == held
-    left = law == "neo-hookean" and not confirmed
-    assert [model.displacement_correction is None for model in asked["models"]] == [left, left]
+    (case, asked), *_ = place.asked
+    assert asked["beyond_small_strain"] == beyond
+    assert [grasp.correction is None for grasp in case.grasps] == [not confirmed] * 2
 
 
-def test_a_recording_at_small_strain_alone_leaves_large_deformation_to_the_screen(place, monkeypatch):
-    place.answers(SAID)
-    monkeypatch.setattr(stage, "in_the_model", lambda _: (CONFIRMED,))
-    inference = graded(estimate(), estimate())
-    inference.models = (MODEL, replace(MODEL, small_strain_alone="the nonlinear solve did not converge"))
-    stage.screened_fruit(place.task, place.fruit, inference, {})
-    first, _ = place.fruit.placed
-    assert place.asked[0][1]["at_finite_strain"] == [first.name]
-
-
-def test_the_same_inputs_are_screened_once_and_another_modulus_again(place):
+def test_the_same_inputs_are_screened_once_and_another_mesh_again(place):
     place.answers(SAID)
     both = graded(estimate(), estimate())
     first = stage.screened_fruit(place.task, place.fruit, both, {})
     assert stage.screened_fruit(place.task, place.fruit, both, {}) == first
     assert len(place.asked) == 1
-    stage.screened_fruit(place.task, place.fruit, graded(estimate(), estimate(0.51)), {})
-    assert len(place.asked) == 2
     moved = SimpleNamespace(**vars(place.fruit) | {"mesh": replace(MESH, nodes_mm=MESH.nodes_mm + 1e-9)})
-    stage.screened_fruit(place.task, moved, graded(estimate(), estimate(0.51)), {})
-    assert len(place.asked) == 3
+    stage.screened_fruit(place.task, moved, both, {})
+    assert len(place.asked) == 2
 
 
 def test_a_failure_of_the_mechanics_is_a_sentence(place):

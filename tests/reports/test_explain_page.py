@@ -13,15 +13,7 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent.parent / "pipeline"))
 from fake_explanation import fake_explanation
 
-from fem.mismatch.result import (
-    Candidate,
-    FruitMap,
-    ModulusCell,
-    NextGraspPlan,
-    ProposedGrasp,
-    ProposedPad,
-    Where,
-)
+from fem.mismatch.result import Candidate, FruitMap, ModulusCell, Where
 from pipeline.diagnosis.diagnosis import Diagnosis
 from pipeline.diagnosis.explain_entry import explain_entry
 from reports import explain_page
@@ -50,8 +42,6 @@ def bumpy_map():
         vertices_mm=25.0 * axes,
         triangles=OCTAHEDRON,
         modulus_score=np.array([-8.0, 1, 0, 0, 0, 0]),
-        eigenstrain_score=np.arange(6.0),
-        law_error=np.arange(6.0),
         visible=np.array([50.0, 50, 0.1, 0.1, 0.1, 0.1]),
     )
 
@@ -91,7 +81,6 @@ def test_the_verdict_stands_first_and_the_sections_follow_in_order():
         "0.28",
         "six sides",
         'class="drawn"',
-        "What E varies with",
         "drupe predicts each recording",
         "✓ agrees",
         "✗ differs",
@@ -112,51 +101,6 @@ def test_the_page_is_whole_without_a_network_and_the_same_each_time():
     assert page == explain_html(entry())
 
 
-def planned_next():
-    """Across, slowly, by far the best; then the same spots twice."""
-
-    def grasp(place, gain, **changes):
-        pads = tuple(
-            ProposedPad(
-                pad=pad,
-                centre_mm=centre,
-                direction=tuple(-x / 25.0 for x in centre),
-                round_deg=turn,
-                patch_mm=np.array([centre, np.add(centre, [0.0, 0.0, 1.0])]),
-            )
-            for pad, centre, turn in (("left", (0.0, 25.0, 0.0), 91.2), ("right", (0.0, -25.0, 0.0), 271.0))
-        )
-        plain = {"like": "grasp-1", "depth": 1.0, "speed": 1.0, "hold_s": None, "cycles": 1, "turned": False}
-        foreseen = {"place": place, "gain": gain, "pair": ("clock_lag", "viscoelastic"), "decides": 0.93}
-        return ProposedGrasp(**plain | foreseen | changes, pads=pads)
-
-    return NextGraspPlan(
-        grasps=(grasp("across", 14.2, speed=0.1, hold_s=10.0), grasp("same spots", 3.1, cycles=2)), tried=33
-    )
-
-
-def test_the_next_grasp_is_listed_best_first():
-    plan = planned_next()
-    page = explain_html(entry(next_grasp="grasp across", next_grasp_plan=plan))
-    bare = explain_html(entry(next_grasp="grasp across"))
-    section = page[page.index("What to record next") :]
-    assert section.index("Grasp across.") < section.index("same spots")
-    for words in ("The most informative of 33", "left 90°, right 270°", "× 0.1", "10 s", "14.2", "93"):
-        assert words in section
-    assert "most telling" not in bare
-
-
-def test_a_plan_is_written_beside_the_sentence_and_only_where_there_is_one():
-    written = entry(next_grasp="grasp across", next_grasp_plan=planned_next()).as_json()
-    assert written["next_grasp"] == "grasp across"
-    plan = written["next_grasp_plan"]
-    assert plan["tried"] == 33
-    assert [grasp["place"] for grasp in plan["grasps"]] == ["across", "same spots"]
-    assert "patch_mm" not in plan["grasps"][0]["pads"][0]
-    assert list(plan["grasps"][0]["pads"][0]["centre_mm"]) == [0.0, 25.0, 0.0]
-    assert "next_grasp_plan" not in entry().as_json()
-
-
 def test_hostile_text_stays_text(hostile):
     page = explain_html(
         entry(case=hostile, notes=(hostile,), next_grasp=hostile, grasps=(hostile,), inputs={hostile: "ab"})
@@ -175,7 +119,7 @@ def test_hostile_text_stays_text(hostile):
     ],
 )
 def test_every_kind_of_verdict_has_a_page_even_with_nothing_else_known(verdict):
-    nothing = dict.fromkeys(("ranking", "cells", "variance", "traces", "checks", "notes"), ())
+    nothing = dict.fromkeys(("ranking", "cells", "traces", "checks", "notes"), ())
     nothing |= {"maps": None, "heldout": None, "next_grasp": None, "contacts_mm": {}}
     bare = entry(verdict=verdict, **nothing)
     assert explain_verdict(bare) in explain_html(bare).replace("&#39;", "'")

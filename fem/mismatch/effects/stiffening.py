@@ -6,7 +6,7 @@ strains would ask for a b an eighth too large.
 The signature is b W/mu times the linear stress, W of small strain, in the plain model's field: it
 exaggerates, as the field itself gives way less for it; the start takes the b at which the plain field, shrunk
 as a whole, does the same work. Large deformation is part of the plain model
-(fem.mismatch.evidence.large_deformation), and of this law: refits go without the former.
+(fem.mismatch.evidence.beyond_small_strain), and of this law: refits go without the former.
 """
 
 from collections.abc import Mapping, Sequence
@@ -22,7 +22,6 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.stiffening_flesh import beyond_linear, stiffening_path
 from fem.mismatch.model.stress_history import first_guess, keep_run, whole_response
-from fem.mismatch.result import Parameter
 from fem.mismatch.signature_variant import ONE_WAY, Variant
 from fem.solid.flesh_pieces import FleshPieces
 
@@ -30,9 +29,6 @@ B = "b"
 PRIOR_SD = 30.0
 """Of b in the linear round. Set by hand, as large as strong stiffening in the samples
 (samples.mismatch.effect_levels)."""
-DOUBTFUL = 0.5
-"""Relative standard deviation from which b cannot be told from nothing: then half of it does as well, and the
-less there is of it the less it changes."""
 SPEC = EffectSpec(
     name="stiffening",
     rank=20,
@@ -90,16 +86,6 @@ class Stiffening:
     ) -> dict[str, float]:
         """The amount within the bounds: about the modulus that fits best, both halves of the error cancel."""
         return {B: float(np.clip(amounts[0], 1.0, 200.0))}
-
-    def remark(self, parameters: Mapping[str, Parameter]) -> str:
-        """Where b may as well be nothing."""
-        b = parameters[B]
-        if not (isinstance(b.value, float) and isinstance(b.sd, float)) or b.sd < DOUBTFUL * b.value:
-            return ""
-        return (
-            f"b = {b.value:.1f} ± {b.sd:.1f} may as well be nothing: what shows is then the flesh's large "
-            "deformation by itself, which no soft fruit is without."
-        )
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""

@@ -21,7 +21,6 @@ nats at most, and a time is known to no more than an order of magnitude beforeha
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import reduce
 from itertools import chain
 from typing import Protocol
 
@@ -109,21 +108,6 @@ class GelLaw(Protocol):
     def undone(self, recorded: GelRecord, values: Mapping[str, float]) -> GelRecord:
         """Without it."""
         ...
-
-
-@dataclass(frozen=True)
-class JointLaw:
-    """Several faults at once: the first is undone first."""
-
-    laws: tuple[GelLaw, ...]
-
-    def recorded(self, true: GelRecord, values: Mapping[str, float]) -> GelRecord:
-        """With all of them."""
-        return reduce(lambda record, law: law.recorded(record, values), reversed(self.laws), true)
-
-    def undone(self, recorded: GelRecord, values: Mapping[str, float]) -> GelRecord:
-        """Without any."""
-        return reduce(lambda record, law: law.undone(record, values), self.laws, recorded)
 
 
 @dataclass(frozen=True, kw_only=True)

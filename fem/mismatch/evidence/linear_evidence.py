@@ -30,22 +30,11 @@ PLAIN_SD = 3.0
 """Prior of how far 1/E is from what the plain fit found, as a share of it: flat."""
 
 
-def plain_data(
-    forward: ForwardModel,
-    recorded: GraspEquations,
-    *,
-    unit: np.ndarray | None = None,
-    shift_mm: np.ndarray | None = None,
-) -> ObservationDelta:
-    """A recording's excess over s c: positions of markers, mm, and the imbalance of forces, N.
-
-    `unit` replaces c, `shift_mm` is subtracted from the positions: an effect's nonlinear model.
-    """
+def plain_data(forward: ForwardModel, recorded: GraspEquations) -> ObservationDelta:
+    """A recording's excess over s c: positions of markers, mm, imbalance of forces, N, and zero drifts."""
     tracks = recorded.recording.tracks
-    response = tracks.unit_displacement if unit is None else unit
-    excess = tracks.position_mm - tracks.place_mm - forward.compliance * response
     return ObservationDelta(
-        markers=excess if shift_mm is None else excess - shift_mm,
+        markers=tracks.position_mm - tracks.place_mm - forward.compliance * tracks.unit_displacement,
         balance=None if recorded.balance is None else recorded.balance.measured,
         rest=recorded.rest.measured,
     )
@@ -106,9 +95,8 @@ class GramMatrix:
         self.rows: list[np.ndarray] = []
         self.products: list[np.ndarray] = []
         self.weighed: list[np.ndarray] = []
-        columns_with_mean = [column for column in self.columns if not column.stands_in]
         self.data = [
-            _less_prior_means(plain_data(forward, equations), columns_with_mean, k)
+            _less_prior_means(plain_data(forward, equations), self.columns, k)
             for k, equations in enumerate(recorded)
         ]
 
@@ -163,7 +151,11 @@ class GramMatrix:
         """
         other = copy(self)
         biased = [j for j in signatures if self.bias[:, j].any()]
-        changes = [_change(forward, self._recorded, response), *(column.fields for column in more)]
+        moved = replace(response, shift_mm=None)  # no noise of forces reaches the shift of markers
+        changes = [
+            [moved.change(forward, k) for k in range(len(self._recorded))],
+            *(column.fields for column in more),
+        ]
         like_signatures = self._amounts_of(biased, changes)
         noise = noise_of_change(
             self.bias[:, [0, *biased]], self._products_of_noise(biased), like_signatures[0]
@@ -177,13 +169,7 @@ class GramMatrix:
         other.columns = [plain_column, *old, *more]
         other.rows, other.products, other.weighed, other.data = [], [], [], []
         for k, equations in enumerate(self._recorded):
-            unit = response.unit[k]
-            shift = None if response.shift_mm is None else response.shift_mm[k]
-            data = plain_data(forward, equations, unit=unit, shift_mm=shift)
-            if response.balance is not None and data.balance is not None:
-                data = replace(data, balance=data.balance - response.balance[k])
-            if response.rest is not None and data.rest is not None:
-                data = replace(data, rest=data.rest - response.rest[k])
+            data = plain_data(forward, equations).plus(-1.0, response.change(forward, k))
             data = _less_prior_means(data, old, k)
             other.data.append(data)
             fresh = [data, plain_fields[k], *(column.fields[k] for column in more)]
@@ -302,15 +288,8 @@ class GramMatrix:
 def _less_prior_means(data: ObservationDelta, columns: Sequence[Regressor], k: int) -> ObservationDelta:
     """Recording k's data less the columns' prior means."""
     for column in columns:
-        field = column.fields[k]
-        if not column.mean or field is None:
-            continue
-        if field.markers is not None and data.markers is not None:
-            data = replace(data, markers=data.markers - column.mean * field.markers)
-        if field.balance is not None and data.balance is not None:
-            data = replace(data, balance=data.balance - column.mean * field.balance)
-        if field.rest is not None and data.rest is not None:
-            data = replace(data, rest=data.rest - column.mean * field.rest)
+        if column.mean:
+            data = data.plus(-column.mean, column.fields[k])
     return data
 
 
@@ -325,23 +304,6 @@ def _corrected(products: Float[np.ndarray, "k k"], bias: Float[np.ndarray, " c"]
     corrected[0, 1:] -= bias
     corrected[1:, 0] -= bias
     return corrected
-
-
-def _change(
-    forward: ForwardModel, recorded: Sequence[GraspEquations], response: Response
-) -> list[ObservationDelta]:
-    """What a model adds to the plain one's observations, recording by recording.
-
-    The shift of markers, which no noise of forces reaches, is left out.
-    """
-    return [
-        ObservationDelta(
-            markers=forward.compliance * (response.unit[k] - equations.recording.tracks.unit_displacement),
-            balance=None if response.balance is None else response.balance[k],
-            rest=None if response.rest is None else response.rest[k],
-        )
-        for k, equations in enumerate(recorded)
-    ]
 
 
 def _plain(forward: ForwardModel, equations: GraspEquations) -> ObservationDelta:

@@ -1,30 +1,20 @@
 """Nuisances, never reported as effects: what is not known exactly of fruit, pad and mesh, with priors.
 
 Common to all recordings: the pit's place and size within the category's spread, Poisson's ratio within
-its own, the dents' depth, the shares of what large deformation adds and of what the mesh withholds. Each
+its own, the dents' depth, the shares of what large deformation and the fruit's turn add. Each
 recording's own: undulations of the scanned surface, the pads' places on it, how far they come at each load.
 And, since no model is right to the last micrometre, each pad of each recording may deviate by
 NORMAL_DISCREPANCY of its response in any smooth pattern over its patch that grows with the load, or with its
 square. An effect acts on all recordings by one law; these do not, which separates them.
 """
 
-from dataclasses import replace
-
 import numpy as np
 from jaxtyping import Float
 
-from fem.estimation.compliance_fit import rigid_motion
+from fem.estimation.compliance_fit import rigid_part
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
-from fem.mismatch.evidence.large_deformation import (
-    LARGE_DEFORMATION,
-    MEAN,
-    SD,
-    at_finite_strain,
-    large_deformation,
-)
-from fem.mismatch.evidence.turned_fruit import TURNED_FRUIT, turned_fruit
-from fem.mismatch.evidence.withheld_response import WITHHELD, WITHHELD_SD, withheld_response
+from fem.mismatch.evidence.beyond_small_strain import beyond_small_strain
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.force_products import OfResponse
 from fem.mismatch.model.forward_model import ForwardModel
@@ -70,84 +60,7 @@ def common_nuisances(forward: ForwardModel) -> list[Regressor]:
         for recording in forward.base.grasps
     ]
     columns.append(Regressor(name="dent", sd=DENT, fields=dents, of_forces=OfResponse(_dent)))
-    withheld = [withheld_response(forward, recording) for recording in forward.base.grasps]
-    if any(response is not None for response in withheld):
-        added = [
-            None if response is None else ObservationDelta(markers=forward.compliance * response)
-            for response in withheld
-        ]
-        columns.append(Regressor(name=WITHHELD, mean=1.0, sd=WITHHELD_SD, fields=added))
-    beyond = beyond_small_strain(forward)
-    if beyond is None:
-        return columns + _turned(forward)
-    held = at_finite_strain(forward)
-    fields = [
-        None if recording.case.name in held else ObservationDelta(markers=added)
-        for recording, added in zip(forward.base.grasps, beyond, strict=True)
-    ]
-    return [*columns, Regressor(name=LARGE_DEFORMATION, mean=MEAN, sd=SD, fields=fields)]
-
-
-def beyond_small_strain(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]] | None:
-    """Displacement of the markers, mm, that large deformation and the fruit's turn add at the plain 1/E; None
-    where the plain model holds it already, or where it cannot be computed.
-    """
-    large = large_deformation(forward)
-    if not isinstance(large, list):
-        return None
-    moved = [forward.compliance * unit for unit in large]
-    for turned in _turned(forward):
-        moved = [
-            displacement + _at_markers(turn, displacement)
-            for displacement, turn in zip(moved, turned.fields, strict=True)
-        ]
-    return moved
-
-
-def turn_alone(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]] | None:
-    """Displacement of the markers, mm, by the fruit's turn, where the law of the flesh holds large
-    deformation; None without a turn.
-    """
-    for turned in _turned(forward):
-        plain = (recording.tracks.unit_displacement for recording in forward.base.grasps)
-        return [
-            _at_markers(turn, displacement) for displacement, turn in zip(plain, turned.fields, strict=True)
-        ]
-    return None
-
-
-def _at_markers(
-    field: ObservationDelta | None, like: Float[np.ndarray, "f n 3"]
-) -> Float[np.ndarray, "f n 3"]:
-    return np.zeros_like(like) if field is None or field.markers is None else field.markers
-
-
-def stand_ins(forward: ForwardModel) -> list[Regressor]:
-    """Those that stand in for a common one in models that hold part of it by a law of their own: the fruit's
-    turn alone, for large deformation.
-    """
-    alone = _turned(forward) if isinstance(large_deformation(forward), list) else []
-    return [replace(column, stands_in=True) for column in alone]
-
-
-def _turned(forward: ForwardModel) -> list[Regressor]:
-    """One column at most."""
-
-    def compute() -> list[Regressor]:
-        held = at_finite_strain(forward)
-        turned = [
-            None if recording.case.name in held else turned_fruit(forward, recording)
-            for recording in forward.base.grasps
-        ]
-        if all(displacement is None for displacement in turned):
-            return []
-        added = [
-            None if displacement is None else ObservationDelta(markers=displacement)
-            for displacement in turned
-        ]
-        return [Regressor(name=TURNED_FRUIT, mean=MEAN, sd=SD, fields=added)]
-
-    return forward.memoised(TURNED_FRUIT, compute)
+    return [*columns, *beyond_small_strain(forward)]
 
 
 def own_nuisances(
@@ -187,19 +100,13 @@ def _places(forward: ForwardModel, recording: GraspResponse) -> list[tuple[str, 
 
 def _dent(recording: GraspResponse, response: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
     """c without each pad's own rigid motion in each frame: the dent's shape, not how far the pads come."""
-    touching = recording.tracks.episode >= 0
-    dent = np.zeros_like(response)
+    tracks, dent = recording.tracks, np.zeros_like(response)
     for pad in range(len(recording.links)):
         mine = recording.pad_of_marker == pad
-        modes = rigid_motion(recording.tracks.place_mm[mine])
-        for frame, on in enumerate(touching[:, mine]):
-            if on.sum() < FEWEST:
-                continue
-            pressed = np.flatnonzero(mine)[on]
-            rigid = modes[on].reshape(-1, 6)
-            here = response[frame, pressed].ravel()
-            motion = np.linalg.lstsq(rigid, here, rcond=None)[0]
-            dent[frame, pressed] = (here - rigid @ motion).reshape(-1, 3)
+        touching = tracks.episode[:, mine] >= 0
+        enough = touching & (touching.sum(axis=1, keepdims=True) >= FEWEST)
+        rigid = rigid_part(response[:, mine], tracks.place_mm[mine], enough)
+        dent[:, mine] = enough[..., None] * response[:, mine] - rigid
     return dent
 
 

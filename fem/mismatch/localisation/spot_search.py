@@ -1,24 +1,30 @@
-"""Where a ball of softer flesh would best explain a fit's residual: over the flesh, then place by place.
+"""Where a ball of softer flesh would best explain a fit's residual: over the flesh, and under the skin.
 
 With y the whitened projections of the residual and d those of a ball per unit drop of its modulus
 (fem.mismatch.model.adjoint_basis, the points inside added up), the best drop is d.y / d.d, its standard score
 d.y / |d|: the adjoint score over the root of its Fisher information. Without that root all would seem to lie
 at the surface. Flesh cannot be softer than nothing: a drop is held at MOST_DROP, and scores what it then
 explains.
+
+Markers and frames correlate (fem.mismatch.model.marker_equations): on the map DESIGN_EFFECT of them count as
+one.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from scipy.optimize import minimize
 from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
+from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.solid.inclusion import fading
+from fem.mismatch.model.marker_equations import DESIGN_EFFECT, MARKER_VARIANCE_INFLATION
+from fem.mismatch.result import FruitMap
+from fem.solid.inclusion import drop_of, fading
 
 GRID_MM = 3.0
 """Spacing of the places tried first: half a RADIUS_MM, so that none is missed between two."""
@@ -34,6 +40,11 @@ OTHERS = 3
 """Further places of which the ball is a signature too: each is a refit. Set by hand."""
 MOST_DROP = 1.6
 """What a ball without a modulus comes to (fem.solid.inclusion.drop_of)."""
+MAP_RADIUS_MM, BELOW_MM = 6.0, 4.0
+"""Radius of the map's ball and depth of its middle under the skin, mm. Set by hand."""
+STANDARD_RATIO = 0.4
+"""Of the moduli: the ball whose visibility is mapped, as the middle of those injected
+(samples.mismatch.effect_levels)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,3 +156,35 @@ def bounded_score(
     drop = np.clip(match / size, -MOST_DROP, MOST_DROP)
     gain = np.maximum(2 * drop * match - drop**2 * size, 0.0)
     return np.asarray(np.sign(drop) * np.sqrt(gain)), np.asarray(drop)
+
+
+def fruit_map(forward: ForwardModel, numbers: Float[np.ndarray, " k"]) -> FruitMap:
+    """Scores of a ball under each of the skin's corner nodes; `numbers`: as of AdjointBasis.observed."""
+    vertices, triangles = _skin_triangles(forward.base.mesh)
+    basis, below = forward.adjoint_basis, vertices - BELOW_MM * _normals(vertices, triangles)
+    shown = basis.without_modulus(balls(forward, below, MAP_RADIUS_MM) @ basis.cells)
+    thinned = np.sqrt(DESIGN_EFFECT * MARKER_VARIANCE_INFLATION)
+    drop = drop_of(STANDARD_RATIO, forward.poisson_ratio)
+    return FruitMap(
+        vertices_mm=vertices,
+        triangles=triangles,
+        modulus_score=-bounded_score(shown, numbers)[0] / thinned,
+        visible=drop * np.linalg.norm(shown, axis=1) / thinned,
+    )
+
+
+def _skin_triangles(mesh: FleshMesh) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+    """The skin's corner nodes, and its faces between them."""
+    corners, faces = np.unique(mesh.outer_faces[:, :3], return_inverse=True)
+    return mesh.nodes_mm[corners], faces.reshape(-1, 3)
+
+
+def _normals(
+    vertices: Float[np.ndarray, "n 3"], triangles: Int[np.ndarray, "m 3"]
+) -> Float[np.ndarray, "n 3"]:
+    """Outward unit normals of the vertices, by area."""
+    a, b, c = vertices[triangles].transpose(1, 0, 2)
+    normal = np.zeros_like(vertices)
+    for corner in triangles.T:
+        np.add.at(normal, corner, np.cross(b - a, c - a))
+    return np.asarray(normal / np.linalg.norm(normal, axis=1, keepdims=True))

@@ -44,9 +44,8 @@ class GraspResponse:
     `response`: L' U_r, the markers'. `pose`: of each pad in these frames. `load`: total force over its
     greatest, frame by frame; `uneven`: standard deviation of each marker's displacement (times E, mm MPa) at
     the greatest load by errors of single markers' forces: their scales, and the noise that remains in the
-    patterns. `kept`: the share of the loaded frames that are used. `compliance`: the response of
-    all markers to a force on each, for E = 1 MPa, where it is known (fem.estimation.grasp_model), else None.
-    `denoised`: how each pad's forces were denoised; `finer`: which of the patterns are smoothed, and how.
+    patterns. `kept`: the share of the loaded frames that are used. `denoised`: how each pad's forces were
+    denoised; `finer`: which of the patterns are smoothed, and how.
     """
 
     case: GraspCase
@@ -66,7 +65,6 @@ class GraspResponse:
     denoised: tuple[DenoisedForce, ...]
     finer: FinerPatterns
     kept: float = 1.0
-    compliance: Float[np.ndarray, "d d"] | None = None
 
     @property
     def time_s(self) -> Float[np.ndarray, " f"]:
@@ -232,7 +230,8 @@ def project_recording(
             prepared.history,
             used,
             normal=np.vstack([link.place.normal for link in links]),
-            unit_displacement=np.tensordot(shares, response, axes=(1, 0)),
+            unit_displacement=np.tensordot(shares, response, axes=(1, 0))
+            + (0.0 if case.correction is None else case.correction[used]),
         ),
         force_N=force,
         force_sd_N=prepared.force_sd_N,

@@ -50,7 +50,8 @@ class ForwardModel:
     no E of the recording; empty: of none. `modulus_scale`: E as graded over E by this response, which has
     the markers where they touched (fem.mismatch.model.touched_skin) and large deformation in another way.
     `workers`: how many threads may work on it at once. `path_share`: on which share of their frames laws with
-    a history are followed (fem.mismatch.model.stress_history). `warm_starts`: those of the search that this
+    a history are followed (fem.mismatch.model.stress_history). `beyond_small_strain`: False where the
+    recordings' response holds finite strain already. `warm_starts`: those of the search that this
     model is used in, None outside of a search.
     """
 
@@ -60,6 +61,7 @@ class ForwardModel:
     modulus_scale: float = 1.0
     workers: int = 1
     path_share: float = 1.0
+    beyond_small_strain: bool = True
     memo: MemoTable = field(default_factory=MemoTable, repr=False, compare=False)
     warm_starts: WarmStarts | None = field(default=None, repr=False, compare=False)
 

@@ -42,9 +42,8 @@ was tried on few cases (docs/validation.md, Scope)."""
 LEAST_NOISE_SHARE = 0.016
 """Noise of a marker over the root mean square of the response; a quieter sensor counts as if it had so much.
 The plain model's own error is about half of it, however quiet the sensor: it then adds a quarter to the
-variance at most. Most of that error is the mesh's, which is put back since
-(fem.mismatch.evidence.withheld_response); less was not tried with it. Chosen on sound fruit of linear flesh
-of the sealed proof: all three with noise below 0.012 were false alarms, two of nine up to 0.024, none of 25
+variance at most. Chosen on sound fruit of linear flesh of the sealed
+proof: all three with noise below 0.012 were false alarms, two of nine up to 0.024, none of 25
 above (`benchmarks/sealed/sealed_proof.py`)."""
 _AT_ONCE = 24
 """Fields at once: memory, nothing else."""

@@ -6,7 +6,7 @@ rest      zero drift of each pad's normal force from before the contact to after
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from jaxtyping import Float
@@ -25,6 +25,18 @@ class ObservationDelta:
     balance: Float[np.ndarray, "f 6"] | None = None
     rest: Float[np.ndarray, " p"] | None = None
 
+    def plus(self, amount: float, other: "ObservationDelta | None") -> "ObservationDelta":
+        """This and `amount` times another; a channel that neither changes is None."""
+        if other is None:
+            return self
+        channels = {}
+        for channel in fields(self):
+            mine, more = getattr(self, channel.name), getattr(other, channel.name)
+            if more is not None:
+                mine = amount * more if mine is None else mine + amount * more
+            channels[channel.name] = mine
+        return ObservationDelta(**channels)
+
 
 @dataclass(frozen=True, kw_only=True)
 class Regressor:
@@ -35,7 +47,6 @@ class Regressor:
     model's own error (fem.mismatch.evidence.model_error).
     `of_forces`: how the fields follow from the forces, where they do linearly (None: they do not, or hardly),
     from which the noise of the forces in them is known (fem.mismatch.evidence.force_noise).
-    `stands_in`: it stands in for another column in some refits, and is none of the plain model's own.
     """
 
     name: str
@@ -46,7 +57,6 @@ class Regressor:
     mean: float = 0.0
     same_as: int | None = None
     of_forces: LinearInForces | None = None
-    stands_in: bool = False
 
 
 def wrench(

@@ -5,7 +5,7 @@ from functools import partial
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fem.estimation.sensitivity import SLIDE_MM, tangents
+from fem.estimation.sensitivity import SLIDE_MM
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.solid.pad_link import slid
@@ -37,9 +37,6 @@ def response_to(
     forward: ForwardModel, recording: GraspResponse, force_N: Float[np.ndarray, "r n 3"]
 ) -> Float[np.ndarray, "r n 3"]:
     """Displacement (times E) of all markers under any forces on the markers."""
-    if recording.compliance is not None:
-        flat = force_N.reshape(len(force_N), -1)
-        return np.asarray(flat @ recording.compliance.T).reshape(force_N.shape)
     solid = forward.base.solid_of(recording)
     loads = np.zeros((len(force_N), len(forward.base.mesh.nodes_mm), 3))
     loads[:, solid.contact_nodes] = recording.nodal_of(force_N)
@@ -53,19 +50,6 @@ def slid_response(forward: ForwardModel, recording: GraspResponse, pad: int) -> 
     """
     kept = forward.memoised(("slid", recording.case.name), partial(_slid_responses, forward, recording))
     return np.asarray(kept[pad])
-
-
-def store_slid_responses(
-    forward: ForwardModel, recording: GraspResponse, along_skin: Float[np.ndarray, "p 2 f n 3"]
-) -> None:
-    """Takes the changes of c per mm by which each pad is moved along the two `tangents` of its skin
-    (fem.estimation.sensitivity) as known from elsewhere, and turns them to the pads' own x and y.
-    """
-    turned = []
-    for pad, (link, change) in enumerate(zip(recording.links, along_skin, strict=True)):
-        turn = turn_of(recording, pad)[:, :2].T @ tangents(link.place.normal).T
-        turned.append(np.tensordot(turn, change, axes=1))
-    forward.memoised(("slid", recording.case.name), lambda: np.stack(turned))
 
 
 def _slid_responses(forward: ForwardModel, recording: GraspResponse) -> Float[np.ndarray, "p 2 f n 3"]:

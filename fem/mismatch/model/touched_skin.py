@@ -25,8 +25,12 @@ FEWEST = 8
 """A pad that fewer markers touch stays as registered."""
 
 
-def with_touched_skin(base: Baseline, *, compliance: float, workers: int = 1) -> Baseline:
-    """The same recordings on the places where their markers touched, for 1/E = `compliance`."""
+def with_touched_skin(
+    base: Baseline, *, compliance: float, most_frames: int | None = None, workers: int = 1
+) -> Baseline:
+    """The same recordings on the places where their markers touched, for 1/E = `compliance`; `most_frames` of
+    each (project_recording).
+    """
     scale_sd = base.case.budget.force_scale_sd
 
     def again(recording: GraspResponse) -> GraspResponse:
@@ -36,7 +40,9 @@ def with_touched_skin(base: Baseline, *, compliance: float, workers: int = 1) ->
             moved_mm=compliance * recording.tracks.unit_displacement,
             normal=recording.tracks.normal,
         )
-        return project_recording(case, base.solid_of(recording), force_scale_sd=scale_sd)
+        return project_recording(
+            case, base.solid_of(recording), force_scale_sd=scale_sd, most_frames=most_frames
+        )
 
     return replace(base, grasps=tuple(parallel_map(again, base.grasps, workers=workers)))
 

@@ -16,7 +16,7 @@ an effect includes every pair that holds it and another one. From a p-value of D
 and nothing else where "none" is also the likeliest explanation.
 
 The p-value needs no bank of recordings. Without a mismatch the products b of the signatures with the data are
-those of noise and of the model's own error, whose scale has a heavy tail (fem.mismatch.evidence.error_scale).
+those of noise and of the model's own error, whose scale has a heavy tail (fem.mismatch.evidence.model_error).
 The distribution of a statistic of b follows from draws.
 """
 
@@ -27,7 +27,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.special import gammaincc, gammaln, logsumexp
 
-from fem.mismatch.evidence.error_scale import NullDraws
+from fem.mismatch.evidence.model_error import NullDraws
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.result import NONE
 

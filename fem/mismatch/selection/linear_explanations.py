@@ -5,16 +5,17 @@ second one by what it adds beside the first, above the error of the first one's 
 fem.mismatch.selection.decision). A second effect that adds nothing is no explanation of its own.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import logsumexp
 
 from fem.mismatch.evidence.signature_equations import SignatureEquations
-from fem.mismatch.gel_fault import faults_of_relation
-from fem.mismatch.result import NONE
-from fem.mismatch.selection.decision import LAW_ERROR, Weighed
+from fem.mismatch.gel_fault import is_of_relation
+from fem.mismatch.result import NONE, UNKNOWN
+from fem.mismatch.selection.decision import LAW_ERROR, Weighed, probabilities
+from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import (
     LinearFit,
     LinearRound,
@@ -24,33 +25,48 @@ from fem.mismatch.selection.screening import (
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinearExplanation:
+class Hypothesis(Weighed):
     """One explanation, and the linear fits of its effects: none for "none", two for a pair.
 
-    `modulus_change`: E with the effects over E without, and the relative standard deviation that they add.
+    `modulus_change`: E with the effects over E without, and the relative standard deviation that they add, by
+    linear signatures; None for unknown physics, which leaves any `misfit`. `probability`: among all, by
+    `ranked`. `refit`: its full model. `alternatives`: the same with another pad, where that gains about as
+    much: its share of the explanation's probability, and its refit.
     """
 
-    weighed: Weighed
+    misfit: float = float("nan")
     linear_fits: tuple[LinearFit, ...] = ()
-    modulus_change: tuple[float, float] = (1.0, 0.0)
-
-    @property
-    def name(self) -> str:
-        """Effects' names, sorted and joined."""
-        return self.weighed.name
+    modulus_change: tuple[float, float] | None = (1.0, 0.0)
+    probability: float = float("nan")
+    refit: Refit | None = None
+    alternatives: tuple[tuple[float, Refit], ...] = ()
 
 
-def linear_explanations(linear: LinearRound, *, kept: float = 1.0) -> list[LinearExplanation]:
-    """The explanations, "none" last. `kept`: share of the frames, of thinned recordings."""
-    singles = [_single(linear, fits, kept) for fits in _ways(linear.linear_fits)]
-    singles.sort(key=lambda single: -single.weighed.gain)
-    none = LinearExplanation(weighed=Weighed(name=NONE, gain=0.0, misfit=misfit_left(linear, (), kept=kept)))
-    return [*singles, *_pairs(linear, singles, kept), none]
+def ranked(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
+    """All that are tenable with their probabilities, and "unknown", the likeliest first."""
+    weighed = list(hypotheses)
+    shares, unknown = probabilities(weighed)
+    ranking = [
+        replace(hypothesis, probability=float(share))
+        for hypothesis, share in zip(weighed, shares, strict=True)
+        if hypothesis.tenable
+    ]
+    most = max(hypothesis.gain for hypothesis in weighed)
+    ranking.append(Hypothesis(name=UNKNOWN, gain=most, probability=unknown, modulus_change=None))
+    return sorted(ranking, key=lambda hypothesis: -hypothesis.probability)
 
 
-def misfit_left(linear: LinearRound, fits: Sequence[LinearFit], *, kept: float = 1.0) -> float:
+def linear_explanations(linear: LinearRound) -> list[Hypothesis]:
+    """The explanations, "none" last."""
+    singles = [_single(linear, fits) for fits in _ways(linear.linear_fits)]
+    singles.sort(key=lambda single: -single.gain)
+    none = Hypothesis(name=NONE, gain=0.0, misfit=misfit_left(linear, ()))
+    return [*singles, *_pairs(linear, singles), none]
+
+
+def misfit_left(linear: LinearRound, fits: Sequence[LinearFit]) -> float:
     """The chi-square per number that these linear fits leave."""
-    return kept * (linear.null.chi2 - sum(fit.chi2_drop for fit in fits)) / linear.numbers
+    return (linear.null.chi2 - sum(fit.chi2_drop for fit in fits)) / linear.numbers
 
 
 def _ways(fits: Sequence[LinearFit]) -> list[list[LinearFit]]:
@@ -66,15 +82,13 @@ def _mean(gains: Sequence[float]) -> float:
     return float(logsumexp(gains) - np.log(len(gains)))
 
 
-def _single(linear: LinearRound, fits: Sequence[LinearFit], kept: float) -> LinearExplanation:
+def _single(linear: LinearRound, fits: Sequence[LinearFit]) -> Hypothesis:
     best = fits[0]
-    return LinearExplanation(
-        weighed=Weighed(
-            name=best.name,
-            gain=_mean([fit.gain for fit in fits]),
-            misfit=misfit_left(linear, (best,), kept=kept),
-            direct=best.direct,
-        ),
+    return Hypothesis(
+        name=best.name,
+        gain=_mean([fit.gain for fit in fits]),
+        misfit=misfit_left(linear, (best,)),
+        direct=best.direct,
         linear_fits=(best,),
         modulus_change=_mixture(fits),
     )
@@ -89,11 +103,10 @@ def _mixture(fits: Sequence[LinearFit]) -> tuple[float, float]:
     return mean, float(np.sqrt(share @ (added**2 + (changes - mean) ** 2)))
 
 
-def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation], kept: float) -> list[LinearExplanation]:
+def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesis]:
     """Each effect with every one of smaller evidence, if that adds something beside it.
 
-    Two faults of one gel relation show in part as each other: those are
-    fem.mismatch.selection.fault_pairs.
+    Not two faults of one gel relation, each of which shows in part as the other.
     """
     pairs = []
     ways = {fits[0].name: fits for fits in _ways(linear.linear_fits)}
@@ -103,7 +116,7 @@ def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation], kept: floa
         if fit.columns:  # else it is seen directly, and leaves the motion as it is
             remaining = remaining.given(remaining.numbers(fit.columns), law_error=LAW_ERROR)
         for second in singles[number + 1 :]:
-            if len(faults_of_relation([fit.effect, second.linear_fits[0].effect])) == 2:
+            if is_of_relation(fit.effect) and is_of_relation(second.linear_fits[0].effect):
                 continue
             added = [_second(linear, remaining, way) for way in ways[second.name]]
             gain = _mean([way.gain for way in added])
@@ -111,15 +124,12 @@ def _pairs(linear: LinearRound, singles: Sequence[LinearExplanation], kept: floa
             if gain > 0 and best.gain > 0:
                 both = linear.products.fit([*linear.nuisances, *fit.columns, *best.columns])
                 best = replace(best, chi2_drop=linear.null.chi2 - fit.chi2_drop - both.chi2)
-                weighed = Weighed(
-                    name="+".join(sorted((first.name, second.name))),
-                    gain=first.weighed.gain + gain,
-                    misfit=misfit_left(linear, (fit, best), kept=kept),
-                    direct=first.weighed.direct + best.direct,
-                )
                 pairs.append(
-                    LinearExplanation(
-                        weighed=weighed,
+                    Hypothesis(
+                        name="+".join(sorted((first.name, second.name))),
+                        gain=first.gain + gain,
+                        misfit=misfit_left(linear, (fit, best)),
+                        direct=first.direct + best.direct,
                         linear_fits=(fit, best),
                         modulus_change=modulus_change(linear.null, both),
                     )

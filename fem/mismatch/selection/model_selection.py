@@ -6,43 +6,33 @@ of the misfit; with that the probabilities are computed again. An explanation ca
 cannot be computed, or where its second effect ends at the bounds of its parameters.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import AuxiliaryLikelihood
+from fem.mismatch.effect import AuxiliaryLikelihood, SeenDirectly
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.result import NONE, UNKNOWN
-from fem.mismatch.selection.decision import TEMPERATURE, Weighed, probabilities, verdict_of
-from fem.mismatch.selection.fault_pairs import direct_evidence, fault_pairs
-from fem.mismatch.selection.linear_explanations import LinearExplanation, linear_explanations
+from fem.mismatch.result import NONE
+from fem.mismatch.selection.decision import TEMPERATURE, verdict_of
+from fem.mismatch.selection.linear_explanations import Hypothesis, linear_explanations, ranked
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
 from fem.mismatch.signature_variant import OfPad
-from fem.mismatch.thresholds import LEAST_LISTED, MOST_REFITS, NEGLIGIBLE, OTHER_PAD_SHARE
 from fem.parallel_map import parallel_map
 
+MOST_REFITS = 4
+"""drupe refits so many explanations of a verdict at most, the likeliest first. Set by hand, to bound time."""
+NEGLIGIBLE = 0.02
+"""The same effect on another pad is left out below this ratio of probabilities. Set by hand, below the share
+that a verdict may lack."""
+LEAST_LISTED = 1e-3
+"""Probability from which a pair of effects is listed."""
+OTHER_PAD_SHARE = 0.5
+"""Share of one pad's linear gain from which the same effect on the other pad is refitted too: with three
+misplaced pads the wrong one gained as much or a little more (`benchmarks/mismatch.py`, pose_error)."""
 AT_AN_END = "its second effect ends at the limit of its parameters"
-
-
-@dataclass(frozen=True, kw_only=True)
-class Hypothesis:
-    """One explanation: its name, its log Bayes factor over the plain model (all channels), its probability,
-    its refit. `modulus_change`: E with it over E without, and the relative standard deviation that it adds,
-    by linear signatures; None for unknown physics. `alternatives`: the same with another pad, where that
-    gains about as much: its share of the explanation's probability, and its refit.
-    """
-
-    name: str
-    gain: float
-    probability: float
-    linear_fits: tuple[LinearFit, ...]
-    refit: Refit | None
-    modulus_change: tuple[float, float] | None = None
-    alternatives: tuple[tuple[float, Refit], ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,111 +46,51 @@ class ModelSelection:
     verdict: str | tuple[str, ...]
     without: dict[str, str]
 
-
-@dataclass(frozen=True)
-class _InFull:
-    """Full models of one explanation on the pads in question, with their log Bayes factors, best first."""
-
-    refits: tuple[tuple[float, Refit], ...] = ()
-    failed: str = ""
-
     @property
-    def alternatives(self) -> tuple[tuple[float, Refit], ...]:
-        """Of other pads that cannot be told from the best: the share of the probability, and the refit."""
-        (most, _), *others = self.refits
-        weight = [(float(np.exp((gain - most) / TEMPERATURE)), again) for gain, again in others]
-        kept = [(share, again) for share, again in weight if share >= NEGLIGIBLE]
-        total = 1 + sum(share for share, _ in kept)
-        return tuple((share / total, again) for share, again in kept)
+    def names(self) -> tuple[str, ...]:
+        """Those of the verdict."""
+        return (self.verdict,) if isinstance(self.verdict, str) else self.verdict
 
 
 def select_model(forward: ForwardModel, linear: LinearRound, *, p_value: float) -> ModelSelection:
     """Ranking and verdict, with the full models of what the verdict holds."""
-    left = linear_explanations(linear)
-    faults = fault_pairs(forward, linear, left)
-    left += [explanation for explanation, _ in faults.values()]
-    in_full: dict[str, _InFull] = {}
-    without: dict[str, str] = {}
-
-    def full_model(explanation: LinearExplanation) -> _InFull:
-        second = faults[explanation.name][1] if explanation.name in faults else None
-        return _in_full(forward, linear, explanation, starts=() if second is None else second.starts)
-
+    hypotheses = {hypothesis.name: hypothesis for hypothesis in linear_explanations(linear)}
+    tried, without = set[str](), dict[str, str]()
     while True:
-        ranking = _ranking(linear, left, in_full)
+        ranking = ranked(hypotheses.values())
         names = verdict_of(
             {hypothesis.name: hypothesis.probability for hypothesis in ranking}, p_value=p_value
         )
         due = [
-            explanation
-            for name in names
-            for explanation in left
-            if explanation.name == name != NONE and name not in in_full
-        ][: MOST_REFITS - len(in_full)]
+            hypotheses[name] for name in names if name in hypotheses and name != NONE and name not in tried
+        ][: MOST_REFITS - len(tried)]
         if not due:
             break
-        for explanation, full in zip(
-            due, parallel_map(full_model, due, workers=forward.workers), strict=True
-        ):
-            in_full[explanation.name] = full
-            if full.failed:
-                without[explanation.name] = full.failed
-    verdict = names[0] if len(names) == 1 else names
+        in_full = parallel_map(
+            lambda hypothesis: _in_full(forward, linear, hypothesis), due, workers=forward.workers
+        )
+        for hypothesis, failed in in_full:
+            tried.add(hypothesis.name)
+            hypotheses[hypothesis.name] = hypothesis
+            if not hypothesis.tenable:
+                without[hypothesis.name] = failed
     listed = (
         hypothesis
         for hypothesis in ranking
         if "+" not in hypothesis.name or hypothesis.probability >= LEAST_LISTED
     )
+    verdict = names[0] if len(names) == 1 else names
     return ModelSelection(ranking=tuple(listed), verdict=verdict, without=without)
 
 
-def _ranking(
-    linear: LinearRound, left: Sequence[LinearExplanation], in_full: dict[str, _InFull]
-) -> list[Hypothesis]:
-    """All explanations with their probabilities, likeliest first."""
-    shares, unknown = probabilities(
-        [_weighed(linear, explanation, in_full.get(explanation.name)) for explanation in left]
-    )
-    hypotheses = [
-        Hypothesis(
-            name=explanation.name,
-            gain=explanation.weighed.gain,
-            probability=float(share),
-            linear_fits=explanation.linear_fits,
-            refit=in_full[explanation.name].refits[0][1] if explanation.name in in_full else None,
-            modulus_change=explanation.modulus_change,
-            alternatives=in_full[explanation.name].alternatives if explanation.name in in_full else (),
-        )
-        for explanation, share in zip(left, shares, strict=True)
-        if explanation.name not in in_full or in_full[explanation.name].refits
-    ]
-    most = max(explanation.weighed.gain for explanation in left)
-    hypotheses.append(Hypothesis(name=UNKNOWN, gain=most, probability=unknown, linear_fits=(), refit=None))
-    return sorted(hypotheses, key=lambda hypothesis: -hypothesis.probability)
-
-
-def _weighed(linear: LinearRound, explanation: LinearExplanation, full: _InFull | None) -> Weighed:
-    """With what the full model leaves of the misfit, where there is one."""
-    if full is None:
-        return explanation.weighed
-    if not full.refits:
-        return replace(explanation.weighed, tenable=False)
-    _, best = full.refits[0]
-    return replace(explanation.weighed, misfit=best.fit.chi2 / linear.numbers)
-
-
-def _in_full(
-    forward: ForwardModel,
-    linear: LinearRound,
-    explanation: LinearExplanation,
-    *,
-    starts: Sequence[dict[str, float]],
-) -> _InFull:
-    """The full models over the pads in question."""
+def _in_full(forward: ForwardModel, linear: LinearRound, hypothesis: Hypothesis) -> tuple[Hypothesis, str]:
+    """With its full models over the pads in question, and what they leave of the misfit; else untenable, and
+    why.
+    """
     refits, failed = list[tuple[float, Refit]](), ""
-    for fits in product(*(_pads_that_may_be(linear, fit) for fit in explanation.linear_fits)):
+    for fits in product(*(_pads_that_may_be(linear, fit) for fit in hypothesis.linear_fits)):
         try:
-            again = refit(forward, linear, fits, starts=starts)
+            again = refit(forward, linear, fits)
         except FemFailure as failure:
             failed = failure.detail
             continue
@@ -169,8 +99,17 @@ def _in_full(
             continue
         refits.append((_gain(linear, again), again))
     if not refits:
-        return _InFull(failed=failed)
-    return _InFull(refits=tuple(sorted(refits, key=lambda tried: -tried[0])))
+        return replace(hypothesis, tenable=False), failed
+    (most, best), *others = sorted(refits, key=lambda tried: -tried[0])
+    weight = [(float(np.exp((gain - most) / TEMPERATURE)), again) for gain, again in others]
+    kept = [(share, again) for share, again in weight if share >= NEGLIGIBLE]
+    total = 1 + sum(share for share, _ in kept)
+    return replace(
+        hypothesis,
+        refit=best,
+        misfit=best.fit.chi2 / linear.numbers,
+        alternatives=tuple((share / total, again) for share, again in kept),
+    ), ""
 
 
 def _pads_that_may_be(linear: LinearRound, chosen: LinearFit) -> list[LinearFit]:
@@ -198,4 +137,7 @@ def _gain(linear: LinearRound, again: Refit) -> float:
         if isinstance(effect, AuxiliaryLikelihood)
     )
     moved = again.log_evidence - linear.null.log_evidence
-    return moved + min(said, max(moved, 0.0)) + direct_evidence(again.forward, again.effects)
+    direct = sum(
+        effect.direct_evidence(again.forward) for effect in again.effects if isinstance(effect, SeenDirectly)
+    )
+    return moved + min(said, max(moved, 0.0)) + direct

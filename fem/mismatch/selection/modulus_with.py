@@ -21,7 +21,7 @@ from fem.estimation.modulus import first_touch_evidence
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response
 from fem.mismatch.effect_spec import Correction
-from fem.mismatch.evidence.nuisances import beyond_small_strain, turn_alone
+from fem.mismatch.evidence.beyond_small_strain import displacement_beyond
 from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
@@ -52,15 +52,17 @@ def modulus_of(forward: ForwardModel, response: Response | None = None) -> Modul
     Without grading's models, or where that inference has no E: the mean of the recordings' own fits. Markers
     move by what large deformation adds, too.
     """
-    return _moduli(forward, [response], forward.base.case.budget, beyond=beyond_small_strain(forward))[0]
+    plain = Response(unit=[recording.tracks.unit_displacement for recording in forward.base.grasps])
+    beyond = displacement_beyond(forward)
+    return _moduli(forward, [response or plain], forward.base.case.budget, beyond=beyond)[0]
 
 
-Beyond: TypeAlias = Sequence[Float[np.ndarray, "_f _n 3"]] | None
-"""What large deformation adds to the markers' displacement in each recording, mm."""
+Fields: TypeAlias = Sequence[Float[np.ndarray, "_f _n 3"]]
+"""One field of the markers, mm, for each recording."""
 
 
 def _moduli(
-    forward: ForwardModel, responses: Sequence[Response | None], budget: ErrorBudget, *, beyond: Beyond
+    forward: ForwardModel, responses: Sequence[Response], budget: ErrorBudget, *, beyond: Fields
 ) -> list[Modulus]:
     """E with each of the responses, all by one estimator: differences between them are the responses' own."""
     if any(forward.graded):
@@ -70,20 +72,17 @@ def _moduli(
 
 
 def _fits(
-    forward: ForwardModel, response: Response | None, *, beyond: Beyond
+    forward: ForwardModel, response: Response, *, beyond: Fields
 ) -> list[tuple[GraspResponse, MarkerTracks, CompliantFit]]:
     """Every recording with the effect's response, and its own fit."""
     fits = []
     for k, recording in enumerate(forward.base.grasps):
-        tracks = recording.tracks
-        if response is not None:
-            shift = 0.0 if response.shift_mm is None else response.shift_mm[k]
-            tracks = replace(
-                tracks, unit_displacement=response.unit[k], position_mm=tracks.position_mm - shift
-            )
-        if beyond is not None:
-            unit = tracks.unit_displacement + beyond[k] / forward.compliance
-            tracks = replace(tracks, unit_displacement=unit)
+        tracks = replace(
+            recording.tracks,
+            unit_displacement=response.unit[k] + beyond[k] / forward.compliance,
+            position_mm=recording.tracks.position_mm
+            - (0.0 if response.shift_mm is None else response.shift_mm[k]),
+        )
         fit = fit_compliance(
             tracks,
             scale_sd=forward.base.case.budget.gel_scale_sd,
@@ -93,9 +92,7 @@ def _fits(
     return fits
 
 
-def _inferred(
-    forward: ForwardModel, response: Response | None, budget: ErrorBudget, *, beyond: Beyond
-) -> Modulus:
+def _inferred(forward: ForwardModel, response: Response, budget: ErrorBudget, *, beyond: Fields) -> Modulus:
     """By fem.estimation.joint_inference, of the recordings that grading has a model of; raises FemFailure."""
     evidence = [
         first_touch_evidence(
@@ -115,7 +112,7 @@ def _inferred(
     return Modulus(value=forward.modulus_scale * joint.E_MPa, sd=forward.modulus_scale * joint.E_sd_MPa)
 
 
-def _mean_of_fits(forward: ForwardModel, response: Response | None, *, beyond: Beyond) -> Modulus:
+def _mean_of_fits(forward: ForwardModel, response: Response, *, beyond: Fields) -> Modulus:
     """The mean of the recordings' own E; its standard deviation by their scatter, and LEAST_RELATIVE_SD for
     what they have in common.
     """
@@ -150,7 +147,7 @@ def modulus_with(again: Refit) -> ModulusWith:
         again.forward,
         responses,
         _without(again.forward.base.case.budget, again.effects),
-        beyond=turn_alone(again.forward) if holds_it else beyond_small_strain(again.forward),
+        beyond=displacement_beyond(again.forward, large_deformation=not holds_it),
     )
     model_sd = _own_error(again)
     laws = SYSTEMATIC**2 * again.fit.covariance[-len(model_sd) :, -len(model_sd) :] + np.diag(model_sd**2)
@@ -196,7 +193,7 @@ def _own_error(again: Refit) -> Float[np.ndarray, " p"]:
     """
     model_sd = []
     for effect, values in zip(again.effects, again.parameters, strict=True):
-        relation = effect.relation_sd(again.forward, again.effects) if isinstance(effect, GelFault) else {}
+        relation = effect.relation_sd(again.forward) if isinstance(effect, GelFault) else {}
         for spec in effect.spec.searched:
             value = values[spec.name]
             by_model = np.hypot(spec.model_sd, spec.model_share * value) / (value if spec.log else 1.0)

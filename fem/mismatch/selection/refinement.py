@@ -5,26 +5,25 @@ differences, are columns like any other; their amounts are the step, their covar
 evidence is that of the linearised model at the end (Laplace), with a prior as wide as the bounds allow.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import Effect, Response, SeenDirectly, StartsElsewhere
+from fem.mismatch.effect import Effect, Response, SeenDirectly, StartsElsewhere, superposed
 from fem.mismatch.effect_spec import ParameterSpec
+from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import Regressor
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.warm_start import WarmStarts
-from fem.mismatch.response_changes import slope_fields, superposed
-from fem.mismatch.selection.retained_columns import retained_columns
 from fem.mismatch.selection.screening import LinearFit, LinearRound
 from fem.mismatch.signature_variant import Variant
-from fem.mismatch.thresholds import LAST_ROUND_GAIN, OTHER_START_SHARE
 
 ROUNDS = 9
 """Rounds at most."""
@@ -41,6 +40,12 @@ TRUST = 10.0
 other recordings can say and narrow enough that slopes hold."""
 MOST_SINGLE_RESPONSES = 12
 """Responses of single effects kept: a round of differences of two effects asks for fewer. Set by hand."""
+LAST_ROUND_GAIN = 0.3
+"""ln evidence; a round of a refit that gains less is the last. A fifteenth of what sets two explanations
+apart at odds of 20 to 1, by the temperature of the posterior."""
+OTHER_START_SHARE = 0.8
+"""Share of the gain at the linear amounts from which another start is taken: it does not rest on slopes at
+nothing, and the search ends nearer to the truth from there (`benchmarks/mismatch.py`, pose_error)."""
 NEARER, LEAST_SHARE = 0.6, 0.2
 """By how much a start is taken nearer to nothing where it has no model, and how near at most."""
 
@@ -95,22 +100,14 @@ class Refit:
         return "+".join(sorted(effect.spec.name for effect in self.effects))
 
 
-def refit(
-    forward: ForwardModel,
-    linear: LinearRound,
-    linear_fits: Sequence[LinearFit],
-    *,
-    starts: Sequence[dict[str, float]] = (),
-) -> Refit:
+def refit(forward: ForwardModel, linear: LinearRound, linear_fits: Sequence[LinearFit]) -> Refit:
     """The effects of these signatures, refitted.
 
     Raises FemFailure where their model cannot be computed from any start, or no longer on the way.
-
-    `starts`: parameters of each effect to start from where they are known; else from the linear amounts.
     """
     specs = [spec for fit in linear_fits for spec in fit.effect.spec.searched]
     search = _Search(forward, linear, tuple(linear_fits), specs)
-    now, _ = search.followed(search.begun(forward, starts or [None] * len(linear_fits)))
+    now, _ = search.followed(search.begun(forward))
     gained = float("inf")
     for _ in range(ROUNDS):
         step = now.fit.amounts[-len(specs) :]
@@ -132,12 +129,6 @@ def refit(
             gained = float("inf")
         elif gained < LAST_ROUND_GAIN:
             break
-    parameters, first = [], 0
-    values = search.plain(now.at)
-    for fit in linear_fits:
-        names = [spec.name for spec in fit.effect.spec.searched]
-        parameters.append(dict(zip(names, values[first : first + len(names)], strict=True)))
-        first += len(names)
     count = len(specs)
     # slopes are at a given law in its own terms, parameters follow 1/E beside it (ParameterSpec.strain_power)
     along = np.eye(len(now.fit.amounts))[-count:]
@@ -145,7 +136,7 @@ def refit(
     return Refit(
         effects=tuple(fit.effect for fit in linear_fits),
         variants=tuple(fit.signature.variant for fit in linear_fits),
-        parameters=tuple(parameters),
+        parameters=tuple(search.by_effect(now.at)),
         covariance=along @ now.fit.covariance @ along.T,
         response=now.response,
         ahead=now.ahead,
@@ -187,8 +178,12 @@ class _Search:
         warm_start = forward.warm_starts or WarmStarts()
         self.forward = replace(forward, warm_starts=warm_start.copy())
         self.linear, self.linear_fits = linear, linear_fits
-        effects = [fit.effect for fit in linear_fits]
-        self.nuisances = retained_columns(effects, linear.products.columns, linear.nuisances)
+        holds_it = any(fit.effect.spec.holds_large_deformation for fit in linear_fits)
+        self.nuisances = tuple(
+            j
+            for j in linear.nuisances
+            if not (holds_it and linear.products.columns[j].name == LARGE_DEFORMATION)
+        )
         self.signatures = tuple(j for fit in linear_fits for j in fit.columns)
         self.log = np.array([spec.log for spec in specs])
         low, high = (np.array([getattr(spec, end) for spec in specs]) for end in ("low", "high"))
@@ -207,14 +202,15 @@ class _Search:
         self.power = np.array([spec.strain_power for spec in specs])
         self.low_is_a_law = np.array([spec.low_is_a_law for spec in specs])
         self.known: dict[bytes, tuple[Response, float]] = {}
-        self.single_responses: dict[tuple[str, Variant, tuple[float, ...], float], Response] = {}
+        # one effect's responses are kept for when another's parameters vary
+        self.single_response = lru_cache(MOST_SINGLE_RESPONSES)(self._single_response)
 
     def _scale(self, values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
         return np.asarray(
             np.where(self.log, np.log(np.where(self.log, np.maximum(values, 1e-9), 1.0)), values)
         )
 
-    def begun(self, forward: ForwardModel, starts: Sequence[dict[str, float] | None]) -> _Linearised:
+    def begun(self, forward: ForwardModel) -> _Linearised:
         """The model at the start; where it has none, as with a pit that pokes out, nearer to nothing.
 
         Where an effect knows another start that gains about as much, at that one.
@@ -223,35 +219,35 @@ class _Search:
         """
         share, before = 1.0, None
         while True:
-            values: list[float] = []
-            for fit, start in zip(self.linear_fits, starts, strict=True):
-                values_of_effect = (
-                    fit.effect.start(forward, fit.signature, share * fit.amounts) if start is None else start
-                )
-                values += [values_of_effect[spec.name] for spec in fit.effect.spec.searched]
+            starts = [
+                fit.effect.start(forward, fit.signature, share * fit.amounts) for fit in self.linear_fits
+            ]
             try:
-                now = self.linearised(self.scaled(values))
+                now = self.linearised(self.scaled(starts))
                 break
             except FemFailure:
                 share *= NEARER
-                if share < LEAST_SHARE or values == before:
+                if share < LEAST_SHARE or starts == before:
                     raise
-                before = values
-        first = 0
-        for fit, start in zip(self.linear_fits, starts, strict=True):
-            end = first + len(fit.effect.spec.searched)
-            if start is None and isinstance(fit.effect, StartsElsewhere):
-                other = fit.effect.other_start(forward, fit.signature.variant)
-                if other is not None:
-                    tried = [*values[:first], *other.values(), *values[end:]]
-                    plain = self.linear.null.log_evidence
-                    if self.merit(self.scaled(tried)) - plain > OTHER_START_SHARE * (now.merit - plain):
-                        values = tried
-                        now = self.linearised(self.scaled(tried))
-            first = end
+                before = starts
+        plain = self.linear.null.log_evidence
+        for k, fit in enumerate(self.linear_fits):
+            if not isinstance(fit.effect, StartsElsewhere):
+                continue
+            other = fit.effect.other_start(forward, fit.signature.variant)
+            if other is not None:
+                tried = [*starts[:k], other, *starts[k + 1 :]]
+                if self.merit(self.scaled(tried)) - plain > OTHER_START_SHARE * (now.merit - plain):
+                    starts = tried
+                    now = self.linearised(self.scaled(tried))
         return now
 
-    def scaled(self, values: Sequence[float]) -> Float[np.ndarray, " p"]:
+    def scaled(self, starts: Sequence[Mapping[str, float]]) -> Float[np.ndarray, " p"]:
+        values = [
+            start[spec.name]
+            for fit, start in zip(self.linear_fits, starts, strict=True)
+            for spec in fit.effect.spec.searched
+        ]
         return self.bounded(self._scale(np.array(values, dtype=float)))
 
     def bounded(self, at: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
@@ -265,32 +261,24 @@ class _Search:
         first = np.cumsum([0, *(len(fit.effect.spec.searched) for fit in self.linear_fits)])
         return tuple(bool(ends[a:b].any()) for a, b in pairwise(first))
 
-    def plain(self, at: Float[np.ndarray, " p"]) -> list[float]:
-        return [float(x) for x in np.where(self.log, np.exp(np.where(self.log, at, 0.0)), at)]
+    def by_effect(self, at: Float[np.ndarray, " p"]) -> list[dict[str, float]]:
+        """The parameters of each effect by name."""
+        values = iter(np.where(self.log, np.exp(np.where(self.log, at, 0.0)), at).tolist())
+        return [{spec.name: next(values) for spec in fit.effect.spec.searched} for fit in self.linear_fits]
 
     def respond(self, at: Float[np.ndarray, " p"]) -> Response:
         """The responses of the effects, their changes of the plain model added up."""
-        values, responses, first = self.plain(at), [], 0
-        for fit in self.linear_fits:
-            names = [spec.name for spec in fit.effect.spec.searched]
-            parameters = dict(zip(names, values[first : first + len(names)], strict=True))
-            responses.append(self._single_response(fit, parameters))
-            first += len(names)
+        responses = [
+            self.single_response(k, tuple(parameters.items()), self.forward.compliance)
+            for k, parameters in enumerate(self.by_effect(at))
+        ]
         return responses[0] if len(responses) == 1 else superposed(self.forward, responses)
 
-    def _single_response(self, fit: LinearFit, parameters: dict[str, float]) -> Response:
-        """One effect's response; those of last time are kept, for when another's parameters vary."""
-        key = (
-            fit.effect.spec.name,
-            fit.signature.variant,
-            tuple(parameters.values()),
-            self.forward.compliance,
-        )
-        if key not in self.single_responses:
-            if len(self.single_responses) >= MOST_SINGLE_RESPONSES:
-                del self.single_responses[next(iter(self.single_responses))]
-            self.single_responses[key] = fit.effect.respond(self.forward, parameters, fit.signature.variant)
-        return self.single_responses[key]
+    def _single_response(
+        self, number: int, parameters: tuple[tuple[str, float], ...], _compliance: float
+    ) -> Response:
+        fit = self.linear_fits[number]
+        return fit.effect.respond(self.forward, dict(parameters), fit.signature.variant)
 
     def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
         """The model with the fit's 1/E taken up where the response depends on it; whether it was.
@@ -345,7 +333,12 @@ class _Search:
                 Regressor(
                     name=f"slope {k}",
                     sd=float(spread),
-                    fields=slope_fields(self.forward, response, ahead, step),
+                    fields=[
+                        ObservationDelta()
+                        .plus(1 / step, ahead.change(self.forward, k))
+                        .plus(-1 / step, response.change(self.forward, k))
+                        for k in range(len(response.unit))
+                    ],
                 )
             )
         products, chosen = self.linear.products.about(

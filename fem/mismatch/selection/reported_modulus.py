@@ -11,10 +11,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import expit
 
-from fem.mismatch.gel_fault import GelFault, faults_of_relation
+from fem.mismatch.effect import Effect
+from fem.mismatch.gel_fault import is_of_relation
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, mixture
-from fem.mismatch.selection.model_selection import Hypothesis
+from fem.mismatch.selection.linear_explanations import Hypothesis
 from fem.mismatch.selection.refinement import Refit
 
 LARGE_MISFIT = 2.0
@@ -92,16 +93,16 @@ class HiddenGelFault:
 
 
 def hidden_gel_faults(
-    forward: ForwardModel, faults: Sequence[GelFault], named: Refit | None
+    forward: ForwardModel, effects: Sequence[Effect], named: Refit | None
 ) -> list[HiddenGelFault]:
-    """Those of `faults` with which the flesh's equations fit better.
+    """Those of `effects` with which the flesh's equations fit better.
 
     At even odds beforehand one is there with probability 1 / (1 + exp(-ln evidence)). None beside a named one
     of the same relation: each shows in part as another.
     """
-    if named is not None and faults_of_relation(named.effects):
+    if named is not None and any(map(is_of_relation, named.effects)):
         return []
-    measured = [(fault, fault.measured(forward)) for fault in faults_of_relation(faults)]
+    measured = [(fault, fault.measured(forward)) for fault in effects if is_of_relation(fault)]
     return [
         HiddenGelFault(
             name=fault.spec.name,

@@ -10,15 +10,13 @@ from scipy.special import log_ndtr
 
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly, Signature
-from fem.mismatch.evidence.error_scale import NullDraws
+from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION, large_deformation
 from fem.mismatch.evidence.force_noise import DRAWS, drawn_force_noise
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.evidence.large_deformation import LARGE_DEFORMATION, large_deformation
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
-from fem.mismatch.evidence.model_error import model_error_columns, scale_prior
-from fem.mismatch.evidence.nuisances import common_nuisances, stand_ins
+from fem.mismatch.evidence.model_error import NullDraws, model_error_columns, scale_prior
+from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.evidence.signature_equations import SignatureEquations
-from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.parallel_map import parallel_map
@@ -58,7 +56,7 @@ class LinearRound:
 
     `equations`: of all signatures, the nuisances integrated out; `null_draws`: their data without mismatch.
     `without`: effects, one way of theirs to show, or large deformation, that could not be computed, and why.
-    `gel_faults`: all those of the catalogue. `numbers`: how many numbers all recordings have.
+    `numbers`: how many numbers all recordings have, left-out frames of thinned ones included.
     """
 
     products: GramMatrix
@@ -68,8 +66,7 @@ class LinearRound:
     equations: SignatureEquations
     null_draws: NullDraws
     without: dict[str, str]
-    gel_faults: tuple[GelFault, ...] = ()
-    numbers: int
+    numbers: float
 
     @property
     def best(self) -> tuple[LinearFit, ...]:
@@ -100,11 +97,10 @@ def screened(
         else:
             recording += [(effect, signature) for signature in answer if not signature.untried]
             without |= {f"{effect.spec.name} ({s.label})": s.untried for s in answer if s.untried}
-    large = large_deformation(forward)
-    if isinstance(large, FemFailure):
+    if forward.beyond_small_strain and isinstance(large := large_deformation(forward), FemFailure):
         without[LARGE_DEFORMATION] = large.detail
     known = common_nuisances(forward)
-    columns: list[Regressor] = [*known, *stand_ins(forward)]
+    columns = list[Regressor](known)
     signatures: list[tuple[Effect, Signature, tuple[int, ...]]] = []
     for effect, signature in recording:
         first = len(columns) + 1
@@ -120,8 +116,7 @@ def screened(
         signatures,
         auxiliary=lambda *signature_at_amounts: _auxiliary(forward, *signature_at_amounts),
         without=without,
-        gel_faults=tuple(effect for effect in effects if isinstance(effect, GelFault)),
-        numbers=sum(equations.nuisances.shape[1] for equations in recorded),
+        numbers=sum(equations.nuisances.shape[1] / equations.recording.kept for equations in recorded),
     )
 
 
@@ -132,8 +127,7 @@ def linear_round(
     *,
     auxiliary: Auxiliary,
     without: dict[str, str],
-    gel_faults: tuple[GelFault, ...] = (),
-    numbers: int,
+    numbers: float,
 ) -> LinearRound:
     """The evidence of each signature, from products alone.
 
@@ -162,7 +156,6 @@ def linear_round(
             prior=scale_prior(),
         ),
         without=without,
-        gel_faults=gel_faults,
         numbers=numbers,
     )
 

@@ -1,1 +1,0 @@
-"""What to record next: candidate grasps, what each explanation predicts of them, expected evidence."""

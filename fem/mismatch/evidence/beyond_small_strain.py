@@ -1,0 +1,146 @@
+"""What finite strain adds to the plain model: large deformation of the flesh, and a fruit that turns.
+
+All soft flesh deforms largely under the forces of a grasp: two millimetres of indentation under a patch of
+six strain it by a fifth. The plain model's strains are small, and what it leaves out looks like a skin or
+like stiffening with hardly any b (10 to 69 nats on sound fruit of 0.2 to 0.4 MPa, first blind test). Its
+column is the response of Neo-Hookean flesh less the linear one.
+
+Markers of flesh that turns by Q(t) as a whole, under forces f that do not turn with it, are at
+
+    y = Q (X + s C Q' f) + c
+
+X their places, C the unit-modulus compliance, c any shift. Of Q = I + W + W^2/2 + ... the plain model has
+W X, each frame's own rigid motion, and s C f. To second order there remain
+
+    W^2 X / 2 + s (W C f - C W f)
+
+the shortening of what turns, and the compliance that has turned with the fruit; by a shear of a millimetre
+fruit turn by two degrees, which is 16 um at 27 mm. W is known from the markers themselves.
+"""
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from fem.fem_failure import FemFailure
+from fem.mismatch.evidence.equation_cache import marker_equations
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.inner_changes import LEADING
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.model.pads import response_to
+from fem.mismatch.model.stiffening_flesh import HARDLY_ANY, beyond_linear, stiffening_path
+
+LARGE_DEFORMATION, TURNED_FRUIT = "large deformation", "turned fruit"
+"""Names of the columns."""
+MEAN, SD = 1.0, 0.25
+"""Prior of their amounts: all real flesh deforms largely. Set by hand: where any amount is allowed,
+Neo-Hookean fruit of simulators have 0.5 to 0.9 of this second-order response."""
+HARDLY_RAD = 0.002
+"""Turn below which nothing is added. Set by hand: W C f is then below 1 um under half a millimetre of
+indentation, W^2 X / 2 below 0.1 um."""
+LOADED = 0.1
+"""Share of the greatest load from which on a frame counts for that: in lighter ones few markers touch."""
+FIRST_LOADING = 0.5
+"""Turns count from their mean until so much of a contact's greatest load is reached, frames weighed by their
+load: a fruit turns as it is sheared, hardly as pads close. Set by hand."""
+
+
+def beyond_small_strain(forward: ForwardModel) -> list[Regressor]:
+    """The columns: those that can be computed and add something; none where the response holds finite strain
+    already (ForwardModel.beyond_small_strain).
+    """
+    if not forward.beyond_small_strain:
+        return []
+    large = large_deformation(forward)
+    flesh = [forward.compliance * unit for unit in large] if isinstance(large, list) else []
+    return [
+        Regressor(
+            name=name,
+            mean=MEAN,
+            sd=SD,
+            fields=[None if field is None else ObservationDelta(markers=field) for field in fields],
+        )
+        for name, fields in ((LARGE_DEFORMATION, flesh), (TURNED_FRUIT, turned_fruits(forward)))
+        if any(field is not None for field in fields)
+    ]
+
+
+def displacement_beyond(
+    forward: ForwardModel, *, large_deformation: bool = True
+) -> list[Float[np.ndarray, "_f _n 3"]]:
+    """Displacement of every recording's markers by these columns at their mean, mm.
+
+    `large_deformation`: False where the law of an effect holds it.
+    """
+    moved = [np.zeros_like(recording.tracks.unit_displacement) for recording in forward.base.grasps]
+    for column in beyond_small_strain(forward):
+        if large_deformation or column.name != LARGE_DEFORMATION:
+            for k, field in enumerate(column.fields):
+                if field is not None and field.markers is not None:
+                    moved[k] = moved[k] + column.mean * field.markers
+    return moved
+
+
+def large_deformation(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]] | FemFailure:
+    """What it adds to the unit response at the markers of every recording, mm MPa.
+
+    The failure where flesh is so soft that the search from the linear answer does not settle.
+    """
+
+    def compute() -> list[Float[np.ndarray, "_f _n 3"]] | FemFailure:
+        try:
+            return stiffening_path(forward).at_markers(beyond_linear(forward, HARDLY_ANY))
+        except FemFailure as failure:
+            return failure
+
+    return forward.memoised(LARGE_DEFORMATION, compute)
+
+
+def turned_fruits(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"] | None]:
+    """`turned_fruit` of every recording, at the 1/E at which it is asked for first."""
+    return forward.memoised(
+        TURNED_FRUIT, lambda: [turned_fruit(forward, recording) for recording in forward.base.grasps]
+    )
+
+
+def turned_fruit(forward: ForwardModel, recording: GraspResponse) -> Float[np.ndarray, "f n 3"] | None:
+    """What the turn seen in a recording adds at its markers, mm; None where it is held or hardly turns."""
+    tracks, s = recording.tracks, forward.compliance
+    excess = tracks.position_mm - tracks.place_mm - s * tracks.unit_displacement
+    seen = marker_equations(forward, recording).turns(excess)
+    turn = from_first_loading(seen, recording.load, tracks.episode.max(axis=1))
+    loaded = recording.load > LOADED
+    if np.linalg.norm(turn[loaded], axis=1).max(initial=0.0) < HARDLY_RAD:
+        return None
+    arm = tracks.place_mm - tracks.place_mm.mean(axis=0)
+    w = turn[:, None]
+    shortened = np.cross(w, np.cross(w, arm)) / 2
+    turned_compliance = np.cross(w, tracks.unit_displacement) - _under_turned_forces(forward, recording, turn)
+    return np.asarray(shortened + s * turned_compliance)
+
+
+def from_first_loading(
+    turn: Float[np.ndarray, "f 3"], load: Float[np.ndarray, " f"], contact: Int[np.ndarray, " f"]
+) -> Float[np.ndarray, "f 3"]:
+    """Turns from where the pads first held the fruit in each contact (numbered; -1: none), zero out of it."""
+    since_first = np.zeros_like(turn)
+    for number in np.unique(contact[contact >= 0]):
+        frames = np.flatnonzero(contact == number)
+        first = frames[: int(np.argmax(load[frames] >= FIRST_LOADING * load[frames].max())) + 1]
+        since_first[frames] = turn[frames] - np.average(turn[first], axis=0, weights=load[first])
+    return since_first
+
+
+def _under_turned_forces(
+    forward: ForwardModel, recording: GraspResponse, turn: Float[np.ndarray, "f 3"]
+) -> Float[np.ndarray, "f n 3"]:
+    """C W f at the markers, mm MPa: the leading patterns turned about each axis, solved for once."""
+    patterns = recording.patterns[:LEADING]
+
+    def compute() -> Float[np.ndarray, "3 r n 3"]:
+        turned = np.cross(np.eye(3)[:, None, None], patterns[None]).reshape(-1, *patterns.shape[1:])
+        return response_to(forward, recording, turned).reshape(3, *patterns.shape)
+
+    response = forward.memoised(("turned forces", recording.case.name), compute)
+    shares = recording.shares[:, : len(patterns)]
+    return np.asarray(np.einsum("fa,fr,arnx->fnx", turn, shares, response, optimize=True))
