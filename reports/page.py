@@ -29,7 +29,7 @@ from reports.batch_overview import (
     reason_words,
     share_words,
 )
-from reports.charts_batch import control_chart, correlation_words
+from reports.charts_batch import correlation_words
 from reports.charts_fruit import fruit_charts
 from reports.entries import OR, BatchEntry, FruitEntry, Picture, without_references
 from reports.html_templates import own_script, page_environment
@@ -63,7 +63,7 @@ _EXIT_STATUS = {
 """Words for the exit statuses of `drupe grade` (docs/how-to/grade-a-batch.md)."""
 
 
-_FILTERS = (advice, class_words, control_chart, p_words, reason_words, remarks, share_words)
+_FILTERS = (advice, class_words, p_words, reason_words, remarks, share_words)
 """Functions that the template calls by their names."""
 LIBRARY, SCRIPTS = "uplot.js", ("charts.js", "dashboard.js")
 """In static: the library of the charts (uPlot, MIT, 51 kB), and this package's scripts."""

@@ -61,11 +61,10 @@ class GradeOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class BatchRun:
-    """One run: its batch, where results and chart lie, the SHA-256 of what it reads, and when it began."""
+    """One run: its batch, where results lie, the SHA-256 of what it reads, and when it began."""
 
     batch: Batch
     results: Results
-    chart: Path | None
     inputs: Mapping[str, str]
     force: bool
     screen: bool

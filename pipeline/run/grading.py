@@ -13,7 +13,6 @@ from rich.console import Console
 
 from pipeline.address_space import MAPPED_MIB, lacking
 from pipeline.batch.batch_fruits import write_run
-from pipeline.batch.control_chart import chart_path, require_chart_place
 from pipeline.batch.layout import FruitFolder, FruitResults, Results, write_whole
 from pipeline.batch.opening import Batch, named_files, open_batch, own_files
 from pipeline.batch.outcome import Outcome, ending_of
@@ -196,7 +195,7 @@ def _placed(
     """The run, whose places are fit to be written to; raises BatchRefused where one is not.
 
     `began`: by the calendar, and in seconds of the monotonic clock. `newcomers`: fruit of the batch that
-    alone are read; such a run has neither hashes nor chart, as it makes no report.
+    alone are read; such a run has no hashes, as it makes no report.
     """
     options.report.require_parts()
     results = Results(out or batch.folder.default_results)
@@ -205,14 +204,9 @@ def _placed(
     read = [*inputs, *_models(batch)]
     require_results_apart(results, batch.folder, read, "--out")
     require_temporary_apart(Path(tempfile.gettempdir()), batch.folder)
-    named = batch.settings.reference.chart if newcomers is None else None
-    chart = None if named is None else chart_path(batch.folder, named)
-    if chart is not None:
-        require_chart_place(chart, batch.folder, results, read)
     return BatchRun(
         batch=batch,
         results=results,
-        chart=chart,
         inputs=input_hashes(batch.folder.root, inputs) if newcomers is None else {},
         force=options.force,
         screen=options.screen,

@@ -260,7 +260,7 @@ def test_page_and_table_are_there_from_the_first_fruit_on_and_at_a_bounded_cost(
     (batch / "fruits.csv").write_text("fruit_id\nA\nB\nC\n")
     opened, results = open_batch(batch), Results(batch / "results")
     run = BatchRun(
-        batch=opened, results=results, chart=None, inputs={}, force=False, screen=True,
+        batch=opened, results=results, inputs={}, force=False, screen=True,
         options=ReportOptions(), started=datetime(2026, 8, 14, tzinfo=UTC), since_s=0.0,
     )  # fmt: skip
     results.claim()

@@ -3,11 +3,9 @@
 import os
 import subprocess
 import sys
-import time
 
 import pytest
 
-from pipeline.batch.control_chart import update_chart
 from pipeline.batch.results_lock import LOCK, results_lock
 from pipeline.files.lock_file import holder_of, locked, locked_within, open_lock
 from pipeline.problem import BatchRefused
@@ -50,18 +48,6 @@ def test_a_results_folder_that_is_in_use_names_its_lock_and_the_process(tmp_path
         results_lock(tmp_path),
     ):
         pass
-
-
-@on_linux
-def test_a_control_charts_folder_is_waited_for_so_long_and_no_longer(tmp_path, held_by_a_reader, monkeypatch):
-    monkeypatch.setattr("pipeline.batch.control_chart.WAIT_S", 0.2)
-    holder = held_by_a_reader(tmp_path)
-    began = time.monotonic()
-    with pytest.raises(
-        BatchRefused, match=rf"another process \(process {holder}, .* did not update the control chart"
-    ):
-        update_chart(tmp_path / "chart.csv", [])
-    assert time.monotonic() - began < 5
 
 
 @on_linux
