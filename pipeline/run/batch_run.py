@@ -83,7 +83,9 @@ class BatchRun:
 
     def require_ours(self) -> None:
         """Raises BatchRefused where the results hold files of others, or another batch's."""
-        require_free(self.results, self.fruits, "--out", tables=self.options.tables(self.results))
+        results, tables = self.results, self.options.tables(self.results)
+        of_fruit = (path for fruit in self.fruits for path in fruit.files)
+        require_free((*results.files, results.run, *tables, *of_fruit), "--out")
         require_same_batch(self.results, identity(self.batch, self.inputs), "--out")
 
     def write_provenance(

@@ -1,9 +1,8 @@
 """Whose results a folder holds: those of one batch are not replaced by another's.
 
-A folder of results belongs to the batch that its batch.json names. The same batch is known by its folder;
-where that was moved, copied or renamed, by its fruit: a photo or a recording is one of before, and all fruit
-are there, unless the results moved along inside it. Ids alone do not tell: many people number their fruit
-from 1 every day.
+A folder of results belongs to the batch whose photos and recordings it is of: one of them must be the same.
+Where all were replaced, folder, label and the id of a fruit must be the same. Ids alone do not tell: many
+people number their fruit from 1 every day.
 """
 
 from collections.abc import Iterable, Mapping
@@ -56,13 +55,14 @@ def batch_folder(batch: Batch) -> str:
 def require_same_batch(results: Results, batch: BatchIdentity, option: str) -> None:
     """Raises BatchRefused where `results` holds those of another batch."""
     former = former_batch(results)
-    inside = bool(batch.folder) and results.root.resolve().is_relative_to(batch.folder)
-    if former is None or not (why := _why_another(former, batch, inside=inside)):
+    if former is None or not former.measured or former.measured & batch.measured:
+        return
+    if (former.folder, former.label) == (batch.folder, batch.label) and former.fruit & batch.fruit:
         return
     where = f" in {printable(former.folder)}" if former.folder else ""
     sentence = (
-        f"holds the results of another batch{where} ({_listed(former.fruit)}): {why}. They are not "
-        f"replaced; choose another folder with {option}, or move this one away."
+        f"holds the results of another batch{where} ({_listed(former.fruit)}), with other photos and "
+        f"recordings. They are not replaced; choose another folder with {option}, or move this one away."
     )
     raise refused(results.root, sentence)
 
@@ -74,24 +74,6 @@ def former_batch(results: Results) -> BatchIdentity | None:
     folder = said.get("batch")
     settings, inputs, outcomes = (_table(said.get(name)) for name in ("settings", "inputs", "outcomes"))
     return _identity(folder if isinstance(folder, str) else "", settings, inputs, outcomes)
-
-
-def _why_another(former: BatchIdentity, batch: BatchIdentity, *, inside: bool) -> str:
-    """Why the two are not the same batch; empty where they are.
-
-    `inside`: whether the results lie in the batch's own folder. They were moved or copied with it then, and
-    it may have lost fruit since; those of an earlier version, which name no folder, are taken for its own.
-    """
-    measured = bool(former.measured & batch.measured) or not former.measured
-    if former.folder == batch.folder or (inside and not former.folder):
-        if measured or (former.label == batch.label and former.fruit & batch.fruit):
-            return ""
-        return "the same folder now holds other fruit, with other photos and recordings"
-    apart = "this one is in another folder, and" if former.folder else "this one"
-    gone = former.fruit - batch.fruit
-    if gone and not (inside and measured):
-        return f"{apart} lacks {_listed(gone)}"
-    return "" if measured else f"{apart} has other photos and recordings"
 
 
 def _identity(

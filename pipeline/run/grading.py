@@ -1,6 +1,5 @@
 """`drupe grade`: every fruit of a batch to its modulus, and the batch to a ranking and a report."""
 
-import tempfile
 import time
 from collections.abc import Callable, Collection, Sequence
 from contextlib import closing, suppress
@@ -21,7 +20,7 @@ from pipeline.batch.records import FruitRecord
 from pipeline.batch.results_lock import is_held, results_lock
 from pipeline.batch.task import FruitTask
 from pipeline.batch.unused_files import unused_of_batch
-from pipeline.batch.write_guard import require_free, require_results_apart, require_temporary_apart
+from pipeline.batch.write_guard import require_free, require_results_place
 from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.problem import BatchRefused, Problem, refused
@@ -137,7 +136,8 @@ def grade_newcomers(
     run = _placed(batch, out, options, newcomers=newcomers, began=(now(), time.monotonic()))
     fruits = [run.results.fruit(fruit_id) for fruit_id in newcomers]
     with results_lock(run.results.root):
-        require_free(run.results, fruits, "--out")
+        own_files = (*run.results.files, run.results.run)
+        require_free((*own_files, *(path for fruit in fruits for path in fruit.files)), "--out")
         require_same_batch(run.results, identity(batch, run.inputs), "--out")
         _begun(run.results, fruits)
         write_run(run.results, batch.row_of, mark=WorkPlace().mark)
@@ -201,9 +201,7 @@ def _placed(
     results = Results(out or batch.folder.default_results)
     rows = batch.rows if newcomers is None else tuple(batch.row_of[fruit_id] for fruit_id in newcomers)
     inputs = _inputs(replace(batch, rows=rows))
-    read = [*inputs, *_models(batch)]
-    require_results_apart(results, batch.folder, read, "--out")
-    require_temporary_apart(Path(tempfile.gettempdir()), batch.folder)
+    require_results_place(results.root, batch.folder, "--out")
     return BatchRun(
         batch=batch,
         results=results,

@@ -263,7 +263,7 @@ def test_slurms_jobs_speak_tls_with_a_key_that_only_this_user_reads(slurm, tmp_p
         address = jobs.scheduler_address
         assert address.startswith("tls://")
         (folder,) = tmp_path.glob(".results.drupe-run-*")
-        files = list(folder.glob(".dask*"))
+        files = list(folder.iterdir())
         assert {stat.S_IMODE(file.stat().st_mode) for file in files} == {0o600}
         assert sum("PRIVATE KEY" in file.read_text() for file in files) == 1
         with Client(address, security=jobs.security, set_as_default=False) as client:
