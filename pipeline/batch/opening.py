@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from pipeline.batch.fruits_table import FruitRow, read_fruits
 from pipeline.batch.layout import BatchFolder, FruitFolder
-from pipeline.batch.plausible_numbers import TableColumns, grading_doubts, kind_of, table_doubts
+from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doubts
 from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import rig_problems
 from pipeline.batch.settings import MOST_BYTES, NO_PIT, Grading, Recon, Settings, read_settings
@@ -165,7 +165,7 @@ def _implausible(
 ) -> list[Problem]:
     """Numbers that no batch of the category has: of batch.toml, and of whole columns of fruits.csv."""
     kind = kind_of(category)
-    columns = table_doubts(TableColumns(rows or ()), kind).values()
+    columns = table_doubts(rows or (), kind).values()
     said = [(folder.settings, sentence) for sentence in grading_doubts(grading, kind)]
     said += [(folder.table, sentence) for sentence in columns]
     hint = "If the value is right, run `drupe grade --force`."

@@ -10,11 +10,12 @@ from rich.console import Console
 
 from pipeline.batch.batch_fruits import BatchFruits
 from pipeline.batch.layout import FruitFolder
+from pipeline.batch.outcome import Outcome
 from pipeline.batch.records import FruitRecord, read_record
 from pipeline.batch.task import FruitTask, batch_fruits, fruit_task
 from pipeline.run.batch_run import BatchRun
 from pipeline.run.checking import ImplausibleNumbers, implausible_batch
-from pipeline.run.fruit_records import kept_record, refused_record
+from pipeline.run.fruit_records import ended_record, kept_record
 from pipeline.run.packed_records import PackedRecords
 
 GRADED_ALL_THE_SAME = "drupe grades the fruit anyway (--force)."
@@ -72,7 +73,7 @@ class FruitQueue:
         size = before.mesh.box_mm if before.graded and before.mesh is not None else None
         sentence = self._numbers.said(self._run.batch.row_of[fruit_id], box_mm=size)
         if sentence and not self._run.force:
-            self.records[fruit_id] = refused_record(task, sentence)
+            self.records[fruit_id] = ended_record(task, Outcome.IMPLAUSIBLE_INPUT, sentence)
             refused.append(fruit_id)
             return True
         kept = kept_record(task, before, self._among, retried=self._retried)
@@ -89,7 +90,7 @@ class FruitQueue:
             task = self._task(fruit_id)
             if sentence := self._numbers.said(self._run.batch.row_of[fruit_id]):
                 if not self._run.force:
-                    self.records[fruit_id] = record = refused_record(task, sentence)
+                    self.records[fruit_id] = record = ended_record(task, Outcome.IMPLAUSIBLE_INPUT, sentence)
                     self.refused.append(record)
                     continue
                 self._force(fruit_id, sentence)
