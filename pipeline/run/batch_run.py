@@ -2,12 +2,12 @@
 
 import importlib.util
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from pipeline.batch.layout import FruitResults, Results
+from pipeline.batch.layout import Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import write_provenance
 from pipeline.batch.write_guard import require_free
@@ -72,21 +72,19 @@ class BatchRun:
     started: datetime
     since_s: float
 
-    @property
-    def fruits(self) -> list[FruitResults]:
-        """Where the results of each fruit go."""
-        return [self.results.fruit(row.fruit_id) for row in self.batch.rows]
-
     def until_now(self) -> datetime:
         """The time now, by the monotonic clock."""
         return self.started + timedelta(seconds=time.monotonic() - self.since_s)
 
-    def require_ours(self) -> None:
-        """Raises BatchRefused where the results hold files of others, or another batch's."""
+    def require_ours(self, fruit: Collection[str] | None = None) -> None:
+        """Raises BatchRefused where the results hold files of others, or another batch's. `fruit`: those
+        whose files are looked at; None: all.
+        """
         results, tables = self.results, self.options.tables(self.results)
-        of_fruit = (path for fruit in self.fruits for path in fruit.files)
+        names = self.batch.row_of if fruit is None else fruit
+        of_fruit = (path for name in names for path in results.fruit(name).files)
         require_free((*results.files, results.run, *tables, *of_fruit), "--out")
-        require_same_batch(self.results, identity(self.batch, self.inputs), "--out")
+        require_same_batch(results, identity(self.batch, self.inputs), "--out")
 
     def write_provenance(
         self,

@@ -56,20 +56,13 @@ def ended_record(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRe
     return record
 
 
-def kept_record(
-    task: FruitTask,
-    before: FruitRecord,
-    batch_fruits: Collection[str],
-    *,
-    retried: Collection[str] | None = None,
-) -> FruitRecord | None:
+def kept_record(task: FruitTask, before: FruitRecord, batch_fruits: Collection[str]) -> FruitRecord | None:
     """The record `before` of an earlier run with what staff wrote of the fruit brought up to date; None where
-    it does not hold. `batch_fruits`: every fruit_id of the batch; `retried`: fruit whose ending of RETRIED
-    does not hold (None: of all).
+    it does not hold. `batch_fruits`: every fruit_id of the batch.
     """
     if before.key != task.key:
         return None
-    if before.outcome in RETRIED and (retried is None or task.fruit_id in retried):
+    if before.outcome in RETRIED:
         return None
     if any((named_row(name, batch_fruits) is not None) != was for name, was in before.strangers.items()):
         return None

@@ -265,39 +265,6 @@ def test_a_stop_that_a_library_takes_for_an_error_of_its_own_is_an_interruption(
     assert capsys.readouterr().err == "drupe: interrupted\n"
 
 
-@pytest.mark.parametrize(
-    ("limit_MiB", "arguments", "need_MiB"),
-    [
-        (40, ["grade", "no-batch"], 2200),
-        (120, ["convert", "none.csv", "x.h5"], 500),
-        (700, ["check", "no-batch"], 2200),
-    ],
-)
-def test_a_limit_of_address_space_is_told_with_what_is_there_and_needed(
-    tmp_path, limit_MiB, arguments, need_MiB
-):
-    limited = (
-        "import resource, runpy, sys\n"
-        f"resource.setrlimit(resource.RLIMIT_AS, ({limit_MiB * 2**20}, {limit_MiB * 2**20}))\n"
-        "sys.argv[0] = 'drupe'\n"
-        "runpy.run_module('pipeline', run_name='__main__')\n"
-    )
-    done = subprocess.run(
-        [sys.executable, "-P", "-c", limited, *arguments],
-        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
-        cwd=tmp_path,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=60,
-    )
-    assert done.returncode == 2
-    assert done.stderr == (
-        "drupe: this machine: not enough memory: the limit of address space (ulimit -v) is "
-        f"{limit_MiB} MiB, but drupe needs about {need_MiB} MiB; raise the limit.\n"
-    )
-
-
 def test_a_fruits_limit_is_its_share_of_free_memory_and_never_below_its_need():
     assert share_MiB(2, 1000.0, free_MiB=8000.0) == pytest.approx(3600.0)
     assert share_MiB(1, 1000.0, free_MiB=8000.0) == pytest.approx(7200.0)

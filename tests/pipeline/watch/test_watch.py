@@ -6,8 +6,7 @@ import shutil
 import pytest
 from watched_batch import QUIET, interrupted, one_by_one, put, reports_take, rows
 
-from pipeline.run import incremental_run
-from pipeline.watch import arrivals
+from pipeline.watch import arrivals, watching
 from reports.kiosk_page import kiosk_html
 
 
@@ -149,16 +148,16 @@ def test_a_batch_that_is_out_of_reach_for_a_moment_is_shown_and_watched_on(batch
     assert watched.shown[-1].problems == ()
 
 
-@pytest.mark.parametrize("where", ["grade", "grade_newcomers", "report_graded"])
+@pytest.mark.parametrize("where", ["begun", "grade_queue", "report_of_records"])
 def test_so_is_a_file_that_cannot_be_reached_while_fruit_are_graded(batch, watched, monkeypatch, where):
-    work, faults = getattr(incremental_run, where), [OSError(errno.ESTALE, "Stale file handle", "a file")]
+    work, faults = getattr(watching, where), [OSError(errno.ESTALE, "Stale file handle", "a file")]
 
     def once(*arguments, **named):
         if faults:
             raise faults.pop()
         return work(*arguments, **named)
 
-    monkeypatch.setattr(incremental_run, where, once)
+    monkeypatch.setattr(watching, where, once)
     reports_take(monkeypatch, watched, 1.0)
     status = watched(*one_by_one(batch, "A", "B"), *[lambda: None] * 40)
     assert (status, sorted(set(watched.worked)), faults) == (0, ["A", "B"], [])
