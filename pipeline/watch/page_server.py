@@ -13,7 +13,7 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -48,6 +48,7 @@ from pipeline.watch.connections import (
 )
 from pipeline.watch.device_login import DeviceLogin, Network
 from pipeline.watch.forms import HEADERS, form_of
+from pipeline.watch.verdict_desk import VerdictDesk
 from reports.language import ENGLISH
 
 LOOPBACK = "127.0.0.1"
@@ -122,19 +123,6 @@ class TokenInAddress:
         """Nothing."""
 
 
-class Desk(Protocol):
-    """Takes verdicts of people."""
-
-    def form(self, fruit_id: str) -> str | None:
-        """The page with the form for a fruit; None where there is no such fruit."""
-
-    def scanned(self, text: str) -> tuple[str, str]:
-        """Where a scanned code leads; empty with the page that says why it leads nowhere."""
-
-    def judge(self, fruit_id: str, written: Mapping[str, str], device: str) -> str | None:
-        """Keeps a verdict that a device sent, or gives the page that says why not."""
-
-
 class _Server(uvicorn.Server):
     """Accepts BACKLOG connections a turn; the others wait in the system. TLS must begin within REQUEST_S."""
 
@@ -167,7 +155,7 @@ class PageServer:
     ) -> None:
         self._results = results
         self._network = network
-        self.desk: Desk | None = None
+        self.desk: VerdictDesk | None = None
         self._page, self._version, self._closed = "", 0, threading.Event()
         self._tell, self._stopped = tell, False
         self._socket = _listening(LOOPBACK if network is None else network.host, port)

@@ -166,7 +166,7 @@ class BatchWatch:
     def _whole(self, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
         """The fruit that lack nothing, listed or not."""
         every = (*rows, *unlisted_fruit(folder.fruits, rows))
-        return self.arrivals.look(folder, every, {name: files for name, (_, files) in self.graded.items()})
+        return self.arrivals.look(folder, every)
 
     def _forget_changed(self, batch: Batch, own: State) -> None:
         """Forgets fruit that are gone, and those whose row, files or settings are others than when they were

@@ -202,6 +202,7 @@ def fill(results):
     for name in ("A", "B"):
         folder = results / "fruits" / name
         write_whole(folder / "mesh.png", b"picture")
+        (folder / ".cache").mkdir(exist_ok=True)
         (folder / ".cache" / "flesh-0123.npz").write_bytes(b"stage")
     (results / "fruits" / "B" / "mesh.png").write_bytes(b"painted over")
     (results / "fruits" / "A" / "mine.txt").write_text("mine")

@@ -4,6 +4,7 @@ import io
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
@@ -14,7 +15,7 @@ from pipeline.batch.opening import open_batch
 from pipeline.batch.task import fruit_task
 from pipeline.batch.unused_files import unused_of_batch, unused_of_fruit
 from pipeline.fruit.stages import grade_fruit
-from pipeline.run.grading import _say_unused
+from pipeline.run.grading import say_begun
 
 SAID = "scan.stl is not used: drupe reads one mesh named fruit"
 
@@ -69,7 +70,8 @@ def test_grading_prints_what_is_not_used_and_not_more_than_can_be_read(batch, mo
     for name in ("grasp-2.h5", "list.csv", "raw.zip"):
         (batch / name).touch()
     out = io.StringIO()
-    _say_unused(open_batch(batch), Console(file=out, width=80))
+    begun = SimpleNamespace(kept=[]), SimpleNamespace(batch=open_batch(batch))
+    say_begun(*begun, Console(file=out, width=80))
     first, second, last = out.getvalue().splitlines()
     assert first.startswith("warning: grasp-2.h5: grasp-2.h5 is not used: drupe reads recordings in")
     assert second.startswith("warning: list.csv: list.csv is not used: fruits.csv lists the fruit")

@@ -6,7 +6,7 @@ import shutil
 import pytest
 from watched_batch import QUIET, interrupted, one_by_one, put, reports_take, rows
 
-from pipeline.watch import arrivals, watching
+from pipeline.watch import watching
 from reports.kiosk_page import kiosk_html
 
 
@@ -177,23 +177,3 @@ def test_a_fault_that_ends_it_leaves_the_report_of_what_is_done(batch, watched, 
         watch.run()
     assert watched.worked == ["A", "B", "C"]
     assert sorted(rows(batch)) == ["A", "B", "C"]
-
-
-def test_folders_of_graded_fruit_are_looked_into_in_turn(batch, watched, monkeypatch):
-    monkeypatch.setattr(arrivals, "TURN", 2)
-    looked, into = [], arrivals.arrival
-    monkeypatch.setattr(
-        arrivals, "arrival", lambda folder, row: looked.append(row.fruit_id) or into(folder, row)
-    )
-    watched(
-        *one_by_one(batch, *"ABCDE"),
-        looked.clear,
-        *[lambda: None] * 3,
-        lambda: looked.append("here"),
-        lambda: (batch / "fruits" / "C" / "grasps" / "grasp-2.h5").write_text("again"),
-        *QUIET,
-    )
-    three_looks = looked[: looked.index("here")]
-    assert sorted(three_looks[:5]) == list("ABCDE")
-    assert len(three_looks) <= 8
-    assert watched.worked == [*"ABCDE", "C"]
