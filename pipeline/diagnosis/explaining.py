@@ -36,7 +36,7 @@ from pipeline.files.whole_file import put
 from pipeline.fruit.stage_log import StageLog
 from pipeline.problem import refused
 from pipeline.run.console import utc_now
-from pipeline.run.former_results import former_batch, identity, require_same_batch
+from pipeline.run.former_results import require_same_batch
 from pipeline.run.grading import read_files
 from recon.recon_failure import ReconFailure
 from reports.explain_entries import FORMAT, ExplainEntry
@@ -161,8 +161,8 @@ def _require_apart_of_batch(case: Case, batch: Batch, wanted: ExplainOutputs) ->
     require_results_place(results.root, batch.folder, "--out")
     if not is_held(root):
         require_free((*results.files, results.run, *fruit.files), "--out")
-    if former_batch(results) is not None:
-        require_same_batch(results, identity(batch, input_hashes(batch.folder.root, inputs)), "--out")
+    if results.provenance.is_file():
+        require_same_batch(results, batch, input_hashes(batch.folder.root, inputs), "--out")
     lists = (place / name for place in (results.root, fruit.root) for name in (MANIFEST, LIST_LOCK))
     result_files = (*results.files, results.lock, results.run, *fruit.files, *lists)
     for target in (wanted.json, wanted.html):

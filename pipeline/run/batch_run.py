@@ -14,7 +14,7 @@ from pipeline.batch.write_guard import require_free
 from pipeline.problem import refused
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.reference_ratio import ReferenceFinding
-from pipeline.run.former_results import batch_folder, identity, require_same_batch
+from pipeline.run.former_results import batch_folder, require_same_batch
 from reports.language import ENGLISH
 from reports.tables import EXCEL_DIALECTS
 
@@ -84,7 +84,7 @@ class BatchRun:
         names = self.batch.row_of if fruit is None else fruit
         of_fruit = (path for name in names for path in results.fruit(name).files)
         require_free((*results.files, results.run, *tables, *of_fruit), "--out")
-        require_same_batch(results, identity(self.batch, self.inputs), "--out")
+        require_same_batch(results, self.batch, self.inputs, "--out")
 
     def write_provenance(
         self,
