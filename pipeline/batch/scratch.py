@@ -5,17 +5,13 @@ import os
 import shutil
 import stat
 import tempfile
-import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-from pipeline.files.lock_file import locked
 from pipeline.problem import refused
 
 PREFIX = "drupe-run-"
-YOUNG_S = 60.0
-"""Age below which a folder is left alone: its run may not have locked it yet."""
 
 
 @contextmanager
@@ -30,19 +26,30 @@ def scratch(*, near: Path | None = None) -> Iterator[Path]:
         place.mkdir(parents=True, exist_ok=True)
         prefix = PREFIX if near is None else f".{near.name}.{PREFIX}"
         _sweep(place, prefix)
-        folder = Path(tempfile.mkdtemp(dir=place, prefix=prefix))
-        lock = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+        folder, lock = _made(place, prefix)
     except OSError as error:
         where = "set TMPDIR to a folder that can be written" if near is None else "choose another place"
         sentence = f"no temporary folder can be made ({error.strerror}); free space there, or {where}."
         at = str(error.filename or "the temporary folder" if near is None else near.parent)
         raise refused(at, sentence) from None
     try:
-        locked(lock)
         yield folder
     finally:
         shutil.rmtree(folder, ignore_errors=True)
         os.close(lock)
+
+
+def _made(place: Path, prefix: str) -> tuple[Path, int]:
+    """A new folder and its lock, held; made again where a sweep took it before it was held."""
+    while True:
+        folder = Path(tempfile.mkdtemp(dir=place, prefix=prefix))
+        with suppress(FileNotFoundError):
+            lock = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
+            with suppress(OSError):  # a file system without locks: then nothing is swept there either
+                fcntl.flock(lock, fcntl.LOCK_EX)
+            if folder.exists():
+                return folder, lock
+            os.close(lock)
 
 
 def _sweep(place: Path, prefix: str) -> None:
@@ -51,7 +58,7 @@ def _sweep(place: Path, prefix: str) -> None:
         with suppress(OSError):
             status = folder.lstat()
             ours = stat.S_ISDIR(status.st_mode) and status.st_uid == os.geteuid()
-            if not ours or time.time() - status.st_mtime < YOUNG_S:
+            if not ours:
                 continue
             lock = os.open(folder, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
             try:

@@ -23,7 +23,7 @@ from pebble.concurrent import process
 
 from pipeline.batch.scratch import environment, scratch, temporary_files_in
 from pipeline.lack_of_memory import IN_WORDS
-from pipeline.library_output import LinesOf, write_into
+from pipeline.library_output import MOST_BYTES, LinesOf, write_into
 from pipeline.run.scheduling import Died, Event, Finished, Noted, Progressed, TimedOut
 from pipeline.safe_start import library_path, uncollected
 
@@ -39,6 +39,9 @@ LOOK_S = 0.1
 """Seconds between two looks at what fruit's processes say."""
 LAST_LINES = 5
 """Of libraries, in which the cause of an end is looked for: they report one in one to three lines."""
+
+LEFT_OUT = f"libraries wrote more than {MOST_BYTES / 2**20:g} MiB; drupe left out the rest"
+"""The last line that is passed on of a fruit's libraries, in place of all that follow."""
 
 
 class LocalPool:
@@ -170,6 +173,7 @@ class _Running:
         self.since_s: float | None = None
         self._stages, self._lines = LinesOf(self.log), LinesOf(self.output)
         self._last: deque[str] = deque(maxlen=LAST_LINES)
+        self._noted = 0
 
     @property
     def lacked_memory(self) -> str:
@@ -183,8 +187,15 @@ class _Running:
         self._last.extend(lines)
         return [
             *(Progressed(self.fruit_id, stage) for stage in stages),
-            *(Noted(self.fruit_id, line) for line in lines),
+            *(Noted(self.fruit_id, line) for line in self._within_limit(lines)),
         ]
+
+    def _within_limit(self, lines: list[str]) -> Iterator[str]:
+        """The lines until all of the fruit together have MOST_BYTES, and then once LEFT_OUT."""
+        for line in lines:
+            if self._noted <= MOST_BYTES:
+                self._noted += len(line)
+                yield line if self._noted <= MOST_BYTES else LEFT_OUT
 
     def out_of_time(self, limit_s: float) -> bool:
         """Whether it has been running for longer than `limit_s`, since this was first asked."""

@@ -13,6 +13,7 @@ from pipeline.batch.layout import FruitResults, write_whole
 from pipeline.batch.results_lock import LOCK, is_held, results_lock
 from pipeline.batch.write_guard import require_made_by_drupe
 from pipeline.files.manifest import LIST_LOCK, in_the_way, writing_alone
+from pipeline.problem import BatchRefused
 
 SPAWN = multiprocessing.get_context("spawn")
 
@@ -104,6 +105,30 @@ def test_without_locks_or_in_place_of_one_a_folder_it_is_written_all_the_same(tm
 def test_a_run_killed_as_it_began_leaves_a_folder_that_the_next_takes(tmp_path, left):
     (tmp_path / left).touch()
     require_made_by_drupe(tmp_path, "--out")
+
+
+def hold_results(root, begun):
+    """Never lets go."""
+    with results_lock(root):
+        begun.set()
+        time.sleep(600)
+
+
+def test_results_that_another_run_writes_are_refused_until_it_ends(tmp_path):
+    begun = SPAWN.Event()
+    process = SPAWN.Process(target=hold_results, args=(tmp_path, begun))
+    process.start()
+    assert begun.wait(60)
+    assert is_held(tmp_path)
+    with (
+        pytest.raises(BatchRefused, match=r"another run is writing here and holds \.lock"),
+        results_lock(tmp_path),
+    ):
+        pass
+    process.kill()
+    process.join()
+    with results_lock(tmp_path):
+        assert is_held(tmp_path)
 
 
 def test_a_lock_that_was_removed_before_it_was_taken_keeps_nobody_out(tmp_path, monkeypatch):
