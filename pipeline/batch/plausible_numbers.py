@@ -19,12 +19,15 @@ Slips = dict[str, float]
 LENGTH_SLIPS: Slips = {
     "is it in cm": 10, "is it in inches": 25.4, "is it in m": 1000, "is it in µm": 0.001, POINT: 0.1,
 }  # fmt: skip
+"""Into mm; units are exact."""
 MASS_SLIPS: Slips = {
     "is it in kg": 1000, "is it in ounces": 28.35, "is it in pounds": 453.6, "is it in mg": 0.001, POINT: 0.1,
 }  # fmt: skip
+"""Into g: avoirdupois ounce 28.35 g, pound 453.6 g."""
 MODULUS_SLIPS: Slips = {
     "is it in kPa": 1e-3, "is it in Pa": 1e-6, "is it in GPa": 1000, "is it in psi": 0.006895
 }  # fmt: skip
+"""Into MPa; 1 psi is 0.006895 MPa."""
 FLATTEST = 0.5
 """Ratio, no unit: a mesh's shortest side over the least height or diameter of its category. Assumed: ranges
 are of fruit measured over stem or cheeks, and the side across the suture of a flat one is less than either;
@@ -50,6 +53,7 @@ MEASURED = {
         "N", "to the penetrometer", {"is it in kg": 9.807, "is it in pounds (lbf)": 4.448, POINT: 0.1}
     ),
 }
+"""Columns by name. Shore hardness ends at 100 degrees; forces into N: kilograms-force, pounds-force."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -68,7 +68,7 @@ class BatchWatch:
     """Of the fruit that are done."""
     graded: dict[str, tuple[FruitRow, State]] = field(default_factory=dict)
     """Row and files of each fruit when it was last graded."""
-    own: State | None = None
+    batch_files: State | None = None
     """The batch's own files when its fruit were graded."""
     batch: Batch | None = None
     """With the fruit that are done or at work."""
@@ -121,18 +121,18 @@ class BatchWatch:
         named: dict[str, str] = {}
         while True:
             began = self.clock()
-            own, batch, problems = self._opened()
+            batch_files, batch, problems = self._opened()
             looked_s = self.clock() - began
             states = tuple((name, arrival.state) for name, arrival in self.arrivals.of.items())
-            if (own, problems, states) != before:
-                before, quiet_since, refused_at = (own, problems, states), self.clock(), -float("inf")
+            if (batch_files, problems, states) != before:
+                before, quiet_since, refused_at = (batch_files, problems, states), self.clock(), -float("inf")
                 self._tell(problems)
             named = self._name_lacking(named)
             if batch is not None and self.clock() - refused_at >= AGAIN_S:
-                self._forget_changed(batch, own)
+                self._forget_changed(batch, batch_files)
                 chosen = self._chosen(batch)
                 if chosen or (self.unreported and self.pace.due()):
-                    done = self._grade(batch, own, chosen) if chosen else self._report()
+                    done = self._grade(batch, batch_files, chosen) if chosen else self._report()
                     refused_at = -float("inf") if done else self.clock()
                     quiet_since = self.clock() if done and chosen else quiet_since
                     continue
@@ -156,19 +156,19 @@ class BatchWatch:
         """The batch's own files, and the batch with the fruit that are whole, or why it cannot be graded: it
         may be out of reach for a moment, as one on a network drive.
         """
-        own: State = ()
+        batch_files: State = ()
         try:
-            own = own_state(BatchFolder(self.root))
-            return own, open_batch(self.root, choose=self._whole), ()
+            batch_files = own_state(BatchFolder(self.root))
+            return batch_files, open_batch(self.root, choose=self._whole), ()
         except (BatchRefused, OSError) as fault:
-            return own, None, self._sentences(fault)
+            return batch_files, None, self._sentences(fault)
 
     def _whole(self, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
         """The fruit that lack nothing, listed or not."""
         every = (*rows, *unlisted_fruit(folder.fruits, rows))
         return self.arrivals.look(folder, every)
 
-    def _forget_changed(self, batch: Batch, own: State) -> None:
+    def _forget_changed(self, batch: Batch, batch_files: State) -> None:
         """Forgets fruit that are gone, and those whose row, files or settings are others than when they were
         graded.
         """
@@ -177,7 +177,7 @@ class BatchWatch:
                 del self.graded[name]
                 self.records.pop(name, None)
                 self.unreported = True
-            elif own != self.own or (
+            elif batch_files != self.batch_files or (
                 (row, state) != (batch.row_of[name], self.arrivals.of[name].state)
                 and self.arrivals.at_rest(name)
             ):
@@ -197,7 +197,7 @@ class BatchWatch:
         newest = sorted(ready, key=lambda name: self.arrivals.of[name].last_change_ns)
         return again or newest[: self.options.grading.jobs]
 
-    def _grade(self, batch: Batch, own: State, chosen: list[str]) -> bool:
+    def _grade(self, batch: Batch, batch_files: State, chosen: list[str]) -> bool:
         """Grades the chosen fruit; whether they could be. A report follows where it is due, where several
         were read again, and after a reference body, by which all others are corrected.
         """
@@ -216,7 +216,7 @@ class BatchWatch:
                 run.require_ours(chosen)
                 place = WorkPlace()
                 queue = begun(run, chosen, self.records, console=self.console, mark=place.mark)
-                if self.own is None:
+                if self.batch_files is None:
                     say_begun(queue, run, self.console)
                 for name in queue.kept:
                     self._ended(run, self.records[name], states[name], shown=len(chosen) == 1)
@@ -236,7 +236,7 @@ class BatchWatch:
             rows = tuple(row for row in so_far.rows if row.fruit_id in kept)
             self.batch, self.working = replace(so_far, rows=rows), ()
             return self._refuse(fault)
-        self.own, self.refused = own, False
+        self.batch_files, self.refused = batch_files, False
         corrects = any(batch.row_of[name].reference for name in chosen)
         if self.pace.due() or corrects or len(queue.kept) > 1:
             self._report()
@@ -263,7 +263,7 @@ class BatchWatch:
 
     def _with_newcomer(self, run: BatchRun, entry: BatchEntry, record: FruitRecord) -> BatchEntry:
         """The last report's entry with a fruit: E by the reference bodies so far, and its rank. Ranks of the
-        others, and how sure its own is, come with the next report.
+        others, and how sure the rank is, come with the next report.
         """
         bodies = [
             self.records[row.fruit_id]

@@ -68,7 +68,7 @@ def _named() -> Iterator[Row]:
     said = r"scan\.obj is not used: .* one mesh named fruit"
     yield "mesh of another name", MESH_FILE, _copied("scan.obj"), said
     yield "mesh of another kind", MESH_FILE, _copied("scan.3mf"), r"scan\.3mf is not used: meshes are read as"
-    said = r"grasp-2\.h5 is not used: .* grasps/; move it there"
+    said = r"grasp-2\.h5 is not used: .*grasps/; move it there"
     yield "recording in the fruit's folder", MESH_FILE, _copied("grasp-2.h5"), said
     said = r"press\.csv is not used: .*`drupe convert`"
     yield "table in grasps/", RECORDING, _added("fruits/A/grasps/press.csv"), said
