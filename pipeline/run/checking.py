@@ -237,8 +237,8 @@ class _CheckedFruit:
         """What is wrong with a closed mesh as this fruit's, and with the pit inside it."""
         batch, row, folder = self.batch, self.row, self.folder
         broken = []
-        if doubt := _size_doubt(mesh, self.kind):
-            broken.append(Problem(str(folder.fruit_ply), doubt, fruit_id=row.fruit_id, implausible=True))
+        if said := _size_doubt(mesh, self.kind):
+            broken.append(Problem(str(folder.fruit_ply), said, fruit_id=row.fruit_id, implausible=True))
         pit, wrong = _closed_mesh(row, folder.pit_ply)
         broken += wrong
         if pit is not None and not broken:
