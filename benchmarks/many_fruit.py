@@ -160,8 +160,8 @@ def simulate(graded: Path, batch: Path, *, jobs: int, work_s: float, reports: bo
     whole_report = grading.report
 
     class Measured(BatchProgress):
-        def done(self, fruit_id, sentence, *, whole):
-            super().done(fruit_id, sentence, whole=whole)
+        def done(self, fruit_id, sentence):
+            super().done(fruit_id, sentence)
             meter.ended()
 
     def timed_report(*arguments):

@@ -14,7 +14,6 @@ from typing import Annotated
 
 import typer
 
-from pipeline.address_space import is_lack_of_memory, too_little_memory
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.scratch import PREFIX
 from pipeline.commands.calibrate import calibrate
@@ -37,11 +36,11 @@ from pipeline.commands.sample import sample
 from pipeline.commands.schema import schema
 from pipeline.commands.sensor import sensor
 from pipeline.commands.watch import watch
-from pipeline.early_end import SAID
 from pipeline.exit_status import INTERNAL, INTERRUPTED, USAGE
 from pipeline.files.plain_file import printable
 from pipeline.files.whole_file import NotWritten
-from pipeline.interruption import ended_like_ctrl_c
+from pipeline.interruption import SAID, ended_like_ctrl_c
+from pipeline.lack_of_memory import is_lack_of_memory, too_little_memory
 from pipeline.library_output import logs_apart
 from pipeline.problem import BatchRefused
 from pipeline.run.memory import free_memory_MiB

@@ -1,4 +1,8 @@
-"""Being told to end: Ctrl-C, SIGTERM and a terminal that is closed are one interruption."""
+"""Being told to end: Ctrl-C, SIGTERM and a terminal that is closed are one interruption.
+
+Before the command has begun, Ctrl-C ends the process there and then: only modules are imported until then and
+nothing is written.
+"""
 
 import os
 import signal
@@ -6,12 +10,27 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from pipeline import early_end
-from pipeline.early_end import SAID, end_at_once
 from pipeline.exit_status import INTERRUPTED
 
+STANDARD_ERROR = 2
+"""Its file descriptor (POSIX, STDERR_FILENO)."""
+terminal = STANDARD_ERROR
+"""Where standard error leads to now: another descriptor where native libraries have that one."""
+SAID = "drupe: interrupted\n"
 _loading: list[str] = []
 """An entry for each block of `ends_at_once` that is open."""
+
+
+def end_at_once(_number: int, _frame: object) -> None:
+    """A handler of SIGINT: one line, exit status 130."""
+    os.write(terminal, SAID.encode())
+    os._exit(INTERRUPTED)
+
+
+def begin() -> None:
+    """Ctrl-C is `end_at_once` from now on, unless somebody else handles or ignores it."""
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, end_at_once)
 
 
 @contextmanager
@@ -43,10 +62,9 @@ def ended_like_ctrl_c() -> Iterator[list[int]]:
     """
     came: list[int] = []
 
-    def interrupt(number: int, _frame: object) -> None:
+    def interrupt(number: int, frame: object) -> None:
         if _loading:
-            os.write(early_end.terminal, SAID.encode())
-            os._exit(INTERRUPTED)
+            end_at_once(number, frame)
         came.append(number)
         if number != signal.SIGINT:
             signal.signal(number, signal.SIG_DFL)

@@ -15,7 +15,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from pipeline import early_end
+from pipeline import interruption
 
 FORMAT = "%(name)s: %(message)s"
 """A record of Python's logging: the library, and what it says with its traceback."""
@@ -69,8 +69,8 @@ def native_apart() -> None:
         terminal = os.dup(descriptor)
         os.dup2(_native[0], descriptor)
         setattr(sys, name, _stream(terminal, like=getattr(sys, name)))
-        if descriptor == early_end.STANDARD_ERROR:
-            early_end.terminal = terminal
+        if descriptor == interruption.STANDARD_ERROR:
+            interruption.terminal = terminal
 
 
 def hand_over_native() -> None:

@@ -1,34 +1,13 @@
 """Nothing in the current folder is run: it may be a stranger's.
 
-Python puts the current folder first on its path under -c and -m, and before its own library where PYTHONPATH
-has an empty entry; Matplotlib reads a `matplotlibrc` there while it is imported, and shared libraries are
-looked for there while some wheels are loaded. Importing this module takes the folder off the path;
-`elsewhere` is where libraries are imported. What PYTHONPATH names by a word of its own (`.` too) stays: it is
-the user's. What Python itself imports before this module is out of reach: `sitecustomize`, and what starts
-the command.
+Python puts the current folder first on its path under -c and -m; Matplotlib reads a `matplotlibrc` there
+while it is imported, and shared libraries are looked for there while some wheels are loaded. Importing this
+module takes the folder off the path; `elsewhere` is where libraries are imported. What PYTHONPATH names
+stays: it is the user's.
 """
 
 import os
 import sys
-
-
-def leave_current_folder_off_the_path() -> None:
-    """Takes away the entry that -c or -m put first (in safe-path mode there is none), and those that empty
-    entries of PYTHONPATH put before Python's own library; what is installed comes after it, and stays.
-    """
-    standard_library = os.path.dirname(os.__file__)  # noqa: PTH120 - pathlib may not be ours yet
-    end = sys.path.index(standard_library) if standard_library in sys.path else len(sys.path)
-    first = 0 if sys.flags.safe_path else 1
-    named = _names_here("" if sys.flags.ignore_environment else os.environ.get("PYTHONPATH", ""))
-    sys.path[:] = [
-        entry
-        for place, entry in enumerate(sys.path)
-        if place >= end or (named and place >= first) or not _is_here(entry)
-    ]
-
-
-def _names_here(path: str) -> bool:
-    return any(entry and _is_here(entry) for entry in path.split(os.pathsep))
 
 
 def _is_here(entry: str) -> bool:
@@ -38,7 +17,9 @@ def _is_here(entry: str) -> bool:
         return False
 
 
-leave_current_folder_off_the_path()
+_named = "" if sys.flags.ignore_environment else os.environ.get("PYTHONPATH", "")
+if not sys.flags.safe_path and _is_here(sys.path[0]) and not any(map(_is_here, _named.split(os.pathsep))):
+    del sys.path[0]
 
 import gc  # noqa: E402 - from here on imports are Python's own
 import importlib  # noqa: E402
@@ -46,9 +27,7 @@ from collections.abc import Iterator  # noqa: E402
 from contextlib import contextmanager  # noqa: E402
 from pathlib import Path  # noqa: E402
 
-from pipeline.address_space import LIBRARIES_MIB, lacking, numerical_threads  # noqa: E402
 from pipeline.interruption import ends_at_once  # noqa: E402
-from pipeline.problem import BatchRefused, Problem  # noqa: E402
 
 
 def load(*libraries: str) -> None:
@@ -62,15 +41,7 @@ def library_path() -> str | None:
 
     OpenCV, once imported, leaves one to every program that is started afterwards.
     """
-    return _without_empty(os.environ.get("LD_LIBRARY_PATH", ""))
-
-
-def python_path() -> str | None:
-    """PYTHONPATH likewise: a worker's Python looks there for the standard library's modules."""
-    return _without_empty(os.environ.get("PYTHONPATH", ""))
-
-
-def _without_empty(path: str) -> str | None:
+    path = os.environ.get("LD_LIBRARY_PATH", "")
     return os.pathsep.join(entry for entry in path.split(os.pathsep) if entry) or None
 
 
@@ -92,11 +63,8 @@ def uncollected() -> Iterator[None]:
 def elsewhere() -> Iterator[None]:
     """Inside the block the current folder is the package's own; libraries are not looked for in it after.
 
-    Libraries are loaded in it: an interruption ends the process there and then (`ends_at_once`). Raises
-    BatchRefused where the limit of address space is too low for the smallest command.
+    Libraries are loaded in it: an interruption ends the process there and then (`ends_at_once`).
     """
-    if said := lacking(LIBRARIES_MIB, threads=numerical_threads()):
-        raise BatchRefused([Problem("this machine", said)])
     try:
         with ends_at_once(), _elsewhere(), uncollected():
             yield

@@ -1,8 +1,8 @@
 """Where the command `drupe` begins: an early Ctrl-C and too little memory to load it are one line each."""
 
-import pipeline.early_end
+import pipeline.interruption
 
-pipeline.early_end.begin()
+pipeline.interruption.begin()
 
 import sys  # noqa: E402
 
@@ -18,7 +18,7 @@ if sys.platform == "win32":
 import pipeline.safe_start  # noqa: E402 - before all others: the current folder may be a stranger's
 
 # isort: split
-from pipeline.address_space import is_lack_of_memory, too_little_memory  # noqa: E402
+from pipeline.lack_of_memory import is_lack_of_memory, too_little_memory  # noqa: E402
 from pipeline.library_output import native_apart  # noqa: E402
 
 

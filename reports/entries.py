@@ -225,7 +225,7 @@ class ReferenceBodyEntry:
     ratio: float
     ratio_sd: float
     history: tuple[RatioPoint, ...] = ()
-    """The body's points of the control chart, oldest first, this batch's among them."""
+    """The body's points of the control chart of `drupe history`, oldest first."""
 
 
 @dataclass(frozen=True, kw_only=True)

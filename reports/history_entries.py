@@ -1,4 +1,4 @@
-"""What the page of a history is told: lots over days, reference bodies, conversions."""
+"""What the page of a history is told: lots over days and reference bodies."""
 
 from __future__ import annotations
 
@@ -80,15 +80,6 @@ class SeriesEntry:
         """
         lot = f"lot {self.lot}" if self.lot else "without a lot"
         return f"{' '.join(filter(None, (self.category, self.cultivar)))}, {lot}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class ConversionEntry:
-    """A kept conversion to another instrument's reading, as a sentence; `used` where this page applies it."""
-
-    title: str
-    words: str
-    used: bool = False
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -202,7 +193,6 @@ class HistoryEntry:
     series: tuple[SeriesEntry, ...]
     bodies: tuple[ReferenceBodyEntry, ...] = ()
     alarms: tuple[str, ...] = ()
-    conversions: tuple[ConversionEntry, ...] = ()
     groups: tuple[GroupEntry, ...] = ()
     comparisons: tuple[str, ...] = ()
     gauges: tuple[GaugeEntry, ...] = ()

@@ -29,7 +29,7 @@ from reports.batch_overview import (
     reason_words,
     share_words,
 )
-from reports.charts import control_chart, script_json
+from reports.charts import script_json
 from reports.charts_fruit import fruit_charts
 from reports.entries import OR, BatchEntry, FruitEntry, Picture, without_references
 from reports.html_templates import CHARTS, charted_page, page_environment
@@ -62,7 +62,7 @@ _EXIT_STATUS = {
 """Words for the exit statuses of `drupe grade` (docs/how-to/grade-a-batch.md)."""
 
 
-_FILTERS = (advice, class_words, control_chart, p_words, reason_words, remarks, share_words)
+_FILTERS = (advice, class_words, p_words, reason_words, remarks, share_words)
 """Functions that the template calls by their names."""
 
 

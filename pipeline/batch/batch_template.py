@@ -81,7 +81,6 @@ category = "{category}"              # {known}, or a file of your own
 
 # [reference]                        # where a row of fruits.csv is a body of known modulus
 # correct = false                    # divide every E by what the body shows
-# chart = "control-chart.csv"        # to which each batch adds what was read
 
 # [[mismatch]]                       # an effect that is confirmed; `drupe explain --apply` writes it
 # effect = "viscoelastic"

@@ -68,8 +68,7 @@ class EarlierBatch:
             yield f"confirmed effects ({names}): drupe copies none; run `drupe explain` on the new fruit"
         for path in filter(self._leaves, self._named_files()):
             yield f"{path}: is a link to a file outside {self.root}, which drupe does not copy"
-        chart = settings.reference.chart
-        for name in (settings.category, settings.pit.prior, settings.rig, chart):
+        for name in (settings.category, settings.pit.prior, settings.rig):
             if name and (".." in Path(name).parts or Path(name).is_absolute()):
                 place = (batch / name).resolve()
                 if place != (self.root / name).resolve():

@@ -1,36 +1,20 @@
 """Where things lie in a batch and in its results."""
 
-import os
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Iterable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pipeline.batch.input_names import RECORDINGS, is_of_the_system, names_in, ready_mesh, reserved
-from pipeline.files.manifest import (
-    LIST_LOCK,
-    claim,
-    enter,
-    is_claimed,
-    is_ours,
-    remove,
-    strange_list,
-    writing_alone,
-)
-from pipeline.files.whole_file import MARK, put, sweep
+from pipeline.files.manifest import claim, enter, remove, writing_alone
+from pipeline.files.whole_file import put, sweep
 from recon.cameras.photos import SUFFIXES, photo_paths
 from recon.cameras.unused_photos import unused_photos
 from tactile.io.raw_grasp import files_of
 from tactile.io.recording import is_of_bare_indenter
 
-PARTS = ("photos", "photos-flipped", "grasps")
-"""Folders in a fruit's folder."""
-INPUTS = ("batch.toml", "fruits.csv", "case.toml", "mat.json")
-"""Files of a batch or a case."""
 CACHE_FILE = re.compile(r"[^/]+\.(npz|h5|json|part)")
 """What stages keep."""
 
@@ -241,24 +225,12 @@ class FruitResults:
     def claim(self) -> None:
         """Begins the list of what is written here; nothing that is not on it is ever replaced or removed."""
         claim(self.root)
-        claim(self.cache)
 
     def forget(self) -> None:
         """Removes what an earlier run wrote, record first: no file stands beside a record not its own."""
         for path in self.files:
             if path != self.mismatch:
                 remove(path)
-
-    def in_the_way(self) -> Iterator[Path]:
-        """What stands where a result would be written, and is not drupe's, or no longer what drupe wrote."""
-        if not _stands(self.root):
-            return
-        yield from (path for path in (*self.files, self.cache) if path.is_symlink())
-        yield from strange_list(self.root)
-        yield from (path for path in self.files if _stands(path) and not is_ours(path))
-        unknown = not is_claimed(self.cache) and not _holds_stages(self.cache)
-        if unknown and not self.cache.is_symlink():
-            yield self.cache
 
     def sweep(self) -> None:
         """Removes unfinished files of killed runs."""
@@ -309,26 +281,6 @@ class Results:
         """Begins the list of what is written here."""
         claim(self.root)
 
-    def in_the_way(self, tables: Iterable[Path] = ()) -> Iterator[Path]:
-        """What stands where the batch's own results would be written, and is not drupe's. `tables`: those of
-        `tables_on_request` that are asked for.
-        """
-        yield from strange_list(self.root)
-        written = (*self.files, self.run, *tables)
-        yield from (path for path in written if _stands(path) and not is_ours(path))
-
-    def inputs_inside(self) -> Iterator[Path]:
-        """What shows that this is a batch or a case, and no folder of results."""
-        for name in names_in(self.root):
-            if name.lower() in INPUTS or Path(name).suffix.lower() in RECORDINGS:
-                yield self.root / name
-        yield from photo_paths(self.root)
-        names = [str(self.root)]
-        with suppress(OSError), os.scandir(reserved(self.root, "fruits")) as entries:
-            names += [entry.path for entry in entries]
-        inside = (f"{name}/{part}" for name in names for part in PARTS)
-        yield from (Path(part) for part in inside if os.path.exists(part))  # noqa: PTH110 - of thousands
-
     def fruit(self, fruit_id: str) -> FruitResults:
         """The results of one fruit."""
         return FruitResults(self.root / "fruits" / fruit_id)
@@ -349,13 +301,3 @@ def write_whole(path: Path, content: bytes | str) -> None:
 
 def _stands(path: Path) -> bool:
     return path.is_symlink() or path.exists()
-
-
-def _holds_stages(cache: Path) -> bool:
-    """Whether nothing else is in it but what a run leaves that was killed as it began the list; also where
-    there is no such folder.
-    """
-    if not cache.is_dir():
-        return not _stands(cache)
-    names = [path.name for path in cache.iterdir()]
-    return all(CACHE_FILE.fullmatch(name) or MARK in name or name == LIST_LOCK for name in names)

@@ -9,10 +9,9 @@ from typing import TypeVar
 
 from pydantic import ValidationError
 
-from pipeline.batch.control_chart import chart_path, read_chart
 from pipeline.batch.fruits_table import FruitRow, read_fruits
 from pipeline.batch.layout import BatchFolder, FruitFolder
-from pipeline.batch.plausible_numbers import TableColumns, grading_doubts, kind_of, table_doubts
+from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doubts
 from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import rig_problems
 from pipeline.batch.settings import MOST_BYTES, NO_PIT, Grading, Recon, Settings, read_settings
@@ -166,7 +165,7 @@ def _implausible(
 ) -> list[Problem]:
     """Numbers that no batch of the category has: of batch.toml, and of whole columns of fruits.csv."""
     kind = kind_of(category)
-    columns = table_doubts(TableColumns(rows or ()), kind).values()
+    columns = table_doubts(rows or (), kind).values()
     said = [(folder.settings, sentence) for sentence in grading_doubts(grading, kind)]
     said += [(folder.table, sentence) for sentence in columns]
     hint = "If the value is right, run `drupe grade --force`."
@@ -234,15 +233,9 @@ def own_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
 
 
 def named_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
-    """Every file that the settings name: category, pit, rig, model of the geometry, control chart where it
-    may lie (else `survey` says so).
-    """
-    model, chart = settings.recon.geometry_model, settings.reference.chart
-    files = [*own_files(folder, settings), *([folder.root / model] if model else [])]
-    if chart:
-        with suppress(BatchRefused):
-            files.append(chart_path(folder, chart))
-    return tuple(files)
+    """Every file that the settings name: category, pit, rig, model of the geometry."""
+    model = settings.recon.geometry_model
+    return (*own_files(folder, settings), *([folder.root / model] if model else []))
 
 
 def _is_file(named: str) -> bool:
@@ -322,8 +315,6 @@ def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, .
             "the column reference of its row, or remove the line."
         )
         problems.append(Problem(str(folder.settings), sentence))
-    if (chart := settings.reference.chart) is not None:
-        _gather(problems, lambda: read_chart(chart_path(folder, chart)))
     for row in rows or ():
         if not row.reference:
             continue

@@ -10,9 +10,9 @@ import tempfile
 from enum import Enum
 from pathlib import Path
 
-from pipeline.address_space import is_lack_of_memory
 from pipeline.files.plain_file import printable
 from pipeline.files.whole_file import MACHINE_FAULTS, NotWritten
+from pipeline.lack_of_memory import is_lack_of_memory
 
 
 class Outcome(Enum):

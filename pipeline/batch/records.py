@@ -221,9 +221,6 @@ class FruitRecord(_Record):
     strangers: dict[str, bool] = {}
     """Other fruit that recordings of this one name, and whether the batch had them then: what is used, and
     what is doubted, depends on it."""
-    graded_before: bool = False
-    """Whether a run refused the fruit's numbers that an earlier one had graded: `modulus` and files are that
-    one's, and hold again when the numbers are right or forced."""
     seconds: dict[str, float] = {}
     peak_memory_MiB: float | None = None
 

@@ -254,12 +254,10 @@ class TemperatureSettings(Strict):
 
 class ReferenceSettings(Strict):
     """What is done where reference bodies (fruits.csv) show that the gripper reads another modulus than
-    theirs: `correct` divides every fruit's E by the ratio; without it every E is in doubt. `chart` names the
-    CSV, relative to the batch, to which each batch adds what was read.
+    theirs: `correct` divides every fruit's E by the ratio; without it every E is in doubt.
     """
 
     correct: bool = False
-    chart: Name | None = None
 
 
 class Settings(Strict):

@@ -62,23 +62,6 @@ def history(
             "least twice with each, must be the same fruit.",
         ),
     ] = None,
-    fit: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--fit",
-            metavar="SCALE",
-            help="Fit shore_oo or penetrometer_N against E for each cultivar, and store the fit as a "
-            "new version. Needs --store.",
-        ),
-    ] = None,
-    convert: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--convert",
-            metavar="SCALE[@N]",
-            help="Predict these readings in the table. drupe uses the newest stored fit, or version N.",
-        ),
-    ] = None,
     accept: Annotated[
         str,
         typer.Option(
@@ -160,8 +143,6 @@ def history(
         statistics=statistics,
         precision=precision / 100,
         gauge=tuple(gauge or ()),
-        fit=tuple(fit or ()),
-        convert=tuple(convert or ()),
         forget=tuple(forget or ()),
         oc=oc,
         quality=QualityWanted(

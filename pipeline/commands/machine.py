@@ -2,17 +2,12 @@
 
 import os
 
-from pipeline.address_space import GRADING_MIB, lacking, numerical_threads
-from pipeline.problem import BatchRefused, Problem, refused
+from pipeline.problem import BatchRefused, Problem
 from pipeline.system_libraries import missing_libraries
 
 
 def require_libraries() -> None:
-    """Raises BatchRefused where the limit of address space is too low for them, and with every system
-    library that native wheels load and that is missing.
-    """
-    if said := lacking(GRADING_MIB, threads=numerical_threads()):
-        raise refused("this machine", said)
+    """Raises BatchRefused with every system library that native wheels load and that is missing."""
     if missing := missing_libraries():
         raise BatchRefused([Problem("this machine", sentence) for sentence in missing])
 

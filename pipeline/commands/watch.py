@@ -114,18 +114,18 @@ def watch(
             results=Results(place),
             language=language,
             show=server.show,
-            kept=watching.graded.judged,
+            kept=watching.judged,
             logout=network is not None,
         )
         server.desk = desk
         try:
             status = watching.run()
         except KeyboardInterrupt:
-            unfinished = len(watching.graded.working)
+            unfinished = len(watching.working)
             fruit = "a fruit was" if unfinished == 1 else f"{unfinished} fruit were"
             goes_on = f"; {fruit} not finished. Run the same command again to continue." if unfinished else ""
             typer.echo(f"drupe: stopped{goes_on}", err=True)
             status = watching.stop()
-    if not quiet and watching.graded.reported is not None:
-        print_summary(watching.graded.reported, place, console=Console())
+    if not quiet and watching.reported is not None:
+        print_summary(watching.reported, place, console=Console())
     raise typer.Exit(status)

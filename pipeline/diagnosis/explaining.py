@@ -11,20 +11,18 @@ from typing import Any
 
 from fem.fem_failure import FemFailure
 from pipeline.batch.cache import file_hash
-from pipeline.batch.layout import CaseFolder, Results, write_whole
+from pipeline.batch.layout import CaseFolder, FruitResults, Results, write_whole
 from pipeline.batch.opening import Batch
 from pipeline.batch.outcome import FruitEnded
 from pipeline.batch.provenance import input_hashes, versions
 from pipeline.batch.results_lock import is_held, results_lock
 from pipeline.batch.scratch import scratch, temporary_files_in
 from pipeline.batch.write_guard import (
-    batch_trees,
     require_file_apart,
     require_free,
+    require_made_by_drupe,
     require_new_or_ours,
-    require_results_apart,
-    require_temporary_apart,
-    require_work_apart,
+    require_results_place,
 )
 from pipeline.diagnosis.apply_to_settings import applied
 from pipeline.diagnosis.diagnosed_case import Case, open_case
@@ -38,7 +36,7 @@ from pipeline.files.whole_file import put
 from pipeline.fruit.stage_log import StageLog
 from pipeline.problem import refused
 from pipeline.run.console import utc_now
-from pipeline.run.former_results import former_batch, identity, require_same_batch
+from pipeline.run.former_results import require_same_batch
 from pipeline.run.grading import read_files
 from recon.recon_failure import ReconFailure
 from reports.explain_entries import FORMAT, ExplainEntry
@@ -90,11 +88,11 @@ def explain(
             _require_apart(case, wanted)
             held, option = case.task.results.root, "--work"
         else:
-            require_temporary_apart(folder.parent, case.batch.folder)
             held, option = _require_apart_of_batch(case, case.batch, wanted), "--out"
             if wanted.out is not None and not Results(wanted.out).provenance.is_file():
                 report(f"{wanted.out} holds no results of drupe grade: drupe computes all stages again")
         with results_lock(held, option=option), _said_plainly():
+            Results(held).claim()
             case.task.results.claim()
             case.task.results.sweep()
             return _explained(case, wanted, report, jobs, now)
@@ -143,7 +141,8 @@ def _require_apart(case: Case, wanted: ExplainOutputs) -> None:
     """A case of its own: nothing is written into its folder or over what it reads."""
     folder, inputs = CaseFolder(case.task.folder.root), case.input_files()
     if wanted.work is not None:
-        require_work_apart(wanted.work, folder, inputs)
+        require_made_by_drupe(wanted.work, "--work", outside=[folder.root])
+        require_free(FruitResults(wanted.work).files, "--work")
     for target in (wanted.json, wanted.html):
         if target is not None:
             require_file_apart(target, inputs=inputs, folders=[folder.root])
@@ -154,16 +153,18 @@ def _require_apart_of_batch(case: Case, batch: Batch, wanted: ExplainOutputs) ->
     root = case.task.results.root.parents[1]
     results = Results(wanted.out or batch.folder.default_results)
     inputs, fruit = read_files(batch), results.fruit(case.name)
-    require_results_apart(results, batch.folder, inputs, "--out")
+    require_results_place(results.root, batch.folder, "--out")
     if not is_held(root):
-        require_free(results, [fruit], "--out")
-    if former_batch(results) is not None:
-        require_same_batch(results, identity(batch, input_hashes(batch.folder.root, inputs)), "--out")
+        require_free((*results.files, results.run, *fruit.files), "--out")
+    if results.provenance.is_file():
+        require_same_batch(results, batch, input_hashes(batch.folder.root, inputs), "--out")
     lists = (place / name for place in (results.root, fruit.root) for name in (MANIFEST, LIST_LOCK))
     result_files = (*results.files, results.lock, results.run, *fruit.files, *lists)
     for target in (wanted.json, wanted.html):
         if target is not None:
-            require_file_apart(target, inputs=inputs, folders=batch_trees(batch.folder), but_in=root)
+            require_file_apart(
+                target, inputs=inputs, folders=[batch.folder.root, batch.folder.fruits], but_in=root
+            )
             if any(_same(target, path) for path in result_files):
                 raise refused(target, "is a file of the results; give another name.")
     return root

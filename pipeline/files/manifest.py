@@ -10,12 +10,12 @@ import hashlib
 import json
 import os
 import stat
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from collections.abc import Iterable, Iterator
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
-from pipeline.files.lock_file import WAIT_S, locked_within, open_lock
+from pipeline.files.lock_file import WAIT_S, lock_of
 from pipeline.files.plain_file import NotReadable, json_of, read_text
 from pipeline.files.whole_file import NotWritten, put
 
@@ -46,11 +46,29 @@ def is_claimed(folder: Path) -> bool:
     return _read(folder) is not None
 
 
-def strange_list(folder: Path) -> Iterator[Path]:
-    """What stands where the list of `folder` would be, and is none."""
-    path = folder / MANIFEST
-    if (path.is_symlink() or path.exists()) and not is_claimed(folder):
-        yield path
+def listed_in(folder: Path) -> tuple[Path, ...]:
+    """The files that drupe wrote into `folder`, whether they are there still or not."""
+    return tuple(folder / name for name in _read(folder) or ())
+
+
+def in_the_way(targets: Iterable[Path]) -> Iterator[Path]:
+    """Of the places of files that drupe is to write: folders and files that are links, files that drupe did
+    not write or that were changed since, and what stands where a list would be and is none.
+    """
+    by_folder: dict[Path, list[Path]] = {}
+    for path in targets:
+        by_folder.setdefault(path.parent, []).append(path)
+    for folder, paths in by_folder.items():
+        if folder.is_symlink():
+            yield folder
+            continue
+        if not is_claimed(folder) and _stands(folder / MANIFEST):
+            yield folder / MANIFEST
+        yield from (path for path in paths if _stands(path) and not is_ours(path))
+
+
+def _stands(path: Path) -> bool:
+    return path.is_symlink() or path.exists()
 
 
 def json_in(path: Path) -> Any:
@@ -95,19 +113,11 @@ def writing_alone(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    try:
-        lock = open_lock(folder / LIST_LOCK)
-    except OSError:
-        lock = None
-    try:
-        if lock is not None:
-            locked_within(
-                lock, WAIT_S
-            )  # after that the file is written: a stopped process holds up nobody for good
+    """After WAIT_S the file is written all the same: a stopped process holds up nobody for good."""
+    with ExitStack() as stack:
+        with suppress(OSError):
+            stack.enter_context(lock_of(folder / LIST_LOCK, wait_s=WAIT_S))
         yield
-    finally:
-        if lock is not None:
-            os.close(lock)
 
 
 def is_ours(path: Path) -> bool:
@@ -126,7 +136,7 @@ def why_damaged(path: Path) -> str:
     """Why a file in a folder with a list does not hold what drupe wrote there, a sentence without its end;
     empty where it does, and where the folder has no list (of an earlier version, or copied without it).
     """
-    if next(strange_list(path.parent), None) is not None:
+    if not is_claimed(path.parent) and _stands(path.parent / MANIFEST):
         return f"cannot be checked: {MANIFEST} beside it, with the SHA-256 of what drupe wrote, is damaged"
     listed = _read(path.parent)
     if listed is None or (_is_plain(path) and _hash(path) in listed.get(path.name, [])):
@@ -142,7 +152,7 @@ def enter(path: Path, data: bytes) -> None:
     if listed is None:
         return
     present = []
-    if path.is_symlink() or path.exists():
+    if _stands(path):
         if not is_ours(path):
             raise NotOurs(path, OSError(errno.EEXIST, os.strerror(errno.EEXIST)))
         present = [_hash(path)]

@@ -1,19 +1,17 @@
 """History as tables: a row per fruit and day, and a row per lot, day and class with its statistics."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from itertools import groupby
 
 import pandas as pd
 
 from pipeline.history.lot_statistics import PERCENTILES, class_ranges, lot_statistics, share_outside
-from pipeline.history.scale_conversion import ScaleConversion
 from pipeline.history.stored_batch import StoredBatch, StoredFruit
 
 COLUMNS = (
     "measured_on", "category", "cultivar", "lot", "fruit_id", "E_MPa", "E_sd_MPa", "doubted",
     "reference_E_MPa", "shore_oo", "penetrometer_N",
 )  # fmt: skip
-"""Of every table; a conversion adds SCALE_predicted, SCALE_low, SCALE_high (90 %) and SCALE_version."""
 BATCH_COLUMNS = (
     "orchard", "operator", "gripper", "gripper_serial", "sensor", "sensor_serial", "calibration",
 )  # fmt: skip
@@ -21,27 +19,20 @@ MORE_COLUMNS = (
     "maturity", "grasps", "batch", "revision", "graded_utc", "harvest_date", "temperature_C", *BATCH_COLUMNS,
     "calibrated_on",
 )  # fmt: skip
-"""Behind those of conversions; the user's own are last."""
+"""The user's own follow."""
 STATISTICS_COLUMNS = (
     "measured_on", "category", "cultivar", "lot", "grippers", "n", "mean_E_MPa", "sd_E_MPa",
     *(f"p{share}_E_MPa" for share in PERCENTILES), "n_needed", "precision", "maturity", "share_outside",
     "share_outside_low", "share_outside_high",
 )  # fmt: skip
-Group = tuple[str, str]
 
 
-def fruit_table(batches: Sequence[StoredBatch], conversions: Mapping[Group, ScaleConversion]) -> pd.DataFrame:
-    """Oldest day first. `conversions`: by scale and group, those that were asked for."""
-    scales = sorted({scale for scale, _ in conversions})
-    added = [f"{scale}_{part}" for scale in scales for part in ("predicted", "low", "high", "version")]
-    names = [*COLUMNS, *added, *MORE_COLUMNS]
+def fruit_table(batches: Sequence[StoredBatch]) -> pd.DataFrame:
+    """Oldest day first."""
     of_user = (name for batch in batches for fruit in batch.fruit for name in fruit.columns)
-    names = list(dict.fromkeys([*names, *of_user]))
+    names = list(dict.fromkeys([*COLUMNS, *MORE_COLUMNS, *of_user]))
     rows = [
-        fruit.columns
-        | _of_batch(batch)
-        | _of_fruit(batch, fruit)
-        | _predictions(batch, fruit, conversions, scales)
+        fruit.columns | _of_batch(batch) | _of_fruit(batch, fruit)
         for batch in batches
         for fruit in batch.fruit
     ]
@@ -76,26 +67,6 @@ def _of_fruit(batch: StoredBatch, fruit: StoredFruit) -> dict[str, object]:
         "maturity": next(maturity, None) if fruit.E_known_MPa is None else None,
         "grasps": len(fruit.grasps),
     }
-
-
-def _predictions(
-    batch: StoredBatch,
-    fruit: StoredFruit,
-    conversions: Mapping[Group, ScaleConversion],
-    scales: Iterable[str],
-) -> dict[str, object]:
-    cells: dict[str, object] = {}
-    for scale in scales if fruit.E_known_MPa is None else ():
-        conversion = conversions.get((scale, batch.group))
-        if conversion is not None and (predicted := conversion.predicted(fruit.E_MPa)) is not None:
-            middle, half = predicted
-            cells |= {
-                f"{scale}_predicted": round(middle, 2),
-                f"{scale}_low": round(middle - half, 2),
-                f"{scale}_high": round(middle + half, 2),
-                f"{scale}_version": conversion.version,
-            }
-    return cells
 
 
 def statistics_table(batches: Sequence[StoredBatch], *, precision: float) -> pd.DataFrame:

@@ -1,25 +1,22 @@
 """`drupe history`: results of many days read, kept in a store, and written as a page and a table."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import partial
 from pathlib import Path
 
-from pipeline.batch.provenance import utc_text
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
 from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
 from pipeline.history.acceptance_plans import OC_COLUMNS
 from pipeline.history.appraisers import APPRAISERS, gauge_entry
 from pipeline.history.firmness_relation import with_firmness
-from pipeline.history.history_store import HistoryStore
 from pipeline.history.history_table import COLUMNS, STATISTICS_COLUMNS, fruit_table, statistics_table
 from pipeline.history.lot_database import history_store
 from pipeline.history.lot_history import PRECISION, history_entry
 from pipeline.history.lot_quality import QualityWanted, characteristics, lots_quality, quality_lines
-from pipeline.history.scale_conversion import NotFitted, ScaleConversion, fitted_conversion
-from pipeline.history.stored_batch import SCALES, StoredBatch, stored_batch
+from pipeline.history.stored_batch import stored_batch
 from pipeline.history.table_file import require_format, starts_with, table_bytes
 from pipeline.problem import refused
 from reports.history_entries import GaugeEntry, HistoryEntry
@@ -32,11 +29,9 @@ MOST_BYTES = 100_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class HistoryWanted:
-    """What is asked for. `fit`: scales whose conversions are fitted anew and kept; `convert`: a scale whose
-    readings are predicted, "shore_oo" by the last version or "shore_oo@2". `forget`: batches, lots or fruit
-    that the store is to forget. `export`: a table of fruit; `statistics`: one of lots, with the fruit that
-    their means need for `precision` (a share). `gauge`: "gripper", "sensor" or both. `oc`: a table of the
-    operating characteristics of sampling plans.
+    """What is asked for. `forget`: batches, lots or fruit that the store is to forget. `export`: a table of
+    fruit; `statistics`: one of lots, with the fruit that their means need for `precision` (a share). `gauge`:
+    "gripper", "sensor" or both. `oc`: a table of the operating characteristics of sampling plans.
     """
 
     store: Path | None = None
@@ -45,8 +40,6 @@ class HistoryWanted:
     statistics: Path | None = None
     precision: float = PRECISION
     gauge: tuple[str, ...] = ()
-    fit: tuple[str, ...] = ()
-    convert: tuple[str, ...] = ()
     forget: tuple[str, ...] = ()
     oc: Path | None = None
     quality: QualityWanted = field(default_factory=QualityWanted)
@@ -54,7 +47,7 @@ class HistoryWanted:
 
 @dataclass(frozen=True, kw_only=True)
 class HistoryMade:
-    """The page's entry, how many batches are new, and what is to be said of conversions."""
+    """The page's entry, how many batches are new, and what is to be said of studies and plans."""
 
     entry: HistoryEntry
     new: int
@@ -74,22 +67,17 @@ def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) 
         batches = store.batches()
         if not batches:
             raise refused(str(wanted.store or COMMAND), "contains no batch yet; name results folders.")
-        said = [line for scale in wanted.fit for line in _fitted(store, scale, batches, now)]
-        used = [fit for text in wanted.convert for fit in _asked(store, text, batches)]
         studies = [gauge_entry(batches, kind) for kind in wanted.gauge]
         quality, relations = lots_quality(batches, wanted.quality)
         entry = history_entry(
             batches,
-            conversions=store.conversions(),
-            used=used,
             gauges=[study for study in studies if isinstance(study, GaugeEntry)],
             precision=wanted.precision,
             now=now,
         )
         entry = replace(entry, quality=quality)
     if wanted.export is not None:
-        fruit = fruit_table(batches, {(fit.scale, fit.group): fit for fit in used})
-        fruit = with_firmness(fruit, batches, relations)
+        fruit = with_firmness(fruit_table(batches), batches, relations)
         put(wanted.export, table_bytes(fruit, wanted.export.suffix.lower()))
     if wanted.statistics is not None:
         lots = statistics_table(batches, precision=wanted.precision)
@@ -98,12 +86,8 @@ def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) 
         put(wanted.oc, table_bytes(characteristics(quality), wanted.oc.suffix.lower()))
     if wanted.html is not None:
         put(wanted.html, history_html(entry).encode())
-    said += [f"{study}." if isinstance(study, str) else f"{study.words}." for study in studies]
+    said = [f"{study}." if isinstance(study, str) else f"{study.words}." for study in studies]
     said += quality_lines(quality)
-    said += [
-        f"version {fit.version} predicts {fit.scale} of {fit.group}, fitted {fit.fitted_utc[:10]}."
-        for fit in used
-    ]
     return HistoryMade(entry=entry, new=new, said=tuple(said))
 
 
@@ -114,7 +98,7 @@ def forget_named(outs: Sequence[Path], wanted: HistoryWanted, *, dry_run: bool) 
     if not wanted.forget:
         raise refused(COMMAND, "--dry-run shows the effect of --forget; add --forget.")
     pages = wanted.html or wanted.export or wanted.statistics or wanted.oc
-    if outs or pages or wanted.fit or wanted.convert or wanted.quality != QualityWanted():
+    if outs or pages or wanted.quality != QualityWanted():
         raise refused(COMMAND, "--forget allows only --store and --dry-run; write page and table afterwards.")
     if wanted.store is None or not wanted.store.exists():
         raise refused(str(wanted.store or COMMAND), "--forget needs a store; name it with --store.")
@@ -123,63 +107,14 @@ def forget_named(outs: Sequence[Path], wanted: HistoryWanted, *, dry_run: bool) 
     return [f"{'would forget' if dry_run else 'forgotten'}: {line}" for line in lines]
 
 
-def _fitted(store: HistoryStore, scale: str, batches: Sequence[StoredBatch], now: datetime) -> Iterator[str]:
-    """Fits conversions of one scale for every cultivar that has enough fruit, and keeps them as new versions;
-    in words.
-    """
-    for group in sorted({batch.group for batch in batches}):
-        pairs = [
-            (fruit.E_MPa, reading)
-            for batch in batches
-            if batch.group == group
-            for fruit in batch.fruit
-            if fruit.fitted and (reading := getattr(fruit, scale)) is not None
-        ]
-        versions = [fit.version for fit in store.conversions() if (fit.scale, fit.group) == (scale, group)]
-        try:
-            fit = fitted_conversion(
-                [E for E, _ in pairs],
-                [reading for _, reading in pairs],
-                scale=scale,
-                group=group,
-                version=max(versions, default=0) + 1,
-                fitted_utc=utc_text(now),
-            )
-        except NotFitted as reason:
-            yield f"{scale}, {group}: not fitted: {reason}."
-            continue
-        store.add_conversion(fit)
-        yield f"{scale}, {group}: drupe fitted version {fit.version} to {fit.fruit} fruit and stored it."
-
-
-def _asked(store: HistoryStore, text: str, batches: Sequence[StoredBatch]) -> list[ScaleConversion]:
-    """The conversion of every cultivar; the version named, or the last one. Raises BatchRefused."""
-    scale, _, version = text.partition("@")
-    last = {
-        fit.group: fit
-        for fit in store.conversions()
-        if fit.scale == scale and version in ("", str(fit.version))
-    }
-    if not last:
-        known = ", ".join(f"{fit.scale}@{fit.version} ({fit.group})" for fit in store.conversions())
-        sentence = f'contains no conversion "{text}" ({known or "it has none"}); fit one with --fit {scale}.'
-        raise refused(str(store.path or COMMAND), sentence)
-    return [last[group] for group in sorted({batch.group for batch in batches}) if group in last]
-
-
 def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
     if not outs and wanted.store is None:
         raise refused(COMMAND, "needs results folders, or a store with --store.")
-    for text in (*wanted.fit, *(text.partition("@")[0] for text in wanted.convert)):
-        if text not in SCALES:
-            raise refused(COMMAND, f'drupe knows no scale "{text}"; known: {", ".join(SCALES)}.')
     if unknown := [kind for kind in wanted.gauge if kind not in APPRAISERS]:
         raise refused(COMMAND, f'--gauge: found "{unknown[0]}", expected {" or ".join(APPRAISERS)}.')
     if not 0 < wanted.precision <= 1:
         percent = f"{100 * wanted.precision:g}"
         raise refused(COMMAND, f"--precision: found {percent}, expected per cent of the mean, 0 to 100.")
-    if wanted.store is None and wanted.fit:
-        raise refused(COMMAND, "--fit stores its result; name a store with --store.")
     if wanted.oc is not None and not wanted.quality.accept:
         raise refused(COMMAND, "--oc writes the curve of a sampling plan; add --accept CLASS.")
     for table, option in (

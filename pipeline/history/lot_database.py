@@ -1,7 +1,7 @@
 """The file of `drupe history --store`: an SQLite database with the tables of `migrations`.
 
 It is the user's to name and drupe's alone to write: another file, or another program's database, is refused.
-Alembic brings a store of an earlier version to today's tables. Revisions are only added; `--forget` alone
+Alembic brings a store of an earlier version to today's tables. Results are only added; `--forget` alone
 removes rows. A run locks the database from reading to writing, and others wait for it.
 """
 
@@ -20,8 +20,7 @@ from sqlalchemy.exc import DatabaseError, OperationalError
 from sqlalchemy.pool import NullPool
 
 from pipeline.files.plain_file import not_plain
-from pipeline.history.history_store import DamagedRow, HistoryStore
-from pipeline.history.lot_rows import read_store, write_store
+from pipeline.history.history_store import HistoryStore, read_store
 from pipeline.problem import BatchRefused, Problem, refused
 
 APPLICATION = 0x44525550
@@ -37,8 +36,8 @@ def history_store(
     """The store at `path`, made where there is none; one in memory where `path` is None.
 
     What is added in the block is kept when it ends, and nothing of it where it raises. Raises BatchRefused
-    where a file stands there that is no store of drupe's, and with every row that is damaged, unless
-    `damaged_too`: then sound rows are there, and damaged ones can be forgotten. `read_only`: nothing is kept.
+    where a file stands there that is no store of drupe's, and with every batch that is damaged, unless
+    `damaged_too`: then these can be forgotten. `read_only`: nothing is kept.
     """
     new = path is None or not path.exists() or path.stat().st_size == 0
     if path is not None and (why := _no_place(path)):
@@ -50,12 +49,9 @@ def history_store(
     try:
         with engine.connect() as connection:
             _bring_up_to_date(connection, path, new=new)
-            stored = read_store(connection, path)
-            _require_sound(stored, damaged_too=damaged_too)
+            stored = _sound_store(connection, path, damaged_too=damaged_too)
             yield stored
             if not read_only:
-                _require_sound(stored, damaged_too=False)
-                write_store(connection, stored)
                 connection.commit()
     except OperationalError as error:
         raise _unfit(path, f"is not writable ({error.orig})") from None
@@ -96,33 +92,32 @@ def _bring_up_to_date(connection: Connection, path: Path | None, *, new: bool) -
     config.set_main_option("script_location", "pipeline.history:migrations")
     config.attributes["connection"] = connection
     script = ScriptDirectory.from_config(config)
-    steps = {step.revision for step in script.walk_revisions()}
     stands_at = MigrationContext.configure(connection).get_current_revision()
     if not new and stands_at is None:
         raise _unfit(
             path, "comes from a development version of drupe; create a new store from the results folders"
         )
-    if not new and stands_at not in steps:
+    if not new and stands_at not in {step.revision for step in script.walk_revisions()}:
         raise _unfit(
             path, f'comes from another version of drupe (its tables are "{stands_at}"); update drupe'
         )
     if stands_at != script.get_current_head():
         command.upgrade(config, "head")
-    if stands_at is None:
-        write_store(connection, HistoryStore(path=path))
 
 
-def _require_sound(stored: HistoryStore, *, damaged_too: bool) -> None:
-    """Raises BatchRefused with a problem for each damaged row, and what removes it."""
+def _sound_store(connection: Connection, path: Path | None, *, damaged_too: bool) -> HistoryStore:
+    """The store; raises BatchRefused with a problem for each damaged batch, and what removes it."""
+    try:
+        stored = read_store(connection, path)
+    except (ValueError, TypeError, KeyError) as error:
+        raise _unfit(path, f"is damaged ({type(error).__name__})") from None
     if stored.damaged and not damaged_too:
-        raise BatchRefused(Problem(str(stored.path), _how_to_mend(row)) for row in stored.damaged)
-
-
-def _how_to_mend(row: DamagedRow) -> str:
-    if not row.batch:
-        return f"{row.words}; create a new store from the results folders, or use a backup of this one."
-    named = f"{row.batch}/{row.fruit_id}" if row.fruit_id else row.batch
-    return (
-        f"{row.words} is damaged (its SHA-256 differs); remove it with --forget {named}, then add its "
-        "results folder again."
-    )
+        raise BatchRefused(
+            Problem(
+                str(path),
+                f"batch {name} is damaged (its SHA-256 differs); remove it with --forget {name}, then add "
+                "its results folder again.",
+            )
+            for name in sorted(stored.damaged)
+        )
+    return stored

@@ -1,4 +1,4 @@
-"""Batches of many days as the entries of one page: lots, reference bodies, conversions."""
+"""Batches of many days as the entries of one page: lots and reference bodies."""
 
 import math
 from collections import defaultdict
@@ -9,17 +9,14 @@ from itertools import groupby
 import numpy as np
 from scipy.stats import norm
 
-from pipeline.batch.control_chart import out_of_control
 from pipeline.history.appraisers import comparisons, gripper_of
 from pipeline.history.lot_groups import lot_groups
-from pipeline.history.lot_statistics import class_ranges, lot_statistics, share_outside
-from pipeline.history.scale_conversion import ScaleConversion
+from pipeline.history.lot_statistics import class_ranges, lot_statistics, out_of_control, share_outside
 from pipeline.history.softening import COVERAGE, FARTHEST, Softening, reached, softening_of
 from pipeline.history.stored_batch import StoredBatch, StoredFruit
 from pipeline.problem import listed
 from reports.entries import RatioPoint, ReferenceBodyEntry
 from reports.history_entries import (
-    ConversionEntry,
     DayEntry,
     GaugeEntry,
     HistoryEntry,
@@ -56,18 +53,15 @@ SEVERAL_LIMITS = "the batches of this lot have different class limits; drupe use
 def history_entry(
     batches: Sequence[StoredBatch],
     *,
-    conversions: Sequence[ScaleConversion],
-    used: Iterable[ScaleConversion] = (),
     gauges: Iterable[GaugeEntry] = (),
     precision: float = PRECISION,
     now: datetime,
 ) -> HistoryEntry:
-    """All that the page says. `used`: the conversions that were asked for."""
+    """All that the page says."""
     by_series: dict[tuple[str, str, str], list[StoredBatch]] = defaultdict(list)
     for batch in sorted(batches, key=lambda batch: (batch.measured, batch.graded_utc)):
         by_series[batch.series].append(batch)
     bodies = _bodies(batches)
-    asked = set(used)
     series = tuple(
         series_entry(of_lot, precision=precision)
         for _, of_lot in sorted(by_series.items())
@@ -79,9 +73,6 @@ def history_entry(
         series=series,
         bodies=bodies,
         alarms=tuple(_alarms(bodies)),
-        conversions=tuple(
-            _conversion_entry(conversion, used=conversion in asked) for conversion in conversions
-        ),
         groups=tuple(lot_groups(series)),
         comparisons=tuple(comparisons(batches)),
         gauges=tuple(gauges),
@@ -293,18 +284,3 @@ def _alarms(bodies: Sequence[ReferenceBodyEntry]) -> Iterable[str]:
         z = np.array([math.log(point.ratio) * point.ratio / point.sd for point in body.history])
         if said := out_of_control(z):
             yield f"{body.fruit_id}: {said}. Check the sensor before you grade the next batch."
-
-
-def _conversion_entry(fit: ScaleConversion, *, used: bool) -> ConversionEntry:
-    middle = fit.predicted(math.exp(fit.mean_ln_E))
-    half = middle[1] if middle else math.nan
-    line = f"{fit.intercept:.4g} {'+' if fit.slope >= 0 else '-'} {abs(fit.slope):.4g} ln(E / MPa)"
-    return ConversionEntry(
-        title=f"{fit.scale}, {fit.group}, version {fit.version}",
-        words=(
-            f"{fit.scale} = {line}; 90 % of further fruit lie within ± {half:.2g}. Fitted "
-            f"{fit.fitted_utc[:10]} to {fit.fruit} fruit of {fit.E_low_MPa:.3g} to "
-            f"{fit.E_high_MPa:.3g} MPa."
-        ),
-        used=used,
-    )

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+from jaxtyping import Float
 from scipy.stats import binomtest, ttest_ind
 from scipy.stats import t as student
 
@@ -20,6 +21,8 @@ from reports.history_entries import DifferenceEntry
 
 PERCENTILES = (10, 25, 50, 75, 90)
 """Of the fruit of a lot, in per cent: a tenth at either end, quartiles and the median."""
+FAR_SD, NEAR_SD = 3.0, 2.0
+"""Action and warning limits of a Shewhart chart (Montgomery, Introduction to Statistical Quality Control)."""
 MOST_FRUIT = 10_000
 """Beyond which no number of fruit is stated: it says that the precision is out of reach."""
 
@@ -104,3 +107,25 @@ def _holm(p: Sequence[float]) -> list[float]:
     adjusted = np.empty(len(p))
     adjusted[order] = np.minimum(steps, 1.0)
     return [float(p_value) for p_value in adjusted]
+
+
+def out_of_control(z: Float[np.ndarray, " n"]) -> str:
+    """What a chart's last point says, "" where the process is in control.
+
+    `z`: ln r over its standard deviation, oldest first. Western Electric's first two rules (Montgomery,
+    Introduction to Statistical Quality Control, ch. 5): the last beyond 3; the last and one of the two before
+    it beyond 2 on the same side.
+
+    >>> out_of_control(np.array([2.1, -0.3, 2.4]))
+    'two of the last three batches deviate by more than 2 standard deviations on the same side'
+    """
+    last = float(z[-1])
+    if abs(last) > FAR_SD:
+        return f"the last batch deviates by more than {FAR_SD:g} standard deviations ({last:+.1f})"
+    same_side = z[-3:] * math.copysign(1.0, last) > NEAR_SD
+    if same_side[-1] and same_side.sum() >= 2:
+        return (
+            f"two of the last three batches deviate by more than {NEAR_SD:g} standard deviations "
+            "on the same side"
+        )
+    return ""

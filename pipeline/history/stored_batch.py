@@ -20,8 +20,6 @@ from pipeline.problem import BatchRefused, Problem, refused
 
 DESCRIPTIONS = frozenset({".toml", ".json"})
 """Files beside the frames of a recording that describe sensor and pads, alike in many recordings."""
-SCALES = ("shore_oo", "penetrometer_N")
-"""Columns of fruits.csv with the reading of another instrument."""
 GRADE_AGAIN = "move it away and run `drupe grade` again to rebuild it."
 
 
@@ -106,7 +104,7 @@ class StoredBatch:
 
     @property
     def group(self) -> str:
-        """Category and cultivar, by which conversions are kept."""
+        """Category and cultivar, whose fruit have one relation to other instruments."""
         return f"{self.category} {self.cultivar}".strip()
 
     @property

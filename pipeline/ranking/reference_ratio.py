@@ -6,16 +6,13 @@ assumed of the sensor's scales (pipeline.fruit.sensor_scale), and their spread i
 """
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from datetime import datetime
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy.special import chdtrc
 
-from pipeline.batch.control_chart import ControlChart, Point, history_of, out_of_control, recordings_sha256
-from pipeline.batch.provenance import utc_text
 from pipeline.batch.records import FruitRecord, ModulusRecord, ReferenceRecord
 from pipeline.fruit.elasticity import doubted_modulus
 from pipeline.ranking.verified_scale import (
@@ -28,7 +25,6 @@ from pipeline.ranking.verified_scale import (
 )
 from reports.entries import ReferenceBodyEntry
 from reports.grasp_record import GraspRecord
-from reports.tables import safe_cell
 
 WITHIN_SD = 2.0
 """A ratio this many standard deviations from 1 or nearer is taken as 1: a sound gripper is beyond in 5 % of
@@ -100,13 +96,11 @@ class ReferenceFinding:
     gain: float = 0.0
     corrected: bool
     sentences: tuple[str, ...]
-    drifts: bool = False
-    """Whether the control chart is out of control."""
 
     @property
     def alarm(self) -> bool:
         """Whether staff must do something."""
-        if self.ratio is None or self.ratio.disagree or self.drifts:
+        if self.ratio is None or self.ratio.disagree:
             return True
         return self.ratio.apart and not self.corrected
 
@@ -359,35 +353,3 @@ def scaled_grasp(grasp: GraspRecord, ratio: float) -> GraspRecord:
         for frame in grasp.frames
     ]
     return grasp.model_copy(update=changed | {"frames": frames})
-
-
-def own_points(
-    finding: ReferenceFinding, *, lot: str | None, now: datetime, inputs: Mapping[str, str]
-) -> list[Point]:
-    """The rows of one batch; `inputs` are the SHA-256 of its files by their path in it."""
-    return [
-        Point(
-            time_utc=utc_text(now),
-            lot=safe_cell(lot) or "",
-            reference_id=body.fruit_id,
-            E_known_MPa=float(f"{body.E_known_MPa:.6g}"),
-            E_found_MPa=float(f"{body.E_found_MPa:.6g}"),
-            ratio=float(f"{body.ratio:.6g}"),
-            ratio_sd=float(f"{body.ratio_sd:.6g}"),
-            recordings_sha256=recordings_sha256(inputs, body.fruit_id),
-        )
-        for body in finding.bodies
-    ]
-
-
-def drift(chart: ControlChart, finding: ReferenceFinding) -> ReferenceFinding:
-    """The finding, and what the chart says of each of its bodies."""
-    said = []
-    for body in finding.bodies:
-        past = history_of(chart, body.fruit_id)
-        if past and (why := out_of_control(np.array([point.z for point in past]))):
-            said.append(
-                f"The control chart of {body.fruit_id} is out of control: {why}. Check for changes of "
-                "gels, calibration, gripper and the reference body."
-            )
-    return replace(finding, sentences=(*finding.sentences, *said), drifts=bool(said))

@@ -9,7 +9,6 @@ import numpy as np
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect_spec import EffectWords
 from fem.mismatch.result import UNKNOWN
-from pipeline.batch.control_chart import ControlChart, history_of
 from pipeline.batch.diagnosis_record import DiagnosisRecord, read_diagnosis
 from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import Batch
@@ -30,7 +29,6 @@ from reports.entries import (
     OR,
     BatchEntry,
     FruitEntry,
-    RatioPoint,
     ReferenceEntry,
     ScreenEntry,
     ShoreCorrelation,
@@ -66,13 +64,12 @@ def batch_entry(
     finished: datetime,
     exit_status: int | None,
     finding: ReferenceFinding | None = None,
-    chart: ControlChart | None = None,
     faults: Sequence[BatchFault] = (),
     unfinished: Unfinished | None = None,
 ) -> BatchEntry:
     """The batch as the reports see it, ranked softest first.
 
-    `records` and `finding` as `against_references` gives them; `chart`: with this batch's points, if any;
+    `records` and `finding` as `against_references` gives them;
     `unfinished`: how far a run is whose `records` are not all.
     """
     graded = [r for r in records if r.graded and not r.given.reference]
@@ -111,7 +108,7 @@ def batch_entry(
         mean_E_MPa=float(np.mean(E)) if len(E) else None,
         between_sd_MPa=float(np.std(E, ddof=1)) if len(E) > 1 else None,
         shore=_shore(graded),
-        reference=None if finding is None else _reference(finding, chart or ControlChart()),
+        reference=None if finding is None else _reference(finding),
         faults=(
             *(fault.sentence for fault in faults),
             *old_calibrations(batch.folder.root, settings, graded_on=started.date()),
@@ -147,22 +144,9 @@ def _ships(grading: Grading, *, unsaid: bool = False) -> tuple[str, ...]:
     return tuple(c.name for c, goes in both if goes and (c.ship is None or not unsaid))
 
 
-def _reference(finding: ReferenceFinding, chart: ControlChart) -> ReferenceEntry:
-    """What the report shows of the reference bodies, with their history."""
-    return ReferenceEntry(
-        sentences=finding.sentences,
-        alarm=finding.alarm,
-        bodies=tuple(
-            replace(
-                body,
-                history=tuple(
-                    RatioPoint(time_utc=point.graded_at, lot=point.lot, ratio=point.ratio, sd=point.ratio_sd)
-                    for point in history_of(chart, body.fruit_id)
-                ),
-            )
-            for body in finding.bodies
-        ),
-    )
+def _reference(finding: ReferenceFinding) -> ReferenceEntry:
+    """What the report shows of the reference bodies."""
+    return ReferenceEntry(sentences=finding.sentences, alarm=finding.alarm, bodies=finding.bodies)
 
 
 def _fruit_entry(

@@ -2,19 +2,19 @@
 
 import importlib.util
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from datetime import datetime, timedelta
 from pathlib import Path
 
-from pipeline.batch.layout import FruitResults, Results
+from pipeline.batch.layout import Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import write_provenance
 from pipeline.batch.write_guard import require_free
 from pipeline.problem import refused
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.reference_ratio import ReferenceFinding
-from pipeline.run.former_results import batch_folder, identity, require_same_batch
+from pipeline.run.former_results import batch_folder, require_same_batch
 from reports.language import ENGLISH
 from reports.tables import EXCEL_DIALECTS
 
@@ -61,11 +61,10 @@ class GradeOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class BatchRun:
-    """One run: its batch, where results and chart lie, the SHA-256 of what it reads, and when it began."""
+    """One run: its batch, where results lie, the SHA-256 of what it reads, and when it began."""
 
     batch: Batch
     results: Results
-    chart: Path | None
     inputs: Mapping[str, str]
     force: bool
     screen: bool
@@ -73,19 +72,19 @@ class BatchRun:
     started: datetime
     since_s: float
 
-    @property
-    def fruits(self) -> list[FruitResults]:
-        """Where the results of each fruit go."""
-        return [self.results.fruit(row.fruit_id) for row in self.batch.rows]
-
     def until_now(self) -> datetime:
         """The time now, by the monotonic clock."""
         return self.started + timedelta(seconds=time.monotonic() - self.since_s)
 
-    def require_ours(self) -> None:
-        """Raises BatchRefused where the results hold files of others, or another batch's."""
-        require_free(self.results, self.fruits, "--out", tables=self.options.tables(self.results))
-        require_same_batch(self.results, identity(self.batch, self.inputs), "--out")
+    def require_ours(self, fruit: Collection[str] | None = None) -> None:
+        """Raises BatchRefused where the results hold files of others, or another batch's. `fruit`: those
+        whose files are looked at; None: all.
+        """
+        results, tables = self.results, self.options.tables(self.results)
+        names = self.batch.row_of if fruit is None else fruit
+        of_fruit = (path for name in names for path in results.fruit(name).files)
+        require_free((*results.files, results.run, *tables, *of_fruit), "--out")
+        require_same_batch(results, self.batch, self.inputs, "--out")
 
     def write_provenance(
         self,

@@ -17,7 +17,6 @@ from pipeline.batch.opening import Batch, Survey, named_files, shape_from_photos
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.plausible_numbers import (
     PlausibleRange,
-    TableColumns,
     grading_doubts,
     kind_of,
     mesh_doubt,
@@ -49,10 +48,6 @@ from tactile.pad_reference import references_said
 from tactile.recording_digest import recording_digest
 from tactile.rig.rig_curve import RigCurve
 
-SPIKE = 2.0
-"""A vertex this many times as far from the middle as 99 % are is no part of a fruit's skin, which is at most
-1.45 times as long as wide (recon.pit.priors). It chooses the sentence for a mesh of no fruit's size, no
-more."""
 Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 Read = dict[str, list[tuple[FruitRow, Path]]]
 """Recordings that can be used, by what tells that two are one (tactile.recording_digest)."""
@@ -64,7 +59,8 @@ def check(root: Path, *, quick: bool = False) -> tuple[Problem, ...]:
     the mat, sides without a photo), which takes seconds for each fruit.
     """
     batch_survey = survey(root)
-    rows, columns, read = batch_survey.rows, TableColumns(batch_survey.rows or ()), Read()
+    rows, read = batch_survey.rows, Read()
+    columns = frozenset(table_doubts(rows or (), kind_of(batch_survey.category)))
     if rows is None:
         rows = tuple(FruitRow(fruit_id=name, unreadable=("height_mm",)) for name in _folders(batch_survey))
     each = (_CheckedFruit(batch=batch_survey, row=row, columns=columns, read=read) for row in rows)
@@ -86,7 +82,7 @@ class ImplausibleNumbers:
     """Says of fruit of a batch, one by one, whether its own numbers are those of no fruit of the category."""
 
     def __init__(self, batch: Batch) -> None:
-        self._batch, self._columns = batch, TableColumns(batch.rows)
+        self._batch, self._columns = batch, frozenset(table_doubts(batch.rows, kind_of(batch.known)))
 
     def said(self, row: FruitRow, *, box_mm: Sequence[float] | None = None) -> str:
         """The sentences on what was measured of it and on the size of its ready mesh; empty: none.
@@ -94,11 +90,13 @@ class ImplausibleNumbers:
         `box_mm`: the mesh's sides, where they are known; it is read otherwise.
         """
         kind = kind_of(category_of(row, self._batch.known))
-        doubts = list(row_doubts(row, self._columns, kind))
-        if box_mm is None or mesh_doubt(box_mm, _height_mm(row, kind), kind):
+        doubts = list(row_doubts(row, kind, said=self._columns))
+        if box_mm is None:
             path = self._batch.folder.fruit(row.fruit_id).fruit_ply
             mesh, _ = _closed_mesh(row, path)  # the fruit's own work says what is wrong with it
-            doubts += _size_doubt(mesh, row, kind)
+            box_mm = None if mesh is None else np.ptp(mesh[0], axis=0).tolist()
+        if box_mm is not None and (doubt := mesh_doubt(box_mm, kind)):
+            doubts.append(doubt)
         return " ".join(doubts)
 
 
@@ -108,7 +106,7 @@ def implausible_batch(batch: Batch) -> dict[str, list[str]]:
     """
     kind = kind_of(batch.known)
     classes = list(grading_doubts(batch.settings.grading, kind))
-    columns = table_doubts(TableColumns(batch.rows), kind)
+    columns = table_doubts(batch.rows, kind)
     return {
         row.fruit_id: [*classes, *(said for name, said in columns.items() if getattr(row, name) is not None)]
         for row in batch.rows
@@ -122,7 +120,7 @@ class _CheckedFruit:
 
     batch: Survey
     row: FruitRow
-    columns: TableColumns
+    columns: frozenset[str]
     read: Read
 
     @cached_property
@@ -144,7 +142,7 @@ class _CheckedFruit:
     def problems(self, *, quick: bool) -> Iterator[Problem]:
         """What stops the grading of the fruit, and what puts its E in doubt; `quick` as in `check`."""
         batch, row, folder = self.batch, self.row, self.folder
-        implausible = list(row_doubts(row, self.columns, self.kind))
+        implausible = list(row_doubts(row, self.kind, said=self.columns))
         for sentence in implausible:
             named = f"{row.fruit_id}: {sentence}"
             yield Problem(str(batch.folder.table), named, fruit_id=row.fruit_id, implausible=True)
@@ -155,7 +153,7 @@ class _CheckedFruit:
         yield from broken
         if mesh is not None:
             yield from self._of_ready_mesh(mesh)
-            if not implausible and not any(_size_doubt(mesh, row, self.kind)):
+            if not implausible and not _size_doubt(mesh, self.kind):
                 yield from self._contradicted(mesh)
         elif not broken and folder.without_shape():
             for path in folder.grasp_files():
@@ -238,10 +236,9 @@ class _CheckedFruit:
     def _of_ready_mesh(self, mesh: Mesh) -> Iterator[Problem]:
         """What is wrong with a closed mesh as this fruit's, and with the pit inside it."""
         batch, row, folder = self.batch, self.row, self.folder
-        broken = [
-            Problem(str(folder.fruit_ply), doubt, fruit_id=row.fruit_id, implausible=True)
-            for doubt in _size_doubt(mesh, row, self.kind)
-        ]
+        broken = []
+        if said := _size_doubt(mesh, self.kind):
+            broken.append(Problem(str(folder.fruit_ply), said, fruit_id=row.fruit_id, implausible=True))
         pit, wrong = _closed_mesh(row, folder.pit_ply)
         broken += wrong
         if pit is not None and not broken:
@@ -299,35 +296,8 @@ def _in_two_fruit(batch: Survey, read: Read) -> Iterator[Problem]:
             yield doubted(row, path, in_two_fruit(path.name, map(str, others)))
 
 
-def _height_mm(row: FruitRow, kind: PlausibleRange) -> float | None:
-    """The height to hold a mesh against: none that is said to be wrong already, with its own slip."""
-    limits, height_mm = kind.ranges.height_mm, row.height_mm
-    known = height_mm is None or limits is None or limits[0] <= height_mm <= limits[1]
-    return height_mm if known else None
-
-
-def _size_doubt(mesh: Mesh | None, row: FruitRow, kind: PlausibleRange) -> Iterator[str]:
-    """A sentence where the ready mesh, if there is one, is of no fruit's size."""
-    if mesh is None:
-        return
-    vertices, _ = mesh
-    height_mm = _height_mm(row, kind)
-    doubt = mesh_doubt(np.ptp(vertices, axis=0).tolist(), height_mm, kind)
-    if not doubt:
-        return
-    away = np.linalg.norm(vertices - np.median(vertices, axis=0), axis=1)
-    rest = away <= SPIKE * np.quantile(away, 0.99)
-    if not rest.all() and not mesh_doubt(np.ptp(vertices[rest], axis=0).tolist(), height_mm, kind):
-        doubt = (
-            f"the mesh has a spike: {_so_many(int((~rest).sum()), 'vertex', 'vertices')} up to "
-            f"{away.max():.3g} mm from its middle, the others within {away[rest].max():.3g} mm. "
-            "Remove the spike and close the surface, or scan the fruit again."
-        )
-    yield doubt
-
-
-def _so_many(count: int, singular: str, plural: str) -> str:
-    return f"{count} {singular if count == 1 else plural}"
+def _size_doubt(mesh: Mesh, kind: PlausibleRange) -> str:
+    return mesh_doubt(np.ptp(mesh[0], axis=0).tolist(), kind)
 
 
 def _usual_pit(batch: Survey, fruit: Mesh) -> Mesh | None:

@@ -1,4 +1,4 @@
-"""What one worker of a cluster does: it looks whether it is what the run needs, and works on one fruit."""
+"""What one worker of a cluster does: it checks that it is what the run needs, and works on one fruit."""
 
 import multiprocessing
 import pickle
@@ -6,17 +6,16 @@ import platform
 import sys
 import tempfile
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 from distributed import get_worker
 from distributed.core import Status
 
 from pipeline.batch.batch_fruits import is_run
-from pipeline.batch.cache import ROOMS, code_version, file_hash
+from pipeline.batch.cache import ROOMS, code_version
 from pipeline.files.manifest import json_in
 from pipeline.problem import BatchRefused
 from pipeline.run.runner import LocalPool
@@ -33,15 +32,11 @@ WORKING = (Status.running, Status.paused, Status.closing_gracefully)
 class RunNeeds:
     """What a run needs of its workers: drupe as it is here, its batch and results at the same paths, memory.
 
-    `code`: pipeline.batch.cache.code_version; `settings_sha256`: of batch.toml; `mark`: what the run wrote
-    into its list of fruit (`run`).
+    `drupe`: `this_drupe`; `mark`: what the run wrote into its list of fruit (`run`).
     """
 
     drupe: str
-    python: str
-    code: str
     settings: Path
-    settings_sha256: str
     run: Path
     mark: str
     per_fruit_MiB: float
@@ -59,15 +54,17 @@ class FruitOrder:
 
 @dataclass(frozen=True)
 class Unfit:
-    """Why a worker (its address; empty: not known) cannot work for the run."""
+    """Why a worker (its address) cannot work for the run."""
 
     sentence: str
-    worker: str = ""
+    worker: str
 
 
-def python_version() -> str:
-    """Major and minor: pickles of one are not those of another."""
-    return ".".join(platform.python_version_tuple()[:2])
+@cache
+def this_drupe() -> str:
+    """Versions of drupe, its source with the numerical libraries, and Python; pickles of one fit no other."""
+    python = ".".join(platform.python_version_tuple()[:2])
+    return f"drupe {metadata.version('drupe')} (code {code_version(ROOMS)[:12]}) on Python {python}"
 
 
 def unfit(needs: RunNeeds, *, threads: int, most_MiB: float | None) -> str:
@@ -82,66 +79,51 @@ def unfit(needs: RunNeeds, *, threads: int, most_MiB: float | None) -> str:
             f"{needs.per_fruit_MiB:.0f} MiB. Start it with --memory-limit "
             f"{needs.per_fruit_MiB + OWN_MIB:.0f}MiB or more, or start fewer workers on the machine."
         )
-    return _not_the_same(needs)
-
-
-@cache
-def _not_the_same(needs: RunNeeds) -> str:
-    """The same of what does not change while a worker lives: its drupe, and what it sees of the files."""
-    version = metadata.version("drupe")
-    if version != needs.drupe or python_version() != needs.python:
+    if this_drupe() != needs.drupe:
         return (
-            f"runs drupe {version} on Python {python_version()}, but this command runs drupe "
-            f"{needs.drupe} on Python {needs.python}; install the same on both."
+            f"runs {this_drupe()}, but this command runs {needs.drupe}. Install the same on both; best is "
+            "one environment on the shared file system."
         )
-    if code_version(ROOMS) != needs.code:
-        return (
-            f"runs drupe {version} with other source files or numerical libraries than this command. "
-            "Install the same on both; best is one environment on the shared file system."
-        )
-    if (here := file_hash(needs.settings)) != needs.settings_sha256:
-        verb = "does not find" if here.startswith("unreadable") else "finds another"
-        return f"{verb} {needs.settings}: BATCH must lie on a file system that all machines share."
-    said = json_in(needs.run)
+    if not needs.settings.is_file():
+        return f"does not find {needs.settings}: BATCH must lie on a file system that all machines share."
+    said, shared = (
+        json_in(needs.run),
+        "OUT must lie on a file system that all machines share and can write to.",
+    )
     if not is_run(said) or said.get("mark") != needs.mark:
-        return f"does not see {needs.run.parent} as this command does: {_SHARED}"
+        return f"does not see {needs.run.parent} as this command does: {shared}"
     try:
         with tempfile.TemporaryFile(dir=needs.run.parent):
             return ""
     except OSError as error:
-        return f"cannot write into {needs.run.parent} ({error.strerror}): {_SHARED}"
-
-
-_SHARED = "OUT must lie on a file system that all machines share and can write to."
+        return f"cannot write into {needs.run.parent} ({error.strerror}): {shared}"
 
 
 def fruit_here(
     order: FruitOrder, *, tell: Callable[[str], None], wanted: Callable[[], bool], most_MiB: float | None
-) -> Event | Unfit | None:
+) -> Event | None:
     """Works on one fruit in a process of its own, as a run on this machine would; how it ended.
 
     `tell` gets its stages, the worker's own log what libraries write. It is stopped, and None returned, when
-    it is no longer `wanted`. `most_MiB`: what the fruit's process may hold.
+    it is no longer `wanted`. `most_MiB`: what the fruit's process may hold. Raises BatchRefused where no
+    temporary folder can be made.
     """
     # A nanny starts its worker as a daemon of multiprocessing, which must have no processes of its own lest
     # they outlive it. A fruit's does not: it ends with its parent (pipeline.run.runner).
     multiprocessing.current_process().daemon = False
-    try:
-        with LocalPool(jobs=1, time_limit_s=order.time_limit_s, most_MiB=most_MiB) as pool:
-            try:
-                pool.begin(order.fruit_id, order.packed)
-            except OSError as error:
-                return not_begun(order.fruit_id, error)
-            while wanted():
-                for event in pool.happened():
-                    if isinstance(event, Noted):
-                        sys.stderr.write(f"{event.fruit_id}: {event.line}\n")
-                    elif isinstance(event, Progressed):
-                        tell(event.stage)
-                    else:
-                        return event
-    except BatchRefused as refused:  # no temporary folder
-        return Unfit(str(refused))
+    with LocalPool(jobs=1, time_limit_s=order.time_limit_s, most_MiB=most_MiB) as pool:
+        try:
+            pool.begin(order.fruit_id, order.packed)
+        except OSError as error:
+            return not_begun(order.fruit_id, error)
+        while wanted():
+            for event in pool.happened():
+                if isinstance(event, Noted):
+                    sys.stderr.write(f"{event.fruit_id}: {event.line}\n")
+                elif isinstance(event, Progressed):
+                    tell(event.stage)
+                else:
+                    return event
     return None
 
 
@@ -167,7 +149,8 @@ def fruit_on_worker(order: FruitOrder, topic: str) -> Event | Unfit | None:
     """On a worker: one fruit, whose stages go to the run that asked for it."""
     worker = get_worker()
     key = worker.get_current_task()
-    most_MiB = _most_MiB(worker)
+    limit = worker.memory_manager.memory_limit
+    most_MiB = max(0.0, limit / 2**20 - OWN_MIB) if limit else None
     if why := unfit(order.needs, threads=worker.state.nthreads, most_MiB=most_MiB):
         return Unfit(why, worker.address)
 
@@ -179,16 +162,7 @@ def fruit_on_worker(order: FruitOrder, topic: str) -> Event | Unfit | None:
     def tell(stage: str) -> None:
         worker.log_event(topic, (order.fruit_id, stage))
 
-    ended = fruit_here(order, tell=tell, wanted=wanted, most_MiB=most_MiB)
-    return replace(ended, worker=worker.address) if isinstance(ended, Unfit) else ended
-
-
-def fit_on_worker(needs: RunNeeds, dask_worker: Any) -> str:
-    """On a worker: why it cannot work for the run; empty where it can."""
-    return unfit(needs, threads=dask_worker.state.nthreads, most_MiB=_most_MiB(dask_worker))
-
-
-def _most_MiB(worker: Any) -> float | None:
-    """Memory that a worker leaves to a fruit's process, lest both are killed; None: it has no limit."""
-    limit = worker.memory_manager.memory_limit
-    return max(0.0, limit / 2**20 - OWN_MIB) if limit else None
+    try:
+        return fruit_here(order, tell=tell, wanted=wanted, most_MiB=most_MiB)
+    except BatchRefused as refused:
+        return Unfit(str(refused), worker.address)

@@ -5,9 +5,7 @@ import re
 import uuid
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from importlib import metadata
 
-from pipeline.batch.cache import ROOMS, code_version, file_hash
 from pipeline.problem import refused
 from pipeline.run.batch_run import BatchRun
 from pipeline.run.scheduling import Engine
@@ -73,15 +71,11 @@ def cluster_of(
     """The cluster that `place` names, for so many fruit of the run."""
     with elsewhere():
         from pipeline.run.cluster import Cluster
-        from pipeline.run.cluster_worker import RunNeeds, python_version
+        from pipeline.run.cluster_worker import RunNeeds, this_drupe
 
-    settings = run.batch.folder.settings.absolute()
     needs = RunNeeds(
-        drupe=metadata.version("drupe"),
-        python=python_version(),
-        code=code_version(ROOMS),
-        settings=settings,
-        settings_sha256=file_hash(settings),
+        drupe=this_drupe(),
+        settings=run.batch.folder.settings.absolute(),
         run=run.results.run.absolute(),
         mark=place.mark,
         per_fruit_MiB=per_fruit_MiB,

@@ -1,13 +1,11 @@
 """Whose results a folder holds: those of one batch are not replaced by another's.
 
-A folder of results belongs to the batch that its batch.json names. The same batch is known by its folder;
-where that was moved, copied or renamed, by its fruit: a photo or a recording is one of before, and all fruit
-are there, unless the results moved along inside it. Ids alone do not tell: many people number their fruit
-from 1 every day.
+A folder of results belongs to the batch whose photos and recordings it is of: one of them must be the same.
+Where all were replaced, folder, label and the id of a fruit must be the same. Ids alone do not tell: many
+people number their fruit from 1 every day.
 """
 
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import PurePosixPath
 from typing import Any
 
@@ -26,98 +24,47 @@ SHOWN = 3
 """Ids that a sentence names."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class BatchIdentity:
-    """What tells a batch from others: its folder ("" where not known), its label, its fruit, and SHA-256 of
-    their photos and recordings.
-    """
-
-    folder: str
-    label: tuple[str, ...]
-    fruit: frozenset[str]
-    measured: frozenset[str]
-
-
-def identity(batch: Batch, inputs: Mapping[str, str]) -> BatchIdentity:
-    """Of the batch whose files have the hashes `inputs` (by path inside the batch)."""
-    return _identity(
-        batch_folder(batch),
-        batch.settings.model_dump(mode="json"),
-        inputs,
-        (row.fruit_id for row in batch.rows),
-    )
-
-
 def batch_folder(batch: Batch) -> str:
     """The batch's folder, as batch.json names it: absolute, links followed."""
     return str(batch.folder.root.resolve())
 
 
-def require_same_batch(results: Results, batch: BatchIdentity, option: str) -> None:
-    """Raises BatchRefused where `results` holds those of another batch."""
-    former = former_batch(results)
-    inside = bool(batch.folder) and results.root.resolve().is_relative_to(batch.folder)
-    if former is None or not (why := _why_another(former, batch, inside=inside)):
+def require_same_batch(results: Results, batch: Batch, inputs: Mapping[str, str], option: str) -> None:
+    """Raises BatchRefused where `results` holds those of another batch than this one, whose files have the
+    hashes `inputs` (by path inside the batch).
+    """
+    said = read_provenance(results)
+    former_inputs, settings, outcomes = (
+        _table((said or {}).get(name)) for name in ("inputs", "settings", "outcomes")
+    )
+    measured = _measured(former_inputs)
+    if not measured or measured & _measured(inputs):
         return
-    where = f" in {printable(former.folder)}" if former.folder else ""
+    folder, now = str((said or {}).get("batch", "")), batch.settings.model_dump(mode="json")
+    same_label = all(str(settings.get(name)) == str(now.get(name)) for name in LABEL)
+    if folder == batch_folder(batch) and same_label and outcomes.keys() & batch.row_of.keys():
+        return
+    fruit = printable(listed(sorted(outcomes), SHOWN))
     sentence = (
-        f"holds the results of another batch{where} ({_listed(former.fruit)}): {why}. They are not "
-        f"replaced; choose another folder with {option}, or move this one away."
+        f"holds the results of another batch in {printable(folder)} (fruit {fruit}), with other photos and "
+        f"recordings. They are not replaced; choose another folder with {option}, or move this one away."
     )
     raise refused(results.root, sentence)
 
 
-def former_batch(results: Results) -> BatchIdentity | None:
-    """The batch whose results these are; None where there are none, or none that can be read."""
-    if (said := read_provenance(results)) is None:
-        return None
-    folder = said.get("batch")
-    settings, inputs, outcomes = (_table(said.get(name)) for name in ("settings", "inputs", "outcomes"))
-    return _identity(folder if isinstance(folder, str) else "", settings, inputs, outcomes)
-
-
-def _why_another(former: BatchIdentity, batch: BatchIdentity, *, inside: bool) -> str:
-    """Why the two are not the same batch; empty where they are.
-
-    `inside`: whether the results lie in the batch's own folder. They were moved or copied with it then, and
-    it may have lost fruit since; those of an earlier version, which name no folder, are taken for its own.
-    """
-    measured = bool(former.measured & batch.measured) or not former.measured
-    if former.folder == batch.folder or (inside and not former.folder):
-        if measured or (former.label == batch.label and former.fruit & batch.fruit):
-            return ""
-        return "the same folder now holds other fruit, with other photos and recordings"
-    apart = "this one is in another folder, and" if former.folder else "this one"
-    gone = former.fruit - batch.fruit
-    if gone and not (inside and measured):
-        return f"{apart} lacks {_listed(gone)}"
-    return "" if measured else f"{apart} has other photos and recordings"
-
-
-def _identity(
-    folder: str, settings: Mapping[str, Any], inputs: Mapping[str, Any], fruit: Iterable[str]
-) -> BatchIdentity:
-    """By what one batch is known from another: folder, label, fruit and the digests of what was measured."""
-    digests = {
-        path: str(digest)
-        for name, digest in inputs.items()
-        if len((path := PurePosixPath(name)).parts) > 2 and path.parts[0] == "fruits"
+def _measured(inputs: Mapping[str, Any]) -> set[str]:
+    """SHA-256 of the fruit's photos and recordings."""
+    paths = ((PurePosixPath(name), str(digest)) for name, digest in inputs.items())
+    return {
+        digest
+        for path, digest in paths
+        if len(path.parts) > 2
+        and path.parts[0] == "fruits"
+        and path.suffix.lower() not in SHARED_KINDS
+        and path.stem != "reference"
+        and " " not in digest  # a file that could not be read
     }
-    return BatchIdentity(
-        folder=folder,
-        label=tuple(str(settings.get(name)) for name in LABEL),
-        fruit=frozenset({*fruit, *(path.parts[1] for path in digests)}),
-        measured=frozenset(
-            digest
-            for path, digest in digests.items()
-            if path.suffix.lower() not in SHARED_KINDS and path.stem != "reference" and " " not in digest
-        ),
-    )
 
 
 def _table(value: object) -> Mapping[str, Any]:
     return {str(name): entry for name, entry in value.items()} if isinstance(value, dict) else {}
-
-
-def _listed(fruit: frozenset[str]) -> str:
-    return f"fruit {printable(listed(sorted(fruit), SHOWN))}"

@@ -40,34 +40,6 @@ def with_forced(record: FruitRecord, forced: Sequence[str], results: Results) ->
     return record
 
 
-def refused_record(task: FruitTask, sentence: str) -> FruitRecord:
-    """The record of a fruit whose numbers no fruit has. What an earlier run made of the same inputs stays,
-    and counts for nothing until the numbers are right or forced.
-    """
-    before = read_record(task.results.record)
-    if before is None or before.key != task.key:
-        return ended_record(task, Outcome.IMPLAUSIBLE_INPUT, sentence)
-    record = before.model_copy(
-        update={
-            "outcome": Outcome.IMPLAUSIBLE_INPUT.code,
-            "reason": Outcome.IMPLAUSIBLE_INPUT.sentence(sentence),
-            "given": task.given,
-            "graded_before": before.graded or before.graded_before,
-        }
-    )
-    with suppress(NotWritten):
-        task.results.claim()
-        write_record(task.results.record, record)
-    return record
-
-
-def _taken_up(record: FruitRecord) -> FruitRecord:
-    """The record as it was before a run refused the fruit's numbers."""
-    if not (record.outcome == Outcome.IMPLAUSIBLE_INPUT.code and record.graded_before):
-        return record
-    return record.model_copy(update={"outcome": Outcome.GRADED.code, "reason": "", "graded_before": False})
-
-
 def ended_record(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRecord:
     """The record of a fruit whose process wrote none; where none can be written, it is told only."""
     record = FruitRecord(
@@ -84,29 +56,21 @@ def ended_record(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRe
     return record
 
 
-def kept_record(
-    task: FruitTask,
-    before: FruitRecord,
-    batch_fruits: Collection[str],
-    *,
-    retried: Collection[str] | None = None,
-) -> FruitRecord | None:
+def kept_record(task: FruitTask, before: FruitRecord, batch_fruits: Collection[str]) -> FruitRecord | None:
     """The record `before` of an earlier run with what staff wrote of the fruit brought up to date; None where
-    it does not hold. `batch_fruits`: every fruit_id of the batch; `retried`: fruit whose ending of RETRIED
-    does not hold (None: of all).
+    it does not hold. `batch_fruits`: every fruit_id of the batch.
     """
     if before.key != task.key:
         return None
-    record = _taken_up(before)
-    if record.outcome in RETRIED and (retried is None or task.fruit_id in retried):
+    if before.outcome in RETRIED:
         return None
-    if any((named_row(name, batch_fruits) is not None) != was for name, was in record.strangers.items()):
+    if any((named_row(name, batch_fruits) is not None) != was for name, was in before.strangers.items()):
         return None
-    if record.graded and record.mesh is not None and not task.results.fruit_ply.is_file():
+    if before.graded and before.mesh is not None and not task.results.fruit_ply.is_file():
         return None
-    if record.graded and task.screen and (record.screen is None or record.screen.again):
+    if before.graded and task.screen and (before.screen is None or before.screen.again):
         return None
-    record = record.model_copy(update={"given": task.given})
+    record = before.model_copy(update={"given": task.given})
     if record != before:
         write_record(task.results.record, record)
     return record

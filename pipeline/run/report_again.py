@@ -41,7 +41,6 @@ def report_again(out: Path, batch: Path | None, *, options: ReportOptions) -> Ba
     run = BatchRun(
         batch=opened,
         results=results,
-        chart=None,
         inputs=_hashes(said),
         force=bool(said.get("force")),
         screen=bool(said.get("screened", True)),

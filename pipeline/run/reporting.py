@@ -5,19 +5,13 @@ from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequenc
 from contextlib import contextmanager, suppress
 from functools import partial
 
-from pipeline.batch.control_chart import ControlChart, read_chart, update_chart, with_points
 from pipeline.batch.layout import Results, write_whole
 from pipeline.batch.records import FruitRecord, read_record, write_record
 from pipeline.exit_status import DONE, DOUBTED, INTERRUPTED, UNUSABLE
 from pipeline.files.whole_file import NotWritten
 from pipeline.fruit.same_recording import copies_doubted, with_copies
 from pipeline.ranking.batch_faults import batch_faults
-from pipeline.ranking.reference_ratio import (
-    ReferenceFinding,
-    as_measured,
-    drift,
-    own_points,
-)
+from pipeline.ranking.reference_ratio import ReferenceFinding, as_measured
 from pipeline.ranking.reference_temperature import compared
 from pipeline.ranking.report_entries import batch_entry
 from pipeline.run.batch_run import BatchRun
@@ -32,7 +26,7 @@ SHARE = 0.01
 
 
 def report(run: BatchRun, records: MutableMapping[str, FruitRecord]) -> tuple[int, BatchEntry]:
-    """Fruit held against each other and the reference bodies; ranking, report, provenance and chart written.
+    """Fruit held against each other and the reference bodies; ranking, report and provenance written.
 
     The exit status and what the report says; `records` are brought up to date as those on disk are. Raises
     NotWritten.
@@ -41,20 +35,13 @@ def report(run: BatchRun, records: MutableMapping[str, FruitRecord]) -> tuple[in
     measured = [records[row.fruit_id] for row in run.batch.rows]
     in_order, finding = compared(copies_doubted(measured, run.batch.folder), settings)
     records.update(_keep_comparisons(measured, in_order, run.results))
-    chart, points = ControlChart(), []
-    if run.chart is not None and finding is not None:
-        points = own_points(finding, lot=settings.lot, now=run.started, inputs=run.inputs)
-        chart = with_points(read_chart(run.chart), points)
-        finding = drift(chart, finding)
     faults = batch_faults(in_order)
     status = _status(in_order, finding)
-    entry = entry_of(run)(in_order, exit_status=status, finding=finding, chart=chart, faults=faults)
+    entry = entry_of(run)(in_order, exit_status=status, finding=finding, faults=faults)
     _write(entry, run)
     outcomes = {record.fruit_id: record.outcome for record in measured}
     run.write_provenance(outcomes, status, finding, faults)
     _write_tables(entry, run)
-    if run.chart is not None and points:
-        update_chart(run.chart, points)
     return status, entry
 
 

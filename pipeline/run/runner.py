@@ -21,11 +21,11 @@ from typing import Any, Self
 from pebble import ProcessExpired
 from pebble.concurrent import process
 
-from pipeline.address_space import IN_WORDS
 from pipeline.batch.scratch import environment, scratch, temporary_files_in
+from pipeline.lack_of_memory import IN_WORDS
 from pipeline.library_output import MOST_BYTES, LinesOf, write_into
 from pipeline.run.scheduling import Died, Event, Finished, Noted, Progressed, TimedOut
-from pipeline.safe_start import library_path, python_path, uncollected
+from pipeline.safe_start import library_path, uncollected
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -39,6 +39,7 @@ LOOK_S = 0.1
 """Seconds between two looks at what fruit's processes say."""
 LAST_LINES = 5
 """Of libraries, in which the cause of an end is looked for: they report one in one to three lines."""
+
 LEFT_OUT = f"libraries wrote more than {MOST_BYTES / 2**20:g} MiB; drupe left out the rest"
 """The last line that is passed on of a fruit's libraries, in place of all that follow."""
 
@@ -71,7 +72,6 @@ class LocalPool:
                     {
                         **dict.fromkeys(THREAD_VARIABLES, "1"),
                         "PYTHONSAFEPATH": "1",
-                        "PYTHONPATH": python_path(),
                         "LD_LIBRARY_PATH": library_path(),
                     }
                 )

@@ -20,7 +20,7 @@ from pipeline.batch.layout import FruitResults, Results, write_whole
 from pipeline.batch.provenance import require_provenance
 from pipeline.batch.records import FruitRecord, read_record
 from pipeline.batch.results_lock import results_lock
-from pipeline.batch.write_guard import require_targets_free
+from pipeline.batch.write_guard import require_free
 from pipeline.files.plain_file import printable
 from pipeline.problem import nearest, refused
 from recon.recon_failure import ReconFailure
@@ -59,7 +59,7 @@ def trade_numbers(
     done: list[TradeFruit] = []
     with results_lock(out):
         targets = (results.firmness, results.firmness_page)
-        require_targets_free(out, targets, "drupe grade --out")
+        require_free(targets, "drupe grade --out")
         if not os.access(out, os.W_OK):
             raise refused(out, "cannot be written; ask for the right to write there.")
         for name in names:

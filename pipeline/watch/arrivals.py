@@ -1,7 +1,7 @@
 """What has arrived in the folder of a batch: which fruit are whole and at rest, and what others lack."""
 
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
@@ -14,8 +14,6 @@ State = tuple[tuple[str, int, int], ...]
 OWN = frozenset({".toml", ".json", ".stl", ".ply", ".obj", ".glb", ".onnx"})
 """Kinds of files in the batch's own folder on which the result of every fruit may depend. Of fruits.csv it
 depends on the fruit's own row alone."""
-TURN = 100
-"""Graded fruit whose files one look looks at again, in turn: 0.5 ms each (measured with 2000 fruit)."""
 MOST_FILES = 200_000
 """Files of one fruit that a look goes through: as many as the frames that are read of one pad."""
 DESCRIPTION = "grasp.toml"
@@ -62,26 +60,15 @@ class Arrivals:
     """The fruit that have any files."""
     expected: int = 0
     """Fruit that have none yet."""
-    turn: int = 0
-    """Of the graded fruit, the first whose folder the last look went into again."""
     since: dict[str, tuple[State, float]] = field(default_factory=dict)
     """Files of each fruit, and since when they are so."""
 
-    def look(
-        self, folder: BatchFolder, rows: Sequence[FruitRow], graded: Mapping[str, State]
-    ) -> tuple[FruitRow, ...]:
-        """Looks into the folders of all `rows`, into those of fruit whose files are as they were `graded` in
-        turn; the rows of fruit that lack nothing.
-        """
-        before, arrivals = self.of, dict[str, Arrival]()
-        as_graded = [
-            name for name, earlier_arrival in before.items() if graded.get(name) == earlier_arrival.state
-        ]
-        self.turn = self.turn + TURN if self.turn + TURN < len(as_graded) else 0
-        passed_over = {*as_graded[: self.turn], *as_graded[self.turn + TURN :]}
+    def look(self, folder: BatchFolder, rows: Sequence[FruitRow]) -> tuple[FruitRow, ...]:
+        """Looks into the folders of all `rows`; the rows of fruit that lack nothing."""
+        arrivals = dict[str, Arrival]()
         for row in rows:
             name = row.fruit_id
-            fruit_arrival = before[name] if name in passed_over else arrival(folder.fruit(name), row)
+            fruit_arrival = arrival(folder.fruit(name), row)
             if not fruit_arrival.state:
                 continue
             arrivals[name] = fruit_arrival

@@ -5,17 +5,16 @@ A token has 256 random bits, so that its SHA-256 needs neither salt nor stretchi
 
 import hashlib
 import hmac
-import os
 import secrets
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from pipeline.files.lock_file import holder_of, locked_within
+from pipeline.files.lock_file import lock_of
 from pipeline.files.plain_file import NotReadable, printable, read_text
 from pipeline.files.whole_file import NotWritten, put
 from pipeline.problem import nearest, refused
@@ -93,19 +92,17 @@ def hash_of(token: str) -> str:
 
 @contextmanager
 def _alone(path: Path) -> Iterator[None]:
-    """While no other process changes a file of devices in this folder; raises BatchRefused, NotWritten."""
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        folder = os.open(path.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    except OSError as fault:
-        raise NotWritten(path, fault) from fault
-    try:
-        if not locked_within(folder):
-            sentence = f"another process{holder_of(folder)} locked this folder; end it, and try again."
-            raise refused(path.parent, sentence)
+    """While no other process changes the file; raises BatchRefused where one holds its lock, NotWritten."""
+    lock = path.with_name(f".{path.name}.lock")
+    with ExitStack() as stack:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            held = stack.enter_context(lock_of(lock))
+        except OSError as fault:
+            raise NotWritten(path, fault) from fault
+        if not held:
+            raise refused(path, f"another process holds {lock.name}; end it, and try again.")
         yield
-    finally:
-        os.close(folder)
 
 
 def _write(path: Path, devices: tuple[KnownDevice, ...]) -> None:

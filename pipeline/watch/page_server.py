@@ -13,11 +13,11 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Protocol, Self
+from typing import Self
 
 import uvicorn
 from starlette.applications import Starlette
@@ -48,6 +48,7 @@ from pipeline.watch.connections import (
 )
 from pipeline.watch.device_login import DeviceLogin, Network
 from pipeline.watch.forms import HEADERS, form_of
+from pipeline.watch.verdict_desk import VerdictDesk
 from reports.language import ENGLISH
 
 LOOPBACK = "127.0.0.1"
@@ -57,8 +58,6 @@ SIGN_OF_LIFE_S = 15.0
 """Seconds after which an open page hears that there is no news, so that a dead connection shows."""
 STARTS_WITHIN_S = 10.0
 """Seconds within which the server must listen."""
-AGAIN_S = 5.0
-"""Seconds after which a page that stopped is started again."""
 CIPHERS = "DEFAULT:!aNULL:!eNULL"
 """Of TLS: OpenSSL's own. By itself uvicorn 0.40 also offers suites without encryption or certificate."""
 MEDIA_TYPES = {
@@ -72,30 +71,6 @@ MEDIA_TYPES = {
     ".glb": "model/gltf-binary",
 }
 """Kinds of files that are given, and as what."""
-
-
-class Access(Protocol):
-    """Says who may open the page."""
-
-    @property
-    def prefix(self) -> str:
-        """Of every address, as a route of Starlette."""
-
-    @property
-    def strict(self) -> bool:
-        """Whether forms must name the page that they come from."""
-
-    def knows(self, request: Request) -> bool:
-        """Whether whoever sent this request may open the page."""
-
-    def device_of(self, request: Request) -> str:
-        """Name of the known device that sent this request; empty where devices have none."""
-
-    def routes(self) -> list[Route]:
-        """Addresses of its own, for everybody."""
-
-    def refusal(self, request: Request) -> Response | None:
-        """What others get; None: that there is nothing."""
 
 
 @dataclass(frozen=True)
@@ -122,19 +97,6 @@ class TokenInAddress:
         """Nothing."""
 
 
-class Desk(Protocol):
-    """Takes verdicts of people."""
-
-    def form(self, fruit_id: str) -> str | None:
-        """The page with the form for a fruit; None where there is no such fruit."""
-
-    def scanned(self, text: str) -> tuple[str, str]:
-        """Where a scanned code leads; empty with the page that says why it leads nowhere."""
-
-    def judge(self, fruit_id: str, written: Mapping[str, str], device: str) -> str | None:
-        """Keeps a verdict that a device sent, or gives the page that says why not."""
-
-
 class _Server(uvicorn.Server):
     """Accepts BACKLOG connections a turn; the others wait in the system. TLS must begin within REQUEST_S."""
 
@@ -152,8 +114,8 @@ class PageServer:
     """A page that changes, and the report beside it; used as a context.
 
     `port` 0: any free one. `network`: where others than this machine may open it; None: nowhere. `tell` gets
-    one sentence when the page stops by itself; it is then started again at the same address, every AGAIN_S.
-    Grading does not depend on it. Raises BatchRefused where the port is taken, or the server does not start.
+    one sentence when the page stops by itself. Grading does not depend on it. Raises BatchRefused where the
+    port is taken, or the server does not start.
     """
 
     def __init__(
@@ -167,22 +129,18 @@ class PageServer:
     ) -> None:
         self._results = results
         self._network = network
-        self.desk: Desk | None = None
+        self.desk: VerdictDesk | None = None
         self._page, self._version, self._closed = "", 0, threading.Event()
-        self._tell, self._stopped = tell, False
+        self._tell = tell
         self._socket = _listening(LOOPBACK if network is None else network.host, port)
-        self._access: Access = (
+        self._access: TokenInAddress | DeviceLogin = (
             TokenInAddress(secrets.token_urlsafe(16))
             if network is None
             else DeviceLogin(
                 devices=network.devices, port=self._socket.getsockname()[1], language=language, tell=tell
             )
         )
-        self._server = self._new_server()
-        self._thread = threading.Thread(target=self._serve, name="drupe page", daemon=True)
-
-    def _new_server(self) -> uvicorn.Server:
-        return _Server(
+        self._server = _Server(
             uvicorn.Config(
                 self._app(),
                 log_config=None,
@@ -201,28 +159,24 @@ class PageServer:
                 timeout_graceful_shutdown=1,
             )
         )
+        self._thread = threading.Thread(target=self._serve, name="drupe page", daemon=True)
 
     def _serve(self) -> None:
-        """Runs the server until the context ends, and again where it stops before."""
-        started = False
-        while not self._closed.is_set():
-            try:
-                at_once = connections_at_once()
-                most = at_once + TURNS * BACKLOG
-                of_address = most if self._network is None else at_once // SHARE_OF_ADDRESS
-                socket_ = CappedSocket(fileno=self._socket.dup().detach())
-                with socket_.capped(most, most_of_address=of_address) as listening:
-                    self._server.run(sockets=[listening])
-                why = "its server ended"
-            except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it is, grading goes on
-                why = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
-            if self._closed.is_set() or not (started or self._server.started):
-                return
-            if not self._stopped:
-                self._tell(f"the page stopped ({why}); grading continues, and drupe restarts the page")
-            started = self._stopped = True
-            self._closed.wait(AGAIN_S)
-            self._server = self._new_server()
+        """Runs the server until the context ends; says so where it stops before."""
+        at_once = connections_at_once()
+        most = at_once + TURNS * BACKLOG
+        of_address = most if self._network is None else at_once // SHARE_OF_ADDRESS
+        try:
+            socket_ = CappedSocket(fileno=self._socket.dup().detach())
+            with socket_.capped(most, most_of_address=of_address) as listening:
+                self._server.run(sockets=[listening])
+            why = "its server ended"
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it is, grading goes on
+            why = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        if self._server.started and not self._closed.is_set():
+            self._tell(
+                f"the page stopped ({why}); grading continues. Start drupe watch again to see the page"
+            )
 
     @property
     def address(self) -> str:

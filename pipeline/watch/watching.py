@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from datetime import UTC, datetime
 from pathlib import Path
 
 from rich.console import Console
@@ -11,20 +12,26 @@ from rich.console import Console
 from pipeline.batch.fruits_table import FruitRow, unlisted_fruit
 from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import Batch, open_batch
+from pipeline.batch.records import FruitRecord
+from pipeline.batch.results_lock import results_lock
+from pipeline.exit_status import DONE, INTERRUPTED, USAGE
 from pipeline.files.whole_file import NotWritten
+from pipeline.fruit.same_recording import copies_doubted
 from pipeline.problem import BatchRefused, Problem
-from pipeline.run.batch_run import GradeOptions
-from pipeline.run.incremental_run import IncrementalRun
+from pipeline.ranking.reference_temperature import compared
+from pipeline.run.batch_run import BatchRun, GradeOptions
+from pipeline.run.engines import WorkPlace
+from pipeline.run.grading import begun, grade_queue, placed, say_begun
+from pipeline.run.packed_records import PackedRecords
+from pipeline.run.reporting import ReportPace, entry_of, report_of_records
 from pipeline.watch.arrivals import Arrivals, State, own_state
+from reports.entries import BatchEntry, FruitEntry
 from reports.kiosk_page import KioskEntry
 
 EVERY_S = 0.5
 """Seconds between two looks at the folder, at least. Set by hand: nobody notices less."""
 SHARE = 0.05
 """Of the time that looking may take: after a look that took t, t over this is waited."""
-AS_MANY = 10
-"""Fruit that are only read again in the time in which a single one is taken in: 20 ms and 0.2 s
-(measured with 2000 fruit)."""
 AGAIN_S = 10.0
 """Seconds after which a batch that was refused is tried again though nothing in it has changed: the cause may
 lie elsewhere (another run that writes there, a full disk)."""
@@ -46,7 +53,9 @@ class WatchOptions:
 class BatchWatch:
     """What is known of a watched batch between two looks.
 
-    `show` is told whenever something is to be seen; `clock` in seconds.
+    `show` is told whenever something is to be seen; `clock` in seconds. Fruit are graded by the same loop as
+    those of `drupe grade`. Each is shown as it ends, among those of the last report. Ranking and report of
+    all follow at a pace that keeps their cost near 1 % of the time.
     """
 
     root: Path
@@ -55,30 +64,45 @@ class BatchWatch:
     show: Callable[[KioskEntry], None]
     clock: Callable[[], float] = time.monotonic
     sleep: Callable[[float], None] = time.sleep
-    tried: dict[str, tuple[FruitRow, State]] = field(default_factory=dict)
+    records: PackedRecords = field(default_factory=PackedRecords)
+    """Of the fruit that are done."""
+    graded: dict[str, tuple[FruitRow, State]] = field(default_factory=dict)
     """Row and files of each fruit when it was last graded."""
+    batch_files: State | None = None
+    """The batch's own files when its fruit were graded."""
+    batch: Batch | None = None
+    """With the fruit that are done or at work."""
+    working: tuple[str, ...] = ()
+    """Fruit that are being graded, or were when Ctrl-C came."""
     recent: list[str] = field(default_factory=list)
     """Fruit in the order in which their files were graded, the last first."""
-    compared_state: State | None = None
-    """The batch's own files when all fruit were last held against each other; None: none were yet, or that
-    was refused the last time.
-    """
+    newest: dict[str, State] = field(default_factory=dict)
+    """The files of each with which it became the last."""
+    entry: BatchEntry | None = None
+    """What the last report says, with the fruit that have ended since."""
+    unreported: bool = False
+    """Whether the last report lacks something."""
+    refused: bool = False
+    """Whether what was to be done last was refused."""
+    status: int = DONE
+    """Exit status of the last report."""
     arrivals: Arrivals = field(init=False)
     """What lies in the fruit's folders."""
-    graded: IncrementalRun = field(init=False)
-    """The fruit so far, their ranking and report."""
+    pace: ReportPace = field(init=False)
 
     def __post_init__(self) -> None:
         """Its parts, by the watch's options and clock."""
-        options = self.options
-        self.arrivals = Arrivals(settle_s=options.settle_s, clock=self.clock)
-        self.graded = IncrementalRun(
-            out=options.out,
-            options=options.grading,
-            console=self.console,
-            tell=self._changed,
-            clock=self.clock,
-        )
+        self.arrivals = Arrivals(settle_s=self.options.settle_s, clock=self.clock)
+        self.pace = ReportPace(self.clock)
+
+    @property
+    def reported(self) -> BatchEntry | None:
+        """What the last report says; None where it lacks something or there is none."""
+        return None if self.unreported else self.entry
+
+    def judged(self) -> None:
+        """Somebody gave a verdict, which the last report lacks."""
+        self.unreported = self.unreported or self.batch is not None
 
     def run(self) -> int:
         """Watches until nothing new has come for `idle_s`; the exit status of the last report. A fault that
@@ -92,158 +116,193 @@ class BatchWatch:
             raise
 
     def _run(self) -> int:
-        self._begin_with_earlier_results()
         quiet_since, refused_at = self.clock(), -float("inf")
         before: object = None
         named: dict[str, str] = {}
         while True:
             began = self.clock()
-            batch_state, batch, problems = self._opened()
+            batch_files, batch, problems = self._opened()
             looked_s = self.clock() - began
-            if batch is not None:
-                self.graded.looked(batch)
-            now = (
-                batch_state,
-                problems,
-                tuple((name, arrival.state) for name, arrival in self.arrivals.of.items()),
-            )
-            if now != before:
-                before, quiet_since, refused_at = now, self.clock(), -float("inf")
+            states = tuple((name, arrival.state) for name, arrival in self.arrivals.of.items())
+            if (batch_files, problems, states) != before:
+                before, quiet_since, refused_at = (batch_files, problems, states), self.clock(), -float("inf")
                 self._tell(problems)
             named = self._name_lacking(named)
-            if self.clock() - refused_at >= AGAIN_S:
-                if batch is not None and (chosen := self._chosen(batch, batch_state)):
-                    done = self._grade(batch, batch_state, chosen)
+            if batch is not None and self.clock() - refused_at >= AGAIN_S:
+                self._forget_changed(batch, batch_files)
+                chosen = self._chosen(batch)
+                if chosen or (self.unreported and self.pace.due()):
+                    done = self._grade(batch, batch_files, chosen) if chosen else self._report()
                     refused_at = -float("inf") if done else self.clock()
-                    quiet_since = self.clock() if done else quiet_since
-                    continue
-                if batch is not None and self.graded.report_due:
-                    refused_at = -float("inf") if self._report() else self.clock()
+                    quiet_since = self.clock() if done and chosen else quiet_since
                     continue
             idle_s, coming = self.options.idle_s, not all(map(self.arrivals.at_rest, self.arrivals.of))
             if idle_s is not None and not coming and self.clock() - quiet_since >= idle_s:
-                if batch is not None and self.graded.uncompared:
-                    self._grade(batch, batch_state, [], compare_all=True)
                 return self.stop()
             self.sleep(max(EVERY_S, looked_s / SHARE))
 
     def stop(self) -> int:
         """At the end of `run`, or after an interruption of it: ranking and report of what is done, where the
-        last lack something; the exit status.
+        last lack something. The exit status: that of the last report, but INTERRUPTED where fruit are
+        unfinished, and USAGE where the report, or fruit that are still there, were refused.
         """
-        if self.graded.unreported:
+        if self.unreported or self.working:
             self._report()
-        return self.graded.exit_status
+        if self.working:
+            return INTERRUPTED
+        return USAGE if self.refused and self.status != INTERRUPTED else self.status
 
     def _opened(self) -> tuple[State, Batch | None, tuple[str, ...]]:
         """The batch's own files, and the batch with the fruit that are whole, or why it cannot be graded: it
         may be out of reach for a moment, as one on a network drive.
         """
-        batch_state: State = ()
+        batch_files: State = ()
         try:
-            batch_state = own_state(BatchFolder(self.root))
-            return batch_state, open_batch(self.root, choose=self._whole), ()
+            batch_files = own_state(BatchFolder(self.root))
+            return batch_files, open_batch(self.root, choose=self._whole), ()
         except (BatchRefused, OSError) as fault:
-            return batch_state, None, self._sentences(fault)
+            return batch_files, None, self._sentences(fault)
 
     def _whole(self, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
         """The fruit that lack nothing, listed or not."""
         every = (*rows, *unlisted_fruit(folder.fruits, rows))
-        return self.arrivals.look(folder, every, {name: files for name, (_, files) in self.tried.items()})
+        return self.arrivals.look(folder, every)
 
-    def _chosen(self, batch: Batch, batch_state: State) -> list[str]:
+    def _forget_changed(self, batch: Batch, batch_files: State) -> None:
+        """Forgets fruit that are gone, and those whose row, files or settings are others than when they were
+        graded.
+        """
+        for name, (row, state) in [*self.graded.items()]:
+            if name not in batch.row_of:
+                del self.graded[name]
+                self.records.pop(name, None)
+                self.unreported = True
+            elif batch_files != self.batch_files or (
+                (row, state) != (batch.row_of[name], self.arrivals.of[name].state)
+                and self.arrivals.at_rest(name)
+            ):
+                del self.graded[name]
+        self.refused = self.refused and not all(name in self.graded for name in batch.row_of)
+        if self.batch is not None:
+            rows = tuple(row for row in self.batch.rows if row.fruit_id in batch.row_of)
+            self.batch = replace(self.batch, rows=rows)
+
+    def _chosen(self, batch: Batch) -> list[str]:
         """Fruit that are whole, at rest and not graded as they are: as many as are worked on at once, the
-        first come first. All whose files are as they were graded, but not their row or the batch's own files,
-        at once: most are only read again.
+        first come first; before them, at once, all that have a record, of which most are only read.
         """
-        ready = [
-            name
-            for name, row in batch.row_of.items()
-            if self.arrivals.at_rest(name)
-            and (
-                batch_state != self.compared_state
-                or self.tried.get(name) != (row, self.arrivals.of[name].state)
-            )
-        ]
-        again = [
-            name
-            for name in ready
-            if name in self.tried and self.tried[name][1] == self.arrivals.of[name].state
-        ]
-        return (
-            again
-            or sorted(ready, key=lambda name: self.arrivals.of[name].last_change_ns)[
-                : self.options.grading.jobs
-            ]
-        )
+        ready = [name for name in batch.row_of if name not in self.graded and self.arrivals.at_rest(name)]
+        results = Results(self.options.out)
+        again = [name for name in ready if results.fruit(name).record.is_file()]
+        newest = sorted(ready, key=lambda name: self.arrivals.of[name].last_change_ns)
+        return again or newest[: self.options.grading.jobs]
 
-    def _begin_with_earlier_results(self) -> None:
-        """Fruit that earlier runs graded come first, all at once: those that are unchanged are only read."""
-        batch_state, batch, _ = self._opened()
-        if batch is None:
-            return
-        records = {row.fruit_id: Results(self.options.out).fruit(row.fruit_id).record for row in batch.rows}
-        there = {}
-        for name, path in records.items():
-            with suppress(OSError):
-                if path.is_file():
-                    there[name] = path.stat().st_mtime
-        if there:
-            in_order = sorted(there, key=lambda name: there[name])
-            self._grade(batch, batch_state, in_order)
-
-    def _grade(
-        self, batch: Batch, batch_state: State, chosen: list[str], *, compare_all: bool = False
-    ) -> bool:
-        """Grades the chosen fruit; whether they could be. All fruit so far are held against each other anew
-        where they are to be (`compare_all`), the batch's own files have changed since they were, or so many
-        are chosen (rows that change at once) that it takes no longer; else those alone are graded again that
-        have a recording which names one of the chosen. A report follows where it is due, or a chosen one is a
-        reference body, by which all others are corrected.
+    def _grade(self, batch: Batch, batch_files: State, chosen: list[str]) -> bool:
+        """Grades the chosen fruit; whether they could be. A report follows where it is due, where several
+        were read again, and after a reference body, by which all others are corrected.
         """
-        self.tried = {
-            name: row_and_state for name, row_and_state in self.tried.items() if name in batch.row_of
-        }
-        many = len(chosen) > max(self.options.grading.jobs, len(self.tried) / AS_MANY)
-        changed = batch_state != self.compared_state
-        states = {name: self.arrivals.of[name].state for name in chosen}
-        known = {*self.tried, *chosen, *self.graded.ungraded}
-        waiting = sum(name not in known and self.arrivals.at_rest(name) for name in batch.row_of)
+        known = {*self.records, *chosen}
         so_far = replace(batch, rows=tuple(row for row in batch.rows if row.fruit_id in known))
-        anew = compare_all or many or changed
+        states = {name: self.arrivals.of[name].state for name in chosen}
+        waiting = sum(name not in known and self.arrivals.at_rest(name) for name in batch.row_of)
+        before = () if self.batch is None else self.batch.row_of
+        self.batch, self.working = so_far, tuple(chosen)
         try:
-            if anew:
-                self.graded.grade_all(so_far, chosen, waiting=waiting, changed=changed)
-                self.compared_state = batch_state
-                for name in chosen:
-                    self._first_of_recent(name)
-            else:
-                self.graded.grade_newcomers(so_far, chosen, waiting=waiting)
+            for name in chosen:
+                self.unreported = self.records.pop(name, None) is not None or self.unreported
+            self._tell(())
+            run = self._placed(so_far, hashed=not self.records)
+            with results_lock(self.options.out):
+                run.require_ours(chosen)
+                place = WorkPlace()
+                queue = begun(run, chosen, self.records, console=self.console, mark=place.mark)
+                if self.batch_files is None:
+                    say_begun(queue, run, self.console)
+                for name in queue.kept:
+                    self._ended(run, self.records[name], states[name], shown=len(chosen) == 1)
+                grade_queue(
+                    queue,
+                    run,
+                    self.options.grading,
+                    lambda record: self._ended(run, record, states[record.fruit_id]),
+                    console=self.console,
+                    waiting=waiting,
+                )
+        except KeyboardInterrupt:
+            self.working = tuple(name for name in chosen if name not in self.records)
+            raise
         except (BatchRefused, OSError) as fault:
-            self.compared_state = None if anew else self.compared_state
-            for name in self.graded.ungraded:
-                self.tried.pop(name, None)  # as it was before it changed it is graded again, too
-            self._refused(fault)
-            return False
-        for name in chosen:
-            self.tried[name] = batch.row_of[name], states[name]
-        self._tell(())
+            kept = {*before, *self.records}
+            rows = tuple(row for row in so_far.rows if row.fruit_id in kept)
+            self.batch, self.working = replace(so_far, rows=rows), ()
+            return self._refuse(fault)
+        self.batch_files, self.refused = batch_files, False
         corrects = any(batch.row_of[name].reference for name in chosen)
-        if self.graded.report_due or (corrects and self.graded.unreported):
+        if self.pace.due() or corrects or len(queue.kept) > 1:
             self._report()
+        else:
+            self._tell(())
         return True
+
+    def _placed(self, batch: Batch, *, hashed: bool) -> BatchRun:
+        began = datetime.now(UTC), time.monotonic()
+        return placed(batch, self.options.out, self.options.grading, began=began, hashed=hashed)
+
+    def _ended(self, run: BatchRun, record: FruitRecord, state: State, *, shown: bool = True) -> None:
+        """A fruit has ended: it is shown among those of the last report, unless `shown` is false."""
+        name = record.fruit_id
+        self.graded[name] = run.batch.row_of[name], state
+        self.working = tuple(fruit_id for fruit_id in self.working if fruit_id != name)
+        self.unreported = True
+        if self.newest.get(name) != state:
+            self.newest[name] = state
+            self.recent = [name, *(fruit_id for fruit_id in self.recent if fruit_id != name)]
+        if shown and self.entry is not None:
+            self.entry = self._with_newcomer(run, self.entry, record)
+            self._tell(())
+
+    def _with_newcomer(self, run: BatchRun, entry: BatchEntry, record: FruitRecord) -> BatchEntry:
+        """The last report's entry with a fruit: E by the reference bodies so far, and its rank. Ranks of the
+        others, and how sure the rank is, come with the next report.
+        """
+        bodies = [
+            self.records[row.fruit_id]
+            for row in run.batch.rows
+            if row.reference and row.fruit_id in self.records and row.fruit_id != record.fruit_id
+        ]
+        related = copies_doubted([*bodies, record], run.batch.folder)
+        in_order, finding = compared(related, run.batch.settings)
+        alone = [measured for measured in in_order if measured.fruit_id == record.fruit_id]
+        (fruit,) = entry_of(run)(alone, exit_status=None, finding=finding).fruits
+        others = [
+            other
+            for other in entry.fruits
+            if other.fruit_id != fruit.fruit_id and other.fruit_id in run.batch.row_of
+        ]
+        return replace(entry, fruits=(*others, _ranked(fruit, others)))
 
     def _report(self) -> bool:
         """Ranking and report of the fruit so far, unless they cannot be made, which is told."""
+        if self.batch is None or not self.records:
+            return True
         try:
-            self.graded.report()
+            run = self._placed(self.batch, hashed=True)
+            with results_lock(self.options.out), self.pace.reporting():
+                run.require_ours()
+                self.status, entry = report_of_records(run, self.records)
+                if self.status == INTERRUPTED:
+                    run.write_provenance(self.records.outcomes, self.status)
         except (BatchRefused, OSError) as fault:
-            self._refused(fault)
-            return False
+            return self._refuse(fault)
+        self.unreported, self.refused = False, False
+        self.entry = entry or self.entry
+        self._tell(())
         return True
 
-    def _refused(self, fault: BatchRefused | OSError) -> None:
+    def _refuse(self, fault: BatchRefused | OSError) -> bool:
+        self.refused = True
         self._tell(self._sentences(fault))
+        return False
 
     def _sentences(self, fault: BatchRefused | OSError) -> tuple[str, ...]:
         if isinstance(fault, BatchRefused):
@@ -252,18 +311,6 @@ class BatchWatch:
             return (str(fault),)
         sentence = f"drupe cannot process it ({fault.strerror or fault}) and tries again."
         return (str(Problem(str(fault.filename or self.root), sentence)),)
-
-    def _changed(self, ended: str | None) -> None:
-        """The fruit at work or their ranking are others now; `ended`: the fruit that has ended."""
-        if ended is not None:
-            self._first_of_recent(ended)
-        self._tell(())
-
-    def _first_of_recent(self, name: str) -> None:
-        """The fruit was graded last, unless its files are those of before: then it is where it was."""
-        if name in self.tried and self.tried[name][1] == self.arrivals.of[name].state:
-            return
-        self.recent = [name, *(fruit_id for fruit_id in self.recent if fruit_id != name)]
 
     def _name_lacking(self, named: Mapping[str, str]) -> dict[str, str]:
         """Says on the console which fruit lack files though theirs are at rest, where it has not `named` them
@@ -285,11 +332,23 @@ class BatchWatch:
         self.show(
             KioskEntry(
                 name=self.root.absolute().name,
-                batch=None if self.graded.ranking is None else self.graded.ranking.entry,
+                batch=self.entry,
                 recent=tuple(self.recent),
-                working=self.graded.working,
+                working=self.working,
                 waiting=self.arrivals.lacking,
                 expected=self.arrivals.expected,
                 problems=problems,
             )
         )
+
+
+def _ranked(fruit: FruitEntry, others: list[FruitEntry]) -> FruitEntry:
+    """The fruit, alone in its ranking so far, with its rank among the others."""
+    if fruit.rank is None or fruit.E_MPa is None:
+        return fruit
+    softer = sum(
+        other.E_MPa < fruit.E_MPa for other in others if other.rank is not None and other.E_MPa is not None
+    )
+    return replace(
+        fruit, rank=1 + softer, rank_probability=None, rank_low=None, rank_high=None, p_softer_than_next=None
+    )

@@ -162,24 +162,6 @@ PICTURE: dict[str, Change] = {
 }
 
 
-def _chart(named: str, *, link: bool = False) -> Change:
-    """The settings name this control chart; `link`: its folder in the batch leads elsewhere."""
-
-    def change(path: Path, _: np.random.Generator) -> None:
-        put(path, path.read_bytes() + f'[reference]\nchart = "{named}"\n'.encode())
-        if link:
-            (path.parent / named).parent.symlink_to("/usr")
-
-    return change
-
-
-CHARTS: dict[str, Change] = {
-    "absolute": _chart("/usr/gripper.csv"),
-    "above the folder around the batch": _chart("../../gripper.csv"),
-    "behind a link": _chart("charts/gripper.csv", link=True),
-}
-
-
 def cases() -> list[Broken]:
     """Every case, always the same."""
     first, second, raw = "batch/fruits/A", "batch/fruits/B", "batch/fruits/B/grasps/raw"
@@ -223,16 +205,6 @@ def cases() -> list[Broken]:
             for kind, path, c, expects in inverted_signs()
         ),
         *costly(),
-        *(
-            Broken(
-                format="control chart",
-                kind=f"a chart elsewhere, {kind}",
-                path="batch/batch.toml",
-                change=change,
-                expects=r'batch\.toml: "reference\.chart": found .*gripper\.csv.*; expected a file in',
-            )
-            for kind, change in CHARTS.items()
-        ),
         *(
             Broken(format=FORMAT, path=TRACE, command="trace", kind=kind, change=change, expects=expects)
             for kind, change, expects in changes()

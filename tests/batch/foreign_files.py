@@ -63,12 +63,12 @@ def _named() -> Iterator[Row]:
     yield "recording .hdf5 beside .h5", RECORDING, _copied("grasp-1.hdf5"), r"same displacements and forces"
     said = r"a\.mat: the file: found a MATLAB file of a version before 7\.3.*h5create"
     yield "old .mat", RECORDING, _added("fruits/A/grasps/a.mat", data=b"MATLAB 5.0 MAT-file"), said
-    said = r"fruit\.stl is not used: drupe reads fruit\.ply instead; keep one"
+    said = r"fruit\.stl is not used: drupe reads one mesh named fruit"
     yield "two meshes", MESH_FILE, _copied("fruit.stl"), said
-    said = r"scan\.obj is not used: .* under the name fruit"
+    said = r"scan\.obj is not used: .* one mesh named fruit"
     yield "mesh of another name", MESH_FILE, _copied("scan.obj"), said
     yield "mesh of another kind", MESH_FILE, _copied("scan.3mf"), r"scan\.3mf is not used: meshes are read as"
-    said = r"grasp-2\.h5 is not used: .* grasps/; move it there"
+    said = r"grasp-2\.h5 is not used: .*grasps/; move it there"
     yield "recording in the fruit's folder", MESH_FILE, _copied("grasp-2.h5"), said
     said = r"press\.csv is not used: .*`drupe convert`"
     yield "table in grasps/", RECORDING, _added("fruits/A/grasps/press.csv"), said
@@ -76,9 +76,9 @@ def _named() -> Iterator[Row]:
         "photos beside photos/",
         f"{B}/photos/000.jpg",
         _added(*(f"fruits/B/{k}.jpg" for k in range(5))),
-        (r"0\.jpg, 1\.jpg, 2\.jpg and 2 more are not used: photos are read in photos/"),
+        (r"0\.jpg, 1\.jpg, 2\.jpg and 2 more are not used: drupe reads photos in"),
     )
-    said = r"Recordings is not used: it holds grasp-2\.h5"
+    said = r"Recordings is not used: a fruit's folders are photos/"
     yield "folder of another name", RECORDING, _added("fruits/A/Recordings/grasp-2.h5"), said
     yield "mesh in fruits/", MESH_FILE, _added("fruits/C.ply"), r"C\.ply is not used: .*fruits/<fruit_id>/"
     said = r"_C is not used: a fruit_id"

@@ -3,14 +3,12 @@
 import os
 import signal
 import time
-from importlib import metadata
 from pathlib import Path
 
 from pipeline.batch.batch_fruits import write_run
-from pipeline.batch.cache import ROOMS, code_version, file_hash
 from pipeline.batch.layout import Results
 from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord, write_record
-from pipeline.run.cluster_worker import RunNeeds, python_version
+from pipeline.run.cluster_worker import RunNeeds, this_drupe
 
 
 def work(task, report):
@@ -56,11 +54,8 @@ def needs_of(folder, *, mark="this run", **changed):
     results.claim()
     write_run(results, ["A", "B"], mark="this run")
     known = {
-        "drupe": metadata.version("drupe"),
-        "python": python_version(),
-        "code": code_version(ROOMS),
+        "drupe": this_drupe(),
         "settings": settings,
-        "settings_sha256": file_hash(settings),
         "run": results.run,
         "mark": mark,
         "per_fruit_MiB": 100.0,

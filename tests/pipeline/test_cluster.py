@@ -22,6 +22,7 @@ import dask
 import psutil
 import pytest
 from cluster_work import graded_unless_it_dies, needs_of, patient, work
+from dask.utils import parse_bytes
 from distributed import Client, LocalCluster, Security
 from rich.console import Console
 from small_batches import batch_of_balls
@@ -30,11 +31,10 @@ from pipeline.batch.records import read_record
 from pipeline.problem import BatchRefused
 from pipeline.run import grading
 from pipeline.run.batch_run import GradeOptions
-from pipeline.run.cluster import Cluster
+from pipeline.run.cluster import Cluster, _jobqueue, slurm_jobs
 from pipeline.run.cluster_worker import OWN_MIB
 from pipeline.run.engines import WorkPlace
 from pipeline.run.scheduling import Died, Finished, Progressed, TimedOut, run_on
-from pipeline.run.slurm_jobs import _jobqueue, slurm_jobs
 
 pytestmark = [pytest.mark.slow, pytest.mark.cluster]
 PATHS = os.pathsep.join(map(str, (Path(__file__).parents[2], Path(__file__).parent)))
@@ -127,54 +127,8 @@ def test_leaving_early_ends_what_is_running(address, tmp_path):
 def test_a_run_whose_folder_the_workers_do_not_see_is_refused(address, tmp_path):
     with pytest.raises(BatchRefused) as refused:
         list(run_on(engine(address, tmp_path, mark="another run"), work, [("a", "fine")]))
-    assert str(refused.value).startswith("2 workers (tcp://")
+    assert str(refused.value).startswith("worker tcp://")
     assert "results as this command does: OUT must lie on a file system" in str(refused.value)
-
-
-def test_workers_that_come_later_are_asked_too(address, tmp_path, monkeypatch):
-    monkeypatch.setattr(Cluster, "_require_fit", lambda self: None)
-    with pytest.raises(BatchRefused, match=r"worker.* with other source files or numerical libraries"):
-        list(run_on(engine(address, tmp_path, code="another"), work, [("a", "fine")]))
-
-
-def test_one_that_comes_later_and_is_not_fit_is_left_out_and_nothing_is_lost(address, tmp_path, monkeypatch):
-    """It has two threads; the run goes on with the others, also after that one is gone."""
-    monkeypatch.setattr(Cluster, "_require_fit", lambda self: None)
-    worker = ("distributed.cli.dask_worker", address, "--nthreads", "2", "--no-dashboard")
-    tasks, said = [(name, "fine") for name in "abcdefgh"], []
-    with started(tmp_path, *worker), Client(address, set_as_default=False) as client:
-        client.wait_for_workers(3, timeout=60)
-        ended = [
-            event.fruit_id
-            for event in run_on(engine(address, tmp_path, said=said), work, tasks)
-            if isinstance(event, Finished) and event.result[0] == "fine"
-        ]
-    assert sorted(ended) == list("abcdefgh")
-    assert len([line for line in said if "has 2 threads, expected 1" in line]) == 1
-    assert any(line.startswith("left out: worker tcp://") for line in said)
-
-
-def test_one_that_comes_later_without_this_drupe_is_left_out_and_nothing_is_lost(
-    address, tmp_path, monkeypatch
-):
-    """It finds an empty module in drupe's place; it is there, and not asked, when the run begins."""
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / "pipeline.py").touch()
-    asked, ask = [], Cluster._require_fit
-    monkeypatch.setattr(Cluster, "_require_fit", lambda self: asked.append(self) or (asked[1:] and ask(self)))
-    worker = ("distributed.cli.dask_worker", address, "--nthreads", "1", "--no-dashboard")
-    tasks, said = [(name, "fine") for name in "abcdefgh"], []
-    with started(tmp_path / "other", *worker), Client(address, set_as_default=False) as client:
-        client.wait_for_workers(3, timeout=60)
-        ended = [
-            event.fruit_id
-            for event in run_on(engine(address, tmp_path, said=said), work, tasks)
-            if isinstance(event, Finished) and event.result[0] == "fine"
-        ]
-    assert sorted(ended) == list("abcdefgh")
-    (left_out,) = (line for line in said if line.startswith("left out: "))
-    assert "cannot load this drupe (" in left_out
-    assert "No module named 'pipeline.run'" in left_out
 
 
 def test_a_batch_begun_on_this_machine_ends_on_a_cluster(address, tmp_path, monkeypatch):
@@ -301,46 +255,48 @@ def test_slurm_is_asked_for_jobs_of_one_worker_with_memory_for_one_fruit(slurm, 
     assert "--nanny --death-timeout 60 --lifetime 1h" in script
     assert "#SBATCH -J drupe" in script
     assert "#SBATCH --cpus-per-task=1" in script
-    assert "#SBATCH --mem=800M" in script  # 300 of the fruit, 500 of the worker
-    assert "export PYTHONSAFEPATH=1" in script
-    assert "--nthreads 1 --memory-limit 838860800B" in script
+    assert "--nthreads 1 --memory-limit" in script
 
 
 def test_slurms_jobs_speak_tls_with_a_key_that_only_this_user_reads(slurm, tmp_path):
-    shared = tmp_path / "with space"
-    shared.mkdir(mode=0o700)
-    with slurm_jobs(1, 100.0, print, certificates=shared) as jobs:
-        address = jobs.cluster.scheduler_address
+    with slurm_jobs(1, needs_of(tmp_path), print, tls=True) as jobs:
+        address = jobs.scheduler_address
         assert address.startswith("tls://")
-        files = list(shared.iterdir())
+        (folder,) = tmp_path.glob(".results.drupe-run-*")
+        files = list(folder.iterdir())
         assert {stat.S_IMODE(file.stat().st_mode) for file in files} == {0o600}
         assert sum("PRIVATE KEY" in file.read_text() for file in files) == 1
-        with Client(address, security=jobs.cluster.security, set_as_default=False) as client:
+        with Client(address, security=jobs.security, set_as_default=False) as client:
             client.wait_for_workers(1, timeout=60)
             assert client.submit(os.getpid).result(timeout=60) != os.getpid()
         for stranger in ("tcp" + address.removeprefix("tls"), address):
             other = None if stranger.startswith("tcp") else Security.temporary()
             with pytest.raises(OSError, match=r"."):
                 Client(stranger, security=other, timeout=3, set_as_default=False)
+    assert not folder.exists()
+
+
+def test_a_key_in_a_folder_with_a_blank_is_refused(slurm, tmp_path):
+    (tmp_path / "with space").mkdir()
+    with (
+        pytest.raises(BatchRefused, match="choose another --out, or plain TCP with --no-tls"),
+        slurm_jobs(1, needs_of(tmp_path / "with space"), print, tls=True),
+    ):
+        pass
 
 
 @pytest.mark.parametrize("per_fruit_MiB", [600.0, 1000.0, 1500.0])
 def test_a_job_of_slurm_has_memory_for_its_fruit_and_its_worker(slurm, tmp_path, per_fruit_MiB):
     """Neither Slurm's limit nor the worker's is below the sum."""
-    with slurm_jobs(1, per_fruit_MiB, print):
+    with slurm_jobs(1, needs_of(tmp_path, per_fruit_MiB=per_fruit_MiB), print, tls=False):
         script = (slurm / "script").read_text()
     number, unit = re.search(r"#SBATCH --mem=(\d+)([MG])", script).groups()
-    limit_MiB = int(re.search(r"--memory-limit (\d+)B", script)[1]) / 2**20
+    limit_MiB = parse_bytes(re.search(r"--memory-limit (\S+)", script)[1]) / 2**20
     assert int(number) * {"M": 1, "G": 1024}[unit] >= limit_MiB >= per_fruit_MiB + OWN_MIB
 
 
 REFUSES = """#!/bin/sh
 echo "sbatch: error: invalid partition specified: normal" >&2
-exit 1
-"""
-TAKES_ONE = """#!/bin/sh
-mkdir {folder}/taken 2>/dev/null && exec echo "Submitted batch job 1"
-echo "sbatch: error: QOSMaxSubmitJobPerUserLimit" >&2
 exit 1
 """
 
@@ -351,27 +307,10 @@ def test_a_run_whose_jobs_slurm_refuses_is_refused_with_its_words(slurm, tmp_pat
         pytest.raises(
             BatchRefused, match=r"^--slurm: sbatch accepts no job \(sbatch: error: invalid partition"
         ),
-        slurm_jobs(3, 100.0, print),
+        slurm_jobs(3, needs_of(tmp_path), print, tls=False),
     ):
         pass
     assert "Traceback" not in capfd.readouterr().err
-
-
-def test_jobs_that_are_refused_while_others_are_taken_are_asked_for_again(slurm, tmp_path, monkeypatch):
-    (slurm / "sbatch").write_text(TAKES_ONE.format(folder=slurm))
-    (slurm / "scancel").write_text("#!/bin/sh\n")
-    monkeypatch.setattr("pipeline.run.slurm_jobs.AGAIN_S", 0.0)
-    said = []
-    with slurm_jobs(2, 100.0, said.append) as jobs:
-        refused = (
-            "Slurm accepted 1 of 2 jobs (sbatch: error: QOSMaxSubmitJobPerUserLimit); "
-            "drupe submits the others"
-        )
-        assert said[0].startswith(refused)
-        assert jobs.refusal == "sbatch: error: QOSMaxSubmitJobPerUserLimit"
-        (slurm / "taken").rmdir()
-        jobs.look()
-        wait_until(lambda: (slurm / "taken").exists() and not jobs.refusal)
 
 
 COMMAND = """

@@ -19,9 +19,9 @@ def noon():
 def test_every_line_is_in_the_log_with_its_time_and_quiet_shows_none(tmp_path, capsys):
     log = tmp_path / "run.log"
     console = RunConsole(quiet=True, log=log, now=noon)
-    with BatchProgress(console, total=1, jobs=1) as progress:
+    with BatchProgress(console, total=1) as progress:
         progress.stage("N01", "mesh")
-        progress.done("N01", "E = 0.5 MPa", whole=True)
+        progress.done("N01", "E = 0.5 MPa")
     assert capsys.readouterr() == ("", "")
     first, begins, stage, done = log.read_text().splitlines()
     assert first == HEAD
@@ -54,9 +54,9 @@ def test_on_a_terminal_stages_are_lines_where_that_is_asked_for(tmp_path, verbos
     console = RunConsole(verbose=verbose, log=log, now=noon)
     console.file = shown = io.StringIO()
     console._force_terminal = True
-    with BatchProgress(console, total=1, jobs=1) as progress:
+    with BatchProgress(console, total=1) as progress:
         progress.stage("N01", "mesh")
-        progress.done("N01", "E = 0.5 MPa", whole=True)
+        progress.done("N01", "E = 0.5 MPa")
     assert shown.getvalue().count("] N01: mesh") == lines
     assert log.read_text().count("N01: mesh") == 1
 
@@ -114,7 +114,7 @@ def test_without_a_log_what_libraries_say_is_dropped():
 def test_a_line_of_a_library_names_fruit_and_stage(tmp_path):
     log = tmp_path / "run.log"
     console = RunConsole(quiet=True, log=log, now=noon)
-    with BatchProgress(console, total=1, jobs=1) as progress:
+    with BatchProgress(console, total=1) as progress:
         progress.stage("N01", "mesh: photo 3 of 20")
         progress.noted("N01", "trimesh: failed to load")
     assert log.read_text().splitlines()[-1] == "2026-08-14T12:00:00Z N01 (mesh): trimesh: failed to load"

@@ -122,31 +122,27 @@ def test_every_count_is_right(season):
     by_lot = season.truth.groupby("lot").size()
     counts = {lot.lot: sum(day.fruit for day in lot.days) for lot in season.last.entry.series}
     assert counts == by_lot.to_dict()
-    assert queried(season, "SELECT count(*) FROM revision") == [(28 + 4,)]
-    assert queried(season, "SELECT count(*) FROM fruit") == [
-        (280 + 30,)
-    ]  # a corrected lot grades no fruit again
-    assert queried(season, "SELECT count(*) FROM grasp") == [(2 * 310,)]
-    assert queried(season, "SELECT count(*) FROM gripper") == [(2,)]
-    assert queried(season, "SELECT count(*) FROM sensor") == [(3,)]
+    assert queried(season, "SELECT count(*) FROM result") == [(28 + 4,)]
+    assert queried(season, "SELECT count(*) FROM grasp") == [(2 * 10 * 32,)]
+    assert queried(season, "SELECT count(DISTINCT gripper) FROM result") == [(2,)]
+    assert queried(season, "SELECT count(*) FROM (SELECT DISTINCT sensor, calibration FROM result)") == [(3,)]
 
 
 def test_what_was_replaced_stays(season):
     by_revision = queried(
         season,
-        "SELECT revision.revision, lot.lot FROM revision JOIN lot ON lot.id = lot_id "
-        "JOIN gripper ON gripper.id = gripper_id WHERE measured = '2026-08-10' AND gripper = 'G2'",
+        "SELECT revision, lot FROM result WHERE measured = '2026-08-10' AND gripper = 'G2'",
     )
     assert sorted(by_revision) == [(0, "X"), (1, "A")]
     E = queried(
         season,
-        "SELECT fruit.revision, avg(E_MPa) FROM fruit JOIN revision USING (batch, revision) "
-        "WHERE measured = '2026-08-06' GROUP BY fruit.revision ORDER BY fruit.revision",
+        "SELECT revision, avg(E_MPa) FROM fruit JOIN result ON result.id = fruit.result "
+        "WHERE measured = '2026-08-06' GROUP BY revision ORDER BY revision",
     )
     assert E[1][1] == pytest.approx(1.1 * E[0][1])
     calibrations = queried(
         season,
-        "SELECT revision, calibration FROM revision JOIN sensor ON sensor.id = sensor_id "
+        "SELECT revision, calibration FROM result "
         "WHERE measured = '2026-08-08' AND sensor = 'gel of G1' ORDER BY revision",
     )
     assert calibrations == [(0, "C1"), (1, "C2")]
@@ -224,7 +220,7 @@ def test_the_page_has_a_line_and_a_mark_per_day_for_every_lot_in_colours_of_the_
 def test_the_order_of_days_in_the_store_changes_nothing(season):
     with history_store(season.store) as stored:
         batches = stored.batches()
-    forth, back = (history_entry(order, conversions=(), now=NOW) for order in (batches, batches[::-1]))
+    forth, back = (history_entry(order, now=NOW) for order in (batches, batches[::-1]))
     assert [lot.softening.words for lot in forth.series] == [lot.softening.words for lot in back.series]
     assert sorted(forth.groups[0].rates) == ["A", "B", "C"]
     assert forth.groups[0].rates == pytest.approx(back.groups[0].rates, rel=1e-4)

@@ -65,7 +65,7 @@ pipeline.start.main()
 """
 
 
-@pytest.mark.parametrize("module", ["gc", "pipeline.address_space", "typer", "pipeline.cli", "rich"])
+@pytest.mark.parametrize("module", ["gc", "pipeline.lack_of_memory", "typer", "pipeline.cli", "rich"])
 def test_an_early_ctrl_c_ends_the_command_without_a_traceback(module):
     assert _ended(WHEN.format(module=module)) == (INTERRUPTED, "", "drupe: interrupted\n")
 

@@ -58,17 +58,6 @@ def test_blocks_that_overlap_leave_no_limit(sizes):
     assert limit() == before
 
 
-def test_the_widest_open_block_counts_until_the_last_one_ends():
-    block = Block(GIB).begun()
-    narrow = limit()
-    other = Block(2 * GIB).begun()
-    wide = limit()
-    assert wide > narrow + 900 * MIB
-    other.end()
-    assert limit() == wide
-    block.end()
-
-
 def test_an_exception_lifts_the_limit_and_the_next_block_has_its_own():
     before = limit()
     for _ in range(2):

@@ -221,13 +221,13 @@ def test_bodies_that_contradict_each_other_judge_nothing_and_doubt_every_fruit(c
 
 
 def test_an_alarm_is_no_status_of_0():
-    """A chart out of control doubts no single E, and somebody must look all the same."""
+    """A body that is not graded doubts no single E, and somebody must look all the same."""
     records = batch_read_with(1.0)
     checked_records, finding = against_references(records, correct=False)
     assert _status(checked_records, None) == _status(checked_records, finding) == 0
-    assert _status(checked_records, replace(finding, drifts=True)) == 4
+    assert _status(checked_records, replace(finding, ratio=None)) == 4
     lost = record("lost", 1.0, outcome="no-grasp")
-    assert _status([*checked_records, lost], replace(finding, drifts=True)) == 3
+    assert _status([*checked_records, lost], replace(finding, ratio=None)) == 3
 
 
 def test_a_reference_that_was_not_graded_checks_nothing_and_says_so():

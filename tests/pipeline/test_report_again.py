@@ -176,6 +176,7 @@ def fill(results):
     for name in ("A", "B"):
         folder = results / "fruits" / name
         write_whole(folder / "mesh.webp", b"picture")
+        (folder / ".cache").mkdir(exist_ok=True)
         (folder / ".cache" / "flesh-0123.npz").write_bytes(b"stage")
     (results / "fruits" / "B" / "mesh.webp").write_bytes(b"painted over")
     (results / "fruits" / "A" / "mine.txt").write_text("mine")

@@ -9,10 +9,11 @@ import time
 
 import pytest
 
-from pipeline.batch.layout import FruitResults, Results, write_whole
+from pipeline.batch.layout import FruitResults, write_whole
 from pipeline.batch.results_lock import LOCK, is_held, results_lock
-from pipeline.files.manifest import LIST_LOCK, writing_alone
-from pipeline.run.cleaning import clean
+from pipeline.batch.write_guard import require_made_by_drupe
+from pipeline.files.manifest import LIST_LOCK, in_the_way, writing_alone
+from pipeline.problem import BatchRefused
 
 SPAWN = multiprocessing.get_context("spawn")
 
@@ -41,10 +42,10 @@ def test_two_workers_on_one_fruit_refuse_each_other_nothing(tmp_path):
     for worker in workers:
         worker.join()
     assert said == ["", ""]
-    assert not list(FruitResults(tmp_path).in_the_way())
+    assert not list(in_the_way(FruitResults(tmp_path).files))
     assert {path.name for path in tmp_path.iterdir()} == {
         *("record.json", "fruit.ply", "mesh.webp"),
-        *(".cache", ".written.json", LIST_LOCK),
+        *(".written.json", LIST_LOCK),
     }
 
 
@@ -74,7 +75,7 @@ def test_one_that_was_killed_holds_up_nobody(tmp_path, holder):
     began = time.monotonic()
     write_whole(tmp_path / "record.json", "new")
     assert time.monotonic() - began < 5
-    assert not list(FruitResults(tmp_path).in_the_way())
+    assert not list(in_the_way(FruitResults(tmp_path).files))
 
 
 def test_one_that_was_stopped_holds_up_nobody_for_good(tmp_path, holder, monkeypatch):
@@ -100,36 +101,34 @@ def test_without_locks_or_in_place_of_one_a_folder_it_is_written_all_the_same(tm
     assert (tmp_path / "record.json").read_text() == "second"
 
 
-@pytest.mark.parametrize("left", [LIST_LOCK, "..written.json.drupe-part-0a1b2c3d"])
-def test_a_run_killed_as_it_began_a_list_leaves_nothing_in_the_way(tmp_path, left):
-    fruit = FruitResults(tmp_path)
-    fruit.claim()
-    (fruit.cache / ".written.json").unlink()
-    (fruit.cache / LIST_LOCK).unlink()
-    (fruit.cache / left).touch()
-    assert not list(fruit.in_the_way())
-    fruit.claim()
-    assert (fruit.cache / ".written.json").is_file()
+@pytest.mark.parametrize("left", [LIST_LOCK, LOCK, "..written.json.drupe-part-0a1b2c3d"])
+def test_a_run_killed_as_it_began_leaves_a_folder_that_the_next_takes(tmp_path, left):
+    (tmp_path / left).touch()
+    require_made_by_drupe(tmp_path, "--out")
 
 
-def test_what_a_run_leaves_in_the_cache_vouches_for_no_file_of_others(tmp_path):
-    fruit = FruitResults(tmp_path)
-    fruit.cache.mkdir()
-    (fruit.cache / LIST_LOCK).touch()
-    fruit.fruit_ply.write_text("somebody else's")
-    assert list(fruit.in_the_way()) == [fruit.fruit_ply]
+def hold_results(root, begun):
+    """Never lets go."""
+    with results_lock(root):
+        begun.set()
+        time.sleep(600)
 
 
-def test_clean_leaves_a_lock_that_holds_a_users_words(tmp_path):
-    out = tmp_path / "out"
-    with results_lock(out):
-        Results(out).claim()
-    (out / LOCK).write_text("mine")
-    clean(out, everything=True, dry=False)
-    assert (out / LOCK).read_text() == "mine"
-    (out / LOCK).write_text("")
-    clean(out, everything=True, dry=False)
-    assert not out.exists()
+def test_results_that_another_run_writes_are_refused_until_it_ends(tmp_path):
+    begun = SPAWN.Event()
+    process = SPAWN.Process(target=hold_results, args=(tmp_path, begun))
+    process.start()
+    assert begun.wait(60)
+    assert is_held(tmp_path)
+    with (
+        pytest.raises(BatchRefused, match=r"another run is writing here and holds \.lock"),
+        results_lock(tmp_path),
+    ):
+        pass
+    process.kill()
+    process.join()
+    with results_lock(tmp_path):
+        assert is_held(tmp_path)
 
 
 def test_a_lock_that_was_removed_before_it_was_taken_keeps_nobody_out(tmp_path, monkeypatch):

@@ -10,7 +10,7 @@ import ssl
 import subprocess
 import sys
 import time
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing, nullcontext, suppress
 from pathlib import Path
 from urllib.parse import urlencode, urlsplit
 
@@ -355,9 +355,9 @@ def test_devices_that_are_added_at_once_are_all_kept(devices):
     assert {device.name for device in read_devices(devices)} == {f"belt {k}" for k in range(8)}
 
 
-def test_a_folder_that_another_process_keeps_is_waited_for_no_longer(devices, monkeypatch):
-    monkeypatch.setattr(device_file, "locked_within", lambda _: False)
-    with pytest.raises(BatchRefused, match=r"another process.* locked this folder"):
+def test_a_file_that_another_process_keeps_is_waited_for_no_longer(devices, monkeypatch):
+    monkeypatch.setattr(device_file, "lock_of", lambda _: nullcontext(False))
+    with pytest.raises(BatchRefused, match=r"another process holds"):
         add_device(devices, "belt 2", now=NOW)
     assert not devices.exists()
 

@@ -68,8 +68,8 @@ def test_of_several_at_once_each_is_shown_when_it_ends(batch, watched):
 def test_reports_between_take_a_bounded_share_of_the_time_and_the_last_is_of_all(batch, watched, monkeypatch):
     made = reports_take(monkeypatch, watched, 1.0)
     watched(*one_by_one(batch, *[f"N{k:02d}" for k in range(40)]))
-    assert len(made) <= 3 + 0.01 * watched.time_s[0]  # the first two, the last, and 1 % of the time between
-    assert len(made) >= 4
+    assert len(made) <= 3 + 0.01 * watched.time_s[0]  # the first, the last, and 1 % of the time between
+    assert len(made) >= 3
     assert (made[0], made[-1]) == (1, 40)
     assert len(rows(batch)) == 40
 
@@ -77,7 +77,7 @@ def test_reports_between_take_a_bounded_share_of_the_time_and_the_last_is_of_all
 def test_a_report_that_is_late_is_made_when_nothing_comes(batch, watched, monkeypatch):
     made = reports_take(monkeypatch, watched, 1.0)
     watched(*one_by_one(batch, "A", "B", "C"), *[lambda: None] * 240, idle_s=200.0)
-    assert made == [1, 2, 3, 3]
+    assert made == [1, 3]
 
 
 def test_the_page_ranks_a_newcomer_among_all_before_any_report(batch, watched, monkeypatch):
@@ -97,7 +97,6 @@ def test_the_page_ranks_a_newcomer_among_all_before_any_report(batch, watched, m
 def test_a_recording_that_two_fruit_have_is_said_of_both(batch, watched, monkeypatch):
     reports_take(monkeypatch, watched, 1000.0)
     assert watched(*one_by_one(batch, "C", "A"), lambda: of_another(batch, "B", "A")) == 4
-    assert "fruits/A/grasps/grasp-1.h5" in " ".join(shown_first(watched, "B").doubts)
     assert [name for name, row in sorted(rows(batch).items()) if row["warnings"]] == ["A", "B"]
 
 
@@ -131,15 +130,6 @@ def test_a_reference_body_that_comes_late_corrects_all_at_once(batch, watched, m
     assert E_MPa == {name: pytest.approx(modulus_of(name) / 1.2) for name in "ACE"}
 
 
-def test_a_fruit_that_a_recording_of_another_names_has_that_one_graded_again(batch, watched, monkeypatch):
-    reports_take(monkeypatch, watched, 1000.0)
-    watched(
-        *one_by_one(batch, "D"), lambda: of_another(batch, "A", "B"), *QUIET, *one_by_one(batch, "C", "B")
-    )
-    assert watched.worked == ["D", "A", "C", "B", "A"]
-    assert "names B" in read_record(batch / "results" / "fruits" / "A" / "record.json").doubts
-
-
 def test_a_row_that_comes_after_its_fruit_is_taken_up_without_the_others(batch, watched, monkeypatch):
     reports_take(monkeypatch, watched, 1000.0)
     table = batch / "fruits.csv"
@@ -158,7 +148,7 @@ def test_a_row_that_comes_after_its_fruit_is_taken_up_without_the_others(batch, 
 
 
 def test_a_fruit_that_is_only_read_again_is_not_shown_as_the_last(batch, watched, monkeypatch):
-    """For its row, or for a newcomer that its recording names; with files of its own that changed it is."""
+    """For its row; with files of its own that changed it is."""
     reports_take(monkeypatch, watched, 1000.0)
     recent = []
 
@@ -179,7 +169,7 @@ def test_a_fruit_that_is_only_read_again_is_not_shown_as_the_last(batch, watched
         *QUIET,
         keep,
     )
-    assert watched.worked == ["A", "B", "C", "D", "C", "B"]
+    assert watched.worked == ["A", "B", "C", "D", "B"]
     assert recent == ["CBA", "CBA", "DCBA", "BDCA"]
 
 

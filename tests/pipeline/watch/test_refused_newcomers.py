@@ -53,9 +53,8 @@ def test_so_it_does_in_the_report_that_ctrl_c_leaves(batch, watched, monkeypatch
     assert sorted(rows(batch)) == ["A", "C", "D"]
 
 
-@pytest.mark.parametrize("names", ["", "A", "AC"])
+@pytest.mark.parametrize("names", ["A", "AC"])
 def test_a_newcomer_that_was_refused_is_forgotten_when_it_is_gone(batch, watched, names):
-    """The first fruit of all, too."""
     status = watched(
         *one_by_one(batch, *names),
         lambda: in_the_way(batch, "N9"),

@@ -6,8 +6,7 @@ import shutil
 import pytest
 from watched_batch import QUIET, interrupted, one_by_one, put, reports_take, rows
 
-from pipeline.run import incremental_run
-from pipeline.watch import arrivals
+from pipeline.watch import watching
 from reports.kiosk_page import kiosk_html
 
 
@@ -149,16 +148,16 @@ def test_a_batch_that_is_out_of_reach_for_a_moment_is_shown_and_watched_on(batch
     assert watched.shown[-1].problems == ()
 
 
-@pytest.mark.parametrize("where", ["grade", "grade_newcomers", "report_graded"])
+@pytest.mark.parametrize("where", ["begun", "grade_queue", "report_of_records"])
 def test_so_is_a_file_that_cannot_be_reached_while_fruit_are_graded(batch, watched, monkeypatch, where):
-    work, faults = getattr(incremental_run, where), [OSError(errno.ESTALE, "Stale file handle", "a file")]
+    work, faults = getattr(watching, where), [OSError(errno.ESTALE, "Stale file handle", "a file")]
 
     def once(*arguments, **named):
         if faults:
             raise faults.pop()
         return work(*arguments, **named)
 
-    monkeypatch.setattr(incremental_run, where, once)
+    monkeypatch.setattr(watching, where, once)
     reports_take(monkeypatch, watched, 1.0)
     status = watched(*one_by_one(batch, "A", "B"), *[lambda: None] * 40)
     assert (status, sorted(set(watched.worked)), faults) == (0, ["A", "B"], [])
@@ -178,23 +177,3 @@ def test_a_fault_that_ends_it_leaves_the_report_of_what_is_done(batch, watched, 
         watch.run()
     assert watched.worked == ["A", "B", "C"]
     assert sorted(rows(batch)) == ["A", "B", "C"]
-
-
-def test_folders_of_graded_fruit_are_looked_into_in_turn(batch, watched, monkeypatch):
-    monkeypatch.setattr(arrivals, "TURN", 2)
-    looked, into = [], arrivals.arrival
-    monkeypatch.setattr(
-        arrivals, "arrival", lambda folder, row: looked.append(row.fruit_id) or into(folder, row)
-    )
-    watched(
-        *one_by_one(batch, *"ABCDE"),
-        looked.clear,
-        *[lambda: None] * 3,
-        lambda: looked.append("here"),
-        lambda: (batch / "fruits" / "C" / "grasps" / "grasp-2.h5").write_text("again"),
-        *QUIET,
-    )
-    three_looks = looked[: looked.index("here")]
-    assert sorted(three_looks[:5]) == list("ABCDE")
-    assert len(three_looks) <= 8
-    assert watched.worked == [*"ABCDE", "C"]

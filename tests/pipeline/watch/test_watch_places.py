@@ -47,21 +47,3 @@ def test_newcomers_are_not_written_into_the_results_of_another_batch(batch, watc
     assert watched.worked == ["X", "A", "B", "C"]
     assert not (results / "fruits" / "D").exists()
     assert (results / "ranking.csv").read_text() == theirs
-
-
-def test_newcomers_are_refused_while_another_fruits_folder_leads_to_the_results(
-    batch, watched, monkeypatch, tmp_path
-):
-    """All fruit's folders are asked about, not the newcomer's alone."""
-    reports_take(monkeypatch, watched, 1000.0)
-    link = batch / "fruits" / "A" / "photos"
-    watch, _ = watched.begun(
-        *one_by_one(batch, "A", "B"),
-        lambda: link.symlink_to(tmp_path),
-        *one_by_one(batch, "C"),
-        *[lambda: None] * 40,
-    )
-    assert watch.run() == 2
-    assert watched.worked == ["A", "B"]
-    assert not (batch / "results" / "fruits" / "C").exists()
-    assert any("fruits/A/photos" in problem for entry in watched.shown for problem in entry.problems)
