@@ -125,12 +125,6 @@ def convert(
         Path | None,
         typer.Option(metavar="FILE", help="A table of the flange's poses during the grasp, for --robot."),
     ] = None,
-    covariance: Annotated[
-        bool,
-        typer.Option(
-            "--covariance", help="Store the joint covariance of each gel's displacement at its peak force."
-        ),
-    ] = False,
     topics: Annotated[
         Path | None, typer.Option(metavar="FILE", help="The names of the topics of a ROS 2 bag, in TOML.")
     ] = None,
@@ -198,7 +192,6 @@ def convert(
         rig=rig,
         robot=robot,
         flange=flange,
-        covariance=covariance,
         topics=topics,
         jaws=None
         if jaws_centre_mm is None

@@ -86,7 +86,6 @@ class ConvertRequest:
     rig: Path | None = None
     robot: Path | None = None
     flange: Path | None = None
-    covariance: bool = False
     topics: Path | None = None
     jaws: Jaws | None = None
 
@@ -240,7 +239,7 @@ def _of_any_kind(
     report_pad = frame_progress(report, every=TELL_EVERY)
     if (source / "grasp.toml").is_file():
         raw = read_raw_grasp(source, sensor=wanted.sensor)
-        return recording_of(raw, progress=report_pad, covariance=wanted.covariance), []
+        return recording_of(raw, progress=report_pad), []
     if folders := sensor_folders(source):
         sensors = [read_tac3d(folder) for folder in folders]
         described = None if wanted.sensor is None else read_sensor(wanted.sensor)
@@ -258,7 +257,7 @@ def _of_any_kind(
     if kind in (".h5", ".hdf5") and holds_images_only(source):
         file = stack.enter_context(opened(source))
         raw = raw_of(file, source, sensor=_needed(source, wanted.sensor, "--sensor"))
-        return recording_of(raw, progress=report_pad, covariance=wanted.covariance), []
+        return recording_of(raw, progress=report_pad), []
     if kind in (".h5", ".hdf5"):
         recording = read_recording(source)
         if wanted.robot is not None:

@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.linalg import cholesky
 from scipy.spatial import Delaunay, cKDTree
 
 from tactile.gel.slab import GelLayer, sides_known, tent_compliance
@@ -102,19 +101,6 @@ def _shares(
     return out
 
 
-def with_smooth(
-    grid: GelGrid, made_mm: Float[np.ndarray, "d e"], at_mm: Float[np.ndarray, "k 2"]
-) -> Float[np.ndarray, "d u"]:
-    """What forces make at points of the face and, after it, the smooth fields there.
-
-    These are 1, x, y, x^2, x y and y^2 over the pad (from -1 to 1), each for x, y and z.
-    """
-    low, high = grid.rest_mm[:, :2].min(axis=0), grid.rest_mm[:, :2].max(axis=0)
-    x, y = ((at_mm - (low + high) / 2) / ((high - low) / 2)).T
-    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    return np.hstack([made_mm, np.kron(basis, np.eye(3))])
-
-
 @dataclass(frozen=True, kw_only=True)
 class PriorHyperparameters:
     """The prior: spread of pressure and of shear (MPa), roughness (pitches); noise over that in the air."""
@@ -140,19 +126,13 @@ def prior_precision(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Flo
     return out.reshape(3 * m, 3 * m)
 
 
-class PriorDeterminant:
-    """ln det of Q of some nodes."""
-
-    def __init__(self, grid: GelGrid, hyperparameters: PriorHyperparameters) -> None:
-        self._smooth = _smoothness(grid, hyperparameters)
-        self._log_scale = float(np.log(_scales(grid, hyperparameters)).sum())
-
-    def __call__(self, nodes: Int[np.ndarray, " k"]) -> float:
-        """0 of none."""
-        if not len(nodes):
-            return 0.0
-        root = cholesky(self._smooth[np.ix_(nodes, nodes)], lower=True, check_finite=False)
-        return float(6.0 * np.log(np.diag(root)).sum() + len(nodes) * self._log_scale)
+def log_det_prior(
+    grid: GelGrid, hyperparameters: PriorHyperparameters, touching: Bool[np.ndarray, " m"]
+) -> float:
+    """ln det of Q of these nodes; 0 of none."""
+    smooth = _smoothness(grid, hyperparameters)[np.ix_(touching, touching)]
+    log_scale = np.log(_scales(grid, hyperparameters)).sum()
+    return float(3.0 * np.linalg.slogdet(smooth)[1] + touching.sum() * log_scale)
 
 
 def _smoothness(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.ndarray, "m m"]:
@@ -166,8 +146,14 @@ def _scales(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.nd
 
 
 def displacement_by(grid: GelGrid) -> Float[np.ndarray, "d u"]:
-    """Marker displacement (mm) by nodal forces (N) and the smooth fields."""
-    return with_smooth(grid, grid.compliance, grid.rest_mm[:, :2])
+    """Marker displacement (mm) by nodal forces (N) and, after them, the smooth fields.
+
+    These are 1, x, y, x^2, x y and y^2 over the pad (from -1 to 1), each for x, y and z.
+    """
+    low, high = grid.rest_mm[:, :2].min(axis=0), grid.rest_mm[:, :2].max(axis=0)
+    x, y = ((grid.rest_mm[:, :2] - (low + high) / 2) / ((high - low) / 2)).T
+    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    return np.hstack([grid.compliance, np.kron(basis, np.eye(3))])
 
 
 def motion_of(y: Float[np.ndarray, "n 3"]) -> float:

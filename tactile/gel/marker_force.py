@@ -29,7 +29,7 @@ TOUCHES_AT_SD = 4.0
 chance."""
 PLACING = 0.15
 """With it 94 % of the forces of a press rendered for two cameras lie within two standard deviations, and of
-those that it was not chosen on 96 % with shading, 99 % with dots alone (`benchmarks/gel_image_errors.py`)."""
+those that it was not chosen on 99 % with dots alone (`benchmarks/gel_image_errors.py`)."""
 NEIGHBOURS, ADJACENT = 8, 1.45
 """Neighbours at most, and how many spacings away (across a square's corner: 1.41)."""
 
@@ -62,22 +62,13 @@ class SpringForce:
         pressed = np.nan_to_num(displacement_mm[..., 2])
         return np.asarray(pressed < -TOUCHES_AT_SD * self.displacement_sd_mm[:, 2])
 
-    def joint_covariance(self) -> Float[np.ndarray, "d d"]:
-        """Covariance of any frame's [displacement (mm); force (N)], markers then x, y, z."""
-        n = len(self.information_per_mm2)
-        blocks = np.zeros((n, 3, n, 3))
-        blocks[np.arange(n), :, np.arange(n)] = self._covariance
-        noise = blocks.reshape(3 * n, 3 * n)
-        gain = np.tile(-self.newton_per_mm, n)
-        return np.block([[noise, noise * gain], [gain[:, None] * noise, gain[:, None] * noise * gain]])
-
     @property
     def _covariance(self) -> Float[np.ndarray, "n 3 3"]:
         return np.asarray(np.linalg.pinv(self.information_per_mm2, hermitian=True))
 
 
 class ForcePlacing:
-    """The covariance that one gel's markers get from this."""
+    """The variances that one gel's markers get from this."""
 
     def __init__(self, rest_mm: Float[np.ndarray, "n 3"]) -> None:
         tree = cKDTree(rest_mm)
@@ -88,33 +79,9 @@ class ForcePlacing:
 
     def sd_N(self, force_N: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Standard deviation of every marker's force in one frame."""
-        partner, exchanged = self._exchanged(force_N)
-        variance = exchanged.copy()
-        for axis in range(3):
-            np.add.at(variance[:, axis], partner[:, axis], exchanged[:, axis])
-        return np.asarray(np.sqrt(variance))
-
-    def covariance_N2(self, force_N: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3*n 3*n"]:
-        """Joint covariance of all forces in one frame, markers then x, y, z."""
-        n = len(force_N)
-        partner, exchanged = self._exchanged(force_N)
-        total = np.zeros((n, 3, n, 3))
-        marker = np.arange(n)
-        for axis in range(3):
-            other, much = partner[:, axis], exchanged[:, axis]
-            for a, b, sign in (
-                (marker, marker, 1),
-                (other, other, 1),
-                (marker, other, -1),
-                (other, marker, -1),
-            ):
-                np.add.at(total[:, axis, :, axis], (a, b), sign * much)
-        return total.reshape(3 * n, 3 * n)
-
-    def _exchanged(
-        self, force_N: Float[np.ndarray, "n 3"]
-    ) -> tuple[Int[np.ndarray, "n 3"], Float[np.ndarray, "n 3"]]:
-        """Each marker's j(i), and the variance that the two exchange."""
         differ = np.abs(force_N[self._near] - force_N[:, None])
         partner = np.take_along_axis(self._near, differ.argmax(axis=1), axis=1)
-        return partner, (PLACING * differ.max(axis=1)) ** 2
+        exchanged = (PLACING * differ.max(axis=1)) ** 2
+        variance = exchanged.copy()
+        np.add.at(variance, (partner, np.arange(3)), exchanged)
+        return np.asarray(np.sqrt(variance))

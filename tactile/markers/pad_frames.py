@@ -24,16 +24,15 @@ Progress = Callable[[str, int, int], None]
 class PadMarkers:
     """The markers that the description knows, followed through all frames; which frames are doubled.
 
-    `reference_sd_px`: of their places at rest, where these are estimated. `reference_print`: the print on the
-    picture of the untouched gel, `print_shown` that on each frame, over the least that counts.
+    `reference_print`: the print on the picture of the untouched gel, `print_shown` that on each frame, over
+    the least that counts.
     """
 
     tracked: TrackedMarkers
     doubled: Bool[np.ndarray, " t"]
     places: Places
     notes: list[str]
-    reference_sd_px: Float[np.ndarray, " n"] | None
-    reference_print: float | None
+    reference_print: float
     print_shown: Float[np.ndarray, " t"] | None
 
 
@@ -73,12 +72,8 @@ def tracked_markers(
     position = labelled_places(reference, rows)
     certainty = np.minimum.accumulate([row.certainty for row in rows])
     notes = list(known.notes)
-    reference_print = None if known.shown is None else known.shown.evidence
-    if (
-        (flat := prints.flatter_frame(known)) is not None
-        and reference_print is not None
-        and reference_print < 1.0
-    ):
+    reference_print = known.shown.evidence
+    if reference_print < 1.0 and (flat := prints.flatter_frame(known)) is not None:
         notes.append(f"{source}: {flatter_said(view.pictures.numbers[flat])}")
         reference_print = 1.0
     if (unsure := np.flatnonzero(certainty < UNSURE)).size:
@@ -104,7 +99,6 @@ def tracked_markers(
         doubled=np.array(watch.doubled, dtype=bool),
         places=places,
         notes=notes,
-        reference_sd_px=None if known.sd_px is None else known.sd_px[places.kept],
         reference_print=reference_print,
         print_shown=prints.over_time(),
     )
@@ -116,8 +110,7 @@ def camera_of(pad: RawPad) -> GelCamera:
         raise TactileFailure(
             TactileProblem.WRONG_SENSOR,
             f"{pad.name}: found frames of a sensor described as kind {pad.sensor.kind!r} without a camera, "
-            "expected "
-            "markers-mono, markers-stereo or photometric.",
+            "expected markers-mono or markers-stereo.",
         )
     return pad.sensor.camera
 

@@ -74,15 +74,6 @@ def test_the_air_has_noise_and_no_force_beyond_it(fields: GelFields) -> None:
     assert not fields.touching[air].any()
 
 
-def test_a_frame_has_the_covariance_of_both_fields(fields: GelFields) -> None:
-    stated = fields.joint_covariance(13)
-    n = 3 * len(REST)
-    assert stated.shape == (2 * n, 2 * n)
-    np.testing.assert_allclose(
-        np.sqrt(np.diag(stated)[n:]), fields.force_sd_N[13].ravel(), rtol=1e-6, atol=1e-12
-    )
-
-
 def test_a_dome_is_refused_with_what_to_do() -> None:
     dome = replace(
         tracked(turned_camera(0.0), 1), rest_mm=REST - np.outer((REST**2).sum(axis=1), [0, 0, 0.03])
