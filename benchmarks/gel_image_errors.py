@@ -7,7 +7,8 @@ Truth: 26 x 22 x 4 mm of gel (E 0.2 MPa, nu 0.48) in 27-node bricks, pressed 0.7
 Images: 640 x 480, 221 dots, lens distortion, noise of 1.5 grey levels (`samples/gel_images.py`). `--keep`
 keeps the finite elements' compliance between runs (a minute of work). `--draws`: dots alone under so many
 presses drawn at random (ball of 8 to 30 mm radius, 0.07 to 1.1 mm deep, pushed and turned) and, beside
-them, with a gel whose outline nobody says. Time is CPU time of one thread: tracking, depth and force of a frame, once the
+them, with a gel whose outline nobody says. Time is CPU time of one thread: tracking, depth and force of a
+frame, once the
 strength is chosen.
 """
 

@@ -31,7 +31,7 @@ UNTRANSLATED = frozenset(
         "tactile/gel/fields.py", "tactile/gel/press_modulus.py",
         "tactile/io/pictures.py", "tactile/io/raw_grasp.py",
         "tactile/io/raw_h5.py", "tactile/io/recording.py", "tactile/io/recording_fields.py",
-        "tactile/io/rig_file.py", "tactile/io/ros_bag.py", "tactile/io/sensor_file.py",
+        "tactile/io/rig_file.py", "tactile/io/ros_bag.py",
         "tactile/io/tac3d.py", "tactile/io/toml_table.py", "tactile/io/trace_columns.py",
         "tactile/jaw_poses.py", "tactile/sensors.py", "tactile/pad_reference.py",
         "tactile/markers/pad_frames.py", "tactile/markers/tracking.py", "tactile/plain_jaw.py",
