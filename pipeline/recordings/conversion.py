@@ -27,11 +27,12 @@ from tactile.from_tac3d import recording_of_tac3d
 from tactile.io.converted import Converted
 from tactile.io.field_tables import read_field_table
 from tactile.io.flange_table import read_flange_table
+from tactile.io.hdf5_file import opened
 from tactile.io.load_cell import TABLES, is_trace, read_trace, runs_in
 from tactile.io.pictures import PICTURES, VIDEOS
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.raw_h5 import holds_images_only, raw_of
-from tactile.io.recording import GelPad, Recording, opened, read_recording, write_recording
+from tactile.io.recording import GelPad, Recording, read_recording, write_recording
 from tactile.io.rig_file import read_rig
 from tactile.io.robot_file import read_robot
 from tactile.io.sensor_file import read_sensor

@@ -227,10 +227,12 @@ class InvertedForce:
         self, equations: NormalEquations, right: np.ndarray, motion_mm: float
     ) -> Bool[np.ndarray, " m"]:
         """Nodes that push where nothing binds them and that alone would be seen; none where none would be."""
-        free, sd = equations.free_pressures(right)
+        free = equations.free_pressures(right)
         single_node_sd = self._single_node_sd(equations, right, motion_mm)
-        # sure where depth is seen; where it is not, every node is unsure and a good part of the peak must do
-        sure = np.minimum(TOUCHES_AT_SD * sd, STARTS_AT * free.max())
+        # without depth every node is unsure, and a good part of the peak must do
+        sure = STARTS_AT * free.max()
+        if self.sees_depth:
+            sure = np.minimum(TOUCHES_AT_SD * equations.free_sd, sure)
         touching = (free > sure) & (single_node_sd > APPEARS_AT_SD)
         touching[np.argmax(single_node_sd)] |= single_node_sd.max() > APPEARS_AT_SD
         return np.asarray(touching)

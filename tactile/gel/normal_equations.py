@@ -98,18 +98,17 @@ class NormalEquations:
         by_forces = forces @ self.normal[at, 2 : 3 * self.nodes : 3]
         return np.asarray(by_forces + self.fields_by_pressure @ fields)
 
-    def free_pressures(
-        self, right: Float[np.ndarray, " u"]
-    ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"]]:
-        """Pressures of all nodes (N) where nothing binds them, and their standard deviations."""
-        return self._free.solved(right, self.usual_smooth)[0][2::3], self._free_sd
+    def free_pressures(self, right: Float[np.ndarray, " u"]) -> Float[np.ndarray, " m"]:
+        """Pressures of all nodes (N) where nothing binds them."""
+        return self._free.solved(right, self.usual_smooth)[0][2::3]
 
     @cached_property
     def _free(self) -> TouchingFactor:
         return self.factor(np.ones(self.nodes, dtype=bool))
 
     @cached_property
-    def _free_sd(self) -> Float[np.ndarray, " m"]:
+    def free_sd(self) -> Float[np.ndarray, " m"]:
+        """Standard deviations of the free pressures."""
         root = self._free.covariance_root(self.usual_smooth)[:, 2 : 3 * self.nodes : 3]
         return np.asarray(np.sqrt((root**2).sum(axis=0)))
 

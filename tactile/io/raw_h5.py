@@ -3,8 +3,7 @@
 from pathlib import Path
 from typing import Any, cast
 
-import numpy as np
-
+from tactile.io.hdf5_file import opened
 from tactile.io.pictures import pictures_of
 from tactile.io.raw_grasp import RawCamera, RawGrasp, RawPad
 from tactile.io.recording import (
@@ -16,7 +15,6 @@ from tactile.io.recording import (
     WRENCH,
     Loading,
     Support,
-    opened,
 )
 from tactile.io.recording_fields import GroupReader
 from tactile.io.sensor_file import read_sensor
@@ -56,14 +54,7 @@ def raw_of(file: Any, path: Path, *, sensor: Path) -> RawGrasp:
                 f"{path.name}: pads/{name}/images_reference: found nothing, expected a picture of the "
                 "untouched gel.",
             )
-        data = pad.images("images")
-        if data.ndim != 4 or data.shape[0] != frames or data.shape[3] != 3 or data.dtype != np.uint8:
-            raise TactileFailure(
-                TactileProblem.UNREADABLE_FRAMES,
-                f"{path.name}: pads/{name}/images: found {data.dtype} of shape {data.shape}, expected uint8 "
-                "of shape "
-                f"({frames}, any, any, 3).",
-            )
+        data = pad.images("images", frames)
         pads.append(
             RawPad(
                 name=name,

@@ -268,7 +268,7 @@ def test_pressures_of_all_nodes_and_their_deviations_are_those_of_the_whole_inve
     equations: NormalEquations,
 ) -> None:
     right = np.random.default_rng(1).normal(size=UNKNOWNS)
-    pressures, sd = equations.free_pressures(right)
+    pressures, sd = equations.free_pressures(right), equations.free_sd
     inverse = np.linalg.inv(equations.normal + np.diag(np.pad(equations.usual_smooth, (3 * NODES, 0))))
     np.testing.assert_allclose(pressures, (inverse @ right)[2 : 3 * NODES : 3], rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(sd, np.sqrt(np.diag(inverse))[2 : 3 * NODES : 3], rtol=1e-8)
