@@ -99,7 +99,9 @@ def require_end(path: Path, *, patience_s: float = PATIENCE_S) -> None:
     if trial.ending is TrialEnding.DONE:
         _read_through.update([] if digest is None else [digest])
         return
-    limit = f"{patience_s:.0f} s" if trial.ending is TrialEnding.TOO_LONG else f"{size(MOST_MEMORY)} of memory"
+    limit = (
+        f"{patience_s:.0f} s" if trial.ending is TrialEnding.TOO_LONG else f"{size(MOST_MEMORY)} of memory"
+    )
     fault = f"contents that are damaged, or take more than {limit} to read"
     raise unreadable(path, trial.lines[-1] if trial.lines else "the file", fault, COMPLETE, DAMAGED)
 

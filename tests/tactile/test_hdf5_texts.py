@@ -45,7 +45,9 @@ def test_a_sound_file_can_be_read_at_once():
 def test_a_heap_without_an_end_is_refused(tmp_path, monkeypatch):
     path = with_a_broken_heap(tmp_path / "grasp-1.h5")
     monkeypatch.setattr(tactile.io.hdf5_file.require_end, "__kwdefaults__", {"patience_s": 1.0})
-    with pytest.raises(TactileFailure, match=r"grasp-1\.h5: attribute .* take more than 1 s to read") as refused:
+    with pytest.raises(
+        TactileFailure, match=r"grasp-1\.h5: attribute .* take more than 1 s to read"
+    ) as refused:
         read_recording(path)
     assert "copy it again" in str(refused.value)
 
