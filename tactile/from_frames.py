@@ -21,8 +21,8 @@ from tactile.markers.pad_frames import (
     of_markers,
     tracked_markers,
 )
-from tactile.markers.tracking import TrackedMarkers, places_of, reference_of
-from tactile.sensors import Sensor, layer_stiffness
+from tactile.markers.tracking import TrackedMarkers
+from tactile.sensors import layer_stiffness
 from tactile.square_pixels import with_square_pixels
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -43,11 +43,9 @@ def recording_of(raw: RawGrasp, *, progress: Progress | None = None) -> Converte
 
     Frames that are the one before written again are left out; other pads' fields are taken at the first pad's
     times. Raises TactileFailure: no-markers or gel-saturated (reference or frames), wrong-sensor (the markers
-    are not where the description has them; said as swapped pads where each fits the other's), markers-lost,
-    and whatever the frames' readers refuse.
+    are not where the description has them), markers-lost, and whatever the frames' readers refuse.
     """
     raw = with_square_pixels(raw)
-    _refuse_other_pads_markers(raw)
     read = [_fields(raw, pad, progress) for pad in raw.pads]
     start, end = (
         max(pad_fields.time_s[0] for pad_fields in read),
@@ -180,33 +178,6 @@ def _least(first: TrackedMarkers, second: TrackedMarkers | None) -> Float[np.nda
     if first.certainty is None or second is None or second.certainty is None:
         return first.certainty
     return np.asarray(np.minimum(first.certainty, second.certainty))
-
-
-def _refuse_other_pads_markers(raw: RawGrasp) -> None:
-    """Says that pads are swapped where each one's markers lie as the other's description has them."""
-    if len(raw.pads) != 2:
-        return
-    first, second = raw.pads
-    unswapped = [_fits(pad, pad.sensor) for pad in raw.pads]
-    if any(unswapped) or not (_fits(first, second.sensor) and _fits(second, first.sensor)):
-        return
-    raise TactileFailure(
-        TactileProblem.WRONG_SENSOR,
-        f"{raw.source}: found the markers of {first.name} in {second.name}'s description and vice versa, "
-        "expected each pad's own. The pads are swapped: swap their frames or their descriptions.",
-    )
-
-
-def _fits(pad: RawPad, sensor: Sensor) -> bool:
-    if sensor.camera is None:
-        return False
-    try:
-        reference = reference_of(pad.view.reference, source=pad.name)
-        rest_px = reference.lattice.rest_px
-        places_of(sensor.camera, rest_px, sensor.rest_mm, shape=reference.shape, source=pad.name)
-    except TactileFailure:
-        return False
-    return True
 
 
 def _resampled(fields: _PadFields, when: Float[np.ndarray, " t"]) -> GelPad:

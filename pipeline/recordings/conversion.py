@@ -37,7 +37,7 @@ from tactile.io.rig_file import read_rig
 from tactile.io.robot_file import read_robot
 from tactile.io.sensor_file import read_sensor
 from tactile.io.specimen import PressedSpecimen
-from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders, write_source
+from tactile.io.tac3d import read_tac3d, sensor_folders
 from tactile.io.trace_columns import TraceWords
 from tactile.jaw_poses import Jaws, posed_by_jaws
 from tactile.rig.rig_curve import without_rig
@@ -136,13 +136,11 @@ def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable
     """
     _require_writable(source, out, wanted)
     with ExitStack() as stack:
-        converted, sensors = _read(source, wanted, report, stack)
+        converted = _read(source, wanted, report, stack)
     converted = _with_poses(converted, source, wanted)
     with scratch() as folder:
         draft = folder / "draft.h5"
         write_recording(draft, converted.recording)
-        if sensors:
-            write_source(draft, sensors)
         with h5py.File(draft, "a") as file:
             file.attrs["written_by"] = WRITTEN_BY
         try:
@@ -214,14 +212,12 @@ def _contact(recording: Recording, name: str) -> list[str]:
     return contact_said(contact)
 
 
-def _read(
-    source: Path, wanted: ConvertRequest, report: Callable[[str], None], stack: ExitStack
-) -> tuple[Converted, list[Tac3D]]:
-    """The recording in whatever kind of source it is, and the Tac3D sensors it is of, if any.
+def _read(source: Path, wanted: ConvertRequest, report: Callable[[str], None], stack: ExitStack) -> Converted:
+    """The recording in whatever kind of source it is.
 
     Raises BatchRefused where a rig is named for what is no bare trace.
     """
-    converted, sensors = _of_any_kind(source, wanted, report, stack)
+    converted = _of_any_kind(source, wanted, report, stack)
     if wanted.rig is not None and converted.recording.rig_give_mm is None:
         what = (
             "is not a load cell's table; --rig corrects only such tables. For a batch's recordings, "
@@ -230,39 +226,38 @@ def _read(
         raise refused(source, what)
     if wanted.topics is not None and source.suffix.lower() != ".mcap":
         raise refused(source, "is not a ROS 2 bag; --topics applies only to a .mcap.")
-    return converted, sensors
+    return converted
 
 
 def _of_any_kind(
     source: Path, wanted: ConvertRequest, report: Callable[[str], None], stack: ExitStack
-) -> tuple[Converted, list[Tac3D]]:
+) -> Converted:
     """By what the source holds."""
     report_pad = frame_progress(report, every=TELL_EVERY)
     if (source / "grasp.toml").is_file():
         raw = read_raw_grasp(source, sensor=wanted.sensor)
-        return recording_of(raw, progress=report_pad), []
+        return recording_of(raw, progress=report_pad)
     if folders := sensor_folders(source):
         sensors = [read_tac3d(folder) for folder in folders]
         described = None if wanted.sensor is None else read_sensor(wanted.sensor)
         kn = None if described is None else described.gel_kn_MPa_per_mm
         kt = None if described is None else described.gel_kt_MPa_per_mm
-        converted = recording_of_tac3d(
+        return recording_of_tac3d(
             sensors,
             fruit_id=wanted.fruit_id,
             category=wanted.category,
             stiffness=None if kn is None or kt is None else (kn, kt),
             scale_sd=(0.0, 0.0) if described is None else (described.force_sd, described.displacement_sd),
         )
-        return converted, sensors
     kind = source.suffix.lower() if source.is_file() else ""
     if kind in (".h5", ".hdf5") and holds_images_only(source):
         file = stack.enter_context(opened(source))
         raw = raw_of(file, source, sensor=_needed(source, wanted.sensor, "--sensor"))
-        return recording_of(raw, progress=report_pad), []
+        return recording_of(raw, progress=report_pad)
     if kind in (".h5", ".hdf5"):
         recording = read_recording(source)
         if wanted.robot is not None:
-            return Converted(recording=recording, notes=recording.notes), []
+            return Converted(recording=recording, notes=recording.notes)
         raise refused(source, "is a recording already and needs no conversion.")
     said = wanted.trace
     if kind in TABLES and (
@@ -272,16 +267,15 @@ def _of_any_kind(
         or said.run
         or is_trace(source, sensor_given=wanted.sensor is not None)
     ):
-        return _without_rig(_trace(source, wanted), source, wanted.rig), []
+        return _without_rig(_trace(source, wanted), source, wanted.rig)
     if said.columns or said.units or said.sheet or said.run:
         _require_table(source)
     if kind in (".npz", ".csv", ".mcap"):
         sensor = read_sensor(_needed(source, wanted.sensor, "--sensor"))
         topics = _topics(source, wanted.topics) if kind == ".mcap" else None
-        converted = read_field_table(
+        return read_field_table(
             source, fruit_id=wanted.fruit_id, category=wanted.category, sensor=sensor, topics=topics
         )
-        return converted, []
     if any(path.suffix.lower() in (*VIDEOS, *PICTURES) for path in _in_and_below(source)):
         raise refused(source, FRAMES_ALONE)
     there = "is not a format that drupe converts" if source.exists() else "does not exist"

@@ -77,14 +77,11 @@ def test_images_inside_an_h5_become_fields(tmp_path: Path) -> None:
     assert "give --sensor sensor.toml" in run(source, tmp_path / "other.h5")[1]
 
 
-def test_a_tac3d_recording_keeps_the_makers_own_arrays(tmp_path: Path) -> None:
+def test_a_tac3d_recording_becomes_a_press(tmp_path: Path) -> None:
     folder = write_sensor(tmp_path / "AD2", lost=(20,))
     code, said = run(folder, tmp_path / "out.h5", "--fruit", "f3", "--category", "plum")
     assert code == 0, said
     assert "note: AD2: 1 of 40 frames are missing" in said
-    with h5py.File(tmp_path / "out.h5") as file:
-        kept = file["source/AD2/3D_Forces"][()]
-    np.testing.assert_array_equal(kept, np.load(folder / "3D_Forces.npy"))
     assert read_recording(tmp_path / "out.h5").fruit_id == "f3"
 
 
