@@ -17,7 +17,7 @@ from collections.abc import Iterator
 import cv2
 import numpy as np
 
-from tactile.gel.fields import GelFields, fields_of, layer_of
+from tactile.gel.fields import GelFields, fields_of, slab_of
 from tactile.gel.grid import gel_grid
 from tactile.markers.tracking import TrackedMarkers, follow, places_of, reference_of, track
 from tactile.sensors import GelCamera, Sensor, marker_grid
@@ -47,7 +47,7 @@ def sensor_of(rows: int, columns: int, pitch_mm: float) -> Sensor:
 def pressed_mm(sensor: Sensor, radius_mm: float) -> list[np.ndarray]:
     """Displacement of the markers while a circle grows to this radius and shrinks again."""
     assert sensor.rest_mm is not None
-    grid = gel_grid(layer_of(sensor), sensor.rest_mm)
+    grid = gel_grid(slab_of(sensor), sensor.rest_mm)
     away = np.linalg.norm(grid.nodes_mm, axis=1)
     moved = []
     for share in np.sin(np.linspace(0, np.pi, MOMENTS)):

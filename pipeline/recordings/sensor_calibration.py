@@ -15,9 +15,7 @@ from pipeline.files.whole_file import put
 from pipeline.problem import refused
 from pipeline.recordings.description_file import MOST_BYTES, DescriptionKind, frame_progress
 from tactile.from_frames import recording_of
-from tactile.gel.fields import layer_of
-from tactile.gel.press_modulus import GelGain, gel_gain
-from tactile.gel.slab import SpringBed
+from tactile.gel.press_modulus import gel_gain
 from tactile.io.raw_grasp import read_raw_grasp
 from tactile.io.recording import GelPad
 from tactile.io.sensor_file import read_sensor
@@ -32,7 +30,7 @@ def calibrate(
 ) -> tuple[str, ...]:
     """Write `out`, the description `sensor` with what a press says, and return that in words.
 
-    A press with a load cell gives the gel's E_MPa, or its normal stiffness per area where springs are stated.
+    A press with a load cell gives the gel's E_MPa.
     Raises TactileFailure where the press cannot be used, BatchRefused where `out` is one of the inputs or a
     file that drupe calibrate did not write.
     """
@@ -90,18 +88,10 @@ def _stiffness(path: Path, described: dict[str, Any], press: Path, report: Calla
     if "spread" in described:
         known_to = float(np.hypot(gain.sd / gain.value, gain.residual))
         described["spread"]["force"] = round(max(known_to, LEAST_KNOWN_TO), 4)
-    return _scaled(described["gel"], gain, springs=isinstance(layer_of(read_sensor(path)), SpringBed))
-
-
-def _scaled(gel: dict[str, Any], gain: GelGain, *, springs: bool) -> str:
-    """Scale what the force was proportional to: springs' normal stiffness, or the slab's modulus."""
-    name = "gel_kn_MPa_per_mm" if springs else "E_MPa"
-    gel[name] = float(f"{gel[name] * gain.value:.5g}")
-    left = (
-        "; gel_kt_MPa_per_mm does not change, because a normal press does not measure it" if springs else ""
-    )
+    gel = described["gel"]
+    gel["E_MPa"] = float(f"{gel['E_MPa'] * gain.value:.5g}")
     return (
-        f"{name} {gel[name]:.4g} +- {gel[name] * gain.sd / gain.value:.2g}{left} "
+        f"E_MPa {gel['E_MPa']:.4g} +- {gel['E_MPa'] * gain.sd / gain.value:.2g} "
         f"({gain.value:.3f} times the description's; load cell and gel agree within "
         f"{100 * gain.residual:.1f} % of the peak)"
     )

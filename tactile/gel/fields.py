@@ -12,9 +12,9 @@ from jaxtyping import Bool, Float
 
 from tactile.gel.force_inverse import InvertedForce
 from tactile.gel.force_likelihood import most_likely_hyperparameters
-from tactile.gel.grid import GelGrid, PriorHyperparameters, gel_grid
-from tactile.gel.marker_force import ForcePlacing, SpringForce
-from tactile.gel.slab import FLAT_TO, GelLayer, GelSlab, SpringBed, sides_known
+from tactile.gel.grid import PriorHyperparameters, gel_grid
+from tactile.gel.marker_force import ForcePlacing
+from tactile.gel.slab import FLAT_TO, GelSlab
 from tactile.gel_camera import mm_per_px, on_face, ray_information, triangulated
 from tactile.markers.tracking import TrackedMarkers
 from tactile.sensors import GelCamera, Sensor
@@ -39,9 +39,8 @@ class GelFields:
     """Displacement and force of every marker in every frame (pad frame; the force is that on the fruit).
 
     A marker that is not seen in a frame has NaN displacement there. `displacement_sd_mm` and `force_sd_N` are
-    standard deviations of single values. `hyperparameters` is None where nothing is smoothed. A slab's marker
-    forces are known no better than where on the gel they act (tactile.gel.marker_force): that is part of
-    `force_sd_N`.
+    standard deviations of single values. A slab's marker forces are known no better than where on the gel
+    they act (tactile.gel.marker_force): that is part of `force_sd_N`. `solver` takes displacements to forces.
     """
 
     rest_mm: Float[np.ndarray, "n 3"]
@@ -50,22 +49,12 @@ class GelFields:
     displacement_sd_mm: Float[np.ndarray, "t n 3"]
     force_sd_N: Float[np.ndarray, "t n 3"]
     touching: Bool[np.ndarray, "t m"]
-    motion_mm: Float[np.ndarray, " t"]
-    hyperparameters: PriorHyperparameters | None
-    solver: InvertedForce | SpringForce
+    hyperparameters: PriorHyperparameters
+    solver: InvertedForce
 
 
-def layer_of(sensor: Sensor) -> GelLayer:
-    """The sensor's gel: springs where their stiffness was measured, else the bonded slab.
-
-    One camera (`markers-mono`) tells pressure only by the sideways motion that it makes, which
-    springs do not have: the slab, whatever else was measured.
-
-    Raises TactileFailure (unreadable-sensor) where the description lacks the gel.
-    """
-    kn, kt = sensor.gel_kn_MPa_per_mm, sensor.gel_kt_MPa_per_mm
-    if kn is not None and kt is not None and sensor.kind != "markers-mono":
-        return SpringBed(kn_MPa_per_mm=kn, kt_MPa_per_mm=kt)
+def slab_of(sensor: Sensor) -> GelSlab:
+    """The sensor's gel; raises TactileFailure (unreadable-sensor) where the description lacks it."""
     if sensor.thickness_mm is None or sensor.E_MPa is None or sensor.nu is None:
         raise TactileFailure(
             TactileProblem.UNREADABLE_SENSOR,
@@ -74,55 +63,6 @@ def layer_of(sensor: Sensor) -> GelLayer:
             "calibrate",
         )
     return GelSlab(thickness_mm=sensor.thickness_mm, E_MPa=sensor.E_MPa, nu=sensor.nu, outline=sensor.outline)
-
-
-class GelReader:
-    """One pad's inverse, made once: `measure` takes pixels to displacement, `solver` takes that to force."""
-
-    def __init__(
-        self,
-        sensor: Sensor,
-        reference_px: Float[np.ndarray, "n 2"],
-        rest_mm: Float[np.ndarray, "n 3"],
-        *,
-        second_reference_px: Float[np.ndarray, "n 2"] | None = None,
-        noise_px: float = 0.03,
-    ) -> None:
-        self._camera = _needed(sensor, sensor.camera, "camera")
-        self._second = sensor.second_camera if sensor.kind == "markers-stereo" else None
-        layer = layer_of(sensor)
-        _refuse_dome(sensor, rest_mm)
-        _refuse_outside(sensor, rest_mm)
-        if self._second is not None:
-            if second_reference_px is None:
-                raise _refusal(sensor, "the second camera's markers are missing; track both cameras' images")
-            both = (self._camera, self._second)
-            self.rest_mm, information = triangulated(
-                both, (reference_px, second_reference_px), noise_px=noise_px
-            )
-        else:
-            self.rest_mm = _on_planes(self._camera, reference_px, rest_mm[:, 2])
-            _, information = ray_information(
-                self._camera, reference_px, noise_px=noise_px, z_mm=rest_mm[:, 2]
-            )
-        self.grid: GelGrid = gel_grid(layer, self.rest_mm)
-        if self._second is None:
-            slab_sd_mm = MONO_SIDES_SD_MM if sides_known(layer) else MONO_SLAB_SD_MM
-            information *= (noise_px / (noise_px + slab_sd_mm / mm_per_px(self._camera))) ** 2
-        self.information = information
-
-    def measured(
-        self,
-        pixels: Float[np.ndarray, "n 2"],
-        second: Float[np.ndarray, "n 2"] | None = None,
-        depth_mm: Float[np.ndarray, " n"] | None = None,
-    ) -> Float[np.ndarray, "n 3"]:
-        """Displacement of each marker (mm); with one camera at the given depth (z, or 0)."""
-        if self._second is not None and second is not None:
-            points, _ = triangulated((self._camera, self._second), (pixels, second))
-            return np.asarray(points - self.rest_mm)
-        z = self.rest_mm[:, 2] + (0.0 if depth_mm is None else depth_mm)
-        return np.asarray(_on_planes(self._camera, pixels, z) - self.rest_mm)
 
 
 def fields_of(
@@ -141,70 +81,58 @@ def fields_of(
     """
     frames = len(tracked.time_s)
     noise_px = max(LEAST_NOISE_PX, frame_noise(tracked.position_px))
-    reader = GelReader(
-        sensor,
-        tracked.reference_px,
-        tracked.rest_mm,
-        noise_px=noise_px,
-        second_reference_px=None if second is None else second.reference_px,
-    )
-    others = [None] * frames if second is None else second.position_px
-    seen = np.array(list(map(reader.measured, tracked.position_px, others)))
-    mono = sensor.kind == "markers-mono"
-    layer = layer_of(sensor)
-    if isinstance(layer, SpringBed):
-        return _of_springs(layer, reader, seen)
+    slab, camera = slab_of(sensor), _needed(sensor, sensor.camera, "camera")
+    _refuse_dome(sensor, slab, tracked.rest_mm)
+    _refuse_outside(sensor, tracked.rest_mm)
+    if mono := sensor.kind != "markers-stereo":
+        rest_mm = _on_planes(camera, tracked.reference_px, tracked.rest_mm[:, 2])
+        seen = np.array([_on_planes(camera, pixels, rest_mm[:, 2]) for pixels in tracked.position_px])
+        slab_sd_mm = MONO_SLAB_SD_MM if slab.outline is None else MONO_SIDES_SD_MM
+        _, information = ray_information(
+            camera, tracked.reference_px, noise_px=noise_px, z_mm=tracked.rest_mm[:, 2]
+        )
+        information *= (noise_px / (noise_px + slab_sd_mm / mm_per_px(camera))) ** 2
+    else:
+        cameras = (camera, _needed(sensor, sensor.second_camera, "second_camera"))
+        if second is None:
+            raise _refusal(sensor, "the second camera's markers are missing; track both cameras' images")
+        both_px = (tracked.reference_px, second.reference_px)
+        rest_mm, information = triangulated(cameras, both_px, noise_px=noise_px)
+        pairs = zip(tracked.position_px, second.position_px, strict=True)
+        seen = np.array([triangulated(cameras, pair)[0] for pair in pairs])
+    seen -= rest_mm
+    grid = gel_grid(slab, rest_mm)
     if hyperparameters is None:
         moved = np.nan_to_num(np.sqrt(np.nanmean(seen**2, axis=(1, 2))))
         strongest = np.argsort(moved)[::-1][: max(1, frames // 3)]
         picks = strongest[np.linspace(0, len(strongest) - 1, FRAMES_TO_CHOOSE_FROM).astype(int)]
-        hyperparameters = most_likely_hyperparameters(reader.grid, reader.information, seen[picks])
-    solver = InvertedForce(reader.grid, reader.information, hyperparameters)
-    shape_of = seen.shape
-    force, force_sd, moved_sd = np.zeros(shape_of), np.zeros(shape_of), np.zeros(shape_of)
-    touching = np.zeros((frames, len(reader.grid.nodes_mm)), dtype=bool)
-    motion = np.zeros(frames)
+        hyperparameters = most_likely_hyperparameters(grid, information, seen[picks])
+    solver = InvertedForce(grid, information, hyperparameters)
+    force, force_sd, moved_sd = np.zeros(seen.shape), np.zeros(seen.shape), np.zeros(seen.shape)
+    touching = np.zeros((frames, len(grid.nodes_mm)), dtype=bool)
     own_sd = np.sqrt(np.diagonal(np.linalg.pinv(solver.information, hermitian=True), axis1=1, axis2=2))
     before = None
     for t in range(frames):
         contact = solver.solve(seen[t], before=before)
         for _ in range(DEPTH_ROUNDS if mono else 0):
-            seen[t] = reader.measured(tracked.position_px[t], depth_mm=contact.displacement_mm[:, 2])
+            z_mm = rest_mm[:, 2] + contact.displacement_mm[:, 2]
+            seen[t] = _on_planes(camera, tracked.position_px[t], z_mm) - rest_mm
             contact = solver.solve(seen[t], before=contact.touching)
-        before = contact.touching
-        touching[t], motion[t] = contact.touching, contact.motion_mm
+        before = touching[t] = contact.touching
         force[t], moved_sd[t] = contact.force_N, own_sd
         force_sd[t], depth_sd = solver.spreads(contact.touching, contact.motion_mm)
         if mono:
             moved_sd[t, :, 2] = depth_sd
-    placing = ForcePlacing(reader.rest_mm)
+    placing = ForcePlacing(rest_mm)
     return GelFields(
-        rest_mm=reader.rest_mm,
+        rest_mm=rest_mm,
         displacement_mm=seen,
         force_N=force,
         displacement_sd_mm=moved_sd,
         force_sd_N=np.hypot(force_sd, [placing.sd_N(frame) for frame in force]),
         touching=touching,
-        motion_mm=motion,
         hyperparameters=hyperparameters,
         solver=solver,
-    )
-
-
-def _of_springs(layer: SpringBed, reader: GelReader, seen: Float[np.ndarray, "t n 3"]) -> GelFields:
-    """Displacement as it was seen, and each marker's own force."""
-    springs = SpringForce(layer=layer, cell_mm2=reader.grid.cell_mm2, information_per_mm2=reader.information)
-    sd_mm = np.broadcast_to(springs.displacement_sd_mm, seen.shape)
-    return GelFields(
-        rest_mm=reader.rest_mm,
-        displacement_mm=seen,
-        force_N=springs.force_N(seen),
-        displacement_sd_mm=sd_mm,
-        force_sd_N=sd_mm * springs.newton_per_mm,
-        touching=springs.touching(seen),
-        motion_mm=np.nanmax(np.abs(seen), axis=(1, 2)),
-        hyperparameters=None,
-        solver=springs,
     )
 
 
@@ -233,18 +161,16 @@ def _needed(sensor: Sensor, camera: GelCamera | None, name: str) -> GelCamera:
     return camera
 
 
-def _refuse_dome(sensor: Sensor, rest_mm: Float[np.ndarray, "n 3"]) -> None:
+def _refuse_dome(sensor: Sensor, slab: GelSlab, rest_mm: Float[np.ndarray, "n 3"]) -> None:
     """The compliance of the face that is described is not another's."""
-    if sensor.thickness_mm is None:
-        return
     basis = np.column_stack([rest_mm[:, :2], np.ones(len(rest_mm))])
-    face = 0.0 if sensor.outline is None else sensor.outline.face_mm(rest_mm[:, 0], rest_mm[:, 1])
+    face = 0.0 if slab.outline is None else slab.outline.face_mm(rest_mm[:, 0], rest_mm[:, 1])
     over = rest_mm[:, 2] - face
     off = over - basis @ np.linalg.lstsq(basis, over, rcond=None)[0]
-    if np.ptp(off) > FLAT_TO * sensor.thickness_mm:
+    if np.ptp(off) > FLAT_TO * slab.thickness_mm:
         raise _refusal(
             sensor,
-            f"its gel is a dome ({np.ptp(off):.2f} mm high, {sensor.thickness_mm:g} mm thick). Give "
+            f"its gel is a dome ({np.ptp(off):.2f} mm high, {slab.thickness_mm:g} mm thick). Give "
             'face_radius_mm and size_mm under [gel], or use the maker\'s own forces (kind = "fields")',
         )
 

@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import Delaunay, cKDTree
 
-from tactile.gel.slab import GelLayer, sides_known, tent_compliance
+from tactile.gel.slab import GelSlab, tent_compliance
 
 SIDES_UNKNOWN, SIDES_KNOWN = np.array([0.02, 0.02, 0.005]), np.array([0.002, 0.002, 0.0005])
 """Spread of a smooth field's coefficients over the largest displacement of the frame, x, y and z: free sides
@@ -45,7 +45,7 @@ class GelGrid:
     laplacian: Float[np.ndarray, "m m"]
 
 
-def gel_grid(layer: GelLayer, rest_mm: Float[np.ndarray, "n 3"], *, pitch_mm: float | None = None) -> GelGrid:
+def gel_grid(layer: GelSlab, rest_mm: Float[np.ndarray, "n 3"], *, pitch_mm: float | None = None) -> GelGrid:
     """Traction nodes under the markers, `pitch_mm` apart.
 
     `pitch_mm` None: 0.7 of the side of the square that is a marker's share of the face; at 1.0 the rim of a
@@ -75,7 +75,7 @@ def gel_grid(layer: GelLayer, rest_mm: Float[np.ndarray, "n 3"], *, pitch_mm: fl
         pitch_mm=pitch_mm,
         cell_mm2=cell_mm2,
         compliance=compliance.reshape(3 * len(flat), 3 * len(nodes)),
-        smooth_share=SIDES_KNOWN if sides_known(layer) else SIDES_UNKNOWN,
+        smooth_share=SIDES_UNKNOWN if layer.outline is None else SIDES_KNOWN,
         to_markers=_shares(flat, nodes, pitch_mm, cell_mm2),
         laplacian=4.0 * np.eye(len(nodes)) - (np.abs(apart - 1.0) < 0.01),
     )

@@ -1,4 +1,4 @@
-"""Forces from displacement: of a slab by finite elements, its equations by numpy.linalg, springs by hand."""
+"""Forces from displacement: of a slab by finite elements, its equations by numpy.linalg."""
 
 import numpy as np
 import pytest
@@ -7,9 +7,9 @@ from samples.gel_press import GelBlock, gel_block
 from tactile.gel.force_inverse import InvertedForce
 from tactile.gel.force_likelihood import DRAGGED, most_likely_hyperparameters, one_way_share
 from tactile.gel.grid import GelGrid, PriorHyperparameters, gel_grid
-from tactile.gel.marker_force import PLACING, ForcePlacing, SpringForce
+from tactile.gel.marker_force import PLACING, ForcePlacing
 from tactile.gel.normal_equations import NormalEquations
-from tactile.gel.slab import GelSlab, SpringBed
+from tactile.gel.slab import GelSlab
 from tactile.sensors import marker_grid
 
 SLAB = GelSlab(thickness_mm=2.0, E_MPa=0.2, nu=0.45)
@@ -272,34 +272,6 @@ def test_pressures_of_all_nodes_and_their_deviations_are_those_of_the_whole_inve
     inverse = np.linalg.inv(equations.normal + np.diag(np.pad(equations.usual_smooth, (3 * NODES, 0))))
     np.testing.assert_allclose(pressures, (inverse @ right)[2 : 3 * NODES : 3], rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(sd, np.sqrt(np.diag(inverse))[2 : 3 * NODES : 3], rtol=1e-8)
-
-
-SD_MM = np.array([0.001, 0.002, 0.004])
-
-
-@pytest.fixture
-def springs() -> SpringForce:
-    information = np.broadcast_to(np.diag(SD_MM**-2.0), (9, 3, 3))
-    layer = SpringBed(kn_MPa_per_mm=0.2, kt_MPa_per_mm=0.05)
-    return SpringForce(layer=layer, cell_mm2=2.0, information_per_mm2=information)
-
-
-def test_force_is_stiffness_times_area_times_displacement_against_it(springs):
-    moved = np.tile([0.1, -0.2, -0.5], (9, 1))
-    np.testing.assert_allclose(springs.force_N(moved), np.tile([-0.01, 0.02, 0.2], (9, 1)), rtol=1e-12)
-
-
-def test_a_marker_that_is_not_seen_has_no_force_and_does_not_touch(springs):
-    moved = np.full((9, 3), -0.1)
-    moved[4] = np.nan
-    assert (springs.force_N(moved)[4] == 0).all()
-    assert springs.touching(moved).tolist() == [True] * 4 + [False] + [True] * 4
-
-
-def test_noise_alone_seldom_touches(springs):
-    noise = np.random.default_rng(3).normal(size=(2000, 9, 3)) * SD_MM
-    assert springs.touching(noise).mean() < 1e-3
-    assert not springs.touching(np.zeros((9, 3))).any()
 
 
 X, Y = (g.ravel() for g in np.meshgrid(np.arange(4.0), np.arange(3.0)))
