@@ -180,7 +180,6 @@ def measured(
         for _ in range(1 + DEPTH_ROUNDS if kind == "markers-mono" else 1):
             contact = chosen.solver.solve(moved, before=before)
             before = contact.touching
-        chosen.solver.force_spread(contact.touching, contact.motion_mm)
     return chosen, spent + (time.process_time() - began) / len(images)
 
 
@@ -202,8 +201,6 @@ def row(kind: str, fields: GelFields, known: KnownGel, seconds: float) -> dict[s
     def correlation(forces: np.ndarray, true_forces: np.ndarray) -> float:
         return float(np.corrcoef(forces.ravel(), true_forces.ravel())[0, 1])
 
-    touched = fields.force_N[loaded] != 0
-    inside = (np.abs(fields.force_N - true_f) < 2 * fields.force_sd_N)[loaded][touched]
     return {
         "sensor": kind,
         "frames": len(size),
@@ -215,7 +212,6 @@ def row(kind: str, fields: GelFields, known: KnownGel, seconds: float) -> dict[s
         "force_percent_all": 100 * rms(miss_total[loaded] / size[loaded]),
         "correlation_peak": correlation(fields.force_N[peak], true_f[peak]),
         "correlation_all": correlation(fields.force_N[loaded], true_f[loaded]),
-        "within_2_sd_force": float(inside.mean()),
         "frames_per_s": 1.0 / seconds,
     }
 

@@ -142,7 +142,6 @@ def main() -> None:
         kept |= {
             f"{name}_mm": gel_fields.displacement_mm,
             f"{name}_N": gel_fields.force_N,
-            f"{name}_sd": gel_fields.force_sd_N,
         }
         most, nodes = gel_fields.touching.sum(axis=1).max(), gel_fields.touching.shape[1]
         hidden = f", {LOST:.0%} of them hidden" if lost else ""

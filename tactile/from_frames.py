@@ -6,9 +6,8 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial import Delaunay
 
-from tactile.gel.fields import GelFields, fields_of
+from tactile.gel.fields import fields_of
 from tactile.io.converted import Converted
-from tactile.io.marker_spread import MarkerSpread
 from tactile.io.pictures import gaps_said
 from tactile.io.raw_grasp import RawGrasp, RawPad
 from tactile.io.recording import GelPad, IndenterPad, Recording
@@ -152,25 +151,8 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields
         print_shown=None if found_markers.print_shown is None else found_markers.print_shown[kept],
         force_scale_sd=pad.sensor.force_sd,
         displacement_scale_sd=pad.sensor.displacement_sd,
-        spread=_spread(fields),
     )
     return _PadFields(tracked.time_s, kept, gel, notes)
-
-
-def _spread(fields: GelFields) -> MarkerSpread:
-    """Of a marker that is not seen in a frame, its neighbours'."""
-    sd_mm = np.where(np.isfinite(fields.displacement_mm), fields.displacement_sd_mm, np.nan)
-    return MarkerSpread(displacement_sd_mm=filled(fields.rest_mm, sd_mm), force_sd_N=fields.force_sd_N)
-
-
-def _spread_at(
-    spread: MarkerSpread, when: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " s"]
-) -> MarkerSpread:
-    """The same at the grasp's common times."""
-    return MarkerSpread(
-        displacement_sd_mm=at_times(when, time_s, spread.displacement_sd_mm),
-        force_sd_N=at_times(when, time_s, spread.force_sd_N),
-    )
 
 
 def _least(first: TrackedMarkers, second: TrackedMarkers | None) -> Float[np.ndarray, " t"] | None:
@@ -195,7 +177,6 @@ def _resampled(fields: _PadFields, when: Float[np.ndarray, " t"]) -> GelPad:
         force_N=at_times(when, fields.time_s, pad.force_N),
         certainty=None if pad.certainty is None else at_times(when, fields.time_s, pad.certainty),
         print_shown=None if pad.print_shown is None else at_times(when, fields.time_s, pad.print_shown),
-        spread=None if pad.spread is None else _spread_at(pad.spread, when, fields.time_s),
     )
 
 

@@ -1,8 +1,8 @@
-"""From what a gel sensor's cameras saw to displacement and force at every marker, with their uncertainty.
+"""From what a gel sensor's cameras saw to displacement and force at every marker.
 
 In the plane a marker is where its ray says. Its depth comes from two cameras (`markers-stereo`) or, with one
 camera (`markers-mono`), from the slab alone: what pressed the face must have moved the markers sideways as
-seen. The last is told by little; its standard deviation says so.
+seen. The last is told by little.
 """
 
 from dataclasses import dataclass
@@ -13,7 +13,6 @@ from jaxtyping import Bool, Float
 from tactile.gel.force_inverse import InvertedForce
 from tactile.gel.force_likelihood import most_likely_hyperparameters
 from tactile.gel.grid import PriorHyperparameters, gel_grid
-from tactile.gel.marker_force import ForcePlacing
 from tactile.gel.slab import FLAT_TO, GelSlab
 from tactile.gel_camera import mm_per_px, on_face, ray_information, triangulated
 from tactile.markers.tracking import TrackedMarkers
@@ -38,16 +37,12 @@ OF_MEDIAN = 0.6745
 class GelFields:
     """Displacement and force of every marker in every frame (pad frame; the force is that on the fruit).
 
-    A marker that is not seen in a frame has NaN displacement there. `displacement_sd_mm` and `force_sd_N` are
-    standard deviations of single values. A slab's marker forces are known no better than where on the gel
-    they act (tactile.gel.marker_force): that is part of `force_sd_N`. `solver` takes displacements to forces.
+    A marker that is not seen in a frame has NaN displacement there. `solver` takes displacements to forces.
     """
 
     rest_mm: Float[np.ndarray, "n 3"]
     displacement_mm: Float[np.ndarray, "t n 3"]
     force_N: Float[np.ndarray, "t n 3"]
-    displacement_sd_mm: Float[np.ndarray, "t n 3"]
-    force_sd_N: Float[np.ndarray, "t n 3"]
     touching: Bool[np.ndarray, "t m"]
     hyperparameters: PriorHyperparameters
     solver: InvertedForce
@@ -108,9 +103,8 @@ def fields_of(
         picks = strongest[np.linspace(0, len(strongest) - 1, FRAMES_TO_CHOOSE_FROM).astype(int)]
         hyperparameters = most_likely_hyperparameters(grid, information, seen[picks])
     solver = InvertedForce(grid, information, hyperparameters)
-    force, force_sd, moved_sd = np.zeros(seen.shape), np.zeros(seen.shape), np.zeros(seen.shape)
+    force = np.zeros(seen.shape)
     touching = np.zeros((frames, len(grid.nodes_mm)), dtype=bool)
-    own_sd = np.sqrt(np.diagonal(np.linalg.pinv(solver.information, hermitian=True), axis1=1, axis2=2))
     before = None
     for t in range(frames):
         contact = solver.solve(seen[t], before=before)
@@ -119,17 +113,11 @@ def fields_of(
             seen[t] = _on_planes(camera, tracked.position_px[t], z_mm) - rest_mm
             contact = solver.solve(seen[t], before=contact.touching)
         before = touching[t] = contact.touching
-        force[t], moved_sd[t] = contact.force_N, own_sd
-        force_sd[t], depth_sd = solver.spreads(contact.touching, contact.motion_mm)
-        if mono:
-            moved_sd[t, :, 2] = depth_sd
-    placing = ForcePlacing(rest_mm)
+        force[t] = contact.force_N
     return GelFields(
         rest_mm=rest_mm,
         displacement_mm=seen,
         force_N=force,
-        displacement_sd_mm=moved_sd,
-        force_sd_N=np.hypot(force_sd, [placing.sd_N(frame) for frame in force]),
         touching=touching,
         hyperparameters=hyperparameters,
         solver=solver,

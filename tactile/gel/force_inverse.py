@@ -67,14 +67,10 @@ class ActiveSet:
 
 @dataclass(frozen=True, kw_only=True)
 class GelContact:
-    """One frame solved: nodal forces (N) on the fruit, which nodes touch, and what the slab shows for it.
-
-    `motion_mm` is the largest displacement, by which the smooth fields are scaled.
-    """
+    """One frame solved: nodal forces (N) on the fruit, which nodes touch, and what the slab shows for it."""
 
     node_force_N: Float[np.ndarray, "m 3"]
     touching: Bool[np.ndarray, " m"]
-    motion_mm: float
     force_N: Float[np.ndarray, "n 3"]
     displacement_mm: Float[np.ndarray, "n 3"]
 
@@ -127,13 +123,11 @@ class InvertedForce:
     ) -> GelContact:
         """One frame; markers that are NaN are left out. `before`: what touched before."""
         y, equations, right = self._observed(displacement_mm)
-        motion_mm = motion_of(y)
-        active_set = self._solved_active_set(equations, right, motion_mm, before)
+        active_set = self._solved_active_set(equations, right, motion_of(y), before)
         t = active_set.unknowns[: self._size].reshape(-1, 3)
         return GelContact(
             node_force_N=t,
             touching=active_set.touching,
-            motion_mm=motion_mm,
             force_N=self.grid.to_markers @ t,
             displacement_mm=(self._moved_by @ active_set.unknowns).reshape(y.shape),
         )
@@ -155,23 +149,6 @@ class InvertedForce:
         directions = (3 if self.sees_depth else 2) * int(np.isfinite(displacement_mm).all(axis=1).sum())
         log_det = log_det_prior(self.grid, self.hyperparameters, touching) / 2 - log_det_root
         return float((fitted - misfit) / 2 + log_det - directions * np.log(self.hyperparameters.noise))
-
-    def force_spread(self, touching: Bool[np.ndarray, " m"], motion_mm: float) -> Float[np.ndarray, "n 3"]:
-        """Standard deviation that the frame's noise and the prior leave in marker force, N."""
-        return self.spreads(touching, motion_mm)[0]
-
-    def spreads(
-        self, touching: Bool[np.ndarray, " m"], motion_mm: float
-    ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
-        """`force_spread`, and the same of the face's motion along its normal that the forces make, mm."""
-        equations = self._equations_of(np.ones(len(self.grid.rest_mm), dtype=bool))
-        root = equations.factor(touching).covariance_root(smooth_precision(self.grid, motion_mm))
-        at = np.concatenate([dofs_of(touching), np.arange(self._size, self._moved_by.shape[1])])
-        moved = root @ self._moved_by[2::3, at].T
-        end, shares = 3 * int(touching.sum()), self.grid.to_markers[:, touching].T
-        force = [root[:, k:end:3] @ shares for k in range(3)]
-        force_sd = np.sqrt(np.stack([(component**2).sum(axis=0) for component in force], axis=1))
-        return force_sd, np.asarray(np.sqrt((moved**2).sum(axis=0)))
 
     def _observed(self, displacement_mm: np.ndarray) -> tuple[np.ndarray, NormalEquations, np.ndarray]:
         """Displacement (0 where unknown), equations and right side of the markers that are known."""

@@ -15,7 +15,6 @@ from jaxtyping import Float
 from scipy.spatial import QhullError, Voronoi
 
 from tactile.io.hdf5_file import child_group, opened
-from tactile.io.marker_spread import MarkerSpread, read_spread, write_spread
 from tactile.io.recording_fields import ANY, GroupReader, Limit
 from tactile.io.specimen import PressedSpecimen, read_specimen, write_specimen
 from tactile.io.written_frames import written_frames
@@ -89,8 +88,7 @@ class GelPad:
     untouched gel, and each frame's, show of something that is pressed in, over the least that counts
     (tactile.reference_print). `reference_sd_mm`: standard deviation of each marker's place at rest where that
     was estimated; None where it was seen. `force_scale_sd`, `displacement_scale_sd`: relative standard
-    deviations of both scales, which all markers and frames share; 0 where nobody states them. `spread`: how
-    well single markers are known beyond that.
+    deviations of both scales, which all markers and frames share; 0 where nobody states them.
     """
 
     name: str
@@ -109,7 +107,6 @@ class GelPad:
     reference_sd_mm: Float[np.ndarray, " n"] | None = None
     force_scale_sd: float = 0.0
     displacement_scale_sd: float = 0.0
-    spread: MarkerSpread | None = None
 
     @property
     def marker_kn_N_per_mm(self) -> float | None:
@@ -308,7 +305,6 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, scale_sd: float) -> G
         force_N=pad.array("force_N", (frames, markers, 3), limit=FORCE),
         **_gel_constants(pad, scale_sd),
         **{name: _known(pad, name, {"t": (frames,), "n": (markers,)}) for name in GEL_KNOWN},
-        spread=read_spread(pad, frames=frames, markers=markers),
     )
 
 
@@ -367,5 +363,3 @@ def _write_gel(group: Any, pad: GelPad) -> None:
         if (said := getattr(pad, name)) is not None:
             group[name] = np.asarray(said, dtype=np.float64)
     group.attrs.update({name: said for f, (name, _) in GEL_CONSTANTS.items() if (said := getattr(pad, f))})
-    if pad.spread is not None:
-        write_spread(group, pad.spread)

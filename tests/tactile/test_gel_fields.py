@@ -48,11 +48,11 @@ def fields() -> GelFields:
     return fields_of(SENSOR, tracked(turned_camera(0.35), 1), second=tracked(turned_camera(-0.35), 2))
 
 
-def test_displacement_is_within_its_stated_deviation(fields: GelFields) -> None:
+def test_displacement_is_seen_to_micrometres(fields: GelFields) -> None:
     truth = np.stack([motion(d) for d in DEPTHS])
-    scores = (fields.displacement_mm - truth) / fields.displacement_sd_mm
-    assert np.sqrt((scores**2).mean()) < 1.1
-    assert np.sqrt(((fields.displacement_mm - truth)[..., :2] ** 2).mean()) < 0.002
+    error = fields.displacement_mm - truth
+    assert np.sqrt((error[..., :2] ** 2).mean()) < 0.002
+    assert np.sqrt((error[..., 2] ** 2).mean()) < 0.005
 
 
 def test_the_air_has_noise_and_no_force(fields: GelFields) -> None:
@@ -94,9 +94,7 @@ def test_stereo_without_the_second_camera_is_refused() -> None:
 
 def test_a_gel_without_its_law_is_refused() -> None:
     assert slab_of(SENSOR) == GelSlab(thickness_mm=4.0, E_MPa=0.2, nu=0.48)
-    with pytest.raises(
-        TactileFailure, match=r"forces need the gel: .* nu None, expected all three"
-    ):
+    with pytest.raises(TactileFailure, match=r"forces need the gel: .* nu None, expected all three"):
         slab_of(replace(SENSOR, nu=None))
 
 
