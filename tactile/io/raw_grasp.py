@@ -1,31 +1,8 @@
 """A grasp in its raw form: the frames of each pad, and what the machine logged.
 
-```
-grasp.toml            what was grasped, and each pad's sensor and pose
-log.csv               time_s, aperture_mm, [frame], [fx_N, fy_N, fz_N, tx_Nmm, ty_Nmm, tz_Nmm]
-<pad>/frame_000000.png ..., <pad>/reference.png         or <pad>.avi, <pad>.mp4 and <pad>/reference.png
-<pad>/times.csv       optional: frame, time_s of the pad's own clock
-```
-
-```toml
-fruit_id = "f01"
-category = "nectarine"
-loading = "grasp"                  # or "press", with one pad `tip`
-pose_aperture_mm = 60.0            # the aperture at which the poses below hold
-sensor = "both.toml"               # optional: of every pad that names none
-[pads.left]                        # and [pads.right]
-sensor = "left.toml"               # beside grasp.toml, or above it; not needed where one is given for all
-pose = [[...], [...], [...], [0, 0, 0, 1]]   # pad frame to fruit frame at that aperture
-frames = "left.avi"                # optional; else the folder <pad>, else <pad>.avi or <pad>.mp4
-second_frames = "left-b"           # a stereo sensor's second camera: a folder with its reference.png,
-                                   # or left-b.avi with left-b/reference.png
-reference = "left/reference.png"   # optional: a picture or a clip of the untouched gel inside the batch
-reference_frames = [0, 5]          # the mean of frames 0 to 4 of that clip, or of the pad's own frames
-serial = "2A47"                    # optional: the sensor these frames came from
-time_offset_s = 0.0                # optional: the pad's clock less the log's
-```
-A pad moves along
-its own z by half of what the aperture changes (a press: its tip by all of the travel).
+A folder with grasp.toml, log.csv and for each pad a folder of pictures or a video (docs/formats.md, "A raw
+grasp"). A pad moves along its own z by half of what the aperture changes (a press: its tip by all of the
+travel).
 """
 
 import os

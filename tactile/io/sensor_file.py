@@ -1,39 +1,4 @@
-"""A sensor's description in TOML, one file per sensor.
-
-```toml
-kind = "markers-mono"            # markers-mono, markers-stereo, fields
-name = "GelSight Mini"
-serial = "2A47"                  # optional; frames that name another serial are refused
-
-[gel]                            # not needed by kind "fields"
-thickness_mm = 4.0
-E_MPa = 0.25
-nu = 0.48
-size_mm = [26.0, 22.0]           # optional: a rectangular gel, x and y; without it its sides are far away
-centre_mm = [0.0, 0.0]           # optional, with size_mm: its middle
-sides = "free"                   # optional, with size_mm: free, or bonded to a stiff frame
-face_radius_mm = [189.0, 114.0]  # optional, with size_mm: of a domed face along x and y; flat without it
-gel_kn_MPa_per_mm = 0.3          # optional, where they were measured
-gel_kt_MPa_per_mm = 0.02
-
-[camera]                         # and [second_camera] for markers-stereo
-image_px = [640, 480]
-focal_px = [520.0, 520.0]
-centre_px = [319.5, 239.5]
-distortion = [0.0, 0.0, 0.0, 0.0, 0.0]      # k1, k2, p1, p2, k3
-gel_from_camera = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -16], [0, 0, 0, 1]]
-
-[markers]                        # optional: a grid, or rest_mm = [[x, y, z], ...]
-rows = 7
-columns = 9
-pitch_mm = [2.0, 2.0]
-first_mm = [-8.0, -6.0, 0.0]     # optional; without it the grid is centred
-
-[spread]                         # optional: relative standard deviations that all markers and frames share
-force = 0.21
-displacement = 0.02
-```
-"""
+"""A sensor's description in TOML, one file per sensor (docs/formats.md, "A sensor's description")."""
 
 from pathlib import Path
 from typing import cast

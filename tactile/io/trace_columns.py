@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from tactile.io.cell_rows import LOOKED_AT, SPACES, Cell, CellTable, Row, number_of
 from tactile.io.pictures import unusable
-from tactile.io.stated_unit import EXAMPLES, NoUnit, Unit, is_unit, read_unit, unit_of_name, unit_with_factor
+from tactile.io.stated_unit import EXAMPLES, NoUnit, Unit, is_unit, read_unit, unit_of_name, with_factor
 from tactile.tactile_failure import TactileFailure
 
 TRAVEL = ("travel_mm", "aperture_mm")
@@ -211,7 +211,7 @@ def _stated(name: str, in_row: str, quantity: str) -> list[Unit | NoUnit]:
 
 def _in_row(cell: str, quantity: str) -> Unit | NoUnit | None:
     """What a cell of the row of units states; an empty one nothing."""
-    return unit_with_factor(cell) or read_unit(cell, quantity) if cell else None
+    return with_factor(cell) or read_unit(cell, quantity) if cell else None
 
 
 def _asked(quantity: str, stated: Sequence[Unit | NoUnit]) -> str:
