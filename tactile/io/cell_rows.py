@@ -191,7 +191,7 @@ def _spreadsheet(path: Path, data: bytes) -> tuple[CellTable, ...]:
     def trial(tell: Callable[[str], None]) -> None:
         read(tell)
 
-    # The library makes a table of all cells between the used ones, and ends the process where it lacks memory.
+    # The library makes a table of all cells between the used ones; without memory it ends the process.
     tried_first = tried(trial, patience_s=PATIENCE_S, most_bytes=MOST_MEMORY)
     if tried_first.ending is not TrialEnding.DONE:
         where = f"sheet {tried_first.lines[-1]}" if tried_first.lines else "the sheets"
