@@ -17,7 +17,6 @@ are 5 % of a press of 3 N. The prior (tactile.gel.grid) is that of greatest marg
 
 from copy import copy
 from dataclasses import dataclass
-from typing import TypeVar
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -50,7 +49,6 @@ OF_PEAK = (0.15, 0.4)
 by hand."""
 KEPT_VIEWS = 3
 """Sets of markers in view whose equations are kept: frames that are solved in turn. Set by hand."""
-_T = TypeVar("_T")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -99,15 +97,19 @@ class InvertedForce:
         self._size = 3 * len(grid.nodes_mm)
         self._adjacent_nodes = _neighbours(grid.laplacian < 0)
         self.sees_depth = sees_depth(information_per_mm2)
-        self._data = dict[bytes, Float[np.ndarray, "u u"]]()
+        weighted = np.matmul(information_per_mm2, self._moved_by.reshape(len(grid.rest_mm), 3, -1))
+        self._data = weighted.reshape(self._moved_by.shape).T @ self._moved_by
         self._take(hyperparameters)
-        self._equations_of(np.ones(len(grid.rest_mm), dtype=bool))
 
     def _take(self, hyperparameters: PriorHyperparameters) -> None:
         self.hyperparameters = hyperparameters
         self.information = self._in_the_air / hyperparameters.noise**2
-        self._prior = prior_precision(self.grid, hyperparameters)
-        self._equations = dict[bytes, NormalEquations]()
+        normal = self._data / hyperparameters.noise**2
+        information = np.diag(normal)[2 : self._size : 3].copy()
+        normal[: self._size, : self._size] += prior_precision(self.grid, hyperparameters)
+        usual = smooth_precision(self.grid, USUAL_MOTION_MM)
+        self._whole = NormalEquations(normal, information, usual)
+        self._in_view = dict[bytes, NormalEquations]()
 
     def with_prior(self, hyperparameters: PriorHyperparameters) -> "InvertedForce":
         """The same gel and sensor with another prior of forces and another noise."""
@@ -158,19 +160,19 @@ class InvertedForce:
         return y, self._equations_of(usable), weighted @ self._moved_by
 
     def _equations_of(self, usable: Bool[np.ndarray, " n"]) -> NormalEquations:
-        """The equations of these markers; those of all and of the last few sets are kept."""
+        """The equations of these markers; those of the last few sets are kept."""
+        if usable.all():
+            return self._whole
         key = usable.tobytes()
-        if key not in self._data:
-            seen = self._moved_by.reshape(len(usable), 3, -1)[usable]
-            weighted = np.matmul(self._in_the_air[usable], seen).reshape(-1, seen.shape[2])
-            _kept(self._data, key, weighted.T @ seen.reshape(weighted.shape))
-        if key not in self._equations:
-            normal = self._data[key] / self.hyperparameters.noise**2
-            information = np.diag(normal)[2 : self._size : 3].copy()
-            normal[: self._size, : self._size] += self._prior
-            usual = smooth_precision(self.grid, USUAL_MOTION_MM)
-            _kept(self._equations, key, NormalEquations(normal, information, usual))
-        return self._equations[key]
+        if key not in self._in_view:
+            values, vectors = np.linalg.eigh(self.information[~usable])
+            roots = (vectors * np.sqrt(np.maximum(values, 0.0))[:, None, :]).transpose(0, 2, 1)
+            moved_by = self._moved_by.reshape(len(usable), 3, -1)[~usable]
+            rows = np.matmul(roots, moved_by).reshape(-1, moved_by.shape[2])
+            if len(self._in_view) >= KEPT_VIEWS:
+                self._in_view.pop(next(iter(self._in_view)))
+            self._in_view[key] = self._whole.without(rows)
+        return self._in_view[key]
 
     def _solved_active_set(
         self,
@@ -260,13 +262,6 @@ class InvertedForce:
         pushed = right[2 : self._size : 3] - forward(smooth, right[self._size :]) @ across
         spread = information - (across**2).sum(axis=0)
         return np.asarray(pushed / np.sqrt(np.maximum(spread, 1e-12 * information)))
-
-
-def _kept(cache: dict[bytes, _T], key: bytes, value: _T) -> None:
-    """Stores the value; the first one, of all markers, stays, and the last one makes room."""
-    if len(cache) > KEPT_VIEWS:
-        cache.popitem()
-    cache[key] = value
 
 
 def _neighbours(adjacent: Bool[np.ndarray, "m m"]) -> Int[np.ndarray, "m k"]:

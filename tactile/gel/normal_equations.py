@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.linalg import cholesky, lapack, solve_triangular
+from scipy.linalg import blas, lapack
 
 from tactile.gel.grid import dofs_of
 
@@ -54,12 +54,15 @@ class NormalEquations:
     """The equations of one gel and prior while some markers are in view: `normal` = G' W G + Q.
 
     `push_information`: the diagonal of G' W G in the nodes' pressures. `usual_smooth`: precision of the
-    smooth fields in a frame of usual motion.
+    smooth fields in a frame of usual motion. `whole` and `lost`: the equations of all markers, and rows V
+    whose V' V is taken out of them.
     """
 
     normal: Float[np.ndarray, "u u"]
     push_information: Float[np.ndarray, " m"]
     usual_smooth: Float[np.ndarray, " s"]
+    whole: "NormalEquations | None" = None
+    lost: Float[np.ndarray, "l u"] | None = None
     _kept: dict[bytes, TouchingFactor] = field(default_factory=dict)
 
     @property
@@ -95,34 +98,73 @@ class NormalEquations:
         self, at: Int[np.ndarray, " a"], forces: Float[np.ndarray, " a"], fields: Float[np.ndarray, " s"]
     ) -> Float[np.ndarray, " m"]:
         """The equations' left side in every node's pressure."""
-        by_forces = forces @ self.normal[at, 2 : 3 * self.nodes : 3]
+        by_forces = forces @ self._pressure_columns[at]
         return np.asarray(by_forces + self.fields_by_pressure @ fields)
 
+    def without(self, lost: Float[np.ndarray, "l u"]) -> "NormalEquations":
+        """The same less V' V of these rows V."""
+        gone = (lost[:, 2 : 3 * self.nodes : 3] ** 2).sum(axis=0)
+        information = np.maximum(self.push_information - gone, 1e-9 * self.push_information)
+        return NormalEquations(self.normal - lost.T @ lost, information, self.usual_smooth, self, lost)
+
     def free_pressures(self, right: Float[np.ndarray, " u"]) -> Float[np.ndarray, " m"]:
-        """Pressures of all nodes (N) where nothing binds them."""
-        return self._free.solved(right, self.usual_smooth)[0][2::3]
+        """Pressures of all nodes (N) where nothing binds them, by Woodbury's identity where rows are lost."""
+        if self.whole is None:
+            return self._free.solved(right, self.usual_smooth)[0][2::3]
+        root, (gone, inner) = self.whole.free_root, self._lost_parts
+        z = root @ right
+        return np.asarray(root[:, 2 : 3 * self.nodes : 3].T @ (z + gone @ (inner @ (gone.T @ z))))
+
+    @cached_property
+    def free_sd(self) -> Float[np.ndarray, " m"]:
+        """Standard deviations of the free pressures."""
+        if self.whole is None:
+            return np.asarray(np.sqrt((self.free_root[:, 2 : 3 * self.nodes : 3] ** 2).sum(axis=0)))
+        gone, inner = self._lost_parts
+        more = self.whole.free_root[:, 2 : 3 * self.nodes : 3].T @ gone
+        return np.asarray(np.sqrt(self.whole.free_sd**2 + ((more @ inner) * more).sum(axis=1)))
+
+    @cached_property
+    def free_root(self) -> Float[np.ndarray, "u u"]:
+        """A root R of the covariance of all unknowns, R' R, where nothing binds them."""
+        return self._free.covariance_root(self.usual_smooth)
+
+    @cached_property
+    def _lost_parts(self) -> tuple[Float[np.ndarray, "u l"], Float[np.ndarray, "l l"]]:
+        """R V', and (1 - V R' R V')^-1."""
+        if self.whole is None or self.lost is None:
+            raise TypeError("no rows are lost")
+        gone = self.whole.free_root @ self.lost.T
+        return gone, np.linalg.inv(np.eye(gone.shape[1]) - gone.T @ gone)
 
     @cached_property
     def _free(self) -> TouchingFactor:
         return self.factor(np.ones(self.nodes, dtype=bool))
 
     @cached_property
-    def free_sd(self) -> Float[np.ndarray, " m"]:
-        """Standard deviations of the free pressures."""
-        root = self._free.covariance_root(self.usual_smooth)[:, 2 : 3 * self.nodes : 3]
-        return np.asarray(np.sqrt((root**2).sum(axis=0)))
+    def _pressure_columns(self) -> Float[np.ndarray, "f m"]:
+        return np.ascontiguousarray(self.normal[: 3 * self.nodes, 2 : 3 * self.nodes : 3])
 
 
 def lower_root(matrix: Float[np.ndarray, "a a"]) -> Float[np.ndarray, "a a"]:
-    """Cholesky's lower factor; raises numpy.linalg.LinAlgError for a matrix that is not positive definite."""
-    return np.asarray(cholesky(matrix, lower=True, check_finite=False))
+    """Cholesky's lower factor; raises numpy.linalg.LinAlgError for a matrix that is not positive definite.
+
+    These three call the library directly: scipy's checks take longer than such small systems.
+    """
+    root, wrong = lapack.dpotrf(matrix, lower=1)
+    if wrong:
+        raise np.linalg.LinAlgError(f"not positive definite from row {wrong} on")
+    return np.asarray(root)
 
 
 def forward(root: Float[np.ndarray, "a a"], right: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
     """root^-1 right."""
-    return np.asarray(solve_triangular(root, right, lower=True, check_finite=False))
+    if not len(right):
+        return right
+    vector = right.ndim == 1
+    return np.asarray(blas.dtrsv(root, right, lower=1) if vector else blas.dtrsm(1.0, root, right, lower=1))
 
 
-def backward(root: Float[np.ndarray, "a a"], right: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
+def backward(root: Float[np.ndarray, "a a"], right: Float[np.ndarray, " a"]) -> Float[np.ndarray, " a"]:
     """root'^-1 right."""
-    return np.asarray(solve_triangular(root, right, lower=True, trans=1, check_finite=False))
+    return np.asarray(blas.dtrsv(root, right, lower=1, trans=1)) if len(right) else right

@@ -193,7 +193,7 @@ FORCES = np.arange(UNKNOWNS) < 3 * NODES
 @pytest.fixture
 def equations() -> NormalEquations:
     rng = np.random.default_rng(0)
-    half = rng.normal(size=(UNKNOWNS, 2 * UNKNOWNS))
+    half = rng.normal(size=(UNKNOWNS, 3 * UNKNOWNS))
     return NormalEquations(half @ half.T, rng.uniform(1, 9, NODES), rng.uniform(1, 9, FIELDS))
 
 
@@ -222,10 +222,14 @@ def test_equations_of_a_contact_are_solved_as_the_whole_matrix_is(
     np.testing.assert_allclose(root.T @ root, np.linalg.inv(block), rtol=1e-7, atol=1e-10)
 
 
+@pytest.mark.parametrize("lost", [0, 7])
 def test_pressures_of_all_nodes_and_their_deviations_are_those_of_the_whole_inverse(
-    equations: NormalEquations,
+    equations: NormalEquations, lost: int
 ) -> None:
-    right = np.random.default_rng(1).normal(size=UNKNOWNS)
+    rng = np.random.default_rng(1)
+    right, rows = rng.normal(size=UNKNOWNS), rng.normal(size=(lost, UNKNOWNS))
+    if lost:
+        equations = equations.without(rows)
     pressures, sd = equations.free_pressures(right), equations.free_sd
     inverse = np.linalg.inv(equations.normal + np.diag(np.pad(equations.usual_smooth, (3 * NODES, 0))))
     np.testing.assert_allclose(pressures, (inverse @ right)[2 : 3 * NODES : 3], rtol=1e-8, atol=1e-10)
