@@ -1,7 +1,6 @@
 """`drupe convert`: a recording of another kind becomes the one file that everything else reads."""
 
 from collections.abc import Callable
-from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -31,7 +30,6 @@ from tactile.io.hdf5_file import opened
 from tactile.io.load_cell import TABLES, is_trace, read_trace, runs_in
 from tactile.io.pictures import PICTURES, VIDEOS
 from tactile.io.raw_grasp import read_raw_grasp
-from tactile.io.raw_h5 import holds_images_only, raw_of
 from tactile.io.recording import GelPad, Recording, read_recording, write_recording
 from tactile.io.rig_file import read_rig
 from tactile.io.robot_file import read_robot
@@ -135,8 +133,7 @@ def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable
     kind that is known, or `out` is one of the inputs or a file that drupe convert did not write.
     """
     _require_writable(source, out, wanted)
-    with ExitStack() as stack:
-        converted = _read(source, wanted, report, stack)
+    converted = _read(source, wanted, report)
     converted = _with_poses(converted, source, wanted)
     with scratch() as folder:
         draft = folder / "draft.h5"
@@ -212,12 +209,12 @@ def _contact(recording: Recording, name: str) -> list[str]:
     return contact_said(contact)
 
 
-def _read(source: Path, wanted: ConvertRequest, report: Callable[[str], None], stack: ExitStack) -> Converted:
+def _read(source: Path, wanted: ConvertRequest, report: Callable[[str], None]) -> Converted:
     """The recording in whatever kind of source it is.
 
     Raises BatchRefused where a rig is named for what is no bare trace.
     """
-    converted = _of_any_kind(source, wanted, report, stack)
+    converted = _of_any_kind(source, wanted, report)
     if wanted.rig is not None and converted.recording.rig_give_mm is None:
         what = (
             "is not a load cell's table; --rig corrects only such tables. For a batch's recordings, "
@@ -229,9 +226,7 @@ def _read(source: Path, wanted: ConvertRequest, report: Callable[[str], None], s
     return converted
 
 
-def _of_any_kind(
-    source: Path, wanted: ConvertRequest, report: Callable[[str], None], stack: ExitStack
-) -> Converted:
+def _of_any_kind(source: Path, wanted: ConvertRequest, report: Callable[[str], None]) -> Converted:
     """By what the source holds."""
     report_pad = frame_progress(report, every=TELL_EVERY)
     if (source / "grasp.toml").is_file():
@@ -250,10 +245,6 @@ def _of_any_kind(
             scale_sd=(0.0, 0.0) if described is None else (described.force_sd, described.displacement_sd),
         )
     kind = source.suffix.lower() if source.is_file() else ""
-    if kind in (".h5", ".hdf5") and holds_images_only(source):
-        file = stack.enter_context(opened(source))
-        raw = raw_of(file, source, sensor=_needed(source, wanted.sensor, "--sensor"))
-        return recording_of(raw, progress=report_pad)
     if kind in (".h5", ".hdf5"):
         recording = read_recording(source)
         if wanted.robot is not None:

@@ -36,7 +36,7 @@ MOST_MEMORY = 500_000_000
 MOST_HASHED_BYTES = 10_000_000
 """Of a file whose hash is worth the while: it takes 5 to 10 ms then, as does starting a process."""
 PICTURES = "images"
-"""The field whose frames are read one by one, each with a limit of its own (tactile.io.pictures)."""
+"""A field of raw frames, which is never read."""
 _read_through: set[bytes] = set()
 """Hashes of contents that the library came to the end of: one file is opened several times in a run."""
 SIGNATURE = b"\x89HDF\r\n\x1a\n"

@@ -1,5 +1,5 @@
-"""Frames of one camera, read one by one: numbered pictures, a video, or images in an HDF5 file; and what is
-wrong with them, seen while they pass by.
+"""Frames of one camera, read one by one: numbered pictures or a video; and what is wrong with them, seen
+while they pass by.
 """
 
 import re
@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -24,7 +23,6 @@ from pipeline.files.plain_file import (
     read_head,
     size,
 )
-from tactile.io.limited_process import lacks_memory
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -32,8 +30,7 @@ VIDEOS = (".avi", ".mp4")
 MOST_BYTES, MOST_PIXELS, MOST_FRAMES = 100_000_000, 25_000_000, 200_000
 """Cameras in gels have 0.3 to 5 million pixels; 200,000 frames are an hour at 55 a second."""
 MOST_FRAME_MEMORY = 1_000_000_000
-"""Bytes for one frame and what the library takes to unpack it: a frame of 25 million pixels has 75 MB, a
-chunk of an HDF5 file up to 256 MB."""
+"""Bytes for one frame and what the library takes to unpack it: a frame of 25 million pixels has 75 MB."""
 PICTURES_BEGIN = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")
 """First bytes of PNG and JPEG: other kinds unpack to any size, or name other files."""
 MP4_BEGINS = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide")
@@ -108,24 +105,6 @@ def pictures_in(place: Path) -> Pictures:
         return _video(place)
     expected = f"a folder with frame_000000.png ..., or a video ({', '.join(VIDEOS)})"
     raise unusable(place.name, "no such folder or video", expected)
-
-
-def pictures_of(dataset: Any, source: str) -> Pictures:
-    """The frames of an HDF5 dataset (T, H, W, 3), read one at a time."""
-
-    def frames() -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-        for k in range(dataset.shape[0]):
-            try:
-                with limited_memory(MOST_FRAME_MEMORY):
-                    frame = np.asarray(dataset[k], dtype=np.uint8)
-            except (OSError, MemoryError) as cause:
-                if not lacks_memory(cause):
-                    raise
-                fault = f"frame {k} that takes more than {size(MOST_FRAME_MEMORY)} to unpack"
-                raise unusable(source, fault, "a frame of a camera; copy the file again") from cause
-            yield frame
-
-    return Pictures(source, tuple(range(dataset.shape[0])), frames)
 
 
 def _folder(folder: Path) -> Pictures:

@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 
 import h5py
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 
 from pipeline.files.plain_file import printable
 from tactile.io.hdf5_file import first_line, is_elsewhere, unreadable
@@ -212,23 +212,6 @@ class GroupReader:
             advice = "write the 4x4 pad-to-fruit pose, lengths in mm, right-handed"
             raise self._refuse(name, fault, "rigid motions", advice)
         return values
-
-    def images(self, name: str, frames: int) -> Any:
-        """A dataset of colour frames to be read one by one."""
-        data = self._dataset(name)
-        self._require_shape(name, data, (frames, None, None, 3))
-        return self._require_bytes(name, data)
-
-    def picture(self, name: str) -> UInt8[np.ndarray, "h w 3"]:
-        """One raw colour frame."""
-        data = self._dataset(name)
-        self._require_shape(name, data, (None, None, 3))
-        return np.asarray(self._values(name, self._require_bytes(name, data), axes=3), dtype=np.uint8)
-
-    def _require_bytes(self, name: str, data: Any) -> Any:
-        if data.dtype != np.uint8:
-            raise self._refuse(name, f"values of type {data.dtype}", "uint8", "store the raw 8-bit frames")
-        return data
 
     def _attribute(self, name: str) -> Any:
         """What an attribute holds; an array of one is that one, as MATLAB and Julia write them."""

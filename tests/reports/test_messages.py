@@ -30,7 +30,7 @@ UNTRANSLATED = frozenset(
         "tactile/correction.py", "tactile/from_frames.py", "tactile/from_tac3d.py",
         "tactile/gel/fields.py", "tactile/gel/press_modulus.py",
         "tactile/io/pictures.py", "tactile/io/raw_grasp.py",
-        "tactile/io/raw_h5.py", "tactile/io/recording.py", "tactile/io/recording_fields.py",
+        "tactile/io/recording.py", "tactile/io/recording_fields.py",
         "tactile/io/rig_file.py", "tactile/io/ros_bag.py",
         "tactile/io/tac3d.py", "tactile/io/toml_table.py", "tactile/io/trace_columns.py",
         "tactile/jaw_poses.py", "tactile/sensors.py", "tactile/pad_reference.py",
