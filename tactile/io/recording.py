@@ -201,6 +201,7 @@ def read_recording(path: Path) -> Recording:
         default = "free" if loading == "grasp" else "base"
         read = written_frames(root, PADS_OF_LOADING[loading], time_limit=TIME, aperture_limit=APERTURE)
         frames = read.count
+        rig = _rig_fields(root, frames)
         pads_group = root.child("pads")
         scale_sd = root.optional_positive("force_scale_sd", limit=SCALE_SD) or 0.0
         return Recording(
@@ -213,7 +214,8 @@ def read_recording(path: Path) -> Recording:
             aperture_mm=read.aperture_mm,
             corrections=read.corrections,
             wrench_N=root.array("wrench_N", (frames, 6), limit=WRENCH) if "wrench_N" in root else None,
-            **_rig_fields(root, frames),
+            rig_give_mm=rig.get("rig_give_mm"),
+            rig_sd_mm=rig.get("rig_sd_mm"),
             pose_frame=cast(PoseFrame, root.choice("pose_frame", {"fruit", "mat"}, default="fruit")),
             pose_sd_mm=root.optional_positive("pose_sd_mm", limit=POSE_SD),
             pads=tuple(

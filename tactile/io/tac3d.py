@@ -17,6 +17,8 @@ from tactile.io.plain_numpy import array_fault, load_npy
 from tactile.io.recording_fields import Shape
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
+FIELDS = ("3D_Positions", "3D_Displacements", "3D_Forces")
+
 
 @dataclass(frozen=True, kw_only=True)
 class Tac3D:
@@ -40,7 +42,7 @@ def sensor_folders(folder: Path) -> tuple[Path, ...]:
 
 
 def _is_sensors(folder: Path) -> bool:
-    return _has(folder, "3D_Displacements") or _has(folder, "3D_Forces")
+    return any(_has(folder, name) for name in FIELDS[1:])
 
 
 def _has(folder: Path, name: str) -> bool:
@@ -53,16 +55,16 @@ def read_tac3d(folder: Path) -> Tac3D:
     frames = len(index)
     if frames < 2:
         raise _refused(folder, "index", f"{frames} frames", "two or more")
-    displacement = _array(folder, "3D_Displacements", (frames, None, 3))
+    displacement = _array(folder, FIELDS[1], (frames, None, 3))
     shape = displacement.shape
     return Tac3D(
         serial=folder.name,
         index=index,
         send_s=_array(folder, "sendTimestamp", (frames,)),
         receive_s=_array(folder, "recvTimestamp", (frames,)) if _has(folder, "recvTimestamp") else None,
-        position_mm=_array(folder, "3D_Positions", shape),
+        position_mm=_array(folder, FIELDS[0], shape),
         displacement_mm=displacement,
-        force_N=_array(folder, "3D_Forces", shape),
+        force_N=_array(folder, FIELDS[2], shape),
     )
 
 

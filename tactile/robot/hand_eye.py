@@ -133,8 +133,9 @@ def hand_eye(views: Sequence[MatView], lens: Lens, *, camera_on_flange: bool, so
         advice = "Rows without a pose belong to a camera at rest (docs/how-to/connect-your-gripper.md)."
         raise refused(source, observed, expected, advice)
     advice = (
-        "Check that each row names its own photo, that the poses are the flange's in the base's frame, and "
-        "their units, order of the quaternion and axes of the angles. Neither mat nor camera may move."
+        "Check that each row names its own photo, and that the poses are the flange's in the base's frame. "
+        "Check their units, the order of the quaternion and the axes of the angles. Neither mat nor camera "
+        "may move."
     )
     frames = _start(moving, still, poses, camera_on_flange=camera_on_flange, source=source, advice=advice)
     start = _Fit(frames, np.array([lens.focal_px, lens.k1, *lens.middle_px]))

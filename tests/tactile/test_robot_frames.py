@@ -170,8 +170,8 @@ def single_shifted(poses: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize(
     ("mistake", "words"),
     [
-        (scaled(0.001), "the flange's in the base's frame, and their units"),
-        (np.linalg.inv, "the flange's in the base's frame, and their units"),
+        (scaled(0.001), "the flange's in the base's frame"),
+        (np.linalg.inv, "the flange's in the base's frame"),
         (single_shifted, r"03\.png .* off the other poses"),
         (lambda poses: np.roll(poses, 1, axis=0), "each row names its own photo"),
         (lambda poses: np.broadcast_to(poses[:1], poses.shape), "rotations that differ by .* second axis"),
