@@ -49,7 +49,6 @@ WRITTEN_BY = "drupe convert"
 KINDS = (
     "a folder with grasp.toml (raw frames)",
     "a folder of Tac3D arrays",
-    "an .h5 with images",
     "a .npz or .csv of marker fields",
     "a ROS 2 bag (.mcap)",
     "a .csv, .txt, .tsv, .xls or .xlsx of a bare load cell",
