@@ -17,7 +17,7 @@ def convert(
         Path,
         typer.Argument(
             metavar="SOURCE",
-            help="A raw grasp (a folder with grasp.toml), Tac3D arrays, an .h5 with images, or a .npz. Or a "
+            help="A raw grasp (a folder with grasp.toml), Tac3D arrays, or a .npz. Or a "
             "ROS 2 bag (.mcap), or a table (.csv, .txt, .tsv, .xls, .xlsx). With --robot also a recording.",
         ),
     ],

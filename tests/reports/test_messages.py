@@ -28,7 +28,7 @@ UNTRANSLATED = frozenset(
         "tactile/sensor_description.py", "tactile/checks/footprint.py", "tactile/checks/gain_findings.py",
         "tactile/checks/gel_findings.py", "tactile/checks/jaw_share.py", "tactile/checks/lattice.py",
         "tactile/correction.py", "tactile/from_frames.py", "tactile/from_tac3d.py",
-        "tactile/gel/fields.py", "tactile/gel/press_modulus.py",
+        "tactile/gel/fields.py", "tactile/gel/press_modulus.py", "tactile/io/hdf5_file.py",
         "tactile/io/pictures.py", "tactile/io/raw_grasp.py",
         "tactile/io/recording.py", "tactile/io/recording_fields.py",
         "tactile/io/rig_file.py", "tactile/io/ros_bag.py",
@@ -36,7 +36,7 @@ UNTRANSLATED = frozenset(
         "tactile/jaw_poses.py", "tactile/sensors.py", "tactile/pad_reference.py",
         "tactile/markers/pad_frames.py", "tactile/markers/tracking.py", "tactile/plain_jaw.py",
         "tactile/rig/rig_curve.py", "tactile/rig/rig_fit.py", "tactile/rig/rigid_squeeze.py",
-        "tactile/robot/base_and_mat.py", "tactile/robot/hand_eye.py", "tactile/robot/pad_poses.py",
+        "tactile/robot/base_and_mat.py", "tactile/robot/pad_poses.py",
     }
 )  # fmt: skip
 """Modules with sentences that are not translated yet. Every other module is translated whole."""
