@@ -88,7 +88,7 @@ def judged(frames: list[np.ndarray]) -> Judged:
     pitch = spacing_of(rest)
     start = time.process_time()
     rows = list(follow(reference, frames))
-    position, _ = labelled_places(reference, rows)
+    position = labelled_places(reference, rows)
     seconds = time.process_time() - start
     uncertain = [t for t, row in enumerate(rows) if row.certainty < UNSURE]
     slipped, partly, count = [], [], 0

@@ -1,25 +1,24 @@
-"""Frames per second of one pad at 640 x 480 on one core, and memory against the length of the recording.
+"""Frames per second of one pad at 640 x 480 on one core.
 
-    OMP_NUM_THREADS=1 python benchmarks/gel_speed.py [--frames 240] [--runs 3] [--results OUT.npz]
+    OMP_NUM_THREADS=1 python benchmarks/gel_speed.py [--frames 240] [--runs 3]
 
 Frames are drawn: a grid of dots on a gel that is pressed and let go, displaced as the slab is by Hertz's
 pressure over a circle and shear of a third of it. They are tracked and taken to displacement and force. What
 is done once for a recording (the gel's compliance, the prior) is timed apart from what each frame takes;
-medians over the runs. `--results` keeps what came out, to compare two versions.
+medians over the runs.
 """
 
 import argparse
 import itertools
-import resource
 import time
 from collections.abc import Iterator
 
 import cv2
 import numpy as np
 
-from tactile.gel.fields import GelFields, fields_of, layer_of
+from tactile.gel.fields import GelFields, fields_of, slab_of
 from tactile.gel.grid import gel_grid
-from tactile.markers.tracking import TrackedMarkers, follow, places_of, reference_of, track
+from tactile.markers.tracking import TrackedMarkers, places_of, reference_of, track
 from tactile.sensors import GelCamera, Sensor, marker_grid
 
 SIZE = (640, 480)
@@ -47,7 +46,7 @@ def sensor_of(rows: int, columns: int, pitch_mm: float) -> Sensor:
 def pressed_mm(sensor: Sensor, radius_mm: float) -> list[np.ndarray]:
     """Displacement of the markers while a circle grows to this radius and shrinks again."""
     assert sensor.rest_mm is not None
-    grid = gel_grid(layer_of(sensor), sensor.rest_mm)
+    grid = gel_grid(slab_of(sensor), sensor.rest_mm)
     away = np.linalg.norm(grid.nodes_mm, axis=1)
     moved = []
     for share in np.sin(np.linspace(0, np.pi, MOMENTS)):
@@ -122,10 +121,8 @@ def main() -> None:
     )
     parser.add_argument("--frames", type=int, default=240)
     parser.add_argument("--runs", type=int, default=3)
-    parser.add_argument("--results", default="")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    kept = {}
     for rows, columns, pitch, radius, contact_mm, lost in (
         (7, 9, 2.0, 10.0, 3.5, False),
         (14, 18, 1.1, 5.0, 3.5, False),
@@ -138,12 +135,6 @@ def main() -> None:
         runs = [timed(pictures, sensor, options.frames, lost=lost) for _ in range(options.runs)]
         tracking_s, force_s, once_s = np.median([run[:3] for run in runs], axis=0)
         gel_fields = runs[0][3]
-        name = f"{rows * columns}_{contact_mm:g}_{lost:d}"
-        kept |= {
-            f"{name}_mm": gel_fields.displacement_mm,
-            f"{name}_N": gel_fields.force_N,
-            f"{name}_sd": gel_fields.force_sd_N,
-        }
         most, nodes = gel_fields.touching.sum(axis=1).max(), gel_fields.touching.shape[1]
         hidden = f", {LOST:.0%} of them hidden" if lost else ""
         print(
@@ -152,14 +143,6 @@ def main() -> None:
             f"{1 / (tracking_s + force_s):.0f} frames/s; once {once_s:.1f} s",
             flush=True,
         )
-    if options.results:
-        np.savez(options.results, **kept)
-    reference = reference_of(pictures[0], source="drawn")
-    for frames in (options.frames, 5 * options.frames):
-        for _ in follow(reference, cycled(pictures, frames)):
-            pass
-        peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-        print(f"  peak memory {peak:.0f} MiB after {frames} more frames tracked")
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from scipy.interpolate import RectBivariateSpline, make_interp_spline
 from scipy.spatial import cKDTree
 
 from tactile.gel_camera import mm_per_px
-from tactile.sensors import GelCamera, GelLight
+from tactile.sensors import GelCamera
 
 COARSE_PX = 4
 """Pixels between two rays that are followed exactly; displacement is smooth over a dot's width, splines fill
@@ -28,6 +28,14 @@ the slope of the displacement."""
 
 Field = Callable[[Float[np.ndarray, "m 2"]], Float[np.ndarray, "m 3"]]
 """Displacement (mm) of points of the undeformed face."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class GelLight:
+    """A distant light: the unit vector from the gel to it (gel frame) and its strength in R, G and B."""
+
+    direction: Float[np.ndarray, "3"]
+    colour: Float[np.ndarray, "3"]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,19 +1,15 @@
 """A raw grasp's frames become the recording that everything else reads."""
 
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 from scipy.spatial import Delaunay
 
-from tactile.gel.fields import GelFields, fields_of
-from tactile.gel.shading_file import shading_of
-from tactile.gel_camera import mm_per_px
+from tactile.gel.fields import fields_of
 from tactile.io.converted import Converted
-from tactile.io.marker_spread import JointCovariance, MarkerSpread
 from tactile.io.pictures import gaps_said
-from tactile.io.raw_grasp import RawCamera, RawGrasp, RawPad
+from tactile.io.raw_grasp import RawGrasp, RawPad
 from tactile.io.recording import GelPad, IndenterPad, Recording
 from tactile.markers.gaps import at_times, filled
 from tactile.markers.pad_frames import (
@@ -24,8 +20,8 @@ from tactile.markers.pad_frames import (
     of_markers,
     tracked_markers,
 )
-from tactile.markers.tracking import TrackedMarkers, places_of, reference_of
-from tactile.sensors import Sensor, layer_stiffness
+from tactile.markers.tracking import TrackedMarkers
+from tactile.sensors import layer_stiffness
 from tactile.square_pixels import with_square_pixels
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -41,18 +37,15 @@ class _PadFields:
     notes: list[str]
 
 
-def recording_of(raw: RawGrasp, *, progress: Progress | None = None, covariance: bool = False) -> Converted:
+def recording_of(raw: RawGrasp, *, progress: Progress | None = None) -> Converted:
     """Displacement and force of every marker of every pad, at the first pad's frames.
 
     Frames that are the one before written again are left out; other pads' fields are taken at the first pad's
-    times. With `covariance` the joint covariance of each pad's frame of greatest force is kept too. Raises
-    TactileFailure: no-markers or gel-saturated (reference or frames), wrong-sensor (the markers
-    are not where the description has them; said as swapped pads where each fits the other's), markers-lost,
-    and whatever the frames' readers refuse.
+    times. Raises TactileFailure: no-markers or gel-saturated (reference or frames), wrong-sensor (the markers
+    are not where the description has them), markers-lost, and whatever the frames' readers refuse.
     """
     raw = with_square_pixels(raw)
-    _refuse_other_pads_markers(raw)
-    read = [_fields(raw, pad, progress, covariance=covariance) for pad in raw.pads]
+    read = [_fields(raw, pad, progress) for pad in raw.pads]
     start, end = (
         max(pad_fields.time_s[0] for pad_fields in read),
         min(pad_fields.time_s[-1] for pad_fields in read),
@@ -107,13 +100,13 @@ def _with_jaw(
     return tuple(sorted((*gels, jaw), key=lambda pad: pad.name))
 
 
-def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None, *, covariance: bool) -> _PadFields:
+def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields:
     """One pad's tracked markers and their displacement and force, in every frame that is not a repetition."""
     source = f"{raw.source}/{pad.name}"
     camera = camera_of(pad)
     found_markers = tracked_markers(pad, pad.view, camera, source, progress)
     tracked, places, notes = found_markers.tracked, found_markers.places, found_markers.notes
-    kept, reference_sd_px = ~found_markers.doubled, found_markers.reference_sd_px
+    kept = ~found_markers.doubled
     second = None
     if pad.second is not None and pad.sensor.second_camera is not None:
         other = tracked_markers(
@@ -133,15 +126,7 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None, *, covariance
     notes += gaps_said(pad.time_s, source, numbers=numbers)
     if not kept.all():
         notes.append(f"{source}: {int((~kept).sum())} frames repeat the one before; drupe left them out.")
-    shading = shading_of(pad.sensor, camera, pad.view.reference)
-    fields = fields_of(
-        pad.sensor,
-        tracked,
-        second=second,
-        images=_chosen(pad.view, kept) if shading is not None else None,
-        shape=shading,
-        reference_sd_px=reference_sd_px,
-    )
+    fields = fields_of(pad.sensor, tracked, second=second)
     push_N = fields.force_N[:, :, 2]
     share = edge_share(fields.rest_mm, push_N[int(push_N.sum(axis=1).argmax())])
     if share > MUCH_AT_EDGE:
@@ -164,37 +149,10 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None, *, covariance
         certainty=_least(tracked, second),
         reference_print=found_markers.reference_print,
         print_shown=None if found_markers.print_shown is None else found_markers.print_shown[kept],
-        reference_sd_mm=None if reference_sd_px is None else reference_sd_px * mm_per_px(camera),
         force_scale_sd=pad.sensor.force_sd,
         displacement_scale_sd=pad.sensor.displacement_sd,
-        spread=_spread(fields, covariance=covariance),
     )
     return _PadFields(tracked.time_s, kept, gel, notes)
-
-
-def _spread(fields: GelFields, *, covariance: bool) -> MarkerSpread:
-    """Of a marker that is not seen in a frame, its neighbours'."""
-    frame = int(np.argmax(np.abs(fields.force_N[:, :, 2]).sum(axis=1)))
-    joint = JointCovariance(frame=frame, values=fields.joint_covariance(frame)) if covariance else None
-    sd_mm = np.where(np.isfinite(fields.displacement_mm), fields.displacement_sd_mm, np.nan)
-    return MarkerSpread(
-        displacement_sd_mm=filled(fields.rest_mm, sd_mm), force_sd_N=fields.force_sd_N, joint=joint
-    )
-
-
-def _spread_at(
-    spread: MarkerSpread, when: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " s"]
-) -> MarkerSpread:
-    """The same at the grasp's common times; the covariance's frame is the nearest."""
-    joint = spread.joint
-    if joint is not None:
-        nearest = int(np.abs(when - time_s[joint.frame]).argmin())
-        joint = replace(joint, frame=nearest)
-    return MarkerSpread(
-        displacement_sd_mm=at_times(when, time_s, spread.displacement_sd_mm),
-        force_sd_N=at_times(when, time_s, spread.force_sd_N),
-        joint=joint,
-    )
 
 
 def _least(first: TrackedMarkers, second: TrackedMarkers | None) -> Float[np.ndarray, " t"] | None:
@@ -202,37 +160,6 @@ def _least(first: TrackedMarkers, second: TrackedMarkers | None) -> Float[np.nda
     if first.certainty is None or second is None or second.certainty is None:
         return first.certainty
     return np.asarray(np.minimum(first.certainty, second.certainty))
-
-
-def _refuse_other_pads_markers(raw: RawGrasp) -> None:
-    """Says that pads are swapped where each one's markers lie as the other's description has them."""
-    if len(raw.pads) != 2:
-        return
-    first, second = raw.pads
-    unswapped = [_fits(pad, pad.sensor) for pad in raw.pads]
-    if any(unswapped) or not (_fits(first, second.sensor) and _fits(second, first.sensor)):
-        return
-    raise TactileFailure(
-        TactileProblem.WRONG_SENSOR,
-        f"{raw.source}: found the markers of {first.name} in {second.name}'s description and vice versa, "
-        "expected each pad's own. The pads are swapped: swap their frames or their descriptions.",
-    )
-
-
-def _fits(pad: RawPad, sensor: Sensor) -> bool:
-    if sensor.camera is None:
-        return False
-    try:
-        reference = reference_of(pad.view.reference, source=pad.name)
-        rest_px = reference.lattice.rest_px
-        places_of(sensor.camera, rest_px, sensor.rest_mm, shape=reference.shape, source=pad.name)
-    except TactileFailure:
-        return False
-    return True
-
-
-def _chosen(view: RawCamera, kept: Bool[np.ndarray, " t"]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-    return (frame for frame, wanted in zip(view.pictures.frames(), kept, strict=True) if wanted)
 
 
 def _resampled(fields: _PadFields, when: Float[np.ndarray, " t"]) -> GelPad:
@@ -250,7 +177,6 @@ def _resampled(fields: _PadFields, when: Float[np.ndarray, " t"]) -> GelPad:
         force_N=at_times(when, fields.time_s, pad.force_N),
         certainty=None if pad.certainty is None else at_times(when, fields.time_s, pad.certainty),
         print_shown=None if pad.print_shown is None else at_times(when, fields.time_s, pad.print_shown),
-        spread=None if pad.spread is None else _spread_at(pad.spread, when, fields.time_s),
     )
 
 

@@ -18,8 +18,6 @@ LAGS_S = np.arange(-1.0, 1.0001, 0.01)
 """Tried between two clocks, s: up to a second, in steps of a hundredth. Set by hand."""
 LOADED = 0.5
 """Markers with more than this share of the strongest pressing tell the gel's stiffness."""
-REST_MOVES_MM = 0.01
-"""mm by which untouched markers may move before it is said: several times a frame's noise. Set by hand."""
 
 
 def recording_of_tac3d(
@@ -114,7 +112,7 @@ def _origin(rest_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "3"]:
 
 
 def _said_of(sensor: Tac3D) -> list[str]:
-    """Notes on one sensor's frames: lost ones, a deadband, sums that differ from the sensor's own."""
+    """Notes on one sensor's frames: lost ones, a deadband."""
     name, frames = sensor.serial, len(sensor.index)
     notes = []
     step = np.diff(sensor.index)
@@ -133,22 +131,6 @@ def _said_of(sensor: Tac3D) -> list[str]:
         notes.append(
             f"{name}: {int(silent.sum())} frames are exactly zero (a deadband), so frames in air show "
             "no noise and the smallest forces are missing."
-        )
-    total = sensor.force_N.sum(axis=1)
-    worst = int(np.abs(total - sensor.resultant_force_N)[:, 2].argmax())
-    resultant_N, sums = sensor.resultant_force_N[worst, 2], total[worst, 2]
-    largest = float(np.abs(sensor.resultant_force_N[:, 2]).max())
-    if abs(resultant_N - sums) > 0.01 * largest > 0:
-        notes.append(
-            f"{name}: the resultant and the sum of the forces differ by up to "
-            f"{abs(resultant_N - sums):.2f} N along z (frame {worst}: {resultant_N:.2f} and {sums:.2f} N); "
-            "drupe keeps the markers' forces."
-        )
-    rest = sensor.position_mm - sensor.displacement_mm
-    moves = float(np.abs(rest - np.median(rest, axis=0)).max())
-    if moves > REST_MOVES_MM:
-        notes.append(
-            f"{name}: position minus displacement is not constant; it changes by up to {moves:.3f} mm."
         )
     return notes
 

@@ -59,8 +59,8 @@ SURE = 1.3
 """Times the least that counts, from which on no modulus is taken: empty gels reach 0.89 of it."""
 
 WHAT_TO_DO = (
-    "name a picture or a clip of the empty gel (reference = ... in grasp.toml), frames of it "
-    '(reference_frames = [k, m]), or reference = "estimate"'
+    "name a picture or a clip of the empty gel (reference = ... in grasp.toml), or frames of it "
+    "(reference_frames = [k, m])"
 )
 """The end of every sentence on a reference that is not of an untouched gel."""
 

@@ -1,4 +1,4 @@
-"""What a tactile sensor is: its camera, its gel, its markers and its lights.
+"""What a tactile sensor is: its camera, its gel and its markers.
 
 Two frames. The gel frame is the pad frame of a recording: origin at the centre of the undeformed gel face, z
 out of the gel into the fruit. The camera frame is OpenCV's: x right, y down, z forward, pixel (0, 0) the
@@ -7,7 +7,6 @@ centre of the first pixel. A camera behind the gel that looks out through it and
 """
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -16,7 +15,7 @@ from jaxtyping import Float
 from tactile.gel.gel_sides import GelOutline
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
-SensorKind: TypeAlias = Literal["markers-mono", "markers-stereo", "photometric", "fields"]
+SensorKind: TypeAlias = Literal["markers-mono", "markers-stereo", "fields"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,26 +46,15 @@ class GelCamera:
 
 
 @dataclass(frozen=True, kw_only=True)
-class GelLight:
-    """A distant light: the unit vector from the gel to it (gel frame) and its strength in R, G and B."""
-
-    direction: Float[np.ndarray, "3"]
-    colour: Float[np.ndarray, "3"]
-
-
-@dataclass(frozen=True, kw_only=True)
 class Sensor:
     """One sensor; what a kind does not need is None or empty.
 
-    `markers-mono` and `photometric` have a `camera`, `markers-stereo` also a `second_camera`, and all three
-    the gel's `thickness_mm`, `E_MPa` and `nu` (bonded to its back), and its `outline` where that is known.
-    `fields` is a sensor that gives
-    displacement and force itself. `rest_mm` are the markers on the undeformed gel, gel frame; without them a
-    marker's place is where its ray meets the plane z = 0. `gel_kn_MPa_per_mm` and `gel_kt_MPa_per_mm`, the
-    layer's normal and shear stiffness per area, are stated where they were measured. `calibration_file` is a
-    photometric look-up. `ambient` is light from all sides, in the unit of the lights' colours; a picture's
-    values are light to the power 1 / `gamma` (1: linear). `force_sd` and `displacement_sd`: relative standard
-    deviations of both scales, which all its recordings share.
+    `markers-mono` has a `camera`, `markers-stereo` also a `second_camera`, and both the gel's `thickness_mm`,
+    `E_MPa` and `nu` (bonded to its back), and its `outline` where that is known. `fields` is a sensor that
+    gives displacement and force itself. `rest_mm` are the markers on the undeformed gel, gel frame; without
+    them a marker's place is where its ray meets the plane z = 0. `gel_kn_MPa_per_mm` and `gel_kt_MPa_per_mm`,
+    the layer's normal and shear stiffness per area, are stated where they were measured. `force_sd` and
+    `displacement_sd`: relative standard deviations of both scales, which all its recordings share.
     """
 
     kind: SensorKind
@@ -81,10 +69,6 @@ class Sensor:
     gel_kn_MPa_per_mm: float | None = None
     gel_kt_MPa_per_mm: float | None = None
     rest_mm: Float[np.ndarray, "n 3"] | None = None
-    lights: tuple[GelLight, ...] = ()
-    ambient: float = 0.0
-    gamma: float = 1.0
-    calibration_file: Path | None = None
     force_sd: float = 0.0
     displacement_sd: float = 0.0
 

@@ -21,20 +21,6 @@ def calibrate(
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="OUT.toml", help="The description file to write.")],
-    ball_mm: Annotated[
-        float | None, typer.Option(min=0.001, help="Radius of the calibration ball, in mm.")
-    ] = None,
-    reference: Annotated[
-        Path | None,
-        typer.Option(metavar="FILE", help="A picture of the untouched gel, for the ball calibration."),
-    ] = None,
-    press: Annotated[
-        list[Path] | None,
-        typer.Option(
-            metavar="FILE",
-            help="A picture of the ball pressed into the gel. Repeat the option for more pictures.",
-        ),
-    ] = None,
     load_cell: Annotated[
         Path | None,
         typer.Option(
@@ -66,10 +52,9 @@ def calibrate(
     units: UnitsOption = None,
     sheet: SheetOption = None,
 ) -> None:
-    """Calibrate a sensor from presses, or measure the compliance of a rig.
+    """Calibrate a sensor from a press, or measure the compliance of a rig.
 
-    For a photometric sensor, give pictures of a ball pressed into the gel. drupe writes a table of slopes
-    beside OUT.toml. For the modulus of the gel, give a press on a load cell (--load-cell).
+    For the modulus of a sensor's gel, give a press on a load cell (--load-cell).
 
     For a rig, give --rigid, --size-mm and recordings of squeezes of a rigid object. OUT.toml then holds the
     rig's own travel as a function of force. Use it with drupe convert --rig, or with rig = "OUT.toml" in
@@ -80,26 +65,22 @@ def calibrate(
     Example: drupe calibrate squeeze.csv rig.toml --rigid ball --size-mm 40
     """
     of_rigs = size_mm, rigid_object, squeeze, columns, units, sheet
-    of_sensors = ball_mm, reference, press, load_cell
     if rigid is None and any(of_rigs):
         raise typer.BadParameter(
             "The options --size-mm, --object, --squeeze, --columns, --units and --sheet calibrate a "
             "rig; add --rigid ball or --rigid block."
         )
-    if rigid is not None and (size_mm is None or any(of_sensors)):
+    if rigid is not None and (size_mm is None or load_cell is not None):
         raise typer.BadParameter(
-            "--rigid calibrates a rig and needs --size-mm. Remove --ball-mm, --reference, --press "
-            "and --load-cell, which calibrate a sensor."
+            "--rigid calibrates a rig and needs --size-mm. Remove --load-cell, which calibrates a sensor."
         )
     with elsewhere():
         from pipeline.recordings.rig_calibration import RigidObject, calibrate_rig
-        from pipeline.recordings.sensor_calibration import Presses
         from pipeline.recordings.sensor_calibration import calibrate as calibrate_sensor
         from pipeline.recordings.trace_options import trace_words
         from pipeline.run.progress import StageLines
         from tactile.tactile_failure import TactileFailure
 
-    presses = Presses(ball_mm=ball_mm, reference=reference, ball=tuple(press or ()), load_cell=load_cell)
     report = StageLines(Console(stderr=True)).stage
     today = datetime.datetime.now(tz=datetime.UTC).date()
     with said_when_interrupted("; drupe wrote no file"), said_when_refused(sensor, TactileFailure):
@@ -113,7 +94,7 @@ def calibrate(
                 report=report,
             )
         else:
-            said = calibrate_sensor(sensor, out, presses, today=today, report=report)
+            said = calibrate_sensor(sensor, out, load_cell, today=today, report=report)
     for line in said:
         typer.echo(line)
     typer.echo(f"wrote {out}")

@@ -17,7 +17,7 @@ def convert(
         Path,
         typer.Argument(
             metavar="SOURCE",
-            help="A raw grasp (a folder with grasp.toml), Tac3D arrays, an .h5 with images, or a .npz. Or a "
+            help="A raw grasp (a folder with grasp.toml), Tac3D arrays, or a .npz. Or a "
             "ROS 2 bag (.mcap), or a table (.csv, .txt, .tsv, .xls, .xlsx). With --robot also a recording.",
         ),
     ],
@@ -111,12 +111,6 @@ def convert(
         Path | None,
         typer.Option(metavar="FILE", help="A table of the flange's poses during the grasp, for --robot."),
     ] = None,
-    covariance: Annotated[
-        bool,
-        typer.Option(
-            "--covariance", help="Store the joint covariance of each gel's displacement at its peak force."
-        ),
-    ] = False,
     topics: Annotated[
         Path | None, typer.Option(metavar="FILE", help="The names of the topics of a ROS 2 bag, in TOML.")
     ] = None,
@@ -184,7 +178,6 @@ def convert(
         rig=rig,
         robot=robot,
         flange=flange,
-        covariance=covariance,
         topics=topics,
         jaws=None
         if jaws_centre_mm is None

@@ -1,6 +1,6 @@
 """`drupe convert`: a recording of another kind becomes the one file that everything else reads."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Literal
@@ -25,16 +25,16 @@ from tactile.from_tac3d import recording_of_tac3d
 from tactile.io.converted import Converted
 from tactile.io.field_tables import read_field_table
 from tactile.io.flange_table import read_flange_table
+from tactile.io.hdf5_file import opened
 from tactile.io.load_cell import TABLES, is_trace, read_trace, runs_in
 from tactile.io.pictures import PICTURES, VIDEOS
 from tactile.io.raw_grasp import read_raw_grasp
-from tactile.io.raw_h5 import holds_images_only, raw_of
-from tactile.io.recording import GelPad, Recording, opened, read_recording, write_recording
+from tactile.io.recording import GelPad, Recording, read_recording, write_recording
 from tactile.io.rig_file import read_rig
 from tactile.io.robot_file import read_robot
 from tactile.io.sensor_file import read_sensor
 from tactile.io.specimen import PressedSpecimen
-from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders, write_source
+from tactile.io.tac3d import read_tac3d, sensor_folders
 from tactile.io.trace_columns import TraceWords
 from tactile.jaw_poses import Jaws, posed_by_jaws
 from tactile.rig.rig_curve import without_rig
@@ -48,7 +48,6 @@ WRITTEN_BY = "drupe convert"
 KINDS = (
     "a folder with grasp.toml (raw frames)",
     "a folder of Tac3D arrays",
-    "an .h5 with images",
     "a .npz or .csv of marker fields",
     "a ROS 2 bag (.mcap)",
     "a .csv, .txt, .tsv, .xls or .xlsx of a bare load cell",
@@ -86,7 +85,6 @@ class ConvertRequest:
     rig: Path | None = None
     robot: Path | None = None
     flange: Path | None = None
-    covariance: bool = False
     topics: Path | None = None
     jaws: Jaws | None = None
 
@@ -120,8 +118,7 @@ def convert_runs(
     for path in paths:
         _require_writable(source, path, wanted)
     return [
-        (path, _written(converted, sensors, source, path, report))
-        for path, (converted, sensors) in zip(paths, read, strict=True)
+        (path, _written(converted, source, path, report)) for path, converted in zip(paths, read, strict=True)
     ]
 
 
@@ -133,18 +130,14 @@ def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable
     kind that is known, or `out` is one of the inputs or a file that drupe convert did not write.
     """
     _require_writable(source, out, wanted)
-    return _written(*_read(source, wanted, report), source, out, report)
+    return _written(_read(source, wanted, report), source, out, report)
 
 
-def _written(
-    converted: Converted, sensors: Sequence[Tac3D], source: Path, out: Path, report: Callable[[str], None]
-) -> Conversion:
+def _written(converted: Converted, source: Path, out: Path, report: Callable[[str], None]) -> Conversion:
     """Writes what was read of `source`, once the file reads back, and says what the checks find in it."""
     with scratch() as folder:
         draft = folder / "draft.h5"
         write_recording(draft, converted.recording)
-        if sensors:
-            write_source(draft, sensors)
         with h5py.File(draft, "a") as file:
             file.attrs["written_by"] = WRITTEN_BY
         try:
@@ -214,14 +207,12 @@ def _contact(recording: Recording, name: str) -> list[str]:
     return contact_said(contact)
 
 
-def _read(
-    source: Path, wanted: ConvertRequest, report: Callable[[str], None]
-) -> tuple[Converted, list[Tac3D]]:
-    """The recording in whatever kind of source it is, with poses, and the Tac3D sensors it is of, if any.
+def _read(source: Path, wanted: ConvertRequest, report: Callable[[str], None]) -> Converted:
+    """The recording in whatever kind of source it is, with poses.
 
     Raises BatchRefused where a rig is named for what is no bare trace.
     """
-    converted, sensors = _of_any_kind(source, wanted, report)
+    converted = _of_any_kind(source, wanted, report)
     if wanted.rig is not None and converted.recording.rig_give_mm is None:
         what = (
             "is not a load cell's table; --rig corrects only such tables. For a batch's recordings, "
@@ -230,39 +221,32 @@ def _read(
         raise refused(source, what)
     if wanted.topics is not None and source.suffix.lower() != ".mcap":
         raise refused(source, "is not a ROS 2 bag; --topics applies only to a .mcap.")
-    return _with_poses(converted, source, wanted), sensors
+    return _with_poses(converted, source, wanted)
 
 
-def _of_any_kind(
-    source: Path, wanted: ConvertRequest, report: Callable[[str], None]
-) -> tuple[Converted, list[Tac3D]]:
+def _of_any_kind(source: Path, wanted: ConvertRequest, report: Callable[[str], None]) -> Converted:
     """By what the source holds."""
     report_pad = frame_progress(report, every=TELL_EVERY)
     if (source / "grasp.toml").is_file():
         raw = read_raw_grasp(source, sensor=wanted.sensor)
-        return recording_of(raw, progress=report_pad, covariance=wanted.covariance), []
+        return recording_of(raw, progress=report_pad)
     if folders := sensor_folders(source):
         sensors = [read_tac3d(folder) for folder in folders]
         described = None if wanted.sensor is None else read_sensor(wanted.sensor)
         kn = None if described is None else described.gel_kn_MPa_per_mm
         kt = None if described is None else described.gel_kt_MPa_per_mm
-        converted = recording_of_tac3d(
+        return recording_of_tac3d(
             sensors,
             fruit_id=wanted.fruit_id,
             category=wanted.category,
             stiffness=None if kn is None or kt is None else (kn, kt),
             scale_sd=(0.0, 0.0) if described is None else (described.force_sd, described.displacement_sd),
         )
-        return converted, sensors
     kind = source.suffix.lower() if source.is_file() else ""
-    if kind in (".h5", ".hdf5") and holds_images_only(source):
-        with opened(source) as file:
-            raw = raw_of(file, source, sensor=_needed(source, wanted.sensor, SENSOR_NEEDED))
-            return recording_of(raw, progress=report_pad, covariance=wanted.covariance), []
     if kind in (".h5", ".hdf5"):
         recording = read_recording(source)
         if wanted.robot is not None:
-            return Converted(recording=recording, notes=recording.notes), []
+            return Converted(recording=recording, notes=recording.notes)
         raise refused(source, "is a recording already and needs no conversion.")
     said = wanted.trace
     if kind in TABLES and (
@@ -272,16 +256,15 @@ def _of_any_kind(
         or said.run
         or is_trace(source, sensor_given=wanted.sensor is not None)
     ):
-        return _without_rig(_trace(source, wanted), source, wanted.rig), []
+        return _without_rig(_trace(source, wanted), source, wanted.rig)
     if said.columns or said.units or said.sheet or said.run:
         _require_table(source)
     if kind in (".npz", ".csv", ".mcap"):
         sensor = read_sensor(_needed(source, wanted.sensor, SENSOR_NEEDED))
         topics = _needed(source, wanted.topics, TOPICS_NEEDED) if kind == ".mcap" else None
-        converted = read_field_table(
+        return read_field_table(
             source, fruit_id=wanted.fruit_id, category=wanted.category, sensor=sensor, topics=topics
         )
-        return converted, []
     if any(path.suffix.lower() in (*VIDEOS, *PICTURES) for path in _in_and_below(source)):
         raise refused(source, FRAMES_ALONE)
     there = "is not a format that drupe converts" if source.exists() else "does not exist"

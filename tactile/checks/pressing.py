@@ -1,9 +1,9 @@
 """A pad's signals made ready for checks: without offsets, with their noise, and where the gel is pressed.
 
 They come with how far the markers move under the forces by the gel's law. A gel whose stiffness per area was
-measured is a bed of springs, u = f / (A k), marker by marker (tactile/gel/marker_force.py). One that is
-described by thickness, modulus and Poisson's ratio, and whose stated stiffness is that of its bonded layer,
-is an elastic slab (tactile/gel/slab.py).
+measured is a bed of springs, u = f / (A k), marker by marker. One that is described by thickness, modulus and
+Poisson's ratio, and whose stated stiffness is that of its bonded layer, is an elastic slab
+(tactile/gel/slab.py).
 """
 
 from dataclasses import dataclass

@@ -1,1 +1,1 @@
-"""What a gel's cameras and law tell: depth by shading or stereo, forces from displacement."""
+"""What a gel's cameras and law tell: depth by stereo, forces from displacement."""

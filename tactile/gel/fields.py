@@ -1,23 +1,19 @@
-"""From what a gel sensor's cameras saw to displacement and force at every marker, with their uncertainty.
+"""From what a gel sensor's cameras saw to displacement and force at every marker.
 
-In the plane a marker is where its ray says. Its depth comes from two cameras (`markers-stereo`), from
-shading (`photometric`: depth below the border of the image, whose own rise the slab gives), or, with one
-camera and no lights (`markers-mono`), from the slab alone: what pressed the face must have moved the markers
-sideways as seen. The last is told by little; its standard deviation says so.
+In the plane a marker is where its ray says. Its depth comes from two cameras (`markers-stereo`) or, with one
+camera (`markers-mono`), from the slab alone: what pressed the face must have moved the markers sideways as
+seen. The last is told by little.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float
 
 from tactile.gel.force_inverse import InvertedForce
 from tactile.gel.force_likelihood import most_likely_hyperparameters
-from tactile.gel.grid import GelGrid, PriorHyperparameters, gel_grid
-from tactile.gel.marker_force import ForcePlacing, SpringForce
-from tactile.gel.photometric import PhotometricDepth, border_observation
-from tactile.gel.slab import FLAT_TO, GelLayer, GelSlab, SpringBed, sides_known
+from tactile.gel.grid import PriorHyperparameters, gel_grid
+from tactile.gel.slab import FLAT_TO, GelSlab
 from tactile.gel_camera import mm_per_px, on_face, ray_information, triangulated
 from tactile.markers.tracking import TrackedMarkers
 from tactile.sensors import GelCamera, Sensor
@@ -26,8 +22,6 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 LEAST_NOISE_PX = 0.01
 """Least noise of a marker's place, px: drawn frames may have none; real ones have 0.027 (eight real
 clips)."""
-LEAST_DEPTH_SD_MM = 0.002
-"""Least standard deviation of a depth, mm: two cameras have 0.002 (docs/validation.md, Force)."""
 MONO_SLAB_SD_MM, MONO_SIDES_SD_MM = 0.006, 0.001
 """What is asked of the slab's motion along the face where it alone must tell the depth: of an endless slab,
 and of a gel whose sides are known (`benchmarks/gel_image_errors.py --draws 5`)."""
@@ -43,45 +37,19 @@ OF_MEDIAN = 0.6745
 class GelFields:
     """Displacement and force of every marker in every frame (pad frame; the force is that on the fruit).
 
-    A marker that is not seen in a frame has NaN displacement there. `displacement_sd_mm` and `force_sd_N` are
-    standard deviations of single values. Both fields come from the same pixels: `solver` and `touching` give
-    their joint covariance, frame by frame (`joint_covariance`). It holds for springs and for two cameras; for
-    one camera it leaves out what depth takes from the slab (all of it, or with lights the border's rise).
-    `hyperparameters` is None where nothing is smoothed. A slab's marker forces are known no better than where
-    on the gel they act (tactile.gel.marker_force): that is part of `force_sd_N` and of the joint covariance.
+    A marker that is not seen in a frame has NaN displacement there. `solver` takes displacements to forces.
     """
 
     rest_mm: Float[np.ndarray, "n 3"]
     displacement_mm: Float[np.ndarray, "t n 3"]
     force_N: Float[np.ndarray, "t n 3"]
-    displacement_sd_mm: Float[np.ndarray, "t n 3"]
-    force_sd_N: Float[np.ndarray, "t n 3"]
     touching: Bool[np.ndarray, "t m"]
-    motion_mm: Float[np.ndarray, " t"]
-    hyperparameters: PriorHyperparameters | None
-    solver: InvertedForce | SpringForce
-
-    def joint_covariance(self, frame: int) -> Float[np.ndarray, "d d"]:
-        """Covariance of [displacement; force] of one frame, markers then x, y, z in each."""
-        if isinstance(self.solver, SpringForce):
-            return self.solver.joint_covariance()
-        covariance = self.solver.joint_covariance(self.touching[frame], float(self.motion_mm[frame]))
-        half = len(covariance) // 2
-        covariance[half:, half:] += ForcePlacing(self.rest_mm).covariance_N2(self.force_N[frame])
-        return covariance
+    hyperparameters: PriorHyperparameters
+    solver: InvertedForce
 
 
-def layer_of(sensor: Sensor) -> GelLayer:
-    """The sensor's gel: springs where their stiffness was measured, else the bonded slab.
-
-    One camera without lights (`markers-mono`) tells pressure only by the sideways motion that it makes, which
-    springs do not have: the slab, whatever else was measured.
-
-    Raises TactileFailure (unreadable-sensor) where the description lacks the gel.
-    """
-    kn, kt = sensor.gel_kn_MPa_per_mm, sensor.gel_kt_MPa_per_mm
-    if kn is not None and kt is not None and sensor.kind != "markers-mono":
-        return SpringBed(kn_MPa_per_mm=kn, kt_MPa_per_mm=kt)
+def slab_of(sensor: Sensor) -> GelSlab:
+    """The sensor's gel; raises TactileFailure (unreadable-sensor) where the description lacks it."""
     if sensor.thickness_mm is None or sensor.E_MPa is None or sensor.nu is None:
         raise TactileFailure(
             TactileProblem.UNREADABLE_SENSOR,
@@ -92,179 +60,67 @@ def layer_of(sensor: Sensor) -> GelLayer:
     return GelSlab(thickness_mm=sensor.thickness_mm, E_MPa=sensor.E_MPa, nu=sensor.nu, outline=sensor.outline)
 
 
-class GelReader:
-    """One pad's inverse, made once: `measure` takes pixels to displacement, `solver` takes that to force."""
-
-    def __init__(
-        self,
-        sensor: Sensor,
-        reference_px: Float[np.ndarray, "n 2"],
-        rest_mm: Float[np.ndarray, "n 3"],
-        *,
-        second_reference_px: Float[np.ndarray, "n 2"] | None = None,
-        shape: PhotometricDepth | None = None,
-        noise_px: float = 0.03,
-        depth_sd_mm: float = LEAST_DEPTH_SD_MM,
-        reference_sd_px: Float[np.ndarray, " n"] | None = None,
-    ) -> None:
-        self.sensor, self._shape = sensor, shape
-        self._camera = _needed(sensor, sensor.camera, "camera")
-        self._second = sensor.second_camera if sensor.kind == "markers-stereo" else None
-        layer = layer_of(sensor)
-        _refuse_dome(sensor, rest_mm)
-        _refuse_outside(sensor, rest_mm)
-        if self._second is not None:
-            if second_reference_px is None:
-                raise _refusal(sensor, "the second camera's markers are missing; track both cameras' images")
-            both = (self._camera, self._second)
-            self.rest_mm, information = triangulated(
-                both, (reference_px, second_reference_px), noise_px=noise_px
-            )
-        else:
-            self.rest_mm = _on_planes(self._camera, reference_px, rest_mm[:, 2])
-            _, information = ray_information(
-                self._camera, reference_px, noise_px=noise_px, z_mm=rest_mm[:, 2]
-            )
-        self.grid: GelGrid = gel_grid(layer, self.rest_mm)
-        self.observed: Float[np.ndarray, "d u"] | None = None
-        self._border: Float[np.ndarray, "n e"] | None = None
-        if sensor.kind == "photometric":
-            if shape is None:
-                raise _refusal(sensor, "shading needs the images themselves; give them with the markers")
-            information[:, 2, 2] += 1.0 / max(depth_sd_mm, LEAST_DEPTH_SD_MM) ** 2
-            self.observed, self._border = border_observation(layer, self.grid, self._camera)
-        elif self._second is None:
-            slab_sd_mm = MONO_SIDES_SD_MM if sides_known(layer) else MONO_SLAB_SD_MM
-            information *= (noise_px / (noise_px + slab_sd_mm / mm_per_px(self._camera))) ** 2
-        if reference_sd_px is not None:
-            information /= (1.0 + (reference_sd_px / noise_px) ** 2)[:, None, None]
-        self.information = information
-
-    def measured(
-        self,
-        pixels: Float[np.ndarray, "n 2"],
-        second: Float[np.ndarray, "n 2"] | None = None,
-        image: UInt8[np.ndarray, "h w 3"] | None = None,
-        depth_mm: Float[np.ndarray, " n"] | None = None,
-    ) -> Float[np.ndarray, "n 3"]:
-        """Displacement of each marker (mm); with one camera and no image at the given depth (z, or 0)."""
-        if self._second is not None and second is not None:
-            points, _ = triangulated((self._camera, self._second), (pixels, second))
-            return np.asarray(points - self.rest_mm)
-        if self._shape is not None and image is not None:
-            return np.asarray(self._shape.at(image, pixels) - self.rest_mm)
-        z = self.rest_mm[:, 2] + (0.0 if depth_mm is None else depth_mm)
-        return np.asarray(_on_planes(self._camera, pixels, z) - self.rest_mm)
-
-    def completed(
-        self, displacement_mm: Float[np.ndarray, "n 3"], node_force_N: Float[np.ndarray, "m 3"]
-    ) -> Float[np.ndarray, "n 3"]:
-        """Depth counted from the undisturbed face, where it was measured from the image's border."""
-        if self._border is None:
-            return displacement_mm
-        raised = displacement_mm.copy()
-        raised[:, 2] += self._border @ node_force_N.ravel()
-        return raised
-
-
 def fields_of(
     sensor: Sensor,
     tracked: TrackedMarkers,
     *,
     second: TrackedMarkers | None = None,
-    images: Iterable[UInt8[np.ndarray, "h w 3"]] | None = None,
-    shape: PhotometricDepth | None = None,
     hyperparameters: PriorHyperparameters | None = None,
-    reference_sd_px: Float[np.ndarray, " n"] | None = None,
 ) -> GelFields:
-    """Displacement and force of a whole recording; `images` are read once, one at a time.
+    """Displacement and force of a whole recording.
 
-    `reference_sd_px`: standard deviations of the places at rest, where these are estimated; they add to each
-    marker's noise, as if they were drawn anew in every frame.
-
-    `second` is the other camera's tracking of the same markers (stereo); `images` and `shape` are the frames
-    and the shading's reader (photometric). `hyperparameters` None: chosen on the frames that move most.
+    `second` is the other camera's tracking of the same markers (stereo). `hyperparameters` None: chosen on
+    the frames that move most.
 
     Raises TactileFailure where the sensor's description lacks what its kind needs, or the gel is a dome.
     """
     frames = len(tracked.time_s)
     noise_px = max(LEAST_NOISE_PX, frame_noise(tracked.position_px))
-    positions_2 = second.position_px if second is not None else None
-    draft = GelReader(
-        sensor, tracked.reference_px, tracked.rest_mm, noise_px=noise_px, shape=shape,
-        second_reference_px=None if second is None else second.reference_px,
-        reference_sd_px=reference_sd_px,
-    )  # fmt: skip
-    seen = np.empty((frames, len(tracked.rest_mm), 3))
-    for t, image in zip(range(frames), images if images is not None else [None] * frames, strict=True):
-        other = None if positions_2 is None else positions_2[t]
-        seen[t] = draft.measured(tracked.position_px[t], other, image)
-    reader = draft
-    if sensor.kind == "photometric":
-        reader = GelReader(
-            sensor, tracked.reference_px, tracked.rest_mm, noise_px=noise_px, shape=shape,
-            depth_sd_mm=frame_noise(seen[..., 2:]),
-        )  # fmt: skip
-    mono = sensor.kind == "markers-mono"
-    layer = layer_of(sensor)
-    if isinstance(layer, SpringBed):
-        return _of_springs(layer, reader, seen)
+    slab, camera = slab_of(sensor), _needed(sensor, sensor.camera, "camera")
+    _refuse_dome(sensor, slab, tracked.rest_mm)
+    _refuse_outside(sensor, tracked.rest_mm)
+    if mono := sensor.kind != "markers-stereo":
+        rest_mm = _on_planes(camera, tracked.reference_px, tracked.rest_mm[:, 2])
+        seen = np.array([_on_planes(camera, pixels, rest_mm[:, 2]) for pixels in tracked.position_px])
+        slab_sd_mm = MONO_SLAB_SD_MM if slab.outline is None else MONO_SIDES_SD_MM
+        _, information = ray_information(
+            camera, tracked.reference_px, noise_px=noise_px, z_mm=tracked.rest_mm[:, 2]
+        )
+        information *= (noise_px / (noise_px + slab_sd_mm / mm_per_px(camera))) ** 2
+    else:
+        cameras = (camera, _needed(sensor, sensor.second_camera, "second_camera"))
+        if second is None:
+            raise _refusal(sensor, "the second camera's markers are missing; track both cameras' images")
+        both_px = (tracked.reference_px, second.reference_px)
+        rest_mm, information = triangulated(cameras, both_px, noise_px=noise_px)
+        pairs = zip(tracked.position_px, second.position_px, strict=True)
+        seen = np.array([triangulated(cameras, pair)[0] for pair in pairs])
+    seen -= rest_mm
+    grid = gel_grid(slab, rest_mm)
     if hyperparameters is None:
         moved = np.nan_to_num(np.sqrt(np.nanmean(seen**2, axis=(1, 2))))
         strongest = np.argsort(moved)[::-1][: max(1, frames // 3)]
         picks = strongest[np.linspace(0, len(strongest) - 1, FRAMES_TO_CHOOSE_FROM).astype(int)]
-        hyperparameters = most_likely_hyperparameters(
-            reader.grid, reader.information, seen[picks], observed=reader.observed
-        )
-    solver = InvertedForce(reader.grid, reader.information, hyperparameters, observed=reader.observed)
-    shape_of = seen.shape
-    force, force_sd, moved_sd = np.zeros(shape_of), np.zeros(shape_of), np.zeros(shape_of)
-    touching = np.zeros((frames, len(reader.grid.nodes_mm)), dtype=bool)
-    motion = np.zeros(frames)
-    own_sd = np.sqrt(np.diagonal(np.linalg.pinv(solver.information, hermitian=True), axis1=1, axis2=2))
+        hyperparameters = most_likely_hyperparameters(grid, information, seen[picks])
+    solver = InvertedForce(grid, information, hyperparameters)
+    force = np.zeros(seen.shape)
+    touching = np.zeros((frames, len(grid.nodes_mm)), dtype=bool)
     before = None
     for t in range(frames):
         contact = solver.solve(seen[t], before=before)
         for _ in range(DEPTH_ROUNDS if mono else 0):
-            seen[t] = reader.measured(tracked.position_px[t], depth_mm=contact.displacement_mm[:, 2])
+            z_mm = rest_mm[:, 2] + contact.displacement_mm[:, 2]
+            seen[t] = _on_planes(camera, tracked.position_px[t], z_mm) - rest_mm
             contact = solver.solve(seen[t], before=contact.touching)
-        before = contact.touching
-        if not mono:
-            seen[t] = reader.completed(seen[t], contact.node_force_N)
-        force[t], touching[t] = contact.force_N, contact.touching
-        moved_sd[t], motion[t] = own_sd, contact.motion_mm
-        if mono:
-            force_sd[t], moved_sd[t, :, 2] = solver.spreads(contact.touching, contact.motion_mm)
-        else:
-            force_sd[t] = solver.force_spread(contact.touching, contact.motion_mm)
-    placing = ForcePlacing(reader.rest_mm)
+        before = touching[t] = contact.touching
+        force[t] = contact.force_N
     return GelFields(
-        rest_mm=reader.rest_mm,
+        rest_mm=rest_mm,
         displacement_mm=seen,
         force_N=force,
-        displacement_sd_mm=moved_sd,
-        force_sd_N=np.hypot(force_sd, [placing.sd_N(frame) for frame in force]),
         touching=touching,
-        motion_mm=motion,
         hyperparameters=hyperparameters,
         solver=solver,
-    )
-
-
-def _of_springs(layer: SpringBed, reader: GelReader, seen: Float[np.ndarray, "t n 3"]) -> GelFields:
-    """Displacement as it was seen, and each marker's own force."""
-    springs = SpringForce(layer=layer, cell_mm2=reader.grid.cell_mm2, information_per_mm2=reader.information)
-    sd_mm = np.broadcast_to(springs.displacement_sd_mm, seen.shape)
-    return GelFields(
-        rest_mm=reader.rest_mm,
-        displacement_mm=seen,
-        force_N=springs.force_N(seen),
-        displacement_sd_mm=sd_mm,
-        force_sd_N=sd_mm * springs.newton_per_mm,
-        touching=springs.touching(seen),
-        motion_mm=np.nanmax(np.abs(seen), axis=(1, 2)),
-        hyperparameters=None,
-        solver=springs,
     )
 
 
@@ -293,18 +149,16 @@ def _needed(sensor: Sensor, camera: GelCamera | None, name: str) -> GelCamera:
     return camera
 
 
-def _refuse_dome(sensor: Sensor, rest_mm: Float[np.ndarray, "n 3"]) -> None:
+def _refuse_dome(sensor: Sensor, slab: GelSlab, rest_mm: Float[np.ndarray, "n 3"]) -> None:
     """The compliance of the face that is described is not another's."""
-    if sensor.thickness_mm is None:
-        return
     basis = np.column_stack([rest_mm[:, :2], np.ones(len(rest_mm))])
-    face = 0.0 if sensor.outline is None else sensor.outline.face_mm(rest_mm[:, 0], rest_mm[:, 1])
+    face = 0.0 if slab.outline is None else slab.outline.face_mm(rest_mm[:, 0], rest_mm[:, 1])
     over = rest_mm[:, 2] - face
     off = over - basis @ np.linalg.lstsq(basis, over, rcond=None)[0]
-    if np.ptp(off) > FLAT_TO * sensor.thickness_mm:
+    if np.ptp(off) > FLAT_TO * slab.thickness_mm:
         raise _refusal(
             sensor,
-            f"its gel is a dome ({np.ptp(off):.2f} mm high, {sensor.thickness_mm:g} mm thick). Give "
+            f"its gel is a dome ({np.ptp(off):.2f} mm high, {slab.thickness_mm:g} mm thick). Give "
             'face_radius_mm and size_mm under [gel], or use the maker\'s own forces (kind = "fields")',
         )
 

@@ -7,25 +7,13 @@ exceeds what frames in the air show.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from dataclasses import replace
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
-from tactile.gel.force_inverse import InvertedForce, sees_depth
-from tactile.gel.grid import (
-    INITIAL_HYPERPARAMETERS,
-    GelGrid,
-    PriorDeterminant,
-    PriorHyperparameters,
-    displacement_by,
-    dofs_of,
-    motion_of,
-    prior_precision,
-    smooth_precision,
-)
-from tactile.gel.normal_equations import TouchingFactor, factor_of
+from tactile.gel.force_inverse import InvertedForce
+from tactile.gel.grid import INITIAL_HYPERPARAMETERS, GelGrid, PriorHyperparameters
 
 ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressure_MPa", "shear_MPa", "noise")
 """Of the search, one hyperparameter after the other; the first ones again, as they trade with the last."""
@@ -46,8 +34,6 @@ def most_likely_hyperparameters(
     grid: GelGrid,
     information_per_mm2: Float[np.ndarray, "n 3 3"],
     frames_mm: Sequence[Float[np.ndarray, "n 3"]] | Float[np.ndarray, "f n 3"],
-    *,
-    observed: Float[np.ndarray, "3*n u"] | None = None,
 ) -> PriorHyperparameters:
     """The hyperparameters of greatest marginal likelihood over some loaded frames, by factors of two.
 
@@ -56,31 +42,32 @@ def most_likely_hyperparameters(
     makes noise of the gel's motion, which then shows no contact at all: where the gel is dragged one way, the
     noise of the round before it is taken. Else nothing presses, as where the reference bears a print.
     """
-    best, noises = INITIAL_HYPERPARAMETERS, list[float]()
-    seen = displacement_by(grid) if observed is None else observed
-    for turn in range(ROUNDS):
-        everywhere = np.ones(len(grid.nodes_mm), dtype=bool)
-        touching = [everywhere for _ in frames_mm]
-        if turn:
-            solver = InvertedForce(grid, information_per_mm2, best, observed=seen)
-            touching = [solver.solve(y).touching for y in frames_mm]
-        pairs = [(y, c) for y, c in zip(frames_mm, touching, strict=True) if c.any()]
+    solver = InvertedForce(grid, information_per_mm2, INITIAL_HYPERPARAMETERS)
+    noises = list[float]()
+    touching = [np.ones(len(grid.nodes_mm), dtype=bool) for _ in frames_mm]
+    for _ in range(ROUNDS):
+        pairs = [(y, contact) for y, contact in zip(frames_mm, touching, strict=True) if contact.any()]
         if not pairs:
             break
-        statistics = [_sufficient_statistics(seen, information_per_mm2, y, c) for y, c in pairs]
-        best = _climbed(best, ORDER_OF_CLIMBING, partial(_evidence, grid, statistics))
-        noises.append(best.noise)
-    if not noises or sees_depth(information_per_mm2):
-        return best
-    for noise in reversed(noises):
-        solver = InvertedForce(
-            grid, information_per_mm2, replace(INITIAL_HYPERPARAMETERS, noise=noise), observed=seen
+        solver = _climbed(
+            solver,
+            ORDER_OF_CLIMBING,
+            lambda trial: sum(trial.log_evidence(y, contact) for y, contact in pairs),  # noqa: B023
         )
-        best = _with_contact(solver, frames_mm)
-        touches = any(solver.with_prior(best).active_set(y).touching.any() for y in frames_mm)
+        noises.append(solver.hyperparameters.noise)
+        touching = [solver.active_set(y).touching for y in frames_mm]
+    if solver.sees_depth:
+        return solver.hyperparameters
+    for noise in reversed(noises):
+        solver = _climbed(
+            solver.with_prior(replace(INITIAL_HYPERPARAMETERS, noise=noise)),
+            CLIMBED_WITH_CONTACT,
+            lambda trial: sum(trial.active_set(y).log_likelihood for y in frames_mm),
+        )
+        touches = any(solver.active_set(y).touching.any() for y in frames_mm)
         if touches or max(map(one_way_share, frames_mm)) < DRAGGED:
             break
-    return best
+    return solver.hyperparameters
 
 
 def one_way_share(displacement_mm: Float[np.ndarray, "n 3"]) -> float:
@@ -90,21 +77,9 @@ def one_way_share(displacement_mm: Float[np.ndarray, "n 3"]) -> float:
     return float(np.linalg.norm(size @ along) / max(float(size @ size), 1e-300))
 
 
-def _with_contact(
-    solver: InvertedForce, frames_mm: Sequence[Float[np.ndarray, "n 3"]] | Float[np.ndarray, "f n 3"]
-) -> PriorHyperparameters:
-    """The climb from the solver's prior, noise as it is, with the contact of every trial."""
-
-    def likelihood(trial: PriorHyperparameters) -> float:
-        tried = solver.with_prior(trial)
-        return sum(tried.active_set(y).log_likelihood for y in frames_mm)
-
-    return _climbed(solver.hyperparameters, CLIMBED_WITH_CONTACT, likelihood)
-
-
 def _climbed(
-    start: PriorHyperparameters, order: Sequence[str], likelihood: Callable[[PriorHyperparameters], float]
-) -> PriorHyperparameters:
+    start: InvertedForce, order: Sequence[str], likelihood: Callable[[InvertedForce], float]
+) -> InvertedForce:
     """The start with one hyperparameter after the other taken times two, or half, up to four times, while
     that makes it likelier; the noise never falls below that of frames in the air.
     """
@@ -112,72 +87,12 @@ def _climbed(
     for name in order:
         for factor in (2.0, 0.5):
             for _ in range(4):
-                trial = replace(best, **{name: getattr(best, name) * factor})
-                if trial.noise < LEAST_NOISE or (value := likelihood(trial)) <= most:
+                prior = best.hyperparameters
+                tried = replace(prior, **{name: getattr(prior, name) * factor})
+                if tried.noise < LEAST_NOISE:
+                    break
+                trial = best.with_prior(tried)
+                if (value := likelihood(trial)) <= most:
                     break
                 best, most = trial, value
     return best
-
-
-@dataclass(frozen=True, kw_only=True)
-class SufficientStatistics:
-    """Sufficient statistics of one frame for the forces on its touching nodes, before noise and prior are
-    scaled.
-    """
-
-    touching: Bool[np.ndarray, " m"]
-    normal: Float[np.ndarray, "a a"]
-    right: Float[np.ndarray, " a"]
-    misfit: float
-    directions: int
-    motion_mm: float
-
-
-def _sufficient_statistics(
-    seen: np.ndarray, information: np.ndarray, y: np.ndarray, touching: np.ndarray
-) -> SufficientStatistics:
-    """Normal matrix, right side and misfit of one frame whose contact is known."""
-    usable = np.isfinite(y).all(axis=1)
-    at = np.concatenate([dofs_of(touching), np.arange(3 * len(touching), seen.shape[1])])
-    G = seen[:, at].reshape(len(y), 3, -1)[usable]
-    W = information[usable]
-    weighted, flat = np.matmul(W, G).reshape(-1, G.shape[2]), G.reshape(-1, G.shape[2])
-    return SufficientStatistics(
-        touching=touching,
-        normal=weighted.T @ flat,
-        right=weighted.T @ y[usable].ravel(),
-        misfit=float(np.einsum("ni,nij,nj->", y[usable], W, y[usable])),
-        directions=int(np.linalg.matrix_rank(information[0], hermitian=True, rtol=1e-6)) * int(usable.sum()),
-        motion_mm=motion_of(np.where(usable[:, None], y, 0.0)),
-    )
-
-
-def _evidence(
-    grid: GelGrid, statistics: Sequence[SufficientStatistics], hyperparameters: PriorHyperparameters
-) -> float:
-    """Log marginal likelihood of frames whose contacts are known, up to a constant of the sensor.
-
-    Frames of one contact and the same markers in view share the factor of their forces' block.
-    """
-    total = 0.0
-    prior, log_det_prior = prior_precision(grid, hyperparameters), PriorDeterminant(grid, hyperparameters)
-    factor: TouchingFactor | None = None
-    of_prior = 0.0
-    for k, frame in enumerate(statistics):
-        before = statistics[k - 1]
-        if factor is None or not (
-            np.array_equal(frame.touching, before.touching) and np.array_equal(frame.normal, before.normal)
-        ):
-            normal = frame.normal / hyperparameters.noise**2
-            at = dofs_of(frame.touching)
-            normal[: len(at), : len(at)] += prior[np.ix_(at, at)]
-            factor, of_prior = factor_of(normal, len(at)), log_det_prior(np.flatnonzero(frame.touching))
-        right = frame.right / hyperparameters.noise**2
-        forces, fields, log_det_root = factor.solved(right, smooth_precision(grid, frame.motion_mm))
-        fitted = right[: len(forces)] @ forces + right[len(forces) :] @ fields
-        total += float(
-            0.5 * (fitted - frame.misfit / hyperparameters.noise**2 + of_prior)
-            - log_det_root
-            - frame.directions * np.log(hyperparameters.noise)
-        )
-    return total

@@ -11,10 +11,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.linalg import cholesky
 from scipy.spatial import Delaunay, cKDTree
 
-from tactile.gel.slab import GelLayer, sides_known, tent_compliance
+from tactile.gel.slab import GelSlab, tent_compliance
 
 SIDES_UNKNOWN, SIDES_KNOWN = np.array([0.02, 0.02, 0.005]), np.array([0.002, 0.002, 0.0005])
 """Spread of a smooth field's coefficients over the largest displacement of the frame, x, y and z: free sides
@@ -46,7 +45,7 @@ class GelGrid:
     laplacian: Float[np.ndarray, "m m"]
 
 
-def gel_grid(layer: GelLayer, rest_mm: Float[np.ndarray, "n 3"], *, pitch_mm: float | None = None) -> GelGrid:
+def gel_grid(layer: GelSlab, rest_mm: Float[np.ndarray, "n 3"], *, pitch_mm: float | None = None) -> GelGrid:
     """Traction nodes under the markers, `pitch_mm` apart.
 
     `pitch_mm` None: 0.7 of the side of the square that is a marker's share of the face; at 1.0 the rim of a
@@ -76,7 +75,7 @@ def gel_grid(layer: GelLayer, rest_mm: Float[np.ndarray, "n 3"], *, pitch_mm: fl
         pitch_mm=pitch_mm,
         cell_mm2=cell_mm2,
         compliance=compliance.reshape(3 * len(flat), 3 * len(nodes)),
-        smooth_share=SIDES_KNOWN if sides_known(layer) else SIDES_UNKNOWN,
+        smooth_share=SIDES_UNKNOWN if layer.outline is None else SIDES_KNOWN,
         to_markers=_shares(flat, nodes, pitch_mm, cell_mm2),
         laplacian=4.0 * np.eye(len(nodes)) - (np.abs(apart - 1.0) < 0.01),
     )
@@ -100,19 +99,6 @@ def _shares(
     out = np.zeros((len(flat), len(nodes)))
     out[near, np.arange(len(nodes))[:, None]] = exact
     return out
-
-
-def with_smooth(
-    grid: GelGrid, made_mm: Float[np.ndarray, "d e"], at_mm: Float[np.ndarray, "k 2"]
-) -> Float[np.ndarray, "d u"]:
-    """What forces make at points of the face and, after it, the smooth fields there.
-
-    These are 1, x, y, x^2, x y and y^2 over the pad (from -1 to 1), each for x, y and z.
-    """
-    low, high = grid.rest_mm[:, :2].min(axis=0), grid.rest_mm[:, :2].max(axis=0)
-    x, y = ((at_mm - (low + high) / 2) / ((high - low) / 2)).T
-    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
-    return np.hstack([made_mm, np.kron(basis, np.eye(3))])
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,19 +126,14 @@ def prior_precision(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Flo
     return out.reshape(3 * m, 3 * m)
 
 
-class PriorDeterminant:
-    """ln det of Q of some nodes."""
-
-    def __init__(self, grid: GelGrid, hyperparameters: PriorHyperparameters) -> None:
-        self._smooth = _smoothness(grid, hyperparameters)
-        self._log_scale = float(np.log(_scales(grid, hyperparameters)).sum())
-
-    def __call__(self, nodes: Int[np.ndarray, " k"]) -> float:
-        """0 of none."""
-        if not len(nodes):
-            return 0.0
-        root = cholesky(self._smooth[np.ix_(nodes, nodes)], lower=True, check_finite=False)
-        return float(6.0 * np.log(np.diag(root)).sum() + len(nodes) * self._log_scale)
+def log_det_prior(
+    grid: GelGrid, hyperparameters: PriorHyperparameters, touching: Bool[np.ndarray, " m"]
+) -> float:
+    """ln det of Q of these nodes; 0 of none."""
+    among = grid.laplacian[np.ix_(touching, touching)]
+    smooth = np.eye(len(among)) + hyperparameters.roughness**2 * among
+    log_scale = np.log(_scales(grid, hyperparameters)).sum()
+    return float(3.0 * np.linalg.slogdet(smooth)[1] + touching.sum() * log_scale)
 
 
 def _smoothness(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.ndarray, "m m"]:
@@ -166,8 +147,14 @@ def _scales(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.nd
 
 
 def displacement_by(grid: GelGrid) -> Float[np.ndarray, "d u"]:
-    """Marker displacement (mm) by nodal forces (N) and the smooth fields."""
-    return with_smooth(grid, grid.compliance, grid.rest_mm[:, :2])
+    """Marker displacement (mm) by nodal forces (N) and, after them, the smooth fields.
+
+    These are 1, x, y, x^2, x y and y^2 over the pad (from -1 to 1), each for x, y and z.
+    """
+    low, high = grid.rest_mm[:, :2].min(axis=0), grid.rest_mm[:, :2].max(axis=0)
+    x, y = ((grid.rest_mm[:, :2] - (low + high) / 2) / ((high - low) / 2)).T
+    basis = np.stack([np.ones_like(x), x, y, x * x, x * y, y * y], axis=1)
+    return np.hstack([grid.compliance, np.kron(basis, np.eye(3))])
 
 
 def motion_of(y: Float[np.ndarray, "n 3"]) -> float:

@@ -15,7 +15,6 @@ computed (tactile.gel.gel_sides). It is a flat slab's: a dome is refused.
 """
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
 from jaxtyping import Float
@@ -29,22 +28,8 @@ FLAT_TO = 0.1
 FINE_PER_PITCH = 8
 """Steps per node at which the tent of traction is sampled. Set by hand."""
 CLEAR_THICKNESSES = 8.0
-"""Decay lengths about the face that are computed too: exp(-8) of it, 0.03 %, comes back from the next
+"""Thicknesses about the face that are computed too: exp(-8) of it, 0.03 %, comes back from the next
 period."""
-
-
-@runtime_checkable
-class GelLayer(Protocol):
-    """What a gel is to the inverse: surface displacement per traction at each wave number, mm/MPa."""
-
-    @property
-    def decay_mm(self) -> float:
-        """How far a load is felt along the face."""
-        ...
-
-    def spectrum(self, k_per_mm: Float[np.ndarray, " q"]) -> Float[np.ndarray, "q 4"]:
-        """Along k by shear along k, along k by pressure (over -i), normal by pressure, across by across."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -55,11 +40,6 @@ class GelSlab:
     E_MPa: float
     nu: float
     outline: GelOutline | None = None
-
-    @property
-    def decay_mm(self) -> float:
-        """The thickness."""
-        return self.thickness_mm
 
     @property
     def shear_MPa(self) -> float:
@@ -85,31 +65,8 @@ class GelSlab:
         return np.stack([along_by_shear, along_by_pressure, up_by_pressure, T / (mu * k)], axis=1)
 
 
-@dataclass(frozen=True, kw_only=True)
-class SpringBed:
-    """A layer so thin that every point gives way alone: normal and shear stiffness per area."""
-
-    kn_MPa_per_mm: float
-    kt_MPa_per_mm: float
-
-    @property
-    def decay_mm(self) -> float:
-        """Nothing is felt beyond the load."""
-        return 0.0
-
-    def spectrum(self, k_per_mm: Float[np.ndarray, " q"]) -> Float[np.ndarray, "q 4"]:
-        """The same at every wave number."""
-        kt, kn = 1.0 / self.kt_MPa_per_mm, 1.0 / self.kn_MPa_per_mm
-        return np.tile([kt, 0.0, kn, kt], (len(k_per_mm), 1))
-
-
-def sides_known(layer: GelLayer) -> bool:
-    """Whether the layer ends where it is said to, and what its sides change is computed."""
-    return isinstance(layer, GelSlab) and layer.outline is not None
-
-
 def tent_compliance(
-    layer: GelLayer,
+    layer: GelSlab,
     at_mm: Float[np.ndarray, "n 2"],
     nodes_mm: Float[np.ndarray, "m 2"],
     *,
@@ -124,7 +81,7 @@ def tent_compliance(
     offset = at_mm[:, None] - nodes_mm
     fine = pitch_mm / FINE_PER_PITCH
     reach = float(np.abs(offset).max()) + 2.0 * pitch_mm
-    half = int(np.ceil((reach + CLEAR_THICKNESSES * layer.decay_mm) / fine))
+    half = int(np.ceil((reach + CLEAR_THICKNESSES * layer.thickness_mm) / fine))
     axis = fine * np.fft.fftfreq(2 * half, 1.0 / (2 * half))
     tent = np.maximum(1.0 - np.abs(axis) / pitch_mm, 0.0) / pitch_mm
     load = tent[:, None] * tent
@@ -139,14 +96,14 @@ def tent_compliance(
             if i != j:
                 # reciprocity: even under exchange in the face, odd where the normal takes part
                 out[:, j, :, i] = out[:, i, :, j] if j < 2 else -out[:, i, :, j]
-    if isinstance(layer, GelSlab) and layer.outline is not None:
+    if layer.outline is not None:
         sides = side_response(layer.thickness_mm, layer.nu, layer.outline)
         out += sides.between(at_mm, nodes_mm, pitch_mm=pitch_mm) / layer.E_MPa
     return out
 
 
 def _tables(
-    layer: GelLayer, load: Float[np.ndarray, "a a"], fine_mm: float
+    layer: GelSlab, load: Float[np.ndarray, "a a"], fine_mm: float
 ) -> dict[tuple[int, int], Float[np.ndarray, "a a"]]:
     """Splines of the response to tents, along i by force along j; (1, 1) and (1, 2) are the mirrored (0, 0)
     and (0, 2), as x and y enter alike.

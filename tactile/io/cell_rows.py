@@ -4,7 +4,6 @@ import csv
 import io
 import math
 import re
-import zipfile
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -17,13 +16,10 @@ from tactile.io.decimal_number import LARGEST, decimal_number, meant
 from tactile.io.limited_process import TrialEnding, tried
 from tactile.io.pictures import absence, unusable
 
-MOST_BYTES, MOST_UNPACKED = 200_000_000, 500_000_000
-"""Bytes of a file, and of what an .xlsx unpacks to: an hour at 1 kHz is 150 MB of text."""
-MOST_CELLS = 5_000_000
-"""Of all sheets, with the empty ones between the used ones: four columns of as many rows as a sheet can have.
-A cell takes some 90 bytes."""
+MOST_BYTES = 200_000_000
+"""Bytes of a file: an hour at 1 kHz is 150 MB of text."""
 PATIENCE_S, MOST_MEMORY = 60.0, 800_000_000
-"""To find the cells: a million take 4 s and 90 MB."""
+"""To find the cells of a spreadsheet, with the empty ones between: a million take 4 s and 90 MB."""
 LOOKED_AT = 400
 """Rows in which the names of columns are looked for: machines write some ten to a hundred lines above."""
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
@@ -183,18 +179,29 @@ def _spreadsheet(path: Path, data: bytes) -> tuple[CellTable, ...]:
         from python_calamine import CalamineError, load_workbook
     except ImportError:
         raise unusable(path.name, "a spreadsheet", _CALAMINE) from None
-    whole = "a whole spreadsheet; open it and save it again, or save the sheet as .csv"
-    try:
-        if zipfile.is_zipfile(path):
-            with zipfile.ZipFile(path) as archive:
-                if sum(member.file_size for member in archive.infolist()) > MOST_UNPACKED:
-                    raise unusable(path.name, "more than 500 MB unpacked", "a smaller spreadsheet")
-        _require_few_cells(path, lambda: load_workbook(io.BytesIO(data)))
+
+    def read(tell: Callable[[str], None]) -> list[tuple[str, Any]]:
         book = load_workbook(io.BytesIO(data))
-        sheets = [
-            (name, book.get_sheet_by_name(name).to_python(skip_empty_area=False)) for name in book.sheet_names
-        ]
-    except (CalamineError, zipfile.BadZipFile, OSError, ValueError) as cause:
+        sheets = []
+        for name in book.sheet_names:
+            tell(name)
+            sheets.append((name, book.get_sheet_by_name(name).to_python(skip_empty_area=False)))
+        return sheets
+
+    def trial(tell: Callable[[str], None]) -> None:
+        read(tell)
+
+    # The library makes a table of all cells between the used ones; without memory it ends the process.
+    tried_first = tried(trial, patience_s=PATIENCE_S, most_bytes=MOST_MEMORY)
+    if tried_first.ending is not TrialEnding.DONE:
+        where = f"sheet {tried_first.lines[-1]}" if tried_first.lines else "the sheets"
+        fault = f"cells that take more than {PATIENCE_S:.0f} s or {size(MOST_MEMORY)} of memory"
+        expected = "a smaller table: delete what lies outside of it, or save the sheet as .csv"
+        raise unusable(f"{path.name}: {where}", fault, expected)
+    try:
+        sheets = read(lambda _: None)
+    except (CalamineError, OSError, ValueError) as cause:
+        whole = "a whole spreadsheet; open it and save it again, or save the sheet as .csv"
         raise unusable(path.name, "a damaged or locked spreadsheet", whole) from cause
     return tuple(
         CellTable(
@@ -203,36 +210,6 @@ def _spreadsheet(path: Path, data: bytes) -> tuple[CellTable, ...]:
         )
         for name, rows in sheets
     )
-
-
-def _require_few_cells(path: Path, load: Callable[[], Any]) -> None:
-    """Refuses sheets whose used cells span too many; raises TactileFailure with the sheet's name.
-
-    The library makes a table of all cells between, and ends the process where there is no memory for it. A
-    process of its own tries that first: `<dimension>` in the file need not be true.
-    """
-
-    def sizes(tell: Callable[[str], None]) -> None:
-        book = load()
-        for name in book.sheet_names:
-            tell(name)
-            sheet = book.get_sheet_by_name(name)
-            tell(f"{sheet.total_height} {sheet.total_width}")
-
-    trial = tried(sizes, patience_s=PATIENCE_S, most_bytes=MOST_MEMORY)
-    expected = f"at most {MOST_CELLS} cells; delete what lies outside of the table, or save the sheet as .csv"
-    names, spans = trial.lines[::2], [line.split() for line in trial.lines[1::2]]
-    where = f"sheet {names[-1]}" if names else "the sheets"
-    if trial.ending is TrialEnding.TOO_LONG:
-        raise unusable(f"{path.name}: {where}", f"cells that take more than {PATIENCE_S:.0f} s", expected)
-    if trial.ending is TrialEnding.TOO_LARGE:
-        fault = f"cells so far apart that they take more than {size(MOST_MEMORY)}"
-        raise unusable(f"{path.name}: {where}", fault, expected)
-    left = MOST_CELLS
-    for name, (rows, columns) in zip(names, spans, strict=False):
-        left -= int(rows) * int(columns)
-        if left < 0:
-            raise unusable(f"{path.name}: sheet {name}", f"{rows} rows of {columns} cells", expected)
 
 
 def _cell(value: object) -> Cell:

@@ -1,15 +1,12 @@
-"""Frames of one camera, read one by one: numbered pictures, a video, or images in an HDF5 file; and what is
-wrong with them, seen while they pass by.
+"""Frames of one camera, read one by one: numbered pictures or a video; and what is wrong with them, seen
+while they pass by.
 """
 
-import os
 import re
-import threading
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import cv2
 import numpy as np
@@ -26,7 +23,6 @@ from pipeline.files.plain_file import (
     read_head,
     size,
 )
-from tactile.io.limited_process import lacks_memory
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 PICTURES = (".png", ".jpg", ".jpeg")
@@ -34,18 +30,11 @@ VIDEOS = (".avi", ".mp4")
 MOST_BYTES, MOST_PIXELS, MOST_FRAMES = 100_000_000, 25_000_000, 200_000
 """Cameras in gels have 0.3 to 5 million pixels; 200,000 frames are an hour at 55 a second."""
 MOST_FRAME_MEMORY = 1_000_000_000
-"""Bytes for one frame and what the library takes to unpack it: a frame of 25 million pixels has 75 MB, a
-chunk of an HDF5 file up to 256 MB."""
-MOST_HEADER_BYTES = 1_000_000
-"""In which a JPEG's frame header must stand, behind its EXIF and colour profile."""
-_FRAMES = {*range(0xC0, 0xD0)} - {0xC4, 0xC8, 0xCC}
-"""JPEG's markers of a frame header, which holds height and width (ITU-T T.81, table B.1)."""
+"""Bytes for one frame and what the library takes to unpack it: a frame of 25 million pixels has 75 MB."""
+PICTURES_BEGIN = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")
+"""First bytes of PNG and JPEG: other kinds unpack to any size, or name other files."""
 MP4_BEGINS = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide")
 """Types of the first box of an MP4 or QuickTime file (ISO/IEC 14496-12)."""
-FFMPEG_VARIABLE = "OPENCV_FFMPEG_CAPTURE_OPTIONS"
-FFMPEG_OPTIONS = "protocol_whitelist;file|format_whitelist;avi,mov"
-"""What OpenCV finds under that name while it opens a video: no other protocol, and no list of files."""
-_OPENING = threading.Lock()
 NUMBERED = re.compile(r"^frame_(\d+)$")
 WHITE = 250
 """Grey level of 255 from which a pixel counts as full white: JPEG leaves a few levels."""
@@ -85,17 +74,23 @@ def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
         raise unusable(path.name, missing, "a .png or .jpg picture")
     named = f"{path.parent.name}/{path.name}"
     try:
-        data = np.frombuffer(read_bytes(path, most_bytes=MOST_BYTES), dtype=np.uint8)
+        data = read_bytes(path, most_bytes=MOST_BYTES)
     except NotReadable as cause:
         raise unusable(named, f"that it {cause}", "a whole picture; copy it again") from cause
-    pixels = _require_size(named, data)
     picture = None
-    if len(data) and not _cut_short(data, path.suffix.lower()):
-        with suppress(cv2.error):
-            picture = cv2.imdecode(data, cv2.IMREAD_COLOR)
-    if picture is None or picture.shape[0] * picture.shape[1] != pixels:
-        raise unusable(named, "a damaged picture", "a whole one; copy it again")
+    if data.startswith(PICTURES_BEGIN) and not _cut_short(data):
+        with suppress(cv2.error, MemoryError), limited_memory(MOST_FRAME_MEMORY):
+            picture = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), cv2.IMREAD_COLOR)
+    if picture is None:
+        fault = f"a damaged picture, no PNG or JPEG, or more than {size(MOST_FRAME_MEMORY)} of pixels"
+        raise unusable(named, fault, "a whole one; copy it again")
+    _require_few_pixels(named, *picture.shape[1::-1])
     return np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), dtype=np.uint8)
+
+
+def _require_few_pixels(source: str, wide: int, high: int) -> None:
+    if wide * high > MOST_PIXELS:
+        raise unusable(source, f"frames of {wide} x {high} pixels", f"at most {MOST_PIXELS / 1e6:g} million")
 
 
 def pictures_in(place: Path) -> Pictures:
@@ -110,24 +105,6 @@ def pictures_in(place: Path) -> Pictures:
         return _video(place)
     expected = f"a folder with frame_000000.png ..., or a video ({', '.join(VIDEOS)})"
     raise unusable(place.name, "no such folder or video", expected)
-
-
-def pictures_of(dataset: Any, source: str) -> Pictures:
-    """The frames of an HDF5 dataset (T, H, W, 3), read one at a time."""
-
-    def frames() -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-        for k in range(dataset.shape[0]):
-            try:
-                with limited_memory(MOST_FRAME_MEMORY):
-                    frame = np.asarray(dataset[k], dtype=np.uint8)
-            except (OSError, MemoryError) as cause:
-                if not lacks_memory(cause):
-                    raise
-                fault = f"frame {k} that takes more than {size(MOST_FRAME_MEMORY)} to unpack"
-                raise unusable(source, fault, "a frame of a camera; copy the file again") from cause
-            yield frame
-
-    return Pictures(source, tuple(range(dataset.shape[0])), frames)
 
 
 def _folder(folder: Path) -> Pictures:
@@ -167,9 +144,7 @@ def _video(path: Path) -> Pictures:
         raise unusable(path.name, "a video that cannot be opened", "a whole one; copy it again")
     if said > MOST_FRAMES:
         raise unusable(path.name, f"{said} frames", f"at most {MOST_FRAMES}")
-    if wide * high > MOST_PIXELS:
-        fault = f"frames of {wide} x {high} pixels"
-        raise unusable(path.name, fault, f"at most {MOST_PIXELS / 1e6:g} million")
+    _require_few_pixels(path.name, wide, high)
 
     def frames() -> Iterator[UInt8[np.ndarray, "h w 3"]]:
         video = _capture(path)
@@ -208,66 +183,14 @@ def _require_container(path: Path) -> None:
 
 def _capture(path: Path) -> cv2.VideoCapture:
     """The open video, by FFmpeg alone, in one thread: each thread keeps frames of its own."""
-    with _files_alone(), limited_memory(MOST_FRAME_MEMORY):
+    with limited_memory(MOST_FRAME_MEMORY):
         return cv2.VideoCapture(str(path.absolute()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
 
 
-@contextmanager
-def _files_alone() -> Iterator[None]:
-    """Inside the block FFmpeg has FFMPEG_OPTIONS; the user's own are back after it."""
-    with _OPENING:
-        before = os.environ.get(FFMPEG_VARIABLE)
-        os.environ[FFMPEG_VARIABLE] = FFMPEG_OPTIONS
-        try:
-            yield
-        finally:
-            if before is None:
-                del os.environ[FFMPEG_VARIABLE]
-            else:
-                os.environ[FFMPEG_VARIABLE] = before
-
-
-def _require_size(named: str, data: UInt8[np.ndarray, " n"]) -> int:
-    """The pixels of a picture as its header says.
-
-    Refuse, before it is decoded, a picture larger than any camera in a gel, and one that does not say how
-    large it is: other kinds than PNG and JPEG unpack to any size.
-    """
-    pixels = picture_pixels(data[:MOST_HEADER_BYTES].tobytes())
-    if pixels == 0:
-        raise unusable(named, "a damaged picture, or no PNG or JPEG", "a whole one; copy it again")
-    if pixels > MOST_PIXELS:
-        fault = f"a picture of {pixels / 1e6:.0f} million pixels"
-        raise unusable(named, fault, f"at most {MOST_PIXELS / 1e6:g} million")
-    return pixels
-
-
-def picture_pixels(data: bytes) -> int:
-    """Width times height as the header of a PNG or a JPEG says; 0 where it has none.
-
-    Markers of a JPEG are found as libjpeg finds them (recon.cameras.picture_size says why).
-    """
-    if data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) >= 24:
-        return int.from_bytes(data[16:20], "big") * int.from_bytes(data[20:24], "big")
-    place = 2 if data[:3] == b"\xff\xd8\xff" else len(data)
-    while 0 <= (place := data.find(b"\xff", place)) < len(data) - 8:
-        marker = data[place + 1]
-        if marker in _FRAMES:
-            high, wide = data[place + 5 : place + 7], data[place + 7 : place + 9]
-            return int.from_bytes(high, "big") * int.from_bytes(wide, "big")
-        if marker in (0x00, 0xFF):  # no marker; a fill byte before one
-            place += 1
-        elif marker == 0x01 or 0xD0 <= marker <= 0xD8:  # no length follows
-            place += 2
-        else:
-            place += 2 + max(int.from_bytes(data[place + 2 : place + 4], "big"), 2)
-    return 0
-
-
-def _cut_short(data: UInt8[np.ndarray, " n"], suffix: str) -> bool:
+def _cut_short(data: bytes) -> bool:
     """Whether the file lacks its end mark: decoders fill the missing rows with grey and say nothing."""
-    tail = data[-4096:].tobytes().rstrip(b"\0")[-64:]  # some recorders fill up the last block
-    return (b"IEND" if suffix == ".png" else b"\xff\xd9") not in tail
+    tail = data[-4096:].rstrip(b"\0")[-64:]  # some recorders fill up the last block
+    return (b"IEND" if data.startswith(PICTURES_BEGIN[0]) else b"\xff\xd9") not in tail
 
 
 @dataclass

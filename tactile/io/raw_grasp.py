@@ -1,32 +1,8 @@
 """A grasp in its raw form: the frames of each pad, and what the machine logged.
 
-```
-grasp.toml            what was grasped, and each pad's sensor and pose
-log.csv               time_s, aperture_mm, [frame], [fx_N, fy_N, fz_N, tx_Nmm, ty_Nmm, tz_Nmm]
-<pad>/frame_000000.png ..., <pad>/reference.png         or <pad>.avi, <pad>.mp4 and <pad>/reference.png
-<pad>/times.csv       optional: frame, time_s of the pad's own clock
-```
-
-```toml
-fruit_id = "f01"
-category = "nectarine"
-loading = "grasp"                  # or "press", with one pad `tip`
-pose_aperture_mm = 60.0            # the aperture at which the poses below hold
-sensor = "both.toml"               # optional: of every pad that names none
-[pads.left]                        # and [pads.right]
-sensor = "left.toml"               # beside grasp.toml, or above it; not needed where one is given for all
-pose = [[...], [...], [...], [0, 0, 0, 1]]   # pad frame to fruit frame at that aperture
-frames = "left.avi"                # optional; else the folder <pad>, else <pad>.avi or <pad>.mp4
-second_frames = "left-b"           # a stereo sensor's second camera: a folder with its reference.png,
-                                   # or left-b.avi with left-b/reference.png
-reference = "left/reference.png"   # optional: a picture or a clip of the untouched gel inside the batch, or
-                                   # "estimate" (tactile.io.reference_source)
-reference_frames = [0, 5]          # the mean of frames 0 to 4 of that clip, or of the pad's own frames
-serial = "2A47"                    # optional: the sensor these frames came from
-time_offset_s = 0.0                # optional: the pad's clock less the log's
-```
-A pad moves along
-its own z by half of what the aperture changes (a press: its tip by all of the travel).
+A folder with grasp.toml, log.csv and for each pad a folder of pictures or a video (docs/formats.md, "A raw
+grasp"). A pad moves along its own z by half of what the aperture changes (a press: its tip by all of the
+travel).
 """
 
 import os
@@ -43,8 +19,8 @@ from pipeline.files.plain_file import named_in_utf8, not_plain
 from tactile.io.grasp_log import GraspLog, increasing, read_columns, read_log
 from tactile.io.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
 from tactile.io.recording import PADS_OF_LOADING, Loading, Support
-from tactile.io.reference_source import ESTIMATE, named_reference, read_reference, reference_path
-from tactile.io.sensor_file import look_up_of, read_sensor
+from tactile.io.reference_source import named_reference, read_reference, reference_path
+from tactile.io.sensor_file import read_sensor
 from tactile.io.toml_table import Table, read_table
 from tactile.markers.gaps import at_times
 from tactile.sensors import Sensor
@@ -63,13 +39,11 @@ TOP_KEYS = {"fruit_id", "category", "loading", "support", "sensor", "pose_apertu
 class RawCamera:
     """One camera's untouched gel and its frames.
 
-    `estimated`: no picture of the untouched gel exists, and `reference` is the first frame instead.
     `reference_from`: the file or the frames that it comes from.
     """
 
     reference: UInt8[np.ndarray, "h w 3"]
     pictures: Pictures
-    estimated: bool = False
     reference_from: str = "reference"
 
 
@@ -172,11 +146,7 @@ def _pad(
     described = read_sensor(description)
     pictures = pictures_in(_place(folder, name, table.file_name("frames", default="")))
     untouched = read_reference(folder, name, table, pictures)
-    if untouched.picture is None and described.kind != "markers-mono":
-        fault = f'"{ESTIMATE}" for a sensor of kind "{described.kind}"'
-        expected = "a picture: an estimate has the markers' places alone, enough for markers-mono only"
-        raise table.refusal("reference", fault, expected)
-    first = next(pictures.frames()) if untouched.picture is None else untouched.picture
+    first = untouched.picture
     if described.camera is not None and first.shape[1::-1] != described.camera.image_px:
         width, height = described.camera.image_px
         raise TactileFailure(
@@ -207,7 +177,6 @@ def _pad(
         view=RawCamera(
             reference=first,
             pictures=pictures,
-            estimated=untouched.picture is None,
             reference_from=untouched.source,
         ),
         second=second,
@@ -261,7 +230,7 @@ def _nearest(folder: Path, name: str) -> Path | None:
 
 def files_of(folder: Path) -> tuple[Path, ...]:
     """Every file of the raw grasp: those that lie in it, and those that grasp.toml names wherever they lie
-    (descriptions of sensors and their look-ups, frames, pictures of the untouched gel).
+    (descriptions of sensors, frames, pictures of the untouched gel).
 
     Of a grasp.toml that cannot be read, or names what is not there, as many as can be told.
     """
@@ -284,7 +253,8 @@ def files_of(folder: Path) -> tuple[Path, ...]:
 def _named(folder: Path, name: str, table: Table) -> Iterator[Path]:
     """What one table of grasp.toml names: the whole grasp's (of no name), or a pad's."""
     sensor = _nearest(folder, table.file_name("sensor")) if "sensor" in table.values else None
-    yield from (path for path in (sensor, sensor and look_up_of(sensor)) if path is not None)
+    if sensor is not None:
+        yield sensor
     if not name:
         return
     other = folder / table.file_name("second_frames", default=f"{name}-b")

@@ -5,8 +5,6 @@ and optionally `support`; datasets `time_s`, `aperture_mm`, optionally `wrench_N
 `pads`. Units are mm, N, MPa and s. A pose takes pad coordinates to fruit coordinates.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, cast
@@ -16,18 +14,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import QhullError, Voronoi
 
-from pipeline.files.plain_file import named_in_utf8, size
-from tactile.io.hdf5_faults import (
-    REVERSED,
-    child_group,
-    fault_of,
-    has_reversed_dimensions,
-    link_out,
-    texts_fault,
-)
-from tactile.io.marker_spread import MarkerSpread, read_spread, write_spread
-from tactile.io.pictures import absence
-from tactile.io.recording_fields import ANY, GroupReader, Limit, first_line, unreadable
+from tactile.io.hdf5_file import child_group, opened
+from tactile.io.recording_fields import ANY, GroupReader, Limit
 from tactile.io.specimen import PressedSpecimen, read_specimen, write_specimen
 from tactile.io.written_frames import written_frames
 from tactile.preparation.logger_correction import LoggerCorrection
@@ -43,10 +31,6 @@ FEWEST_MARKERS = 3
 LEAST_SPREAD = 0.01
 """Least spread of a gel's markers across over along (standard deviations): a row 20 mm long whose places are
 read to 0.2 mm is below it, a grid of two rows of eleven has 0.16. Assumed."""
-COMPLETE, COPY_AGAIN = "a complete HDF5 file", "copy it again from the recorder"
-DAMAGED = f"{COPY_AGAIN}: it is cut short or damaged"
-MOST_BYTES = 8_000_000_000
-"""Of a recording with its images; a larger file is refused before it is opened."""
 TIME = Limit(1e10, "seconds (since 1970 they are 1.8e9)")
 APERTURE = Limit(2000.0, "millimetres (is it in m or µm?)")
 WRENCH = Limit(1e7, "newtons and newton millimetres")
@@ -104,8 +88,7 @@ class GelPad:
     untouched gel, and each frame's, show of something that is pressed in, over the least that counts
     (tactile.reference_print). `reference_sd_mm`: standard deviation of each marker's place at rest where that
     was estimated; None where it was seen. `force_scale_sd`, `displacement_scale_sd`: relative standard
-    deviations of both scales, which all markers and frames share; 0 where nobody states them. `spread`: how
-    well single markers are known beyond that.
+    deviations of both scales, which all markers and frames share; 0 where nobody states them.
     """
 
     name: str
@@ -124,7 +107,6 @@ class GelPad:
     reference_sd_mm: Float[np.ndarray, " n"] | None = None
     force_scale_sd: float = 0.0
     displacement_scale_sd: float = 0.0
-    spread: MarkerSpread | None = None
 
     @property
     def marker_kn_N_per_mm(self) -> float | None:
@@ -212,14 +194,14 @@ def read_recording(path: Path) -> Recording:
     wrong shape or type, a value that is not finite, time that does not increase, or a pose that is not rigid.
     """
     with opened(path) as file:
-        turned = has_reversed_dimensions(file)
-        root = GroupReader(path=path, group=file, reversed_dimensions=turned)
+        root = GroupReader(path=path, group=file)
         root.choice("format", {FORMAT})
         root.version("version", VERSION)
         loading = root.choice("loading", set(PADS_OF_LOADING))
         default = "free" if loading == "grasp" else "base"
         read = written_frames(root, PADS_OF_LOADING[loading], time_limit=TIME, aperture_limit=APERTURE)
         frames = read.count
+        rig = _rig_fields(root, frames)
         pads_group = root.child("pads")
         scale_sd = root.optional_positive("force_scale_sd", limit=SCALE_SD) or 0.0
         return Recording(
@@ -232,8 +214,8 @@ def read_recording(path: Path) -> Recording:
             aperture_mm=read.aperture_mm,
             corrections=read.corrections,
             wrench_N=root.array("wrench_N", (frames, 6), limit=WRENCH) if "wrench_N" in root else None,
-            **_rig_fields(root, frames),
-            notes=(REVERSED,) if turned else (),
+            rig_give_mm=rig.get("rig_give_mm"),
+            rig_sd_mm=rig.get("rig_sd_mm"),
             pose_frame=cast(PoseFrame, root.choice("pose_frame", {"fruit", "mat"}, default="fruit")),
             pose_sd_mm=root.optional_positive("pose_sd_mm", limit=POSE_SD),
             pads=tuple(
@@ -284,36 +266,6 @@ def write_recording(path: Path, recording: Recording) -> None:
                 group["force_z_N"] = np.asarray(pad.force_z_N, dtype=np.float64)
 
 
-@contextmanager
-def opened(path: Path) -> Iterator[Any]:
-    """The open file; every complaint of the HDF5 library inside the block becomes a TactileFailure."""
-    if not named_in_utf8(path):
-        fault, expected = "a name that is not UTF-8", "letters, digits, - and _"
-        raise unreadable(path, "the file", fault, expected, "rename it")
-    if missing := absence(path):
-        advice = "record the grasp again or correct the name"
-        raise unreadable(path, "the file", missing, "an HDF5 recording", advice)
-    if (length := path.stat().st_size) > MOST_BYTES:
-        fault = f"{length / 1e9:.1f} GB"
-        advice = "divide the recording, or leave its images out"
-        raise unreadable(path, "the file", fault, f"at most {size(MOST_BYTES)}", advice)
-    if fault := texts_fault(path):
-        raise unreadable(path, "the file", fault, COMPLETE, DAMAGED)
-    try:
-        file = h5py.File(path, "r")
-    except (OSError, RuntimeError, KeyError, TypeError, ValueError) as cause:
-        raise _damaged(path, cause) from cause
-    # The fields' readers answer for TypeError and ValueError: here they would hide mistakes of this program.
-    with file:
-        try:
-            if name := link_out(file):
-                fault = "a link to another file"
-                raise unreadable(path, name, fault, "all fields in this file", "copy them into it")
-            yield file
-        except (OSError, RuntimeError, KeyError) as cause:
-            raise _damaged(path, cause) from cause
-
-
 def is_of_bare_indenter(path: Path) -> bool:
     """Whether the pads of the file at `path`, which may be no recording, have one force and no markers."""
     try:
@@ -325,17 +277,6 @@ def is_of_bare_indenter(path: Path) -> bool:
             )
     except TactileFailure:
         return False
-
-
-def _damaged(path: Path, cause: Exception) -> TactileFailure:
-    said = "" if isinstance(cause, KeyError) else first_line(cause)
-    if known := fault_of(path, said):
-        return unreadable(path, "the file", *known)
-    if "truncated file" in said:
-        fault = "one that is cut short, or that its writer did not close"
-        return unreadable(path, "the file", fault, COMPLETE, COPY_AGAIN)
-    fault = f"no readable HDF5 ({said})" if said else "no readable HDF5"
-    return unreadable(path, "the file", fault, COMPLETE, DAMAGED)
 
 
 def _read_pad(pad: GroupReader, name: str, *, frames: int, scale_sd: float) -> GelPad | IndenterPad:
@@ -366,7 +307,6 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, scale_sd: float) -> G
         force_N=pad.array("force_N", (frames, markers, 3), limit=FORCE),
         **_gel_constants(pad, scale_sd),
         **{name: _known(pad, name, {"t": (frames,), "n": (markers,)}) for name in GEL_KNOWN},
-        spread=read_spread(pad, frames=frames, markers=markers),
     )
 
 
@@ -425,5 +365,3 @@ def _write_gel(group: Any, pad: GelPad) -> None:
         if (said := getattr(pad, name)) is not None:
             group[name] = np.asarray(said, dtype=np.float64)
     group.attrs.update({name: said for f, (name, _) in GEL_CONSTANTS.items() if (said := getattr(pad, f))})
-    if pad.spread is not None:
-        write_spread(group, pad.spread)

@@ -1,44 +1,23 @@
 """Reading single fields of a recording, each with the check that its kind needs."""
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
 import h5py
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float
 
-from pipeline.files.limited_memory import limited_memory
 from pipeline.files.plain_file import printable
-from tactile.io.hdf5_faults import unknown_filter
-from tactile.io.limited_process import lacks_memory
-from tactile.io.pictures import MOST_PIXELS
-from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.io.hdf5_file import first_line, is_elsewhere, unreadable
+from tactile.tactile_failure import TactileFailure
 
 Shape: TypeAlias = tuple[int | None, ...]
 """Lengths of an array; None: any from 1."""
 RIGID_TOLERANCE = 1e-4
 """Largest entry of R'R - I that still counts as a rotation: poses stored in single precision pass."""
-MOST_READ_BYTES = 500_000_000
-"""Of all fields that are read from one file, in double precision: two pads of 400 markers for a minute at 30
-frames a second take 70 MB. Grading takes some times as much."""
-MOST_IMAGE_BYTES = 20_000_000_000
-"""Of all pictures of a pad, which are read one by one: 5 minutes of 640 x 480 in colour at 60 frames/s are
-17 GB. Set by hand."""
-SPARE_BYTES = 100_000_000
-"""What the library may take beside twice the values and four times a chunk, which it unpacks in a buffer that
-grows by doubling."""
-MOST_CHUNK_BYTES = 256_000_000
-"""The library unpacks a whole chunk to read one value of it."""
-MOST_DROPPED = 0.1
-"""Share of the frames that may be dropped for their missing values, at most; a third left out is a finding of
-its own (tactile/checks/time_order.py). It chooses the advice, no more."""
 MOST_CHARACTERS = 200
 """Of a name in a recording. Set by hand: longer text is no name."""
-MOST_ATTRIBUTE_BYTES = 65_536
-"""Of an attribute: HDF5 itself keeps no larger one in an object's header."""
-COARSEST_TIME_S = 1e-3
-"""Times that a type of number cannot hold more finely are no times of frames."""
 FARTHEST_MM = 1e5
 """A pose's shift beyond 100 m is of no gripper."""
 REWRITE = "write the field again as plain numbers or text: HDF5 holds more types than arrays do"
@@ -59,31 +38,6 @@ ANY = Limit(1e12, "in any unit")
 """Of a field without a limit of its own: far beyond any, and its square is finite."""
 
 
-def chunk_bytes(data: Any) -> int:
-    """Bytes of one chunk of a dataset, unpacked; 0 where it has none."""
-    return int(np.prod(data.chunks or (0,), dtype=np.float64)) * int(data.dtype.itemsize)
-
-
-def first_line(cause: Exception) -> str:
-    """What the HDF5 library says, without the lines below it."""
-    return str(cause).splitlines()[0][:120] if str(cause) else type(cause).__name__
-
-
-def unreadable(path: Path, field: str, fault: str, expected: str, advice: str) -> TactileFailure:
-    """The failure sentence of this format: where, what was found, what was expected, what to do."""
-    fault = fault if len(fault) <= 200 else f"{fault[:197]}..."
-    detail = f"{path.name}: {field}: found {fault}, expected {expected}; {advice}."
-    return TactileFailure(TactileProblem.UNREADABLE_RECORDING, printable(detail))
-
-
-@dataclass
-class ReadBudget:
-    """Bytes of the fields that were read from one file so far, and their names: each counts once."""
-
-    used: int = 0
-    counted: set[str] = field(default_factory=set)
-
-
 class FramesRead(int):
     """A number of frames as the first length of a field: `part` of the `total` in the file is read."""
 
@@ -99,17 +53,11 @@ class FramesRead(int):
 
 @dataclass(frozen=True, kw_only=True)
 class GroupReader:
-    """One HDF5 group of one file, and the name it goes by in failures (`prefix`, empty for the root).
-
-    `reversed_dimensions`: every dataset has its dimensions in the opposite order and is read so. `budget`:
-    that of the file, which its groups share.
-    """
+    """One HDF5 group of one file, and the name it goes by in failures (`prefix`, empty for the root)."""
 
     path: Path
     group: Any
     prefix: str = ""
-    reversed_dimensions: bool = False
-    budget: ReadBudget = field(default_factory=ReadBudget)
 
     def __contains__(self, name: str) -> bool:
         self._require_own(name)
@@ -193,11 +141,21 @@ class GroupReader:
             raise self._refuse(
                 name, f"values of type {data.dtype}", "numbers", "write the field as floating point"
             )
-        self._require_budget(name, data, 8)
-        values = _chosen(np.asarray(self._values(name, data, axes=len(shape)), dtype=np.float64), shape)
+        values = np.asarray(self._values(name, data, axes=len(shape)), dtype=np.float64)
+        if shape and isinstance(shape[0], FramesRead):
+            values = values[shape[0].part]
         bad = ~np.isfinite(values) & ~(holes & np.isnan(values))
         if bad.any():
-            raise self._refuse(name, *_not_finite(bad, of_markers=shape[-1] == 3))
+            where = tuple(int(i) for i in np.argwhere(bad)[0])
+            fault = f"{int(bad.sum())} value(s) NaN or infinite, the first at index {where}"
+            if bad.ndim > 1 and shape[-1] == 3:
+                lost = bad.any(axis=-1).reshape(-1, bad.shape[-2])
+                fault += f", in {lost.any(axis=0).sum()} of {lost.shape[1]} markers"
+            advice = (
+                "repair or drop those frames in the recorder, or take those markers out of rest_mm and of "
+                "both fields alike"
+            )
+            raise self._refuse(name, fault, "finite numbers", advice)
         self.require_within(name, values, limit)
         return values
 
@@ -238,13 +196,9 @@ class GroupReader:
         back = np.flatnonzero(np.diff(values) <= 0)
         if len(back):
             k = int(back[0]) + 1
-            step_s = _step_of(self._dataset(name).dtype, values[k])
-            if values[k] == values[k - 1] and step_s > COARSEST_TIME_S:
-                fault = f"equal times in frames {k - 1} and {k}: {values[k]:.0f} s in 32 bits"
-                expected = f"strictly increasing times (float32 has steps of {step_s:g} s there)"
-                raise self._refuse(name, fault, expected, "write float64, or seconds from the first frame")
-            fault = f"{values[k]:g} s in frame {k} after {values[k - 1]:g} s"
-            raise self._refuse(name, fault, "strictly increasing times", "leave out the repeated frames")
+            fault = f"{values[k]:.10g} s in frame {k} after {values[k - 1]:.10g} s"
+            advice = "leave out the repeated frames, and write float64 or seconds from the first frame"
+            raise self._refuse(name, fault, "strictly increasing times", advice)
 
     def poses(self, name: str, frames: int) -> Float[np.ndarray, "t 4 4"]:
         """Rigid transforms, one per frame."""
@@ -259,30 +213,6 @@ class GroupReader:
             raise self._refuse(name, fault, "rigid motions", advice)
         return values
 
-    def images(self, name: str) -> Any:
-        """A dataset to be read frame by frame, none of which is larger than a camera's."""
-        data = self._dataset(name)
-        if data.shape is None or len(data.shape) == 0:
-            raise self._refuse(name, "no frames", "frames", "record the field or write it again")
-        self._require_own_values(name, data)
-        shape = tuple(data.shape)
-        if data.nbytes > MOST_IMAGE_BYTES or data.nbytes > 3 * MOST_PIXELS * len(data):
-            fault = f"shape {shape}, {data.nbytes / 1e9:.1f} GB"
-            expected = (
-                f"at most {MOST_IMAGE_BYTES / 1e9:g} GB, and {MOST_PIXELS / 1e6:g} million pixels a frame"
-            )
-            raise self._refuse(name, fault, expected, "divide the recording")
-        return data
-
-    def picture(self, name: str) -> UInt8[np.ndarray, "h w 3"]:
-        """One raw colour frame."""
-        data, shape = self._dataset(name), (None, None, 3)
-        self._require_shape(name, data, shape)
-        if data.dtype != np.uint8:
-            raise self._refuse(name, f"values of type {data.dtype}", "uint8", "store the raw 8-bit frames")
-        self._require_budget(name, data, 1)
-        return np.asarray(self._values(name, data, axes=3), dtype=np.uint8)
-
     def _attribute(self, name: str) -> Any:
         """What an attribute holds; an array of one is that one, as MATLAB and Julia write them."""
         if name not in self.group.attrs:
@@ -290,15 +220,7 @@ class GroupReader:
                 f"attribute {name}", "nothing", "the attribute to be present", "add it to the file"
             )
         try:
-            held = self.group.attrs.get_id(name)
-            null = held.get_space().get_simple_extent_type() == h5py.h5s.NULL
-            length = 0 if null else int(np.prod(held.shape, dtype=np.float64)) * held.dtype.itemsize
-            text = h5py.check_string_dtype(held.dtype) is not None
-            if length > MOST_ATTRIBUTE_BYTES or not (null or text or held.dtype.kind in "fiubS"):
-                fault = f"{length} bytes of type {held.dtype}"
-                raise self._refuse(f"attribute {name}", fault, "one number or text", REWRITE)
-            with limited_memory(SPARE_BYTES):
-                value = self.group.attrs[name]
+            value = self.group.attrs[name]
             return value.flat[0] if isinstance(value, np.ndarray) and value.size == 1 else value
         except (TypeError, ValueError) as cause:
             raise self._refuse(
@@ -312,28 +234,6 @@ class GroupReader:
         if not isinstance(self.group.get(name, getlink=True, default=h5py.HardLink()), h5py.HardLink):
             raise self._refuse(name, "a link", "the field itself", "write its values into this file")
 
-    def _require_budget(self, name: str, data: Any, value_bytes: int) -> None:
-        """Refuse, before it is read, what would not fit into memory with all that was read before."""
-        self._require_own_values(name, data)
-        if self.prefix + name not in self.budget.counted:
-            self.budget.counted.add(self.prefix + name)
-            self.budget.used += data.size * max(value_bytes, data.dtype.itemsize)
-        if self.budget.used > MOST_READ_BYTES:
-            fault = f"shape {tuple(data.shape)}, {self.budget.used / 1e6:.0f} MB in all fields up to this one"
-            raise self._refuse(name, fault, f"at most {MOST_READ_BYTES / 1e6:g} MB", "divide the recording")
-
-    def _require_own_values(self, name: str, data: Any) -> None:
-        """Refuse values that lie in other files, and chunks that are too large to unpack."""
-        if data.external or data.is_virtual:
-            fault = "values kept in another file"
-            raise self._refuse(name, fault, "values in this file", "write them into the recording")
-        if lacking := unknown_filter(data):
-            fault = f"values packed by the filter {lacking}, which is not installed here"
-            raise self._refuse(name, fault, "gzip, LZF or no packing", "write the field again with gzip")
-        if (chunk := chunk_bytes(data)) > MOST_CHUNK_BYTES:
-            fault = f"chunks of {chunk / 1e6:.0f} MB"
-            raise self._refuse(name, fault, f"at most {MOST_CHUNK_BYTES / 1e6:g} MB", REWRITE)
-
     def _dataset(self, name: str) -> Any:
         """The dataset of this name, still unread. Raises TactileFailure where there is none."""
         self._require_own(name)
@@ -346,41 +246,40 @@ class GroupReader:
             raise self._refuse(
                 name, "nothing", "a dataset of this name", "add the missing field to the recording"
             )
+        if is_elsewhere(data):
+            fault = "values kept in another file"
+            raise self._refuse(name, fault, "values in this file", "write them into the recording")
         return data
 
     def _values(self, name: str, data: Any, *, axes: int) -> Any:
-        """All values, in the order of dimensions that is expected; a single row or column as a vector."""
-        most = 2 * data.nbytes + 4 * chunk_bytes(data) + SPARE_BYTES
+        """All values; a single row or column as a vector."""
         try:
-            with limited_memory(most):
-                values = data[()]
-            values = values.T if self.reversed_dimensions else values
-            return values.reshape(-1) if axes == 1 else values
+            values = data[()]
         except (TypeError, ValueError) as cause:
             raise self._refuse(name, first_line(cause), "numbers", REWRITE) from cause
-        except (OSError, MemoryError) as cause:
-            if not lacks_memory(cause) and "filter returned failure" not in str(cause):
-                raise
-            fault = f"values that are damaged, or take more than {most / 1e6:.0f} MB to unpack"
-            expected = f"{data.nbytes / 1e6:.1f} MB, as the shape {tuple(data.shape)} says"
-            raise self._refuse(name, fault, expected, "copy the file again from the recorder") from cause
+        except OSError as cause:
+            steps = data.id.get_create_plist()
+            filters = [steps.get_filter(k)[0] for k in range(steps.get_nfilters())]
+            lacking = [number for number in filters if not h5py.h5z.filter_avail(number)]
+            fault = f"values that the HDF5 library does not read ({first_line(cause)})"
+            if lacking:
+                fault = f"values packed by the HDF5 filter {lacking[0]}, which is not installed"
+            expected, advice = "gzip, LZF or no packing", "write the field again, or copy the file again"
+            raise self._refuse(name, fault, expected, advice) from cause
+        return values.reshape(-1) if axes == 1 else values
 
     def _require_shape(self, name: str, data: Any, shape: Shape) -> None:
         """Raises TactileFailure where a dataset has another shape; None stands for any length from 1."""
         if data.shape is None:  # HDF5's null dataspace: a type and no values, not even an empty array
             raise self._refuse(name, "an empty dataset", "values in it", "record the field or write it again")
         shape = tuple(n.total if isinstance(n, FramesRead) else n for n in shape)
-        held = tuple(data.shape)
-        have = held[::-1] if self.reversed_dimensions else held
+        held = have = tuple(data.shape)
         if len(shape) == 1 and len(have) == 2 and 1 in have:  # MATLAB has no vectors, but rows and columns
             have = (max(have),)
         if not fits(have, shape):
             advice = "frames and markers must agree with time_s and rest_mm"
             if fits(have[::-1], shape):
-                advice = (
-                    "the dimensions are reversed, as MATLAB writes them, but those of other fields are not: "
-                    "permute this one"
-                )
+                advice = "the dimensions are reversed, as MATLAB writes them: permute them before h5write"
             raise self._refuse(name, f"shape {held}", shape_said(shape), advice)
 
     def _refuse(self, field: str, fault: str, expected: str, advice: str) -> TactileFailure:
@@ -388,37 +287,6 @@ class GroupReader:
         inside = f" of /{self.prefix.rstrip('/')}" if self.prefix else ""
         where = field + inside if attribute else self.prefix + field
         return unreadable(self.path, where, fault, expected, advice)
-
-
-def _chosen(values: np.ndarray, shape: Shape) -> np.ndarray:
-    """The frames that are read, where the first length is theirs."""
-    return values[shape[0].part] if shape and isinstance(shape[0], FramesRead) else values
-
-
-def _not_finite(bad: Bool[np.ndarray, "..."], *, of_markers: bool) -> tuple[str, str, str]:
-    """What was found, expected and is to be done where values are NaN or infinite: lost markers, or frames.
-
-    `of_markers`: the last axis are x, y, z of a marker, and the one before it the markers.
-    """
-    where = tuple(int(i) for i in np.argwhere(bad)[0])
-    count = f"{int(bad.sum())} value(s) NaN or infinite, the first at index {where}"
-    if of_markers and bad.ndim > 1:
-        lost = bad.any(axis=-1).reshape(-1, bad.shape[-2])  # frames (one, of places at rest), markers
-        never, ever = int(lost.all(axis=0).sum()), int(lost.any(axis=0).sum())
-        markers, frames = lost.shape[1], lost.shape[0]
-        if never:
-            within = "" if frames == 1 else " in any frame"
-            fault = f"{never} of {markers} markers have no values{within} ({count})"
-            advice = (
-                "track those markers in the recorder, or take them out of rest_mm and of both fields alike"
-            )
-            return fault, "a finite number for each marker", advice
-        spoilt = int(lost.any(axis=1).sum())
-        if spoilt > MOST_DROPPED * frames:
-            fault = f"{ever} of {markers} markers have no values in some of the frames ({count})"
-            advice = f"track them throughout: {spoilt} of {frames} frames lack some, too many to drop them"
-            return fault, "a finite number for each marker and frame", advice
-    return count, "finite numbers", "repair or drop those frames in the recorder"
 
 
 def fits(have: tuple[int, ...], wanted: Shape) -> bool:
@@ -435,11 +303,6 @@ def shape_said(wanted: Shape) -> str:
     'shape (any, 3)'
     """
     return "shape (" + ", ".join("any" if length is None else str(length) for length in wanted) + ")"
-
-
-def _step_of(kind: Any, value: float) -> float:
-    """The distance from a value to the next one that a type of floating point holds; 0 of whole numbers."""
-    return float(np.spacing(kind.type(abs(value)))) if kind.kind == "f" else 0.0
 
 
 def _said(value: object) -> str:

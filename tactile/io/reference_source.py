@@ -2,8 +2,7 @@
 
 `reference` is a picture, or another clip of the same gel (a folder of frame_*.png or a video), beside the
 grasp or elsewhere in its batch; `reference_frames = [k, m]` are frames k to m - 1 of that clip or, without
-one, of the pad's own. `reference = "estimate"`: the gel is never untouched in view
-(tactile.pad_reference).
+one, of the pad's own.
 """
 
 from dataclasses import dataclass
@@ -15,7 +14,6 @@ from jaxtyping import UInt8
 from tactile.io.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
 from tactile.io.toml_table import Table
 
-ESTIMATE = "estimate"
 BATCH = "batch.toml"
 """In the folder that nothing named in a grasp may lead out of."""
 FOLDERS_ABOVE = 4
@@ -23,16 +21,16 @@ FOLDERS_ABOVE = 4
 MOST_FRAMES = 1000
 """Of a mean: noise falls by thirty with them, and the frames of a longer clip need not be read."""
 ADVICE = (
-    "a picture of the untouched gel; or name another clip or picture of it (reference = ...), frames of it "
-    '(reference_frames = [0, 5]), or reference = "estimate"'
+    "a picture of the untouched gel; or name another clip or picture of it (reference = ...), or frames of "
+    "it (reference_frames = [0, 5])"
 )
 
 
 @dataclass(frozen=True)
 class Reference:
-    """The picture, and the file or the frames that it comes from; no picture where it is to be estimated."""
+    """The picture, and the file or the frames that it comes from."""
 
-    picture: UInt8[np.ndarray, "h w 3"] | None
+    picture: UInt8[np.ndarray, "h w 3"]
     source: str
 
 
@@ -44,10 +42,6 @@ def read_reference(folder: Path, pad: str, table: Table, pictures: Pictures) -> 
     """
     said = table.file_name("reference", default="")
     chosen = "reference_frames" in table.values
-    if said == ESTIMATE:
-        if chosen:
-            raise table.refusal("reference_frames", 'frames beside reference = "estimate"', "one of the two")
-        return Reference(None, "estimated from the pad's frames")
     if not said and not chosen:
         path = reference_path(folder / pad)
         if not path.is_file():

@@ -1,28 +1,7 @@
 """A rig's description in TOML, as `drupe calibrate` writes it from squeezes of a rigid object.
 
-```toml
-format = "drupe-rig"
-version = 1
-object = "steel ball"            # what was squeezed, in words
-shape = "ball"                   # or "block"
-size_mm = 40.0                   # a ball's diameter, a block's thickness
-made = "2026-11-23"
-squeezes = 5
-least_N = 0.2                    # smallest force of a reading
-[travel]                         # of the whole path, over the force
-force_N = [0.0, 1.0, 2.0]        # from 0 up to the largest that every squeeze reached
-give_mm = [0.0, 0.2, 0.35]       # never falls
-sd_mm = [0.0, 0.01, 0.02]
-[jaws]                           # optional, of gel recordings: the same less what the gels' markers show
-[gels]                           # optional, of gel recordings: what they show
-[spread]                         # of [travel] (or [jaws]): its parts at the largest force, mm
-repeat_mm = 0.02
-hysteresis_mm = 0.01
-scatter_mm = 0.003
-[[recordings]]
-name = "squeeze-1.csv"
-sha256 = "..."
-```
+The curve [travel] is of the whole path, [jaws] the same less what the gels' markers show; both give the
+travel and its standard deviation over the force (docs/formats.md).
 """
 
 import datetime

@@ -1,23 +1,8 @@
 """A gripper on a robot in TOML: the pads' places on the flange; and where the robot stands, as calibrated.
 
-gripper.toml, from the gripper's drawing:
-```toml
-pose_aperture_mm = 60.0            # the aperture at which the poses hold
-pose_sd_mm = 0.2                   # optional: standard deviation of a pad's place on the flange, per axis
-wrench_frame = "flange"            # or "base": of the load cell's wrench; needed where recordings have one
-[pads.left]                        # and [pads.right]; of a press [pads.tip]
-pose = [[0, 0, 1, -30], [1, 0, 0, 0], [0, 1, 0, 150], [0, 0, 0, 1]]   # pad frame to flange frame, mm
-```
-robot.toml, as `drupe robot` writes it, holds the same tables and
-```toml
-format = "drupe-robot"
-version = 1
-base_from_mat = [[...], [...], [...], [0, 0, 0, 1]]    # mm
-covariance = [[...], ...]          # 6 x 6, of a turn (rad) and a shift (mm) in the mat's axes
-flange_sd_mm = 0.1                 # of a single flange pose, per axis
-flange_sd_deg = 0.05
-```
-and figures for people.
+gripper.toml has the poses from the gripper's drawing; robot.toml, as `drupe robot` writes it, holds the same
+tables and `base_from_mat` with its covariance, of a turn (rad) and a shift (mm) in the mat's axes
+(docs/formats.md).
 """
 
 from dataclasses import dataclass

@@ -1,17 +1,8 @@
 """Marker fields, aperture and poses of a grasp from a ROS 2 bag (MCAP), by the topics that a TOML file names.
 
-```toml
-aperture = "/gripper/aperture"             # Float64 or Float32; may be left out if there are poses
-length = "m"                               # of all lengths but poses (always metres): "m" or "mm"
-[left]                                     # and [right]; of a press [tip] alone
-rest = "/left/rest"                        # markers at rest: the first message counts
-displacement = "/left/displacement"        # its times are those of the frames
-force = "/left/force"                      # N, of the gel on the fruit
-pose = "/left/pose"                        # PoseStamped: pad frame to fruit frame; may be left out
-```
-
 Fields are PointCloud2 (x, y, z) or Float64MultiArray, Float32MultiArray (x, y, z of each marker in turn).
-Times are those at which messages were logged: one computer's clock. Lengths are metres in ROS (REP 103).
+Times are those at which messages were logged: one computer's clock. Lengths are metres in ROS (REP 103), but
+the TOML file (docs/formats.md) may state mm.
 """
 
 from collections.abc import Callable

@@ -1,85 +1,30 @@
-"""A sensor's description in TOML, one file per sensor.
+"""A sensor's description in TOML, one file per sensor (docs/formats.md, "A sensor's description")."""
 
-```toml
-kind = "markers-mono"            # markers-mono, markers-stereo, photometric, fields
-name = "GelSight Mini"
-serial = "2A47"                  # optional; frames that name another serial are refused
-ambient = 0.3                    # optional: light from all sides, in the unit of the lights' colours (0)
-gamma = 2.2                      # optional: of the pictures (1.0, linear)
-
-[gel]                            # not needed by kind "fields"
-thickness_mm = 4.0
-E_MPa = 0.25
-nu = 0.48
-size_mm = [26.0, 22.0]           # optional: a rectangular gel, x and y; without it its sides are far away
-centre_mm = [0.0, 0.0]           # optional, with size_mm: its middle
-sides = "free"                   # optional, with size_mm: free, or bonded to a stiff frame
-face_radius_mm = [189.0, 114.0]  # optional, with size_mm: of a domed face along x and y; flat without it
-gel_kn_MPa_per_mm = 0.3          # optional, where they were measured
-gel_kt_MPa_per_mm = 0.02
-
-[camera]                         # and [second_camera] for markers-stereo
-image_px = [640, 480]
-focal_px = [520.0, 520.0]
-centre_px = [319.5, 239.5]
-distortion = [0.0, 0.0, 0.0, 0.0, 0.0]      # k1, k2, p1, p2, k3
-gel_from_camera = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, -16], [0, 0, 0, 1]]
-
-[markers]                        # optional: a grid, or rest_mm = [[x, y, z], ...]
-rows = 7
-columns = 9
-pitch_mm = [2.0, 2.0]
-first_mm = [-8.0, -6.0, 0.0]     # optional; without it the grid is centred
-
-[spread]                         # optional: relative standard deviations that all markers and frames share
-force = 0.21
-displacement = 0.02
-
-[[lights]]                       # photometric: three lights or more (z below 0), or at the top
-                                 # calibration_file = "look-up.npz", optionally with its calibration_sha256
-direction = [1.0, 0.0, -0.5]
-colour = [1.0, 0.0, 0.0]
-```
-"""
-
-import hashlib
 from pathlib import Path
 from typing import cast
 
 import numpy as np
 from jaxtyping import Float
 
-from pipeline.files.plain_file import NotReadable, read_bytes
 from tactile.gel.gel_sides import SIDES, GelOutline, GelSides
-from tactile.io.plain_numpy import MOST_BYTES
 from tactile.io.recording import MODULUS, RATIO, SCALE_SD, STIFFNESS, THICKNESS
-from tactile.io.recording_fields import Limit
 from tactile.io.toml_table import Table, read_table
-from tactile.sensors import GelCamera, GelLight, Sensor, SensorKind, marker_grid
-from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.sensors import GelCamera, Sensor, SensorKind, marker_grid
+from tactile.tactile_failure import TactileProblem
 
-KINDS = ("markers-mono", "markers-stereo", "photometric", "fields")
-TOP = {
-    "kind", "name", "serial", "gel", "camera", "second_camera", "markers", "lights", "calibration_file",
-    "calibration_sha256", "calibrated_on", "ambient", "gamma", "spread",
-}  # fmt: skip
+KINDS = ("markers-mono", "markers-stereo", "fields")
+TOP = {"kind", "name", "serial", "gel", "camera", "second_camera", "markers", "calibrated_on", "spread"}
 GEL = {
     "thickness_mm", "E_MPa", "nu", "size_mm", "centre_mm", "sides", "face_radius_mm", "gel_kn_MPa_per_mm",
     "gel_kt_MPa_per_mm",
 }  # fmt: skip
 SIZE_MM = (1.0, 1000.0)
 """Of a gel's face, least and most."""
-FEWEST_LIGHTS = 3
-"""Three brightnesses tell a face's two slopes and its albedo (photometric stereo)."""
 MOST_SAG = 0.6
 """Of the thickness that a domed face's corners may lie below its middle. Set by hand: GelSight Mini's have a
 third."""
-GAMMA = Limit(10.0, "", least=0.1)
-"""Of screens and cameras 1.8 to 2.6."""
 LEAST_PITCH_MM = 0.01
 """Markers closer than a cell of skin are none that a camera in a gel tells apart."""
-FAINTEST = 1e-6
-"""A channel's light over the brightest's: an 8-bit picture tells 4e-3."""
 
 
 def read_sensor(path: Path) -> Sensor:
@@ -93,14 +38,9 @@ def read_sensor(path: Path) -> Sensor:
     top.refuse_unknown(TOP)
     top.day("calibrated_on")
     kind = top.choice("kind", KINDS)
-    photometric, stereo, images = kind == "photometric", kind == "markers-stereo", kind != "fields"
+    stereo, images = kind == "markers-stereo", kind != "fields"
     gel = top.table("gel", needed=images)
     gel.refuse_unknown(GEL)
-    lights = _lights(top)
-    calibration = _calibration(top)
-    if photometric and len(lights) < FEWEST_LIGHTS and calibration is None:
-        fault = f"{len(lights)} lights and no calibration_file"
-        raise top.refusal("lights", fault, f"{FEWEST_LIGHTS} [[lights]] or a calibration_file")
     outline = _outline(gel)
     return Sensor(
         kind=cast(SensorKind, kind),
@@ -115,10 +55,6 @@ def read_sensor(path: Path) -> Sensor:
         gel_kn_MPa_per_mm=gel.within("gel_kn_MPa_per_mm", STIFFNESS, needed=False),
         gel_kt_MPa_per_mm=gel.within("gel_kt_MPa_per_mm", STIFFNESS, needed=False),
         rest_mm=_rest(top.table("markers", needed=False), outline),
-        lights=lights,
-        ambient=_ambient(top),
-        gamma=top.within("gamma", GAMMA, needed=False) or 1.0,
-        calibration_file=calibration,
         force_sd=_spread(top, "force"),
         displacement_sd=_spread(top, "displacement"),
     )
@@ -162,14 +98,6 @@ def _outline(gel: Table) -> GelOutline | None:
         )
         raise gel.refusal("face_radius_mm", fault, f"corners at most {MOST_SAG:.0%} of the thickness lower")
     return outline
-
-
-def look_up_of(path: Path) -> Path | None:
-    """The look-up that a description names, if both can be read."""
-    try:
-        return _calibration(read_table(path, TactileProblem.UNREADABLE_SENSOR, what="a sensor's description"))
-    except TactileFailure:
-        return None
 
 
 def _camera(table: Table) -> GelCamera | None:
@@ -220,59 +148,5 @@ def _rest(table: Table, outline: GelOutline | None) -> Float[np.ndarray, "n 3"] 
     return grid
 
 
-def _lights(top: Table) -> tuple[GelLight, ...]:
-    """The lights, which together must light every channel: a dark one has no brightness to compare."""
-    lights = tuple(_light(table) for table in top.tables("lights"))
-    if lights:
-        total = np.sum([light.colour for light in lights], axis=0)
-        dark = [name for name, value in zip("RGB", total, strict=True) if value <= FAINTEST * total.max()]
-        if dark:
-            fault = f"no light in {' and '.join(dark)}"
-            raise top.refusal("lights", fault, "colours (R, G, B) that light every channel")
-    return lights
-
-
-def _ambient(top: Table) -> float:
-    value = top.number("ambient", needed=False, above=-np.inf)
-    if value is not None and value < 0.0:
-        raise top.refusal("ambient", f"{value:g}", "0 or a number above, in the unit of the lights' colours")
-    return value or 0.0
-
-
-def _light(table: Table) -> GelLight:
-    """One light of a sensor: unit direction and colour. Raises TactileFailure."""
-    table.refuse_unknown({"direction", "colour"})
-    direction = table.numbers("direction", (3,))
-    length = float(np.linalg.norm(direction))
-    if length == 0.0:
-        raise table.refusal("direction", "zero", "the direction from the gel to the light")
-    if direction[2] >= 0.0:
-        fault = f"z = {direction[2]:g}, a light on the fruit's side"
-        raise table.refusal("direction", fault, "z below 0: from the gel to the light, z out of the gel")
-    colour = table.numbers("colour", (3,))
-    if (colour < 0.0).any():
-        raise table.refusal("colour", str(colour.tolist()), "three numbers, none below 0")
-    return GelLight(direction=direction / length, colour=colour)
-
-
 def _two(pair: Float[np.ndarray, "2"]) -> tuple[float, float]:
     return float(pair[0]), float(pair[1])
-
-
-def _calibration(top: Table) -> Path | None:
-    """The calibration file, its digest checked; None where none is named. Raises TactileFailure."""
-    name = top.file_name("calibration_file", default="")
-    path = top.path.parent / name
-    if name and not path.is_file():
-        raise top.refusal("calibration_file", f"no file {name}", "a file beside this one")
-    wanted = top.text("calibration_sha256", default="")
-    if name and wanted:
-        try:
-            digest = hashlib.sha256(read_bytes(path, most_bytes=MOST_BYTES)).hexdigest()
-        except NotReadable as cause:
-            raise top.refusal("calibration_file", f"that {name} {cause}", "a look-up") from cause
-        if digest != wanted.lower():
-            fault = f"{name} of another calibration (SHA-256 {digest[:12]}...)"
-            expected = f"the look-up that was made with this description ({wanted[:12]}...); calibrate again"
-            raise top.refusal("calibration_file", fault, expected)
-    return path if name else None

@@ -3,7 +3,6 @@ something beside it may change what it means.
 """
 
 import functools
-import math
 import re
 import unicodedata
 from dataclasses import dataclass
@@ -64,17 +63,11 @@ _ONE_LETTER = "smgN"
 """Units of one letter that a name may end in without brackets; others are axes and channels there."""
 _NO_FORCE_OR_LENGTH = frozenset({PRESSURE, VOLTAGE, RATIO})
 """What a column of a like name may hold in place of a force or a travel."""
-_NUMBER = r"(?:\d+(?:[.,]\d+)?)"
-_TEN = r"(?:10+|1[ .,']000|0[.,]0*1)"
 _FACTOR = re.compile(
-    rf"(?<![^\W_])[x×✕]\s*(?!1(?![\d.,^e*])){_NUMBER}"  # x 10, (x1000); x1 changes nothing
-    rf"|{_NUMBER}\s*[x×✕](?![^\W_])|[*·∙⋅÷/]\s*(?!1(?![\d.,^e*])){_NUMBER}"  # 10x, *1000, /10
-    r"|10\s*(?:\^|\*\*|[⁺⁻]?[⁰¹²³⁴⁵⁶⁷⁸⁹])|(?<![\w.])\d+[eE][+-]?\d"  # 10^3, 10³, 1e3
-    rf"|[(\[{{]\s*{_TEN}\s*[)\]}}]",  # (1000)
+    r"(?:(?<![^\W_])[x×✕]|[*·∙⋅÷/^])\s*\d+|\d+\s*(?:[x×✕](?![^\W_])|[*·∙⋅^])"  # x 10, /10, 10x, 10^3
+    r"|\d[⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻]|\d[eE][+-]?\d|(?<![\w.,])(?:10+|0[.,]\d+)\s*$"  # 10³, 1e3, 1000 before the unit
 )
-"""What multiplies or divides. A number alone is a channel's or a cell's."""
-_TEN_BEFORE = re.compile(rf"(?<![\w.,]){_TEN}$")
-_SHORT_WORD = re.compile(r"(?<![^\W\d_])[^\W\d_]{2,3}(?![^\W\d_])")
+"""What multiplies or divides. Another number alone is a channel's or a cell's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -174,10 +167,10 @@ def _registry() -> "pint.UnitRegistry":
 
 
 def unit_of_name(name: str, quantity: str) -> Unit | NoUnit | None:
-    """The unit that a column's name states: in brackets, or at its end; None where it states none.
+    """The unit that a column's name states at its end, in brackets or not; None where it states none.
 
     What stands at the end without brackets is a unit only where it fits, or is plainly of another quantity.
-    A second unit, a factor, or a number behind the unit leaves the unit open (`NoUnit.open`).
+    Anything behind the brackets, a second unit or a factor leaves the unit open (`NoUnit.open`).
 
     >>> unit_of_name("Normal force (kN)", "force").factor, unit_of_name("travel_in", "travel").factor
     (1000.0, 25.4)
@@ -186,58 +179,37 @@ def unit_of_name(name: str, quantity: str) -> Unit | NoUnit | None:
     >>> unit_of_name("Load cell 2 (N)", "force").text, unit_of_name("Force (N) x 10", "force").open
     ('N', True)
     """
+    name = name.strip()
     brackets = list(_IN_BRACKETS.finditer(name))
     if not brackets:
-        return unit_with_factor(name) or _at_end(name, quantity)
-    readings = [(read_unit(bracket[1], quantity), bracket.end()) for bracket in brackets]
-    unit, end = min(
-        readings, key=lambda reading: (not isinstance(reading[0], Unit), not _of_another(reading[0]))
-    )
-    if _of_another(unit):
+        return _at_end(name, quantity)
+    unit = read_unit(brackets[-1][1], quantity)
+    if isinstance(unit, NoUnit) and unit.other is not None:
         return unit
-    units = [candidate for candidate, _ in readings if isinstance(candidate, Unit)]
-    if units and re.search(r"\d", name[end:]):
-        return _open(name, "has a number behind it")
-    over = re.match(r"\s*(?:/|per\b)\s*([^\W\d_]+)", name[end:])
-    if over is not None and is_unit(over[1]):
-        return _open(name, "is divided by another unit")
-    return unit_with_factor(name) or _second_unit(name, quantity, units) or unit
+    text = name[: brackets[0].start()].strip().removesuffix(" in")
+    before = _at_end(text, quantity)
+    if isinstance(before, Unit) and isinstance(unit, Unit) and before.factor != unit.factor:
+        return _open(name, "has a second unit beside it")
+    if len(brackets) > 1 or brackets[-1].end() < len(name):
+        return _open(name, "has more than its unit at its end")
+    return with_factor(text) or with_factor(brackets[-1][1]) or unit
 
 
-def unit_with_factor(text: str) -> NoUnit | None:
-    """An open unit where the text holds a factor: nobody can tell which way it was applied."""
+def with_factor(text: str) -> NoUnit | None:
+    """A text that multiplies or divides; None for one that does not."""
     factor = _FACTOR.search(text)
     return None if factor is None else _open(text, f'has a factor beside it ("{factor[0].strip()}")')
 
 
 def _at_end(name: str, quantity: str) -> Unit | NoUnit | None:
-    end = _AT_END.search(name.strip())
+    end = _AT_END.search(name)
     if end is None or (len(end[1]) == 1 and end[1] not in (*_ONE_LETTER, "V")):
-        return None
+        return with_factor(name)
     unit = read_unit(end[1], quantity)
     if isinstance(unit, Unit):
-        before = name.strip()[: end.start(1)]
-        if _TEN_BEFORE.search(before.rstrip()):
-            return _open(name, "has a number before it")
-        return _second_unit(before, quantity, [unit]) or unit
+        return with_factor(name[: end.start(1)]) or unit
     return unit if unit.other in _NO_FORCE_OR_LENGTH else None
-
-
-def _second_unit(name: str, quantity: str, units: list[Unit]) -> NoUnit | None:
-    """A unit of the same quantity and another size beside `units`, in brackets or as a short word."""
-    words = [word for word in _SHORT_WORD.findall(_IN_BRACKETS.sub(" ", name)) if word.lower() != "in"]
-    every = [
-        *units,
-        *(second for second in (read_unit(word, quantity) for word in words) if isinstance(second, Unit)),
-    ]
-    if all(math.isclose(unit.factor, every[0].factor, rel_tol=1e-6) for unit in every[1:]) or not units:
-        return None
-    return _open(name, "has a second unit beside it")
 
 
 def _open(name: str, why: str) -> NoUnit:
     return NoUnit(text=unicodedata.normalize("NFC", name.strip())[:60], why=why, open=True)
-
-
-def _of_another(unit: Unit | NoUnit) -> bool:
-    return isinstance(unit, NoUnit) and unit.other is not None

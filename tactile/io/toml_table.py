@@ -83,13 +83,6 @@ class Table:
             raise self.refusal(name, "nothing", f"a table [{name}]: this kind of sensor needs it")
         return Table(self.path, self.problem, entry, f"{self.prefix}{name}.")
 
-    def tables(self, name: str) -> list["Table"]:
-        """The list of tables `name`."""
-        entries = self.values.get(name, [])
-        if not isinstance(entries, list) or not all(isinstance(item, dict) for item in entries):
-            raise self.refusal(name, repr(entries), f"tables [[{name}]]")
-        return [Table(self.path, self.problem, item, f"{name}[{k}].") for k, item in enumerate(entries)]
-
     def text(self, name: str, *, default: str | None = None) -> str:
         """A text; `default` where it may be left out."""
         value = self.values.get(name, default)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 from tactile.io.cell_rows import LOOKED_AT, SPACES, Cell, CellTable, Row, number_of
 from tactile.io.pictures import unusable
-from tactile.io.stated_unit import EXAMPLES, NoUnit, Unit, is_unit, read_unit, unit_of_name, unit_with_factor
+from tactile.io.stated_unit import EXAMPLES, NoUnit, Unit, is_unit, read_unit, unit_of_name, with_factor
 from tactile.tactile_failure import TactileFailure
 
 TRAVEL = ("travel_mm", "aperture_mm")
@@ -18,12 +18,12 @@ KNOWN = {"time": ("time_s",), "force": FORCE, "travel": TRAVEL, "gap": ("gap_mm"
 """The names that are known without an option. A gap takes the place of a travel."""
 _LIKE = {
     "time": r"time|zeit|temps|tiempo|^t$",
-    "force": r"(?<!goal)(?<!goal.)(force|kraft|load|fz|peso|last)",
+    "force": r"force|kraft|load|fz|peso|last",
     "travel": r"travel|displ|pos|ext|stroke|weg|allongement|course|depth|indentation|crosshead|way",
-    "gap": r"gap|width|opening|aperture|ecartement|écartement|abstand",
+    "gap": r"gap|width|opening|aperture|[eé]cartement|abstand",
 }
 """Words in names of columns by which an option is proposed (it is never taken without being given)."""
-_NOT_MEASURED = re.compile(r"goal|target|set|soll|cons|command|step", re.IGNORECASE)
+_NOT_MEASURED = re.compile(r"goal|target|set|soll|cons|command", re.IGNORECASE)
 _ROWS_BELOW = 3
 """Rows below the names in which a row of units is looked for."""
 
@@ -211,7 +211,7 @@ def _stated(name: str, in_row: str, quantity: str) -> list[Unit | NoUnit]:
 
 def _in_row(cell: str, quantity: str) -> Unit | NoUnit | None:
     """What a cell of the row of units states; an empty one nothing."""
-    return unit_with_factor(cell) or read_unit(cell, quantity) if cell else None
+    return with_factor(cell) or read_unit(cell, quantity) if cell else None
 
 
 def _asked(quantity: str, stated: Sequence[Unit | NoUnit]) -> str:
@@ -221,7 +221,7 @@ def _asked(quantity: str, stated: Sequence[Unit | NoUnit]) -> str:
 
 def columns_wanted(source: str, sheets: Sequence[CellTable], words: TraceWords) -> TactileFailure:
     """The columns that the file has, and the option to give for them."""
-    tables = [(sheet, header_above_numbers(sheet.rows)[0]) for sheet in sheets]
+    tables = [(sheet, header_above_numbers(sheet.rows)) for sheet in sheets]
     tables = [(sheet, header) for sheet, header in tables if header]
     if not tables:
         return unusable(
@@ -229,7 +229,7 @@ def columns_wanted(source: str, sheets: Sequence[CellTable], words: TraceWords) 
             "no row of names above columns of numbers",
             "a table: a line of names, then one row for each moment with time, force and travel",
         )
-    sheet, header = max(tables, key=lambda table: sum(bool(_like(q, table[1])) for q in KNOWN))
+    sheet, header = max(tables, key=lambda table: len(table[1]))
     listed = ", ".join(f'"{name}"' if not name or " " in name else name for name in header if name)
     where = f' in the sheet "{sheet.name}"' if sheet.name else ""
     others = [other.name for other, _ in tables if other is not sheet]
@@ -240,71 +240,42 @@ def columns_wanted(source: str, sheets: Sequence[CellTable], words: TraceWords) 
             meant = f'; did you mean {quantity}="{near[0]}"?' if near else ""
             fault = f'no column "{name}" for {quantity}{where}, but {listed}{others_named}'
             return unusable(source, fault, f"one of these names{meant}")
-    option = proposed(header, header_above_numbers(sheet.rows)[1])
     return unusable(
         source,
         f"the columns {listed}{where}{others_named}",
-        f"time_s, travel_mm and force_N, or these named: give {option}",
+        f"time_s, travel_mm and force_N, or these named: give {proposed(header)}",
     )
 
 
-def proposed(header: Sequence[str], units_row: Sequence[str] = ()) -> str:
-    """The options that would name the columns, as they are to be typed; units only where no row states them.
+def proposed(header: Sequence[str]) -> str:
+    """The option that would name the columns, as it is to be typed.
 
-    >>> proposed(["", "Time", "Force", "GoalForce", "Pos"])
-    '--columns time=Time,force=Force,travel=Pos --units time=s,force=N,travel=mm (or what they are in)'
+    >>> proposed(["", "Time", "GoalForce", "Force", "Pos"])
+    '--columns time=Time,force=Force,travel=Pos'
     """
-    names: dict[str, str] = {}
-    for quantity in ("time", "force", "travel", "gap"):
-        if quantity != "gap" or "travel" not in names:
-            like = _like(quantity, header)
-            if like or quantity in ("time", "force"):
-                names[quantity] = like or "NAME"
-    if "travel" not in names and "gap" not in names:
-        names["travel"] = "NAME"
-    columns = ",".join(f"{q}={name}" for q, name in names.items())
-    columns = f'"{columns}"' if re.search(r"[^\w=,.-]", columns) else columns
-    row = dict(zip(header, units_row, strict=False))
-    stated = {q: _stated(name, row.get(name, ""), q) for q, name in names.items()}
-    units = ",".join(
-        _asked(q, units_stated)
-        for q, units_stated in stated.items()
-        if not any(isinstance(unit, Unit) for unit in units_stated)
-    )
-    return f"--columns {columns}" + (f" --units {units} (or what they are in)" if units else "")
+    measured = sorted(header, key=lambda name: bool(_NOT_MEASURED.search(name)))
+    like = {
+        quantity: next((name for name in measured if re.search(words, name, re.IGNORECASE)), "NAME")
+        for quantity, words in _LIKE.items()
+    }
+    way = "gap" if like["travel"] == "NAME" != like["gap"] else "travel"
+    columns = ",".join(f"{quantity}={like[quantity]}" for quantity in ("time", "force", way))
+    return f'--columns "{columns}"' if re.search(r"[^\w=,.-]", columns) else f"--columns {columns}"
 
 
-def _like(quantity: str, header: Sequence[str]) -> str | None:
-    """The first column whose name sounds like the quantity, one that was measured before one that was set,
-    and none in a unit of another quantity.
-    """
-    named = [name for name in header if re.search(_LIKE[quantity], name, re.IGNORECASE)]
-    fit = [name for name in named if not _of_another(unit_of_name(name, quantity))]
-    return next((name for name in fit if not _NOT_MEASURED.search(name)), next(iter(fit), None))
-
-
-def _of_another(unit: Unit | NoUnit | None) -> bool:
-    return isinstance(unit, NoUnit) and unit.other is not None
-
-
-def header_above_numbers(rows: Sequence[Row]) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """The names above the first run of rows with two numbers or more, and the units between; empty where
-    there are none.
-    """
+def header_above_numbers(rows: Sequence[Row]) -> tuple[str, ...]:
+    """The names above the first run of rows with two numbers or more; empty where there are none."""
     for k, (_, cells) in enumerate(rows[:LOOKED_AT]):
         if k == 0 or not (_numeric(cells) and all(_numeric(row[1]) for row in rows[k + 1 : k + 3])):
             continue
-        units: tuple[str, ...] = ()
         for _, above in reversed(rows[max(k - 3, 0) : k]):
             texts = [cell for cell in above if isinstance(cell, str) and cell]
             if len(texts) < 2 or _numeric(above):
                 continue
-            names = tuple(cell if isinstance(cell, str) else f"{cell:g}" for cell in above)
             if any(re.search(r"[^\W\d_]{3}", cell) and not is_unit(cell) for cell in texts):
-                return names, units
-            units = names
+                return tuple(cell if isinstance(cell, str) else f"{cell:g}" for cell in above)
         break
-    return (), ()
+    return ()
 
 
 def _numeric(cells: Sequence[Cell]) -> bool:

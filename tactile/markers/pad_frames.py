@@ -10,12 +10,16 @@ from tactile.io.pictures import Watch
 from tactile.io.raw_grasp import RawCamera, RawPad
 from tactile.markers.matching import UNSURE
 from tactile.markers.tracking import FrameMarkers, Places, TrackedMarkers, follow, labelled_places, places_of
-from tactile.pad_reference import PrintWatch, flatter_said, pad_reference
+from tactile.pad_reference import pad_reference
+from tactile.reference_print import WHAT_TO_DO, ShownPrint, becomes_flatter, shown_print
 from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 FEWEST_SEEN = 0.5
 """A frame that shows fewer of the markers cannot be used."""
+LOOKED_AT = 12
+"""Frames of a recording in which a print is looked for, evenly spaced: each takes about 0.08 s at 320 x 240
+pixels, as two or three frames of tracking do."""
 Progress = Callable[[str, int, int], None]
 """Told which pad, how many of its frames are done, and how many there are."""
 
@@ -24,16 +28,15 @@ Progress = Callable[[str, int, int], None]
 class PadMarkers:
     """The markers that the description knows, followed through all frames; which frames are doubled.
 
-    `reference_sd_px`: of their places at rest, where these are estimated. `reference_print`: the print on the
-    picture of the untouched gel, `print_shown` that on each frame, over the least that counts.
+    `reference_print`: the print on the picture of the untouched gel, `print_shown` that on each frame, over
+    the least that counts.
     """
 
     tracked: TrackedMarkers
     doubled: Bool[np.ndarray, " t"]
     places: Places
     notes: list[str]
-    reference_sd_px: Float[np.ndarray, " n"] | None
-    reference_print: float | None
+    reference_print: float
     print_shown: Float[np.ndarray, " t"] | None
 
 
@@ -55,11 +58,18 @@ def tracked_markers(
     watch = Watch(source, reference.shape)
     count = len(view.pictures.numbers)
     rows: list[FrameMarkers] = []
-    prints = PrintWatch(reference, pad.sensor, camera, count)
+    looked_at = set(np.linspace(0, count - 1, min(count, LOOKED_AT)).round().astype(int).tolist())
+    shown: dict[int, ShownPrint] = {}
     for t, markers in enumerate(follow(reference, watch.over(view.pictures.frames()))):
         rows.append(markers)
-        if watch.latest is not None:
-            prints.look(t, watch.latest, markers)
+        if t in looked_at and watch.latest is not None and np.isfinite(markers.position_px[:, 0]).any():
+            shown[t] = shown_print(
+                watch.latest,
+                reference,
+                camera=camera,
+                described_mm=pad.sensor.rest_mm,
+                position_px=markers.position_px,
+            )
         seen = float(np.isfinite(markers.position_px[places.kept, 0]).mean())
         if seen < FEWEST_SEEN:
             raise TactileFailure(
@@ -73,13 +83,14 @@ def tracked_markers(
     position = labelled_places(reference, rows)
     certainty = np.minimum.accumulate([row.certainty for row in rows])
     notes = list(known.notes)
-    reference_print = None if known.shown is None else known.shown.evidence
-    if (
-        (flat := prints.flatter_frame(known)) is not None
-        and reference_print is not None
-        and reference_print < 1.0
-    ):
-        notes.append(f"{source}: {flatter_said(view.pictures.numbers[flat])}")
+    reference_print = known.shown.evidence
+    flatter = [t for t, frame_print in shown.items() if becomes_flatter(known.shown, frame_print)]
+    if reference_print < 1.0 and flatter:
+        notes.append(
+            f"{source}: the reference does not show an untouched gel: in frame "
+            f"{view.pictures.numbers[flatter[0]]} the gel is flatter. An object pressed the gel in the "
+            f"reference: {WHAT_TO_DO}."
+        )
         reference_print = 1.0
     if (unsure := np.flatnonzero(certainty < UNSURE)).size:
         k = int(unsure[0])
@@ -104,9 +115,10 @@ def tracked_markers(
         doubled=np.array(watch.doubled, dtype=bool),
         places=places,
         notes=notes,
-        reference_sd_px=None if known.sd_px is None else known.sd_px[places.kept],
         reference_print=reference_print,
-        print_shown=prints.over_time(),
+        print_shown=np.interp(np.arange(count), list(shown), [p.evidence for p in shown.values()])
+        if shown
+        else None,
     )
 
 
@@ -116,8 +128,7 @@ def camera_of(pad: RawPad) -> GelCamera:
         raise TactileFailure(
             TactileProblem.WRONG_SENSOR,
             f"{pad.name}: found frames of a sensor described as kind {pad.sensor.kind!r} without a camera, "
-            "expected "
-            "markers-mono, markers-stereo or photometric.",
+            "expected markers-mono or markers-stereo.",
         )
     return pad.sensor.camera
 

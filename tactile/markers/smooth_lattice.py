@@ -41,31 +41,14 @@ UNINDEXED = np.iinfo(np.int64).min
 
 @dataclass(frozen=True)
 class LensFit:
-    """A lattice seen through a lens: `values` are the homography's first eight and the lens's three.
-
-    `covariance`: of `values`, by the misfit of the markers that it was fitted to.
-    """
+    """A lattice seen through a lens: `values` are the homography's first eight and the lens's three."""
 
     values: Float[np.ndarray, "11"]
-    covariance: Float[np.ndarray, "11 11"]
     shape: tuple[int, int]
 
     def places_px(self, lattice_places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
         """Where the camera has these places of the lattice."""
         return _seen(self.values, lattice_places, self.shape)
-
-    def sd_px(self, lattice_places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
-        """Standard deviation of one coordinate of each place, to first order in the fit's covariance."""
-        slopes = np.stack(
-            [
-                (_seen(self.values + step, lattice_places, self.shape) - self.places_px(lattice_places))
-                / step.sum()
-                for step in np.diag(np.maximum(1e-6 * np.abs(self.values), 1e-8))
-            ],
-            axis=-1,
-        )
-        variance = np.einsum("ncp,pq,ncq->n", slopes, self.covariance, slopes) / 2
-        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
 
 def lattice_places(lattice: Lattice) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
@@ -136,13 +119,7 @@ def fitted_lens(
     start = np.concatenate([affine.ravel(), np.zeros(PARAMETERS - 6)])
     unit = np.concatenate([np.tile([*(0.1 / scale), 0.1], 2), 0.01 / scale, [0.1, 0.01, 0.01]])
     fit = least_squares(misfit, start, loss="soft_l1", x_scale=unit)
-    off = np.abs(misfit(fit.x))
-    weight = 1.0 / np.sqrt(1.0 + off**2)
-    freedom = max(1.0, 2.0 * len(seen_px) - PARAMETERS)
-    variance = float((weight * off**2).sum() / freedom)
-    slopes = np.asarray(fit.jac, dtype=np.float64)
-    normal = slopes.T @ slopes
-    return LensFit(fit.x, variance * np.linalg.pinv(normal, hermitian=True), shape)
+    return LensFit(fit.x, shape)
 
 
 def coherent_misfit_px(lattice: Lattice, off_px: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:

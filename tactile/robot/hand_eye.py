@@ -6,13 +6,12 @@ inv(base_from_camera) @ base_from_flange @ flange_from_mat; pictures of the mat 
 base_from_mat. Both are A' B W with B known: a closed form for A and W starts a least-squares fit.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
 from scipy.optimize import minimize
-from scipy.spatial.transform import Rotation
 
 from tactile.robot.base_and_mat import (
     MOST_SD_DEG,
@@ -26,7 +25,6 @@ from tactile.robot.base_and_mat import (
     rigid,
     small_motion,
 )
-from tactile.tactile_failure import TactileFailure
 
 FEWEST_POSES = 8
 """Poses with a picture: 48 equations for 12 unknowns leave enough to measure the noise. Set by hand."""
@@ -41,15 +39,6 @@ LEAST_NOISE = (np.radians(1e-3), 5e-3)
 """rad, mm: no robot is better, and a smaller value makes the weights singular."""
 LEAST_PX = 0.02
 """px: no corner is found better."""
-WAYS: dict[str, Callable[[Float[np.ndarray, "n 4 4"]], Float[np.ndarray, "n 4 4"]]] = {
-    "inverse poses (the base in the flange's frame; or is --fixed-camera right?)": np.linalg.inv,
-    "positions in m under a name in mm": lambda poses: _scaled(poses, 1000.0),
-    "positions in mm under a name in m": lambda poses: _scaled(poses, 0.001),
-    "quaternions in the order w, x, y, z": lambda poses: _reordered(poses),
-    "inverse rotations": lambda poses: _turned_back(poses),
-    "angles about the moving axes x, y, z as roll, pitch and yaw": lambda poses: _about_moving_axes(poses),
-}
-"""Mistakes in a table of poses, and what undoes each."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,7 +121,7 @@ def hand_eye(views: Sequence[MatView], lens: Lens, *, camera_on_flange: bool, so
     Each flange pose has an unknown error of its own, normal with one spread for turns and one for places. It
     is eliminated: the corners of one picture share a covariance px² I + J S J'. The spreads are those that
     the residuals show. Raises TactileFailure for too few or too similar poses, and for poses that disagree
-    with the pictures; it names the mistake where undoing one makes them agree.
+    with the pictures.
     """
     moving = [view for view in views if view.base_from_flange is not None]
     still = [view for view in views if view.base_from_flange is None]
@@ -143,21 +132,19 @@ def hand_eye(views: Sequence[MatView], lens: Lens, *, camera_on_flange: bool, so
         expected = "none with a camera on the flange" if still else "a photo of the mat at its place"
         advice = "Rows without a pose belong to a camera at rest (docs/how-to/connect-your-gripper.md)."
         raise refused(source, observed, expected, advice)
-    advice = "Check that each row names its own photo, and that neither mat nor camera moved."
-    try:
-        frames = _start(moving, still, poses, camera_on_flange=camera_on_flange, source=source, advice=advice)
-        start = _Fit(frames, np.array([lens.focal_px, lens.k1, *lens.middle_px]))
-        fit, equations, noise = _fitted(
-            moving, still, start, camera_on_flange=camera_on_flange, source=source, advice=advice
-        )
-        off = np.linalg.solve(equations.T, equations.y[..., None])[..., 0]
-        names = [view.name for view in moving]
-        require_noise(names, off[:, 3:], np.degrees(off[:, :3]), source=source, advice=advice)
-    except TactileFailure as failure:
-        if mistake := _mistake(moving, poses, camera_on_flange=camera_on_flange):
-            observed, expected = f"{mistake} in the table", "the flange's poses in the base's frame"
-            raise refused(source, observed, expected, "Correct the columns and run again.") from failure
-        raise
+    advice = (
+        "Check that each row names its own photo, and that the poses are the flange's in the base's frame. "
+        "Check their units, the order of the quaternion and the axes of the angles. Neither mat nor camera "
+        "may move."
+    )
+    frames = _start(moving, still, poses, camera_on_flange=camera_on_flange, source=source, advice=advice)
+    start = _Fit(frames, np.array([lens.focal_px, lens.k1, *lens.middle_px]))
+    fit, equations, noise = _fitted(
+        moving, still, start, camera_on_flange=camera_on_flange, source=source, advice=advice
+    )
+    off = np.linalg.solve(equations.T, equations.y[..., None])[..., 0]
+    names = [view.name for view in moving]
+    require_noise(names, off[:, 3:], np.degrees(off[:, :3]), source=source, advice=advice)
     free = 3 * len(moving) - 6
     student = free / (free - 2)  # the variance of Student's t over the normal's
     covariance = student * equations.solved(noise)[1]
@@ -228,19 +215,6 @@ def _closed_form(
         for k, v in zip(known, views, strict=True)
     ]
     return (A, W), float(np.sqrt(np.mean(np.concatenate(misses))))
-
-
-def _mistake(
-    views: Sequence[MatView], poses: Float[np.ndarray, "n 4 4"], *, camera_on_flange: bool
-) -> str | None:
-    """Which of the known mistakes, undone, makes poses and pictures agree ten times better; None: none."""
-
-    def miss_mm(read: Float[np.ndarray, "n 4 4"]) -> float:
-        return _closed_form(views, np.linalg.inv(read) if camera_on_flange else read)[1]
-
-    undone = {name: miss_mm(undo(poses)) for name, undo in WAYS.items()}
-    best = min(undone, key=lambda name: undone[name])
-    return best if undone[best] < min(MOST_START_MM, miss_mm(poses) / 10) else None
 
 
 def _fitted(
@@ -355,28 +329,3 @@ def _nearest_rotation(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 
     """Of a matrix whose sign is free: a singular vector's is."""
     left, _, right = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
     return np.asarray(left @ right)
-
-
-def _scaled(poses: Float[np.ndarray, "n 4 4"], factor: float) -> Float[np.ndarray, "n 4 4"]:
-    return np.concatenate([np.concatenate([poses[:, :3, :3], factor * poses[:, :3, 3:]], 2), poses[:, 3:]], 1)
-
-
-def _reordered(poses: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 4 4"]:
-    """Poses whose quaternion (x, y, z, w) was w, x, y, z."""
-    x, y, z, w = Rotation.from_matrix(poses[:, :3, :3]).as_quat().T
-    changed = poses.copy()
-    changed[:, :3, :3] = Rotation.from_quat(np.stack([y, z, w, x], axis=1)).as_matrix()
-    return changed
-
-
-def _about_moving_axes(poses: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 4 4"]:
-    changed = poses.copy()
-    angles = Rotation.from_matrix(poses[:, :3, :3]).as_euler("xyz")
-    changed[:, :3, :3] = Rotation.from_euler("XYZ", angles).as_matrix()
-    return changed
-
-
-def _turned_back(poses: Float[np.ndarray, "n 4 4"]) -> Float[np.ndarray, "n 4 4"]:
-    changed = poses.copy()
-    changed[:, :3, :3] = np.swapaxes(poses[:, :3, :3], 1, 2)
-    return changed

@@ -255,7 +255,6 @@ def _left_open(path: Path, _: np.random.Generator) -> None:
 
 
 def _recordings() -> Iterator[Row]:
-    yield "MATLAB's dimensions", RECORDING, with_hdf5(_reversed), SAME
     yield "MATLAB's vectors", RECORDING, with_hdf5(partial(_reversed, names=("time_s", "aperture_mm"))), SAME
     for name, shape in (
         ("displacement_mm", r"\(3, 25, 20\)"),
@@ -265,10 +264,10 @@ def _recordings() -> Iterator[Row]:
         field = f"pads/left/{name}"
         said = rf"{field}: found shape {shape}, expected shape .*reversed, as MATLAB writes them"
         yield f"{name} reversed alone", RECORDING, with_hdf5(partial(_reversed, names=(field,))), said
-    said = r"time_s: found equal times .* in 32 bits, .*float32 has steps of 128 s there.*write float64"
+    said = r"time_s: found .* s in frame \d+ after .*write float64"
     yield "epoch seconds in 32 bits", RECORDING, with_hdf5(_epoch_in_32_bits), said
-    for number, name in ((32015, "Zstandard"), (32001, "Blosc"), (307, "bzip2"), (500, "without a name")):
-        said = rf"force_N: found values packed by the filter {name} \(number {number}\), which is not"
+    for number in (32015, 32001, 307, 500):
+        said = rf"force_N: found values packed by the HDF5 filter {number}, which is not installed"
         yield f"filter {number}", RECORDING, with_hdf5(_packed(number)), said
     yield "left open by its writer", RECORDING, _left_open, r"its writer has not closed.*h5clear -s"
     said = r"found no HDF5 file \(it begins with b'%PDF-1\.7"

@@ -40,9 +40,9 @@ HEADERS: tuple[tuple[tuple[str, float], tuple[str, float], tuple[str, float], st
     (S, ("Time of travel (s)", 1.0), N, r"press\.csv: .* is a time, not a length"),
     (S, MM, ("Load (klumps)", 1.0), r'press\.csv: .*"klumps", which is no unit.*--units force=UNIT'),
     (S, MM, ("Load (MN)", 1.0), r"press\.csv: .*would be 1e\+06 N, which no press has.*--units force=UNIT"),
-    (S, MM, ("Force (N) x 10", 1.0), r"press\.csv: .* has a number behind it.*--units force=UNIT"),
-    (S, MM, ("Load (N) in kN", 1.0), r"press\.csv: .* has a second unit beside it.*--units force=UNIT"),
-    (S, ("Travel (mm) (x1000)", 1.0), N, r"press\.csv: .* has a number behind it.*--units travel=UNIT"),
+    (S, MM, ("Force (N) x 10", 1.0), r"press\.csv: .* has more than its unit.*--units force=UNIT"),
+    (S, MM, ("Load (N) in kN", 1.0), r"press\.csv: .* has more than its unit.*--units force=UNIT"),
+    (S, ("Travel (mm) (x1000)", 1.0), N, r"press\.csv: .* has more than its unit.*--units travel=UNIT"),
     (S, MM, ("Load", 1.0), r"press\.csv: found no unit of force .*--units force=N"),
 )  # fmt: skip
 """Names of time, travel and force with their units in s, mm and N, and what is expected."""

@@ -18,7 +18,7 @@ from pipeline.recordings.conversion import KINDS
 from reports.tables import RANKING_COLUMNS
 from tactile.io.field_tables import COLUMNS as MARKER_COLUMNS
 from tactile.io.recording import read_recording
-from tactile.io.tac3d import FIELDS, RESULTANTS
+from tactile.io.tac3d import FIELDS
 from tactile.io.trace_columns import FORCE, TRAVEL
 
 ROOT = Path(__file__).parents[2]
@@ -189,7 +189,7 @@ def test_every_source_of_convert_has_its_row_in_formats_and_every_option_is_name
 
 def test_every_file_and_column_that_convert_reads_is_named_under_its_sources():
     section = section_of("docs/formats.md", "Sources of `drupe convert`")
-    arrays = [f"{name}.npy" for name in ("index", "sendTimestamp", *FIELDS, *RESULTANTS)]
+    arrays = [f"{name}.npy" for name in ("index", "sendTimestamp", *FIELDS)]
     columns = [*MARKER_COLUMNS, *TRAVEL, *FORCE]
     assert [name for name in (*arrays, *columns) if f"`{name}`" not in section] == []
 

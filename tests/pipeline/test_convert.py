@@ -4,13 +4,11 @@ import sys
 from functools import partial
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
-from drawn_gel import drawn, grid
-from raw_folder import SENSOR, shear, write_raw
+from raw_folder import write_raw
 from small_batches import run as command
 from tac3d_folder import write_sensor
 
@@ -57,34 +55,11 @@ def test_an_older_result_outlives_a_failure(tmp_path: Path) -> None:
     assert (tmp_path / "out.h5").read_bytes() == before
 
 
-def test_images_inside_an_h5_become_fields(tmp_path: Path) -> None:
-    source = tmp_path / "images.h5"
-    with h5py.File(source, "w") as file:
-        file.attrs.update(
-            {"format": "drupe-recording", "version": 1, "fruit_id": "f2", "category": "peach"}
-            | {"loading": "press", "sensor": "dots"}
-        )
-        file["time_s"], file["aperture_mm"] = np.arange(4) / 20, np.arange(4) * 0.1
-        file["pads/tip/pose"] = np.broadcast_to(np.eye(4), (4, 4, 4))
-        file["pads/tip/images"] = np.stack([drawn(shear(t), noise=1.0, seed=t) for t in range(4)])
-        file["pads/tip/images_reference"] = drawn(grid())
-    (tmp_path / "s.toml").write_text(SENSOR.format(serial="A"))
-    code, said = run(source, tmp_path / "out.h5", "--sensor", tmp_path / "s.toml")
-    assert code == 0, said
-    pad = read_recording(tmp_path / "out.h5").pads[0]
-    assert isinstance(pad, GelPad)
-    assert len(pad.rest_mm) == len(grid())
-    assert "give --sensor sensor.toml" in run(source, tmp_path / "other.h5")[1]
-
-
-def test_a_tac3d_recording_keeps_the_makers_own_arrays(tmp_path: Path) -> None:
+def test_a_tac3d_recording_becomes_a_press(tmp_path: Path) -> None:
     folder = write_sensor(tmp_path / "AD2", lost=(20,))
     code, said = run(folder, tmp_path / "out.h5", "--fruit", "f3", "--category", "plum")
     assert code == 0, said
     assert "note: AD2: 1 of 40 frames are missing" in said
-    with h5py.File(tmp_path / "out.h5") as file:
-        kept = file["source/AD2/3D_Forces"][()]
-    np.testing.assert_array_equal(kept, np.load(folder / "3D_Forces.npy"))
     assert read_recording(tmp_path / "out.h5").fruit_id == "f3"
 
 

@@ -57,7 +57,7 @@ def test_names_that_are_not_known_are_asked_back_with_the_option_that_names_them
     source.write_text(table("Time,Force,GoalForce,Pos", TIMES, PRESSED, PRESSED, GONE))
     said = refused(tmp_path, source)
     assert "found the columns Time, Force, GoalForce, Pos" in said
-    assert "--columns time=Time,force=Force,travel=Pos --units time=s,force=N,travel=mm" in said
+    assert "give --columns time=Time,force=Force,travel=Pos." in said
     said = refused(tmp_path, source, "--columns", NAMES)
     assert 'no unit of time ("Time") in the file' in said
     assert "force in N, kN, mN, kgf, gf, lbf" in said
@@ -280,7 +280,8 @@ def test_a_unit_in_a_name_is_taken_and_what_must_be_known_of_it_is_said(
 def test_a_unit_that_is_not_known_is_never_proposed_as_ours(tmp_path: Path) -> None:
     source = tmp_path / "t.csv"
     source.write_text(table("Time (s),Load (klumps),Pos (mm)", TIMES, PRESSED, GONE))
-    said = refused(tmp_path, source)
+    columns = "time=Time (s),force=Load (klumps),travel=Pos (mm)"
+    said = refused(tmp_path, source, "--columns", columns)
     assert "--units force=UNIT" in said
     assert "force=N" not in said
 

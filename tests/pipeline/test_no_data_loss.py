@@ -256,15 +256,15 @@ def test_an_answer_never_takes_the_place_of_a_file(drupe, case, tmp_path, target
 @pytest.mark.parametrize("place", ["pipe", "/dev/zero"])
 def test_no_command_waits_for_a_pipe_or_reads_a_device_in_place_of_its_output(drupe, case, tmp_path, place):
     (tmp_path / "t.csv").write_bytes(PRECIOUS)
-    (tmp_path / "sensor.toml").write_text('kind = "photometric"\n')
+    (tmp_path / "sensor.toml").write_text('kind = "markers-mono"\n')
     os.mkfifo(tmp_path / "pipe")
     os.mkfifo(tmp_path / "mat.json")
-    ball = ("--ball-mm", 5, "--reference", tmp_path / "t.csv", "--press", tmp_path / "t.csv")
+    (tmp_path / "press").mkdir()
     for command in (
         ("explain", case, "--json", tmp_path / place),
         ("explain", case, "--html", tmp_path / place),
         ("convert", tmp_path / "t.csv", tmp_path / place, "--sensor", tmp_path / "sensor.toml"),
-        ("calibrate", tmp_path / "sensor.toml", tmp_path / place, *ball),
+        ("calibrate", tmp_path / "sensor.toml", tmp_path / place, "--load-cell", tmp_path / "press"),
         ("mat", tmp_path),
     ):
         assert "so it is not overwritten" in refused_untouched(drupe, tmp_path, *command)
@@ -317,16 +317,19 @@ def test_a_table_is_never_converted_onto_itself_or_another(drupe, tmp_path):
     assert "is read and never written into" in said
 
 
-def test_a_sensors_description_is_never_calibrated_onto_itself_or_a_picture(drupe, tmp_path):
-    (tmp_path / "sensor.toml").write_text('kind = "photometric"\n')
-    for name in ("rest.npz", "press.png", "other.toml"):
+def test_a_sensors_description_is_never_calibrated_onto_itself_or_another_file(drupe, tmp_path):
+    (tmp_path / "sensor.toml").write_text('kind = "markers-mono"\n')
+    (tmp_path / "press").mkdir()
+    for name in ("press/log.csv", "other.toml"):
         (tmp_path / name).write_bytes(PRECIOUS)
-    options = ("--ball-mm", 5, "--reference", tmp_path / "rest.npz", "--press", tmp_path / "press.png")
-    for out in ("sensor.toml", "press.png", "rest.toml", "other.toml"):
+    options = ("--load-cell", tmp_path / "press")
+    for out in ("sensor.toml", "other.toml"):
         said = refused_untouched(
             drupe, tmp_path, "calibrate", tmp_path / "sensor.toml", tmp_path / out, *options
         )
         assert "is not overwritten" in said
+    within = ("calibrate", tmp_path / "sensor.toml", tmp_path / "press" / "log.csv", *options)
+    assert "is read and never written into" in refused_untouched(drupe, tmp_path, *within)
     folder = refused_untouched(drupe, tmp_path, "calibrate", tmp_path / "sensor.toml", ".", *options)
     assert "is a folder" in folder
     (tmp_path / "sensor.toml").write_text("a = " + "[" * 5000 + "]" * 5000)

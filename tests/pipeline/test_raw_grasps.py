@@ -72,9 +72,8 @@ def test_what_a_raw_grasp_does_not_name_is_none_of_its_files(folder, readings, t
     assert len(readings) == 1
 
 
-def test_a_look_up_and_frames_that_lie_elsewhere_are_files_of_the_grasp_that_names_them(folder, tmp_path):
-    (tmp_path / "sensor.toml").write_text('kind = "photometric"\ncalibration_file = "look-up.npz"\n')
-    (tmp_path / "look-up.npz").write_bytes(b"slopes")
+def test_frames_that_lie_elsewhere_are_files_of_the_grasp_that_names_them(folder, tmp_path):
+    (tmp_path / "sensor.toml").write_text('kind = "markers-mono"\n')
     elsewhere = tmp_path / "disk"
     elsewhere.mkdir()
     for name in ("frame_000000.png", "reference.png", "notes.txt"):
@@ -85,8 +84,7 @@ def test_a_look_up_and_frames_that_lie_elsewhere_are_files_of_the_grasp_that_nam
     )
     names = [path.name for path in raw_grasp_files(folder)]
     assert sorted(names) == sorted(
-        ["grasp.toml", "frame_000000.png", "sensor.toml", "look-up.npz"]
-        + 2 * ["frame_000000.png", "reference.png"]
+        ["grasp.toml", "frame_000000.png", "sensor.toml"] + 2 * ["frame_000000.png", "reference.png"]
     )
 
 

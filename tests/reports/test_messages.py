@@ -28,15 +28,15 @@ UNTRANSLATED = frozenset(
         "tactile/sensor_description.py", "tactile/checks/footprint.py", "tactile/checks/gain_findings.py",
         "tactile/checks/gel_findings.py", "tactile/checks/jaw_share.py", "tactile/checks/lattice.py",
         "tactile/correction.py", "tactile/from_frames.py", "tactile/from_tac3d.py",
-        "tactile/gel/ball_press.py", "tactile/gel/fields.py", "tactile/gel/press_modulus.py",
-        "tactile/gel/shading_file.py", "tactile/io/pictures.py", "tactile/io/raw_grasp.py",
-        "tactile/io/raw_h5.py", "tactile/io/recording.py", "tactile/io/recording_fields.py",
-        "tactile/io/rig_file.py", "tactile/io/ros_bag.py", "tactile/io/sensor_file.py",
+        "tactile/gel/fields.py", "tactile/gel/press_modulus.py", "tactile/io/hdf5_file.py",
+        "tactile/io/pictures.py", "tactile/io/raw_grasp.py",
+        "tactile/io/recording.py", "tactile/io/recording_fields.py",
+        "tactile/io/rig_file.py", "tactile/io/ros_bag.py",
         "tactile/io/tac3d.py", "tactile/io/toml_table.py", "tactile/io/trace_columns.py",
         "tactile/jaw_poses.py", "tactile/sensors.py", "tactile/pad_reference.py",
         "tactile/markers/pad_frames.py", "tactile/markers/tracking.py", "tactile/plain_jaw.py",
         "tactile/rig/rig_curve.py", "tactile/rig/rig_fit.py", "tactile/rig/rigid_squeeze.py",
-        "tactile/robot/base_and_mat.py", "tactile/robot/hand_eye.py", "tactile/robot/pad_poses.py",
+        "tactile/robot/base_and_mat.py", "tactile/robot/pad_poses.py",
     }
 )  # fmt: skip
 """Modules with sentences that are not translated yet. Every other module is translated whole."""

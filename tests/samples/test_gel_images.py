@@ -1,8 +1,8 @@
 import cv2
 import numpy as np
 
-from samples.gel_images import GelLook, gel_image, seen_at, seen_material, smooth_field
-from tactile.sensors import GelCamera, GelLight, marker_grid
+from samples.gel_images import GelLight, GelLook, gel_image, seen_at, seen_material, smooth_field
+from tactile.sensors import GelCamera, marker_grid
 
 
 def eye(lens: tuple[float, float, float, float, float] = (-0.12, 0.03, 0.001, -0.001, 0.0)) -> GelCamera:

@@ -3,11 +3,11 @@
 import numpy as np
 from jaxtyping import Float
 
-from tactile.gel.slab import GelLayer
+from tactile.gel.slab import GelSlab
 
 
 def traction_response(
-    layer: GelLayer, traction_MPa: Float[np.ndarray, "a b 3"], *, spacing_mm: float
+    layer: GelSlab, traction_MPa: Float[np.ndarray, "a b 3"], *, spacing_mm: float
 ) -> Float[np.ndarray, "a b 3"]:
     """Displacement (mm), x along the first axis; leave some thicknesses unloaded round what counts."""
     shape = traction_MPa.shape[:2]

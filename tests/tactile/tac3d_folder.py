@@ -32,8 +32,6 @@ def write_sensor(
         "3D_Positions": (REST + moved)[kept],
         "3D_Displacements": moved[kept],
         "3D_Forces": force[kept],
-        "3D_ResultantForce": 1.1 * force.sum(axis=1)[kept][:, None],
-        "3D_ResultantMoment": np.zeros((len(kept), 1, 3)),
     }
     folder.mkdir(parents=True)
     for name, values in arrays.items():

@@ -162,7 +162,7 @@ FAULTS: list[tuple[str, Callable[[Path], None], TactileProblem, str]] = [
     ("unknown key", spoil("grasp.toml", old="fruit_id", new="fruit"), P.UNREADABLE_FRAMES,
      "grasp.toml: fruit: found a key"),
     ("pads swapped, unlike markers", swapped_unlike, P.WRONG_SENSOR,
-     "The pads are swapped"),
+     "and that the pads are not swapped"),
 ]  # fmt: skip
 
 

@@ -5,15 +5,14 @@ import pytest
 from turned_camera import turned_camera
 
 from samples.gel_images import seen_at
-from tactile.gel.fields import GelFields, fields_of, frame_noise, layer_of
+from tactile.gel.fields import GelFields, fields_of, frame_noise, slab_of
 from tactile.gel.gel_sides import GelOutline
-from tactile.gel.slab import GelSlab, SpringBed
+from tactile.gel.slab import GelSlab
 from tactile.markers.tracking import TrackedMarkers
 from tactile.sensors import GelCamera, Sensor, marker_grid
 from tactile.tactile_failure import TactileFailure
 
 REST = marker_grid(11, 13, pitch_mm=(1.0, 1.0), first_mm=None)
-KN, KT = 0.2, 0.06
 DEPTHS = np.concatenate([np.zeros(6), np.linspace(0.05, 0.6, 8)])
 
 SENSOR = Sensor(
@@ -24,13 +23,11 @@ SENSOR = Sensor(
     thickness_mm=4.0,
     E_MPa=0.2,
     nu=0.48,
-    gel_kn_MPa_per_mm=KN,
-    gel_kt_MPa_per_mm=KT,
 )
 
 
 def motion(depth_mm: float) -> np.ndarray:
-    """A bed of springs pressed by a paraboloid and dragged along x."""
+    """A face pressed by a paraboloid and dragged along x."""
     r = np.minimum(np.linalg.norm(REST[:, :2], axis=1) / 3.6, 1.0)
     return np.outer(1 - r**2, [0.3 * depth_mm, 0.0, -depth_mm])
 
@@ -51,36 +48,25 @@ def fields() -> GelFields:
     return fields_of(SENSOR, tracked(turned_camera(0.35), 1), second=tracked(turned_camera(-0.35), 2))
 
 
-def test_displacement_is_within_its_stated_deviation(fields: GelFields) -> None:
+def test_displacement_is_seen_to_micrometres(fields: GelFields) -> None:
     truth = np.stack([motion(d) for d in DEPTHS])
-    scores = (fields.displacement_mm - truth) / fields.displacement_sd_mm
-    assert np.sqrt((scores**2).mean()) < 1.1
-    assert np.sqrt(((fields.displacement_mm - truth)[..., :2] ** 2).mean()) < 0.002
+    error = fields.displacement_mm - truth
+    assert np.sqrt((error[..., :2] ** 2).mean()) < 0.002
+    assert np.sqrt((error[..., 2] ** 2).mean()) < 0.005
 
 
-def test_springs_push_back_in_proportion(fields: GelFields) -> None:
-    """Force is stiffness times displacement times a marker's square millimetre."""
-    for k in (9, 13):
-        expected = -motion(DEPTHS[k]) * [KT, KT, KN]
-        total = fields.force_N[k].sum(axis=0)
-        assert np.linalg.norm(total - expected.sum(axis=0)) < 0.05 * np.linalg.norm(expected.sum(axis=0))
-        assert np.corrcoef(fields.force_N[k].ravel(), expected.ravel())[0, 1] > 0.98
-
-
-def test_the_air_has_noise_and_no_force_beyond_it(fields: GelFields) -> None:
+def test_the_air_has_noise_and_no_force(fields: GelFields) -> None:
     air = DEPTHS == 0
     assert 0 < fields.displacement_mm[air].std() < 0.005
-    assert np.abs(fields.force_N[air] / fields.force_sd_N[air]).max() < 6
+    assert not fields.force_N[air].any()
     assert not fields.touching[air].any()
 
 
-def test_a_frame_has_the_covariance_of_both_fields(fields: GelFields) -> None:
-    stated = fields.joint_covariance(13)
-    n = 3 * len(REST)
-    assert stated.shape == (2 * n, 2 * n)
-    np.testing.assert_allclose(
-        np.sqrt(np.diag(stated)[n:]), fields.force_sd_N[13].ravel(), rtol=1e-6, atol=1e-12
-    )
+def test_a_press_pushes_back_along_both_axes(fields: GelFields) -> None:
+    total = fields.force_N[-1].sum(axis=0)
+    assert total[2] > 0
+    assert total[0] < 0
+    assert abs(total[1]) < 0.05 * total[2]
 
 
 def test_a_dome_is_refused_with_what_to_do() -> None:
@@ -106,22 +92,10 @@ def test_stereo_without_the_second_camera_is_refused() -> None:
         fields_of(SENSOR, tracked(turned_camera(0.35), 1))
 
 
-def test_measured_springs_go_before_the_slab() -> None:
-    assert layer_of(SENSOR) == SpringBed(kn_MPa_per_mm=KN, kt_MPa_per_mm=KT)
-    slab = replace(SENSOR, gel_kn_MPa_per_mm=None)
-    assert layer_of(slab) == GelSlab(thickness_mm=4.0, E_MPa=0.2, nu=0.48)
-    with pytest.raises(TactileFailure, match=r"forces need the gel: .* E_MPa None"):
-        layer_of(replace(slab, E_MPa=None))
-
-
-def test_one_camera_reads_the_slab_even_where_springs_were_measured() -> None:
-    """Springs make no sideways motion under pressure, so that one camera would see none of it."""
-    mono = replace(SENSOR, kind="markers-mono", camera=turned_camera(0.0), second_camera=None)
-    assert layer_of(mono) == GelSlab(thickness_mm=4.0, E_MPa=0.2, nu=0.48)
-    with pytest.raises(
-        TactileFailure, match=r"forces need the gel: .* nu None, expected all three; add them"
-    ):
-        layer_of(replace(mono, nu=None))
+def test_a_gel_without_its_law_is_refused() -> None:
+    assert slab_of(SENSOR) == GelSlab(thickness_mm=4.0, E_MPa=0.2, nu=0.48)
+    with pytest.raises(TactileFailure, match=r"forces need the gel: .* nu None, expected all three"):
+        slab_of(replace(SENSOR, nu=None))
 
 
 def test_noise_is_told_from_motion() -> None:

@@ -1,18 +1,14 @@
-"""Forces from displacement: of a slab by finite elements, its equations by numpy.linalg, springs by hand."""
-
-from functools import partial
+"""Forces from displacement: of a slab by finite elements, its equations by numpy.linalg."""
 
 import numpy as np
 import pytest
 
 from samples.gel_press import GelBlock, gel_block
-from tactile.gel import normal_equations
 from tactile.gel.force_inverse import InvertedForce
 from tactile.gel.force_likelihood import DRAGGED, most_likely_hyperparameters, one_way_share
 from tactile.gel.grid import GelGrid, PriorHyperparameters, gel_grid
-from tactile.gel.marker_force import PLACING, ForcePlacing, SpringForce
-from tactile.gel.normal_equations import FreeFactor, NormalEquations, factor_of, rows_of
-from tactile.gel.slab import GelSlab, SpringBed
+from tactile.gel.normal_equations import NormalEquations
+from tactile.gel.slab import GelSlab
 from tactile.sensors import marker_grid
 
 SLAB = GelSlab(thickness_mm=2.0, E_MPa=0.2, nu=0.45)
@@ -68,24 +64,16 @@ def test_forces_are_recovered_from_finite_elements_and_noise(block: GelBlock, gr
     assert np.abs(contact.force_N[outside]).max() < 0.03 * force.max()
 
 
-def test_without_depth_the_force_is_still_told_but_less_surely(block: GelBlock, grid: GelGrid) -> None:
+def test_without_depth_the_force_is_still_told(block: GelBlock, grid: GelGrid) -> None:
     displacement, _, total = elements_say(block)
     flat = INFORMATION.copy()
     flat[:, 2, 2] = 0.0
     seen = displacement + noise(np.random.default_rng(1))
     seen[:, 2] = 0.0
     hyperparameters = PriorHyperparameters(pressure_MPa=0.06, shear_MPa=0.02, roughness=2.0, noise=4.0)
-    blind, full = (
-        InvertedForce(grid, flat, hyperparameters),
-        InvertedForce(grid, INFORMATION, hyperparameters),
-    )
+    blind = InvertedForce(grid, flat, hyperparameters)
     contact = blind.solve(seen)
     assert contact.force_N.sum(axis=0)[2] == pytest.approx(total[2], rel=0.2)
-    unsure, sure = (
-        blind.force_spread(contact.touching, contact.motion_mm),
-        full.force_spread(contact.touching, contact.motion_mm),
-    )
-    assert unsure[:, 2].max() > 1.5 * sure[:, 2].max()
 
 
 def test_a_gel_that_touches_nothing_has_no_force(solver: InvertedForce) -> None:
@@ -145,46 +133,6 @@ def test_inside_nothing_pulls_and_outside_nothing_wants_to_push(
             assert active_set.push_sd.max() < 6
 
 
-def test_the_stated_deviation_is_that_of_drawn_forces(grid: GelGrid, solver: InvertedForce) -> None:
-    """Forces drawn from the prior on a known contact, seen with the stated noise, on no perfect slab."""
-    rng = np.random.default_rng(6)
-    touching = np.linalg.norm(grid.nodes_mm, axis=1) < 1.7
-    m = int(touching.sum())
-    smooth = np.eye(len(touching)) + HYPERPARAMETERS.roughness**2 * grid.laplacian
-    root = np.linalg.cholesky(np.linalg.inv(smooth[np.ix_(touching, touching)]))
-    sizes = np.array([0.01, 0.01, 0.04]) * grid.pitch_mm**2
-    K = solver.linear_map(touching, 0.5)
-    sd = solver.force_spread(touching, 0.5)
-    x, y = MARKERS[:, 0] / 3.6, MARKERS[:, 1] / 3.6
-    quadratics = np.stack([np.ones_like(x), x, y, x**2, x * y, y**2], axis=1)
-    scores = []
-    for _ in range(300):
-        t = np.zeros((len(touching), 3))
-        t[touching] = root @ rng.normal(size=(m, 3)) * sizes
-        seen = (grid.compliance @ t.ravel()).reshape(-1, 3) + noise(rng)
-        seen += quadratics @ (rng.normal(size=(6, 3)) * [0.01, 0.01, 0.0025])
-        miss = (K @ seen.ravel()).reshape(-1, 3) - grid.to_markers @ t
-        scores.append((miss[sd > 0] / sd[sd > 0]) ** 2)
-    assert np.mean(scores) == pytest.approx(1.0, abs=0.05)
-
-
-def test_force_and_displacement_share_their_noise(grid: GelGrid, solver: InvertedForce) -> None:
-    rng = np.random.default_rng(7)
-    touching = np.linalg.norm(grid.nodes_mm, axis=1) < 1.2
-    K = solver.linear_map(touching, 0.5)
-    draws = np.stack([noise(rng).ravel() for _ in range(4000)])
-    forces = draws @ K.T
-    n = draws.shape[1]
-    stated = solver.joint_covariance(touching, 0.5)
-    np.testing.assert_allclose(stated[:n, :n], np.diag(np.tile(NOISE_MM**2, len(MARKERS))), atol=1e-12)
-    at = int(np.argmin(np.linalg.norm(MARKERS, axis=1))) * 3 + 2
-    drawn = draws.T @ forces[:, at] / len(draws)
-    expected = stated[:n, n + at]
-    assert np.corrcoef(drawn, expected)[0, 1] > 0.95
-    assert drawn[at] == pytest.approx(expected[at], rel=0.1)
-    assert np.linalg.eigvalsh(stated).min() > -1e-12
-
-
 def test_markers_get_the_nodes_sum_and_moment() -> None:
     rng = np.random.default_rng(8)
     scattered = MARKERS + np.column_stack(
@@ -237,60 +185,29 @@ def test_a_drag_goes_one_way_and_a_press_all_ways() -> None:
     assert one_way_share(np.zeros_like(press)) == 0.0
 
 
-NODES, FIELDS, POINTS = 30, 4, 40
+NODES, FIELDS = 30, 4
 UNKNOWNS = 3 * NODES + FIELDS
 FORCES = np.arange(UNKNOWNS) < 3 * NODES
 
 
-def drawn(
-    rng: np.random.Generator, *, depth: bool = True
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Observation, information (without depth of rank two), prior, and the normal matrix of all markers."""
-    observed = rng.normal(size=(3 * POINTS, UNKNOWNS))
-    root = rng.normal(size=(POINTS, 3, 3))
-    root[:, :, 2] *= depth
-    information = root @ root.transpose(0, 2, 1)
-    half = rng.normal(size=(3 * NODES, 3 * NODES))
-    prior = np.zeros((UNKNOWNS, UNKNOWNS))
-    prior[: 3 * NODES, : 3 * NODES] = half @ half.T + 5 * np.eye(3 * NODES)
-    return observed, information, prior, normal_of(observed, information, prior)
+@pytest.fixture
+def equations() -> NormalEquations:
+    rng = np.random.default_rng(0)
+    half = rng.normal(size=(UNKNOWNS, 3 * UNKNOWNS))
+    return NormalEquations(half @ half.T, rng.uniform(1, 9, NODES), rng.uniform(1, 9, FIELDS))
 
 
-def normal_of(observed: np.ndarray, information: np.ndarray, prior: np.ndarray) -> np.ndarray:
-    weighted = np.matmul(information, observed.reshape(len(information), 3, -1)).reshape(observed.shape)
-    return np.asarray(weighted.T @ observed + prior)
-
-
-def free_of(normal: np.ndarray) -> FreeFactor:
-    return FreeFactor(normal, np.ones(FIELDS))
-
-
-def log_det_prior(prior: np.ndarray, nodes: np.ndarray) -> float:
-    at = (3 * nodes[:, None] + np.arange(3)).ravel()
-    return float(np.linalg.slogdet(prior[np.ix_(at, at)])[1])
-
-
-@pytest.mark.parametrize("depth", [True, False])
-@pytest.mark.parametrize("gone", [0, 7])
 @pytest.mark.parametrize("touched", [0, 1, 12, NODES])
 def test_equations_of_a_contact_are_solved_as_the_whole_matrix_is(
-    depth: bool, gone: int, touched: int
+    equations: NormalEquations, touched: int
 ) -> None:
-    """Markers that are out of view too, and whatever number of nodes touch."""
-    rng = np.random.default_rng(touched + 100 * gone)
-    observed, information, prior, normal = drawn(rng, depth=depth)
-    equations = NormalEquations(normal, NODES, partial(log_det_prior, prior), free_of(normal))
-    if gone:
-        rows = rows_of(observed[: 3 * gone], information[:gone])
-        assert len(rows) == (3 if depth else 2) * gone
-        equations = equations.without(rows)
-    left = normal_of(observed[3 * gone :], information[gone:], prior)
+    """Whatever number of nodes touch."""
+    rng = np.random.default_rng(touched)
     touching = np.zeros(NODES, dtype=bool)
     touching[rng.permutation(NODES)[:touched]] = True
     right, smooth = rng.normal(size=UNKNOWNS), rng.uniform(1, 9, FIELDS)
-    at = np.flatnonzero(np.repeat(touching, 3))
-    play = np.concatenate([at, np.flatnonzero(~FORCES)])
-    whole = left + np.diag(np.where(FORCES, 0.0, np.pad(smooth, (3 * NODES, 0))))
+    play = np.flatnonzero(np.concatenate([np.repeat(touching, 3), np.ones(FIELDS, dtype=bool)]))
+    whole = equations.normal + np.diag(np.where(FORCES, 0.0, np.pad(smooth, (3 * NODES, 0))))
     block = whole[np.ix_(play, play)]
 
     factor = equations.factor(touching)
@@ -299,116 +216,21 @@ def test_equations_of_a_contact_are_solved_as_the_whole_matrix_is(
     expected = np.linalg.solve(block, right[play])
     np.testing.assert_allclose(np.concatenate([forces, fields]), expected, rtol=1e-8, atol=1e-10)
     assert log_det_root == pytest.approx(np.linalg.slogdet(block)[1] / 2)
-    np.testing.assert_allclose(
-        equations.resisted(factor.at, forces, fields),
-        (whole[:, play] @ expected)[2 : 3 * NODES : 3],
-        atol=1e-9,
-    )
+    resisted = equations.resisted(factor.at, forces, fields)
+    np.testing.assert_allclose(resisted, (whole[:, play] @ expected)[2 : 3 * NODES : 3], atol=1e-9)
     root = factor.covariance_root(smooth)
     np.testing.assert_allclose(root.T @ root, np.linalg.inv(block), rtol=1e-7, atol=1e-10)
-    other = factor_of(left[np.ix_(play, play)], len(at))
-    np.testing.assert_allclose(other.solved(right[play], smooth)[0], forces, rtol=1e-8, atol=1e-10)
 
 
-@pytest.mark.parametrize("gone", [0, 7])
-def test_pressures_of_all_nodes_and_their_deviations_are_those_of_the_whole_inverse(gone: int) -> None:
-    rng = np.random.default_rng(gone)
-    observed, information, prior, normal = drawn(rng)
-    smooth, right = rng.uniform(1, 9, FIELDS), rng.normal(size=UNKNOWNS)
-    free = FreeFactor(normal, smooth)
-    if gone:
-        free = free.without(rows_of(observed[: 3 * gone], information[:gone]))
-
-    pressures, sd = free.pressures(right)
-
-    left = normal_of(observed[3 * gone :], information[gone:], prior)
-    inverse = np.linalg.inv(left + np.diag(np.pad(smooth, (3 * NODES, 0))))
+@pytest.mark.parametrize("lost", [0, 7])
+def test_pressures_of_all_nodes_and_their_deviations_are_those_of_the_whole_inverse(
+    equations: NormalEquations, lost: int
+) -> None:
+    rng = np.random.default_rng(1)
+    right, rows = rng.normal(size=UNKNOWNS), rng.normal(size=(lost, UNKNOWNS))
+    if lost:
+        equations = equations.without(rows)
+    pressures, sd = equations.free_pressures(right), equations.free_sd
+    inverse = np.linalg.inv(equations.normal + np.diag(np.pad(equations.usual_smooth, (3 * NODES, 0))))
     np.testing.assert_allclose(pressures, (inverse @ right)[2 : 3 * NODES : 3], rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(sd, np.sqrt(np.diag(inverse))[2 : 3 * NODES : 3], rtol=1e-8)
-
-
-def test_factors_are_kept_up_to_a_bound_and_the_latest_stays(monkeypatch: pytest.MonkeyPatch) -> None:
-    rng = np.random.default_rng(3)
-    _, _, prior, normal = drawn(rng)
-    equations = NormalEquations(normal, NODES, partial(log_det_prior, prior), free_of(normal))
-    sets = [np.arange(NODES) < count for count in (10, 11, 12)]
-    monkeypatch.setattr(normal_equations, "KEPT_NUMBERS", 30**2 + 33**2)
-    first, second = equations.factor(sets[0]), equations.factor(sets[1])
-    assert equations.factor(sets[0]) is first
-    third = equations.factor(sets[2])  # the one of 11 nodes, asked for longest ago, goes, and the other too
-    assert equations.factor(sets[2]) is third
-    assert equations.factor(sets[1]) is not second
-    monkeypatch.setattr(normal_equations, "KEPT_NUMBERS", 1)
-    only = equations.factor(sets[0])
-    assert only is not first
-    assert equations.factor(sets[0]) is only
-
-
-def test_equations_without_a_solution_are_an_error_and_no_numbers() -> None:
-    with pytest.raises(np.linalg.LinAlgError, match="not positive definite"):
-        factor_of(-np.eye(5), 3)
-
-
-SD_MM = np.array([0.001, 0.002, 0.004])
-
-
-@pytest.fixture
-def springs() -> SpringForce:
-    information = np.broadcast_to(np.diag(SD_MM**-2.0), (9, 3, 3))
-    layer = SpringBed(kn_MPa_per_mm=0.2, kt_MPa_per_mm=0.05)
-    return SpringForce(layer=layer, cell_mm2=2.0, information_per_mm2=information)
-
-
-def test_force_is_stiffness_times_area_times_displacement_against_it(springs):
-    moved = np.tile([0.1, -0.2, -0.5], (9, 1))
-    np.testing.assert_allclose(springs.force_N(moved), np.tile([-0.01, 0.02, 0.2], (9, 1)), rtol=1e-12)
-
-
-def test_a_marker_that_is_not_seen_has_no_force_and_does_not_touch(springs):
-    moved = np.full((9, 3), -0.1)
-    moved[4] = np.nan
-    assert (springs.force_N(moved)[4] == 0).all()
-    assert springs.touching(moved).tolist() == [True] * 4 + [False] + [True] * 4
-
-
-def test_noise_alone_seldom_touches(springs):
-    noise = np.random.default_rng(3).normal(size=(2000, 9, 3)) * SD_MM
-    assert springs.touching(noise).mean() < 1e-3
-    assert not springs.touching(np.zeros((9, 3))).any()
-
-
-def test_force_and_displacement_of_springs_share_their_noise(springs):
-    noise = np.random.default_rng(4).normal(size=(40_000, 9, 3)) * SD_MM
-    both = np.concatenate([noise.reshape(-1, 27), springs.force_N(noise).reshape(-1, 27)], axis=1)
-    covariance = springs.joint_covariance()
-    spread = np.sqrt(np.outer(np.diag(covariance), np.diag(covariance)))
-    np.testing.assert_allclose(np.cov(both.T) / spread, covariance / spread, atol=0.03)
-    assert covariance[2, 27 + 2] < 0
-
-
-X, Y = (g.ravel() for g in np.meshgrid(np.arange(4.0), np.arange(3.0)))
-REST = np.stack([X, Y, 0 * X], axis=1)
-
-
-def test_the_steeper_the_front_the_less_is_known_of_either_side() -> None:
-    row = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [2.0, 0.0, 0.0], [3.0, 0.0, 0.0]])
-    force = np.zeros((4, 3))
-    force[:, 2] = [0.0, 0.0, 5.0, 5.0]
-    placing = ForcePlacing(row).sd_N(force) / PLACING
-    assert not placing[:, :2].any()
-    # markers 1 and 2 each exchange 5 N with the other, so that either gets it twice
-    np.testing.assert_allclose(placing[:, 2], [0.0, np.sqrt(50.0), np.sqrt(50.0), 0.0])
-
-
-def test_the_covariance_has_these_variances_and_leaves_the_total_force_alone() -> None:
-    force = np.random.default_rng(0).normal(size=(12, 3))
-    placing = ForcePlacing(REST)
-    covariance = placing.covariance_N2(force)
-    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), placing.sd_N(force).ravel())
-    assert np.linalg.eigvalsh(covariance).min() > -1e-12
-    total = np.tile(np.eye(3), (1, 12))
-    np.testing.assert_allclose(total @ covariance @ total.T, 0.0, atol=1e-12)
-
-
-def test_an_even_pressure_is_known_as_well_as_before() -> None:
-    assert not ForcePlacing(REST).sd_N(np.ones((12, 3))).any()

@@ -19,7 +19,7 @@ from skfem.helpers import ddot, eye, sym_grad, trace
 
 from samples.gel_press import gel_block
 from tactile.gel.gel_sides import GelOutline, GelSides, side_response
-from tactile.gel.slab import GelSlab, SpringBed, tent_compliance
+from tactile.gel.slab import GelSlab, tent_compliance
 from tactile.io.sensor_file import read_sensor
 from tactile.tactile_failure import TactileFailure
 
@@ -93,16 +93,6 @@ def test_the_slab_agrees_with_finite_elements_of_a_block_with_free_sides() -> No
         by_slab *= nodal[:, component].sum() / (load[..., component].sum() * spacing**2)
         peak = np.abs(by_elements).max()
         np.testing.assert_allclose(by_slab, by_elements, atol=0.03 * peak)
-
-
-def test_springs_give_way_alone() -> None:
-    bed = SpringBed(kn_MPa_per_mm=0.2, kt_MPa_per_mm=0.05)
-    load = np.zeros((16, 16, 3))
-    load[3, 4] = [0.01, 0.0, 0.04]
-    moved = traction_response(bed, load, spacing_mm=0.5)
-    np.testing.assert_allclose(moved[3, 4], [0.2, 0.0, 0.2], atol=1e-12)
-    moved[3, 4] = 0.0
-    np.testing.assert_allclose(moved, 0.0, atol=1e-12)
 
 
 def test_one_tents_table_is_what_the_grid_of_wave_vectors_gives() -> None:

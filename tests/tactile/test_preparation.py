@@ -11,7 +11,6 @@ from injected_grasp import gel_pad, held_by
 
 from tactile.io.grasp_log import read_log
 from tactile.io.recording import Recording, read_recording, write_recording
-from tactile.io.recording_fields import GroupReader
 from tactile.preparation.logged_trace import LoggedTrace, NotPrepared, prepare, written_runs
 from tactile.tactile_failure import TactileFailure
 from tactile.trace_thinning import BOUND, MOST_FRAMES, thin
@@ -90,16 +89,6 @@ def test_a_step_to_zero_without_air_behind_it_is_refused_with_both_causes(row):
     with pytest.raises(NotPrepared, match="zeroed under load, or the specimen broke") as caught:
         prepare(logged(travel, force))
     assert f"at row {row + 2}, and no frames in air" in caught.value.fault
-
-
-def test_a_field_that_is_read_twice_counts_once(tmp_path):
-    with h5py.File(tmp_path / "a.h5", "w") as file:
-        file["pads/left/force_N"] = np.zeros((10, 3))
-        file["pads/right/force_N"] = np.zeros((10, 3))
-        root = GroupReader(path=tmp_path / "a.h5", group=file)
-        for name in ("left", "right", "left"):
-            root.child("pads").child(name).array("force_N", (10, 3))
-    assert root.budget.used == 2 * 10 * 3 * 8
 
 
 def recording() -> Recording:

@@ -68,7 +68,7 @@ def test_each_pad_has_its_own_reference(grasp: Path) -> None:
 
 
 REFUSED: list[tuple[str, str, str]] = [
-    ("nothing named", "", 'or reference = "estimate"'),
+    ("nothing named", "", "or frames of it (reference_frames"),
     ("out of the batch", 'reference = "../../../../../secret.png"',
      "pads.left.reference: found ../../../../../secret.png, which leads out of the batch, expected a file or "
      "folder inside the batch (batch)"),
@@ -80,7 +80,6 @@ REFUSED: list[tuple[str, str, str]] = [
     ("frames past the clip", 'reference = "../../../../empty"\nreference_frames = [2, 5]',
      "pads.left.reference_frames: found [2, 5] of 4 frames"),
     ("no frames", f"reference_frames = [{FRAMES}, {FRAMES}]", "found [8, 8] of 8 frames"),
-    ("estimate and frames", 'reference = "estimate"\nreference_frames = [0, 1]', "expected one of the two"),
 ]  # fmt: skip
 
 
@@ -96,19 +95,6 @@ def test_a_link_out_of_the_batch_is_not_followed(grasp: Path) -> None:
     (grasp / "left" / "reference-far.png").symlink_to(grasp.parents[4] / "secret.png")
     with pytest.raises(TactileFailure, match="leads out of the batch"):
         read_raw_grasp(names(grasp, 'reference = "left/reference-far.png"'))
-
-
-def test_an_estimate_needs_no_more_than_places_of_markers(grasp: Path) -> None:
-    names(grasp, 'reference = "estimate"')
-    assert read_raw_grasp(grasp).pads[0].view.estimated
-    replaced(grasp / "left.toml", 'kind = "markers-mono"', 'kind = "photometric"')
-    lights = "".join(
-        f"[[lights]]\ndirection = [{x}, {y}, -0.5]\ncolour = [1.0, 1.0, 1.0]\n"
-        for x, y in ((1.0, 0.0), (-0.5, 0.9), (-0.5, -0.9))
-    )
-    (grasp / "left.toml").write_text((grasp / "left.toml").read_text() + lights)
-    with pytest.raises(TactileFailure, match='found "estimate" for a sensor of kind "photometric"'):
-        read_raw_grasp(grasp)
 
 
 def test_the_files_of_a_grasp_hold_the_clip_that_it_names_and_nothing_outside_the_batch(grasp: Path) -> None:

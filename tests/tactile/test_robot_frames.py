@@ -152,22 +152,6 @@ def test_a_camera_at_rest_and_a_carried_mat_cover_the_mats_place():
     assert chi2.ppf(0.005, 6 * draws) < total < chi2.ppf(0.995, 6 * draws)
 
 
-def about_moving_axes(poses):
-    """True poses as a controller gives their angles that turns about moving axes, read about fixed ones."""
-    wrong = poses.copy()
-    angles = Rotation.from_matrix(poses[:, :3, :3]).as_euler("XYZ")
-    wrong[:, :3, :3] = Rotation.from_euler("xyz", angles).as_matrix()
-    return wrong
-
-
-def reordered(poses: np.ndarray) -> np.ndarray:
-    """What a reader gets where w comes first under the names qx, qy, qz, qw."""
-    changed = poses.copy()
-    quaternions = np.roll(Rotation.from_matrix(poses[:, :3, :3]).as_quat(), 1, axis=1)
-    changed[:, :3, :3] = Rotation.from_quat(quaternions).as_matrix()
-    return changed
-
-
 def scaled(factor: float):
     def of(poses: np.ndarray) -> np.ndarray:
         changed = poses.copy()
@@ -183,27 +167,17 @@ def single_shifted(poses: np.ndarray) -> np.ndarray:
     return changed
 
 
-def transposed(poses: np.ndarray) -> np.ndarray:
-    changed = poses.copy()
-    changed[:, :3, :3] = np.swapaxes(poses[:, :3, :3], 1, 2)
-    return changed
-
-
 @pytest.mark.parametrize(
     ("mistake", "words"),
     [
-        (scaled(0.001), "positions in m under a name in mm"),
-        (scaled(1000.0), "positions in mm under a name in m"),
-        (np.linalg.inv, "inverse poses"),
-        (transposed, "inverse rotations"),
-        (reordered, "quaternions in the order w, x, y, z"),
-        (about_moving_axes, "angles about the moving axes"),
+        (scaled(0.001), "the flange's in the base's frame"),
+        (np.linalg.inv, "the flange's in the base's frame"),
         (single_shifted, r"03\.png .* off the other poses"),
         (lambda poses: np.roll(poses, 1, axis=0), "each row names its own photo"),
         (lambda poses: np.broadcast_to(poses[:1], poses.shape), "rotations that differ by .* second axis"),
     ],
 )
-def test_a_mistake_in_the_poses_of_photos_is_named(mistake, words):
+def test_a_mistake_in_the_poses_of_photos_is_refused_with_what_to_check(mistake, words):
     views, _ = photographs(np.random.default_rng(3))
     wrong = mistake(np.array([view.base_from_flange for view in views]))
     with pytest.raises(TactileFailure, match=words):
