@@ -8,8 +8,8 @@ without any effect,
 
 as it has by the noise of the forces (fem.mismatch.evidence.force_noise). Uncorrected, a smooth error of
 0.1 mm looks like a skin of 0.3 mm. n is estimated from a drawn error, for which all patterns and the laws
-that are linear in the flesh's stiffness are solved again. n is of second order: the
-opposite error has the same.
+that are linear in the flesh's stiffness are solved again. n is of second order:
+the opposite error has the same.
 """
 
 from collections.abc import Sequence
@@ -30,6 +30,9 @@ from fem.solid.shape_derivative import with_surface_error
 
 SEED = 0
 """Of the drawn error; any number does."""
+STEP = 0.1
+"""The drawn error as a share of the surface's. dphi and dc are linear in it, and n is scaled by its square; a
+small one turns no element inside out."""
 
 
 def surface_products(
@@ -42,7 +45,7 @@ def surface_products(
     """n of each recording and column (zero where it is not a signature of a LinearLaw).
 
     `signatures`: with the numbers of their columns, which count from one. Column 0 is the plain model's.
-    Raises FemFailure (INVERTED_ELEMENTS) where elements are too small for the error.
+    Raises FemFailure (INVERTED_ELEMENTS) where an element is nearly folded already.
     """
     products = np.zeros((len(recorded), columns))
     linear = [(effect, numbers) for effect, _, numbers in signatures if isinstance(effect, LinearLaw)]
@@ -56,12 +59,12 @@ def surface_products(
         for column, moved, number in zip(before, after, numbers, strict=True):
             for k, equations in enumerate(recorded):
                 change = equations.flat(moved.fields[k]) - equations.flat(column.fields[k])
-                products[k, number] = change @ weighed[k]
+                products[k, number] = change @ weighed[k] / STEP**2
     return products
 
 
 def with_drawn_surface(forward: ForwardModel) -> ForwardModel:
-    """The model of the same recordings on a mesh with one more error of the surface, of the budget's size.
+    """The model of the same recordings on a mesh with one more error of the surface, STEP of the budget's.
 
     Markers stay where they are on their elements. Raises FemFailure (INVERTED_ELEMENTS).
     """
@@ -73,7 +76,7 @@ def with_drawn_surface(forward: ForwardModel) -> ForwardModel:
     ]
     variances = [case.budget.surface_under_pads_mm(grasp.history) ** 2 for grasp in case.grasps]
     sd_mm = float(np.sqrt(np.mean(np.concatenate(variances))))
-    mesh = with_surface_error(base.mesh, pads, sd_mm=sd_mm, rng=np.random.default_rng(SEED))
+    mesh = with_surface_error(base.mesh, pads, sd_mm=STEP * sd_mm, rng=np.random.default_rng(SEED))
     solids = {
         support: replace(
             UnitModulusSolid.factorise(mesh, poisson_ratio=forward.poisson_ratio, support=support),
