@@ -30,7 +30,7 @@ from fem.solid.shape_derivative import with_surface_error
 
 SEED = 0
 """Of the drawn error; any number does."""
-STEP = 0.1
+STEP = 0.01
 """The drawn error as a share of the surface's. dphi and dc are linear in it, and n is scaled by its square; a
 small one turns no element inside out."""
 
