@@ -10,6 +10,7 @@ Optimization, section 2.11, for elasticity).
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -19,6 +20,8 @@ from scipy.spatial import cKDTree
 from fem.elements.assembly import unit_lame_constants
 from fem.elements.gradients import inverse_3x3
 from fem.elements.shape_functions import TET_EDGES, t10_gradient
+from fem.fem_failure import FemFailure, FemProblem
+from fem.mesh.boundary_fit import t10_jacobians
 from fem.mesh.flesh_mesh import FleshMesh
 
 _CORNERS = np.vstack([np.zeros(3), np.eye(3)])
@@ -33,6 +36,8 @@ assembled solids 0.4 % is left on a mesh of ten thousand dofs, with four points 
 """
 WAVE_MM = 20.0
 """Length of the waves by which a scanned surface is off: what photos leave is smooth."""
+DRAWN_WAVES = 24
+"""In a drawn surface error: enough for its amplitude to be nearly Gaussian."""
 PAD_FADES_MM, LEAST_STEEP = 10.0, 0.5
 """How far from a pad's markers the skin still moves with the pad; never where it turns away by over 60
 degrees."""
@@ -132,6 +137,50 @@ def skin_velocities(
     as brings it to the same surface: the markers of a pad keep their distances whatever skin they meet. Along
     its own normals it would spread them where it rises, and C would fall with the patch's width.
     """
+    nodes, motion = mesh.nodes_mm, _skin_motion(mesh, pads)
+    phase = 2 * np.pi / WAVE_MM * (nodes - nodes[mesh.outer_nodes].mean(axis=0)).T
+    waves = np.concatenate([np.cos(phase), np.sin(phase)])
+    return np.asarray(waves[:, :, None] * motion)
+
+
+def with_surface_error(
+    mesh: FleshMesh,
+    pads: Sequence[tuple[Float[np.ndarray, "_ 3"], Float[np.ndarray, "3"]]],
+    *,
+    sd_mm: float,
+    rng: np.random.Generator,
+) -> FleshMesh:
+    """The mesh with a drawn surface error: DRAWN_WAVES waves of WAVE_MM in random directions, `sd_mm` in all.
+
+    `pads`: as in `skin_velocities`. Raises INVERTED_ELEMENTS.
+    """
+    direction = rng.normal(size=(DRAWN_WAVES, 3))
+    direction *= 2 * np.pi / WAVE_MM / np.linalg.norm(direction, axis=1)[:, None]
+    phase = mesh.nodes_mm @ direction.T + rng.uniform(0, 2 * np.pi, DRAWN_WAVES)
+    error_mm = sd_mm * np.sqrt(2 / DRAWN_WAVES) * np.cos(phase).sum(axis=1)
+    return moved_mesh(
+        mesh,
+        error_mm[:, None] * _skin_motion(mesh, pads),
+        "the skin moves by its error. Check the error of the surface",
+    )
+
+
+def moved_mesh(mesh: FleshMesh, by_mm: Float[np.ndarray, "n 3"], when: str) -> FleshMesh:
+    """The mesh with moved nodes. Raises FemFailure (INVERTED_ELEMENTS), whose sentence `when` completes."""
+    nodes = mesh.nodes_mm + by_mm
+    folded = int((t10_jacobians(nodes, mesh.tets).min(axis=1) <= 0).sum())
+    if folded:
+        raise FemFailure(
+            FemProblem.INVERTED_ELEMENTS,
+            f"{folded} elements become inverted when {when}, or make a new mesh",
+        )
+    return replace(mesh, nodes_mm=nodes)
+
+
+def _skin_motion(
+    mesh: FleshMesh, pads: Sequence[tuple[Float[np.ndarray, "_ 3"], Float[np.ndarray, "3"]]]
+) -> Float[np.ndarray, "n 3"]:
+    """How nodes move where the skin's error is 1: outward, along a pad's normal near it, fading inward."""
     nodes = mesh.nodes_mm
     skin = mesh.outer_nodes
     corners = nodes[mesh.outer_faces[:, :3]]
@@ -148,9 +197,7 @@ def skin_velocities(
         slide = axis / np.maximum(steep, LEAST_STEEP)[:, None] - outward
         outward = outward + near[:, None] * slide
     fading = 1 - mesh.pit_share if len(mesh.pit_nodes) else np.ones(len(nodes))
-    phase = 2 * np.pi / WAVE_MM * (nodes - nodes[skin].mean(axis=0)).T
-    waves = np.concatenate([np.cos(phase), np.sin(phase)])
-    return np.asarray(waves[:, :, None] * (fading[:, None] * outward))
+    return np.asarray(fading[:, None] * outward)
 
 
 def _gradients(

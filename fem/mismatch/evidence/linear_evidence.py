@@ -62,7 +62,8 @@ class GramMatrix:
     Row 0 is the data (less prior means), row 1 the plain model (its response s c), then the
     columns in the order given. Column 0 is the plain model's, so that `columns[j]` is the j-th of those
     given, counted from one. Products with the data are corrected by what the forces' noise adds to them
-    (fem.mismatch.model.force_products): `bias` by recording and column.
+    (fem.mismatch.model.force_products) and by `surface`, what the error of the scanned surface does
+    (fem.mismatch.evidence.surface_error): `bias` by recording and column.
     """
 
     def __init__(
@@ -72,6 +73,7 @@ class GramMatrix:
         columns: Sequence[Regressor],
         *,
         noise: Sequence[ForceNoise] = (),
+        surface: Float[np.ndarray, "g c"] | None = None,
     ) -> None:
         self._noise, self._workers = tuple(noise), forward.workers
         self._noise_products = MemoTable()
@@ -89,6 +91,8 @@ class GramMatrix:
         ).reshape(len(noise), len(self.columns))
         if not len(noise):
             self.bias = np.zeros((len(recorded), len(self.columns)))
+        if surface is not None:
+            self.bias += surface
         for j, column in enumerate(self.columns):
             if column.same_as is not None:
                 self.bias[:, j] = self.bias[:, column.same_as]

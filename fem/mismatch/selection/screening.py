@@ -17,6 +17,7 @@ from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.model_error import NullDraws, model_error_columns, scale_prior
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.evidence.signature_equations import SignatureEquations
+from fem.mismatch.evidence.surface_error import surface_products
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.parallel_map import parallel_map
@@ -110,8 +111,13 @@ def screened(
     of_errors = range(len(columns) + 1, len(columns) + len(errors) + 1)
     columns += errors
     noise = drawn_force_noise(forward, recorded, draws=noise_draws)
+    surface = None
+    try:
+        surface = surface_products(forward, recorded, signatures, columns=len(columns) + 1)
+    except FemFailure as failure:
+        without["the error of the surface"] = failure.detail
     return linear_round(
-        GramMatrix(forward, recorded, columns, noise=noise),
+        GramMatrix(forward, recorded, columns, noise=noise, surface=surface),
         (*range(1, len(known) + 1), *of_errors),
         signatures,
         auxiliary=lambda *signature_at_amounts: _auxiliary(forward, *signature_at_amounts),

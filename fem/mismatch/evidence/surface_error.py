@@ -1,0 +1,98 @@
+"""Errors in variables: what the error of the scanned surface adds to the products of fields with the data.
+
+The response c of a wavy surface is off by dc, and the signature phi of another law of the flesh, which
+follows from c, by dphi. Both have the same waves, so that phi . W y with y = data - s c has an expected value
+without any effect,
+
+    n = E[dphi . W (-s dc)],
+
+as it has by the noise of the forces (fem.mismatch.evidence.force_noise). Uncorrected, a smooth error of
+0.1 mm looks like a skin of 0.3 mm. n is estimated from a drawn error, for which all patterns and the laws
+that are linear in the flesh's stiffness are solved again. n is of second order:
+the opposite error has the same.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.estimation.sensitivity import mean_normal
+from fem.mismatch.effect import Effect, Signature
+from fem.mismatch.evidence.grasp_equations import GraspEquations
+from fem.mismatch.linear_law import LinearLaw
+from fem.mismatch.model.baseline import Baseline, GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.observation_delta import ObservationDelta
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.shape_derivative import with_surface_error
+
+SEED = 0
+"""Of the drawn error; any number does."""
+STEP = 0.01
+"""The drawn error as a share of the surface's. dphi and dc are linear in it, and n is scaled by its square; a
+small one turns no element inside out."""
+
+
+def surface_products(
+    forward: ForwardModel,
+    recorded: Sequence[GraspEquations],
+    signatures: Sequence[tuple[Effect, Signature, tuple[int, ...]]],
+    *,
+    columns: int,
+) -> Float[np.ndarray, "g c"]:
+    """n of each recording and column (zero where it is not a signature of a LinearLaw).
+
+    `signatures`: with the numbers of their columns, which count from one. Column 0 is the plain model's.
+    Raises FemFailure (INVERTED_ELEMENTS) where an element is nearly folded already.
+    """
+    products = np.zeros((len(recorded), columns))
+    linear = [(effect, numbers) for effect, _, numbers in signatures if isinstance(effect, LinearLaw)]
+    drawn = with_drawn_surface(forward)
+    weighed = []
+    for equations, recording in zip(recorded, drawn.base.grasps, strict=True):
+        change = recording.tracks.unit_displacement - equations.recording.tracks.unit_displacement
+        weighed.append(equations.rows([ObservationDelta(markers=-forward.compliance * change)])[1][0])
+    for effect, numbers in linear:
+        before, after = (effect.signatures(model)[0].columns for model in (forward, drawn))
+        for column, moved, number in zip(before, after, numbers, strict=True):
+            for k, equations in enumerate(recorded):
+                change = equations.flat(moved.fields[k]) - equations.flat(column.fields[k])
+                products[k, number] = change @ weighed[k] / STEP**2
+    return products
+
+
+def with_drawn_surface(forward: ForwardModel) -> ForwardModel:
+    """The model of the same recordings on a mesh with one more error of the surface, STEP of the budget's.
+
+    Markers stay where they are on their elements. Raises FemFailure (INVERTED_ELEMENTS).
+    """
+    base, case = forward.base, forward.base.case
+    pads = [
+        (link.place.point_mm, mean_normal(link.place.normal))
+        for recording in base.grasps
+        for link in recording.links
+    ]
+    variances = [case.budget.surface_under_pads_mm(grasp.history) ** 2 for grasp in case.grasps]
+    sd_mm = float(np.sqrt(np.mean(np.concatenate(variances))))
+    mesh = with_surface_error(base.mesh, pads, sd_mm=STEP * sd_mm, rng=np.random.default_rng(SEED))
+    solids = {
+        support: replace(
+            UnitModulusSolid.factorise(mesh, poisson_ratio=forward.poisson_ratio, support=support),
+            contact_nodes=solid.contact_nodes,
+        )
+        for support, solid in base.solids.items()
+    }
+
+    def again(recording: GraspResponse) -> GraspResponse:
+        skin = base.solid_of(recording).contact_nodes
+        loads = np.zeros((len(recording.patterns), len(mesh.nodes_mm), 3))
+        loads[:, skin] = recording.nodal_of(recording.patterns)
+        moved = solids[recording.case.support].displacement(loads)
+        response = recording.at_markers(moved[:, skin])
+        tracks = replace(recording.tracks, unit_displacement=recording.over_time(response))
+        return replace(recording, moved=moved, response=response, tracks=tracks)
+
+    moved_base = Baseline(case=replace(case, mesh=mesh), solids=solids, grasps=tuple(forward.each(again)))
+    return ForwardModel(base=moved_base, compliance=forward.compliance, workers=forward.workers)
