@@ -13,8 +13,9 @@ from fem.mesh.boundary_fit import t10_jacobians
 from fem.mismatch.effects.skin import EFFECT as SKIN
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import GramMatrix, plain_data
-from fem.mismatch.evidence.surface_error import surface_products
+from fem.mismatch.evidence.surface_error import surface_products, with_drawn_surface
 from fem.mismatch.model.forward_model import ForwardModel
+from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.shape_derivative import WAVE_MM, with_surface_error
 
 ERROR_MM = 0.2
@@ -93,3 +94,18 @@ def test_the_drawn_error_has_the_size_that_is_asked_for_and_turns_no_element() -
         size_mm.append(np.sqrt(np.mean(off**2)))
     assert np.sqrt(np.mean(np.square(size_mm))) == pytest.approx(ERROR_MM, rel=0.15)
     assert WAVE_MM > 4 * ERROR_MM
+
+
+def test_the_nearby_solid_is_the_factorised_one_to_first_order() -> None:
+    forward = forward_with(0.0, 0)
+    (solid,) = forward.base.solids.values()
+    nearby = with_drawn_surface(forward)
+    (moved,) = nearby.base.solids.values()
+    exact = UnitModulusSolid.factorise(
+        nearby.base.mesh, poisson_ratio=solid.poisson_ratio, support=solid.support
+    )
+    field = np.random.default_rng(3).normal(size=3 * len(solid.mesh.nodes_mm))
+    load = (solid.stiffness @ field).reshape(1, -1, 3)  # balanced
+    before, expected = solid.displacement(load), exact.displacement(load)
+    change, off = solid.energy(expected - before), solid.energy(moved.displacement(load) - expected)
+    assert 0 < off[0] < 1e-3 * change[0]

@@ -18,6 +18,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
+from fem.elements.assembly import assemble
 from fem.estimation.sensitivity import mean_normal
 from fem.mismatch.effect import Effect, Signature
 from fem.mismatch.evidence.grasp_equations import GraspEquations
@@ -25,7 +26,7 @@ from fem.mismatch.linear_law import LinearLaw
 from fem.mismatch.model.baseline import Baseline, GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta
-from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.shape_derivative import with_surface_error
 
 SEED = 0
@@ -63,6 +64,20 @@ def surface_products(
     return products
 
 
+class NearbySolid(UnitModulusSolid):
+    """A solid on a mesh that was moved a little, solved by the factor of the mesh before.
+
+    With the stiffness K0 + dK it takes U - K0^-1 dK U for the displacement, U that of before: exact to first
+    order in the nodes' motion.
+    """
+
+    def displacement(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+        """As UnitModulusSolid.displacement."""
+        before = super().displacement(nodal_force_N)
+        held_N = (self.stiffness @ before.reshape(len(before), -1).T).T.reshape(before.shape)
+        return np.asarray(before + super().displacement(nodal_force_N - held_N))
+
+
 def with_drawn_surface(forward: ForwardModel) -> ForwardModel:
     """The model of the same recordings on a mesh with one more error of the surface, STEP of the budget's.
 
@@ -77,11 +92,10 @@ def with_drawn_surface(forward: ForwardModel) -> ForwardModel:
     variances = [case.budget.surface_under_pads_mm(grasp.history) ** 2 for grasp in case.grasps]
     sd_mm = float(np.sqrt(np.mean(np.concatenate(variances))))
     mesh = with_surface_error(base.mesh, pads, sd_mm=STEP * sd_mm, rng=np.random.default_rng(SEED))
-    solids = {
-        support: replace(
-            UnitModulusSolid.factorise(mesh, poisson_ratio=forward.poisson_ratio, support=support),
-            contact_nodes=solid.contact_nodes,
-        )
+    parts = assemble(mesh.nodes_mm, mesh.tets)
+    stiffness = parts.for_unit_modulus(poisson_ratio=forward.poisson_ratio)
+    solids: dict[Support, UnitModulusSolid] = {
+        support: NearbySolid(**{**vars(solid), "mesh": mesh, "parts": parts, "stiffness": stiffness})
         for support, solid in base.solids.items()
     }
 
