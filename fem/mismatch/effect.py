@@ -16,10 +16,11 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect_spec import EffectSpec
+from fem.mismatch.model.force_products import LinearInForces
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import Regressor
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.result import Parameter, Where
-from fem.mismatch.signature_variant import Variant
+from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,6 +40,29 @@ class Signature:
         """The variant in words."""
         return self.variant.label
 
+    @classmethod
+    def of_markers(
+        cls,
+        name: str,
+        markers_mm: Sequence[Float[np.ndarray, "_f _n 3"]],
+        *,
+        sd: float,
+        variant: Variant = ONE_WAY,
+        positive: bool = False,
+        least: float = 0.0,
+        of_forces: LinearInForces | None = None,
+    ) -> "Signature":
+        """One amount that moves the markers of every recording; the options are those of Regressor."""
+        column = Regressor(
+            name=name,
+            sd=sd,
+            fields=[ObservationDelta(markers=field_mm) for field_mm in markers_mm],
+            positive=positive,
+            least=least,
+            of_forces=of_forces,
+        )
+        return cls(variant=variant, columns=(column,))
+
 
 @dataclass(frozen=True, kw_only=True)
 class Response:
@@ -55,6 +79,22 @@ class Response:
     shift_mm: Sequence[Float[np.ndarray, "_f _n 3"]] | None = None
     balance: Sequence[Float[np.ndarray, "_f 6"]] | None = None
     rest: Sequence[Float[np.ndarray, " _p"]] | None = None
+
+    @classmethod
+    def plain(
+        cls,
+        forward: ForwardModel,
+        change: Sequence[Float[np.ndarray, "_f _n 3"]] | None = None,
+        *,
+        shift_mm: Sequence[Float[np.ndarray, "_f _n 3"]] | None = None,
+        balance: Sequence[Float[np.ndarray, "_f 6"]] | None = None,
+        rest: Sequence[Float[np.ndarray, " _p"]] | None = None,
+    ) -> "Response":
+        """The plain model's, with `change` (mm MPa) added to each recording's displacement."""
+        unit = [recording.tracks.unit_displacement for recording in forward.base.grasps]
+        if change is not None:
+            unit = [plain + more for plain, more in zip(unit, change, strict=True)]
+        return cls(unit=unit, shift_mm=shift_mm, balance=balance, rest=rest)
 
 
 class Effect(Protocol):

@@ -1,20 +1,13 @@
 """A ball of softer flesh in the fruit: its share of the stiffness, and how far the fruit then gives way.
 
 With K1 the stiffness (for E = 1 MPa) of the flesh inside the ball, and a modulus there of `ratio` times the
-one outside, K = K0 - (1 - ratio) K1. Under the same loads the displacement lies, nearly, in the span of
-
-    U0,   V1 = K0^-1 K1 U0,   V2 = K0^-1 K1 V1
-
-(a Krylov space: Saad, Iterative Methods for Sparse Linear Systems, 2003, chapter 6), in which the energy is
-made smallest. All products are moments of one kind, V_i' K0 V_j = V_(i-1)' K1 V_j, so that only K1 is needed.
+one outside, K = K0 - (1 - ratio) K1.
 """
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import eigh
 from scipy.sparse import coo_array, csr_array
 
 from fem.elements.assembly import unit_lame_constants
@@ -26,8 +19,6 @@ RIM_MM = 0.6
 """Over this length across its surface the ball fades out, so that its stiffness changes smoothly."""
 CUTS = 4
 """Elements are sampled at the middles of the parts that this many cuts per edge make."""
-LEAST_SHARE = 1e-9
-"""Directions of the reduced space with less than this share of the largest energy are rounding."""
 
 
 def fading(distance_mm: Float[np.ndarray, "*b"], radius_mm: float) -> Float[np.ndarray, "*b"]:
@@ -79,51 +70,6 @@ def drop_of(ratio: float, poisson_ratio: float) -> float:
     """
     beta = 2 * (4 - 5 * poisson_ratio) / (15 * (1 - poisson_ratio))
     return (1 - ratio) / (1 - beta * (1 - ratio))
-
-
-@dataclass(frozen=True, kw_only=True)
-class Softened:
-    """The reduced space of a ball for r loads, by its moments U0' K1 V_p, p = 0 to 4, and `work`: U0' f."""
-
-    moments: tuple[Float[np.ndarray, "r r"], ...]
-    work: Float[np.ndarray, "r r"]
-
-    @classmethod
-    def of(
-        cls,
-        inside: csr_array,
-        displacement: Float[np.ndarray, "r n 3"],
-        first: Float[np.ndarray, "r n 3"],
-        second: Float[np.ndarray, "r n 3"],
-        *,
-        work: Float[np.ndarray, "r r"],
-    ) -> "Softened":
-        """`inside`: K1; `displacement`: U0, with V1 and V2 as `first` and `second`."""
-        fields = (displacement, first, second)
-        pushed = [times(inside, field) for field in fields]
-        pairs = ((0, 0), (0, 1), (1, 1), (1, 2), (2, 2))
-        moments = tuple(np.tensordot(fields[i], pushed[j], axes=([1, 2], [1, 2])) for i, j in pairs)
-        return cls(moments=tuple((m + m.T) / 2 for m in moments), work=work)
-
-    def amounts(self, ratio: float) -> Float[np.ndarray, "3 r r"]:
-        """Of U0, V1 and V2 of each load (second axis) in the displacement under each load (last axis)."""
-        count = len(self.work)
-        blocks = [self.work, *self.moments]
-        whole = np.block([[blocks[i + j] for j in range(3)] for i in range(3)])
-        lost = np.block([[self.moments[i + j] for j in range(3)] for i in range(3)])
-        load = whole[:, :count]
-        scale = 1 / np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
-        size, way = eigh(whole * scale * scale[:, None])
-        keep = size > LEAST_SHARE * size[-1]
-        basis = scale[:, None] * way[:, keep] / np.sqrt(size[keep])
-        energy = np.eye(int(keep.sum())) - (1 - ratio) * basis.T @ lost @ basis
-        return np.asarray(basis @ np.linalg.solve(energy, basis.T @ load)).reshape(3, count, count)
-
-
-def times(inside: csr_array, displacement: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r n 3"]:
-    """K1 times fields."""
-    flat = displacement.reshape(len(displacement), inside.shape[1])
-    return np.ascontiguousarray((inside @ flat.T).T).reshape(displacement.shape)
 
 
 @cache

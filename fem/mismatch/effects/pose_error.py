@@ -68,7 +68,6 @@ SPEC = EffectSpec(
     ),
     correction=Correction.PAD_POSE,
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)
@@ -143,7 +142,7 @@ class PoseError:
             return first_responses
 
         responses = quadratic_surrogate(
-            forward,
+            forward.warm_starts,
             (self.spec.name, pad, forward.compliance),
             theta,
             first_order=first_order,

@@ -70,7 +70,6 @@ SPEC = EffectSpec(
     correction=Correction.THERMAL_DRIFT,
     knows_time=True,
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)
