@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-LONG_STRETCH = 8
+LONG_STRETCH = 15
 """Stretches longer than this on average are added block by block, shorter ones number by number."""
 
 

@@ -139,12 +139,12 @@ def test_jaws_that_give_way_are_found():
 
 
 class Overshooting(MovedMarkers):
-    """Starts three times too far, where it has no model, as a pit has none that pokes out of the fruit."""
+    """Starts too far, where it has no model, as a pit has none that pokes out of the fruit."""
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
-        return super().start(forward, signature, 3 * amounts)
+        return super().start(forward, signature, 1.2 * amounts)
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         if parameters["mm_per_N"] > 0.45:
