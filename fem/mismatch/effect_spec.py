@@ -52,21 +52,13 @@ class Correction(StrEnum):
     PIT_SIZE = "pit size"
 
 
-ENTRY: dict[Correction, Entry] = {
-    Correction.FORCE_GAIN: Entry.RECORDING,
-    Correction.FORCE_DRIFT: Entry.RECORDING,
-    Correction.JAW_COMPLIANCE: Entry.RECORDING,
-    Correction.CLOCK_LAG: Entry.RECORDING,
-    Correction.PAD_POSE: Entry.RECORDING,
-    Correction.FORCE_LAW: Entry.RECORDING,
-    Correction.GEL_CREEP: Entry.RECORDING,
-    Correction.GEL_HYSTERESIS: Entry.RECORDING,
-    Correction.THERMAL_DRIFT: Entry.RECORDING,
+OUTSIDE_RECORDINGS = {
     Correction.POISSON_RATIO: Entry.SETTINGS,
     Correction.PIT_OFFSET: Entry.MESH,
     Correction.PIT_SIZE: Entry.MESH,
 }
-"""Where each correction is made; an effect without one enters the response of the flesh or contact."""
+"""Where these corrections are made; all others in the recordings. An effect without a correction enters the
+response of the flesh or contact."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -280,7 +272,9 @@ class EffectSpec:
     @property
     def enters(self) -> Entry:
         """Where grading takes it into account."""
-        return Entry.RESPONSE if self.correction is None else ENTRY[self.correction]
+        if self.correction is None:
+            return Entry.RESPONSE
+        return OUTSIDE_RECORDINGS.get(self.correction, Entry.RECORDING)
 
     @property
     def of_the_jaws(self) -> bool:

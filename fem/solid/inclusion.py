@@ -12,13 +12,26 @@ from scipy.sparse import coo_array, csr_array
 
 from fem.elements.assembly import unit_lame_constants
 from fem.elements.gradients import inverse_3x3
-from fem.elements.shape_functions import t10_gradient, t10_shape
+from fem.elements.shape_functions import TET_EDGES, t10_gradient, t10_shape
 from fem.mesh.flesh_mesh import FleshMesh
 
 RIM_MM = 0.6
 """Over this length across its surface the ball fades out, so that its stiffness changes smoothly."""
-CUTS = 4
-"""Elements are sampled at the middles of the parts that this many cuts per edge make."""
+HALVINGS = 2
+"""Elements are sampled at the middles of the parts that halving all edges so often makes."""
+EIGHTHS = np.array(
+    [
+        [0, 4, 6, 7],
+        [4, 1, 5, 8],
+        [6, 5, 2, 9],
+        [7, 8, 9, 3],
+        [4, 9, 5, 6],
+        [4, 9, 6, 7],
+        [4, 9, 7, 8],
+        [4, 9, 8, 5],
+    ]
+)
+"""Nodes of a T10 that bound the eight tetrahedra, of equal volume, into which its middles part it."""
 
 
 def fading(distance_mm: Float[np.ndarray, "*b"], radius_mm: float) -> Float[np.ndarray, "*b"]:
@@ -75,25 +88,9 @@ def drop_of(ratio: float, poisson_ratio: float) -> float:
 @cache
 def _samples() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Middles of the equal parts of the reference tetrahedron, with values and slopes of the shapes there."""
-    points = []
-    for i in range(CUTS):
-        for j in range(CUTS - i):
-            for k in range(CUTS - i - j):
-                points.append(np.array([i, j, k]) + 0.25)
-                if i + j + k < CUTS - 1:
-                    base = np.array([i, j, k], dtype=float)
-                    points += [base + middle for middle in _OCTAHEDRON]
-                if i + j + k < CUTS - 2:
-                    points.append(np.array([i, j, k]) + 0.75)
-    reference = np.array(points) / CUTS
+    corner = np.vstack([np.zeros(3), np.eye(3)])[None]
+    for _ in range(HALVINGS):
+        with_middles = np.concatenate([corner, corner[:, TET_EDGES].mean(axis=2)], axis=1)
+        corner = with_middles[:, EIGHTHS].reshape(-1, 4, 3)
+    reference = corner.mean(axis=1)
     return reference, t10_shape(reference), t10_gradient(reference)
-
-
-def _quarters() -> list[np.ndarray]:
-    """Middles of the four tetrahedra round one diagonal of the octahedron between cut corners."""
-    ends = np.array([[1, 0, 0], [0, 1, 1]], dtype=float)
-    ring = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 0]], dtype=float)
-    return [(ends.sum(axis=0) + ring[k] + ring[(k + 1) % 4]) / 4 for k in range(4)]
-
-
-_OCTAHEDRON = _quarters()
