@@ -56,7 +56,7 @@ class LinearLaw:
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """The law of this parameter, in the reduced space."""
-        (theta,) = parameters.values()
+        theta = parameters[self.spec.searched[0].name]
         laws = forward.memoised(self.spec.name, lambda: self._laws(forward))
         return Response(unit=[law.response(self.amounts(theta)) for law in laws])
 

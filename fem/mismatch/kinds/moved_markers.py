@@ -39,6 +39,6 @@ class MovedMarkers:
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """Positions off by that much."""
-        (value,) = parameters.values()
+        value = parameters[self.spec.searched[0].name]
         shift_mm = [self.moved_mm(recording, value) for recording in forward.base.grasps]
         return Response.plain(forward, shift_mm=shift_mm)

@@ -60,8 +60,8 @@ class PitChange:
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """The fruit meshed with that pit. Raises FemFailure where the pit would leave the flesh."""
         pit = np.zeros(len(PIT))
-        for cause, value in zip(self.causes, parameters.values(), strict=True):
-            pit[PIT.index(cause)] = self.amount(value)
+        for cause, spec in zip(self.causes, self.spec.searched, strict=True):
+            pit[PIT.index(cause)] = self.amount(parameters[spec.name])
         quantities = quadratic_surrogate(
             forward.warm_starts,
             self.spec.name,
