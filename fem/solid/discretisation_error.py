@@ -52,7 +52,7 @@ def discretisation_error(
         raise FemFailure(
             FemProblem.BAD_LOAD, "a displacement field strains nothing: there is no energy to compare with"
         )
-    return _energies(smooth - nodal, volume_mm3, n_loads, poisson_ratio).sum(axis=1) / whole
+    return np.asarray(_energies(smooth - nodal, volume_mm3, n_loads, poisson_ratio).sum(axis=1) / whole)
 
 
 def _energies(

@@ -19,7 +19,7 @@ from fem.cached_value import cached_value
 from fem.fem_failure import FemFailure, FemProblem
 from fem.materials.law import UnitLaw
 from fem.solid.anderson import Anderson
-from fem.solid.equilibrium import MEMORY, Ending, equilibrium
+from fem.solid.equilibrium import MEMORY, Ending, Tangent, equilibrium
 from fem.solid.finite_strain_balance import FiniteBalance, FiniteState
 from fem.solid.finite_strain_elements import FiniteFlesh
 from fem.solid.linear_solid import UnitModulusSolid
@@ -161,7 +161,8 @@ class FiniteStrainSolid:
         """The state under one load, at once or in steps: halved where the search fails, doubled where it
         succeeds; the share of the load that it balances, and how the last search ended.
         """
-        rest, tangent = self.rest, self.rest.linear_tangent
+        rest = self.rest
+        tangent: Tangent = rest.linear_tangent
         last = rest.state(np.zeros_like(first))
         share, step, ending, guess = 0.0, 1.0, Ending.CONVERGED, rest.admissible(first)
         while share < 1:

@@ -79,4 +79,4 @@ def lagged(
 ) -> Float[np.ndarray, "f ..."]:
     """h of fem.materials.relaxing_arm, in the frames used."""
     whole = over_all_frames(recording, values)
-    return lagging(whole, recording.case.history.time_s, retardation_s)[recording.used]
+    return np.asarray(lagging(whole, recording.case.history.time_s, retardation_s)[recording.used])

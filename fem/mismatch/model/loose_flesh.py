@@ -123,7 +123,7 @@ def patches(mesh: FleshMesh) -> tuple[csr_array, Float[np.ndarray, " c"]]:
     corners, place = np.unique(faces[:, :3], return_inverse=True)
     corner_mm = mesh.nodes_mm[corners]
     chosen = spread_out(corner_mm, most=MOST_PATCHES)
-    patch = cKDTree(corner_mm[chosen]).query(corner_mm)[1][place].reshape(-1, 3)
+    patch = np.asarray(cKDTree(corner_mm[chosen]).query(corner_mm)[1])[place].reshape(-1, 3)
     rows = np.broadcast_to(3 * faces[:, None, :, None] + np.arange(3), pushes.shape)
     columns = np.broadcast_to(patch[:, :, None, None], pushes.shape)
     shape = (3 * len(mesh.nodes_mm), int(patch.max()) + 1)
