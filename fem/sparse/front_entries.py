@@ -21,6 +21,7 @@ class Entries:
 
 
 NO_ENTRIES = Entries(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), [])
+"""Those of a factorised matrix, which needs none."""
 
 
 def ranges(start: Int[np.ndarray, " k"], length: Int[np.ndarray, " k"]) -> Int[np.ndarray, " n"]:

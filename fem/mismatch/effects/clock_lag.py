@@ -41,6 +41,7 @@ SPEC = EffectSpec(
     correction=Correction.CLOCK_LAG,
     knows_time=True,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _gone(recording: GraspResponse, lag_s: float) -> Float[np.ndarray, "f n 3"]:
@@ -55,3 +56,4 @@ def _gone(recording: GraspResponse, lag_s: float) -> Float[np.ndarray, "f n 3"]:
 
 
 EFFECT: Effect = MovedMarkers(spec=SPEC, sd=0.15, step=STEP_S, moved_mm=_gone)
+"""The prior of 0.15 s is set by hand: a few frames."""

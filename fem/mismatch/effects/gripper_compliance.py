@@ -35,6 +35,7 @@ SPEC = EffectSpec(
     ),
     correction=Correction.JAW_COMPLIANCE,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _ahead(recording: GraspResponse, mm_per_N: float) -> Float[np.ndarray, "f n 3"]:
@@ -48,3 +49,4 @@ def _ahead(recording: GraspResponse, mm_per_N: float) -> Float[np.ndarray, "f n 
 
 
 EFFECT: Effect = MovedMarkers(spec=SPEC, sd=0.03, positive=True, moved_mm=_ahead)
+"""The prior of 0.03 mm/N is set by hand: jaws that bend visibly."""

@@ -71,6 +71,7 @@ SPEC = EffectSpec(
     ),
     of_the_pit=True,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)

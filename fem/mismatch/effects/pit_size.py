@@ -24,6 +24,7 @@ SPEC = EffectSpec(
     correction=Correction.PIT_SIZE,
     of_the_pit=True,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 EFFECT: Effect = PitChange(
@@ -33,3 +34,4 @@ EFFECT: Effect = PitChange(
     value=lambda amount: float(np.exp(amount)),
     amount=lambda scale: float(np.log(scale)),
 )
+"""The prior of 0.2 is set by hand: a pit that is a fifth too large."""
