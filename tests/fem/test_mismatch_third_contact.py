@@ -152,8 +152,8 @@ def test_the_balance_with_a_force_at_another_place_explains_less(palm: ForwardMo
     here = balance.force(PLACE_MM, UPWARDS)
     assert here is not None
     aside = np.array([0.0, 13.0, -13.0])
-    beside = balance.force(aside, -aside / np.linalg.norm(aside))
-    assert here.evidence > (0.0 if beside is None else beside.evidence) + 100
+    elsewhere = balance.force(aside, -aside / np.linalg.norm(aside))
+    assert here.evidence > (0.0 if elsewhere is None else elsewhere.evidence) + 100
     assert balance.force(-PLACE_MM, -UPWARDS) is None, "from above it would have to pull"
     under_pad = recording.tracks.place_mm[(recording.tracks.episode >= 0).any(axis=0)][0]
     assert balance.force(under_pad, UPWARDS) is None

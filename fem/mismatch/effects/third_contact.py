@@ -344,8 +344,8 @@ def _searched(forward: ForwardModel) -> PlacedContact | None:
     best = places[int(np.argmax(evidence))]
     along = _axes(Seat.at(mesh, best).inward)[:, 1:]
     step = np.arange(-SPACING_MM, SPACING_MM + FINE_MM, FINE_MM)
-    beside = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
-    finer, finer_evidence = _evidence(forward, best + beside @ along.T)
+    offsets = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
+    finer, finer_evidence = _evidence(forward, best + offsets @ along.T)
     seat = Seat.at(mesh, finer[int(np.argmax(finer_evidence))])
     forces = _forces(forward, seat.place_mm, seat.inward)
     greatest = sum(force.evidence for force in forces if force is not None)
