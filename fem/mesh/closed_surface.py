@@ -1,12 +1,14 @@
 """Closed triangle surfaces as they are handed in: what they must fulfil, and which boundary is whose."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mesh.closest_point import closest_on_triangles, enclosed_volume_mm3
+from fem.mesh.creases import Creases, creases_of
 from fem.mesh.tetrahedra import pieces
 
 #: least volume of a body, as a share of its longest side cubed
@@ -25,6 +27,11 @@ class Surface:
     def closest(self, points_mm: Float[np.ndarray, "p 3"]) -> Float[np.ndarray, "p 3"]:
         """The surface's point next to each point."""
         return closest_on_triangles(points_mm, self.vertices_mm, self.faces).point_mm
+
+    @cached_property
+    def creases(self) -> Creases:
+        """Its sharp edges and corners."""
+        return creases_of(self.vertices_mm, self.faces)
 
 
 def must_enclose(

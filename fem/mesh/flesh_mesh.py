@@ -20,6 +20,7 @@ from fem.mesh.boundary_fit import pull, t4_jacobians, t10_jacobians
 from fem.mesh.closed_surface import Surface, checked_surface, must_enclose, must_lie_on, split_boundary
 from fem.mesh.closest_point import TriangleSearch
 from fem.mesh.contact_size import contact_size
+from fem.mesh.creases import corner_targets, middle_targets
 from fem.mesh.local_refinement import affordable_size, bisected
 from fem.mesh.tetrahedra import boundary_faces, with_mid_edges
 from fem.mesh.tetwild import fill, simplified
@@ -32,6 +33,8 @@ VOLUME_TOLERANCE = 3e-3
 RADIUS_MM = 2.0
 #: longest edges, as a share of the cube root of the fruit's volume
 LARGEST_SHARE = 1 / 8
+#: edges where the pit is sharp, as a share of those elsewhere: strain is singular there
+CREASE_SHARE = 0.4
 #: edges on the pit, and how far the mesher may stray from the surfaces it is given, as shares of edge_mm
 PIT_SHARE, ENVELOPE_SHARE = 0.65, 0.025
 
@@ -91,12 +94,11 @@ def tetrahedralise(
 ) -> FleshMesh:
     """The flesh between a fruit's surface and its pit's as T10 elements about edge_mm long.
 
-    Never longer than an eighth of the cube root of the volume, so that a cherry is resolved like a peach.
-    Within refine_radius_mm of the points refine_at_mm edges are about refine_edge_mm, growing gently beyond;
-    both follow the width of the contact that the points cover where neither is given
-    (fem.mesh.contact_size): cover it. Both may be given for each point. All these are longer where the mesh
-    would otherwise exceed dof_limit degrees of freedom (three a node). Sharp edges of the surfaces may be
-    rounded within the mesher's envelope.
+    Never longer than an eighth of the cube root of the volume, so that a cherry is resolved like a peach,
+    and 0.4 of that on sharp edges of the pit. Within refine_radius_mm of the points refine_at_mm edges are
+    about refine_edge_mm, growing gently beyond; both follow the width of the contact that the points cover
+    where neither is given (fem.mesh.contact_size): cover it. Both may be given for each point. All these are
+    longer where the mesh would otherwise exceed dof_limit degrees of freedom (three a node).
     Boundary corners, and with `curved` mid-edge nodes too, lie on the surfaces as given, not on the mesher's
     simplification of them. Both volumes are measured against the surfaces' own. Two runs
     give meshes alike, not the same ones (see fem.mesh.tetwild).
@@ -117,17 +119,35 @@ def tetrahedralise(
         surfaces.append((v, f[:, ::-1]))
     nodes, tets = fill(surfaces, edge_mm=edge_mm, envelope_mm=ENVELOPE_SHARE * edge_mm)
     nodes = _on_surfaces(nodes, tets, np.arange(len(nodes)), outer, pit)
-    if refine_at_mm is not None and len(refine_at_mm):
-        edge, radius = contact_size(refine_at_mm)
-        if refine_edge_mm is not None:
-            edge, radius = np.full(len(edge), refine_edge_mm), np.full(len(edge), RADIUS_MM)
-        if refine_radius_mm is not None:
-            radius = np.full(len(edge), refine_radius_mm)
-        size = affordable_size(nodes, tets, refine_at_mm, radius_mm=radius, edge_mm=edge, dof_limit=dof_limit)
+    at, edge, radius = _fine_places(pit, edge_mm, refine_at_mm, refine_edge_mm, refine_radius_mm)
+    if len(at):
+        size = affordable_size(nodes, tets, at, radius_mm=radius, edge_mm=edge, dof_limit=dof_limit)
         nodes, tets = bisected(
             nodes, tets, size, settle=lambda moved, cut, new: _on_surfaces(moved, cut, new, outer, pit)
         )
     return _quadratic(nodes, tets, outer, pit, curved=curved)
+
+
+def _fine_places(
+    pit: Surface | None,
+    edge_mm: float,
+    touched_mm: np.ndarray | None,
+    refine_edge_mm: float | Float[np.ndarray, " q"] | None,
+    refine_radius_mm: float | Float[np.ndarray, " q"] | None,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Points that need short edges, how short, and how far around: the pit's creases, and the contacts."""
+    at = np.empty((0, 3))
+    if pit is not None and len(pit.creases.start_mm):
+        at = pit.creases.points_mm(apart_mm=CREASE_SHARE * edge_mm)
+    edge, radius = np.full(len(at), CREASE_SHARE * edge_mm), np.zeros(len(at))
+    if touched_mm is None or not len(touched_mm):
+        return at, edge, radius
+    short, near = contact_size(touched_mm)
+    if refine_edge_mm is not None:
+        short, near = np.full(len(short), refine_edge_mm), np.full(len(short), RADIUS_MM)
+    if refine_radius_mm is not None:
+        near = np.full(len(short), refine_radius_mm)
+    return np.vstack([at, touched_mm]), np.concatenate([edge, short]), np.concatenate([radius, near])
 
 
 def _on_surfaces(
@@ -138,7 +158,10 @@ def _on_surfaces(
     for faces, surface in ((skin, outer), (inner, pit)):
         moving = np.intersect1d(faces, candidates)
         if surface is not None and len(moving):
-            nodes = pull(nodes, tets, moving, surface.closest(nodes[moving]), t4_jacobians)
+            sharp, place = corner_targets(nodes, faces, moving, surface.creases)
+            moving = np.setdiff1d(moving, sharp)
+            place = np.vstack([place, surface.closest(nodes[moving])])
+            nodes = pull(nodes, tets, np.concatenate([sharp, moving]), place, t4_jacobians)
     return nodes
 
 
@@ -156,7 +179,10 @@ def _quadratic(
             moving = np.unique(faces)
             moving = moving[moving >= n_corners]
             if surface is not None:
-                nodes = pull(nodes, tets10, moving, surface.closest(nodes[moving]), t10_jacobians)
+                sharp, place = middle_targets(nodes, faces, surface.creases)
+                moving = np.setdiff1d(moving, sharp)
+                place = np.vstack([place, surface.closest(nodes[moving])])
+                nodes = pull(nodes, tets10, np.concatenate([sharp, moving]), place, t10_jacobians)
     jacobians = t10_jacobians(nodes, tets10)
     lowest = jacobians.min(axis=1) / np.abs(jacobians).max(axis=1)
     folded = jacobians.min(axis=1) <= 0
