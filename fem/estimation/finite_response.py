@@ -167,7 +167,7 @@ def finite_response(
     for _ in range(ROUNDS):
         before = modulus_MPa
         load = _loads(pads, solid.mesh, skin, motion, unit / before, chosen)
-        solved = finite.displacement(load / before, start=moved_mm, tolerance=tolerance, together=True)
+        solved = finite.displacement(load / before, start=moved_mm, tolerance=tolerance)
         moved_mm = solved.require_equilibrium().displacement
         unit = linear + _predicted(kernel, chosen, before * moved_mm[:, skin] - linear[chosen])
         fitted = _fitted(solid, skin, driven, used, motion, unit, before, scale_sd=scale_sd)

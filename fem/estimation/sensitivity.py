@@ -59,7 +59,7 @@ def sensitivities(
     nodal_sum = np.sum(nodal, axis=0)
     loads[:, solid.contact_nodes] = nodal_sum
     moved = solid.displacement(loads)
-    withheld = discretisation_error(solid.mesh, moved[:1], poisson_ratio=solid.poisson_ratio).energy_share[0]
+    withheld = discretisation_error(solid.mesh, moved[:1], poisson_ratio=solid.poisson_ratio)[0]
     causes, forces = inner_forces(solid, moved, links)
     moved = solid.contact_displacement(forces.reshape(-1, *loads.shape[1:]))
     recording = np.concatenate([link.at_markers(moved) for link in links], axis=1)

@@ -13,9 +13,6 @@ BAND = 0.7
 whatever the bands are."""
 LEAST_BAND = 0.05
 """Triangles smaller than this share of the largest are one band. Set by hand, as BAND."""
-FIRST = 12
-"""Middles of a band looked up for each point at first; where more may be near, all are. Set by hand, as
-BAND."""
 
 
 class Closest(NamedTuple):
@@ -91,21 +88,10 @@ class TriangleSearch:
         largest_mm: float,
     ) -> tuple[Int[np.ndarray, " q"], Int[np.ndarray, " q"]]:
         """Pairs (point, triangle of the band) whose ball reaches within the point's bound."""
-        reach = bound + largest_mm
-        count = min(FIRST, len(members))
-        neighbours = tree.query(points_mm, k=np.arange(1, count + 1), distance_upper_bound=reach.max())
-        apart, index = np.asarray(neighbours[0]), np.asarray(neighbours[1])
-        inside = apart <= reach[:, None]
-        crowded = np.flatnonzero(inside[:, -1]) if count < len(members) else np.zeros(0, dtype=np.int64)
-        inside[crowded] = False  # all of theirs are looked up below
-        owner, column = np.nonzero(inside)
-        tried = members[index[owner, column]]
-        if len(crowded):
-            lists = tree.query_ball_point(points_mm[crowded], reach[crowded], return_sorted=False)
-            number = np.fromiter(map(len, lists), dtype=np.int64, count=len(lists))
-            all_of_them = np.fromiter(chain.from_iterable(lists), dtype=np.int64, count=number.sum())
-            owner = np.concatenate([owner, np.repeat(crowded, number)])
-            tried = np.concatenate([tried, members[all_of_them]])
+        lists = tree.query_ball_point(points_mm, bound + largest_mm, return_sorted=False)
+        number = np.fromiter(map(len, lists), dtype=np.int64, count=len(lists))
+        owner = np.repeat(np.arange(len(lists)), number)
+        tried = members[np.fromiter(chain.from_iterable(lists), dtype=np.int64, count=number.sum())]
         distance = np.linalg.norm(points_mm[owner] - self.centre[tried], axis=1)
         near = distance <= bound[owner] + self.radius[tried]
         return owner[near], tried[near]

@@ -2,6 +2,8 @@
 
 import numpy as np
 from jaxtyping import Float
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 #: edges in a contact, and how far around it they stay as short, as shares of its width
@@ -32,18 +34,9 @@ def _together(points_mm: Float[np.ndarray, "q 3"]) -> np.ndarray:
     tree = cKDTree(points_mm)
     apart = np.asarray(tree.query(points_mm, k=[min(2, len(points_mm))])[0])
     reach = max(GAP_MM, GAPS * float(np.median(apart)))
-    number = np.full(len(points_mm), -1)
-    contacts = 0
-    for seed in range(len(points_mm)):
-        if number[seed] >= 0:
-            continue
-        front = np.array([seed])
-        while len(front):
-            number[front] = contacts
-            near = np.unique(np.concatenate(tree.query_ball_point(points_mm[front], reach)).astype(int))
-            front = near[number[near] < 0]
-        contacts += 1
-    return number
+    pairs = tree.query_pairs(reach, output_type="ndarray")
+    near = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=2 * (len(points_mm),))
+    return np.asarray(connected_components(near, directed=False)[1])
 
 
 def _width_mm(points_mm: Float[np.ndarray, "q 3"]) -> float:

@@ -120,6 +120,20 @@ def skin_quadrature(mesh: FleshMesh) -> tuple[SurfacePoints, Float[np.ndarray, "
     return on_skin, stretch * np.tile(weights, len(mesh.outer_faces))
 
 
+def spread_out(
+    points_mm: Float[np.ndarray, "p 3"], *, apart_mm: float = 0.0, most: int | None = None
+) -> Int[np.ndarray, " k"]:
+    """Numbers of points spread evenly: from the first on always the one farthest from those chosen, until all
+    are within `apart_mm` of one of them or there are as many as wanted.
+    """
+    chosen = [0]
+    away = np.linalg.norm(points_mm - points_mm[0], axis=1)
+    while away.max() > apart_mm and len(chosen) < (most or len(points_mm)):
+        chosen.append(int(away.argmax()))
+        away = np.minimum(away, np.linalg.norm(points_mm - points_mm[chosen[-1]], axis=1))
+    return np.array(chosen)
+
+
 def _place_and_normal(
     reference: Float[np.ndarray, "p 2"], x: Float[np.ndarray, "p 6 3"]
 ) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:

@@ -8,7 +8,7 @@ An effect changes c, adds to y, or unbalances the forces. Adding physics to the 
 fem/mismatch/effects that holds one such object as EFFECT.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -16,10 +16,11 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect_spec import EffectSpec
+from fem.mismatch.model.force_products import LinearInForces
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.result import Where
-from fem.mismatch.signature_variant import Variant
+from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,6 +39,29 @@ class Signature:
     def label(self) -> str:
         """The variant in words."""
         return self.variant.label
+
+    @classmethod
+    def of_markers(
+        cls,
+        name: str,
+        markers_mm: Sequence[Float[np.ndarray, "_f _n 3"]],
+        *,
+        sd: float,
+        variant: Variant = ONE_WAY,
+        positive: bool = False,
+        least: float = 0.0,
+        of_forces: LinearInForces | None = None,
+    ) -> "Signature":
+        """One amount that moves the markers of every recording; the options are those of Regressor."""
+        column = Regressor(
+            name=name,
+            sd=sd,
+            fields=[ObservationDelta(markers=field_mm) for field_mm in markers_mm],
+            positive=positive,
+            least=least,
+            of_forces=of_forces,
+        )
+        return cls(variant=variant, columns=(column,))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -65,6 +89,22 @@ class Response:
             balance=None if self.balance is None else self.balance[grasp],
             rest=None if self.rest is None else self.rest[grasp],
         )
+
+    @classmethod
+    def plain(
+        cls,
+        forward: ForwardModel,
+        change: Sequence[Float[np.ndarray, "_f _n 3"]] | None = None,
+        *,
+        shift_mm: Sequence[Float[np.ndarray, "_f _n 3"]] | None = None,
+        balance: Sequence[Float[np.ndarray, "_f 6"]] | None = None,
+        rest: Sequence[Float[np.ndarray, " _p"]] | None = None,
+    ) -> "Response":
+        """The plain model's, with `change` (mm MPa) added to each recording's displacement."""
+        unit = [recording.tracks.unit_displacement for recording in forward.base.grasps]
+        if change is not None:
+            unit = [plain + more for plain, more in zip(unit, change, strict=True)]
+        return cls(unit=unit, shift_mm=shift_mm, balance=balance, rest=rest)
 
 
 def superposed(forward: ForwardModel, responses: Sequence[Response]) -> Response:
@@ -133,6 +173,20 @@ class SeenDirectly(Protocol):
         """Standard deviation of each number that is searched, as measured with it: the search's prior about
         its start.
         """
+        ...
+
+
+@runtime_checkable
+class LinearInStiffness(Protocol):
+    """An effect that adds theta D to the flesh's stiffness K0; its one signature is -K0^-1 D U."""
+
+    @property
+    def derivative(self) -> Callable[[ForwardModel], Callable[[np.ndarray], np.ndarray]]:
+        """D at the plain law: forces on the nodes (fields, n, 3) of displacements of these."""
+        ...
+
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+        """None where the fruit has no such effect."""
         ...
 
 

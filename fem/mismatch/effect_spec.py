@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Literal
 
+import numpy as np
+
 Family = Literal["object", "interaction", "measurement"]
 Kind = Literal["number", "pair", "triple", "pad"]
 KINDS: dict[int, Kind] = {0: "pad", 1: "number", 2: "pair", 3: "triple"}
@@ -250,6 +252,13 @@ class EffectSpec:
     def searched(self) -> tuple[ParameterSpec, ...]:
         """What the search varies, in the order of the parameters."""
         return tuple(spec for parameter in self.parameters for spec in parameter.searched)
+
+    def within_bounds(self, *values: float) -> dict[str, float]:
+        """The searched parameters at these values, each cut off at its bounds."""
+        return {
+            spec.name: float(np.clip(value, spec.low, spec.high))
+            for spec, value in zip(self.searched, values, strict=True)
+        }
 
     @property
     def enters(self) -> Entry:

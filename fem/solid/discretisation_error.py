@@ -14,38 +14,23 @@ Source: Zienkiewicz and Zhu (fem.mesh.recovery); orthogonality: Ainsworth and Od
 Estimation in Finite Element Analysis", 2000, chapter 1.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
 from fem.elements.assembly import unit_lame_constants
-from fem.elements.gradients import inverse_3x3
-from fem.elements.shape_functions import TET_EDGES, t10_gradient, t10_shape, tet_quadrature
+from fem.elements.shape_functions import TET_EDGES, t10_shape, tet_quadrature
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mesh.recovery import FOUR, recovered
-
-_ROW, _COLUMN = np.array([0, 1, 2, 0, 1, 2]), np.array([0, 1, 2, 1, 2, 0])
-"""Of the six strains xx, yy, zz, xy, yz, xz."""
-#: a strain's six parts as they count in e : e
-_COUNT = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
-
-
-@dataclass(frozen=True)
-class DiscretisationError:
-    """`energy_share`: what the mesh withholds of each load's f'Cf; `per_element`: each element's part."""
-
-    energy_share: Float[np.ndarray, " f"]
-    per_element: Float[np.ndarray, "f m"]
+from fem.solid.strain_field import COUNT, FleshStrain
 
 
 def discretisation_error(
     mesh: FleshMesh, displacement: Float[np.ndarray, "f n 3"], *, poisson_ratio: float
-) -> DiscretisationError:
-    """The estimate for f solutions of unit modulus (`UnitModulusSolid.displacement`), mm MPa.
+) -> Float[np.ndarray, " f"]:
+    """The share for f solutions of unit modulus (`UnitModulusSolid.displacement`), mm MPa.
 
-    The true compliance is about (1 + energy_share) times the computed one. Raises BAD_LOAD where a field is
+    The true compliance is about (1 + share) times the computed one. Raises BAD_LOAD where a field is
     not on this mesh's nodes or strains nothing.
     """
     if displacement.ndim != 3 or displacement.shape[1:] != mesh.nodes_mm.shape:
@@ -55,7 +40,9 @@ def discretisation_error(
             f"{len(mesh.nodes_mm)}, 3): one vector for each node of this mesh",
         )
     n_loads = len(displacement)
-    strain, volume_mm3 = _strains(mesh, displacement)
+    points = FleshStrain.of(mesh)
+    strain = np.moveaxis(points.strain(displacement), 0, -1).reshape(len(mesh.tets), 4, -1)
+    volume_mm3 = points.volume_mm3.sum(axis=1)
     corner = np.linalg.inv(FOUR) @ strain
     i, j = TET_EDGES.T
     nodal = np.concatenate([corner, (corner[:, i] + corner[:, j]) / 2], axis=1)
@@ -65,24 +52,7 @@ def discretisation_error(
         raise FemFailure(
             FemProblem.BAD_LOAD, "a displacement field strains nothing: there is no energy to compare with"
         )
-    share = _energies(smooth - nodal, volume_mm3, n_loads, poisson_ratio) / whole[:, None]
-    return DiscretisationError(share.sum(axis=1), share)
-
-
-def _strains(
-    mesh: FleshMesh, displacement: Float[np.ndarray, "f n 3"]
-) -> tuple[Float[np.ndarray, "m 4 c"], Float[np.ndarray, " m"]]:
-    """Strains at the `FOUR` points of every element, six parts times f loads, and its volume in mm3."""
-    x = mesh.nodes_mm[mesh.tets]
-    reference = t10_gradient(FOUR[:, 1:])
-    jacobian = (reference.reshape(12, 10) @ x).reshape(-1, 4, 3, 3)
-    inverse, det = inverse_3x3(jacobian.transpose(2, 3, 0, 1))
-    slope = inverse.transpose(2, 3, 0, 1) @ reference
-    nodal = np.moveaxis(displacement, 0, -1).reshape(len(mesh.nodes_mm), -1)
-    gradient = slope.reshape(-1, 12, 10) @ nodal[mesh.tets]
-    gradient = gradient.reshape(len(x), 4, 3, 3, -1)
-    strain = (gradient[:, :, _ROW, _COLUMN] + gradient[:, :, _COLUMN, _ROW]) / 2
-    return strain.reshape(len(x), 4, -1), det.mean(axis=1) / 6
+    return np.asarray(_energies(smooth - nodal, volume_mm3, n_loads, poisson_ratio).sum(axis=1) / whole)
 
 
 def _energies(
@@ -97,6 +67,6 @@ def _energies(
     root = np.linalg.cholesky(6 * (shape.T * weights) @ shape)
     mu, lame = unit_lame_constants(poisson_ratio)
     part = (root.T @ nodal).reshape(len(nodal), 10, 6, n_loads)
-    square = np.einsum("mncf,mncf,c->mf", part, part, 2 * mu * _COUNT, optimize=True)
+    square = np.einsum("mncf,mncf,c->mf", part, part, 2 * mu * COUNT, optimize=True)
     trace = part[:, :, 0] + part[:, :, 1] + part[:, :, 2]
     return np.asarray(volume_mm3 * (square + lame * np.einsum("mnf,mnf->mf", trace, trace)).T)

@@ -1,9 +1,8 @@
-"""Equilibrium by steps  K step = -residual, for every law of the flesh: one solver, three kinds of tangent.
+"""Equilibrium by steps  K step = -residual, for every law of the flesh.
 
-`Tangents.EVERY_STEP` is Newton's method; `WHILE_THEY_SERVE` takes chord steps with one factor and renews it
-only where more than PATIENCE of them would still be needed; `ONE` keeps the first (initial stress).
-Steps with the same tangent are accelerated (fem.solid.anderson). Where the forces derive from a potential, a
-line search along it guards every step.
+Chord steps keep the first factor (initial stress), or renew it where more than PATIENCE of them would still
+be needed. Steps with the same tangent are accelerated (fem.solid.anderson). Where the forces derive from a
+potential, a line search along it guards every step.
 
 Unknowns are displacements and, where something is held on average, multipliers; both come in one vector,
 the `primal` ones first.
@@ -30,14 +29,6 @@ OVERSHOOT = 0.5
 """A step has gone too far where the forces along it have turned round to more than this share of before."""
 SHORTEST = 1e-4
 """Share of a step below which the line search gives up."""
-
-
-class Tangents(StrEnum):
-    """When the tangent is made anew, as a sentence."""
-
-    EVERY_STEP = "a tangent of its own at every step"
-    WHILE_THEY_SERVE = "one tangent until too many steps would still be needed"
-    ONE = "one tangent throughout"
 
 
 class Tangent(Protocol):
@@ -112,13 +103,14 @@ def equilibrium(
     *,
     tolerance: float,
     iterations: int,
-    tangents: Tangents,
+    renews: bool,
     tangent: Tangent | None = None,
     acceleration: Anderson | None = None,
 ) -> EquilibriumResult[State]:
     """The state near `start` with a residual of `tolerance` at most, or the last of `iterations` steps.
 
-    The first tangent is `tangent`, or where none is given that of the start. `acceleration`: None for one of
+    The first tangent is `tangent`, or where none is given that of the start; `renews`: it is made anew where
+    it no longer serves. `acceleration`: None for one of
     MEMORY steps with all unknowns in one group. Raises what the residual raises.
     """
     learnt = Anderson(MEMORY) if acceleration is None else acceleration
@@ -146,7 +138,7 @@ def equilibrium(
             learnt.forget()
             in_full = 0
             change = _moved(balance, state, learnt.step(plain), sizes[-1])
-        if change is None and not fresh and tangents is not Tangents.ONE:
+        if change is None and not fresh and renews:
             tangent = None
             continue
         if change is None:
@@ -161,9 +153,7 @@ def equilibrium(
             in_full = 0
         sizes.append(balance.size(residual))
         shares.append(share)
-        if tangents is Tangents.EVERY_STEP or (
-            tangents is Tangents.WHILE_THEY_SERVE and _is_slow(sizes[-1 - in_full :], tolerance)
-        ):
+        if renews and _is_slow(sizes[-1 - in_full :], tolerance):
             tangent = None
     else:
         if sizes[-1] <= tolerance:

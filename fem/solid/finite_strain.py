@@ -19,7 +19,7 @@ from fem.cached_value import cached_value
 from fem.fem_failure import FemFailure, FemProblem
 from fem.materials.law import UnitLaw
 from fem.solid.anderson import Anderson
-from fem.solid.equilibrium import MEMORY, Ending, Tangent, Tangents, equilibrium
+from fem.solid.equilibrium import MEMORY, Ending, Tangent, equilibrium
 from fem.solid.finite_strain_balance import FiniteBalance, FiniteState
 from fem.solid.finite_strain_elements import FiniteFlesh
 from fem.solid.linear_solid import UnitModulusSolid
@@ -36,8 +36,6 @@ more is taken alone, where it may renew its tangent."""
 FARTHER = 2.0
 """An accelerated step may make the residual larger before later ones make it smaller; beyond this many times
 the smallest so far the load is taken alone, with a line search. Set by hand."""
-SIMILAR = 0.9
-"""Cosine between two loads from which on one's difference from the linear answer predicts the other's."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,15 +44,11 @@ class FiniteResult:
 
     `displacement`: in mm, of a fruit of modulus E under E times the loads given. `share`: how much of each
     load it balances; below one where the search stopped, and this is the last displacement in balance.
-    `out_of_balance`: the residual left, as a share of the load (2-norm over the unknowns).
     """
 
     displacement: Float[np.ndarray, "f n 3"]
     share: Float[np.ndarray, " f"]
     ending: tuple[Ending, ...]
-    iterations: tuple[int, ...]
-    tangents: tuple[int, ...]
-    out_of_balance: Float[np.ndarray, " f"]
 
     def require_equilibrium(self) -> "FiniteResult":
         """This result; raises NOT_CONVERGED with the first load that is not balanced."""
@@ -107,41 +101,26 @@ class FiniteStrainSolid:
         *,
         start: Float[np.ndarray, "f n 3"] | None = None,
         tolerance: float = TOLERANCE,
-        together: bool = False,
     ) -> FiniteResult:
         """The displacement under each of f loads: dead forces on the nodes, N per MPa of the modulus.
 
-        Each search starts from `start`, or from the linear answer plus what the load before, if it was alike,
-        has shown to lie beyond it. Chord steps with the linear factor go on as long as they serve.
-        `together`: chord steps of all loads at once first, from `start` or the linear answer; only a load
-        that they do not balance is searched for by itself. A load that is not balanced at once is applied in
-        smaller steps; the result then holds the last displacement in balance (`share` < 1). Raises BAD_LOAD
+        The search begins at `start`, or at the linear answer: chord steps of all loads at once, with the
+        linear factor. Only a load that they do not balance is searched for by itself, in smaller steps where
+        it must be; the result then may hold the last displacement in balance (`share` < 1). Raises BAD_LOAD
         like the solid.
         """
-        linear = self.solid.displacement(nodal_force_over_E) if start is None else start
-        at_once: list[_Loaded | None] = [None] * len(linear)
-        if together:
-            at_once = self._together(nodal_force_over_E, linear, tolerance=tolerance)
-        solutions: list[_Loaded] = []
-        for k, load in enumerate(nodal_force_over_E):
-            balanced = at_once[k]
-            if balanced is not None:
-                solutions.append(balanced)
-                continue
-            last = solutions[-1] if solutions and _similar(nodal_force_over_E[k - 1], load) else None
-            if start is not None:
-                first = start[k]
-            else:
-                first = linear[k] if last is None else linear[k] + _predicted(linear, last, k)
-            tangent = self.rest.linear_tangent if last is None else last.tangent
-            solutions.append(self._loaded(load, first, tolerance=tolerance, tangent=tangent))
+        first = self.solid.displacement(nodal_force_over_E) if start is None else start
+        at_once = self._together(nodal_force_over_E, first, tolerance=tolerance)
+        solutions = [
+            self._stepwise(load, first[k], tolerance=tolerance)
+            if state is None
+            else (state, 1.0, Ending.CONVERGED)
+            for k, (load, state) in enumerate(zip(nodal_force_over_E, at_once, strict=True))
+        ]
         return FiniteResult(
-            displacement=np.stack([solution.displacement_mm for solution in solutions]),
-            share=np.array([solution.share for solution in solutions]),
-            ending=tuple(solution.ending for solution in solutions),
-            iterations=tuple(solution.iterations for solution in solutions),
-            tangents=tuple(solution.tangents for solution in solutions),
-            out_of_balance=np.array([solution.out_of_balance for solution in solutions]),
+            displacement=np.stack([state.displacement_mm for state, _, _ in solutions]),
+            share=np.array([share for _, share, _ in solutions]),
+            ending=tuple(ending for _, _, ending in solutions),
         )
 
     def _together(
@@ -150,29 +129,23 @@ class FiniteStrainSolid:
         first: Float[np.ndarray, "f n 3"],
         *,
         tolerance: float,
-    ) -> "list[_Loaded | None]":
+    ) -> list[FiniteState | None]:
         """All loads by accelerated chord steps with the linear factor; None for one that a step leads away
         from balance (FARTHER), or that CHORDS steps do not bring to it.
         """
-        rest, solutions = self.rest, list[_Loaded | None]([None] * len(loads))
+        rest, solutions = self.rest, list[FiniteState | None]([None] * len(loads))
         open_ = {
             k: _Chord(rest.under(load), rest.admissible(start))
             for k, (load, start) in enumerate(zip(loads, first, strict=True))
             if load.any()
         }
+        for k in set(range(len(loads))) - set(open_):
+            solutions[k] = rest.state(np.zeros_like(first[k]))
         for step in range(CHORDS + 1):
             for k, chord in list(open_.items()):
                 size = chord.measured()
                 if size <= tolerance:
-                    solutions[k] = _Loaded(
-                        displacement_mm=chord.state.displacement_mm,
-                        share=1.0,
-                        ending=Ending.CONVERGED,
-                        iterations=step,
-                        tangents=0,
-                        out_of_balance=size,
-                        tangent=rest.linear_tangent,
-                    )
+                    solutions[k] = chord.state
                 if size <= tolerance or not chord.comes_nearer:
                     del open_[k]
             if not open_ or step == CHORDS:
@@ -182,33 +155,29 @@ class FiniteStrainSolid:
                 chord.step(-correction)
         return solutions
 
-    def _loaded(
-        self,
-        load: Float[np.ndarray, "n 3"],
-        first: Float[np.ndarray, "n 3"],
-        *,
-        tolerance: float,
-        tangent: Tangent,
-    ) -> "_Loaded":
-        """One load, at once or in steps: halved where the search fails, doubled where it succeeds."""
+    def _stepwise(
+        self, load: Float[np.ndarray, "n 3"], first: Float[np.ndarray, "n 3"], *, tolerance: float
+    ) -> tuple[FiniteState, float, Ending]:
+        """The state under one load, at once or in steps: halved where the search fails, doubled where it
+        succeeds; the share of the load that it balances, and how the last search ended.
+        """
         rest = self.rest
+        tangent: Tangent = rest.linear_tangent
         last = rest.state(np.zeros_like(first))
-        share, step, iterations, tangents, left = 0.0, 1.0, 0, 0, 0.0
-        ending, guess = Ending.CONVERGED, rest.admissible(first)
-        while share < 1 and load.any():
+        share, step, ending, guess = 0.0, 1.0, Ending.CONVERGED, rest.admissible(first)
+        while share < 1:
             wanted = min(1.0, share + step)
             result = equilibrium(
                 rest.under(wanted * load),
                 guess,
                 tolerance=tolerance,
                 iterations=ITERATIONS,
-                tangents=Tangents.WHILE_THEY_SERVE,
+                renews=True,
                 tangent=tangent,
             )
-            iterations, tangents = iterations + len(result.shares), tangents + result.tangents
             ending = result.ending
             if ending is Ending.CONVERGED:
-                before, last, left = last, result.state, result.sizes[-1]
+                before, last = last, result.state
                 tangent = result.tangent or rest.linear_tangent
                 step = min(2 * step, 1 - wanted)
                 # straight on along the path so far
@@ -219,15 +188,7 @@ class FiniteStrainSolid:
             else:
                 step /= 2
                 guess = rest.state(step * first) if share == 0 else last
-        return _Loaded(
-            displacement_mm=last.displacement_mm,
-            share=share if load.any() else 1.0,
-            ending=ending,
-            iterations=iterations,
-            tangents=tangents,
-            out_of_balance=left,
-            tangent=tangent,
-        )
+        return last, share, ending
 
 
 class _Chord:
@@ -249,26 +210,3 @@ class _Chord:
         step = self.learnt.step(plain)
         self.state = self.balance.moved(self.state, step, 1.0)
         self.learnt.took(step)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Loaded:
-    displacement_mm: Float[np.ndarray, "n 3"]
-    share: float
-    ending: Ending
-    iterations: int
-    tangents: int
-    out_of_balance: float
-    tangent: Tangent
-
-
-def _similar(before: Float[np.ndarray, "n 3"], now: Float[np.ndarray, "n 3"]) -> bool:
-    """Whether two loads act alike, though not equally strong."""
-    sizes = float(np.linalg.norm(before)) * float(np.linalg.norm(now))
-    return float((before * now).sum()) > SIMILAR * sizes
-
-
-def _predicted(linear: Float[np.ndarray, "f n 3"], last: _Loaded, k: int) -> Float[np.ndarray, "n 3"]:
-    """The difference from the linear answer, which grows with the square of a load that keeps its shape."""
-    size = float(np.linalg.norm(linear[k])) / float(np.linalg.norm(linear[k - 1]))
-    return np.asarray((last.displacement_mm - linear[k - 1]) * size**2 * (last.share == 1))

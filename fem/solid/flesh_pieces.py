@@ -1,4 +1,4 @@
-"""The flesh, or the part of it that matters, in pieces small enough for a processor's cache.
+"""The flesh in pieces small enough for a processor's cache.
 
 A law of the flesh is asked for all frames of a few hundred elements at once: what it remembers (a set, a
 damage) is then an array of that piece alone. Frames are the last axis, so that every component of a tensor is
@@ -9,7 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 
 from fem.materials.strain_path import PathLaw, Tensors
@@ -51,17 +51,13 @@ class FleshPieces:
     workers: int
 
     @classmethod
-    def of(cls, points: FleshStrain, wanted: Bool[np.ndarray, " m"], *, workers: int = 1) -> "FleshPieces":
-        """Of the wanted elements of a mesh."""
-        chosen = np.flatnonzero(wanted)
-        parts = np.array_split(chosen, max(1, -(-len(chosen) // ELEMENTS))) if len(chosen) else []
-        pieces = tuple(_piece(points, elements) for elements in parts)
-        return cls(n_nodes=points.n_nodes, pieces=pieces, workers=workers)
-
-    @classmethod
-    def whole(cls, points: FleshStrain, *, workers: int = 1) -> "FleshPieces":
-        """All elements."""
-        return cls.of(points, np.ones(len(points.mesh.tets), dtype=bool), workers=workers)
+    def of(cls, points: FleshStrain, *, workers: int = 1) -> "FleshPieces":
+        """All elements of a mesh."""
+        elements = np.arange(len(points.mesh.tets))
+        parts = np.array_split(elements, -(-len(elements) // ELEMENTS))
+        return cls(
+            n_nodes=points.n_nodes, pieces=tuple(_piece(points, part) for part in parts), workers=workers
+        )
 
     def forces(self, displacement: Float[np.ndarray, "f n 3"], law: PathLaw) -> Float[np.ndarray, "f n 3"]:
         """On all nodes, from the law's stress."""

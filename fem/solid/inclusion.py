@@ -1,33 +1,37 @@
 """A ball of softer flesh in the fruit: its share of the stiffness, and how far the fruit then gives way.
 
 With K1 the stiffness (for E = 1 MPa) of the flesh inside the ball, and a modulus there of `ratio` times the
-one outside, K = K0 - (1 - ratio) K1. Under the same loads the displacement lies, nearly, in the span of
-
-    U0,   V1 = K0^-1 K1 U0,   V2 = K0^-1 K1 V1
-
-(a Krylov space: Saad, Iterative Methods for Sparse Linear Systems, 2003, chapter 6), in which the energy is
-made smallest. All products are moments of one kind, V_i' K0 V_j = V_(i-1)' K1 V_j, so that only K1 is needed.
+one outside, K = K0 - (1 - ratio) K1.
 """
 
-from dataclasses import dataclass
 from functools import cache
 
 import numpy as np
 from jaxtyping import Float
-from scipy.linalg import eigh
 from scipy.sparse import coo_array, csr_array
 
 from fem.elements.assembly import unit_lame_constants
 from fem.elements.gradients import inverse_3x3
-from fem.elements.shape_functions import t10_gradient, t10_shape
+from fem.elements.shape_functions import TET_EDGES, t10_gradient, t10_shape
 from fem.mesh.flesh_mesh import FleshMesh
 
 RIM_MM = 0.6
 """Over this length across its surface the ball fades out, so that its stiffness changes smoothly."""
-CUTS = 4
-"""Elements are sampled at the middles of the parts that this many cuts per edge make."""
-LEAST_SHARE = 1e-9
-"""Directions of the reduced space with less than this share of the largest energy are rounding."""
+HALVINGS = 2
+"""Elements are sampled at the middles of the parts that halving all edges so often makes."""
+EIGHTHS = np.array(
+    [
+        [0, 4, 6, 7],
+        [4, 1, 5, 8],
+        [6, 5, 2, 9],
+        [7, 8, 9, 3],
+        [4, 9, 5, 6],
+        [4, 9, 6, 7],
+        [4, 9, 7, 8],
+        [4, 9, 8, 5],
+    ]
+)
+"""Nodes of a T10 that bound the eight tetrahedra, of equal volume, into which its middles part it."""
 
 
 def fading(distance_mm: Float[np.ndarray, "*b"], radius_mm: float) -> Float[np.ndarray, "*b"]:
@@ -81,73 +85,12 @@ def drop_of(ratio: float, poisson_ratio: float) -> float:
     return (1 - ratio) / (1 - beta * (1 - ratio))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Softened:
-    """The reduced space of a ball for r loads, by its moments U0' K1 V_p, p = 0 to 4, and `work`: U0' f."""
-
-    moments: tuple[Float[np.ndarray, "r r"], ...]
-    work: Float[np.ndarray, "r r"]
-
-    @classmethod
-    def of(
-        cls,
-        inside: csr_array,
-        displacement: Float[np.ndarray, "r n 3"],
-        first: Float[np.ndarray, "r n 3"],
-        second: Float[np.ndarray, "r n 3"],
-        *,
-        work: Float[np.ndarray, "r r"],
-    ) -> "Softened":
-        """`inside`: K1; `displacement`: U0, with V1 and V2 as `first` and `second`."""
-        fields = (displacement, first, second)
-        pushed = [times(inside, field) for field in fields]
-        pairs = ((0, 0), (0, 1), (1, 1), (1, 2), (2, 2))
-        moments = tuple(np.tensordot(fields[i], pushed[j], axes=([1, 2], [1, 2])) for i, j in pairs)
-        return cls(moments=tuple((m + m.T) / 2 for m in moments), work=work)
-
-    def amounts(self, ratio: float) -> Float[np.ndarray, "3 r r"]:
-        """Of U0, V1 and V2 of each load (second axis) in the displacement under each load (last axis)."""
-        count = len(self.work)
-        blocks = [self.work, *self.moments]
-        whole = np.block([[blocks[i + j] for j in range(3)] for i in range(3)])
-        lost = np.block([[self.moments[i + j] for j in range(3)] for i in range(3)])
-        load = whole[:, :count]
-        scale = 1 / np.sqrt(np.maximum(np.diag(whole), np.finfo(float).tiny))
-        size, way = eigh(whole * scale * scale[:, None])
-        keep = size > LEAST_SHARE * size[-1]
-        basis = scale[:, None] * way[:, keep] / np.sqrt(size[keep])
-        energy = np.eye(int(keep.sum())) - (1 - ratio) * basis.T @ lost @ basis
-        return np.asarray(basis @ np.linalg.solve(energy, basis.T @ load)).reshape(3, count, count)
-
-
-def times(inside: csr_array, displacement: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r n 3"]:
-    """K1 times fields."""
-    flat = displacement.reshape(len(displacement), inside.shape[1])
-    return np.ascontiguousarray((inside @ flat.T).T).reshape(displacement.shape)
-
-
 @cache
 def _samples() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Middles of the equal parts of the reference tetrahedron, with values and slopes of the shapes there."""
-    points = []
-    for i in range(CUTS):
-        for j in range(CUTS - i):
-            for k in range(CUTS - i - j):
-                points.append(np.array([i, j, k]) + 0.25)
-                if i + j + k < CUTS - 1:
-                    base = np.array([i, j, k], dtype=float)
-                    points += [base + middle for middle in _OCTAHEDRON]
-                if i + j + k < CUTS - 2:
-                    points.append(np.array([i, j, k]) + 0.75)
-    reference = np.array(points) / CUTS
+    corner = np.vstack([np.zeros(3), np.eye(3)])[None]
+    for _ in range(HALVINGS):
+        with_middles = np.concatenate([corner, corner[:, TET_EDGES].mean(axis=2)], axis=1)
+        corner = with_middles[:, EIGHTHS].reshape(-1, 4, 3)
+    reference = corner.mean(axis=1)
     return reference, t10_shape(reference), t10_gradient(reference)
-
-
-def _quarters() -> list[np.ndarray]:
-    """Middles of the four tetrahedra round one diagonal of the octahedron between cut corners."""
-    ends = np.array([[1, 0, 0], [0, 1, 1]], dtype=float)
-    ring = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 1], [1, 1, 0]], dtype=float)
-    return [(ends.sum(axis=0) + ring[k] + ring[(k + 1) % 4]) / 4 for k in range(4)]
-
-
-_OCTAHEDRON = _quarters()

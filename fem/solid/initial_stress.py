@@ -22,7 +22,7 @@ from jaxtyping import Float, Int
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.solid.anderson import Anderson
-from fem.solid.equilibrium import Ending, Tangents, equilibrium
+from fem.solid.equilibrium import Ending, equilibrium
 
 MEMORY = 4
 """Earlier rounds that the next one learns from: each is a field of all frames (tens of MB). Set by hand."""
@@ -115,7 +115,7 @@ class AddedStress:
             np.zeros_like(self.linear) if start is None else start,
             tolerance=tolerance_mm,
             iterations=rounds - 1,
-            tangents=Tangents.ONE,
+            renews=False,
             acceleration=Anderson(MEMORY, weighed=seen),
         )
         if solved.ending is not Ending.CONVERGED:

@@ -144,11 +144,6 @@ class UnitModulusSolid:
         held += across.T
         return held
 
-    def energy(self, displacement: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, " f"]:
-        """U' K0 U of each field, twice the strain energy for E = 1 MPa: N mm MPa where U is in mm MPa."""
-        columns = displacement.reshape(len(displacement), -1).T
-        return np.asarray(np.einsum("df,df->f", columns, self.stiffness @ columns))
-
     def pit_motion(self, displacement: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f 6"]:
         """Translation (mm MPa) and rotation (rad MPa) of the pit about the mean of its nodes."""
         nodes = self.mesh.pit_nodes

@@ -2,7 +2,7 @@
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import block_array, coo_array, csr_array
 
 
 def rigid_modes(
@@ -56,34 +56,19 @@ def reduction(nodes_mm: Float[np.ndarray, "n 3"], pit_nodes: Int[np.ndarray, " p
 
 
 def reduced(stiffness: csr_array, kinematics: csr_array) -> csr_array:
-    """T' K T. Rows of T that pick one q are carried over as they are; only the others are multiplied."""
-    if kinematics.nnz == 0:
-        return csr_array(kinematics.T @ stiffness @ kinematics)
-    length = np.diff(kinematics.indptr)
-    first = np.minimum(kinematics.indptr[:-1], kinematics.nnz - 1)
-    picks = (length == 1) & (kinematics.data[first] == 1)
-    target = np.where(picks, kinematics.indices[first], -1)
-    chosen = target[picks]
-    if not (np.diff(chosen) > 0).all():
-        return csr_array(kinematics.T @ stiffness @ kinematics)
-    picked = _carried_over(stiffness, target, kinematics.shape[1])
-    others = kinematics.copy()
-    others.data = np.where(np.repeat(picks, length), 0, others.data)
-    others.eliminate_zeros()
-    if others.nnz == 0:
-        return picked
-    tied = csr_array(stiffness @ others)
-    mixed = csr_array((kinematics - others).T @ tied)
-    return csr_array(picked + (mixed + mixed.T) + others.T @ tied)
+    """T' K T of a T whose first columns each pick one dof, in ascending order, and whose last ones may not.
 
-
-def _carried_over(matrix: csr_array, target: Int[np.ndarray, " d"], width: int) -> csr_array:
-    """Entries of rows and columns with a target, moved there; the targets ascend."""
-    column = target[matrix.indices]
-    keep = (column >= 0) & np.repeat(target >= 0, np.diff(matrix.indptr))
-    until = np.concatenate([[0], np.cumsum(keep, dtype=matrix.indptr.dtype)])[matrix.indptr]
-    indptr = np.zeros(width + 1, dtype=matrix.indptr.dtype)
-    there = target >= 0
-    indptr[1 + target[there]] = np.diff(until)[there]
-    entries = (matrix.data[keep], column[keep].astype(matrix.indices.dtype), np.cumsum(indptr))
-    return csr_array(entries, shape=(width, width))
+    What is picked is cut out of K; only the pit's motions are multiplied.
+    """
+    column = kinematics.tocsc()
+    tied = np.flatnonzero(np.diff(column.indptr) != 1)
+    first = int(tied[0]) if len(tied) else kinematics.shape[1]
+    if not first:
+        return csr_array(kinematics.T @ stiffness @ kinematics)
+    picked = column.indices[column.indptr[:first]]
+    rows = csr_array(stiffness[picked])
+    if first == kinematics.shape[1]:
+        return csr_array(rows[:, picked])
+    motions = csr_array(kinematics[:, first:])
+    mixed, corner = rows @ motions, motions.T @ (stiffness @ motions)
+    return csr_array(block_array([[rows[:, picked], mixed], [mixed.T, corner]], format="csr"))

@@ -19,6 +19,8 @@ from fem.mesh.recovery import FOUR
 
 ROW, COLUMN = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
 """Of the six, xx, yy, zz, yz, xz, xy."""
+COUNT = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
+"""How often each of the six counts in a double contraction."""
 PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
 """Which of the six stands at each place of the 3 by 3 tensor."""
 

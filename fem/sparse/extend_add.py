@@ -1,14 +1,12 @@
-"""What a child's elimination leaves over is added to its parent's front, in long stretches."""
+"""What a child's elimination leaves over is added to its parent's front."""
 
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
 
-#: stretches longer than this on average are added block by block, shorter ones are first spread out
-LONG_STRETCH = 60
-#: numbers in the buffer that spreads: half a megabyte stays near the processor
-BUFFER = 65536
+LONG_STRETCH = 15
+"""Stretches longer than this on average are added block by block, shorter ones number by number."""
 
 
 @dataclass(frozen=True)
@@ -39,62 +37,27 @@ class Front:
     below: Float[np.ndarray, "p q"]
     schur: Float[np.ndarray, "q q"]
 
+    def add(self, update: Float[np.ndarray, "c c"], relative_indices: RelativeIndices) -> None:
+        """The update of a child, in whole blocks where its rows lie together in long stretches."""
+        p, place = len(self.triangle), relative_indices.place
+        if len(update) > LONG_STRETCH * len(relative_indices.runs):
+            self._add_blocks(update, relative_indices)
+            return
+        k = int(np.searchsorted(place, p))
+        pivots, rows = place[:k], place[k:] - p
+        self.triangle[pivots[:, None], pivots] += update[:k, :k]
+        self.below[pivots[:, None], rows] += update[:k, k:]
+        self.schur[rows[:, None], rows] += update[k:, k:]
 
-def extend_add(
-    front: Front,
-    update: Float[np.ndarray, "c c"],
-    relative_indices: RelativeIndices,
-    *,
-    buffer: Float[np.ndarray, " b"],
-) -> None:
-    """Add the update of a child to its parent's front; the buffer, of BUFFER numbers, is overwritten."""
-    wide = len(front.triangle) + len(front.schur) > BUFFER
-    if wide or len(update) > LONG_STRETCH * len(relative_indices.runs):
-        _add_blocks(front, update, relative_indices)
-    else:
-        _add_spread(front, update, relative_indices, buffer)
-
-
-def _add_blocks(front: Front, update: np.ndarray, relative_indices: RelativeIndices) -> None:
-    """Stretch by stretch: every pair of runs is one block of the parent's front."""
-    p = len(front.triangle)
-    for k, (a, b, row) in enumerate(relative_indices.runs):
-        for c, d, column in relative_indices.runs[k:]:
-            if column < p:
-                target = front.triangle[row : row + b - a, column : column + d - c]
-            elif row < p:
-                target = front.below[row : row + b - a, column - p : column - p + d - c]
-            else:
-                target = front.schur[row - p : row - p + b - a, column - p : column - p + d - c]
-            np.add(target, update[a:b, c:d], out=target)
-
-
-def _add_spread(
-    front: Front, update: np.ndarray, relative_indices: RelativeIndices, buffer: np.ndarray
-) -> None:
-    """Some rows at a time: first to the parent's columns, zeros between, then stretch by stretch."""
-    place = relative_indices.place
-    p, count = len(front.triangle), len(place)
-    size = p + len(front.schur)
-    step = min(count, BUFFER // size)
-    spread = buffer[: step * size].reshape(step, size)
-    spread[:] = 0
-    for low in range(0, count, step):
-        high = min(count, low + step)
-        spread[: high - low, place[low:]] = update[low:high, low:]
-        first = int(place[low])
-        for a, b, row in relative_indices.runs:
-            if b <= low or a >= high:
-                continue
-            start, stop = max(a, low), min(b, high)
-            to = slice(row + start - a, row + stop - a)
-            rows = spread[start - low : stop - low]
-            if row < p:
-                target = front.triangle[to, first:]
-                np.add(target, rows[:, first:p], out=target)
-                target = front.below[to]
-                np.add(target, rows[:, p:], out=target)
-            else:
-                beyond = max(first, p)
-                target = front.schur[to.start - p : to.stop - p, beyond - p :]
-                np.add(target, rows[:, beyond:], out=target)
+    def _add_blocks(self, update: Float[np.ndarray, "c c"], relative_indices: RelativeIndices) -> None:
+        """Every pair of runs is one block."""
+        p = len(self.triangle)
+        for k, (a, b, row) in enumerate(relative_indices.runs):
+            for c, d, column in relative_indices.runs[k:]:
+                if column < p:
+                    target = self.triangle[row : row + b - a, column : column + d - c]
+                elif row < p:
+                    target = self.below[row : row + b - a, column - p : column - p + d - c]
+                else:
+                    target = self.schur[row - p : row - p + b - a, column - p : column - p + d - c]
+                target += update[a:b, c:d]

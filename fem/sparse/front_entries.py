@@ -6,11 +6,6 @@ import numpy as np
 from jaxtyping import Int
 from scipy.sparse import csr_array
 
-from fem.sparse.elimination_order import Groups
-
-#: entries looked up together: few enough to stay near the processor
-_BATCH = 100_000
-
 
 @dataclass(frozen=True)
 class Entries:
@@ -25,6 +20,10 @@ class Entries:
     bounds: list[int]
 
 
+NO_ENTRIES = Entries(np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), [])
+"""Those of a factorised matrix, which needs none."""
+
+
 def ranges(start: Int[np.ndarray, " k"], length: Int[np.ndarray, " k"]) -> Int[np.ndarray, " n"]:
     """start[0], start[0] + 1, ... (length[0] of them), start[1], ..."""
     end = np.cumsum(length)
@@ -33,64 +32,31 @@ def ranges(start: Int[np.ndarray, " k"], length: Int[np.ndarray, " k"]) -> Int[n
 
 def front_entries(
     matrix: csr_array,
-    groups: Groups,
-    group: Int[np.ndarray, " g"],
     *,
     order: Int[np.ndarray, " d"],
     start: list[int],
     rows: list[Int[np.ndarray, " _"]],
-) -> list[Entries]:
-    """The first entries are those of the first dof of each group, the second of the second, and so on.
+) -> Entries:
+    """Of a symmetric pattern; `order`, `start` and `rows` are those of fem.sparse.fronts.
 
-    `group` lists the groups in the order of elimination; `order`, `start` and `rows` are those of
-    fem.sparse.fronts.
-    A place is looked up for the first dof only: the columns of a group lie side by side.
+    The row of a dof is read as its column.
     """
-    position = np.empty(len(order), dtype=np.int64)
+    position = np.empty(len(order), dtype=np.int32)
     position[order] = np.arange(len(order))
-    size = groups.size[group]
-    width = int(size.max())
-    length = np.diff(groups.entry_start)[group]
-    begin = groups.entry_start[group]
-    column = np.cumsum(size) - size
-    member = np.minimum(groups.start[group] + np.arange(width)[:, None], len(order) - 1)
-    row_start = matrix.indptr[groups.members[member]].astype(np.int64)
-    border = np.searchsorted(column, start).tolist()  # of fronts, counted in groups
-    total = np.concatenate([[0], np.cumsum(length)])
+    length = np.diff(matrix.indptr)[order]
     where = np.empty(len(order), dtype=np.int64)
-    pairs_of_member: list[list[tuple[np.ndarray, np.ndarray]]] = [[] for _ in range(width)]
-    counts = np.zeros((width, len(rows) + 1), dtype=np.int64)
-    first = 0
-    while first < len(rows):
-        full = int(np.searchsorted(total, total[border[first]] + _BATCH))
-        last = max(first + 1, int(np.searchsorted(border, full, side="right")) - 1)
-        here = np.arange(border[first], border[last])
-        at = position[groups.entry_dof[ranges(begin[here], length[here])]]
-        offset = ranges(np.zeros_like(here), length[here])
-        of_group = np.repeat(here, length[here])
-        front_start = np.repeat(start[first:last], np.diff(border[first : last + 1]))
-        keep = np.flatnonzero(at >= np.repeat(front_start, length[here]))
-        at, offset, of_group = at[keep], offset[keep], of_group[keep]
-        cuts = np.searchsorted(of_group, border[first : last + 1])
-        stride = np.empty_like(at)
-        for k, s in enumerate(range(first, last)):
-            p, q = start[s + 1] - start[s], len(rows[s])
-            where[start[s] : start[s + 1]] = np.arange(p)
-            where[rows[s]] = np.arange(p * p, p * p + q)
-            mine = slice(cuts[k], cuts[k + 1])
-            local = where[at[mine]]
-            stride[mine] = np.where(local < p, p, q)
-            at[mine] = local + stride[mine] * (column[of_group[mine]] - start[s])
-        for m in range(width):
-            has = np.flatnonzero(size[of_group] > m)
-            pairs_of_member[m].append((row_start[m, of_group[has]] + offset[has], (at + m * stride)[has]))
-            counts[m, first + 1 : last + 1] = np.diff(np.searchsorted(has, cuts))
-        first = last
-    return [
-        Entries(
-            np.concatenate([sources for sources, _ in pairs]),
-            np.concatenate([targets for _, targets in pairs]),
-            until,
-        )
-        for pairs, until in zip(pairs_of_member, np.cumsum(counts, axis=1).tolist(), strict=True)
-    ]
+    sources, targets, bounds = [], [], [0]
+    for s, changed in enumerate(rows):
+        first, last = start[s], start[s + 1]
+        p, q = last - first, len(changed)
+        where[first:last] = np.arange(p)
+        where[changed] = np.arange(p * p, p * p + q)
+        source = ranges(matrix.indptr[order[first:last]], length[first:last])
+        column = np.repeat(np.arange(p), length[first:last])
+        at = position[matrix.indices[source]]
+        keep = at >= first
+        local, column = where[at[keep]], column[keep]
+        sources.append(source[keep])
+        targets.append(local + np.where(local < p, p, q) * column)
+        bounds.append(bounds[-1] + len(local))
+    return Entries(np.concatenate(sources), np.concatenate(targets), bounds)

@@ -24,7 +24,6 @@ class Fronts:
     start, rows: front s eliminates start[s] to start[s + 1] of them and changes `rows[s]` (positions in the
     order, ascending).
     entries: where the numbers of the matrix go.
-    shelf[s]: shelf and place of what it leaves for its parent; shelf_size: numbers on the two shelves.
     first_below[s]: the first pivot of the subtree that ends with front s.
     """
 
@@ -33,9 +32,7 @@ class Fronts:
     rows: list[Int[np.ndarray, " _"]]
     parent: list[int]
     relative_indices: list[RelativeIndices | None]
-    entries: list[Entries]
-    update_stack: list[tuple[int, int]]
-    update_stack_size: list[int]
+    entries: Entries
     first_below: list[int]
 
     @cached_property
@@ -70,7 +67,6 @@ def fronts(matrix: csr_array) -> Fronts:
     weight = np.concatenate([[0], np.cumsum(size[at])])
     rows = np.split(ranges(offset[at], size[at]), weight[split[:-1]])
     starts, parent = start.tolist(), nodes.parent
-    update_stack, update_stack_size = _update_stacks(rows, parent)
     first = list(range(len(parent)))
     for s, p in enumerate(parent):
         if p >= 0:
@@ -81,9 +77,7 @@ def fronts(matrix: csr_array) -> Fronts:
         rows=rows,
         parent=parent,
         relative_indices=[_relative_indices(s, starts, rows, parent) for s in range(len(parent))],
-        entries=front_entries(matrix, groups, group, order=order, start=starts, rows=rows),
-        update_stack=update_stack,
-        update_stack_size=update_stack_size,
+        entries=front_entries(matrix, order=order, start=starts, rows=rows),
         first_below=[starts[f] for f in first],
     )
 
@@ -133,27 +127,3 @@ def _relative_indices(
     below = int(np.searchsorted(rows[s], start[p + 1]))
     among_rows = n_pivots + np.searchsorted(rows[p], rows[s][below:])
     return RelativeIndices.at(np.concatenate([rows[s][:below] - start[p], among_rows]), n_pivots=n_pivots)
-
-
-def _update_stacks(rows: list[np.ndarray], parent: list[int]) -> tuple[list[tuple[int, int]], list[int]]:
-    """Shelf and place of what each front leaves for its parent, and the size of both shelves.
-
-    Even and odd levels of the tree have a shelf each. A front's children lie on top of one when it puts
-    its own on top of the other, so that both are stacks, and their memory is used again and again.
-    """
-    level, place = [0] * len(parent), [0] * len(parent)
-    for s in range(len(parent) - 1, -1, -1):
-        if parent[s] >= 0:
-            level[s] = 1 - level[parent[s]]
-    top, size, first_child = [0, 0], [0, 0], [-1] * len(parent)
-    for s, p in enumerate(parent):
-        if first_child[s] >= 0:
-            top[1 - level[s]] = place[first_child[s]]
-        if p < 0:
-            continue
-        place[s] = top[level[s]]
-        top[level[s]] += len(rows[s]) ** 2
-        size[level[s]] = max(size[level[s]], top[level[s]])
-        if first_child[p] < 0:
-            first_child[p] = s
-    return list(zip(level, place, strict=True)), size

@@ -15,7 +15,8 @@ from jaxtyping import Float, Int
 from scipy.linalg.blas import dsyrk, dtrsm
 from scipy.linalg.lapack import dpotrf
 
-from fem.sparse.extend_add import BUFFER, Front, RelativeIndices, extend_add
+from fem.sparse.extend_add import Front, RelativeIndices
+from fem.sparse.front_entries import NO_ENTRIES
 from fem.sparse.fronts import Fronts
 
 
@@ -122,24 +123,20 @@ class NotPositiveDefinite(Exception):
 
 def cholesky(fronts: Fronts, values: Float[np.ndarray, " e"]) -> CholeskyFactor:
     """Factorise the matrix whose stored values are given; raises NotPositiveDefinite."""
-    update_stacks = [_zeros(size) for size in fronts.update_stack_size]
-    buffer = np.empty(BUFFER)
     triangles, rows_below = [], []
     pending: list[list[tuple[np.ndarray, RelativeIndices]]] = [[] for _ in fronts.rows]
+    entries = fronts.entries
     for s, rows in enumerate(fronts.rows):
         p, q = fronts.start[s + 1] - fronts.start[s], len(rows)
         panel = _zeros(p * (p + q))
-        for entries in fronts.entries:
-            mine = slice(entries.bounds[s], entries.bounds[s + 1])
-            panel[entries.target[mine]] = values[entries.source[mine]]
+        mine = slice(entries.bounds[s], entries.bounds[s + 1])
+        panel[entries.target[mine]] = values[entries.source[mine]]
         triangle = panel[: p * p].reshape(p, p).T
         below = panel[p * p :].reshape(p, q).T
-        update_stack, place = fronts.update_stack[s]
-        schur = update_stacks[update_stack][place : place + q * q].reshape(q, q).T
-        schur[:] = 0
+        schur = _zeros(q * q).reshape(q, q).T
         front = Front(triangle.T, below.T, schur.T)
         for update, relative_indices in pending[s]:
-            extend_add(front, update, relative_indices, buffer=buffer)
+            front.add(update, relative_indices)
         pending[s].clear()
         if dpotrf(triangle, lower=1, clean=0, overwrite_a=1)[1]:
             raise NotPositiveDefinite
@@ -151,7 +148,7 @@ def cholesky(fronts: Fronts, values: Float[np.ndarray, " e"]) -> CholeskyFactor:
             dsyrk(-1.0, below, beta=1.0, c=schur, lower=1, overwrite_c=1)
             pending[fronts.parent[s]].append((schur.T, to_parent))
     # solves know no entries of the matrix: they are as large as a sixth of the factor
-    return CholeskyFactor(replace(fronts, entries=[]), triangles, rows_below)
+    return CholeskyFactor(replace(fronts, entries=NO_ENTRIES), triangles, rows_below)
 
 
 def _zeros(size: int) -> Float[np.ndarray, " n"]:

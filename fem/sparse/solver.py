@@ -5,44 +5,18 @@ fem.sparse.multifrontal on a fill-reducing order. See docs/decisions/0002.
 """
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 from scipy.sparse import csr_array
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.sparse.elimination_order import ordering
 from fem.sparse.fronts import Fronts, fronts
-from fem.sparse.multifrontal import NotPositiveDefinite, cholesky
+from fem.sparse.multifrontal import CholeskyFactor, NotPositiveDefinite, cholesky
 
-
-@runtime_checkable
-class Factor(Protocol):
-    """A factorised matrix K."""
-
-    def solve(self, load: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
-        """K^-1 load, column by column."""
-        ...
-
-    def solve_at(
-        self, load: Float[np.ndarray, "d f"], dofs: Int[np.ndarray, " c"]
-    ) -> Float[np.ndarray, "c f"]:
-        """K^-1 load at these dofs alone; substitution back goes no farther than they need."""
-        ...
-
-    def compliance(self, dofs: Int[np.ndarray, " c"]) -> Float[np.ndarray, "c c"]:
-        """K^-1 on these dofs, in their order: dense, symmetric."""
-        ...
-
-
-@runtime_checkable
-class Analysis(Protocol):
-    """What the pattern of nonzeros alone decides; good for all matrices that share it (Newton steps)."""
-
-    def factorise(self, stiffness: csr_array) -> Factor:
-        """Factorise a matrix of the analysed pattern; raises SINGULAR_STIFFNESS like `factorise`."""
-        ...
+Factor = CholeskyFactor
+"""A factorised matrix."""
 
 
 def solver_name() -> str:
@@ -59,25 +33,28 @@ def factorise(stiffness: csr_array) -> Factor:
     return _plan(stiffness).of(stiffness)
 
 
-def analyse(stiffness: csr_array) -> Analysis:
+def analyse(stiffness: csr_array) -> "Analysis":
     """Plan the elimination for the pattern of a symmetric matrix; its values do not matter."""
     return _plan(_canonical(stiffness))
 
 
-def _plan(stiffness: csr_array) -> "_Plan":
+def _plan(stiffness: csr_array) -> "Analysis":
     """Of a canonical matrix."""
     if (np.diff(stiffness.indptr) == 0).any():
         raise _singular("a node belongs to no element")
-    return _Plan(fronts(stiffness), stiffness.indptr, stiffness.indices)
+    return Analysis(fronts(stiffness), stiffness.indptr, stiffness.indices)
 
 
 @dataclass(frozen=True)
-class _Plan:
+class Analysis:
+    """What the pattern of nonzeros alone decides; good for all matrices that share it (Newton steps)."""
+
     fronts: Fronts
     indptr: Int[np.ndarray, " d1"]
     indices: Int[np.ndarray, " e"]
 
     def factorise(self, stiffness: csr_array) -> Factor:
+        """Factorise a matrix of the analysed pattern; raises SINGULAR_STIFFNESS like `factorise`."""
         if not self._has(stiffness):
             stiffness = _canonical(stiffness)
         if not self._has(stiffness):

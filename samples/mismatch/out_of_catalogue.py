@@ -5,8 +5,8 @@ palm             the fruit's bottom rests on the gripper's palm, a spring, in ev
 gel_softening    both gels soften while they are held; the sensor goes on believing their nominal stiffness
 drainage         the flesh's resistance to losing volume fades with time, its resistance to shear does not
 
-Three have come into the catalogue since, the palm as third_contact (samples.mismatch.support_seat), the
-others by their own names; they are kept, and drawn as ever, for older banks.
+Two have come into the catalogue since, the palm as third_contact (samples.mismatch.support_seat), and
+drainage; they are kept, and drawn as ever, for older banks.
 """
 
 from dataclasses import dataclass, replace

@@ -181,7 +181,7 @@ class World:
         """Share of the energy that the truth's own mesh withholds (greatest load of the first grasp)."""
         load = self._loads(self.solid.mesh, self.grasps[0], Off())[0][[int(RADII_MM.argmax())]]
         moved = self.solid.displacement(load)
-        return float(discretisation_error(self.solid.mesh, moved, poisson_ratio=NU).energy_share[0])
+        return float(discretisation_error(self.solid.mesh, moved, poisson_ratio=NU)[0])
 
     def solved(self, off: Off) -> tuple[True1MPa, ...]:
         """Every grasp, all of them on one factorisation."""

@@ -31,7 +31,7 @@ def test_the_error_estimated_is_the_energy_that_finer_meshes_find(poisson_ratio)
     coarse, middle, fine = (energy for _, _, energy in runs)
     converged = fine + (fine - middle) ** 2 / (2 * middle - coarse - fine)  # errors shrink geometrically
     for mesh, moved, energy in runs[1:]:
-        estimate = discretisation_error(mesh, moved, poisson_ratio=poisson_ratio).energy_share[0]
+        estimate = discretisation_error(mesh, moved, poisson_ratio=poisson_ratio)[0]
         assert 0.6 < estimate / (converged / energy - 1) < 1.3
 
 
@@ -44,7 +44,7 @@ def test_a_default_mesh_with_its_error_put_back_is_within_one_percent_where_t10_
     load = locate(mesh, at).point_load(np.tile([0.0, 0, -1 / len(at)], (1, len(at), 1)))
     moved = UnitModulusSolid.factorise(mesh, poisson_ratio=0.49, support="base").displacement(load)
     energy = (load * moved).sum()
-    share = discretisation_error(mesh, moved, poisson_ratio=0.49).energy_share[0]
+    share = discretisation_error(mesh, moved, poisson_ratio=0.49)[0]
     assert energy < 0.985 * converged
     assert energy * (1 + share) == pytest.approx(converged, rel=0.01)
 
@@ -54,18 +54,16 @@ def test_even_strain_has_no_error_and_curved_strain_has_some():
     even = mesh.nodes_mm @ np.array([[0.1, 0.2, 0], [0, -0.3, 0.1], [0.4, 0, 0.2]])
     curved = np.sin(mesh.nodes_mm / 2)
     error = discretisation_error(mesh, np.stack([even, curved]), poisson_ratio=0.3)
-    assert error.energy_share[0] < 1e-20
-    assert error.energy_share[1] > 1e-4
+    assert error[0] < 1e-20
+    assert error[1] > 1e-4
 
 
-def test_each_load_is_judged_alone_and_elements_add_up():
+def test_each_load_is_judged_alone():
     mesh, moved, _ = pressed(3, 0.45)
     other = np.cos(mesh.nodes_mm)[None]
     both = discretisation_error(mesh, np.concatenate([moved, other]), poisson_ratio=0.45)
     alone = discretisation_error(mesh, 7 * moved, poisson_ratio=0.45)
-    assert both.energy_share[0] == pytest.approx(alone.energy_share[0], rel=1e-9)
-    assert np.allclose(both.per_element.sum(axis=1), both.energy_share)
-    assert (both.per_element >= 0).all()
+    assert both[0] == pytest.approx(alone[0], rel=1e-9)
 
 
 def test_fields_of_another_mesh_or_without_strain_are_refused():

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fem.fem_failure import FemFailure, FemProblem
-from fem.solid.equilibrium import Ending, Tangents, equilibrium
+from fem.solid.equilibrium import Ending, equilibrium
 
 
 @dataclass
@@ -64,13 +64,11 @@ def stiffening(n=30):
     return Spring(lambda x: chain @ x + 0.05 * x**3 - pull, lambda x: chain + np.diag(0.15 * x**2), n)
 
 
-def search(
-    problem, *, start=None, tangents=Tangents.EVERY_STEP, tolerance=1e-12, iterations=20, tangent=None
-):
+def search(problem, *, start=None, renews=True, tolerance=1e-12, iterations=20, tangent=None):
     """From zero on, unless from elsewhere."""
     at = np.zeros(problem.primal) if start is None else np.array([start])
     return equilibrium(
-        problem, at, tolerance=tolerance, iterations=iterations, tangents=tangents, tangent=tangent
+        problem, at, tolerance=tolerance, iterations=iterations, renews=renews, tangent=tangent
     )
 
 
@@ -90,24 +88,16 @@ def test_states_that_no_matter_can_take_are_stepped_back_from():
     assert search(problem, start=3.0, iterations=40).ending is Ending.CONVERGED
 
 
-def test_newton_doubles_the_digits_at_every_step():
-    solved = search(stiffening())
-    assert solved.ending is Ending.CONVERGED
-    late = np.array([s for s in solved.sizes if 1e-14 < s < 1e-1])
-    assert len(late) >= 3
-    order = np.log(late[1:]) / np.log(late[:-1])
-    assert (order[-2:] > 1.7).all()
-    assert solved.tangents == len(solved.shares)
-
-
 def test_chord_steps_find_the_same_with_one_factor_and_few_steps():
     problem = stiffening()
-    newton = search(problem)
+    newton = np.zeros(30)
+    for _ in range(60):
+        newton = newton - problem.tangent(newton).solve(problem.residual(newton))
     first = problem.tangent(np.ones(30))
-    chord = search(problem, iterations=60, tangents=Tangents.WHILE_THEY_SERVE, tangent=first)
+    chord = search(problem, iterations=60, tangent=first)
     assert chord.ending is Ending.CONVERGED
     assert chord.tangents == 0
-    assert np.abs(chord.state - newton.state).max() < 1e-10
+    assert np.abs(chord.state - newton).max() < 1e-10
     x, plain = np.zeros(30), 0
     while problem.size(problem.residual(x)) > 1e-12 and plain < 200:
         x, plain = x - first.solve(problem.residual(x)), plain + 1
@@ -117,7 +107,7 @@ def test_chord_steps_find_the_same_with_one_factor_and_few_steps():
 def test_a_factor_that_serves_no_more_is_renewed():
     problem = Spring(lambda x: x + x**3 - 40.0, lambda x: np.diag(1 + 3 * x**2), 1)
     poor = Dense(np.array([[200.0]]))
-    solved = search(problem, tolerance=1e-13, iterations=60, tangents=Tangents.WHILE_THEY_SERVE, tangent=poor)
+    solved = search(problem, tolerance=1e-13, iterations=60, tangent=poor)
     assert solved.ending is Ending.CONVERGED
     assert solved.state[0] + solved.state[0] ** 3 == pytest.approx(40.0, rel=1e-12)
 
@@ -167,7 +157,7 @@ class Worn:
 
 def test_a_law_with_memory_is_solved_with_one_tangent_and_no_potential():
     path = Worn(np.array([2.0, 4.0, 2.0]))
-    solved = search(path, tolerance=1e-10, iterations=30, tangents=Tangents.ONE)
+    solved = search(path, tolerance=1e-10, iterations=30, renews=False)
     assert solved.ending is Ending.CONVERGED
     assert solved.state == pytest.approx([2 / 3, 4.0, 2.0], abs=1e-9)
     assert solved.tangents == 1
@@ -178,8 +168,7 @@ def test_one_tangent_stays_however_slow_its_steps_and_the_end_is_said():
     soft = Spring(lambda x: x - 1.0, lambda x: np.eye(1), 1)
     stiff = Dense(np.array([[200.0]]))
     few, many = (
-        search(soft, tolerance=1e-6, iterations=most, tangents=Tangents.ONE, tangent=stiff)
-        for most in (1, 30)
+        search(soft, tolerance=1e-6, iterations=most, renews=False, tangent=stiff) for most in (1, 30)
     )
     assert few.ending is Ending.TOO_MANY
     assert many.tangents == 0

@@ -72,9 +72,13 @@ def test_free_loads_are_balanced_by_a_smooth_body_force(free, pinch):
     assert np.abs(balanced - pinch).max() < 1e-3 * np.abs(pinch).max()
 
 
+def energy(solid: UnitModulusSolid, moved: np.ndarray) -> float:
+    return moved.ravel() @ (solid.stiffness @ moved.ravel())
+
+
 def test_energy_is_the_work_of_the_load(free, pinch):
     moved = free.displacement(pinch)
-    assert free.energy(moved)[0] == pytest.approx((pinch * moved).sum(), rel=1e-9)
+    assert energy(free, moved) == pytest.approx((pinch * moved).sum(), rel=1e-9)
 
 
 def test_free_displacement_has_no_rigid_part_and_does_not_depend_on_what_held_it(free, nectarine, pinch):
@@ -88,7 +92,7 @@ def test_free_displacement_has_no_rigid_part_and_does_not_depend_on_what_held_it
     way = csr_array(motions[:, kept])
     load = free.free_body.balance(pinch.reshape(1, -1).T)
     other = way @ factorise(csr_array(way.T @ free.stiffness @ way)).solve(way.T @ load)
-    assert free.energy(other.T.reshape(pinch.shape))[0] == pytest.approx(free.energy(moved)[0], rel=1e-9)
+    assert energy(free, other) == pytest.approx(energy(free, moved), rel=1e-9)
     other = free.free_body.without_rigid_motion(other).T.reshape(pinch.shape)
     assert np.abs(other - moved).max() < 1e-8 * np.abs(moved).max()
 

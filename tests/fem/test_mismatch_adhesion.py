@@ -21,17 +21,12 @@ from plain_model import plain_forward_model, screened_effects
 
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effects import adhesion, sensor_drift, slip, third_contact
+from fem.mismatch.effects.third_contact import ForceBalance
 from fem.mismatch.evidence import equation_cache
 from fem.mismatch.evidence.equation_cache import balance_equations, pull_of
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.pulling_markers import (
-    LEAST_EVIDENCE,
-    pads_with_normals,
-    pulled,
-    stick_evidence,
-)
-from fem.mismatch.model.third_force import ForceBalance
+from fem.mismatch.model.pulling_markers import LEAST_EVIDENCE, Pull
 from fem.mismatch.selection.model_selection import ModelSelection, select_model
 from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY
@@ -150,11 +145,8 @@ def test_a_rim_that_is_felt_unevenly_is_no_third_contact(monkeypatch):
     """What the pads are out of balance by is then not borne by anything else."""
     case = injected_case(unevenly(lambda phase: phase == "unload"))
     forward = plain_forward_model(case)[0]
-    alone = [
-        sum(pulled(*pad).after for pad in pads_with_normals(recording.case))
-        for recording in forward.base.grasps
-    ]
-    assert stick_evidence(min(alone), 0) < LEAST_EVIDENCE < stick_evidence(sum(alone), 0)
+    cases = [recording.case for recording in forward.base.grasps]
+    assert min(Pull.of([case]).evidence for case in cases) < LEAST_EVIDENCE < Pull.of(cases).evidence
     assert third_contact.EFFECT.signatures(forward) == []
     with monkeypatch.context() as patched:
         patched.setattr(equation_cache, "gels_stick", lambda _: False)

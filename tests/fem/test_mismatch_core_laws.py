@@ -89,7 +89,7 @@ def test_the_reduced_space_answers_as_the_law_factorised_in_full(
     forward = pinched_once()
     plain = forward.base.grasps[0].tracks.unit_displacement
     expected = in_full(forward, changed_solid(forward, value * matrix(forward))) - plain
-    change = effect.respond(forward, {effect.parameter.name: value}, ONE_WAY).unit[0] - plain
+    change = effect.respond(forward, {effect.spec.searched[0].name: value}, ONE_WAY).unit[0] - plain
     assert np.linalg.norm(expected) > 0.02 * np.linalg.norm(plain)
     assert np.linalg.norm(change - expected) < off * np.linalg.norm(expected)
 
@@ -118,12 +118,15 @@ def test_each_signature_is_the_slope_of_its_own_model(effect, step):
     (signature,) = effect.signatures(forward)
     null = effect.null(forward)
     ends = [
-        effect.respond(forward, {effect.parameter.name: null + way}, ONE_WAY).unit[0] for way in (step, -step)
+        effect.respond(forward, {effect.spec.searched[0].name: null + way}, ONE_WAY).unit[0]
+        for way in (step, -step)
     ]
     slope = COMPLIANCE * (ends[0] - ends[1]) / (2 * step)
     markers = signature.columns[0].fields[0].markers
     assert np.linalg.norm(slope - markers) < 1e-3 * np.linalg.norm(markers)
-    assert effect.start(forward, signature, np.zeros(1)) == {effect.parameter.name: pytest.approx(null)}
+    assert effect.start(forward, signature, np.zeros(1)) == {
+        effect.spec.searched[0].name: pytest.approx(null)
+    }
 
 
 def test_depth_is_nothing_at_the_skin_and_one_at_the_pit():

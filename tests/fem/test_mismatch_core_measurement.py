@@ -1,7 +1,7 @@
 """What belongs to sensors and machines: put into recordings by its definition, and found again."""
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -26,6 +26,7 @@ from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effects import clock_lag, gripper_compliance, pose_error, sensor_drift, sensor_gain
 from fem.mismatch.effects.pose_error import NAMES
 from fem.mismatch.evidence.equation_cache import balance_equations, marker_equations
+from fem.mismatch.kinds.moved_markers import MovedMarkers
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import BalanceEquations
 from fem.mismatch.reported_values import candidates
@@ -137,13 +138,13 @@ def test_jaws_that_give_way_are_found():
     assert given == pytest.approx(0.4, abs=0.06)  # a mesh this coarse is itself 0.04 too stiff
 
 
-class Overshooting(type(gripper_compliance.EFFECT)):  # type: ignore[misc]
-    """Starts three times too far, where it has no model, as a pit has none that pokes out of the fruit."""
+class Overshooting(MovedMarkers):
+    """Starts too far, where it has no model, as a pit has none that pokes out of the fruit."""
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
-        return super().start(forward, signature, 3 * amounts)
+        return super().start(forward, signature, 1.2 * amounts)
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         if parameters["mm_per_N"] > 0.45:
@@ -152,7 +153,9 @@ class Overshooting(type(gripper_compliance.EFFECT)):  # type: ignore[misc]
 
 
 def test_where_the_linear_answer_has_no_model_the_search_starts_nearer_to_nothing():
-    given = refitted(Overshooting(), given_way(0.4))[0]["mm_per_N"]
+    plain = gripper_compliance.EFFECT
+    overshooting = Overshooting(**{field.name: getattr(plain, field.name) for field in fields(plain)})
+    given = refitted(overshooting, given_way(0.4))[0]["mm_per_N"]
     assert given == pytest.approx(0.4, abs=0.06)
 
 

@@ -14,8 +14,8 @@ from fem.mismatch.model import stress_history
 from fem.mismatch.model.baseline import baseline
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.path_frames import path_frames
-from fem.mismatch.model.stress_history import MOST_RUNS, first_guess, fixed_point, keep_run, path_state
-from fem.mismatch.model.warm_start import WarmStarts
+from fem.mismatch.model.stress_history import path_state
+from fem.mismatch.model.warm_start import MOST, WarmStarts
 from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.flesh_pieces import FleshPieces, exceeded_by
 from fem.solid.initial_stress import AddedStress
@@ -26,7 +26,7 @@ def test_forces_of_the_linear_stress_are_those_of_the_stiffness_matrix():
     forward = forward_of()
     solid = forward.base.solid_of(forward.base.grasps[0])
     moved = np.random.default_rng(4).normal(size=(2, *fruit_mesh().nodes_mm.shape))
-    pieces = FleshPieces.whole(FleshStrain.of(fruit_mesh()))
+    pieces = FleshPieces.of(FleshStrain.of(fruit_mesh()))
     forces = pieces.forces(moved, lambda gradient: linear_stress(gradient, poisson_ratio=NU))
     expected = (solid.stiffness @ moved.reshape(2, -1).T).T.reshape(moved.shape)
     off = np.linalg.norm(forces - expected) / np.linalg.norm(expected)
@@ -53,7 +53,7 @@ def test_rounds_find_flesh_that_is_stiffer_or_softer_as_a_whole(stiffness, toget
         stiffer=np.full(len(state.linear), stiffness),
         skin=skin,
     )
-    more = fixed_point(problem, start=None, together=together)
+    more = problem.beyond_linear(start=None, together=together, tolerance_mm=6e-4, rounds=40)
     off = forward.compliance * (more - (1 / stiffness - 1) * state.linear)[:, skin]
     assert np.abs(off).max() < 1e-3
 
@@ -101,28 +101,23 @@ def test_softer_flesh_answers_alike_where_its_law_sees_the_same(monkeypatch, mod
     assert np.linalg.norm(other - more) > 0.1 * size
 
 
-def test_a_run_starts_on_the_plane_through_the_last_ones_and_not_far_beyond_them():
-    search = replace(forward_of(), warm_starts=WarmStarts())
-    assert first_guess(search, "law", np.zeros(2)) is None
-    field = np.random.default_rng(6).normal(size=(3, 2, 5, 3))
-
-    def answer(law):
-        return field[0] + law[0] * field[1] + law[1] * field[2]
-
-    for law in ([0.0, 0.0], [0.3, 0.0], [0.0, 0.3]):
-        keep_run(search, "law", np.array(law), answer(law))
-    near = first_guess(search, "law", np.array([0.1, 0.2]))
-    np.testing.assert_allclose(near, answer([0.1, 0.2]), atol=0.01)
-    far = first_guess(search, "law", np.array([40.0, 0.0]))
-    assert np.abs(far).max() < 0.2 * np.abs(answer([40.0, 0.0])).max()
+def test_a_search_starts_from_the_nearest_of_its_last_solutions():
+    search = WarmStarts()
+    assert search.nearest("law", np.zeros(1)) is None
+    for k in range(MOST + 2):
+        search.keep("law", np.array([float(k)]), k)
+    assert search.nearest("law", np.array([4.2])) == (np.array([4.0]), 4)
+    assert search.nearest("law", np.zeros(1)) == (np.array([2.0]), 2)
+    assert search.nearest("other", np.zeros(1)) is None
 
 
-def test_only_the_last_runs_are_kept():
-    search = replace(forward_of(), warm_starts=WarmStarts())
-    for k in range(30):
-        keep_run(search, "law", np.array([float(k)]), np.full((1, 1, 3), float(k)))
-    assert len(search.warm_start(("runs", "law"))) == MOST_RUNS
-    assert first_guess(search, "law", np.array([29.0]))[0, 0, 0] == pytest.approx(29.0, abs=0.01)
+def test_a_search_that_starts_from_a_solution_ends_at_the_same_one():
+    plain = forward_of()
+    search = replace(plain, warm_starts=WarmStarts())
+    parameters = {"dmax": 0.3, "W0_over_E": 0.002}
+    damage.EFFECT.respond(search, {"dmax": 0.35, "W0_over_E": 0.002}, ONE_WAY)
+    afresh, warm = (damage.EFFECT.respond(at, parameters, ONE_WAY).unit[0] for at in (plain, search))
+    assert plain.compliance * np.abs(warm - afresh).max() < 2 * stress_history.CLOSE_MM
 
 
 def difference(module: object, forward: ForwardModel, parameters: dict[str, float], base: dict[str, float]):
@@ -157,32 +152,26 @@ def test_stiffening_signature_is_the_start_of_its_response_where_strains_are_sma
     assert ratio == pytest.approx(1.0, abs=0.1)
 
 
-def plastic_against_signature(monkeypatch, relative: float) -> tuple[float, float]:
-    monkeypatch.setattr(plastic_set, "RELATIVE", (relative,))
-    forward = forward_of()
-    signature = plastic_set.EFFECT.signatures(forward)[0]
-    Y = plastic_set.EFFECT.start(forward, signature, np.ones(1))["yield_over_E"]
-    unit = plastic_set.EFFECT.respond(forward, {"yield_over_E": Y}, ONE_WAY).unit[0]
+def plastic_against_signature(relative: float) -> tuple[float, float]:
+    effect, forward = replace(plastic_set.EFFECT, relative=(relative,)), forward_of()
+    (signature,) = effect.signatures(forward)
+    unit = effect.respond(forward, effect.start(forward, signature, np.ones(1)), ONE_WAY).unit[0]
     moved = forward.compliance * (unit - forward.base.grasps[0].tracks.unit_displacement)
     return cosine_and_ratio(moved, signature.columns[0].fields[0].markers)
 
 
 def test_plastic_signature_is_the_start_of_its_response_where_flesh_hardly_yields(monkeypatch):
     forward = forward_of()
-    state = path_state(forward, frames=plastic_set.FRAMES, remembers=True)
-    stress, level = plastic_set._stress_seen(forward, state)
-    hardly = 0.99 * stress.max() / level
+    stress, level = plastic_set.EFFECT.largest_seen(forward)
     monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-8)
-    cosine, ratio = plastic_against_signature(monkeypatch, hardly)
+    cosine, ratio = plastic_against_signature(0.99 * stress.max() / level)
     assert cosine > 0.999
     stays = 2 * (4 - 5 * forward.poisson_ratio) / (15 * (1 - forward.poisson_ratio))
     assert 0.99 < ratio < 1 / (1 - stays)  # Eshelby 1957: the share of a sphere's shear that stays in it
 
 
-def test_plastic_response_outgrows_its_signature_the_more_the_flesh_yields(monkeypatch):
-    cosines, ratios = zip(
-        *(plastic_against_signature(monkeypatch, relative) for relative in (0.7, 0.85, 1.0)), strict=True
-    )
+def test_plastic_response_outgrows_its_signature_the_more_the_flesh_yields():
+    cosines, ratios = zip(*map(plastic_against_signature, (0.7, 0.85, 1.0)), strict=True)
     assert min(cosines) > 0.95
     assert ratios[0] > ratios[1] > ratios[2] > 0.9
 

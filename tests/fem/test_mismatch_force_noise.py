@@ -45,7 +45,7 @@ def test_adjoint_product_of_a_law_of_flesh_is_that_of_its_solved_field() -> None
     forward, _, noise = noisy()
     recording = noise.recording
     column = SKIN.signatures(forward)[0].columns[0]
-    derivative, _ = SKIN.operators(forward)  # type: ignore[attr-defined]
+    derivative = SKIN.derivative(forward)  # type: ignore[attr-defined]
     fields = []
     for moved in noise.moved[:, : recording.finer.first]:
         changed = forward.base.marker_response(recording, -derivative(moved))

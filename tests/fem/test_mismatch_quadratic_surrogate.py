@@ -4,19 +4,7 @@ import numpy as np
 import pytest
 
 from fem.mismatch.model.quadratic_surrogate import NEAR, quadratic_surrogate
-
-
-class Search:
-    """Keeps what a search keeps."""
-
-    def __init__(self) -> None:
-        self.solutions: dict[object, tuple] = {}
-
-    def warm_start(self, key):
-        return self.solutions.get(key, ())
-
-    def store_warm_start(self, key, solutions):
-        self.solutions[key] = solutions
+from fem.mismatch.model.warm_start import WarmStarts
 
 
 def curved(calls: list[np.ndarray], bend: float = 0.7):
@@ -38,14 +26,14 @@ def asked(search, theta, calls, **options) -> float:
 
 
 def test_along_the_anchor_a_square_law_is_exact_without_another_solve():
-    search, calls = Search(), []
+    search, calls = WarmStarts(), []
     assert asked(search, [1.0, 0.0], calls) == pytest.approx(2.7)
     assert asked(search, [1.3, 0.0], calls) == pytest.approx(2.6 + 0.7 * 1.69)
     assert len(calls) == 1
 
 
 def test_parameters_next_to_none_leave_no_anchor_behind():
-    search, calls = Search(), []
+    search, calls = WarmStarts(), []
     assert asked(search, [0.5 * NEAR, 0.0], calls) == pytest.approx(NEAR)
     assert not calls
     assert asked(search, [2.0, 0.0], calls) == pytest.approx(4.0 + 2.8)
@@ -53,7 +41,7 @@ def test_parameters_next_to_none_leave_no_anchor_behind():
 
 
 def test_far_from_every_anchor_the_model_is_computed_anew():
-    search, calls = Search(), []
+    search, calls = WarmStarts(), []
     asked(search, [0.4, 0.0], calls)
     assert asked(search, [2.0, 0.5], calls) == pytest.approx(3.5 + 2.8)
     assert len(calls) == 2

@@ -12,9 +12,8 @@ from fem.elements.assembly import unit_lame_constants
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.mismatch.effects.soft_spot import CENTRE, EFFECT, variant_of
 from fem.mismatch.localisation.spot_search import Spot, best_spots
-from fem.mismatch.model.spot_response import to_first_order
 from fem.mismatch.signature_variant import ONE_WAY
-from fem.solid.inclusion import Softened, ball_stiffness, drop_of, times
+from fem.solid.inclusion import ball_stiffness, drop_of
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.rigid_core import reduced
 from fem.sparse.solver import factorise
@@ -64,15 +63,10 @@ def test_soft_ball_in_a_large_body_gives_way_as_eshelby_says():
     moved = (mesh.nodes_mm @ strain)[None]
     load = (solid.stiffness @ moved.ravel()).reshape(moved.shape)
     inside = ball_stiffness(mesh, centre_mm=np.zeros(3), radius_mm=3.0, poisson_ratio=NU)
-    work = np.array([[moved.ravel() @ load.ravel()]])
     ratio = 0.3
-    first = solid.displacement(times(inside, moved))
-    second = solid.displacement(times(inside, first))
-    reduced_space = Softened.of(inside, moved, first, second, work=work)
-    amounts = reduced_space.amounts(ratio)[:, 0, 0]
-    more = (amounts[0] - 1) * work[0, 0] + amounts[1] * reduced_space.moments[0][0, 0]
-    more += amounts[2] * reduced_space.moments[1][0, 0]
-    first_order = reduced_space.moments[0][0, 0]
+    softened = softened_solid(solid, centre_mm=np.zeros(3), radius_mm=3.0, ratio=ratio).displacement(load)
+    more = float(((softened - solid.displacement(load)) * load).sum())
+    first_order = float(moved.ravel() @ (inside @ moved.ravel()))
     assert more / first_order == pytest.approx(drop_of(ratio, NU), rel=0.05)
 
 
@@ -122,15 +116,12 @@ def test_without_a_spot_nothing_stands_out():
     assert most(change + noise) > 8.0
 
 
-def test_recordings_that_do_not_bear_on_a_ball_have_no_part_of_its_first_order():
-    base = pinched()
-    inside = ball_stiffness(base.mesh, centre_mm=np.array([0.0, 21.3, 0.0]), radius_mm=3.0, poisson_ratio=NU)
-    assert to_first_order(base, inside) == [None]
-
-
-@pytest.mark.parametrize("centre_mm", [(0.0, 0.0, 90.0), (0.0, 0.0, -18.2), (0.0, 21.3, 0.0)])
-def test_a_ball_that_bears_nothing_leaves_the_fruit_as_it_is(centre_mm):
+@pytest.mark.parametrize(
+    ("centre_mm", "share"), [((0.0, 0.0, 90.0), 1e-9), ((0.0, 0.0, -18.2), 1e-4), ((0.0, 21.3, 0.0), 1e-4)]
+)
+def test_a_ball_that_bears_nothing_leaves_the_fruit_as_it_is(centre_mm, share):
     """Outside of the flesh, or where next to nothing of the load passes."""
     place = dict(zip(CENTRE, centre_mm, strict=True))
     plain = pinched().grasps[0].tracks.unit_displacement
-    np.testing.assert_array_equal(responded(forward_of(), **place, radius_mm=3.0), plain)
+    response = responded(forward_of(), **place, radius_mm=3.0)
+    np.testing.assert_allclose(response, plain, atol=share * np.abs(plain).max())

@@ -29,11 +29,11 @@ from plain_model import plain_forward_model, screened_effects
 from fem.grasp_history import GraspHistory
 from fem.mesh.surface_points import locate
 from fem.mismatch.effects import pose_error, sensor_gain, third_contact
+from fem.mismatch.effects.third_contact import ForceBalance, best_contact
 from fem.mismatch.evidence.equation_cache import balance_equations
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import wrench
-from fem.mismatch.model.third_force import ForceBalance
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.screening import screened
 from fem.mismatch.signature_variant import ONE_WAY
@@ -112,9 +112,9 @@ def palm() -> ForwardModel:
 
 
 def normal_N(forward: ForwardModel) -> list[np.ndarray]:
-    contact = third_contact._found(forward)
+    contact = best_contact(forward)
     assert contact is not None
-    return [force.force_N @ contact.seat.inward for force in contact.forces]
+    return [np.zeros(1) if force is None else force.force_N @ contact.seat.inward for force in contact.forces]
 
 
 def test_a_palm_is_found_with_its_place_its_push_and_the_modulus():
@@ -149,12 +149,14 @@ def test_the_balance_with_a_force_at_another_place_explains_less(palm: ForwardMo
     equations = balance_equations(palm, recording)
     assert equations is not None
     balance = ForceBalance.of(recording, equations)
-    here = balance.force(PLACE_MM, UPWARDS).evidence
+    here = balance.force(PLACE_MM, UPWARDS)
+    assert here is not None
     aside = np.array([0.0, 13.0, -13.0])
-    assert here > balance.force(aside, -aside / np.linalg.norm(aside)).evidence + 100
-    assert balance.force(-PLACE_MM, -UPWARDS).evidence == 0.0, "from above it would have to pull"
+    elsewhere = balance.force(aside, -aside / np.linalg.norm(aside))
+    assert here.evidence > (0.0 if elsewhere is None else elsewhere.evidence) + 100
+    assert balance.force(-PLACE_MM, -UPWARDS) is None, "from above it would have to pull"
     under_pad = recording.tracks.place_mm[(recording.tracks.episode >= 0).any(axis=0)][0]
-    assert balance.force(under_pad, UPWARDS).evidence == 0.0
+    assert balance.force(under_pad, UPWARDS) is None
 
 
 @pytest.mark.parametrize("late", [False, True], ids=["a palm", "a stop that is touched late"])
@@ -173,7 +175,7 @@ def test_a_force_pays_for_the_freedom_of_its_course_that_it_needs(late: bool):
 
 
 def test_the_response_balances_the_pads_to_noise(palm: ForwardModel):
-    contact = third_contact._found(palm)
+    contact = best_contact(palm)
     assert contact is not None
     parameters = dict(zip(third_contact.CENTRE, contact.seat.place_mm.tolist(), strict=True))
     response = third_contact.EFFECT.respond(palm, parameters, ONE_WAY)

@@ -76,6 +76,6 @@ def test_pieces_of_flesh_add_up_to_the_same_forces_however_many_threads_work_on_
     def law(gradient):
         return gradient + np.swapaxes(gradient, 2, 3)
 
-    serial, threaded = (FleshPieces.whole(points, workers=n).forces(moved, law) for n in (1, 3))
-    assert len(FleshPieces.whole(points).pieces) > 3
+    serial, threaded = (FleshPieces.of(points, workers=n).forces(moved, law) for n in (1, 3))
+    assert len(FleshPieces.of(points).pieces) > 3
     np.testing.assert_array_equal(serial, threaded)

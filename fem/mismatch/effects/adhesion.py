@@ -23,8 +23,6 @@ from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 REACH = "reach_mm"
-LOWEST_MM, HIGHEST_MM = 1e-3, 5.0
-"""Below the first the noise of markers hides it; the second is more than a gel's thickness."""
 
 SPEC = EffectSpec(
     name="adhesion",
@@ -44,14 +42,14 @@ SPEC = EffectSpec(
             "mm",
             "how far the gel is drawn out before it lets go",
             limits=(0.0, 50.0),
-            low=LOWEST_MM,
-            high=HIGHEST_MM,
+            low=1e-3,
+            high=5.0,
             model_share=0.05,
         ),
     ),
     in_recorded_forces=True,
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +66,7 @@ class Adhesion:
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The reach as measured."""
-        return {REACH: float(np.clip(pull_of(forward).reach_mm[0], LOWEST_MM, HIGHEST_MM))}
+        return self.spec.within_bounds(pull_of(forward).reach_mm[0])
 
     def direct_evidence(self, forward: ForwardModel) -> float:
         """That of the markers that pull."""
@@ -80,7 +78,7 @@ class Adhesion:
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """The plain model's: the recorded forces hold the pull."""
-        return Response(unit=[recording.tracks.unit_displacement for recording in forward.base.grasps])
+        return Response.plain(forward)
 
 
 EFFECT: Effect = Adhesion()

@@ -1,13 +1,11 @@
 """`anisotropy`: the flesh is stiffer (or softer) along the stem axis, C_zzzz greater by axial times mu."""
 
-from collections.abc import Sequence
-
 import numpy as np
 
 from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
-from fem.mismatch.linear_law import LinearLaw, plain_stiffness, stress_operator
+from fem.mismatch.kinds.linear_law import LinearLaw, stress_operator
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
 
@@ -36,19 +34,13 @@ SPEC = EffectSpec(
         ),
     ),
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
+def _along_the_stem(forward: ForwardModel) -> Operator:
     mu, _ = unit_lame_constants(forward.poisson_ratio)
-    axial = stress_operator(forward, lambda strain: mu * strain * ALONG_STEM)
-    return axial, (plain_stiffness(forward), axial)
+    return stress_operator(forward, lambda strain: mu * strain * ALONG_STEM)
 
 
-EFFECT: Effect = LinearLaw(
-    spec=SPEC,
-    sd=0.8,
-    operators=_operators,
-    amounts=lambda forward, theta: (1.0, theta),
-)
+EFFECT: Effect = LinearLaw(spec=SPEC, sd=0.8, derivative=_along_the_stem)
 """At -1.5 C_zzzz is still positive; 6, far stiffer than flesh, and the prior of 0.8 are set by hand."""

@@ -4,18 +4,13 @@ y_recorded(t) = pose(t) (rest + d(t - lag)), what happened is pose(t - lag) (res
 of a pad is off by what the pad moved in between. Poses are read between frames in straight lines.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.kinds.moved_markers import MovedMarkers
 from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 STEP_S = 0.05
 """Of the difference quotient: about a frame, so that poses read in straight lines are smoothed. Set by
@@ -46,34 +41,7 @@ SPEC = EffectSpec(
     correction=Correction.CLOCK_LAG,
     knows_time=True,
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
-
-
-@dataclass(frozen=True)
-class ClockLag:
-    """One lag for all recordings."""
-
-    spec: EffectSpec = SPEC
-
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
-        """The pads' velocity."""
-        fields = [
-            ObservationDelta(markers=_gone(recording, STEP_S) / STEP_S) for recording in forward.base.grasps
-        ]
-        return [Signature(variant=ONE_WAY, columns=(Regressor(name="lag_s", sd=0.15, fields=fields),))]
-
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
-        """The amount is the lag."""
-        return {"lag_s": float(np.clip(amounts[0], -0.8, 0.8))}
-
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
-        """Positions as recorded less those of the earlier pose."""
-        return Response(
-            unit=[recording.tracks.unit_displacement for recording in forward.base.grasps],
-            shift_mm=[_gone(recording, parameters["lag_s"]) for recording in forward.base.grasps],
-        )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _gone(recording: GraspResponse, lag_s: float) -> Float[np.ndarray, "f n 3"]:
@@ -87,4 +55,5 @@ def _gone(recording: GraspResponse, lag_s: float) -> Float[np.ndarray, "f n 3"]:
     return gone
 
 
-EFFECT: Effect = ClockLag()
+EFFECT: Effect = MovedMarkers(spec=SPEC, sd=0.15, step=STEP_S, moved_mm=_gone)
+"""The prior of 0.15 s is set by hand: a few frames."""

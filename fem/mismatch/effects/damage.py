@@ -1,38 +1,14 @@
 """`damage`: flesh that is softened for good where it once held much energy (Mullins).
 
-The law is fem.materials.mullins_damage. What one recording has damaged the next ones find so: they come in
-the order in which they were made.
-
-Signatures: one for each of a few W0, relative to the energy that the plain model sees; the amount is dmax.
+The law is fem.materials.mullins_damage. Signatures: one for each of a few W0; the amount is dmax. Damaged
+flesh strains more: dmax is less than the amount x, x / (1 + x).
 """
-
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
-import numpy as np
-from jaxtyping import Float
 
 from fem.materials.mullins_damage import mullins_damage
 from fem.materials.strain_path import strain_energy
-from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.stress_history import PathState, path_response, path_state
-from fem.mismatch.signature_variant import AtValue, Variant, significant, value_of
-from fem.solid.flesh_pieces import FleshPieces, exceeded_by
-
-DMAX, W0 = "dmax", "W0_over_E"
-PRIOR_SD = 0.3
-"""Of dmax in the linear round, where 1 is flesh without stiffness: a half is far. Set by hand."""
-RELATIVE = (0.1, 0.4, 1.6)
-"""W0 of the signatures over the energy density that LARGE of the flesh exceeds at some time."""
-LARGE = 0.05
-"""Share of the flesh's volume: that under the pads, which is damaged first. Set by hand."""
-FAR_DMAX, FAR_W0 = 0.25, 4.0
-"""What is far for dmax, and for ln W0: units in which earlier runs are near or far."""
-FRAMES = 44
-"""Frames of all recordings together."""
+from fem.mismatch.kinds.path_law import PathLawEffect
 
 SPEC = EffectSpec(
     name="damage",
@@ -47,7 +23,7 @@ SPEC = EffectSpec(
     ),
     parameters=(
         number(
-            DMAX,
+            "dmax",
             "1",
             "most of the resistance that is lost",
             limits=(0.0, 1.0),
@@ -56,7 +32,7 @@ SPEC = EffectSpec(
             model_share=0.04,
         ),
         number(
-            W0,
+            "W0_over_E",
             "1",
             "energy at which it is lost, over E",
             limits=(0.0, 1e6),
@@ -69,61 +45,20 @@ SPEC = EffectSpec(
     ),
     remembers_grasps=True,
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
-
-@dataclass(frozen=True)
-class Damage:
-    """The effect; see the module."""
-
-    spec: EffectSpec = SPEC
-
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
-        """One for each W0, its amount dmax."""
-        state = path_state(forward, frames=FRAMES, remembers=True)
-        nu, s = forward.poisson_ratio, forward.compliance
-        pieces = FleshPieces.whole(forward.points, workers=forward.workers)
-        level = _level(pieces, state, compliance=s, poisson_ratio=nu)
-        levels = [relative * level for relative in RELATIVE]
-        laws = [mullins_damage(1.0, level_MPa, poisson_ratio=nu) for level_MPa in levels]
-        moved = state.marker_responses([pieces.forces(s * state.linear, law) for law in laws])
-        signatures = []
-        for own_level, more in zip(levels, moved, strict=True):
-            fields = [ObservationDelta(markers=-displacement) for displacement in more]
-            signatures.append(
-                Signature(
-                    variant=AtValue(symbol="W0", value=significant(own_level, 3)),
-                    columns=(Regressor(name=DMAX, sd=PRIOR_SD, fields=fields, positive=True),),
-                )
-            )
-        return signatures
-
-    def start(
-        self,
-        forward: ForwardModel,
-        signature: Signature,
-        amounts: Float[np.ndarray, " k"],
-    ) -> dict[str, float]:
-        """The signature's W0. Damaged flesh strains more: dmax is less than the amount, x / (1 + x)."""
-        amount = max(float(amounts[0]), 0.0)
-        return {DMAX: float(np.clip(amount / (1 + amount), 0.05, 0.8)), W0: value_of(signature.variant)}
-
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
-        """The law in the field that it itself brings."""
-        state = path_state(forward, frames=FRAMES, remembers=True)
-        pieces = FleshPieces.whole(forward.points, workers=forward.workers)
-        law = mullins_damage(parameters[DMAX], parameters[W0], poisson_ratio=forward.poisson_ratio)
-        seen_W0 = np.log(parameters[W0] / forward.compliance**2)
-        place = np.array([parameters[DMAX] / FAR_DMAX, seen_W0 / FAR_W0])
-        return Response(unit=path_response(forward, state, pieces, law, name=self.spec.name, place=place))
-
-
-def _level(pieces: FleshPieces, state: PathState, *, compliance: float, poisson_ratio: float) -> float:
-    """The W/E that LARGE of the flesh exceeds at some time in the plain model."""
-    energy = pieces.measured(
-        compliance * state.linear, lambda gradient: strain_energy(gradient, poisson_ratio=poisson_ratio)
-    )
-    return exceeded_by(LARGE, energy.max(axis=-1), pieces.volume_mm3)
-
-
-EFFECT: Effect = Damage()
+EFFECT: Effect = PathLawEffect(
+    spec=SPEC,
+    law=lambda values, nu: mullins_damage(values["dmax"], values["W0_over_E"], poisson_ratio=nu),
+    seen=lambda gradient, nu: strain_energy(gradient, poisson_ratio=nu),
+    symbol="W0",
+    relative=(0.1, 0.4, 1.6),
+    exceeding=0.05,
+    unit_law=lambda level, nu: mullins_damage(1.0, level, poisson_ratio=nu),
+    name="dmax",
+    sd=0.3,
+    from_amount=lambda amount: (amount / (1 + amount),),
+    frames=44,
+)
+"""Set by hand: 1 is flesh without stiffness, so that a dmax of a half is far; a twentieth of the flesh is
+that under the pads, which is damaged first."""

@@ -6,35 +6,34 @@ s: the share of lambda that fades, m: what of the volumetric strain has drained.
 with one drainage time for all flesh, however far the juice has to go; as a relaxing bulk modulus in
 Christensen, "Theory of Viscoelasticity", 1982, chapter 1. E is that of the first instant.
 
-Solved in the space of fem.mismatch.model.reduced_law, where the law falls apart into modes
-(fem.mismatch.model.fading_volume). Signature: the derivative in s at s = 0, for a row of tau.
+With K_v = lambda K_lambda, what resists a loss of volume, and K0 = mu K_mu + K_v, both in the space of
+fem.mismatch.model.reduced_law, modes phi_k are those with
+
+    K_v phi_k = b_k K0 phi_k,      phi_k' K0 phi_l = 1 where k = l, else 0,      0 <= b_k <= 1
+
+b_k: the mode's volume share. Each mode's amplitude z under its load F = phi_k' f stands alone,
+
+    z - s b_k m = F,      tau m' = z - m
+
+which is flesh of one relaxing arm, g = s b_k (fem.materials.relaxing_arm). No step in time is needed.
 """
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.elements.assembly import unit_lame_constants
-from fem.materials.relaxing_arm import RelaxingArm, lagging
-from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
-from fem.mismatch.linear_law import matrix_operator
-from fem.mismatch.model.fading_volume import FadingVolume
-from fem.mismatch.model.forward_model import ForwardModel, over_all_frames
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.reduced_law import first_changes, reduced_laws
-from fem.mismatch.signature_variant import AtValue, Variant, value_of
+from fem.mismatch.kinds.fading_law import FadingLaw, Fields, lagged
+from fem.mismatch.kinds.linear_law import matrix_operator
+from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.reduced_law import ReducedLaw, first_changes, reduced_laws
 
-SHARE, TAU = "volume_share", "tau_s"
-TAUS_S = (0.3, 1.0, 3.0, 10.0, 30.0)
-"""Drainage times of the signatures, s: as those of `viscoelastic`. Set by hand."""
-LEAST, MOST = 0.01, 0.98
-"""Bounds of the share: next to none; with all of lambda gone flesh would have a Poisson's ratio of zero. Set
-by hand."""
-SHORTEST_S, LONGEST_S = 0.05, 200.0
-"""Bounds of tau, s: a frame of a recording, and ten times its hold. Set by hand."""
+LEAST_OWN = 1e-10
+"""Directions of the space whose share in K0 is smaller are rounding (its fields are nearly parallel)."""
 
 SPEC = EffectSpec(
     name="drainage",
@@ -50,118 +49,107 @@ SPEC = EffectSpec(
     ),
     parameters=(
         number(
-            SHARE,
+            "volume_share",
             "1",
             "share of the resistance to losing volume (Lame's lambda) that fades",
             limits=(0.0, 1.0),
-            low=LEAST,
-            high=MOST,
+            low=0.01,
+            high=0.98,
             model_share=0.05,
         ),
         number(
-            TAU,
+            "tau_s",
             "s",
             "time over which it fades",
             limits=(1e-6, 1e6),
-            low=SHORTEST_S,
-            high=LONGEST_S,
+            low=0.05,
+            high=200.0,
             log=True,
             model_share=0.1,
         ),
     ),
     knows_time=True,
 )
-"""By hand, wide: `limits`, `low`, `high`, and `model_share` until there are cases to measure it on."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-@dataclass(frozen=True)
-class Drainage:
-    """One drainage time; see the module."""
+@dataclass(frozen=True, kw_only=True)
+class FadingVolume:
+    """One recording. `law`: its reduced law of parts K_mu and K_lambda. By mode: `volume_share` b, `load`
+    phi' f of each leading pattern, `at_markers` as a law's.
+    """
 
-    spec: EffectSpec = SPEC
+    law: ReducedLaw
+    volume_share: Float[np.ndarray, " k"]
+    load: Float[np.ndarray, "k r"]
+    at_markers: Float[np.ndarray, "k n 3"]
 
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
-        """dc/ds at s = 0, one for each tau: what a lower lambda adds, lagging by tau."""
-        return [
-            Signature(
-                variant=AtValue(symbol="tau", value=tau, unit="s"),
-                columns=(
-                    Regressor(
-                        name=f"volume share, tau {tau:g} s",
-                        sd=0.5,
-                        positive=True,
-                        fields=[
-                            ObservationDelta(markers=forward.compliance * drained)
-                            for drained in _drained(forward, tau)
-                        ],
-                    ),
-                ),
-            )
-            for tau in TAUS_S
-        ]
-
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
-        """The amount a counts drainage as if it went on in proportion: s b / (1 - s b) = a b of a mode of
-        volume share b, and tau as much shorter than its retardation time."""
-        b = float(np.mean([volume.typical_share for volume in _fading_volumes(forward)]))
-        arm = RelaxingArm.of_creep(b * max(float(amounts[0]), 0.0), value_of(signature.variant))
-        return {
-            SHARE: float(np.clip(arm.g / b, 2 * LEAST, 0.9)),
-            TAU: float(np.clip(arm.tau_s, SHORTEST_S, LONGEST_S)),
-        }
-
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
-        """Exact in time for force histories that run straight between frames."""
-        return Response(
-            unit=[
-                volume.response(recording, share=parameters[SHARE], tau_s=parameters[TAU])
-                for volume, recording in zip(_fading_volumes(forward), forward.base.grasps, strict=True)
-            ]
+    @classmethod
+    def of(cls, law: ReducedLaw, *, mu: float, lame: float) -> "FadingVolume":
+        """Solves for the modes."""
+        volume = lame * law.parts[1]
+        whole = mu * law.parts[0] + volume
+        size = np.sqrt(np.diag(whole))
+        stiffness, turn = np.linalg.eigh(whole / np.outer(size, size))
+        stiff = stiffness > LEAST_OWN * stiffness[-1]
+        even = turn[:, stiff] / np.sqrt(stiffness[stiff]) / size[:, None]
+        share, turn = np.linalg.eigh(even.T @ volume @ even)
+        modes = even @ turn
+        return cls(
+            law=law,
+            volume_share=share.clip(0.0, 1.0),
+            load=modes.T @ law.load,
+            at_markers=np.tensordot(modes.T, law.recording, axes=1),
         )
 
+    @property
+    def typical_share(self) -> float:
+        """Mean of b over the modes, each as it stores energy of volume."""
+        weight = self.volume_share * (self.load**2).sum(axis=1)
+        return float(weight @ self.volume_share / weight.sum())
 
-def _drained(forward: ForwardModel, tau_s: float) -> list[Float[np.ndarray, "_f _n 3"]]:
-    """dc/ds: at once nothing, in time that of the elastic law."""
-    responses = []
-    for recording, first in zip(forward.base.grasps, _first_orders(forward), strict=True):
-        whole = over_all_frames(recording, first)
-        responses.append(lagging(whole, recording.case.history.time_s, tau_s)[recording.used])
-    return responses
+    def change(self, recording: GraspResponse, *, share: float, tau_s: float) -> Float[np.ndarray, "f n 3"]:
+        """What is added to c(t), mm MPa, where a `share` s of lambda fades by tau."""
+        g = share * self.volume_share
+        lag = lagged(recording, self.law.shares @ self.load.T, tau_s / (1 - g))
+        return np.asarray(np.tensordot(g / (1 - g) * lag, self.at_markers, axes=1))
 
 
-def fading_forces(forward: ForwardModel, moved: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r m 3"]:
-    """lambda K_lambda U: nodal forces by which the flesh resists losing volume, all of which may fade."""
+def _volume_forces(forward: ForwardModel, moved: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r m 3"]:
+    """-lambda K_lambda U: minus the nodal forces by which the flesh resists losing volume."""
     _, lame = unit_lame_constants(forward.poisson_ratio)
-    volume = matrix_operator(next(iter(forward.base.solids.values())).parts.k_lambda)
-    return np.asarray(lame * volume(moved))
+    return np.asarray(-lame * matrix_operator(forward.parts.k_lambda)(moved))
 
 
-def _first_orders(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]]:
-    """dc/ds of every recording where s is gone at once."""
-
-    def compute() -> list[Float[np.ndarray, "_f _n 3"]]:
-        return first_changes(forward, lambda moved: -fading_forces(forward, moved))
-
-    return forward.memoised((SPEC.name, "first order"), compute)
+def _at_once(forward: ForwardModel) -> Fields:
+    return first_changes(forward, lambda moved: _volume_forces(forward, moved))
 
 
 def _fading_volumes(forward: ForwardModel) -> list[FadingVolume]:
     """Of every recording, solved for once."""
 
     def compute() -> list[FadingVolume]:
-        parts = next(iter(forward.base.solids.values())).parts
         mu, lame = unit_lame_constants(forward.poisson_ratio)
-        volume = matrix_operator(parts.k_lambda)
         laws = reduced_laws(
             forward,
-            derivative=lambda moved: -fading_forces(forward, moved),
-            parts=(matrix_operator(parts.k_mu), volume),
+            derivative=lambda moved: _volume_forces(forward, moved),
+            parts=(matrix_operator(forward.parts.k_mu), matrix_operator(forward.parts.k_lambda)),
         )
         return [FadingVolume.of(law, mu=mu, lame=lame) for law in laws]
 
     return forward.memoised(SPEC.name, compute)
 
 
-EFFECT: Effect = Drainage()
+def _drained(forward: ForwardModel, share: float, tau_s: float) -> Fields:
+    return [
+        volume.change(recording, share=share, tau_s=tau_s)
+        for volume, recording in zip(_fading_volumes(forward), forward.base.grasps, strict=True)
+    ]
+
+
+EFFECT: Effect = FadingLaw(
+    spec=SPEC,
+    at_once=_at_once,
+    response=_drained,
+    weight=lambda forward: float(np.mean([volume.typical_share for volume in _fading_volumes(forward)])),
+)

@@ -3,11 +3,9 @@
 E is that halfway. d by the distances to both (fem.mismatch.model.forward_model).
 """
 
-from collections.abc import Sequence
-
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
-from fem.mismatch.linear_law import LinearLaw, plain_stiffness, stress_operator
+from fem.mismatch.kinds.linear_law import LinearLaw, stress_operator
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
 from fem.solid.strain_field import elastic_stress
@@ -34,22 +32,15 @@ SPEC = EffectSpec(
         ),
     ),
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
+def _graded(forward: ForwardModel) -> Operator:
     grade = (2 * forward.depth - 1)[..., None]
-    graded = stress_operator(
+    return stress_operator(
         forward, lambda strain: grade * elastic_stress(strain, poisson_ratio=forward.poisson_ratio)
     )
-    return graded, (plain_stiffness(forward), graded)
 
 
-EFFECT: Effect = LinearLaw(
-    spec=SPEC,
-    sd=0.4,
-    needs_pit=True,
-    operators=_operators,
-    amounts=lambda forward, theta: (1.0, theta),
-)
+EFFECT: Effect = LinearLaw(spec=SPEC, sd=0.4, of_the_depth=True, derivative=_graded)
 """Beyond 0.9 flesh at the pit or the skin would have no stiffness; the prior of 0.4 is set by hand."""

@@ -3,19 +3,14 @@
 A marker's recorded position lies ahead of the true one along its pad's normal. Exact and linear.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.kinds.moved_markers import MovedMarkers
 from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import pad_force
-from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 SPEC = EffectSpec(
     name="gripper_compliance",
@@ -40,46 +35,18 @@ SPEC = EffectSpec(
     ),
     correction=Correction.JAW_COMPLIANCE,
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-@dataclass(frozen=True)
-class GripperCompliance:
-    """One compliance for all jaws."""
-
-    spec: EffectSpec = SPEC
-
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
-        """Each pad's force along its own normal."""
-        fields = [ObservationDelta(markers=_ahead(recording)) for recording in forward.base.grasps]
-        return [
-            Signature(
-                variant=ONE_WAY, columns=(Regressor(name="mm_per_N", sd=0.03, positive=True, fields=fields),)
-            )
-        ]
-
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
-        """The amount is the compliance."""
-        return {"mm_per_N": float(np.clip(amounts[0], 0.0, 0.4))}
-
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
-        """Positions too far ahead by the jaw's own giving way."""
-        return Response(
-            unit=[recording.tracks.unit_displacement for recording in forward.base.grasps],
-            shift_mm=[parameters["mm_per_N"] * _ahead(recording) for recording in forward.base.grasps],
-        )
-
-
-def _ahead(recording: GraspResponse) -> Float[np.ndarray, "f n 3"]:
-    """Normal force of each marker's pad along the pad's normal, N."""
+def _ahead(recording: GraspResponse, mm_per_N: float) -> Float[np.ndarray, "f n 3"]:
+    """The normal force of each marker's pad, along the pad's normal, times the jaws' compliance."""
     ahead = np.empty_like(recording.tracks.position_mm)
     for k in range(len(recording.links)):
         normal = recording.pose[k][:, :3, 2]
         force = np.einsum("fx,fx->f", pad_force(recording, k), normal)
-        ahead[:, recording.pad_of_marker == k] = (force[:, None] * normal)[:, None]
+        ahead[:, recording.pad_of_marker == k] = (mm_per_N * force[:, None] * normal)[:, None]
     return ahead
 
 
-EFFECT: Effect = GripperCompliance()
+EFFECT: Effect = MovedMarkers(spec=SPEC, sd=0.03, positive=True, moved_mm=_ahead)
+"""The prior of 0.03 mm/N is set by hand: jaws that bend visibly."""

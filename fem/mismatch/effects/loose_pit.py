@@ -27,7 +27,6 @@ from fem.mismatch.evidence.equation_cache import marker_equations
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.loose_flesh import loose_flesh
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.signature_variant import AtGap, Variant, gap_of, significant
 from fem.solid.unilateral_contact import pressures
 
@@ -35,8 +34,6 @@ GAP = "gap_mm"
 GAPS_MM = (0.03, 0.06, 0.1, 0.15, 0.21, 0.28, 0.36, 0.48)
 """Gaps of the signatures, mm, at the plain model's 1/E: each 30 to 100 % wider than the one before, as
 responses change by shares."""
-LOWEST_MM, HIGHEST_MM = 0.005, 1.0
-"""Bounds of the gap, mm: wide of those met (0.04 to 0.45 in samples.mismatch.effect_levels). Set by hand."""
 MOST_FRAMES = 30
 """Contact is solved for so many frames of a recording, evenly spaced in load; between them in a line."""
 PEAK = 0.3
@@ -66,15 +63,15 @@ SPEC = EffectSpec(
             "mm",
             "gap between flesh and pit",
             limits=(0.0, 50.0),
-            low=LOWEST_MM,
-            high=HIGHEST_MM,
+            low=0.005,
+            high=1.0,
             log=True,
             model_share=0.2,
         ),
     ),
     of_the_pit=True,
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)
@@ -104,9 +101,9 @@ class LoosePit:
                 forward.compliance * (loose - recording.tracks.unit_displacement)
                 for recording, loose in zip(forward.base.grasps, unit, strict=True)
             ]
-            fields = [ObservationDelta(markers=displacement) for displacement in more]
-            column = Regressor(name="loose", sd=1.0, fields=fields, positive=True, least=LEAST_AMOUNT)
-            signatures.append(Signature(variant=way, columns=(column,)))
+            signatures.append(
+                Signature.of_markers("loose", more, sd=1.0, variant=way, positive=True, least=LEAST_AMOUNT)
+            )
         return signatures
 
     def start(
@@ -116,7 +113,7 @@ class LoosePit:
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The signature's own gap: its amount is the fitted 1/E over the plain model's."""
-        return {GAP: float(np.clip(gap_of(signature.variant).gap_mm, LOWEST_MM, HIGHEST_MM))}
+        return self.spec.within_bounds(gap_of(signature.variant).gap_mm)
 
     def respond(
         self,

@@ -1,21 +1,9 @@
 """`pit_offset`: the pit sits elsewhere than the category's, by `offset_mm` (true centre less the prior's)."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
-import numpy as np
-from jaxtyping import Float
-
 from fem.estimation.sensitivity import PIT_OFFSET
-from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, vector
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.inner_changes import OfInnerChange, inner_changes
-from fem.mismatch.model.moved_pit_response import pit_responses
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.signature_variant import ONE_WAY, Variant
-
-NAMES = ("offset_mm.0", "offset_mm.1", "offset_mm.2")
+from fem.mismatch.kinds.pit_change import PitChange
 
 SPEC = EffectSpec(
     name="pit_offset",
@@ -42,41 +30,8 @@ SPEC = EffectSpec(
     correction=Correction.PIT_OFFSET,
     of_the_pit=True,
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-@dataclass(frozen=True)
-class PitOffset:
-    """Three components, mm, fruit frame."""
-
-    spec: EffectSpec = SPEC
-
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
-        """The first order in x, y and z; none for a fruit without a pit."""
-        changes = [inner_changes(forward, recording) for recording in forward.base.grasps]
-        if any(PIT_OFFSET[0] not in change for change in changes):
-            return []
-        columns = tuple(
-            Regressor(
-                name=cause,
-                sd=2.0,
-                fields=[ObservationDelta(markers=forward.compliance * change[cause]) for change in changes],
-                of_forces=OfInnerChange(cause),
-            )
-            for cause in PIT_OFFSET
-        )
-        return [Signature(variant=ONE_WAY, columns=columns)]
-
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
-        """The amounts are the offset."""
-        return dict(zip(NAMES, np.clip(amounts, -5.0, 5.0).tolist(), strict=True))
-
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
-        """The fruit meshed with the pit there."""
-        pit = np.array([*(parameters[name] for name in NAMES), 0.0])
-        return Response(unit=pit_responses(forward, self.spec.name, pit))
-
-
-EFFECT: Effect = PitOffset()
+EFFECT: Effect = PitChange(spec=SPEC, causes=PIT_OFFSET, sd=2.0)
+"""The prior of 2 mm is set by hand: a pit that is far off its place."""

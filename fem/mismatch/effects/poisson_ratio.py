@@ -1,14 +1,12 @@
 """`poisson_ratio`: Poisson's ratio is not the one assumed. K = mu(nu) K_mu + lambda(nu) K_lambda at E = 1."""
 
-from collections.abc import Sequence
-
 import numpy as np
 from jaxtyping import Float
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO, unit_lame_constants
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
-from fem.mismatch.linear_law import LinearLaw, matrix_operator
+from fem.mismatch.kinds.linear_law import LinearLaw, matrix_operator
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
 
@@ -27,26 +25,24 @@ SPEC = EffectSpec(
     ),
     correction=Correction.POISSON_RATIO,
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
-    parts = next(iter(forward.base.solids.values())).parts
+def _derivative(forward: ForwardModel) -> Operator:
+    def change(displacement: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
+        flat = displacement.reshape(len(displacement), -1).T
+        forces = forward.parts.change_with_poisson_ratio(flat, poisson_ratio=forward.poisson_ratio)
+        return np.ascontiguousarray(forces.T).reshape(displacement.shape)
 
-    def derivative(displacement: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
-        change = parts.change_with_poisson_ratio(
-            displacement.reshape(len(displacement), -1).T, poisson_ratio=forward.poisson_ratio
-        )
-        return np.ascontiguousarray(change.T).reshape(displacement.shape)
-
-    return derivative, (matrix_operator(parts.k_mu), matrix_operator(parts.k_lambda))
+    return change
 
 
 EFFECT: Effect = LinearLaw(
     spec=SPEC,
     sd=0.06,
-    operators=_operators,
-    amounts=lambda forward, theta: unit_lame_constants(theta),
+    derivative=_derivative,
+    parts=lambda forward: (matrix_operator(forward.parts.k_mu), matrix_operator(forward.parts.k_lambda)),
+    amounts=unit_lame_constants,
     null=lambda forward: forward.poisson_ratio,
 )
 """Elastic flesh has less than 0.5, where K grows without end; 0.06 is a wide prior about the assumed one (set

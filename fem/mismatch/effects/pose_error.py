@@ -68,7 +68,7 @@ SPEC = EffectSpec(
     ),
     correction=Correction.PAD_POSE,
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ class PoseError:
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amounts are the parameters."""
-        return dict(zip(NAMES, np.clip(amounts, -6.0, 6.0).tolist(), strict=True))
+        return self.spec.within_bounds(*amounts)
 
     def other_start(self, forward: ForwardModel, variant: Variant) -> dict[str, float] | None:
         """What best balances forces and moments of all recordings, to first order.
@@ -121,8 +121,7 @@ class PoseError:
             weighed = np.stack([equations.weighed(column) for column in columns])
             normal += np.tensordot(weighed, columns, axes=([1, 2], [1, 2]))
             right += np.tensordot(weighed, equations.measured, axes=2)
-        theta = np.clip(np.linalg.solve(normal, right), -6.0, 6.0)
-        return dict(zip(NAMES, theta.tolist(), strict=True)) if free else None
+        return self.spec.within_bounds(*np.linalg.solve(normal, right)) if free else None
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """The pad linked to the skin where it truly was."""
@@ -130,31 +129,25 @@ class PoseError:
         grasps, pad = forward.base.grasps, pad_of(variant)
 
         def first_order(at: Float[np.ndarray, "3"]) -> list[list[np.ndarray]]:
-            first_responses = []
-            for recording in grasps:
-                unit, shift, balance = _first_order(forward, recording, pad)
-                first_responses.append(
-                    [
-                        recording.tracks.unit_displacement + np.tensordot(at, unit, axes=1),
-                        np.tensordot(at, shift, axes=1),
-                        np.tensordot(at, balance, axes=1),
-                    ]
-                )
-            return first_responses
+            changes = [
+                [np.tensordot(at, change, axes=1) for change in _first_order(forward, recording, pad)]
+                for recording in grasps
+            ]
+            return [
+                [recording.tracks.unit_displacement + unit, shift, balance]
+                for recording, (unit, shift, balance) in zip(grasps, changes, strict=True)
+            ]
 
         responses = quadratic_surrogate(
-            forward,
+            forward.warm_starts,
             (self.spec.name, pad, forward.compliance),
             theta,
             first_order=first_order,
             exact=lambda at: forward.each(lambda recording: _exact(forward, recording, pad, at)),
             far=FAR,
         )
-        return Response(
-            unit=[response[0] for response in responses],
-            shift_mm=[response[1] for response in responses],
-            balance=[response[2] for response in responses],
-        )
+        unit, shift_mm, balance = (list(channel) for channel in zip(*responses, strict=True))
+        return Response(unit=unit, shift_mm=shift_mm, balance=balance)
 
 
 def _first_order(

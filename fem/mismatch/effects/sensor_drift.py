@@ -14,7 +14,6 @@ from jaxtyping import Float
 
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import PAD, Correction, EffectSpec, EffectWords, Scope, number
-from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor, wrench
 from fem.mismatch.model.pads import own_markers, pads_of, response_to
@@ -46,7 +45,7 @@ SPEC = EffectSpec(
     correction=Correction.FORCE_DRIFT,
     knows_time=True,
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)
@@ -60,71 +59,57 @@ class SensorDrift:
         signatures = []
         for pad in pads_of(forward):
             fields = [
-                ObservationDelta(
-                    markers=-forward.compliance * alone, balance=balance, rest=_at_rest(recording, pad)
-                )
-                for recording, (alone, balance) in zip(
-                    forward.base.grasps, _of_pad(forward, pad), strict=True
-                )
+                ObservationDelta(markers=-forward.compliance * alone, balance=balance, rest=rest)
+                for alone, balance, rest in _per_drift(forward, pad)
             ]
-            columns = (Regressor(name=f"{pad} newton_per_s", sd=0.1, fields=fields),)
-            signatures.append(Signature(variant=OfPad(pad=pad), columns=columns))
+            column = Regressor(name=f"{pad} newton_per_s", sd=0.1, fields=fields)
+            signatures.append(Signature(variant=OfPad(pad=pad), columns=(column,)))
         return signatures
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amount is the drift."""
-        return {"newton_per_s": float(np.clip(amounts[0], -2.5, 2.5))}
+        return self.spec.within_bounds(*amounts)
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """The forces of that pad less the drift: exact and linear."""
-        rate = parameters["newton_per_s"]
-        parts = _of_pad(forward, pad_of(variant))
-        return Response(
-            unit=[
-                recording.tracks.unit_displacement - rate * alone
-                for recording, (alone, _) in zip(forward.base.grasps, parts, strict=True)
-            ],
-            balance=[rate * balance for _, balance in parts],
-            rest=[rate * _at_rest(recording, pad_of(variant)) for recording in forward.base.grasps],
+        rate, parts = parameters["newton_per_s"], _per_drift(forward, pad_of(variant))
+        return Response.plain(
+            forward,
+            [-rate * alone for alone, _, _ in parts],
+            balance=[rate * balance for _, balance, _ in parts],
+            rest=[rate * rest for _, _, rest in parts],
         )
 
 
-def _at_rest(recording: GraspResponse, pad: str) -> Float[np.ndarray, " p"]:
-    """Growth of each pad's force per N/s of drift: those of its markers that the fit leaves out lack."""
-    growth = np.zeros(len(recording.pad_names))
-    if pad in recording.pad_names:
-        number = recording.pad_names.index(pad)
-        growth[number] = own_markers(recording, number).sum() / recording.case.pads[number].markers
-    return growth
-
-
-def _of_pad(
+def _per_drift(
     forward: ForwardModel, pad: str
-) -> list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]]]:
-    """Response (mm MPa) and imbalance (N) per N/s of drift; zero where the pad takes no part."""
+) -> list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"], Float[np.ndarray, " _p"]]]:
+    """Of each recording the response (mm MPa), the imbalance (N) and the growth of each pad's force, per N/s
+    of this pad's drift. Of that growth the force of markers that the fit leaves out lacks.
+    """
     parts = []
     for recording in forward.base.grasps:
-        if pad not in recording.pad_names:
-            parts.append((np.zeros_like(recording.force_N), np.zeros((len(recording.force_N), 6))))
-            continue
-        number = recording.pad_names.index(pad)
         history = recording.case.history
         air = [at for at, phase in zip(history.time_s, history.phase, strict=True) if phase == "air"]
-        since = recording.time_s - np.mean(
-            [at for at in air if at < recording.time_s[0]] or [history.time_s[0]]
-        )
-        normal = recording.pose[number][0, :3, 2]
-        pressed = np.where(own_markers(recording, number), normal / recording.case.pads[number].markers, 0.0)
-        pressed = np.broadcast_to(pressed, (1, *recording.patterns.shape[1:]))
+        before = [at for at in air if at < recording.time_s[0]] or [history.time_s[0]]
+        since = (recording.time_s - np.mean(before))[:, None, None]
+        pressed = np.zeros_like(recording.patterns[:1])
+        for k, motion in enumerate(recording.case.pads):
+            if motion.name == pad:
+                normal = recording.pose[k][0, :3, 2]
+                pressed += np.where(own_markers(recording, k), normal / motion.markers, 0.0)
         moved = forward.memoised(
             ("drift", recording.case.name, pad), partial(response_to, forward, recording, pressed)
-        )[0]
+        )
         position = recording.tracks.position_mm
-        force = since[:, None, None] * pressed
-        balance = wrench(force, position, centre_mm=position.mean(axis=(0, 1)))
-        parts.append((since[:, None, None] * moved, balance))
+        balance = wrench(since * pressed, position, centre_mm=position.mean(axis=(0, 1)))
+        rest = [
+            own_markers(recording, k).sum() / motion.markers if motion.name == pad else 0.0
+            for k, motion in enumerate(recording.case.pads)
+        ]
+        parts.append((since * moved[0], balance, np.array(rest)))
     return parts
 
 

@@ -6,12 +6,12 @@ gain is E too, but for the gel: a pad's force over its gel's displacement, again
 calibration says of it, grows by the gain.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-from jaxtyping import Bool, Float
+from jaxtyping import Float
 
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import PAD, Correction, EffectSpec, EffectWords, Scope, number
@@ -54,7 +54,7 @@ SPEC = EffectSpec(
     ),
     correction=Correction.FORCE_GAIN,
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)
@@ -68,28 +68,24 @@ class SensorGain:
 
         The noise's scale belongs to it: equal gains of both pads leave the sums of forces as they are.
         """
-        signatures = []
-        for pad in pads_of(forward):
-            fields = [
-                ObservationDelta(
-                    markers=-forward.compliance * alone,
-                    balance=balance - _imbalance_share(forward, recording, pad),
-                )
-                for recording, (alone, balance) in zip(
-                    forward.base.grasps, _of_pad(forward, pad), strict=True
-                )
-            ]
-            columns = (
-                Regressor(name=f"{pad} gain", sd=0.15, fields=fields, of_forces=OfSomeForces(_of(pad))),
-            )
-            signatures.append(Signature(variant=OfPad(pad=pad), columns=columns))
-        return signatures
+        return [self._signature(forward, pad) for pad in pads_of(forward)]
+
+    def _signature(self, forward: ForwardModel, pad: str) -> Signature:
+        fields = []
+        for recording, (alone, balance) in zip(forward.base.grasps, _of_pad(forward, pad), strict=True):
+            scaled = own_markers(recording, pad).mean() * _sums(forward, recording)
+            fields.append(ObservationDelta(markers=-forward.compliance * alone, balance=balance - scaled))
+        minus_its_forces = OfSomeForces(
+            lambda recording, force_N: np.where(own_markers(recording, pad), -force_N, 0.0)
+        )
+        column = Regressor(name=f"{pad} gain", sd=0.15, fields=fields, of_forces=minus_its_forces)
+        return Signature(variant=OfPad(pad=pad), columns=(column,))
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The amount is the gain less one, as 1 - 1/gain."""
-        return {"gain": float(1 / np.clip(1 - amounts[0], 0.55, 1.9))}
+        return self.spec.within_bounds(1 / max(1 - float(amounts[0]), 1e-3))
 
     def auxiliary_log_likelihood(
         self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant
@@ -106,64 +102,25 @@ class SensorGain:
         return float(np.clip(log_ratio, -MOST_AUXILIARY, MOST_AUXILIARY))
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
-        """The forces of that pad divided by the gain, and the sums with them on the scale of their noise."""
-        share = 1 - 1 / parameters["gain"]
-        pad = pad_of(variant)
-        parts = _of_pad(forward, pad)
-        return Response(
-            unit=[
-                recording.tracks.unit_displacement - share * alone
-                for recording, (alone, _) in zip(forward.base.grasps, parts, strict=True)
-            ],
-            balance=[
-                _balance(
-                    forward, recording, share * balance, _noise_scale(recording, pad, parameters["gain"])
-                )
-                for recording, (_, balance) in zip(forward.base.grasps, parts, strict=True)
-            ],
-        )
+        """The forces of that pad divided by the gain, and the sums with them on the scale of their noise.
+
+        Forces of one pad over the gain balance those of the other as well as forces of the other times the
+        gain, but all of them are smaller and so is what noise leaves of their sums: without this scale a pad
+        that reads too high would always explain recordings better than the other reading too low.
+        """
+        gain, pad = parameters["gain"], pad_of(variant)
+        share, parts, balances = 1 - 1 / gain, _of_pad(forward, pad), []
+        for recording, (_, balance) in zip(forward.base.grasps, parts, strict=True):
+            pad_share, sums = float(own_markers(recording, pad).mean()), _sums(forward, recording)
+            scale = (pad_share / gain**2 + 1 - pad_share) ** -0.5
+            balances.append(scale * share * balance + (1 - scale) * sums)
+        return Response.plain(forward, [-share * alone for alone, _ in parts], balance=balances)
 
 
-def _balance(
-    forward: ForwardModel, recording: GraspResponse, taken_N: Float[np.ndarray, "f 6"], scale: float
-) -> Float[np.ndarray, "f 6"]:
-    """What brings the recorded sums to those without the part that is taken away, times a scale."""
+def _sums(forward: ForwardModel, recording: GraspResponse) -> Float[np.ndarray, "f 6"]:
+    """Sums of the recorded forces and moments, N; zero where they need not balance."""
     equations = balance_equations(forward, recording)
-    if equations is None:
-        return taken_N
-    return np.asarray(equations.measured - scale * (equations.measured - taken_N))
-
-
-def _imbalance_share(forward: ForwardModel, recording: GraspResponse, pad: str) -> Float[np.ndarray, "f 6"]:
-    """The recorded sums times d ln(_noise_scale) / d gain: a pad's share of the markers."""
-    equations = balance_equations(forward, recording)
-    if equations is None or pad not in recording.pad_names:
-        return np.zeros((len(recording.force_N), 6))
-    return np.asarray(own_markers(recording, recording.pad_names.index(pad)).mean() * equations.measured)
-
-
-def _noise_scale(recording: GraspResponse, pad: str, gain: float) -> float:
-    """Noise of the recorded sums over that of the sums with one pad's forces divided by the gain.
-
-    Forces of one pad over the gain balance those of the other as well as forces of the other times the gain,
-    but all of them are smaller and so is what noise leaves of their sums: without this scale a pad that reads
-    too high would always explain recordings better than the other reading too low.
-    """
-    if pad not in recording.pad_names:
-        return 1.0
-    pad_share = float(own_markers(recording, recording.pad_names.index(pad)).mean())
-    return float((pad_share / gain**2 + 1 - pad_share) ** -0.5)
-
-
-def _of(pad: str) -> Callable[[GraspResponse, Float[np.ndarray, "q n 3"]], Float[np.ndarray, "q n 3"]]:
-    """Minus the forces of one pad."""
-
-    def part(recording: GraspResponse, force_N: Float[np.ndarray, "q n 3"]) -> Float[np.ndarray, "q n 3"]:
-        if pad not in recording.pad_names:
-            return np.zeros_like(force_N)
-        return np.where(own_markers(recording, recording.pad_names.index(pad)), -force_N, 0.0)
-
-    return part
+    return np.zeros((len(recording.force_N), 6)) if equations is None else equations.measured
 
 
 def _stiffer(forward: ForwardModel, pad: str) -> float | None:
@@ -184,26 +141,15 @@ def _of_pad(
     """Response to one pad's forces alone, mm MPa, and their own sums; zero where it takes no part."""
     parts = []
     for recording in forward.base.grasps:
-        if pad not in recording.pad_names:
-            parts.append((np.zeros_like(recording.force_N), np.zeros((len(recording.force_N), 6))))
-            continue
-        markers = own_markers(recording, recording.pad_names.index(pad))
+        mine, position = own_markers(recording, pad), recording.tracks.position_mm
+        patterns = np.where(mine, recording.patterns, 0.0)
         alone = forward.memoised(
-            ("alone", recording.case.name, pad),
-            partial(_alone, forward, recording, markers),
+            ("alone", recording.case.name, pad), partial(response_to, forward, recording, patterns)
         )
-        position = recording.tracks.position_mm
-        balance = wrench(
-            np.where(markers, recording.force_N, 0.0), position, centre_mm=position.mean(axis=(0, 1))
-        )
-        parts.append((alone, balance))
+        force_N = np.where(mine, recording.force_N, 0.0)
+        balance = wrench(force_N, position, centre_mm=position.mean(axis=(0, 1)))
+        parts.append((recording.over_time(alone), balance))
     return parts
-
-
-def _alone(
-    forward: ForwardModel, recording: GraspResponse, markers: Bool[np.ndarray, "1 n 1"]
-) -> Float[np.ndarray, "f n 3"]:
-    return recording.over_time(response_to(forward, recording, np.where(markers, recording.patterns, 0.0)))
 
 
 EFFECT: Effect = SensorGain()

@@ -4,8 +4,6 @@ Its stiffness is Et, Young's modulus times thickness (N/mm), its Poisson's ratio
 (fem.solid.membrane). What counts is theta = Et / E; the parameter is Et.
 """
 
-from collections.abc import Sequence
-
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import (
     EffectParameter,
@@ -14,7 +12,7 @@ from fem.mismatch.effect_spec import (
     ParameterSpec,
     Scope,
 )
-from fem.mismatch.linear_law import LinearLaw, matrix_operator, plain_stiffness
+from fem.mismatch.kinds.linear_law import LinearLaw, matrix_operator
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.reduced_law import Operator
 from fem.solid.membrane import membrane_stiffness
@@ -40,23 +38,13 @@ SPEC = EffectSpec(
         ),
     ),
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-def _operators(forward: ForwardModel) -> tuple[Operator, Sequence[Operator]]:
-    matrix = forward.memoised(
-        "membrane", lambda: membrane_stiffness(forward.base.mesh, poisson_ratio=forward.poisson_ratio)
-    )
-    stretched = matrix_operator(matrix)
-    return stretched, (plain_stiffness(forward), stretched)
+def _stretched(forward: ForwardModel) -> Operator:
+    return matrix_operator(membrane_stiffness(forward.base.mesh, poisson_ratio=forward.poisson_ratio))
 
 
-EFFECT: Effect = LinearLaw(
-    spec=SPEC,
-    sd=4.0,
-    positive=True,
-    operators=_operators,
-    amounts=lambda forward, theta: (1.0, theta),
-)
+EFFECT: Effect = LinearLaw(spec=SPEC, sd=4.0, positive=True, derivative=_stretched)
 """mm of flesh that is as stiff as the membrane. No skin is softer than none; 60 is as much as a whole fruit;
 the prior of 4 is set by hand."""

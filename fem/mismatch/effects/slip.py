@@ -22,7 +22,6 @@ from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
 from fem.mismatch.evidence.equation_cache import marker_equations
 from fem.mismatch.evidence.friction_cone import ShearRatios, least_mu, shear_ratios, spring_ratio
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.pads import pads_of
 from fem.mismatch.model.slip_path import slip_path
 from fem.mismatch.signature_variant import AtValue, Variant, value_of
@@ -62,7 +61,7 @@ SPEC = EffectSpec(
         ),
     ),
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)
@@ -83,9 +82,12 @@ class Slip:
                 signatures.append(Signature(variant=variant, columns=(), untried=failure.detail))
                 continue
             if max(float(np.abs(path).max()) for path in paths) > SEEN_MM:
-                fields = [ObservationDelta(markers=-path) for path in paths]
-                column = Regressor(name="path", sd=1.0, fields=fields, positive=True, least=LEAST_OF_PATH)
-                signatures.append(Signature(variant=variant, columns=(column,)))
+                behind = [-path for path in paths]
+                signatures.append(
+                    Signature.of_markers(
+                        "path", behind, sd=1.0, variant=variant, positive=True, least=LEAST_OF_PATH
+                    )
+                )
         return signatures
 
     def start(
@@ -95,7 +97,7 @@ class Slip:
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The signature's own mu: its amount is one."""
-        return {MU: float(np.clip(value_of(signature.variant), LOWEST, HIGHEST))}
+        return self.spec.within_bounds(value_of(signature.variant))
 
     def auxiliary_log_likelihood(
         self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant
@@ -110,10 +112,7 @@ class Slip:
         variant: Variant,
     ) -> Response:
         """The markers behind the skin by the path slid."""
-        return Response(
-            unit=[recording.tracks.unit_displacement for recording in forward.base.grasps],
-            shift_mm=[-path for path in _paths(forward, parameters[MU])],
-        )
+        return Response.plain(forward, shift_mm=[-path for path in _paths(forward, parameters[MU])])
 
 
 EFFECT: Effect = Slip()

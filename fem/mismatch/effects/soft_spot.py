@@ -2,8 +2,9 @@
 
     K = K0 - (1 - ratio) K1,      K1 the stiffness of the flesh inside
 
-Signature: K0^-1 K1 U0, at the few places where it explains best what the plain model leaves (fem.mismatch.
-spot_search). Its amount is not 1 - ratio (drop_of).
+Solved in the space of fem.mismatch.model.reduced_law. Signature: K0^-1 K1 U0, at the few places where it
+explains best what the plain model leaves (fem.mismatch.localisation.spot_search). Its amount is not
+1 - ratio (drop_of).
 """
 
 from collections.abc import Mapping, Sequence
@@ -11,18 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
-from scipy.sparse import csr_array
 
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number, vector
+from fem.mismatch.kinds.linear_law import matrix_operator
 from fem.mismatch.localisation.spot_search import OTHERS, RADII_MM, Spot, best_spots
 from fem.mismatch.model.force_products import OfFlesh
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.spot_response import softened, to_first_order
+from fem.mismatch.model.reduced_law import Operator, ReducedLaw, first_changes, reduced_laws
 from fem.mismatch.result import Where
 from fem.mismatch.signature_variant import AtPlace, Variant
-from fem.solid.inclusion import ball_stiffness, drop_of, times
+from fem.solid.inclusion import ball_stiffness, drop_of
 
 CENTRE = ("centre_mm.0", "centre_mm.1", "centre_mm.2")
 RADIUS, RATIO = "radius_mm", "ratio"
@@ -30,6 +30,8 @@ MIDDLE_RATIO = 0.35
 """Of the moduli: the spot whose drop is the prior's standard deviation. Set by hand, a plain bruise."""
 RATIOS = (0.1, 0.2, 0.35, 0.5, 0.7, 0.85)
 """Of the moduli, tried as starts: from next to nothing to next to sound."""
+CORRECTIONS = 2
+"""Of the reduced space: each change of the ball asks for solves of its own."""
 
 SPEC = EffectSpec(
     name="soft_spot",
@@ -75,7 +77,7 @@ SPEC = EffectSpec(
         ),
     ),
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)
@@ -96,22 +98,7 @@ class SoftSpot:
             radii_mm=self.radii_mm,
             others=self.others,
         )
-        sd = drop_of(MIDDLE_RATIO, forward.poisson_ratio)
-        return [
-            Signature(
-                variant=variant_of(spot),
-                columns=(
-                    Regressor(
-                        name="drop",
-                        sd=sd,
-                        fields=_fields(forward, spot),
-                        positive=True,
-                        of_forces=_of_forces(forward, spot),
-                    ),
-                ),
-            )
-            for spot in spots
-        ]
+        return [_signature(forward, spot) for spot in spots]
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
@@ -123,23 +110,19 @@ class SoftSpot:
         place = signature.variant
         if not isinstance(place, AtPlace):
             raise TypeError(f"{place!r} is no place in the flesh")
-        centre_mm, radius_mm = np.array(place.centre_mm), place.radius_mm
         largest = drop_of(RATIOS[0], forward.poisson_ratio)
-        radius_mm = min(10.0, radius_mm * max(1.0, float(amounts[0]) / largest) ** (1 / 3))
-        inside = _inside(forward, centre_mm, radius_mm)
+        radius_mm = min(10.0, place.radius_mm * max(1.0, float(amounts[0]) / largest) ** (1 / 3))
+        laws = _laws(forward, np.array(place.centre_mm), radius_mm)
         residual = forward.adjoint_basis.observed(_residual(forward))
-        grasps = forward.base.grasps
-        moved = softened(forward.base, inside, RATIOS)
         lost = []
-        for units in zip(*moved, strict=True):
+        for ratio in RATIOS:
             more = [
-                unit - recording.tracks.unit_displacement
-                for unit, recording in zip(units, grasps, strict=True)
+                law.response((1.0, ratio - 1)) - recording.tracks.unit_displacement
+                for law, recording in zip(laws, forward.base.grasps, strict=True)
             ]
             remaining = residual - forward.compliance * forward.adjoint_basis.observed(more)
             lost.append(float(remaining @ remaining))
-        centre = dict(zip(CENTRE, place.centre_mm, strict=True))
-        return {**centre, RADIUS: radius_mm, RATIO: RATIOS[int(np.argmin(lost))]}
+        return self.spec.within_bounds(*place.centre_mm, radius_mm, RATIOS[int(np.argmin(lost))])
 
     def where(self, parameters: Mapping[str, float]) -> Where:
         """The ball."""
@@ -149,10 +132,8 @@ class SoftSpot:
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """Every recording's markers above flesh with such a ball in it."""
         centre_mm = np.array([parameters[name] for name in CENTRE])
-        inside = _inside(forward, centre_mm, parameters[RADIUS])
-        return Response(
-            unit=[by_ratio[0] for by_ratio in softened(forward.base, inside, [parameters[RATIO]])]
-        )
+        laws = _laws(forward, centre_mm, parameters[RADIUS])
+        return Response(unit=[law.response((1.0, parameters[RATIO] - 1)) for law in laws])
 
 
 EFFECT: Effect = SoftSpot()
@@ -164,14 +145,29 @@ def variant_of(spot: Spot) -> AtPlace:
     return AtPlace(centre_mm=(x, y, z), radius_mm=round(float(spot.radius_mm), 2))
 
 
-def _inside(forward: ForwardModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> csr_array:
-    mesh, nu = forward.base.mesh, forward.poisson_ratio
-    return ball_stiffness(mesh, centre_mm=centre_mm, radius_mm=radius_mm, poisson_ratio=nu)
-
-
-def _of_forces(forward: ForwardModel, spot: Spot) -> OfFlesh:
+def _signature(forward: ForwardModel, spot: Spot) -> Signature:
     inside = _inside(forward, spot.centre_mm, spot.radius_mm)
-    return OfFlesh(lambda recording, moved: times(inside, moved))
+    changes = first_changes(forward, lambda moved: -inside(moved))
+    return Signature.of_markers(
+        "drop",
+        [forward.compliance * change for change in changes],
+        sd=drop_of(MIDDLE_RATIO, forward.poisson_ratio),
+        variant=variant_of(spot),
+        positive=True,
+        of_forces=OfFlesh(lambda recording, moved: inside(moved)),
+    )
+
+
+def _laws(forward: ForwardModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> list[ReducedLaw]:
+    inside = _inside(forward, centre_mm, radius_mm)
+    parts = (matrix_operator(forward.stiffness), inside)
+    return reduced_laws(forward, derivative=inside, parts=parts, corrections=CORRECTIONS)
+
+
+def _inside(forward: ForwardModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> Operator:
+    """K1 of the ball."""
+    mesh, nu = forward.base.mesh, forward.poisson_ratio
+    return matrix_operator(ball_stiffness(mesh, centre_mm=centre_mm, radius_mm=radius_mm, poisson_ratio=nu))
 
 
 def _residual(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]]:
@@ -179,13 +175,4 @@ def _residual(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]]:
     tracks = [recording.tracks for recording in forward.base.grasps]
     return [
         track.position_mm - track.place_mm - forward.compliance * track.unit_displacement for track in tracks
-    ]
-
-
-def _fields(forward: ForwardModel, spot: Spot) -> list[ObservationDelta | None]:
-    """What the ball adds to each recording per unit drop; None where it bears next to nothing."""
-    inside = _inside(forward, spot.centre_mm, spot.radius_mm)
-    moved = to_first_order(forward.base, inside)
-    return [
-        None if change is None else ObservationDelta(markers=forward.compliance * change) for change in moved
     ]

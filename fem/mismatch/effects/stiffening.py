@@ -19,11 +19,9 @@ from fem.materials.fung_neo_hookean import fung_at_small_strain
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.stiffening_flesh import beyond_linear, stiffening_path
-from fem.mismatch.model.stress_history import first_guess, keep_run, whole_response
-from fem.mismatch.signature_variant import ONE_WAY, Variant
-from fem.solid.flesh_pieces import FleshPieces
+from fem.mismatch.model.stress_history import whole_response
+from fem.mismatch.signature_variant import Variant
 
 B = "b"
 PRIOR_SD = 30.0
@@ -57,7 +55,7 @@ SPEC = EffectSpec(
     ),
     holds_large_deformation=True,
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)
@@ -70,13 +68,9 @@ class Stiffening:
         """The exponential's, its amount b."""
         state = stiffening_path(forward)
         nu, s = forward.poisson_ratio, forward.compliance
-        pieces = FleshPieces.whole(forward.points, workers=forward.workers)
-        forces = pieces.forces(s * state.linear, fung_at_small_strain(poisson_ratio=nu))
-        fields = [
-            ObservationDelta(markers=-displacement) for displacement in state.marker_responses([forces])[0]
-        ]
-        column = Regressor(name=B, sd=PRIOR_SD, positive=True, fields=fields)
-        return [Signature(variant=ONE_WAY, columns=(column,))]
+        forces = forward.pieces.forces(s * state.linear, fung_at_small_strain(poisson_ratio=nu))
+        moved = [-displacement for displacement in state.marker_responses([forces])[0]]
+        return [Signature.of_markers(B, moved, sd=PRIOR_SD, positive=True)]
 
     def start(
         self,
@@ -85,14 +79,11 @@ class Stiffening:
         amounts: Float[np.ndarray, " k"],
     ) -> dict[str, float]:
         """The amount within the bounds: about the modulus that fits best, both halves of the error cancel."""
-        return {B: float(np.clip(amounts[0], 1.0, 200.0))}
+        return self.spec.within_bounds(max(float(amounts[0]), 1.0))
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""
-        b, s = parameters[B], forward.compliance
-        place = np.log([b * s**2, s])
-        more = beyond_linear(forward, b, guess=first_guess(forward, self.spec.name, place))
-        keep_run(forward, self.spec.name, place, more)
+        more = beyond_linear(forward, parameters[B])
         return Response(unit=whole_response(stiffening_path(forward), more))
 
 

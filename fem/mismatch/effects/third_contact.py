@@ -1,6 +1,6 @@
 """`third_contact`: something beside the pads touches the fruit and pushes at it; no pad feels that force.
 
-A palm, a table or a stop, at the place X of the skin. With F(t) its force (fem.mismatch.model.third_force),
+A palm, a table or a stop, at the place X of the skin. With F(t) its force,
 
     sum f_i + F = 0, moments likewise,      y(t) = X + s [c(t) + C_X F(t)] + R q(t) + noise
 
@@ -10,25 +10,40 @@ recordings alone are one effect. What makes it one is that the moments too are t
 place of the skin, nearly along its normal, inwards. How stiff the support is cannot be said: flesh under a
 contact 6 mm in radius gives way by some 1/(12 mm E), so that a ripe fruit on a palm of 5 N/mm and on a table
 behave in the same way.
+
+With m = sum of the pads' forces and moments and W of fem.mismatch.model.marker_equations, columns
+A = [1; (X - x0) x] phi_j(t) and amounts a = R u of them, u ~ N(0, 1) each,
+
+    u = -(1 + R' M R)^-1 R' A' W m,   M = A' W A,   ln evidence = (-u . R' A' W m - ln det(1 + R' M R)) / 2
+
+(linear Gaussian inference; Rasmussen and Williams 2006, eq. 2.11 and 5.8). R R' is the amounts' covariance.
+The course of F along the skin's normal is a smooth one that grows with the load l, of covariance
+
+    l l' (1 + g^2 (l l' + exp(-(t - t')^2 / 2 SMOOTH^2))) / (1 + 2 g^2),     t: share of the frames
+
+times the square of a scale; R R' is that, projected on phi_j, its leading functions at the last of FREEDOMS.
+Of SCALES and of FREEDOMS (g) that pair counts which explains most, recording by recording. Along the skin the
+standard deviation is FRICTION of that along the normal. A contact that pulls is none, nor is one beyond the
+CONE of friction, or where a pad itself touches.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
 from jaxtyping import Float
-from scipy.optimize import minimize
 from scipy.special import logsumexp
 
-from fem.mesh.surface_points import locate
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.mesh.surface_points import SurfacePoints, locate, spread_out
 from fem.mismatch.effect import Effect, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number, vector
 from fem.mismatch.evidence.equation_cache import balance_equations
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.third_force import SCALES, SEAT_MM, ForceBalance, Seat, ThirdForce, peak_N
+from fem.mismatch.model.marker_equations import BalanceEquations
+from fem.mismatch.model.observation_delta import ARM_MM, ObservationDelta, Regressor, wrench
 from fem.mismatch.result import Where
 from fem.mismatch.signature_variant import AtPlace, Variant
 
@@ -36,19 +51,39 @@ CENTRE = ("centre_mm.0", "centre_mm.1", "centre_mm.2")
 FORCE = "force_N"
 SPACING_MM = 6.0
 """Of the places tried first: a quarter of a fruit's radius, over which a force turns by some 15 degrees. Set
-by hand, so that the search that follows starts on the right slope."""
+by hand, so that the best place lies beside one of them."""
+FINE_MM = 1.0
+"""Of the places tried beside the best of these."""
 PLACE_SD_MM = 6.0
 """How far the place may be from the one that balances best, a priori: two simulated ones that bear 4 and
 1.5 % of the pads' push are 1 and 9 mm off."""
 LEAST_EVIDENCE = 20.0
-"""ln evidence of the balance alone from which a third contact is looked at. The five of the first sealed
-proof (`benchmarks/sealed/sealed_proof.py`) showed 44 to 93 before FREEDOMS, that of the second shows
-64; cases with nothing of the kind 18.5 at most, but where a pad is misplaced (which throws the moments out in
-the same way), drifts or two gels have faults. Of three simulated palms the two that bear 3 and 4 % of the
-pads' push show more, that of 2 % shows 18, and is missed. Chosen on all of these, so that they do not score
-it."""
-LEAST_N, MOST_N = 1e-3, 100.0
-"""N: less than any sensor's noise; more than any grasp of a fruit. Bounds set by hand."""
+"""ln evidence of the balance alone from which a third contact is looked at. Simulated ones that bear 3 % of
+the pads' push show more; cases with nothing of the kind 18.5 at most, but where a pad is misplaced, drifts or
+two gels have faults."""
+LEAST_N = 1e-3
+"""N: less than any sensor's noise."""
+SCALES = (0.005, 0.02, 0.08)
+"""Standard deviations of the normal force at the greatest load, as shares of what a pad pushes then: from
+hardly to be told from marker scales to a fruit that is pressed against a table. Set by hand."""
+FREEDOMS = (0.1, 1.0)
+"""Standard deviation of how the force's share of the load changes in a recording, over its mean: a support
+that is touched throughout takes nearly the same share, a stop that is met late any. Set by hand."""
+SMOOTH, COURSES = 0.2, 6
+"""Length over which the force's share of the load may change, as a share of a recording's frames: a leg of
+the motion; and how many functions hold all but a percent of that covariance. Set by hand."""
+FRICTION = 0.15
+"""Of the force along the skin over that along its normal: little, as the normal of a scanned skin is itself
+known to some degrees. Set by hand."""
+CONE = 0.3
+"""Force along the skin over that along its normal from which it is no contact's: some 17 degrees off the
+normal, as skin on a palm slips. A pad that reads too much leaves a force along each grasp's axis; with grasps
+45 degrees apart no place has two of them within its cone. Set by hand."""
+SEAT_MM = 4.0
+"""Radius over which the force is spread and the normal taken; the pads are a few times as far away. Set by
+hand, of a contact as wide as a pad's."""
+CLEAR_MM = 4.0
+"""A place is a pad's own where one of its markers touches within this distance; two markers' pitch."""
 
 SPEC = EffectSpec(
     name="third_contact",
@@ -80,43 +115,150 @@ SPEC = EffectSpec(
             "its greatest push",
             limits=(0.0, 1e4),
             low=LEAST_N,
-            high=MOST_N,
+            high=100.0,
             log=True,
             model_share=0.05,
         ),
     ),
 )
 """The scope is the fruit: the place is one of its skin, where it stays when the jaws take the fruit at other
-spots; another fruit on the same palm touches it elsewhere. By hand, wide: `limits`, `low`, `high`."""
+spots; another fruit on the same palm touches it elsewhere."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class ContactFound:
-    """Where the balance of all recordings shows a third contact, with its force in each. `search`: ln of the
-    mean evidence over all places, over that of the best; zero or less.
+class Seat:
+    """A place of the skin on which something rests: middle, unit normal into the fruit, points round it."""
+
+    place_mm: Float[np.ndarray, "3"]
+    inward: Float[np.ndarray, "3"]
+    points: SurfacePoints
+
+    @classmethod
+    def at(cls, mesh: FleshMesh, place_mm: Float[np.ndarray, "3"]) -> "Seat":
+        """At the point of the skin nearest to a place."""
+        middle = locate(mesh, place_mm[None])
+        _, first, second = _axes(middle.normal[0]).T
+        angle = np.arange(6) * np.pi / 3
+        ring = SEAT_MM * (np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second)
+        points = locate(mesh, middle.point_mm + np.vstack([np.zeros(3), ring]))
+        inward = -points.normal.mean(axis=0)
+        return cls(place_mm=middle.point_mm[0], inward=inward / np.linalg.norm(inward), points=points)
+
+    def unit_loads(self) -> Float[np.ndarray, "3 m 3"]:
+        """A newton along x, y and z, spread evenly over the points, on the nodes of the flesh."""
+        count = len(self.points.point_mm)
+        return self.points.point_load(np.repeat(np.eye(3)[:, None] / count, count, axis=1))
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThirdForce:
+    """F(t) of one recording, `sd_N` of its normal part; ln `evidence` of it over none.
+
+    `volume`: the part of that evidence which is not in how well F balances: ln of the prior at F, and of the
+    width that is left of it. Negative.
+    """
+
+    force_N: Float[np.ndarray, "f 3"]
+    sd_N: Float[np.ndarray, " f"]
+    evidence: float
+    volume: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceBalance:
+    """One recording's balance in terms of its courses phi_j of a force or moment, all six components.
+
+    `roots`: for each of FREEDOMS a matrix whose product with its transpose is the amounts' covariance.
+    `normal`: (phi_j e_a) . W (phi_l e_b), 1/N2; `pushed`: -(phi_j e_a) . W m, 1/N.
+    """
+
+    recording: GraspResponse
+    courses: Float[np.ndarray, "j f"]
+    roots: tuple[Float[np.ndarray, "j j"], ...]
+    normal: Float[np.ndarray, "j 6 j 6"]
+    pushed: Float[np.ndarray, "j 6"]
+
+    @classmethod
+    def of(cls, recording: GraspResponse, balance: BalanceEquations) -> "ForceBalance":
+        """Those of a recording that nothing but its pads holds."""
+        courses, roots = _courses(recording)
+        white = np.einsum("jf,fa,lf,ab->jalb", courses, balance.weight, courses, np.eye(6))
+        across = np.einsum("kfa,fa,jf->kja", balance.nuisances, balance.weight, courses)
+        held = np.einsum("kja,km,mlb->jalb", across, balance.inverse, across, optimize=True)
+        return cls(
+            recording=recording,
+            courses=courses,
+            roots=roots,
+            normal=white - held,
+            pushed=-courses @ balance.weighed(balance.measured),
+        )
+
+    def force(self, place_mm: Float[np.ndarray, "3"], inward: Float[np.ndarray, "3"]) -> ThirdForce | None:
+        """The force at a place that best balances the recording; None where none does, or it would pull."""
+        if _is_under_a_pad(self.recording, place_mm):
+            return None
+        axes = _axes(inward)
+        arms = np.vstack([axes, np.cross(place_mm - _centre_mm(self.recording), axes.T).T / ARM_MM])
+        count = 3 * len(self.courses)
+        half = (self.normal @ arms).reshape(-1, 6, count)
+        normal = (arms.T @ half).reshape(count, count)
+        pushed = (self.pushed @ arms).ravel()
+        shares = np.diag([1.0, FRICTION, FRICTION])
+        posteriors = [
+            _posterior(normal, pushed, scale * _peak_N(self.recording) * np.kron(root, shares))
+            for scale in SCALES
+            for root in self.roots
+        ]
+        amounts, covariance, evidence, volume = max(posteriors, key=lambda posterior: posterior[2])
+        local = self.courses.T @ amounts.reshape(-1, 3)
+        pulls = self.recording.load @ local[:, 0] <= 0
+        slides = np.linalg.norm(local[:, 1:]) > CONE * np.linalg.norm(local[:, 0])
+        if evidence <= 0 or pulls or slides:
+            return None
+        spread = np.einsum("jf,jl,lf->f", self.courses, covariance[::3, ::3], self.courses)
+        return ThirdForce(force_N=local @ axes.T, sd_N=np.sqrt(spread), evidence=evidence, volume=volume)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PlacedContact:
+    """A third contact, with its force in each recording. `search`: ln of the mean evidence over all places,
+    over that of the best; zero or less.
     """
 
     seat: Seat
-    forces: tuple[ThirdForce, ...]
+    forces: tuple[ThirdForce | None, ...]
     search: float = 0.0
 
     @property
-    def evidence(self) -> float:
-        """ln evidence over none, of all recordings."""
-        return sum(force.evidence for force in self.forces)
-
-    @property
-    def volume(self) -> float:
-        """Its part that is not in how well the forces balance."""
-        return sum(force.volume for force in self.forces)
-
-    @property
     def greatest_N(self) -> tuple[float, float]:
-        """The greatest normal force, and its standard deviation."""
-        normal = [force.force_N @ self.seat.inward for force in self.forces]
-        best = int(np.argmax([course_N.max() for course_N in normal]))
-        at = int(normal[best].argmax())
-        return float(normal[best][at]), float(self.forces[best].sd_N[at])
+        """The greatest normal force, LEAST_N at least, and its standard deviation."""
+        pushes = [
+            (float(normal.max()), float(force.sd_N[normal.argmax()]))
+            for force in self.forces
+            if force is not None
+            for normal in [force.force_N @ self.seat.inward]
+        ]
+        value, sd = max(pushes, default=(0.0, 1.0))
+        return max(value, LEAST_N), sd
+
+    def changes(
+        self, forward: ForwardModel
+    ) -> list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]] | None]:
+        """Of every recording's unit displacement and of its sums of force; None without a force."""
+        changes: list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]] | None] = []
+        place = self.seat.place_mm
+        for recording, force in zip(forward.base.grasps, self.forces, strict=True):
+            if force is None:
+                changes.append(None)
+                continue
+            at_markers = forward.memoised(
+                ("third contact", recording.case.name, tuple(np.round(place, 6))),
+                partial(forward.base.marker_response, recording, self.seat.unit_loads()),
+            )
+            at_place = np.broadcast_to(place, (len(force.force_N), 1, 3))
+            sums = wrench(force.force_N[:, None], at_place, centre_mm=_centre_mm(recording))
+            changes.append((np.tensordot(force.force_N, at_markers, axes=1), -sums))
+        return changes
 
 
 @dataclass(frozen=True)
@@ -129,42 +271,43 @@ class ThirdContact:
         """The force at the place that balances best, where one does; the amount is its greatest value as a
         share of what a pad pushes.
         """
-        contact = _found(forward)
+        contact = best_contact(forward)
         if contact is None:
             return []
-        share = max(contact.greatest_N[0], LEAST_N) / _peak_N(forward)
+        share = contact.greatest_N[0] / max(_peak_N(recording) for recording in forward.base.grasps)
         fields = [
             None
-            if field is None
-            else ObservationDelta(markers=forward.compliance * field[0] / share, balance=field[1] / share)
-            for field in _fields(forward, contact)
+            if change is None
+            else ObservationDelta(markers=forward.compliance * change[0] / share, balance=change[1] / share)
+            for change in contact.changes(forward)
         ]
+        x, y, z = (round(float(component), 2) for component in contact.seat.place_mm)
         column = Regressor(name="push", sd=SCALES[-1], fields=fields, positive=True)
-        return [Signature(variant=_variant(contact.seat), columns=(column,))]
+        return [Signature(variant=AtPlace(centre_mm=(x, y, z), radius_mm=SEAT_MM), columns=(column,))]
 
     def start(
         self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
     ) -> dict[str, float]:
         """The place that balances best, the force as measured."""
-        place = signature.variant
+        place, contact = signature.variant, best_contact(forward)
         if not isinstance(place, AtPlace):
             raise TypeError(f"{place!r} is no place on the skin")
-        return {
-            **dict(zip(CENTRE, place.centre_mm, strict=True)),
-            FORCE: float(np.clip(_greatest(forward)[0], LEAST_N, MOST_N)),
-        }
+        return self.spec.within_bounds(
+            *place.centre_mm, LEAST_N if contact is None else contact.greatest_N[0]
+        )
 
     def direct_evidence(self, forward: ForwardModel) -> float:
         """What it costs that force and place are taken from the balance: negative."""
-        contact = _found(forward)
-        return 0.0 if contact is None else contact.volume + contact.search
+        contact = best_contact(forward)
+        if contact is None:
+            return 0.0
+        return contact.search + sum(force.volume for force in contact.forces if force is not None)
 
     def measured_sd(self, forward: ForwardModel) -> dict[str, float]:
         """Of the place about the start; of the force as measured."""
-        return {
-            **dict.fromkeys(CENTRE, PLACE_SD_MM),
-            FORCE: _greatest(forward)[1],
-        }
+        contact = best_contact(forward)
+        value, sd = (LEAST_N, LEAST_N) if contact is None else contact.greatest_N
+        return {**dict.fromkeys(CENTRE, PLACE_SD_MM), FORCE: sd / value}
 
     def where(self, parameters: Mapping[str, float]) -> Where:
         """The place on the skin."""
@@ -173,125 +316,127 @@ class ThirdContact:
 
     def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
         """Every recording with the force at this place that balances it."""
-        contact = _at(forward, np.array([parameters[name] for name in CENTRE]))
+        seat = Seat.at(forward.base.mesh, np.array([parameters[name] for name in CENTRE]))
+        contact = PlacedContact(seat=seat, forces=_forces(forward, seat.place_mm, seat.inward))
         unit, balance = [], []
-        for recording, field in zip(forward.base.grasps, _fields(forward, contact), strict=True):
+        for recording, change in zip(forward.base.grasps, contact.changes(forward), strict=True):
             plain = recording.tracks.unit_displacement
-            unit.append(plain if field is None else plain + field[0])
-            balance.append(np.zeros((len(plain), 6)) if field is None else field[1])
+            unit.append(plain if change is None else plain + change[0])
+            balance.append(np.zeros((len(plain), 6)) if change is None else change[1])
         return Response(unit=unit, balance=balance)
 
 
 EFFECT: Effect = ThirdContact()
 
 
-def _variant(seat: Seat) -> AtPlace:
-    x, y, z = (round(float(component), 2) for component in seat.place_mm)
-    return AtPlace(centre_mm=(x, y, z), radius_mm=SEAT_MM)
-
-
-def _at(forward: ForwardModel, place_mm: Float[np.ndarray, "3"]) -> ContactFound:
-    """The force at the point of the skin nearest to a place, in every recording."""
-    seat = Seat.at(forward.base.mesh, place_mm)
-    return ContactFound(seat=seat, forces=_forces(forward, seat.place_mm, seat.inward))
-
-
-def _forces(
-    forward: ForwardModel, place_mm: Float[np.ndarray, "3"], inward: Float[np.ndarray, "3"]
-) -> tuple[ThirdForce, ...]:
-    balances = forward.memoised("third contact's balances", lambda: forward.each(partial(_balance, forward)))
-    return tuple(
-        ThirdForce.none(recording) if balance is None else balance.force(place_mm, inward)
-        for recording, balance in zip(forward.base.grasps, balances, strict=True)
-    )
-
-
-def _balance(forward: ForwardModel, recording: GraspResponse) -> ForceBalance | None:
-    equations = balance_equations(forward, recording)
-    return None if equations is None else ForceBalance.of(recording, equations)
-
-
-def _found(forward: ForwardModel) -> ContactFound | None:
+def best_contact(forward: ForwardModel) -> PlacedContact | None:
     """The place whose force balances best, kept for the case; None where none is worth a look."""
     return forward.memoised("third contact", lambda: _searched(forward))
 
 
-def _searched(forward: ForwardModel) -> ContactFound | None:
+def _searched(forward: ForwardModel) -> PlacedContact | None:
     if _most_evidence(forward) < LEAST_EVIDENCE:
         return None
     mesh = forward.base.mesh
-    places = _places(mesh.nodes_mm[mesh.outer_nodes])
-    skin = locate(mesh, places)
-    evidence = [
-        sum(force.evidence for force in _forces(forward, place, -normal))
-        for place, normal in zip(skin.point_mm, skin.normal, strict=True)
-    ]
+    skin_mm = mesh.nodes_mm[mesh.outer_nodes]
+    places, evidence = _evidence(forward, skin_mm[spread_out(skin_mm, apart_mm=SPACING_MM)])
     mean = float(logsumexp(evidence) - np.log(len(evidence)))
-    best = Seat.at(mesh, skin.point_mm[int(np.argmax(evidence))])
-    axes = np.linalg.svd(best.inward[None])[2][1:]
-
-    def lost(way: Float[np.ndarray, "2"]) -> float:
-        away = max(0.0, float(np.linalg.norm(way)) - 1.5 * SPACING_MM)
-        return -_at(forward, best.place_mm + way @ axes).evidence * float(np.exp(-away))
-
-    corners = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 2.0]])
-    way = minimize(
-        lost,
-        np.zeros(2),
-        method="Nelder-Mead",
-        options={"initial_simplex": corners, "maxfev": 60, "xatol": 0.05, "fatol": 0.05},
-    ).x
-    contact = _at(forward, best.place_mm + way @ axes)
-    search = mean - max(*evidence, contact.evidence)
-    return replace(contact, search=search) if contact.evidence > LEAST_EVIDENCE else None
+    best = places[int(np.argmax(evidence))]
+    along = _axes(Seat.at(mesh, best).inward)[:, 1:]
+    step = np.arange(-SPACING_MM, SPACING_MM + FINE_MM, FINE_MM)
+    offsets = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
+    finer, finer_evidence = _evidence(forward, best + offsets @ along.T)
+    seat = Seat.at(mesh, finer[int(np.argmax(finer_evidence))])
+    forces = _forces(forward, seat.place_mm, seat.inward)
+    greatest = sum(force.evidence for force in forces if force is not None)
+    if greatest <= LEAST_EVIDENCE:
+        return None
+    return PlacedContact(seat=seat, forces=forces, search=mean - max(*evidence, greatest))
 
 
 def _most_evidence(forward: ForwardModel) -> float:
     """Half of the imbalance's chi-square: more no force can gain."""
-    evidence = 0.0
-    for recording in forward.base.grasps:
-        balance = balance_equations(forward, recording)
-        if balance is not None:
-            evidence += float((balance.measured * balance.weighed(balance.measured)).sum()) / 2
-    return evidence
+    balances = [balance_equations(forward, recording) for recording in forward.base.grasps]
+    return sum(
+        float((balance.measured * balance.weighed(balance.measured)).sum()) / 2
+        for balance in balances
+        if balance is not None
+    )
 
 
-def _places(skin_mm: Float[np.ndarray, "o 3"]) -> Float[np.ndarray, "p 3"]:
-    """Some of the skin's nodes, SPACING_MM apart: always the one farthest from those chosen."""
-    chosen = [int(skin_mm[:, 2].argmin())]
-    away = np.linalg.norm(skin_mm - skin_mm[chosen[0]], axis=1)
-    while away.max() > SPACING_MM:
-        chosen.append(int(away.argmax()))
-        away = np.minimum(away, np.linalg.norm(skin_mm - skin_mm[chosen[-1]], axis=1))
-    return np.asarray(skin_mm[chosen])
+def _evidence(
+    forward: ForwardModel, places_mm: Float[np.ndarray, "p 3"]
+) -> tuple[Float[np.ndarray, "p 3"], list[float]]:
+    """The points of the skin nearest to these places, and ln evidence of a force at each."""
+    skin = locate(forward.base.mesh, places_mm)
+    evidence = [
+        sum(force.evidence for force in _forces(forward, place, -normal) if force is not None)
+        for place, normal in zip(skin.point_mm, skin.normal, strict=True)
+    ]
+    return skin.point_mm, evidence
 
 
-def _fields(
-    forward: ForwardModel, contact: ContactFound
-) -> list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]] | None]:
-    """Change of every recording's unit displacement and of its sums of force; None without a force."""
-    fields: list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]] | None] = []
-    place = tuple(np.round(contact.seat.place_mm, 6))
-    for recording, force in zip(forward.base.grasps, contact.forces, strict=True):
-        if not force.force_N.any():
-            fields.append(None)
-            continue
-        response = partial(forward.base.marker_response, recording, contact.seat.load(np.eye(3)))
-        at_markers = forward.memoised(("third contact", recording.case.name, place), response)
-        moved = np.tensordot(force.force_N, at_markers, axes=1)
-        fields.append((moved, -force.wrench(recording, contact.seat.place_mm)))
-    return fields
+def _forces(
+    forward: ForwardModel, place_mm: Float[np.ndarray, "3"], inward: Float[np.ndarray, "3"]
+) -> tuple[ThirdForce | None, ...]:
+    """Of every recording; None where it has none, or is not held by pads alone."""
+
+    def balance(recording: GraspResponse) -> ForceBalance | None:
+        equations = balance_equations(forward, recording)
+        return None if equations is None else ForceBalance.of(recording, equations)
+
+    balances = forward.memoised("third contact's balances", lambda: forward.each(balance))
+    return tuple(None if known is None else known.force(place_mm, inward) for known in balances)
 
 
-def _peak_N(forward: ForwardModel) -> float:
-    """Mean over the pads of their greatest push, N, in the recording that has the most."""
-    return max(peak_N(recording) for recording in forward.base.grasps)
+def _is_under_a_pad(recording: GraspResponse, place_mm: Float[np.ndarray, "3"]) -> bool:
+    """Whether a pad touches there at some time."""
+    touched = (recording.tracks.episode >= 0).any(axis=0)
+    away = np.linalg.norm(recording.tracks.place_mm[touched] - place_mm, axis=1)
+    return bool((away < CLEAR_MM).any())
 
 
-def _greatest(forward: ForwardModel) -> tuple[float, float]:
-    """The greatest push, N, and its relative spread; the least where none is found."""
-    contact = _found(forward)
-    if contact is None:
-        return LEAST_N, 1.0
-    value, sd = contact.greatest_N
-    return max(value, LEAST_N), sd / max(value, LEAST_N)
+def _posterior(
+    normal: Float[np.ndarray, "m m"], pushed: Float[np.ndarray, " m"], root_N: Float[np.ndarray, "m m"]
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"], float, float]:
+    """Amounts of the courses along normal and skin in turn, their covariance, ln evidence, its volume.
+
+    `root_N`: times its transpose, the covariance of the amounts a priori.
+    """
+    pushes = root_N.T @ pushed
+    precision = np.eye(len(pushes)) + root_N.T @ normal @ root_N
+    unit = np.linalg.solve(precision, pushes)
+    width = -np.linalg.slogdet(precision)[1]
+    covariance = root_N @ np.linalg.solve(precision, root_N.T)
+    return root_N @ unit, covariance, float((unit @ pushes + width) / 2), float((width - unit @ unit) / 2)
+
+
+def _courses(
+    recording: GraspResponse,
+) -> tuple[Float[np.ndarray, "j f"], tuple[Float[np.ndarray, "j j"], ...]]:
+    """phi_j, of the size of the force that an amount of one stands for; roots of FREEDOMS' covariances."""
+    load, share = recording.load, np.linspace(0.0, 1.0, len(recording.load))
+    both = np.outer(load, load)
+    change = both * (both + np.exp(-((share[:, None] - share) ** 2) / (2 * SMOOTH**2)))
+    priors = [(both + freedom**2 * change) / (1 + 2 * freedom**2) for freedom in FREEDOMS]
+    size, course = np.linalg.eigh(priors[-1])
+    scale = np.sqrt(size[-COURSES:])
+    courses, onto = (course[:, -COURSES:] * scale).T, (course[:, -COURSES:] / scale).T
+    return courses, tuple(np.linalg.cholesky(onto @ prior @ onto.T) for prior in priors)
+
+
+def _peak_N(recording: GraspResponse) -> float:
+    """What a pad pushes at the greatest load, N, mean over the pads."""
+    return float(np.linalg.norm(recording.force_N, axis=2).sum(axis=1).max()) / len(recording.links)
+
+
+def _axes(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """The normal and two directions along the skin, as columns."""
+    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    first /= np.linalg.norm(first)
+    return np.column_stack([normal, first, np.cross(normal, first)])
+
+
+def _centre_mm(recording: GraspResponse) -> Float[np.ndarray, "3"]:
+    """About which BalanceEquations takes moments."""
+    return np.asarray(recording.tracks.position_mm.mean(axis=(0, 1)))

@@ -4,25 +4,14 @@ What that makes of displacements is fem.materials.relaxing_arm:
 
     u(t) = s [c(t) + g / (1 - g) h(t)],      h' = (c - h) (1 - g) / tau
 
-s = 1/E of the first instant. Signature: the same for g -> 0, for a row of tau.
+s = 1/E of the first instant.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
-import numpy as np
-from jaxtyping import Float
-
-from fem.materials.relaxing_arm import RelaxingArm, lagging
-from fem.mismatch.effect import Effect, Response, Signature
+from fem.materials.relaxing_arm import RelaxingArm
+from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
-from fem.mismatch.model.forward_model import ForwardModel, over_all_frames
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.signature_variant import AtValue, Variant, value_of
-
-TAUS_S = (0.3, 1.0, 3.0, 10.0, 30.0)
-"""Relaxation times of the signatures, s: threefold apart, from the shortest press to beyond the hold. Set by
-hand."""
+from fem.mismatch.kinds.fading_law import FadingLaw, Fields, lagged
+from fem.mismatch.model.forward_model import ForwardModel
 
 SPEC = EffectSpec(
     name="viscoelastic",
@@ -61,62 +50,19 @@ SPEC = EffectSpec(
     ),
     knows_time=True,
 )
-"""By hand, wide: `limits`, `low`, `high`. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-@dataclass(frozen=True)
-class Viscoelastic:
-    """One relaxing arm."""
-
-    spec: EffectSpec = SPEC
-
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
-        """g / (1 - g) h, one for each tau."""
-        return [
-            Signature(
-                variant=AtValue(symbol="tau", value=tau, unit="s"),
-                columns=(
-                    Regressor(
-                        name=f"g, tau {tau:g} s",
-                        sd=0.5,
-                        positive=True,
-                        fields=[
-                            ObservationDelta(markers=forward.compliance * crept)
-                            for crept in _crept(forward, tau)
-                        ],
-                    ),
-                ),
-            )
-            for tau in TAUS_S
-        ]
-
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
-        """From the retarded share and time to those of relaxation."""
-        arm = RelaxingArm.of_creep(float(np.clip(amounts[0], 0.02, 5.0)), value_of(signature.variant))
-        return {"g": arm.g, "tau_s": arm.tau_s}
-
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
-        """Exact for force histories that run straight between frames."""
-        arm = RelaxingArm(g=parameters["g"], tau_s=parameters["tau_s"])
-        crept = _crept(forward, arm.retardation_s)
-        grasps = forward.base.grasps
-        return Response(
-            unit=[
-                recording.tracks.unit_displacement + arm.creep_share * creep
-                for recording, creep in zip(grasps, crept, strict=True)
-            ]
-        )
+def _at_once(forward: ForwardModel) -> Fields:
+    return [recording.tracks.unit_displacement for recording in forward.base.grasps]
 
 
-def _crept(forward: ForwardModel, retardation_s: float) -> list[Float[np.ndarray, "_f _n 3"]]:
-    """h: nothing at once, in time all of c."""
-    responses = []
-    for recording in forward.base.grasps:
-        whole = over_all_frames(recording, recording.tracks.unit_displacement)
-        responses.append(lagging(whole, recording.case.history.time_s, retardation_s)[recording.used])
-    return responses
+def _crept(forward: ForwardModel, g: float, tau_s: float) -> Fields:
+    arm = RelaxingArm(g=g, tau_s=tau_s)
+    return [
+        arm.creep_share * lagged(recording, recording.tracks.unit_displacement, arm.retardation_s)
+        for recording in forward.base.grasps
+    ]
 
 
-EFFECT: Effect = Viscoelastic()
+EFFECT: Effect = FadingLaw(spec=SPEC, at_once=_at_once, response=_crept)

@@ -1,11 +1,9 @@
 """A recording's equations at the model's compliance, and whether gels stick: formed once for all fits."""
 
-import numpy as np
-
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.marker_equations import DESIGN_EFFECT, BalanceEquations, MarkerEquations
-from fem.mismatch.model.pulling_markers import LEAST_EVIDENCE, Pull, pads_with_normals, pulled
+from fem.mismatch.model.pulling_markers import LEAST_EVIDENCE, Pull
 
 NEWTON_PER_MM3 = 9.81e-6
 """Weight of flesh, which floats or just sinks in water."""
@@ -48,19 +46,8 @@ def balance_equations(forward: ForwardModel, recording: GraspResponse) -> Balanc
 
 def pull_of(forward: ForwardModel) -> Pull:
     """How far gels are pulled away from the skin, all recordings of the fruit together; computed once."""
-
-    def compute() -> Pull:
-        pads = [
-            pulled(*pad) for recording in forward.base.grasps for pad in pads_with_normals(recording.case)
-        ]
-        return Pull(
-            after=sum(pad.after for pad in pads),
-            before=sum(pad.before for pad in pads),
-            stretch_mm=np.concatenate([pad.stretch_mm for pad in pads]),
-            noise_mm=max(pad.noise_mm for pad in pads),
-        )
-
-    return forward.memoised("pulling markers", compute)
+    cases = [recording.case for recording in forward.base.grasps]
+    return forward.memoised("pulling markers", lambda: Pull.of(cases))
 
 
 def gels_stick(forward: ForwardModel) -> bool:

@@ -20,9 +20,8 @@ from jaxtyping import Float
 
 from fem.elements.assembly import assemble
 from fem.estimation.sensitivity import mean_normal
-from fem.mismatch.effect import Effect, Signature
+from fem.mismatch.effect import Effect, LinearInStiffness, Signature
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.linear_law import LinearLaw
 from fem.mismatch.model.baseline import Baseline, GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import ObservationDelta
@@ -43,13 +42,13 @@ def surface_products(
     *,
     columns: int,
 ) -> Float[np.ndarray, "g c"]:
-    """n of each recording and column (zero where it is not a signature of a LinearLaw).
+    """n of each recording and column (zero where it is not a signature of a LinearInStiffness).
 
     `signatures`: with the numbers of their columns, which count from one. Column 0 is the plain model's.
     Raises FemFailure (INVERTED_ELEMENTS) where an element is nearly folded already.
     """
     products = np.zeros((len(recorded), columns))
-    linear = [(effect, numbers) for effect, _, numbers in signatures if isinstance(effect, LinearLaw)]
+    linear = [(effect, numbers) for effect, _, numbers in signatures if isinstance(effect, LinearInStiffness)]
     drawn = with_drawn_surface(forward)
     weighed = []
     for equations, recording in zip(recorded, drawn.base.grasps, strict=True):

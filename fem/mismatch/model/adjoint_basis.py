@@ -16,7 +16,7 @@ neither in the score of a piece nor in its Fisher information.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float
@@ -74,15 +74,14 @@ class AdjointBasis:
         whitened = parallel_map(
             lambda recording: _whitened(base, recording, compliance), base.grasps, workers=workers
         )
-        moved = base.displacements([whitened_grasp.loads for whitened_grasp in whitened])
+        moved = base.displacements([loads for _, loads in whitened])
         grasps = tuple(
-            _grasp_basis(recording, whitened_grasp, adjoint, compliance)
-            for recording, whitened_grasp, adjoint in zip(base.grasps, whitened, moved, strict=True)
+            replace(basis, moved=adjoint) for (basis, _), adjoint in zip(whitened, moved, strict=True)
         )
-        cells = [
-            _cells(base, recording, points, adjoint, compliance)
-            for recording, adjoint in zip(base.grasps, moved, strict=True)
-        ]
+        cells = []
+        for recording, adjoint in zip(base.grasps, moved, strict=True):
+            pushed = _push(points, recording.moved[0], base.solid_of(recording).poisson_ratio)
+            cells.append(compliance * np.asarray(pushed @ adjoint.reshape(len(adjoint), -1).T))
         plain = np.concatenate([grasp.plain for grasp in grasps])
         return cls(
             grasps=grasps,
@@ -100,18 +99,10 @@ class AdjointBasis:
         return np.asarray(numbers - (numbers @ self.plain)[..., None] * self.plain)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Whitened:
-    """One recording's basis functions, their W-images and whitening, and the loads of the adjoint fields."""
-
-    equations: MarkerEquations
-    basis_functions: Float[np.ndarray, "v f n 3"]
-    weighed: Float[np.ndarray, "v f n 3"]
-    whitening: Float[np.ndarray, "v k"]
-    loads: Float[np.ndarray, "k m 3"]
-
-
-def _whitened(base: Baseline, recording: GraspResponse, compliance: float) -> _Whitened:
+def _whitened(
+    base: Baseline, recording: GraspResponse, compliance: float
+) -> tuple[GraspBasis, Float[np.ndarray, "k m 3"]]:
+    """One recording's basis, its adjoint fields still to be solved for, and their loads."""
     budget, solid = base.case.budget, base.solid_of(recording)
     equations = MarkerEquations.of(
         recording,
@@ -135,39 +126,15 @@ def _whitened(base: Baseline, recording: GraspResponse, compliance: float) -> _W
     forces = np.tensordot(whitening.T, np.tensordot(weighed, share, axes=([1], [0])), axes=1)
     loads = np.zeros((len(forces), len(base.mesh.nodes_mm), 3))
     loads[:, solid.contact_nodes] = recording.nodal_of(forces)
-    return _Whitened(
+    plain = recording.tracks.unit_displacement * compliance
+    basis = GraspBasis(
         equations=equations,
         basis_functions=basis_functions,
-        weighed=weighed,
         whitening=whitening,
-        loads=loads,
+        moved=np.zeros_like(loads),
+        plain=whitening.T @ np.tensordot(weighed, plain, axes=3),
     )
-
-
-def _cells(
-    base: Baseline,
-    recording: GraspResponse,
-    points: FleshStrain,
-    moved: Float[np.ndarray, "k m 3"],
-    compliance: float,
-) -> Float[np.ndarray, "q k"]:
-    """d of one recording; `moved`: the adjoint fields."""
-    pushed = _push(points, recording.moved[0], base.solid_of(recording).poisson_ratio)
-    return compliance * np.asarray(pushed @ moved.reshape(len(moved), -1).T)
-
-
-def _grasp_basis(
-    recording: GraspResponse, whitened: _Whitened, moved: Float[np.ndarray, "k m 3"], compliance: float
-) -> GraspBasis:
-    """`moved`: the adjoint fields."""
-    plain = recording.tracks.unit_displacement * compliance
-    return GraspBasis(
-        equations=whitened.equations,
-        basis_functions=whitened.basis_functions,
-        whitening=whitened.whitening,
-        moved=moved,
-        plain=whitened.whitening.T @ np.tensordot(whitened.weighed, plain, axes=3),
-    )
+    return basis, loads
 
 
 def _polynomials(recording: GraspResponse) -> Float[np.ndarray, "v n 3"]:

@@ -11,11 +11,13 @@ from jaxtyping import Float
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
+from fem.elements.assembly import Stiffness
 from fem.estimation.grasp_model import GraspModel
 from fem.mismatch.model.adjoint_basis import AdjointBasis
 from fem.mismatch.model.baseline import Baseline, GraspResponse
 from fem.mismatch.model.warm_start import WarmStarts
 from fem.parallel_map import parallel_map
+from fem.solid.flesh_pieces import FleshPieces
 from fem.solid.strain_field import FleshStrain
 
 T = TypeVar("T")
@@ -65,17 +67,6 @@ class ForwardModel:
     memo: MemoTable = field(default_factory=MemoTable, repr=False, compare=False)
     warm_starts: WarmStarts | None = field(default=None, repr=False, compare=False)
 
-    def warm_start(self, key: object) -> tuple[Any, ...]:
-        """Solutions of the search under a key, newest first; none outside of a search."""
-        return () if self.warm_starts is None else self.warm_starts.solutions.get(key, ())
-
-    def store_warm_start(self, key: object, solutions: tuple[Any, ...]) -> None:
-        """Stores solutions for the search's next calls, replacing those there; no effect outside of a
-        search.
-        """
-        if self.warm_starts is not None:
-            self.warm_starts.solutions[key] = solutions
-
     def memoised(self, key: object, compute: Callable[[], T]) -> T:
         """The value of `compute`, computed once for each key, whichever thread needs it first."""
         return self.memo.memoised(key, compute)
@@ -90,6 +81,11 @@ class ForwardModel:
         return next(iter(self.base.solids.values())).stiffness
 
     @property
+    def parts(self) -> Stiffness:
+        """The parts of K0 that Lame's constants multiply."""
+        return next(iter(self.base.solids.values())).parts
+
+    @property
     def poisson_ratio(self) -> float:
         """As the case assumes it."""
         return self.base.case.poisson_ratio
@@ -98,6 +94,11 @@ class ForwardModel:
     def points(self) -> FleshStrain:
         """The points in the flesh at which strains are taken."""
         return self.memoised("points", lambda: FleshStrain.of(self.base.mesh))
+
+    @property
+    def pieces(self) -> FleshPieces:
+        """The flesh as laws with a history are asked for it."""
+        return self.memoised("pieces", lambda: FleshPieces.of(self.points, workers=self.workers))
 
     @property
     def depth(self) -> Float[np.ndarray, "m 4"]:

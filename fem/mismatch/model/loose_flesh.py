@@ -21,6 +21,7 @@ from scipy.spatial import cKDTree
 
 from fem.elements.shape_functions import TET_FACES, t6_gradient, t6_shape, tri_quadrature
 from fem.mesh.flesh_mesh import FleshMesh
+from fem.mesh.surface_points import spread_out
 from fem.mesh.tetrahedra import boundary_faces
 from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
@@ -120,7 +121,9 @@ def patches(mesh: FleshMesh) -> tuple[csr_array, Float[np.ndarray, " c"]]:
     pushes = np.einsum("q,qa,qh,kqx->khax", weights, t6_shape(points), hats, normal)
     spread = np.einsum("q,qh,kq->kh", weights, hats, np.linalg.norm(normal, axis=2))
     corners, place = np.unique(faces[:, :3], return_inverse=True)
-    patch = _gathered(mesh.nodes_mm[corners])[place].reshape(-1, 3)
+    corner_mm = mesh.nodes_mm[corners]
+    chosen = spread_out(corner_mm, most=MOST_PATCHES)
+    patch = np.asarray(cKDTree(corner_mm[chosen]).query(corner_mm)[1])[place].reshape(-1, 3)
     rows = np.broadcast_to(3 * faces[:, None, :, None] + np.arange(3), pushes.shape)
     columns = np.broadcast_to(patch[:, :, None, None], pushes.shape)
     shape = (3 * len(mesh.nodes_mm), int(patch.max()) + 1)
@@ -134,17 +137,6 @@ def inner_faces(mesh: FleshMesh) -> Int[np.ndarray, "k 6"]:
     tet, side = whose.T
     faces = mesh.tets[tet[:, None], TET_FACES[side]]
     return np.asarray(faces[np.isin(faces, mesh.pit_nodes).all(axis=1)])
-
-
-def _gathered(corner_mm: Float[np.ndarray, "k 3"]) -> Int[np.ndarray, " k"]:
-    """A patch for each corner: its own, or where they are too many, that of the nearest of some."""
-    if len(corner_mm) <= MOST_PATCHES:
-        return np.arange(len(corner_mm))
-    chosen, away = [0], np.full(len(corner_mm), np.inf)
-    while len(chosen) < MOST_PATCHES:
-        away = np.minimum(away, np.linalg.norm(corner_mm - corner_mm[chosen[-1]], axis=1))
-        chosen.append(int(away.argmax()))
-    return np.asarray(cKDTree(corner_mm[chosen]).query(corner_mm)[1])
 
 
 def _pit_gives(mesh: FleshMesh, load: csr_array) -> tuple[Float[np.ndarray, "c c"], Float[np.ndarray, "c c"]]:

@@ -16,9 +16,11 @@ def pads_of(forward: ForwardModel) -> list[str]:
     return list(dict.fromkeys(pad for recording in forward.base.grasps for pad in recording.pad_names))
 
 
-def own_markers(recording: GraspResponse, pad: int) -> Bool[np.ndarray, "1 n 1"]:
-    """Which markers are this pad's, ready to mask fields."""
-    return np.asarray(recording.pad_of_marker == pad)[None, :, None]
+def own_markers(recording: GraspResponse, pad: int | str) -> Bool[np.ndarray, "1 n 1"]:
+    """Which markers are this pad's, by number or name, ready to mask fields; none of an absent pad."""
+    names = np.array(recording.pad_names)[recording.pad_of_marker]
+    mine = names == pad if isinstance(pad, str) else recording.pad_of_marker == pad
+    return np.asarray(mine)[None, :, None]
 
 
 def turn_of(recording: GraspResponse, pad: int) -> Float[np.ndarray, "3 3"]:

@@ -9,6 +9,7 @@ a, b: markers that pull at some time after and before their first touch (likelih
 counts, one-sided).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -30,40 +31,58 @@ fewer a pull cannot be told from a drift, and none is seen."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class Pulling:
-    """Which markers pull in which frame, before (`earlier`) or after they have touched (`later`). Of all: the
-    normal force (N), negative where the gel pulls, and the stretch (mm), positive where it is drawn out.
+class PullingPad:
+    """Which markers of a pad pull in which frame, before (`earlier`) or after they have touched (`later`). Of
+    all: the normal force (N), negative where the gel pulls, and the stretch (mm), positive where it is drawn
+    out, with its noise. `normal`: the pad's, out of its face, in every frame.
     """
 
     earlier: Bool[np.ndarray, "t n"]
     later: Bool[np.ndarray, "t n"]
     normal_N: Float[np.ndarray, "t n"]
     stretch_mm: Float[np.ndarray, "t n"]
+    noise_mm: float
+    normal: Float[np.ndarray, "t 3"]
+
+    @classmethod
+    def of(cls, history: PadHistory, normal: Float[np.ndarray, "t 3"]) -> "PullingPad":
+        """One pad of one recording."""
+        touched = history.episode >= 0
+        ever = np.asarray(touched.any(axis=0))
+        force, stretch = (
+            _less_untouched_median(np.einsum("tnx,tx->tn", vectors, normal), ever)
+            for vectors in (history.force_N, history.gel_displacement_mm)
+        )
+        pulls = (force < -PULLS * history.force_sd_N) & (stretch > 0) & ever
+        since = np.maximum.accumulate(touched, axis=0)
+        return cls(
+            earlier=pulls & ~since,
+            later=pulls & since & ~touched,
+            normal_N=force,
+            stretch_mm=stretch,
+            noise_mm=history.displacement_sd_mm,
+            normal=normal,
+        )
 
 
-def pulling(history: PadHistory, normal: Float[np.ndarray, "t 3"]) -> Pulling:
-    """Of one pad of one recording; `normal`: the pad's, out of its face, in every frame."""
-    touched = history.episode >= 0
-    ever = np.asarray(touched.any(axis=0))
-    force = _less_untouched_median(np.einsum("tnx,tx->tn", history.force_N, normal), ever)
-    stretch = _less_untouched_median(np.einsum("tnx,tx->tn", history.gel_displacement_mm, normal), ever)
-    pulls = (force < -PULLS * history.force_sd_N) & (stretch > 0) & ever
-    since = np.maximum.accumulate(touched, axis=0)
-    return Pulling(earlier=pulls & ~since, later=pulls & since & ~touched, normal_N=force, stretch_mm=stretch)
+def pulling_pads(recording: GraspCase) -> list[PullingPad]:
+    """Each pad of a recording."""
+    pads = zip(recording.history.pads, recording.pads, strict=True)
+    return [PullingPad.of(history, motion.pose[:, :3, 2]) for history, motion in pads]
 
 
-def stick_evidence(after: int, before: int) -> float:
-    """ln evidence that a gel sticks, of the module's docstring."""
-    if after <= before:
-        return 0.0
-    mean = (after + before) / 2
-    return float(sum(n * np.log(n / mean) for n in (after, before) if n))
+def pull_N(recording: GraspCase) -> Float[np.ndarray, "t n 3"]:
+    """What the gel pulls with at each marker, of all pads, after its touch."""
+    pads = pulling_pads(recording)
+    return np.concatenate(
+        [np.where(pad.later, pad.normal_N, 0.0)[..., None] * pad.normal[:, None] for pad in pads], axis=1
+    )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pull:
-    """Markers that pull `after` and `before` their first touch, by how far they are drawn out (mm) and the
-    noise of that.
+    """How many markers pull `after` and `before` their first touch, by how far they are drawn out (mm) and
+    the noise of that.
     """
 
     after: int
@@ -71,44 +90,30 @@ class Pull:
     stretch_mm: Float[np.ndarray, " k"]
     noise_mm: float
 
+    @classmethod
+    def of(cls, recordings: Sequence[GraspCase]) -> "Pull":
+        """Of all pads of some recordings."""
+        pads = [pad for recording in recordings for pad in pulling_pads(recording)]
+        return cls(
+            after=sum(int(pad.later.any(axis=0).sum()) for pad in pads),
+            before=sum(int(pad.earlier.any(axis=0).sum()) for pad in pads),
+            stretch_mm=np.concatenate([pad.stretch_mm[pad.later] for pad in pads]),
+            noise_mm=max(pad.noise_mm for pad in pads),
+        )
+
     @property
     def evidence(self) -> float:
         """ln evidence that the gel sticks, of the module's docstring."""
-        return stick_evidence(self.after, self.before)
+        if self.after <= self.before:
+            return 0.0
+        mean = (self.after + self.before) / 2
+        return float(sum(n * np.log(n / mean) for n in (self.after, self.before) if n))
 
     @property
     def reach_mm(self) -> tuple[float, float]:
         """The reach and its standard deviation."""
         second, largest = np.sort(self.stretch_mm)[-2:]
         return float(2 * largest - second), float(np.hypot(largest - second, self.noise_mm))
-
-
-def pads_with_normals(recording: GraspCase) -> list[tuple[PadHistory, Float[np.ndarray, "t 3"]]]:
-    """Each pad of a recording with its normal, out of its face, in every frame."""
-    return [
-        (history, motion.pose[:, :3, 2])
-        for history, motion in zip(recording.history.pads, recording.pads, strict=True)
-    ]
-
-
-def pulled(history: PadHistory, normal: Float[np.ndarray, "t 3"]) -> Pull:
-    """One pad of one recording, all its frames; `normal` as in `pulling`."""
-    pulls = pulling(history, normal)
-    return Pull(
-        after=int(pulls.later.any(axis=0).sum()),
-        before=int(pulls.earlier.any(axis=0).sum()),
-        stretch_mm=pulls.stretch_mm[pulls.later],
-        noise_mm=history.displacement_sd_mm,
-    )
-
-
-def pull_N(recording: GraspCase) -> Float[np.ndarray, "t n 3"]:
-    """What the gel pulls with at each marker, of all pads, after its touch."""
-    pads = pads_with_normals(recording)
-    sizes = [np.where(pulls.later, pulls.normal_N, 0.0) for pulls in (pulling(*pad) for pad in pads)]
-    return np.concatenate(
-        [size_N[..., None] * normal[:, None] for size_N, (_, normal) in zip(sizes, pads, strict=True)], axis=1
-    )
 
 
 def _less_untouched_median(

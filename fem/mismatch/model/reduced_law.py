@@ -41,7 +41,7 @@ class ReducedLaw:
     def response(self, amounts: Sequence[float]) -> Float[np.ndarray, "f n 3"]:
         """c(t) where the law is sum_i amounts_i K_i, mm MPa."""
         stiffness = np.tensordot(np.asarray(amounts, dtype=float), self.parts, axes=(0, 0))
-        size = np.sqrt(np.diag(self.parts[0]))
+        size = np.sqrt(np.maximum(np.diag(self.parts[0]), np.finfo(float).tiny))
         scaled = stiffness / np.outer(size, size)
         moved = np.linalg.lstsq(scaled, self.load / size[:, None], rcond=1e-10)[0] / size[:, None]
         return np.asarray(np.tensordot(self.shares @ moved.T, self.recording, axes=(1, 0)) + self.unchanged)
@@ -64,13 +64,17 @@ def first_changes(forward: ForwardModel, derivative: Operator) -> list[Float[np.
 
 
 def reduced_laws(
-    forward: ForwardModel, *, derivative: Operator, parts: Sequence[Operator]
+    forward: ForwardModel,
+    *,
+    derivative: Operator,
+    parts: Sequence[Operator],
+    corrections: int = CORRECTIONS,
 ) -> list[ReducedLaw]:
     """Of every recording; the first of `parts` is positive on every strain (it sets the scale)."""
     grasps = forward.base.grasps
     first = np.cumsum([0, *(len(recording.leading) for recording in grasps)])
     steps = [np.concatenate([recording.moved[recording.leading] for recording in grasps])]
-    for _ in range(CORRECTIONS):
+    for _ in range(corrections):
         cost = np.split(derivative(steps[-1]), first[1:-1])
         steps.append(-np.concatenate(forward.base.displacements(cost)))
     pulled = [[part(step) for step in steps] for part in parts]

@@ -6,8 +6,7 @@ from jaxtyping import Float
 from fem.materials.fung_neo_hookean import fung_neo_hookean, shrunk_as_a_whole
 from fem.materials.strain_path import strain_energy
 from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.stress_history import PathState, added_stress, fixed_point, path_state
-from fem.solid.flesh_pieces import FleshPieces
+from fem.mismatch.model.stress_history import PathState, fixed_point, path_state
 
 FRAMES = 24
 """Frames of all recordings together."""
@@ -21,20 +20,22 @@ def stiffening_path(forward: ForwardModel) -> PathState:
     return path_state(forward, frames=FRAMES, remembers=False)
 
 
-def beyond_linear(
-    forward: ForwardModel, b: float, *, guess: Float[np.ndarray, "f n 3"] | None = None
-) -> Float[np.ndarray, "f n 3"]:
-    """v - v0 (fem.solid.initial_stress), from a guess of it or from the linear field, shrunk as a whole.
+def beyond_linear(forward: ForwardModel, b: float) -> Float[np.ndarray, "f n 3"]:
+    """v - v0 (fem.solid.initial_stress), from the linear field shrunk as a whole or a search's own solution.
 
     Finite strain, dead loads on the unloaded skin. Raises FemFailure (NOT_CONVERGED).
     """
     nu, s = forward.poisson_ratio, forward.compliance
-    state = stiffening_path(forward)
-    pieces = FleshPieces.whole(forward.points, workers=forward.workers)
+    state, pieces = stiffening_path(forward), forward.pieces
     energy = pieces.measured(s * state.linear, lambda gradient: strain_energy(gradient, poisson_ratio=nu))
     shrunk, steepest = shrunk_as_a_whole(energy, pieces.volume_mm3, b, poisson_ratio=nu)
     return fixed_point(
-        added_stress(forward, state, pieces, fung_neo_hookean(b, poisson_ratio=nu), stiffer=steepest),
-        start=(shrunk - 1)[:, None, None] * state.linear if guess is None else guess,
+        forward,
+        state,
+        fung_neo_hookean(b, poisson_ratio=nu),
+        name="stiffening",
+        place=np.log([b * s**2, s]),
         together=False,
+        start=(shrunk - 1)[:, None, None] * state.linear,
+        stiffer=steepest,
     )

@@ -14,7 +14,6 @@ from fem.materials.strain_path import PathLaw
 from fem.mismatch.model.baseline import Baseline, GraspResponse
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.path_frames import PathFrames, path_frames
-from fem.solid.flesh_pieces import FleshPieces
 from fem.solid.initial_stress import AddedStress
 from fem.solid.linear_solid import Support
 
@@ -111,66 +110,6 @@ def _combined(recording: GraspResponse, chosen_frames: PathFrames) -> Float[np.n
     return np.asarray(np.tensordot(recording.shares[chosen_frames.chosen], recording.moved, axes=1))
 
 
-def added_stress(
-    forward: ForwardModel,
-    state: PathState,
-    pieces: FleshPieces,
-    law: PathLaw,
-    *,
-    stiffer: Float[np.ndarray, " f"] | None = None,
-) -> AddedStress:
-    """The equation of flesh with this law in these pieces of it. `stiffer`: None for laws that soften."""
-    return AddedStress(
-        linear=state.linear,
-        added_force=lambda moved: pieces.forces(moved, law),
-        response=state.response,
-        compliance=forward.compliance,
-        stiffer=np.ones(len(state.linear)) if stiffer is None else stiffer,
-        skin=state.base.mesh.outer_nodes,
-    )
-
-
-def fixed_point(
-    problem: AddedStress, *, start: Float[np.ndarray, "f n 3"] | None, together: bool
-) -> Float[np.ndarray, "f n 3"]:
-    """v - v0 to CLOSE_MM at the skin; see AddedStress.beyond_linear."""
-    return problem.beyond_linear(start=start, together=together, tolerance_mm=CLOSE_MM, rounds=MOST_ROUNDS)
-
-
-def path_response(
-    forward: ForwardModel,
-    state: PathState,
-    pieces: FleshPieces,
-    law: PathLaw,
-    *,
-    name: str,
-    place: Float[np.ndarray, " p"],
-) -> list[Float[np.ndarray, "_f _n 3"]]:
-    """The markers' displacement for E = 1 MPa of flesh whose law depends on its history, of every recording.
-
-    The search starts from its own runs with the law of this `name`; `place`: the law's among them. Raises
-    FemFailure (NOT_CONVERGED).
-    """
-    problem = added_stress(forward, state, pieces, law)
-    more = fixed_point(problem, start=first_guess(forward, name, place), together=True)
-    keep_run(forward, name, place, more)
-    return whole_response(state, more)
-
-
-def whole_response(state: PathState, more: Float[np.ndarray, "f m 3"]) -> list[Float[np.ndarray, "_f _n 3"]]:
-    """The markers' displacement with v - v0 = `more` added to the linear one, of every recording."""
-    return [
-        recording.tracks.unit_displacement + displacement
-        for recording, displacement in zip(state.base.grasps, state.at_markers(more), strict=True)
-    ]
-
-
-MOST_RUNS = 6
-"""Earlier answers kept to start from: each is a field over all frames, and NEAR wants the latest few."""
-NEAR, FARTHEST = 1e-2, 20.0
-"""A guess is for parameters as NEAR to those wanted as it can be with weights whose sizes sum to FARTHEST."""
-
-
 def path_state(forward: ForwardModel, *, frames: int, remembers: bool) -> PathState:
     """The model's recordings by about so many frames (times its path_share), chosen once."""
 
@@ -181,41 +120,45 @@ def path_state(forward: ForwardModel, *, frames: int, remembers: bool) -> PathSt
     return forward.memoised(("path", frames, remembers), compute)
 
 
-@dataclass(frozen=True)
-class Run:
-    """One solution: a law by its parameters, in units of distance between laws, and its v - v0."""
+def fixed_point(
+    forward: ForwardModel,
+    state: PathState,
+    law: PathLaw,
+    *,
+    name: str,
+    place: Float[np.ndarray, " p"],
+    together: bool,
+    start: Float[np.ndarray, "f n 3"] | None = None,
+    stiffer: Float[np.ndarray, " f"] | None = None,
+) -> Float[np.ndarray, "f n 3"]:
+    """v - v0 of flesh with this law, to CLOSE_MM at the skin; see AddedStress, also for `together`.
 
-    law: Float[np.ndarray, " p"]
-    more: Float[np.ndarray, "f n 3"]
-
-
-def guess(runs: Sequence[Run], law: Float[np.ndarray, " p"]) -> Float[np.ndarray, "f n 3"] | None:
-    """v - v0 for the law of these parameters: a mean of other runs, with weights that add up to one.
-
-    The weights w are those of least |sum_i w_i (law_i - law)|^2 + near^2 |w|^2: a plane through the runs,
-    and their mean far from all of them. None without runs.
+    The search starts from its nearest solution with the law of this `name`, else from `start` (None: zero);
+    `place`: the law's among them. `stiffer`: None for laws that soften. Raises FemFailure (NOT_CONVERGED).
     """
-    if not runs:
-        return None
-    away = np.stack([run.law - law for run in runs])
-    near, weight = NEAR, np.full(len(away), np.inf)
-    while np.abs(weight).sum() > FARTHEST:
-        weight = np.linalg.solve(away @ away.T + near**2 * np.eye(len(away)), np.ones(len(away)))
-        weight /= weight.sum()
-        near *= 3
-    return np.asarray(sum(w * run.more for w, run in zip(weight, runs, strict=True)))
+    problem = AddedStress(
+        linear=state.linear,
+        added_force=lambda moved: forward.pieces.forces(moved, law),
+        response=state.response,
+        compliance=forward.compliance,
+        stiffer=np.ones(len(state.linear)) if stiffer is None else stiffer,
+        skin=state.base.mesh.outer_nodes,
+    )
+    known = None if forward.warm_starts is None else forward.warm_starts.nearest(name, place)
+    more = problem.beyond_linear(
+        start=start if known is None else known[1],
+        together=together,
+        tolerance_mm=CLOSE_MM,
+        rounds=MOST_ROUNDS,
+    )
+    if forward.warm_starts is not None:
+        forward.warm_starts.keep(name, place, more.astype(np.float32))
+    return more
 
 
-def keep_run(
-    forward: ForwardModel, name: str, law: Float[np.ndarray, " p"], more: Float[np.ndarray, "f n 3"]
-) -> None:
-    """Stores one more solution of the search, the newest first; the oldest of MOST_RUNS is dropped."""
-    run = Run(law, more.astype(np.float32))
-    forward.store_warm_start(("runs", name), (run, *forward.warm_start(("runs", name)))[:MOST_RUNS])
-
-
-def first_guess(
-    forward: ForwardModel, name: str, law: Float[np.ndarray, " p"]
-) -> Float[np.ndarray, "f n 3"] | None:
-    """`guess` from the search's own solutions with a law of this name."""
-    return guess(forward.warm_start(("runs", name)), law)
+def whole_response(state: PathState, more: Float[np.ndarray, "f m 3"]) -> list[Float[np.ndarray, "_f _n 3"]]:
+    """The markers' displacement with v - v0 = `more` added to the linear one, of every recording."""
+    return [
+        recording.tracks.unit_displacement + displacement
+        for recording, displacement in zip(state.base.grasps, state.at_markers(more), strict=True)
+    ]

@@ -1,0 +1,85 @@
+"""An effect that makes the flesh's law another linear one: one parameter, stiffness sum_i a_i(theta) K_i."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+from scipy.sparse import bsr_array, csr_array
+
+from fem.mismatch.effect import Response, Signature
+from fem.mismatch.effect_spec import EffectSpec
+from fem.mismatch.model.force_products import OfFlesh
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.reduced_law import Operator, ReducedLaw, first_changes, reduced_laws
+from fem.mismatch.signature_variant import Variant
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearLaw:
+    """The law of flesh whose stiffness is sum_i a_i(theta) K_i; theta is the effect's one parameter.
+
+    `derivative(forward)`: dK/dtheta at the plain law. `parts(forward)` and `amounts(theta)`: the K_i and a_i;
+    K0 and dK/dtheta with 1 and theta unless given. `null(forward)`: the theta of the plain law. `sd`: prior
+    standard deviation of theta about it. `positive`: theta is never below it. A law `of_the_depth` needs a
+    pit.
+    """
+
+    spec: EffectSpec
+    sd: float
+    derivative: Callable[[ForwardModel], Operator]
+    parts: Callable[[ForwardModel], Sequence[Operator]] | None = None
+    amounts: Callable[[float], Sequence[float]] = lambda theta: (1.0, theta)
+    null: Callable[[ForwardModel], float] = lambda forward: 0.0
+    positive: bool = False
+    of_the_depth: bool = False
+
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+        """dc/dtheta at the plain law, which follows from the forces as -K0^-1 (dK/dtheta) U."""
+        if self.of_the_depth and not len(forward.base.mesh.pit_nodes):
+            return []
+        derivative = self.derivative(forward)
+        signature = Signature.of_markers(
+            self.spec.searched[0].name,
+            [forward.compliance * change for change in first_changes(forward, derivative)],
+            sd=self.sd,
+            positive=self.positive,
+            of_forces=OfFlesh(lambda recording, moved: -derivative(moved)),
+        )
+        return [signature]
+
+    def start(
+        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
+    ) -> dict[str, float]:
+        """The amount counts from the plain law."""
+        return self.spec.within_bounds(self.null(forward) + amounts[0])
+
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
+        """The law of this parameter, in the reduced space."""
+        theta = parameters[self.spec.searched[0].name]
+        laws = forward.memoised(self.spec.name, lambda: self._laws(forward))
+        return Response(unit=[law.response(self.amounts(theta)) for law in laws])
+
+    def _laws(self, forward: ForwardModel) -> list[ReducedLaw]:
+        derivative = self.derivative(forward)
+        parts = (matrix_operator(forward.stiffness), derivative)
+        return reduced_laws(
+            forward, derivative=derivative, parts=parts if self.parts is None else self.parts(forward)
+        )
+
+
+def matrix_operator(matrix: csr_array | bsr_array) -> Operator:
+    """A matrix over all nodes' displacements."""
+
+    def times(displacement: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
+        flat = displacement.reshape(len(displacement), -1).T
+        return np.ascontiguousarray((matrix @ flat).T).reshape(displacement.shape)
+
+    return times
+
+
+def stress_operator(
+    forward: ForwardModel, stress: Callable[[Float[np.ndarray, "f m 4 6"]], Float[np.ndarray, "f m 4 6"]]
+) -> Operator:
+    """B' sigma(eps) of a law of stress that is linear in the strain."""
+    return lambda displacement: forward.points.forces(stress(forward.points.strain(displacement)))

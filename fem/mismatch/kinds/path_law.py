@@ -1,0 +1,98 @@
+"""An effect that gives the flesh a law whose stress depends on the strains so far.
+
+What one recording has done to the flesh the next ones find so: they come in the order in which they were
+made, and a marker is compared with its own first touch in each. Signatures: what the law makes of the plain
+model's field, one for each of a few levels at which it sets in, relative to what the plain model sees.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.materials.strain_path import PathLaw, Points, Tensors
+from fem.mismatch.effect import Response, Signature
+from fem.mismatch.effect_spec import EffectSpec
+from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.stress_history import PathState, fixed_point, path_state, whole_response
+from fem.mismatch.signature_variant import AtValue, Variant, significant, value_of
+from fem.solid.flesh_pieces import exceeded_by
+from fem.solid.initial_stress import bounded
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathLawEffect:
+    """`spec`: its last parameter is the level, over E.
+
+    `law(parameters, nu)`: of the flesh. `seen(gradient, nu)`: what is held against the level. `symbol` of the
+    level in words. `relative`: levels of the signatures over the one that the share `exceeding` of the
+    flesh's volume exceeds at some time. `unit_law(level, nu)`: the signatures' law. `name`, `sd`: of their
+    amount; `from_amount`: the parameters before the level that it stands for. `frames`: about so many are
+    followed, of all recordings together.
+    """
+
+    spec: EffectSpec
+    law: Callable[[Mapping[str, float], float], PathLaw]
+    seen: Callable[[Tensors, float], Points]
+    symbol: str
+    relative: tuple[float, ...]
+    exceeding: float
+    unit_law: Callable[[float, float], PathLaw]
+    name: str
+    sd: float
+    from_amount: Callable[[float], tuple[float, ...]] = lambda amount: ()
+    frames: int
+
+    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+        """One for each level."""
+        state, s = self._state(forward), forward.compliance
+        _, level = self.largest_seen(forward)
+        levels = [relative * level for relative in self.relative]
+        forces = [
+            bounded(forward.pieces.forces(s * state.linear, self.unit_law(at, forward.poisson_ratio)), s)
+            for at in levels
+        ]
+        return [
+            Signature.of_markers(
+                self.name,
+                [-displacement for displacement in moved],
+                sd=self.sd,
+                variant=AtValue(symbol=self.symbol, value=significant(at, 4)),
+                positive=True,
+            )
+            for at, moved in zip(levels, state.marker_responses(forces), strict=True)
+        ]
+
+    def start(
+        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
+    ) -> dict[str, float]:
+        """The signature's level."""
+        before = self.from_amount(max(float(amounts[0]), 0.0))
+        return self.spec.within_bounds(*before, value_of(signature.variant))
+
+    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
+        """The law in the field that it itself brings. Raises FemFailure (NOT_CONVERGED)."""
+        state = self._state(forward)
+        *others, level = (parameters[spec.name] for spec in self.spec.searched)
+        as_seen = level / forward.compliance ** self.spec.searched[-1].strain_power
+        more = fixed_point(
+            forward,
+            state,
+            self.law(parameters, forward.poisson_ratio),
+            name=self.spec.name,
+            place=np.array([*others, np.log(as_seen)]),
+            together=True,
+        )
+        return Response(unit=whole_response(state, more))
+
+    def largest_seen(self, forward: ForwardModel) -> tuple[Float[np.ndarray, "m 4"], float]:
+        """The largest that each point sees in the plain model; what `exceeding` of the flesh exceeds."""
+        largest = forward.pieces.measured(
+            forward.compliance * self._state(forward).linear,
+            lambda gradient: self.seen(gradient, forward.poisson_ratio),
+        ).max(axis=-1)
+        return largest, exceeded_by(self.exceeding, largest, forward.pieces.volume_mm3)
+
+    def _state(self, forward: ForwardModel) -> PathState:
+        return path_state(forward, frames=self.frames, remembers=True)
