@@ -71,7 +71,7 @@ def test_a_rig_is_written_again_and_nobody_elses_file_is(tmp_path: Path) -> None
     [
         (("--rigid", "ball"), "--rigid calibrates a rig and needs --size-mm"),
         (("--size-mm", "40"), "add --rigid ball"),
-        (("--rigid", "ball", "--size-mm", "40", "--ball-mm", "3"), "which calibrate a sensor"),
+        (("--rigid", "ball", "--size-mm", "40", "--load-cell", "press"), "which calibrates a sensor"),
     ],
 )
 def test_options_of_rig_and_sensor_do_not_mix(tmp_path: Path, words: tuple[str, ...], said: str) -> None:
