@@ -6,8 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from pipeline.files.plain_file import NotReadable, not_plain, printable, read_head
-from recon.cameras.photos import SUFFIXES, photo_paths
-from recon.cameras.picture_size import picture_kind
+from recon.cameras.photos import SUFFIXES, photo_paths, picture_kind
 from recon.wording import listed
 
 NO_PHOTOS = frozenset(
@@ -18,8 +17,10 @@ NO_PHOTOS = frozenset(
     }
 )  # fmt: skip
 """Notes, and what cameras write beside a photo: edits, a film's small copy, the film of a moving photo."""
-READ_KINDS = {"JPEG": ".jpg", "PNG": ".png", "HEIC": ".heic"}
+READ_KINDS = {"JPEG": ".jpg", "MPO": ".jpg", "PNG": ".png", "HEIF": ".heic"}
 """Kinds of pictures that are read, and the suffix that each should have."""
+HEAD_BYTES = 65536
+"""Of a file, that tell its kind."""
 MOST_ENTRIES = 2000
 """Entries of a folder that are looked at, so that a link to a whole disk costs nothing."""
 
@@ -74,6 +75,6 @@ def _entries(folder: Path) -> list[Path]:
 
 def _kind(path: Path) -> str:
     try:
-        return picture_kind(read_head(path, 64))
+        return picture_kind(read_head(path, HEAD_BYTES))
     except NotReadable:
         return ""

@@ -245,7 +245,7 @@ def _require_size(named: str, data: UInt8[np.ndarray, " n"]) -> int:
 def picture_pixels(data: bytes) -> int:
     """Width times height as the header of a PNG or a JPEG says; 0 where it has none.
 
-    Markers of a JPEG are found as libjpeg finds them (recon.cameras.picture_size says why).
+    Markers of a JPEG are found as libjpeg finds them (jdmarker.c, next_marker).
     """
     if data[:8] == b"\x89PNG\r\n\x1a\n" and len(data) >= 24:
         return int.from_bytes(data[16:20], "big") * int.from_bytes(data[20:24], "big")
