@@ -40,9 +40,10 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
 
     Homographies of the ground between all pairs give focal length and poses at once; patches of the ground
     measured in every photo then refine them, each photo with a focal length of its own about the common one.
-    World: about millimetres (the fruit is `height_mm` tall), z up from the ground, fruit near the z axis, x to
-    where the first photo was taken. Photos of one size. Raises ReconFailure: no-overlap where fewer than three
-    photos, or fewer than half, or not the first, hang together, or the first looks straight down; no-fruit.
+    World: about millimetres (the fruit is `height_mm` tall), z up from the ground, fruit near the z axis, x
+    to where the first photo was taken. Photos of one size. Raises ReconFailure: no-overlap where fewer than
+    three photos, or fewer than half, or not the first, hang together, or the first looks straight down;
+    no-fruit.
     """
     if len({p.image.shape for p in photos}) != 1:
         raise ReconProblem.NO_OVERLAP.failure(

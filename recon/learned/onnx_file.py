@@ -15,7 +15,7 @@ one byte, as longer paths are refused."""
 
 
 def require_onnx(model: Path) -> None:
-    """Refuse what is no plain file, and a model that keeps numbers elsewhere than in plain files of its folder.
+    """Refuse what is no plain file, and a model that keeps numbers outside of plain files of its folder.
 
     Raises ReconFailure (bad-geometry-model).
     """

@@ -43,6 +43,9 @@ def png(width, height):
     return b"\x89PNG\r\n\x1a\n" + held
 
 
+BITMAP = cv2.imencode(".bmp", np.zeros((64, 64, 3), np.uint8))[1].tobytes()
+
+
 @pytest.mark.parametrize(
     ("data", "said"),
     [
@@ -50,7 +53,10 @@ def png(width, height):
         (png(1, 60000), "has 1 x 60000 pixels, too few"),
         (png(6000, 100), "has 6000 x 100 pixels, a strip"),
         (png(900, 900)[:-12], "is damaged or was cut short"),
-        (cv2.imencode(".bmp", np.zeros((64, 64, 3), np.uint8))[1].tobytes(), "is a picture of another format (BMP)"),
+        (
+            cv2.imencode(".bmp", np.zeros((64, 64, 3), np.uint8))[1].tobytes(),
+            "is a picture of another format (BMP)",
+        ),
         (b"no picture" + bytes(5000), "is no picture that can be decoded"),
     ],
 )
