@@ -47,7 +47,6 @@ from recon.recon_failure import ReconFailure
 from samples.mismatch.bank import (
     DRAWN,
     MESHES,
-    OUTSIDE,
     SIMULATED,
     WIDE,
     BankFruit,
@@ -174,12 +173,7 @@ def arguments() -> argparse.Namespace:
     command.add_argument("rounds", type=Path, help="folder of the reduced cases")
     command.add_argument("--jobs", type=int, default=1, help="processes")
     command.add_argument("--case", help="this alone, in this process")
-    chosen = parser.parse_args()
-    if chosen.command == "reduce":
-        return chosen
-    if len(chosen.effect) > 1 and not set(OUTSIDE).isdisjoint(chosen.effect):
-        parser.error(f"{' and '.join(OUTSIDE)} come alone, without another effect")
-    return chosen
+    return parser.parse_args()
 
 
 if __name__ == "__main__":

@@ -48,7 +48,7 @@ MADE_TWICE = (
 @dataclass(frozen=True, kw_only=True)
 class ReconOptions:
     """What a batch may set: faces of the mesh, fineness of the hull (ball level), the search for relief, and
-    the fruit model that is asked where outlines are found (None: none).
+    the fruit model that is asked where outlines are found.
     """
 
     max_faces: int = 6000
@@ -57,7 +57,7 @@ class ReconOptions:
     height_sd_mm: float = 0.2
     providers: tuple[str, ...] = ("CPUExecutionProvider",)
     coin: Coin | None = None
-    fruit_model: Path | None = SHIPPED
+    fruit_model: Path = SHIPPED
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,9 +109,7 @@ def reconstruct(
     options = options or ReconOptions()
     _require_scale(photos, mat, height_mm)
     clock = StageClock(progress)
-    model = None
-    if options.fruit_model is not None:
-        model = fruit_model(options.fruit_model, providers=options.providers)
+    model = fruit_model(options.fruit_model, providers=options.providers)
     with one_thread(), clock.stage("poses", 0.0):
         poses = (
             cameras_from_mat(photos, mat) if mat else cameras_from_ground(photos, height_mm=height_mm or 1.0)
@@ -138,7 +136,7 @@ def _reconstructed(
     mat: Mat | None,
     height_mm: float | None,
     options: ReconOptions,
-    model: FruitModel | None,
+    model: FruitModel,
     agreement: float,
     clock: StageClock,
 ) -> Reconstruction:

@@ -28,7 +28,7 @@ from recon.silhouettes.segmentation import (
     SegmentationScene,
     eroded,
     first_block,
-    learned_log_odds,
+    fruit_log_odds,
     no_fruit,
     pixels_of,
 )  # fmt: skip
@@ -207,7 +207,7 @@ def _cut(
     ]
     views = scene.views(around, margin=margin, side_px=side_px)
     bounds = [Bounds(sure(v.window, v.camera), perhaps(v.window, v.camera)) for v in views]
-    return views, *learned_log_odds(views, bounds, scene.background(covered), centre_mm)
+    return views, *fruit_log_odds(views, bounds, scene.background(covered), centre_mm)
 
 
 def _cut_block(scene: SegmentationScene, block: Block) -> Cut:

@@ -15,8 +15,6 @@ FEWEST_VIEWS = 3
 """Photos that show a cell, at least: a median of two is none."""
 SIDE_CELLS = 900
 """Along a side of the plate. Set by hand, about as fine as the photos show the ground; see ROWS_AT_ONCE."""
-DIM = 0.15
-"""Quantile of the views for the dim side, and from the top for the bright: one odd view of seven is out."""
 LEAST_GAIN = 0.03
 """Relative difference of brightness between photos below which they are taken as they are. Set by hand."""
 ROWS_AT_ONCE = 12
@@ -25,15 +23,9 @@ ROWS_AT_ONCE = 12
 
 @dataclass(frozen=True)
 class BackgroundPlate:
-    """Colours (BGR) of the plane z = 0 on a square grid about the origin, and where they are known.
-
-    `dim` and `bright` are quantiles over the views (DIM, 1 - DIM): they part where the ground shines, where a
-    shadow moved, and at edges that are not quite registered.
-    """
+    """Colours (BGR) of the plane z = 0 on a square grid about the origin, and where they are known."""
 
     colours: UInt8[np.ndarray, "s s 3"]
-    dim: UInt8[np.ndarray, "s s 3"]
-    bright: UInt8[np.ndarray, "s s 3"]
     known: Bool[np.ndarray, "s s"]
     half_width_mm: float
 
@@ -81,7 +73,7 @@ def ground_views(
 def background_plate(
     views: GroundViews, covered: Sequence[Bool[np.ndarray, "_ _"]] | None = None
 ) -> BackgroundPlate:
-    """Median (and spread) over the views of every cell's colour, each view brought to the others' exposure.
+    """Median over the views of every cell's colour, each view brought to the others' exposure.
 
     `covered` marks the fruit's pixels in every photo, shrunk or not (they do not count); without it the
     median must outvote them. A cell is known where three views see it.
@@ -97,7 +89,7 @@ def background_plate(
         seen[k] = views.ahead[k] & (cv2.warpPerspective(visible, H, side, flags=flags) > 250)
     known = seen.sum(0, dtype=np.uint8) >= FEWEST_VIEWS
     some, some_seen = views.layers[:, ::7, ::7], np.ascontiguousarray(seen[:, ::7, ::7])
-    middle = _quantiles(some, some_seen, np.ones((len(some), 3)), (0.5,))[0]
+    middle = _median(some, some_seen, np.ones((len(some), 3)))
     gains = np.ones((len(some), 3))
     for layer in range(len(some)):
         both = some_seen[layer] & known[::7, ::7]
@@ -105,8 +97,8 @@ def background_plate(
             gains[layer] = np.median((middle[both] + 1.0) / (some[layer][both] + 1.0), axis=0)
     if np.abs(gains - 1).max() <= LEAST_GAIN:
         gains = np.ones_like(gains)
-    dim, colours, bright = _quantiles(views.layers, seen, gains, (DIM, 0.5, 1 - DIM))
-    return BackgroundPlate(colours, dim, bright, known, views.half_width_mm)
+    colours = _median(views.layers, seen, gains)
+    return BackgroundPlate(colours, known, views.half_width_mm)
 
 
 def plane_from_cell(half_width_mm: float) -> Float[np.ndarray, "3 3"]:
@@ -118,13 +110,12 @@ def plane_from_cell(half_width_mm: float) -> Float[np.ndarray, "3 3"]:
 def background_in_view(
     background: BackgroundPlate,
     camera: Camera,
-    layers: Sequence[np.ndarray],
     *,
     corner_px: tuple[int, int],
     size_px: tuple[int, int],
     shrink: int,
-) -> tuple[list[np.ndarray], Bool[np.ndarray, "h w"]]:
-    """Layers on the plate's grid as a camera sees them, and where the plate is known, in a shrunk window.
+) -> tuple[UInt8[np.ndarray, "h w 3"], Bool[np.ndarray, "h w"]]:
+    """The plate's colours as a camera sees them, and where the plate is known, in a shrunk window.
 
     `corner_px` is the window's first pixel (column, row) in the picture, `size_px` its (columns, rows) when
     shrunk.
@@ -138,7 +129,7 @@ def background_in_view(
         ]
     )
     H = window @ image_from_plane(camera) @ plane_from_cell(background.half_width_mm)
-    seen = [np.asarray(cv2.warpPerspective(layer, H, size_px, flags=cv2.INTER_LINEAR)) for layer in layers]
+    seen = np.asarray(cv2.warpPerspective(background.colours, H, size_px, flags=cv2.INTER_LINEAR), np.uint8)
     known = (
         cv2.warpPerspective(background.known.astype(np.uint8) * 255, H, size_px, flags=cv2.INTER_LINEAR) > 250
     )
@@ -153,46 +144,17 @@ def image_from_plane(camera: Camera) -> Float[np.ndarray, "3 3"]:
     return np.asarray(camera.intrinsics @ camera.cam_from_world[:3][:, [0, 1, 3]])
 
 
-def _quantiles(
-    layers: UInt8[np.ndarray, "v s s 3"],
-    seen: Bool[np.ndarray, "v s s"],
-    gains: Float[np.ndarray, "v 3"],
-    shares: tuple[float, ...],
-) -> list[UInt8[np.ndarray, "s s 3"]]:
-    """Order statistics over the layers that see a cell (lower middle), channels times the layers' gains."""
-    side = seen.shape[1]
-    out = [np.zeros((side, side, 3), np.uint8) for _ in shares]
-    last = np.maximum(seen.sum(0, dtype=np.uint8), 1) - 1
-    ranks = [np.floor(share * last).astype(int) for share in shares]
+def _median(
+    layers: UInt8[np.ndarray, "v s s 3"], seen: Bool[np.ndarray, "v s s"], gains: Float[np.ndarray, "v 3"]
+) -> UInt8[np.ndarray, "s s 3"]:
+    """The lower middle of the layers that see a cell, channel by channel, each times its gain."""
+    out = np.zeros(layers.shape[1:], np.uint8)
+    rank = np.floor(0.5 * (np.maximum(seen.sum(0, dtype=np.uint8), 1) - 1.0)).astype(int)
     tables = np.clip(np.arange(256)[:, None] * gains[:, None] + 0.5, 0, 255).astype(np.uint8)
-    plain = bool((gains == 1).all())
-    for first in range(0, side, ROWS_AT_ONCE):
+    for first in range(0, len(out), ROWS_AT_ONCE):
         part = slice(first, first + ROWS_AT_ONCE)
-        rows = []
-        for layer, visible, table in zip(layers[:, part], seen[:, part], tables, strict=True):
-            unseen = cv2.cvtColor(visible.view(np.uint8) - np.uint8(1), cv2.COLOR_GRAY2BGR)  # 255, seen: 0
-            rows.append(cv2.bitwise_or(layer if plain else cv2.LUT(layer, table[None]), unseen))
-        ordered = np.stack(_sorted_layers(rows)).reshape(-1, 3)
-        cells = np.arange(len(ordered) // len(layers))
-        for picture, rank in zip(out, ranks, strict=True):
-            at = rank[part].ravel() * len(cells) + cells
-            picture[part] = ordered.take(at, axis=0).reshape(picture[part].shape)
+        rows = np.stack([cv2.LUT(layer, t[None]) for layer, t in zip(layers[:, part], tables, strict=True)])
+        rows[~seen[:, part]] = 255
+        rows.sort(axis=0)
+        out[part] = np.take_along_axis(rows, rank[None, part, :, None], axis=0)[0]
     return out
-
-
-def _sorted_layers(layers: list[UInt8[np.ndarray, "..."]]) -> list[UInt8[np.ndarray, "..."]]:
-    """The layers' values in ascending order, place by place (odd-even merge sort, Batcher 1968)."""
-    count = len(layers)
-    p = 1
-    while p < count:
-        k = p
-        while k >= 1:
-            for j in range(k % p, count - k, 2 * k):
-                for i in range(j, min(j + k, count - k)):
-                    if i // (2 * p) == (i + k) // (2 * p):
-                        low = np.minimum(layers[i], layers[i + k])
-                        np.maximum(layers[i], layers[i + k], out=layers[i + k])
-                        layers[i] = low
-            k //= 2
-        p *= 2
-    return layers

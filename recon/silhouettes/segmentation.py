@@ -6,49 +6,38 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, UInt8
 
 from recon.cameras.camera import Camera
 from recon.learned.fruit_model import FruitModel
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.silhouettes import mask as colour
 from recon.silhouettes.background_plate import BackgroundPlate, GroundViews, background_plate, ground_views
 from recon.silhouettes.carve import AGREEMENT, Block, carve
-from recon.silhouettes.mask import Behind, Window
+from recon.silhouettes.mask import Window, ground_behind, plate_log_odds, tidy, window_around
 from recon.silhouettes.star_cut import star_cuts
 
 COARSE_SIDE_PX = 300
 """px of a photo's cut picture for the first block, whose cells are a few pixels wide there."""
-SURE_LOG_ODDS = 2.0
-"""Log odds from which a pixel is surely unlike the plate: 7 to 1. Set by hand."""
 FEWEST_CELLS = 60
 """Of the first block, at least: fewer are a speck. Set by hand."""
-CORE_SHARE = 0.4
-"""Half side of the box's middle, over the box's, whose pixels tell the fruit's colours. Set by hand."""
-FEWEST_SURE_PIXELS = 500
-"""For a palette, at least: fewer do not fill its bins. Set by hand."""
 PRIOR_LOG_ODDS, PRIOR_SHARE = 8.0, 0.03
 """Log odds of what must or cannot be fruit by the other photos, and the share of the side over which they are
 reached. Set by hand; above MOST_LOG_ODDS of recon.silhouettes.mask, so that colour does not outvote them."""
-UNKNOWN_LOG_ODDS = (-0.3, 0.5)
-"""Log odds where the plate is not known: colour says little there, steps of colour decide. With (0.2, 0.8)
-what may be fruit ran over the shadow under a dull peach (set 8 of benchmarks/photo_bank.py: 4.3 mm off)."""
+PLATE_SHARE = 0.05
+"""Weight of the plate's log odds beside the fruit model's: they decide where the model is not sure."""
 BLURRED_LOG_ODDS, MOST_LEARNED_LOG_ODDS = 2.0, 4.0
 """Log odds of the fruit model count less the first (its blurred edge), at most the second. Counted whole, 18
 photos of a nectarine were 0.46 instead of 0.41 mm off (outlines alone)."""
-THINNED = 2
-"""Means over tens of thousands of ground pixels: every second pixel and line tells them as well."""
 
 
 @dataclass(frozen=True)
 class CutPhoto:
-    """A photo's window: Lab colours, their cells in a histogram, the fruit model's log odds (or 0)."""
+    """A photo's window: Lab colours, and the fruit model's log odds (or 0)."""
 
     index: int
     window: Window
     camera: Camera
     colours: Float[np.ndarray, "h w 3"]
-    cells: Int[np.ndarray, "h w"]
     learned: Float[np.ndarray, "h w"]
 
 
@@ -87,13 +76,12 @@ class SegmentationScene:
         """The photos' windows around some points, about `side_px` wide once shrunk."""
         windows = {}
         for i, (image, camera) in enumerate(zip(self.images, self.cameras, strict=True)):
-            window = colour.window_around(image, camera, around, margin=margin, small_side_px=side_px)
+            window = window_around(image, camera, around, margin=margin, small_side_px=side_px)
             if window is not None:
                 windows[i] = window
         views = []
         for (i, window), learned in zip(windows.items(), self._learned(windows), strict=True):
-            colours = window.small_lab()
-            views.append(CutPhoto(i, window, self.cameras[i], colours, colour.cells_of(colours), learned))
+            views.append(CutPhoto(i, window, self.cameras[i], window.small_lab(), learned))
         return views
 
     def _learned(self, windows: dict[int, Window]) -> list[Float[np.ndarray, "_ _"]]:
@@ -114,53 +102,10 @@ def first_block(scene: SegmentationScene, *, agreement: float = AGREEMENT) -> Bl
     corners = np.stack(np.meshgrid(*zip(scene.low_mm, scene.high_mm, strict=True)), axis=-1).reshape(-1, 3)
     views = scene.views(corners, margin=0.02, side_px=COARSE_SIDE_PX)
     background = scene.background(None)
-    scatter = colour.background_scatter(background)
-    log_odds, known, masks = [], [], []
+    masks = []
     for view in views:
-        behind = colour.ground_behind(view.window, background, scatter, view.camera)
-        log_odds.append(colour.first_log_odds(view.colours, behind) + view.learned)
-        known.append(behind.known)
-        masks.append(colour.tidy(log_odds[-1]) | ~behind.known)
-    try:
-        return _carved(masks, views, scene, agreement)
-    except ReconFailure:
-        similar = _similar_to_fruit(views, log_odds, known, scene.low_mm, scene.high_mm)
-        return _carved([m | a for m, a in zip(masks, similar, strict=True)], views, scene, agreement)
-
-
-def _similar_to_fruit(
-    views: list[CutPhoto],
-    log_odds: list[Float[np.ndarray, "_ _"]],
-    known: list[Bool[np.ndarray, "_ _"]],
-    low: Float[np.ndarray, "3"],
-    high: Float[np.ndarray, "3"],
-) -> list[Bool[np.ndarray, "_ _"]]:
-    """Pixels that look like the plate behind them but also like the fruit: dark skin before black ink.
-
-    They say nothing against a fruit, where it is not found without them. The fruit's colours are those of
-    pixels surely unlike the plate, where the middle of the box projects to.
-    """
-    grid = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 9)] * 3), axis=-1).reshape(-1, 3)
-    middle, half = (low + high) / 2, (high - low) / 2
-    core = middle + grid * half * CORE_SHARE
-    core[:, 2] = low[2] + (grid[:, 2] + 1.3) * CORE_SHARE * half[0]
-    sure = []
-    for view, evidence, there in zip(views, log_odds, known, strict=True):
-        columns, rows = view.window.small_size_px
-        hull = cv2.convexHull(view.window.into_small(view.camera.project(core)).astype(np.float32))
-        inside = np.zeros((rows, columns), np.uint8)
-        cv2.fillConvexPoly(inside, np.rint(hull).astype(np.int32), 1)
-        sure.append(view.colours[(inside > 0) & (evidence > SURE_LOG_ODDS) & there])
-    pixels = np.concatenate(sure)
-    if len(pixels) < FEWEST_SURE_PIXELS:
-        return [np.zeros_like(there) for there in known]
-    return [colour.looks_like(v.colours, pixels) & there for v, there in zip(views, known, strict=True)]
-
-
-def _carved(
-    masks: list[Bool[np.ndarray, "_ _"]], views: list[CutPhoto], scene: SegmentationScene, agreement: float
-) -> Block:
-    """The coarse fruit that the masks agree on, or the failure that there is none."""
+        behind = ground_behind(view.window, background, view.camera)
+        masks.append(tidy(plate_log_odds(view.colours, behind) + view.learned) | ~behind.known)
     windows, cameras = [v.window for v in views], [v.camera for v in views]
     block = carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm, agreement=agreement)
     if block.filled.sum() < FEWEST_CELLS:
@@ -168,7 +113,7 @@ def _carved(
     return block
 
 
-def learned_log_odds(
+def fruit_log_odds(
     views: Sequence[CutPhoto],
     bounds: Sequence[Bounds],
     background: BackgroundPlate,
@@ -176,63 +121,17 @@ def learned_log_odds(
 ) -> tuple[list[Float[np.ndarray, "_ _"]], list[Bool[np.ndarray, "_ _"]]]:
     """Log odds of fruit against ground in every view, and the mask that they make.
 
-    The fruit's colours are learned on what is surely fruit, half from this view and half from all, the
-    ground's on what is surely not. (Learned again inside the masks, they took a glossy cherry's shadow in.)
-    Outside of what may be fruit the odds are against it. `centre_mm` is about the fruit's middle.
+    The fruit model's, and a share of those of the background plate; outside of what may be fruit they are
+    against it. `centre_mm` is about the fruit's middle.
     """
-    ground = []
-    for bound in bounds:
-        size = 2 * max(3, round(0.02 * len(bound.perhaps))) + 1
-        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
-        ground.append(cv2.dilate(bound.perhaps.astype(np.uint8), disc) == 0)
-    around = colour.colour_density(
-        np.concatenate([v.cells[m][::5] for v, m in zip(views, ground, strict=True)])
-    )
-    scatter = colour.background_scatter(background)
-    inside = [v.cells[b.sure] for v, b in zip(views, bounds, strict=True)]
-    fruit_of_all = colour.colour_density(np.concatenate([c[::3] for c in inside]))
-    log_odds = [
-        _log_odds(
-            view,
-            bound,
-            out,
-            colour.ground_behind(view.window, background, scatter, view.camera),
-            around,
-            (fruit_of_all + colour.colour_density(cells)) / 2,
-        )
-        for view, bound, out, cells in zip(views, bounds, ground, inside, strict=True)
-    ]
+    log_odds = []
+    for view, bound in zip(views, bounds, strict=True):
+        behind = ground_behind(view.window, background, view.camera)
+        by_colour = PLATE_SHARE * plate_log_odds(view.colours, behind)
+        log_odds.append(np.asarray(_prior(bound) + view.learned + by_colour, np.float32))
     centres = [v.window.into_small(v.camera.project(centre_mm[None]))[0] for v in views]
     masks = star_cuts(log_odds, [v.colours for v in views], centres)
     return log_odds, masks
-
-
-def _log_odds(
-    view: CutPhoto,
-    bound: Bounds,
-    ground: Bool[np.ndarray, "h w"],
-    behind: Behind,
-    around: Float[np.ndarray, " c"],
-    fruit: Float[np.ndarray, " c"],
-) -> Float[np.ndarray, "h w"]:
-    """Log odds of one view. Colours count where the prior leaves it open; the share of strange pixels is
-    estimated on every THINNED-th pixel and line.
-    """
-    thin = (slice(None, None, THINNED), slice(None, None, THINNED))
-    colours, cells, few, out = view.colours[thin], view.cells[thin], behind.at(thin), ground[thin]
-    noise = colour.ground_noise(colours, few, out)
-    palette = 0.1 * around + 0.9 * colour.colour_density(cells[out])
-    strange = colour.strange_share(colour.ground_density(colours, few, noise), palette[cells], out)
-    strange = cv2.resize(strange, ground.shape[::-1], interpolation=cv2.INTER_LINEAR)
-    strange = np.where(behind.known, strange, np.maximum(strange, 0.5))
-    prior = _prior(bound)
-    open_ = np.nonzero(np.abs(prior) < PRIOR_LOG_ODDS)
-    on_background = colour.ground_density(view.colours[open_], behind.at(open_), noise)
-    cells = view.cells[open_]
-    by_colour = colour.colour_log_odds(fruit[cells], on_background, palette[cells], strange[open_])
-    log_odds = prior + view.learned
-    log_odds[open_] += np.where(behind.known[open_], by_colour, np.clip(by_colour, *UNKNOWN_LOG_ODDS))
-    return np.asarray(log_odds)
 
 
 def _prior(bound: Bounds) -> Float[np.ndarray, "h w"]:

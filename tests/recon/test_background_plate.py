@@ -15,7 +15,6 @@ from recon.silhouettes.background_plate import (
     image_from_plane,
     plane_from_cell,
 )
-from recon.silhouettes.background_plate import _sorted_layers as sorted_layers
 
 HALF_MM = 60.0
 WIDTH, HEIGHT = 320, 240
@@ -76,8 +75,6 @@ def test_the_plate_is_the_ground_wherever_it_is_known():
     miss = np.abs(background.colours.astype(float) - colours)[background.known]
     assert np.median(miss) < 1.0
     assert np.quantile(miss, 0.99) < 3.0
-    assert (background.dim <= background.colours).all()
-    assert (background.colours <= background.bright).all()
 
 
 def test_what_hides_the_ground_is_not_in_the_plate_once_it_is_covered():
@@ -111,8 +108,6 @@ def test_photos_of_other_exposure_are_brought_to_one():
         ground_views(pictures(seen_by, gains=gains)[0], seen_by, half_width_mm=HALF_MM)
     )
     away = truth()[1] < 50
-    spread = background.bright.astype(float) - background.dim
-    assert np.quantile(spread[away], 0.95) < 6.0  # 40 % of 120 grey levels apart as they come
     colours = truth()[0][away]
     ratio = background.colours[away].astype(float) / colours
     assert ratio.std() < 0.03
@@ -154,9 +149,7 @@ def test_the_plate_looks_from_a_camera_as_its_photo_does(shrink):
     images, _ = pictures(seen_by)
     background = background_plate(ground_views(images, seen_by, half_width_mm=HALF_MM))
     corner, size = (100, 60), (120 // shrink, 120 // shrink)
-    (seen,), known = background_in_view(
-        background, seen_by[2], [background.colours], corner_px=corner, size_px=size, shrink=shrink
-    )
+    seen, known = background_in_view(background, seen_by[2], corner_px=corner, size_px=size, shrink=shrink)
     middle = (shrink - 1) // 2
     photo = images[2][corner[1] + middle :: shrink, corner[0] + middle :: shrink][: size[1], : size[0]]
     assert known.mean() > 0.8
@@ -172,11 +165,3 @@ def test_the_homography_is_the_cameras_projection_of_the_plane():
     )
     corners = np.array([[0, 0, 1], [SIDE_CELLS - 1, SIDE_CELLS - 1, 1.0]]) @ plane_from_cell(HALF_MM).T
     np.testing.assert_allclose(corners[:, :2], [[-HALF_MM] * 2, [HALF_MM] * 2])
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 7, 16, 24])
-def test_layers_are_sorted_place_by_place(count):
-    layers = np.random.default_rng(count).integers(0, 256, (count, 6, 5), dtype=np.uint8)
-    np.testing.assert_array_equal(
-        np.stack(sorted_layers([layer.copy() for layer in layers])), np.sort(layers, axis=0)
-    )

@@ -19,7 +19,7 @@ from recon.silhouettes.segmentation import (
     SegmentationScene,
     eroded,
     first_block,
-    learned_log_odds,
+    fruit_log_odds,
     pixels_of,
 )
 
@@ -90,7 +90,7 @@ def test_learned_odds_and_their_masks_part_the_egg_from_its_ground():
         pixels_of(column, Window(i, (0, 0), 4), c)
         for i, c in zip(scene().images, scene().cameras, strict=True)
     ]
-    log_odds, masks = learned_log_odds(views, bounds, scene().background(covered), EGG.centre)
+    log_odds, masks = fruit_log_odds(views, bounds, scene().background(covered), EGG.centre)
     for view, view_log_odds, mask in zip(views, log_odds, masks, strict=True):
         egg = truth(view)
         edge = binary_dilation(egg, iterations=2) & ~binary_dilation(egg, iterations=1)

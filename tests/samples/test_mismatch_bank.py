@@ -10,7 +10,7 @@ from mismatch_ball import still_recording
 
 import samples.mismatch.bank as bank
 from recon.surface.mesh_file import read_mesh
-from samples.mismatch.bank import DRAWN, MESHES, OUTSIDE, SIMULATED, WIDE, BankFruit, draw_case
+from samples.mismatch.bank import DRAWN, MESHES, SIMULATED, WIDE, BankFruit, draw_case
 from samples.mismatch.case_files import sealed_as
 from samples.mismatch.case_simulation import CasePlan
 from samples.mismatch.effect_levels import AMPLITUDES, LEVELS
@@ -37,8 +37,7 @@ def mean_force_N(cases: Path, case_id: str, side: int) -> float:
 
 def test_every_effect_is_simulated_or_drawn_and_has_a_range_of_amplitudes() -> None:
     assert set(AMPLITUDES) == set(EFFECTS)
-    assert sorted((*SIMULATED, *DRAWN)) == sorted((*EFFECTS, *OUTSIDE))
-    assert OUTSIDE == ("palm", "gel_softening")
+    assert sorted((*SIMULATED, *DRAWN)) == sorted(EFFECTS)
 
 
 def test_fruit_that_are_stored_keep_their_names_and_seeds() -> None:
@@ -48,16 +47,13 @@ def test_fruit_that_are_stored_keep_their_names_and_seeds() -> None:
     assert sound.plan().drawn.fruit.E_MPa == pytest.approx(0.665084, abs=1e-6)
 
 
-def test_levels_amplitudes_and_physics_outside_are_planned() -> None:
+def test_levels_and_amplitudes_are_planned() -> None:
     wide = BankFruit(number=0, effects=("skin",), level=WIDE).plan().injected[0].number("Et_N_per_mm")
     low, high = AMPLITUDES["skin"]
     assert WIDE not in LEVELS
     assert low <= wide <= high
     both = BankFruit(number=0, effects=("skin", "slip"), level=1).plan()
     assert [effect.effect for effect in both.injected] == ["skin", "slip"]
-    palm = BankFruit(number=0, effects=("palm",), level=1).plan()
-    assert palm.injected == ()
-    assert palm.out_of_catalogue is not None
 
 
 def test_a_fruit_is_simulated_mesh_by_mesh_and_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
