@@ -30,75 +30,36 @@ class BackgroundPlate:
     half_width_mm: float
 
 
-@dataclass(frozen=True)
-class GroundViews:
-    """The plane z = 0 as some of the photos show it, on the grid of the plates made of them; `layers[k]` is
-    photo `chosen[k]`, `ahead[k]` says which cells lie in front of its camera.
-    """
-
-    chosen: tuple[int, ...]
-    homographies: tuple[Float[np.ndarray, "3 3"], ...]
-    sizes_px: tuple[tuple[int, int], ...]
-    layers: UInt8[np.ndarray, "v s s 3"]
-    ahead: Bool[np.ndarray, "v s s"]
-    half_width_mm: float
-
-
-def ground_views(
+def background_plate(
     images: Sequence[UInt8[np.ndarray, "_ _ 3"]], cameras: Sequence[Camera], *, half_width_mm: float
-) -> GroundViews:
-    """At most MOST_VIEWS photos, evenly chosen, brought to the plane. Cameras have no distortion."""
+) -> BackgroundPlate:
+    """Median over at most MOST_VIEWS photos of every cell's colour, each brought to the others' exposure.
+
+    The median must outvote the fruit. A cell is known where three photos show it. Cameras have no distortion.
+    """
     chosen = np.unique(np.linspace(0, len(images) - 1, min(MOST_VIEWS, len(images))).round().astype(int))
     side = (SIDE_CELLS, SIDE_CELLS)
     layers = np.empty((len(chosen), *side, 3), np.uint8)
-    ahead = np.empty((len(chosen), *side), bool)
+    seen = np.empty((len(chosen), *side), bool)
     cell = np.arange(SIDE_CELLS, dtype=np.float32)
-    homographies = []
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
     for k, i in enumerate(chosen.tolist()):
         H = image_from_plane(cameras[i]) @ plane_from_cell(half_width_mm)
-        cv2.warpPerspective(images[i], H, side, dst=layers[k], flags=cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP)
-        ahead[k] = (H[2, 0] * cell + H[2, 2])[None, :] + (H[2, 1] * cell)[:, None] > 0
-        homographies.append(H)
-    sizes = tuple((image.shape[1], image.shape[0]) for image in images)
-    return GroundViews(
-        tuple(chosen.tolist()),
-        tuple(homographies),
-        tuple(sizes[i] for i in chosen),
-        layers,
-        ahead,
-        half_width_mm,
-    )
-
-
-def background_plate(
-    views: GroundViews, covered: Sequence[Bool[np.ndarray, "_ _"]] | None = None
-) -> BackgroundPlate:
-    """Median over the views of every cell's colour, each view brought to the others' exposure.
-
-    `covered` marks the fruit's pixels in every photo, shrunk or not (they do not count); without it the
-    median must outvote them. A cell is known where three views see it.
-    """
-    seen = np.zeros(views.ahead.shape, bool)
-    side = (SIDE_CELLS, SIDE_CELLS)
-    for k, (i, H, size) in enumerate(zip(views.chosen, views.homographies, views.sizes_px, strict=True)):
-        visible = np.full(size[::-1], 255, np.uint8)
-        if covered is not None:
-            cover = cv2.resize(covered[i].astype(np.uint8), size, interpolation=cv2.INTER_NEAREST)
-            visible[cv2.dilate(cover, np.ones((5, 5), np.uint8)) > 0] = 0
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        seen[k] = views.ahead[k] & (cv2.warpPerspective(visible, H, side, flags=flags) > 250)
+        cv2.warpPerspective(images[i], H, side, dst=layers[k], flags=flags)
+        ahead = (H[2, 0] * cell + H[2, 2])[None, :] + (H[2, 1] * cell)[:, None] > 0
+        inside = np.full(images[i].shape[:2], 255, np.uint8)
+        seen[k] = ahead & (cv2.warpPerspective(inside, H, side, flags=flags) > 250)
     known = seen.sum(0, dtype=np.uint8) >= FEWEST_VIEWS
-    some, some_seen = views.layers[:, ::7, ::7], np.ascontiguousarray(seen[:, ::7, ::7])
-    middle = _median(some, some_seen, np.ones((len(some), 3)))
+    some, some_seen = layers[:, ::7, ::7], np.ascontiguousarray(seen[:, ::7, ::7])
     gains = np.ones((len(some), 3))
+    middle = _median(some, some_seen, gains)
     for layer in range(len(some)):
         both = some_seen[layer] & known[::7, ::7]
         if both.sum() > 50:
             gains[layer] = np.median((middle[both] + 1.0) / (some[layer][both] + 1.0), axis=0)
     if np.abs(gains - 1).max() <= LEAST_GAIN:
         gains = np.ones_like(gains)
-    colours = _median(views.layers, seen, gains)
-    return BackgroundPlate(colours, known, views.half_width_mm)
+    return BackgroundPlate(_median(layers, seen, gains), known, half_width_mm)
 
 
 def plane_from_cell(half_width_mm: float) -> Float[np.ndarray, "3 3"]:

@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import cv2
 import numpy as np
@@ -11,7 +10,7 @@ from jaxtyping import Bool, Float, UInt8
 from recon.cameras.camera import Camera
 from recon.learned.fruit_model import FruitModel
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.silhouettes.background_plate import BackgroundPlate, GroundViews, background_plate, ground_views
+from recon.silhouettes.background_plate import BackgroundPlate, background_plate
 from recon.silhouettes.carve import AGREEMENT, Block, carve
 from recon.silhouettes.mask import Window, ground_behind, plate_log_odds, tidy, window_around
 from recon.silhouettes.star_cut import star_cuts
@@ -23,8 +22,6 @@ FEWEST_CELLS = 60
 PRIOR_LOG_ODDS, PRIOR_SHARE = 8.0, 0.03
 """Log odds of what must or cannot be fruit by the other photos, and the share of the side over which they are
 reached. Set by hand; above MOST_LOG_ODDS of recon.silhouettes.mask, so that colour does not outvote them."""
-PLATE_SHARE = 0.05
-"""Weight of the plate's log odds beside the fruit model's: they decide where the model is not sure."""
 BLURRED_LOG_ODDS, MOST_LEARNED_LOG_ODDS = 2.0, 4.0
 """Log odds of the fruit model count less the first (its blurred edge), at most the second. Counted whole, 18
 photos of a nectarine were 0.46 instead of 0.41 mm off (outlines alone)."""
@@ -61,16 +58,11 @@ class SegmentationScene:
     high_mm: Float[np.ndarray, "3"]
     model: FruitModel | None = None
 
-    @cached_property
-    def ground(self) -> GroundViews:
-        """The plane under and around the box as the photos show it."""
+    def background(self) -> BackgroundPlate:
+        """The plane under and around the box, which the photos show beside the fruit."""
         reach = float(np.abs(np.stack([self.low_mm, self.high_mm])[:, :2]).max())
         half_width = reach + min(2.5 * float(self.high_mm[2]), 4 * reach)
-        return ground_views(self.images, self.cameras, half_width_mm=half_width)
-
-    def background(self, covered: Sequence[Bool[np.ndarray, "_ _"]] | None) -> BackgroundPlate:
-        """The ground without the fruit, which hides what `covered` marks in the photos, shrunk or not."""
-        return background_plate(self.ground, covered)
+        return background_plate(self.images, self.cameras, half_width_mm=half_width)
 
     def views(self, around: Float[np.ndarray, "n 3"], *, margin: float, side_px: int) -> list[CutPhoto]:
         """The photos' windows around some points, about `side_px` wide once shrunk."""
@@ -96,42 +88,44 @@ class SegmentationScene:
 def first_block(scene: SegmentationScene, *, agreement: float = AGREEMENT) -> Block:
     """The thing that stands on z = 0 inside the box, as coarse cells; its shaded lower flank may be missing.
 
-    The plate is the median over the photos, which must outvote the fruit. `agreement` is the share of the
-    views that must take a cell for fruit. Raises ReconFailure (no-fruit) where nothing stands there.
+    It is what the fruit model takes for fruit. Where the model sees none, it is what is unlike the plate, the
+    median over the photos, which must outvote it. `agreement` is the share of the views that must take a cell
+    for fruit. Raises ReconFailure (no-fruit) where nothing stands there.
     """
     corners = np.stack(np.meshgrid(*zip(scene.low_mm, scene.high_mm, strict=True)), axis=-1).reshape(-1, 3)
     views = scene.views(corners, margin=0.02, side_px=COARSE_SIDE_PX)
-    background = scene.background(None)
-    masks = []
-    for view in views:
-        behind = ground_behind(view.window, background, view.camera)
-        masks.append(tidy(plate_log_odds(view.colours, behind) + view.learned) | ~behind.known)
-    windows, cameras = [v.window for v in views], [v.camera for v in views]
-    block = carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm, agreement=agreement)
+    block = _voted([tidy(view.learned) for view in views], views, scene, agreement)
+    if block.filled.sum() < FEWEST_CELLS:
+        background = scene.background()
+        masks = []
+        for view in views:
+            behind = ground_behind(view.window, background, view.camera)
+            masks.append(tidy(plate_log_odds(view.colours, behind) + view.learned) | ~behind.known)
+        block = _voted(masks, views, scene, agreement)
     if block.filled.sum() < FEWEST_CELLS:
         raise no_fruit("the photos show only the support")
     return block
 
 
+def _voted(
+    masks: list[Bool[np.ndarray, "_ _"]], views: list[CutPhoto], scene: SegmentationScene, agreement: float
+) -> Block:
+    """The cells that the masks agree on."""
+    windows, cameras = [v.window for v in views], [v.camera for v in views]
+    return carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm, agreement=agreement)
+
+
 def fruit_log_odds(
-    views: Sequence[CutPhoto],
-    bounds: Sequence[Bounds],
-    background: BackgroundPlate,
-    centre_mm: Float[np.ndarray, "3"],
+    views: Sequence[CutPhoto], bounds: Sequence[Bounds], centre_mm: Float[np.ndarray, "3"]
 ) -> tuple[list[Float[np.ndarray, "_ _"]], list[Bool[np.ndarray, "_ _"]]]:
     """Log odds of fruit against ground in every view, and the mask that they make.
 
-    The fruit model's, and a share of those of the background plate; outside of what may be fruit they are
-    against it. `centre_mm` is about the fruit's middle.
+    The fruit model's, and those of what must or cannot be fruit by the other photos. `centre_mm` is about the
+    fruit's middle.
     """
-    log_odds = []
-    for view, bound in zip(views, bounds, strict=True):
-        behind = ground_behind(view.window, background, view.camera)
-        by_colour = PLATE_SHARE * plate_log_odds(view.colours, behind)
-        log_odds.append(np.asarray(_prior(bound) + view.learned + by_colour, np.float32))
+    log_odds = [_prior(bound) + view.learned for view, bound in zip(views, bounds, strict=True)]
     centres = [v.window.into_small(v.camera.project(centre_mm[None]))[0] for v in views]
-    masks = star_cuts(log_odds, [v.colours for v in views], centres)
-    return log_odds, masks
+    return log_odds, star_cuts(log_odds, [v.colours for v in views], centres)
 
 
 def _prior(bound: Bounds) -> Float[np.ndarray, "h w"]:
