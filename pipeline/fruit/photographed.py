@@ -103,7 +103,6 @@ def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
         warnings=(
             *checked.warnings,
             *whole.warnings,
-            *whole.notes,
             *_photo_doubts(checked.photos, used, made),
             *shape_doubts(vertices, whole.faces, body=task.body),
         ),

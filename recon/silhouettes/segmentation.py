@@ -11,7 +11,7 @@ from recon.cameras.camera import Camera
 from recon.learned.fruit_model import FruitModel
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.background_plate import BackgroundPlate, background_plate
-from recon.silhouettes.carve import AGREEMENT, Block, carve
+from recon.silhouettes.carve import Block, carve
 from recon.silhouettes.mask import Window, ground_behind, plate_log_odds, tidy, window_around
 from recon.silhouettes.star_cut import star_cuts
 
@@ -85,34 +85,31 @@ class SegmentationScene:
         return [np.clip(x, -MOST_LEARNED_LOG_ODDS, MOST_LEARNED_LOG_ODDS) for x in clear]
 
 
-def first_block(scene: SegmentationScene, *, agreement: float = AGREEMENT) -> Block:
+def first_block(scene: SegmentationScene) -> Block:
     """The thing that stands on z = 0 inside the box, as coarse cells; its shaded lower flank may be missing.
 
     It is what the fruit model takes for fruit. Where the model sees none, it is what is unlike the plate, the
-    median over the photos, which must outvote it. `agreement` is the share of the views that must take a cell
-    for fruit. Raises ReconFailure (no-fruit) where nothing stands there.
+    median over the photos, which must outvote it. Raises ReconFailure (no-fruit) where nothing stands there.
     """
     corners = np.stack(np.meshgrid(*zip(scene.low_mm, scene.high_mm, strict=True)), axis=-1).reshape(-1, 3)
     views = scene.views(corners, margin=0.02, side_px=COARSE_SIDE_PX)
-    block = _voted([tidy(view.learned) for view in views], views, scene, agreement)
+    block = _voted([tidy(view.learned) for view in views], views, scene)
     if block.filled.sum() < FEWEST_CELLS:
         background = scene.background()
         masks = []
         for view in views:
             behind = ground_behind(view.window, background, view.camera)
             masks.append(tidy(plate_log_odds(view.colours, behind) + view.learned) | ~behind.known)
-        block = _voted(masks, views, scene, agreement)
+        block = _voted(masks, views, scene)
     if block.filled.sum() < FEWEST_CELLS:
         raise no_fruit("the photos show only the support")
     return block
 
 
-def _voted(
-    masks: list[Bool[np.ndarray, "_ _"]], views: list[CutPhoto], scene: SegmentationScene, agreement: float
-) -> Block:
+def _voted(masks: list[Bool[np.ndarray, "_ _"]], views: list[CutPhoto], scene: SegmentationScene) -> Block:
     """The cells that the masks agree on."""
     windows, cameras = [v.window for v in views], [v.camera for v in views]
-    return carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm, agreement=agreement)
+    return carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm)
 
 
 def fruit_log_odds(
