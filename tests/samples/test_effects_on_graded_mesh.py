@@ -9,7 +9,7 @@ from samples.grasp_plan import PlannedGrasp
 from samples.hexahedra import Fineness
 from samples.mismatch.case_simulation import body_of
 from samples.mismatch.drawn_fruit import DrawnFruit
-from samples.mismatch.effect_levels import drawn_parameters
+from samples.mismatch.effect_levels import AMPLITUDES, drawn_parameters
 from samples.mismatch.injected import EFFECTS, InjectedEffect, gel_of
 from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
 from samples.mismatch.nonlinear_body import sound_body
@@ -39,7 +39,8 @@ def test_an_effect_runs_on_a_graded_mesh(
 ) -> None:
     drawn, grasp, stands = ball
     places = {"soft_spot": [21.0, 0.0, 0.0], "third_contact": [0.0, 0.0, -25.0]}
-    parameters = drawn_parameters(effect, 1, np.random.default_rng(3))
+    amplitude = 0.4 * AMPLITUDES[effect][1]
+    parameters = drawn_parameters(effect, amplitude, np.random.default_rng(3))
     if effect in places:
         parameters["centre_mm"] = places[effect]
     injected = (InjectedEffect(effect=effect, parameters=parameters),)

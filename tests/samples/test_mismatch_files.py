@@ -57,7 +57,7 @@ def test_a_soft_spot_lies_in_the_flesh_under_a_pad() -> None:
 
 def test_an_effect_that_is_not_in_the_catalogue_is_refused() -> None:
     with pytest.raises(SampleFailure, match="no effect 'rust'"):
-        drawn_parameters("rust", 1, np.random.default_rng(0))
+        drawn_parameters("rust", 1.0, np.random.default_rng(0))
 
 
 def test_a_case_is_read_back_and_its_air_carries_the_noise(tmp_path: Path) -> None:
