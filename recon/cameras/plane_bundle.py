@@ -117,7 +117,7 @@ def adjusted(
     def misses_px(x: Float[np.ndarray, " u"]) -> Float[np.ndarray, "k 2"]:
         now = scene_at(x)
         away = projected(now, seen.view, now.ground[seen.point], middle) - seen.places_px
-        return np.einsum("kij,kj->ki", seen.whiten, away)
+        return np.asarray(np.einsum("kij,kj->ki", seen.whiten, away))
 
     def residuals(x: Float[np.ndarray, " u"], sigma_px: float) -> Float[np.ndarray, " r"]:
         miss = misses_px(x)
@@ -136,7 +136,8 @@ def adjusted(
         x, miss_px = fit.x, misses_px(fit.x)
         if abs(np.log(_spread_px(miss_px) / sigma_px)) < STEADY:
             break
-    H = csc_array(fit.jac.T @ fit.jac)
+    J = csr_array(fit.jac)
+    H = csc_array(J.T @ J)
     H += 1e-9 * H.trace() / len(x) * eye_array(len(x))
     variance = float(splu(csc_array(H)).solve(np.eye(len(x))[-2])[-2])
     return Adjusted(scene_at(x), np.linalg.norm(miss_px, axis=1), float(np.sqrt(max(variance, 0.0))))

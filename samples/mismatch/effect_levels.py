@@ -57,7 +57,7 @@ def drawn_amplitude(effect: str, rng: np.random.Generator) -> float:
 
 
 def drawn_parameters(effect: str, amplitude: float, rng: np.random.Generator) -> dict[str, Any]:
-    """Parameters of an effect of some amplitude, but for what the fruit alone can say: where a soft spot is."""
+    """Parameters of an effect, but for what the fruit alone can say: where a soft spot is."""
     if effect not in AMPLITUDES:
         raise SampleFailure(f"There is no effect {effect!r} in the catalogue.")
     size = _size_of(effect, amplitude)
