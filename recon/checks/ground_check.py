@@ -57,7 +57,8 @@ class RimEvidence:
     Sample i is the point (1 - t) a + t b of the mesh's edge between vertices `a` and `b`, as photo `view`
     sees it. `offset_mm` is the posterior mean of the edge's place (positive: the fruit reaches further than
     the mesh), `sd_mm` its standard deviation, `pixel_mm` a pixel's size there. `known`: three other photos
-    tell the ground's colour there. `turn`: direction from the fruit's middle in the picture (radians; 0 right, pi / 2 up).
+    tell the ground's colour there. `turn`: direction from the fruit's middle in the picture (radians; 0
+    right, pi / 2 up).
     """
 
     view: Int[np.ndarray, " k"]

@@ -28,7 +28,7 @@ from recon.silhouettes.segmentation import (
     SegmentationScene,
     eroded,
     first_block,
-    fruit_log_odds,
+    learned_log_odds,
     no_fruit,
     pixels_of,
 )  # fmt: skip
@@ -42,14 +42,16 @@ OUTLIER_SHARE = 0.03
 """Of the views that may cut away too much in the fit: less than one of 33. Set by hand."""
 HULL_LEVEL, FIT_LEVEL = 4, 5
 """Subdivisions of an icosahedron, in the first rounds and in the fit: 2562 and 10242 vertices."""
+COVER_SHRINK = 4
+"""The ground's cover is computed at a quarter of the photo's sides: its edge is off the fruit anyway."""
 SURE_SHARE = 0.06
 """So deep inside a hull, as a share of the window, pixels are surely fruit."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cover:
-    """What may be fruit in the next cut: the hull grown by a share of the fruit's size, and a foot under it,
-    a disc on the ground as wide as a share of the hull.
+    """What may hide the ground while the background plate is made: the hull grown by a share of the fruit's
+    size, and a foot under it, a disc on the ground as wide as a share of the hull.
 
     `side_px` of a photo's cut picture; `outlier_share` of the views that may cut away too much of the hull:
     too large a one is cut again in the next round, too small a one bounds it wrongly.
@@ -118,9 +120,9 @@ def find_fruit(
 ) -> FoundFruit:
     """The thing that stands on z = 0 inside a box, cut out of every photo. Cameras have no distortion.
 
-    From the outside in: only what may be fruit can turn into fruit, and each hull bounds the next.
-    `model` tells which pixels are fruit. Raises ReconFailure: no-fruit, fruit-cut-off (fewer than three
-    photos hold it whole).
+    From the outside in: what may be fruit is unknown in the background plate, and there alone pixels may turn
+    into fruit; each hull bounds the next. `model` is asked, too. Raises ReconFailure: no-fruit, fruit-cut-off
+    (fewer than three photos hold it whole).
     """
     scene = SegmentationScene(images, cameras, low_mm, high_mm, model)
     block = first_block(scene)
@@ -196,10 +198,14 @@ def _cut(
     perhaps: Pixels,
     sure: Pixels,
 ) -> Cut:
-    """The photos cut in windows around points, where `perhaps` bounds the fruit."""
+    """The photos cut in windows around points, where `perhaps` bounds the fruit and hides the ground."""
+    covered = [
+        perhaps(Window(image, (0, 0), COVER_SHRINK), camera)
+        for image, camera in zip(scene.images, scene.cameras, strict=True)
+    ]
     views = scene.views(around, margin=margin, side_px=side_px)
     bounds = [Bounds(sure(v.window, v.camera), perhaps(v.window, v.camera)) for v in views]
-    return views, *fruit_log_odds(views, bounds, centre_mm)
+    return views, *learned_log_odds(views, bounds, scene.background(covered), centre_mm)
 
 
 def _cut_block(scene: SegmentationScene, block: Block) -> Cut:

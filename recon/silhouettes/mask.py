@@ -20,10 +20,23 @@ MOST_LOG_ODDS = 6.0
 """Of one pixel: 400 to 1, so that none outvotes its neighbours. Set by hand."""
 LEAST_NOISE_LAB = (1.5, 1.0)
 """Least scale of lightness and of each chroma about the plate, Lab units, as JPEG and resampling leave."""
+CALM_SHARE, CALM_DEVIATIONS = 0.3, (0.385, 0.845)
+"""The 30 % quantiles of a deviation in one and in two dimensions, in standard deviations of one."""
 DEGREES_OF_FREEDOM = 5.0
 """Of Student's t for noise of colours, whose tails are heavier than normal ones. Set by hand."""
 DARKEST_SHADOW = 0.45
 """Least factor of L* + 16 in a shadow: a tenth of the light."""
+SHADOW_BINS, UNSEEN_SHADOWS = 22, 0.05
+"""Of the shadows' histogram, and the share of them that unseen depths of shadow keep. Set by hand."""
+LEAST_SHADOW_SHARE, UNKNOWN_SHADOW_SHARE = 0.01, 0.05
+"""Share of ground pixels that a shadow may have reached since the plate: everywhere, where it is unknown."""
+STRANGER, NEARBY, STRANGE_SHARES = 10.0, 0.08, (0.005, 0.6)
+"""A pixel is strange to the plate where the photo's surroundings tell its colour so many times better; reach
+of that over the window's side; bounds of the share (the lower keeps dark skin before dark ink)."""
+UNSEEN_DENSITY = 2.5e-8
+"""Of either: two percent of the pixels spread evenly over the 8e5 Lab units cubed of the sRGB gamut."""
+SPREAD_OF_QUANTILES = 2.07
+"""Standard deviations between the quantiles 0.15 and 0.85 of a normal distribution."""
 
 
 @dataclass(frozen=True)
@@ -59,14 +72,33 @@ class Window:
 @dataclass(frozen=True)
 class Behind:
     """The ground as a photo's window would show it without the fruit: Lab colours, their range over the
-    eight neighbours (registration is not exact), and where the plate is known; elsewhere the nearest known
-    colour stands in.
+    eight neighbours (registration is not exact), how lightness and chroma scatter from view to view, and
+    where the plate is known; elsewhere the nearest known colour stands in.
     """
 
-    colours: Float[np.ndarray, "h w 3"]
-    lowest: Float[np.ndarray, "h w 3"]
-    highest: Float[np.ndarray, "h w 3"]
-    known: Bool[np.ndarray, "h w"]
+    colours: Float[np.ndarray, "*n 3"]
+    lowest: Float[np.ndarray, "*n 3"]
+    highest: Float[np.ndarray, "*n 3"]
+    scatter: Float[np.ndarray, "*n 2"]
+    known: Bool[np.ndarray, "*n"]
+
+    def at(self, where: np.ndarray | tuple[np.ndarray, ...] | tuple[slice, ...]) -> "Behind":
+        """The same for some pixels."""
+        layers = (self.colours, self.lowest, self.highest, self.scatter, self.known)
+        return Behind(*(layer[where] for layer in layers))
+
+
+@dataclass(frozen=True, kw_only=True)
+class GroundNoise:
+    """How a photo's sure ground scatters about the plate: scales of lightness and chroma (Lab units), the
+    share of pixels that a shadow has darkened since, and how dark: the density of k (`ground_density`) over
+    SHADOW_BINS even bins of DARKEST_SHADOW..1.
+    """
+
+    lightness: float
+    chroma: float
+    shadow_share: float
+    shadow_density: Float[np.ndarray, " b"]
 
 
 def lab(image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
@@ -94,20 +126,31 @@ def window_around(
     return Window(image[y0:y1, x0:x1], (x0, y0), shrink)
 
 
-def ground_behind(window: Window, background: BackgroundPlate, camera: Camera) -> Behind:
-    """The plate as the camera's window would show it."""
-    seen, known = background_in_view(
+def background_scatter(background: BackgroundPlate) -> Float[np.ndarray, "s s 2"]:
+    """How lightness and chroma scatter from view to view on the plate's grid (standard deviations, Lab)."""
+    apart = np.abs(lab(background.bright) - lab(background.dim))
+    apart[..., 1] = np.hypot(apart[..., 1], apart[..., 2]) / np.float32(np.sqrt(2))
+    return np.asarray(cv2.GaussianBlur(apart[..., :2] / np.float32(SPREAD_OF_QUANTILES), (3, 3), 0.7))
+
+
+def ground_behind(
+    window: Window, background: BackgroundPlate, scatter: Float[np.ndarray, "s s 2"], camera: Camera
+) -> Behind:
+    """The plate, and its `background_scatter`, as the camera's window would show them."""
+    (seen, apart), known = background_in_view(
         background,
         camera,
+        (background.colours, scatter),
         corner_px=window.corner_px,
         size_px=window.small_size_px,
         shrink=window.shrink,
     )
     colours = lab(cv2.GaussianBlur(seen, (3, 3), 0.7))
     if known.any() and not known.all():
-        colours[~known] = colours.reshape(-1, 3)[nearest_marked(known)[1][~known]]
+        here = nearest_marked(known)[1][~known]
+        colours[~known], apart[~known] = colours.reshape(-1, 3)[here], apart.reshape(-1, 2)[here]
     cell = np.ones((3, 3), np.uint8)
-    return Behind(colours, cv2.erode(colours, cell), cv2.dilate(colours, cell), known)
+    return Behind(colours, cv2.erode(colours, cell), cv2.dilate(colours, cell), apart, known)
 
 
 def nearest_marked(
@@ -127,7 +170,7 @@ def difference(colours: Float[np.ndarray, "*n 3"], behind: Behind) -> Float[np.n
     return np.asarray(colours - np.minimum(np.maximum(colours, behind.lowest), behind.highest))
 
 
-def plate_log_odds(colours: Float[np.ndarray, "h w 3"], behind: Behind) -> Float[np.ndarray, "h w"]:
+def first_log_odds(colours: Float[np.ndarray, "h w 3"], behind: Behind) -> Float[np.ndarray, "h w"]:
     """Log odds from the plate alone, before the fruit's colours are known; 0 where the plate is not known.
 
     Lightness is weighted down, against shadows that were cast in some photos only.
@@ -137,6 +180,61 @@ def plate_log_odds(colours: Float[np.ndarray, "h w 3"], behind: Behind) -> Float
     quiet = float(np.median(distance[behind.known])) if behind.known.any() else 0.0
     threshold = 9.0 + 2.0 * min(quiet, 5.0)
     return np.where(behind.known, np.clip((distance - threshold) / 2, -MOST_LOG_ODDS, MOST_LOG_ODDS), 0.0)
+
+
+def ground_noise(
+    colours: Float[np.ndarray, "*n 3"], behind: Behind, ground: Bool[np.ndarray, "*n"]
+) -> GroundNoise:
+    """Scales and shadows over pixels that are surely ground.
+
+    The scales are those of a normal distribution whose CALM_SHARE of smallest deviations are the ones seen: a
+    shadow over half of the ground does not widen them.
+    """
+    where = ground & behind.known
+    even = np.full(SHADOW_BINS, 1 / (1 - DARKEST_SHADOW))
+    if where.sum() < 50:
+        return GroundNoise(lightness=4.0, chroma=3.0, shadow_share=0.1, shadow_density=even)
+    colours, behind = colours[where], behind.at(where)
+    off = difference(colours, behind)
+    calm_L, calm_ab = CALM_DEVIATIONS
+    lightness = max(LEAST_NOISE_LAB[0], float(np.quantile(np.abs(off[:, 0]), CALM_SHARE)) / calm_L)
+    apart = np.hypot(off[:, 1], off[:, 2])
+    chroma = max(LEAST_NOISE_LAB[1], float(np.quantile(apart, CALM_SHARE)) / calm_ab)
+    darker = off[:, 0] < -4 * lightness
+    k = (colours[darker, 0] + 16) / (behind.colours[darker, 0] + 16)
+    count, _ = np.histogram(k, bins=SHADOW_BINS, range=(DARKEST_SHADOW, 1.0))
+    count = ndimage.gaussian_filter1d(count.astype(float), 1.0, mode="nearest")
+    seen = count / max(float(count.mean()), 1e-9) if count.any() else np.ones(SHADOW_BINS)
+    return GroundNoise(
+        lightness=min(lightness, 6.0),
+        chroma=min(chroma, 5.0),
+        shadow_share=max(float(darker.mean()), LEAST_SHADOW_SHARE),
+        shadow_density=even * ((1 - UNSEEN_SHADOWS) * seen + UNSEEN_SHADOWS),
+    )
+
+
+def ground_density(
+    colours: Float[np.ndarray, "*n 3"], behind: Behind, noise: GroundNoise
+) -> Float[np.ndarray, "*n"]:
+    """Density (per Lab unit cubed) of a colour on the ground.
+
+    Lit as in the plate: Student's t about its colour. In a shadow cast since: L* + 16, a*, b* all scaled by
+    one k in DARKEST_SHADOW..1 (light scaled by k³, CIE 1976), as often as on sure ground. Where the plate is
+    not known the nearest known colour counts, with twice the scatter.
+    """
+    unsure = np.where(behind.known, np.float32(1), np.float32(2))
+    shadow_share = np.where(behind.known, np.float32(noise.shadow_share), np.float32(UNKNOWN_SHADOW_SHARE))
+    lightness = np.hypot(np.float32(noise.lightness), behind.scatter[..., 0]) * unsure
+    chroma = np.hypot(np.float32(noise.chroma), behind.scatter[..., 1]) * unsure
+    off = difference(colours, behind)
+    lit = _student(off[..., 0], lightness) * _student_2(off[..., 1], off[..., 2], chroma)
+    ground_L = behind.colours[..., 0] + 16
+    k = (colours[..., 0] + 16) / ground_L
+    a, b = (colours[..., c] - k * behind.colours[..., c] for c in (1, 2))
+    bins = np.clip((k - DARKEST_SHADOW) / (1 - DARKEST_SHADOW) * SHADOW_BINS, 0, SHADOW_BINS - 1)
+    depth = noise.shadow_density.astype(np.float32)[bins.astype(np.int32)] / ground_L
+    dim = np.where((k > DARKEST_SHADOW) & (k <= 1), _student_2(a, b, 1.5 * chroma) * depth, 0)
+    return np.asarray((1 - shadow_share) * lit + shadow_share * dim, np.float32)
 
 
 def cells_of(colours: Float[np.ndarray, "*n 3"]) -> Int[np.ndarray, "*n"]:
@@ -156,9 +254,62 @@ def colour_density(cells: Int[np.ndarray, " n"]) -> Float[np.ndarray, " c"]:
     return np.asarray(smooth.ravel() / max(len(cells), 1) / cell, np.float32)
 
 
+def strange_share(
+    ground: Float[np.ndarray, "h w"], other: Float[np.ndarray, "h w"], sure: Bool[np.ndarray, "h w"]
+) -> Float[np.ndarray, "h w"]:
+    """How often sure ground nearby is better told by the photo's own surroundings than by the plate.
+
+    `ground` and `other` are the densities of each pixel's colour under the plate and under the palette of
+    the surroundings. Rises where the ground shines or is not flat; carried into what is no sure ground by
+    normalised convolution over NEARBY of the window's side.
+    """
+    odd = (STRANGER * ground < other) & sure
+    width = NEARBY * len(sure)
+    size = (max(1, sure.shape[1] // 8), max(1, sure.shape[0] // 8))
+    count, of = (
+        cv2.GaussianBlur(
+            cv2.resize(m.astype(np.float32), size, interpolation=cv2.INTER_AREA), (0, 0), width / 8
+        )
+        for m in (odd, sure)
+    )
+    share = cv2.resize((count + 1e-6) / (of + 1e-4), sure.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    return np.asarray(np.clip(share, *STRANGE_SHARES), np.float32)
+
+
+def colour_log_odds(
+    inside: Float[np.ndarray, "*n"],
+    ground: Float[np.ndarray, "*n"],
+    other: Float[np.ndarray, "*n"],
+    strange: Float[np.ndarray, "*n"],
+) -> Float[np.ndarray, "*n"]:
+    """log p(colour | fruit) - log p(colour | ground), clipped to +-6, from the colour's densities.
+
+    The ground is as the plate tells but for the share `strange`, which is as the surroundings are. Either has
+    a floor for colours that were not among its sure pixels.
+    """
+    outside = (1 - strange) * ground + strange * other
+    log_odds = np.log((inside + np.float32(UNSEEN_DENSITY)) / (outside + np.float32(UNSEEN_DENSITY)))
+    return np.asarray(np.clip(log_odds, -MOST_LOG_ODDS, MOST_LOG_ODDS), np.float32)
+
+
 def tidy(log_odds: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
     """Pixels with the odds for fruit, without specks and pinholes."""
     smooth = cv2.GaussianBlur(log_odds.astype(np.float32), (5, 5), 1.0)
     mask, disc = (smooth > 0).astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
     mask = cv2.morphologyEx(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, disc), cv2.MORPH_OPEN, disc)
     return np.asarray(ndimage.binary_fill_holes(mask))
+
+
+def _student(off: Float[np.ndarray, "*n"], scale: Float[np.ndarray, "*n"]) -> Float[np.ndarray, "*n"]:
+    """Student's t density in one dimension, DEGREES_OF_FREEDOM = 5: (1 + t² / 5)^-3."""
+    away = 1 + (off / scale) ** 2 / DEGREES_OF_FREEDOM
+    return np.asarray(0.3796 / (scale * away * away * away))
+
+
+def _student_2(
+    x: Float[np.ndarray, "*n"], y: Float[np.ndarray, "*n"], scale: Float[np.ndarray, "*n"]
+) -> Float[np.ndarray, "*n"]:
+    """Student's t density in two dimensions, DEGREES_OF_FREEDOM = 5: (1 + r² / 5)^-3.5."""
+    square = scale * scale
+    away = 1 + (x * x + y * y) / (DEGREES_OF_FREEDOM * square)
+    return np.asarray(1 / (2 * np.pi * square * away * away * away * np.sqrt(away)))

@@ -2,17 +2,19 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float, Int, UInt8
 
 from recon.cameras.camera import Camera
 from recon.learned.fruit_model import FruitModel
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.silhouettes.background_plate import BackgroundPlate, background_plate
+from recon.silhouettes import mask as colour
+from recon.silhouettes.background_plate import BackgroundPlate, GroundViews, background_plate, ground_views
 from recon.silhouettes.carve import Block, carve
-from recon.silhouettes.mask import Window, ground_behind, plate_log_odds, tidy, window_around
+from recon.silhouettes.mask import Behind, Window
 from recon.silhouettes.star_cut import star_cuts
 
 COARSE_SIDE_PX = 300
@@ -22,19 +24,25 @@ FEWEST_CELLS = 60
 PRIOR_LOG_ODDS, PRIOR_SHARE = 8.0, 0.03
 """Log odds of what must or cannot be fruit by the other photos, and the share of the side over which they are
 reached. Set by hand; above MOST_LOG_ODDS of recon.silhouettes.mask, so that colour does not outvote them."""
+UNKNOWN_LOG_ODDS = (-0.3, 0.5)
+"""Log odds where the plate is not known: colour says little there, steps of colour decide. With (0.2, 0.8)
+what may be fruit ran over the shadow under a dull peach (set 8 of benchmarks/photo_bank.py: 4.3 mm off)."""
 BLURRED_LOG_ODDS, MOST_LEARNED_LOG_ODDS = 2.0, 4.0
 """Log odds of the fruit model count less the first (its blurred edge), at most the second. Counted whole, 18
 photos of a nectarine were 0.46 instead of 0.41 mm off (outlines alone)."""
+THINNED = 2
+"""Means over tens of thousands of ground pixels: every second pixel and line tells them as well."""
 
 
 @dataclass(frozen=True)
 class CutPhoto:
-    """A photo's window: Lab colours, and the fruit model's log odds (or 0)."""
+    """A photo's window: Lab colours, their cells in a histogram, the fruit model's log odds (or 0)."""
 
     index: int
     window: Window
     camera: Camera
     colours: Float[np.ndarray, "h w 3"]
+    cells: Int[np.ndarray, "h w"]
     learned: Float[np.ndarray, "h w"]
 
 
@@ -58,22 +66,28 @@ class SegmentationScene:
     high_mm: Float[np.ndarray, "3"]
     model: FruitModel | None = None
 
-    def background(self) -> BackgroundPlate:
-        """The plane under and around the box, which the photos show beside the fruit."""
+    @cached_property
+    def ground(self) -> GroundViews:
+        """The plane under and around the box as the photos show it."""
         reach = float(np.abs(np.stack([self.low_mm, self.high_mm])[:, :2]).max())
         half_width = reach + min(2.5 * float(self.high_mm[2]), 4 * reach)
-        return background_plate(self.images, self.cameras, half_width_mm=half_width)
+        return ground_views(self.images, self.cameras, half_width_mm=half_width)
+
+    def background(self, covered: Sequence[Bool[np.ndarray, "_ _"]] | None) -> BackgroundPlate:
+        """The ground without the fruit, which hides what `covered` marks in the photos, shrunk or not."""
+        return background_plate(self.ground, covered)
 
     def views(self, around: Float[np.ndarray, "n 3"], *, margin: float, side_px: int) -> list[CutPhoto]:
         """The photos' windows around some points, about `side_px` wide once shrunk."""
         windows = {}
         for i, (image, camera) in enumerate(zip(self.images, self.cameras, strict=True)):
-            window = window_around(image, camera, around, margin=margin, small_side_px=side_px)
+            window = colour.window_around(image, camera, around, margin=margin, small_side_px=side_px)
             if window is not None:
                 windows[i] = window
         views = []
         for (i, window), learned in zip(windows.items(), self._learned(windows), strict=True):
-            views.append(CutPhoto(i, window, self.cameras[i], window.small_lab(), learned))
+            colours = window.small_lab()
+            views.append(CutPhoto(i, window, self.cameras[i], colours, colour.cells_of(colours), learned))
         return views
 
     def _learned(self, windows: dict[int, Window]) -> list[Float[np.ndarray, "_ _"]]:
@@ -88,41 +102,90 @@ class SegmentationScene:
 def first_block(scene: SegmentationScene) -> Block:
     """The thing that stands on z = 0 inside the box, as coarse cells; its shaded lower flank may be missing.
 
-    It is what the fruit model takes for fruit. Where the model sees none, it is what is unlike the plate, the
-    median over the photos, which must outvote it. Raises ReconFailure (no-fruit) where nothing stands there.
+    The plate is the median over the photos, which must outvote the fruit. Raises ReconFailure (no-fruit)
+    where nothing stands there.
     """
     corners = np.stack(np.meshgrid(*zip(scene.low_mm, scene.high_mm, strict=True)), axis=-1).reshape(-1, 3)
     views = scene.views(corners, margin=0.02, side_px=COARSE_SIDE_PX)
-    block = _voted([tidy(view.learned) for view in views], views, scene)
-    if block.filled.sum() < FEWEST_CELLS:
-        background = scene.background()
-        masks = []
-        for view in views:
-            behind = ground_behind(view.window, background, view.camera)
-            masks.append(tidy(plate_log_odds(view.colours, behind) + view.learned) | ~behind.known)
-        block = _voted(masks, views, scene)
+    background = scene.background(None)
+    scatter = colour.background_scatter(background)
+    masks = []
+    for view in views:
+        behind = colour.ground_behind(view.window, background, scatter, view.camera)
+        log_odds = colour.first_log_odds(view.colours, behind) + view.learned
+        masks.append(colour.tidy(log_odds) | ~behind.known)
+    windows, cameras = [v.window for v in views], [v.camera for v in views]
+    block = carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm)
     if block.filled.sum() < FEWEST_CELLS:
         raise no_fruit("the photos show only the support")
     return block
 
 
-def _voted(masks: list[Bool[np.ndarray, "_ _"]], views: list[CutPhoto], scene: SegmentationScene) -> Block:
-    """The cells that the masks agree on."""
-    windows, cameras = [v.window for v in views], [v.camera for v in views]
-    return carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm)
-
-
-def fruit_log_odds(
-    views: Sequence[CutPhoto], bounds: Sequence[Bounds], centre_mm: Float[np.ndarray, "3"]
+def learned_log_odds(
+    views: Sequence[CutPhoto],
+    bounds: Sequence[Bounds],
+    background: BackgroundPlate,
+    centre_mm: Float[np.ndarray, "3"],
 ) -> tuple[list[Float[np.ndarray, "_ _"]], list[Bool[np.ndarray, "_ _"]]]:
     """Log odds of fruit against ground in every view, and the mask that they make.
 
-    The fruit model's, and those of what must or cannot be fruit by the other photos. `centre_mm` is about the
-    fruit's middle.
+    The fruit's colours are learned on what is surely fruit, half from this view and half from all, the
+    ground's on what is surely not. (Learned again inside the masks, they took a glossy cherry's shadow in.)
+    Outside of what may be fruit the odds are against it. `centre_mm` is about the fruit's middle.
     """
-    log_odds = [_prior(bound) + view.learned for view, bound in zip(views, bounds, strict=True)]
+    ground = []
+    for bound in bounds:
+        size = 2 * max(3, round(0.02 * len(bound.perhaps))) + 1
+        disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+        ground.append(cv2.dilate(bound.perhaps.astype(np.uint8), disc) == 0)
+    around = colour.colour_density(
+        np.concatenate([v.cells[m][::5] for v, m in zip(views, ground, strict=True)])
+    )
+    scatter = colour.background_scatter(background)
+    inside = [v.cells[b.sure] for v, b in zip(views, bounds, strict=True)]
+    fruit_of_all = colour.colour_density(np.concatenate([c[::3] for c in inside]))
+    log_odds = [
+        _log_odds(
+            view,
+            bound,
+            out,
+            colour.ground_behind(view.window, background, scatter, view.camera),
+            around,
+            (fruit_of_all + colour.colour_density(cells)) / 2,
+        )
+        for view, bound, out, cells in zip(views, bounds, ground, inside, strict=True)
+    ]
     centres = [v.window.into_small(v.camera.project(centre_mm[None]))[0] for v in views]
-    return log_odds, star_cuts(log_odds, [v.colours for v in views], centres)
+    masks = star_cuts(log_odds, [v.colours for v in views], centres)
+    return log_odds, masks
+
+
+def _log_odds(
+    view: CutPhoto,
+    bound: Bounds,
+    ground: Bool[np.ndarray, "h w"],
+    behind: Behind,
+    around: Float[np.ndarray, " c"],
+    fruit: Float[np.ndarray, " c"],
+) -> Float[np.ndarray, "h w"]:
+    """Log odds of one view. Colours count where the prior leaves it open; the share of strange pixels is
+    estimated on every THINNED-th pixel and line.
+    """
+    thin = (slice(None, None, THINNED), slice(None, None, THINNED))
+    colours, cells, few, out = view.colours[thin], view.cells[thin], behind.at(thin), ground[thin]
+    noise = colour.ground_noise(colours, few, out)
+    palette = 0.1 * around + 0.9 * colour.colour_density(cells[out])
+    strange = colour.strange_share(colour.ground_density(colours, few, noise), palette[cells], out)
+    strange = cv2.resize(strange, ground.shape[::-1], interpolation=cv2.INTER_LINEAR)
+    strange = np.where(behind.known, strange, np.maximum(strange, 0.5))
+    prior = _prior(bound)
+    open_ = np.nonzero(np.abs(prior) < PRIOR_LOG_ODDS)
+    on_background = colour.ground_density(view.colours[open_], behind.at(open_), noise)
+    cells = view.cells[open_]
+    by_colour = colour.colour_log_odds(fruit[cells], on_background, palette[cells], strange[open_])
+    log_odds = prior + view.learned
+    log_odds[open_] += np.where(behind.known[open_], by_colour, np.clip(by_colour, *UNKNOWN_LOG_ODDS))
+    return np.asarray(log_odds)
 
 
 def _prior(bound: Bounds) -> Float[np.ndarray, "h w"]:

@@ -7,12 +7,15 @@ from level_camera import camera_at, direction
 from recon.cameras.camera import Camera
 from recon.silhouettes.background_plate import (
     FEWEST_VIEWS,
+    MOST_VIEWS,
     SIDE_CELLS,
     background_in_view,
     background_plate,
+    ground_views,
     image_from_plane,
     plane_from_cell,
 )
+from recon.silhouettes.background_plate import _sorted_layers as sorted_layers
 
 HALF_MM = 60.0
 WIDTH, HEIGHT = 320, 240
@@ -45,12 +48,17 @@ def on_ground(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     return place[..., 0], place[..., 1]
 
 
-def pictures(seen_by: list[Camera], gains: np.ndarray | float = 1.0) -> list[np.ndarray]:
-    """What they see, each with its gain of exposure."""
-    return [
-        np.clip(gain * ground(*on_ground(camera)) + 0.5, 0, 255).astype(np.uint8)
-        for camera, gain in zip(seen_by, np.broadcast_to(gains, len(seen_by)), strict=True)
-    ]
+def pictures(seen_by: list[Camera], *, gains=None, hidden: float = 0.0) -> tuple[list, list]:
+    """What they see, and which pixels a black disc of so many mm about the origin hides."""
+    images, covers = [], []
+    for k, camera in enumerate(seen_by):
+        x, y = on_ground(camera)
+        cover = np.hypot(x - 8 * np.cos(k), y - 8 * np.sin(k)) < hidden
+        colours = ground(x, y) * (1.0 if gains is None else gains[k])
+        colours[cover] = 5.0
+        images.append(np.clip(colours + 0.5, 0, 255).astype(np.uint8))
+        covers.append(cover)
+    return images, covers
 
 
 def truth() -> tuple[np.ndarray, np.ndarray]:
@@ -62,20 +70,36 @@ def truth() -> tuple[np.ndarray, np.ndarray]:
 
 def test_the_plate_is_the_ground_wherever_it_is_known():
     seen_by = cameras(7)
-    background = background_plate(pictures(seen_by), seen_by, half_width_mm=HALF_MM)
+    background = background_plate(ground_views(pictures(seen_by)[0], seen_by, half_width_mm=HALF_MM))
     colours, away = truth()
     assert background.known[away < 0.9 * HALF_MM].all()
     miss = np.abs(background.colours.astype(float) - colours)[background.known]
     assert np.median(miss) < 1.0
     assert np.quantile(miss, 0.99) < 3.0
+    assert (background.dim <= background.colours).all()
+    assert (background.colours <= background.bright).all()
+
+
+def test_what_hides_the_ground_is_not_in_the_plate_once_it_is_covered():
+    seen_by = cameras(7)
+    images, covers = pictures(seen_by, hidden=25.0)
+    views = ground_views(images, seen_by, half_width_mm=HALF_MM)
+    colours, away = truth()
+    background = background_plate(views, covers)
+    assert not background.known[away < 15].any()  # hidden in every view
+    shown = background.known & (away < 40)
+    assert shown[away < 40].mean() > 0.4
+    assert np.quantile(np.abs(background.colours.astype(float) - colours)[shown], 0.99) < 4.0
+    blind = background_plate(views)
+    assert (blind.colours[away < 15] < 40).all()
 
 
 def test_a_median_outvotes_what_hides_the_ground_in_few_views():
     seen_by = cameras(7)
-    images = pictures(seen_by)
+    images, _ = pictures(seen_by)
     for image in images[:2]:
         image[:] = 0
-    background = background_plate(images, seen_by, half_width_mm=HALF_MM)
+    background = background_plate(ground_views(images, seen_by, half_width_mm=HALF_MM))
     colours, away = truth()
     assert np.median(np.abs(background.colours.astype(float) - colours)[away < 40]) < 6.0
 
@@ -83,9 +107,12 @@ def test_a_median_outvotes_what_hides_the_ground_in_few_views():
 def test_photos_of_other_exposure_are_brought_to_one():
     seen_by = cameras(8)
     gains = np.array([0.8, 1.0, 1.2, 0.9, 1.1, 1.0, 0.85, 1.15])
-    images = pictures(seen_by, gains)
-    background = background_plate(images, seen_by, half_width_mm=HALF_MM)
+    background = background_plate(
+        ground_views(pictures(seen_by, gains=gains)[0], seen_by, half_width_mm=HALF_MM)
+    )
     away = truth()[1] < 50
+    spread = background.bright.astype(float) - background.dim
+    assert np.quantile(spread[away], 0.95) < 6.0  # 40 % of 120 grey levels apart as they come
     colours = truth()[0][away]
     ratio = background.colours[away].astype(float) / colours
     assert ratio.std() < 0.03
@@ -93,29 +120,43 @@ def test_photos_of_other_exposure_are_brought_to_one():
 
 def test_a_cell_that_fewer_than_three_photos_show_is_not_known():
     seen_by = cameras(FEWEST_VIEWS)
-    images = pictures(seen_by)
+    images, covers = pictures(seen_by)
+    views = ground_views(images, seen_by, half_width_mm=HALF_MM)
     inner = truth()[1] < 30
-    assert background_plate(images, seen_by, half_width_mm=HALF_MM).known[inner].all()
-    assert not background_plate(images[1:], seen_by[1:], half_width_mm=HALF_MM).known.any()
+    assert background_plate(views, covers).known[inner].all()
+    covers[0][:] = True
+    assert not background_plate(views, covers).known.any()
 
 
-def test_ground_behind_the_cameras_is_not_known():
-    low = [towards_origin(40.0 * direction(0.0, 10.0))] * FEWEST_VIEWS
-    black = [np.zeros((HEIGHT, WIDTH, 3), np.uint8)] * FEWEST_VIEWS
-    known = background_plate(black, low, half_width_mm=HALF_MM).known
-    x, y = np.meshgrid(*[np.linspace(-HALF_MM, HALF_MM, SIDE_CELLS)] * 2)
-    depth = low[0].into(np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3))[:, 2].reshape(x.shape)
-    assert known.any()
-    assert not known[depth < 0].any()
+def test_of_many_photos_so_many_are_taken_evenly():
+    seen_by = cameras(2 * MOST_VIEWS + 1)
+    views = ground_views(
+        [np.zeros((HEIGHT, WIDTH, 3), np.uint8)] * len(seen_by), seen_by, half_width_mm=HALF_MM
+    )
+    assert len(views.chosen) == MOST_VIEWS
+    assert (views.chosen[0], views.chosen[-1]) == (0, len(seen_by) - 1)
+    assert set(np.diff(views.chosen)) <= {2, 3}
+
+
+def test_ground_behind_a_camera_is_not_ahead_of_it():
+    low = towards_origin(40.0 * direction(0.0, 10.0))
+    views = ground_views([np.zeros((HEIGHT, WIDTH, 3), np.uint8)], [low], half_width_mm=HALF_MM)
+    step = np.linspace(-HALF_MM, HALF_MM, SIDE_CELLS)
+    x, y = np.meshgrid(step, step)
+    depth = low.into(np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3))[:, 2].reshape(x.shape)
+    assert (depth < 0).any()
+    np.testing.assert_array_equal(views.ahead[0], depth > 0)
 
 
 @pytest.mark.parametrize("shrink", [1, 3])
 def test_the_plate_looks_from_a_camera_as_its_photo_does(shrink):
     seen_by = cameras(7)
-    images = pictures(seen_by)
-    background = background_plate(images, seen_by, half_width_mm=HALF_MM)
+    images, _ = pictures(seen_by)
+    background = background_plate(ground_views(images, seen_by, half_width_mm=HALF_MM))
     corner, size = (100, 60), (120 // shrink, 120 // shrink)
-    seen, known = background_in_view(background, seen_by[2], corner_px=corner, size_px=size, shrink=shrink)
+    (seen,), known = background_in_view(
+        background, seen_by[2], [background.colours], corner_px=corner, size_px=size, shrink=shrink
+    )
     middle = (shrink - 1) // 2
     photo = images[2][corner[1] + middle :: shrink, corner[0] + middle :: shrink][: size[1], : size[0]]
     assert known.mean() > 0.8
@@ -131,3 +172,11 @@ def test_the_homography_is_the_cameras_projection_of_the_plane():
     )
     corners = np.array([[0, 0, 1], [SIDE_CELLS - 1, SIDE_CELLS - 1, 1.0]]) @ plane_from_cell(HALF_MM).T
     np.testing.assert_allclose(corners[:, :2], [[-HALF_MM] * 2, [HALF_MM] * 2])
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 7, 16, 24])
+def test_layers_are_sorted_place_by_place(count):
+    layers = np.random.default_rng(count).integers(0, 256, (count, 6, 5), dtype=np.uint8)
+    np.testing.assert_array_equal(
+        np.stack(sorted_layers([layer.copy() for layer in layers])), np.sort(layers, axis=0)
+    )

@@ -2,7 +2,15 @@
 
 import numpy as np
 
-from recon.silhouettes.mask import Behind, cells_of, colour_density, plate_log_odds
+from recon.silhouettes.mask import (
+    Behind,
+    cells_of,
+    colour_density,
+    colour_log_odds,
+    ground_density,
+    ground_noise,
+    strange_share,
+)  # fmt: skip
 
 SIDE = 80
 
@@ -14,16 +22,58 @@ def test_a_palette_is_a_density():
     assert abs(density.sum() * cell - 1) < 1e-3
 
 
-def test_what_is_unlike_the_plate_is_fruit_and_nothing_is_told_where_the_plate_is_not_known():
+def paper(level: float) -> Behind:
+    colours = np.tile(np.array([level, 1.0, 6.0], np.float32), (SIDE, SIDE, 1))
+    return Behind(colours, colours, colours, np.zeros((SIDE, SIDE, 2)), np.ones((SIDE, SIDE), bool))
+
+
+def in_shadow(colours: np.ndarray, light: float) -> np.ndarray:
+    """CIE Lab of the same surface under a share of the light, where every L* is above 8."""
+    k = light ** (1 / 3)
+    return np.stack(
+        [k * (colours[..., 0] + 16) - 16, k * colours[..., 1], k * colours[..., 2]], axis=-1
+    ).astype(np.float32)
+
+
+def test_a_shadow_that_moved_is_ground_and_dark_skin_in_its_place_is_not():
     rng = np.random.default_rng(3)
-    colours = np.tile(np.array([85.0, 1.0, 6.0], np.float32), (SIDE, SIDE, 1))
-    known = np.ones((SIDE, SIDE), bool)
-    known[-10:] = False
-    behind = Behind(colours, colours, colours, known)
-    seen = colours + rng.normal(0, 0.8, colours.shape).astype(np.float32)
-    seen[:20] = rng.normal([40.0, 50.0, 30.0], 3.0, (20, SIDE, 3))
-    seen[20:40, :, 0] -= 15.0  # in a faint shadow
-    log_odds = plate_log_odds(seen, behind)
+    behind = paper(85.0)
+    seen = behind.colours + rng.normal(0, 0.8, behind.colours.shape).astype(np.float32)
+    seen[:, 40:] = in_shadow(seen[:, 40:], 0.4)  # half of the ground
+    noise = ground_noise(seen, behind, np.ones((SIDE, SIDE), bool))
+    assert 0.4 < noise.shadow_share < 0.6
+    skin = rng.normal([22.0, 14.0, 6.0], 3.0, (4000, 3)).astype(np.float32)
+    palette = colour_density(cells_of(skin))
+    nothing = np.zeros((SIDE, SIDE))
+    picture = seen.copy()
+    picture[:20] = skin[: 20 * SIDE].reshape(20, SIDE, 3)
+    log_odds = colour_log_odds(
+        palette[cells_of(picture)], ground_density(picture, behind, noise), nothing, nothing
+    )
     assert (log_odds[:20] > 2).mean() > 0.98
-    assert (log_odds[20:70] < 0).mean() > 0.98
-    assert (log_odds[70:] == 0).all()
+    assert (log_odds[20:] < -2).mean() > 0.98
+
+
+def test_where_no_shadow_falls_a_darker_pixel_is_hardly_ground():
+    rng = np.random.default_rng(4)
+    behind = paper(85.0)
+    still = behind.colours + rng.normal(0, 0.8, behind.colours.shape).astype(np.float32)
+    quiet = ground_noise(still, behind, np.ones((SIDE, SIDE), bool))
+    dark = in_shadow(still, 0.2)
+    shadowed = ground_noise(
+        np.where(np.arange(SIDE)[:, None, None] < 40, dark, still), behind, np.ones((SIDE, SIDE), bool)
+    )
+    assert np.median(ground_density(dark, behind, quiet)) < 0.05 * np.median(
+        ground_density(dark, behind, shadowed)
+    )
+
+
+def test_ground_that_the_plate_does_not_tell_is_strange_nearby_and_nowhere_else():
+    sure = np.ones((400, 400), bool)
+    sure[150:250, 150:250] = False
+    on_background = np.full((400, 400), 1e-3)
+    on_background[:, :150] = 1e-9
+    share = strange_share(on_background, np.full((400, 400), 1e-4), sure)
+    assert share[:, :60].min() > 0.5
+    assert share[200, 160] > share[200, 240]
+    assert share[:, 340:].max() < 0.05

@@ -9,7 +9,6 @@ from mat_scene import Egg, photographed, ring
 from refusals import refused
 from scipy.ndimage import binary_dilation
 
-from recon.learned.fruit_model import fruit_model
 from recon.recon_failure import ReconProblem
 from recon.silhouettes.all_views import _whole as whole_views
 from recon.silhouettes.carve import Block
@@ -20,7 +19,7 @@ from recon.silhouettes.segmentation import (
     SegmentationScene,
     eroded,
     first_block,
-    fruit_log_odds,
+    learned_log_odds,
     pixels_of,
 )
 
@@ -82,12 +81,16 @@ def test_where_nothing_stands_there_is_no_fruit():
 
 def test_learned_odds_and_their_masks_part_the_egg_from_its_ground():
     column = block().with_column(reach=2)
-    views = replace(scene(), model=fruit_model()).views(column.points, margin=0.12, side_px=120)
+    views = scene().views(column.points, margin=0.12, side_px=120)
     bounds = [
         Bounds(eroded(pixels_of(block(), v.window, v.camera), 8.0), pixels_of(column, v.window, v.camera))
         for v in views
     ]
-    log_odds, masks = fruit_log_odds(views, bounds, EGG.centre)
+    covered = [
+        pixels_of(column, Window(i, (0, 0), 4), c)
+        for i, c in zip(scene().images, scene().cameras, strict=True)
+    ]
+    log_odds, masks = learned_log_odds(views, bounds, scene().background(covered), EGG.centre)
     for view, view_log_odds, mask in zip(views, log_odds, masks, strict=True):
         egg = truth(view)
         edge = binary_dilation(egg, iterations=2) & ~binary_dilation(egg, iterations=1)
