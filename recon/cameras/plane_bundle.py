@@ -136,10 +136,10 @@ def adjusted(
         x, miss_px = fit.x, misses_px(fit.x)
         if abs(np.log(_spread_px(miss_px) / sigma_px)) < STEADY:
             break
-    J = csr_array(fit.jac)
-    H = csc_array(J.T @ J)
-    H += 1e-9 * H.trace() / len(x) * eye_array(len(x))
-    variance = float(splu(csc_array(H)).solve(np.eye(len(x))[-2])[-2])
+    J: csr_array = fit.jac
+    H = csr_array(J.T @ J)
+    held = csc_array(H + 1e-9 * H.trace() / len(x) * eye_array(len(x)))
+    variance = float(splu(held).solve(np.eye(len(x))[-2])[-2])
     return Adjusted(scene_at(x), np.linalg.norm(miss_px, axis=1), float(np.sqrt(max(variance, 0.0))))
 
 

@@ -81,8 +81,8 @@ def point_maps(
         raise bad_model(model, f"takes the inputs {found}", 'one input "images" of shape (1, S, 3, H, W)')
     kind, (_, count, _, rows, columns) = inputs["images"].type, inputs["images"].shape
     if POINTS not in offered:
-        outputs = ", ".join(sorted(offered)) or "none"
-        raise bad_model(model, f'has no output "{POINTS}" (its outputs are {outputs})', f'"{POINTS}"')
+        others = ", ".join(sorted(offered)) or "none"
+        raise bad_model(model, f'has no output "{POINTS}" (its outputs are {others})', f'"{POINTS}"')
     if isinstance(count, int) and count != len(photos):
         raise bad_model(model, f"takes exactly {count} photos, not {len(photos)}", "any number of photos")
     if kind not in KINDS:
