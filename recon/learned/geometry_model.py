@@ -77,8 +77,8 @@ def point_maps(
     offered = [o.name for o in session.get_outputs()]
     inputs = {i.name: i for i in session.get_inputs()}
     if list(inputs) != ["images"] or len(inputs["images"].shape) != 5:
-        found = {name: i.shape for name, i in inputs.items()}
-        raise bad_model(model, f"takes the inputs {found}", 'one input "images" of shape (1, S, 3, H, W)')
+        shapes = {name: i.shape for name, i in inputs.items()}
+        raise bad_model(model, f"takes the inputs {shapes}", 'one input "images" of shape (1, S, 3, H, W)')
     kind, (_, count, _, rows, columns) = inputs["images"].type, inputs["images"].shape
     if POINTS not in offered:
         others = ", ".join(sorted(offered)) or "none"

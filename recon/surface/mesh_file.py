@@ -91,8 +91,8 @@ def _read(path: Path, kind: str, data: bytes) -> Mesh:
         return vertices, np.array(faces, int).reshape(-1, 3)
     except Exception as error:  # a broken file meets trimesh's parsers in a dozen ways
         whole = f"a whole {kind[1:].upper()} file"
-        alike = ", all of whose faces have the same number of corners if it is binary"
-        raise _unreadable(path, "is broken", whole + (alike if kind == ".ply" else "")) from error
+        corners = ", all of whose faces have the same number of corners if it is binary"
+        raise _unreadable(path, "is broken", whole + (corners if kind == ".ply" else "")) from error
 
 
 def _joined(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Mesh:

@@ -32,6 +32,7 @@ class Sheet:
 CLEAN_SHEET = Sheet(
     size="big", state="clean", stains=0, crumbs=0, folds=0, fold_mm=0.0, wave_mm=0.0, pattern_seed=0
 )
+"""Of the sample batch: flat and without dirt."""
 
 
 def draw_sheet(rng: np.random.Generator, *, fruit_kind: str) -> Sheet:
