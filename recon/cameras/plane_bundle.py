@@ -136,7 +136,7 @@ def adjusted(
         x, miss_px = fit.x, misses_px(fit.x)
         if abs(np.log(_spread_px(miss_px) / sigma_px)) < STEADY:
             break
-    J: csr_array = fit.jac
+    J: csr_array = fit.jac  # type: ignore[assignment]  # sparse, as its pattern is
     H = csr_array(J.T @ J)
     held = csc_array(H + 1e-9 * H.trace() / len(x) * eye_array(len(x)))
     variance = float(splu(held).solve(np.eye(len(x))[-2])[-2])
