@@ -17,10 +17,8 @@ NO_PHOTOS = frozenset(
     }
 )  # fmt: skip
 """Notes, and what cameras write beside a photo: edits, a film's small copy, the film of a moving photo."""
-READ_KINDS = {"JPEG": ".jpg", "MPO": ".jpg", "PNG": ".png", "HEIF": ".heic"}
+READ_KINDS = {"JPEG": ".jpg", "PNG": ".png", "HEIC": ".heic"}
 """Kinds of pictures that are read, and the suffix that each should have."""
-HEAD_BYTES = 65536
-"""Of a file, that tell its kind."""
 MOST_ENTRIES = 2000
 """Entries of a folder that are looked at, so that a link to a whole disk costs nothing."""
 
@@ -75,6 +73,6 @@ def _entries(folder: Path) -> list[Path]:
 
 def _kind(path: Path) -> str:
     try:
-        return picture_kind(read_head(path, HEAD_BYTES))
+        return picture_kind(read_head(path, 64))
     except NotReadable:
         return ""

@@ -55,7 +55,7 @@ BITMAP = cv2.imencode(".bmp", np.zeros((64, 64, 3), np.uint8))[1].tobytes()
         (png(900, 900)[:-12], "is damaged or was cut short"),
         (
             cv2.imencode(".bmp", np.zeros((64, 64, 3), np.uint8))[1].tobytes(),
-            "is a picture of another format (BMP)",
+            "is a picture of another format (bitmap (BMP))",
         ),
         (b"no picture" + bytes(5000), "is no picture that can be decoded"),
     ],
