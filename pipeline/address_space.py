@@ -1,6 +1,6 @@
 """What libraries need of memory, and the limit that may be set on it (`ulimit -v`).
 
-A library that meets the limit while it is loaded ends the process, runs for ever (OpenBLAS) or
+A library that meets the limit while it is loaded ends the process, runs for ever (OpenBLAS, pycolmap) or
 reports a broken installation. The limit is therefore compared with the need before any library is loaded.
 """
 

@@ -20,8 +20,8 @@ def ends_at_once() -> Iterator[None]:
     `ended_like_ctrl_c` takes ends the process there and then, SIGTERM at the end of the block.
 
     An exception would not do: raised while a library sets itself up, it leaves half a library behind, and
-    the interpreter's own end then crashes in it or takes its exit status (Open3D).
-    SIGTERM is blocked for the threads that libraries begin as well.
+    the interpreter's own end then crashes in it or takes its exit status (Open3D, pycolmap). pycolmap takes
+    SIGTERM over for a moment; it is blocked for the threads that libraries begin as well.
     """
     _loading.append("libraries")
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})

@@ -11,8 +11,8 @@ from scipy.spatial import cKDTree
 from recon.cameras.camera import Camera, straightened
 from recon.cameras.coin import Coin
 from recon.cameras.mat_poses import cameras_from_mat
+from recon.cameras.motion import cameras_from_motion
 from recon.cameras.photos import Photo, require_enough
-from recon.cameras.plane_motion import cameras_from_ground
 from recon.cameras.printed_mat import Mat
 from recon.cameras.similarity import scaling
 from recon.checks.ground_check import rim_evidence
@@ -98,7 +98,7 @@ def reconstruct(
     model = fruit_model(options.fruit_model, providers=options.providers)
     with one_thread(), clock.stage("poses", 0.0):
         poses = (
-            cameras_from_mat(photos, mat) if mat else cameras_from_ground(photos, height_mm=height_mm or 1.0)
+            cameras_from_mat(photos, mat) if mat else cameras_from_motion(photos, height_mm=height_mm or 1.0)
         )
         pairs = [straightened(photos[i], c) for i, c in zip(poses.used.tolist(), poses.cameras, strict=True)]
     low_mm, high_mm = poses.box

@@ -34,6 +34,7 @@ LIBRARIES = (
     "opencv-python-headless",
     "pi-heif",
     "pillow",
+    "pycolmap",
     "pymetis",
     "pytetwild",
     "pyvista",

@@ -23,6 +23,7 @@ from recon.silhouettes.hull import ball
 IMPORTED = ("cv2", "open3d", "manifold3d", "pytetwild", "onnxruntime", "h5py")
 """Libraries with native code, each of which may be missing what it loads."""
 OPTIONAL = {
+    "pycolmap": "photos without a mat then need a textured ground; photos with the mat need no pycolmap.",
     "pymetis": "sparse factorisations then take 1.3 to 2.5 times as long; results are the same.",
 }
 """Libraries without a package for some computers, and what their absence costs. Times: cubes of 14,000 and

@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from recon.cameras.camera import Camera, aim_of, pinhole, place_of, straightened
+from recon.cameras.ground_plane import upright
 from recon.cameras.mat_poses import Poses
 from recon.cameras.photos import FEWEST_PHOTOS, Photo
 from recon.cameras.plane_bundle import RIGID, Adjusted, PlaneScene, Sightings, adjusted
@@ -31,8 +32,6 @@ FEWEST_TRACKS = 30
 """Points of the ground, at least, that a set of cameras rests on. Set by hand."""
 MOST_MISS_PX = 1.5
 """Median miss from which on ground points do not lie on one plane."""
-STEEPEST_DEG = 10.0
-"""Degrees from straight above within which the first photo's side is not told. Set by hand."""
 
 
 def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
@@ -40,10 +39,8 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
 
     Homographies of the ground between all pairs give focal length and poses at once; patches of the ground
     measured in every photo then refine them, each photo with a focal length of its own about the common one.
-    World: about millimetres (the fruit is `height_mm` tall), z up from the ground, fruit near the z axis, x
-    to where the first photo was taken. Photos of one size. Raises ReconFailure: no-overlap where fewer than
-    three photos, or fewer than half, or not the first, hang together, or the first looks straight down;
-    no-fruit.
+    World and box as in recon.cameras.motion. Photos of one size. Raises ReconFailure: no-overlap where
+    fewer than three photos, or fewer than half, or not the first, hang together; no-fruit.
     """
     if len({p.image.shape for p in photos}) != 1:
         raise ReconProblem.NO_OVERLAP.failure(
@@ -198,23 +195,3 @@ def _placed(
     world = affine(factor * np.eye(3), -factor * (low + high) / 2 * [1, 1, 0])
     half = factor * 0.85 * max(float((high - low)[:2].max()), float(high[2]))
     return world, box_about_z(half, 1.7 * height_mm)
-
-
-def upright(
-    up: Float[np.ndarray, "3"], foot: Float[np.ndarray, "3"], ahead: Float[np.ndarray, "3"]
-) -> Float[np.ndarray, "4 4"]:
-    """The rigid motion that brings `foot` to the origin, `up` to z, and `ahead` (seen from above) to x.
-
-    Without a mat `ahead` is where the first photo was taken, by convention from the suture's side. Raises
-    ReconFailure (no-overlap) where that is within ten degrees of straight above: it then points nowhere.
-    """
-    x = ahead - (ahead @ up) * up
-    if not np.linalg.norm(x) > np.sin(np.radians(STEEPEST_DEG)) * np.linalg.norm(ahead):
-        raise ReconProblem.NO_OVERLAP.failure(
-            "The first photo looks straight down on the fruit. Without a mat it must show the "
-            "suture's side, because it defines the suture's direction. Retake the first photo, or "
-            "use the mat (drupe mat)."
-        )
-    x /= np.linalg.norm(x)
-    turn = np.stack([x, np.cross(up, x), up])
-    return affine(turn, -turn @ foot)

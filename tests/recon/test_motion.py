@@ -5,8 +5,10 @@ import pytest
 from mat_scene import Egg, photographed, ring
 from refusals import refused
 
+from recon.cameras import motion
+from recon.cameras.ground_plane import upright
+from recon.cameras.motion import cameras_from_motion
 from recon.cameras.photos import Photo
-from recon.cameras.plane_motion import cameras_from_ground, upright
 from recon.cameras.printed_mat import standard_mat
 from recon.recon_failure import ReconProblem
 
@@ -18,7 +20,7 @@ def photos():
 
 @pytest.mark.slow
 def test_x_points_to_where_the_first_photo_was_taken(photos):
-    poses = cameras_from_ground(photos, height_mm=48.0)
+    poses = cameras_from_motion(photos, height_mm=48.0)
     x, y, z = poses.cameras[0].place
     assert x > 0
     assert z > 0
@@ -28,8 +30,15 @@ def test_x_points_to_where_the_first_photo_was_taken(photos):
 @pytest.mark.proof
 def test_a_first_photo_that_cannot_be_placed_is_refused(photos):
     noise = np.random.default_rng(2).integers(0, 255, photos[0].image.shape, dtype=np.uint8)
-    with refused(ReconProblem.NO_OVERLAP, r"front\.png overlaps too little with the other photos: retake"):
-        cameras_from_ground([Photo("front.png", noise), *photos], height_mm=48.0)
+    with refused(ReconProblem.NO_OVERLAP, r"first photo \(front\.png\) shares too few .* retake"):
+        cameras_from_motion([Photo("front.png", noise), *photos], height_mm=48.0)
+
+
+def test_without_pycolmap_photos_that_the_ground_does_not_join_name_it_and_what_to_do(monkeypatch):
+    monkeypatch.setattr(motion, "pycolmap", None)
+    blank = [Photo(f"{i}.png", np.full((120, 160, 3), 90, np.uint8)) for i in range(4)]
+    with refused(ReconProblem.MISSING_LIBRARY, r"needs pycolmap.*on the mat \(drupe mat\).*fruit\.ply"):
+        cameras_from_motion(blank, height_mm=48.0)
 
 
 def test_a_first_photo_from_straight_above_is_refused():

@@ -21,7 +21,7 @@ UNTRANSLATED = frozenset(
         "fem/mesh/tetwild.py", "pipeline/fruit/bare_traces.py", "pipeline/fruit/fruit_shape.py",
         "pipeline/fruit/kept_models.py", "pipeline/fruit/missing_physics.py",
         "pipeline/fruit/placed_grasp.py", "pipeline/fruit/pressed_fruit.py",
-        "pipeline/ranking/reference_ratio.py", "recon/cameras/mat_poses.py",
+        "pipeline/ranking/reference_ratio.py", "recon/cameras/mat_poses.py", "recon/cameras/motion.py",
         "recon/cameras/photos.py", "recon/cameras/plane_motion.py", "recon/cameras/printed_mat.py",
         "recon/checks/surface_verdict.py", "recon/learned/onnx_file.py", "recon/pit/placement.py",
         "recon/pit/priors/__init__.py", "recon/surface/mesh_file.py", "recon/underside.py",

@@ -1,0 +1,75 @@
+"""The plane that most points lie on: where a fruit stands when no mat says so."""
+
+import numpy as np
+from jaxtyping import Float
+
+from recon.cameras.similarity import affine
+from recon.recon_failure import ReconProblem
+
+TRIALS = 600
+"""Planes through three points that are tried; if a quarter is ground, all miss it with probability 0.01 %."""
+FEWEST_POINTS = 15
+"""On a plane, at least; fewer may share one by chance. Set by hand."""
+STEEPEST_DEG = 10.0
+"""Degrees from straight above within which the first photo's side is not told. Set by hand."""
+
+
+def ground_plane(
+    points: Float[np.ndarray, "n 3"],
+    *,
+    tolerance: float,
+    above: Float[np.ndarray, "m 3"] | None,
+    rng: np.random.Generator,
+) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """A point, and the upward unit normal, of the plane within `tolerance` of most points (RANSAC).
+
+    Up is where `above` (the cameras) is, all on one side; without it, where most of the remaining points are.
+    Raises ReconFailure (no-overlap) where fewer than fifteen points share a plane.
+    """
+    best, count = np.zeros(len(points), bool), 0
+    for _ in range(TRIALS if len(points) >= FEWEST_POINTS else 0):
+        a, b, c = points[rng.choice(len(points), 3, replace=False)]
+        normal = np.cross(b - a, c - a)
+        length = float(np.linalg.norm(normal))
+        if length < tolerance**2:
+            continue
+        normal /= length
+        close = np.abs((points - a) @ normal) < tolerance
+        if close.sum() <= count:
+            continue
+        if above is not None and np.abs(np.sum(side := (above - a) @ normal)) < 0.95 * np.abs(side).sum():
+            continue
+        best, count = close, int(close.sum())
+    if count < FEWEST_POINTS:
+        raise ReconProblem.NO_OVERLAP.failure(
+            f"drupe found no flat ground under the fruit among {len(points)} points; use the mat "
+            "(drupe mat) or a flat, textured ground."
+        )
+    for _ in range(5):
+        middle = points[best].mean(0)
+        normal = np.linalg.svd(points[best] - middle, full_matrices=False)[2][2]
+        best = np.abs((points - middle) @ normal) < 0.7 * tolerance
+    off = (points if above is None else above) - middle
+    side = off @ normal
+    up = normal if np.sum(np.sign(side) * (np.abs(side) > tolerance)) >= 0 else -normal
+    return middle, up
+
+
+def upright(
+    up: Float[np.ndarray, "3"], foot: Float[np.ndarray, "3"], ahead: Float[np.ndarray, "3"]
+) -> Float[np.ndarray, "4 4"]:
+    """The rigid motion that brings `foot` to the origin, `up` to z, and `ahead` (seen from above) to x.
+
+    Without a mat `ahead` is where the first photo was taken, by convention from the suture's side. Raises
+    ReconFailure (no-overlap) where that is within ten degrees of straight above: it then points nowhere.
+    """
+    x = ahead - (ahead @ up) * up
+    if not np.linalg.norm(x) > np.sin(np.radians(STEEPEST_DEG)) * np.linalg.norm(ahead):
+        raise ReconProblem.NO_OVERLAP.failure(
+            "The first photo looks straight down on the fruit. Without a mat it must show the "
+            "suture's side, because it defines the suture's direction. Retake the first photo, or "
+            "use the mat (drupe mat)."
+        )
+    x /= np.linalg.norm(x)
+    turn = np.stack([x, np.cross(up, x), up])
+    return affine(turn, -turn @ foot)

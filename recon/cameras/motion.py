@@ -1,0 +1,204 @@
+"""Cameras without a mat: from the ground, or by pycolmap, turned upright on the plane under the fruit."""
+
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+import cv2
+import numpy as np
+from jaxtyping import Float
+
+from recon.cameras.camera import Camera, aim_of
+from recon.cameras.colmap import pycolmap
+from recon.cameras.ground_plane import ground_plane, upright
+from recon.cameras.mat_poses import Poses
+from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
+from recon.cameras.plane_motion import cameras_from_ground
+from recon.cameras.similarity import affine, moved
+from recon.recon_failure import ReconFailure, ReconProblem
+from recon.scale import Box, box_about_z
+
+MOST_FEATURES = 4000
+"""Of a photo: more take time (matching costs their square) and are fainter. Set by hand."""
+LONGEST_SIDE_PX = 1280
+"""px to which photos are reduced for this: ground and fruit have detail enough there. Set by hand."""
+FEWEST_FRUIT_POINTS = 40
+"""Points above the ground that tell where the fruit is; with fewer, it is in the middle. Set by hand."""
+MOST_TRIALS = 1000
+"""Of RANSAC for a pair of photos: bounds the time of pairs that share nothing. Set by hand."""
+SEED = 1
+"""Any number does, kept so that runs repeat."""
+
+
+def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
+    """Cameras from the flat ground's texture, or where that leaves photos out, from features of the scene.
+
+    World and box as `cameras_from_features` says; of the two ways the one that places more photos counts,
+    the ground's before the other. Raises ReconFailure: no-overlap, no-fruit.
+    """
+    require_enough(len(photos), where="The set")
+    try:
+        ground = cameras_from_ground(photos, height_mm=height_mm)
+    except ReconFailure as failure:
+        try:
+            return cameras_from_features(photos, height_mm=height_mm)
+        except ReconFailure as other:
+            if failure.views is None:
+                raise
+            raise ReconFailure(other.problem, f"{other.detail} {failure.detail}", failure.views) from None
+    if len(ground.used) == len(photos):
+        return ground
+    try:
+        features = cameras_from_features(photos, height_mm=height_mm)
+    except ReconFailure:
+        return ground
+    return features if len(features.used) > len(ground.used) else ground
+
+
+def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses:
+    """Cameras from SIFT features of all pairs and incremental mapping (Schönberger, Frahm 2016).
+
+    World: about millimetres (the points' height is taken for `height_mm`), z up from the support plane, fruit
+    near the z axis, x to where the first photo was taken. Writes PNG to a scratch folder, as pycolmap reads
+    only files. Raises ReconFailure: no-overlap (fewer than three photos or half of them, or not the first,
+    hang together, or the first looks straight down), no-fruit, missing-library.
+    """
+    require_enough(len(photos), where="The set")
+    if pycolmap is None:
+        raise ReconProblem.MISSING_LIBRARY.failure(
+            "The photos show no mat, and the ground's texture does not join them. The other method needs "
+            "pycolmap, which is not installed here (pip has no package of it for Linux on ARM). "
+            "Photograph the fruit on the mat (drupe mat), or give its mesh as fruit.ply."
+        )
+    with tempfile.TemporaryDirectory() as scratch:
+        model = _mapped(photos, Path(scratch))
+    registered = 0 if model is None else model.num_reg_images()
+    if model is None or registered < max(FEWEST_PHOTOS, len(photos) / 2):
+        raise ReconProblem.NO_OVERLAP.failure(
+            f"Only {registered} of {len(photos)} photos share enough features. Without a mat, the "
+            "fruit needs a textured ground, and neighbouring photos must be within 20 degrees. Print "
+            "the mat (drupe mat) or take more photos."
+        )
+    rows = sorted((int(image.name[:6]), image) for image in model.images.values() if image.has_pose)
+    if rows[0][0] != 0:
+        raise ReconProblem.NO_OVERLAP.failure(
+            f"The first photo ({photos[0].name}) shares too few features with the others. Without a "
+            "mat it defines the suture's direction, and with it the places of pit and pads. Retake "
+            "it from the suture's side, within 20 degrees of the next, or use the mat (drupe mat)."
+        )
+    cameras = [_camera(photos[i], image) for i, image in rows]
+    cloud = np.array([p.xyz for p in model.points3D.values() if p.track.length() >= 3])
+    level = _level(cloud, cameras)
+    cameras = [c.moved(level) for c in cameras]
+    world, box = _placed(moved(cloud, level), cameras, height_mm)
+    cameras = [c.moved(world) for c in cameras]
+    focal = model.cameras[rows[0][1].camera_id]
+    return Poses(
+        cameras=tuple(cameras),
+        used=np.array([i for i, _ in rows], int),
+        reprojection_px=float(model.compute_mean_reprojection_error()),
+        scale_sd=float("inf"),
+        focal_sd_px=0.002 * float(focal.params[0]),
+        box=box,
+        warnings=()
+        if registered > 0.8 * len(photos)
+        else (f"drupe found no camera pose for {len(photos) - registered} of {len(photos)} photos.",),
+    )
+
+
+def _mapped(photos: Sequence[Photo], scratch: Path) -> "pycolmap.Reconstruction | None":
+    """COLMAP's reconstruction with the most photos, from SIFT features; None where there is none."""
+    pictures = scratch / "pictures"
+    pictures.mkdir()
+    for i, photo in enumerate(photos):
+        cv2.imwrite(str(pictures / f"{i:06d}.png"), photo.image, [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    database = scratch / "features.db"
+    pycolmap.logging.minloglevel = pycolmap.logging.Level.FATAL.value
+    pycolmap.set_random_seed(SEED)
+    reader = pycolmap.ImageReaderOptions()
+    reader.camera_model = "SIMPLE_RADIAL"
+    extraction = pycolmap.FeatureExtractionOptions()
+    extraction.num_threads, extraction.use_gpu = 1, False
+    extraction.max_image_size = LONGEST_SIDE_PX
+    extraction.sift.max_num_features = MOST_FEATURES
+    extraction.sift.first_octave = 0
+    matching = pycolmap.FeatureMatchingOptions()
+    matching.num_threads, matching.use_gpu = 1, False
+    verification = pycolmap.TwoViewGeometryOptions()
+    verification.ransac.random_seed, verification.ransac.max_num_trials = SEED, MOST_TRIALS
+    same_size = len({p.image.shape for p in photos}) == 1
+    mode = pycolmap.CameraMode.SINGLE if same_size else pycolmap.CameraMode.PER_IMAGE
+    known = [p.focal_px for p in photos if p.focal_px is not None]
+    if known and same_size:
+        height, width = photos[0].image.shape[:2]
+        reader.camera_params = f"{float(np.median(known))},{width / 2},{height / 2},0"
+    pycolmap.extract_features(
+        database,
+        pictures,
+        camera_mode=mode,
+        reader_options=reader,
+        extraction_options=extraction,
+        device=pycolmap.Device.cpu,
+    )
+    pycolmap.match_exhaustive(
+        database, matching_options=matching, verification_options=verification, device=pycolmap.Device.cpu
+    )
+    options = pycolmap.IncrementalPipelineOptions()
+    options.num_threads, options.random_seed = 1, SEED
+    options.ba_global_frames_ratio = options.ba_global_points_ratio = 1.4
+    options.ba_global_max_refinements = 2
+    options.mapper.num_threads, options.mapper.random_seed = 1, SEED
+    options.triangulation.random_seed = SEED
+    options.min_model_size, options.multiple_models, options.extract_colors = FEWEST_PHOTOS, False, False
+    models = pycolmap.incremental_mapping(database, pictures, scratch, options=options)
+    return max(models.values(), key=lambda m: m.num_reg_images()) if models else None
+
+
+def _camera(photo: Photo, image: "pycolmap.Image") -> Camera:
+    """A camera of COLMAP's, SIMPLE_RADIAL, as ours."""
+    matrix, params = image.cam_from_world().matrix(), image.camera.params
+    return Camera.of(photo, params[0], params[3], affine(matrix[:, :3], matrix[:, 3]))
+
+
+def _level(cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera]) -> Float[np.ndarray, "4 4"]:
+    """The motion to z = 0 of the plane of most points, cameras above it, and to x = y = 0 of their aim."""
+    aim = aim_of(np.array([c.cam_from_world for c in cameras]))
+    places = np.array([c.place for c in cameras])
+    distance = float(np.median(np.linalg.norm(places - aim, axis=1)))
+    near = cloud[np.linalg.norm(cloud - aim, axis=1) < 0.8 * distance]
+    if len(near) < 20:
+        raise ReconProblem.NO_OVERLAP.failure(
+            f"drupe found only {len(near)} points in the common field of view; use the mat or a "
+            "textured ground."
+        )
+    middle, up = ground_plane(near, tolerance=0.005 * distance, above=places, rng=np.random.default_rng(SEED))
+    foot = aim - ((aim - middle) @ up) * up
+    return upright(up, foot, places[0] - foot)
+
+
+def _placed(
+    cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera], height_mm: float
+) -> tuple[Float[np.ndarray, "4 4"], Box]:
+    """Shift and scale to about millimetres with the fruit on the z axis, and the box that it stands in.
+
+    Points well over the plane and near where the photos look are the fruit's; where its skin gave too few, a
+    fruit a fifth as tall as the cameras are far is looked for.
+    """
+    distance = float(np.median([np.linalg.norm(c.place) for c in cameras]))
+    flat = np.abs(cloud[:, 2]) < 0.03 * distance
+    noise = 1.5 * float(np.median(np.abs(cloud[flat, 2]))) if flat.any() else 0.0
+    over = cloud[
+        (cloud[:, 2] > max(0.02 * distance, 6 * noise))
+        & (np.hypot(cloud[:, 0], cloud[:, 1]) < 0.3 * distance)
+    ]
+    middle, tall, wide = np.zeros(2), 0.2 * distance, 0.1 * distance
+    if len(over) >= FEWEST_FRUIT_POINTS:
+        middle = np.median(over[:, :2], axis=0)
+        away = np.hypot(*(over[:, :2] - middle).T)
+        over = over[away < 3 * np.median(away)]
+        tall = float(np.percentile(over[:, 2], 98))
+        wide = float(np.percentile(np.hypot(*(over[:, :2] - middle).T), 95))
+    factor = height_mm / tall
+    world = affine(factor * np.eye(3), -factor * np.array([*middle, 0.0]))
+    half = 1.7 * factor * max(wide, 0.5 * tall)
+    return world, box_about_z(half, 1.7 * height_mm)
