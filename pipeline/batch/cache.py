@@ -35,6 +35,7 @@ LIBRARIES = (
     "pi-heif",
     "pillow",
     "pycolmap",
+    "pymeshlab",
     "pymetis",
     "pytetwild",
     "pyvista",

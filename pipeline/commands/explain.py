@@ -13,7 +13,7 @@ from pipeline.safe_start import elsewhere, load
 
 MOST_EXPLAINING = 4
 """Jobs unless told otherwise: there are seldom more recordings to work on at once, and each costs memory."""
-LOADED_LATE = ("open3d",)
+LOADED_LATE = ("open3d", "pymeshlab")
 """Libraries that rooms import when they need them, where the current folder may be a stranger's."""
 
 

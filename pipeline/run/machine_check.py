@@ -24,6 +24,7 @@ IMPORTED = ("cv2", "open3d", "manifold3d", "pytetwild", "onnxruntime", "h5py")
 """Libraries with native code, each of which may be missing what it loads."""
 OPTIONAL = {
     "pycolmap": "photos without a mat then need a textured ground; photos with the mat need no pycolmap.",
+    "pymeshlab": "Open3D then repairs and decimates surfaces; they differ by micrometres.",
     "pymetis": "sparse factorisations then take 1.3 to 2.5 times as long; results are the same.",
 }
 """Libraries without a package for some computers, and what their absence costs. Times: cubes of 14,000 and

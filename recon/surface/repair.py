@@ -8,6 +8,7 @@ from jaxtyping import Float, Int
 
 from recon.native import open3d
 from recon.recon_failure import ReconProblem
+from recon.surface import meshlab
 from recon.surface.ray_mesh import RayMesh
 from recon.triangle_mesh import open_edges, unique_edges, volume_mm3
 
@@ -30,9 +31,26 @@ def repaired(
 ) -> RepairedMesh:
     """The largest part of a surface as a manifold, holes closed, of at most `max_faces` faces.
 
-    Decimated by quadric edge collapse (Garland, Heckbert 1997). Raises ReconFailure: not-watertight where it
-    stays open, missing-library where Open3D cannot be loaded.
+    By PyMeshLab where it is installed, else by Open3D. Raises ReconFailure: not-watertight where it stays
+    open, missing-library where neither can be loaded.
     """
+    tool = _closed_and_decimated if meshlab.library() is None else meshlab.closed_and_decimated
+    whole, corners, triangles = tool(vertices, faces, max_faces=max_faces)
+    if len(triangles) and volume_mm3(corners, triangles) < 0:
+        triangles = triangles[:, ::-1].copy()
+    if open_edges(triangles):
+        raise ReconProblem.NOT_WATERTIGHT.failure(
+            f"The fruit's surface still has {open_edges(triangles)} open edges after repair; take "
+            "more photos from all sides."
+        )
+    away = RayMesh(corners, triangles).distances_mm(whole)
+    return RepairedMesh(corners, triangles, float(np.sqrt(np.mean(away**2))))
+
+
+def _closed_and_decimated(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, max_faces: int
+) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
+    """As recon.surface.meshlab, by Open3D; raises ReconFailure (missing-library)."""
     o3d = open3d()
     mesh = _clean(
         o3d.geometry.TriangleMesh(
@@ -43,16 +61,7 @@ def repaired(
     whole = np.array(mesh.vertices)
     if len(mesh.triangles) > max_faces:
         mesh = _clean(mesh.simplify_quadric_decimation(max_faces))
-    corners, triangles = np.array(mesh.vertices), np.array(mesh.triangles, int)
-    if len(triangles) and volume_mm3(corners, triangles) < 0:
-        triangles = triangles[:, ::-1].copy()
-    if open_edges(triangles):
-        raise ReconProblem.NOT_WATERTIGHT.failure(
-            f"The fruit's surface still has {open_edges(triangles)} open edges after repair; take "
-            "more photos from all sides."
-        )
-    away = RayMesh(corners, triangles).distances_mm(whole)
-    return RepairedMesh(corners, triangles, float(np.sqrt(np.mean(away**2))))
+    return whole, np.array(mesh.vertices), np.array(mesh.triangles, int)
 
 
 def _clean(mesh: Any) -> Any:

@@ -9,7 +9,7 @@ import pytest
 
 from pipeline.safe_start import uncollected
 
-DRAW_OR_MESH = ("open3d", "pyvista", "pytetwild", "matplotlib")
+DRAW_OR_MESH = ("open3d", "pyvista", "pytetwild", "matplotlib", "pymeshlab")
 FREED = """
 import os
 from pathlib import Path

@@ -6,12 +6,23 @@ from refusals import refused
 
 from recon.recon_failure import ReconProblem
 from recon.silhouettes.hull import ball
+from recon.surface import meshlab
 from recon.surface.poisson import poisson_surface
 from recon.surface.ray_mesh import RayMesh
 from recon.surface.repair import repaired
 from recon.triangle_mesh import bodies, face_areas, open_edges, vertex_normals, volume_mm3
 
 RADIUS_MM = 20.0
+pytestmark = pytest.mark.usefixtures("tool")
+
+
+@pytest.fixture(params=["pymeshlab", "open3d"])
+def tool(request, monkeypatch):
+    """Both libraries that repair surfaces, each for all tests of this file."""
+    if request.param == "open3d":
+        monkeypatch.setattr(meshlab, "library", lambda: None)
+
+
 BALL_MM3 = 4 / 3 * np.pi * RADIUS_MM**3
 
 
