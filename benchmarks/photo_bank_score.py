@@ -1,7 +1,7 @@
 """Photos to mesh over a bank of drawn scenes (benchmarks/photo_bank.py): errors per set, and per factor.
 
     python benchmarks/photo_bank_score.py BANK --half work|scored [--jobs 2] [--only set-004]...
-        --out CSV
+        [--without-model] --out CSV
 
 Each set is reconstructed in a process of its own from its photos as `drupe grade` does it: photos are
 checked, cameras come from the mat, the surface from outlines and relief. Errors are those of
@@ -18,6 +18,7 @@ import resource
 import sys
 import time
 from collections import defaultdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +30,7 @@ MISSED_RMS_MM, MISSED_VOLUME = 0.3, 0.02
 FACTORS = ("shape", "colour", "gloss", "light", "ground", "mat", "pipeline")
 
 
-def scored_set(folder: Path) -> dict[str, Any]:
+def scored_set(folder: Path, *, with_model: bool = True) -> dict[str, Any]:
     """One reconstruction, its error, and what was said of it."""
     from recon_score import read_truth, scored
 
@@ -37,7 +38,7 @@ def scored_set(folder: Path) -> dict[str, Any]:
     from recon.cameras.printed_mat import parse_mat
     from recon.checks.photo_check import checked_photos
     from recon.checks.verdict import require_seen, shape_doubts
-    from recon.fruit_mesh import reconstruct
+    from recon.fruit_mesh import ReconOptions, reconstruct
     from recon.recon_failure import ReconFailure
 
     scene = json.loads((folder / "scene.json").read_text())
@@ -51,7 +52,8 @@ def scored_set(folder: Path) -> dict[str, Any]:
     try:
         photos = read_photos(folder / "photos")
         mat = parse_mat(json.loads((folder / "mat.json").read_text()), source=str(folder / "mat.json"))
-        made = reconstruct(checked_photos(photos, mat).photos, mat=mat, height_mm=None)
+        options = ReconOptions() if with_model else ReconOptions(fruit_model=None)
+        made = reconstruct(checked_photos(photos, mat).photos, mat=mat, height_mm=None, options=options)
         require_seen(made.quality)
     except ReconFailure as refusal:
         return out | {"refused": str(refusal)}
@@ -122,6 +124,7 @@ def main() -> int:
     parser.add_argument("--half", choices=("work", "scored"), required=True)
     parser.add_argument("--jobs", type=int, default=2)
     parser.add_argument("--only", action="append", default=[])
+    parser.add_argument("--without-model", action="store_true", help="outlines without the fruit model")
     parser.add_argument("--out", type=Path, required=True)
     options = parser.parse_args()
     folders = [
@@ -133,7 +136,8 @@ def main() -> int:
     ]
     rows = []
     with multiprocessing.get_context("spawn").Pool(options.jobs, maxtasksperchild=1) as pool:
-        for row in pool.imap(scored_set, folders, chunksize=1):
+        score = partial(scored_set, with_model=not options.without_model)
+        for row in pool.imap(score, folders, chunksize=1):
             rows.append(row)
             numbers = (
                 f"RMS {row['rms_seen_mm']:.3f} 95 % {row['p95_seen_mm']:.3f} mm, volume"

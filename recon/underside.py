@@ -54,7 +54,9 @@ def _merged(
     quality = replace(quality, flipped_views=over.quality.views_used, flipped_miss_mm=joined.miss_mm)
     kept = [w for w in upright.warnings if w not in seen_doubts(upright.quality)]
     said = [
-        f"In {WHERE}: {w}" for w in (*checked.warnings, *over.warnings) if w not in seen_doubts(over.quality)
+        f"In {WHERE}: {w}"
+        for w in (*checked.warnings, *over.warnings, *over.notes)
+        if w not in seen_doubts(over.quality)
     ]
     if joined.by_convention:
         said.append(

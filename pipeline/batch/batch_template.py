@@ -68,6 +68,7 @@ category = "{category}"              # {known}, or a file of your own
 
 # [recon]
 # geometry_model = "vggt.onnx"       # a local model for the cameras, relative to this file; default: none
+# fruit_model = true                 # ask the shipped model which pixels are fruit
 # providers = ["CPUExecutionProvider"]
 # max_faces = 8000                   # triangles of the skin, 1000 to 100000
 

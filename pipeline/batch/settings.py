@@ -148,10 +148,12 @@ class PitSettings(Strict):
 
 class Recon(Strict):
     """Photo route settings; `geometry_model` names a local ONNX file, relative to the batch, which runs
-    on the first of the ONNX Runtime `providers` that the machine has.
+    on the first of the ONNX Runtime `providers` that the machine has. `fruit_model`: whether the shipped
+    model is asked which pixels are fruit.
     """
 
     geometry_model: Name | None = None
+    fruit_model: bool = True
     providers: Annotated[tuple[Name, ...], Field(max_length=20)] = ("CPUExecutionProvider",)
     max_faces: Annotated[int, Field(ge=1000, le=100_000)] = 8000
 

@@ -18,6 +18,7 @@ from recon.checks.photo_check import checked_photos
 from recon.checks.rim_check import rim_doubts
 from recon.checks.verdict import require_seen, shape_doubts
 from recon.fruit_mesh import ReconOptions, Reconstruction, reconstruct, reconstruct_with_model
+from recon.learned.fruit_model import SHIPPED
 from recon.surface.fruit_frame import to_fruit_frame
 from recon.surface.ray_mesh import RayMesh
 from recon.underside import with_underside
@@ -58,6 +59,7 @@ def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
         max_faces=recon.max_faces,
         providers=recon.providers,
         coin=task.settings.photos.scale,
+        fruit_model=SHIPPED if recon.fruit_model else None,
     )
     route = partial(
         reconstruct if model is None else partial(reconstruct_with_model, model=model),
@@ -103,6 +105,7 @@ def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
         warnings=(
             *checked.warnings,
             *whole.warnings,
+            *whole.notes,
             *_photo_doubts(checked.photos, used, made),
             *shape_doubts(vertices, whole.faces, body=task.body),
         ),

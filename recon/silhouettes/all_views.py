@@ -11,7 +11,7 @@ from recon.cameras.camera import Camera
 from recon.cameras.photos import FEWEST_PHOTOS
 from recon.learned.fruit_model import FruitModel
 from recon.recon_failure import ReconProblem
-from recon.silhouettes.carve import Block
+from recon.silhouettes.carve import AGREEMENT, Block
 from recon.silhouettes.hull import Silhouette, ball, drawn, silhouette_of_mask, split, visual_hull
 from recon.silhouettes.mask import Window
 from recon.silhouettes.outline import (
@@ -116,16 +116,18 @@ def find_fruit(
     low_mm: Float[np.ndarray, "3"],
     high_mm: Float[np.ndarray, "3"],
     level: int,
+    agreement: float = AGREEMENT,
     model: FruitModel | None = None,
 ) -> FoundFruit:
     """The thing that stands on z = 0 inside a box, cut out of every photo. Cameras have no distortion.
 
     From the outside in: what may be fruit is unknown in the background plate, and there alone pixels may turn
-    into fruit; each hull bounds the next. `model` is asked, too. Raises ReconFailure: no-fruit, fruit-cut-off
-    (fewer than three photos hold it whole).
+    into fruit; each hull bounds the next. `agreement`: the share of the views that must take a cell of the
+    first block for fruit. `model` is asked, too. Raises ReconFailure: no-fruit, fruit-cut-off (fewer than
+    three photos hold it whole).
     """
     scene = SegmentationScene(images, cameras, low_mm, high_mm, model)
-    block = first_block(scene)
+    block = first_block(scene, agreement=agreement)
     scene, names = _whole(scene, block)
     centre = block.points.mean(0)
     longest = 2.0 * float(np.linalg.norm(block.points - centre, axis=1).max())

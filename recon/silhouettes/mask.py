@@ -254,6 +254,15 @@ def colour_density(cells: Int[np.ndarray, " n"]) -> Float[np.ndarray, " c"]:
     return np.asarray(smooth.ravel() / max(len(cells), 1) / cell, np.float32)
 
 
+def looks_like(
+    colours: Float[np.ndarray, "h w 3"], sample: Float[np.ndarray, "n 3"]
+) -> Bool[np.ndarray, "h w"]:
+    """Where a colour is as common in a sample as nine tenths of the sample's own colours are."""
+    cells = cells_of(sample)
+    density = colour_density(cells)
+    return np.asarray(density[cells_of(colours)] >= np.percentile(density[cells], 10))
+
+
 def strange_share(
     ground: Float[np.ndarray, "h w"], other: Float[np.ndarray, "h w"], sure: Bool[np.ndarray, "h w"]
 ) -> Float[np.ndarray, "h w"]:

@@ -13,14 +13,20 @@ from recon.learned.fruit_model import FruitModel
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes import mask as colour
 from recon.silhouettes.background_plate import BackgroundPlate, GroundViews, background_plate, ground_views
-from recon.silhouettes.carve import Block, carve
+from recon.silhouettes.carve import AGREEMENT, Block, carve
 from recon.silhouettes.mask import Behind, Window
 from recon.silhouettes.star_cut import star_cuts
 
 COARSE_SIDE_PX = 300
 """px of a photo's cut picture for the first block, whose cells are a few pixels wide there."""
+SURE_LOG_ODDS = 2.0
+"""Log odds from which a pixel is surely unlike the plate: 7 to 1. Set by hand."""
 FEWEST_CELLS = 60
 """Of the first block, at least: fewer are a speck. Set by hand."""
+CORE_SHARE = 0.4
+"""Half side of the box's middle, over the box's, whose pixels tell the fruit's colours. Set by hand."""
+FEWEST_SURE_PIXELS = 500
+"""For a palette, at least: fewer do not fill its bins. Set by hand."""
 PRIOR_LOG_ODDS, PRIOR_SHARE = 8.0, 0.03
 """Log odds of what must or cannot be fruit by the other photos, and the share of the side over which they are
 reached. Set by hand; above MOST_LOG_ODDS of recon.silhouettes.mask, so that colour does not outvote them."""
@@ -99,23 +105,64 @@ class SegmentationScene:
         return [np.clip(x, -MOST_LEARNED_LOG_ODDS, MOST_LEARNED_LOG_ODDS) for x in clear]
 
 
-def first_block(scene: SegmentationScene) -> Block:
+def first_block(scene: SegmentationScene, *, agreement: float = AGREEMENT) -> Block:
     """The thing that stands on z = 0 inside the box, as coarse cells; its shaded lower flank may be missing.
 
-    The plate is the median over the photos, which must outvote the fruit. Raises ReconFailure (no-fruit)
-    where nothing stands there.
+    The plate is the median over the photos, which must outvote the fruit. `agreement` is the share of the
+    views that must take a cell for fruit. Raises ReconFailure (no-fruit) where nothing stands there.
     """
     corners = np.stack(np.meshgrid(*zip(scene.low_mm, scene.high_mm, strict=True)), axis=-1).reshape(-1, 3)
     views = scene.views(corners, margin=0.02, side_px=COARSE_SIDE_PX)
     background = scene.background(None)
     scatter = colour.background_scatter(background)
-    masks = []
+    log_odds, known, masks = [], [], []
     for view in views:
         behind = colour.ground_behind(view.window, background, scatter, view.camera)
-        log_odds = colour.first_log_odds(view.colours, behind) + view.learned
-        masks.append(colour.tidy(log_odds) | ~behind.known)
+        log_odds.append(colour.first_log_odds(view.colours, behind) + view.learned)
+        known.append(behind.known)
+        masks.append(colour.tidy(log_odds[-1]) | ~behind.known)
+    try:
+        return _carved(masks, views, scene, agreement)
+    except ReconFailure:
+        similar = _similar_to_fruit(views, log_odds, known, scene.low_mm, scene.high_mm)
+        return _carved([m | a for m, a in zip(masks, similar, strict=True)], views, scene, agreement)
+
+
+def _similar_to_fruit(
+    views: list[CutPhoto],
+    log_odds: list[Float[np.ndarray, "_ _"]],
+    known: list[Bool[np.ndarray, "_ _"]],
+    low: Float[np.ndarray, "3"],
+    high: Float[np.ndarray, "3"],
+) -> list[Bool[np.ndarray, "_ _"]]:
+    """Pixels that look like the plate behind them but also like the fruit: dark skin before black ink.
+
+    They say nothing against a fruit, where it is not found without them. The fruit's colours are those of
+    pixels surely unlike the plate, where the middle of the box projects to.
+    """
+    grid = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 9)] * 3), axis=-1).reshape(-1, 3)
+    middle, half = (low + high) / 2, (high - low) / 2
+    core = middle + grid * half * CORE_SHARE
+    core[:, 2] = low[2] + (grid[:, 2] + 1.3) * CORE_SHARE * half[0]
+    sure = []
+    for view, evidence, there in zip(views, log_odds, known, strict=True):
+        columns, rows = view.window.small_size_px
+        hull = cv2.convexHull(view.window.into_small(view.camera.project(core)).astype(np.float32))
+        inside = np.zeros((rows, columns), np.uint8)
+        cv2.fillConvexPoly(inside, np.rint(hull).astype(np.int32), 1)
+        sure.append(view.colours[(inside > 0) & (evidence > SURE_LOG_ODDS) & there])
+    pixels = np.concatenate(sure)
+    if len(pixels) < FEWEST_SURE_PIXELS:
+        return [np.zeros_like(there) for there in known]
+    return [colour.looks_like(v.colours, pixels) & there for v, there in zip(views, known, strict=True)]
+
+
+def _carved(
+    masks: list[Bool[np.ndarray, "_ _"]], views: list[CutPhoto], scene: SegmentationScene, agreement: float
+) -> Block:
+    """The coarse fruit that the masks agree on, or the failure that there is none."""
     windows, cameras = [v.window for v in views], [v.camera for v in views]
-    block = carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm)
+    block = carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm, agreement=agreement)
     if block.filled.sum() < FEWEST_CELLS:
         raise no_fruit("the photos show only the support")
     return block

@@ -16,11 +16,12 @@ def test_a_measure_without_words_is_its_name_with_its_unit():
 
 def test_settings_are_written_as_a_reader_does():
     settings = {
-        "recon": {"providers": ["CPU", "GPU"]},
+        "recon": {"fruit_model": True, "providers": ["CPU", "GPU"]},
         "mismatch": [],
         "grading": {"classes": [{"name": "ripe", "E_max_MPa": 0.3}, {"name": "firm"}]},
     }
     assert _flat(settings) == [
+        ("recon.fruit_model", "yes"),
         ("recon.providers", "CPU, GPU"),
         ("mismatch", "none"),
         ("grading.classes 1: name", "ripe"),

@@ -7,6 +7,8 @@ import pytest
 from mat_scene import Egg, photographed, ring
 from refusals import refused
 
+from recon import fruit_mesh
+from recon.cameras.mat_poses import cameras_from_mat
 from recon.cameras.photos import Photo
 from recon.cameras.printed_mat import standard_mat
 from recon.fruit_mesh import ReconOptions, reconstruct
@@ -75,6 +77,30 @@ def test_what_no_photo_showed_is_told_by_vertex_and_by_area():
     assert 0.8 < reconstruction.quality.seen_share < 0.95  # no camera stands lower than 20 degrees
     area = face_areas(reconstruction.vertices, reconstruction.faces).sum()
     assert reconstruction.quality.unseen_mm2 == pytest.approx((1 - reconstruction.quality.seen_share) * area)
+
+
+@pytest.mark.slow
+def test_a_mesh_that_the_photos_contradict_is_made_again_on_the_same_cameras_and_that_is_said(monkeypatch):
+    doubted, placed = [], []
+
+    def contradicted_once(offset, error, evidence, vertices, *_):
+        doubted.append(vertices)
+        if len(doubted) == 1:
+            raise ReconFailure(ReconProblem.SURFACE_CONTRADICTED, "The mesh does not fit the photos.")
+        return ()
+
+    def counted(*args):
+        placed.append(True)
+        return cameras_from_mat(*args)
+
+    monkeypatch.setattr(fruit_mesh, "surface_doubts", contradicted_once)
+    monkeypatch.setattr(fruit_mesh, "cameras_from_mat", counted)
+    again = reconstruct(photos(12), mat=standard_mat(), height_mm=None, options=QUICK)
+    assert (len(doubted), len(placed)) == (2, 1)
+    assert again.notes == (fruit_mesh.MADE_TWICE,)
+    assert on_the_mat()[0].notes == ()
+    # the mesh that was contradicted: the same photos give the same
+    assert np.array_equal(doubted[0], on_the_mat()[0].vertices)
 
 
 @pytest.mark.proof
