@@ -47,6 +47,7 @@ from recon.recon_failure import ReconFailure
 from samples.mismatch.bank import (
     DRAWN,
     MESHES,
+    OUTSIDE,
     SIMULATED,
     BankFruit,
     draw_case,
@@ -171,7 +172,12 @@ def arguments() -> argparse.Namespace:
     command.add_argument("rounds", type=Path, help="folder of the reduced cases")
     command.add_argument("--jobs", type=int, default=1, help="processes")
     command.add_argument("--case", help="this alone, in this process")
-    return parser.parse_args()
+    chosen = parser.parse_args()
+    if chosen.command == "reduce":
+        return chosen
+    if len(chosen.effect) > 1 and not set(OUTSIDE).isdisjoint(chosen.effect):
+        parser.error(f"{' and '.join(OUTSIDE)} come alone, without another effect")
+    return chosen
 
 
 if __name__ == "__main__":

@@ -14,13 +14,15 @@ from samples.mismatch.case_files import answer, is_written, reveal, seal, write_
 from samples.mismatch.case_simulation import (
     CasePlan,
     as_recorded,
+    label_of_plan,
     planned,
     true_recordings,
     with_amount,
 )
 from samples.mismatch.drawn_fruit import DrawnFruit, seen_anew
 from samples.mismatch.effect_levels import drawn_amplitude, drawn_parameters
-from samples.mismatch.injected import EFFECTS, InjectedEffect, label_of, named
+from samples.mismatch.injected import EFFECTS, InjectedEffect, named
+from samples.mismatch.out_of_catalogue import OUT_OF_CATALOGUE
 from samples.mismatch.stored_truth import store_truths, stored_truths
 from samples.mismatch.true_recording import TrueRecording
 from samples.sample_failure import SampleFailure
@@ -36,8 +38,10 @@ DRAWN = (
     "pose_error", "sensor_nonlinear", "gel_creep", "gel_hysteresis", "thermal_drift",
 )  # fmt: skip
 """Effects that need no fruit of their own: the recording or the prior is changed."""
-SIMULATED = tuple(name for name in EFFECTS if name not in DRAWN)
-"""Effects that change what is simulated: they cannot be added to a stored fruit."""
+OUTSIDE = tuple(name for name in OUT_OF_CATALOGUE if name not in EFFECTS)
+"""Physics that the catalogue does not have."""
+SIMULATED = (*(name for name in EFFECTS if name not in DRAWN), *OUTSIDE)
+"""Effects and physics that change what is simulated: they cannot be added to a stored fruit."""
 WIDE = 3
 """In the names and seeds of fruit and cases: their amplitudes are drawn over the effect's whole range."""
 
@@ -65,6 +69,8 @@ class BankFruit:
 
     def plan(self) -> CasePlan:
         """The fruit, its grasps and its effects."""
+        if self.effects and self.effects[0] in OUTSIDE:
+            return planned(self.name, (), seed=self.seed, out_of_catalogue=self.effects[0])
         rng = np.random.default_rng([*self.seed, 1])
         effects = tuple((effect, drawn_amplitude(effect, rng)) for effect in self.effects)
         return planned(self.name, effects, seed=self.seed)
@@ -112,10 +118,10 @@ def draw_case(
     drawn, stated = as_stated(plan.drawn, extra, rng)
     injected = tuple(with_amount(injection, max(peaks), truths) for injection in (*plan.injected, *stated))
     origin = {"fruit": fruit.name, "fruit_seed": fruit.seed, "added": added, "seed": SEED}
-    entry = answer(drawn, label_of(injected)) | {"drawn_from": origin}
+    entry = answer(drawn, label_of_plan(plan, injected)) | {"drawn_from": origin}
     salt = rng.bytes(16).hex()
     seal(cases, case_id, entry, salt=salt)
-    recordings = tuple(as_recorded(truth, injected) for truth in truths)
+    recordings = tuple(as_recorded(truth, injected, plan.out_of_catalogue) for truth in truths)
     write_case_files(cases / case_id, drawn, recordings, peaks_N=peaks, rng=rng)
     reveal(cases, case_id, entry, salt=salt)
     return case_id

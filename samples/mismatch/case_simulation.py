@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -20,6 +21,7 @@ from samples.mismatch.injected import (
     InjectedEffect,
     flesh_law,
     gel_of,
+    label_of,
     membrane,
     named,
     plain_flesh,
@@ -41,6 +43,12 @@ from samples.mismatch.machine_effects import (
 )
 from samples.mismatch.meshed_fruit import CASE, WIDE_SHARE, MeshedFruit, meshed_fruit
 from samples.mismatch.nonlinear_body import NonlinearBody
+from samples.mismatch.out_of_catalogue import (
+    OutOfCatalogue,
+    drawn_out_of_catalogue,
+    out_of_catalogue_body,
+    out_of_catalogue_recorded,
+)
 from samples.mismatch.pit_halves import split_pit_stiffness
 from samples.mismatch.skin_compliance import skin_compliance
 from samples.mismatch.support_seat import borne_N, drawn_place_mm, inward_normal, with_third_contact
@@ -71,6 +79,7 @@ class CasePlan:
     drawn: DrawnFruit
     grasps: tuple[PlannedGrasp, ...]
     injected: tuple[InjectedEffect, ...]
+    out_of_catalogue: OutOfCatalogue | None = None
 
 
 def planned(
@@ -79,8 +88,12 @@ def planned(
     *,
     seed: tuple[int, ...],
     category: Category | None = None,
+    out_of_catalogue: str | None = None,
 ) -> CasePlan:
-    """A case with the given effects, each of its amplitude; all the rest from the seed."""
+    """A case with the given effects, each of its amplitude; all the rest from the seed.
+
+    `out_of_catalogue` names a physics that is not in the catalogue, instead of effects.
+    """
     rng = np.random.default_rng(list(seed))
     kind: Category = category or CATEGORIES[int(rng.integers(len(CATEGORIES)))]
     injected = tuple(
@@ -98,8 +111,9 @@ def planned(
     )
     grasps = four_grasps(drawn.fruit.skin, depth_mm=drawn.depth_mm, rng=rng)
     injected = tuple(_placed(p, drawn, grasps, rng) for p in injected)
+    foreign = None if out_of_catalogue is None else drawn_out_of_catalogue(out_of_catalogue, rng)
     drawn = seen_by_drawn_sensor(drawn, rng)
-    return CasePlan(case_id=case_id, drawn=drawn, grasps=grasps, injected=injected)
+    return CasePlan(case_id=case_id, drawn=drawn, grasps=grasps, injected=injected, out_of_catalogue=foreign)
 
 
 def _placed(
@@ -117,6 +131,16 @@ def _placed(
     )
     where = {"grasp": number + 1, "pad": pad, "depth_mm": depth, "centre_mm": centre.tolist()}
     return replace(injection, parameters={**injection.parameters, **where})
+
+
+def label_of_plan(plan: CasePlan, labelled: tuple[InjectedEffect, ...]) -> dict[str, Any]:
+    """A plan's label, `effect` and `parameters`; `labelled`: its effects, in newtons where the peak force is
+    known.
+    """
+    if plan.out_of_catalogue is not None:
+        parameters = {"physics": plan.out_of_catalogue.name, **plan.out_of_catalogue.parameters}
+        return {"effect": "unknown", "parameters": parameters}
+    return label_of(labelled)
 
 
 def with_amount(
@@ -149,7 +173,7 @@ def true_recordings(plan: CasePlan, *, fineness: BrickGrading = CASE) -> tuple[T
             plan.drawn.fruit, here[0], sensor=plan.drawn.sensor, fineness=fineness,
             wider=WIDE_SHARE if touches_widely(plan.injected) else 0.0,
         )  # fmt: skip
-        body, inner = body_of(stands, plan.injected, skin=plan.drawn.fruit.skin)
+        body, inner = body_of(stands, plan.injected, plan.out_of_catalogue, skin=plan.drawn.fruit.skin)
         for grasp in here:
             grip = grip_of(stands, gel=gel_of(plan.injected, plan.drawn.sensor.gel), inner=inner)
             if lag is None:
@@ -165,6 +189,7 @@ def true_recordings(plan: CasePlan, *, fineness: BrickGrading = CASE) -> tuple[T
 def body_of(
     stands: MeshedFruit,
     injected: tuple[InjectedEffect, ...],
+    out_of_catalogue: OutOfCatalogue | None = None,
     *,
     skin: Skin | None = None,
 ) -> tuple[GrippedBody, InnerContact | None]:
@@ -173,6 +198,8 @@ def body_of(
 
     Raises SampleFailure for two effects that are not simulated together.
     """
+    if out_of_catalogue is not None:
+        return out_of_catalogue_body(stands, out_of_catalogue), None
     flesh = stands.flesh
     plain, skin_stiffness = plain_flesh(flesh, injected), membrane(flesh, injected)
     laws = [p for p in injected if p.effect in (*MATERIAL_LAWS, *BODIES)]
@@ -206,8 +233,12 @@ def body_of(
     return ElasticBody(compliance), seat
 
 
-def as_recorded(truth: TrueRecording, injected: tuple[InjectedEffect, ...]) -> TrueRecording:
+def as_recorded(
+    truth: TrueRecording, injected: tuple[InjectedEffect, ...], out_of_catalogue: OutOfCatalogue | None = None
+) -> TrueRecording:
     """What the machine's faults make of a true recording; a late clock is in it already."""
+    if out_of_catalogue is not None:
+        return out_of_catalogue_recorded(truth, out_of_catalogue)
     for fault in injected:
         if fault.effect in FAULTS:
             truth = FAULTS[fault.effect](truth, **fault.parameters)

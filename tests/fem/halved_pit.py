@@ -1,6 +1,6 @@
 """A pit of two rigid halves by a stiffness of its own: six more unknowns, factorised anew.
 
-As samples.mismatch.pit_halves does on its bricks. The fruit is that of coarse_fruit but for a pit as
+As samples.mismatch.out_of_catalogue does on its bricks. The fruit is that of coarse_fruit but for a pit as
 large, beside the flesh, as a nectarine's: what its halves do is seen through 8 mm of flesh.
 """
 

@@ -65,6 +65,7 @@ HOME_MADE_NAMES = {
     "Standing": "MeshedFruit",
     "USUAL": "null quantile",
     "_Tried": "Hypothesis",
+    "drawn_outside": "drawn_out_of_catalogue",
     "prove": "cross-validation",
     "seen_through": "project_recording",
     "side_by_side": "parallel_map",

@@ -10,7 +10,7 @@ from mismatch_ball import still_recording
 
 import samples.mismatch.bank as bank
 from recon.surface.mesh_file import read_mesh
-from samples.mismatch.bank import DRAWN, MESHES, SIMULATED, BankFruit, draw_case
+from samples.mismatch.bank import DRAWN, MESHES, OUTSIDE, SIMULATED, BankFruit, draw_case
 from samples.mismatch.case_files import sealed_as
 from samples.mismatch.case_simulation import CasePlan
 from samples.mismatch.effect_levels import AMPLITUDES
@@ -37,7 +37,8 @@ def mean_force_N(cases: Path, case_id: str, side: int) -> float:
 
 def test_every_effect_is_simulated_or_drawn_and_has_a_range_of_amplitudes() -> None:
     assert set(AMPLITUDES) == set(EFFECTS)
-    assert sorted((*SIMULATED, *DRAWN)) == sorted(EFFECTS)
+    assert sorted((*SIMULATED, *DRAWN)) == sorted((*EFFECTS, *OUTSIDE))
+    assert OUTSIDE == ("palm", "gel_softening")
 
 
 def test_fruit_that_are_stored_keep_their_names_and_seeds() -> None:
@@ -47,12 +48,15 @@ def test_fruit_that_are_stored_keep_their_names_and_seeds() -> None:
     assert sound.plan().drawn.fruit.E_MPa == pytest.approx(0.665084, abs=1e-6)
 
 
-def test_amplitudes_are_planned() -> None:
+def test_amplitudes_and_physics_outside_are_planned() -> None:
     wide = BankFruit(number=0, effects=("skin",)).plan().injected[0].number("Et_N_per_mm")
     low, high = AMPLITUDES["skin"]
     assert low <= wide <= high
     both = BankFruit(number=0, effects=("skin", "slip")).plan()
     assert [effect.effect for effect in both.injected] == ["skin", "slip"]
+    palm = BankFruit(number=0, effects=("palm",)).plan()
+    assert palm.injected == ()
+    assert palm.out_of_catalogue is not None
 
 
 def test_a_fruit_is_simulated_mesh_by_mesh_and_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -103,6 +107,13 @@ def test_the_label_of_a_case_says_what_was_added_and_fits_its_seal(tmp_path: Pat
     true = 0.01 * entry["parameters"]["gain"]
     assert mean_force_N(tmp_path, case_id, side) == pytest.approx(true, rel=3e-3)
     assert mean_force_N(tmp_path, case_id, 1 - side) == pytest.approx(0.01, rel=3e-3)
+
+
+def test_the_answer_to_physics_outside_the_catalogue_is_unknown(tmp_path: Path) -> None:
+    case_id = draw_case(tmp_path, BankFruit(number=0, effects=("palm",)), (LOADED,), record=1)
+    entry = answer_of(tmp_path, case_id)
+    assert entry["effect"] == "unknown"
+    assert entry["parameters"]["physics"] == "palm"
 
 
 def test_a_pit_is_off_what_its_case_states_as_its_label_says(tmp_path: Path) -> None:

@@ -20,6 +20,7 @@ from samples.mismatch.machine_effects import (
     with_thermal_drift,
 )
 from samples.mismatch.marker_sensor import DEFAULT_SENSOR
+from samples.mismatch.out_of_catalogue import believed
 from samples.mismatch.true_recording import PadTruth, TrueRecording
 
 
@@ -164,3 +165,10 @@ def test_a_gel_face_creeps_on_under_a_steady_load(truth: TrueRecording) -> None:
     assert more[8] < 1.15
     assert more[-1] == pytest.approx(1.2, abs=1e-3)
     assert np.array_equal(crept.pads[0].force_N, still.pads[0].force_N)
+
+
+def test_a_sensor_believes_its_nominal_stiffness(truth: TrueRecording) -> None:
+    soft = replace(truth, gel=Gel(kn_MPa_per_mm=0.1))
+    recording = believed(soft, Gel())
+    assert recording.pads[0].force_N == pytest.approx(truth.pads[0].force_N)
+    assert recording.gel == Gel()

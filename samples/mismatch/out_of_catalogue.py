@@ -1,0 +1,103 @@
+"""Physics that the catalogue does not have; the right answer to each of these cases is "unknown".
+
+split_pit        the pit is two rigid halves, parted along the suture, that move each for itself
+palm             the fruit's bottom rests on the gripper's palm, a spring, in every grasp
+gel_softening    both gels soften while they are held; the sensor goes on believing their nominal stiffness
+drainage         the flesh's resistance to losing volume fades with time, its resistance to shear does not
+
+Three have come into the catalogue since, the palm as third_contact (samples.mismatch.support_seat), the
+others by their own names; they are kept, and drawn as ever, for older banks.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_array, csr_array
+
+from samples.brick_flesh import BrickFlesh
+from samples.gel_contact import Gel
+from samples.mismatch.bodies import ElasticBody, GrippedBody, SofteningGelBody
+from samples.mismatch.flesh_laws import Draining, FleshLaw
+from samples.mismatch.injected import plain_flesh
+from samples.mismatch.meshed_fruit import MeshedFruit
+from samples.mismatch.nonlinear_body import NonlinearBody
+from samples.mismatch.pit_halves import split_pit_stiffness
+from samples.mismatch.skin_compliance import skin_compliance
+from samples.mismatch.true_recording import TrueRecording
+from samples.mismatch.whole_fruit import whole_fruit
+from samples.sample_failure import SampleFailure
+
+OUT_OF_CATALOGUE = ("split_pit", "palm", "gel_softening", "drainage")
+
+
+@dataclass(frozen=True, kw_only=True)
+class OutOfCatalogue:
+    """One of the physics above with what it takes."""
+
+    name: str
+    parameters: dict[str, Any]
+
+
+def drawn_out_of_catalogue(name: str, rng: np.random.Generator) -> OutOfCatalogue:
+    """At a level that is plain to be seen. Raises SampleFailure for a name that is not in the list."""
+    if name not in OUT_OF_CATALOGUE:
+        raise SampleFailure(
+            f"There is no physics {name!r} outside the catalogue; there are: {', '.join(OUT_OF_CATALOGUE)}."
+        )
+    return OutOfCatalogue(name=name, parameters=_parameters(name, rng))
+
+
+def _parameters(name: str, rng: np.random.Generator) -> dict[str, Any]:
+    """Parameters of an effect outside of the catalogue, drawn at random."""
+    if name == "palm":
+        return {"N_per_mm": float(rng.uniform(15.0, 30.0)), "area_radius_mm": 6.0}
+    if name == "gel_softening":
+        return {"g": float(rng.uniform(0.15, 0.3)), "tau_s": float(rng.uniform(0.8, 3.0))}
+    if name == "drainage":
+        return {"volume_share": float(rng.uniform(0.6, 0.9)), "tau_s": float(rng.uniform(0.5, 2.5))}
+    return {}
+
+
+def out_of_catalogue_body(stands: MeshedFruit, out_of_catalogue: OutOfCatalogue) -> GrippedBody:
+    """The fruit of one mesh, with what is not in the catalogue."""
+    flesh, p = stands.flesh, out_of_catalogue.parameters
+    if out_of_catalogue.name == "split_pit":
+        return ElasticBody(skin_compliance(split_pit_stiffness(flesh), stands.dofs))
+    support = on_a_palm(flesh, **p) if out_of_catalogue.name == "palm" else None
+    law: FleshLaw = plain_flesh(flesh)
+    if out_of_catalogue.name == "drainage":
+        law = Draining(plain=plain_flesh(flesh), volume_share=p["volume_share"], tau_s=p["tau_s"])
+    body = NonlinearBody(whole_fruit(flesh, stands.dofs, support=support), law)
+    if out_of_catalogue.name == "gel_softening":
+        return SofteningGelBody(body, g=p["g"], tau_s=p["tau_s"])
+    return body
+
+
+def out_of_catalogue_recorded(truth: TrueRecording, out_of_catalogue: OutOfCatalogue) -> TrueRecording:
+    """What the sensor makes of it."""
+    if out_of_catalogue.name == "gel_softening":
+        return believed(truth, truth.gel)
+    return truth
+
+
+def on_a_palm(flesh: BrickFlesh, *, N_per_mm: float, area_radius_mm: float) -> csr_array:
+    """Stiffness to add: springs along z under the lowest part of the skin."""
+    bricks = flesh.bricks
+    skin = np.unique(bricks.skin_cells)
+    places = bricks.nodes_mm[skin]
+    lowest = places[np.argmin(places[:, 2])]
+    under = (np.linalg.norm(places[:, :2] - lowest[:2], axis=1) < area_radius_mm) & (places[:, 2] < 0)
+    near = skin[under & np.isin(skin, flesh.free_nodes)]
+    at = flesh.dofs_of(near)[:, 2]
+    values = np.full(len(at), N_per_mm / len(at))
+    return csr_array(coo_array((values, (at, at)), shape=(flesh.unknowns, flesh.unknowns)))
+
+
+def believed(truth: TrueRecording, gel: Gel) -> TrueRecording:
+    """The force that a sensor computes from the markers' displacement with the gel's nominal stiffness."""
+    stiffness = np.array([gel.kt_MPa_per_mm, gel.kt_MPa_per_mm, gel.kn_MPa_per_mm])
+    felt = truth.with_pads(
+        lambda p: replace(p, force_N=-truth.marker_area_mm2 * stiffness * p.displacement_mm)
+    )
+    return replace(felt, gel=gel)

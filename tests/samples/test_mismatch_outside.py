@@ -1,0 +1,89 @@
+"""Physics outside the catalogue leaves the mark that it should."""
+
+import numpy as np
+import pytest
+from mismatch_ball import drawn_ball, force_on_fruit, grasped_ball, motion, rough, total_N
+
+from samples.mismatch.bodies import ElasticBody
+from samples.mismatch.out_of_catalogue import (
+    OutOfCatalogue,
+    drawn_out_of_catalogue,
+    out_of_catalogue_body,
+)
+from samples.mismatch.pit_halves import split_pit_stiffness
+from samples.mismatch.skin_compliance import skin_compliance
+from samples.sample_failure import SampleFailure
+
+WAY = motion([-0.05, 0.5, 1.0, 1.0, 1.0], pause_s=0.5)
+
+
+def test_a_split_pit_is_softer_than_a_whole_one() -> None:
+    grasp, stands = rough(drawn_ball(core_mm=14.0), WAY)
+    whole = skin_compliance(stands.flesh.stiffness, stands.dofs)
+    split = skin_compliance(split_pit_stiffness(stands.flesh), stands.dofs)
+    lowest = np.linalg.eigvalsh(split.dense() - whole.dense())[0]
+    assert lowest > -1e-6 * np.abs(whole.dense()).max()
+    assert (
+        total_N(grasped_ball(grasp, stands, ElasticBody(split)))[2]
+        < total_N(grasped_ball(grasp, stands, ElasticBody(whole)))[2]
+    )
+
+
+def test_a_bond_lets_the_halves_part_by_its_share() -> None:
+    _, stands = rough(drawn_ball(core_mm=14.0), WAY)
+    whole = skin_compliance(stands.flesh.stiffness, stands.dofs).dense()
+    free, bonded = (
+        skin_compliance(split_pit_stiffness(stands.flesh, angle_deg=50.0, share=share), stands.dofs).dense()
+        - whole
+        for share in (1.0, 0.4)
+    )
+    assert np.abs(bonded - 0.4 * free).max() < 0.01 * np.abs(free).max()
+
+
+@pytest.mark.parametrize(
+    ("name", "drawn"),
+    [
+        ("split_pit", {}),
+        ("drainage", {"volume_share": 0.7910885062, "tau_s": 1.0395734275}),
+    ],
+)
+def test_what_has_come_into_the_catalogue_is_drawn_as_ever(name: str, drawn: dict[str, float]) -> None:
+    parameters = drawn_out_of_catalogue(name, np.random.default_rng(0)).parameters
+    assert parameters == pytest.approx(drawn)
+
+
+def test_a_palm_takes_what_the_pads_do_not_balance() -> None:
+    way = motion([-0.05, 0.5, 1.0, 1.0], shear_mm=[0, 0, 0, 1.0])
+    grasp, stands = rough(drawn_ball(), way)
+    palm = OutOfCatalogue(name="palm", parameters={"N_per_mm": 8.0, "area_radius_mm": 6.0})
+    on_palm = force_on_fruit(grasped_ball(grasp, stands, out_of_catalogue_body(stands, palm)))
+    free = force_on_fruit(
+        grasped_ball(
+            grasp, stands, out_of_catalogue_body(stands, OutOfCatalogue(name="sound", parameters={}))
+        )
+    )
+    assert np.abs(free[:, 2]).max() < 0.03
+    assert np.abs(on_palm[:, 2]).max() > 2 * np.abs(free[:, 2]).max()
+
+
+def test_a_softening_gel_is_pressed_deeper_while_it_is_held() -> None:
+    grasp, stands = rough(drawn_ball(), WAY)
+    body = out_of_catalogue_body(
+        stands, OutOfCatalogue(name="gel_softening", parameters={"g": 0.3, "tau_s": 0.5})
+    )
+    depth = -grasped_ball(grasp, stands, body).pads[0].displacement_mm[..., 2].min(axis=1)
+    assert depth[4] > depth[3] > depth[2]
+
+
+def test_draining_flesh_pushes_less_while_it_is_held() -> None:
+    grasp, stands = rough(drawn_ball(), WAY)
+    body = out_of_catalogue_body(
+        stands, OutOfCatalogue(name="drainage", parameters={"volume_share": 0.9, "tau_s": 0.5})
+    )
+    force = total_N(grasped_ball(grasp, stands, body))
+    assert force[2] > force[3] > force[4] > 0.5 * force[2]
+
+
+def test_a_physics_that_is_not_in_the_list_is_refused() -> None:
+    with pytest.raises(SampleFailure, match="no physics 'frost'"):
+        drawn_out_of_catalogue("frost", np.random.default_rng(0))
