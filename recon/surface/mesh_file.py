@@ -1,8 +1,7 @@
-"""Reads and writes triangle meshes in mm, by trimesh: PLY, STL, OBJ and GLB."""
+"""Reads and writes triangle meshes in mm: PLY, and by trimesh STL, OBJ and GLB."""
 
 import io
 import logging
-import re
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +11,7 @@ from jaxtyping import Float, Int
 from pipeline.files.plain_file import NotReadable, json_of, printable, read_bytes
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.coverage import SEEN_BY
+from recon.surface.ply_file import NotPly, read_header, read_ply
 from recon.triangle_mesh import consistently_oriented, open_edges, used_part, volume_mm3
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -32,9 +32,6 @@ MOST_ASCII_BYTES = 30_000_000
 """Of numbers written as text, which take thirty times their length while they are read."""
 FARTHEST_MM = 1e6
 """A coordinate beyond a kilometre is of no fruit, and squares of larger ones overflow."""
-MOST_HEADER_BYTES = 65536
-"""Of a PLY file; a header with 20 properties and comments has 1 kB. Set by hand."""
-PLY_ELEMENT = re.compile(rb"^element[ \t]+(\w+)[ \t]+(\d{1,15})[ \t]*\r?$", re.MULTILINE)
 Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 
 
@@ -55,7 +52,7 @@ def read_mesh(path: Path) -> Mesh:
         raise _unreadable(path, str(error), "a file that can be read") from error
     if _as_text(kind, data) and len(data) > MOST_ASCII_BYTES:
         raise _unreadable(path, f"is text of {len(data) / 1e6:.0f} MB", "a binary PLY, or fewer faces")
-    vertices, faces = _read(path, kind, data)
+    vertices, faces = _of_ply(path, data) if kind == ".ply" else _by_trimesh(path, kind, data)
     if max(len(vertices), len(faces)) > MOST_ELEMENTS:
         raise _too_fine(path, f"{len(vertices)} vertices and {len(faces)} faces")
     if len(vertices) and not len(faces):
@@ -75,24 +72,36 @@ def read_mesh(path: Path) -> Mesh:
     return _joined(vertices, faces)
 
 
-def _read(path: Path, kind: str, data: bytes) -> Mesh:
-    """By trimesh, without textures and materials, which may be other files."""
-    if kind in REQUIRED:
-        REQUIRED[kind](path, data)
-    options: dict[str, bool] = {
-        ".obj": {"merge_tex": False, "maintain_order": True},
-        ".ply": {"fix_texture": False},
-    }.get(kind, {})
+def _of_ply(path: Path, data: bytes) -> Mesh:
+    """Refuses a header that promises more than the file can hold, before memory is asked for it."""
+    try:
+        header = read_header(data)
+        for element in header.elements:
+            if element.count > MOST_ELEMENTS:
+                raise _too_fine(path, f"{element.count} of {element.name}")
+        if header.count("vertex") and not header.count("face"):
+            if header.count("tristrips"):
+                raise _unreadable(path, "holds strips of triangles", "faces: export it with triangles")
+            raise _points_alone(path, header.count("vertex"))
+        return read_ply(data, header)
+    except NotPly as wrong:
+        raise _unreadable(path, str(wrong), "a whole PLY file") from wrong
+
+
+def _by_trimesh(path: Path, kind: str, data: bytes) -> Mesh:
+    """Without textures and materials, which may be other files."""
+    if kind == ".stl":
+        _require_stl(path, data)
+    elif kind == ".glb":
+        _require_glb(path, data)
+    options = {"merge_tex": False, "maintain_order": True} if kind == ".obj" else {}
     try:
         mesh = trimesh.load_mesh(
             io.BytesIO(data), file_type=kind[1:], process=False, skip_materials=True, **options
         )
-        vertices, faces = np.array(mesh.vertices, float), getattr(mesh, "faces", np.empty((0, 3)))
-        return vertices, np.array(faces, int).reshape(-1, 3)
+        return np.array(mesh.vertices, float), np.array(mesh.faces, int).reshape(-1, 3)
     except Exception as error:  # a broken file meets trimesh's parsers in a dozen ways
-        whole = f"a whole {kind[1:].upper()} file"
-        corners = ", all of whose faces have the same number of corners if it is binary"
-        raise _unreadable(path, "is broken", whole + (corners if kind == ".ply" else "")) from error
+        raise _unreadable(path, "is broken", f"a whole {kind[1:].upper()} file") from error
 
 
 def _joined(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Mesh:
@@ -143,23 +152,6 @@ def write_mesh(path: Path, vertices: Float[np.ndarray, "n 3"], faces: Int[np.nda
     path.write_bytes(mesh_bytes(vertices, faces))
 
 
-def _require_ply(path: Path, data: bytes) -> None:
-    """Refuse a PLY whose header promises more than is read or than the file holds, or no faces."""
-    header = data[: data.find(b"end_header", 0, MOST_HEADER_BYTES) + 1]
-    if not header.startswith(b"ply"):
-        raise _unreadable(path, "is broken (no PLY header)", "a whole PLY file")
-    counts = {name.decode(): int(count) for name, count in PLY_ELEMENT.findall(header)}
-    for name, count in counts.items():
-        if count > MOST_ELEMENTS:
-            raise _too_fine(path, f"{count} of {name}")
-    if sum(counts.values()) > len(data):
-        raise _unreadable(path, "was cut short (its header promises more)", "a whole PLY file")
-    if counts.get("vertex") and not counts.get("face"):
-        if counts.get("tristrips"):
-            raise _unreadable(path, "holds strips of triangles", "faces: export it with triangles")
-        raise _points_alone(path, counts["vertex"])
-
-
 def _require_stl(path: Path, data: bytes) -> None:
     """Refuse a binary STL whose count of faces is not what the file holds: 84 bytes, then 50 a face."""
     if data[:5].lower() == b"solid" or len(data) < 84:
@@ -197,10 +189,6 @@ def _require_glb(path: Path, data: bytes) -> None:
         raise _unreadable(path, f"is compressed ({compressed[0][:40]})", "GLB exported without compression")
     if max(counts, default=0) * max(placed, 1) > 3 * MOST_ELEMENTS:
         raise _too_fine(path, f"{max(counts)} values in a list, for {placed} meshes")
-
-
-REQUIRED = {".ply": _require_ply, ".stl": _require_stl, ".glb": _require_glb}
-"""What is looked at before memory is asked for."""
 
 
 def _as_text(kind: str, data: bytes) -> bool:

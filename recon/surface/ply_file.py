@@ -1,0 +1,215 @@
+"""Reads vertices and faces of a PLY file: text or binary, faces of any number of corners, other columns
+passed over.
+
+Format: G. Turk, The PLY Polygon File Format, 1994. A header names the elements in the order in which their
+rows follow, and each row's columns; a list's row begins with the number of its items.
+"""
+
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from jaxtyping import Float, Int
+
+TYPES = {
+    "char": "b", "int8": "b", "uchar": "B", "uint8": "B", "short": "h", "int16": "h", "ushort": "H",
+    "uint16": "H", "int": "i", "int32": "i", "uint": "I", "uint32": "I", "long": "q", "int64": "q",
+    "ulong": "Q", "uint64": "Q", "float": "f", "float32": "f", "double": "d", "float64": "d",
+}  # fmt: skip
+"""Names of types in headers, and their codes in struct and NumPy."""
+ENDIAN = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"}
+MOST_HEADER_BYTES = 65536
+"""Of a header; one with 20 properties and comments has 1 kB. Set by hand."""
+CORNERS = ("vertex_indices", "vertex_index")
+
+
+class NotPly(Exception):
+    """What is wrong with the file, as the end of a sentence: "is broken (...)"."""
+
+
+@dataclass(frozen=True)
+class PlyProperty:
+    """One property; `counted`: the type of a list's length, empty of a single number."""
+
+    name: str
+    type: str
+    counted: str = ""
+
+
+@dataclass(frozen=True)
+class Element:
+    """What the header says of one element."""
+
+    name: str
+    count: int
+    columns: tuple[PlyProperty, ...]
+
+    @property
+    def least_bytes(self) -> int:
+        """The least that the rows take, with empty lists."""
+        return self.count * max(sum(struct.calcsize(f"<{c.counted or c.type}") for c in self.columns), 1)
+
+
+@dataclass(frozen=True)
+class PlyHeader:
+    """The elements, NumPy's sign of the order of bytes (empty: text), and where the rows begin."""
+
+    elements: tuple[Element, ...]
+    endian: str
+    length: int
+
+    def count(self, name: str) -> int:
+        """Rows of this element; 0 where there is none."""
+        return sum(element.count for element in self.elements if element.name == name)
+
+
+def read_header(data: bytes) -> PlyHeader:
+    """The header of a PLY file, whose counts its rows can hold; raises NotPly."""
+    end = data.find(b"end_header", 0, MOST_HEADER_BYTES)
+    if not data.startswith(b"ply") or end < 0:
+        raise NotPly("is broken (no PLY header)")
+    length = data.find(b"\n", end) + 1 or len(data)
+    if data[end + 10 : end + 11] == b"\r" and data[end + 11 : end + 12] != b"\n":
+        length = end + 11  # lines that end as those of old Macs
+    elements: list[Element] = []
+    endian = None
+    for line in data[:end].splitlines():
+        words = line.split()
+        if words[:1] == [b"format"] and len(words) > 1:
+            endian = ENDIAN.get(words[1])
+        elif words[:1] == [b"element"]:
+            whole = len(words) == 3 and words[2].isdigit() and len(words[2]) < 16
+            if not whole:
+                raise NotPly("is broken (an element without a count)")
+            elements.append(Element(words[1][:20].decode("ascii", "replace"), int(words[2]), ()))
+        elif words[:1] == [b"property"]:
+            column = _property([word.decode("ascii", "replace") for word in words])
+            if column is None or not elements:
+                raise NotPly("is broken (a property of an unknown type)")
+            last = elements[-1]
+            elements[-1] = Element(last.name, last.count, (*last.columns, column))
+    if endian is None:
+        raise NotPly("is broken (no known format in its header)")
+    if sum(element.least_bytes if endian else element.count for element in elements) > len(data) - end:
+        raise NotPly("was cut short (its header promises more)")
+    return PlyHeader(tuple(elements), endian, length)
+
+
+def _property(words: list[str]) -> PlyProperty | None:
+    """The property of a header's line; None where it is none."""
+    if len(words) == 3 and words[1] in TYPES:
+        return PlyProperty(words[2], TYPES[words[1]])
+    if len(words) == 5 and words[1] == "list" and words[2] in TYPES and words[3] in TYPES:
+        return PlyProperty(words[4], TYPES[words[3]], TYPES[words[2]])
+    return None
+
+
+def read_ply(data: bytes, header: PlyHeader) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+    """Vertices in the file's unit and triangles; faces of more corners are cut into fans around the first.
+
+    Raises NotPly where the rows are not what the header says.
+    """
+    try:
+        rows = _rows(data, header)
+        vertices = np.column_stack([rows["vertex"][axis] for axis in "xyz"]).astype(float)
+        face = rows["face"]
+        polygons = next(face[name] for name in CORNERS if name in face)
+        with np.errstate(all="ignore"):  # of text: what is no vertex's number is found by its caller
+            return vertices, _fans(polygons)
+    except (KeyError, StopIteration, ValueError, IndexError, TypeError, OverflowError, struct.error) as cause:
+        raise NotPly("is broken (what follows its header is not what that says)") from cause
+
+
+Values = Sequence[np.ndarray] | np.ndarray
+Rows = dict[str, Mapping[str, Values]]
+"""Values by element and column: a number a row, or of a list an array a row (a table for even lists)."""
+
+
+def _fans(polygons: Values) -> Int[np.ndarray, "m 3"]:
+    """Triangles (corner 0, k, k + 1) of each polygon; ValueError where one has fewer than 3 corners."""
+    if isinstance(polygons, np.ndarray) and polygons.ndim == 2:
+        groups = [polygons.astype(np.int64)]
+    else:
+        sizes = np.array([len(polygon) for polygon in polygons])
+        groups = [
+            np.array([polygons[k] for k in np.flatnonzero(sizes == size).tolist()], np.int64)
+            for size in np.unique(sizes)
+        ]
+    if any(group.shape[1] < 3 for group in groups):
+        raise ValueError("a face of fewer than three corners")
+    return np.concatenate([group[:, [0, k, k + 1]] for group in groups for k in range(1, group.shape[1] - 1)])
+
+
+def _rows(data: bytes, header: PlyHeader) -> Rows:
+    """Raises ValueError or struct.error where the rows are not what the header says."""
+    if not header.endian:
+        numbers = np.array(data[header.length :].split(), "<f8").tobytes()
+        as_numbers = [replace(e, columns=tuple(map(_as_number, e.columns))) for e in header.elements]
+        data, header = numbers, PlyHeader(tuple(as_numbers), "<", 0)
+    rows: Rows = {}
+    at = header.length
+    for element in header.elements:
+        if element.count == 0:
+            continue
+        sizes = _first_lengths(data, at, element, header.endian)
+        table = _even_rows(data, at, element, sizes, header.endian)
+        if table is None:
+            rows[element.name], at = _uneven_rows(data, at, element, header.endian)
+            continue
+        rows[element.name] = {column.name: table[f"v{k}"] for k, column in enumerate(element.columns)}
+        at += element.count * table.dtype.itemsize
+    if data[at:].strip():
+        raise ValueError("more or fewer bytes than the header says")
+    return rows
+
+
+def _as_number(column: PlyProperty) -> PlyProperty:
+    """The property as text has it: numbers of any type, lengths of lists included."""
+    return replace(column, type="d", counted=column.counted and "d")
+
+
+def _first_lengths(data: bytes, at: int, element: Element, endian: str) -> list[int]:
+    """How long the lists of the first row are; 1 of a single number."""
+    sizes = []
+    for column in element.columns:
+        size = 1
+        if column.counted:
+            size = int(struct.unpack_from(endian + column.counted, data, at)[0])
+            at += struct.calcsize(f"<{column.counted}")
+        sizes.append(size)
+        at += size * struct.calcsize(f"<{column.type}")
+    return sizes
+
+
+def _even_rows(data: bytes, at: int, element: Element, sizes: list[int], endian: str) -> np.ndarray | None:
+    """The rows as a table with the columns v0, v1, ...; None where lists are not all as long as the first."""
+    fields: list[tuple[str, str] | tuple[str, str, tuple[int]]] = []
+    for k, (column, size) in enumerate(zip(element.columns, sizes, strict=True)):
+        fields += [(f"n{k}", endian + column.counted)] if column.counted else []
+        kind = endian + column.type
+        fields.append((f"v{k}", kind, (size,)) if column.counted else (f"v{k}", kind))
+    row = np.dtype(fields)
+    if row.itemsize * element.count > len(data) - at:
+        return None
+    table = np.frombuffer(data, row, element.count, at)
+    counted = [k for k, column in enumerate(element.columns) if column.counted]
+    return table if all((table[f"n{k}"] == sizes[k]).all() for k in counted) else None
+
+
+def _uneven_rows(
+    data: bytes, at: int, element: Element, endian: str
+) -> tuple[dict[str, list[np.ndarray]], int]:
+    """The rows one by one, and where they end. Lists alone are kept: other columns are of no use here."""
+    lists: dict[str, list[np.ndarray]] = {c.name: [] for c in element.columns if c.counted}
+    for _ in range(element.count):
+        for column in element.columns:
+            size = 1
+            if column.counted:
+                size = int(struct.unpack_from(endian + column.counted, data, at)[0])
+                at += struct.calcsize(f"<{column.counted}")
+                if size < 0:
+                    raise ValueError("a list of negative length")
+                lists[column.name].append(np.frombuffer(data, endian + column.type, size, at))
+            at += size * struct.calcsize(f"<{column.type}")
+    return lists, at
