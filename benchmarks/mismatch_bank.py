@@ -3,7 +3,7 @@
     python benchmarks/mismatch_bank.py simulate TRUTHS [FRUIT] [--jobs J]
     python benchmarks/mismatch_bank.py draw TRUTHS CASES [FRUIT] [--records R]
     python benchmarks/mismatch_bank.py reduce CASES ROUNDS [--jobs J]
-    FRUIT: [--effect NAME ...] [--level L] [--first K] [--count N]
+    FRUIT: [--effect NAME ...] [--first K] [--count N]
 
 Without --effect both are about fruit without mismatch. `simulate` stores one file per fruit and mesh; its
 effects need fruit of their own. `draw` writes one folder per case, a sealed label in manifest.json and the
@@ -11,7 +11,7 @@ answer in answers.json. It takes the stored fruit that have the effects and adds
 their own (sensor, gripper, pit, Poisson's ratio); those alone it adds to fruit without mismatch.
 `reduce` runs the finder's linear round of every case below CASES and stores its products in ROUNDS, one file
 per case (`sealed/reduced_case.py`): what decides can then be tried on all cases within seconds.
---level is 0, 1, 2 (from just to be seen to plain) or 3 (amplitudes drawn log-uniformly). All commands leave
+Amplitudes are drawn log-uniformly over each effect's range. All commands leave
 alone what is there: a command that was stopped goes on when it is given again.
 """
 
@@ -49,7 +49,6 @@ from samples.mismatch.bank import (
     MESHES,
     OUTSIDE,
     SIMULATED,
-    WIDE,
     BankFruit,
     draw_case,
     simulate,
@@ -71,7 +70,7 @@ def main() -> None:
     effects = sorted(set(chosen.effect))
     altered, added = (tuple(name for name in effects if name in kind) for kind in (SIMULATED, DRAWN))
     numbers = range(chosen.first, chosen.first + chosen.count)
-    fruits = [BankFruit(number=k, effects=altered, level=chosen.level if altered else 0) for k in numbers]
+    fruits = [BankFruit(number=k, effects=altered) for k in numbers]
     if chosen.command == "simulate" and chosen.mesh is None:
         jobs = [
             ("--first", str(fruit.number), "--count", "1", "--mesh", str(mesh))
@@ -89,7 +88,7 @@ def main() -> None:
                 continue
             truths = simulated(chosen.truths, fruit)
             for record in range(1, chosen.records + 1):
-                case = draw_case(chosen.cases, fruit, truths, added=added, level=chosen.level, record=record)
+                case = draw_case(chosen.cases, fruit, truths, added=added, record=record)
                 print(case, flush=True)
         except SampleFailure as failure:
             print(f"{fruit.name}: {failure}", flush=True)
@@ -159,7 +158,6 @@ def arguments() -> argparse.Namespace:
         command.add_argument("truths", type=Path, help="folder of the stored fruit")
         command.add_argument("--first", type=int, default=0, help="number of the first fruit")
         command.add_argument("--count", type=int, default=1, help="how many fruit")
-        command.add_argument("--level", type=int, choices=range(WIDE + 1), default=1)
         command.add_argument(
             "--effect", nargs="+", default=[], choices=SIMULATED if name == "simulate" else SIMULATED + DRAWN
         )

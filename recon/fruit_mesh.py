@@ -20,10 +20,9 @@ from recon.checks.quality import ReconQuality, depth_doubts, outline_rms_mm, war
 from recon.checks.surface_error import surface_error
 from recon.checks.surface_verdict import surface_doubts, surface_offset
 from recon.learned.fruit_model import SHIPPED, FruitModel, fruit_model, is_fruit_model
-from recon.learned.geometry_model import point_maps
-from recon.point_route import fruit_points
+from recon.learned.geometry_model import fruit_points
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.scale import Scale, scale_without_mat, spread_of_scale
+from recon.scale import Scale, scale_without_mat
 from recon.silhouettes.all_views import find_fruit
 from recon.silhouettes.carve import AGREEMENT
 from recon.stage_clock import Progress, StageClock, one_thread
@@ -245,39 +244,38 @@ def reconstruct_with_model(
     """The same with a model of the user's own (ONNX), of either kind, told by its outputs.
 
     A fruit model takes the shipped one's place in `reconstruct`; the points of a geometry model take the
-    outlines' place, with scale and frame as there. Raises ReconFailure: bad-geometry-model, and what
-    `reconstruct` raises.
+    outlines' place, and need the mat. Raises ReconFailure: bad-geometry-model, and what `reconstruct` raises.
     """
     options = options or ReconOptions()
     if is_fruit_model(model, providers=options.providers):
         options = replace(options, fruit_model=model)
         return reconstruct(photos, mat=mat, height_mm=height_mm, options=options, progress=progress)
-    _require_scale(photos, mat, height_mm)
+    require_enough(len(photos), where="The set")
+    if mat is None:
+        raise ReconProblem.NO_SCALE.failure(
+            "A geometry model needs the marker mat (mat.json) for the scale; photograph the fruit on it "
+            "(drupe mat), or remove the model."
+        )
     clock = StageClock(progress)
     with one_thread():
         with clock.stage("model", 0.0):
-            maps = point_maps(photos, model, providers=options.providers)
-            points, normals, scale_sd = fruit_points(maps, photos, mat=mat, height_mm=height_mm)
+            points, normals, scale_sd = fruit_points(photos, model, mat=mat, providers=options.providers)
         with clock.stage("surface", 0.7):
             mesh = closed_surface(points, normals, max_faces=options.max_faces)
-            vertices, faces = mesh.vertices, mesh.faces
-            vertices[:, 2] = np.maximum(vertices[:, 2], 0.0)
+            mesh.vertices[:, 2] = np.maximum(mesh.vertices[:, 2], 0.0)
         with clock.stage("quality", 0.9):
-            miss_mm = float(np.sqrt(np.mean(RayMesh(vertices, faces).distances_mm(points) ** 2)))
-            if mat is None and height_mm is not None:
-                factor = height_mm / float(np.ptp(vertices[:, 2]))
-                vertices, miss_mm = vertices * factor, miss_mm * factor
-                scale_sd = spread_of_scale(height_mm, options.height_sd_mm, miss_mm)
-            quality = ReconQuality(
-                views_given=len(photos),
-                views_used=len(photos),
-                outline_rms_mm=miss_mm,
-                decimation_rms_mm=mesh.deviation_rms_mm,
-                relief_share=1.0,
-            )
+            away_mm = RayMesh(mesh.vertices, mesh.faces).distances_mm(points)
+            miss_mm = float(np.sqrt(np.mean(away_mm**2)))
+    quality = ReconQuality(
+        views_given=len(photos),
+        views_used=len(photos),
+        outline_rms_mm=miss_mm,
+        decimation_rms_mm=mesh.deviation_rms_mm,
+        relief_share=1.0,
+    )
     return Reconstruction(
-        vertices=vertices,
-        faces=faces,
+        vertices=mesh.vertices,
+        faces=mesh.faces,
         scale_sd=scale_sd,
         surface_sd_mm=float(np.hypot(miss_mm, mesh.deviation_rms_mm)),
         quality=quality,
@@ -285,7 +283,7 @@ def reconstruct_with_model(
             "The shape comes from a geometry model; only the scatter of its points indicates its error.",
         ),
         seconds=clock.seconds,
-        frame="mat" if mat is not None else "shape",
+        frame="mat",
     )
 
 

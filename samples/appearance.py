@@ -1,4 +1,4 @@
-"""What the camera sees: skin colours by ripeness, the printed mat, the table. Linear RGB, from a seed."""
+"""Patterns that the camera sees: the printed mat, smooth noise and dots on skin."""
 
 import cv2
 import numpy as np
@@ -6,42 +6,6 @@ from jaxtyping import Float
 from scipy.spatial import cKDTree
 
 from recon.cameras.printed_mat import Mat, tag_bits
-
-# sRGB anchors, chosen by eye on shop nectarines
-_GROUND_UNRIPE = (0.62, 0.66, 0.22)
-_GROUND_RIPE = (0.93, 0.66, 0.18)
-"""sRGB shares of the ripe ground colour, by eye on shop nectarines like those below."""
-_BLUSH_PALE = (0.78, 0.24, 0.10)
-"""sRGB shares of the blush of a fruit that is not yet ripe."""
-_BLUSH_DEEP = (0.52, 0.05, 0.07)
-"""sRGB shares of a ripe fruit's blush."""
-_LENTICEL = (0.93, 0.80, 0.48)
-"""sRGB shares of the pale specks."""
-_STEM_END = (0.55, 0.50, 0.20)
-"""sRGB shares of the skin in the stem cavity."""
-
-
-def skin_colours(
-    directions: Float[np.ndarray, "n 3"], *, ripeness: float, rng: np.random.Generator
-) -> Float[np.ndarray, "n 3"]:
-    """Linear RGB of a nectarine's skin by direction: ground colour, blush, mottle and pale lenticels.
-
-    ripeness 0 is green-yellow with a little pale blush, 1 deep red on orange.
-    """
-    ground = _mix(_GROUND_UNRIPE, _GROUND_RIPE, np.full(len(directions), ripeness))
-    blush = _mix(
-        _BLUSH_PALE, _BLUSH_DEEP, np.clip(ripeness + 0.25 * random_field(directions, 3.0, rng), 0, 1)
-    )
-    sunny = directions @ unit(rng.normal(size=3) * np.array([1, 1, 0.3]))
-    cover = 2.2 * (ripeness - 0.42) + 0.55 * sunny + 0.45 * random_field(directions, 4.0, rng)
-    cover += 0.30 * random_field(directions, 12.0, rng) + 0.16 * random_field(directions, 40.0, rng)
-    colour = _between(ground, blush, 1 / (1 + np.exp(-4.5 * cover)))
-    cavity = np.exp(-((np.arccos(np.clip(directions[:, 2], -1, 1)) / 0.16) ** 2))
-    colour = _between(colour, np.broadcast_to(_STEM_END, colour.shape), 0.7 * cavity)
-    speck = 0.75 * specks(directions, 900, 0.011, rng)
-    colour = _between(colour, np.broadcast_to(_LENTICEL, colour.shape), speck)
-    colour *= 1 + 0.05 * random_field(directions, 25.0, rng)[:, None]
-    return linear_rgb(colour)
 
 
 def mat_texture(mat: Mat, *, pixels_per_mm: float = 8.0) -> Float[np.ndarray, "h w 3"]:
@@ -66,15 +30,6 @@ def mat_texture(mat: Mat, *, pixels_per_mm: float = 8.0) -> Float[np.ndarray, "h
     return np.asarray(black + ink[..., None] * (paper - black), dtype=np.float32)
 
 
-def table_texture(rng: np.random.Generator, *, side_px: int = 1024) -> Float[np.ndarray, "h w 3"]:
-    """Linear RGB of a wooden table: long soft grain, no detail finer than some millimetres."""
-    grain = cv2.GaussianBlur(rng.normal(size=(side_px, side_px)), (0, 0), sigmaX=70, sigmaY=5)
-    broad = cv2.GaussianBlur(rng.normal(size=(side_px, side_px)), (0, 0), sigmaX=160, sigmaY=60)
-    tone = grain / grain.std() + broad / broad.std()
-    wood = np.array([0.42, 0.27, 0.16]) * (1 + 0.13 * tone[..., None])
-    return linear_rgb(np.clip(wood, 0.02, 1)).astype(np.float32)
-
-
 def random_field(
     directions: Float[np.ndarray, "n 3"], frequency: float, rng: np.random.Generator
 ) -> Float[np.ndarray, " n"]:
@@ -93,18 +48,6 @@ def specks(
     away, nearest = cKDTree(middles).query(directions)
     width = rng.uniform(0.004, widest, count)[nearest]
     return np.asarray(np.exp(-((away / width) ** 2)))
-
-
-def _mix(
-    a: tuple[float, float, float], b: tuple[float, float, float], share: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "n 3"]:
-    return np.asarray(np.asarray(a) + share[:, None] * (np.asarray(b) - np.asarray(a)))
-
-
-def _between(
-    a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "n 3"], share: Float[np.ndarray, " n"]
-) -> Float[np.ndarray, "n 3"]:
-    return np.asarray(a + share[:, None] * (b - a))
 
 
 def unit(vector: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:

@@ -25,8 +25,10 @@ from samples.fruit import (
 )
 from samples.grasp_plan import planned_grasps
 from samples.hexahedra import SHIPPED, Fineness
-from samples.photo_set import PhotoOptions, write_photos
 from samples.sample_failure import SampleFailure
+from samples.scenes.draw import sample_scene
+from samples.scenes.render import RenderOptions
+from samples.scenes.write import write_photos
 from samples.simulated_grasp import simulate
 from tactile.io.recording import write_recording
 
@@ -71,7 +73,6 @@ def write_batch(
     photos: bool,
     views: int = 24,
     grasps: int = 2,
-    options: PhotoOptions | None = None,
     fineness: Fineness = SHIPPED,
     progress: Progress | None = None,
 ) -> None:
@@ -89,10 +90,8 @@ def write_batch(
     for fruit in made:
         where = folder / "fruits" / fruit.fruit_id
         if photos:
-            write_photos(
-                where / "photos", fruit, standard_mat(), views=views, options=options or PhotoOptions(),
-                progress=progress,
-            )  # fmt: skip
+            scene = sample_scene(fruit, photos=views)
+            write_photos(where / "photos", scene, options=RenderOptions(), progress=progress)
         else:
             write_scan(where / "fruit.ply", fruit)
         write_grasps(where / "grasps", fruit, count=grasps, fineness=fineness, progress=progress)

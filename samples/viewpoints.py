@@ -1,4 +1,4 @@
-"""Where the photographer stood: rings of hand-held views round the mat's centre."""
+"""A pinhole view, and how a camera looks at a place."""
 
 from dataclasses import dataclass
 
@@ -26,41 +26,6 @@ class Viewpoint:
         seen = points_mm @ self.cam_from_world[:3, :3].T + self.cam_from_world[:3, 3]
         middle = np.array([self.width_px - 1, self.height_px - 1]) / 2
         return np.asarray(self.focal_px * seen[:, :2] / seen[:, 2:] + middle)
-
-
-def rings(
-    count: int,
-    rng: np.random.Generator,
-    *,
-    aim_mm: tuple[float, float, float],
-    width_px: int,
-    height_px: int,
-    reach_mm: float = 315.0,
-) -> tuple[Viewpoint, ...]:
-    """`count` views in three rings about 18, 42 and 66 degrees up, jittered as hands are, `reach_mm` away.
-
-    One camera: the focal length, about 1.48 image widths, is the same in every view.
-    """
-    focal_px = float(rng.uniform(1.45, 1.52) * width_px)
-    low, middle = round(count * 0.5), round(count * 0.33)
-    sizes = (low, middle, count - low - middle)
-    closer = reach_mm / 315.0
-    views = []
-    for size, elevation_deg in zip(sizes, (18.0, 42.0, 66.0), strict=True):
-        start = rng.uniform(0, 360.0)
-        for k in range(size):
-            azimuth = np.radians(start + 360.0 * k / size + rng.normal(0, 3.0))
-            elevation = np.radians(elevation_deg + rng.normal(0, 1.5))
-            reach = closer * rng.normal(315.0, 9.0)
-            where = reach * direction(azimuth, elevation)
-            aim = np.asarray(aim_mm) + closer * rng.normal(0, 3.0, 3)
-            cam_from_world = look_at(where + np.asarray(aim_mm), aim, roll=np.radians(rng.normal(0, 1.5)))
-            views.append(
-                Viewpoint(
-                    cam_from_world=cam_from_world, focal_px=focal_px, width_px=width_px, height_px=height_px
-                )
-            )
-    return tuple(views)
 
 
 def direction(azimuth: float, elevation: float) -> Float[np.ndarray, " 3"]:

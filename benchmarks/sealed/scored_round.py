@@ -136,7 +136,7 @@ def amplitudes(name: str, answer: Mapping[str, Any], effects: Sequence[str]) -> 
         without = {}
         added = tuple(answer.get("drawn_from", {}).get("added", ()))
         if effect == "poisson_ratio" and effect in added:
-            drawn, _ = added_effects(name, added, level=int(answer["drawn_from"]["level"]))
+            drawn, _ = added_effects(name, added)
             without = {effect: next(each.number("nu") for each in drawn if each.effect == effect)}
         size = amplitude_of(effect, parameters, **without)
         if size is not None:

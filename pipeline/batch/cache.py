@@ -33,6 +33,7 @@ LIBRARIES = (
     "open3d",
     "opencv-python-headless",
     "pi-heif",
+    "pillow",
     "pycolmap",
     "pymeshlab",
     "pymetis",

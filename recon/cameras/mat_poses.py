@@ -22,8 +22,6 @@ LONGEST_ERROR_PX = 3.0
 """px by which a corner may miss the mat: sharp ones miss by fractions of a pixel. Set by hand."""
 UNKNOWN_FOCAL_SD = 1.0
 """Of the logarithm of the focal length before the tags tell it: wide enough to count for nothing."""
-HELD_MM = 1e-3
-"""Spread of the corners about where they were printed: a hundredth of what a pixel shows."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -205,7 +203,7 @@ def _adjusted(
         photos[sightings[0].photo].image.shape[:2],
         focal_prior=(float(np.log(focal_px)), UNKNOWN_FOCAL_SD),
         breathing_sd=RIGID,
-        ground_sd_mm=HELD_MM,
+        ground_held=True,
     )
     focal_px = float(np.mean(best.scene.focals_px))
     cameras = [

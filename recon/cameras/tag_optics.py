@@ -17,14 +17,10 @@ LEAST_CONTRAST = 10.0
 
 @dataclass(frozen=True, kw_only=True)
 class TagOptics:
-    """Smear of edges (standard deviation, px), median grey of the paper beside the tags (0 to 255), the same
-    for each edge, and each edge's squared distance from the picture's middle (1 in the corners).
-    """
+    """Smear of edges (standard deviation, px), and median grey of the paper beside the tags (0 to 255)."""
 
     blur_px: float
     white: float
-    whites: Float[np.ndarray, " e"]
-    radius2: Float[np.ndarray, " e"]
 
 
 def tag_optics(grey: UInt8[np.ndarray, "h w"], corners: Float[np.ndarray, "t 4 2"]) -> TagOptics | None:
@@ -50,12 +46,5 @@ def tag_optics(grey: UInt8[np.ndarray, "h w"], corners: Float[np.ndarray, "t 4 2
         return None
     step = side.reshape(-1) / 16 * (across[1] - across[0])
     slope = np.abs(np.diff(profile, axis=1)).max(axis=1) / step
-    size = np.array([grey.shape[1], grey.shape[0]])
-    place = (((a + b) / 2).reshape(-1, 2) - size / 2) / (np.linalg.norm(size) / 2)
     smear = (white - black)[good] / (slope[good] * np.sqrt(2 * np.pi))
-    return TagOptics(
-        blur_px=float(np.median(smear)),
-        white=float(np.median(white[good])),
-        whites=np.asarray(white[good]),
-        radius2=np.asarray(np.sum(place**2, axis=1)[good]),
-    )
+    return TagOptics(blur_px=float(np.median(smear)), white=float(np.median(white[good])))

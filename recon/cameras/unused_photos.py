@@ -6,8 +6,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from pipeline.files.plain_file import NotReadable, not_plain, printable, read_head
-from recon.cameras.photos import SUFFIXES, photo_paths
-from recon.cameras.picture_size import picture_kind
+from recon.cameras.photos import SUFFIXES, photo_paths, picture_kind
 from recon.wording import listed
 
 NO_PHOTOS = frozenset(

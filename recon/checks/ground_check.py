@@ -56,10 +56,9 @@ class RimEvidence:
 
     Sample i is the point (1 - t) a + t b of the mesh's edge between vertices `a` and `b`, as photo `view`
     sees it. `offset_mm` is the posterior mean of the edge's place (positive: the fruit reaches further than
-    the mesh), `sd_mm` its standard deviation, `pixel_mm` a pixel's size there. `dim` is the share of the
-    profile's pixels outside the rim that show the ground darkened, `through` the share inside the rim that
-    shows it as it is. `known`: three other photos tell the ground's colour there.
-    `turn`: direction from the fruit's middle in the picture (radians; 0 right, pi / 2 up).
+    the mesh), `sd_mm` its standard deviation, `pixel_mm` a pixel's size there. `known`: three other photos
+    tell the ground's colour there. `turn`: direction from the fruit's middle in the picture (radians; 0
+    right, pi / 2 up).
     """
 
     view: Int[np.ndarray, " k"]
@@ -69,8 +68,6 @@ class RimEvidence:
     offset_mm: Float[np.ndarray, " k"]
     sd_mm: Float[np.ndarray, " k"]
     pixel_mm: Float[np.ndarray, " k"]
-    dim: Float[np.ndarray, " k"]
-    through: Float[np.ndarray, " k"]
     known: Bool[np.ndarray, " k"]
     turn: Float[np.ndarray, " k"]
 
@@ -104,7 +101,7 @@ def _evidence(
 ) -> RimEvidence:
     """Where each sample of the rims has its edge, and what the colours beside it say."""
     view = np.repeat(np.arange(len(rims)), [len(r.t) for r in rims])
-    offset_px, sd_px, dimmed, through = np.zeros((4, len(view)))
+    offset_px, sd_px = np.zeros((2, len(view)))
     known = np.zeros(len(view), bool)
     for k in range(len(rims)):
         mine = view == k
@@ -117,10 +114,6 @@ def _evidence(
         least = np.where(dim > lit, -MOST_OF_SHADOW, -MOST_EVIDENCE)
         log_odds = np.where(ok, separable * np.clip(log_odds, least, MOST_EVIDENCE), 0.0)
         offset_px[mine], sd_px[mine] = _edge_of(log_odds, _steps(profiles, mine), offsets, reach)
-        adjacent = (offsets >= 2) & (offsets <= 6)
-        within = (offsets <= -2) & (offsets >= -6)
-        dimmed[mine] = ((dim > lit) & (log_odds < 0) & ok)[:, adjacent].mean(1)
-        through[mine] = ((log_odds < -1.5) & (lit > dim))[:, within].mean(1)
         known[mine] = ok[:, np.abs(offsets) <= reach].mean(1) > 0.7
     joined = {f: np.concatenate([getattr(r, f) for r in rims]) for f in ("a", "b", "t", "pixel_mm")}
     return RimEvidence(
@@ -128,8 +121,6 @@ def _evidence(
         **joined,
         offset_mm=offset_px * joined["pixel_mm"],
         sd_mm=sd_px * joined["pixel_mm"],
-        dim=dimmed,
-        through=through,
         known=known,
         turn=np.concatenate([_turn(r.pixel) for r in rims]),
     )

@@ -7,9 +7,9 @@ from functools import reduce
 
 import cv2
 import numpy as np
+from jaxtyping import Float
 
 from recon.cameras.mat_poses import FEWEST_TAGS
-from recon.cameras.photo_light import LEAST_WHITE, evened, lens_doubts, mat_doubts
 from recon.cameras.photos import FEWEST_PHOTOS, Photo
 from recon.cameras.printed_mat import BORDERS, Mat, detect_tags, standard_mat
 from recon.cameras.tag_optics import TagOptics, tag_optics
@@ -26,6 +26,12 @@ LEAST_SHARP_ALONE = 0.06
 """Least sharpness, whatever the others have: a sharp photo of a mat has 0.5, blurred by 4 px 0.025."""
 MOST_CLIPPED = 0.35
 """Share of a photo's pixels at full white beyond which it is of no use. Set by hand."""
+LEAST_WHITE = 90.0
+"""Grey levels of 255 of the paper, below which a photo is too dark. Set by hand."""
+MOST_UNEVEN = 0.12
+"""Relative difference of the paper's white between photos that is left as it is. Set by hand."""
+LEAST_MAT_SEEN = 0.75
+"""Share of the mat's tags that all photos together show unless some are covered or cut off. Set by hand."""
 LEAST_BRIGHT = 45.0
 """Grey level of 255 that 5 % of a photo's pixels reach at least; below it is too dark. Set by hand."""
 
@@ -87,8 +93,8 @@ def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
         _refuse_rest(looks, lost, known)
     optics = [look.optics for look in kept if look.optics is not None]
     if mat is not None:
-        warnings += [*mat_doubts([look.tags for look in kept], mat), *lens_doubts(optics)]
-    return CheckedPhotos(photos=evened([look.photo for look in kept], optics), warnings=tuple(warnings))
+        warnings += _mat_doubts([look.tags for look in kept], mat)
+    return CheckedPhotos(photos=_evened([look.photo for look in kept], optics), warnings=tuple(warnings))
 
 
 def _with_first(first: Photo, good: list[_Look], kept: list[_Look], lost: dict[str, str]) -> list[_Look]:
@@ -211,3 +217,31 @@ def _by_reason(reasons: dict[str, str]) -> dict[str, list[str]]:
     for name, reason in reasons.items():
         grouped[reason].append(name)
     return dict(grouped)
+
+
+def _mat_doubts(tags: Sequence[Sequence[int]], mat: Mat) -> list[str]:
+    """A sentence where over a quarter of the mat's tags are in no photo; `tags` are those seen in each."""
+    seen = {tag for each in tags for tag in each}
+    if not seen or len(seen) >= LEAST_MAT_SEEN * len(mat.corners_mm):
+        return []
+    missing = [str(t) for t in mat.corners_mm if t not in seen]
+    return [
+        f"{len(missing)} of the mat's {len(mat.corners_mm)} tags are in no photo (tags "
+        f"{listed(missing)}): clear the mat, or check that mat.json belongs to the printed mat."
+    ]
+
+
+def _evened(photos: Sequence[Photo], optics: Sequence[TagOptics]) -> tuple[Photo, ...]:
+    """All photos with the paper as white as in the middle one, where they differ by over 12 % or are dark."""
+    whites = np.array([o.white for o in optics])
+    if len(whites) < len(photos) or len(whites) == 0:
+        return tuple(photos)
+    gains = max(float(np.median(whites)), 1.7 * LEAST_WHITE) / whites
+    if np.abs(gains - 1).max() <= MOST_UNEVEN:
+        return tuple(photos)
+    evened = []
+    for photo, gain in zip(photos, gains.tolist(), strict=True):
+        levels: Float[np.ndarray, 256] = np.clip(np.arange(256) * gain + 0.5, 0, 255)
+        image = cv2.LUT(photo.image, levels.astype(np.uint8))
+        evened.append(replace(photo, image=np.asarray(image, np.uint8)))
+    return tuple(evened)

@@ -27,10 +27,11 @@ EDGE_BIAS_PX, CLEAR_PX = 0.3, 1.5
 """An edge seen b px too far out makes 6 b px / D of volume. Where edges are clear (90 % within CLEAR_PX of
 the rim) b is under EDGE_BIAS_PX: at most 0.11 on seven right meshes, 0.33 and more on the same shrunk by 1 %
 in length but for a cherry 110 px wide; on dark glossy fruit, whose edges are unclear, up to 0.5."""
-CAUSE_SHARE = 0.1
-"""Share of the places in doubt that show a cause (shade, see-through) for it to be named. Set by hand."""
-MOVED_SHARE = 2.0
-"""Scatter between photos over their common offset, beyond which it was the fruit that moved. Set by hand."""
+ADVICE = (
+    "Something moved between photos, or drupe took a shadow or a reflection for fruit, or fruit for ground. "
+    "Take the photos again without touching fruit or mat, in soft, even light, on a matt ground of another "
+    "colour."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -70,7 +71,7 @@ def surface_doubts(
     faces: Int[np.ndarray, "m 3"],
     views: Int[np.ndarray, " n"],
 ) -> tuple[str, ...]:
-    """A sentence where the photos put the skin elsewhere than the mesh: where, by how much, why, what to do.
+    """A sentence where the photos put the skin elsewhere than the mesh: where, by how much, what to do.
 
     The mesh's x axis points to the suture, z = 0 is the mat or the table. Raises ReconFailure
     (surface-contradicted) where the mesh is not to be used.
@@ -81,7 +82,7 @@ def surface_doubts(
     volume = _volume_limit(evidence, diameter)
     if offset.rms_mm <= OFF_MM and offset.local_mm <= local and abs(offset.volume_share) <= volume:
         return shadow
-    peak, patch = _worst(error, vertices, faces, views)
+    peak = int(np.abs(np.where(_seen_area(vertices, faces, views) > 0, error.offset_mm, 0.0)).argmax())
     off_mm = abs(float(error.offset_mm[peak]))
     misfit = (
         f"{place_in_words(vertices, faces, peak)} the photos place the skin {off_mm:.1f} mm "
@@ -90,12 +91,11 @@ def surface_doubts(
     whole = (
         f"{offset.rms_mm:.2f} mm over the whole surface, {100 * abs(offset.volume_share):.1f} % of the volume"
     )
-    cause = _cause(evidence, patch, outside=bool(error.offset_mm[peak] > 0))
     if offset.rms_mm > REFUSED_OFF * diameter or offset.local_mm > REFUSED_LOCAL * diameter:
         raise ReconProblem.SURFACE_CONTRADICTED.failure(
-            f"The mesh does not fit the photos: {misfit} ({whole}). {cause}"
+            f"The mesh does not fit the photos: {misfit} ({whole}). {ADVICE}"
         )
-    return (*shadow, f"{misfit[0].upper()}{misfit[1:]} ({whole}). {cause}")
+    return (*shadow, f"{misfit[0].upper()}{misfit[1:]} ({whole}). {ADVICE}")
 
 
 def _volume_limit(evidence: RimEvidence, diameter_mm: float) -> float:
@@ -137,48 +137,3 @@ def _seen_area(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], views: Int[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
     return np.asarray(vertex_areas(vertices, faces) * (views >= SEEN_BY))
-
-
-def _worst(
-    error: SurfaceError,
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
-    views: Int[np.ndarray, " n"],
-) -> tuple[int, Int[np.ndarray, " p"]]:
-    """The vertex that is furthest off, and those about it that are half as far off to the same side."""
-    o = np.where(_seen_area(vertices, faces, views) > 0, error.offset_mm, 0.0)
-    peak = int(np.abs(o).argmax())
-    near = np.linalg.norm(vertices - vertices[peak], axis=1) < 0.25 * float(np.ptp(vertices, axis=0).max())
-    return peak, np.flatnonzero(near & (o * np.sign(o[peak]) >= 0.5 * abs(o[peak])))
-
-
-def _cause(evidence: RimEvidence, patch: Int[np.ndarray, " p"], *, outside: bool) -> str:
-    """The likely cause from the rim samples on a patch, and what to do."""
-    mine = np.isin(evidence.a, patch) & evidence.known
-    if not mine.any():
-        return "Take the photos again in even light, on a patterned ground of another colour than the fruit."
-    offset = evidence.offset_mm[mine]
-    if np.std(offset) > MOVED_SHARE * max(abs(float(np.median(offset))), float(evidence.pixel_mm[0])):
-        return (
-            "The photos disagree by more than that: the fruit, the mat or a reflection moved between "
-            "photos. Retake them without touching fruit or mat."
-        )
-    if outside and evidence.dim[mine].mean() > CAUSE_SHARE:
-        return (
-            "drupe probably took fruit for a shadow on the ground there: light it evenly from all "
-            "sides, or use a ground of another colour."
-        )
-    if outside:
-        return (
-            "drupe probably cut off fruit there, because it resembles the ground or shines: use a "
-            "ground of another colour, and softer light."
-        )
-    if evidence.through[mine].mean() > CAUSE_SHARE:
-        return (
-            "drupe probably took ground for fruit there, because of a hard shadow or similar "
-            "colours: use softer light, or a ground of another colour."
-        )
-    return (
-        "drupe probably took a shadow or reflection beside the fruit for fruit: use softer light and "
-        "a matt ground."
-    )

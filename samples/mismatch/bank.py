@@ -20,7 +20,7 @@ from samples.mismatch.case_simulation import (
     with_amount,
 )
 from samples.mismatch.drawn_fruit import DrawnFruit, seen_anew
-from samples.mismatch.effect_levels import LEVELS, Amplitude, drawn_amplitude, drawn_parameters
+from samples.mismatch.effect_levels import drawn_amplitude, drawn_parameters
 from samples.mismatch.injected import EFFECTS, InjectedEffect, named
 from samples.mismatch.out_of_catalogue import OUT_OF_CATALOGUE
 from samples.mismatch.stored_truth import store_truths, stored_truths
@@ -42,44 +42,38 @@ OUTSIDE = tuple(name for name in OUT_OF_CATALOGUE if name not in EFFECTS)
 """Physics that the catalogue does not have."""
 SIMULATED = (*(name for name in EFFECTS if name not in DRAWN), *OUTSIDE)
 """Effects and physics that change what is simulated: they cannot be added to a stored fruit."""
-WIDE = len(LEVELS)
-"""In place of a level: an amplitude drawn log-uniformly over the effect's whole range."""
+WIDE = 3
+"""In the names and seeds of fruit and cases: their amplitudes are drawn over the effect's whole range."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BankFruit:
-    """One fruit of the bank: no effect, or simulated ones, all at one level; its number among its like."""
+    """One fruit of the bank: no effect, or simulated ones; its number among its like."""
 
     number: int
     effects: tuple[str, ...] = ()
-    level: int = 0
 
     @property
     def name(self) -> str:
         """Of its files."""
         if not self.effects:
             return f"null-{self.number:03d}"
-        return f"{'+'.join(self.effects)}-{self.level}-{self.number}"
+        return f"{'+'.join(self.effects)}-{WIDE}-{self.number}"
 
     @property
     def seed(self) -> tuple[int, ...]:
         """All that is drawn of the fruit follows from it."""
         if not self.effects:
             return (SEED, 0, self.number)
-        return (SEED, 1, sum(map(ord, "+".join(self.effects))), self.level, self.number)
+        return (SEED, 1, sum(map(ord, "+".join(self.effects))), WIDE, self.number)
 
     def plan(self) -> CasePlan:
         """The fruit, its grasps and its effects."""
         if self.effects and self.effects[0] in OUTSIDE:
             return planned(self.name, (), seed=self.seed, out_of_catalogue=self.effects[0])
         rng = np.random.default_rng([*self.seed, 1])
-        effects = tuple((effect, level_of(effect, self.level, rng)) for effect in self.effects)
+        effects = tuple((effect, drawn_amplitude(effect, rng)) for effect in self.effects)
         return planned(self.name, effects, seed=self.seed)
-
-
-def level_of(effect: str, level: int, rng: np.random.Generator) -> int | Amplitude:
-    """The level itself, or a drawn amplitude in place of WIDE."""
-    return drawn_amplitude(effect, rng) if level == WIDE else level
 
 
 def simulate(folder: Path, fruit: BankFruit, mesh: int) -> None:
@@ -108,22 +102,22 @@ def simulated(folder: Path, fruit: BankFruit) -> tuple[TrueRecording, ...]:
 
 def draw_case(
     cases: Path, fruit: BankFruit, truths: tuple[TrueRecording, ...], *, added: tuple[str, ...] = (),
-    level: int = 0, record: int,
+    record: int,
 ) -> str:  # fmt: skip
     """Write one case below `cases`, unless it is there, and return its name; seal first, answer last.
 
-    `truths`: the fruit's grasps; `added`: effects of DRAWN, all at `level`. Another `record` has other
+    `truths`: the fruit's grasps; `added`: effects of DRAWN. Another `record` has other
     parameters of these, other noise, another scan and another prior.
     """
     effects = (*fruit.effects, *added)
-    case_id = f"{'+'.join(effects)}-{level}-{fruit.number}-{record}" if effects else f"{fruit.name}-{record}"
+    case_id = f"{'+'.join(effects)}-{WIDE}-{fruit.number}-{record}" if effects else f"{fruit.name}-{record}"
     if is_written(cases, case_id):
         return case_id
     plan, peaks = fruit.plan(), tuple(truth.peak_force_N for truth in truths)
-    extra, rng = added_effects(case_id, added, level=level)
+    extra, rng = added_effects(case_id, added)
     drawn, stated = as_stated(plan.drawn, extra, rng)
     injected = tuple(with_amount(injection, max(peaks), truths) for injection in (*plan.injected, *stated))
-    origin = {"fruit": fruit.name, "fruit_seed": fruit.seed, "added": added, "level": level, "seed": SEED}
+    origin = {"fruit": fruit.name, "fruit_seed": fruit.seed, "added": added, "seed": SEED}
     entry = answer(drawn, label_of_plan(plan, injected)) | {"drawn_from": origin}
     salt = rng.bytes(16).hex()
     seal(cases, case_id, entry, salt=salt)
@@ -134,12 +128,12 @@ def draw_case(
 
 
 def added_effects(
-    case_id: str, added: tuple[str, ...], *, level: int
+    case_id: str, added: tuple[str, ...]
 ) -> tuple[tuple[InjectedEffect, ...], np.random.Generator]:
     """Effects of DRAWN as a case has them, and the generator of all else that is drawn of it."""
     rng = np.random.default_rng([SEED, 2, *case_id.encode()])
     effects = tuple(
-        InjectedEffect(effect=name, parameters=drawn_parameters(name, level_of(name, level, rng), rng))
+        InjectedEffect(effect=name, parameters=drawn_parameters(name, drawn_amplitude(name, rng), rng))
         for name in added
     )
     return effects, rng

@@ -12,7 +12,7 @@ from samples.graded_bricks import BrickGrading
 from samples.grasp_plan import PlannedGrasp
 from samples.mismatch.bodies import ElasticBody, GrippedBody
 from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn_fruit, seen_by_drawn_sensor
-from samples.mismatch.effect_levels import Amplitude, drawn_parameters
+from samples.mismatch.effect_levels import drawn_parameters
 from samples.mismatch.four_grasps import four_grasps
 from samples.mismatch.freestone import loose_compliance, pit_contact
 from samples.mismatch.grip import InnerContact
@@ -21,8 +21,7 @@ from samples.mismatch.injected import (
     InjectedEffect,
     flesh_law,
     gel_of,
-    joined_name,
-    joined_parameters,
+    label_of,
     membrane,
     named,
     plain_flesh,
@@ -85,21 +84,21 @@ class CasePlan:
 
 def planned(
     case_id: str,
-    effects: tuple[tuple[str, int | Amplitude], ...],
+    effects: tuple[tuple[str, float], ...],
     *,
     seed: tuple[int, ...],
     category: Category | None = None,
     out_of_catalogue: str | None = None,
 ) -> CasePlan:
-    """A case with the given effects, each at its level or amplitude; all the rest from the seed.
+    """A case with the given effects, each of its amplitude; all the rest from the seed.
 
     `out_of_catalogue` names a physics that is not in the catalogue, instead of effects.
     """
     rng = np.random.default_rng(list(seed))
     kind: Category = category or CATEGORIES[int(rng.integers(len(CATEGORIES)))]
     injected = tuple(
-        InjectedEffect(effect=effect, parameters=drawn_parameters(effect, level, rng))
-        for effect, level in effects
+        InjectedEffect(effect=effect, parameters=drawn_parameters(effect, amplitude, rng))
+        for effect, amplitude in effects
     )
     offset, size, ratio = (named(injected, e) for e in ("pit_offset", "pit_size", "poisson_ratio"))
     drawn = drawn_fruit(
@@ -141,7 +140,7 @@ def label_of_plan(plan: CasePlan, labelled: tuple[InjectedEffect, ...]) -> dict[
     if plan.out_of_catalogue is not None:
         parameters = {"physics": plan.out_of_catalogue.name, **plan.out_of_catalogue.parameters}
         return {"effect": "unknown", "parameters": parameters}
-    return {"effect": joined_name(labelled), "parameters": joined_parameters(labelled)}
+    return label_of(labelled)
 
 
 def with_amount(

@@ -65,16 +65,13 @@ def touches_widely(injected: tuple[InjectedEffect, ...]) -> bool:
     return any(p.effect in TOUCHES_WIDELY for p in injected)
 
 
-def joined_name(injected: tuple[InjectedEffect, ...]) -> str:
-    """The label's effect: names sorted and joined by +, or none."""
-    return "+".join(sorted(p.effect for p in injected)) or "none"
-
-
-def joined_parameters(injected: tuple[InjectedEffect, ...]) -> dict[str, Any]:
-    """The parameters of a single effect; of several, one group per effect."""
-    if len(injected) == 1:
-        return dict(injected[0].parameters)
-    return {p.effect: dict(p.parameters) for p in injected}
+def label_of(injected: tuple[InjectedEffect, ...]) -> dict[str, Any]:
+    """A case's label: `effect`, the names sorted and joined by + (or none), and `parameters`, those of a
+    single effect or one group per effect.
+    """
+    name = "+".join(sorted(p.effect for p in injected)) or "none"
+    groups = {p.effect: dict(p.parameters) for p in injected}
+    return {"effect": name, "parameters": groups[name] if len(injected) == 1 else groups}
 
 
 def gel_of(injected: tuple[InjectedEffect, ...], gel: Gel = DEFAULT_GEL) -> Gel:

@@ -8,18 +8,20 @@ import numpy as np
 from samples.fruit import SampleFruit, box_mm
 from samples.scenes.euro_coin import SceneCoin, draw_coin
 from samples.scenes.ground import GROUNDS, SceneGround, draw_ground
-from samples.scenes.light import SceneLight, draw_light
+from samples.scenes.light import SceneLight, draw_light, softboxes
 from samples.scenes.phone import PIPELINES, Pipeline, Shot, draw_pipeline
 from samples.scenes.scene_fruit import draw_fruit
-from samples.scenes.sheet import Sheet, draw_sheet
-from samples.scenes.skin_optics import SkinLook, draw_skin
-from samples.scenes.stand import HEIGHT_PX, WIDTH_PX, ScenePhoto, draw_camera, hand_held
+from samples.scenes.sheet import CLEAN_SHEET, Sheet, draw_sheet
+from samples.scenes.skin_optics import SkinLook, draw_skin, ripe_skin
+from samples.scenes.stand import HEIGHT_PX, WIDTH_PX, Ring, ScenePhoto, draw_camera, hand_held
 from samples.scenes.turntable import Turntable, before_turntable, draw_turntable, on_tripod
 from samples.viewpoints import Viewpoint
 
 FAMILIES = ("mat", "phone", "turntable")
 FIRST_SEED = {"mat": 4000, "phone": 7000, "turntable": 10000}
 """Scenes of a family have seeds from here on, apart from each other."""
+SAMPLE_QUALITY = 72
+"""Of a sample's JPEG files, which a package ships: 0 to 100."""
 _SHAPE, _SKIN, _GROUND, _SHEET, _LIGHT, _CAMERA, _PIPELINE, _COIN, _TURNTABLE = range(9)
 """Numbers of the streams; a factor that is added comes last, so that none of the others changes."""
 
@@ -105,6 +107,43 @@ def draw_scene(
         shots=shots,
         views=views,
         turntable=draw_turntable(stream(_TURNTABLE)) if turns else None,
+    )
+
+
+def sample_scene(fruit: SampleFruit, *, photos: int) -> Scene:
+    """A fruit of the sample batch on a clean mat and wood, between two softboxes, in three rings of photos.
+
+    The same fruit gives the same scene. Its colour goes with its ripeness.
+    """
+    rng = np.random.default_rng([fruit.seed, 3])
+    high = float(box_mm(fruit.skin)[1][2])
+    focal_px, low, middle = float(rng.uniform(1.45, 1.52)) * WIDTH_PX, round(0.5 * photos), round(photos / 3)
+    sizes = (low, middle, photos - low - middle)
+    camera = ScenePhoto(
+        focal_px=focal_px,
+        distance_mm=315.0,
+        field_mm=210.0,
+        rings=tuple(Ring(elevation_deg=e, photos=n) for e, n in zip((18.0, 42.0, 66.0), sizes, strict=True)),
+        odd_photos=(),
+        exposure_ev=0.0,
+        hand_seed=fruit.seed,
+    )
+    return Scene(
+        family="sample",
+        index=0,
+        seed=fruit.seed,
+        half="work",
+        fruit_kind="nectarine",
+        fruit=fruit,
+        skin=ripe_skin(fruit.ripeness, pattern_seed=fruit.seed),
+        ground=draw_ground(rng, kinds=("wood",)),
+        sheet=CLEAN_SHEET,
+        coin=None,
+        light=softboxes(azimuth_deg=float(rng.uniform(0, 360)), pattern_seed=fruit.seed),
+        camera=camera,
+        pipeline=Pipeline(kind="none", jpeg_quality=SAMPLE_QUALITY),
+        shots=(Shot(),) * photos,
+        views=hand_held(camera, aim_mm=(0.0, 0.0, 0.42 * high), focal_scales=np.ones(photos)),
     )
 
 

@@ -90,6 +90,19 @@ def draw_light(rng: np.random.Generator) -> SceneLight:
     )
 
 
+def softboxes(*, azimuth_deg: float, pattern_seed: int) -> SceneLight:
+    """Two softboxes in a bright room, as for photos of goods."""
+    lamps = tuple(
+        Lamp(azimuth_deg=azimuth_deg + turn, elevation_deg=elevation, distance_mm=700.0,
+             half_mm=(150.0, 110.0), rgb=_NEUTRAL, share=share)
+        for turn, elevation, share in ((0.0, 52.0, 0.65), (150.0, 35.0, 0.35))
+    )  # fmt: skip
+    return SceneLight(
+        kind="two-lamps", room=0.5, room_rgb=(0.95, 1.0, 1.07), lamps=lamps, flash_radii_mm=None,
+        flash_offset_mm=(0.0, 0.0), photographer=False, pattern_seed=pattern_seed,
+    )  # fmt: skip
+
+
 def standing_lights(mi: Any, light: SceneLight) -> dict[str, Any]:
     """The room and the lamps that stand still, for the renderer."""
     made: dict[str, Any] = {

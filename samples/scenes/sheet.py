@@ -29,6 +29,12 @@ class Sheet:
     pattern_seed: int
 
 
+CLEAN_SHEET = Sheet(
+    size="big", state="clean", stains=0, crumbs=0, folds=0, fold_mm=0.0, wave_mm=0.0, pattern_seed=0
+)
+"""Of the sample batch: flat and without dirt."""
+
+
 def draw_sheet(rng: np.random.Generator, *, fruit_kind: str) -> Sheet:
     """A mat's state, drawn evenly; two of three cherries stand on the small mat, all else on the big one."""
     small = bool(rng.uniform() < 0.67) and fruit_kind == "cherry"

@@ -80,6 +80,18 @@ def draw_skin(rng: np.random.Generator) -> SkinLook:
     )
 
 
+def ripe_skin(ripeness: float, *, pattern_seed: int) -> SkinLook:
+    """A satin nectarine, from green-yellow with a faint blush (0) to orange with a deep red one (1)."""
+    roughness, specular, coat, coat_gloss, sheen = GLOSSES["satin"]
+    unripe, ripe = np.array(((0.62, 0.66, 0.22), (0.70, 0.54, 0.18))), np.array(COLOURS["red"])
+    ground, blush = unripe + ripeness * (np.array(((0.93, 0.66, 0.18), ripe[1])) - unripe)
+    return SkinLook(
+        colour="two-coloured", gloss="satin", srgb=triple(ground), other_srgb=triple(blush), mottle=0.3,
+        fine=0.05, specks=900, bloom=0.0, roughness=roughness, specular=specular, clearcoat=coat,
+        clearcoat_gloss=coat_gloss, sheen=sheen, pattern_seed=pattern_seed,
+    )  # fmt: skip
+
+
 def skin_attributes(
     look: SkinLook, directions: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:

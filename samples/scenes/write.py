@@ -12,6 +12,7 @@ from jaxtyping import Float
 from recon.cameras.printed_mat import Mat, mat_mapping
 from recon.surface.mesh_file import write_mesh
 from samples.fruit import skin_mesh
+from samples.renderer import denoiser, mitsuba
 from samples.scenes.draw import Scene, scene_mapping
 from samples.scenes.jpeg import write_jpeg
 from samples.scenes.lens import distorted_picture, margin_px
@@ -38,13 +39,33 @@ def write_scene(
     """Render a scene into out/<name>, which appears when all of it is written. Raises RendererMissing."""
     folder, part = out / scene.name, out / f"{scene.name}.part"
     shutil.rmtree(part, ignore_errors=True)
-    (part / "photos").mkdir(parents=True)
+    part.mkdir(parents=True)
     mat = sheet_mat(scene.sheet) if scene.sheet is not None else None
     if mat is not None:
         _write_json(part / "mat.json", mat_mapping(mat))
     write_mesh(part / "fruit_truth.ply", *skin_mesh(scene.fruit.skin, cells=72))
     _write_json(part / "cameras_truth.json", cameras_mapping(scene))
     facts = scene_mapping(scene)
+    gains = write_photos(part / "photos", scene, options=options, progress=progress)
+    for photo, gain in zip(facts["photos"], gains, strict=True):
+        photo["exposure_gain"] = gain
+    _write_json(part / "scene.json", facts)
+    shutil.rmtree(folder, ignore_errors=True)
+    part.rename(folder)
+    return folder
+
+
+def write_photos(
+    folder: Path, scene: Scene, *, options: RenderOptions, progress: Callable[[str], None] | None = None
+) -> list[float]:
+    """Render a scene's photos into a folder as 000.jpg, 001.jpg, ...; the gain that each was exposed by.
+
+    The same scene and options give the same pictures. Raises RendererMissing, before the folder is made.
+    """
+    mitsuba()
+    denoiser()
+    folder.mkdir(parents=True, exist_ok=True)
+    mat = sheet_mat(scene.sheet) if scene.sheet is not None else None
     margin = margin_px(scene.views, k1=scene.pipeline.k1)
     lights, gains = [], []
     for k, pinhole in enumerate(pictures(scene, options=options)):
@@ -60,14 +81,10 @@ def write_scene(
         counted = exposed(light.astype(np.float32), gain=gains[k], pipeline=scene.pipeline, shot=shot)
         image = developed(counted, pipeline=scene.pipeline, rng=rng)
         write_jpeg(
-            part / "photos" / f"{k:03d}.jpg", image, quality=scene.pipeline.jpeg_quality,
+            folder / f"{k:03d}.jpg", image, quality=scene.pipeline.jpeg_quality,
             orientation=shot.orientation,
         )  # fmt: skip
-        facts["photos"][k]["exposure_gain"] = gains[k]
-    _write_json(part / "scene.json", facts)
-    shutil.rmtree(folder, ignore_errors=True)
-    part.rename(folder)
-    return folder
+    return gains
 
 
 def metered_gain(light: Float[np.ndarray, "h w 3"], *, mat: Mat | None, view: Viewpoint) -> float:

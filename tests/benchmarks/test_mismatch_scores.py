@@ -82,8 +82,8 @@ def test_the_amplitude_of_a_drawn_effect_is_found_from_its_label(effect):
     low, high = AMPLITUDES[effect]
     sizes = []
     for number in range(5):
-        (drawn,), _ = added_effects(f"{effect}-3-{number}-1", (effect,), level=3)
-        (again,), _ = added_effects(f"{effect}-3-{number}-1", (effect,), level=3)
+        (drawn,), _ = added_effects(f"{effect}-3-{number}-1", (effect,))
+        (again,), _ = added_effects(f"{effect}-3-{number}-1", (effect,))
         assert drawn == again
         sizes.append(amplitude_of(effect, drawn.parameters, **without))
     assert all(low <= size <= high for size in sizes)

@@ -102,7 +102,7 @@ def test_an_unreadable_heic_is_named_in_a_quick_check_too(batch):
     (batch / "fruits" / "N01" / "photos" / "100.HEIC").write_bytes(heic_files.plain()[:700])
     ((sentence, remark),) = said(batch, quick=True)
     assert sentence.startswith("fruits/N01/photos/100.HEIC: 100.HEIC in ")
-    assert "is a HEIC that cannot be decoded" in sentence
+    assert "is damaged or was cut short" in sentence
     assert not remark
 
 

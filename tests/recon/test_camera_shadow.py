@@ -21,7 +21,7 @@ def evidence(offset_px, known=True):
     return RimEvidence(
         view=VIEW, a=nothing.astype(int), b=nothing.astype(int), t=nothing,
         offset_mm=(offset_px + noise) * PIXEL_MM, sd_mm=nothing + 0.1, pixel_mm=nothing + PIXEL_MM,
-        dim=nothing, through=nothing, known=np.full(len(VIEW), known), turn=TURN,
+        known=np.full(len(VIEW), known), turn=TURN,
     )  # fmt: skip
 
 

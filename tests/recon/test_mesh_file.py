@@ -1,5 +1,6 @@
 """Mesh files: what is written is read again, other tools' forms are read, broken ones are named."""
 
+import struct
 import subprocess
 import sys
 
@@ -119,6 +120,21 @@ def test_a_cube_of_quadrilaterals_or_of_one_triangle_more_has_its_volume(tmp_pat
         assert open_edges(triangles) == 0, name
         assert len(triangles) == 12, name
         assert volume_mm3(places, triangles) == pytest.approx(8.0), name
+
+
+@pytest.mark.parametrize("endian", ["<", ">"])
+def test_a_binary_pyramid_of_a_quadrilateral_and_triangles_has_its_volume(tmp_path, endian):
+    corners = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [1, 1, 3]], f"{endian}f4")
+    faces = [(3, 2, 1, 0), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)]
+    kind = {"<": "little", ">": "big"}[endian]
+    head = f"ply\nformat binary_{kind}_endian 1.0\nelement vertex 5\n"
+    head += "".join(f"property float {axis}\n" for axis in "xyz")
+    head += "element face 5\nproperty list uchar int vertex_indices\nend_header\n"
+    rows = b"".join(struct.pack(f"{endian}B{len(face)}i", len(face), *face) for face in faces)
+    (tmp_path / "a.ply").write_bytes(head.encode() + corners.tobytes() + rows)
+    places, triangles = read_mesh(tmp_path / "a.ply")
+    assert open_edges(triangles) == 0
+    assert volume_mm3(places, triangles) == pytest.approx(4.0)
 
 
 @pytest.mark.parametrize("kind", ["ply", "stl", "obj", "glb"])

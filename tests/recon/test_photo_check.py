@@ -125,15 +125,6 @@ def test_smear_of_edges_is_that_of_the_blur(sigma):
     assert np.sqrt(soft**2 - sharp**2) == pytest.approx(sigma, rel=0.25)
 
 
-def test_a_lens_that_darkens_corners_is_told():
-    v, u = np.mgrid[:360, :480]
-    light = 1 - 0.75 * ((u - 240) ** 2 + (v - 180) ** 2) / (240**2 + 180**2)
-    checked = checked_photos(
-        spoilt(range(13), lambda image: (image * light[..., None]).astype(np.uint8)), MAT
-    )
-    assert any("darken by" in w for w in checked.warnings)
-
-
 def test_another_mat_than_the_printed_one_is_not_found():
     other = replace(MAT, dictionary="5X5_100")
     with refused(ReconProblem.MAT_NOT_FOUND, r"No marker of the mat \(5X5_100, 40 tags\) .* 13 photos"):

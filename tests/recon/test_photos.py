@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from recon.cameras.photos import exif_focal_px, photo_paths, read_photo, read_photos
+from recon.cameras.photos import photo_paths, read_photo, read_photos
 from recon.recon_failure import ReconFailure, ReconProblem
 
 HEIC = Path(__file__).parents[1] / "data" / "quadrants.heic"
@@ -44,7 +44,7 @@ def test_only_visible_files_are_photos(folder):
         ("1.jpg", lambda data: with_small_picture(data)[: len(data) // 2], "cut short"),
         ("1.jpg", lambda data: b"", "is empty"),
         ("1.jpg", lambda data: b"not a picture", "no picture"),
-        ("1.heic", lambda data: HEIC.read_bytes()[:600], "cannot be decoded"),
+        ("1.heic", lambda data: HEIC.read_bytes()[:600], "no picture that can be decoded"),
     ],
     ids=["cut", "cut, with a small picture in its headers", "empty", "text", "HEIC cut"],
 )
@@ -95,9 +95,13 @@ def test_big_photos_shrink_with_their_focal_length(tmp_path):
     assert photo.focal_px == pytest.approx(27 / 36 * 200)
 
 
-def test_exif_is_never_needed():
-    assert exif_focal_px(b"\xff\xd8 nothing here", longest_px=100) is None
-    assert exif_focal_px(b"Exif\x00\x00II*\x00\xff\xff\xff\x00", longest_px=100) is None
+def test_exif_is_never_needed(folder):
+    assert read_photo(folder / "0.jpg").focal_px is None
+    jpeg = (folder / "0.jpg").read_bytes()
+    broken = b"Exif\x00\x00II*\x00\xff\xff\xff\x00"
+    block = b"\xff\xe1" + struct.pack(">H", 2 + len(broken)) + broken
+    (folder / "1.jpg").write_bytes(jpeg[:2] + block + jpeg[2:])
+    assert read_photo(folder / "1.jpg").focal_px is None
 
 
 def _with_exif(jpeg: bytes, *, focal_35mm: int) -> bytes:

@@ -7,14 +7,13 @@ from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, linear_body, 
 from samples.graded_bricks import BrickGrading
 from samples.grasp_plan import PlannedGrasp
 from samples.hexahedra import Fineness
-from samples.mismatch.bodies import GrippedBody
 from samples.mismatch.case_simulation import body_of
 from samples.mismatch.drawn_fruit import DrawnFruit
-from samples.mismatch.effect_levels import drawn_parameters
+from samples.mismatch.effect_levels import AMPLITUDES, drawn_parameters
 from samples.mismatch.injected import EFFECTS, InjectedEffect, gel_of
 from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
 from samples.mismatch.nonlinear_body import sound_body
-from samples.mismatch.out_of_catalogue import drawn_out_of_catalogue, out_of_catalogue_body
+from samples.mismatch.out_of_catalogue import drawn_out_of_catalogue
 
 SMALL = BrickGrading(cells=3, layers=2, levels=2)
 FINE_AND_EVEN = Fineness(degrees=(0, 4.3, 8.6, 13, 25, 45), along=2, depths=(0, 0.1, 0.3, 0.6, 1))
@@ -42,21 +41,20 @@ def ball() -> tuple[DrawnFruit, PlannedGrasp, MeshedFruit]:
 def test_an_effect_runs_on_a_graded_mesh(
     effect: str, ball: tuple[DrawnFruit, PlannedGrasp, MeshedFruit]
 ) -> None:
-    rng = np.random.default_rng(3)
     drawn, grasp, stands = ball
-    body: GrippedBody
+    rng = np.random.default_rng(3)
+    places = {"soft_spot": [21.0, 0.0, 0.0], "third_contact": [0.0, 0.0, -25.0]}
+    injected: tuple[InjectedEffect, ...] = ()
+    foreign = None
     if effect in EFFECTS:
-        parameters = drawn_parameters(effect, 1, rng)
-        if effect == "soft_spot":
-            parameters["centre_mm"] = [21.0, 0.0, 0.0]
-        if effect == "third_contact":
-            parameters["centre_mm"] = [0.0, 0.0, -25.0]
+        parameters = drawn_parameters(effect, 0.4 * AMPLITUDES[effect][1], rng)
+        if effect in places:
+            parameters["centre_mm"] = places[effect]
         injected = (InjectedEffect(effect=effect, parameters=parameters),)
-        body, inner = body_of(stands, injected, skin=drawn.fruit.skin)
-        truth = grasped_ball(grasp, stands, body, gel=gel_of(injected), inner=inner)
     else:
-        body = out_of_catalogue_body(stands, drawn_out_of_catalogue(effect, rng))
-        truth = grasped_ball(grasp, stands, body)
+        foreign = drawn_out_of_catalogue(effect, rng)
+    body, inner = body_of(stands, injected, foreign, skin=drawn.fruit.skin)
+    truth = grasped_ball(grasp, stands, body, gel=gel_of(injected), inner=inner)
     assert 0.1 < total_N(truth)[1] < total_N(truth)[2] < 10.0
 
 

@@ -10,10 +10,10 @@ from mismatch_ball import still_recording
 
 import samples.mismatch.bank as bank
 from recon.surface.mesh_file import read_mesh
-from samples.mismatch.bank import DRAWN, MESHES, OUTSIDE, SIMULATED, WIDE, BankFruit, draw_case
+from samples.mismatch.bank import DRAWN, MESHES, OUTSIDE, SIMULATED, BankFruit, draw_case
 from samples.mismatch.case_files import sealed_as
 from samples.mismatch.case_simulation import CasePlan
-from samples.mismatch.effect_levels import AMPLITUDES, LEVELS
+from samples.mismatch.effect_levels import AMPLITUDES
 from samples.mismatch.injected import EFFECTS
 from samples.mismatch.true_recording import TrueRecording
 from samples.sample_failure import SampleFailure
@@ -42,20 +42,19 @@ def test_every_effect_is_simulated_or_drawn_and_has_a_range_of_amplitudes() -> N
 
 
 def test_fruit_that_are_stored_keep_their_names_and_seeds() -> None:
-    sound, firm = BankFruit(number=3), BankFruit(number=1, effects=("skin",), level=2)
+    sound, firm = BankFruit(number=3), BankFruit(number=1, effects=("skin",))
     assert (sound.name, sound.seed) == ("null-003", (2028, 0, 3))
-    assert (firm.name, firm.seed) == ("skin-2-1", (2028, 1, 437, 2, 1))
+    assert (firm.name, firm.seed) == ("skin-3-1", (2028, 1, 437, 3, 1))
     assert sound.plan().drawn.fruit.E_MPa == pytest.approx(0.665084, abs=1e-6)
 
 
-def test_levels_amplitudes_and_physics_outside_are_planned() -> None:
-    wide = BankFruit(number=0, effects=("skin",), level=WIDE).plan().injected[0].number("Et_N_per_mm")
+def test_amplitudes_and_physics_outside_are_planned() -> None:
+    wide = BankFruit(number=0, effects=("skin",)).plan().injected[0].number("Et_N_per_mm")
     low, high = AMPLITUDES["skin"]
-    assert WIDE not in LEVELS
     assert low <= wide <= high
-    both = BankFruit(number=0, effects=("skin", "slip"), level=1).plan()
+    both = BankFruit(number=0, effects=("skin", "slip")).plan()
     assert [effect.effect for effect in both.injected] == ["skin", "slip"]
-    palm = BankFruit(number=0, effects=("palm",), level=1).plan()
+    palm = BankFruit(number=0, effects=("palm",)).plan()
     assert palm.injected == ()
     assert palm.out_of_catalogue is not None
 
@@ -82,10 +81,10 @@ def test_a_fruit_is_simulated_mesh_by_mesh_and_once(tmp_path: Path, monkeypatch:
 def test_a_draw_is_repeated_exactly_and_another_record_is_another(tmp_path: Path) -> None:
     fruit, truths = BankFruit(number=0), (LOADED,)
     case_id, repeated = (
-        draw_case(tmp_path / name, fruit, truths, added=("sensor_gain",), level=2, record=1) for name in "ab"
+        draw_case(tmp_path / name, fruit, truths, added=("sensor_gain",), record=1) for name in "ab"
     )
-    again = draw_case(tmp_path / "a", fruit, truths, added=("sensor_gain",), level=2, record=2)
-    assert (case_id, repeated, again) == ("sensor_gain-2-0-1", "sensor_gain-2-0-1", "sensor_gain-2-0-2")
+    again = draw_case(tmp_path / "a", fruit, truths, added=("sensor_gain",), record=2)
+    assert (case_id, repeated, again) == ("sensor_gain-3-0-1", "sensor_gain-3-0-1", "sensor_gain-3-0-2")
     assert answer_of(tmp_path / "a", case_id) == answer_of(tmp_path / "b", case_id)
     first, second, third = (
         read_mesh(tmp_path / where / "fruit.ply")[0]
@@ -102,12 +101,19 @@ def test_the_label_of_a_case_says_what_was_added_and_fits_its_seal(tmp_path: Pat
     assert entry["effect"] == "sensor_gain"
     assert sealed_as(entry) == json.loads((tmp_path / "manifest.json").read_text())[case_id]
     assert entry["drawn_from"] == {
-        "fruit": "null-000", "fruit_seed": [2028, 0, 0], "added": ["sensor_gain"], "level": 0, "seed": 2028,
+        "fruit": "null-000", "fruit_seed": [2028, 0, 0], "added": ["sensor_gain"], "seed": 2028,
     }  # fmt: skip
     side = ("left", "right").index(entry["parameters"]["pad"])
     true = 0.01 * entry["parameters"]["gain"]
     assert mean_force_N(tmp_path, case_id, side) == pytest.approx(true, rel=3e-3)
     assert mean_force_N(tmp_path, case_id, 1 - side) == pytest.approx(0.01, rel=3e-3)
+
+
+def test_the_answer_to_physics_outside_the_catalogue_is_unknown(tmp_path: Path) -> None:
+    case_id = draw_case(tmp_path, BankFruit(number=0, effects=("palm",)), (LOADED,), record=1)
+    entry = answer_of(tmp_path, case_id)
+    assert entry["effect"] == "unknown"
+    assert entry["parameters"]["physics"] == "palm"
 
 
 def test_a_pit_is_off_what_its_case_states_as_its_label_says(tmp_path: Path) -> None:
@@ -123,19 +129,20 @@ def test_a_pit_is_off_what_its_case_states_as_its_label_says(tmp_path: Path) -> 
 
 
 def test_the_stated_poisson_ratio_is_drawn_and_the_label_is_the_true_one(tmp_path: Path) -> None:
-    case_id = draw_case(tmp_path, BankFruit(number=0), (LOADED,), added=("poisson_ratio",), level=2, record=1)
+    case_id = draw_case(tmp_path, BankFruit(number=0), (LOADED,), added=("poisson_ratio",), record=1)
     entry = answer_of(tmp_path, case_id)
     assert entry["parameters"] == {"nu": 0.45}
     assert entry["nu"] == 0.45
     stated = tomllib.loads((tmp_path / case_id / "case.toml").read_text())["poisson_ratio"]
-    assert 0.28 <= stated <= 0.33
+    assert 0.28 <= stated <= 0.488
+    assert stated != 0.45
 
 
 def test_a_pair_of_a_simulated_and_a_drawn_effect_has_both_in_its_label(tmp_path: Path) -> None:
-    fruit = BankFruit(number=0, effects=("skin",), level=1)
-    case_id = draw_case(tmp_path, fruit, (LOADED,), added=("sensor_drift",), level=1, record=1)
+    fruit = BankFruit(number=0, effects=("skin",))
+    case_id = draw_case(tmp_path, fruit, (LOADED,), added=("sensor_drift",), record=1)
     entry = answer_of(tmp_path, case_id)
-    assert case_id == "skin+sensor_drift-1-0-1"
+    assert case_id == "skin+sensor_drift-3-0-1"
     assert entry["effect"] == "sensor_drift+skin"
     assert set(entry["parameters"]["sensor_drift"]) == {"pad", "newton_per_s"}
 
