@@ -63,7 +63,7 @@ class GramMatrix:
     columns in the order given. Column 0 is the plain model's, so that `columns[j]` is the j-th of those
     given, counted from one. Products with the data are corrected by what the forces' noise adds to them
     (fem.mismatch.model.force_products) and by `surface`, what the error of the scanned surface does
-    (fem.mismatch.evidence.surface_error): `bias` by recording and column.
+    (fem.mismatch.evidence.surface_bias): `bias` by recording and column.
     """
 
     def __init__(

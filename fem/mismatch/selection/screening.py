@@ -17,7 +17,7 @@ from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.model_error import NullDraws, model_error_columns, scale_prior
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.evidence.signature_equations import SignatureEquations
-from fem.mismatch.evidence.surface_error import surface_products
+from fem.mismatch.evidence.surface_bias import surface_products
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.parallel_map import parallel_map

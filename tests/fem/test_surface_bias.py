@@ -13,7 +13,7 @@ from fem.mesh.boundary_fit import t10_jacobians
 from fem.mismatch.effects.skin import EFFECT as SKIN
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import GramMatrix, plain_data
-from fem.mismatch.evidence.surface_error import surface_products, with_drawn_surface
+from fem.mismatch.evidence.surface_bias import surface_products, with_drawn_surface
 from fem.mismatch.model.forward_model import ForwardModel
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.shape_derivative import WAVE_MM, with_surface_error
