@@ -34,7 +34,7 @@ from fem.fem_failure import FemFailure
 from fem.indentation.ball import Ball
 from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.contact_curve import Geometry
-from fem.indentation.explain_trace import account_for
+from fem.indentation.explain_trace import explain_trace
 from fem.indentation.trace import IndenterTrace
 from tactile.trace_thinning import thin
 
@@ -166,7 +166,7 @@ def exponent_of(trace: IndenterTrace, onset_mm: float) -> float:
 def explained(named_trace: NamedTrace) -> dict[str, object]:
     """One line of the table."""
     try:
-        account = account_for(
+        account = explain_trace(
             named_trace.trace,
             thickness_mm=named_trace.thickness_mm,
             poisson_ratio=NU,

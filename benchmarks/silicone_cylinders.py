@@ -38,7 +38,7 @@ from scipy.stats import kendalltau
 
 from fem.indentation.compressed_cylinder import Cylinder, Ends
 from fem.indentation.contact_law import linear_law
-from fem.indentation.explain_trace import account_for
+from fem.indentation.explain_trace import explain_trace
 from fem.indentation.explanations import candidate_fits, forms_of
 from fem.indentation.no_contact import pooled_noise
 from fem.indentation.strangers import scatter
@@ -166,7 +166,7 @@ def best_published(trace: IndenterTrace, seen: np.ndarray) -> tuple[str, float]:
 
 def predicted_error(trace: IndenterTrace, seen: np.ndarray) -> float:
     """Of the rest by the mean over the laws fitted to the seen part, over the rest's root mean square."""
-    account = account_for(
+    account = explain_trace(
         until(trace, seen), thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0)
     )
     gap = (account.posterior.force_N(trace, unseen=~seen) - trace.force_N)[~seen]
@@ -176,7 +176,7 @@ def predicted_error(trace: IndenterTrace, seen: np.ndarray) -> float:
 def scored(path: Path) -> dict[str, object]:
     """One curve."""
     trace = read(path)
-    account = account_for(trace, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
+    account = explain_trace(trace, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
     said = account.explanation
     logs = [log_evidence(read(path, ends)) for ends in ("lubricated", "bonded", None)]
     seen = trace.travel_mm <= SEEN * trace.travel_mm.max()
@@ -233,7 +233,7 @@ def of_mixture(name: str, rows: list[dict[str, object]], published_kPa: float) -
 def together(paths: list[Path]) -> dict[str, object]:
     """All curves of a mixture with one law, as `drupe explain` fits those of one specimen."""
     whole = joined([read(path, frames=FRAMES_TOGETHER) for path in paths])
-    account = account_for(whole, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
+    account = explain_trace(whole, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
     said, trace = account.explanation, account.trace
     law_N = account.posterior.force_N(trace)
     slopes = [slope_kPa(part, law_N[at]) for part, at in zip(trace.parts, trace.slices, strict=True)]

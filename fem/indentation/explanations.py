@@ -8,7 +8,7 @@ scatter of grasps, and the share is known on a grid only: this p is nominal, and
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations, product
+from itertools import combinations
 from math import prod
 
 import numpy as np
@@ -45,8 +45,6 @@ P_NOMINAL = (
 )
 DRAWS = 16
 """Starts drawn from the prior beside those that simpler laws suggest."""
-BEHIND = 30.0
-"""Log evidence behind the best single effect, up to which others are tried in pairs without it."""
 TEMPERATURE = 1.0
 """Divisor of log Bayes factors: none, since the noise of a curve holds the error of its laws. With that of
 grasps 13 of 100 silicone cylinders are `stiffening` or `viscoelastic`, without it two
@@ -84,14 +82,13 @@ def candidate_fits(
 ) -> list[TraceFit]:
     """The plain fit first, then every effect in every form, then pairs; each starts from simpler ones.
 
-    Pairs: the best single effect with every other, and those among the effects close behind it. Where no
-    recording unloads, two of SHAPES make no pair. Of an effect with several forms a pair takes the best and,
-    where that is one relaxing arm, two arms as well: what a second effect leaves over may need them.
+    Pairs: the best single effect with every other, each in its best form. Where no recording unloads, two of
+    SHAPES make no pair.
     """
 
-    def fitted(effects: tuple[TraceEffect, ...], known: list[TraceFit], follow: int = 2) -> TraceFit:
+    def fitted(effects: tuple[TraceEffect, ...], known: list[TraceFit]) -> TraceFit:
         law = Law(curve=linear.curve, baseline=linear.baseline, effects=effects)
-        return fit(law, trace, no_contact, _starts(law, known, rng), follow=follow)
+        return fit(law, trace, no_contact, _starts(law, known, rng))
 
     plain = fitted((), [])
     singles: dict[str, list[TraceFit]] = {}
@@ -104,19 +101,17 @@ def candidate_fits(
         name: max(form_fits, key=lambda trace_fit: trace_fit.log_score) for name, form_fits in singles.items()
     }
     top = max(best, key=lambda name: best[name].log_evidence)
-    reach = best[top].log_evidence - BEHIND
-    chosen = {name: [best[name]] for name in best}
-    for name, (trace_fit,) in chosen.items():
-        if trace_fit.law.effects[0].relaxation is not None and trace_fit is singles[name][0]:
-            chosen[name].append(singles[name][1])
     pairs = [
-        fitted(first.law.effects + second.law.effects, [first, second], follow=1)
-        for pair in combinations(best, 2)
-        if (top in pair or min(best[name].log_evidence for name in pair) >= reach)
-        and ("unload" in trace.phases or not SHAPES.issuperset(pair))
-        for first, second in product(*(chosen[name] for name in pair))
+        fitted(best[first].law.effects + best[second].law.effects, [best[first], best[second]])
+        for first, second in combinations(best, 2)
+        if top in (first, second) and ("unload" in trace.phases or not SHAPES.issuperset((first, second)))
     ]
     return [plain, *(trace_fit for form_fits in singles.values() for trace_fit in form_fits), *pairs]
+
+
+def best_forms(fits: Mapping[str, Sequence[TraceFit]]) -> dict[str, TraceFit]:
+    """Of each effect the form with the largest score."""
+    return {name: max(forms, key=lambda trace_fit: trace_fit.log_score) for name, forms in fits.items()}
 
 
 def _starts(law: Law, known: list[TraceFit], rng: np.random.Generator) -> Float[np.ndarray, "s k"]:
@@ -216,9 +211,7 @@ def posterior(fits: list[TraceFit]) -> CurvePosterior:
     groups: dict[str, list[TraceFit]] = {}
     for trace_fit in fits:
         groups.setdefault(trace_fit.law.name, []).append(trace_fit)
-    best = {
-        name: max(form_fits, key=lambda trace_fit: trace_fit.log_score) for name, form_fits in groups.items()
-    }
+    best = best_forms(groups)
     logs = {
         name: np.array([trace_fit.log_evidence for trace_fit in form_fits])
         for name, form_fits in groups.items()

@@ -29,7 +29,7 @@ def checks(
 def _numbers(trace: IndenterTrace, force_N: Float[np.ndarray, " t"]) -> dict[str, float]:
     """Force at half the loading travel over that at its end; force kept in the hold; work not given back."""
     phases = np.array(trace.phases)
-    deepest = int(np.argmax(trace.travel_mm >= trace.travel_mm.max() * (1 - 1e-3)))
+    deepest = trace.deepest
     half = int(np.argmax(trace.travel_mm >= (trace.travel_mm[0] + trace.travel_mm[deepest]) / 2))
     numbers = {"half-way force": float(force_N[half] / force_N[deepest])}
     hold = deepest + np.flatnonzero(phases[deepest:] == "hold")

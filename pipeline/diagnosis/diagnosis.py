@@ -183,7 +183,7 @@ def _of_traces(case: Case, log: StageLog, bare: BareTraces) -> Diagnosis:
             poisson_ratio=nu,
             rng=np.random.default_rng(TRACE_SEED),
             rig_N_per_mm=case.rig_N_per_mm,
-        )
+        ).explanation
     notes = dict.fromkeys([*bare.naming(explanation.notes), *bare.notes, *notes_on_trace(case), *case.notes])
     return Diagnosis(
         explanation=replace(explanation, notes=tuple(notes)),

@@ -246,7 +246,7 @@ def _explained(group: Sequence[CompressionTrace], nu: float) -> _AlongOne:
         raise FruitEnded(Outcome.ALL_GRASPS_FAILED, said) from None
     explanation = explain_trace(
         traces.trace, thickness_mm=None, poisson_ratio=nu, rng=np.random.default_rng(TRACE_SEED)
-    )
+    ).explanation
     alone: tuple[Modulus, ...] = (explanation.before,)
     if len(group) > 1:
         alone = tuple(
@@ -272,7 +272,7 @@ def _pressed_record(diameters: Sequence[_AlongOne], task: FruitTask, nu: float) 
 
 def _shape_sd(diameter: _AlongOne, body: PitBody, nu: float) -> float:
     """Of ln E along one diameter."""
-    of_ellipsoid = diameter.fruit.curve(thickness_mm=None, poisson_ratio=nu).shape_sd
+    of_ellipsoid = diameter.fruit.shape_sd(nu)
     of_suture = ALONG_SUTURE_SD if body.stem_and_suture and DIAMETERS[diameter.fruit.axis] == "a" else 0.0
     return float(np.hypot(of_ellipsoid, of_suture))
 

@@ -1,6 +1,7 @@
 """`drupe explain` of a fruit of a batch, with --apply, and of a bare ball's trace."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import trimesh
@@ -92,7 +93,7 @@ def test_the_trace_of_a_bare_ball_is_explained_without_any_mesh(drupe, tmp_path,
 
     def explain_trace(trace, **rest):
         handed.update(rest, trace=trace)
-        return fake_explanation(maps=None, traces=(), cells=())
+        return SimpleNamespace(explanation=fake_explanation(maps=None, traces=(), cells=()))
 
     monkeypatch.setattr(pipeline.diagnosis.diagnosis, "explain_trace", explain_trace)
     ran = drupe("explain", folder, "--json", tmp_path / "a.json", "--html", tmp_path / "a.html")

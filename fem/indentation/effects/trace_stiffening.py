@@ -10,7 +10,7 @@ from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
 from fem.indentation.contact_curve import ContactCurve
-from fem.indentation.energy_share import energy_classes, force_share
+from fem.indentation.energy_share import force_share, half_space, hertz_energy_density
 from fem.indentation.trace_effect import TraceEffect, Unknown, Values, unknown
 from fem.mismatch.effects.stiffening import SPEC
 
@@ -39,11 +39,12 @@ def stiffening_share(
 @lru_cache(maxsize=8)
 def _log_share(poisson_ratio: float) -> CubicSpline:
     """Logarithm of the share over s = b depth/R, which is all that it depends on."""
-    w, _ = energy_classes(poisson_ratio)
+    r, z, _ = half_space()
+    w = hertz_energy_density(r, z, poisson_ratio=poisson_ratio)
     s = LARGEST * np.linspace(0, 1, 200)[1:] ** 2
     grown = s[:, None] * w
-    excess = force_share(np.expm1(grown) / s[:, None], w * np.exp(grown), poisson_ratio=poisson_ratio) - 1
-    return CubicSpline(np.r_[0, s], np.r_[0, ESCAPE * np.log1p(excess / ESCAPE)])
+    share = force_share(np.expm1(grown) / s[:, None], w * np.exp(grown), poisson_ratio=poisson_ratio)
+    return CubicSpline(np.r_[0, s], np.r_[0, ESCAPE * np.log1p((share - 1) / ESCAPE)])
 
 
 def _fung(value: Values, curve: ContactCurve, level_mm: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
