@@ -97,9 +97,7 @@ def candidate_fits(
             form_fits = singles.setdefault(name, [])
             for form in forms:
                 form_fits.append(fitted((form,), [plain, *form_fits[-1:]]))
-    best = {
-        name: max(form_fits, key=lambda trace_fit: trace_fit.log_score) for name, form_fits in singles.items()
-    }
+    best = best_forms(singles)
     top = max(best, key=lambda name: best[name].log_evidence)
     pairs = [
         fitted(best[first].law.effects + best[second].law.effects, [best[first], best[second]])
