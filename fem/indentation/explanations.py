@@ -8,7 +8,7 @@ scatter of grasps, and the share is known on a grid only: this p is nominal, and
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, product
 from math import prod
 
 import numpy as np
@@ -82,8 +82,9 @@ def candidate_fits(
 ) -> list[TraceFit]:
     """The plain fit first, then every effect in every form, then pairs; each starts from simpler ones.
 
-    Pairs: the best single effect with every other, each in its best form. Where no recording unloads, two of
-    SHAPES make no pair.
+    Pairs: the best single effect with every other, each in its best form, and with two relaxing arms where
+    that is one: what a second effect leaves over may need them. Where no recording unloads, two of SHAPES
+    make no pair.
     """
 
     def fitted(effects: tuple[TraceEffect, ...], known: list[TraceFit]) -> TraceFit:
@@ -99,10 +100,15 @@ def candidate_fits(
                 form_fits.append(fitted((form,), [plain, *form_fits[-1:]]))
     best = best_forms(singles)
     top = max(best, key=lambda name: best[name].log_evidence)
+    chosen = {name: [best[name]] for name in best}
+    for name, form_fits in singles.items():
+        if best[name] is form_fits[0] and best[name].law.effects[0].relaxation is not None:
+            chosen[name].append(form_fits[1])
     pairs = [
-        fitted(best[first].law.effects + best[second].law.effects, [best[first], best[second]])
-        for first, second in combinations(best, 2)
-        if top in (first, second) and ("unload" in trace.phases or not SHAPES.issuperset((first, second)))
+        fitted(first.law.effects + second.law.effects, [first, second])
+        for pair in combinations(best, 2)
+        if top in pair and ("unload" in trace.phases or not SHAPES.issuperset(pair))
+        for first, second in product(*(chosen[name] for name in pair))
     ]
     return [plain, *(trace_fit for form_fits in singles.values() for trace_fit in form_fits), *pairs]
 
