@@ -23,15 +23,13 @@ its curves, the curves that do not belong, and the slope by the law of the other
 """
 
 import argparse
-import csv
 import json
-from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from scipy.optimize import least_squares
 from scipy.special import logsumexp
 from scipy.stats import kendalltau
@@ -82,13 +80,6 @@ def slope_kPa(trace: IndenterTrace, force_N: np.ndarray) -> float:
     used = strain <= SLOPE_UP_TO
     stress = 1e3 * force_N / (np.pi / 4 * DIAMETER_MM**2)
     return float(strain[used] @ stress[used] / (strain[used] @ strain[used]))
-
-
-def until(trace: IndenterTrace, seen: np.ndarray) -> IndenterTrace:
-    """The frames that are seen."""
-    return replace(
-        trace, time_s=trace.time_s[seen], force_N=trace.force_N[seen], travel_mm=trace.travel_mm[seen]
-    )
 
 
 def log_evidence(trace: IndenterTrace) -> float:
@@ -166,9 +157,8 @@ def best_published(trace: IndenterTrace, seen: np.ndarray) -> tuple[str, float]:
 
 def predicted_error(trace: IndenterTrace, seen: np.ndarray) -> float:
     """Of the rest by the mean over the laws fitted to the seen part, over the rest's root mean square."""
-    account = explain_trace(
-        until(trace, seen), thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0)
-    )
+    until = trace.cut(slice(0, int(seen.sum())))
+    account = explain_trace(until, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
     gap = (account.posterior.force_N(trace, unseen=~seen) - trace.force_N)[~seen]
     return float(np.sqrt(np.mean(gap**2) / np.mean(trace.force_N[~seen] ** 2)))
 
@@ -181,7 +171,7 @@ def scored(path: Path) -> dict[str, object]:
     logs = [log_evidence(read(path, ends)) for ends in ("lubricated", "bonded", None)]
     seen = trace.travel_mm <= SEEN * trace.travel_mm.max()
     name, published = best_published(trace, seen)
-    names = [u.name for u in account.named.law.unknowns]
+    onset = account.named.law.index("onset_mm")
     return {
         "mixture": path.parent.name,
         "curve": path.stem.removeprefix(f"{path.parent.name}_"),
@@ -189,7 +179,7 @@ def scored(path: Path) -> dict[str, object]:
         "law_kPa": slope_kPa(trace, account.posterior.force_N(trace)),
         "E_kPa": 1e3 * said.after.value,
         "E_sd_kPa": 1e3 * said.after.sd,
-        "onset_mm": float(account.named.scaled[names.index("onset_mm")]),
+        "onset_mm": float(account.named.scaled[onset]),
         "held": logs[1] - logs[0],
         "any": logs[2] - logs[0],
         "verdict": said.verdict if isinstance(said.verdict, str) else " | ".join(said.verdict),
@@ -200,34 +190,29 @@ def scored(path: Path) -> dict[str, object]:
     }
 
 
-def of_mixture(name: str, rows: list[dict[str, object]], published_kPa: float) -> dict[str, object]:
-    """Means over its curves, and counts."""
-
-    def column(key: str) -> np.ndarray:
-        return np.array([float(str(row[key])) for row in rows])
-
-    own_kPa, law = column("own_kPa"), column("law_kPa")
-    return {
-        "mixture": name,
-        "part": "development" if name in DEVELOPMENT else "last",
-        "curves": len(rows),
-        "published_kPa": published_kPa,
-        "own_kPa": own_kPa.mean(),
-        "law_kPa": law.mean(),
-        "within_5_of_own": int((np.abs(law / own_kPa - 1) <= 0.05).sum()),
-        "within_10_of_published": int((np.abs(law / published_kPa - 1) <= 0.1).sum()),
-        "own_within_10_of_published": int((np.abs(own_kPa / published_kPa - 1) <= 0.1).sum()),
-        "E_kPa": column("E_kPa").mean(),
-        "E_between_curves_kPa": column("E_kPa").std(ddof=1) if len(rows) > 1 else float("nan"),
-        "E_sd_kPa": column("E_sd_kPa").mean(),
-        "held_over_sliding": column("held").sum(),
-        "any_over_sliding": column("any").sum(),
-        "none_or_stiffening": sum(row["verdict"] in ("none", "stiffening") for row in rows),
-        "with_sensor_drift": sum("sensor_drift" in str(row["verdict"]) for row in rows),
-        "last_fifth": float(np.median(column("last_fifth"))),
-        "published_last_fifth": float(np.median(column("published_last_fifth"))),
-        "no_worse_than_published": int((column("last_fifth") <= column("published_last_fifth")).sum()),
-    }
+def of_mixtures(rows: pd.DataFrame) -> pd.DataFrame:
+    """A row for each mixture: means over its curves, and counts."""
+    law, own, published = rows["law_kPa"], rows["own_kPa"], rows["published_kPa"]
+    counted = pd.DataFrame(
+        {
+            "mixture": rows["mixture"],
+            "within_5_of_own": (law / own - 1).abs() <= 0.05,
+            "within_10_of_published": (law / published - 1).abs() <= 0.1,
+            "own_within_10_of_published": (own / published - 1).abs() <= 0.1,
+            "none_or_stiffening": rows["verdict"].isin(["none", "stiffening"]),
+            "with_sensor_drift": rows["verdict"].str.contains("sensor_drift"),
+            "no_worse_than_published": rows["last_fifth"] <= rows["published_last_fifth"],
+        }
+    )
+    each = rows.groupby("mixture", sort=False)
+    means = each[["published_kPa", "own_kPa", "law_kPa", "E_kPa", "E_sd_kPa"]].mean()
+    table = means.join(counted.groupby("mixture", sort=False).sum())
+    table.insert(0, "curves", each.size())
+    table["E_between_curves_kPa"] = each["E_kPa"].std()
+    table[["held_over_sliding", "any_over_sliding"]] = each[["held", "any"]].sum()
+    table[["last_fifth", "published_last_fifth"]] = each[["last_fifth", "published_last_fifth"]].median()
+    table.insert(0, "part", ["development" if name in DEVELOPMENT else "last" for name in table.index])
+    return table.reset_index()
 
 
 def together(paths: list[Path]) -> dict[str, object]:
@@ -266,77 +251,49 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     args = parser.parse_args()
     published = json.loads((args.folder / "published.json").read_text())["E"]
-    chosen = [
-        name
+    groups = {
+        name: [
+            path
+            for path in sorted((args.folder / name).glob("*.csv"))
+            if not args.tests or path.stem.rsplit("_", 1)[1] in args.tests
+        ]
         for name in published
         if args.part == "all" or (name in DEVELOPMENT) == (args.part == "development")
-    ]
-    paths = [
-        path
-        for name in chosen
-        for path in sorted((args.folder / name).glob("*.csv"))
-        if not args.tests or path.stem.rsplit("_", 1)[1] in args.tests
-    ]
-    groups = [[path for path in paths if path.parent.name == name] for name in chosen]
-    work, of_each = (together, [group for group in groups if group]) if args.together else (scored, paths)
-    rows = []
+    }
+    paths = [path for group in groups.values() for path in group]
+    work, of_each = (together, [g for g in groups.values() if g]) if args.together else (scored, paths)
+    done = []
     with ProcessPoolExecutor(args.jobs) as pool:
         for row in pool.map(work, of_each):
-            rows.append(row)
-            shown = (f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values())
-            print(*shown, flush=True)
+            done.append(row)
+            print(*(f"{v:.4g}" if isinstance(v, float) else v for v in row.values()), flush=True)
+    rows = pd.DataFrame(done)
+    rows["published_kPa"] = [published[name][0] for name in rows["mixture"]]
     if args.together:
-        for row in rows:
-            row["published_kPa"] = published[str(row["mixture"])][0]
-        write(args.together, rows)
+        rows.to_csv(args.together, index=False, float_format="%.5g")
         return
-    mixtures = [
-        of_mixture(name, [row for row in rows if row["mixture"] == name], published[name][0])
-        for name in chosen
-        if any(row["mixture"] == name for row in rows)
-    ]
-    for row in mixtures:
-        print(", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()))
+    mixtures = of_mixtures(rows)
+    print(mixtures.to_string(index=False, float_format="%.4g"))
     totals(rows, mixtures)
     for where, table in ((args.csv, mixtures), (args.curves, rows)):
         if where is not None:
-            write(where, table)
+            table.to_csv(where, index=False, float_format="%.5g")
 
 
-def write(where: Path, table: list[dict[str, object]]) -> None:
-    """As CSV."""
-    with where.open("w", newline="") as file:
-        written = csv.DictWriter(file, list(table[0]))
-        written.writeheader()
-        written.writerows(
-            {k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in table
-        )
-
-
-def totals(rows: list[dict[str, object]], mixtures: list[dict[str, object]]) -> None:
+def totals(rows: pd.DataFrame, mixtures: pd.DataFrame) -> None:
     """What is asked of all curves together."""
-    count = len(rows)
-
-    def summed(key: str) -> float:
-        return sum(float(str(row[key])) for row in mixtures)
-
-    print(f"\n{count} curves of {len(mixtures)} mixtures")
+    print(f"\n{len(rows)} curves of {len(mixtures)} mixtures")
     for key in (
         "within_5_of_own", "within_10_of_published", "own_within_10_of_published", "none_or_stiffening",
         "with_sensor_drift", "no_worse_than_published",
     ):  # fmt: skip
-        print(f"  {key}: {summed(key):.0f} of {count}")
-    print(
-        f"  ends, log evidence over sliding: held {summed('held_over_sliding'):.0f}, "
-        f"any {summed('any_over_sliding'):.0f}"
-    )
-    if len(mixtures) > 1:
-        truth = [row["published_kPa"] for row in mixtures]
-        for key in ("law_kPa", "E_kPa"):
-            tau = kendalltau(truth, [row[key] for row in mixtures]).statistic
-            print(f"  Kendall's tau of the published modulus with {key}: {tau:.3f}")
-    for verdict, number in Counter(str(row["verdict"]) for row in rows).most_common():
-        print(f"  {number:4d} {verdict}")
+        print(f"  {key}: {mixtures[key].sum()} of {len(rows)}")
+    held, either = mixtures["held_over_sliding"].sum(), mixtures["any_over_sliding"].sum()
+    print(f"  ends, log evidence over sliding: held {held:.0f}, any {either:.0f}")
+    for key in ("law_kPa", "E_kPa"):
+        tau = kendalltau(mixtures["published_kPa"], mixtures[key]).statistic
+        print(f"  Kendall's tau of the published modulus with {key}: {tau:.3f}")
+    print(rows["verdict"].value_counts().to_string())
 
 
 if __name__ == "__main__":
