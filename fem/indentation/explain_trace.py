@@ -16,7 +16,6 @@ from fem.indentation.rig_share import least_modulus, rig_share, rig_spread, wide
 from fem.indentation.rupture import before_rupture
 from fem.indentation.strangers import likeliest_with_own_moduli, scatter, strangers
 from fem.indentation.trace import IndenterTrace, joined, without
-from fem.indentation.trace_checks import checks
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, HeldOut, Modulus, ModulusCell, Where
 
@@ -138,7 +137,6 @@ def explain_trace(
         heldout=heldout,
         next_grasp=next_press(names),
         cells=_cells(trace, plain, no_contact),
-        checks=checks(trace, plain, chosen, rng=rng),
         notes=(*left_out.values(), *ruptured, *rig.notes, *_notes(trace, chosen, between[1][0])),
     )
     return Account(

@@ -93,7 +93,6 @@ def test_the_parts_of_the_error_bar_add_up_in_squares():
     estimate = found_in(grasp(), plain_model())
     parts = list(estimate.parts_sd_MPa.values())
     assert np.linalg.norm(parts) == pytest.approx(estimate.E_sd_MPa, rel=1e-9)
-    assert estimate.least_squares.sd_MPa == estimate.E_sd_MPa
 
 
 def test_the_noise_free_model_serves_noisy_recordings_too():
