@@ -27,7 +27,7 @@ class TraceFit:
     """One law's fit. `scaled`: unknowns on their scales; `share` of the force it leaves unexplained;
     `usual_share`: the least that it may leave, SHARE or what the rig's error makes.
 
-    `force_N` and `jacobian` are of every frame, fitted or not; `noise` is that of the frames fitted.
+    `force_N` is of every frame, fitted or not; `noise` is that of the frames fitted.
     `converged`: whether the misfit of the last step fell by less than ENOUGH, within STEPS.
     """
 
@@ -38,7 +38,6 @@ class TraceFit:
     scaled: Float[np.ndarray, " k"]
     covariance: Float[np.ndarray, "k k"]
     force_N: Float[np.ndarray, " t"]
-    jacobian: Float[np.ndarray, "t k"]
     log_evidence: float
     chi_square: float
     converged: bool
@@ -151,7 +150,6 @@ def fit(
         scaled=scaled,
         covariance=np.linalg.inv(target.newton(scaled, force, slope)[0]),
         force_N=force,
-        jacobian=slope,
         log_evidence=float(logsumexp(logs) - np.log(len(logs))),
         chi_square=float(gap @ gap / no_contact.sd_N**2),
         converged=converged,

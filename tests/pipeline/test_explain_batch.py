@@ -126,7 +126,7 @@ def test_a_trace_that_names_a_fruit_which_the_batch_does_not_have_is_said(
     monkeypatch.setattr(
         pipeline.diagnosis.diagnosis,
         "explain_trace",
-        lambda *_, **__: fake_explanation(maps=None, traces=(), cells=()),
+        lambda *_, **__: SimpleNamespace(explanation=fake_explanation(maps=None, traces=(), cells=())),
     )
     ran = drupe("explain", batch, "--fruit", "N01", "--json", tmp_path / "a.json")
     assert ran.status == 0, ran.err
