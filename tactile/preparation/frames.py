@@ -126,9 +126,10 @@ def _without_repeats(
     rhythm = rhythm_of(values, force)
     if rhythm is None:
         return values, []
+    readings, period = rhythm
     again = np.ones(len(values), dtype=bool)
-    again[rhythm.rows] = False
-    rate = 1 / (rhythm.period * float(np.median(np.diff(time))))
+    again[readings] = False
+    rate = 1 / (period * float(np.median(np.diff(time))))
     count = words.count(int(again.sum()))
     says = (
         f"{name} was read {rate:.3g} times a second and repeated in between; {count} now lie on lines "

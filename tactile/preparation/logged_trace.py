@@ -78,14 +78,6 @@ class LoggedTrace:
         return topics if joined and min(topic.sum() for topic in topics) >= FEWEST_READINGS else []
 
 
-@dataclass(frozen=True, kw_only=True)
-class PreparedTrace:
-    """Rows that hold all three quantities, of increasing times, and what was done."""
-
-    logged: LoggedTrace
-    corrections: tuple[LoggerCorrection, ...]
-
-
 def written_runs(logged: LoggedTrace) -> tuple[list[LoggedTrace], list[LoggerCorrection]]:
     """The runs that stand one below the other, without rows that were never written.
 
@@ -126,8 +118,9 @@ def _goes_on(before: LoggedTrace, after: LoggedTrace) -> bool:
     return True
 
 
-def prepare(logged: LoggedTrace) -> PreparedTrace:
-    """One run, prepared: wild times and readings, slow or joined readings, missing values, then resets.
+def prepare(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
+    """Rows of one run that hold all three quantities, of increasing times, and what was done: to wild times
+    and readings, slow or joined readings, missing values, then resets.
 
     Raises NotPrepared where more than MOST_CORRECTED of the rows would be left out one by one, two topics
     have no time in common, times stand still, or a step of the force may be a reset or the specimen's.
@@ -166,7 +159,7 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
         back = f"{logged.time_s[k + 1]:g} s in row {logged.rows[k + 1]} after {logged.time_s[k]:g} s"
         raise NotPrepared(back, "increasing times; export more decimals of the time, or leave out one row")
     logged, corrections = _without_resets(words, logged)
-    return PreparedTrace(logged=logged, corrections=(*notes, *corrections))
+    return logged, [*notes, *corrections]
 
 
 def written(
@@ -248,9 +241,10 @@ def _on_readings(
         rhythm = rhythm_of(values, logged.travel if name == "force" else logged.force_N)
         if rhythm is None:
             continue
+        rows, period = rhythm
         again = np.isfinite(values)
-        again[rhythm.rows] = False
-        rate = 1 / (rhythm.period * float(np.median(np.diff(logged.time_s))))
+        again[rows] = False
+        rate = 1 / (period * float(np.median(np.diff(logged.time_s))))
         says = (
             f"{name} was read {rate:.3g} times a second and repeated in between; drupe used the first "
             f"row of each reading ({words.count(int(again.sum()))} of {len(values)} repeat, from row "

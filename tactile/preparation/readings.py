@@ -1,6 +1,5 @@
 """Which rows hold a reading of their own where a quantity is read more slowly than it is logged."""
 
-from dataclasses import dataclass
 from itertools import product
 from typing import TypeAlias
 
@@ -27,16 +26,9 @@ BENDS = 25.0
 """Variances of noise by which a kink must improve the fit."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rhythm:
-    """`rows`: those with a reading of its own; `period`: rows from one reading to the next."""
-
-    rows: Int[np.ndarray, " k"]
-    period: float
-
-
-def rhythm_of(values: Values, other: Values) -> Rhythm | None:
-    """The readings of a value that is sampled and held; None where it has one in every row, or is rounded.
+def rhythm_of(values: Values, other: Values) -> tuple[Int[np.ndarray, " k"], float] | None:
+    """Rows with a reading of their own of a value that is sampled and held, and rows from one reading to the
+    next; None where it has one in every row, or is rounded.
 
     Readings come at whole periods of two rows or more, whatever the speed. A hold of the machine alone has no
     period, and a rounded value changes more often when it moves faster. `other`: the force, or of a force the
@@ -61,7 +53,7 @@ def rhythm_of(values: Values, other: Values) -> Rhythm | None:
     equal = (np.abs(whole - np.maximum(np.rint(whole), 1)) <= NEARLY).all()
     if equal and not _is_held(changes, steps, other, period):
         return None
-    return Rhythm(rows=_grid(at[0], changes, period, at[-1]), period=period)
+    return _grid(at[0], changes, period, at[-1]), period
 
 
 def _moves_in_steps(values: Values, other: Values, changes: Int[np.ndarray, " c"]) -> bool:
