@@ -68,20 +68,6 @@ def test_plastic_set_follows_finite_elements_within_a_twentieth(yield_over_E):
     assert np.sqrt(np.mean(off**2)) < 0.05
 
 
-def test_without_its_effect_every_law_is_the_linear_one():
-    strain = np.linspace(0.01, 0.5, 9)[None]
-    none, over_half_space = np.array([[1e-9]]), np.ones((1, 9))
-    assert stiffening_share(none, strain, poisson_ratio=NU) == pytest.approx(1)
-    assert damage_share(none, np.array([[0.01]]), strain, 0 * strain + 1, poisson_ratio=NU) == pytest.approx(
-        1
-    )
-    level = np.linspace(0, 1, 5)[None]
-    slack = plastic_slack_mm(
-        np.array([[1e4]]), strain, level, poisson_ratio=NU, radius_mm=5.0, over_half_space=over_half_space
-    )
-    assert slack == pytest.approx(0, abs=1e-5)
-
-
 def test_shares_and_times_carry_the_unknowns_scatter():
     rng = np.random.default_rng(3)
     root = rng.normal(size=(4, 4)) * 0.03
