@@ -28,7 +28,7 @@ from reports.fruit_scene import SceneSurface
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 TRACE_SEED = 20261120
-"""Seed of the noise drawn for a trace's checks; any number does, kept so that runs repeat."""
+"""Seed of the starts drawn for a trace's fits; any number does, kept so that runs repeat."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -54,7 +54,7 @@ from tactile.rig.rig_curve import RigCurve, without_rig
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 TRACE_SEED = 20261120
-"""Seed of the noise drawn for a trace's checks; any number does, kept so that runs repeat."""
+"""Seed of the starts drawn for a trace's fits; any number does, kept so that runs repeat."""
 ALONG_SUTURE_SD = 0.15
 """Standard deviation of ln E of a stone fruit compressed from suture to back, beside the ellipsoid's own:
 forces on whole skins are 1.10 to 1.17 times those on ellipsoids (benchmarks/results/diameter_shapes.csv)."""
