@@ -171,13 +171,13 @@ def scored(path: Path) -> dict[str, object]:
 
 def of_mixtures(rows: pd.DataFrame) -> pd.DataFrame:
     """A row for each mixture: means over its curves, and counts."""
-    law, own, published = rows["law_kPa"], rows["own_kPa"], rows["published_kPa"]
+    law, curve, published = rows["law_kPa"], rows["own_kPa"], rows["published_kPa"]
     counted = pd.DataFrame(
         {
             "mixture": rows["mixture"],
-            "within_5_of_own": (law / own - 1).abs() <= 0.05,
+            "within_5_of_own": (law / curve - 1).abs() <= 0.05,
             "within_10_of_published": (law / published - 1).abs() <= 0.1,
-            "own_within_10_of_published": (own / published - 1).abs() <= 0.1,
+            "own_within_10_of_published": (curve / published - 1).abs() <= 0.1,
             "none_or_stiffening": rows["verdict"].isin(["none", "stiffening"]),
             "with_sensor_drift": rows["verdict"].str.contains("sensor_drift"),
             "no_worse_than_published": rows["last_fifth"] <= rows["published_last_fifth"],
