@@ -28,9 +28,9 @@ LARGE = 95
 """Percentile of the steps that are not zero: the usual large step."""
 FIRST = 5
 """Rows behind a block that are looked at together: one of them may be wild."""
-NEAR, STANDS = 0.02, 0.05
-"""Share of the range within which a record comes back to a place and a force; and of a jump by which the
-place moves behind it at least: a machine that steps and holds does not move."""
+NEAR, STANDS, LOADED = 0.02, 0.05, 0.3
+"""Share of the range within which a record comes back to a place and a force; share of a jump by which the
+place moves behind it, and of the largest load that stays, where a machine steps and holds."""
 
 
 def wild(values: Values) -> Bool[np.ndarray, " t"]:
@@ -47,14 +47,15 @@ def wild(values: Values) -> Bool[np.ndarray, " t"]:
     known = values[at]
     low, high = np.percentile(known, [2, 98])
     margin = OUTSIDE * (high - low)
-    off = (known < low - margin) | (known > high + margin) | (known == 0)
-    least = max(ABOVE_NOISE * noise_sd(known), ABOVE_STEPS * large_step(known))
-    for first, end in _blocks_of(off):
+    beyond = (known < low - margin) | (known > high + margin)
+    least = max(ABOVE_NOISE * noise_sd(known), ABOVE_STEPS * large_step(known[~beyond]))
+    for first, end in _blocks_of(beyond | (known == 0)):
         if end - first > LONGEST or first == 0 or end == len(known):
             continue
         before, after = known[first - 1], known[end]
         gone = np.abs(known[first:end] - (before + after) / 2).min()
-        if gone > least and abs(after - before) < RETURNS * gone:
+        far = gone > least or beyond[first:end].all()
+        if far and abs(after - before) < RETURNS * gone:
             outlier[at[first:end]] = True
     return outlier
 
@@ -208,7 +209,9 @@ def _was_measured(held: Sequence[float], rest: Sequence[Float[np.ndarray, " r"]]
     near_N = max(NEAR * float(np.ptp(force)), 6 * noise_sd(force))
     returns = (np.abs(place - held[0]) <= NEAR * np.ptp(place)) & (np.abs(force - held[1]) <= near_N)
     stands = np.ptp(place) <= STANDS * np.abs(place - held[0]).min()
-    return bool(returns.any() or (stands and abs(held[1]) < np.abs(force).min()))
+    load = np.abs(force - held[1])
+    loaded = abs(held[1]) < np.abs(force).min() and load.min() >= LOADED * load.max()
+    return bool(returns.any() or (stands and loaded))
 
 
 def large_step(values: Values) -> float:
