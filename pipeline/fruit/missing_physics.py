@@ -53,7 +53,9 @@ def screened_fruit(
     usable = [
         (grasp, model, estimate)
         for grasp, model, estimate in zip(fruit.placed, inference.models, inference.grasps, strict=True)
-        if isinstance(model, GraspModel) and isinstance(estimate, ModulusEstimate)
+        if isinstance(model, GraspModel)
+        and isinstance(estimate, ModulusEstimate)
+        and estimate.form == "first-touch"
     ]
     placed = [grasp for grasp, _, _ in usable]
     case = MismatchCase(

@@ -15,7 +15,7 @@ from pipeline.batch.settings import SensorSettings
 from pipeline.fruit.known_sensor import known_gels
 from pipeline.fruit.model_curve import frame_records, model_curves, residual_at_full_load
 from recon.checks.surface_error import sd_on_patch_mm
-from reports.grasp_record import CurveRecord, GraspRecord
+from reports.grasp_record import CurveRecord, FrameRecord, GraspRecord
 from reports.patch_residual import PatchResidual
 from tactile.checks.finding import Finding, FindingKind, FindingRank
 from tactile.checks.jaw_share import jaw_share_findings
@@ -224,10 +224,12 @@ def touched_by_pad(grasps: Sequence[PlacedGrasp]) -> dict[str, Float[np.ndarray,
 def patch_residuals(
     grasps: Sequence[PlacedGrasp], estimates: Sequence[ModulusEstimate | FemFailure]
 ) -> list[PatchResidual]:
-    """What the model leaves under each pad at the greatest force, of all grasps with a modulus."""
+    """What the model leaves under each pad at the greatest force, of all grasps whose modulus comes from
+    markers' motion since first touch.
+    """
     patches = []
     for grasp, estimate in zip(grasps, estimates, strict=True):
-        if not isinstance(estimate, FemFailure):
+        if not isinstance(estimate, FemFailure) and estimate.form == "first-touch":
             residuals = residual_at_full_load(estimate, history(grasp), *_axes_and_forces(grasp))
             patches += [
                 PatchResidual(name=f"{grasp.name}, {pad}", places_mm=places, residual_um=values)
@@ -293,9 +295,14 @@ def grasp_record(grasp: PlacedGrasp, estimate: ModulusEstimate | FemFailure) -> 
     if isinstance(estimate, FemFailure):
         return GraspRecord(grasp=grasp.name, failure=estimate.detail)
     curves, travel_mm = force_curves(grasp)
-    axes, normal_N = _axes_and_forces(grasp)
-    models = model_curves(estimate, history(grasp), axes, travel_mm, normal_N)
-    curves = [curve.model_copy(update={"model": model}) for curve, model in zip(curves, models, strict=True)]
+    frames: list[FrameRecord] = []
+    if estimate.form == "first-touch":
+        axes, normal_N = _axes_and_forces(grasp)
+        models = model_curves(estimate, history(grasp), axes, travel_mm, normal_N)
+        curves = [
+            curve.model_copy(update={"model": model}) for curve, model in zip(curves, models, strict=True)
+        ]
+        frames = frame_records(estimate, travel_mm)
     energy = estimate.energy
     return GraspRecord(
         grasp=grasp.name,
@@ -319,7 +326,7 @@ def grasp_record(grasp: PlacedGrasp, estimate: ModulusEstimate | FemFailure) -> 
             pad: [tuple(p) for p in np.round(points, 3).tolist()] for pad, points in grasp.touched_mm.items()
         },
         curves=curves,
-        frames=frame_records(estimate, travel_mm),
+        frames=frames,
     )
 
 

@@ -55,6 +55,7 @@ def puck_surface(n: int = 72) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.slow
 def test_a_grasp_gives_the_injected_modulus_both_ways():
     estimate = found_in(grasp(noise=0.5), own_model(0.5))
+    assert estimate.form == "first-touch"
     assert estimate.E_MPa == pytest.approx(E_MPA, rel=0.01)
     assert estimate.energy is not None
     assert estimate.energy.E_MPa == pytest.approx(E_MPA, rel=0.01)

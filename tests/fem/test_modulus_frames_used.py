@@ -1,4 +1,4 @@
-"""Which frames a modulus rests on: all, or an even choice."""
+"""Which frames a modulus rests on: all, an even choice, or the heaviest one against the scanned surface."""
 
 from dataclasses import replace
 
@@ -7,7 +7,37 @@ import pytest
 from injected_recording import E_MPA, PHASES, RADII_MM, found_in, grasp, with_pads
 
 from fem.estimation.frame_thinning import MOST_FRAMES, spacing, thinned
+from fem.estimation.modulus_warnings import ModulusSign
 from fem.grasp_history import GraspHistory
+
+
+def one_frame(history: GraspHistory, frame: int) -> GraspHistory:
+    only = slice(frame, frame + 1)
+    pressed = with_pads(
+        history,
+        position_mm=lambda pad: pad.position_mm[only],
+        gel_displacement_mm=lambda pad: pad.gel_displacement_mm[only],
+        force_N=lambda pad: pad.force_N[only],
+        episode=lambda pad: pad.episode[only],
+    )
+    return replace(pressed, time_s=history.time_s[only], phase=history.phase[only])
+
+
+def test_one_loaded_frame_falls_back_on_the_surface():
+    exact = grasp(surface_mm=0.0, noise=0.1)
+    estimate = found_in(one_frame(exact, 4))
+    assert estimate.form == "absolute"
+    assert estimate.E_MPa == pytest.approx(E_MPA, rel=0.02)
+    assert estimate.warnings[0].sign is ModulusSign.ONE_FRAME
+    assert "only one frame" in estimate.warnings[0].sentence
+
+
+def test_a_noisy_recording_falls_back_on_the_surface_and_says_why():
+    estimate = found_in(with_pads(grasp(surface_mm=0.0, noise=0.1), displacement_sd_mm=1.0))
+    assert estimate.form == "absolute"
+    (warning,) = estimate.warnings
+    assert "noise makes the comparison of 9 loaded frames" in warning.sentence
+    assert "only one frame is loaded" not in warning.sentence
 
 
 def stretched(history: GraspHistory, frames: int) -> GraspHistory:
@@ -47,3 +77,11 @@ def test_few_frames_are_all_used():
     np.testing.assert_array_equal(thinned(loaded), loaded)
     assert spacing(loaded) == 3.0
     assert spacing(np.arange(5) == 2) == 1.0
+
+
+@pytest.mark.parametrize("surface_mm", [-0.1, 0.1])
+def test_the_absolute_forms_error_bar_knows_of_the_surface(surface_mm):
+    scanned = grasp(surface_mm=surface_mm)
+    estimate = found_in(one_frame(scanned, 4))
+    assert abs(estimate.E_MPa / E_MPA - 1) > 0.03
+    assert abs(estimate.E_MPa - E_MPA) < 2.5 * estimate.E_sd_MPa
