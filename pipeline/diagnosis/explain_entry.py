@@ -16,7 +16,8 @@ OF_A_TRACE = {
     "ends_held": "ends of the specimen: 0 slide, 1 are held",
     "yeoh_second": "law of Yeoh: C2 / C1",
     "yeoh_third": "law of Yeoh: C3 / C1",
-    "ogden_power": "law of Ogden: exponent",
+    "ogden_power": "law of Ogden: exponent of a term",
+    "ogden_weight_2": "law of Ogden: share of the second term in the initial stiffness",
 }
 """Parameters that only the trace of a bare indenter has; they belong to no effect."""
 

@@ -8,7 +8,7 @@ import pytest
 
 from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.contact_law import linear_law
-from fem.indentation.effects.trace_stiffening import ogden_share, yeoh_share
+from fem.indentation.effects.trace_stiffening import ogden_share, two_ogden_share, yeoh_share
 from fem.indentation.explain_trace import explain_trace
 from fem.indentation.fit import from_prior
 from fem.indentation.no_contact import pooled_noise
@@ -42,6 +42,12 @@ def ogden(stretch, power=5.0):
     return 2 / 3 / power**2 * (stretch**power + 2 * stretch ** (-power / 2) - 3)
 
 
+def mooney_rivlin(stretch, second=0.3):
+    """`second`: share of the second invariant in the initial modulus."""
+    x, y = invariants(stretch)
+    return ((1 - second) * x + second * y) / 6
+
+
 def column(value):
     return np.array([[value]])
 
@@ -52,6 +58,7 @@ def column(value):
         (yeoh, lambda x: yeoh_share(column(0.1), column(0.03), x)),
         (ogden, lambda x: ogden_share(column(5.0), x)),
         (lambda x: ogden(x, -3.0), lambda x: ogden_share(column(-3.0), x)),
+        (mooney_rivlin, lambda x: two_ogden_share(column(2.0), column(-2.0), column(0.3), x)),
     ],
 )
 def test_each_law_is_the_derivative_of_its_energy_and_begins_as_neo_hooke(energy, share):

@@ -78,6 +78,17 @@ def ogden_share(power: Float[np.ndarray, "p 1"], stretch: Float[np.ndarray, "p n
     return np.asarray(4 * np.exp((power / 4 - 1) * log) * sinh / (np.exp(log) - np.exp(-2 * log)))
 
 
+def two_ogden_share(
+    power: Float[np.ndarray, "p 1"],
+    power_2: Float[np.ndarray, "p 1"],
+    weight_2: Float[np.ndarray, "p 1"],
+    stretch: Float[np.ndarray, "p n"],
+) -> np.ndarray:
+    """Two terms of Ogden's law, the second with a share of the modulus; Mooney and Rivlin's at 2 and -2."""
+    first, second = ogden_share(power, stretch), ogden_share(power_2, stretch)
+    return np.asarray((1 - weight_2) * first + weight_2 * second)
+
+
 def _linear(name: str, sd: float, mean: float = 0.0) -> Unknown:
     return Unknown(name=name, unit="1", scale="linear", mean=mean, sd=sd)
 
@@ -103,6 +114,12 @@ FUNG = TraceEffect(
 RUBBER = (
     _rubber(yeoh_share, _linear("yeoh_second", 0.2), _linear("yeoh_third", 0.05)),
     _rubber(ogden_share, _linear("ogden_power", 4.0, 2.0)),
+    _rubber(
+        two_ogden_share,
+        _linear("ogden_power", 4.0, 2.0),
+        _linear("ogden_power_2", 4.0, -2.0),
+        Unknown(name="ogden_weight_2", unit="1", scale="logit", mean=0.0, sd=1.7),
+    ),
 )
-"""Laws of Yeoh and of Ogden, for an even field. Priors (set by hand):
+"""Laws of Yeoh and of Ogden (one term, two terms), for an even field. Priors (set by hand):
 about neo-Hooke, wide enough for what least squares gives of silicone cylinders."""
