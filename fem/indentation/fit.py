@@ -12,8 +12,9 @@ from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_noise import SHARE, TraceNoise, least_share, noise_of
 from fem.mismatch.result import Modulus
 
-#: Gauss-Newton steps at most, and the fall of the misfit below which they stop
-STEPS, ENOUGH = 40, 0.02
+#: Gauss-Newton steps at most (laws of ten silicone curves need more than 40), and the fall of the misfit
+#: below which they stop
+STEPS, ENOUGH = 150, 0.02
 #: forward differences on the unknowns' own scales
 NUDGE = 1e-4
 #: shares among which each fit chooses, equally likely beforehand

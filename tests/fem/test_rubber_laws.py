@@ -3,9 +3,12 @@
 Nothing of fem draws a curve here: stress is the numerical derivative of an energy that is written down anew.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from fem.indentation import strangers as strangers_module
 from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.contact_law import linear_law
 from fem.indentation.effects.trace_stiffening import ogden_share, two_ogden_share, yeoh_share
@@ -178,6 +181,25 @@ def test_a_curve_of_another_specimen_is_named_with_its_modulus_and_leaves_E_to_t
 def test_a_curve_of_another_shape_is_named():
     _, recording_moduli, _ = with_moduli(several([E_MPA] * 5, seed=1, odd=lambda x: yeoh(x, 3.0, 3.0)))
     assert list(strangers(recording_moduli)) == [1]
+
+
+@pytest.mark.parametrize("count", [3, 5, 10])
+@pytest.mark.parametrize("scatter_sd", [0.0, 0.01, 0.03, 0.1])
+def test_the_interval_of_E_holds_the_truth_at_every_scatter_from_curve_to_curve(
+    count, scatter_sd, monkeypatch
+):
+    """ln E of the curves is drawn, with errors of their fits: own ones, and what all have in common."""
+    rng = np.random.default_rng(0)
+    own_sd, common_sd, inside = 0.008, 0.005, 0
+    covariance = own_sd**2 * np.eye(count) + common_sd**2
+    for _ in range(2000):
+        ln_E = rng.normal(0.0, scatter_sd, count) + rng.multivariate_normal(np.zeros(count), covariance)
+        drawn = SimpleNamespace(ln_E=ln_E, covariance=covariance)
+        monkeypatch.setattr(strangers_module, "own_moduli", lambda *_, drawn=drawn: drawn)
+        known = SimpleNamespace(scaled=[ln_E.mean()])
+        _, added_sd = scatter(SimpleNamespace(parts=ln_E), known, None)
+        inside += abs(ln_E.mean()) < 1.645 * np.sqrt(own_sd**2 / count + common_sd**2 + added_sd**2)
+    assert 0.85 < inside / 2000 < 0.95
 
 
 @pytest.mark.slow
