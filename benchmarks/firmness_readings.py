@@ -15,8 +15,8 @@ from pathlib import Path
 
 import numpy as np
 
-from fem.indentation import simulated_presses as presses
-from fem.indentation.trade_tests import reading, trade_tests
+from fem.firmness import simulated_presses as presses
+from fem.firmness.trade_tests import reading, trade_tests
 from pipeline.batch.layout import Results
 from pipeline.batch.records import read_record
 from pipeline.run.trade_numbers import fruit_presses

@@ -16,7 +16,9 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import product
 from pathlib import Path
+from typing import Any, TypeAlias
 
 import numpy as np
 import pandas as pd
@@ -50,20 +52,8 @@ SQUARE_PUNCH = 1.012
 """F = 2 beta E* (A / pi)^(1/2) delta of a square punch: King, Int. J. Solids Structures 23 (1987) 1657."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class PaperRow:
-    """One line of the table; percent throughout, None where there is nothing to say."""
-
-    experiment: str
-    case: str
-    paper: str
-    target: float | None
-    ours: float
-    energy: float | None
-    verdict: str
-    forward_dofs: int
-    dofs: int
-    seconds: float
+PaperRow: TypeAlias = dict[str, Any]
+"""One line of the table; percent throughout, NaN where there is nothing to say."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,9 +61,9 @@ class FittedModulus:
     """Relative errors of E by least squares and by energy, with what they cost."""
 
     error: float
-    energy: float
-    dofs: int
-    seconds: float
+    energy: float = np.nan
+    dofs: int = 0
+    seconds: float = 0.0
 
 
 def _mesh(
@@ -158,18 +148,18 @@ def _row(
     experiment: str, case: str, paper: str, target: float | None, name: str, got: FittedModulus
 ) -> PaperRow:
     keeps = "" if target is None else "ok" if 100 * abs(got.error) <= target else "miss"
-    return PaperRow(
-        experiment=experiment,
-        case=case,
-        paper=paper,
-        target=target,
-        ours=100 * got.error,
-        energy=100 * got.energy,
-        verdict=keeps,
-        forward_dofs=FORWARD_DOFS[name],
-        dofs=got.dofs,
-        seconds=got.seconds,
-    )
+    return {
+        "experiment": experiment,
+        "case": case,
+        "paper": paper,
+        "target": target,
+        "ours": 100 * got.error,
+        "energy": 100 * got.energy,
+        "verdict": keeps,
+        "forward_dofs": FORWARD_DOFS[name],
+        "dofs": got.dofs,
+        "seconds": got.seconds,
+    }
 
 
 def _against(fitted: FittedModulus, other: FittedModulus) -> FittedModulus:
@@ -194,7 +184,7 @@ def material() -> Iterator[PaperRow]:
         try:
             got = fitted_modulus(f"{kind}-neo-hookean", finite=True, size=COARSE)
         except FemFailure as failure:
-            got = FittedModulus(error=np.nan, energy=np.nan, dofs=0, seconds=0.0)
+            got = FittedModulus(error=np.nan)
             case += f" ({failure.problem.value})"
         linear = fitted_modulus(f"{kind}-linear", size=COARSE)
         yield _row("material", case, "", 0.3, f"{kind}-neo-hookean", _against(got, linear))
@@ -202,44 +192,28 @@ def material() -> Iterator[PaperRow]:
 
 def area() -> Iterator[PaperRow]:
     """Fig. 3d: the size of the contact."""
-    for mm2, paper, target in (
-        (1, "27.70", 3.0),
-        (9, "", 2.0),
-        (25, "8.66", 2.0),
-        (100, "< 5", 1.0),
-        (225, "< 5", 1.0),
-    ):
+    sizes = ((1, "27.70", 3.0), (9, "", 2.0), (25, "8.66", 2.0), (100, "< 5", 1.0), (225, "< 5", 1.0))
+    for mm2, paper, target in sizes:
         name = f"press-{mm2}mm2"
         yield _row("contact area", f"{mm2} mm2", paper, target, name, fitted_modulus(name))
     for mm2, cells in ((9, 3), (25, 5)):
-        name = f"press-{mm2}mm2"
-        yield _row(
-            "contact area",
-            f"{mm2} mm2, markers 1 mm apart",
-            "",
-            None,
-            name,
-            fitted_modulus(name, cells=cells),
-        )
+        name, case = f"press-{mm2}mm2", f"{mm2} mm2, markers 1 mm apart"
+        yield _row("contact area", case, "", None, name, fitted_modulus(name, cells=cells))
 
 
 def wrong_core() -> Iterator[PaperRow]:
     """Fig. 4: the estimator's core is not where the true one is."""
-    for name, title, normal, tangential in (("grasp", "grasp", 0, 1), ("press-100mm2", "press", 2, 0)):
-        for word, axis in (("tangential", tangential), ("normal", normal)):
-            both_ways = (1.0, -1.0) if word == "normal" and title == "press" else (1.0,)
-            for sign in both_ways:
-                for steps in (1, 2, 3, 4):
-                    shift = tuple(sign * steps * float(k == axis) for k in range(3))
-                    case = f"{title}, {word} {sign * steps:+.0f} mm"
-                    yield _row(
-                        "core misplaced",
-                        case,
-                        "8",
-                        8.0,
-                        name,
-                        fitted_modulus(name, shift_mm=shift, size=COARSE),
-                    )
+    ways = (
+        ("grasp", "grasp", "tangential", 1, 1.0),
+        ("grasp", "grasp", "normal", 0, 1.0),
+        ("press-100mm2", "press", "tangential", 0, 1.0),
+        ("press-100mm2", "press", "normal", 2, 1.0),
+        ("press-100mm2", "press", "normal", 2, -1.0),
+    )
+    for (name, title, word, axis, sign), steps in product(ways, (1, 2, 3, 4)):
+        shift = tuple(sign * steps * float(k == axis) for k in range(3))
+        got = fitted_modulus(name, shift_mm=shift, size=COARSE)
+        yield _row("core misplaced", f"{title}, {word} {sign * steps:+.0f} mm", "8", 8.0, name, got)
 
 
 def inferred_core() -> Iterator[PaperRow]:
@@ -262,7 +236,6 @@ def _from_two(title: str, first: str, second: str, axis: str) -> PaperRow:
     off = ", ".join(f"{x:+.1f}" for x in found_at)
     got = FittedModulus(
         error=fruit.E_MPa / E_MPA - 1,
-        energy=np.nan,
         dofs=mesh.nodes_mm.size,
         seconds=time.process_time() - start,
     )
@@ -289,28 +262,21 @@ def shape() -> Iterator[PaperRow]:
     yield _row("core shape", "ball, error", "", None, "press-ball", ball)
     for kind in ("cube", "star", "tetrahedron"):
         name = f"press-{kind}"
-        yield _row(
-            "core shape", f"{kind} against ball", "0.57", 0.5, name, _against(fitted_modulus(name), ball)
-        )
+        change = _against(fitted_modulus(name), ball)
+        yield _row("core shape", f"{kind} against ball", "0.57", 0.5, name, change)
 
 
 def without_core() -> Iterator[PaperRow]:
     """The same data, by the same estimator without a core, and by a half-space under a square punch."""
     for name in ("grasp", *(f"press-{mm2}mm2" for mm2 in (1, 9, 25, 100, 225))):
-        yield _row(
-            "no core",
-            f"{name}, same estimator",
-            "",
-            None,
-            name,
-            fitted_modulus(name, homogeneous=True, size=COARSE),
-        )
+        got = fitted_modulus(name, homogeneous=True, size=COARSE)
+        yield _row("no core", f"{name}, same estimator", "", None, name, got)
         data = forward(name)
         pad = data.pads[0]
         force = abs(float(pad.force_N[-1].sum(axis=0) @ pad.move_mm))
         punch = 2 * SQUARE_PUNCH * pad.edge_mm / np.sqrt(np.pi)
         modulus = force / (data.levels[-1] * punch) * (1 - POISSON_RATIO**2)
-        closed = FittedModulus(error=modulus / E_MPA - 1, energy=np.nan, dofs=0, seconds=0.0)
+        closed = FittedModulus(error=modulus / E_MPA - 1)
         yield _row("no core", f"{name}, half-space", "", None, name, closed)
 
 
@@ -333,7 +299,7 @@ def limits() -> Iterator[PaperRow]:
     )
     name = "ball-between-plates"
     for title, modulus in (("Hertz", hertz), ("ASABE S368, parallel plates", plates)):
-        closed = FittedModulus(error=modulus / E_MPA - 1, energy=np.nan, dofs=0, seconds=0.0)
+        closed = FittedModulus(error=modulus / E_MPA - 1)
         yield _row("small press", f"ball between plates, {title}", "", 1.0, name, closed)
     mesh = tetrahedralise(
         *core_surface(Core(shape="ball", size_mm=data.radius_mm)),
@@ -384,11 +350,11 @@ def main() -> None:
             continue
         for row in experiment():
             rows.append(row)
-            target = "" if row.target is None else f"{row.target:g}"
-            energy = "" if row.energy is None or np.isnan(row.energy) else f"{row.energy:+.2f}"
+            target = "" if row["target"] is None else f"{row['target']:g}"
+            energy = "" if np.isnan(row["energy"]) else f"{row['energy']:+.2f}"
             print(
-                f"{row.experiment:<15} {row.case:<66} {row.paper:>6} {target:>6} {row.ours:>+7.2f} "
-                f"{energy:>7} {row.verdict:<4} {row.forward_dofs:>8} {row.dofs:>6} {row.seconds:>5.1f}",
+                "{experiment:<15} {case:<66} {paper:>6} {0:>6} {ours:>+7.2f} {1:>7} {verdict:<4} "
+                "{forward_dofs:>8} {dofs:>6} {seconds:>5.1f}".format(target, energy, **row),
                 flush=True,
             )
     path = options.csv or (None if options.only else Path(__file__).parent / "results" / "paper.csv")

@@ -18,9 +18,7 @@ each trace and quantiles; held-out errors are root mean squares over that of the
 """
 
 import argparse
-import csv
 import re
-from collections import Counter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -34,7 +32,7 @@ from fem.fem_failure import FemFailure
 from fem.indentation.ball import Ball
 from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.contact_curve import Geometry
-from fem.indentation.explain_trace import account_for
+from fem.indentation.explain_trace import explain_trace
 from fem.indentation.trace import IndenterTrace
 from tactile.trace_thinning import thin
 
@@ -166,7 +164,7 @@ def exponent_of(trace: IndenterTrace, onset_mm: float) -> float:
 def explained(named_trace: NamedTrace) -> dict[str, object]:
     """One line of the table."""
     try:
-        account = account_for(
+        account = explain_trace(
             named_trace.trace,
             thickness_mm=named_trace.thickness_mm,
             poisson_ratio=NU,
@@ -176,8 +174,7 @@ def explained(named_trace: NamedTrace) -> dict[str, object]:
         return {"trace": named_trace.name, "verdict": f"refused: {failure.problem.value}"}
     said, trace = account.explanation, account.trace
     verdict = said.verdict if isinstance(said.verdict, str) else " | ".join(said.verdict)
-    names = [u.name for u in account.linear.law.unknowns]
-    onset = float(account.linear.scaled[names.index("onset_mm")])
+    onset = float(account.linear.scaled[account.linear.law.index("onset_mm")])
     return {
         "trace": named_trace.name,
         "verdict": verdict,
@@ -188,55 +185,39 @@ def explained(named_trace: NamedTrace) -> dict[str, object]:
         "E_linear_kPa": 1e3 * float(np.exp(account.linear.scaled[0])),
         "slope_kPa": slope_kPa(named_trace.trace),
         "unexplained": account.named.share,
-        "end_before": said.heldout.rms_before if said.heldout else float("nan"),
-        "end_after": said.heldout.rms_after if said.heldout else float("nan"),
+        "end_before": said.heldout.rms_before,
+        "end_after": said.heldout.rms_after,
         "exponent": exponent_of(trace, onset),
         "peak_N": float(named_trace.trace.force_N.max()),
         "ruptured": any("break" in note or "rupture" in note.lower() for note in said.notes),
     }
 
 
-def quantiles(values: list[float]) -> str:
-    """Quartiles and the greatest."""
-    known = np.array([v for v in values if np.isfinite(v)])
-    return ", ".join(f"{q:.3g}" for q in np.quantile(known, [0.25, 0.5, 0.75, 1.0])) if len(known) else "none"
-
-
-def summary(rows: list[dict[str, object]]) -> None:
+def summary(rows: pd.DataFrame) -> None:
     """Names, held-out errors, exponents; for whole fruit the order against the force of rupture."""
-    done = [row for row in rows if "end_after" in row]
+    done = rows.dropna(subset=["end_after"])
+    named = done[~done["verdict"].isin(["none", "unknown"])]
+    stiff = named[named["verdict"].str.contains("stiffening")]
     print(f"{len(rows)} traces, {len(done)} explained; verdicts:")
-    for verdict, count in Counter(str(row["verdict"]) for row in rows).most_common():
-        print(f"  {count:4d} {verdict}")
-    for name in ("end_before", "end_after", "unexplained"):
-        print(f"{name}, quartiles and greatest: {quantiles([float(row[name]) for row in done])}")
-    named = [row for row in done if row["verdict"] not in ("none", "unknown")]
-    over = [row for row in named if float(row["end_after"]) > 0.3]
-    print(f"named {len(named)}, of them with a held-out error above 30 %: {len(over)}")
-    stiff = [row for row in named if "stiffening" in str(row["verdict"])]
-    exponents = quantiles([float(row["exponent"]) for row in stiff])
-    print(f"exponent where stiffening is named ({len(stiff)}): {exponents}")
-    print(f"E withheld in {sum(bool(row['withheld']) for row in done)}")
-    for kind, kind_rows in by_kind(done).items():
-        if len(kind_rows) > 5:
-            for name in ("slope_kPa", "E_linear_kPa"):
-                known = np.array([float(row[name]) for row in kind_rows])
-                print(f"{kind}: {name} {known.mean():.1f} +- {known.std(ddof=1):.1f}")
-            rank = spearmanr([row["E_linear_kPa"] for row in kind_rows], [row["peak_N"] for row in kind_rows])
-            print(
-                f"{kind}: {len(kind_rows)}, Spearman of E (linear) with the peak force {rank.statistic:.2f}"
-            )
+    print(rows["verdict"].value_counts().to_string())
+    print("quartiles and greatest:")
+    print(done[["end_before", "end_after", "unexplained"]].quantile([0.25, 0.5, 0.75, 1.0]).to_string())
+    over = (named["end_after"] > 0.3).sum()
+    print(f"named {len(named)}, of them with a held-out error above 30 %: {over}")
+    print(f"exponent where stiffening is named ({len(stiff)}): {stiff['exponent'].describe().to_dict()}")
+    print(f"E withheld in {(done['withheld'] != '').sum()}")
+    for kind, of_kind in done.groupby(done["trace"].map(kind_of)):
+        if len(of_kind) > 5:
+            print(kind, of_kind[["slope_kPa", "E_linear_kPa"]].agg(["mean", "std"]).to_dict())
+            rank = spearmanr(of_kind["E_linear_kPa"], of_kind["peak_N"]).statistic
+            print(f"{kind}: {len(of_kind)}, Spearman of E (linear) with the peak force {rank:.2f}")
 
 
-def by_kind(rows: list[dict[str, object]]) -> dict[str, list[dict[str, object]]]:
-    """Traces whose names differ in their numbers alone, or begin with the same word of a gripper's fruit."""
-    kinds: dict[str, list[dict[str, object]]] = {}
-    for row in rows:
-        name = str(row["trace"])
-        kinds.setdefault(re.sub(r"[-_]?\d+$", "", name) if " " in name else name.split("_")[0], []).append(
-            row
-        )
-    return dict(sorted(kinds.items()))
+def kind_of(name: str) -> str:
+    """Common to traces whose names differ in their numbers alone, or begin with the same word of a gripper's
+    fruit.
+    """
+    return re.sub(r"[-_]?\d+$", "", name) if " " in name else name.split("_")[0]
 
 
 def main() -> None:
@@ -250,18 +231,15 @@ def main() -> None:
     parser.add_argument("--out", type=Path)
     args = parser.parse_args()
     read = {"ball": of_ball, "gripper": of_gripper, "cylinder": of_cylinder}[args.kind]
-    recorded = list(read(args.folder))
+    done = []
     with ProcessPoolExecutor(args.jobs) as pool:
-        rows = []
-        for row in pool.map(explained, recorded):
-            rows.append(row)
+        for row in pool.map(explained, read(args.folder)):
+            done.append(row)
             print(row["trace"], row["verdict"], row.get("top", ""), flush=True)
+    rows = pd.DataFrame(done)
     summary(rows)
     if args.out is not None:
-        with args.out.open("w", newline="") as file:
-            table = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
-            table.writeheader()
-            table.writerows(rows)
+        rows.to_csv(args.out, index=False)
 
 
 if __name__ == "__main__":

@@ -23,22 +23,20 @@ its curves, the curves that do not belong, and the slope by the law of the other
 """
 
 import argparse
-import csv
 import json
-from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 from scipy.optimize import least_squares
 from scipy.special import logsumexp
 from scipy.stats import kendalltau
 
 from fem.indentation.compressed_cylinder import Cylinder, Ends
 from fem.indentation.contact_law import linear_law
-from fem.indentation.explain_trace import account_for
+from fem.indentation.explain_trace import explain_trace
 from fem.indentation.explanations import candidate_fits, forms_of
 from fem.indentation.no_contact import pooled_noise
 from fem.indentation.strangers import scatter
@@ -84,13 +82,6 @@ def slope_kPa(trace: IndenterTrace, force_N: np.ndarray) -> float:
     return float(strain[used] @ stress[used] / (strain[used] @ strain[used]))
 
 
-def until(trace: IndenterTrace, seen: np.ndarray) -> IndenterTrace:
-    """The frames that are seen."""
-    return replace(
-        trace, time_s=trace.time_s[seen], force_N=trace.force_N[seen], travel_mm=trace.travel_mm[seen]
-    )
-
-
 def log_evidence(trace: IndenterTrace) -> float:
     """Of the plain law and of stiffening, its forms equally likely, together."""
     law = linear_law(trace, thickness_mm=None, poisson_ratio=NU)
@@ -100,52 +91,31 @@ def log_evidence(trace: IndenterTrace) -> float:
     return float(np.logaddexp(plain.log_evidence, of_forms))
 
 
-Law = Callable[[np.ndarray, np.ndarray], np.ndarray]
-"""Stress from parameters and stretch."""
+def _exponential(p: np.ndarray, x: np.ndarray) -> np.ndarray:
+    return np.asarray(p[0] * p[1] * np.exp(np.minimum(p[1] * x, 50)))
 
 
-def _invariants(stretch: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    return stretch - stretch**-2, stretch**2 + 2 / stretch - 3, 2 * stretch + stretch**-2 - 3
-
-
-def _neo_hookean(p: np.ndarray, stretch: np.ndarray) -> np.ndarray:
-    return np.asarray(2 * p[0] * _invariants(stretch)[0])
-
-
-def _mooney_rivlin(p: np.ndarray, stretch: np.ndarray) -> np.ndarray:
-    g, x, y = _invariants(stretch)
-    return np.asarray(2 * g * (p[0] + p[2] * y + (p[1] + p[2] * x) / stretch))
-
-
-def _yeoh(p: np.ndarray, stretch: np.ndarray) -> np.ndarray:
-    g, x, _ = _invariants(stretch)
-    return np.asarray(2 * g * (p[0] + 2 * p[1] * x + 3 * p[2] * x**2))
-
-
-def _ogden(p: np.ndarray, stretch: np.ndarray) -> np.ndarray:
-    terms = zip(p[::2], p[1::2], strict=True)
-    return np.asarray(sum(mu * (stretch ** (a - 1) - stretch ** (-a / 2 - 1)) for mu, a in terms))
-
-
-def _veronda_westmann(p: np.ndarray, stretch: np.ndarray) -> np.ndarray:
-    g, x, _ = _invariants(stretch)
-    return np.asarray(2 * g * p[0] * p[1] * (np.exp(np.minimum(p[1] * x, 50)) - 0.5 / stretch))
-
-
-def _humphrey(p: np.ndarray, stretch: np.ndarray) -> np.ndarray:
-    g, x, _ = _invariants(stretch)
-    return np.asarray(2 * g * p[0] * p[1] * np.exp(np.minimum(p[1] * x, 50)))
-
-
-PUBLISHED: dict[str, tuple[Law, tuple[float, ...]]] = {
-    "neo-Hookean": (_neo_hookean, (10.0,)),
-    "Mooney-Rivlin": (_mooney_rivlin, (10.0, 1.0, 0.1)),
-    "Yeoh": (_yeoh, (10.0, 0.1, 0.1)),
-    "Ogden": (_ogden, (5.0, 4.0, -0.1, -4.0)),
-    "Veronda-Westmann": (_veronda_westmann, (100.0, 0.2)),
-    "Humphrey": (_humphrey, (40.0, 0.2)),
+SLOPES: dict[str, tuple[Callable[..., tuple[object, object]], tuple[float, ...]]] = {
+    "neo-Hookean": (lambda p, *_: (p[0], 0.0), (10.0,)),
+    "Mooney-Rivlin": (lambda p, x, y: (p[0] + p[2] * y, p[1] + p[2] * x), (10.0, 1.0, 0.1)),
+    "Yeoh": (lambda p, x, _: (p[0] + 2 * p[1] * x + 3 * p[2] * x**2, 0.0), (10.0, 0.1, 0.1)),
+    "Veronda-Westmann": (lambda p, x, _: (_exponential(p, x), -p[0] * p[1] / 2), (100.0, 0.2)),
+    "Humphrey": (lambda p, x, _: (_exponential(p, x), 0.0), (40.0, 0.2)),
 }
-"""The six families of hyperelastic_parameters.json in that repository, with starts, kPa."""
+"""Slopes of the energy in x = I1 - 3 and y = I2 - 3 of five families of hyperelastic_parameters.json in that
+repository, with starts, kPa."""
+OGDEN = (5.0, 4.0, -0.1, -4.0)
+"""Starts of the sixth family, two terms of Ogden's law: kPa and exponent of each."""
+
+
+def published_stress(name: str, p: np.ndarray, stretch: np.ndarray) -> np.ndarray:
+    """Nominal stress of an incompressible solid by its parameters, kPa."""
+    if name == "Ogden":
+        terms = zip(p[::2], p[1::2], strict=True)
+        return np.asarray(sum(mu * (stretch ** (a - 1) - stretch ** (-a / 2 - 1)) for mu, a in terms))
+    x, y = stretch**2 + 2 / stretch - 3, 2 * stretch + stretch**-2 - 3
+    first, second = SLOPES[name][0](p, x, y)
+    return np.asarray(2 * (stretch - stretch**-2) * (first + second / stretch))
 
 
 def best_published(trace: IndenterTrace, seen: np.ndarray) -> tuple[str, float]:
@@ -153,22 +123,21 @@ def best_published(trace: IndenterTrace, seen: np.ndarray) -> tuple[str, float]:
     stretch = 1 - trace.travel_mm / HEIGHT_MM
     stress = -1e3 * trace.force_N / (np.pi / 4 * DIAMETER_MM**2)
     errors: dict[str, float] = {}
-    for name, (law, start) in PUBLISHED.items():
-        fitted = least_squares(
-            lambda p, law=law: law(p, stretch[seen]) - stress[seen], start, x_scale=np.abs(start)
-        ).x
-        rest = ~seen
-        errors[name] = float(np.sqrt(np.mean((law(fitted, stretch[rest]) - stress[rest]) ** 2)))
-        errors[name] /= float(np.sqrt(np.mean(stress[rest] ** 2)))
+    for name, start in {"Ogden": OGDEN, **{name: start for name, (_, start) in SLOPES.items()}}.items():
+
+        def gap(p: np.ndarray, name: str = name) -> np.ndarray:
+            return published_stress(name, p, stretch) - stress
+
+        fitted = least_squares(lambda p, gap=gap: gap(p)[seen], start, x_scale=np.abs(start)).x
+        errors[name] = float(np.sqrt(np.mean(gap(fitted)[~seen] ** 2) / np.mean(stress[~seen] ** 2)))
     best = min(errors, key=lambda name: errors[name])
     return best, errors[best]
 
 
 def predicted_error(trace: IndenterTrace, seen: np.ndarray) -> float:
     """Of the rest by the mean over the laws fitted to the seen part, over the rest's root mean square."""
-    account = account_for(
-        until(trace, seen), thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0)
-    )
+    until = trace.cut(slice(0, int(seen.sum())))
+    account = explain_trace(until, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
     gap = (account.posterior.force_N(trace, unseen=~seen) - trace.force_N)[~seen]
     return float(np.sqrt(np.mean(gap**2) / np.mean(trace.force_N[~seen] ** 2)))
 
@@ -176,12 +145,12 @@ def predicted_error(trace: IndenterTrace, seen: np.ndarray) -> float:
 def scored(path: Path) -> dict[str, object]:
     """One curve."""
     trace = read(path)
-    account = account_for(trace, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
+    account = explain_trace(trace, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
     said = account.explanation
     logs = [log_evidence(read(path, ends)) for ends in ("lubricated", "bonded", None)]
     seen = trace.travel_mm <= SEEN * trace.travel_mm.max()
     name, published = best_published(trace, seen)
-    names = [u.name for u in account.named.law.unknowns]
+    onset = account.named.law.index("onset_mm")
     return {
         "mixture": path.parent.name,
         "curve": path.stem.removeprefix(f"{path.parent.name}_"),
@@ -189,7 +158,7 @@ def scored(path: Path) -> dict[str, object]:
         "law_kPa": slope_kPa(trace, account.posterior.force_N(trace)),
         "E_kPa": 1e3 * said.after.value,
         "E_sd_kPa": 1e3 * said.after.sd,
-        "onset_mm": float(account.named.scaled[names.index("onset_mm")]),
+        "onset_mm": float(account.named.scaled[onset]),
         "held": logs[1] - logs[0],
         "any": logs[2] - logs[0],
         "verdict": said.verdict if isinstance(said.verdict, str) else " | ".join(said.verdict),
@@ -200,40 +169,35 @@ def scored(path: Path) -> dict[str, object]:
     }
 
 
-def of_mixture(name: str, rows: list[dict[str, object]], published_kPa: float) -> dict[str, object]:
-    """Means over its curves, and counts."""
-
-    def column(key: str) -> np.ndarray:
-        return np.array([float(str(row[key])) for row in rows])
-
-    own_kPa, law = column("own_kPa"), column("law_kPa")
-    return {
-        "mixture": name,
-        "part": "development" if name in DEVELOPMENT else "last",
-        "curves": len(rows),
-        "published_kPa": published_kPa,
-        "own_kPa": own_kPa.mean(),
-        "law_kPa": law.mean(),
-        "within_5_of_own": int((np.abs(law / own_kPa - 1) <= 0.05).sum()),
-        "within_10_of_published": int((np.abs(law / published_kPa - 1) <= 0.1).sum()),
-        "own_within_10_of_published": int((np.abs(own_kPa / published_kPa - 1) <= 0.1).sum()),
-        "E_kPa": column("E_kPa").mean(),
-        "E_between_curves_kPa": column("E_kPa").std(ddof=1) if len(rows) > 1 else float("nan"),
-        "E_sd_kPa": column("E_sd_kPa").mean(),
-        "held_over_sliding": column("held").sum(),
-        "any_over_sliding": column("any").sum(),
-        "none_or_stiffening": sum(row["verdict"] in ("none", "stiffening") for row in rows),
-        "with_sensor_drift": sum("sensor_drift" in str(row["verdict"]) for row in rows),
-        "last_fifth": float(np.median(column("last_fifth"))),
-        "published_last_fifth": float(np.median(column("published_last_fifth"))),
-        "no_worse_than_published": int((column("last_fifth") <= column("published_last_fifth")).sum()),
-    }
+def of_mixtures(rows: pd.DataFrame) -> pd.DataFrame:
+    """A row for each mixture: means over its curves, and counts."""
+    law, curve, published = rows["law_kPa"], rows["own_kPa"], rows["published_kPa"]
+    counted = pd.DataFrame(
+        {
+            "mixture": rows["mixture"],
+            "within_5_of_own": (law / curve - 1).abs() <= 0.05,
+            "within_10_of_published": (law / published - 1).abs() <= 0.1,
+            "own_within_10_of_published": (curve / published - 1).abs() <= 0.1,
+            "none_or_stiffening": rows["verdict"].isin(["none", "stiffening"]),
+            "with_sensor_drift": rows["verdict"].str.contains("sensor_drift"),
+            "no_worse_than_published": rows["last_fifth"] <= rows["published_last_fifth"],
+        }
+    )
+    each = rows.groupby("mixture", sort=False)
+    means = each[["published_kPa", "own_kPa", "law_kPa", "E_kPa", "E_sd_kPa"]].mean()
+    table = means.join(counted.groupby("mixture", sort=False).sum())
+    table.insert(0, "curves", each.size())
+    table["E_between_curves_kPa"] = each["E_kPa"].std()
+    table[["held_over_sliding", "any_over_sliding"]] = each[["held", "any"]].sum()
+    table[["last_fifth", "published_last_fifth"]] = each[["last_fifth", "published_last_fifth"]].median()
+    table.insert(0, "part", ["development" if name in DEVELOPMENT else "last" for name in table.index])
+    return table.reset_index()
 
 
 def together(paths: list[Path]) -> dict[str, object]:
     """All curves of a mixture with one law, as `drupe explain` fits those of one specimen."""
     whole = joined([read(path, frames=FRAMES_TOGETHER) for path in paths])
-    account = account_for(whole, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
+    account = explain_trace(whole, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
     said, trace = account.explanation, account.trace
     law_N = account.posterior.force_N(trace)
     slopes = [slope_kPa(part, law_N[at]) for part, at in zip(trace.parts, trace.slices, strict=True)]
@@ -266,77 +230,49 @@ def main() -> None:
     parser.add_argument("--jobs", type=int, default=1)
     args = parser.parse_args()
     published = json.loads((args.folder / "published.json").read_text())["E"]
-    chosen = [
-        name
+    groups = {
+        name: [
+            path
+            for path in sorted((args.folder / name).glob("*.csv"))
+            if not args.tests or path.stem.rsplit("_", 1)[1] in args.tests
+        ]
         for name in published
         if args.part == "all" or (name in DEVELOPMENT) == (args.part == "development")
-    ]
-    paths = [
-        path
-        for name in chosen
-        for path in sorted((args.folder / name).glob("*.csv"))
-        if not args.tests or path.stem.rsplit("_", 1)[1] in args.tests
-    ]
-    groups = [[path for path in paths if path.parent.name == name] for name in chosen]
-    work, of_each = (together, [group for group in groups if group]) if args.together else (scored, paths)
-    rows = []
+    }
+    paths = [path for group in groups.values() for path in group]
+    work, of_each = (together, [g for g in groups.values() if g]) if args.together else (scored, paths)
+    done = []
     with ProcessPoolExecutor(args.jobs) as pool:
         for row in pool.map(work, of_each):
-            rows.append(row)
-            shown = (f"{v:.4g}" if isinstance(v, float) else str(v) for v in row.values())
-            print(*shown, flush=True)
+            done.append(row)
+            print(*(f"{v:.4g}" if isinstance(v, float) else v for v in row.values()), flush=True)
+    rows = pd.DataFrame(done)
+    rows["published_kPa"] = [published[name][0] for name in rows["mixture"]]
     if args.together:
-        for row in rows:
-            row["published_kPa"] = published[str(row["mixture"])][0]
-        write(args.together, rows)
+        rows.to_csv(args.together, index=False, float_format="%.5g")
         return
-    mixtures = [
-        of_mixture(name, [row for row in rows if row["mixture"] == name], published[name][0])
-        for name in chosen
-        if any(row["mixture"] == name for row in rows)
-    ]
-    for row in mixtures:
-        print(", ".join(f"{k} {v:.4g}" if isinstance(v, float) else f"{k} {v}" for k, v in row.items()))
+    mixtures = of_mixtures(rows)
+    print(mixtures.to_string(index=False, float_format="%.4g"))
     totals(rows, mixtures)
     for where, table in ((args.csv, mixtures), (args.curves, rows)):
         if where is not None:
-            write(where, table)
+            table.to_csv(where, index=False, float_format="%.5g")
 
 
-def write(where: Path, table: list[dict[str, object]]) -> None:
-    """As CSV."""
-    with where.open("w", newline="") as file:
-        written = csv.DictWriter(file, list(table[0]))
-        written.writeheader()
-        written.writerows(
-            {k: f"{v:.5g}" if isinstance(v, float) else v for k, v in row.items()} for row in table
-        )
-
-
-def totals(rows: list[dict[str, object]], mixtures: list[dict[str, object]]) -> None:
+def totals(rows: pd.DataFrame, mixtures: pd.DataFrame) -> None:
     """What is asked of all curves together."""
-    count = len(rows)
-
-    def summed(key: str) -> float:
-        return sum(float(str(row[key])) for row in mixtures)
-
-    print(f"\n{count} curves of {len(mixtures)} mixtures")
+    print(f"\n{len(rows)} curves of {len(mixtures)} mixtures")
     for key in (
         "within_5_of_own", "within_10_of_published", "own_within_10_of_published", "none_or_stiffening",
         "with_sensor_drift", "no_worse_than_published",
     ):  # fmt: skip
-        print(f"  {key}: {summed(key):.0f} of {count}")
-    print(
-        f"  ends, log evidence over sliding: held {summed('held_over_sliding'):.0f}, "
-        f"any {summed('any_over_sliding'):.0f}"
-    )
-    if len(mixtures) > 1:
-        truth = [row["published_kPa"] for row in mixtures]
-        for key in ("law_kPa", "E_kPa"):
-            tau = kendalltau(truth, [row[key] for row in mixtures]).statistic
-            print(f"  Kendall's tau of the published modulus with {key}: {tau:.3f}")
-    for verdict, number in Counter(str(row["verdict"]) for row in rows).most_common():
-        print(f"  {number:4d} {verdict}")
+        print(f"  {key}: {mixtures[key].sum()} of {len(rows)}")
+    held, either = mixtures["held_over_sliding"].sum(), mixtures["any_over_sliding"].sum()
+    print(f"  ends, log evidence over sliding: held {held:.0f}, any {either:.0f}")
+    for key in ("law_kPa", "E_kPa"):
+        tau = kendalltau(mixtures["published_kPa"], mixtures[key]).statistic
+        print(f"  Kendall's tau of the published modulus with {key}: {tau:.3f}")
+    print(rows["verdict"].value_counts().to_string())
 
 
 if __name__ == "__main__":

@@ -67,22 +67,32 @@ def fit_compliance(tracks: MarkerTracks, *, scale_sd: float, fruit_moves: bool) 
     """
     columns = tracks.unit_displacement[None]
     equations = _equations(tracks, columns, scale_sd=scale_sd)
-    normal, right = equations.normal, equations.right
-    frames = len(tracks.position_mm)
-    theta, variance = _solved(normal, right, unknowns=len(right) if fruit_moves else 1)
-    scale = (equations.observed - equations.along @ theta) / equations.stiffness
-    motion = np.einsum("nxk,tk->tnx", rigid_motion(tracks.place_mm), theta[1:].reshape(frames, 6))
-    residual = np.full(motion.shape, np.nan)
-    explained = theta[0] * tracks.unit_displacement + motion + scale[:, None] * tracks.gel_displacement_mm
-    left = about_episode_mean(tracks.position_mm - tracks.place_mm - explained, tracks.episode)
-    np.copyto(residual, left, where=(tracks.episode >= 0)[:, :, None])
+    known, turns, moved = _without_motions(equations, 1, fruit_moves=fruit_moves)
+    compliance = known.right / known.normal[0]
+    motion, left = _unexplained(tracks, columns, equations, np.append(compliance, moved - compliance @ turns))
+    residual = np.where((tracks.episode >= 0)[:, :, None], left, np.nan)
     return CompliantFit(
-        compliance=float(theta[0]),
-        compliance_sd=float(np.sqrt(variance)),
+        compliance=float(compliance[0]),
+        compliance_sd=float(known.normal[0, 0] ** -0.5),
         motion_mm=motion,
         residual_mm=residual,
         residual_rms_mm=float(np.sqrt(np.nanmean(residual**2))),
     )
+
+
+def _unexplained(
+    tracks: MarkerTracks,
+    columns: Float[np.ndarray, "k t n 3"],
+    equations: "_Equations",
+    theta: Float[np.ndarray, " m"],
+) -> tuple[Float[np.ndarray, "t n 3"], Float[np.ndarray, "t n 3"]]:
+    """By the amounts and motions `theta`: the fruit's motion at the markers, and what nothing explains."""
+    k, frames = len(columns), len(tracks.position_mm)
+    scale = (equations.observed - equations.along @ theta) / equations.stiffness
+    motion = np.einsum("nxl,tl->tnx", rigid_motion(tracks.place_mm), theta[k:].reshape(frames, 6))
+    explained = motion + scale[:, None] * tracks.gel_displacement_mm
+    explained += np.einsum("k,ktnx->tnx", theta[:k], columns)
+    return motion, about_episode_mean(tracks.position_mm - tracks.place_mm - explained, tracks.episode)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,12 +149,8 @@ def judged_information(
     known, turns, moved = _without_motions(equations, k, fruit_moves=fruit_moves)
     normal, right = known.normal, known.right
     amounts = np.linalg.lstsq(normal, right, rcond=1e-12)[0]
-    theta = np.append(amounts, moved - amounts @ turns)
+    _, left = _unexplained(tracks, columns, equations, np.append(amounts, moved - amounts @ turns))
     rigid = rigid_motion(tracks.place_mm)
-    scale = (equations.observed - equations.along @ theta) / equations.stiffness
-    explained = np.einsum("nxk,tk->tnx", rigid, theta[k:].reshape(frames, 6))
-    explained += scale[:, None] * tracks.gel_displacement_mm + np.einsum("k,ktnx->tnx", amounts, columns)
-    left = about_episode_mean(tracks.position_mm - tracks.place_mm - explained, tracks.episode)
     left *= marker_weight(tracks)[:, None]
     gel_share = (equations.along[:, :k] - equations.along[:, k:] @ turns.T) / equations.stiffness[:, None]
     scores = np.einsum("tnx,ktnx->nk", left, columns, optimize=True)
@@ -203,16 +209,6 @@ def _equations(tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, s
     right -= along.T @ (observed / stiffness)
     normal[np.arange(k, size), np.arange(k, size)] += 1 / GAUGE_SD_MM**2
     return _Equations(normal, right, along, observed, stiffness)
-
-
-def _solved(
-    normal: Float[np.ndarray, "m m"], right: Float[np.ndarray, " m"], *, unknowns: int
-) -> tuple[Float[np.ndarray, " m"], float]:
-    """The first `unknowns` of the normal equations, the others zero, and the variance of the very first."""
-    factor = cho_factor(normal[:unknowns, :unknowns])
-    theta = np.zeros(len(right))
-    theta[:unknowns] = cho_solve(factor, right[:unknowns])
-    return theta, float(cho_solve(factor, np.eye(unknowns, 1).ravel())[0])
 
 
 def rigid_motion(place_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 6"]:

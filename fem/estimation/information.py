@@ -64,20 +64,6 @@ class GraspInformation:
         )
 
 
-@dataclass(frozen=True, kw_only=True)
-class PadCompliances:
-    """1/E as each pad of a recording has it, per MPa, by the pad's own markers.
-
-    `weight`: inverse of their covariance by noise. `slopes`: how each changes with every one of `causes`, as
-    a share of it.
-    """
-
-    causes: tuple[str, ...]
-    values: Float[np.ndarray, " p"]
-    weight: Float[np.ndarray, "p p"]
-    slopes: Float[np.ndarray, "p k"]
-
-
 def grasp_information(
     tracks: MarkerTracks,
     model: GraspModel,
@@ -86,28 +72,11 @@ def grasp_information(
     history: GraspHistory,
     scale_sd: float,
 ) -> GraspInformation:
-    """The information of one recording: that of its pads' numbers, whose differences count BETWEEN_PADS times
-    as uncertain as noise makes them.
-    """
-    pads = pad_compliances(tracks, model, force_N, history=history, scale_sd=scale_sd)
-    weight = _between_pads(pads.weight)
-    sees = np.column_stack([np.ones(len(pads.values)), pads.slopes])
-    return GraspInformation(
-        causes=pads.causes, normal=sees.T @ weight @ sees, right=sees.T @ weight @ pads.values
-    )
+    """The information of one recording: that of the numbers 1/E of its pads that have some.
 
-
-def pad_compliances(
-    tracks: MarkerTracks,
-    model: GraspModel,
-    force_N: Float[np.ndarray, "t n 3"],
-    *,
-    history: GraspHistory,
-    scale_sd: float,
-) -> PadCompliances:
-    """The numbers of the pads that have some, the noise of places taken as large as what the model leaves.
-
-    What noise in the forces does to them (`_of_force_noise`) adds to their variance.
+    The noise of places is taken as large as what the model leaves. What noise in the forces does to the
+    numbers (`_of_force_noise`) adds to their variance. Their differences count BETWEEN_PADS times as
+    uncertain as noise makes them.
     """
     pad_of_marker = history.pad_of_marker
     felt = tracks.unit_displacement
@@ -130,11 +99,12 @@ def pad_compliances(
     sees = np.linalg.solve(normal, known.normal[pad_fields])
     variance = _design_effect(alone, model.place_mm) * normal
     variance += _of_force_noise(alone, model, tracks, history, compliance=float(each.mean()))
-    return PadCompliances(
+    weight = _between_pads(normal @ np.linalg.solve(variance, normal))
+    slopes = np.column_stack([np.ones(len(each)), sees[:, len(pads) :]])
+    return GraspInformation(
         causes=(*model.sensitivity.causes, *len(patterns) * (FORCE_SCALE,)),
-        values=each,
-        weight=normal @ np.linalg.solve(variance, normal),
-        slopes=sees[:, len(pads) :],
+        normal=slopes.T @ weight @ slopes,
+        right=slopes.T @ weight @ each,
     )
 
 

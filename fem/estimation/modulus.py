@@ -73,11 +73,6 @@ class ModulusEstimate:
     loaded: Bool[np.ndarray, " t"] = field(repr=False)
     residual_mm: Float[np.ndarray, "f n 3"] = field(repr=False)
 
-    @property
-    def least_squares(self) -> MethodEstimate:
-        """The modulus by least squares, beside `energy`."""
-        return MethodEstimate(E_MPa=self.E_MPa, sd_MPa=self.E_sd_MPa)
-
 
 def estimate_modulus(history: GraspHistory, model: GraspModel, *, budget: ErrorBudget) -> ModulusEstimate:
     """The modulus that makes the fruit of `model` move under the measured forces as the markers moved.

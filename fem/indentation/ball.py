@@ -1,12 +1,13 @@
 """Elastic force of a rigid ball pressed into a slab that is bonded to a rigid base, for unit modulus."""
 
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
-from fem.indentation.contact_curve import THICK, ContactCurve, require_positive
+from fem.indentation.contact_curve import ContactCurve, require_positive, slab_notes
 
 #: widest contact over the ball's radius that the table reaches
 WIDEST = 0.99999
@@ -64,77 +65,49 @@ class Ball:
     """A rigid ball on flesh."""
 
     radius_mm: float
+    tool: ClassVar[str] = "ball"
 
     def __post_init__(self) -> None:
         require_positive("radius", self.radius_mm, "give the ball's")
-
-    @property
-    def tool(self) -> str:
-        """What moves."""
-        return "ball"
 
     @property
     def said(self) -> str:
         """For reports."""
         return f"ball of radius {self.radius_mm:g} mm"
 
-    def curve(self, *, thickness_mm: float | None, poisson_ratio: float) -> "BallOnSlab":
-        """Hertz and Sneddon, on a slab Dimitriadis."""
-        return BallOnSlab.tabulate(
-            radius_mm=self.radius_mm, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio
-        )
+    def curve(self, *, thickness_mm: float | None, poisson_ratio: float) -> ContactCurve:
+        """Hertz's force times Sneddon's and Dimitriadis's factors, smooth in the root of depth over R.
 
-
-@dataclass(frozen=True, kw_only=True)
-class BallOnSlab(ContactCurve):
-    """Force per unit modulus (N/MPa) over depth (mm); `thickness_mm` None is a half-space."""
-
-    radius_mm: float
-    thickness_mm: float | None
-    poisson_ratio: float
-    over_hertz: CubicSpline
-    """Force over Hertz's, a smooth function of the root of depth over R."""
-    slab_spline: CubicSpline
-    """Force over that on a half-space, likewise."""
-
-    @classmethod
-    def tabulate(cls, *, radius_mm: float, thickness_mm: float | None, poisson_ratio: float) -> "BallOnSlab":
-        """The curve up to five radii deep; the contact's true radius a takes the place of sqrt(R d)."""
+        Up to five radii deep; the contact's true radius a takes the place of sqrt(R d) in the slab's factor.
+        """
         contact = WIDEST * np.sin(np.linspace(0, np.pi / 2, 400)[1:])
         depth, force = contact_radius_and_force(contact)
-        ratio = force / (4 / 3 * depth**1.5)
         slab = np.ones(len(depth))
         if thickness_mm is not None:
-            slab = slab_factor(contact * radius_mm / thickness_mm, poisson_ratio=poisson_ratio)
-        return cls(
-            radius_mm=radius_mm,
-            thickness_mm=thickness_mm,
-            poisson_ratio=poisson_ratio,
-            over_hertz=CubicSpline(np.r_[0, np.sqrt(depth)], np.r_[1, ratio * slab]),
-            slab_spline=CubicSpline(np.r_[0, np.sqrt(depth)], np.r_[1, slab]),
-        )
+            slab = slab_factor(contact * self.radius_mm / thickness_mm, poisson_ratio=poisson_ratio)
+        root = np.r_[0, np.sqrt(depth)]
+        of_slab = CubicSpline(root, np.r_[1, slab])
+        over_hertz = CubicSpline(root, np.r_[1, force / (4 / 3 * depth**1.5) * slab])
+        hertz = 4 / 3 / (1 - poisson_ratio**2) * self.radius_mm**2
 
-    @property
-    def length_mm(self) -> float:
-        """The radius: strains go with (a/R)^2 = d/R."""
-        return self.radius_mm
+        def over_radius(depth_mm: np.ndarray) -> np.ndarray:
+            return np.asarray(np.maximum(depth_mm, 0.0) / self.radius_mm)
 
-    def notes(self, deepest_mm: float) -> tuple[str, ...]:
-        """Depth beyond small strain; a half-space that nobody stated."""
-        notes = []
-        if deepest_mm > DEEP * self.radius_mm:
-            notes.append(
+        def force_N_per_MPa(depth_mm: np.ndarray) -> np.ndarray:
+            deep = over_radius(depth_mm)
+            return np.asarray(hertz * deep**1.5 * over_hertz(np.sqrt(deep)))
+
+        def notes(deepest_mm: float) -> tuple[str, ...]:
+            said = (
                 f"The ball went {deepest_mm / self.radius_mm:.1f} of its radii deep, where small strain has "
                 "ended: stiffening may be the geometry's in part."
             )
-        return (*notes, *([THICK] if self.thickness_mm is None else []))
+            return slab_notes(thickness_mm, said if deepest_mm > DEEP * self.radius_mm else "")
 
-    def over_half_space(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
-        """The slab's factor on the force at this depth."""
-        return np.asarray(self.slab_spline(np.sqrt(np.maximum(depth_mm, 0.0) / self.radius_mm)))
-
-    def force_N_per_MPa(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
-        """phi(d): nothing out of contact."""
-        depth = np.maximum(depth_mm, 0.0) / self.radius_mm
-        hertz = 4 / 3 / (1 - self.poisson_ratio**2) * self.radius_mm**2 * depth**1.5
-        return np.asarray(hertz * self.over_hertz(np.sqrt(depth)))
+        return ContactCurve(
+            poisson_ratio=poisson_ratio,
+            length_mm=self.radius_mm,
+            force_N_per_MPa=force_N_per_MPa,
+            over_half_space=lambda depth_mm: of_slab(np.sqrt(over_radius(depth_mm))),
+            notes=notes,
+        )

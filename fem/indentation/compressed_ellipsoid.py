@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
 from fem.indentation.contact_curve import ContactCurve, out_of_range, require_no_thickness, require_positive
@@ -40,6 +40,7 @@ class Ellipsoid:
     diameters_mm: tuple[float, float, float]
     axis: int
     pit_share: float
+    tool: ClassVar[str] = "plate"
 
     def __post_init__(self) -> None:
         for diameter_mm in self.diameters_mm:
@@ -55,11 +56,6 @@ class Ellipsoid:
                 f"a pit of {self.pit_share:g} of the fruit's diameter",
                 f"0 to {LARGEST_PIT:g}: give diameter over diameter",
             )
-
-    @property
-    def tool(self) -> str:
-        """What moves."""
-        return "plate"
 
     @property
     def said(self) -> str:
@@ -85,14 +81,69 @@ class Ellipsoid:
         p, q = (d / 2 for k, d in enumerate(self.diameters_mm) if k != self.axis)
         return p**2 / (self.along_mm / 2), q**2 / (self.along_mm / 2)
 
-    def curve(self, *, thickness_mm: float | None, poisson_ratio: float) -> "CompressedEllipsoid":
-        """Hertz times the spheroids' table; raises FemFailure (bad-load) where a thickness is given."""
+    def curve(self, *, thickness_mm: float | None, poisson_ratio: float) -> ContactCurve:
+        """Force over the approach of the plates, which both contacts share.
+
+        F = E (d/2)^(3/2)/(0.338 K^(3/2) (1 - nu^2) ...) of ANSI/ASAE S368.4 (Hertz with the principal radii
+        where the plates touch), times what a neo-Hookean spheroid with the same diameter along it and the
+        same mean one across, round its rigid pit, has over Hertz at the same squeeze: other side, large
+        deformation, pit. Twice the mean radius R is the length: each contact takes half of the approach,
+        (a/R)^2 = d/(2 R). Raises FemFailure (bad-load) where a thickness is given.
+        """
         require_no_thickness(thickness_mm, "a fruit's is its diameter between the plates")
-        return CompressedEllipsoid(
-            fruit=self,
+        radius_mm, other_mm = self.radii_mm
+        hertz = 1 / s368_parallel_plates_modulus_MPa(
+            force_N=1.0,
+            deformation_mm=1.0,
             poisson_ratio=poisson_ratio,
-            over_hertz=spheroid_over_hertz(poisson_ratio, self.pit_share, self.along_over_across),
+            radius_mm=radius_mm,
+            other_radius_mm=other_mm,
         )
+        over_hertz = spheroid_over_hertz(poisson_ratio, self.pit_share, self.along_over_across)
+
+        def over_half_space(depth_mm: np.ndarray) -> np.ndarray:
+            root, end = np.sqrt(np.maximum(depth_mm, 0.0) / self.along_mm), over_hertz.x[-1]
+            beyond = np.maximum(root - end, 0.0) * over_hertz(end, 1)
+            return np.asarray(over_hertz(np.minimum(root, end)) + beyond)
+
+        def force_N_per_MPa(depth_mm: np.ndarray) -> np.ndarray:
+            return np.asarray(hertz * np.maximum(depth_mm, 0.0) ** 1.5 * over_half_space(depth_mm))
+
+        return ContactCurve(
+            poisson_ratio=poisson_ratio,
+            length_mm=2 * float(np.sqrt(radius_mm * other_mm)),
+            force_N_per_MPa=force_N_per_MPa,
+            over_half_space=over_half_space,
+            notes=lambda deepest_mm: self._notes(deepest_mm, poisson_ratio),
+        )
+
+    def shape_sd(self, poisson_ratio: float) -> float:
+        """Of ln E by curvature (CURVATURE_SD, E goes with its power 1/2 of two that scatter apart) and pit
+        (PIT_SD), at half the trusted squeeze.
+        """
+        curvature = CURVATURE_SD / np.sqrt(8)
+        root, share = np.sqrt(TRUSTED_SQUEEZE / 2), self.pit_share
+        ratios = [
+            float(
+                spheroid_over_hertz(poisson_ratio, min(pit_share, LARGEST_PIT), self.along_over_across)(root)
+            )
+            for pit_share in ((1 - PIT_SD) * share, (1 + PIT_SD) * share)
+        ]
+        return float(np.hypot(curvature, np.log(ratios[1] / ratios[0]) / 2))
+
+    def _notes(self, deepest_mm: float, poisson_ratio: float) -> tuple[str, ...]:
+        """Ranges left, and how uncertain the shape makes E."""
+        notes = [
+            f"The fruit's shape (three diameters, its pit's size) leaves another ± "
+            f"{self.shape_sd(poisson_ratio):.0%} of E, which its interval does not hold; it is common to all "
+            "squeezes of this fruit."
+        ]
+        if deepest_mm > TRUSTED_SQUEEZE * self.along_mm:
+            notes.append(
+                f"The fruit was squeezed by {deepest_mm / self.along_mm:.0%} of its diameter, beyond "
+                f"the {TRUSTED_SQUEEZE:.0%} that its law is held to."
+            )
+        return tuple(notes)
 
 
 @lru_cache(maxsize=1)
@@ -118,74 +169,3 @@ def spheroid_over_hertz(poisson_ratio: float, pit_share: float, along_over_acros
     nu = min(max(-math.log(max(1 - 2 * poisson_ratio, 1e-300)), least), most)
     others = np.broadcast_to([nu, pit_share, np.log(along_over_across)], (len(roots), 3))
     return CubicSpline(roots, np.exp(table(np.column_stack([others, roots]))))
-
-
-@dataclass(frozen=True, kw_only=True)
-class CompressedEllipsoid(ContactCurve):
-    """Force per unit modulus over the approach of the plates, which both contacts share.
-
-    F = E (d/2)^(3/2)/(0.338 K^(3/2) (1 - nu^2) ...) of ANSI/ASAE S368.4 (Hertz with the principal radii where
-    the plates touch), times what a neo-Hookean spheroid with the same diameter along it and the same mean one
-    across, round its rigid pit, has over Hertz at the same squeeze: other side, large deformation, pit.
-    """
-
-    fruit: Ellipsoid
-    poisson_ratio: float
-    over_hertz: CubicSpline
-
-    @property
-    def length_mm(self) -> float:
-        """Twice the mean radius R: each contact takes half of the approach, (a/R)^2 = d/(2 R)."""
-        return 2 * float(np.sqrt(np.prod(self.fruit.radii_mm)))
-
-    @property
-    def hertz_per_MPa(self) -> float:
-        """Hertz's force over E d^(3/2)."""
-        radius_mm, other_mm = self.fruit.radii_mm
-        modulus = s368_parallel_plates_modulus_MPa(
-            force_N=1.0,
-            deformation_mm=1.0,
-            poisson_ratio=self.poisson_ratio,
-            radius_mm=radius_mm,
-            other_radius_mm=other_mm,
-        )
-        return 1 / modulus
-
-    @property
-    def shape_sd(self) -> float:
-        """Of curvature (CURVATURE_SD, E goes with its power 1/2 of two that scatter apart) and pit (PIT_SD),
-        at half the trusted squeeze.
-        """
-        curvature = CURVATURE_SD / np.sqrt(8)
-        root, share = np.sqrt(TRUSTED_SQUEEZE / 2), self.fruit.pit_share
-        if not share:
-            return float(curvature)
-        ratios = [
-            float(spheroid_over_hertz(self.poisson_ratio, pit_share, self.fruit.along_over_across)(root))
-            for pit_share in ((1 - PIT_SD) * share, min((1 + PIT_SD) * share, LARGEST_PIT))
-        ]
-        return float(np.hypot(curvature, np.log(ratios[1] / ratios[0]) / 2))
-
-    def force_N_per_MPa(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
-        """phi(d): nothing out of contact."""
-        depth = np.asarray(np.maximum(depth_mm, 0.0))
-        return np.asarray(self.hertz_per_MPa * depth**1.5 * self.over_half_space(depth))
-
-    def over_half_space(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
-        """The spheroid's factor; beyond the table's end by its last slope."""
-        root, end = np.sqrt(np.maximum(depth_mm, 0.0) / self.fruit.along_mm), self.over_hertz.x[-1]
-        beyond = np.maximum(root - end, 0.0) * self.over_hertz(end, 1)
-        return np.asarray(self.over_hertz(np.minimum(root, end)) + beyond)
-
-    def notes(self, deepest_mm: float) -> tuple[str, ...]:
-        """Ranges left, and how uncertain the shape makes E."""
-        notes = [
-            f"The fruit's shape (three diameters, its pit's size) leaves another ± {self.shape_sd:.0%} of E, "
-            "which its interval does not hold; it is common to all squeezes of this fruit."
-        ]
-        if deepest_mm > TRUSTED_SQUEEZE * self.fruit.along_mm:
-            notes.append(
-                f"The fruit was squeezed by {deepest_mm / self.fruit.along_mm:.0%} of its diameter, beyond "
-                f"the {TRUSTED_SQUEEZE:.0%} that its law is held to."
-            )
-        return tuple(notes)

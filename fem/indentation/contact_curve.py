@@ -1,11 +1,11 @@
 """What every geometry of a press answers: force over depth for unit modulus, and how flesh is strained by it.
 
-A `Geometry` is what the person who recorded knows (a ball's radius, a fruit's diameters); its `ContactCurve`
-is the force-depth curve that follows for one Poisson's ratio. Each geometry is one file beside this one.
+A `Geometry` is what the person who recorded knows (a ball's radius, a fruit's diameters). Its `ContactCurve`
+is the force-depth curve for one Poisson's ratio. Each geometry is one file beside this one.
 """
 
-from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Literal, Protocol, TypeAlias
 
 import numpy as np
@@ -15,66 +15,48 @@ from fem.fem_failure import FemFailure, FemProblem
 
 Field: TypeAlias = Literal["hertz", "uniform", "rim"]
 """How strain energy is spread: as under a ball, evenly, or without bound at a sharp rim."""
+OfDepth: TypeAlias = Callable[[np.ndarray], np.ndarray]
+"""A function of depths (mm), of any shape."""
 THICK = "No thickness was given: a half-space was assumed, and a thin specimen looks stiffer."
 
 
-class ContactCurve(ABC):
-    """Elastic force over depth of one geometry, for unit modulus; the defaults are those of Hertz's field."""
+@dataclass(frozen=True, kw_only=True)
+class ContactCurve:
+    """Elastic force over depth of one geometry; the defaults are those of Hertz's field.
+
+    `force_N_per_MPa`: for unit modulus, nothing out of contact. `length_mm`: what depth is divided by to be a
+    strain. `over_half_space`: factor on Hertz's force by base, the body's other side or a pit.
+    `yield_depth_mm`: depth, per yield stress over E, at which flesh flows everywhere under the tool; None
+    where contact grows and flow with it. `held_over_sliding`: force with held ends over that with sliding
+    ends, where the ends are not stated. `stiffer_ends`: factor of stated ends on the force at small strain.
+    `toe_mm`: typical width of the first touches of an end that is not parallel to its plate. `without`:
+    effects that have no law in this geometry, and why, as the end of a sentence. `notes`: what a reader must
+    know of a press so deep.
+    """
 
     poisson_ratio: float
-
-    @property
-    @abstractmethod
-    def length_mm(self) -> float:
-        """What depth is divided by to be a strain of the flesh."""
-
-    @property
-    def field(self) -> Field:
-        """Where the flesh is strained."""
-        return "hertz"
-
-    @property
-    def yield_depth_mm(self) -> float | None:
-        """Depth, per yield stress over E, at which flesh flows everywhere under the tool; None where contact
-        grows with depth and flow with it.
-        """
-        return None
-
-    @property
-    def without(self) -> Mapping[str, str]:
-        """Effects that have no law in this geometry, and why not, as the end of a sentence."""
-        return {}
-
-    @property
-    def toe_mm(self) -> float:
-        """Typical width of the first touches of an end that is not quite parallel to its plate; 0: the tool
-        touches at a point.
-        """
-        return 0.0
-
-    def held_over_sliding(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"] | None:
-        """Force with held ends over that with sliding ends; None where the ends are known or absent."""
-        del depth_mm
-        return None
-
-    @abstractmethod
-    def force_N_per_MPa(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
-        """phi(d): nothing out of contact."""
-
-    def over_half_space(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
-        """Factor on Hertz's force by what is not a half-space: base, the body's other side, a pit."""
-        return np.ones(np.shape(depth_mm))
+    length_mm: float
+    force_N_per_MPa: OfDepth
+    notes: Callable[[float], tuple[str, ...]]
+    without: Mapping[str, str] = field(default_factory=dict)
+    field: Field = "hertz"
+    over_half_space: OfDepth = np.ones_like
+    yield_depth_mm: float | None = None
+    held_over_sliding: OfDepth | None = None
+    stiffer_ends: float = 1.0
+    toe_mm: float = 0.0
 
     def energy_strain(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
-        """Strain energy density over the shear modulus: of an even field itself, of Hertz's in units of
-        hertz_energy_density. There it grows as (a/R)^2 = d/R and with the square of the pressure's factor.
+        """Strain energy density over the shear modulus.
+
+        Of an even field (1 + nu) e^2 times the ends' factor. Of Hertz's in units of hertz_energy_density: it
+        grows as (a/R)^2 = d/R and with the square of the pressure's factor.
         """
         depth = np.asarray(np.maximum(depth_mm, 0.0))
-        return np.asarray(depth / self.length_mm * self.over_half_space(depth) ** 2)
-
-    @abstractmethod
-    def notes(self, deepest_mm: float) -> tuple[str, ...]:
-        """What a reader must know of a press so deep: ranges left, what was assumed."""
+        strain = depth / self.length_mm
+        if self.field == "uniform":
+            return np.asarray((1 + self.poisson_ratio) * self.stiffer_ends * strain**2)
+        return np.asarray(strain * self.over_half_space(depth) ** 2)
 
 
 class Geometry(Protocol):
@@ -113,3 +95,9 @@ def require_no_thickness(thickness_mm: float | None, instead: str) -> None:
             f"thickness {thickness_mm:g} mm of a specimen between plates",
             f"none (it is a slab's under a ball or punch; {instead}): take it out",
         )
+
+
+def slab_notes(thickness_mm: float | None, too_deep: str) -> tuple[str, ...]:
+    """Of a press on a slab: a depth beyond small strain, and a half-space that nobody stated."""
+    assumed = THICK if thickness_mm is None else ""
+    return tuple(filter(None, (too_deep, assumed)))

@@ -6,13 +6,15 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.indentation.contact_curve import ContactCurve
-from fem.indentation.foundation import elastic_force, relaxing_force, springs
+from fem.indentation.foundation import Springs
 from fem.indentation.no_contact import first_touch
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_effect import TraceEffect, Unknown, Values
 
 #: least depth that the springs are laid out for, mm
 SHALLOWEST_MM = 1e-3
+#: places of first touches over half a toe, and weights that add up to 2 (Gauss and Legendre)
+TOUCHES = np.polynomial.legendre.leggauss(6)
 #: unknowns that each of several recordings has for itself, where the law has them for each
 OWN = ("E_MPa", "onset_mm", "zero_N", "toe_mm")
 #: prior sd of the exponent that bends the force-depth curve: 7 % of the force at a depth of R, for strains
@@ -62,8 +64,8 @@ class Law:
 
         F(t) = zero + added + E factor(deepest) sum of springs of phi(d) (1 + d/R)^bend Phi(d),
         R the curve's length, d = travel - onset - give, times (held/sliding)^ends_held where the ends are not
-        known. Effects have their parts in added, factor, Phi, the
-        springs' slack and relaxation, and give (TraceEffect). The measured force, not the model's, gives way
+        known. Effects have their parts in added, factor, Phi, the springs' slack and relaxation, and give
+        (TraceEffect). The measured force, not the model's, gives way
         in the machine: its noise times c is small against travel, and no equation is left to solve. Each of
         several recordings has its own onset and zero, and begins with flesh at rest and unhurt.
         """
@@ -80,9 +82,10 @@ class Law:
     def curve_N_per_MPa(self, value: Values, level_mm: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
         """The plain curve with its bend and ends, without effects."""
         bent = (1 + level_mm / self.curve.length_mm) ** value["bend"][:, None]
-        held = self.curve.held_over_sliding(level_mm)
         phi = self.curve.force_N_per_MPa(level_mm) * bent
-        return np.asarray(phi if held is None else phi * held ** value["ends_held"][:, None])
+        if self.curve.held_over_sliding is not None:
+            phi = phi * self.curve.held_over_sliding(level_mm) ** value["ends_held"][:, None]
+        return np.asarray(phi)
 
     def _part_N(self, trace: IndenterTrace, value: Values) -> Float[np.ndarray, "p t"]:
         """Of one recording, from its own first touch and zero."""
@@ -91,28 +94,19 @@ class Law:
             if effect.give_mm is not None:
                 depth = depth - effect.give_mm(value, trace)
         deepest = np.maximum.accumulate(np.maximum(depth, SHALLOWEST_MM), axis=1)
-
-        def curve(level: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
-            phi = self.curve_N_per_MPa(value, level)
-            for effect in self.effects:
-                if effect.stress_factor is not None:
-                    phi = phi * effect.stress_factor(value, self.curve, level)
-            return np.asarray(phi)
-
-        level, stiffness = springs(curve, deepest[:, -1])
-        slack = None
+        early = value["toe_mm"] / 2 if "toe_mm" in value else np.zeros(len(depth))
+        springs = Springs.of(lambda level: self._with_toe(value, level, early), deepest[:, -1] + early)
+        slack, relaxation = None, None
         for effect in self.effects:
             if effect.slack_mm is not None:
-                effect_slack_mm = effect.slack_mm(value, self.curve, deepest, level)
-                slack = effect_slack_mm if slack is None else slack + effect_slack_mm
-        relaxation = next(
-            (effect.relaxation for effect in self.effects if effect.relaxation is not None), None
-        )
-        row = (depth, slack, level, stiffness)
+                slack = effect.slack_mm(value, self.curve, deepest, springs.level_mm[:, :-1])
+            if effect.relaxation is not None:
+                relaxation = effect.relaxation(value)
+        pressed = depth + early[:, None]
         if relaxation is None:
-            force = elastic_force(*row, value.get("toe_mm"))
+            force = springs.elastic_force(pressed, slack)
         else:
-            force = relaxing_force(trace.time_s, *row, *relaxation(value), value.get("toe_mm"))
+            force = springs.relaxing_force(trace.time_s, pressed, slack, *relaxation)
         for effect in self.effects:
             if effect.force_factor is not None:
                 force = force * effect.force_factor(value, self.curve, depth, deepest)
@@ -122,6 +116,22 @@ class Law:
             if effect.added_N is not None:
                 total = total + effect.added_N(value, trace)
         return np.asarray(total)
+
+    def _with_toe(
+        self, value: Values, level_mm: Float[np.ndarray, "p n"], early_mm: Float[np.ndarray, " p"]
+    ) -> Float[np.ndarray, "p n"]:
+        """The curve with its stress factors, at depths that count from the earliest of the first touches: the
+        mean over touches that are spread evenly over the toe's width.
+        """
+        mean = np.zeros_like(level_mm)
+        for touch, weight in zip(*TOUCHES, strict=True) if early_mm.any() else [(0.0, 2.0)]:
+            level = np.maximum(level_mm - (1 + touch) * early_mm[:, None], 0.0)
+            phi = self.curve_N_per_MPa(value, level)
+            for effect in self.effects:
+                if effect.stress_factor is not None:
+                    phi = phi * effect.stress_factor(value, self.curve, level)
+            mean += weight / 2 * phi
+        return mean
 
 
 def linear_law(trace: IndenterTrace, *, thickness_mm: float | None, poisson_ratio: float) -> Law:
@@ -152,7 +162,7 @@ def linear_law(trace: IndenterTrace, *, thickness_mm: float | None, poisson_rati
             Unknown(
                 name="drift_N_per_min", unit="N/min", scale="linear", mean=0.0, sd=trace.drift_sd_N_per_min
             ),
-            *([] if curve.held_over_sliding(np.zeros(1)) is None else [ends]),
+            *([] if curve.held_over_sliding is None else [ends]),
         ),
     )
 

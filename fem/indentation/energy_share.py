@@ -5,8 +5,6 @@ from functools import lru_cache
 import numpy as np
 from jaxtyping import Float
 
-#: classes of energy density that the field is sorted into
-CLASSES = 40
 #: quadrature points along the radius and over the angle, and how far out the field is followed
 POINTS, FAR = 90, 600.0
 
@@ -36,6 +34,7 @@ def hertz_energy_density(
     return np.asarray(shear + pressure**2 / (2 * bulk_over_mu))
 
 
+@lru_cache(maxsize=1)
 def half_space() -> tuple[Float[np.ndarray, " x"], Float[np.ndarray, " x"], Float[np.ndarray, " x"]]:
     """Points r, z (contact radii) of a quadrature over the half-space, and their volumes."""
     at, weight = np.polynomial.legendre.leggauss(POINTS)
@@ -47,37 +46,16 @@ def half_space() -> tuple[Float[np.ndarray, " x"], Float[np.ndarray, " x"], Floa
     return np.outer(radius, np.sin(angle)).ravel(), np.outer(radius, np.cos(angle)).ravel(), volume.ravel()
 
 
-def whole_energy(poisson_ratio: float) -> float:
-    """int W dV over mu a^5/R^2: int F dd with F = 4/3 E* a^3/R, d = a^2/R, E* = 2 mu/(1 - nu)."""
-    return 16 / 15 / (1 - poisson_ratio)
-
-
-@lru_cache(maxsize=8)
-def energy_classes(poisson_ratio: float) -> tuple[Float[np.ndarray, " c"], Float[np.ndarray, " c"]]:
-    """Energy density w (W/mu (R/a)^2) and volume (a^3) of classes of the field.
-
-    The volumes are rescaled such that w times volume sums to the whole energy.
-    """
-    r, z, volume = half_space()
-    w = hertz_energy_density(r, z, poisson_ratio=poisson_ratio)
-    order = np.argsort(w)
-    w, volume = w[order], volume[order]
-    edge = np.linspace(0, 1, CLASSES + 1)[1:-1] * np.sum(w * volume)
-    group = np.searchsorted(edge, np.cumsum(w * volume))
-    energy = np.bincount(group, w * volume, CLASSES)
-    size = np.bincount(group, volume, CLASSES)
-    return energy / size, size * (whole_energy(poisson_ratio) / energy.sum())
-
-
 def force_share(
-    density: Float[np.ndarray, "*s c"], slope: Float[np.ndarray, "*s c"], *, poisson_ratio: float
+    density: Float[np.ndarray, "*s x"], slope: Float[np.ndarray, "*s x"], *, poisson_ratio: float
 ) -> Float[np.ndarray, " *s"]:
-    """Force over Hertz's from a law's energy density psi(w) in each class, and w psi'(w).
+    """Force over Hertz's from a law's energy density psi(w) at the points of `half_space`, and w psi'(w).
 
     With W = mu (a/R)^2 w(x/a) the energy is U = mu a^5/R^2 int psi(w) dv, and F = dU/dd with d = a^2/R:
     F/F_Hertz = (3 int psi dv + 2 int psi'(w) w dv)/(5 int w dv), psi = w being 1.
     It is the force of Hertz's strains under the other law: for a stored energy an upper bound of the true
     energy (Ritz), exact to first order in the deviation from the linear law.
     """
-    _, volume = energy_classes(poisson_ratio)
-    return np.asarray((3 * density + 2 * slope) @ volume / (5 * whole_energy(poisson_ratio)))
+    r, z, volume = half_space()
+    whole = hertz_energy_density(r, z, poisson_ratio=poisson_ratio) @ volume
+    return np.asarray((3 * density + 2 * slope) @ volume / (5 * whole))

@@ -12,11 +12,10 @@ from fem.indentation.explanations import P_NOMINAL, CurvePosterior, candidate_fi
 from fem.indentation.fit import TraceFit, from_prior
 from fem.indentation.heldout import predicted_N, share_missed
 from fem.indentation.no_contact import NoContactNoise, pooled_noise, require_force
-from fem.indentation.rig_share import least_modulus, rig_share, rig_spread, unsure_E, widened
-from fem.indentation.rupture import Rupture, before_rupture, find_rupture
+from fem.indentation.rig_share import least_modulus, rig_share, rig_spread, widened
+from fem.indentation.rupture import before_rupture
 from fem.indentation.strangers import likeliest_with_own_moduli, scatter, strangers
 from fem.indentation.trace import IndenterTrace, joined, without
-from fem.indentation.trace_checks import checks
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, HeldOut, Modulus, ModulusCell, Where
 
@@ -48,29 +47,6 @@ class Account:
     named: TraceFit
 
 
-def explain_trace(
-    trace: IndenterTrace,
-    *,
-    thickness_mm: float | None,
-    poisson_ratio: float,
-    rng: np.random.Generator,
-    rig_N_per_mm: float | None = None,
-) -> Explanation:
-    """Which missing physics explains the trace, its parameters, probability, and held-out frames.
-
-    `thickness_mm` of the slab under a ball or punch, bonded to a rigid base; None: a half-space. The
-    baseline is linear elasticity with contact that may start late (or before the recording), the load
-    cell's zero, and a bend that stands for the theory's own error. Maps and traces stay empty: there are no
-    markers.
-    `rig_N_per_mm`: a stated stiffness of the rig, which no travel was corrected for; where the rig gives too
-    much of the travel, E is withheld and said to be a lower bound (fem.indentation.rig_share).
-    Raises FemFailure: bad-poisson-ratio, bad-load (thickness), no-load (force lost in noise).
-    """
-    return account_for(
-        trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio, rng=rng, rig_N_per_mm=rig_N_per_mm
-    ).explanation
-
-
 def linear_modulus(trace: IndenterTrace, *, thickness_mm: float | None, poisson_ratio: float) -> Modulus:
     """E and its standard deviation (MPa) by linear elasticity alone, with first touch, zero and the theory's
     own error taken out.
@@ -82,7 +58,7 @@ def linear_modulus(trace: IndenterTrace, *, thickness_mm: float | None, poisson_
     return from_prior(law, trace, pooled_noise(trace)).modulus
 
 
-def account_for(
+def explain_trace(
     trace: IndenterTrace,
     *,
     thickness_mm: float | None,
@@ -90,7 +66,16 @@ def account_for(
     rng: np.random.Generator,
     rig_N_per_mm: float | None = None,
 ) -> Account:
-    """The posterior over all laws, held-out frames and advice; see `explain_trace` for units and failures."""
+    """Which missing physics explains the trace, its parameters, probability, and held-out frames.
+
+    `thickness_mm` of the slab under a ball or punch, bonded to a rigid base; None: a half-space. The
+    baseline is linear elasticity with contact that may start late (or before the recording), the load
+    cell's zero, and a bend that stands for the theory's own error. Maps and traces stay empty: there are no
+    markers.
+    `rig_N_per_mm`: a stated stiffness of the rig, which no travel was corrected for; where the rig gives too
+    much of the travel, E is withheld and said to be a lower bound (fem.indentation.rig_share).
+    Raises FemFailure: bad-poisson-ratio, bad-load (thickness), no-load (force lost in noise).
+    """
     if not 0 <= poisson_ratio < 0.5:
         raise FemFailure(
             FemProblem.BAD_POISSON_RATIO,
@@ -101,9 +86,8 @@ def account_for(
         raise out_of_range(
             f"thickness {thickness_mm:g} mm", "more than 0 or none at all: measure the specimen"
         )
-    whole = [_up_to_rupture(part) for part in trace.parts]
-    trace = joined([part for part, _ in whole])
-    ruptured = [rupture.said for _, rupture in whole if rupture is not None]
+    whole = [before_rupture(part, noise_N=require_force(part).slow_N) for part in trace.parts]
+    trace, ruptured = joined([part for part, _ in whole]), [said for _, said in whole if said]
 
     def explained(trace: IndenterTrace) -> CurvePosterior:
         law = linear_law(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
@@ -118,7 +102,7 @@ def account_for(
     no_contact = pooled_noise(trace)
     plain, chosen, verdict = answer.best[NONE], answer.likeliest, answer.verdict
     names = verdict if isinstance(verdict, tuple) else (verdict,)
-    heldout, failed = _held_out(plain, chosen, trace, no_contact)
+    heldout = _held_out(plain, chosen, trace, no_contact)
     rig = rig_share(trace, rig_N_per_mm=rig_N_per_mm)
     rig_sd = rig_spread(chosen, trace, no_contact)
     between = [scatter(trace, fit, no_contact) for fit in (plain, chosen)]
@@ -126,10 +110,10 @@ def account_for(
         widened(E, float(np.hypot(rig_sd, added_sd)))
         for E, (_, added_sd) in zip((plain.modulus, answer.modulus(heldout)), between, strict=True)
     )
-    withheld, bound = None, rig.bound or (unsure_E(after, rig_sd) if rig_sd > 0 else None)
-    if bound is not None:
-        least_MPa = least_modulus(plain, trace, no_contact, after)
-        withheld = f"it is at least {least_MPa:.2g} MPa, and how much more is not known: {bound}"
+    withheld = None
+    if rig.bound is not None:
+        least_MPa = least_modulus(plain, trace, no_contact)
+        withheld = f"it is at least {least_MPa:.2g} MPa, and how much more is not known: {rig.bound}"
     elif names[0] == UNKNOWN:
         withheld = UNEXPLAINED
     ranking = tuple(answer.candidate(name) for name in answer.probability if name not in (NONE, UNKNOWN))
@@ -153,8 +137,7 @@ def account_for(
         heldout=heldout,
         next_grasp=next_press(names),
         cells=_cells(trace, plain, no_contact),
-        checks=checks(trace, plain, chosen, rng=rng),
-        notes=(*left_out.values(), *ruptured, *rig.notes, *_notes(trace, chosen, between[1][0]), *failed),
+        notes=(*left_out.values(), *ruptured, *rig.notes, *_notes(trace, chosen, between[1][0])),
     )
     return Account(
         explanation=explanation,
@@ -165,29 +148,15 @@ def account_for(
     )
 
 
-def _up_to_rupture(trace: IndenterTrace) -> tuple[IndenterTrace, Rupture | None]:
-    """One recording, cut where its flesh breaks; raises FemFailure (no-load) where no force stands out."""
-    no_contact = require_force(trace)
-    rupture = find_rupture(trace, noise_N=no_contact.slow_N)
-    return (trace if rupture is None else before_rupture(trace, rupture)), rupture
-
-
-def _held_out(
-    plain: TraceFit, chosen: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise
-) -> tuple[HeldOut, tuple[str, ...]]:
-    """Frames left out, predicted by both laws, and a note where the second law predicts none."""
-    linear, notes = predicted_N(plain, trace, no_contact), tuple[str, ...]()
-    try:
-        named = predicted_N(chosen, trace, no_contact)
-    except FemFailure as failure:
-        named, notes = linear, (f"No prediction with {chosen.law.name}: {failure.detail}.",)
+def _held_out(plain: TraceFit, chosen: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> HeldOut:
+    """Frames left out, predicted by both laws."""
+    linear, named = (predicted_N(trace_fit, trace, no_contact) for trace_fit in (plain, chosen))
     size = float(np.sqrt(np.mean(trace.force_N[np.isfinite(linear)] ** 2)))
-    heldout = HeldOut(
+    return HeldOut(
         rms_before=share_missed(linear, trace.force_N),
         rms_after=share_missed(named, trace.force_N),
         noise_rms=no_contact.sd_N / size,
     )
-    return heldout, notes
 
 
 def next_press(names: tuple[str, ...]) -> str | None:
@@ -271,7 +240,7 @@ def _notes(trace: IndenterTrace, named: TraceFit, scatter_sd: float) -> tuple[st
             "has come back from the one before, and with the damage and set of none. Their own E scatters by "
             f"{scatter_sd:.1%} (standard deviation); the error bar of the common E includes this."
         )
-    if law.curve.held_over_sliding(np.zeros(1)) is not None:
+    if law.curve.held_over_sliding is not None:
         ends = law.index("ends_held")
         said = law.unknowns[ends].parameter(float(named.scaled[ends]), float(named.sd[ends]))
         low, high = said.interval or (0.0, 1.0)

@@ -45,8 +45,6 @@ P_NOMINAL = (
 )
 DRAWS = 16
 """Starts drawn from the prior beside those that simpler laws suggest."""
-BEHIND = 30.0
-"""Log evidence behind the best single effect, up to which others are tried in pairs without it."""
 TEMPERATURE = 1.0
 """Divisor of log Bayes factors: none, since the noise of a curve holds the error of its laws. With that of
 grasps 13 of 100 silicone cylinders are `stiffening` or `viscoelastic`, without it two
@@ -84,14 +82,14 @@ def candidate_fits(
 ) -> list[TraceFit]:
     """The plain fit first, then every effect in every form, then pairs; each starts from simpler ones.
 
-    Pairs: the best single effect with every other, and those among the effects close behind it. Where no
-    recording unloads, two of SHAPES make no pair. Of an effect with several forms a pair takes the best and,
-    where that is one relaxing arm, two arms as well: what a second effect leaves over may need them.
+    Pairs: the best single effect with every other, each in its best form, and with two relaxing arms where
+    that is one: what a second effect leaves over may need them. Where no recording unloads, two of SHAPES
+    make no pair.
     """
 
-    def fitted(effects: tuple[TraceEffect, ...], known: list[TraceFit], follow: int = 2) -> TraceFit:
+    def fitted(effects: tuple[TraceEffect, ...], known: list[TraceFit]) -> TraceFit:
         law = Law(curve=linear.curve, baseline=linear.baseline, effects=effects)
-        return fit(law, trace, no_contact, _starts(law, known, rng), follow=follow)
+        return fit(law, trace, no_contact, _starts(law, known, rng))
 
     plain = fitted((), [])
     singles: dict[str, list[TraceFit]] = {}
@@ -100,23 +98,24 @@ def candidate_fits(
             form_fits = singles.setdefault(name, [])
             for form in forms:
                 form_fits.append(fitted((form,), [plain, *form_fits[-1:]]))
-    best = {
-        name: max(form_fits, key=lambda trace_fit: trace_fit.log_score) for name, form_fits in singles.items()
-    }
+    best = best_forms(singles)
     top = max(best, key=lambda name: best[name].log_evidence)
-    reach = best[top].log_evidence - BEHIND
     chosen = {name: [best[name]] for name in best}
-    for name, (trace_fit,) in chosen.items():
-        if trace_fit.law.effects[0].relaxation is not None and trace_fit is singles[name][0]:
-            chosen[name].append(singles[name][1])
+    for name, form_fits in singles.items():
+        if best[name] is form_fits[0] and best[name].law.effects[0].relaxation is not None:
+            chosen[name].append(form_fits[1])
     pairs = [
-        fitted(first.law.effects + second.law.effects, [first, second], follow=1)
+        fitted(first.law.effects + second.law.effects, [first, second])
         for pair in combinations(best, 2)
-        if (top in pair or min(best[name].log_evidence for name in pair) >= reach)
-        and ("unload" in trace.phases or not SHAPES.issuperset(pair))
+        if top in pair and ("unload" in trace.phases or not SHAPES.issuperset(pair))
         for first, second in product(*(chosen[name] for name in pair))
     ]
     return [plain, *(trace_fit for form_fits in singles.values() for trace_fit in form_fits), *pairs]
+
+
+def best_forms(fits: Mapping[str, Sequence[TraceFit]]) -> dict[str, TraceFit]:
+    """Of each effect the form with the largest score."""
+    return {name: max(forms, key=lambda trace_fit: trace_fit.log_score) for name, forms in fits.items()}
 
 
 def _starts(law: Law, known: list[TraceFit], rng: np.random.Generator) -> Float[np.ndarray, "s k"]:
@@ -216,9 +215,7 @@ def posterior(fits: list[TraceFit]) -> CurvePosterior:
     groups: dict[str, list[TraceFit]] = {}
     for trace_fit in fits:
         groups.setdefault(trace_fit.law.name, []).append(trace_fit)
-    best = {
-        name: max(form_fits, key=lambda trace_fit: trace_fit.log_score) for name, form_fits in groups.items()
-    }
+    best = best_forms(groups)
     logs = {
         name: np.array([trace_fit.log_evidence for trace_fit in form_fits])
         for name, form_fits in groups.items()

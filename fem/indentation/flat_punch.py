@@ -1,13 +1,12 @@
 """Elastic force of a rigid flat-ended cylinder pressed into a slab that is bonded to a rigid base."""
 
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
-from jaxtyping import Float
 from numpy.polynomial.legendre import leggauss
 
-from fem.indentation.contact_curve import THICK, ContactCurve, Field, out_of_range, require_positive
+from fem.indentation.contact_curve import ContactCurve, out_of_range, require_positive, slab_notes
 
 #: radius over thickness up to which finite elements were asked (tests/fem/test_flat_punch.py)
 THINNEST = 2.0
@@ -55,22 +54,23 @@ class FlatPunch:
     """A rigid cylinder's flat end on flesh that is wider."""
 
     radius_mm: float
+    tool: ClassVar[str] = "punch"
 
     def __post_init__(self) -> None:
         require_positive("radius", self.radius_mm, "give the punch's")
-
-    @property
-    def tool(self) -> str:
-        """What moves."""
-        return "punch"
 
     @property
     def said(self) -> str:
         """For reports."""
         return f"flat punch of radius {self.radius_mm:g} mm"
 
-    def curve(self, *, thickness_mm: float | None, poisson_ratio: float) -> "PunchOnSlab":
-        """Boussinesq's, on a slab Hayes's; raises FemFailure (bad-load) for under half a radius of flesh."""
+    def curve(self, *, thickness_mm: float | None, poisson_ratio: float) -> ContactCurve:
+        """F = 2 a kappa d E/(1 - nu^2), kappa the slab's factor: linear, since the contact does not grow.
+
+        Raises FemFailure (bad-load) for under half a radius of flesh. Source: Sneddon, "The relation between
+        load and penetration in the axisymmetric Boussinesq problem", Int. J. Engng Sci. 3, 1965, 47-57,
+        sec. 6(a).
+        """
         over = 0.0 if thickness_mm is None else self.radius_mm / thickness_mm
         if over > THINNEST:
             raise out_of_range(
@@ -78,58 +78,22 @@ class FlatPunch:
                 f"at most {THINNEST:g} thicknesses: a specimen no wider than the tool is a cylinder between "
                 "plates (--indenter plates --specimen cylinder)",
             )
-        return PunchOnSlab(
-            radius_mm=self.radius_mm,
-            thickness_mm=thickness_mm,
-            poisson_ratio=poisson_ratio,
-            kappa=slab_factor_of_punch(over, poisson_ratio=poisson_ratio),
-        )
+        kappa = slab_factor_of_punch(over, poisson_ratio=poisson_ratio)
+        slope = 2 * self.radius_mm * kappa / (1 - poisson_ratio**2)
 
-
-@dataclass(frozen=True, kw_only=True)
-class PunchOnSlab(ContactCurve):
-    """F = 2 a kappa d E/(1 - nu^2): linear in depth, since the contact does not grow.
-
-    Source: Sneddon, "The relation between load and penetration in the axisymmetric Boussinesq problem",
-    Int. J. Engng Sci. 3, 1965, 47-57, sec. 6(a). `kappa`: the slab's factor.
-    """
-
-    radius_mm: float
-    thickness_mm: float | None
-    poisson_ratio: float
-    kappa: float
-
-    @property
-    def length_mm(self) -> float:
-        """The radius."""
-        return self.radius_mm
-
-    @property
-    def field(self) -> Field:
-        """Stress grows at the rim as the root of the distance falls."""
-        return "rim"
-
-    @property
-    def yield_depth_mm(self) -> float | None:
-        """Where the mean pressure reaches Shield's."""
-        return HARDNESS * np.pi * self.radius_mm * (1 - self.poisson_ratio**2) / (2 * self.kappa)
-
-    @property
-    def without(self) -> Mapping[str, str]:
-        """Laws of the strain energy."""
-        return {"stiffening": RIM, "damage": RIM}
-
-    def force_N_per_MPa(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
-        """phi(d): nothing out of contact."""
-        slope = 2 * self.radius_mm * self.kappa / (1 - self.poisson_ratio**2)
-        return np.asarray(slope * np.maximum(depth_mm, 0.0))
-
-    def notes(self, deepest_mm: float) -> tuple[str, ...]:
-        """Ranges left, and a half-space that nobody stated."""
-        notes = []
-        if deepest_mm > DEEP * self.radius_mm:
-            notes.append(
+        def notes(deepest_mm: float) -> tuple[str, ...]:
+            said = (
                 f"The punch went {deepest_mm / self.radius_mm:.2f} of its radius deep, where small strain "
                 "has ended, and a sharp rim cuts: E may be off by more than its interval."
             )
-        return (*notes, *([THICK] if self.thickness_mm is None else []))
+            return slab_notes(thickness_mm, said if deepest_mm > DEEP * self.radius_mm else "")
+
+        return ContactCurve(
+            poisson_ratio=poisson_ratio,
+            length_mm=self.radius_mm,
+            force_N_per_MPa=lambda depth_mm: np.asarray(slope * np.maximum(depth_mm, 0.0)),
+            notes=notes,
+            field="rim",
+            yield_depth_mm=HARDNESS * np.pi * self.radius_mm**2 / slope,
+            without={"stiffening": RIM, "damage": RIM},
+        )

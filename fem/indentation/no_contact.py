@@ -41,10 +41,8 @@ def first_touch(trace: IndenterTrace) -> int:
     level, noise_N = float(np.median(force[:STAYS])), _rough_N(force)
     for _ in range(2):
         above = force > level + ABOVE * noise_N
-        stays = above[: len(force) - STAYS + 1].copy()
-        for k in range(1, STAYS):
-            stays &= above[k : len(force) - STAYS + 1 + k]
-        touch = int(np.argmax(stays)) if stays.any() else 0
+        stays = np.convolve(above, np.ones(STAYS), "valid") == STAYS
+        touch = int(np.argmax(stays))
         if touch < 2 * STAYS:
             break
         level = float(np.median(force[: touch - 1]))

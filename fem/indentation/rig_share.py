@@ -7,7 +7,6 @@ from jaxtyping import Float, Int
 
 from fem.indentation.fit import TraceFit, fit
 from fem.indentation.no_contact import NoContactNoise, first_touch
-from fem.indentation.rig_error import STEEPER
 from fem.indentation.trace import IndenterTrace
 from fem.mismatch.result import NINETY, Modulus
 
@@ -31,8 +30,6 @@ OF_A_BATCH = "(drupe calibrate --rigid) and name what it writes as `rig` in batc
 """How a rig is made known, beside squeezing a rigid object."""
 UPPER = 0.5
 """Share of the peak force above which slopes are taken. Set by hand: E is ruled by the upper half."""
-FEWEST = 4
-"""Readings in the upper half, below which the last one under it is taken as well."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -44,9 +41,14 @@ class RigShare:
 
     recorded_mm_per_N: float
     rig_mm_per_N: float
-    rig_sd_mm_per_N: float
-    bound: str | None
-    notes: tuple[str, ...]
+    rig_sd_mm_per_N: float = 0.0
+    bound: str | None = None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def share(self) -> float:
+        """Of the recorded travel that the rig gives; all of it where the travel does not grow."""
+        return min(self.rig_mm_per_N / max(self.recorded_mm_per_N, 1e-12), 1.0)
 
 
 def rig_share(trace: IndenterTrace, *, rig_N_per_mm: float | None, made_known: str = OF_A_TRACE) -> RigShare:
@@ -60,104 +62,85 @@ def rig_share(trace: IndenterTrace, *, rig_N_per_mm: float | None, made_known: s
     """
     if len(trace.parts) > 1:
         each = [rig_share(part, rig_N_per_mm=rig_N_per_mm, made_known=made_known) for part in trace.parts]
-        return max(
-            each, key=lambda part_share: part_share.rig_mm_per_N / max(part_share.recorded_mm_per_N, 1e-12)
-        )
+        return max(each, key=lambda part_share: part_share.share)
     used = _upper_half(trace)
-    force = trace.force_N[used]
+    force, slope = trace.force_N[used], _slope(trace.force_N[used], trace.travel_mm[used])
     if trace.rig_give_mm is not None and trace.rig_sd_mm is not None:
-        slope = _slope(force, (trace.travel_mm + trace.rig_give_mm)[used])
-        rig = _slope(force, trace.rig_give_mm[used])
-        peak = int(np.argmax(trace.force_N))
-        relative = float(trace.rig_sd_mm[peak] / max(float(trace.rig_give_mm[peak]), 1e-12))
-        return _of_a_known_rig(slope, rig, max(abs(_slope(force, trace.rig_sd_mm[used])), relative * rig))
-    slope = _slope(force, trace.travel_mm[used])
-    rig = 1 / (SOFT_RIG_N_PER_MM if rig_N_per_mm is None else rig_N_per_mm)
-    share, stiffness = (rig / slope, 1 / slope) if slope > 0 else (0.0, np.inf)
-    bound, note = None, ""
+        give_mm, sd_mm = trace.rig_give_mm, trace.rig_sd_mm
+        rig, peak = _slope(force, give_mm[used]), int(np.argmax(trace.force_N))
+        of_size = float(sd_mm[peak] / max(float(give_mm[peak]), 1e-12)) * rig
+        return _of_a_known_rig(slope + rig, rig, max(abs(_slope(force, sd_mm[used])), of_size))
+    assumed = RigShare(recorded_mm_per_N=slope, rig_mm_per_N=1 / (rig_N_per_mm or SOFT_RIG_N_PER_MM))
+    share, stiffness = assumed.share, 1 / max(slope, 1e-12)
     if rig_N_per_mm is None and share > MOST_SHARE:
         note = (
             f"The contact has {stiffness:.3g} N/mm at the upper half of its force, and nothing says how "
             f"stiff the rig is. E holds on a rig of {stiffness / SAID_SHARE:.2g} N/mm or more and is a "
             f"lower bound on a softer one: a gripper with soft pads, of {SOFT_RIG_N_PER_MM:g} N/mm, would "
-            f"give {min(share, 1):.0%} of that travel itself. Squeeze a rigid object {made_known}."
+            f"give {share:.0%} of that travel itself. Squeeze a rigid object {made_known}."
         )
-    elif rig_N_per_mm is not None and share > MOST_SHARE:
+        return replace(assumed, notes=(note,))
+    if rig_N_per_mm is not None and share > MOST_SHARE:
         bound = (
-            f"of the travel at the upper half of the force {min(share, 1):.0%} is the rig's own "
+            f"of the travel at the upper half of the force {share:.0%} is the rig's own "
             f"({stiffness:.3g} N/mm were recorded on a rig of {rig_N_per_mm:g} N/mm)"
         )
-    elif rig_N_per_mm is not None and share > SAID_SHARE:
+        return replace(assumed, bound=bound)
+    if rig_N_per_mm is not None and share > SAID_SHARE:
         note = (
             f"A rig of {rig_N_per_mm:g} N/mm gives {share:.0%} of the travel at the upper half of the "
             "force: E is too low by about as much; drupe convert --rig takes it off."
         )
-    return RigShare(
-        recorded_mm_per_N=slope,
-        rig_mm_per_N=rig,
-        rig_sd_mm_per_N=0.0,
-        bound=bound,
-        notes=(note,) if note else (),
-    )
+        return replace(assumed, notes=(note,))
+    return assumed
 
 
 def _of_a_known_rig(slope: float, rig: float, sd: float) -> RigShare:
     """What is left to the object of the recorded slope, and whether it is clear of the rig's spread."""
+    known = RigShare(recorded_mm_per_N=slope, rig_mm_per_N=rig, rig_sd_mm_per_N=sd)
+    note = (
+        f"Taken off as the rig's own: {known.share:.0%} of the travel at the upper half of the force "
+        f"({rig:.3g} ± {sd:.2g} of {slope:.3g} mm/N); its spread is in E's."
+    )
     bound = None
     if not slope - rig > sd / UNSURE:
         bound = (
             f"of {slope:.3g} mm/N of travel at the upper half of the force the rig gives "
             f"{rig:.3g} ± {sd:.2g} mm/N, so that what is left to the object is not known"
         )
-    share = min(rig / slope, 1) if slope > 0 else 1.0
-    note = (
-        f"Taken off as the rig's own: {share:.0%} of the travel at the upper half of the force "
-        f"({rig:.3g} ± {sd:.2g} of {slope:.3g} mm/N); its spread is in E's."
-    )
-    return RigShare(recorded_mm_per_N=slope, rig_mm_per_N=rig, rig_sd_mm_per_N=sd, bound=bound, notes=(note,))
+    return replace(known, bound=bound, notes=(note,))
 
 
-def with_other_rig(
+def ln_E_with_other_rig(
     known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise, *, give_sd: float
-) -> TraceFit:
-    """The law refitted with the rig's give so many standard deviations less; itself where none was taken off.
+) -> float:
+    """ln E of the law refitted with the rig's give so many standard deviations less; its own where none was
+    taken off.
 
     The rig's error is considered, not fitted (Schmidt, "Application of state-space methods to navigation
     problems", Adv. Control Syst. 3, 1966, 293-340): beside the contact's own curve, which it resembles, a fit
     would take it for whatever else the law leaves unexplained.
     """
     if trace.rig_sd_mm is None:
-        return known
+        return float(known.scaled[0])
     moved = replace(trace, travel_mm=trace.travel_mm + give_sd * trace.rig_sd_mm)
-    return fit(known.law, moved, no_contact, known.scaled[None], follow=1)
+    return float(fit(known.law, moved, no_contact, known.scaled[None]).scaled[0])
 
 
-def least_modulus(plain: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise, after: Modulus) -> float:
+def least_modulus(plain: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> float:
     """The modulus that E is above with 95 %, MPa: with the rig's give at the lower end of its spread.
 
     By linear elasticity, which holds where an effect is found as well: what relaxes or yields was stiffer.
-    Without a rig taken off it is the lower end of `after`, since any give leaves the object less travel.
+    Any give that was not taken off leaves the object less travel.
     """
-    if trace.rig_sd_mm is None:
-        return max(after.value - NINETY * after.sd, 0.0)
-    again = with_other_rig(plain, trace, no_contact, give_sd=NINETY)
-    return float(np.exp(again.scaled[0] - NINETY * again.sd[0]))
+    ln_E = ln_E_with_other_rig(plain, trace, no_contact, give_sd=NINETY)
+    return float(np.exp(ln_E - NINETY * plain.sd[0]))
 
 
 def rig_spread(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> float:
     """Standard deviation of ln E that the rig's spread makes: half its change between the ends."""
-    ends = [with_other_rig(known, trace, no_contact, give_sd=way).scaled[0] for way in (-1.0, 1.0)]
-    return 0.5 * float(abs(ends[1] - ends[0]))
-
-
-def unsure_E(after: Modulus, ln_sd: float) -> str | None:
-    """Why E is a lower bound with the rig's spread in it, where the slopes did not say so; None: it is none.
-
-    Where the rig's spread alone moves ln E by more than STEEPER UNSURE, or E's error is E and more.
-    """
-    if ln_sd <= STEEPER * UNSURE and after.sd <= after.value:
-        return None
-    return f"the rig's spread moves E by a factor of {min(float(np.exp(ln_sd)), 1e3):.2g}"
+    less, more = (ln_E_with_other_rig(known, trace, no_contact, give_sd=way) for way in (-1.0, 1.0))
+    return 0.5 * abs(more - less)
 
 
 def widened(modulus: Modulus, ln_sd: float) -> Modulus:
@@ -166,18 +149,15 @@ def widened(modulus: Modulus, ln_sd: float) -> Modulus:
 
 
 def _upper_half(trace: IndenterTrace) -> Int[np.ndarray, " u"]:
-    """Frames of the way in whose force is in the upper half; a reading of the travel that stands still while
-    the force grows is none.
+    """Frames of the way in whose force is in the upper half, two at least; a reading of the travel that
+    stands still while the force grows is none.
     """
     touch, peak = first_touch(trace), int(np.argmax(trace.force_N))
     new = np.r_[True, np.diff(trace.travel_mm) != 0.0]
     way_in = touch + np.flatnonzero(new[touch : peak + 1])
     level = float(np.median(trace.force_N[: max(touch - 1, 1)]))
-    force = trace.force_N[way_in] - level
-    upper = way_in[force > UPPER * (trace.force_N[peak] - level)]
-    if len(upper) >= FEWEST or len(way_in) == len(upper):
-        return np.asarray(upper)
-    return np.asarray(way_in[-max(len(upper) + 1, 2) :])
+    upper = trace.force_N[way_in] - level > UPPER * (trace.force_N[peak] - level)
+    return np.asarray(way_in[-max(int(upper.sum()), 2) :])
 
 
 def _slope(force: Float[np.ndarray, " t"], travel: Float[np.ndarray, " t"]) -> float:

@@ -1,9 +1,6 @@
 """Flesh that breaks: where the force falls suddenly although the indenter is not drawn back."""
 
-from dataclasses import dataclass
-
 import numpy as np
-from jaxtyping import Float
 from scipy.ndimage import median_filter
 
 from fem.indentation.contact_curve import out_of_range
@@ -18,82 +15,52 @@ LOST, ABOVE_NOISE = 0.1, 8.0
 STEEPER = 4.0
 #: share of the travel so far by which the ball may come back while the force falls (backlash; set by hand)
 BACKLASH = 0.01
-#: share of the frames before the fall over which the rise is taken, and the quantile that is the steepest
-WINDOW, STEEPEST = 0.02, 0.9
-#: frames that the force must stay down for: one that reads low is no rupture
-STAYS = 3
-#: frames over which the ball must not come back either: its travel may be read one or two frames late
-WATCHED = 6
+#: frames that the force must stay down for, since one that reads low is no rupture; and over which the ball
+#: must not come back, since its travel may be read one or two frames late
+STAYS, WATCHED = 3, 6
 
 
-@dataclass(frozen=True, kw_only=True)
-class Rupture:
-    """`last`: the last frame before it, the one of the largest force; what was lost, where and when."""
+def before_rupture(trace: IndenterTrace, *, noise_N: float) -> tuple[IndenterTrace, str]:
+    """One recording up to the largest force before its flesh breaks, and a sentence that says so; the whole
+    of it, and nothing, where no flesh breaks.
 
-    last: int
-    before_N: float
-    after_N: float
-    travel_mm: float
-    time_s: float
-
-    @property
-    def said(self) -> str:
-        """One sentence for people."""
-        return (
-            f"Rupture: at {self.time_s:.4g} s, {self.travel_mm:.3g} mm into the travel, the force falls from "
-            f"{self.before_N:.3g} to {self.after_N:.3g} N though the indenter is not drawn back. What comes "
-            "after is left out."
-        )
-
-
-def find_rupture(trace: IndenterTrace, *, noise_N: float) -> Rupture | None:
-    """The first sudden fall of the force during loading; None where there is none.
-
-    A fall: more than LOST of the largest force so far and ABOVE_NOISE of `noise_N`, STEEPER than the rise to
-    it, after which the travel is where that force was reached or beyond. Source: ASABE S368.4, "Compression
-    test of food materials of convex shape" (bioyield and rupture point: less force at more deformation).
+    A rupture: a fall by more than LOST of the largest force so far and ABOVE_NOISE of `noise_N`, STEEPER than
+    the rise to it, after which the travel is where that force was reached or beyond. Source: ASABE S368.4,
+    "Compression test of food materials of convex shape" (bioyield and rupture point: less force at more
+    deformation). Raises FemFailure (bad-load) where too few frames are left.
     """
-    force = np.asarray(median_filter(trace.force_N, size=3, mode="nearest"))
+    force, time = np.asarray(median_filter(trace.force_N, size=3, mode="nearest")), trace.time_s
     top = np.maximum.accumulate(force)
     at_top = np.maximum.accumulate(np.where(force >= top, np.arange(len(force)), 0))
-    level = float(np.median(force[:3]))
-    lost = top - force
+    lost, level = top - force, float(np.median(force[:STAYS]))
     large = (lost > LOST * np.maximum(top - level, 0.0)) & (lost > ABOVE_NOISE * noise_N)
-    for k in np.flatnonzero(large):
-        first = int(at_top[k])
-        gone = float(np.ptp(trace.travel_mm[: first + 1]))
-        still = trace.travel_mm[k : k + WATCHED].min() >= trace.travel_mm[first] - BACKLASH * gone
-        stays = (lost[k : k + STAYS] > 0.5 * lost[k]).all() and k + STAYS <= len(force)
-        if first < STAYS or not still or not stays:
+    for k in np.flatnonzero(large[: len(force) - STAYS + 1]).tolist():
+        last = int(at_top[k])
+        least_mm = trace.travel_mm[last] - BACKLASH * float(np.ptp(trace.travel_mm[: last + 1]))
+        stays = (lost[k : k + STAYS] > 0.5 * lost[k]).all()
+        if last < STAYS or not stays or trace.travel_mm[k : k + WATCHED].min() < least_mm:
             continue
-        falling = first + int(np.flatnonzero(force[first:k] >= top[k] - 0.25 * lost[k])[-1])
-        steep = (force[falling] - force[k]) / (trace.time_s[k] - trace.time_s[falling])
-        if steep > STEEPER * _rise_N_per_s(trace.time_s[: first + 1], force[: first + 1]):
-            low = first + int(np.argmin(force[first : k + STAYS]))
-            return Rupture(
-                last=first,
-                before_N=float(top[k]),
-                after_N=float(force[low]),
-                travel_mm=float(trace.travel_mm[first] - trace.travel_mm[0]),
-                time_s=float(trace.time_s[first]),
-            )
-    return None
+        falls = last + int(np.flatnonzero(lost[last:k] <= 0.25 * lost[k])[-1])
+        steep = (force[falls] - force[k]) / (time[k] - time[falls])
+        apart = max(STAYS, last // 50)  # over which noise does not rule the rise
+        rise = (force[apart : last + 1] - force[: last + 1 - apart]) / (
+            time[apart : last + 1] - time[: last + 1 - apart]
+        )
+        if steep > STEEPER * rise.max(initial=0.0):
+            return _cut(trace, last, before_N=float(top[k]), after_N=float(force[last : k + STAYS].min()))
+    return trace, ""
 
 
-def before_rupture(trace: IndenterTrace, rupture: Rupture) -> IndenterTrace:
-    """The trace up to the largest force; raises FemFailure (bad-load) where too few frames are left."""
-    if rupture.last + 1 < FEWEST_FRAMES:
+def _cut(trace: IndenterTrace, last: int, *, before_N: float, after_N: float) -> tuple[IndenterTrace, str]:
+    time_s, gone_mm = trace.time_s[last], trace.travel_mm[last] - trace.travel_mm[0]
+    if last + 1 < FEWEST_FRAMES:
         raise out_of_range(
-            f"a rupture after {rupture.last + 1} frames ({rupture.time_s:.3g} s)",
+            f"a rupture after {last + 1} frames ({time_s:.3g} s)",
             f"at least {FEWEST_FRAMES} before it: record more often, or press slower",
         )
-    return trace.cut(slice(0, rupture.last + 1))
-
-
-def _rise_N_per_s(time_s: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]) -> float:
-    """How steeply the force rose where it rose most, over stretches that noise does not rule."""
-    apart = max(1, round(WINDOW * len(force_N)))
-    slope = (force_N[apart:] - force_N[:-apart]) / (time_s[apart:] - time_s[:-apart])
-    level = float(np.median(force_N[:3]))
-    rising = slope[(slope > 0) & (force_N[apart:] - level > LOST * (force_N[-1] - level))]
-    return float(np.quantile(rising, STEEPEST)) if len(rising) else np.inf
+    said = (
+        f"Rupture: at {time_s:.4g} s, {gone_mm:.3g} mm into the travel, the force falls from "
+        f"{before_N:.3g} to {after_N:.3g} N though the indenter is not drawn back. What comes after is left "
+        "out."
+    )
+    return trace.cut(slice(0, last + 1)), said

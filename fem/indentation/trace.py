@@ -97,6 +97,11 @@ class IndenterTrace:
         return DRIFT_SHARE_PER_MIN * RANGE_OVER_PEAK * float(np.abs(self.force_N).max())
 
     @property
+    def deepest(self) -> int:
+        """The first frame of one recording that is as deep as any, within a thousandth."""
+        return int(np.argmax(self.travel_mm >= self.travel_mm.max() * (1 - 1e-3)))
+
+    @property
     def phases(self) -> tuple[str, ...]:
         """Per frame "load" (driven in), "hold" (standing) or "unload" (drawn back)."""
         if len(self.starts) > 1:

@@ -39,7 +39,7 @@ def firmness(
     Example: drupe firmness monday/results --limit plates_5pct_N=10
     """
     with elsewhere():
-        from fem.indentation.trade_tests import trade_tests
+        from fem.firmness.trade_tests import trade_tests
         from pipeline.run.trade_numbers import trade_numbers
     try:
         tests = trade_tests(chord_gf=chord, ball_N=ball_force)

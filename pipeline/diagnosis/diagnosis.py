@@ -27,7 +27,7 @@ from pipeline.fruit.stage_log import StageLog
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 TRACE_SEED = 20261120
-"""Seed of the noise drawn for a trace's checks; any number does, kept so that runs repeat."""
+"""Seed of the starts drawn for a trace's fits; any number does, kept so that runs repeat."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -181,7 +181,7 @@ def _of_traces(case: Case, log: StageLog, bare: BareTraces) -> Diagnosis:
             poisson_ratio=nu,
             rng=np.random.default_rng(TRACE_SEED),
             rig_N_per_mm=case.rig_N_per_mm,
-        )
+        ).explanation
     notes = dict.fromkeys([*bare.naming(explanation.notes), *bare.notes, *notes_on_trace(case), *case.notes])
     return Diagnosis(
         explanation=replace(explanation, notes=tuple(notes)),

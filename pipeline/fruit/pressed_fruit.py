@@ -54,7 +54,7 @@ from tactile.rig.rig_curve import RigCurve, without_rig
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 TRACE_SEED = 20261120
-"""Seed of the noise drawn for a trace's checks; any number does, kept so that runs repeat."""
+"""Seed of the starts drawn for a trace's fits; any number does, kept so that runs repeat."""
 ALONG_SUTURE_SD = 0.15
 """Standard deviation of ln E of a stone fruit compressed from suture to back, beside the ellipsoid's own:
 forces on whole skins are 1.10 to 1.17 times those on ellipsoids (benchmarks/results/diameter_shapes.csv)."""
@@ -101,6 +101,16 @@ class _AlongOne:
         """Its diameters and pit."""
         return self.recordings[0].fruit
 
+    @property
+    def E_MPa(self) -> float:
+        """By linear elasticity."""
+        return self.explanation.before.value
+
+    @property
+    def relative_sd(self) -> float:
+        """Of this E, by the recordings alone."""
+        return self.explanation.before.sd / self.explanation.before.value
+
 
 def grade_pressed(task: FruitTask, log: StageLog) -> None:
     """E of a fruit that plates squeezed, its parts and what else is known, told to `log`.
@@ -119,13 +129,9 @@ def grade_pressed(task: FruitTask, log: StageLog) -> None:
         facts.pressed = _pressed_record(diameters, task, nu)
         records = [record for diameter in diameters for record in _grasp_records(diameter)]
         facts.grasps = tuple(sorted([*facts.grasps, *records], key=lambda record: record.grasp))
-        withheld = [
-            diameter.explanation.withheld
-            for diameter in diameters
-            if diameter.explanation.withheld is not None
-        ]
+        withheld = dict.fromkeys(filter(None, (diameter.explanation.withheld for diameter in diameters)))
         if withheld:
-            raise FruitEnded(Outcome.WITHHELD_MODULUS, "; ".join(dict.fromkeys(withheld)))
+            raise FruitEnded(Outcome.WITHHELD_MODULUS, "; ".join(withheld))
         facts.modulus = _modulus_record(diameters, facts.pressed.shape_sd, nu, nu_sd, doubts)
         log.warnings += _warnings(diameters, facts.pressed.shape_sd)
         if task.settings.mismatch:
@@ -227,14 +233,10 @@ def _without_rig(
 
 def _by_diameter(used: Sequence[CompressionTrace]) -> list[list[CompressionTrace]]:
     """Recordings along the same diameter together, in the order of the first of each."""
-    groups: list[list[CompressionTrace]] = []
+    groups: dict[Ellipsoid, list[CompressionTrace]] = {}
     for recording in used:
-        same = next((group for group in groups if group[0].bare.known.same_as(recording.bare.known)), None)
-        if same is None:
-            groups.append([recording])
-        else:
-            same.append(recording)
-    return groups
+        groups.setdefault(recording.fruit, []).append(recording)
+    return list(groups.values())
 
 
 def _explained(group: Sequence[CompressionTrace], nu: float) -> _AlongOne:
@@ -246,13 +248,11 @@ def _explained(group: Sequence[CompressionTrace], nu: float) -> _AlongOne:
         raise FruitEnded(Outcome.ALL_GRASPS_FAILED, said) from None
     explanation = explain_trace(
         traces.trace, thickness_mm=None, poisson_ratio=nu, rng=np.random.default_rng(TRACE_SEED)
-    )
-    alone: tuple[Modulus, ...] = (explanation.before,)
+    ).explanation
+    alone = [explanation.before]
     if len(group) > 1:
-        alone = tuple(
-            linear_modulus(part, thickness_mm=None, poisson_ratio=nu) for part in traces.trace.parts
-        )
-    return _AlongOne(recordings=tuple(group), traces=traces, explanation=explanation, alone=alone)
+        alone = [linear_modulus(part, thickness_mm=None, poisson_ratio=nu) for part in traces.trace.parts]
+    return _AlongOne(recordings=tuple(group), traces=traces, explanation=explanation, alone=tuple(alone))
 
 
 def _pressed_record(diameters: Sequence[_AlongOne], task: FruitTask, nu: float) -> PressedRecord:
@@ -272,7 +272,7 @@ def _pressed_record(diameters: Sequence[_AlongOne], task: FruitTask, nu: float) 
 
 def _shape_sd(diameter: _AlongOne, body: PitBody, nu: float) -> float:
     """Of ln E along one diameter."""
-    of_ellipsoid = diameter.fruit.curve(thickness_mm=None, poisson_ratio=nu).shape_sd
+    of_ellipsoid = diameter.fruit.shape_sd(nu)
     of_suture = ALONG_SUTURE_SD if body.stem_and_suture and DIAMETERS[diameter.fruit.axis] == "a" else 0.0
     return float(np.hypot(of_ellipsoid, of_suture))
 
@@ -311,14 +311,12 @@ def _modulus_record(
     diameters: Sequence[_AlongOne], shape_sd: float, nu: float, nu_sd: float, doubts: Sequence[Doubt]
 ) -> ModulusRecord:
     """The weighted mean of ln E over the diameters; shape and Poisson's ratio are common to all of them."""
-    relative = np.array(
-        [diameter.explanation.before.sd / diameter.explanation.before.value for diameter in diameters]
-    )
     weights = _weights(diameters)
-    E_MPa = float(np.exp(weights @ np.log([diameter.explanation.before.value for diameter in diameters])))
+    E_MPa = float(np.exp(weights @ np.log([diameter.E_MPa for diameter in diameters])))
+    of_recordings = sum(diameter.relative_sd**-2 for diameter in diameters) ** -0.5
     of_ratio = abs(float(weights @ [_per_ratio(diameter, nu, nu_sd) for diameter in diameters]))
     parts = {
-        RECORDINGS: E_MPa * float(np.sum(relative**-2) ** -0.5),
+        RECORDINGS: E_MPa * of_recordings,
         SHAPE: E_MPa * shape_sd,
         POISSON_RATIO: E_MPa * of_ratio,
         DOUBTED: E_MPa * relative_sd(doubts),
@@ -346,18 +344,12 @@ def _per_ratio(diameter: _AlongOne, nu: float, nu_sd: float) -> float:
 
 def _screen_record(diameters: Sequence[_AlongOne]) -> ScreenRecord:
     """What the traces show beyond linear elasticity, the likeliest names first."""
-    names = [
-        name
-        for diameter in diameters
-        for name in (
-            [diameter.explanation.verdict]
-            if isinstance(diameter.explanation.verdict, str)
-            else diameter.explanation.verdict
-        )
-        if name != NONE and diameter.explanation.detected
-    ]
+    names: dict[str, None] = {}
+    for said in (diameter.explanation for diameter in diameters):
+        verdict = (said.verdict,) if isinstance(said.verdict, str) else said.verdict
+        names |= dict.fromkeys(name for name in verdict if name != NONE and said.detected)
     p_value = min(1.0, len(diameters) * min(diameter.explanation.p_value for diameter in diameters))
-    named = tuple(dict.fromkeys(names))
+    named = tuple(names)
     return ScreenRecord(p_value=p_value, p_nominal=True, names=named, suspected=_suspected(diameters, named))
 
 
@@ -378,10 +370,8 @@ def _suspected(diameters: Sequence[_AlongOne], names: Sequence[str]) -> tuple[Su
 
 def _weights(diameters: Sequence[_AlongOne]) -> Float[np.ndarray, " n"]:
     """Of each diameter in the mean of ln E: 1 / variance."""
-    relative = np.array(
-        [diameter.explanation.before.sd / diameter.explanation.before.value for diameter in diameters]
-    )
-    return np.asarray(relative**-2 / np.sum(relative**-2))
+    weights = np.array([diameter.relative_sd**-2 for diameter in diameters])
+    return np.asarray(weights / weights.sum())
 
 
 def _warnings(diameters: Sequence[_AlongOne], shape_sd: float) -> list[str]:
@@ -398,12 +388,11 @@ def _warnings(diameters: Sequence[_AlongOne], shape_sd: float) -> list[str]:
                 f"With effects beyond linear elasticity, E is {after.value:.3g} ± {after.sd:.2g} MPa "
                 "(drupe explain). The ranking uses linear elasticity, to treat all fruit alike."
             )
-    values = [diameter.explanation.before for diameter in diameters]
-    for first, second in pairwise(values):
-        sd = np.linalg.norm([first.sd / first.value, second.sd / second.value, np.sqrt(2) * shape_sd])
-        if abs(np.log(first.value / second.value)) > APART * sd:
+    for first, second in pairwise(diameters):
+        sd = np.linalg.norm([first.relative_sd, second.relative_sd, np.sqrt(2) * shape_sd])
+        if abs(np.log(first.E_MPa / second.E_MPa)) > APART * sd:
             said.append(
-                f"E is {first.value:.3g} along one diameter and {second.value:.3g} MPa along another; "
+                f"E is {first.E_MPa:.3g} along one diameter and {second.E_MPa:.3g} MPa along another; "
                 "recordings and shape do not explain the difference. Check diameters and axes."
             )
     return said

@@ -115,7 +115,6 @@ def _squeezes(recording: Recording, rigid: RigidObject, source: str) -> tuple[Ri
     gels = [pad for pad in recording.pads if isinstance(pad, GelPad)]
     part = sum(gel_give_mm(pad, shape=rigid.shape, size_mm=rigid.size_mm) for pad in gels) if gels else None
     return rigid_squeezes(
-        recording.time_s,
         force,
         closing * recording.aperture_mm,
         part_mm=None if part is None else np.asarray(part),

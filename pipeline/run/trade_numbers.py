@@ -13,8 +13,8 @@ import pandas as pd
 
 from fem.estimation.error_budget import ErrorBudget
 from fem.fem_failure import FemFailure, FemProblem
-from fem.indentation.simulated_presses import FruitPresses, simulated_presses, spheroid_presses
-from fem.indentation.trade_tests import TradeTest, modulus_at, reading
+from fem.firmness.simulated_presses import FruitPresses, simulated_presses, spheroid_presses
+from fem.firmness.trade_tests import TradeTest, modulus_at, reading
 from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.layout import FruitResults, Results, write_whole
 from pipeline.batch.provenance import require_provenance

@@ -179,11 +179,11 @@ def _prepared(source: str, logged: LoggedTrace, run: int | None, notes: list[str
     if min(np.isfinite(column).sum() for column in (chosen.time_s, *chosen.columns.values())) < FEWEST_FRAMES:
         raise unusable(source, "no rows", "a header and one row for each frame")
     try:
-        prepared = prepare(chosen)
+        prepared, corrections = prepare(chosen)
     except NotPrepared as cause:
         raise unusable(source, cause.fault, cause.expected) from None
-    notes += [f"{source}: {correction.says}" for correction in prepared.corrections]
-    return prepared.logged
+    notes += [f"{source}: {correction.says}" for correction in corrections]
+    return prepared
 
 
 def _logged(path: Path, sheet: CellTable, columns: FoundColumns, notes: list[str]) -> LoggedTrace:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tactile.preparation.logged_trace import MOST_CORRECTED, NotPrepared
+from tactile.preparation.logged_trace import MOST_CORRECTED, NotPrepared, written
 from tactile.preparation.logger_correction import (
     LoggerCorrection,
     LoggerFault,
@@ -17,9 +17,8 @@ from tactile.preparation.logger_correction import (
     listed,
     spoilt_said,
 )
-from tactile.preparation.readings import is_held, rhythm_of
-from tactile.preparation.structure import runs, written
-from tactile.preparation.wild import of_specimen, wild, wild_times
+from tactile.preparation.readings import rhythm_of
+from tactile.preparation.rows import runs, wild, wild_times
 
 Values = Float[np.ndarray, " t"]
 
@@ -67,8 +66,6 @@ def prepare_frames(
     places = np.arange(len(time), dtype=float)
     for name, values in [("time", time), *((name, column[part]) for name, column in columns.items())]:
         off = wild_times(values) if name == "time" else wild(values)
-        if force is not None and name != "time" and off.any():
-            off &= ~of_specimen(off, values, force()[part], of_force=False)
         hole = np.isnan(values)
         notes += _replaced(words, name, LoggerFault.WILD, rows, values, off)
         notes += _replaced(words, name, LoggerFault.MISSING, rows, values, hole)
@@ -126,12 +123,13 @@ def _without_repeats(
 ) -> tuple[Values, list[LoggerCorrection]]:
     """The place on lines between its readings, where it is read more slowly than the frames are taken."""
     values, time = filled[name], filled["time"]
-    rhythm, as_display = rhythm_of(values, force)
-    if rhythm is None or (as_display and not is_held(values, force, rhythm)):
+    rhythm = rhythm_of(values, force)
+    if rhythm is None:
         return values, []
+    readings, period = rhythm
     again = np.ones(len(values), dtype=bool)
-    again[rhythm.rows] = False
-    rate = 1 / (rhythm.period * float(np.median(np.diff(time))))
+    again[readings] = False
+    rate = 1 / (period * float(np.median(np.diff(time))))
     count = words.count(int(again.sum()))
     says = (
         f"{name} was read {rate:.3g} times a second and repeated in between; {count} now lie on lines "

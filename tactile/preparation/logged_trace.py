@@ -1,5 +1,6 @@
 """The trace of a press as the specimen made it: what the logger did is put right, with a note on each."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TypeAlias
@@ -12,19 +13,12 @@ from tactile.preparation.logger_correction import (
     LoggerFault,
     Words,
     correction,
+    listed,
     spoilt_said,
 )
-from tactile.preparation.readings import is_held, on_common_rows, rhythm_of
+from tactile.preparation.readings import rhythm_of
 from tactile.preparation.resets import Ambiguous, resets
-from tactile.preparation.structure import (
-    FEWEST_IN_RUN,
-    reserved_inside,
-    runs,
-    wild_note,
-    wild_or_repeated_times,
-    written,
-)
-from tactile.preparation.wild import of_specimen, wild
+from tactile.preparation.rows import runs, unwritten_blocks, unwritten_inside, wild, wild_times
 
 Values: TypeAlias = Float[np.ndarray, " t"]
 
@@ -34,6 +28,8 @@ JOINED = 0.2
 """Share of the rows that lack one of two quantities, from which these are topics of two rates."""
 FEWEST_READINGS = 20
 """Of each topic."""
+FEWEST_IN_RUN = 8
+"""Rows of the shortest run; fewer are times out of order."""
 OVERLAP = 0.5
 """Share of the shorter topic's time that both topics must have in common."""
 
@@ -74,13 +70,12 @@ class LoggedTrace:
         """Travel (or gap) and force by name."""
         return {self.quantity: self.travel, "force": self.force_N}
 
-
-@dataclass(frozen=True, kw_only=True)
-class PreparedTrace:
-    """Rows that hold all three quantities, of increasing times, and what was done."""
-
-    logged: LoggedTrace
-    corrections: tuple[LoggerCorrection, ...]
+    @property
+    def topics(self) -> list[Bool[np.ndarray, " t"]]:
+        """Rows of travel and of force, where these are topics of two rates in one table; else none."""
+        topics = [np.isfinite(column) for column in self.columns.values()]
+        joined = (topics[0] != topics[1]).mean() > JOINED
+        return topics if joined and min(topic.sum() for topic in topics) >= FEWEST_READINGS else []
 
 
 def written_runs(logged: LoggedTrace) -> tuple[list[LoggedTrace], list[LoggerCorrection]]:
@@ -88,13 +83,11 @@ def written_runs(logged: LoggedTrace) -> tuple[list[LoggedTrace], list[LoggerCor
 
     Raises NotPrepared for times that are out of order all over, and for a clock that was set back.
     """
-    words = Words()
-    keep, notes = written(words, logged.time_s, logged.columns, logged.rows)
-    at = np.flatnonzero(keep)
-    breaks = np.unique(np.searchsorted(at, np.array(logged.breaks, dtype=int))).tolist()
+    keep, notes = written(Words(), logged.time_s, logged.columns, logged.rows)
+    breaks = np.unique(np.searchsorted(np.flatnonzero(keep), np.array(logged.breaks, dtype=int)))
     left = logged.part(keep)
-    spans = runs(left.time_s, [k for k in breaks if 0 < k < len(at)], of_topics=_topics(left))
-    parts = [left.part(span) for span in spans]
+    inside = breaks[(breaks > 0) & (breaks < len(left.rows))].tolist()
+    parts = [left.part(span) for span in runs(left.time_s, inside, of_topics=left.topics)]
     for before, after in pairwise(parts):
         _refuse_disorder(before, after)
     return parts, notes
@@ -125,36 +118,35 @@ def _goes_on(before: LoggedTrace, after: LoggedTrace) -> bool:
     return True
 
 
-def prepare(logged: LoggedTrace) -> PreparedTrace:
-    """One run, prepared: wild times and readings, slow or joined readings, missing values, then resets.
+def prepare(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
+    """Rows of one run that hold all three quantities, of increasing times, and what was done: to wild times
+    and readings, slow or joined readings, missing values, then resets.
 
     Raises NotPrepared where more than MOST_CORRECTED of the rows would be left out one by one, two topics
     have no time in common, times stand still, or a step of the force may be a reset or the specimen's.
     """
-    words, total = Words(), len(logged.rows)
-    leave, notes = wild_or_repeated_times(
-        words, logged.time_s, logged.columns, logged.rows, of_topics=_topics(logged)
-    )
-    if _is_joined(logged):  # rows in the order of time, which of two topics one below the other they are not
-        order = np.argsort(logged.time_s, kind="stable")
-        logged, leave = logged.part(order), leave[order]
-    logged = logged.part(~leave)
-    spoilt: set[int] = {row for note in notes if note.fault is LoggerFault.WILD for row in note.rows}
-    inside = reserved_inside(list(logged.columns.values())) if not _is_joined(logged) else None
-    if inside is not None and inside.any():
-        says = f"{words.count(int(inside.sum()))} inside the record repeat one value; drupe left out all."
-        notes.append(
-            correction(LoggerFault.MISSING, logged.quantity, logged.rows[inside], logged.travel[inside], says)
-        )
-        spoilt |= set(logged.rows[inside].tolist())
-        logged = logged.part(~inside)
-    travel, force, corrections = _without_wild(words, logged)
+    words, total, joined = Words(), len(logged.rows), bool(logged.topics)
+    logged, notes = _without_wild_times(words, logged)
+    if not joined:
+        inside = unwritten_inside(list(logged.columns.values()))
+        if inside.any():
+            says = f"{words.count(int(inside.sum()))} inside the record repeat one value; drupe left out all."
+            notes.append(
+                correction(
+                    LoggerFault.MISSING, logged.quantity, logged.rows[inside], logged.travel[inside], says
+                )
+            )
+            logged = logged.part(~inside)
+    logged, corrections = _without_wild(words, logged)
     notes += corrections
-    spoilt |= {row for repair in corrections for row in repair.rows}
-    logged = replace(logged, travel=travel, force_N=force)
-    logged, corrections = _on_readings(words, logged, known=spoilt)
-    notes += corrections
-    spoilt |= {row for repair in corrections if repair.fault is LoggerFault.MISSING for row in repair.rows}
+    spoilt = {row for note in notes if note.fault is not LoggerFault.REPEATED for row in note.rows}
+    if joined:
+        logged, note = _on_one_clock(logged)
+        notes.append(note)
+    else:
+        logged, corrections = _on_readings(words, logged, known=spoilt)
+        notes += corrections
+        spoilt |= {row for note in corrections if note.fault is LoggerFault.MISSING for row in note.rows}
     if len(spoilt) > MOST_CORRECTED * total:
         share = f"{len(spoilt)} of {total} rows ({len(spoilt) / total:.1%})"
         raise NotPrepared(
@@ -167,94 +159,131 @@ def prepare(logged: LoggedTrace) -> PreparedTrace:
         back = f"{logged.time_s[k + 1]:g} s in row {logged.rows[k + 1]} after {logged.time_s[k]:g} s"
         raise NotPrepared(back, "increasing times; export more decimals of the time, or leave out one row")
     logged, corrections = _without_resets(words, logged)
-    return PreparedTrace(logged=logged, corrections=(*notes, *corrections))
+    return logged, [*notes, *corrections]
 
 
-def _topics(logged: LoggedTrace) -> list[Bool[np.ndarray, " t"]]:
-    """Rows of each topic, where two are joined."""
-    return [np.isfinite(column) for column in logged.columns.values()] if _is_joined(logged) else []
+def written(
+    words: Words, time_s: Values, columns: Mapping[str, Values], rows: Int[np.ndarray, " t"]
+) -> tuple[Bool[np.ndarray, " t"], list[LoggerCorrection]]:
+    """Which rows were written, and a note on each block at the start or the end that was not."""
+    keep, notes = np.ones(len(time_s), dtype=bool), []
+    for part in unwritten_blocks(time_s, list(columns.values())):
+        keep[part] = False
+        held = {name: float(values[part.start]) for name, values in columns.items()}
+        whole = not np.isnan(list(held.values())).any()
+        kept = ", ".join(
+            f"{name} {words.value(name, held[name])}" for name in held if name in dict(words.units)
+        )
+        count = part.stop - part.start
+        why = f"never written ({'all hold' if count > 1 else 'it holds'} {kept})" if whole else "not whole"
+        place = "start" if part.start == 0 or not keep[: part.start].any() else "end"
+        says = (
+            f"{words.count(count)} at the {place}, from {words.row} {rows[part.start]} on, {why}; drupe left "
+            "out all of them."
+        )
+        notes.append(
+            correction(LoggerFault.RESERVED, ", ".join(held), rows[part], np.array(list(held.values())), says)
+        )
+    return keep, notes
 
 
-def _is_joined(logged: LoggedTrace) -> bool:
-    """Whether travel and force are topics of two rates in one table."""
-    travel, force = np.isfinite(logged.travel), np.isfinite(logged.force_N)
-    apart = (travel != force).mean() > JOINED
-    return bool(apart and min(travel.sum(), force.sum()) >= FEWEST_READINGS)
+def _without_wild_times(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
+    """Without rows of a wild time (each topic by itself) or written twice; topics in the order of time."""
+    notes, time = [], logged.time_s
+    off = np.zeros(len(time), dtype=bool)
+    for topic in logged.topics or [~off]:
+        off[topic] |= wild_times(time[topic])
+    if off.any():
+        notes.append(_wild_note(words, "time", logged.rows[off], time[off]))
+    twice = np.r_[False, np.diff(time) == 0]
+    for column in logged.columns.values():
+        twice[1:] &= (np.diff(column) == 0) | (np.isnan(column[1:]) & np.isnan(column[:-1]))
+    if twice.any():
+        at, times = logged.rows[twice], time[twice]
+        says = (
+            f"{words.count(len(at))} appear twice ({listed(words, 'time', at, times)}); drupe left out the "
+            "repeats."
+        )
+        notes.append(correction(LoggerFault.REPEATED, "time", at, times, says))
+    kept = np.flatnonzero(~(off | twice))
+    if logged.topics:
+        kept = kept[np.argsort(time[kept], kind="stable")]
+    return logged.part(kept), notes
 
 
-def _without_wild(words: Words, logged: LoggedTrace) -> tuple[Values, Values, list[LoggerCorrection]]:
+def _without_wild(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
     """Travel and force with NaN for what is wild, and the notes."""
-    columns, notes = [], []
+    notes, left = [], []
     for name, values in logged.columns.items():
-        other = logged.travel if name == "force" else logged.force_N
         off = wild(values)
-        off &= ~of_specimen(off, values, other, of_force=name == "force")
         if off.any():
-            notes.append(wild_note(words, name, logged.rows[off], values[off]))
-        columns.append(np.where(off, np.nan, values))
-    return columns[0], columns[1], notes
+            notes.append(_wild_note(words, name, logged.rows[off], values[off]))
+        left.append(np.where(off, np.nan, values))
+    return replace(logged, travel=left[0], force_N=left[1]), notes
+
+
+def _wild_note(
+    words: Words, quantity: str, rows: Int[np.ndarray, " k"], values: Float[np.ndarray, " k"]
+) -> LoggerCorrection:
+    many = "wild reading" if len(rows) == 1 else "wild readings"
+    says = f"{len(rows)} {many} of {quantity} left out: {listed(words, quantity, rows, values)}."
+    return correction(LoggerFault.WILD, quantity, rows, values, says)
 
 
 def _on_readings(
     words: Words, logged: LoggedTrace, *, known: set[int]
 ) -> tuple[LoggedTrace, list[LoggerCorrection]]:
-    """Rows that hold a reading of travel and of force; `known`: rows left out already."""
+    """Rows that hold a time and a reading of travel and of force; `known`: rows left out already."""
     notes = []
-    joined = _is_joined(logged)
-    travel, force = logged.travel.copy(), logged.force_N.copy()
-    for values, other, name in ((travel, force, logged.quantity), (force, travel, "force")):
-        rhythm, equal = rhythm_of(values, other)
-        if rhythm is None or joined:
+    whole = np.isfinite(logged.travel) & np.isfinite(logged.force_N) & np.isfinite(logged.time_s)
+    keep = whole.copy()
+    for name, values in logged.columns.items():
+        rhythm = rhythm_of(values, logged.travel if name == "force" else logged.force_N)
+        if rhythm is None:
             continue
-        if equal and (name == "force" or not is_held(values, other, rhythm)):
-            continue
-        again = np.ones(len(values), dtype=bool)
-        again[rhythm.rows] = False
-        again &= np.isfinite(values)
-        rate = 1 / (rhythm.period * float(np.median(np.diff(logged.time_s))))
+        rows, period = rhythm
+        again = np.isfinite(values)
+        again[rows] = False
+        rate = 1 / (period * float(np.median(np.diff(logged.time_s))))
         says = (
             f"{name} was read {rate:.3g} times a second and repeated in between; drupe used the first "
             f"row of each reading ({words.count(int(again.sum()))} of {len(values)} repeat, from row "
             f"{logged.rows[np.argmax(again)]} on)."
         )
         notes.append(correction(LoggerFault.REPEATED, name, logged.rows[again], values[again], says))
-        values[again] = np.nan
-    if joined:
-        notes.append(_joined_note(logged))
-    lacking = np.isnan(logged.travel) | np.isnan(logged.force_N) | np.isnan(logged.time_s)
-    lacking &= ~np.isin(logged.rows, list(known))
-    if lacking.any() and not joined:
+        keep &= ~again
+    lacking = ~whole & ~np.isin(logged.rows, list(known))
+    if lacking.any():
         at = logged.rows[lacking]
-        which = ", ".join(f"{words.row} {row}" for row in at[:3]) + (
-            f" and {len(at) - 3} more" if len(at) > 3 else ""
-        )
+        which = ", ".join(f"{words.row} {row}" for row in at[:3])
+        which += f" and {len(at) - 3} more" if len(at) > 3 else ""
         says = f"{words.count(len(at))} with an empty cell left out: {which}."
         notes.append(correction(LoggerFault.MISSING, "", at, np.full(len(at), np.nan), says))
+    return logged.part(keep), notes
+
+
+def _on_one_clock(logged: LoggedTrace) -> tuple[LoggedTrace, LoggerCorrection]:
+    """The travel interpolated at the times of the force, where both were read.
+
+    Raises NotPrepared where the two topics have no time in common.
+    """
     timed = np.isfinite(logged.time_s)
-    rows, there = on_common_rows(logged.time_s[timed], travel[timed], force[timed])
-    at = np.flatnonzero(timed)[rows]
-    return replace(logged.part(at), travel=there, force_N=force[at]), notes
-
-
-def _joined_note(logged: LoggedTrace) -> LoggerCorrection:
-    """That two topics were put on one clock; raises NotPrepared where they have no time in common."""
-    ranges = []
-    for name, values in logged.columns.items():
-        time = logged.time_s[np.isfinite(values)]
-        ranges.append((name, len(time), float(time[0]), float(time[-1])))
-    (first_topic, n, a, b), (second_topic, m, c, d) = ranges
+    parts = [logged.part(np.isfinite(values) & timed) for values in logged.columns.values()]
+    (a, b), (c, d) = (part.time_s[[0, -1]] for part in parts)
+    name = logged.quantity
     if min(b, d) - max(a, c) < OVERLAP * min(b - a, d - c):
-        fault = (
-            f"two clocks: {first_topic} from {a:.10g} to {b:.10g} s, "
-            f"{second_topic} from {c:.10g} to {d:.10g} s"
-        )
+        fault = f"two clocks: {name} from {a:.10g} to {b:.10g} s, force from {c:.10g} to {d:.10g} s"
         raise NotPrepared(fault, "both on one clock; export them again with one time for all topics")
+    m, n = (len(part.rows) for part in parts)
     says = (
-        f"{first_topic} ({n} readings, {n / (b - a):.3g} per second) and {second_topic} ({m} readings, "
-        f"{m / (d - c):.3g} per second) are two topics in one table. drupe interpolated {first_topic} at the "
-        f"times of {second_topic}, where its readings determine it."
+        f"{name} ({m} readings, {m / (b - a):.3g} per second) and force ({n} readings, "
+        f"{n / (d - c):.3g} per second) are two topics in one table. drupe interpolated {name} at the times "
+        "of force."
     )
-    return correction(LoggerFault.JOINED, first_topic, logged.rows[:1], logged.travel[:1], says)
+    note = correction(LoggerFault.JOINED, name, logged.rows[:1], logged.travel[:1], says)
+    common = parts[1].part((parts[1].time_s >= a) & (parts[1].time_s <= b))
+    travel = np.interp(common.time_s, parts[0].time_s, parts[0].travel)
+    return replace(common, travel=travel), note
 
 
 def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:

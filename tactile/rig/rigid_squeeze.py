@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from tactile.io.recording import GelPad
 from tactile.noise import noise_sd
@@ -23,21 +23,13 @@ WEAK = 0.5
 """Of the largest squeeze's force: an episode with less is no squeeze of its own. Set by hand."""
 FEWEST_READINGS = 4
 """New readings of the travel on the way in, without which no line has a curvature. Set by hand."""
-SHORT = 0.3
-"""Share of the largest force that the last reading of the travel may be short of it. Set by hand."""
 FALL = 0.1
 """Share of the peak by which the force may fall while the travel goes on. Set by hand: past it something has
 slipped or broken."""
 CREEP = 0.15
-"""Share of the peak force that may be lost while the travel stands still. Set by hand between gels, which
+"""Share of the peak force that may be lost in the second half of a hold. Set by hand between gels, which
 lose 2 to 6 % in a golf ball's squeezes, and meat, which loses 43
 to 72 % in 10 s."""
-CREEPS_ON = 0.25
-"""Share of the travel that may follow the largest force. Set by hand: a gripper that holds its force gives a
-golf ball's squeezes up to 16 % more, part of it a reading that was late."""
-FAST = 0.5
-"""Of the mean rate on the way in: a force that changes faster in a hold is no creep but an opening of the
-jaws that the travel's reading has not followed yet. Set by hand."""
 STANDS = 0.05
 """Share of the travel by which it may move in a hold. Set by hand."""
 SET = 0.4
@@ -68,7 +60,6 @@ class RigidPress:
     part_mm: Float[np.ndarray, " t"]
     back_force_N: Float[np.ndarray, " u"]
     back_travel_mm: Float[np.ndarray, " u"]
-    noise_N: float
     held: float
 
     @property
@@ -78,7 +69,6 @@ class RigidPress:
 
 
 def rigid_squeezes(
-    time_s: Float[np.ndarray, " t"],
     force_N: Float[np.ndarray, " t"],
     travel_mm: Float[np.ndarray, " t"],
     *,
@@ -101,14 +91,13 @@ def rigid_squeezes(
     touched = pushed > max(TOUCHED * noise, TOUCHED_SHARE * largest)
     part = np.zeros(len(force_N)) if part_mm is None else part_mm
     return tuple(
-        _squeeze(time_s, pushed, travel_mm, part, frames, noise_N=noise, size_mm=size_mm, source=source)
+        _squeeze(pushed, travel_mm, part, frames, noise_N=noise, size_mm=size_mm, source=source)
         for frames in _episodes(touched)
         if pushed[frames].max() > WEAK * largest
     )
 
 
 def _squeeze(
-    time_s: Float[np.ndarray, " t"],
     force: Float[np.ndarray, " t"],
     travel: Float[np.ndarray, " t"],
     part: Float[np.ndarray, " t"],
@@ -135,17 +124,11 @@ def _squeeze(
     observed = f"{len(into)} readings of the travel on the way to {most:.3g} N"
     advice = "close the jaws slower, or record more often"
     require(len(into) >= FEWEST_READINGS, observed, f"{FEWEST_READINGS} or more", advice)
-    last = float(force[into].max())
-    observed = f"no new reading of the travel between {last:.3g} and {most:.3g} N"
-    expected = f"one within {SHORT:.0%} of the largest force"
-    require(last >= (1 - SHORT) * most, observed, expected, "close the jaws slower")
     gone = float(travel[into].max() - travel[into[0]])
     observed = f"a travel that goes {gone:.3g} mm as the force grows to {most:.3g} N"
     require(gone > 0.0, observed, "one that grows", "give it its sign, or the gap as a gap")
-    observed, expected = (
-        f"{gone:.3g} mm of travel on an object of {size_mm:g} mm",
-        f"at most {NOT_RIGID:.0%} of its size",
-    )
+    observed = f"{gone:.3g} mm of travel on an object of {size_mm:g} mm"
+    expected = f"at most {NOT_RIGID:.0%} of its size"
     require(gone <= NOT_RIGID * size_mm, observed, expected, "squeeze what is rigid; sizes are in mm")
     fallen = _back(force[into])
     observed = f"a force that falls by {fallen:.3g} of {most:.3g} N while the travel goes on"
@@ -158,12 +141,10 @@ def _squeeze(
     _require_stiffening(force[into], travel[into], source)
     stands = travel[after] > travel[: peak + 1].max() - STANDS * gone
     still = after[: len(after) if stands.all() else int(np.argmin(stands))]
-    held = 1.0 - _lost_N(time_s, force, frames.start, peak, still) / most
+    # the last frames may be those of an opening that the travel's reading has not followed yet
+    held = float(np.median(force[still[len(still) // 2 :]])) / most if len(still) else 1.0
     observed = f"{1 - held:.0%} of the force lost while the travel stands still"
     require(held >= 1 - CREEP, observed, f"at most {CREEP:.0%}", "squeeze an object that does not relax")
-    crept = float((travel[still] - travel[peak]).max(initial=0.0)) / gone
-    observed = f"a travel that goes on by {crept:.0%} after the largest force"
-    require(crept <= CREEPS_ON, observed, f"at most {CREEPS_ON:.0%}", "squeeze an object that does not creep")
     back = after[len(still) :]
     back = back[_new_readings(travel[back])]
     low = back[(force[back] < 0.2 * most) & (force[back] > 0.05 * most)]
@@ -180,24 +161,8 @@ def _squeeze(
         part_mm=part[into],
         back_force_N=force[back],
         back_travel_mm=travel[back],
-        noise_N=noise_N,
         held=held,
     )
-
-
-def _lost_N(
-    time_s: Float[np.ndarray, " t"],
-    force: Float[np.ndarray, " t"],
-    start: int,
-    peak: int,
-    still: Int[np.ndarray, " h"],
-) -> float:
-    """Force lost in the hold by steps that are slow against the way in."""
-    frames = np.r_[peak, still]
-    fast = FAST * force[peak] / max(float(time_s[peak] - time_s[max(start - 1, 0)]), 1e-9)
-    steps = np.diff(force[frames])
-    slow = np.abs(steps) <= fast * np.diff(time_s[frames])
-    return max(float(-steps[slow].sum()), 0.0)
 
 
 def _require_stiffening(force: Float[np.ndarray, " t"], travel: Float[np.ndarray, " t"], source: str) -> None:

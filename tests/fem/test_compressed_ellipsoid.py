@@ -65,7 +65,8 @@ def test_a_stone_makes_fruit_stiffer_the_deeper_the_more():
 
 
 def test_shape_leaves_more_of_e_uncertain_the_larger_the_stone():
-    shares = [curve(60.0, 60.0, 60.0, pit_share=share).shape_sd for share in (0.0, 0.4, 0.6)]
+    fruits = [Ellipsoid(diameters_mm=(60.0,) * 3, axis=2, pit_share=share) for share in (0.0, 0.4, 0.6)]
+    shares = [fruit.shape_sd(0.45) for fruit in fruits]
     assert shares == sorted(shares)
     assert shares[0] == pytest.approx(0.053, abs=1e-3)
 

@@ -9,7 +9,7 @@ from fem.indentation.ball import Ball
 from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.compressed_ellipsoid import Ellipsoid
 from fem.indentation.contact_law import Law, linear_law
-from fem.indentation.explain_trace import account_for
+from fem.indentation.explain_trace import explain_trace
 from fem.indentation.explanations import forms_of
 from fem.indentation.flat_punch import FlatPunch
 from fem.indentation.trace import IndenterTrace
@@ -126,7 +126,7 @@ def test_relaxation_is_named_between_plates_and_under_a_punch(name):
     memory = np.array([np.sum(kept(t - middle[middle < t]) * rising[middle < t]) for t in time])
     recorded = 0.3 * memory + 1e-3 * memory.max() * rng.standard_normal(len(time))
     trace = IndenterTrace(time_s=time, force_N=recorded, travel_mm=travel, geometry=GEOMETRIES[name])
-    account = account_for(trace, thickness_mm=None, poisson_ratio=NU, rng=rng)
+    account = explain_trace(trace, thickness_mm=None, poisson_ratio=NU, rng=rng)
     said = account.explanation
     assert said.verdict == "viscoelastic"
     assert account.named.modulus.value == pytest.approx(0.3, rel=0.03)

@@ -48,7 +48,6 @@ def fitted():
             law=Law(curve=plain.curve, baseline=plain.baseline, effects=effects),
             scaled=scaled,
             covariance=1e-4 * np.eye(len(scaled)),
-            jacobian=np.zeros((len(TIME_S), len(scaled))),
             log_evidence=log_evidence,
             share=share,
         )

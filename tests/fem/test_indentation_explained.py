@@ -7,8 +7,7 @@ from injected_presses import NU, RADIUS_MM, THICK_MM, Press, injected
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.ball import Ball
 from fem.indentation.contact_law import linear_law
-from fem.indentation.explain_trace import BACK, IN_AIR, SLOWER, account_for, next_press
-from fem.indentation.heldout import whole_recordings
+from fem.indentation.explain_trace import BACK, IN_AIR, SLOWER, explain_trace, next_press
 from fem.indentation.trace import IndenterTrace, joined
 
 E_MPa, RADIUS = 0.3, 20.0
@@ -34,7 +33,7 @@ def account(time, force, travel, *, radius_mm=RADIUS, thickness_mm=None, nu=NU, 
         drift_N_per_min=drift_N_per_min,
     )
     rng = np.random.default_rng(0)
-    return account_for(trace, thickness_mm=thickness_mm, poisson_ratio=nu, rng=rng)
+    return explain_trace(trace, thickness_mm=thickness_mm, poisson_ratio=nu, rng=rng)
 
 
 def of_slab(columns, *, thickness_mm=THICK_MM, nu=NU):
@@ -237,7 +236,7 @@ def three(**kind):
 
 def together(traces):
     rng = np.random.default_rng(0)
-    return account_for(joined(traces), thickness_mm=THICK_MM, poisson_ratio=NU, rng=rng).explanation
+    return explain_trace(joined(traces), thickness_mm=THICK_MM, poisson_ratio=NU, rng=rng).explanation
 
 
 @pytest.mark.slow
@@ -275,12 +274,3 @@ def test_a_joined_trace_has_each_recordings_force_and_phases():
     assert force[whole.slices[1]] == pytest.approx(second_force)
     assert whole.phases == tuple(phase for part in parts for phase in part.phases)
     assert (np.diff(whole.time_s) > 0).all()
-
-
-def test_of_a_recording_left_out_only_its_beginning_stays():
-    whole = joined(three())
-    for mask, frames, part in zip(whole_recordings(whole), whole.slices, whole.parts, strict=True):
-        assert not mask[: frames.start].any()
-        assert not mask[frames.stop :].any()
-        kept = part.force_N[~mask[frames]]
-        assert kept.max() < 0.12 * part.force_N.max()

@@ -4,25 +4,25 @@ from injected_presses import NU, RADIUS_MM, THICK_MM, Press, curve, ting_force
 from scipy.optimize import brentq
 from scipy.special import dawsn
 
-from fem.indentation.ball import BallOnSlab, slab_factor
-from fem.indentation.foundation import elastic_force, relaxing_force, springs
+from fem.indentation.ball import Ball, slab_factor
+from fem.indentation.foundation import Springs
 from fem.solid.closed_forms import hertz_sphere_force_N
 
-HALF_SPACE = BallOnSlab.tabulate(radius_mm=RADIUS_MM, thickness_mm=None, poisson_ratio=NU)
+HALF_SPACE = Ball(radius_mm=RADIUS_MM).curve(thickness_mm=None, poisson_ratio=NU)
 
 
 def row(time_s, depth_mm, g=(), tau_s=(), curve=HALF_SPACE.force_N_per_MPa):
     """Force per MPa of one row of springs."""
     depth = np.asarray(depth_mm)[None]
-    level, stiffness = springs(curve, depth.max(axis=1))
+    springs = Springs.of(curve, depth.max(axis=1))
     if not g:
-        return elastic_force(depth, None, level, stiffness)[0]
+        return springs.elastic_force(depth)[0]
     share, tau = np.array(g)[:, None], np.array(tau_s)[:, None]
-    return relaxing_force(time_s, depth, None, level, stiffness, share, tau)[0]
+    return springs.relaxing_force(time_s, depth, None, share, tau)[0]
 
 
 def test_a_shallow_press_of_a_thick_slab_is_hertz():
-    thick = BallOnSlab.tabulate(radius_mm=5.0, thickness_mm=1e4, poisson_ratio=0.3)
+    thick = Ball(radius_mm=5.0).curve(thickness_mm=1e4, poisson_ratio=0.3)
     hertz = hertz_sphere_force_N(E_MPa=1.0, poisson_ratio=0.3, radius_mm=5.0, indentation_mm=0.01)
     assert thick.force_N_per_MPa(np.array(0.01)) == pytest.approx(hertz, rel=1e-3)
 
@@ -42,7 +42,7 @@ def test_an_incompressible_slab_has_the_published_numbers():
 
 def test_the_slab_agrees_with_finite_elements_within_a_hundredth():
     depth, force = curve("linear")
-    slab = BallOnSlab.tabulate(radius_mm=RADIUS_MM, thickness_mm=THICK_MM, poisson_ratio=NU)
+    slab = Ball(radius_mm=RADIUS_MM).curve(thickness_mm=THICK_MM, poisson_ratio=NU)
     assert slab.force_N_per_MPa(depth[2:20]) == pytest.approx(force[2:20], rel=0.01)
 
 

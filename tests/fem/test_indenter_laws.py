@@ -3,20 +3,15 @@ import pytest
 from injected_presses import NU, RADIUS_MM, THICK_MM, curve
 from pressed_slab import Linear, PressedSlab
 
-from fem.indentation.ball import BallOnSlab
+from fem.indentation.ball import Ball
 from fem.indentation.effects.trace_damage import damage_share
 from fem.indentation.effects.trace_plastic_set import plastic_slack_mm
 from fem.indentation.effects.trace_stiffening import stiffening_share
 from fem.indentation.effects.trace_viscoelastic import viscoelastic_parameters
-from fem.indentation.energy_share import (
-    energy_classes,
-    half_space,
-    hertz_energy_density,
-    whole_energy,
-)
-from fem.indentation.foundation import elastic_force, relaxing_force, springs
+from fem.indentation.energy_share import half_space, hertz_energy_density
+from fem.indentation.foundation import Springs
 
-SLAB = BallOnSlab.tabulate(radius_mm=RADIUS_MM, thickness_mm=THICK_MM, poisson_ratio=NU)
+SLAB = Ball(radius_mm=RADIUS_MM).curve(thickness_mm=THICK_MM, poisson_ratio=NU)
 
 
 def test_the_curves_are_the_finite_elements_own():
@@ -29,12 +24,6 @@ def test_hertz_energy_in_the_half_space_is_the_work_of_the_force():
     r, z, volume = half_space()
     density = hertz_energy_density(r, z, poisson_ratio=0.4999999)
     assert density @ volume == pytest.approx(32 / 15, rel=4e-3)
-
-
-def test_classes_keep_the_whole_energy():
-    density, volume = energy_classes(0.45)
-    assert density @ volume == pytest.approx(whole_energy(0.45))
-    assert (np.diff(density) > 0).all()
 
 
 @pytest.mark.parametrize("b", [2, 8])
@@ -65,32 +54,18 @@ def test_damage_follows_finite_elements_in_and_out_again(dmax, W0):
 @pytest.mark.parametrize("yield_over_E", [0.1, 0.05])
 def test_plastic_set_follows_finite_elements_within_a_twentieth(yield_over_E):
     depth, force = curve(f"plastic_set yield_over_E={yield_over_E}")
-    level, stiffness = springs(SLAB.force_N_per_MPa, np.array([depth.max()]))
+    springs = Springs.of(SLAB.force_N_per_MPa, np.array([depth.max()]))
     slack = plastic_slack_mm(
         np.array([[yield_over_E]]),
         np.maximum.accumulate(depth)[None],
-        level,
+        springs.level_mm[:, :-1],
         poisson_ratio=NU,
         radius_mm=RADIUS_MM,
         over_half_space=SLAB.over_half_space(np.maximum.accumulate(depth))[None],
     )
-    law_force = elastic_force(depth[None], slack, level, stiffness)[0]
+    law_force = springs.elastic_force(depth[None], slack)[0]
     off = (law_force - force) / force.max()
     assert np.sqrt(np.mean(off**2)) < 0.05
-
-
-def test_without_its_effect_every_law_is_the_linear_one():
-    strain = np.linspace(0.01, 0.5, 9)[None]
-    none, over_half_space = np.array([[1e-9]]), np.ones((1, 9))
-    assert stiffening_share(none, strain, poisson_ratio=NU) == pytest.approx(1)
-    assert damage_share(none, np.array([[0.01]]), strain, 0 * strain + 1, poisson_ratio=NU) == pytest.approx(
-        1
-    )
-    level = np.linspace(0, 1, 5)[None]
-    slack = plastic_slack_mm(
-        np.array([[1e4]]), strain, level, poisson_ratio=NU, radius_mm=5.0, over_half_space=over_half_space
-    )
-    assert slack == pytest.approx(0, abs=1e-5)
 
 
 def test_shares_and_times_carry_the_unknowns_scatter():
@@ -110,8 +85,7 @@ def test_shares_and_times_carry_the_unknowns_scatter():
 def test_a_curve_that_only_opens_is_elastic_without_memory():
     """Depth falls from the first frame on: with a share of nil the force is that of the springs."""
     time_s, depth = np.arange(5.0), np.array([[1.0, 0.8, 0.6, 0.4, 0.2]])
-    level, stiffness = np.array([[0.0, 0.3]]), np.array([[2.0, 1.0]])
-    share, tau = np.zeros((1, 1)), np.ones((1, 1))
-    force = relaxing_force(time_s, depth, None, level, stiffness, share, tau)
+    springs = Springs(level_mm=np.array([[0.0, 0.3, 1.0]]), curve=np.array([[0.0, 0.6, 2.7]]))
+    force = springs.relaxing_force(time_s, depth, None, np.zeros((1, 1)), np.ones((1, 1)))
     expected = 2 * depth + np.maximum(depth - 0.3, 0)
     np.testing.assert_allclose(force, expected, rtol=1e-9)

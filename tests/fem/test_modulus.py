@@ -90,13 +90,6 @@ def test_the_error_bar_covers_the_truth():
     assert np.abs(np.array([f.energy.E_MPa for f in estimates]) - E_MPA).max() < 0.02 * E_MPA
 
 
-def test_the_parts_of_the_error_bar_add_up_in_squares():
-    estimate = found_in(grasp(), plain_model())
-    parts = list(estimate.parts_sd_MPa.values())
-    assert np.linalg.norm(parts) == pytest.approx(estimate.E_sd_MPa, rel=1e-9)
-    assert estimate.least_squares.sd_MPa == estimate.E_sd_MPa
-
-
 def test_the_noise_free_model_serves_noisy_recordings_too():
     """The model depends on a recording's forces by its sensitivities only."""
     exact, plain = found_in(grasp(), own_model()), found_in(grasp(), plain_model())

@@ -13,7 +13,7 @@ from fem.estimation.compliance_fit import (
     fit_compliance,
     rigid_motion,
 )
-from fem.estimation.energy_ratio import energy_ratio, since_first_touch
+from fem.estimation.energy_ratio import energy_ratio
 
 E_MPA = 0.7
 
@@ -219,10 +219,3 @@ def test_the_energy_ratios_error_bar_covers_the_truth():
         sd = energy.modulus_MPa * np.hypot(energy.displacement_noise, energy.gel_scale)
         scores.append((energy.modulus_MPa - E_MPA) / sd)
     assert 0.75 < np.std(scores) < 1.25
-
-
-def test_changes_count_from_the_first_frame_of_a_contact():
-    values = np.arange(5.0)[:, None, None] * np.ones((1, 2, 3))
-    episode = np.array([[-1, 0], [0, 0], [0, -1], [-1, 1], [1, 1]])
-    expected = np.array([[0, 0], [0, 1], [1, 0], [0, 0], [0, 1]])
-    np.testing.assert_array_equal(since_first_touch(values, episode)[:, :, 0], expected)

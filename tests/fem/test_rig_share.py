@@ -35,7 +35,7 @@ def pressed(rig_N_per_mm, *, E_MPa=0.5, peak_N=4.0, taken_off=False, share=0.05,
 
 def explained(trace, **how):
     rng = np.random.default_rng(0)
-    return explain_trace(trace, thickness_mm=None, poisson_ratio=NU, rng=rng, **how)
+    return explain_trace(trace, thickness_mm=None, poisson_ratio=NU, rng=rng, **how).explanation
 
 
 def test_slopes_are_those_of_springs_in_series():

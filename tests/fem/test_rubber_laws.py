@@ -3,15 +3,17 @@
 Nothing of fem draws a curve here: stress is the numerical derivative of an energy that is written down anew.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
+from fem.indentation import strangers as strangers_module
 from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.contact_law import linear_law
-from fem.indentation.effects.trace_stiffening import ogden_share, yeoh_share
-from fem.indentation.explain_trace import account_for
+from fem.indentation.effects.trace_stiffening import ogden_share, two_ogden_share, yeoh_share
+from fem.indentation.explain_trace import explain_trace
 from fem.indentation.fit import from_prior
-from fem.indentation.foundation import elastic_force, springs
 from fem.indentation.no_contact import pooled_noise
 from fem.indentation.strangers import own_moduli, scatter, strangers
 from fem.indentation.trace import IndenterTrace, joined
@@ -43,6 +45,12 @@ def ogden(stretch, power=5.0):
     return 2 / 3 / power**2 * (stretch**power + 2 * stretch ** (-power / 2) - 3)
 
 
+def mooney_rivlin(stretch, second=0.3):
+    """`second`: share of the second invariant in the initial modulus."""
+    x, y = invariants(stretch)
+    return ((1 - second) * x + second * y) / 6
+
+
 def column(value):
     return np.array([[value]])
 
@@ -53,6 +61,7 @@ def column(value):
         (yeoh, lambda x: yeoh_share(column(0.1), column(0.03), x)),
         (ogden, lambda x: ogden_share(column(5.0), x)),
         (lambda x: ogden(x, -3.0), lambda x: ogden_share(column(-3.0), x)),
+        (mooney_rivlin, lambda x: two_ogden_share(column(2.0), column(-2.0), column(0.3), x)),
     ],
 )
 def test_each_law_is_the_derivative_of_its_energy_and_begins_as_neo_hooke(energy, share):
@@ -70,11 +79,19 @@ def test_ogdens_law_with_the_power_two_is_neo_hooke_and_has_a_limit_at_nought():
 
 
 def test_a_toe_is_the_mean_over_first_touches():
-    depth = np.linspace(-0.5, 2.0, 60)[None]
-    level, stiffness = springs(lambda d: d**1.5, np.array([2.5]))
-    touches = 0.8 * (np.arange(4000) + 0.5) / 4000 - 0.4
-    mean = np.mean([elastic_force(depth - touch, None, level, stiffness) for touch in touches], axis=0)
-    assert elastic_force(depth, None, level, stiffness, np.array([0.8])) == pytest.approx(mean, abs=1e-5)
+    trace = pressed(neo_hookean)
+    law = linear_law(trace, thickness_mm=None, poisson_ratio=NU)
+    values = [u.mean for u in law.unknowns]
+    onset, toe = law.index("onset_mm"), law.index("toe_mm")
+
+    def force(onset_mm, toe_mm):
+        row = np.array(values)
+        row[[onset, toe]] = onset_mm, np.log(toe_mm)
+        return law.force_N(trace, row[None])[0]
+
+    touches = 0.6 + 0.8 * (np.arange(400) + 0.5) / 400 - 0.4
+    mean = np.mean([force(touch, 1e-6) for touch in touches], axis=0)
+    assert force(0.6, 0.8) == pytest.approx(mean, abs=1e-3 * mean.max())
 
 
 def test_ends_that_are_not_stated_lie_between_sliding_and_held():
@@ -84,7 +101,7 @@ def test_ends_that_are_not_stated_lie_between_sliding_and_held():
         for ends in ("lubricated", "bonded", None)
     )
     ratio = free.held_over_sliding(depth)
-    assert sliding.held_over_sliding(depth) is None
+    assert sliding.held_over_sliding is None
     assert free.force_N_per_MPa(depth) == pytest.approx(sliding.force_N_per_MPa(depth))
     assert free.force_N_per_MPa(depth) * ratio == pytest.approx(held.force_N_per_MPa(depth))
 
@@ -103,7 +120,7 @@ def pressed(energy, *, seed=0, E_MPa=E_MPA, onset_mm=0.6, toe_mm=0.5, strain=0.6
 
 
 def explained(trace):
-    return account_for(trace, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
+    return explain_trace(trace, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
 
 
 @pytest.mark.parametrize(
@@ -164,6 +181,25 @@ def test_a_curve_of_another_specimen_is_named_with_its_modulus_and_leaves_E_to_t
 def test_a_curve_of_another_shape_is_named():
     _, recording_moduli, _ = with_moduli(several([E_MPA] * 5, seed=1, odd=lambda x: yeoh(x, 3.0, 3.0)))
     assert list(strangers(recording_moduli)) == [1]
+
+
+@pytest.mark.parametrize("count", [3, 5, 10])
+@pytest.mark.parametrize("scatter_sd", [0.0, 0.01, 0.03, 0.1])
+def test_the_interval_of_E_holds_the_truth_at_every_scatter_from_curve_to_curve(
+    count, scatter_sd, monkeypatch
+):
+    """ln E of the curves is drawn, with errors of their fits: own ones, and what all have in common."""
+    rng = np.random.default_rng(0)
+    own_sd, common_sd, inside = 0.008, 0.005, 0
+    covariance = own_sd**2 * np.eye(count) + common_sd**2
+    for _ in range(2000):
+        ln_E = rng.normal(0.0, scatter_sd, count) + rng.multivariate_normal(np.zeros(count), covariance)
+        drawn = SimpleNamespace(ln_E=ln_E, covariance=covariance)
+        monkeypatch.setattr(strangers_module, "own_moduli", lambda *_, drawn=drawn: drawn)
+        known = SimpleNamespace(scaled=[ln_E.mean()])
+        _, added_sd = scatter(SimpleNamespace(parts=ln_E), known, None)
+        inside += abs(ln_E.mean()) < 1.645 * np.sqrt(own_sd**2 / count + common_sd**2 + added_sd**2)
+    assert 0.85 < inside / 2000 < 0.95
 
 
 @pytest.mark.slow

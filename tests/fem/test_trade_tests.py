@@ -8,8 +8,8 @@ import pytest
 from compressed_solid import linear, neo_hookean, spheroid
 from fem_shapes import ball
 
-from fem.indentation import simulated_presses as presses_module
-from fem.indentation.simulated_presses import (
+from fem.firmness import simulated_presses as presses_module
+from fem.firmness.simulated_presses import (
     DEPTHS,
     SQUEEZES,
     FruitPresses,
@@ -17,8 +17,8 @@ from fem.indentation.simulated_presses import (
     simulated_presses,
     spheroid_presses,
 )
-from fem.indentation.smooth_patch import SmoothPatch
-from fem.indentation.trade_tests import N_PER_GF, modulus_at, reading, trade_tests
+from fem.firmness.smooth_patch import SmoothPatch
+from fem.firmness.trade_tests import N_PER_GF, modulus_at, reading, trade_tests
 from fem.solid.closed_forms import hertz_sphere_force_N
 from fem.solid.linear_solid import UnitModulusSolid
 

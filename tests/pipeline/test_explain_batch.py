@@ -1,6 +1,7 @@
 """`drupe explain` of a fruit of a batch, with --apply, and of a bare ball's trace."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 from fake_explanation import GAIN, OTHERS, fake_explanation
@@ -81,7 +82,7 @@ def test_the_trace_of_a_bare_ball_is_explained_without_any_mesh(drupe, tmp_path,
 
     def explain_trace(trace, **rest):
         handed.update(rest, trace=trace)
-        return fake_explanation(maps=None, traces=(), cells=())
+        return SimpleNamespace(explanation=fake_explanation(maps=None, traces=(), cells=()))
 
     monkeypatch.setattr(pipeline.diagnosis.diagnosis, "explain_trace", explain_trace)
     ran = drupe("explain", folder, "--json", tmp_path / "a.json", "--html", tmp_path / "a.html")
@@ -114,7 +115,7 @@ def test_a_trace_that_names_a_fruit_which_the_batch_does_not_have_is_said(
     monkeypatch.setattr(
         pipeline.diagnosis.diagnosis,
         "explain_trace",
-        lambda *_, **__: fake_explanation(maps=None, traces=(), cells=()),
+        lambda *_, **__: SimpleNamespace(explanation=fake_explanation(maps=None, traces=(), cells=())),
     )
     ran = drupe("explain", batch, "--fruit", "N01", "--json", tmp_path / "a.json")
     assert ran.status == 0, ran.err

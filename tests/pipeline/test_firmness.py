@@ -10,9 +10,9 @@ from graded_results import graded, results_of
 from small_batches import batch_of_nectarines, write_ball
 
 import pipeline.fruit.grasped
+from fem.firmness.simulated_presses import spheroid_presses
+from fem.firmness.trade_tests import trade_tests
 from fem.indentation.compressed_ellipsoid import Ellipsoid
-from fem.indentation.simulated_presses import spheroid_presses
-from fem.indentation.trade_tests import trade_tests
 from pipeline.batch.layout import Results, write_whole
 from pipeline.batch.opening import open_batch
 from pipeline.batch.records import (

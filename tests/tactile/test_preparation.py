@@ -62,7 +62,7 @@ def test_rows_lost_inside_a_record_are_left_out_or_are_too_many(fill):
             column[200 : 200 + count] = fill
         return logged(*columns)
 
-    (correction,) = prepare(lost(6)).corrections
+    _, (correction,) = prepare(lost(6))
     assert correction.rows == tuple(range(202, 208))
     with pytest.raises(NotPrepared) as caught:
         prepare(lost(40))

@@ -15,7 +15,8 @@ RIG = SeriesRig()
 
 
 def squeezes_in(columns, *, size_mm=40.0):
-    return rigid_squeezes(*columns, part_mm=None, size_mm=size_mm, source="s.csv")
+    _, force, travel = columns
+    return rigid_squeezes(force, travel, part_mm=None, size_mm=size_mm, source="s.csv")
 
 
 def fitted(rng, *, scales=(1.0, 1.0, 1.0), rig=RIG, **how) -> FittedRig:

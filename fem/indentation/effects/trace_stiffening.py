@@ -10,7 +10,7 @@ from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
 from fem.indentation.contact_curve import ContactCurve
-from fem.indentation.energy_share import energy_classes, force_share
+from fem.indentation.energy_share import force_share, half_space, hertz_energy_density
 from fem.indentation.trace_effect import TraceEffect, Unknown, Values, unknown
 from fem.mismatch.effects.stiffening import SPEC
 
@@ -39,11 +39,12 @@ def stiffening_share(
 @lru_cache(maxsize=8)
 def _log_share(poisson_ratio: float) -> CubicSpline:
     """Logarithm of the share over s = b depth/R, which is all that it depends on."""
-    w, _ = energy_classes(poisson_ratio)
+    r, z, _ = half_space()
+    w = hertz_energy_density(r, z, poisson_ratio=poisson_ratio)
     s = LARGEST * np.linspace(0, 1, 200)[1:] ** 2
     grown = s[:, None] * w
-    excess = force_share(np.expm1(grown) / s[:, None], w * np.exp(grown), poisson_ratio=poisson_ratio) - 1
-    return CubicSpline(np.r_[0, s], np.r_[0, ESCAPE * np.log1p(excess / ESCAPE)])
+    share = force_share(np.expm1(grown) / s[:, None], w * np.exp(grown), poisson_ratio=poisson_ratio)
+    return CubicSpline(np.r_[0, s], np.r_[0, ESCAPE * np.log1p((share - 1) / ESCAPE)])
 
 
 def _fung(value: Values, curve: ContactCurve, level_mm: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
@@ -77,13 +78,13 @@ def ogden_share(power: Float[np.ndarray, "p 1"], stretch: Float[np.ndarray, "p n
     return np.asarray(4 * np.exp((power / 4 - 1) * log) * sinh / (np.exp(log) - np.exp(-2 * log)))
 
 
-def _two_ogden_share(
+def two_ogden_share(
     power: Float[np.ndarray, "p 1"],
     power_2: Float[np.ndarray, "p 1"],
     weight_2: Float[np.ndarray, "p 1"],
     stretch: Float[np.ndarray, "p n"],
 ) -> np.ndarray:
-    """Two terms of Ogden's law, the second with a share of the modulus."""
+    """Two terms of Ogden's law, the second with a share of the modulus; Mooney and Rivlin's at 2 and -2."""
     first, second = ogden_share(power, stretch), ogden_share(power_2, stretch)
     return np.asarray((1 - weight_2) * first + weight_2 * second)
 
@@ -114,7 +115,7 @@ RUBBER = (
     _rubber(yeoh_share, _linear("yeoh_second", 0.2), _linear("yeoh_third", 0.05)),
     _rubber(ogden_share, _linear("ogden_power", 4.0, 2.0)),
     _rubber(
-        _two_ogden_share,
+        two_ogden_share,
         _linear("ogden_power", 4.0, 2.0),
         _linear("ogden_power_2", 4.0, -2.0),
         Unknown(name="ogden_weight_2", unit="1", scale="logit", mean=0.0, sd=1.7),

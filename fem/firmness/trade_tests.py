@@ -13,7 +13,7 @@ from functools import partial
 
 from scipy.optimize import brentq
 
-from fem.indentation.simulated_presses import BALL_MM, FruitPresses, PressCurve
+from fem.firmness.simulated_presses import BALL_MM, FruitPresses, PressCurve
 from fem.solid.closed_forms import s368_parallel_plates_modulus_MPa
 
 N_PER_GF = 9.80665e-3
@@ -104,7 +104,7 @@ def reading(
 ) -> tuple[float, float]:
     """The fruit's reading and its standard deviation; NaN where the simulation does not reach.
 
-    `presses`: the fruit's and their variants (fem.indentation.simulated_presses). The error is that of E and
+    `presses`: the fruit's and their variants (fem.firmness.simulated_presses). The error is that of E and
     of the method, which scale the force, and of Poisson's ratio and the pit's size. E's own error holds the
     last two too and is not freed of them, so that the whole is rather too large.
     """

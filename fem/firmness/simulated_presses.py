@@ -15,8 +15,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
+from fem.firmness.smooth_patch import SmoothPatch
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT, Ellipsoid
-from fem.indentation.smooth_patch import SmoothPatch
 from fem.mesh.closest_point import enclosed_volume_mm3
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.solid.closed_forms import hertz_sphere_force_N
