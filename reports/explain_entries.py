@@ -19,7 +19,7 @@ from jaxtyping import Float
 FORMAT: Final = "drupe-mismatch"
 VERSION: Final = 1
 """Name and number of the format in docs/formats.md; the number grows when an old reader would fail."""
-OPTIONAL = frozenset({"E_withheld", "doubts", "checks", "p_nominal", "left_out"})
+OPTIONAL = frozenset({"E_withheld", "doubts", "p_nominal", "left_out"})
 """Keys that are left out where there is nothing."""
 Record: TypeAlias = Any
 """Of fem/mismatch/result.py."""
@@ -65,7 +65,6 @@ class ExplainEntry:
     statistics: Mapping[str, float] = field(default_factory=dict)
     p_nominal: str | None = None
     left_out: tuple[str, ...] = ()
-    checks: tuple[Record, ...] = ()
     notes: tuple[str, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
     case: str
@@ -100,7 +99,7 @@ class ExplainEntry:
                 "noise_rms": self.heldout and self.heldout.noise_rms,
             },
             **{name: getattr(self, name) for name in ("next_grasp", "statistics", "p_nominal", "left_out")},
-            **{name: getattr(self, name) for name in ("checks", "notes", "seconds", "case")},
+            **{name: getattr(self, name) for name in ("notes", "seconds", "case")},
             **{name: getattr(self, name) for name in ("category", "grasps", "applied", "inputs", "versions")},
             "made_utc": self.made_utc.isoformat(timespec="seconds"),
         }

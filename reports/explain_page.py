@@ -37,7 +37,6 @@ def explain_html(entry: ExplainEntry) -> str:
     filters: dict[str, Callable[..., object]] = {
         "interval": _interval,
         "heldout": _heldout,
-        "mark": _mark,
         "modulus": _modulus,
         "p": _p,
         "sentence": _sentence,
@@ -172,9 +171,3 @@ def _p(p_value: float) -> str:
     if not math.isfinite(p_value):
         return UNKNOWN
     return "< 0.0001" if p_value < 1e-4 else f"{p_value:.2g}"
-
-
-def _mark(check: Record) -> tuple[bool, str]:
-    """Whether the model with the effect gives the number within two standard deviations."""
-    good = abs(check.after - check.measured) <= 2 * check.sd
-    return good, "✓ agrees" if good else "✗ differs"

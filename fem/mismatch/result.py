@@ -134,25 +134,13 @@ class FruitMap:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Check:
-    """One posterior predictive check: a number of the data, and what the model says of it."""
-
-    name: str
-    measured: float
-    before: float
-    after: float
-    sd: float
-    unit: str
-
-
-@dataclass(frozen=True, kw_only=True)
 class Explanation:
     """The answer. `verdict`: "none", "unknown", one effect, or several that cannot be told apart.
 
     `statistics`: each detection statistic's own p-value; `p_nominal`: what they assume without a
     calibration, None where there is one. `notes`: sentences a reader must know (one grasp
     only, the category's pit used). `next_grasp`: what to record next, None where nothing is left to
-    tell apart. `checks`: of curves alone. `withheld`: why no E is given (of a bare ball's
+    tell apart. `withheld`: why no E is given (of a bare ball's
     trace), which is then not a number in `before`, `after` and `ranking`. `left_out`: places of recordings
     that do not belong to the others; the first notes say why.
     """
@@ -171,7 +159,6 @@ class Explanation:
     next_grasp: str | None
     cells: tuple[ModulusCell, ...] = ()
     traces: tuple[GraspTrace, ...] = ()
-    checks: tuple[Check, ...] = ()
     maps: FruitMap | None = None
     notes: tuple[str, ...] = ()
     seconds: dict[str, float] | None = None

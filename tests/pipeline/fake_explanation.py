@@ -6,7 +6,6 @@ import numpy as np
 
 from fem.mismatch.result import (
     Candidate,
-    Check,
     Explanation,
     FruitMap,
     GraspTrace,
@@ -107,10 +106,6 @@ def fake_explanation(**changes):
         next_grasp="Hold one grasp for 30 s: relaxation goes on, a clock's lag does not.",
         cells=tuple(cells),
         traces=tuple(traces),
-        checks=(
-            Check(name="decay during the hold", measured=0.21, before=0.0, after=0.205, sd=0.01, unit="1"),
-            Check(name="loop area", measured=1.9, before=0.1, after=1.84, sd=0.08, unit="N mm"),
-        ),
         maps=fake_map(rng),
         notes=("One remark of the finder.",),
         seconds={"detect": 3.1, "name": 20.4},

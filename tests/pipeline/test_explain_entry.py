@@ -111,7 +111,7 @@ def test_of_several_names_the_json_has_a_list_and_the_page_always():
 
 def test_what_is_for_the_page_alone_is_not_in_the_json():
     made = entry(fake_explanation())
-    assert set(made.as_json()) == {*BARE, "checks"}
+    assert set(made.as_json()) == {*BARE}
     assert len(made.cells) == len(fake_explanation().cells)
     np.testing.assert_array_equal(made.maps.visible, fake_explanation().maps.visible)
     np.testing.assert_array_equal(made.traces[1].force_N, fake_explanation().traces[1].force_N)
