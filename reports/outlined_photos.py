@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 from jaxtyping import Float, UInt8
 
-from reports.photo import PAGE_PX, PAGE_QUALITY, jpeg, within
+from reports.photo import PAGE_PX, jpeg, within
 
 LINE_BGR, INK_BGR = (255, 190, 0), (29, 25, 22)
 """A light blue, which no stone fruit has, on paper and in shadow too; names as the page's text."""
@@ -40,7 +40,7 @@ class OutlinedPhoto(NamedTuple):
 def outlined_photo_jpeg(photo: OutlinedPhoto, *, longest_px: int = PAGE_PX) -> bytes:
     """JPEG of the whole photo with its outline, its longer side at most `longest_px`."""
     image, scale = within(photo.image, longest_px)
-    return jpeg(_drawn(image, (photo.outline_px + 0.5) * scale - 0.5), quality=PAGE_QUALITY)
+    return jpeg(_drawn(image, (photo.outline_px + 0.5) * scale - 0.5))
 
 
 def outline_sheet_jpeg(photos: Sequence[OutlinedPhoto]) -> bytes:

@@ -215,7 +215,9 @@ def store(path: Path, case: ReducedCase) -> None:
 
 
 def stored(path: Path) -> ReducedCase:
-    """Read a case. Raises ValueError for another format."""
+    """Read a case, without signatures of effects that have left the catalogue. Raises ValueError for another
+    format.
+    """
     with np.load(path, allow_pickle=False) as file:
         words = json.loads(str(file["words"]))
         if words.pop("format") != FORMAT:
@@ -226,4 +228,8 @@ def stored(path: Path) -> ReducedCase:
             half = np.zeros((len(rows[-1]) + 1,) * 2)
             half[np.tril_indices(len(half))] = file[f"products_{len(products)}"]
             products.append(half + half.T - np.diag(np.diag(half)))
+        known = {effect.spec.name for effect in EFFECTS}
+        words["signatures"] = [kept for kept in words["signatures"] if kept["effect"] in known]
+        gains = words["facts"].get("gains", {})
+        words["facts"]["gains"] = {effect: gain for effect, gain in gains.items() if effect in known}
         return ReducedCase(rows=rows, products=products, **words)

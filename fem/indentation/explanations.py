@@ -198,7 +198,7 @@ class CurvePosterior:
         """E over all explanations, by the rules of grasps."""
         candidates = [self.candidate(name) for name in self.probability]
         ranking = [
-            Hypothesis(name=name, gain=0.0, probability=probability, linear_fits=(), refit=None)
+            Hypothesis(name=name, gain=0.0, probability=probability, modulus_change=None)
             for name, probability in self.probability.items()
         ]
         plain = self.best[NONE]

@@ -52,7 +52,7 @@ def prepare_frames(
     pressed = {} if force is None or not _looks_reserved(columns) else {"force": force()}
     keep, notes = written(words, time_s, {**columns, **pressed}, rows)
     kept = np.flatnonzero(keep)
-    part = slice(int(kept[0]), int(kept[-1]) + 1) if len(kept) else slice(0, 0)
+    part = slice(int(kept[0]), int(kept[-1]) + 1) if len(kept) else slice(0, len(time_s))
     time, rows = time_s[part], rows[part]
     spans = runs(time)
     if len(spans) > 1:

@@ -112,7 +112,7 @@ def test_results_that_cannot_be_written(batch, tmp_path):
     (tmp_path / "taken").write_text("a file, not a folder")
     ran = drupe("grade", batch, "--out", tmp_path / "taken")
     assert ran.status == 2
-    assert "cannot be written" in ran.one_line_error()
+    assert "is a file; choose another place with --out" in ran.one_line_error()
 
 
 def test_check_says_that_forces_are_in_another_unit(batch):

@@ -112,7 +112,7 @@ def test_a_wrong_unit_of_a_recording_is_named(arrays, names, factor, sentence):
 
 def test_a_wrong_mesh_is_named(stored):
     vertices, faces = read_mesh(DATA / "fruit.ply")
-    assert "is it in m (54.83 mm)?" in refusal((vertices / 1000, faces), [stored])
+    assert "is it in m (58.9 mm)?" in refusal((vertices / 1000, faces), [stored])
     assert "expected 0 to 2501" in refusal((vertices, faces + 3), [stored])
     assert "is not watertight" in refusal((vertices, faces[:-5]), [stored])
     assert "mesh: found ndarray, expected the pair (vertices, faces)" in refusal(vertices, [stored])

@@ -13,7 +13,8 @@ the opposite error has the same.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -77,6 +78,11 @@ class NearbySolid(UnitModulusSolid):
         return np.asarray(before + super().displacement(nodal_force_N - held_N))
 
 
+def _nearby(solid: UnitModulusSolid, **moved: Any) -> NearbySolid:
+    """The solid with what differs on the moved mesh."""
+    return NearbySolid(**{field.name: getattr(solid, field.name) for field in fields(solid)} | moved)
+
+
 def with_drawn_surface(forward: ForwardModel) -> ForwardModel:
     """The model of the same recordings on a mesh with one more error of the surface, STEP of the budget's.
 
@@ -94,7 +100,7 @@ def with_drawn_surface(forward: ForwardModel) -> ForwardModel:
     parts = assemble(mesh.nodes_mm, mesh.tets)
     stiffness = parts.for_unit_modulus(poisson_ratio=forward.poisson_ratio)
     solids: dict[Support, UnitModulusSolid] = {
-        support: NearbySolid(**{**vars(solid), "mesh": mesh, "parts": parts, "stiffness": stiffness})
+        support: _nearby(solid, mesh=mesh, parts=parts, stiffness=stiffness)
         for support, solid in base.solids.items()
     }
 

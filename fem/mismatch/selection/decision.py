@@ -185,7 +185,7 @@ def p_values(
 
 def misfit_p_value(misfit: float) -> float:
     """Probability that the plain model leaves so much where there is no mismatch."""
-    return float(gammaincc(FREEDOM / 2, FREEDOM / 2 * misfit / MISFIT))
+    return float(gammaincc(FREEDOM / 2, FREEDOM / 2 * max(misfit, 0.0) / MISFIT))
 
 
 def smallest_p_value(each: Mapping[str, float]) -> float:
