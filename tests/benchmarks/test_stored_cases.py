@@ -50,14 +50,15 @@ def test_a_case_replays_to_the_gains_it_had(name):
     assert gains == pytest.approx(case.facts["gains"], abs=1e-3, rel=1e-4)
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [name for name, path in CASES.items() if stored(path).facts["answer"]["effect"] != NONE]
+)
 def test_a_signature_that_is_5_percent_off_does_not_replay(name):
-    """That of the likeliest effect, its direction turned by 5 % of another one; without mismatch that of any."""
+    """That of the likeliest effect of a case with a mismatch, its direction turned by 5 % of another one."""
     case = stored(CASES[name])
-    gains = case.facts["gains"]
-    effects = list(gains) if case.facts["answer"]["effect"] == NONE else [max(gains, key=gains.get)]
-    altered = [gains_of(with_signature_off(case, effect, share=0.05).linear())[effect] for effect in effects]
-    assert max(abs(gain - gains[effect]) for gain, effect in zip(altered, effects, strict=True)) > 0.05
+    first = max(case.facts["gains"], key=lambda effect: case.facts["gains"][effect])
+    altered = gains_of(with_signature_off(case, first, share=0.05).linear())
+    assert abs(altered[first] - case.facts["gains"][first]) > 0.05
 
 
 def with_signature_off(case: ReducedCase, effect: str, *, share: float) -> ReducedCase:
