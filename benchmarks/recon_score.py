@@ -9,7 +9,6 @@ import open3d as o3d
 import trimesh
 from scipy.spatial import cKDTree
 
-from recon.cameras.similarity import fitted_similarity, moved
 from recon.triangle_mesh import open_edges, volume_mm3
 
 SAMPLES = 20000
@@ -98,15 +97,6 @@ def signed_distance_mm(points: np.ndarray, vertices: np.ndarray, faces: np.ndarr
     """Distance to a mesh's surface, negative for points inside it."""
     tensor = o3d.core.Tensor(points.astype(np.float32))
     return np.asarray(_scene(vertices, faces).compute_signed_distance(tensor).numpy(), float)
-
-
-def rigidly_on_truth(
-    truth: Truth, names: list[str], places: np.ndarray, vertices: np.ndarray, faces: np.ndarray
-) -> np.ndarray:
-    """Vertices turned and shifted, never scaled, onto the truth: by the cameras, then point to plane."""
-    T, _ = fitted_similarity(places, np.array([truth.places[n] for n in names]))
-    turn = T[:3, :3] / np.cbrt(np.linalg.det(T[:3, :3]))
-    return onto_truth(truth, (vertices - vertices.mean(0)) @ turn.T + moved(vertices, T).mean(0), faces)
 
 
 def onto_truth(truth: Truth, placed: np.ndarray, faces: np.ndarray) -> np.ndarray:

@@ -40,8 +40,9 @@ FIRST_SD = 0.017
 difference above. It goes as one over the squeeze."""
 WAVY = 0.3
 """Of the skin's error, what has waves as short as a contact; the rest shifts or scales it. Set by hand:
-plates read within 2 % on the sample nectarines, whose skin is from photos (0.17 to 0.20 mm). On balls with
-waves of 14 to 24 mm forces scatter by 1 to 1.5 times what it says at 5 %, and by half of it at 2 %."""
+plates read within 2 % on the sample nectarines, whose skin is from photos (0.17 to 0.20 mm). The error
+is too small at 5 %: on balls with waves of 14 to 24 mm the forces scatter by 1 to 1.5 times it. At 2 % they
+scatter by half of it."""
 DOF_LIMIT = 45_000
 """Of the mesh. With 60,000 the force changes by at most 0.4 % from a squeeze of 1 % on, in twice the time."""
 

@@ -49,7 +49,7 @@ def share_missed(predicted_N: Float[np.ndarray, " t"], force_N: Float[np.ndarray
 def without_measured(
     law: Law, scaled: Float[np.ndarray, " k"], trace: IndenterTrace, mask: Bool[np.ndarray, " t"]
 ) -> Float[np.ndarray, " t"]:
-    """The law's force where a compliant machine gives way under that force itself, not the measured one."""
+    """The law's force. In the frames of `mask` it also moves a compliant machine, not the measured one."""
     blind = trace.force_N.copy()
     blind[mask] = np.interp(trace.time_s[mask], trace.time_s[~mask], trace.force_N[~mask])
     force = law.force_N(replace(trace, force_N=blind), scaled[None])[0]

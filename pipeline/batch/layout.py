@@ -272,11 +272,6 @@ class Results:
         """The files of the batch as a whole."""
         return (self.ranking, self.ranking_json, self.report, self.provenance)
 
-    @property
-    def tables_on_request(self) -> tuple[Path, ...]:
-        """Further tables of the batch: a command writes those that the user asks for."""
-        return (self.ranking_excel, self.ranking_parquet, self.firmness, self.firmness_page)
-
     def claim(self) -> None:
         """Begins the list of what is written here."""
         claim(self.root)

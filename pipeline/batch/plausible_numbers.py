@@ -146,7 +146,7 @@ def row_doubts(row: FruitRow, kind: PlausibleRange, *, said: Collection[str] = (
 
 
 def mesh_doubt(box_mm: Sequence[float], kind: PlausibleRange) -> str:
-    """A sentence where a ready mesh is of no fruit's size; empty where it can be.
+    """A sentence if no fruit has the size of a ready mesh; else empty.
 
     The longest side must not pass what a height or diameter can be, nor the shortest fall below it.
     """

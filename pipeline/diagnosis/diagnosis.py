@@ -32,7 +32,7 @@ TRACE_SEED = 20261120
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
-    """The explanation, with the recordings it is of, where the pads touched, and facts for the page.
+    """The explanation, the names of its recordings, where the pads touched, and facts for the page.
 
     `doubts`: why E cannot be right.
     """

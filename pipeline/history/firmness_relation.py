@@ -30,7 +30,7 @@ FEWEST_FRUIT = 8
 """Fruit with both numbers from which a line is fitted: Student's t is 1.94 with six degrees of freedom, a
 fifth wider than with many. Set by hand."""
 LEAST_SPAN = 0.4
-"""Of ln E that the fruit must span, a factor of 1.5 in E: over less a line is of the noise. Set by hand."""
+"""Range of ln E that the fruit must have, a factor of 1.5 in E. A line over less fits noise. Set by hand."""
 PLUNGERS_MM = {"8mm": 8.0, "5/16in": 8.0, "11mm": 11.1, "11.1mm": 11.1, "7/16in": 11.1}
 """Diameters by how they are written."""
 UNITS = {"N": 1.0, "kgf": 9.80665, "lbf": 4.4482216152605}

@@ -7,9 +7,9 @@ without any effect,
     n = E[dphi . W (-s dc)],
 
 as it has by the noise of the forces (fem.mismatch.evidence.force_noise). Uncorrected, a smooth error of
-0.1 mm looks like a skin of 0.3 mm. n is estimated from a drawn error, for which all patterns and the laws
-that are linear in the flesh's stiffness are solved again. n is of second order:
-the opposite error has the same.
+0.1 mm looks like a skin of 0.3 mm. n is estimated from one drawn error, for which all patterns and the
+laws that are linear in the flesh's stiffness are solved again. n is of second order: the opposite error has
+the same.
 """
 
 from collections.abc import Sequence
@@ -50,6 +50,8 @@ def surface_products(
     """
     products = np.zeros((len(recorded), columns))
     linear = [(effect, numbers) for effect, _, numbers in signatures if isinstance(effect, LinearInStiffness)]
+    if not linear:
+        return products
     drawn = with_drawn_surface(forward)
     weighed = []
     for equations, recording in zip(recorded, drawn.base.grasps, strict=True):
