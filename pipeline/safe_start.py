@@ -18,7 +18,8 @@ def _is_here(entry: str) -> bool:
 
 
 _named = "" if sys.flags.ignore_environment else os.environ.get("PYTHONPATH", "")
-if not sys.flags.safe_path and _is_here(sys.path[0]) and not any(map(_is_here, _named.split(os.pathsep))):
+_asked_for = any(entry and _is_here(entry) for entry in _named.split(os.pathsep))
+if not sys.flags.safe_path and not _asked_for and _is_here(sys.path[0]):
     del sys.path[0]
 
 import gc  # noqa: E402 - from here on imports are Python's own
