@@ -30,7 +30,7 @@ from scipy.special import expit, polygamma
 from scipy.stats import kstest
 
 sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
-from apparent_shares import apparent_row, file_text, fruit_of, model_error_of, scale_prior_of
+from apparent_shares import file_text, fruit_of, null_cases, scale_prior_of, without_fruit
 from clustered_share import clustered_interval
 from ideal_confusion import ideal_names
 from psychometric import Curve, fitted_curve
@@ -77,12 +77,11 @@ def false_alarms(title: str, p: Sequence[tuple[str, float]]) -> list[str]:
 
 def without_own_fruit(rounds: Sequence[ScoredRound]) -> list[tuple[str, float]]:
     """Fruit and p of cases without mismatch, the model error's shares measured on the other fruit alone."""
-    rows = [apparent_row(each.scored.case, each.stored) for each in rounds]
-    p = []
-    for each in rounds:
-        shares = model_error_of([row for row in rows if row["fruit"] != each.fruit])
-        p.append((each.fruit, detected(each.stored.with_model_error(shares).linear()).p_value))
-    return p
+    shares = without_fruit(null_cases({each.scored.case: each.stored for each in rounds}))
+    return [
+        (each.fruit, detected(each.stored.with_model_error(shares[each.fruit]).linear()).p_value)
+        for each in rounds
+    ]
 
 
 def single_lines(rounds: Sequence[ScoredRound]) -> list[str]:
@@ -372,11 +371,11 @@ def main() -> None:
     cases = loaded(chosen.rounds, chosen.fruit)
     if chosen.write_model_error:
         none = {n: case for n, case in cases.items() if case.facts["answer"]["effect"] == NONE}
-        rows = [apparent_row(n, case) for n, case in none.items()]
-        if not rows:
+        if not none:
             raise SystemExit(f"{chosen.rounds} has no round without mismatch")
+        nulls = null_cases(none)
         command = f"python benchmarks/mismatch_scores.py ROUNDS --fruit {chosen.fruit} --write-model-error"
-        text = file_text(rows, scale_prior_of(none, rows), command=command, written=datetime.now(UTC).date())
+        text = file_text(nulls, scale_prior_of(nulls), command=command, written=datetime.now(UTC).date())
         (EVIDENCE / FILE).write_text(text, encoding="utf-8")
         print(text)
         return

@@ -1,100 +1,144 @@
-"""The model's own error: apparent amounts of effects in stored rounds of fruit without mismatch."""
+"""The model's own error, measured on stored rounds of fruit without mismatch."""
 
 import csv
 import io
+from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from datetime import date
-from typing import Any
 
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, Int
 from reduced_case import ReducedCase
-from scipy.optimize import minimize_scalar
+from scipy.optimize import minimize, minimize_scalar
 from scipy.special import logsumexp
 from scipy.stats import invgamma
 
 from fem.mismatch.evidence.model_error import FREEDOM, SIZE, NullDraws, ScalePrior
-from fem.mismatch.evidence.signature_equations import SignatureEquations
-from fem.mismatch.selection.screening import LinearRound
 
 SCALES = np.geomspace(0.05, 20.0, 61)
-"""Grid of the scale of the error; fruit without mismatch have 0.25 to 3.4."""
+"""Grid of the scale of the error."""
 MOST_FREEDOM = 50
 """Degrees of freedom that are tried: a larger one is a scale without spread."""
-LEAST_SHARE = 0.001
+USUAL_SHARE, LOG_SPREAD = 0.02, 1.0
+"""Prior of a share: log-normal, its median and the standard deviation of its logarithm. Set by hand, wide:
+medians of 0.005 to 0.02 change ln p of held-out fruit by 0.7."""
+LEAST_SHARE, MOST_SHARE = 1e-4, 1.0
+"""Shares that are tried."""
+LISTED_SHARE = 0.001
 """Smaller shares are left out of the file. Set by hand: a thousandth of an effect's prior changes nothing."""
 ORIGIN = """\
-# Apparent amount of each effect without mismatch, over its prior standard deviation and the compliance ratio:
-# root mean square over fruit (mean over the cases of a fruit first). The scale of all of them in one case:
-# k^2 ~ freedom size^2 / chi-square(freedom), by the shares of the other fruit.
+# Standard deviation of the model's own error along each effect, over its prior standard deviation and the
+# compliance ratio: all shares together, by the likelihood of all cases (each fruit counts once). The scale of
+# all of them in one case: k^2 ~ freedom size^2 / chi-square(freedom), by the shares of the other fruit.
 # {cases} cases of {fruit} fruit, simulated by another solver (benchmarks/mismatch_bank.py).
 # Written by: {command}, {written:%Y-%m-%d}
 """
 
 
-def apparent_row(name: str, case: ReducedCase) -> dict[str, Any]:
-    """A case without mismatch: its fruit, and the square of each effect's apparent share."""
-    squares = squared_shares(
-        equations_without_model_error(case.linear()), compliance_ratio=float(case.facts["compliance_ratio"])
-    )
-    return {"case": name, "fruit": fruit_of(name, case), "squared_shares": squares}
-
-
-def equations_without_model_error(linear: LinearRound) -> SignatureEquations:
-    """Equations of all signatures beside a plain model without model error columns."""
-    signatures: dict[str, list[tuple[int, ...]]] = {}
-    for fit in linear.linear_fits:
-        signatures.setdefault(fit.name, []).append(fit.columns)
-    nuisances = [j for j in linear.nuisances if linear.products.columns[j].same_as is None]
-    return SignatureEquations.of(linear.products, nuisances, signatures)
-
-
-def squared_shares(equations: SignatureEquations, *, compliance_ratio: float) -> dict[str, float]:
-    """Square of each effect's apparent amount over prior standard deviation and compliance ratio, noise
-    removed: the mean over all columns of its signatures, each signature fitted alone.
-
-        a = (N + L)^-1 b,      x = max(a^2 - v, 0) / (sd ratio)^2,      v = diag (N + L)^-1
+@dataclass(frozen=True, kw_only=True)
+class NullCase:
+    """A case without mismatch beside a plain model without error: N, b, the standard deviation of each
+    column's amount by a share of one, and of each column the number of its effect in `effects`.
     """
-    squares = {}
-    for effect, ways in equations.ways.items():
-        each: list[float] = []
-        for columns in ways:
-            at, sd = list(columns), equations.sd[list(columns)]
-            covariance = np.linalg.inv(equations.normal[np.ix_(at, at)] + np.diag(sd**-2.0))
-            amounts = covariance @ equations.right[at]
-            each += list(np.maximum(amounts**2 - np.diag(covariance), 0.0) / (sd * compliance_ratio) ** 2)
-        if each:
-            squares[effect] = float(np.mean(each))
-    return squares
+
+    fruit: str
+    normal: Float[np.ndarray, "c c"]
+    right: Float[np.ndarray, " c"]
+    unit_sd: Float[np.ndarray, " c"]
+    effect: Int[np.ndarray, " c"]
+    effects: tuple[str, ...]
+
+    @classmethod
+    def of(cls, name: str, case: ReducedCase, effects: tuple[str, ...]) -> "NullCase":
+        """A stored round; `effects`: all that have a signature in any case."""
+        draws: NullDraws = case.with_model_error(dict.fromkeys(effects, 1.0)).linear().null_draws
+        effect = np.zeros(len(draws.error_sd), dtype=np.int64)
+        for word, ways in draws.bare.ways.items():
+            effect[[column for way in ways for column in way]] = effects.index(word)
+        return cls(
+            fruit=fruit_of(name, case),
+            normal=draws.bare.normal,
+            right=draws.bare.right,
+            unit_sd=draws.error_sd,
+            effect=effect,
+            effects=effects,
+        )
+
+    def log_density(self, shares: Mapping[str, float], scale: float = 1.0) -> float:
+        """ln p(b), up to what the error does not change. With S the diagonal of scale, share and unit sd:
+
+        u'A^-1 u / 2 - ln det(A) / 2,      u = S b,   A = I + S N S
+        """
+        sd = scale * self._error_sd(shares)
+        u = sd * self.right
+        matrix = np.eye(len(sd)) + sd[:, None] * self.normal * sd
+        return float(u @ np.linalg.solve(matrix, u) - np.linalg.slogdet(matrix)[1]) / 2
+
+    def gradient(self, shares: Mapping[str, float]) -> Float[np.ndarray, " e"]:
+        """Of ln p(b) by the logarithm of each share. With x the variances and M = I + N diag(x), the sum of
+
+        x (w^2 - diag(M^-1 N)),      w = M^-1 b
+
+        over the effect's columns.
+        """
+        variance = self._error_sd(shares) ** 2
+        solved = np.linalg.solve(
+            np.eye(len(variance)) + self.normal * variance, np.c_[self.right, self.normal]
+        )
+        by_column = variance * (solved[:, 0] ** 2 - np.diag(solved[:, 1:]))
+        return np.bincount(self.effect, by_column, minlength=len(self.effects))
+
+    def _error_sd(self, shares: Mapping[str, float]) -> Float[np.ndarray, " c"]:
+        return np.asarray(
+            self.unit_sd * np.array([shares.get(name, 0.0) for name in self.effects])[self.effect]
+        )
 
 
-def model_error_of(rows: Sequence[Mapping[str, Any]]) -> dict[str, float]:
-    """The share of each effect, by name: root mean square over fruit, of each the mean over its cases.
+def null_cases(cases: Mapping[str, ReducedCase]) -> list[NullCase]:
+    """Stored rounds without mismatch, by name."""
+    effects = sorted({words["effect"] for case in cases.values() for words in case.signatures})
+    return [NullCase.of(name, case, tuple(effects)) for name, case in cases.items()]
 
-    A case that shows no signature of an effect, as of a third contact in forces that balance, counts as zero.
+
+def model_error_of(cases: Sequence[NullCase]) -> dict[str, float]:
+    """The share of each effect, by name: the likeliest of all together, each with a log-normal prior.
+
+    ln p of a fruit is the mean over its cases. One effect alone would take what others explain as well.
     """
-    effects = {effect for row in rows for effect in row["squared_shares"]}
-    squares: dict[str, dict[str, list[float]]] = {effect: {} for effect in effects}
-    for effect in effects:
-        for row in rows:
-            squares[effect].setdefault(row["fruit"], []).append(row["squared_shares"].get(effect, 0.0))
+    effects, count = cases[0].effects, Counter(case.fruit for case in cases)
+    usual = np.full(len(effects), np.log(USUAL_SHARE))
+
+    def loss(logs: Float[np.ndarray, " e"]) -> tuple[float, Float[np.ndarray, " e"]]:
+        shares = dict(zip(effects, np.exp(logs), strict=True))
+        away = (logs - usual) / LOG_SPREAD
+        value = away @ away / 2 - sum(case.log_density(shares) / count[case.fruit] for case in cases)
+        slope = away / LOG_SPREAD - sum(case.gradient(shares) / count[case.fruit] for case in cases)
+        return float(value), slope
+
+    bounds = [(np.log(LEAST_SHARE), np.log(MOST_SHARE))] * len(effects)
+    fitted = minimize(loss, usual, jac=True, method="L-BFGS-B", bounds=bounds)
+    return dict(zip(effects, map(float, np.exp(fitted.x)), strict=True))
+
+
+def without_fruit(cases: Sequence[NullCase]) -> dict[str, dict[str, float]]:
+    """Shares by the other fruit, of each fruit."""
     return {
-        effect: float(np.sqrt(np.mean([np.mean(cases) for cases in fruit.values()])))
-        for effect, fruit in sorted(squares.items())
+        fruit: model_error_of([case for case in cases if case.fruit != fruit])
+        for fruit in sorted({case.fruit for case in cases})
     }
 
 
-def scale_prior_of(cases: Mapping[str, ReducedCase], rows: Sequence[Mapping[str, Any]]) -> ScalePrior:
+def scale_prior_of(cases: Sequence[NullCase]) -> ScalePrior:
     """The prior of the error's scale by cases without mismatch, with the shares of the other fruit.
 
     ln p(b | k) of a fruit is the mean over its cases.
     """
     curves: dict[str, list[list[float]]] = {}
-    for name, case in cases.items():
-        fruit = fruit_of(name, case)
-        shares = model_error_of([row for row in rows if row["fruit"] != fruit])
-        draws = case.with_model_error(shares).linear().null_draws
-        curves.setdefault(fruit, []).append([log_density(draws, scale) for scale in SCALES])
+    shares = without_fruit(cases)
+    for case in cases:
+        curve = [case.log_density(shares[case.fruit], scale) for scale in SCALES]
+        curves.setdefault(case.fruit, []).append(curve)
     return scale_prior(np.array([np.mean(each, axis=0) for each in curves.values()]))
 
 
@@ -121,27 +165,18 @@ def scale_prior(by_fruit: Float[np.ndarray, "n s"]) -> ScalePrior:
     return ScalePrior(size=float(np.exp(fits[freedom].x)), freedom=float(freedom))
 
 
-def log_density(draws: NullDraws, scale: float) -> float:
-    """ln p(b | k) of recordings without mismatch, up to what k does not change. With S = diag(k error_sd):
-
-    u'A^-1 u / 2 - ln det(A) / 2,      u = S b,   A = I + S N S
-    """
-    sd = scale * draws.error_sd
-    u = sd * draws.bare.right
-    matrix = np.eye(len(sd)) + sd[:, None] * draws.bare.normal * sd
-    return float(u @ np.linalg.solve(matrix, u) - np.linalg.slogdet(matrix)[1]) / 2
-
-
-def file_text(rows: Sequence[Mapping[str, Any]], prior: ScalePrior, *, command: str, written: date) -> str:
+def file_text(cases: Sequence[NullCase], prior: ScalePrior, *, command: str, written: date) -> str:
     """Text of model_error.csv; its first lines say from how many cases it is, and by which command."""
-    fruit = len({row["fruit"] for row in rows})
+    fruit = len({case.fruit for case in cases})
     with io.StringIO() as file:
-        file.write(ORIGIN.format(cases=len(rows), fruit=fruit, command=command, written=written))
+        file.write(ORIGIN.format(cases=len(cases), fruit=fruit, command=command, written=written))
         lines = csv.writer(file, lineterminator="\n")
         lines.writerow(["effect", "share"])
         lines.writerows([[SIZE, f"{prior.size:.3g}"], [FREEDOM, f"{prior.freedom:.3g}"]])
         lines.writerows(
-            [effect, f"{size:.3g}"] for effect, size in model_error_of(rows).items() if size >= LEAST_SHARE
+            [effect, f"{share:.3g}"]
+            for effect, share in model_error_of(cases).items()
+            if share >= LISTED_SHARE
         )
         return file.getvalue()
 

@@ -16,7 +16,7 @@ from fem.mismatch.result import NINETY, NONE, UNKNOWN, Candidate, Modulus
 from fem.mismatch.selection.decision import verdict_of
 from fem.mismatch.selection.linear_explanations import Hypothesis, linear_explanations, ranked
 from fem.mismatch.selection.reported_modulus import reported_modulus
-from fem.mismatch.selection.screening import LinearRound
+from fem.mismatch.selection.screening import LinearRound, without_model_error
 from samples.mismatch.bank import added_effects
 
 PLAIN_E_SD = 0.02
@@ -68,8 +68,9 @@ def scored_round(name: str, case: ReducedCase) -> ScoredRound:
     answer = case.facts["answer"]
     effects = () if answer["effect"] in (NONE, UNKNOWN) else str(answer["effect"]).split("+")
     kind = {NONE: "sound", UNKNOWN: "outside"}.get(answer["effect"], "pair" if len(effects) > 1 else "single")
-    before = case.gram().fit(case.nuisances).amounts[0]
-    plain_E = float(case.facts["E_MPa"] * (1 + before) / (1 + linear.null.amounts[0]))
+    stored = case.gram().fit(case.nuisances).amounts[0]
+    plain_fit = linear.products.fit(without_model_error(linear.products, linear.nuisances))
+    plain_E = float(case.facts["E_MPa"] * (1 + stored) / (1 + plain_fit.amounts[0]))
     plain = Modulus(value=plain_E, sd=PLAIN_E_SD * plain_E)
     ranking = posterior(explanations)
     verdict = verdict_of(dict(ranking), p_value=detection.p_value)

@@ -6,138 +6,138 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal, norm
+from scipy.stats import multivariate_normal
 from sealed_truths import put_on_path
 from synthetic_problem import problem
 
 put_on_path()
 from apparent_shares import (  # noqa: E402
     SCALES,
-    equations_without_model_error,
+    NullCase,
     file_text,
-    log_density,
     model_error_of,
+    null_cases,
     scale_prior,
-    squared_shares,
 )
 from mismatch_scores import usual_misfit  # noqa: E402
 
 from fem.mismatch.evidence import model_error  # noqa: E402
-from fem.mismatch.evidence.model_error import (  # noqa: E402
-    SIZE,
-    NullDraws,
-    ScalePrior,
-)
-from fem.mismatch.evidence.signature_equations import SignatureEquations  # noqa: E402
+from fem.mismatch.evidence.model_error import SIZE, ScalePrior  # noqa: E402
 from fem.mismatch.selection.decision import FREEDOM, MISFIT  # noqa: E402
 
-RATIO, SD = 2.5, 0.4
 ROWS = Path(__file__).parents[2] / "benchmarks" / "results" / "mismatch-bank.csv"
 
 
-def equations(normal, right, ways):
-    count = len(right)
-    return SignatureEquations(
+def null(fruit, normal, right, *, unit_sd, effect, effects=("skin",)):
+    return NullCase(
+        fruit=fruit,
         normal=np.asarray(normal, dtype=float),
         right=np.asarray(right, dtype=float),
-        sd=np.full(count, SD),
-        positive=np.zeros(count, dtype=bool),
-        least=np.zeros(count),
-        ways=ways,
+        unit_sd=np.asarray(unit_sd, dtype=float),
+        effect=np.asarray(effect),
+        effects=effects,
     )
 
 
-def rows_of_amounts(amounts, information):
+def drawn(share, *, count, information, unit_sd=0.8, seed=3):
     """Cases of one column, whose data are an amount and noise."""
-    rng = np.random.default_rng(4)
-    for number, amount in enumerate(amounts):
+    rng = np.random.default_rng(seed)
+    for number in range(count):
+        amount = share * unit_sd * rng.normal()
         right = information * amount + np.sqrt(information) * rng.normal()
-        squares = squared_shares(
-            equations([[information]], [right], {"skin": [(0,)]}), compliance_ratio=RATIO
-        )
-        yield {"fruit": f"null-{number}", "squared_shares": squares}
+        yield null(f"null-{number}", [[information]], [right], unit_sd=[unit_sd], effect=[0])
 
 
 def test_a_known_share_is_measured_noise_removed():
-    """Noise is a third of the amounts: left in, the share would be 5 % too large."""
-    injected = 0.05
-    amounts = injected * SD * RATIO * np.random.default_rng(3).normal(size=4000)
-    information = (3 / (injected * SD * RATIO)) ** 2
-    assert model_error_of(list(rows_of_amounts(amounts, information)))["skin"] == pytest.approx(
-        injected, rel=0.03
-    )
+    """Noise is as large as the amounts: left in, the share would be 41 % too large."""
+    cases = list(drawn(0.05, count=2000, information=(0.05 * 0.8) ** -2))
+    assert model_error_of(cases)["skin"] == pytest.approx(0.05, rel=0.06)
 
 
-def test_noise_alone_leaves_what_the_cut_at_zero_leaves():
-    """E max(z^2 - 1, 0) = 2 phi(1) of a standard normal z, times the variance 1 / N."""
-    information = 1e6
-    wanted = np.sqrt(2 * norm.pdf(1.0) / information) / SD / RATIO
-    share = model_error_of(list(rows_of_amounts(np.zeros(4000), information)))["skin"]
-    assert share == pytest.approx(wanted, rel=0.05)
+def test_noise_alone_leaves_hardly_any_share():
+    """The noise of one amount is a share of 0.01."""
+    cases = list(drawn(0.0, count=500, information=(0.01 * 0.8) ** -2))
+    assert model_error_of(cases)["skin"] < 0.005
 
 
-def test_each_signature_is_fitted_alone_and_the_mean_is_over_all_columns():
-    """Of three columns, two of one signature and one of another that is correlated with them."""
-    information = 1e8
-    normal = information * np.array([[1.0, 0.0, 0.6], [0.0, 1.0, 0.0], [0.6, 0.0, 1.0]])
-    true = np.array([0.3, 0.1, 0.0])
-    ways = {"pit_offset": [(0, 1), (2,)], "slip": [(1,)], "adhesion": []}
-    squares = squared_shares(equations(normal, normal @ true, ways), compliance_ratio=RATIO)
-    assert set(squares) == {"pit_offset", "slip"}
-    alone = np.array([0.3, 0.1, 0.6 * 0.3]) / SD / RATIO
-    assert squares["pit_offset"] == pytest.approx(np.mean(alone**2), rel=1e-4)
-    assert squares["slip"] == pytest.approx(alone[1] ** 2, rel=1e-4)
-
-
-def test_amounts_are_those_beside_a_plain_model_without_model_error():
-    case = problem({"skin": 0.4})
-    bare, full = (
-        equations_without_model_error(each.linear()) for each in (case, case.with_shipped_model_error())
-    )
-    assert full.normal == pytest.approx(bare.normal)
-    assert full.right == pytest.approx(bare.right)
-    squares = squared_shares(full, compliance_ratio=1.0)
-    assert np.sqrt(squares["skin"]) == pytest.approx(0.4 / 3.0, rel=0.15)
-
-
-ROWS_OF_TWO_FRUIT = [
-    {"fruit": "null-200", "squared_shares": {"skin": 0.03**2, "slip": 0.0009**2}},
-    {"fruit": "null-200", "squared_shares": {"skin": 0.05**2, "damage": 0.0123456**2}},
-    {"fruit": "null-201", "squared_shares": {"skin": 0.01**2}},
-]
+def test_an_error_is_not_counted_again_by_an_effect_that_resembles_it():
+    """Two columns with a correlation of 0.9; only the first has an amount."""
+    rng = np.random.default_rng(5)
+    normal = 1e8 * np.array([[1.0, 0.9], [0.9, 1.0]])
+    root = np.linalg.cholesky(normal)
+    cases = []
+    for number in range(60):
+        right = normal @ [0.1 * rng.normal(), 0.0] + root @ rng.normal(size=2)
+        cases.append(
+            null(f"f-{number}", normal, right, unit_sd=[1.0, 1.0], effect=[1, 0], effects=("skin", "slip"))
+        )
+    shares = model_error_of(cases)
+    assert shares["slip"] == pytest.approx(0.1, rel=0.2)
+    assert shares["skin"] < 0.005
 
 
 def test_each_fruit_counts_once_however_many_cases_it_has():
-    """(0.03^2 + 0.05^2) / 2 = 0.0017 of the first fruit, 0.0001 of the second."""
-    assert model_error_of(ROWS_OF_TWO_FRUIT)["skin"] == pytest.approx(0.03)
+    single, other = drawn(0.05, count=2, information=1e8)
+    assert model_error_of([single, *[other] * 5]) == pytest.approx(model_error_of([single, other]), rel=1e-3)
+
+
+def test_the_gradient_is_that_of_the_density():
+    rng = np.random.default_rng(8)
+    fields, data = rng.normal(size=(5, 30)), rng.normal(size=30)
+    case = null(
+        "f", fields @ fields.T, fields @ data, unit_sd=[1, 2, 0.5, 1, 3], effect=[0, 1, 1, 0, 2],
+        effects=("skin", "slip", "damage"),
+    )  # fmt: skip
+    logs = np.log([0.3, 0.1, 0.2])
+
+    def density(logs):
+        return case.log_density(dict(zip(case.effects, np.exp(logs), strict=True)))
+
+    numeric = [(density(logs + h) - density(logs - h)) / 2e-5 for h in 1e-5 * np.eye(3)]
+    shares = dict(zip(case.effects, np.exp(logs), strict=True))
+    assert case.gradient(shares) == pytest.approx(numeric, rel=1e-6)
+
+
+def test_the_density_is_that_of_dense_data():
+    """b of 40 numbers with unit noise, and amounts of the columns with standard deviation k sd."""
+    rng = np.random.default_rng(6)
+    fields, data, sd = rng.normal(size=(3, 40)), rng.normal(size=40), np.array([0.3, 0.0, 0.8])
+    case = null("f", fields @ fields.T, fields @ data, unit_sd=sd, effect=[0, 0, 0])
+    dense = [
+        multivariate_normal(cov=np.eye(40) + (k * sd) ** 2 * fields.T @ fields).logpdf(data)
+        for k in (0.5, 2.0)
+    ]
+    shares = {"skin": 1.0}
+    assert case.log_density(shares, 2.0) - case.log_density(shares, 0.5) == pytest.approx(dense[1] - dense[0])
+
+
+def test_a_stored_round_gives_the_equations_without_model_error():
+    case = problem({"skin": 0.4})
+    case.facts["answer"] = {}
+    bare, full = (null_cases({"null-1-1": each})[0] for each in (case, case.with_shipped_model_error()))
+    assert full.normal == pytest.approx(bare.normal)
+    assert full.right == pytest.approx(bare.right)
+    assert full.unit_sd == pytest.approx(bare.unit_sd)
 
 
 def test_the_file_holds_shares_by_name_and_names_their_origin():
+    cases = [*drawn(0.05, count=3, information=1e8), *drawn(0.05, count=1, information=1e8)]
     text = file_text(
-        ROWS_OF_TWO_FRUIT,
+        cases,
         ScalePrior(size=0.66, freedom=3.0),
         command="python benchmarks/mismatch_scores.py",
         written=date(2026, 11, 28),
     )
     lines = text.splitlines()
     header = " ".join(line for line in lines if line.startswith("#"))
-    assert "3 cases of 2 fruit" in header
+    assert "4 cases of 3 fruit" in header
     assert "python benchmarks/mismatch_scores.py, 2026-11-28" in header
     shares = {row["effect"]: row["share"] for row in csv.DictReader(x for x in lines if x[0] != "#")}
-    assert shares == {SIZE: "0.66", model_error.FREEDOM: "3", "damage": "0.00617", "skin": "0.03"}
-
-
-def test_the_density_of_a_scale_is_that_of_dense_data():
-    """b of 40 numbers with unit noise, and amounts of the columns with standard deviation k sd."""
-    rng = np.random.default_rng(6)
-    fields, data, sd = rng.normal(size=(3, 40)), rng.normal(size=40), np.array([0.3, 0.0, 0.8])
-    bare = equations(fields @ fields.T, fields @ data, {})
-    draws = NullDraws(bare=bare, error_sd=sd, prior=ScalePrior(size=1.0, freedom=3.0))
-    dense = [
-        multivariate_normal(cov=np.eye(40) + (k * sd) ** 2 * fields.T @ fields).logpdf(data)
-        for k in (0.5, 2.0)
-    ]
-    assert log_density(draws, 2.0) - log_density(draws, 0.5) == pytest.approx(dense[1] - dense[0])
+    assert shares == {
+        SIZE: "0.66",
+        model_error.FREEDOM: "3",
+        "skin": f"{model_error_of(cases)['skin']:.3g}",
+    }
 
 
 def test_the_priors_size_and_freedom_are_those_of_drawn_fruit():
@@ -147,9 +147,8 @@ def test_the_priors_size_and_freedom_are_those_of_drawn_fruit():
     by_fruit = []
     for k in truth.drawn(400, rng):
         amounts = k * 0.1 * rng.standard_normal(6)
-        bare = equations(1e8 * np.eye(6), 1e8 * amounts, {})
-        draws = NullDraws(bare=bare, error_sd=np.full(6, 0.1), prior=truth)
-        by_fruit.append([log_density(draws, scale) for scale in SCALES])
+        case = null("f", 1e8 * np.eye(6), 1e8 * amounts, unit_sd=np.full(6, 0.1), effect=[0] * 6)
+        by_fruit.append([case.log_density({"skin": 1.0}, scale) for scale in SCALES])
     fitted = scale_prior(np.array(by_fruit))
     assert fitted.size == pytest.approx(0.7, rel=0.1)
     assert 3 <= fitted.freedom <= 7
@@ -166,5 +165,5 @@ def test_usual_misfit_is_that_of_the_stored_cases_without_mismatch():
 
 def test_usual_misfit_of_drawn_fruit_has_their_freedom():
     rng = np.random.default_rng(2)
-    drawn = [(f"f-{k}", 0.04 * x / 12) for k, x in enumerate(rng.chisquare(12, size=4000))]
-    assert usual_misfit(drawn) == pytest.approx((0.04, 12), rel=0.05)
+    cases = [(f"f-{k}", 0.04 * x / 12) for k, x in enumerate(rng.chisquare(12, size=4000))]
+    assert usual_misfit(cases) == pytest.approx((0.04, 12), rel=0.05)

@@ -21,6 +21,7 @@ from fem.mismatch.selection.screening import (
     LinearRound,
     modulus_change,
     violates_sign_constraint,
+    without_model_error,
 )
 
 
@@ -131,7 +132,12 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesi
                         misfit=misfit_left(linear, (fit, best)),
                         direct=first.direct + best.direct,
                         linear_fits=(fit, best),
-                        modulus_change=modulus_change(linear.null, both),
+                        modulus_change=modulus_change(
+                            linear.products,
+                            without_model_error(linear.products, linear.nuisances),
+                            both,
+                            (*fit.columns, *best.columns),
+                        ),
                     )
                 )
     return pairs

@@ -145,7 +145,7 @@ def linear_round(
         ways.setdefault(effect.spec.name, []).append(columns)
     errors = {j: same for j in nuisances if (same := products.columns[j].same_as) is not None}
     equations = SignatureEquations.of(products, nuisances, ways)
-    bare = SignatureEquations.of(products, [j for j in nuisances if j not in errors], ways)
+    bare = SignatureEquations.of(products, without_model_error(products, nuisances), ways)
     error_sd = {same: products.columns[j].sd for j, same in errors.items()}
     null = products.fit(nuisances)
     return LinearRound(
@@ -164,6 +164,11 @@ def linear_round(
         without=without,
         numbers=numbers,
     )
+
+
+def without_model_error(products: GramMatrix, nuisances: Sequence[int]) -> list[int]:
+    """The nuisances that do not stand for the model's own error."""
+    return [j for j in nuisances if products.columns[j].same_as is None]
 
 
 def _signatures(forward: ForwardModel, effect: Effect) -> Sequence[Signature] | FemFailure:
@@ -211,17 +216,35 @@ def _linear_fit(
         auxiliary_log_likelihood=auxiliary_log_likelihood + direct,
         direct=direct,
         chi2_drop=0.0 if wrong else null.chi2 - fit.chi2,
-        modulus_change=(1.0, 0.0) if wrong else modulus_change(null, fit),
+        modulus_change=(1.0, 0.0)
+        if wrong
+        else modulus_change(products, without_model_error(products, nuisances), fit, columns),
     )
 
 
-def modulus_change(before: Fit, after: Fit) -> tuple[float, float]:
-    """E of one fit over E of another that lacks an effect, and the relative standard deviation that the
-    effect adds to E. Both fits count 1/E from the same; E at most doubles.
+def modulus_change(
+    products: GramMatrix, nuisances: Sequence[int], fit: Fit, columns: Sequence[int]
+) -> tuple[float, float]:
+    """E with effects over E without, and the relative standard deviation that they add to E; E at most
+    doubles. `fit`: with the model's own error, the effects' `columns` last; `nuisances`: of the plain model.
+
+    The model's own error is known at a fixed E: it limits what the effects' amounts a are known to, and
+    leaves E beside given amounts as it is. With B the fit with the effects and without that error,
+
+    1/E beside a = (1/E)_B + d (a - a_B),      d = cov_B(1/E, a) cov_B(a)^-1
     """
-    changed = max(1 + after.amounts[0], 0.5)
-    more = max(after.covariance[0, 0] - before.covariance[0, 0], 0.0)
-    return float((1 + before.amounts[0]) / changed), float(np.sqrt(more) / changed)
+    if not columns:
+        return 1.0, 0.0
+    without, beside = products.fit(nuisances), products.fit([*nuisances, *columns])
+    last = slice(len(beside.amounts) - len(columns), None)
+    slope = np.linalg.solve(beside.covariance[last, last], beside.covariance[last, 0])
+    last_of_fit = slice(len(fit.amounts) - len(columns), None)
+    amounts, covariance = fit.amounts[last_of_fit], fit.covariance[last_of_fit, last_of_fit]
+    changed = max(1 + beside.amounts[0] + slope @ (amounts - beside.amounts[last]), 0.5)
+    return (
+        float((1 + without.amounts[0]) / changed),
+        float(np.sqrt(slope @ covariance @ slope) / changed),
+    )
 
 
 def log_positive(products: GramMatrix, columns: Sequence[int], fit: Fit) -> float:
