@@ -1,11 +1,11 @@
 """Scores of the mismatch decision on stored rounds, and the model's own error measured on them.
 
-    python benchmarks/mismatch_scores.py ROUNDS [--fruit even|odd|all] [--figure PNG] [--csv FILE]
-    python benchmarks/mismatch_scores.py ROUNDS [--fruit even|odd|all] --write-model-error
+    python benchmarks/mismatch_scores.py ROUNDS [--error-of-other-fruit] [--figure PNG] [--csv FILE]
+    python benchmarks/mismatch_scores.py ROUNDS --write-model-error
 
 ROUNDS holds linear rounds of cases with answers (`benchmarks/mismatch_bank.py reduce`). Every case is decided
-again with the shipped model error and today's decision. --fruit takes the fruit of even or odd numbers:
-measure the model error on one half and score the other. --write-model-error writes
+again with today's decision and the shipped model error. --error-of-other-fruit: with the error that fruit of
+two thirds of the numbers show, all but the case's own third. --write-model-error writes
 fem/mismatch/evidence/model_error.csv from the cases without mismatch, and scores nothing.
 
 "Named first" means detected, and the likeliest explanation but none is the true one. E is the plain model's
@@ -16,7 +16,7 @@ import argparse
 import csv
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
@@ -30,7 +30,7 @@ from scipy.special import expit, polygamma
 from scipy.stats import kstest
 
 sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
-from apparent_shares import file_text, fruit_of, null_cases, scale_prior_of, without_fruit
+from apparent_shares import ModelError, file_text, fruit_of, null_cases
 from clustered_share import clustered_interval
 from ideal_confusion import ideal_names
 from psychometric import Curve, fitted_curve
@@ -40,7 +40,6 @@ from sealed_report import modulus_line, name_probabilities
 from sealed_scores import Scored, interval, share
 
 from fem.mismatch.evidence.model_error import FILE
-from fem.mismatch.procedure import detected
 from fem.mismatch.result import NONE, UNKNOWN
 from fem.mismatch.selection import decision
 from fem.mismatch.selection.decision import DETECTION_P
@@ -55,6 +54,8 @@ ABOVE_BOUND = 2.0
 """Amplitude over its noise-only bound from which an effect should be named. Set by hand."""
 MULTIPLES, DRAWS = (2, 4, 8), 200
 """Of the ideal confusions: full bounds, and draws of each effect and multiple."""
+FOLDS = 3
+"""Parts of the fruit, by their numbers; the model error for one is measured on the others."""
 RELIABILITY_BINS = np.linspace(0.0, 1.0, 6)
 """Of stated probabilities."""
 
@@ -75,13 +76,20 @@ def false_alarms(title: str, p: Sequence[tuple[str, float]]) -> list[str]:
     ]
 
 
-def without_own_fruit(rounds: Sequence[ScoredRound]) -> list[tuple[str, float]]:
-    """Fruit and p of cases without mismatch, the model error's shares measured on the other fruit alone."""
-    shares = without_fruit(null_cases({each.scored.case: each.stored for each in rounds}))
-    return [
-        (each.fruit, detected(each.stored.with_model_error(shares[each.fruit]).linear()).p_value)
-        for each in rounds
-    ]
+def errors_of_other_fruit(cases: Mapping[str, ReducedCase]) -> dict[str, ModelError]:
+    """The model error for each fruit, measured without mismatch on those of the other FOLDS - 1 folds."""
+    nulls = null_cases({name: case for name, case in cases.items() if is_null(case)})
+    fold = {fruit: number(fruit) % FOLDS for fruit in (fruit_of(name, case) for name, case in cases.items())}
+    by_fold = {
+        left_out: ModelError.of([null for null in nulls if fold[null.fruit] != left_out])
+        for left_out in set(fold.values())
+    }
+    return {fruit: by_fold[left_out] for fruit, left_out in fold.items()}
+
+
+def is_null(case: ReducedCase) -> bool:
+    """Whether the answer is no mismatch."""
+    return bool(case.facts["answer"]["effect"] == NONE)
 
 
 def single_lines(rounds: Sequence[ScoredRound]) -> list[str]:
@@ -250,7 +258,6 @@ def tables(rounds: Sequence[ScoredRound]) -> list[str]:
     if none:
         lines += false_alarms("without mismatch", [(each.fruit, each.scored.p) for each in none])
         if len({each.fruit for each in none}) > 1:
-            lines += false_alarms("  model error of the other fruit", without_own_fruit(none))
             usual, freedom = usual_misfit([(each.fruit, misfit_of(each)) for each in none])
             lines.append(f"  misfit: mean {usual:.4f}, degrees of freedom {freedom:.1f}")
     return [
@@ -334,27 +341,21 @@ def _point(axes: Any, x: float, truths: Sequence[bool], colour: str) -> None:
     axes.errorbar(x, middle, [[middle - low], [high - middle]], fmt="o", color=colour, capsize=3)
 
 
-def loaded(folder: Path, fruit: str) -> dict[str, ReducedCase]:
-    """Stored rounds by name, of the fruit asked for. Exits where there is none."""
+def loaded(folder: Path) -> dict[str, ReducedCase]:
+    """Stored rounds by name. Exits where there is none."""
     paths = sorted(path for path in folder.glob("*.npz") if not path.name.endswith(".partial.npz"))
     if not paths:
         raise SystemExit(f"{folder} has no stored round (*.npz): write them with mismatch_bank.py reduce")
-    cases = {path.stem: stored(path) for path in paths}
-    kept = {
-        name: case for name, case in cases.items() if fruit == "all" or parity(fruit_of(name, case)) == fruit
-    }
-    if not kept:
-        raise SystemExit(f"none of the {len(cases)} rounds in {folder} is of a fruit of {fruit} number")
-    return kept
+    return {path.stem: stored(path) for path in paths}
 
 
-def parity(fruit: str) -> str:
-    """Of the number at the end of a fruit's name.
+def number(fruit: str) -> int:
+    """The number at the end of a fruit's name.
 
-    >>> parity("null-200")
-    'even'
+    >>> number("null-200")
+    200
     """
-    return "odd" if int(fruit.rsplit("-", 1)[1]) % 2 else "even"
+    return int(fruit.rsplit("-", 1)[1])
 
 
 def main() -> None:
@@ -363,23 +364,24 @@ def main() -> None:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("rounds", type=Path)
-    parser.add_argument("--fruit", choices=("even", "odd", "all"), default="all")
+    parser.add_argument("--error-of-other-fruit", action="store_true")
     parser.add_argument("--write-model-error", action="store_true")
     parser.add_argument("--figure", type=Path)
     parser.add_argument("--csv", type=Path)
     chosen = parser.parse_args()
-    cases = loaded(chosen.rounds, chosen.fruit)
+    cases = loaded(chosen.rounds)
     if chosen.write_model_error:
-        none = {n: case for n, case in cases.items() if case.facts["answer"]["effect"] == NONE}
+        none = {name: case for name, case in cases.items() if is_null(case)}
         if not none:
             raise SystemExit(f"{chosen.rounds} has no round without mismatch")
         nulls = null_cases(none)
-        command = f"python benchmarks/mismatch_scores.py ROUNDS --fruit {chosen.fruit} --write-model-error"
-        text = file_text(nulls, scale_prior_of(nulls), command=command, written=datetime.now(UTC).date())
+        command = "python benchmarks/mismatch_scores.py ROUNDS --write-model-error"
+        text = file_text(nulls, ModelError.of(nulls), command=command, written=datetime.now(UTC).date())
         (EVIDENCE / FILE).write_text(text, encoding="utf-8")
         print(text)
         return
-    rounds = [scored_round(name, case) for name, case in cases.items()]
+    errors = errors_of_other_fruit(cases) if chosen.error_of_other_fruit else {}
+    rounds = [scored_round(name, case, errors.get(fruit_of(name, case))) for name, case in cases.items()]
     print("\n".join(tables(rounds)))
     if chosen.csv is not None:
         rows = [table_row(each) for each in rounds]

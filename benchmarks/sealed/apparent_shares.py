@@ -4,7 +4,7 @@ import csv
 import io
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 
 import numpy as np
@@ -14,7 +14,15 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.special import logsumexp
 from scipy.stats import invgamma
 
-from fem.mismatch.evidence.model_error import FREEDOM, SIZE, NullDraws, ScalePrior
+from fem.mismatch.evidence.model_error import (
+    FREEDOM,
+    SIZE,
+    NullDraws,
+    ScalePrior,
+    model_error_shares,
+    scale_prior,
+)
+from fem.mismatch.selection.screening import LinearRound
 
 SCALES = np.geomspace(0.05, 20.0, 61)
 """Grid of the scale of the error."""
@@ -34,6 +42,29 @@ ORIGIN = """\
 # {cases} cases of {fruit} fruit, simulated by another solver (benchmarks/mismatch_bank.py).
 # Written by: {command}, {written:%Y-%m-%d}
 """
+
+
+@dataclass(frozen=True, kw_only=True)
+class ModelError:
+    """The share of each effect, and the prior of the scale of all."""
+
+    shares: Mapping[str, float]
+    prior: ScalePrior
+
+    @classmethod
+    def shipped(cls) -> "ModelError":
+        """That of the finder."""
+        return cls(shares=model_error_shares(), prior=scale_prior())
+
+    @classmethod
+    def of(cls, cases: "Sequence[NullCase]") -> "ModelError":
+        """As these cases show it."""
+        return cls(shares=model_error_of(cases), prior=scale_prior_of(cases))
+
+    def linear(self, case: ReducedCase) -> LinearRound:
+        """The linear round of a case with this error for its own."""
+        linear = case.with_model_error(self.shares).linear()
+        return replace(linear, null_draws=replace(linear.null_draws, prior=self.prior))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -139,10 +170,10 @@ def scale_prior_of(cases: Sequence[NullCase]) -> ScalePrior:
     for case in cases:
         curve = [case.log_density(shares[case.fruit], scale) for scale in SCALES]
         curves.setdefault(case.fruit, []).append(curve)
-    return scale_prior(np.array([np.mean(each, axis=0) for each in curves.values()]))
+    return likeliest_scale_prior(np.array([np.mean(each, axis=0) for each in curves.values()]))
 
 
-def scale_prior(by_fruit: Float[np.ndarray, "n s"]) -> ScalePrior:
+def likeliest_scale_prior(by_fruit: Float[np.ndarray, "n s"]) -> ScalePrior:
     """The prior of k by ln p(b | k) of n fruit at SCALES; each has the likelihood
 
         integral p(b | k) p(k) dk,      k^2 ~ freedom size^2 / chi-square(freedom).
@@ -165,18 +196,16 @@ def scale_prior(by_fruit: Float[np.ndarray, "n s"]) -> ScalePrior:
     return ScalePrior(size=float(np.exp(fits[freedom].x)), freedom=float(freedom))
 
 
-def file_text(cases: Sequence[NullCase], prior: ScalePrior, *, command: str, written: date) -> str:
+def file_text(cases: Sequence[NullCase], error: ModelError, *, command: str, written: date) -> str:
     """Text of model_error.csv; its first lines say from how many cases it is, and by which command."""
     fruit = len({case.fruit for case in cases})
     with io.StringIO() as file:
         file.write(ORIGIN.format(cases=len(cases), fruit=fruit, command=command, written=written))
         lines = csv.writer(file, lineterminator="\n")
         lines.writerow(["effect", "share"])
-        lines.writerows([[SIZE, f"{prior.size:.3g}"], [FREEDOM, f"{prior.freedom:.3g}"]])
+        lines.writerows([[SIZE, f"{error.prior.size:.3g}"], [FREEDOM, f"{error.prior.freedom:.3g}"]])
         lines.writerows(
-            [effect, f"{share:.3g}"]
-            for effect, share in model_error_of(cases).items()
-            if share >= LISTED_SHARE
+            [effect, f"{share:.3g}"] for effect, share in error.shares.items() if share >= LISTED_SHARE
         )
         return file.getvalue()
 

@@ -1,11 +1,11 @@
-"""The mismatch decision on a stored round with today's model error, and its truth."""
+"""The mismatch decision on a stored round with a model error, and its truth."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-from apparent_shares import fruit_of
+from apparent_shares import ModelError, fruit_of
 from cramer_rao import NUISANCE, amplitude_bounds, amplitude_of
 from reduced_case import OF_MODEL_ERROR, ReducedCase
 from sealed_scores import Scored, scored
@@ -25,11 +25,12 @@ PLAIN_E_SD = 0.02
 
 @dataclass(frozen=True, kw_only=True)
 class ScoredRound:
-    """A case and its answer. `stored` is as it was read, all else has today's model error."""
+    """A case and its answer. `stored` is as it was read, all else has the model error `error`."""
 
     scored: Scored
     fruit: str
     stored: ReducedCase
+    error: ModelError
     linear: LinearRound
     explanations: tuple[Hypothesis, ...]
     detection: CaseDetection
@@ -40,7 +41,7 @@ class ScoredRound:
         model error as the decision sees them.
         """
         noise = self.stored.facts.get("bounds") or {}
-        full = full_bounds(self.stored.with_shipped_model_error()) if noise else {}
+        full = full_bounds(self.stored.with_model_error(self.error.shares)) if noise else {}
         return {effect: (noise[effect], full[effect]) for effect in noise if effect in full}
 
     def over_bound(self, which: int) -> float | None:
@@ -60,17 +61,18 @@ def full_bounds(case: ReducedCase) -> dict[str, float]:
     )
 
 
-def scored_round(name: str, case: ReducedCase) -> ScoredRound:
-    """The decision on a stored round with today's model error, and its truth."""
-    linear = case.with_shipped_model_error().linear()
+def scored_round(name: str, case: ReducedCase, error: ModelError | None = None) -> ScoredRound:
+    """The decision on a stored round, and its truth; `error`: the model's own (None: the shipped one)."""
+    error = ModelError.shipped() if error is None else error
+    linear = error.linear(case)
     explanations = linear_explanations(linear)
     detection = detected(linear)
     answer = case.facts["answer"]
     effects = () if answer["effect"] in (NONE, UNKNOWN) else str(answer["effect"]).split("+")
     kind = {NONE: "sound", UNKNOWN: "outside"}.get(answer["effect"], "pair" if len(effects) > 1 else "single")
-    stored = case.gram().fit(case.nuisances).amounts[0]
+    as_stored = case.gram().fit(case.nuisances).amounts[0]
     plain_fit = linear.products.fit(without_model_error(linear.products, linear.nuisances))
-    plain_E = float(case.facts["E_MPa"] * (1 + stored) / (1 + plain_fit.amounts[0]))
+    plain_E = float(case.facts["E_MPa"] * (1 + as_stored) / (1 + plain_fit.amounts[0]))
     plain = Modulus(value=plain_E, sd=PLAIN_E_SD * plain_E)
     ranking = posterior(explanations)
     verdict = verdict_of(dict(ranking), p_value=detection.p_value)
@@ -93,6 +95,7 @@ def scored_round(name: str, case: ReducedCase) -> ScoredRound:
         scored=scored(row, {"kind": kind, "attempts": [truth]}),
         fruit=fruit_of(name, case),
         stored=case,
+        error=error,
         linear=linear,
         explanations=tuple(explanations),
         detection=detection,

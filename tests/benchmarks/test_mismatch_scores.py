@@ -180,19 +180,26 @@ def test_the_script_prints_tables_and_writes_a_figure_and_a_table(monkeypatch, t
     assert float(half.strip("()")) == pytest.approx(curve.half, rel=0.01)
 
 
-def test_one_half_of_the_fruit_makes_the_model_error(monkeypatch, tmp_path):
+def test_the_model_error_is_that_of_all_fruit_without_mismatch(monkeypatch, tmp_path):
     (tmp_path / "evidence").mkdir()
     monkeypatch.setattr(mismatch_scores, "EVIDENCE", tmp_path / "evidence")
-    run(monkeypatch, rounds_folder(tmp_path), "--fruit", "even", "--write-model-error")
+    run(monkeypatch, rounds_folder(tmp_path), "--write-model-error")
     text = (tmp_path / "evidence" / "model_error.csv").read_text(encoding="utf-8")
-    assert "6 cases of 3 fruit" in text
-    assert "--fruit even --write-model-error" in text
+    assert "10 cases of 5 fruit" in text
     assert "effect,share" in text
+
+
+def test_no_fruit_is_scored_with_its_own_model_error(tmp_path):
+    """A case whose own data are changed keeps its model error, and another fold's changes."""
+    cases = mismatch_scores.loaded(rounds_folder(tmp_path))
+    before = mismatch_scores.errors_of_other_fruit(cases)
+    cases["null-0-1"] = labelled_round({"graded_modulus": 0.3}, fruit="null-0", seed=1)
+    cases["null-0-1"].facts["answer"]["effect"] = "none"
+    after = mismatch_scores.errors_of_other_fruit(cases)
+    same = {fruit for fruit in before if before[fruit].shares == pytest.approx(after[fruit].shares)}
+    assert same == {fruit for fruit in before if mismatch_scores.number(fruit) % mismatch_scores.FOLDS == 0}
 
 
 def test_an_empty_folder_is_refused(monkeypatch, tmp_path):
     with pytest.raises(SystemExit, match="no stored round"):
         run(monkeypatch, tmp_path)
-    store(tmp_path / "null-200-1.npz", labelled_round({}))
-    with pytest.raises(SystemExit, match="fruit of odd number"):
-        run(monkeypatch, tmp_path, "--fruit", "odd")
