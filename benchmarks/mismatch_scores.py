@@ -319,7 +319,7 @@ def figure(rounds: Sequence[ScoredRound]) -> Figure:
         ylim=(-0.03, 1.03), title=f"{len(stimuli)} cases with one effect",
     )  # fmt: skip
     if left.get_legend_handles_labels()[0]:
-        left.legend(loc="upper left")
+        left.legend(loc="lower right")
     right.plot([0, 1], [0, 1], color="0.6", linewidth=1)
     bins = reliability_bins([each.scored for each in rounds])
     for stated, _, count, total in bins:

@@ -23,8 +23,17 @@ from fem.mismatch.selection.linear_explanations import linear_explanations  # no
 
 CASES = {path.stem: path for path in sorted((Path(__file__).parent / "cases").glob("*.npz"))}
 LARGEST_BYTES = 300_000
-MISSED = {"open-24": "loose_pit", "open-25": NONE}
-"""Known misses: a pit 29 % too small (p 0.07, "none" listed beside a loose pit), and little slip (0.24)."""
+CLEAR = 3.0
+"""Log Bayes factor: below it a changed signature of the same weak effect changes hardly anything."""
+MISSED = {
+    "open-24": "loose_pit",
+    "open-25": NONE,
+    "open-26": NONE,
+    "open-27": "graded_modulus+gripper_compliance",
+    "open-28": "gripper_compliance",
+}
+"""Known misses: a pit 29 % too small, little slip (0.24), a skin (p 0.10), a depth-dependent modulus with a false
+second effect, and a loose pit."""
 
 
 def verdict_by_signatures(case: ReducedCase) -> tuple[str, ...]:
@@ -51,10 +60,10 @@ def test_a_case_replays_to_the_gains_it_had(name):
 
 
 @pytest.mark.parametrize(
-    "name", [name for name, path in CASES.items() if stored(path).facts["answer"]["effect"] != NONE]
+    "name", [name for name, path in CASES.items() if max(stored(path).facts["gains"].values()) > CLEAR]
 )
 def test_a_signature_that_is_5_percent_off_does_not_replay(name):
-    """That of the likeliest effect of a case with a mismatch, its direction turned by 5 % of another one."""
+    """That of the likeliest effect of a case with a clear one, its direction turned by 5 % of the response."""
     case = stored(CASES[name])
     first = max(case.facts["gains"], key=lambda effect: case.facts["gains"][effect])
     altered = gains_of(with_signature_off(case, first, share=0.05).linear())

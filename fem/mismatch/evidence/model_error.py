@@ -6,9 +6,10 @@ simulated fruit without mismatch show. An effect counts only for what exceeds it
 approximation error approach (Kaipio and Somersalo 2007, Inverse Problems 23, section 4) with a diagonal
 covariance: the full one of few fruit has directions in which errors cancel that other fruit do not have.
 
-`model_error.csv` has one share for each effect: the root mean square of its apparent amount over fruit
-without mismatch, over the prior standard deviation of the amount and the compliance ratio of flesh to gel,
-with which apparent amounts grow. `benchmarks/mismatch_scores.py` measures it.
+`model_error.csv` has one share for each effect: the standard deviation of its amount without mismatch, over
+the prior standard deviation of the amount and the compliance ratio of flesh to gel, with which apparent
+amounts grow. `benchmarks/mismatch_scores.py` fits all shares together to simulated fruit without mismatch, by
+the likelihood of their recordings. So an error counts once, though several effects resemble it.
 
 The error is about ten times as large for some fruit without mismatch as for others. A statistic that compares
 explanations at its usual size therefore has a heavier tail without mismatch than that size alone gives. Draws
