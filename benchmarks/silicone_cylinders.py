@@ -95,26 +95,27 @@ def _exponential(p: np.ndarray, x: np.ndarray) -> np.ndarray:
     return np.asarray(p[0] * p[1] * np.exp(np.minimum(p[1] * x, 50)))
 
 
-SLOPES: dict[str, tuple[Callable[..., tuple[object, object]], tuple[float, ...]]] = {
-    "neo-Hookean": (lambda p, *_: (p[0], 0.0), (10.0,)),
-    "Mooney-Rivlin": (lambda p, x, y: (p[0] + p[2] * y, p[1] + p[2] * x), (10.0, 1.0, 0.1)),
-    "Yeoh": (lambda p, x, _: (p[0] + 2 * p[1] * x + 3 * p[2] * x**2, 0.0), (10.0, 0.1, 0.1)),
-    "Veronda-Westmann": (lambda p, x, _: (_exponential(p, x), -p[0] * p[1] / 2), (100.0, 0.2)),
-    "Humphrey": (lambda p, x, _: (_exponential(p, x), 0.0), (40.0, 0.2)),
+Slopes = tuple[object, object]
+"""Of the energy, in x = I1 - 3 and y = I2 - 3."""
+SLOPES: dict[str, tuple[Callable[..., Slopes], tuple[float, ...]]] = {
+    "Neo Hookean": (lambda p, _: (p[0] / 2, 0.0), (20.0,)),
+    "Mooney Rivlin": (lambda p, x: (p[0] + 2 * sum(p[2:]) * x, p[1]), (10.0, 1.0, 0.1)),
+    "Yeoh": (lambda p, x: (sum((k + 1) * c * x**k for k, c in enumerate(p)), 0.0), (10.0, 0.1, 0.1)),
+    "Veronda Westmann": (lambda p, x: (_exponential(p, x), -p[0] * p[1] / 2), (100.0, 0.2)),
+    "Humphrey": (lambda p, x: (_exponential(p, x), 0.0), (40.0, 0.2)),
 }
-"""Slopes of the energy in x = I1 - 3 and y = I2 - 3 of five families of hyperelastic_parameters.json in that
-repository, with starts, kPa."""
-OGDEN = (5.0, 4.0, -0.1, -4.0)
-"""Starts of the sixth family, two terms of Ogden's law: kPa and exponent of each."""
+"""Five families of hyperelastic_parameters.json in that repository by their names there, each with its
+parameters' order there and with starts, kPa. Mooney and Rivlin's third term is in x squared."""
+OGDEN = (5.0, -0.1, 4.0, -4.0)
+"""Starts of the sixth family, two terms of Ogden's law: kPa of each, then exponent of each."""
 
 
 def published_stress(name: str, p: np.ndarray, stretch: np.ndarray) -> np.ndarray:
-    """Nominal stress of an incompressible solid by its parameters, kPa."""
+    """Nominal stress of an incompressible solid that slides between the plates, by its parameters, kPa."""
     if name == "Ogden":
-        terms = zip(p[::2], p[1::2], strict=True)
+        terms = zip(*np.split(np.asarray(p), 2), strict=True)
         return np.asarray(sum(mu * (stretch ** (a - 1) - stretch ** (-a / 2 - 1)) for mu, a in terms))
-    x, y = stretch**2 + 2 / stretch - 3, 2 * stretch + stretch**-2 - 3
-    first, second = SLOPES[name][0](p, x, y)
+    first, second = SLOPES[name][0](p, stretch**2 + 2 / stretch - 3)
     return np.asarray(2 * (stretch - stretch**-2) * (first + second / stretch))
 
 
