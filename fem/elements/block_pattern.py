@@ -6,9 +6,6 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import bsr_array, csr_array
 
-#: bits of an integer, its sign left out; beyond a million nodes pair and number no longer fit in one
-KEY_BITS = 63
-
 
 @dataclass(frozen=True)
 class ElementPattern:
@@ -30,19 +27,11 @@ class ElementPattern:
 
     @classmethod
     def of(cls, tets: Int[np.ndarray, "m 10"], n_nodes: int) -> "ElementPattern":
-        """Sort the hundred pairs of every element, each with its own number in the low bits of its key."""
+        """Sort the hundred pairs of every element."""
         tets = tets.astype(np.int64)
         pair = (tets[:, :, None] * n_nodes + tets[:, None, :]).reshape(-1)
-        bits = len(pair).bit_length()
-        if (n_nodes**2).bit_length() + bits < KEY_BITS:
-            pair <<= bits
-            pair |= np.arange(len(pair))
-            pair.sort()
-            local = (pair & ((1 << bits) - 1)).astype(np.int32 if bits < 31 else np.int64)
-            pair >>= bits
-        else:
-            local = np.argsort(pair, kind="stable")
-            pair = pair[local]
+        local = np.argsort(pair, kind="stable")
+        pair = pair[local]
         start = np.flatnonzero(np.concatenate([[True], pair[1:] != pair[:-1]]))
         pair = pair[start]
         shape = (len(start), 100 * len(tets))

@@ -32,12 +32,6 @@ class DecoupledNeoHookean:
 
     poisson_ratio: float
 
-    def energy(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, " q"]:
-        """W, MPa."""
-        mu, bulk = unit_shear_and_bulk(self.poisson_ratio)
-        f, J, _ = inverted(F)
-        return np.asarray(mu / 2 * (J ** (-2 / 3) * _squares(f) - 3) + bulk / 2 * (J - 1) ** 2)
-
     def stress(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, "q 3 3"]:
         """P = dW/dF, MPa."""
         mu, bulk = unit_shear_and_bulk(self.poisson_ratio)

@@ -20,10 +20,6 @@ class UnitLaw(Protocol):
         """Poisson's ratio at small strain."""
         ...
 
-    def energy(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, " q"]:
-        """Strain energy W per volume at rest, MPa (N mm per mm3)."""
-        ...
-
     def stress(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, "q 3 3"]:
         """First Piola stress P = dW/dF, MPa: force per area at rest."""
         ...

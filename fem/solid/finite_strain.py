@@ -4,8 +4,8 @@ Since every stress grows with E, a fruit of modulus E under forces f moves like 
 
 A free fruit is in balance in its deformed shape: of the potential  W(u) - f . u + alpha . B'u  both
 derivatives vanish, so that u has no mean translation and rotation over the flesh (B'u = 0, as in
-`FreeBody.without_rigid_motion`) and the six alpha are a smooth body force B alpha (`FreeBody.balance`), here
-one that balances force and moment where the loads have moved to. The linear solid is the limit of small
+fem.solid.free_body) and the six alpha are a smooth body force B alpha, here one that balances force and
+moment where the loads have moved to. The linear solid is the limit of small
 loads. The pit turns by any angle (fem.solid.finite_rotation).
 """
 
@@ -172,7 +172,6 @@ class FiniteStrainSolid:
                 guess,
                 tolerance=tolerance,
                 iterations=ITERATIONS,
-                renews=True,
                 tangent=tangent,
             )
             ending = result.ending

@@ -126,11 +126,6 @@ class FiniteBalance:
         return replace(loaded, load_size=max(float(np.linalg.norm(at_rest)), 1e-300))
 
     @property
-    def has_potential(self) -> bool:
-        """Strain energy less the work of the dead forces."""
-        return True
-
-    @property
     def primal(self) -> int:
         """Loose dofs and border motions."""
         return len(self.loose) + self._n_border

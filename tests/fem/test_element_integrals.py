@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from fem_shapes import cube_mesh
 
-import fem.elements.block_pattern
 from fem.elements.assembly import assemble, lumped_moments, unit_lame_constants
 from fem.elements.block_pattern import ElementPattern
 from fem.elements.gradients import gradient_products
@@ -62,16 +61,6 @@ def test_mirror_leads_to_the_transposed_pair():
     row = np.repeat(np.arange(len(nodes)), np.diff(pattern.indptr))
     assert (row[pattern.mirror] == pattern.indices).all()
     assert (pattern.indices[pattern.mirror] == row).all()
-
-
-def test_pattern_is_the_same_when_keys_are_too_long_to_number(monkeypatch):
-    _, tets = cube_mesh(3)
-    n = int(tets.max()) + 1
-    short = ElementPattern.of(tets, n)
-    monkeypatch.setattr(fem.elements.block_pattern, "KEY_BITS", 0)
-    long = ElementPattern.of(tets, n)
-    assert (short.indices == long.indices).all()
-    assert (short.gather.indices == long.gather.indices).all()
 
 
 def test_moments_of_a_cube_are_its_volume_and_its_centre():

@@ -101,7 +101,7 @@ def test_elements_inside_out_are_named_with_place_and_amount():
     moved[inside[0]] += [0.0, 0, 0.6]
     skin = checked_surface(*box((10, 10, 10), centre_mm=(5, 5, 5)), name="fruit")
     with pytest.raises(FemFailure, match=r"are inverted, the worst near \(") as failure:
-        _quadratic(*compact(10 * moved, tets[:, :4]), skin, None, curved=True)
+        _quadratic(*compact(10 * moved, tets[:, :4]), skin, None)
     assert failure.value.problem is FemProblem.INVERTED_ELEMENTS
     *place, jacobian = numbers(failure.value.detail.split("near")[1])[:4]
     assert np.linalg.norm(np.array(place) - 10 * moved[inside[0]]) < 6

@@ -26,6 +26,7 @@ from injected_recording import (
 )
 
 from fem.estimation.error_budget import TACTILE
+from fem.estimation.frame_thinning import MOST_FRAMES, spacing, thinned
 from fem.estimation.grasp_model import grasp_model
 from fem.estimation.modulus import estimate_modulus
 from fem.estimation.sensitivity import POISSON_RATIO
@@ -55,7 +56,6 @@ def puck_surface(n: int = 72) -> tuple[np.ndarray, np.ndarray]:
 @pytest.mark.slow
 def test_a_grasp_gives_the_injected_modulus_both_ways():
     estimate = found_in(grasp(noise=0.5), own_model(0.5))
-    assert estimate.form == "first-touch"
     assert estimate.E_MPa == pytest.approx(E_MPA, rel=0.01)
     assert estimate.energy is not None
     assert estimate.energy.E_MPa == pytest.approx(E_MPA, rel=0.01)
@@ -164,3 +164,42 @@ def test_misfit_that_neighbours_share_widens_the_tactile_part():
     model = own_model(0.5)  # of forces, which are the same
     straight = found_in(plain, model).parts_sd_MPa[TACTILE]
     assert found_in(with_pads(plain, position_mm=bent), model).parts_sd_MPa[TACTILE] > 2 * straight
+
+
+def stretched(history: GraspHistory, frames: int) -> GraspHistory:
+    """The same press recorded with more frames, linear between those that there are."""
+    at = np.linspace(0, len(RADII_MM) - 1, frames)
+    before, share = np.minimum(at.astype(int), len(RADII_MM) - 2), at % 1
+    share[-1] = 1.0
+
+    def between(values):
+        return values[before] + share[:, None, None] * (values[before + 1] - values[before])
+
+    long = with_pads(
+        history,
+        position_mm=lambda pad: between(pad.position_mm),
+        gel_displacement_mm=lambda pad: between(pad.gel_displacement_mm),
+        force_N=lambda pad: between(pad.force_N),
+        episode=lambda pad: np.minimum(pad.episode[before], pad.episode[before + 1]),
+        lag1=0.9,
+    )
+    return replace(long, time_s=np.arange(frames) / 30, phase=tuple(PHASES[b] for b in before))
+
+
+def test_a_long_recording_is_thinned_evenly():
+    frames = 450
+    estimate = found_in(stretched(grasp(noise=0.5), frames))
+    used = np.flatnonzero(estimate.loaded)
+    assert len(used) == MOST_FRAMES
+    assert (used[0], used[-1]) == (0, frames - 1)
+    assert set(np.diff(used)) == {3, 4}
+    assert {frame.frame for frame in estimate.frames} == set(used)
+    assert estimate.residual_mm.shape[0] == MOST_FRAMES
+    assert estimate.E_MPa == pytest.approx(E_MPA, rel=0.01)
+
+
+def test_few_frames_are_all_used():
+    loaded = np.arange(300) % 3 == 0
+    np.testing.assert_array_equal(thinned(loaded), loaded)
+    assert spacing(loaded) == 3.0
+    assert spacing(np.arange(5) == 2) == 1.0

@@ -167,7 +167,10 @@ def test_the_pits_posterior_covers_the_pit_as_often_as_it_says():
 
 
 def alone(modulus_MPa, relative_sd=NOISE):
-    information = GraspInformation.of_one_number(1 / modulus_MPa, relative_sd=relative_sd, slopes={})
+    weight = (modulus_MPa / relative_sd) ** 2
+    information = GraspInformation(
+        causes=(), normal=np.array([[weight]]), right=np.array([weight / modulus_MPa])
+    )
     return GraspEvidence(information=information, E_MPa=modulus_MPa, misfit_sd=1e-6, discretisation_sd=1e-6)
 
 
