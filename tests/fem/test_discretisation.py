@@ -58,14 +58,6 @@ def test_even_strain_has_no_error_and_curved_strain_has_some():
     assert error[1] > 1e-4
 
 
-def test_each_load_is_judged_alone():
-    mesh, moved, _ = pressed(3, 0.45)
-    other = np.cos(mesh.nodes_mm)[None]
-    both = discretisation_error(mesh, np.concatenate([moved, other]), poisson_ratio=0.45)
-    alone = discretisation_error(mesh, 7 * moved, poisson_ratio=0.45)
-    assert both[0] == pytest.approx(alone[0], rel=1e-9)
-
-
 def test_fields_of_another_mesh_or_without_strain_are_refused():
     mesh = cube(2)
     with pytest.raises(FemFailure, match="one vector for each node of this mesh"):

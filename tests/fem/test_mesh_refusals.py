@@ -121,10 +121,6 @@ def test_open_edges_are_counted():
     assert "fruit surface has 3 edges" in failure.detail
 
 
-def test_a_pit_larger_than_the_fruit_is_refused():
-    assert refused(*FRUIT, 4.0 * PIT[0], PIT[1]).problem is FemProblem.PIT_OUTSIDE_FRUIT
-
-
 def test_a_surface_with_nan_is_refused_by_name():
     vertices = PIT[0].copy()
     vertices[5, 1] = np.nan
