@@ -12,16 +12,15 @@ fem/mismatch/evidence/model_error.csv from the cases without mismatch, and score
 changed by linear signatures, averaged over the posterior; the plain E has a relative error of PLAIN_E_SD.
 """
 
-import argparse
 import csv
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections import Counter
 from collections.abc import Sequence
 from datetime import UTC, datetime
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
-from unittest.mock import patch
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -42,13 +41,10 @@ from sealed_scores import Scored, interval, share
 from fem.mismatch.evidence.model_error import FILE
 from fem.mismatch.procedure import detected
 from fem.mismatch.result import NONE, UNKNOWN
-from fem.mismatch.selection import decision
 from fem.mismatch.selection.decision import DETECTION_P
 from reports.figures import png_of
 
 EVIDENCE = Path(__file__).resolve().parents[1] / "fem" / "mismatch" / "evidence"
-TEMPERATURES, PRIORS_OF_NONE = (1.0, 1.25, 1.5, 2.0, 3.0), (0.5, 0.7)
-"""Tried for the log score."""
 LEAST_PROBABILITY = 1e-3
 """Of the true explanation in the log score: a pair that was not tried has none."""
 ABOVE_BOUND = 2.0
@@ -158,26 +154,6 @@ def _loss(each: ScoredRound, effect: str) -> float:
     return full / noise
 
 
-def log_score_lines(rounds: Sequence[ScoredRound]) -> list[str]:
-    """Mean log probability of the truth by temperature and prior of none, without and with mismatch."""
-    none = [each for each in rounds if each.scored.kind == "sound"]
-    other = [each for each in rounds if each.scored.kind != "sound"]
-    lines = [f"mean log score of the truth, at least ln {LEAST_PROBABILITY:g} (shipped: {_shipped()})"]
-    for prior in PRIORS_OF_NONE:
-        left = (1 - prior) / (1 - decision.PRIOR[NONE])
-        priors = {kind: prior if kind == NONE else left * p for kind, p in decision.PRIOR.items()}
-        for temperature in TEMPERATURES:
-            with patch.multiple(decision, TEMPERATURE=temperature, PRIOR=priors):
-                scores = [[log_score(each) for each in group] for group in (none, other, rounds)]
-            words = " ".join(f"{np.mean(group):8.3f}" if group else f"{'-':>8s}" for group in scores)
-            lines.append(f"  prior of none {prior:g}, temperature {temperature:4.2f}: {words}")
-    return [*lines, f"  columns: {len(none)} without mismatch, {len(other)} with, all"]
-
-
-def _shipped() -> str:
-    return f"prior {decision.PRIOR[NONE]:g}, temperature {decision.TEMPERATURE:g}"
-
-
 def log_score(each: ScoredRound) -> float:
     """ln of the posterior probability of the true explanation."""
     return float(
@@ -260,8 +236,6 @@ def tables(rounds: Sequence[ScoredRound]) -> list[str]:
         *single_lines(rounds),
         "",
         *bound_lines(rounds),
-        "",
-        *log_score_lines(rounds),
         "",
         "probability of the first name where a mismatch was detected: stated, share right, right of cases",
         *(f"  {p:.2f} {right:.2f} {count} of {total}" for p, right, count, total in reliability_bins(cases)),
@@ -360,9 +334,7 @@ def parity(fruit: str) -> str:
 
 def main() -> None:
     """Write the model error, or print the scores."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("rounds", type=Path)
     parser.add_argument("--fruit", choices=("even", "odd", "all"), default="all")
     parser.add_argument("--write-model-error", action="store_true")

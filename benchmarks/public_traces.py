@@ -17,8 +17,8 @@ each trace and quantiles; held-out errors are root mean squares over that of the
 (linear elasticity) and after (the answer).
 """
 
-import argparse
 import re
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -222,9 +222,7 @@ def kind_of(name: str) -> str:
 
 def main() -> None:
     """Read, explain, print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("kind", choices=("ball", "gripper", "cylinder"))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--jobs", type=int, default=1)
