@@ -6,14 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy.stats import multivariate_normal, norm
+from scipy.stats import multivariate_normal
 from sealed_truths import put_on_path
-from synthetic_problem import problem
 
 put_on_path()
 from apparent_shares import (  # noqa: E402
     SCALES,
-    equations_without_model_error,
     file_text,
     log_density,
     model_error_of,
@@ -68,14 +66,6 @@ def test_a_known_share_is_measured_noise_removed():
     )
 
 
-def test_noise_alone_leaves_what_the_cut_at_zero_leaves():
-    """E max(z^2 - 1, 0) = 2 phi(1) of a standard normal z, times the variance 1 / N."""
-    information = 1e6
-    wanted = np.sqrt(2 * norm.pdf(1.0) / information) / SD / RATIO
-    share = model_error_of(list(rows_of_amounts(np.zeros(4000), information)))["skin"]
-    assert share == pytest.approx(wanted, rel=0.05)
-
-
 def test_each_signature_is_fitted_alone_and_the_mean_is_over_all_columns():
     """Of three columns, two of one signature and one of another that is correlated with them."""
     information = 1e8
@@ -87,17 +77,6 @@ def test_each_signature_is_fitted_alone_and_the_mean_is_over_all_columns():
     alone = np.array([0.3, 0.1, 0.6 * 0.3]) / SD / RATIO
     assert squares["pit_offset"] == pytest.approx(np.mean(alone**2), rel=1e-4)
     assert squares["slip"] == pytest.approx(alone[1] ** 2, rel=1e-4)
-
-
-def test_amounts_are_those_beside_a_plain_model_without_model_error():
-    case = problem({"skin": 0.4})
-    bare, full = (
-        equations_without_model_error(each.linear()) for each in (case, case.with_shipped_model_error())
-    )
-    assert full.normal == pytest.approx(bare.normal)
-    assert full.right == pytest.approx(bare.right)
-    squares = squared_shares(full, compliance_ratio=1.0)
-    assert np.sqrt(squares["skin"]) == pytest.approx(0.4 / 3.0, rel=0.15)
 
 
 ROWS_OF_TWO_FRUIT = [
@@ -162,9 +141,3 @@ def test_usual_misfit_is_that_of_the_stored_cases_without_mismatch():
     mean, freedom = usual_misfit([(row["fruit"], float(row["misfit"])) for row in rows])
     assert mean == pytest.approx(MISFIT, rel=0.01)
     assert freedom == pytest.approx(FREEDOM, rel=0.01)
-
-
-def test_usual_misfit_of_drawn_fruit_has_their_freedom():
-    rng = np.random.default_rng(2)
-    drawn = [(f"f-{k}", 0.04 * x / 12) for k, x in enumerate(rng.chisquare(12, size=4000))]
-    assert usual_misfit(drawn) == pytest.approx((0.04, 12), rel=0.05)

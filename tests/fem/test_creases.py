@@ -7,7 +7,6 @@ from fem.mesh.closest_point import closest_on_triangles, enclosed_volume_mm3
 from fem.mesh.creases import creases_of
 from fem.mesh.flesh_mesh import t6_volume_mm3, tetrahedralise
 from fem.mesh.tetrahedra import boundary_faces
-from fem.mesh.tetwild import simplified
 
 SKIN = box((30, 30, 30))
 TOP = np.array([[0.0, 0, 15]])
@@ -68,13 +67,6 @@ def test_elements_are_short_where_the_core_is_sharp_and_nowhere_else():
     assert np.median(edge[gap < 0.5]) < 0.6 * longest
     assert np.median(edge[gap > 6]) > 0.8 * longest
     assert 3 * len(mesh.nodes_mm) < 50_000
-
-
-def test_a_box_of_many_triangles_becomes_one_of_few_with_the_same_edges():
-    fine = box((30, 30, 30), cells=20)
-    vertices, faces = simplified(*fine, edge_mm=6.0)
-    assert len(faces) < len(fine[1]) / 10
-    assert closest_on_triangles(fine[0], vertices, faces).distance_mm.max() < 1e-6
 
 
 def test_creases_of_a_cube_are_its_edges_and_corners_and_a_ball_has_none():

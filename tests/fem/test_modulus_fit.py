@@ -181,18 +181,6 @@ def test_residuals_are_the_noise():
     assert np.isnan(fit.residual_mm[tracks.episode < 0]).all()
 
 
-def test_a_later_contact_has_a_place_of_its_own():
-    tracks, _, _ = injected_tracks(np.random.default_rng(0))
-    episode = tracks.episode.copy()
-    episode[7:] = 1
-    elsewhere = tracks.position_mm.copy()
-    elsewhere[7:] += np.random.default_rng(1).normal(size=(1, *elsewhere.shape[1:]))
-    fit = fit_compliance(
-        replace(tracks, episode=episode, position_mm=elsewhere), scale_sd=1e-9, fruit_moves=True
-    )
-    assert 1 / fit.compliance == pytest.approx(E_MPA, rel=1e-4)
-
-
 def test_the_energy_ratios_error_bar_covers_the_truth():
     scores = []
     for seed in range(60):

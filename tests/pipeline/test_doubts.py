@@ -7,7 +7,6 @@ import pytest
 
 from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
 from pipeline.fruit.input_doubts import (
-    EXPLAINS,
     Doubt,
     causes_alone,
     of_a_given_pit,
