@@ -6,7 +6,7 @@ A free fruit is in balance in its deformed shape: of the potential  W(u) - f . u
 derivatives vanish, so that u has no mean translation and rotation over the flesh (B'u = 0, as in
 fem.solid.free_body) and the six alpha are a smooth body force B alpha, here one that balances force and
 moment where the loads have moved to. The linear solid is the limit of small
-loads. The pit turns by any angle (fem.solid.finite_rotation).
+loads. The pit turns by any angle.
 """
 
 from dataclasses import dataclass
@@ -64,7 +64,7 @@ class FiniteResult:
 
 @dataclass(frozen=True, kw_only=True)
 class FiniteStrainSolid:
-    """A factorised linear solid, its flesh under a law of finite strain.
+    """A factorised linear solid, its flesh under a law of finite strain of the same Poisson's ratio.
 
     `degree`: of the quadrature. Four points (degree 2) take half the time of fourteen.
     """
@@ -72,14 +72,6 @@ class FiniteStrainSolid:
     solid: UnitModulusSolid
     law: UnitLaw
     degree: Literal[2, 5] = 5
-
-    def __post_init__(self) -> None:
-        if self.law.poisson_ratio != self.solid.poisson_ratio:
-            raise FemFailure(
-                FemProblem.BAD_POISSON_RATIO,
-                f"the law has Poisson's ratio {self.law.poisson_ratio:g}, but the factorised solid "
-                f"has {self.solid.poisson_ratio:g}; both must be equal",
-            )
 
     @cached_value
     def flesh(self) -> FiniteFlesh:

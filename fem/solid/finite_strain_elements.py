@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 
-from fem.elements.block_pattern import ElementPattern
+from fem.elements.assembly import ElementPattern
 from fem.elements.shape_functions import t10_gradient, tet_quadrature
 from fem.materials.law import UnitLaw
 from fem.mesh.flesh_mesh import FleshMesh

@@ -1,8 +1,7 @@
 import numpy as np
 from fem_shapes import cube_mesh
 
-from fem.elements.assembly import assemble, lumped_moments, unit_lame_constants
-from fem.elements.block_pattern import ElementPattern
+from fem.elements.assembly import ElementPattern, assemble, lumped_moments, unit_lame_constants
 from fem.elements.shape_functions import t10_gradient, tet_quadrature
 
 

@@ -18,8 +18,8 @@ from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import locate, skin_quadrature
 from fem.mesh.tetrahedra import boundary_faces
 from fem.solid.equilibrium import Ending
-from fem.solid.finite_rotation import rigid_fit
 from fem.solid.finite_strain import FiniteResult, FiniteStrainSolid
+from fem.solid.finite_strain_balance import rigid_fit
 from fem.solid.finite_strain_elements import FiniteFlesh
 from fem.solid.linear_solid import UnitModulusSolid
 
@@ -236,11 +236,6 @@ def test_a_load_that_no_flesh_can_bear_is_reported_with_what_was_borne():
     with pytest.raises(FemFailure, match=f"reached only {solved.share[0]:.0%} of load 1 of 1") as refused:
         solved.require_equilibrium()
     assert refused.value.problem is FemProblem.NOT_CONVERGED
-
-
-def test_another_poisson_ratio_than_the_solids_is_refused(free):
-    with pytest.raises(FemFailure, match="both must be equal"):
-        FiniteStrainSolid(solid=free.solid, law=NeoHookean(poisson_ratio=0.3))
 
 
 @pytest.mark.slow
