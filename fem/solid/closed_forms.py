@@ -58,47 +58,24 @@ def contact_shape_factor(*, radius_mm: float, other_radius_mm: float) -> float:
 S368 = 0.338
 
 
-def s368_plate_modulus_MPa(
-    *, force_N: float, deformation_mm: float, poisson_ratio: float, radius_mm: float, other_radius_mm: float
-) -> float:
-    """Apparent modulus of a convex body under one flat plate, from force and deformation at that contact.
-
-    E = 0.338 K^(3/2) F (1 - nu^2) / D^(3/2) (1/R + 1/R')^(1/2).  Source: ANSI/ASAE S368.4,
-    "Compression test of food materials of convex shape", single-plate formula.
-
-    A sphere: the inverse of `hertz_sphere_force_N`.
-
-    >>> sphere = {"poisson_ratio": 0.5, "radius_mm": 25.0, "other_radius_mm": 25.0}
-    >>> round(s368_plate_modulus_MPa(force_N=8.0, deformation_mm=1.0, **sphere), 6)
-    0.9
-    """
-    shape = contact_shape_factor(radius_mm=radius_mm, other_radius_mm=other_radius_mm)
-    curvature = 1 / radius_mm + 1 / other_radius_mm
-    return float(
-        S368 * shape**1.5 * force_N * (1 - poisson_ratio**2) / deformation_mm**1.5 * np.sqrt(curvature)
-    )
-
-
 def s368_parallel_plates_modulus_MPa(
     *, force_N: float, deformation_mm: float, poisson_ratio: float, radius_mm: float, other_radius_mm: float
 ) -> float:
     """Apparent modulus of a convex body between two flat plates, from the total deformation (like ends).
 
-    E = 0.338 K^(3/2) F (1 - nu^2) / D^(3/2) [2 (1/R + 1/R')^(1/3)]^(3/2).  Source: ANSI/ASAE S368.4.
+    E = 0.338 K^(3/2) F (1 - nu^2) / D^(3/2) [2 (1/R + 1/R')^(1/3)]^(3/2).  Source: ANSI/ASAE S368.4,
+    "Compression test of food materials of convex shape".
 
-    Two plates deform a sphere twice as much as one plate does.
+    Two plates deform a sphere twice as much as one plate does: the inverse of `hertz_sphere_force_N`.
 
     >>> sphere = {"poisson_ratio": 0.5, "radius_mm": 25.0, "other_radius_mm": 25.0}
     >>> round(s368_parallel_plates_modulus_MPa(force_N=8.0, deformation_mm=2.0, **sphere), 6)
     0.9
     """
-    return s368_plate_modulus_MPa(
-        force_N=force_N,
-        deformation_mm=deformation_mm / 2,
-        poisson_ratio=poisson_ratio,
-        radius_mm=radius_mm,
-        other_radius_mm=other_radius_mm,
-    )
+    shape = contact_shape_factor(radius_mm=radius_mm, other_radius_mm=other_radius_mm)
+    curvature = 1 / radius_mm + 1 / other_radius_mm
+    at_each_mm = deformation_mm / 2
+    return float(S368 * shape**1.5 * force_N * (1 - poisson_ratio**2) / at_each_mm**1.5 * np.sqrt(curvature))
 
 
 def cored_sphere_shrinkage_mm(
