@@ -24,8 +24,8 @@ class ErrorBudget:
     """Standard deviations of what the measurement itself does not show.
 
     `gel_scale_sd`, `force_scale_sd`: relative scale errors of single markers, of their displacement and of
-    their force; above zero. Their defaults are assumed, for a calibrated marker gel: a batch may set them from
-    its own sensor's calibration.
+    their force; above zero. Their defaults are assumed, for a calibrated marker gel. A batch may set them
+    from its own sensor's calibration.
 
     `pit_offset_sd_mm` (each axis), `pit_size_sd`: spread of the pit prior (centre; relative size).
     `surface_sd_mm`: error of the fruit's surface mesh, where that of a pad's patch is not known by itself
