@@ -165,8 +165,7 @@ def finite_response(
     for _ in range(ROUNDS):
         before = modulus_MPa
         load = _loads(pads, solid.mesh, skin, motion, unit / before, chosen)
-        solved = finite.displacement(load / before, start=moved_mm, tolerance=tolerance)
-        moved_mm = solved.require_equilibrium().displacement
+        moved_mm = finite.displacement(load / before, start=moved_mm, tolerance=tolerance)
         unit = linear + _predicted(kernel, chosen, before * moved_mm[:, skin] - linear[chosen])
         fitted = _fitted(solid, skin, driven, used, motion, unit, before, scale_sd=scale_sd)
         motion, modulus_MPa = fitted.motion, require_positive(fitted.fit.compliance)
