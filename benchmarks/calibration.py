@@ -13,8 +13,8 @@ ln E's change, `stated` that of the error bar's part. --split: draws of each cau
 Rows are written as they come; --only-print prints the tables of a file.
 """
 
-import argparse
 import time
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -83,7 +83,7 @@ def directions(rng: np.random.Generator) -> np.ndarray:
     return np.column_stack([np.cos(azimuth), np.sin(azimuth), rng.normal(0, 0.2, 2)])
 
 
-def of_fruit(fruit: int, args: argparse.Namespace, budget: ErrorBudget, draws: int) -> Iterator[Row]:
+def of_fruit(fruit: int, args: Namespace, budget: ErrorBudget, draws: int) -> Iterator[Row]:
     """All rows of one fruit."""
     rng = np.random.default_rng([args.seed, fruit])
     world = World.of(Fruit.drawn(rng), directions(rng), **TRUTH_SIZES)
@@ -154,9 +154,7 @@ def _rms(values: np.ndarray) -> float:
 
 def main() -> None:
     """Draw, write, print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--fruit", type=int, default=10)
     parser.add_argument("--draws", type=int, default=200)
     parser.add_argument("--split", type=int, default=2)

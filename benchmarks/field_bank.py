@@ -9,9 +9,9 @@ are coarser than those of the shipped sample (about 45 s of processor time a gra
 the checks say of them, not E to a per cent. A folder that has its truth.json is left as it is.
 """
 
-import argparse
 import json
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -110,9 +110,7 @@ def write_fruit(number: int, folder: Path, grasps: int) -> None:
 
 def main() -> None:
     """Writes the fruit, one after the other."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--count", type=int, default=100)

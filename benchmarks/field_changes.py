@@ -64,13 +64,13 @@ def shift(times: float, *, only: int | None = None) -> Change:
     return arrays(lambda pad, rng: lambda values: values * times, DISPLACEMENT, only=only)
 
 
-def gel(kn: float, kt: float | None = None) -> Change:
+def gel(times: float) -> Change:
     """Stated stiffness times a factor."""
     return pads(
         lambda pad, rng: replace(
             pad,
-            gel_kn_MPa_per_mm=pad.gel_kn_MPa_per_mm * kn,
-            gel_kt_MPa_per_mm=pad.gel_kt_MPa_per_mm * (kn if kt is None else kt),
+            gel_kn_MPa_per_mm=pad.gel_kn_MPa_per_mm * times,
+            gel_kt_MPa_per_mm=pad.gel_kt_MPa_per_mm * times,
         )
     )
 

@@ -8,10 +8,10 @@ phone (no mat). Each gives OUT/<k>.npz: images (n, 192, 192, 3) BGR and cover (n
 Scenes that are there are skipped. Needs the extra `samples`.
 """
 
-import argparse
 import importlib
 import os
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import cv2
@@ -28,9 +28,7 @@ SAMPLES = 8
 
 def main() -> None:
     """Draws."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--scenes", type=int, default=400)

@@ -11,9 +11,9 @@ after the epochs or the minutes; its rate falls with whichever is nearer its end
 alone; nothing of it is in the product.
 """
 
-import argparse
 import json
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import cv2
@@ -218,9 +218,7 @@ def kept_back(
 
 def main() -> None:
     """Trains and writes."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path)
     parser.add_argument("--close-ups", type=Path, required=True)
     parser.add_argument("--bank", type=Path, action="append", default=[])

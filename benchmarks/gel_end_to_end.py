@@ -6,11 +6,11 @@ BATCH is a sample batch with answers.json. WORK gets the batch in its raw form (
 every recording as frames of two cameras with log.csv and grasp.toml), and the results of both.
 """
 
-import argparse
 import json
 import shutil
 import subprocess
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import numpy as np
@@ -58,9 +58,7 @@ def graded(batch: Path, out: Path, jobs: int) -> pd.Series:
 
 def main() -> None:
     """Print one row per fruit, then Kendall's tau and the largest error of the raw form."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("batch", type=Path)
     parser.add_argument("work", type=Path)
     parser.add_argument("--fruits", nargs="*")

@@ -13,9 +13,9 @@ have kept its colours. A frame slips where more than half of these markers are t
 away from there.
 """
 
-import argparse
 import hashlib
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -119,9 +119,7 @@ def clips_of(folder: Path, half: str | None) -> Iterator[tuple[str, Path]]:
 
 def main() -> None:
     """One row per clip, and sums."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--half", choices=("even", "odd"))

@@ -10,7 +10,7 @@ object's smooth side), or `unclear`.
 Prints: of the first frames, how many show one (tactile.reference_print), by what was seen by eye.
 """
 
-import argparse
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import cv2
@@ -33,9 +33,7 @@ def rgb(frame: np.ndarray) -> np.ndarray:
 
 def main() -> None:
     """Counts of prints by label."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--half", choices=("even", "odd"))
     parser.add_argument("--out", type=Path)

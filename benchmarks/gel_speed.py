@@ -8,9 +8,9 @@ is done once for a recording (the gel's compliance, the prior) is timed apart fr
 medians over the runs.
 """
 
-import argparse
 import itertools
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 
 import cv2
@@ -116,9 +116,7 @@ def timed(
 
 def main() -> None:
     """One table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--frames", type=int, default=240)
     parser.add_argument("--runs", type=int, default=3)
     options = parser.parse_args()

@@ -8,8 +8,8 @@ followed from the clip's first frame, loaded or not. The picture shows their mot
 gel is the mean of the last frames of a clip of the same camera whose fruit was dropped.
 """
 
-import argparse
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -103,9 +103,7 @@ def picture(clips: dict[str, tuple[np.ndarray, ReferenceMarkers, np.ndarray]], p
 
 def main() -> None:
     """The table and the picture."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args()

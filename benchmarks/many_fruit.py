@@ -11,11 +11,11 @@ record and pictures, E drawn anew. That counts as the fruit's work, not as the r
 files, and neither ranking nor report is made. A batch has at most 2000 fruit; here that limit is lifted.
 """
 
-import argparse
 import heapq
 import pickle
 import shutil
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import h5py
@@ -193,9 +193,7 @@ def simulate(graded: Path, batch: Path, *, jobs: int, work_s: float, reports: bo
 
 def main() -> None:
     """Prints a table."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("what", choices=("make", "simulate"))
     parser.add_argument("graded", type=Path)
     parser.add_argument("batch", type=Path)

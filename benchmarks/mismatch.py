@@ -16,7 +16,6 @@ labels it compares with the hashes of MANIFEST. Its exit status is 1 if a hash i
 or the answers come from several states of the code.
 """
 
-import argparse
 import contextlib
 import csv
 import io
@@ -27,6 +26,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -363,9 +363,7 @@ def with_interval(modulus: Mapping[str, float]) -> dict[str, Any]:
 
 def main() -> int:
     """Run what is asked for."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
     for name, places in COMMANDS.items():
         command = commands.add_parser(name)

@@ -15,13 +15,13 @@ Amplitudes are drawn log-uniformly over each effect's range. All commands leave
 alone what is there: a command that was stopped goes on when it is given again.
 """
 
-import argparse
 import json
 import os
 import subprocess
 import sys
 import tempfile
 import time
+from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -94,7 +94,7 @@ def main() -> None:
             print(f"{fruit.name}: {failure}", flush=True)
 
 
-def reduce_cases(chosen: argparse.Namespace) -> None:
+def reduce_cases(chosen: Namespace) -> None:
     """Every case of the folder, or the one that is named, unless its file is there."""
     names = (
         [chosen.case]
@@ -147,11 +147,9 @@ def in_own_processes(jobs: Sequence[tuple[str, ...]], count: int) -> None:
         list(pool.map(run, jobs))
 
 
-def arguments() -> argparse.Namespace:
+def arguments() -> Namespace:
     """Of the command line."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     commands = parser.add_subparsers(dest="command", required=True)
     for name in ("simulate", "draw"):
         command = commands.add_parser(name)

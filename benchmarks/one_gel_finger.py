@@ -8,8 +8,8 @@ with the stiff jaw's force alone, as of a plate. FOLDER keeps recordings and rec
 it is. The even half sets pipeline.fruit.elasticity's PLAIN_JAW_SD, the odd one is scored once.
 """
 
-import argparse
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -69,9 +69,7 @@ def with_bare_jaw(recording: Recording) -> Recording:
 
 def main() -> None:
     """A line per fruit, then the spread."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--count", type=int, default=6)

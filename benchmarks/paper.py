@@ -11,8 +11,8 @@ A row with a target says whether |ours| keeps it. A contact has 11 x 11 markers,
 paper's contact nodes are those of its mesh, too); rows say so where they are 1 mm apart instead.
 """
 
-import argparse
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -334,9 +334,7 @@ FORWARD_DOFS = _solved()
 
 def main() -> None:
     """All rows, or those of some experiments; printed as they come."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--only", default="", help="experiments whose function's name holds this text")
     parser.add_argument("--csv", type=Path, help="default: results/paper.csv when all rows are made")
     options = parser.parse_args()

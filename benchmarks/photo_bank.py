@@ -9,10 +9,10 @@ come first, then odd ones (half scored: kept for the final score, nobody tunes o
 --share 2/2 in two processes divide the sets between them. Needs the extra `samples`.
 """
 
-import argparse
 import importlib
 import os
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import cv2
@@ -24,9 +24,7 @@ from samples.scenes.write import complete, write_scene
 
 def main() -> None:
     """Draws the sets that are not there."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("do", choices=("draw",))
     parser.add_argument("out", type=Path)
     parser.add_argument("--family", choices=FAMILIES, default="mat")

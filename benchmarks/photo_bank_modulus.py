@@ -1,7 +1,7 @@
 """Modulus of elasticity from photos and simulated grasps, over sets of the photo bank with known moduli.
 
-    python benchmarks/photo_bank_modulus.py BANK --sets 10 44 48 [--grasps 2] [--finer]
-        [--shape photos|true] [--pits category|drawn|true] [--keep FOLDER] [--out CSV]
+    python benchmarks/photo_bank_modulus.py BANK --sets 10 44 48 [--grasps 2]
+        [--shape photos|true] [--pits category|true] [--keep FOLDER] [--out CSV]
 
 BANK holds the sets that benchmarks/photo_bank.py drew. For each set two jaws close on the true fruit of
 scene.json (shape, pit, modulus) in a simulation with hexahedra and a contact law of its own, which share
@@ -13,9 +13,8 @@ pits scatter (samples/scenes/scene_fruit.py; 1 % of the half box per axis, 4 % i
 prior's proportions for nectarines and within about 3 % of them for peaches, only 1 to 2 % of the half box
 from the prior's place; for apricots, plums and cherries they are drawn 2 to 25 % larger than the prior. So
 for nectarines and peaches the errors tell of photos, grasps and a small scatter of the pit, and for no
-kind of a wrong Poisson's ratio: they are lower bounds of what real fruit will show. With `--pits drawn`
-the batch brings a category file of its own, the shipped one with the proportions about which the bank's
-pits were drawn, as somebody has it who has opened fruits of his cultivar; with `--pits true` the true pit.
+kind of a wrong Poisson's ratio: they are lower bounds of what real fruit will show. With `--pits true` the
+batch has the true pit.
 With `--shape true` the true mesh takes the photos' place. Both true: what is left is of the recordings alone.
 
 For each fruit: the modulus found and its standard deviation, the truth, the error in %, and over the
@@ -23,16 +22,15 @@ standard deviation, CPU seconds of the grading, and what was warned of. Exit sta
 MOST_ERROR or a fruit was not graded.
 """
 
-import argparse
 import csv
 import json
-import re
 import resource
 import shutil
 import subprocess
 import sys
 import tempfile
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -40,14 +38,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from recon.pit.priors import FOLDER
 from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
 from samples.fruit import SampleFruit, SamplePit, Skin, box_mm
 from samples.grasp_plan import DEEPEST_MM, PlannedGrasp, planned_grasps, two_cycles
-from samples.hexahedra import FINER, SHIPPED, Fineness
 from samples.sample_failure import NotInEquilibrium
-from samples.scenes.scene_fruit import KINDS
 from samples.simulated_grasp import simulate
 from tactile.io.recording import write_recording
 
@@ -110,14 +105,6 @@ def planned(fruit: SampleFruit, *, count: int) -> list[PlannedGrasp]:
     return [replace(plan, motion=motion) for plan in planned_grasps(fruit, count=count)]
 
 
-def category_of_bank(kind: str) -> str:
-    """The shipped category file with the proportions about which the bank draws the kind's pits."""
-    shipped = (FOLDER / f"{kind}.toml").read_text(encoding="utf-8")
-    drawn = ", ".join(f"{share:g}" for share in KINDS[kind].pit_over_box)
-    axis_ratios = f'axis_ratios = {{ value = [{drawn}], source = "samples/scenes/scene_fruit.py" }}'
-    return re.sub(r"^axis_ratios = .*$", axis_ratios, shipped, flags=re.MULTILINE)
-
-
 def write_batch(
     batch: Path,
     folder: Path,
@@ -125,7 +112,6 @@ def write_batch(
     *,
     kind: str,
     grasps: int = 2,
-    fineness: Fineness = SHIPPED,
     shape: str = "photos",
     pits: str = "category",
 ) -> None:
@@ -145,11 +131,7 @@ def write_batch(
     if pits == "true":
         sphere = even_sphere(PIT_CELLS)
         write_mesh(where / "pit.ply", fruit.pit.points_mm(sphere.directions), sphere.triangles())
-    category = kind
-    if pits == "drawn":
-        category = f"{kind}-of-the-bank.toml"
-        (batch / category).write_text(category_of_bank(kind), encoding="utf-8")
-    settings = _SETTINGS.format(kind=category, poisson_ratio=fruit.poisson_ratio)
+    settings = _SETTINGS.format(kind=kind, poisson_ratio=fruit.poisson_ratio)
     (batch / "batch.toml").write_text(settings, encoding="utf-8")
     height = "" if on_mat else f"{np.ptp([end[2] for end in box_mm(fruit.skin)]):.1f}"
     (batch / "fruits.csv").write_text(f"fruit_id,height_mm\n{fruit.fruit_id},{height}\n", encoding="utf-8")
@@ -158,7 +140,7 @@ def write_batch(
         if path.is_file():
             continue
         rng = np.random.default_rng([fruit.seed, 7, k])
-        recording = replace(simulate(fruit, plan, rng=rng, fineness=fineness), category=kind)
+        recording = replace(simulate(fruit, plan, rng=rng), category=kind)
         write_recording(path, recording)
 
 
@@ -208,17 +190,12 @@ def line(row: Graded) -> str:
 
 def main() -> int:
     """Prints a line a set, writes the rows; the exit status says whether all are within MOST_ERROR."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("bank", type=Path)
     parser.add_argument("--sets", type=int, nargs="+", required=True)
     parser.add_argument("--grasps", type=int, default=2)
-    parser.add_argument("--finer", action="store_true", help="simulate on a finer mesh (five times as slow)")
     parser.add_argument("--shape", choices=("photos", "true"), default="photos", help="what is handed in")
-    parser.add_argument(
-        "--pits", choices=("category", "drawn", "true"), default="category", help="whose proportions"
-    )
+    parser.add_argument("--pits", choices=("category", "true"), default="category", help="whose pit")
     parser.add_argument("--keep", type=Path, help="leave the batch folders there, and use their recordings")
     parser.add_argument("--out", type=Path, help="a CSV of the rows")
     options = parser.parse_args()
@@ -237,7 +214,6 @@ def main() -> int:
                     fruit_of_scene(scene),
                     kind=scene["fruit"]["kind"],
                     grasps=options.grasps,
-                    fineness=FINER if options.finer else SHIPPED,
                     shape=options.shape,
                     pits=options.pits,
                 )

@@ -11,12 +11,12 @@ warning where it is off by less than half of both and something was. Sentences a
 out do not count as warnings.
 """
 
-import argparse
 import json
 import multiprocessing
 import resource
 import sys
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections import defaultdict
 from functools import partial
 from pathlib import Path
@@ -117,9 +117,7 @@ def table(rows: list[dict[str, Any]]) -> str:
 
 def main() -> int:
     """Prints a line a set and the table; writes the rows."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("bank", type=Path)
     parser.add_argument("--half", choices=("work", "scored"), required=True)
     parser.add_argument("--jobs", type=int, default=2)

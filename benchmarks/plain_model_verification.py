@@ -8,11 +8,11 @@ Printed for small and for finite strain: E over the true E, what the fit leaves 
 per component), and CPU seconds.
 """
 
-import argparse
 import json
 import shutil
 import tempfile
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 from threadpoolctl import threadpool_limits
@@ -74,9 +74,7 @@ def line(case: MismatchCase, true_MPa: float) -> str:
 
 def main() -> None:
     """A recording after the other."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--body", nargs="*", help="Only these.")
     parser.add_argument("--grasp", nargs="*", type=int, default=[1, 2, 3, 4], help="Only these.")

@@ -17,8 +17,8 @@ each trace and quantiles; held-out errors are root mean squares over that of the
 (linear elasticity) and after (the answer).
 """
 
-import argparse
 import re
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -48,8 +48,6 @@ RHEOMETER_COLUMNS = ("time", "axial", "gap")
 """Words in the names of the columns of a rheometer's tables: time, force, gap."""
 SLOPE_UP_TO = 0.1
 """Greatest strain of the slope that is compared with what is published for cut cylinders."""
-UPPER = (0.2, 0.95)
-"""Shares of the peak force between which the exponent of the loading is taken."""
 
 
 @dataclass(frozen=True)
@@ -149,18 +147,6 @@ def trace_of(
     )
 
 
-def exponent_of(trace: IndenterTrace, onset_mm: float) -> float:
-    """Slope of ln F over ln depth in the loading: 1.5 is Hertz's."""
-    peak = int(np.argmax(trace.force_N))
-    force, depth = trace.force_N[: peak + 1], trace.travel_mm[: peak + 1] - onset_mm
-    zero = float(np.median(force[: max(3, int(np.argmax(depth > 0)))]))
-    share = (force - zero) / (force[-1] - zero)
-    used = (share > UPPER[0]) & (share < UPPER[1]) & (depth > 0)
-    if used.sum() < 4:
-        return float("nan")
-    return float(np.polyfit(np.log(depth[used]), np.log(force[used] - zero), 1)[0])
-
-
 def explained(named_trace: NamedTrace) -> dict[str, object]:
     """One line of the table."""
     try:
@@ -172,9 +158,8 @@ def explained(named_trace: NamedTrace) -> dict[str, object]:
         )
     except FemFailure as failure:
         return {"trace": named_trace.name, "verdict": f"refused: {failure.problem.value}"}
-    said, trace = account.explanation, account.trace
+    said = account.explanation
     verdict = said.verdict if isinstance(said.verdict, str) else " | ".join(said.verdict)
-    onset = float(account.linear.scaled[account.linear.law.index("onset_mm")])
     return {
         "trace": named_trace.name,
         "verdict": verdict,
@@ -187,24 +172,21 @@ def explained(named_trace: NamedTrace) -> dict[str, object]:
         "unexplained": account.named.share,
         "end_before": said.heldout.rms_before,
         "end_after": said.heldout.rms_after,
-        "exponent": exponent_of(trace, onset),
         "peak_N": float(named_trace.trace.force_N.max()),
         "ruptured": any("break" in note or "rupture" in note.lower() for note in said.notes),
     }
 
 
 def summary(rows: pd.DataFrame) -> None:
-    """Names, held-out errors, exponents; for whole fruit the order against the force of rupture."""
+    """Names, held-out errors; for whole fruit the order against the force of rupture."""
     done = rows.dropna(subset=["end_after"])
     named = done[~done["verdict"].isin(["none", "unknown"])]
-    stiff = named[named["verdict"].str.contains("stiffening")]
     print(f"{len(rows)} traces, {len(done)} explained; verdicts:")
     print(rows["verdict"].value_counts().to_string())
     print("quartiles and greatest:")
     print(done[["end_before", "end_after", "unexplained"]].quantile([0.25, 0.5, 0.75, 1.0]).to_string())
     over = (named["end_after"] > 0.3).sum()
     print(f"named {len(named)}, of them with a held-out error above 30 %: {over}")
-    print(f"exponent where stiffening is named ({len(stiff)}): {stiff['exponent'].describe().to_dict()}")
     print(f"E withheld in {(done['withheld'] != '').sum()}")
     for kind, of_kind in done.groupby(done["trace"].map(kind_of)):
         if len(of_kind) > 5:
@@ -222,9 +204,7 @@ def kind_of(name: str) -> str:
 
 def main() -> None:
     """Read, explain, print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("kind", choices=("ball", "gripper", "cylinder"))
     parser.add_argument("folder", type=Path)
     parser.add_argument("--jobs", type=int, default=1)

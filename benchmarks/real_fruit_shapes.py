@@ -20,11 +20,11 @@ search finds in the true shape. WORK keeps photos, batches and rows; a run that 
 the extra `samples`.
 """
 
-import argparse
 import csv
 import json
 import shutil
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -162,9 +162,7 @@ def row_of(place: str, kind: str, fruit: SampleFruit, work: Path, *, grasps: int
 
 def main() -> int:
     """Prints a line a set, writes the rows."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("checkout", type=Path)
     parser.add_argument("work", type=Path)
     parser.add_argument("--csv", type=Path, help="file for the rows")

@@ -11,11 +11,11 @@ Two of MultiQC's are performed, on a report of the columns of ranking.csv as a t
 A dash means that the program cannot do it.
 """
 
-import argparse
 import csv
 import io
 import re
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import numpy as np
@@ -270,9 +270,7 @@ def cost(browser, path: Path) -> str:
 
 def main() -> None:
     """Prints the cost, and a row for each task."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path)
     parser.add_argument("--multiqc", type=Path)
     parser.add_argument("--csv", type=Path)

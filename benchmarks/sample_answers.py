@@ -7,10 +7,10 @@ Also whether each fruit has a watertight mesh among the results and stands on th
 Exit status 1 where the order or an error misses its bound, or a mesh or a fruit on the page is missing.
 """
 
-import argparse
 import json
 import re
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import pandas as pd
@@ -20,9 +20,7 @@ from scipy.stats import kendalltau
 
 def main() -> int:
     """Prints the table and returns the exit status."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("results", type=Path, help="what `drupe grade` wrote")
     parser.add_argument("answers", type=Path, help="answers.json of the sample batch")
     parser.add_argument("--tau", type=float, default=1.0, help="least Kendall's tau (default %(default)s)")

@@ -22,8 +22,8 @@ last fifth  error of the force predicted from the first four fifths, over its ro
 its curves, the curves that do not belong, and the slope by the law of the others.
 """
 
-import argparse
 import json
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
@@ -219,9 +219,7 @@ def together(paths: list[Path]) -> dict[str, object]:
 
 def main() -> None:
     """Read, explain, print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--csv", type=Path, help="write a row for each mixture")
     parser.add_argument("--curves", type=Path, help="write a row for each curve")

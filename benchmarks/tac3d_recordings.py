@@ -7,10 +7,10 @@ of it belongs into a repository), unpacks its three recordings there, converts t
 and checks that no number changed but for sign and origin.
 """
 
-import argparse
 import subprocess
 import sys
 import zipfile
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import numpy as np
@@ -52,9 +52,7 @@ def largest_change(sensors: list[Tac3D], again: Recording) -> float:
 
 def main() -> None:
     """Notes and the largest change of every recording."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--out", type=Path, required=True)
     given = parser.parse_args()

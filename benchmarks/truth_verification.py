@@ -9,9 +9,9 @@ peak pressure), of their force (percent of the largest), of the pad's total norm
 its normal force, over frames above a tenth of the peak, and in the frame of the greatest force).
 """
 
-import argparse
 import json
 import time
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -61,9 +61,7 @@ class FormulaSkin:
 
 def main() -> None:
     """Print one table for each body and grasp."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("folder", type=Path)
     parser.add_argument("--body", nargs="+", default=list(BODIES))
     parser.add_argument("--grasp", nargs="+", type=int, default=[2, 3, 1, 4])

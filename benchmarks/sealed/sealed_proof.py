@@ -5,9 +5,9 @@
 Only committed files are needed. The exit status is 1 where something is not as sealed.
 """
 
-import argparse
 import json
 import sys
+from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -49,9 +49,7 @@ def check(proof: Path, table: Path | None) -> int:
 
 def main() -> None:
     """Check the proof that is asked for."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
     parser.add_argument("--proof", type=Path, default=PROOF)
     parser.add_argument("--csv", type=Path, default=None, help="file for one line per case")
     chosen = parser.parse_args()

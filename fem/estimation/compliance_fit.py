@@ -47,14 +47,13 @@ class MarkerTracks:
 
 @dataclass(frozen=True, kw_only=True)
 class CompliantFit:
-    """`compliance` is 1/E (1/MPa), `compliance_sd` its spread from displacement noise and scale errors.
+    """`compliance` is 1/E (1/MPa).
 
     `motion_mm` is [R q(t)]_i; `residual_mm` what no unknown explains, NaN out of contact, and
     `residual_rms_mm` its root mean square per component.
     """
 
     compliance: float
-    compliance_sd: float
     motion_mm: Float[np.ndarray, "t n 3"]
     residual_mm: Float[np.ndarray, "t n 3"]
     residual_rms_mm: float
@@ -73,7 +72,6 @@ def fit_compliance(tracks: MarkerTracks, *, scale_sd: float, fruit_moves: bool) 
     residual = np.where((tracks.episode >= 0)[:, :, None], left, np.nan)
     return CompliantFit(
         compliance=float(compliance[0]),
-        compliance_sd=float(known.normal[0, 0] ** -0.5),
         motion_mm=motion,
         residual_mm=residual,
         residual_rms_mm=float(np.sqrt(np.nanmean(residual**2))),

@@ -24,8 +24,8 @@ class ErrorBudget:
     """Standard deviations of what the measurement itself does not show.
 
     `gel_scale_sd`, `force_scale_sd`: relative scale errors of single markers, of their displacement and of
-    their force. Their defaults are assumed, for a calibrated marker gel, and not measured on any one sensor:
-    a batch may set them from its own sensor's calibration.
+    their force; above zero. Their defaults are assumed, for a calibrated marker gel. A batch may set them
+    from its own sensor's calibration.
 
     `pit_offset_sd_mm` (each axis), `pit_size_sd`: spread of the pit prior (centre; relative size).
     `surface_sd_mm`: error of the fruit's surface mesh, where that of a pad's patch is not known by itself
@@ -41,13 +41,6 @@ class ErrorBudget:
     surface_sd_mm: float = 0.1
     pose_sd_mm: float = 0.3
     poisson_ratio_sd: float = 0.0
-
-    def __post_init__(self) -> None:
-        if not self.gel_scale_sd > 0:
-            raise ValueError(
-                f"gel_scale_sd is {self.gel_scale_sd:g}, expected a value above zero, "
-                "because no scale is exact"
-            )
 
     def surface_under_pads_mm(self, history: GraspHistory) -> Float[np.ndarray, " p"]:
         """Standard deviation of the mesh's error under each pad: of its patch, or else of all the mesh."""

@@ -26,7 +26,7 @@ from scipy.spatial.transform import Rotation
 from fem.estimation.compliance_fit import CompliantFit, MarkerTracks, fit_compliance, rigid_motion
 from fem.estimation.frame_thinning import loaded_frames
 from fem.estimation.grasp_model import GraspModel
-from fem.estimation.modulus import require_positive, tracks_compare
+from fem.estimation.modulus import require_markers, require_positive
 from fem.estimation.unit_response import marker_tracks, tracks_of
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory, PadHistory
@@ -95,15 +95,13 @@ def with_finite_strain(
     `history`: the recording as it drives models (fem.estimation.prepared_grasp); `model` is its model on the
     solid of `finite`. `recorded`: the same with the rims of its contacts. `force_sd_N`: noise of a component
     of a force of `history` (PreparedGrasp.force_sd_N). `scale_sd` as in fem.estimation.compliance_fit. The
-    fruit's own turn is part of what is added, since markers are compared in the axes of the recording. A
-    recording whose frames cannot be compared with each other gets the same model back.
+    fruit's own turn is part of what is added, since markers are compared in the axes of the recording.
 
     Raises FemFailure: NO_LOAD, TOO_FEW_MARKERS, NOT_CONVERGED (a frame's forces, or E), NO_MODULUS.
     """
     used = loaded_frames(history)
     tracks, force_N = marker_tracks(history, model, used)
-    if not tracks_compare(tracks):
-        return model
+    require_markers(tracks)
     linear = fit_compliance(tracks, scale_sd=scale_sd, fruit_moves=model.fruit_moves)
     response = finite_response(
         history,
@@ -167,8 +165,7 @@ def finite_response(
     for _ in range(ROUNDS):
         before = modulus_MPa
         load = _loads(pads, solid.mesh, skin, motion, unit / before, chosen)
-        solved = finite.displacement(load / before, start=moved_mm, tolerance=tolerance)
-        moved_mm = solved.require_equilibrium().displacement
+        moved_mm = finite.displacement(load / before, start=moved_mm, tolerance=tolerance)
         unit = linear + _predicted(kernel, chosen, before * moved_mm[:, skin] - linear[chosen])
         fitted = _fitted(solid, skin, driven, used, motion, unit, before, scale_sd=scale_sd)
         motion, modulus_MPa = fitted.motion, require_positive(fitted.fit.compliance)

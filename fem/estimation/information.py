@@ -52,17 +52,6 @@ class GraspInformation:
         """The same numbers with a variance so many times as great."""
         return replace(self, normal=self.normal / factor, right=self.right / factor)
 
-    @classmethod
-    def of_one_number(
-        cls, compliance: float, *, relative_sd: float, slopes: dict[str, float]
-    ) -> "GraspInformation":
-        """Of one estimate of s, and by which share each cause changes it."""
-        sees = np.array([1.0, *slopes.values()])
-        weight = (relative_sd * compliance) ** -2
-        return cls(
-            causes=tuple(slopes), normal=weight * np.outer(sees, sees), right=weight * compliance * sees
-        )
-
 
 def grasp_information(
     tracks: MarkerTracks,

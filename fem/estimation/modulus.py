@@ -1,27 +1,23 @@
 """Young's modulus of the flesh from one recording, two ways, each with its standard deviation."""
 
 from dataclasses import dataclass, field
-from typing import Literal
 
 import numpy as np
 from jaxtyping import Bool, Float
 
-from fem.estimation.absolute_modulus import absolute_compliance
 from fem.estimation.compliance_fit import CompliantFit, MarkerTracks, fit_compliance
 from fem.estimation.energy_ratio import EnergyRatio, energy_ratio
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.frame_thinning import loaded_frames
 from fem.estimation.grasp_model import GraspModel
-from fem.estimation.information import GraspInformation, feigned_displacement_sd, grasp_information
+from fem.estimation.information import feigned_displacement_sd, grasp_information
 from fem.estimation.joint_inference import GraspEvidence, joint_modulus
 from fem.estimation.modulus_by_frame import FrameModulus, modulus_per_frame
-from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning, warnings_of
+from fem.estimation.modulus_warnings import ModulusWarning, warnings_of
 from fem.estimation.unit_response import marker_tracks
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory
 
-NOISY = 0.1
-"""A first-touch fit with more relative noise than this knows less than the absolute surface does."""
 NO_WORK_SD = 0.5
 """Relative spread where force and displacement do not even do positive work on each other."""
 LEAST_MISFIT = 0.004
@@ -52,19 +48,15 @@ class ModulusEstimate:
 
     `E_MPa` is the least-squares one; `parts_sd_MPa` name what its standard deviation is made of (their
     squares add up), with the pit at its prior. `energy` is None where the measured work is not positive.
-    `form`: "first-touch" (each marker against itself) or "absolute" (the frame of the greatest force against
-    the scanned surface), where only one frame is loaded or where noise leaves the first-touch fit a spread of
-    more than NOISY; a warning says which. `discretisation`: the share of the energy that the mesh
-    withheld. `loaded` marks the frames used, `residual_mm` is what the model
-    leaves of each marker's place in them (NaN out of contact). `evidence` is what several grasps of a fruit
-    are combined from (fem.estimation.joint_inference).
+    `discretisation`: the share of the energy that the mesh withheld. `loaded` marks the frames used,
+    `residual_mm` is what the model leaves of each marker's place in them (NaN out of contact). `evidence` is
+    what several grasps of a fruit are combined from (fem.estimation.joint_inference).
     """
 
     E_MPa: float
     E_sd_MPa: float
     parts_sd_MPa: dict[str, float]
     energy: MethodEstimate | None
-    form: Literal["first-touch", "absolute"]
     discretisation: float
     residual_rms_mm: float
     frames: tuple[FrameModulus, ...]
@@ -80,54 +72,22 @@ def estimate_modulus(history: GraspHistory, model: GraspModel, *, budget: ErrorB
     `model` is that of the same recording (fem.estimation.grasp_model), which was prepared
     (fem.estimation.prepared_grasp): noise in its forces would lower 1/E. Least squares over all frames and
     markers (compliance_fit) and the strain-energy ratio (energy_ratio), each marker compared with its own
-    first touch; against the scanned surface (absolute_modulus) where only one frame is loaded, or where
-    noise makes the first-touch compliance uncertain by more than NOISY. The loaded frames are thinned
-    evenly where there are more than MOST_FRAMES of them (frame_thinning). Raises FemFailure: no-load,
-    too-few-markers, no-modulus (forces and displacement contradict any elastic fruit).
+    first touch. The loaded frames are thinned evenly where there are more than MOST_FRAMES of them
+    (frame_thinning). Raises FemFailure: no-load, too-few-markers, no-modulus (forces and displacement
+    contradict any elastic fruit).
     """
     loaded = loaded_frames(history)
     tracks, force = marker_tracks(history, model, loaded)
-    _require_markers(tracks)
-    reason = (
-        "only one frame is under load"
-        if loaded.sum() == 1
-        else f"fewer than {FEWEST_MARKERS} markers stay in contact for two frames"
-    )
-    advice = "record the frames before and during the closing of the jaws"
-    if tracks_compare(tracks):
-        fit = fit_compliance(tracks, scale_sd=budget.gel_scale_sd, fruit_moves=model.fruit_moves)
-        if fit.compliance_sd < NOISY * abs(fit.compliance):
-            return _from_first_touch(history, model, tracks, force, fit, loaded, budget=budget)
-        reason = (
-            f"noise makes the comparison of {loaded.sum()} loaded frames with each marker's first "
-            f"touch uncertain by more than {NOISY:.0%}"
-        )
-        advice = "press deeper or reduce the sensor's noise"
-    warning = (
-        f"{reason}: the modulus depends on one frame and the scanned surface, and its error is large; "
-        f"{advice}"
-    )
-    return _absolute(history, model, tracks, force, loaded, warning, budget=budget)
-
-
-def _from_first_touch(
-    history: GraspHistory,
-    model: GraspModel,
-    tracks: MarkerTracks,
-    force: Float[np.ndarray, "f n 3"],
-    fit: CompliantFit,
-    loaded: Bool[np.ndarray, " t"],
-    *,
-    budget: ErrorBudget,
-) -> ModulusEstimate:
-    """The estimate by displacement since first touch: the fit's 1/E, its error from fit and energy ratio."""
+    require_markers(tracks)
+    fit = fit_compliance(tracks, scale_sd=budget.gel_scale_sd, fruit_moves=model.fruit_moves)
     evidence, ratio = first_touch_evidence(tracks, force, fit, history=history, model=model, budget=budget)
     modulus = evidence.E_MPa
-    elastic = ratio.elastic
     alone = joint_modulus([evidence], budget=budget, infer_pit=False)
     share = {part: sd / alone.E_MPa for part, sd in alone.parts_sd_MPa.items()}
     noise = float(np.linalg.norm([*share.values(), ratio.displacement_noise, ratio.gel_scale]))
-    energy = MethodEstimate(E_MPa=ratio.modulus_MPa, sd_MPa=noise * ratio.modulus_MPa) if elastic else None
+    energy = None
+    if ratio.elastic:
+        energy = MethodEstimate(E_MPa=ratio.modulus_MPa, sd_MPa=noise * ratio.modulus_MPa)
     frames = modulus_per_frame(history, tracks, fit, loaded)
     feigned_mm = fit.compliance * feigned_displacement_sd(model, history)
     return ModulusEstimate(
@@ -135,7 +95,6 @@ def _from_first_touch(
         E_sd_MPa=modulus * float(np.linalg.norm(list(share.values()))),
         parts_sd_MPa={part: sd * modulus for part, sd in share.items()},
         energy=energy,
-        form="first-touch",
         discretisation=model.discretisation,
         residual_rms_mm=fit.residual_rms_mm,
         frames=frames,
@@ -163,7 +122,7 @@ def first_touch_evidence(
     model: GraspModel,
     budget: ErrorBudget,
 ) -> tuple[GraspEvidence, EnergyRatio]:
-    """What a recording brings to the inference by displacement since first touch, and its energy ratio.
+    """What a recording brings to the inference, and its energy ratio.
 
     `tracks` may hold another response to the forces than that of `model`, `fit` is theirs. Raises FemFailure
     (no-modulus) where 1/E is not above zero.
@@ -181,80 +140,23 @@ def first_touch_evidence(
     return evidence, ratio
 
 
-def _absolute(
-    history: GraspHistory,
-    model: GraspModel,
-    tracks: MarkerTracks,
-    force: Float[np.ndarray, "f n 3"],
-    loaded: Bool[np.ndarray, " t"],
-    warning: str,
-    *,
-    budget: ErrorBudget,
-) -> ModulusEstimate:
-    """From the frame of the greatest force alone; `warning` says why."""
-    peak = int(np.argmax(np.linalg.norm(force, axis=2).sum(axis=1)))
-    fit = absolute_compliance(
-        tracks,
-        force,
-        peak,
-        pad_of_marker=history.pad_of_marker,
-        surface_sd_mm=budget.surface_under_pads_mm(history),
-        fruit_moves=model.fruit_moves,
-    )
-    modulus = require_positive(fit.compliance)
-    evidence = GraspEvidence(
-        information=GraspInformation.of_one_number(
-            fit.compliance, relative_sd=fit.noise, slopes=_slopes(model, tracks, peak)
-        ),
-        E_MPa=modulus,
-        misfit_sd=fit.surface,
-        discretisation_sd=LEAST_SD + ELEMENTS_SD * model.discretisation,
-        history=history,
-    )
-    alone = joint_modulus([evidence], budget=budget, infer_pit=False)
-    share = alone.E_sd_MPa / alone.E_MPa
-    only = np.zeros_like(loaded)
-    only[np.flatnonzero(loaded)[peak]] = True
-    return ModulusEstimate(
-        E_MPa=modulus,
-        E_sd_MPa=share * modulus,
-        parts_sd_MPa=alone.parts_sd_MPa,
-        energy=MethodEstimate(E_MPa=1 / fit.energy_compliance, sd_MPa=share / fit.energy_compliance)
-        if fit.energy_compliance > 0
-        else None,
-        form="absolute",
-        discretisation=model.discretisation,
-        residual_rms_mm=float(np.sqrt(np.nanmean((fit.residual_mm**2).sum(axis=2)))),
-        frames=(),
-        warnings=(ModulusWarning(ModulusSign.ONE_FRAME, warning),),
-        evidence=evidence,
-        loaded=only,
-        residual_mm=fit.residual_mm,
-    )
-
-
-def _slopes(model: GraspModel, tracks: MarkerTracks, frame: int) -> dict[str, float]:
-    """By which share each cause changes 1/E as one frame gives it."""
-    on = tracks.episode[frame] >= 0
-    unit = tracks.unit_displacement[frame, on]
-    changes = np.einsum("pnx,nx->p", model.sensitivity.values[:, frame, on], unit) / float((unit**2).sum())
-    return dict(zip(model.sensitivity.causes, changes.tolist(), strict=True))
-
-
-def tracks_compare(tracks: MarkerTracks) -> bool:
-    """Whether enough markers are in two frames or more of one contact to compare them with themselves."""
-    contacts = range(int(tracks.episode.max()) + 1)
-    twice = [(tracks.episode == contact).sum(axis=0) > 1 for contact in contacts]
-    return int(np.any(twice, axis=0).sum()) >= FEWEST_MARKERS
-
-
-def _require_markers(tracks: MarkerTracks) -> None:
+def require_markers(tracks: MarkerTracks) -> None:
+    """Raises FemFailure (too-few-markers) unless FEWEST_MARKERS are in two frames or more of one contact."""
     touched = int((tracks.episode >= 0).any(axis=0).sum())
     if touched < FEWEST_MARKERS:
         raise FemFailure(
             FemProblem.TOO_FEW_MARKERS,
             f"found {touched} markers under load, expected at least {FEWEST_MARKERS}. Press deeper, "
             "or check for a pad that touches only with its edge",
+        )
+    contacts = range(int(tracks.episode.max()) + 1)
+    twice = [(tracks.episode == contact).sum(axis=0) > 1 for contact in contacts]
+    compared = int(np.any(twice, axis=0).sum())
+    if compared < FEWEST_MARKERS:
+        raise FemFailure(
+            FemProblem.TOO_FEW_MARKERS,
+            f"found {compared} markers that stay in contact for two frames, expected at least "
+            f"{FEWEST_MARKERS}. Record the frames before and during the closing of the jaws",
         )
 
 

@@ -27,7 +27,6 @@ class ModulusSign(StrEnum):
     RESIDUAL = "residual"
     UNBALANCED = "unbalanced"
     PHASES_APART = "phases-apart"
-    ONE_FRAME = "one-frame"
 
 
 @dataclass(frozen=True)

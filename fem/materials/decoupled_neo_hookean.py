@@ -22,7 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.materials.law import unit_shear_and_bulk
+from fem.elements.assembly import unit_lame_constants
 from fem.materials.neo_hookean import inverted
 
 
@@ -32,22 +32,16 @@ class DecoupledNeoHookean:
 
     poisson_ratio: float
 
-    def energy(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, " q"]:
-        """W, MPa."""
-        mu, bulk = unit_shear_and_bulk(self.poisson_ratio)
-        f, J, _ = inverted(F)
-        return np.asarray(mu / 2 * (J ** (-2 / 3) * _squares(f) - 3) + bulk / 2 * (J - 1) ** 2)
-
     def stress(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, "q 3 3"]:
         """P = dW/dF, MPa."""
-        mu, bulk = unit_shear_and_bulk(self.poisson_ratio)
+        mu, bulk = _shear_and_bulk(self.poisson_ratio)
         f, J, G = inverted(F)
         m = mu * J ** (-2 / 3)
         return np.moveaxis(m * f + (bulk * (J - 1) * J - m * _squares(f) / 3) * G, -1, 0)
 
     def tangent(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, "q 3 3 3 3"]:
         """dP/dF, MPa."""
-        mu, bulk = unit_shear_and_bulk(self.poisson_ratio)
+        mu, bulk = _shear_and_bulk(self.poisson_ratio)
         f, J, G = inverted(F)
         m, third = mu * J ** (-2 / 3), _squares(f) / 3
         D = m * (f - third * G)
@@ -64,3 +58,9 @@ class DecoupledNeoHookean:
 def _squares(f: Float[np.ndarray, "3 3 q"]) -> Float[np.ndarray, " q"]:
     """I1 = tr(F'F)."""
     return np.asarray((f * f).sum(axis=(0, 1)))
+
+
+def _shear_and_bulk(poisson_ratio: float) -> tuple[float, float]:
+    """mu and K for E = 1 MPa."""
+    mu, lame = unit_lame_constants(poisson_ratio)
+    return mu, lame + 2 / 3 * mu

@@ -24,13 +24,6 @@ class NeoHookean:
 
     poisson_ratio: float
 
-    def energy(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, " q"]:
-        """W, MPa."""
-        mu, lam = unit_lame_constants(self.poisson_ratio)
-        f, J, _ = inverted(F)
-        ln = np.log(J)
-        return np.asarray(mu / 2 * ((f * f).sum(axis=(0, 1)) - 3 - 2 * ln) + lam / 2 * ln**2)
-
     def stress(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, "q 3 3"]:
         """P = dW/dF, MPa."""
         mu, lam = unit_lame_constants(self.poisson_ratio)

@@ -90,7 +90,6 @@ def tetrahedralise(
     refine_radius_mm: float | Float[np.ndarray, " q"] | None = None,
     refine_edge_mm: float | Float[np.ndarray, " q"] | None = None,
     dof_limit: int = 60_000,
-    curved: bool = True,
 ) -> FleshMesh:
     """The flesh between a fruit's surface and its pit's as T10 elements about edge_mm long.
 
@@ -99,9 +98,8 @@ def tetrahedralise(
     about refine_edge_mm, growing gently beyond; both follow the width of the contact that the points cover
     where neither is given (fem.mesh.contact_size): cover it. Both may be given for each point. All these are
     longer where the mesh would otherwise exceed dof_limit degrees of freedom (three a node).
-    Boundary corners, and with `curved` mid-edge nodes too, lie on the surfaces as given, not on the mesher's
-    simplification of them. Both volumes are measured against the surfaces' own. Two runs
-    give meshes alike, not the same ones (see fem.mesh.tetwild).
+    Boundary nodes lie on the surfaces as given, not on the mesher's simplification of them. Both volumes are
+    measured against the surfaces' own. Two runs give meshes alike, not the same ones (see fem.mesh.tetwild).
 
     Raises FemFailure: BAD_SURFACE, NOT_WATERTIGHT, PIT_OUTSIDE_FRUIT, OFF_SURFACE (points to refine at),
     MESHING_FAILED, DISCONNECTED_FLESH, INVERTED_ELEMENTS, VOLUME_LOST; each says what was found, and where.
@@ -125,7 +123,7 @@ def tetrahedralise(
         nodes, tets = bisected(
             nodes, tets, size, settle=lambda moved, cut, new: _on_surfaces(moved, cut, new, outer, pit)
         )
-    return _quadratic(nodes, tets, outer, pit, curved=curved)
+    return _quadratic(nodes, tets, outer, pit)
 
 
 def _fine_places(
@@ -165,24 +163,21 @@ def _on_surfaces(
     return nodes
 
 
-def _quadratic(
-    nodes: np.ndarray, tets: np.ndarray, outer: Surface, pit: Surface | None, *, curved: bool
-) -> FleshMesh:
+def _quadratic(nodes: np.ndarray, tets: np.ndarray, outer: Surface, pit: Surface | None) -> FleshMesh:
     """Mid-edge nodes, the boundary as T6 faces, checked: shape and volumes hold."""
     n_corners = len(nodes)
     nodes, tets10 = with_mid_edges(nodes, tets)
     owner, face = boundary_faces(tets)[1].T
     faces6 = tets10[owner[:, None], TET_FACES[face]]
     skin, inner = split_boundary(nodes, faces6, with_pit=pit is not None)
-    if curved:
-        for faces, surface in ((skin, outer), (inner, pit)):
-            moving = np.unique(faces)
-            moving = moving[moving >= n_corners]
-            if surface is not None:
-                sharp, place = middle_targets(nodes, faces, surface.creases)
-                moving = np.setdiff1d(moving, sharp)
-                place = np.vstack([place, surface.closest(nodes[moving])])
-                nodes = pull(nodes, tets10, np.concatenate([sharp, moving]), place, t10_jacobians)
+    for faces, surface in ((skin, outer), (inner, pit)):
+        moving = np.unique(faces)
+        moving = moving[moving >= n_corners]
+        if surface is not None:
+            sharp, place = middle_targets(nodes, faces, surface.creases)
+            moving = np.setdiff1d(moving, sharp)
+            place = np.vstack([place, surface.closest(nodes[moving])])
+            nodes = pull(nodes, tets10, np.concatenate([sharp, moving]), place, t10_jacobians)
     jacobians = t10_jacobians(nodes, tets10)
     lowest = jacobians.min(axis=1) / np.abs(jacobians).max(axis=1)
     folded = jacobians.min(axis=1) <= 0

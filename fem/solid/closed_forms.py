@@ -4,7 +4,6 @@ All moduli in MPa, lengths in mm, forces in N. nu is Poisson's ratio.
 """
 
 import numpy as np
-from jaxtyping import Float
 from scipy.optimize import brentq
 from scipy.special import ellipe, ellipkm1
 
@@ -59,85 +58,24 @@ def contact_shape_factor(*, radius_mm: float, other_radius_mm: float) -> float:
 S368 = 0.338
 
 
-def s368_plate_modulus_MPa(
-    *, force_N: float, deformation_mm: float, poisson_ratio: float, radius_mm: float, other_radius_mm: float
-) -> float:
-    """Apparent modulus of a convex body under one flat plate, from force and deformation at that contact.
-
-    E = 0.338 K^(3/2) F (1 - nu^2) / D^(3/2) (1/R + 1/R')^(1/2).  Source: ANSI/ASAE S368.4,
-    "Compression test of food materials of convex shape", single-plate formula.
-
-    A sphere: the inverse of `hertz_sphere_force_N`.
-
-    >>> sphere = {"poisson_ratio": 0.5, "radius_mm": 25.0, "other_radius_mm": 25.0}
-    >>> round(s368_plate_modulus_MPa(force_N=8.0, deformation_mm=1.0, **sphere), 6)
-    0.9
-    """
-    shape = contact_shape_factor(radius_mm=radius_mm, other_radius_mm=other_radius_mm)
-    curvature = 1 / radius_mm + 1 / other_radius_mm
-    return float(
-        S368 * shape**1.5 * force_N * (1 - poisson_ratio**2) / deformation_mm**1.5 * np.sqrt(curvature)
-    )
-
-
 def s368_parallel_plates_modulus_MPa(
     *, force_N: float, deformation_mm: float, poisson_ratio: float, radius_mm: float, other_radius_mm: float
 ) -> float:
     """Apparent modulus of a convex body between two flat plates, from the total deformation (like ends).
 
-    E = 0.338 K^(3/2) F (1 - nu^2) / D^(3/2) [2 (1/R + 1/R')^(1/3)]^(3/2).  Source: ANSI/ASAE S368.4.
+    E = 0.338 K^(3/2) F (1 - nu^2) / D^(3/2) [2 (1/R + 1/R')^(1/3)]^(3/2).  Source: ANSI/ASAE S368.4,
+    "Compression test of food materials of convex shape".
 
-    Two plates deform a sphere twice as much as one plate does.
+    Two plates deform a sphere twice as much as one plate does: the inverse of `hertz_sphere_force_N`.
 
     >>> sphere = {"poisson_ratio": 0.5, "radius_mm": 25.0, "other_radius_mm": 25.0}
     >>> round(s368_parallel_plates_modulus_MPa(force_N=8.0, deformation_mm=2.0, **sphere), 6)
     0.9
     """
-    return s368_plate_modulus_MPa(
-        force_N=force_N,
-        deformation_mm=deformation_mm / 2,
-        poisson_ratio=poisson_ratio,
-        radius_mm=radius_mm,
-        other_radius_mm=other_radius_mm,
-    )
-
-
-def embedded_sphere_stiffness_N_per_mm(*, E_MPa: float, poisson_ratio: float, radius_mm: float) -> float:
-    """Force per displacement of a rigid sphere bonded in an infinite elastic medium.
-
-    F/u = 24 pi mu (1 - nu) a / (5 - 6 nu); 6 pi mu a where nu is 1/2, as Stokes has it for a viscous fluid.
-    Source: Lur'e, "Three-Dimensional Problems of the Theory of Elasticity", 1964; rederived in Puljiz and
-    Menzel, Physical Review E 99, 053002, 2019.
-
-    Incompressible: Stokes' 6 pi mu R, here with mu = 1 MPa and R = 1 mm.
-
-    >>> round(embedded_sphere_stiffness_N_per_mm(E_MPa=3, poisson_ratio=0.5, radius_mm=1) / np.pi, 6)
-    6.0
-    """
-    mu = E_MPa / (2 * (1 + poisson_ratio))
-    return 24 * np.pi * mu * (1 - poisson_ratio) * radius_mm / (5 - 6 * poisson_ratio)
-
-
-def embedded_sphere_displacement(
-    points_mm: Float[np.ndarray, "p 3"], *, poisson_ratio: float, radius_mm: float
-) -> Float[np.ndarray, "p 3"]:
-    """Displacement around that sphere, centred at the origin, for a unit displacement of it along z.
-
-    Kelvin's solution and the gradient of a dipole: u = c [((3 - 4 nu) z + x x_z / r^2) / r
-    + a^2/3 (z - 3 x x_z / r^2) / r^3] with c such that u = z at r = a, that is c = 3 a / (10 - 12 nu).
-
-    The sphere's own surface moves with it; one radius above, 11/16 of that remain.
-
-    >>> embedded_sphere_displacement(np.array([[5.0, 0, 0], [0, 0, 10]]), poisson_ratio=0.5, radius_mm=5)
-    array([[0.    , 0.    , 1.    ],
-           [0.    , 0.    , 0.6875]])
-    """
-    r = np.linalg.norm(points_mm, axis=1, keepdims=True)
-    axis = np.array([0.0, 0.0, 1.0])
-    radial = points_mm * points_mm[:, 2:] / r**2
-    kelvin = ((3 - 4 * poisson_ratio) * axis + radial) / r
-    dipole = radius_mm**2 / 3 * (axis - 3 * radial) / r**3
-    return np.asarray(3 * radius_mm / (10 - 12 * poisson_ratio) * (kelvin + dipole))
+    shape = contact_shape_factor(radius_mm=radius_mm, other_radius_mm=other_radius_mm)
+    curvature = 1 / radius_mm + 1 / other_radius_mm
+    at_each_mm = deformation_mm / 2
+    return float(S368 * shape**1.5 * force_N * (1 - poisson_ratio**2) / at_each_mm**1.5 * np.sqrt(curvature))
 
 
 def cored_sphere_shrinkage_mm(

@@ -1,11 +1,7 @@
-"""Equilibrium by steps  K step = -residual, for every law of the flesh.
+"""Equilibrium by steps  K step = -residual  where the forces derive from a potential.
 
-Chord steps keep the first factor (initial stress), or renew it where more than PATIENCE of them would still
-be needed. Steps with the same tangent are accelerated (fem.solid.anderson). Where the forces derive from a
-potential, a line search along it guards every step.
-
-Unknowns are displacements and, where something is held on average, multipliers; both come in one vector,
-the `primal` ones first.
+Chord steps keep the factor, and renew it where more than PATIENCE of them would still be needed. Steps with
+the same tangent are accelerated (fem.solid.anderson). A line search along the potential guards every step.
 """
 
 from dataclasses import dataclass
@@ -34,35 +30,29 @@ SHORTEST = 1e-4
 class Tangent(Protocol):
     """A factorised linearisation."""
 
-    def solve(self, residual: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
+    def solve(self, residual: Float[np.ndarray, " d"]) -> Float[np.ndarray, " d"]:
         """K^-1 residual."""
         ...
 
 
 class Balance(Protocol[State]):
-    """A problem of equilibrium: residual, tangent, and how a state is moved by a step."""
+    """A problem of equilibrium whose residual is the slope of a potential.
+
+    `primal`: how many of the unknowns are displacements; the multipliers come after them.
+    """
 
     @property
-    def has_potential(self) -> bool:
-        """Whether the residual is the slope of a potential, along which steps are then searched; where it is
-        not, every step is taken in full."""
+    def primal(self) -> int: ...  # noqa: D102
+
+    def residual(self, state: State) -> Float[np.ndarray, " d"]:
+        """Forces out of balance; NaN where the state is none that matter can take."""
         ...
 
-    @property
-    def primal(self) -> int:
-        """How many of the unknowns are displacements; the multipliers come after them."""
-        ...
-
-    def residual(self, state: State) -> Float[np.ndarray, "*d"]:
-        """Forces out of balance; NaN where the state is none that matter can take. Raises FemFailure where
-        the search has run away."""
-        ...
-
-    def size(self, residual: Float[np.ndarray, "*d"]) -> float:
+    def size(self, residual: Float[np.ndarray, " d"]) -> float:
         """A norm of the residual, in the unit of the tolerance."""
         ...
 
-    def moved(self, state: State, step: Float[np.ndarray, "*d"], share: float) -> State:
+    def moved(self, state: State, step: Float[np.ndarray, " d"], share: float) -> State:
         """The state with `share` of the step's displacements and all of its multipliers added."""
         ...
 
@@ -79,22 +69,13 @@ class Ending(StrEnum):
     TOO_MANY = "the forces are not in balance after the last iteration"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class EquilibriumResult(Generic[State]):
-    """The state that was reached, with its `residual`, and how.
-
-    `sizes`: the residual's size before each step and at the end; `shares`: how much of each step was taken.
-    `tangent`: the last one in use, None where the next step would have renewed it; `tangents` counts those
-    made.
-    """
+    """The state that was reached, and how; `tangent`: the last one, None where the next step renews it."""
 
     state: State
-    residual: Float[np.ndarray, "*d"]
     ending: Ending
-    sizes: tuple[float, ...]
-    shares: tuple[float, ...]
     tangent: Tangent | None
-    tangents: int
 
 
 def equilibrium(
@@ -103,48 +84,39 @@ def equilibrium(
     *,
     tolerance: float,
     iterations: int,
-    renews: bool,
     tangent: Tangent | None = None,
-    acceleration: Anderson | None = None,
 ) -> EquilibriumResult[State]:
     """The state near `start` with a residual of `tolerance` at most, or the last of `iterations` steps.
 
-    The first tangent is `tangent`, or where none is given that of the start; `renews`: it is made anew where
-    it no longer serves. `acceleration`: None for one of
-    MEMORY steps with all unknowns in one group. Raises what the residual raises.
+    The first tangent is `tangent`, or where none is given that of the start.
     """
-    learnt = Anderson(MEMORY) if acceleration is None else acceleration
-    learnt.forget()
+    learnt = Anderson(MEMORY)
     state, residual = start, balance.residual(start)
-    sizes, shares = [balance.size(residual)], list[float]()
-    made, in_full = 0, 0
-    ending = Ending.TOO_MANY
-    while len(shares) < iterations:
-        if sizes[-1] <= tolerance:
-            ending = Ending.CONVERGED
-            break
+    sizes, in_full, steps = [balance.size(residual)], 0, 0
+    while not sizes[-1] <= tolerance:
+        if steps == iterations:
+            return EquilibriumResult(state, Ending.TOO_MANY, tangent)
         fresh = tangent is None
         if tangent is None:
             try:
                 tangent = balance.tangent(state)
             except FemFailure:
-                ending = Ending.STALLED
-                break
-            made, in_full = made + 1, 0
+                return EquilibriumResult(state, Ending.STALLED, tangent)
+            in_full = 0
             learnt.forget()
         plain = -tangent.solve(residual)
-        change = _moved(balance, state, learnt.step(plain), sizes[-1])
+        change = _searched(balance, state, learnt.step(plain), sizes[-1])
         if change is None:
             learnt.forget()
             in_full = 0
-            change = _moved(balance, state, learnt.step(plain), sizes[-1])
-        if change is None and not fresh and renews:
+            change = _searched(balance, state, learnt.step(plain), sizes[-1])
+        if change is None:
+            if fresh:
+                return EquilibriumResult(state, Ending.STALLED, tangent)
             tangent = None
             continue
-        if change is None:
-            ending = Ending.STALLED
-            break
         state, residual, step, share = change
+        steps += 1
         if share == 1.0:
             learnt.took(step)
             in_full += 1
@@ -152,36 +124,14 @@ def equilibrium(
             learnt.forget()
             in_full = 0
         sizes.append(balance.size(residual))
-        shares.append(share)
-        if renews and _is_slow(sizes[-1 - in_full :], tolerance):
+        if _is_slow(sizes[-1 - in_full :], tolerance):
             tangent = None
-    else:
-        if sizes[-1] <= tolerance:
-            ending = Ending.CONVERGED
-    return EquilibriumResult(
-        state=state,
-        residual=residual,
-        ending=ending,
-        sizes=tuple(sizes),
-        shares=tuple(shares),
-        tangent=tangent,
-        tangents=made,
-    )
-
-
-def _moved(
-    balance: Balance[State], state: State, step: Float[np.ndarray, "*d"], size: float
-) -> tuple[State, Float[np.ndarray, "*d"], Float[np.ndarray, "*d"], float] | None:
-    """State, residual, step and share after the step, searched along the potential where there is one."""
-    if balance.has_potential:
-        return _searched(balance, state, step, size)
-    there = balance.moved(state, step, 1.0)
-    return there, balance.residual(there), step, 1.0
+    return EquilibriumResult(state, Ending.CONVERGED, tangent)
 
 
 def _searched(
-    balance: Balance[State], state: State, step: Float[np.ndarray, "*d"], size: float
-) -> tuple[State, Float[np.ndarray, "*d"], Float[np.ndarray, "*d"], float] | None:
+    balance: Balance[State], state: State, step: Float[np.ndarray, " d"], size: float
+) -> tuple[State, Float[np.ndarray, " d"], Float[np.ndarray, " d"], float] | None:
     """State, residual, step and share after a line search; None where no share of the step is any good.
 
     The slope of the potential along the step is step . residual, the multipliers new. It must start below
@@ -191,7 +141,7 @@ def _searched(
     """
     n = balance.primal
 
-    def slope(at: State) -> tuple[float, Float[np.ndarray, "*d"]]:
+    def slope(at: State) -> tuple[float, Float[np.ndarray, " d"]]:
         residual = balance.residual(at)
         return float(step[:n] @ residual[:n]), residual
 

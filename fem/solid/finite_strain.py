@@ -4,9 +4,9 @@ Since every stress grows with E, a fruit of modulus E under forces f moves like 
 
 A free fruit is in balance in its deformed shape: of the potential  W(u) - f . u + alpha . B'u  both
 derivatives vanish, so that u has no mean translation and rotation over the flesh (B'u = 0, as in
-`FreeBody.without_rigid_motion`) and the six alpha are a smooth body force B alpha (`FreeBody.balance`), here
-one that balances force and moment where the loads have moved to. The linear solid is the limit of small
-loads. The pit turns by any angle (fem.solid.finite_rotation).
+fem.solid.free_body) and the six alpha are a smooth body force B alpha, here one that balances force and
+moment where the loads have moved to. The linear solid is the limit of small
+loads. The pit turns by any angle.
 """
 
 from dataclasses import dataclass
@@ -39,32 +39,8 @@ the smallest so far the load is taken alone, with a line search. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
-class FiniteResult:
-    """Displacements under f loads, and how the search for each ended.
-
-    `displacement`: in mm, of a fruit of modulus E under E times the loads given. `share`: how much of each
-    load it balances; below one where the search stopped, and this is the last displacement in balance.
-    """
-
-    displacement: Float[np.ndarray, "f n 3"]
-    share: Float[np.ndarray, " f"]
-    ending: tuple[Ending, ...]
-
-    def require_equilibrium(self) -> "FiniteResult":
-        """This result; raises NOT_CONVERGED with the first load that is not balanced."""
-        for k in np.flatnonzero(self.share < 1):
-            raise FemFailure(
-                FemProblem.NOT_CONVERGED,
-                f"The nonlinear solve reached only {self.share[k]:.0%} of load {k + 1} of "
-                f"{len(self.share)} ({self.ending[k].value}). Check forces and modulus, or use a "
-                "finer mesh where the load acts",
-            )
-        return self
-
-
-@dataclass(frozen=True, kw_only=True)
 class FiniteStrainSolid:
-    """A factorised linear solid, its flesh under a law of finite strain.
+    """A factorised linear solid, its flesh under a law of finite strain of the same Poisson's ratio.
 
     `degree`: of the quadrature. Four points (degree 2) take half the time of fourteen.
     """
@@ -72,14 +48,6 @@ class FiniteStrainSolid:
     solid: UnitModulusSolid
     law: UnitLaw
     degree: Literal[2, 5] = 5
-
-    def __post_init__(self) -> None:
-        if self.law.poisson_ratio != self.solid.poisson_ratio:
-            raise FemFailure(
-                FemProblem.BAD_POISSON_RATIO,
-                f"the law has Poisson's ratio {self.law.poisson_ratio:g}, but the factorised solid "
-                f"has {self.solid.poisson_ratio:g}; both must be equal",
-            )
 
     @cached_value
     def flesh(self) -> FiniteFlesh:
@@ -101,27 +69,29 @@ class FiniteStrainSolid:
         *,
         start: Float[np.ndarray, "f n 3"] | None = None,
         tolerance: float = TOLERANCE,
-    ) -> FiniteResult:
+    ) -> Float[np.ndarray, "f n 3"]:
         """The displacement under each of f loads: dead forces on the nodes, N per MPa of the modulus.
 
         The search begins at `start`, or at the linear answer: chord steps of all loads at once, with the
         linear factor. Only a load that they do not balance is searched for by itself, in smaller steps where
-        it must be; the result then may hold the last displacement in balance (`share` < 1). Raises BAD_LOAD
-        like the solid.
+        it must be. Raises FemFailure: BAD_LOAD like the solid, NOT_CONVERGED with the first load that is not
+        balanced and the share of it that is.
         """
         first = self.solid.displacement(nodal_force_over_E) if start is None else start
         at_once = self._together(nodal_force_over_E, first, tolerance=tolerance)
-        solutions = [
-            self._stepwise(load, first[k], tolerance=tolerance)
-            if state is None
-            else (state, 1.0, Ending.CONVERGED)
-            for k, (load, state) in enumerate(zip(nodal_force_over_E, at_once, strict=True))
-        ]
-        return FiniteResult(
-            displacement=np.stack([state.displacement_mm for state, _, _ in solutions]),
-            share=np.array([share for _, share, _ in solutions]),
-            ending=tuple(ending for _, _, ending in solutions),
-        )
+        states = []
+        for k, (load, state) in enumerate(zip(nodal_force_over_E, at_once, strict=True)):
+            if state is None:
+                state, share, ending = self._stepwise(load, first[k], tolerance=tolerance)
+                if share < 1:
+                    raise FemFailure(
+                        FemProblem.NOT_CONVERGED,
+                        f"The nonlinear solve reached only {share:.0%} of load {k + 1} of "
+                        f"{len(at_once)} ({ending.value}). Check forces and modulus, or use a "
+                        "finer mesh where the load acts",
+                    )
+            states.append(state.displacement_mm)
+        return np.stack(states)
 
     def _together(
         self,
@@ -172,7 +142,6 @@ class FiniteStrainSolid:
                 guess,
                 tolerance=tolerance,
                 iterations=ITERATIONS,
-                renews=True,
                 tangent=tangent,
             )
             ending = result.ending

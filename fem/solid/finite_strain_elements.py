@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 
-from fem.elements.block_pattern import ElementPattern
+from fem.elements.assembly import ElementPattern
 from fem.elements.shape_functions import t10_gradient, tet_quadrature
 from fem.materials.law import UnitLaw
 from fem.mesh.flesh_mesh import FleshMesh
@@ -44,14 +44,6 @@ class FiniteFlesh:
             measure[part] = np.linalg.det(jacobian) * weights
             gradient[part] = np.linalg.solve(jacobian, reference[None]).transpose(0, 3, 2, 1)
         return cls(law, mesh.tets, n, gradient, measure, ElementPattern.of(mesh.tets, n))
-
-    def energy_Nmm(self, displacement_mm: Float[np.ndarray, "n 3"]) -> float:
-        """Strain energy for E = 1 MPa; NaN where an element is turned inside out."""
-        total = 0.0
-        for part in _parts(len(self.tets), _FORCE_BATCH):
-            energy = self.law.energy(self._deformation(displacement_mm, part))
-            total += float(energy @ self.measure[part].ravel())
-        return total
 
     def force_N(self, displacement_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
         """Nodal forces that hold the flesh in this displacement, for E = 1 MPa; NaN where inside out."""

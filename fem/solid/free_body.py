@@ -38,19 +38,6 @@ class FreeBody:
         body_forces = forces.reshape(-1, 6)
         return cls(modes, body_forces, modes.T @ body_forces)
 
-    def resultant(self, load_N: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "6 f"]:
-        """Total force (N) and moment about the flesh's centroid (N mm) of each column of nodal forces."""
-        return np.asarray(self.modes.T @ load_N)
-
     def acceleration(self, load_N: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "6 f"]:
         """(R' M R)^-1 R' f: amounts of the body forces that each load is balanced by."""
-        return np.asarray(np.linalg.solve(self.inertia, self.resultant(load_N)))
-
-    def balance(self, load_N: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
-        """P' f: the loads with body forces that take up their resultants."""
-        return np.asarray(load_N - self.body_forces @ self.acceleration(load_N))
-
-    def without_rigid_motion(self, displacement: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:
-        """P u: displacements less the mean translation and rotation of the flesh."""
-        motion = np.linalg.solve(self.inertia, self.body_forces.T @ displacement)
-        return np.asarray(displacement - self.modes @ motion)
+        return np.asarray(np.linalg.solve(self.inertia, self.modes.T @ load_N))

@@ -22,7 +22,6 @@ from jaxtyping import Float, Int
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.solid.anderson import Anderson
-from fem.solid.equilibrium import Ending, equilibrium
 
 MEMORY = 4
 """Earlier rounds that the next one learns from: each is a field of all frames (tens of MB). Set by hand."""
@@ -43,20 +42,9 @@ def bounded(force: Fields, compliance: float) -> Fields:
     return force
 
 
-@dataclass(frozen=True)
-class SlowedFactor:
-    """k K0, solved by K0 already."""
-
-    slower: Float[np.ndarray, "f 1 1"]
-
-    def solve(self, residual: Fields) -> Fields:
-        """r / k."""
-        return np.asarray(residual / self.slower)
-
-
 @dataclass(frozen=True, kw_only=True)
 class AddedStress:
-    """The problem, for `fem.solid.equilibrium`: its states are w, mm MPa, in all frames.
+    """The problem; w is in mm MPa, in all frames.
 
     `linear`: v0. `added_force`: nodal forces B' d of displacements in mm, in all frames. `response`: K0^-1 of
     nodal forces. `stiffer`: each frame's largest tangent stiffness over the linear one. `skin`: nodes whose
@@ -70,32 +58,10 @@ class AddedStress:
     stiffer: Float[np.ndarray, " f"]
     skin: Int[np.ndarray, " o"]
 
-    @property
-    def has_potential(self) -> bool:
-        """What the law remembers is no function of where the flesh is."""
-        return False
-
-    @property
-    def primal(self) -> int:
-        """All unknowns are displacements."""
-        return self.linear.size
-
     def residual(self, state: Fields) -> Fields:
         """r(w). Raises FemFailure (NOT_CONVERGED) where the stress has no bounds."""
         force = bounded(self.added_force(self.compliance * (self.linear + state)), self.compliance)
         return np.asarray(state + self.response(force) / self.compliance)
-
-    def size(self, residual: Fields) -> float:
-        """The farthest that a node of the skin is asked to move in any frame, mm."""
-        return self.compliance * float(np.abs(residual[:, self.skin]).max())
-
-    def moved(self, state: Fields, step: Fields, share: float) -> Fields:
-        """w + share step."""
-        return np.asarray(state + (step if share == 1 else share * step))
-
-    def tangent(self, state: Fields) -> SlowedFactor:  # noqa: ARG002  the same everywhere
-        """The same at every state."""
-        return SlowedFactor(np.maximum(self.stiffer / 2, 1.0)[:, None, None])
 
     def beyond_linear(
         self, *, start: Fields | None, together: bool, tolerance_mm: float, rounds: int
@@ -110,20 +76,21 @@ class AddedStress:
         def seen(step: Fields) -> Float[np.ndarray, "g x"]:
             return step[:, self.skin].reshape(1 if together else len(step), -1)
 
-        solved = equilibrium(
-            self,
-            np.zeros_like(self.linear) if start is None else start,
-            tolerance=tolerance_mm,
-            iterations=rounds - 1,
-            renews=False,
-            acceleration=Anderson(MEMORY, weighed=seen),
+        learnt = Anderson(MEMORY, weighed=seen)
+        slower = np.maximum(self.stiffer / 2, 1.0)[:, None, None]
+        w = np.zeros_like(self.linear) if start is None else start
+        for _ in range(rounds):
+            residual = self.residual(w)
+            left_mm = self.compliance * float(np.abs(residual[:, self.skin]).max())
+            plain = -residual / slower
+            if left_mm <= tolerance_mm:
+                return np.asarray(w + plain)
+            step = learnt.step(plain)
+            learnt.took(step)
+            w = w + step
+        raise FemFailure(
+            FemProblem.NOT_CONVERGED,
+            f"The search for how flesh of {1 / self.compliance:.3g} MPa moves by this law did not "
+            f"converge. The skin still moves by {1e3 * left_mm:.2g} µm after {rounds} rounds, "
+            f"expected at most {1e3 * tolerance_mm:.2g} µm. Check the forces",
         )
-        if solved.ending is not Ending.CONVERGED:
-            raise FemFailure(
-                FemProblem.NOT_CONVERGED,
-                f"The search for how flesh of {1 / self.compliance:.3g} MPa moves by this law did not "
-                f"converge. The skin still moves by {1e3 * solved.sizes[-1]:.2g} µm after {rounds} rounds, "
-                f"expected at most {1e3 * tolerance_mm:.2g} µm. Check the forces",
-            )
-        # the last round's step is known and brings the answer nearer
-        return np.asarray(solved.state - self.tangent(solved.state).solve(solved.residual))

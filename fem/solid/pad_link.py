@@ -11,7 +11,7 @@ from fem.grasp_history import GraspHistory, PadHistory
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mesh.surface_points import SurfacePoints, locate
 from fem.solid.linear_solid import UnitModulusSolid
-from fem.solid.traction import TractionField, marker_weights
+from fem.solid.traction import marker_weights, moment_correction
 
 OFF_SKIN_MM = 3.0
 """Markers farther than this from the skin of the mesh are a failure: registration has put them on the
@@ -96,14 +96,13 @@ def slid(link: PadLink, solid: UnitModulusSolid, way_mm: Float[np.ndarray, "3"])
 def linked(at: PadPlaces, solid: UnitModulusSolid) -> PadLink:
     """The maps between marker forces and nodes, from where markers and skin points sit."""
     place, skin, weights = at.place, at.skin, at.weights
-    field = TractionField(points_mm=skin.point_mm, marker_mm=place.point_mm, weights=weights)
-    rigid, balance = field.rigid_part()
+    rigid, balance = moment_correction(skin.point_mm, place.point_mm, weights)
     spread = skin.among(solid.contact_nodes).interpolation.T.tocsr()
     return PadLink(
         place=place,
         skin=skin,
         weights=weights,
         plain=csr_array(kron(spread @ weights, np.eye(3), format="csr")),
-        rigid=(spread @ rigid.reshape(len(rigid), -1)).reshape(-1, 6),
+        rigid=(spread @ rigid.reshape(skin.point_mm.shape[0], -1)).reshape(-1, 6),
         balance=balance,
     )

@@ -6,11 +6,9 @@ with a twelve-point rule per triangle at the material points that the triangle c
 loads the answer would depend on the mesh; as traction it does not.
 """
 
-from dataclasses import dataclass
-
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.sparse import csr_array, eye_array, kron
+from scipy.sparse import csr_array, eye_array
 from scipy.spatial import Delaunay
 
 from fem.solid.rigid_core import rigid_modes
@@ -34,62 +32,24 @@ SHEAR = 1e-3
 """Far above rounding, far below what changes a triangulation that is not a tie."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class TractionField:
-    """`points_mm` carry the force `weights @ marker_force`; every column of `weights` sums to one.
+def moment_correction(
+    points_mm: Float[np.ndarray, "q 3"], marker_mm: Float[np.ndarray, "n 3"], weights: csr_array
+) -> tuple[Float[np.ndarray, "d 6"], Float[np.ndarray, "6 m"]]:
+    """A and B, so that forces W f + A B f at the points have the total force and moment of the markers.
 
-    `marker_mm` is where the markers sit: the moment that the field must keep is theirs.
+    Every column of `weights`, W, sums to one: the interpolated field keeps the force. On a curved surface its
+    moment is a few micrometres off, which the smallest field a + b x (x - centre), weighted like the loads
+    themselves, takes out. Rows of A and columns of B go point by point (marker by marker), x, y, z.
     """
-
-    points_mm: Float[np.ndarray, "q 3"]
-    marker_mm: Float[np.ndarray, "n 3"]
-    weights: csr_array
-
-    def matrices(self) -> tuple[csr_array, Float[np.ndarray, "d 6"], Float[np.ndarray, "6 m"]]:
-        """`forces` as a matrix, sparse + one of rank six: W (x) 1 + A B, dofs point by point, x, y, z."""
-        rigid, balance = self.rigid_part()
-        return csr_array(kron(self.weights, np.eye(3), format="csr")), rigid.reshape(-1, 6), balance
-
-    def rigid_part(self) -> tuple[Float[np.ndarray, "q 3 6"], Float[np.ndarray, "6 m"]]:
-        """A, point by point, and B of `matrices`."""
-        rigid, solve = self._balance
-        centre = self.points_mm.mean(axis=0)
-        of_markers, of_points = (
-            rigid_modes(places, centre_mm=centre) for places in (self.marker_mm, self.points_mm)
-        )
-        kept = (self.weights.T @ of_points.reshape(len(of_points), -1)).reshape(of_markers.shape)
-        missing = (of_markers - kept).reshape(-1, 6)
-        return rigid, np.asarray(solve @ missing.T)
-
-    def forces(self, marker_force_N: Float[np.ndarray, "t n 3"]) -> Float[np.ndarray, "t q 3"]:
-        """Forces at `points_mm` with the total force and moment of the markers, to rounding.
-
-        The interpolated field keeps the force; on a curved surface its moment is a few micrometres off, which
-        the smallest field a + b x (x - centre), weighted like the loads themselves, takes out.
-        """
-        plain, rigid, balance = self.matrices()
-        flat = marker_force_N.reshape(len(marker_force_N), -1).T
-        spread = plain @ flat + rigid @ (balance @ flat)
-        return np.ascontiguousarray(spread.T).reshape(len(marker_force_N), -1, 3)
-
-    def at_markers(self, displacement: Float[np.ndarray, "t q 3"]) -> Float[np.ndarray, "t n 3"]:
-        """Displacement of the markers, read off at `points_mm` by the transpose of `forces`
-        (fem.solid.pad_link).
-        """
-        plain, rigid, balance = self.matrices()
-        flat = displacement.reshape(len(displacement), -1).T
-        read = plain.T @ flat + balance.T @ (rigid.T @ flat)
-        return np.ascontiguousarray(read.T).reshape(len(displacement), -1, 3)
-
-    @property
-    def _balance(self) -> tuple[Float[np.ndarray, "q 3 6"], Float[np.ndarray, "6 6"]]:
-        """The rigid motions weighted like the loads, and what turns a missing resultant into amounts of
-        them."""
-        share = np.asarray(self.weights.sum(axis=1)).reshape(-1)
-        rigid = rigid_modes(self.points_mm, centre_mm=self.points_mm.mean(axis=0))
-        weighted = share[:, None, None] * rigid
-        gram = np.einsum("qik,qil->kl", rigid, weighted)
-        return weighted, np.asarray(np.linalg.pinv(gram, rcond=1e-12, hermitian=True))
+    centre = points_mm.mean(axis=0)
+    of_markers, of_points = (rigid_modes(places, centre_mm=centre) for places in (marker_mm, points_mm))
+    share = np.asarray(weights.sum(axis=1)).reshape(-1)
+    weighted = share[:, None, None] * of_points
+    gram = np.einsum("qik,qil->kl", of_points, weighted)
+    kept = (weights.T @ of_points.reshape(len(of_points), -1)).reshape(of_markers.shape)
+    missing = (of_markers - kept).reshape(-1, 6)
+    amounts = np.linalg.pinv(gram, rcond=1e-12, hermitian=True)
+    return weighted.reshape(-1, 6), np.asarray(amounts @ missing.T)
 
 
 def marker_weights(

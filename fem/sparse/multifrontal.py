@@ -16,8 +16,7 @@ from scipy.linalg.blas import dsyrk, dtrsm
 from scipy.linalg.lapack import dpotrf
 
 from fem.sparse.extend_add import Front, RelativeIndices
-from fem.sparse.front_entries import NO_ENTRIES
-from fem.sparse.fronts import Fronts
+from fem.sparse.fronts import NO_ENTRIES, Fronts
 
 
 @dataclass(frozen=True)

@@ -100,11 +100,7 @@ def graded_case(case: Case, fruit: GraspedFruit, *, jobs: int = 1) -> tuple[Grad
     graded = GradedCase(
         modulus=Modulus(value=inference.modulus.E_MPa, sd=inference.modulus.E_sd_MPa),
         models=tuple(
-            model
-            if isinstance(model, GraspModel)
-            and isinstance(outcome, ModulusEstimate)
-            and outcome.form == "first-touch"
-            else None
+            model if isinstance(model, GraspModel) and isinstance(outcome, ModulusEstimate) else None
             for model, outcome in zip(inference.models, inference.grasps, strict=True)
         ),
         solids=solids,

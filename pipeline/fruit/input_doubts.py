@@ -70,8 +70,8 @@ EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
     **dict.fromkeys((_Kind.OTHER_FRUIT, _Kind.OTHER_CATEGORY), _ELSEWHERE),
 }
 """Signs in a recording's modulus that follow from what was found in it: only these are left out where it is
-named. ModulusSign.ONE_FRAME is never. Other kinds explain none: E does not depend on them, they scale all
-forces alike, or a recording with one is refused."""
+named. Other kinds explain none: E does not depend on them, they scale all forces alike, or a recording with
+one is refused."""
 
 
 def expected_E_MPa(prior: PitPrior | None) -> tuple[float, float] | None:

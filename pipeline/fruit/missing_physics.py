@@ -51,9 +51,7 @@ def screened_fruit(
     usable = [
         (grasp, model)
         for grasp, model, estimate in zip(fruit.placed, inference.models, inference.grasps, strict=True)
-        if isinstance(model, GraspModel)
-        and isinstance(estimate, ModulusEstimate)
-        and estimate.form == "first-touch"
+        if isinstance(model, GraspModel) and isinstance(estimate, ModulusEstimate)
     ]
     placed = [grasp for grasp, _ in usable]
     confirmed = in_the_model(task.settings.mismatch)

@@ -15,7 +15,7 @@ from pipeline.batch.settings import SensorSettings
 from pipeline.fruit.known_sensor import known_gels
 from pipeline.fruit.model_curve import frame_records, model_curves, residual_at_full_load
 from recon.checks.surface_error import sd_on_patch_mm
-from reports.grasp_record import CurveRecord, FrameRecord, GraspRecord
+from reports.grasp_record import CurveRecord, GraspRecord
 from reports.skin_layer import PatchResidual
 from tactile.checks.finding import Finding, FindingKind, FindingRank
 from tactile.checks.jaw_share import jaw_share_findings
@@ -224,12 +224,10 @@ def touched_by_pad(grasps: Sequence[PlacedGrasp]) -> dict[str, Float[np.ndarray,
 def patch_residuals(
     grasps: Sequence[PlacedGrasp], estimates: Sequence[ModulusEstimate | FemFailure]
 ) -> list[PatchResidual]:
-    """What the model leaves under each pad at the greatest force, of all grasps whose modulus comes from
-    markers' motion since first touch.
-    """
+    """What the model leaves under each pad at the greatest force, of all grasps with a modulus."""
     patches = []
     for grasp, estimate in zip(grasps, estimates, strict=True):
-        if not isinstance(estimate, FemFailure) and estimate.form == "first-touch":
+        if not isinstance(estimate, FemFailure):
             residuals = residual_at_full_load(estimate, history(grasp), *_axes_and_forces(grasp))
             patches += [
                 PatchResidual(name=f"{grasp.name}, {pad}", places_mm=places, residual_um=values)
@@ -295,14 +293,10 @@ def grasp_record(grasp: PlacedGrasp, estimate: ModulusEstimate | FemFailure) -> 
     if isinstance(estimate, FemFailure):
         return GraspRecord(grasp=grasp.name, failure=estimate.detail)
     curves, travel_mm = force_curves(grasp)
-    frames: list[FrameRecord] = []
-    if estimate.form == "first-touch":
-        axes, normal_N = _axes_and_forces(grasp)
-        models = model_curves(estimate, history(grasp), axes, travel_mm, normal_N)
-        curves = [
-            curve.model_copy(update={"model": model}) for curve, model in zip(curves, models, strict=True)
-        ]
-        frames = frame_records(estimate, travel_mm)
+    axes, normal_N = _axes_and_forces(grasp)
+    models = model_curves(estimate, history(grasp), axes, travel_mm, normal_N)
+    curves = [curve.model_copy(update={"model": model}) for curve, model in zip(curves, models, strict=True)]
+    frames = frame_records(estimate, travel_mm)
     energy = estimate.energy
     return GraspRecord(
         grasp=grasp.name,

@@ -6,14 +6,13 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 from sealed_truths import put_on_path
 from synthetic_problem import problem
 
 put_on_path()
 sys.path.append(str(Path(__file__).parents[1] / "fem"))
-from baselines import chosen_terms, sparse_regression, threshold_of  # noqa: E402
+from baselines import sparse_regression, threshold_of  # noqa: E402
 from cramer_rao import amplitude_bounds  # noqa: E402
 from injected_mismatch import E_MPA, injected_case, on_pad  # noqa: E402
 from mismatch import RELATIVES_FILE, captured, main, relatives_in, scored_label  # noqa: E402
@@ -165,13 +164,6 @@ def test_amplitudes_of_a_pair_are_those_of_its_effects():
     (truth,) = scored_label(label, {})["attempts"]
     assert truth["effect"] == "pit_size+skin"
     assert truth["amplitudes"] == pytest.approx({"skin": 0.8, "pit_size": 0.1})
-
-
-def test_thresholded_least_squares_finds_the_terms_of_a_sparse_model():
-    rng = np.random.default_rng(3)
-    X = rng.standard_normal((400, 12))
-    y = X @ np.array([0, 0, 2.0, 0, 0, 0, 0, -1.0, 0, 0, 0, 0]) + rng.standard_normal(400)
-    assert chosen_terms(X.T @ X, X.T @ y, 4.0) == [2, 7]
 
 
 def test_sparse_regression_names_a_plain_effect_and_has_the_wanted_false_alarms():

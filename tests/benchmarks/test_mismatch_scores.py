@@ -21,7 +21,6 @@ from psychometric import fitted_curve  # noqa: E402
 from reduced_case import store  # noqa: E402
 from scored_round import full_bounds, scored_round  # noqa: E402
 
-from fem.mismatch.selection import decision  # noqa: E402
 from samples.mismatch.bank import added_effects  # noqa: E402
 from samples.mismatch.effect_levels import AMPLITUDES  # noqa: E402
 
@@ -43,15 +42,6 @@ def test_clusters_that_are_all_or_nothing_count_once():
     alarms = [k < 3 for k in range(20)]
     single = clustered_interval(fruit, alarms)
     assert clustered_interval(fruit * 3, alarms * 3) == pytest.approx(single, abs=1e-3)
-
-
-def test_independent_cases_of_a_fruit_narrow_the_interval():
-    fruit = [str(k) for k in range(20)]
-    rng = np.random.default_rng(2)
-    low, high = clustered_interval(fruit * 10, list(rng.uniform(size=200) < 0.2))
-    single_low, single_high = clustered_interval(fruit, [k < 4 for k in range(20)])
-    assert high - low < 0.5 * (single_high - single_low)
-    assert low < 0.2 < high
 
 
 def test_false_alarms_are_counted_by_fruit():
@@ -118,13 +108,6 @@ def test_a_wrong_label_is_counted_as_a_miss():
     lines = single_lines([scored])
     assert "single effects: named first: 0 of 1" in " ".join(lines)
     assert reliability_bins([scored.scored])[0][2:] == (0, 1)
-
-
-def test_a_higher_temperature_makes_a_clear_truth_less_likely(monkeypatch):
-    scored = scored_round("x-1", labelled_round({"clock_lag": 0.4}))
-    before = log_score(scored)
-    monkeypatch.setattr(decision, "TEMPERATURE", 3 * decision.TEMPERATURE)
-    assert log_score(scored) < before
 
 
 def test_drawn_amounts_lie_their_number_of_bounds_from_zero():

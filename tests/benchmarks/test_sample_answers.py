@@ -52,9 +52,3 @@ def test_a_mesh_that_is_open_or_not_there_is_said(tmp_path):
     first, second = missing_results(folder, ["N1", "N10"])
     assert first.endswith("is not watertight")
     assert second.startswith("N10: no ")
-
-
-def test_a_missing_page_is_said(tmp_path):
-    folder = results(tmp_path)
-    (folder / "report.html").unlink()
-    assert missing_results(folder, ["N1"]) == [f"no {folder / 'report.html'}"]

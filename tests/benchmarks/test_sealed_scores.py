@@ -7,7 +7,7 @@ from sealed_truths import label, put_on_path, row
 put_on_path()
 from psychometric import fitted_curve  # noqa: E402
 from sealed_report import report  # noqa: E402
-from sealed_scores import interval, parameter_rows, scored, signal_over_noise  # noqa: E402
+from sealed_scores import interval, parameter_rows, scored  # noqa: E402
 
 SKIN = {"Et_N_per_mm": {"value": 1.1, "sd": 0.1, "interval": [0.94, 1.26]}}
 CASES = {
@@ -81,11 +81,6 @@ def test_a_drift_is_scored_in_newtons_of_the_simulated_peak():
     assert name == "sensor_drift.newton_per_s"
     assert error == pytest.approx(0.1)
     assert inside
-
-
-def test_signal_is_the_root_of_the_excess():
-    assert signal_over_noise({"chi2": 125.0, "chi2_usual": 100.0}) == 5.0
-    assert signal_over_noise({"chi2": 90.0, "chi2_usual": 100.0}) == 0.0
 
 
 def test_binomial_intervals_are_those_of_the_tables():

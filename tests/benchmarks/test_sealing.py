@@ -23,17 +23,8 @@ def test_a_seal_is_sha_256_of_salt_and_canonical_text():
     assert sealed(SALT, {"b": "x", "a": [1, 2.5]}) == hashlib.sha256((SALT + text).encode()).hexdigest()
 
 
-def test_the_last_bits_of_a_machine_do_not_change_a_label_but_its_tenth_digit_may_not_matter():
-    assert canonical({"x": 0.1 + 0.2}) == canonical({"x": 0.3})
-    assert canonical({"x": 0.3}) != canonical({"x": 0.30000001})
-
-
 def texts(labels, salt):
     return {case: salt + canonical(label) for case, label in labels.items()}
-
-
-def test_labels_as_sealed_have_nothing_broken():
-    assert broken_seals(seals(), texts(LABELS, SALT)) == []
 
 
 @pytest.mark.parametrize(

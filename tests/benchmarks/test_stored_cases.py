@@ -22,7 +22,6 @@ from fem.mismatch.selection.decision import probabilities, verdict_of  # noqa: E
 from fem.mismatch.selection.linear_explanations import linear_explanations  # noqa: E402
 
 CASES = {path.stem: path for path in sorted((Path(__file__).parent / "cases").glob("*.npz"))}
-LARGEST_BYTES = 300_000
 CLEAR = 3.0
 """Log Bayes factor: below it a changed signature of the same weak effect changes hardly anything."""
 MISSED = {
@@ -32,8 +31,8 @@ MISSED = {
     "open-27": "graded_modulus+gripper_compliance",
     "open-28": "gripper_compliance",
 }
-"""Known misses: a pit 29 % too small, little slip (0.24), a skin (p 0.10), a depth-dependent modulus with a false
-second effect, and a loose pit."""
+"""Known misses: a pit 29 % too small, little slip (0.24), a skin (p 0.10), a depth-dependent modulus with a
+false second effect, and a loose pit."""
 
 
 def verdict_by_signatures(case: ReducedCase) -> tuple[str, ...]:
@@ -63,7 +62,7 @@ def test_a_case_replays_to_the_gains_it_had(name):
     "name", [name for name, path in CASES.items() if max(stored(path).facts["gains"].values()) > CLEAR]
 )
 def test_a_signature_that_is_5_percent_off_does_not_replay(name):
-    """That of the likeliest effect of a case with a clear one, its direction turned by 5 % of the response."""
+    """That of the likeliest effect of a case with a clear one, turned by 5 % of the response."""
     case = stored(CASES[name])
     first = max(case.facts["gains"], key=lambda effect: case.facts["gains"][effect])
     altered = gains_of(with_signature_off(case, first, share=0.05).linear())
@@ -87,11 +86,6 @@ def with_signature_off(case: ReducedCase, effect: str, *, share: float) -> Reduc
 def test_the_verdict_names_the_truth_but_for_known_misses(name):
     case = stored(CASES[name]).with_shipped_model_error()
     assert verdict_by_signatures(case)[0] == MISSED.get(name, case.facts["answer"]["effect"])
-
-
-@pytest.mark.parametrize("name", CASES)
-def test_a_case_is_small(name):
-    assert CASES[name].stat().st_size < LARGEST_BYTES
 
 
 def test_a_problem_is_read_as_it_was_written(tmp_path):
@@ -123,21 +117,3 @@ def test_model_error_enters_as_copies_of_signature_columns_with_the_shipped_spre
     information, _ = again.gram().marginal(others, [again.columns.index(skin)])
     widened, _ = again.gram().marginal([*others, copied], [again.columns.index(skin)])
     assert widened[0, 0] == pytest.approx(information[0, 0] / (1 + information[0, 0] * copy["sd"] ** 2))
-
-
-def test_todays_model_error_takes_the_place_of_another():
-    case = problem({"skin": 0.4}).with_shipped_model_error()
-    again = case.with_shipped_model_error()
-    assert again.columns == case.columns
-    assert all(np.array_equal(*pair) for pair in zip(again.products, case.products, strict=True))
-
-
-def test_the_linear_round_of_a_synthetic_problem_names_what_is_in_it():
-    linear = problem({"clock_lag": 0.5}).linear()
-    assert linear.best[0].effect.spec.name == "clock_lag"
-    assert linear.best[0].amounts[0] == pytest.approx(0.5, abs=0.1)
-
-
-def test_an_amount_of_the_wrong_sign_gains_nothing():
-    gains = gains_of(problem({"gripper_compliance": -0.5}).linear())
-    assert gains["gripper_compliance"] <= 0

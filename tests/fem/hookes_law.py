@@ -17,10 +17,6 @@ class Linear:
 
     poisson_ratio: float
 
-    def energy(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, " q"]:
-        """W = P : e / 2."""
-        return np.asarray(np.einsum("qij,qij->q", self.stress(F), F - np.eye(3)) / 2)
-
     def stress(self, F: Float[np.ndarray, "q 3 3"]) -> Float[np.ndarray, "q 3 3"]:
         """P, symmetric."""
         mu, lame = unit_lame_constants(self.poisson_ratio)

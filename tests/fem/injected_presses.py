@@ -1,7 +1,7 @@
 """Presses of a ball with a hidden effect: curves from finite elements, memory by Ting's own integrals.
 
-Nothing of fem is used: no springs, no recursion, no Hertz. `python tests/fem/pressed_slab.py` writes the
-curves, for E = 1 MPa, a ball of 5 mm and a slab of 15 mm.
+Nothing of fem is used: no springs, no recursion, no Hertz. The curves (pressed_slab.py) are for E = 1 MPa, a
+ball of 5 mm and a slab of 15 mm.
 """
 
 import csv

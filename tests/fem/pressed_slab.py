@@ -1,16 +1,11 @@
 """A slab under a rigid ball in axisymmetric finite elements: the truth for a bare indenter's traces.
 
 Quadratic quadrilaterals, Newton's method, node-wise frictionless contact. Nothing of fem is used: no Hertz,
-no springs. The flesh is linear, or has one of three other laws (strains rr, zz, tt, rz; the last doubled).
-
-    python tests/fem/pressed_slab.py tests/data/pressed-slab.csv
-
-writes the force-depth curves that the tests of fem.indentation compare with: some five minutes.
+no springs. The flesh is linear or plastic (strains rr, zz, tt, rz; the last doubled).
+`git show 7b360655:tests/fem/pressed_slab.py` wrote tests/data/pressed-slab.csv, with two more laws.
 """
 
-import sys
 from dataclasses import dataclass, field
-from pathlib import Path
 
 import numpy as np
 from axisymmetric import RingElements, fixed_axis
@@ -42,41 +37,6 @@ class Linear:
 
     def energy(self, strain):
         return np.einsum("...i,...i->...", strain @ self.C, strain) / 2
-
-
-@dataclass
-class Fung(Linear):
-    """Stress exp(b W/mu) times the linear one."""
-
-    b: float = 0.0
-
-    def stress(self, strain):
-        grown = np.exp(self.b * self.energy(strain) / self.mu)[..., None]
-        linear = strain @ self.C
-        slope = self.C + self.b / self.mu * linear[..., :, None] * linear[..., None, :]
-        return grown * linear, grown[..., None] * slope
-
-
-@dataclass
-class Mullins(Linear):
-    """Stress times 1 - dmax (1 - exp(-Wmax/W0))."""
-
-    dmax: float = 0.0
-    W0: float = 1.0
-    most: np.ndarray | float = 0.0
-
-    def stress(self, strain):
-        now = self.energy(strain)
-        worst = np.maximum(now, self.most)
-        keep = 1 - self.dmax * -np.expm1(-worst / self.W0)
-        stress = strain @ self.C
-        slope = keep[..., None, None] * self.C
-        growing = (now >= self.most) * self.dmax / self.W0 * np.exp(-worst / self.W0)
-        slope = slope - growing[..., None, None] * stress[..., :, None] * stress[..., None, :]
-        return keep[..., None] * stress, slope
-
-    def settle(self, strain):
-        self.most = np.maximum(self.energy(strain), self.most)
 
 
 @dataclass
@@ -191,30 +151,3 @@ class PressedSlab:
             raise RuntimeError("the slab did not settle")
         self.law.settle(self.strain())
         return float(-inner[self.top].sum())
-
-
-#: of the curves: E = 1 MPa, a ball of 5 mm, a slab of 15 mm
-RADIUS_MM, THICK_MM, NU = 5.0, 15.0, 0.45
-DEEPEST_MM, STEPS = 2.0, 20
-LAWS = {
-    "linear": Linear(nu=NU),
-    "stiffening b=2": Fung(nu=NU, b=2.0),
-    "stiffening b=8": Fung(nu=NU, b=8.0),
-    "damage dmax=0.5 W0_over_E=0.01": Mullins(nu=NU, dmax=0.5, W0=0.01),
-    "damage dmax=0.4 W0_over_E=0.03": Mullins(nu=NU, dmax=0.4, W0=0.03),
-    "plastic_set yield_over_E=0.1": Plastic(nu=NU, yield_MPa=0.1),
-    "plastic_set yield_over_E=0.05": Plastic(nu=NU, yield_MPa=0.05),
-}
-
-
-def write_curves(path):
-    rows = ["law,depth_mm,force_N"]
-    for name, law in LAWS.items():
-        slab = PressedSlab(RADIUS_MM, THICK_MM, 60.0, 3.1, law, across=26, down=14)
-        down = np.linspace(0, DEEPEST_MM, STEPS + 1)[1:]
-        rows += [f"{name},{depth:.2f},{slab.force_at(depth):.6g}" for depth in np.r_[down, down[-2::-1]]]
-    path.write_text("\n".join(rows) + "\n")
-
-
-if __name__ == "__main__":
-    write_curves(Path(sys.argv[1]))

@@ -7,7 +7,6 @@ from fem.mesh.closest_point import closest_on_triangles, enclosed_volume_mm3
 from fem.mesh.creases import creases_of
 from fem.mesh.flesh_mesh import t6_volume_mm3, tetrahedralise
 from fem.mesh.tetrahedra import boundary_faces
-from fem.mesh.tetwild import simplified
 
 SKIN = box((30, 30, 30))
 TOP = np.array([[0.0, 0, 15]])
@@ -70,22 +69,6 @@ def test_elements_are_short_where_the_core_is_sharp_and_nowhere_else():
     assert 3 * len(mesh.nodes_mm) < 50_000
 
 
-def test_points_along_creases_are_on_them_and_no_farther_apart_than_asked():
-    creases = creases_of(*box((2, 2, 2), cells=3))
-    points = creases.points_mm(apart_mm=0.3)
-    assert np.abs(creases.closest(points) - points).max() < 1e-12
-    on_one = np.sort(points[(np.abs(points[:, 1:] - 1) < 1e-12).all(axis=1), 0])
-    assert np.allclose(on_one[[0, -1]], [-1, 1])
-    assert 0 < np.diff(on_one).max() <= 0.3
-
-
-def test_a_box_of_many_triangles_becomes_one_of_few_with_the_same_edges():
-    fine = box((30, 30, 30), cells=20)
-    vertices, faces = simplified(*fine, edge_mm=6.0)
-    assert len(faces) < len(fine[1]) / 10
-    assert closest_on_triangles(fine[0], vertices, faces).distance_mm.max() < 1e-6
-
-
 def test_creases_of_a_cube_are_its_edges_and_corners_and_a_ball_has_none():
     cube = creases_of(*box((2, 2, 2), cells=3))
     assert np.linalg.norm(cube.along_mm, axis=1).sum() == pytest.approx(12 * 2)
@@ -93,9 +76,3 @@ def test_creases_of_a_cube_are_its_edges_and_corners_and_a_ball_has_none():
     assert np.abs(np.abs(cube.corner_mm) - 1).max() < 1e-12
     assert np.allclose(cube.closest(np.array([[0.9, 0.8, 0.3]])), [[1, 1, 0.3]])
     assert len(creases_of(*ball(300, semi_axes_mm=(12, 9, 10))).start_mm) == 0
-
-
-def test_a_star_has_eight_tips_and_six_roots():
-    vertices, faces = star(12.0)
-    assert enclosed_volume_mm3(vertices, faces) == pytest.approx(12**3 / 2)
-    assert len(creases_of(vertices, faces).corner_mm) == 14

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 from fem_shapes import box, cube_flesh
 
-from fem.fem_failure import FemFailure
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.mesh.surface_points import locate
 from fem.solid.discretisation_error import discretisation_error
@@ -56,19 +55,3 @@ def test_even_strain_has_no_error_and_curved_strain_has_some():
     error = discretisation_error(mesh, np.stack([even, curved]), poisson_ratio=0.3)
     assert error[0] < 1e-20
     assert error[1] > 1e-4
-
-
-def test_each_load_is_judged_alone():
-    mesh, moved, _ = pressed(3, 0.45)
-    other = np.cos(mesh.nodes_mm)[None]
-    both = discretisation_error(mesh, np.concatenate([moved, other]), poisson_ratio=0.45)
-    alone = discretisation_error(mesh, 7 * moved, poisson_ratio=0.45)
-    assert both[0] == pytest.approx(alone[0], rel=1e-9)
-
-
-def test_fields_of_another_mesh_or_without_strain_are_refused():
-    mesh = cube(2)
-    with pytest.raises(FemFailure, match="one vector for each node of this mesh"):
-        discretisation_error(mesh, np.ones((1, 5, 3)), poisson_ratio=0.3)
-    with pytest.raises(FemFailure, match="strains nothing"):
-        discretisation_error(mesh, np.zeros((1, len(mesh.nodes_mm), 3)), poisson_ratio=0.3)

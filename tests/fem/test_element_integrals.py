@@ -1,11 +1,7 @@
 import numpy as np
-import pytest
 from fem_shapes import cube_mesh
 
-import fem.elements.block_pattern
-from fem.elements.assembly import assemble, lumped_moments, unit_lame_constants
-from fem.elements.block_pattern import ElementPattern
-from fem.elements.gradients import gradient_products
+from fem.elements.assembly import ElementPattern, assemble, lumped_moments, unit_lame_constants
 from fem.elements.shape_functions import t10_gradient, tet_quadrature
 
 
@@ -22,13 +18,6 @@ def point_by_point(nodes, tets):
     jacobian = np.einsum("qin,mnx->mqix", t10_gradient(points), nodes[tets])
     slope = np.linalg.solve(jacobian, t10_gradient(points)[None])
     return np.einsum("mqia,mqjb,mq->maibj", slope, slope, np.linalg.det(jacobian) * weights, optimize=True)
-
-
-@pytest.mark.parametrize("mesh", [cube_mesh(2), cube_mesh(2, bulge=0.04), half_curved()])
-def test_gradient_products_are_those_of_quadrature_straight_or_curved(mesh):
-    expected = point_by_point(*mesh)
-    for i, j, h in gradient_products(*mesh):
-        assert np.abs(h - expected[:, :, i, :, j]).max() < 1e-13 * np.abs(expected).max()
 
 
 def test_stiffness_is_the_sum_of_its_elements():
@@ -54,24 +43,6 @@ def test_every_material_gets_one_pattern():
     for other in (second, linear):
         assert (first.indptr == other.indptr).all()
         assert (first.indices == other.indices).all()
-
-
-def test_mirror_leads_to_the_transposed_pair():
-    nodes, tets = cube_mesh(2)
-    pattern = ElementPattern.of(tets, len(nodes))
-    row = np.repeat(np.arange(len(nodes)), np.diff(pattern.indptr))
-    assert (row[pattern.mirror] == pattern.indices).all()
-    assert (pattern.indices[pattern.mirror] == row).all()
-
-
-def test_pattern_is_the_same_when_keys_are_too_long_to_number(monkeypatch):
-    _, tets = cube_mesh(3)
-    n = int(tets.max()) + 1
-    short = ElementPattern.of(tets, n)
-    monkeypatch.setattr(fem.elements.block_pattern, "KEY_BITS", 0)
-    long = ElementPattern.of(tets, n)
-    assert (short.indices == long.indices).all()
-    assert (short.gather.indices == long.gather.indices).all()
 
 
 def test_moments_of_a_cube_are_its_volume_and_its_centre():

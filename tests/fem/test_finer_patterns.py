@@ -106,22 +106,6 @@ def test_finer_patterns_come_between_the_leading_ones_and_those_of_a_drift() -> 
     np.testing.assert_array_equal(finer.patterns[-1:], drift)
 
 
-def all_around(ever: np.ndarray, row: int, column: int, reach: int = 3) -> bool:
-    part = ever[max(row - reach, 0) : row + reach + 1, max(column - reach, 0) : column + reach + 1]
-    return bool(part.all() and part.shape == (2 * reach + 1, 2 * reach + 1))
-
-
-def test_smoothing_leaves_a_twelfth_of_the_noise_and_a_sum_of_forces() -> None:
-    history = recorded(np.random.default_rng(0))
-    _, which = with_finer_patterns(prepared_grasp(history, TURN), history)
-    ever = (growing_contact()[:, :, 2] > 0).any(axis=0).reshape(SIDE, SIDE)
-    inner = [k for k in range(len(PLACE)) if all_around(ever, *divmod(k, SIDE))]
-    assert len(inner) > 5
-    left = (which.smoothing[inner] ** 2).sum(axis=1)
-    np.testing.assert_allclose(left, 1 / (4 * np.pi * SMOOTHING**2), rtol=0.1)
-    np.testing.assert_allclose(which.smoothing[inner].sum(axis=1), 1.0, atol=1e-3)
-
-
 def test_noise_of_the_finer_patterns_alone_is_smoothed() -> None:
     history = recorded(np.random.default_rng(0))
     _, which = with_finer_patterns(prepared_grasp(history, TURN), history)

@@ -9,14 +9,12 @@ import numpy as np
 import pytest
 from fem_shapes import ball
 from recorded_pad import recorded_pad
-from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation
 
 from fem.estimation.compliance_fit import fit_compliance
 from fem.estimation.finite_response import (
     _chosen,
     _kernel,
-    _PadFrames,
     _predicted,
     finite_response,
     neo_hookean_solid,
@@ -178,37 +176,6 @@ def test_a_fruit_that_turns_between_the_pads_has_the_same_modulus(history, finit
     assert again.fit.residual_rms_mm == pytest.approx(response.fit.residual_rms_mm, rel=0.1)
     stored = np.linalg.norm(again.unit_displacement / again.modulus_MPa, axis=2)
     assert stored.max() < 1.5  # mm: of the turn, which moves markers by 1.4 mm, a second order is stored
-
-
-def with_errors_of_zero(history: GraspHistory) -> GraspHistory:
-    """Forces with an error of zero for each marker, 2.3 mN a component, and contacts without hidden rims."""
-    rng = np.random.default_rng(4)
-    pads = []
-    for pad in history.pads:
-        force = pad.force_N + rng.normal(0.0, 0.0023, pad.force_N.shape[1:])
-        pressed = np.linalg.norm(pad.force_N, axis=2) > HIDDEN_N
-        pads.append(replace(pad, force_N=force, episode=np.where(pressed, pad.episode, -1)))
-    return replace(history, pads=tuple(pads))
-
-
-HIDDEN_N = 0.015
-"""Three times the usual noise of a marker's force in a frame."""
-
-
-def test_errors_of_the_markers_zeros_load_no_skin_beyond_the_contact(history):
-    """With the noise of a frame alone, every tenth marker off the contact would bear load."""
-    noisy = with_errors_of_zero(history)
-    driven = without_rim(noisy)
-    used = loaded_frames(driven)
-    off, loaded = 0, 0
-    for truth, *both in zip(history.pads, noisy.pads, driven.pads, strict=True):
-        fields = _PadFrames.of(*both, used, 0.0009).fields
-        for touching, field in zip((truth.episode >= 0)[used], fields, strict=True):
-            contact = cKDTree(truth.rest_mm[touching, :2])
-            off += int((contact.query(truth.rest_mm[:, :2])[0] > 1.5).sum())
-            loaded += int((contact.query(field.near.data)[0] > 1.5).sum())
-    assert off > 400
-    assert loaded < 0.01 * off
 
 
 def test_forces_that_pull_are_refused(history, finite):

@@ -7,11 +7,7 @@ from fem.elements.assembly import assemble
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import locate, skin_quadrature
-from fem.solid.closed_forms import (
-    cored_sphere_shrinkage_mm,
-    embedded_sphere_displacement,
-    embedded_sphere_stiffness_N_per_mm,
-)
+from fem.solid.closed_forms import cored_sphere_shrinkage_mm
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.rigid_core import pit_centre_mm, reduction, rigid_modes
 from fem.sparse.solver import factorise
@@ -35,22 +31,22 @@ def pinch(nectarine):
     return points.point_load(force)
 
 
-def test_pit_moves_as_a_rigid_body(free, nectarine, pinch):
-    moved = free.displacement(pinch)
+def balanced(solid, load):
+    """The load, one column, with the smooth body force that takes up its resultant."""
+    column = load.reshape(-1, 1)
+    return column - solid.free_body.body_forces @ solid.free_body.acceleration(column)
+
+
+def test_forces_balance_at_every_node_and_on_the_rigid_pit(free, nectarine, pinch):
+    moved, load = free.displacement(pinch), balanced(free, pinch)
+    assert np.abs(free.free_body.modes.T @ load).max() < 1e-11
+    assert np.abs(load - pinch.reshape(-1, 1)).max() < 1e-3 * np.abs(pinch).max()
+    left = (free.stiffness @ moved.reshape(-1, 1) - load).reshape(-1, 3)
     nodes = nectarine.pit_nodes
+    assert np.abs(np.delete(left, nodes, axis=0)).max() < 1e-8
     modes = rigid_modes(nectarine.nodes_mm[nodes], centre_mm=pit_centre_mm(nectarine.nodes_mm, nodes))
+    assert np.abs(np.einsum("pxk,px->k", modes, left[nodes])).max() < 1e-8
     assert np.abs(modes @ free.pit_motion(moved)[0] - moved[0, nodes]).max() < 1e-10
-
-
-def test_forces_balance_at_every_node_and_on_the_pit(free, nectarine, pinch):
-    moved = free.displacement(pinch)
-    load = free.free_body.balance(pinch.reshape(1, -1).T)
-    left = (free.stiffness @ moved.reshape(1, -1).T - load).reshape(-1, 3)
-    loose = np.setdiff1d(np.arange(len(nectarine.nodes_mm)), nectarine.pit_nodes)
-    assert np.abs(left[loose]).max() < 1e-8
-    pit = nectarine.nodes_mm[nectarine.pit_nodes]
-    modes = rigid_modes(pit, centre_mm=pit.mean(axis=0))
-    assert np.abs(np.einsum("pxk,px->k", modes, left[nectarine.pit_nodes])).max() < 1e-8
 
 
 @pytest.mark.parametrize("support", ["free", "base"])
@@ -63,26 +59,13 @@ def test_contact_nodes_alone_move_as_they_do_with_all(nectarine, parts, pinch, s
     assert np.abs(solid.contact_displacement(pinch) - whole).max() < 1e-10 * np.abs(whole).max()
 
 
-def test_free_loads_are_balanced_by_a_smooth_body_force(free, pinch):
-    load = pinch.reshape(1, -1).T
-    balanced = free.free_body.balance(load)
-    assert np.abs(free.free_body.resultant(load)).max() > 0.01
-    assert np.abs(free.free_body.resultant(balanced)).max() < 1e-11
-    balanced = balanced.T.reshape(pinch.shape)
-    assert np.abs(balanced - pinch).max() < 1e-3 * np.abs(pinch).max()
-
-
 def energy(solid: UnitModulusSolid, moved: np.ndarray) -> float:
     return moved.ravel() @ (solid.stiffness @ moved.ravel())
 
 
-def test_energy_is_the_work_of_the_load(free, pinch):
-    moved = free.displacement(pinch)
-    assert energy(free, moved) == pytest.approx((pinch * moved).sum(), rel=1e-9)
-
-
 def test_free_displacement_has_no_rigid_part_and_does_not_depend_on_what_held_it(free, nectarine, pinch):
     moved = free.displacement(pinch)
+    assert energy(free, moved) == pytest.approx((pinch * moved).sum(), rel=1e-9)
     mean = free.free_body.body_forces.T @ moved.ravel()
     assert np.abs(mean / np.diag(free.free_body.inertia)).max() < 1e-12
     # the same body, its pit let go and three skin nodes held instead
@@ -90,11 +73,12 @@ def test_free_displacement_has_no_rigid_part_and_does_not_depend_on_what_held_it
     held = held_by_three_nodes(nectarine)
     kept = np.setdiff1d(np.arange(motions.shape[1]), held)
     way = csr_array(motions[:, kept])
-    load = free.free_body.balance(pinch.reshape(1, -1).T)
+    load = balanced(free, pinch)
     other = way @ factorise(csr_array(way.T @ free.stiffness @ way)).solve(way.T @ load)
     assert energy(free, other) == pytest.approx(energy(free, moved), rel=1e-9)
-    other = free.free_body.without_rigid_motion(other).T.reshape(pinch.shape)
-    assert np.abs(other - moved).max() < 1e-8 * np.abs(moved).max()
+    body = free.free_body
+    other -= body.modes @ np.linalg.solve(body.inertia, body.body_forces.T @ other)
+    assert np.abs(other.T.reshape(pinch.shape) - moved).max() < 1e-8 * np.abs(moved).max()
 
 
 def held_by_three_nodes(mesh):
@@ -112,11 +96,6 @@ def test_compliance_is_symmetric(free, nectarine):
     compliance = np.einsum("anx,bnx->ab", loads, free.displacement(loads))
     assert np.abs(compliance - compliance.T).max() < 1e-10 * np.abs(compliance).max()
     assert (np.linalg.eigvalsh(compliance) > 0).all()
-
-
-def test_several_loads_at_once_are_each_solved_for(free, pinch):
-    both = free.displacement(np.concatenate([pinch, -2 * pinch]))
-    assert np.abs(both[1] + 2 * both[0]).max() < 1e-12
 
 
 def test_based_fruit_stands_still_at_its_base_and_pushes_back_the_load():
@@ -171,6 +150,19 @@ def test_even_pressure_on_a_ball_around_a_core_shrinks_it_as_lame_says(cored_bal
     assert np.average(inward, weights=area_mm2) == pytest.approx(exact, rel=2e-3)
 
 
+def embedded_sphere(points_mm, *, nu, radius_mm):
+    """Force (N, E = 1 MPa) for a unit displacement of a rigid sphere in an endless medium, and the field.
+
+    F = 24 pi mu (1 - nu) a / (5 - 6 nu) (Lur'e 1964; Puljiz and Menzel, Physical Review E 99, 053002, 2019);
+    u = c [((3 - 4 nu) z + x x_z / r^2) / r + a^2/3 (z - 3 x x_z / r^2) / r^3], c = 3 a / (10 - 12 nu).
+    """
+    r = np.linalg.norm(points_mm, axis=1, keepdims=True)
+    axis, radial = np.array([0.0, 0.0, 1.0]), points_mm * points_mm[:, 2:] / r**2
+    field = ((3 - 4 * nu) * axis + radial) / r + radius_mm**2 / 3 * (axis - 3 * radial) / r**3
+    force = 24 * np.pi * (1 - nu) * radius_mm / (5 - 6 * nu) / (2 * (1 + nu))
+    return force, 3 * radius_mm / (10 - 12 * nu) * field
+
+
 @pytest.mark.parametrize(("poisson_ratio", "within"), [(0.3, 4e-3), (0.45, 8e-3), (0.49, 2e-2)])
 def test_a_rigid_inclusion_is_as_stiff_as_the_closed_form(cored_ball, poisson_ratio, within):
     """The skin follows the exact field of a rigid sphere pushed through an endless medium, the pit is free to
@@ -181,11 +173,10 @@ def test_a_rigid_inclusion_is_as_stiff_as_the_closed_form(cored_ball, poisson_ra
     stiffness = assemble(mesh.nodes_mm, mesh.tets).for_unit_modulus(poisson_ratio=poisson_ratio)
     whole = csr_array(motions.T @ stiffness @ motions)
     skin = mesh.outer_nodes
-    exact = embedded_sphere_displacement(mesh.nodes_mm[skin], poisson_ratio=poisson_ratio, radius_mm=10.0)
+    force, exact = embedded_sphere(mesh.nodes_mm[skin], nu=poisson_ratio, radius_mm=10.0)
     before = skin - np.searchsorted(mesh.pit_nodes, skin)
     held = (3 * before[:, None] + np.arange(3)).ravel()
     free = np.setdiff1d(np.arange(motions.shape[1]), held)
-    force = embedded_sphere_stiffness_N_per_mm(E_MPa=1.0, poisson_ratio=poisson_ratio, radius_mm=10.0)
     q = np.zeros(motions.shape[1])
     q[held] = exact.ravel()
     right = -(whole @ q)

@@ -178,15 +178,6 @@ def test_what_the_grasps_feel_of_the_pit_is_learnt_and_the_rest_keeps_its_prior(
     assert size > 3 * abs(z)
 
 
-@pytest.mark.slow
-def test_the_pit_was_moved_in_the_mesh_and_each_grasp_keeps_its_modulus_with_the_priors_pit(inference):
-    assert 1 <= inference.moves <= 4
-    assert len(inference.grasps) == inference.modulus.grasps == 2
-    first = infer_modulus(recorded()[:1], prior_mesh(), respond(recorded()[:1]), budget=WIDE)
-    assert first.grasps[0].E_MPa == pytest.approx(inference.grasps[0].E_MPa, rel=1e-6)
-    assert first.moves == 0
-
-
 def test_a_grasp_without_a_load_costs_only_itself():
     histories = (recorded()[0], untouched(recorded()[1]))
     inference = infer_modulus(histories, prior_mesh(), respond(histories), budget=WIDE)

@@ -7,7 +7,6 @@ import pytest
 from scipy.spatial import Delaunay
 
 from fem.solid.gel_traction import GelField, GelFrame, nodal_force
-from fem.solid.traction import cell_areas
 
 RADIUS_MM, PEAK_MPA, KT = 5.3, 0.2, 0.055
 
@@ -129,17 +128,6 @@ def test_few_markers_load_the_skin_with_about_their_force():
     force[on, 2] = 0.05
     frame = GelFrame(rest_mm=rest, shear_mm=np.zeros((len(rest), 2)), force_N=force, touching=on)
     assert load(frame, *flat_skin(0.8))[:, 2].sum() == pytest.approx(0.25, rel=0.1)
-
-
-def test_nothing_touches_is_no_field():
-    frame = gel(grid(1.0) + 50.0, 1.0)
-    assert GelField.of(frame) is None
-
-
-def test_cells_of_a_grid_end_with_its_hull():
-    areas = cell_areas(grid(1.5))
-    assert areas.max() == pytest.approx(2.25, rel=1e-9)
-    assert areas.sum() == pytest.approx(np.prod(np.ptp(grid(1.5), axis=0)), rel=1e-9)
 
 
 def test_the_force_of_a_rim_that_noise_hides_is_kept():

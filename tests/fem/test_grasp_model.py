@@ -63,17 +63,6 @@ def test_nodal_loads_keep_the_markers_force_and_moment():
         assert np.abs(given - wanted).max() < 1e-9 * np.abs(wanted).max()
 
 
-def test_a_rigid_motion_of_the_skin_is_read_as_it_is():
-    solid = fruit_solid("free")
-    nodes = solid.mesh.nodes_mm[solid.contact_nodes]
-    motions = np.random.default_rng(2).normal(size=(4, 6))
-    origin = np.zeros(3)
-    moved = np.einsum("nxk,fk->fnx", rigid_modes(nodes, centre_mm=origin), motions)
-    for link in linked(solid):
-        wanted = np.einsum("nxk,fk->fnx", rigid_modes(link.place.point_mm, centre_mm=origin), motions)
-        assert np.abs(link.at_markers(moved) - wanted).max() < 1e-9 * np.abs(wanted).max()
-
-
 def test_reading_does_the_same_work_as_loading():
     solid = fruit_solid("free")
     rng = np.random.default_rng(3)

@@ -111,9 +111,3 @@ def test_a_fruit_without_a_pit_has_no_pit_among_its_causes():
     assert not set(PIT) & set(causes)
     assert causes[6] == POISSON_RATIO
     assert causes[7:] == ("left across", "left along", "right across", "right along")
-
-
-def test_a_frame_twice_as_heavy_is_twice_as_sensitive():
-    """Frames 0 and 1 are one pattern, whatever the others hold."""
-    values = grasp_model(pinch(), fruit_solid("free")).sensitivity.values
-    np.testing.assert_allclose(values[:, 1], 2.5 * values[:, 0], atol=1e-9 * np.abs(values).max())

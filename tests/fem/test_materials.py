@@ -11,6 +11,19 @@ from fem.materials.decoupled_neo_hookean import DecoupledNeoHookean
 from fem.materials.neo_hookean import NeoHookean
 
 NU = 0.45
+
+
+def energy(law, F):
+    """W at E = 1 MPa, written down anew: Hooke, Bonet and Wood, or shape and volume apart."""
+    mu, lame = 0.5 / (1 + NU), NU / ((1 + NU) * (1 - 2 * NU))
+    squares, J = (F**2).sum(axis=(1, 2)), np.linalg.det(F)
+    if isinstance(law, Linear):
+        return np.einsum("qij,qij->q", law.stress(F), F - np.eye(3)) / 2
+    if isinstance(law, NeoHookean):
+        return mu / 2 * (squares - 3 - 2 * np.log(J)) + lame / 2 * np.log(J) ** 2
+    return mu / 2 * (J ** (-2 / 3) * squares - 3) + (lame + 2 / 3 * mu) / 2 * (J - 1) ** 2
+
+
 FINITE = [NeoHookean(poisson_ratio=NU), DecoupledNeoHookean(poisson_ratio=NU)]
 EVERY = [Linear(poisson_ratio=NU), *FINITE]
 
@@ -33,11 +46,12 @@ def slope_of(function, F: np.ndarray, h: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("law", EVERY, ids=name)
-@pytest.mark.parametrize(("derivative", "of"), [("stress", "energy"), ("tangent", "stress")])
-def test_each_is_the_derivative_of_the_one_before(law, derivative, of):
+@pytest.mark.parametrize("derivative", ["stress", "tangent"])
+def test_stress_and_tangent_are_derivatives_of_energy_and_stress(law, derivative):
     F = strained(20, 0.25)
     exact = getattr(law, derivative)(F)
-    off = [np.abs(slope_of(getattr(law, of), F, h) - exact).max() for h in (4e-3, 2e-3, 1e-3)]
+    of = law.stress if derivative == "tangent" else lambda at: energy(law, at)
+    off = [np.abs(slope_of(of, F, h) - exact).max() for h in (4e-3, 2e-3, 1e-3)]
     if off[0] < 1e-10:  # a polynomial of second degree: differences are exact
         return
     assert np.array(off[:-1]) / off[1:] == pytest.approx(4.0, rel=0.05)  # error like h^2
@@ -45,17 +59,10 @@ def test_each_is_the_derivative_of_the_one_before(law, derivative, of):
 
 
 @pytest.mark.parametrize("law", FINITE, ids=name)
-def test_a_turned_body_turns_its_stress(law):
+def test_a_turned_body_turns_its_stress_and_flesh_has_no_grain(law):
     Q = Rotation.random(12, rng=np.random.default_rng(1)).as_matrix()
     F = strained(12, 0.3)
     assert np.abs(law.stress(Q @ F) - Q @ law.stress(F)).max() < 1e-12
-    assert np.abs(law.energy(Q @ F) - law.energy(F)).max() < 1e-13
-
-
-@pytest.mark.parametrize("law", FINITE, ids=name)
-def test_a_material_without_grain_does_not_care_how_it_was_turned_before(law):
-    Q = Rotation.random(12, rng=np.random.default_rng(2)).as_matrix()
-    F = strained(12, 0.3)
     assert np.abs(law.stress(F @ Q) - law.stress(F) @ Q).max() < 1e-12
 
 
@@ -128,7 +135,6 @@ def test_stretch_in_all_directions_follows_the_closed_forms(stretch):
 def test_matter_cannot_be_turned_inside_out(law):
     inside_out = np.diag([1.0, 1.0, -0.2])[None]
     assert np.isnan(law.stress(inside_out)).any()
-    assert np.isnan(law.energy(inside_out)).all()
 
 
 def test_a_poisson_ratio_beyond_one_half_is_refused():

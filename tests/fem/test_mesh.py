@@ -1,5 +1,3 @@
-from pathlib import Path
-
 import numpy as np
 import pytest
 from fem_shapes import ball, smallest_dihedral_deg
@@ -40,14 +38,6 @@ def test_boundary_is_the_skin_and_the_pit_and_skin_normals_point_outward(nectari
     assert (np.einsum("fx,fx->f", np.cross(b - a, c - a), a) > 0).all()
 
 
-def test_mid_edge_nodes_are_shared_and_sit_between_their_corners(nectarine):
-    x = nectarine.nodes_mm[nectarine.tets]
-    for k, (i, j) in enumerate([(0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)]):
-        off = np.linalg.norm(x[:, 4 + k] - (x[:, i] + x[:, j]) / 2, axis=1)
-        assert (off < 0.2 * np.linalg.norm(x[:, i] - x[:, j], axis=1)).all()
-    assert len(np.unique(nectarine.tets)) == len(nectarine.nodes_mm)
-
-
 def test_mesh_is_fine_at_the_pads_and_coarse_elsewhere():
     outer = ball(4000, semi_axes_mm=(30, 29, 28))
     pad = np.array([[30.0, 0, 0]])
@@ -76,14 +66,6 @@ def test_a_scan_with_noise_still_gives_a_valid_mesh():
     vertices = vertices * (1 + np.random.default_rng(0).normal(0, 0.1 / 30, (len(vertices), 1)))
     mesh = tetrahedralise(vertices, faces, *PIT, edge_mm=6.0)
     assert (t10_jacobians(mesh.nodes_mm, mesh.tets) > 0).all()
-
-
-def test_meshing_leaves_no_file_and_no_word_behind(tmp_path, monkeypatch, capfd):
-    monkeypatch.chdir(tmp_path)
-    tetrahedralise(*ball(600, semi_axes_mm=(10, 10, 10)), None, None, edge_mm=5.0)
-    assert Path.cwd() == tmp_path
-    assert not list(tmp_path.iterdir())
-    assert capfd.readouterr() == ("", "")
 
 
 FRUIT = ball(800, semi_axes_mm=(30, 30, 30))

@@ -76,8 +76,3 @@ def test_too_few_markers_give_nothing(live):
     place, force, touching = frames(live, np.random.default_rng(2))
     touching[:, FEWEST - 1 :] = False
     assert all(np.isnan(estimate.E_MPa) for estimate in run(live, place, force, touching, 1e-3))
-
-
-def test_forces_that_pull_give_nothing(live):
-    place, force, touching = frames(live, np.random.default_rng(2))
-    assert np.isnan(run(live, place, -force, touching, 1e-3)[-1].E_MPa)

@@ -85,7 +85,7 @@ def test_forces_that_are_all_zero_are_refused():
     assert caught.value.problem is FemProblem.NO_LOAD
 
 
-def test_frames_that_share_no_marker_fall_back_on_the_surface():
+def test_frames_that_share_no_marker_are_refused():
     history = grasp(noise=0.1, surface_mm=0.0)
 
     def apart(pad):
@@ -95,9 +95,9 @@ def test_frames_that_share_no_marker_fall_back_on_the_surface():
         episode[5, ~even & (pad.episode[5] >= 0)] = 0
         return episode
 
-    estimate = found_in(with_pads(history, episode=apart))
-    assert estimate.form == "absolute"
-    assert "stay in contact for two frames" in estimate.warnings[0].sentence
+    with pytest.raises(FemFailure, match="found 0 markers that stay in contact for two frames") as caught:
+        found_in(with_pads(history, episode=apart), plain_model())
+    assert caught.value.problem is FemProblem.TOO_FEW_MARKERS
 
 
 def test_a_pad_seen_in_one_frame_only_leaves_the_other_its_say():
@@ -105,7 +105,4 @@ def test_a_pad_seen_in_one_frame_only_leaves_the_other_its_say():
         last = np.arange(len(pad.episode))[:, None] == 5
         return np.where(last | (pad.name == "left"), pad.episode, -1)
 
-    short = with_pads(grasp(noise=0.1), episode=once)
-    estimate = found_in(short)
-    assert estimate.form == "first-touch"
-    assert estimate.E_MPa == pytest.approx(E_MPA, rel=0.05)
+    assert found_in(with_pads(grasp(noise=0.1), episode=once)).E_MPa == pytest.approx(E_MPA, rel=0.05)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fem.solid.traction import TractionField, marker_weights
+from fem.solid.traction import marker_weights, moment_correction
 
 
 def grid(half: float = 6.0, step: float = 1.0):
@@ -16,39 +16,26 @@ def on_ball(flat: np.ndarray, radius_mm: float = 20.0) -> np.ndarray:
     return np.column_stack([flat[:, :2], np.sqrt(radius_mm**2 - (flat[:, :2] ** 2).sum(axis=1))])
 
 
-@pytest.fixture
-def field():
-    rest = grid()
-    places = on_ball(rest)
-    between, weights = marker_weights(rest, places)
-    return TractionField(points_mm=on_ball(between), marker_mm=places, weights=weights)
+def on_a_ball():
+    """Markers, the points that carry their traction, and its weights."""
+    markers = on_ball(grid())
+    between, weights = marker_weights(grid(), markers)
+    return markers, on_ball(between), weights
 
 
 def resultant(points, force):
     return np.hstack([force.sum(axis=1), np.cross(points, force).sum(axis=1)])
 
 
-def test_total_force_and_moment_are_kept(field):
-    force = np.random.default_rng(1).normal(size=(4, len(field.marker_mm), 3))
-    before = resultant(field.marker_mm, force)
-    after = resultant(field.points_mm, field.forces(force))
+def test_total_force_and_moment_are_kept_by_a_small_correction():
+    markers, points, weights = on_a_ball()
+    force = np.random.default_rng(1).normal(size=(1, len(markers), 3))
+    rigid, balance = moment_correction(points, markers, weights)
+    plain = (weights @ force[0])[None]
+    more = (rigid @ (balance @ force.ravel())).reshape(plain.shape)
+    before, after = resultant(markers, force), resultant(points, plain + more)
     np.testing.assert_allclose(after, before, rtol=0, atol=1e-9 * np.abs(before).max())
-
-
-def test_the_matrices_are_the_spreading(field):
-    force = np.random.default_rng(2).normal(size=(3, len(field.marker_mm), 3))
-    plain, rigid, balance = field.matrices()
-    flat = force.reshape(3, -1).T
-    spread = (plain @ flat + rigid @ (balance @ flat)).T.reshape(3, -1, 3)
-    np.testing.assert_allclose(spread, field.forces(force), atol=1e-14)
-    np.testing.assert_allclose((plain @ flat).T.reshape(3, -1, 3)[1], field.weights @ force[1], atol=1e-14)
-    assert rigid.shape[1] == balance.shape[0] == 6
-
-
-def test_the_correction_of_the_moment_is_small(field):
-    force = np.random.default_rng(1).normal(size=(1, len(field.marker_mm), 3))
-    plain = field.weights @ force[0]
-    assert np.abs(field.forces(force)[0] - plain).max() < 0.01 * np.abs(plain).max()
+    assert np.abs(more).max() < 0.01 * np.abs(plain).max()
 
 
 def test_a_curved_traction_has_its_second_moment():
@@ -61,13 +48,10 @@ def test_a_curved_traction_has_its_second_moment():
     assert (weights @ bowl).sum() == pytest.approx(total, rel=1e-12)
 
 
-def test_every_markers_force_is_spread_whole(field):
-    np.testing.assert_allclose(np.asarray(field.weights.sum(axis=0)).ravel(), 1.0, atol=1e-12)
-
-
-def test_an_even_traction_stays_even_away_from_the_rim():
+def test_every_force_is_spread_whole_and_an_even_traction_stays_even_away_from_the_rim():
     rest = grid()
     between, weights = marker_weights(rest, rest)
+    np.testing.assert_allclose(np.asarray(weights.sum(axis=0)).ravel(), 1.0, atol=1e-12)
     spread = weights @ np.ones(len(rest))
     inner = (np.abs(between[:, :2]) < 4.5).all(axis=1)
     np.testing.assert_allclose(spread[inner], spread[inner][0], rtol=1e-12)

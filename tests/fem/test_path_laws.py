@@ -11,7 +11,7 @@ from fem.materials.fung_neo_hookean import (
     fung_neo_hookean,
     shrunk_as_a_whole,
 )
-from fem.materials.mullins_damage import damaged_share, mullins_damage
+from fem.materials.mullins_damage import mullins_damage
 from fem.materials.relaxing_arm import RelaxingArm
 from fem.materials.strain_path import linear_stress, strain_energy
 from fem.materials.von_mises_set import HARDENING, plastic_strain, von_mises_set
@@ -63,19 +63,6 @@ def test_shear_beyond_yield_sets_by_the_closed_form_and_unloading_keeps_the_set(
     p = (2 * np.sqrt(3) * MU * 0.12 - Y) / (3 * MU + hardening)
     assert 2 * np.sqrt(3) * MU * 0.06 < Y
     np.testing.assert_allclose(strain, np.sqrt(3) / 2 * p * np.array([0, 0, 1, 1, 1]), atol=1e-12)
-
-
-def test_set_flesh_changes_its_shape_and_not_its_volume():
-    H = np.random.default_rng(3).normal(size=(3, 3)) * 0.1
-    plastic = plastic_strain(tensors(H, 2 * H), 0.02, poisson_ratio=NU)
-    assert np.abs(plastic).max() > 0.05
-    np.testing.assert_allclose(plastic[0, 0, 0, 0] + plastic[0, 0, 1, 1] + plastic[0, 0, 2, 2], 0, atol=1e-12)
-
-
-def test_damage_follows_the_largest_energy_and_never_heals():
-    energy = np.array([0.0, 0.01, 0.03, 0.0, 0.02])
-    expected = 0.4 * (1 - np.exp(-np.array([0.0, 0.01, 0.03, 0.03, 0.03]) / 0.02))
-    np.testing.assert_allclose(damaged_share(energy, 0.4, 0.02), expected)
 
 
 def test_set_flesh_bears_the_yield_stress_and_its_hardening():

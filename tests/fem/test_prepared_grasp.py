@@ -9,7 +9,6 @@ from recorded_pad import recorded_pad
 from fem.estimation.compliance_fit import fit_compliance
 from fem.estimation.prepared_grasp import (
     FEWEST_PRESSED,
-    LEAST_PATTERNS,
     RIM,
     prepared_grasp,
     pressing_contacts,
@@ -98,11 +97,6 @@ def test_the_amounts_of_patterns_are_off_by_the_noise_that_is_stated(moved_sd_mm
             )
         )
     assert np.mean(scatter) == pytest.approx(np.mean(stated), rel=0.1)
-
-
-def test_patterns_are_kept_to_the_fourth_even_where_one_alone_exceeds_noise():
-    ready = prepared_grasp(recorded(np.random.default_rng(3)), TURN)
-    assert len(ready.patterns) == LEAST_PATTERNS
 
 
 def test_a_sure_drift_of_the_zero_stays_in_the_forces_that_drive_the_model():

@@ -47,9 +47,3 @@ def test_refinement_stays_within_the_dofs_allowed_and_uses_them(dof_limit):
     nodes, tets = corners_alone()
     size = affordable_size(nodes, tets, nodes[:1], radius_mm=0.1, edge_mm=0.01, dof_limit=dof_limit)
     assert 0.5 * dof_limit < t10_dofs(bisected(nodes, tets, size)[1]) <= dof_limit
-
-
-def test_refinement_gives_way_where_the_coarse_mesh_is_already_too_large():
-    nodes, tets = corners_alone()
-    size = affordable_size(nodes, tets, nodes[:1], radius_mm=0.1, edge_mm=0.01, dof_limit=10)
-    assert len(bisected(nodes, tets, size)[1]) == len(tets)

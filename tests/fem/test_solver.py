@@ -1,19 +1,16 @@
 import numpy as np
 import pytest
-from fem_shapes import cube_mesh, on_cube_surface
+from fem_shapes import cube_mesh
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.sparse import block_diag, csr_array, diags_array, eye_array, kron, random_array
-from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
 from fem.elements.assembly import assemble
 from fem.fem_failure import FemFailure, FemProblem
 from fem.sparse import elimination_order
-from fem.sparse.elimination_order import elimination_tree, same_pattern_groups
 from fem.sparse.fronts import fronts
 from fem.sparse.solver import analyse, factorise, solver_name
-from fem.sparse.supernodes import supernodes
 
 
 def sheet(n, shift=0.0):
@@ -54,14 +51,6 @@ def test_solution_is_that_of_superlu(matrix):
     assert np.abs(factorise(matrix).solve(load) - theirs).max() < 1e-10 * np.abs(theirs).max()
 
 
-def test_one_load_is_solved_as_a_hundred_are():
-    matrix = held_cube(4)
-    factor, load = factorise(matrix), np.random.default_rng(0).standard_normal((matrix.shape[0], 100))
-    together = factor.solve(load)
-    alone = factor.solve(load[:, 41:42])[:, 0]
-    assert np.abs(together[:, 41] - alone).max() < 1e-11 * np.abs(alone).max()
-
-
 @pytest.mark.parametrize(
     "load",
     [
@@ -95,27 +84,6 @@ def test_any_positive_definite_pattern_is_solved_and_condensed(n, seed, density)
     assert np.allclose(factor.compliance(last), inverse[np.ix_(last, last)], atol=1e-9)
 
 
-@pytest.mark.parametrize("chosen", ["none", "scattered", "side by side", "a face", "all"])
-def test_compliance_is_that_of_plain_solves(chosen):
-    matrix = held_cube(4)
-    n = matrix.shape[0]
-    last = {
-        "none": np.zeros(0, dtype=int),
-        "scattered": np.random.default_rng(0).permutation(n)[:97],
-        "side by side": np.arange(200, 290),
-        "a face": (3 * on_cube_surface(cube_mesh(4)[0])[-80:, None] + np.arange(3)).ravel() - (2187 - n),
-        "all": np.arange(n)[::-1],
-    }[chosen]
-    last = last[(last >= 0) & (last < n)]
-    compliance = factorise(matrix).compliance(last)
-    unit = np.zeros((n, len(last)))
-    unit[last, np.arange(len(last))] = 1
-    expected = factorise(matrix).solve(unit)[last]
-    assert compliance.shape == (len(last), len(last))
-    assert (compliance == compliance.T).all()
-    assert np.abs(compliance - expected).max(initial=0) <= 1e-12 * np.abs(expected).max(initial=1)
-
-
 def test_one_analysis_serves_matrices_of_one_pattern():
     soft, hard = held_cube(4, poisson_ratio=0.1), held_cube(4, poisson_ratio=0.49)
     plan = analyse(soft)
@@ -143,50 +111,6 @@ def test_columns_may_be_stored_in_any_order_and_more_than_once():
     load = np.ones((matrix.shape[0], 1))
     for other in (shuffled, twice):
         assert np.allclose(factorise(other).solve(load), factorise(matrix).solve(load), rtol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("matrix", "most"),
-    [(held_cube(4), 1.3), (sheet(20), 2), (csr_array(block_diag([sheet(5), sheet(6)])), 3)],
-    ids=["cube", "sheet", "two small plates"],
-)
-def test_fronts_hold_the_whole_fill_and_little_else(matrix, most):
-    groups = same_pattern_groups(matrix)
-    tree = elimination_tree(groups)
-    nodes = supernodes(tree, groups.size)
-    dofs = np.concatenate([groups.members[groups.start[g] : groups.start[g + 1]] for g in tree.order])
-    weight = groups.size[tree.order]
-    stored = np.zeros((len(tree.order),) * 2, dtype=bool)
-    for pivots, rows in zip(nodes.pivots, nodes.rows, strict=True):
-        stored[np.ix_(np.concatenate([pivots, rows]), pivots)] = True
-    fill = np.abs(np.linalg.cholesky(matrix.toarray()[np.ix_(dofs, dofs)])) > 0
-    place = np.repeat(np.arange(len(weight)), weight)
-    wide = stored[np.ix_(place, place)]
-    assert (np.tril(wide) >= fill).all()
-    assert np.tril(wide).sum() < most * fill.sum()
-
-
-def test_parents_are_the_first_rows_below_the_diagonal_of_the_factor():
-    matrix = sheet(8, shift=0.1)
-    groups = same_pattern_groups(matrix)
-    tree = elimination_tree(groups)
-    first = groups.members[groups.start[:-1]][tree.order]
-    lower = np.tril(np.abs(np.linalg.cholesky(matrix.toarray()[np.ix_(first, first)])) > 1e-14, -1)
-    expected = [int(np.flatnonzero(column)[0]) if column.any() else -1 for column in lower.T]
-    assert tree.parent == expected
-
-
-def test_every_dof_is_eliminated_once_after_all_that_wait_below():
-    matrix = csr_array(block_diag([held_cube(3), sheet(5)]))
-    plan = fronts(matrix)
-    assert (np.sort(plan.order) == np.arange(matrix.shape[0])).all()
-    assert connected_components(matrix)[0] == plan.parent.count(-1) == 2
-    assert all(p > s for s, p in enumerate(plan.parent) if p >= 0)
-    assert all(
-        set(rows) <= {*range(plan.start[p], plan.start[p + 1]), *plan.rows[p]}
-        for rows, p in zip(plan.rows, plan.parent, strict=True)
-        if p >= 0
-    )
 
 
 def fill(plan):

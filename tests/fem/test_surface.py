@@ -60,10 +60,6 @@ def test_even_pressure_on_the_whole_skin_is_balanced(nectarine):
     assert np.abs(resultant).max() < 1e-9 * np.abs(load).sum()
 
 
-def test_skin_area_is_that_of_the_ball(solid_ball):
-    assert skin_quadrature(solid_ball)[1].sum() == pytest.approx(4 * np.pi * 20**2, rel=2e-3)
-
-
 def test_points_off_the_skin_are_refused(nectarine):
     with pytest.raises(
         FemFailure, match=r"1 of 2 contact points are more than 2 mm from the skin"
@@ -86,17 +82,3 @@ def test_closest_points_are_found_among_triangles_of_all_sizes():
     alone = [closest_on_triangles(points, vertices, face[None]).distance_mm for face in faces]
     assert closest.distance_mm == pytest.approx(np.min(alone, axis=0), abs=1e-12)
     assert (closest.face == np.argmin(alone, axis=0)).all()
-
-
-def test_closest_points_agree_with_brute_force():
-    rng = np.random.default_rng(5)
-    vertices, points = rng.normal(size=(40, 3)), rng.normal(size=(60, 3))
-    faces = np.array([rng.choice(40, 3, replace=False) for _ in range(50)])
-    fast = closest_on_triangles(points, vertices, faces)
-    weights = rng.dirichlet(np.full(3, 0.5), 4000)
-    weights = np.vstack([weights, np.eye(3)])
-    cloud = np.einsum("wk,fkx->fwx", weights, vertices[faces]).reshape(-1, 3)
-    brute = np.linalg.norm(points[:, None] - cloud[None], axis=2).min(axis=1)
-    assert (fast.distance_mm <= brute + 1e-12).all()
-    assert (fast.distance_mm > brute - 0.05).all()
-    assert np.allclose(np.einsum("pk,pkx->px", fast.barycentric, vertices[faces[fast.face]]), fast.point_mm)

@@ -7,7 +7,6 @@ import pytest
 
 from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
 from pipeline.fruit.input_doubts import (
-    EXPLAINS,
     Doubt,
     causes_alone,
     of_a_given_pit,
@@ -125,7 +124,7 @@ def test_unlike_faults_add_in_squares_also_where_they_are_of_one_kind():
 def test_only_the_signs_that_a_cause_explains_are_left_out():
     signs = [ModulusWarning(sign, "in whatever words") for sign in ModulusSign]
     left = causes_alone(signs, explained=signs_explained(grasp(1, gain())))
-    assert [warning.sign for warning in left] == [ModulusSign.NO_WORK, ModulusSign.ONE_FRAME]
+    assert [warning.sign for warning in left] == [ModulusSign.NO_WORK]
     assert causes_alone(signs, explained=signs_explained(grasp(1))) == signs
 
 
@@ -133,7 +132,3 @@ def test_only_the_signs_that_a_cause_explains_are_left_out():
 def test_what_E_does_not_depend_on_explains_no_sign_of_its_modulus(kind):
     harmless = Finding(kind=FindingKind(kind), rank=FindingRank.MACHINE, says="harmless")
     assert signs_explained(grasp(1, harmless)) == set()
-
-
-def test_no_finding_explains_that_a_phase_has_one_frame():
-    assert all(ModulusSign.ONE_FRAME not in signs for signs in EXPLAINS.values())

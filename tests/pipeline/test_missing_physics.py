@@ -45,9 +45,9 @@ SAID = Screened(
 )
 
 
-def estimate(E_MPa=0.5, form="first-touch"):
+def estimate(E_MPa=0.5):
     modulus = object.__new__(ModulusEstimate)
-    for name, value in (("E_MPa", E_MPa), ("form", form)):
+    for name, value in (("E_MPa", E_MPa),):
         object.__setattr__(modulus, name, value)
     return modulus
 
@@ -154,9 +154,9 @@ def test_a_fault_of_the_screen_costs_the_screen_alone_and_leaves_its_traceback(p
     assert "ZeroDivisionError: by nothing" in (place.folder / "traceback.txt").read_text()
 
 
-def test_a_grasp_whose_modulus_is_not_of_first_touch_is_left_out_and_named(place):
+def test_a_grasp_without_a_modulus_is_left_out_and_named(place):
     place.answers(SAID)
-    inference = graded(estimate(), estimate(form="absolute"))
+    inference = graded(estimate(), FemFailure(FemProblem.NO_MODULUS, "no modulus"))
     record = stage.screened_fruit(place.task, place.fruit, inference, {})
     assert [grasp.name for grasp in place.asked[0][0].grasps] == ["grasp-1"]
     assert record.note == "without grasp-2, which give no E from first contact"
