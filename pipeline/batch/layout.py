@@ -251,10 +251,6 @@ class Results:
 
     ranking = ResultPath("ranking.csv")
     ranking_json = ResultPath("ranking.json")
-    ranking_excel = ResultPath("ranking-excel.csv")
-    """ranking-excel.csv, where one is asked for."""
-    ranking_parquet = ResultPath("ranking.parquet")
-    """ranking.parquet, where one is asked for."""
     report = ResultPath("report.html")
     firmness = ResultPath("firmness.csv")
     firmness_page = ResultPath("firmness.html")

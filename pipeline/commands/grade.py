@@ -9,12 +9,9 @@ from pipeline.commands.endings import said_when_interrupted
 from pipeline.commands.machine import cores, require_libraries
 from pipeline.commands.shared_options import (
     BatchArgument,
-    ChecksumsOption,
-    ExcelOption,
     LanguageOption,
     LogOption,
     OutOption,
-    ParquetOption,
     QuietOption,
     ScreenOption,
     TimeLimitOption,
@@ -58,9 +55,6 @@ def grade(
             "--tls/--no-tls", help="Encrypt the connections to Slurm jobs and refuse other clients."
         ),
     ] = True,
-    provenance: ChecksumsOption = False,
-    excel: ExcelOption = None,
-    parquet: ParquetOption = False,
     lang: LanguageOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
@@ -79,7 +73,7 @@ def grade(
     language = chosen_language(lang)
     with elsewhere():
         from pipeline.ranking.run_summary import print_summary
-        from pipeline.run.batch_run import GradeOptions, ReportOptions
+        from pipeline.run.batch_run import GradeOptions
         from pipeline.run.console import RunConsole
         from pipeline.run.engines import WorkPlace
         from pipeline.run.grading import grade as grade_batch
@@ -93,7 +87,7 @@ def grade(
                 time_limit_s=time_limit,
                 screen=screen,
                 force=force,
-                report=ReportOptions(checksums=provenance, excel=excel, parquet=parquet, language=language),
+                language=language,
             ),
             console=RunConsole(quiet=quiet, verbose=verbose, log=log),
             place=WorkPlace(jobs=jobs, scheduler=scheduler, slurm=slurm, tls=tls),

@@ -36,7 +36,6 @@ def judge(
     language = chosen_language(lang)
     with elsewhere():
         from pipeline.batch.layout import Results
-        from pipeline.run.batch_run import ReportOptions
         from pipeline.run.console import utc_now
         from pipeline.run.judging import judge_fruit, language_of
         from pipeline.run.report_again import report_again
@@ -47,7 +46,7 @@ def judge(
     typer.echo(f"{fruit}: {verdict.judged_class}, by {verdict.by} ({E}); kept in {results.verdicts}")
     language = language if lang else language_of(results.report, language)
     try:
-        report_again(out, batch, options=ReportOptions(language=language))
+        report_again(out, batch, language=language)
     except BatchRefused as refusal:
         for problem in refusal.problems:
             typer.echo(f"the report does not show it yet: {problem}", err=True)

@@ -17,22 +17,6 @@ TimeLimitOption = Annotated[float, typer.Option(min=1, help="Time limit per frui
 ScreenOption = Annotated[
     bool, typer.Option(help="Test every fruit for physics that the model misses (about 10 s per fruit).")
 ]
-ChecksumsOption = Annotated[
-    bool, typer.Option("--provenance", help="List the SHA-256 checksums of all inputs in the report.")
-]
-ExcelOption = Annotated[
-    str | None,
-    typer.Option(
-        "--csv",
-        metavar="DIALECT",
-        help="Also write ranking-excel.csv, which opens in Excel by double click. Dialects: excel, "
-        "excel-de, excel-es, excel-fr, excel-it.",
-        show_default="none",
-    ),
-]
-ParquetOption = Annotated[
-    bool, typer.Option("--parquet", help="Also write ranking.parquet (needs the extra drupe[parquet]).")
-]
 LanguageOption = Annotated[
     str | None,
     typer.Option(

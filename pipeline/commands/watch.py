@@ -76,7 +76,7 @@ def watch(
         from pipeline.batch.layout import BatchFolder, Results
         from pipeline.batch.settings import require_settings_file
         from pipeline.ranking.run_summary import print_summary
-        from pipeline.run.batch_run import GradeOptions, ReportOptions
+        from pipeline.run.batch_run import GradeOptions
         from pipeline.run.console import RunConsole
         from pipeline.watch.device_login import network_of
         from pipeline.watch.page_server import PageServer
@@ -92,7 +92,7 @@ def watch(
             jobs=min(jobs, cores()),
             time_limit_s=time_limit,
             screen=screen,
-            report=ReportOptions(language=language),
+            language=language,
         ),
         settle_s=settle,
         idle_s=None if idle is None else 60 * idle,

@@ -1,62 +1,32 @@
 """What one run of `drupe grade` knows of its batch and of its places."""
 
-import importlib.util
 import time
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from datetime import datetime, timedelta
-from pathlib import Path
 
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import write_provenance
 from pipeline.batch.write_guard import require_free
-from pipeline.problem import refused
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.reference_ratio import ReferenceFinding
 from pipeline.run.former_results import batch_folder, require_same_batch
 from reports.language import ENGLISH
-from reports.tables import EXCEL_DIALECTS
-
-
-@dataclass(frozen=True, kw_only=True)
-class ReportOptions:
-    """What is asked for beside ranking and report: SHA-256 of the inputs in the report, a table for an Excel
-    (a name of reports.tables.EXCEL_DIALECTS), one as Parquet; and the report's language.
-    """
-
-    checksums: bool = False
-    excel: str | None = None
-    parquet: bool = False
-    language: str = ENGLISH
-
-    def tables(self, results: Results) -> tuple[Path, ...]:
-        """The tables beside the ranking that are asked for."""
-        asked = (results.ranking_excel, self.excel is not None), (results.ranking_parquet, self.parquet)
-        return tuple(path for path, wanted in asked if wanted)
-
-    def require_parts(self) -> None:
-        """Raises BatchRefused where what is asked for cannot be written here."""
-        if self.excel is not None and self.excel not in EXCEL_DIALECTS:
-            known = ", ".join(EXCEL_DIALECTS)
-            raise refused("--csv", f'found "{self.excel}", expected one of {known}.')
-        if self.parquet and importlib.util.find_spec("pyarrow") is None:
-            sentence = "needs the package pyarrow; install it with: pip install 'drupe[parquet]'."
-            raise refused("--parquet", sentence)
 
 
 @dataclass(frozen=True, kw_only=True)
 class GradeOptions:
     """How a batch is graded: `jobs` fruit at once, each within `time_limit_s`. `screen`: whether fruit are
-    screened for missing physics; `force`: whether numbers that no fruit has are only doubts. `report`: what
-    is written beside ranking and report.
+    screened for missing physics; `force`: whether numbers that no fruit has are only doubts. `language`: of
+    the report.
     """
 
     jobs: int
     time_limit_s: float
     screen: bool = True
     force: bool = False
-    report: ReportOptions = field(default_factory=ReportOptions)
+    language: str = ENGLISH
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +38,7 @@ class BatchRun:
     inputs: Mapping[str, str]
     force: bool
     screen: bool
-    options: ReportOptions
+    language: str
     started: datetime
     since_s: float
 
@@ -80,10 +50,10 @@ class BatchRun:
         """Raises BatchRefused where the results hold files of others, or another batch's. `fruit`: those
         whose files are looked at; None: all.
         """
-        results, tables = self.results, self.options.tables(self.results)
+        results = self.results
         names = self.batch.row_of if fruit is None else fruit
         of_fruit = (path for name in names for path in results.fruit(name).files)
-        require_free((*results.files, results.run, *tables, *of_fruit), "--out")
+        require_free((*results.files, results.run, *of_fruit), "--out")
         require_same_batch(results, self.batch, self.inputs, "--out")
 
     def write_provenance(

@@ -133,7 +133,6 @@ def placed(
     `began`: by the calendar, and in seconds of the monotonic clock. `hashed`: whether its inputs are, which a
     report needs.
     """
-    options.report.require_parts()
     results = Results(out or batch.folder.default_results)
     require_results_place(results.root, batch.folder, "--out")
     return BatchRun(
@@ -142,7 +141,7 @@ def placed(
         inputs=input_hashes(batch.folder.root, _inputs(batch)) if hashed else {},
         force=options.force,
         screen=options.screen,
-        options=options.report,
+        language=options.language,
         started=began[0],
         since_s=began[1],
     )

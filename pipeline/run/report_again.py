@@ -16,18 +16,17 @@ from pipeline.batch.results_lock import results_lock
 from pipeline.exit_status import INTERRUPTED
 from pipeline.files.plain_file import printable
 from pipeline.problem import refused
-from pipeline.run.batch_run import BatchRun, ReportOptions
+from pipeline.run.batch_run import BatchRun
 from pipeline.run.reporting import report_of_records
 from reports.entries import BatchEntry
 
 
-def report_again(out: Path, batch: Path | None, *, options: ReportOptions) -> BatchEntry | None:
+def report_again(out: Path, batch: Path | None, *, language: str) -> BatchEntry | None:
     """Writes ranking and report of the records in `out`, by the batch.toml of now; what the report says.
 
     `batch`: the batch's folder, where it is no longer where it was graded. None where fruit are still missing
     and the page says so. Raises BatchRefused where there is nothing to report, and NotWritten.
     """
-    options.require_parts()
     results = Results(out)
     said = require_provenance(results)
     root = batch or Path(str(said.get("batch", "")))
@@ -44,7 +43,7 @@ def report_again(out: Path, batch: Path | None, *, options: ReportOptions) -> Ba
         inputs=_hashes(said),
         force=bool(said.get("force")),
         screen=bool(said.get("screened", True)),
-        options=options,
+        language=language,
         started=started,
         since_s=time.monotonic() - (ended - started).total_seconds(),
     )

@@ -17,7 +17,7 @@ from pipeline.ranking.report_entries import batch_entry
 from pipeline.run.batch_run import BatchRun
 from reports.entries import BatchEntry, Unfinished
 from reports.page import report_html
-from reports.tables import ranking_csv, ranking_excel, ranking_json, ranking_parquet
+from reports.tables import ranking_csv, ranking_json
 
 LEAST_S = 2.0
 """Seconds between two reports of a run that goes on, at least. Set by hand: nobody reads faster."""
@@ -41,7 +41,6 @@ def report(run: BatchRun, records: MutableMapping[str, FruitRecord]) -> tuple[in
     _write(entry, run)
     outcomes = {record.fruit_id: record.outcome for record in measured}
     run.write_provenance(outcomes, status, finding, faults)
-    _write_tables(entry, run)
     return status, entry
 
 
@@ -110,7 +109,6 @@ class ReportSoFar:
         )
         with suppress(NotWritten):
             _write(entry, run)
-            _write_tables(entry, run)
         return entry
 
 
@@ -141,18 +139,7 @@ def entry_of(run: BatchRun) -> partial[BatchEntry]:
 def _write(entry: BatchEntry, run: BatchRun) -> None:
     write_whole(run.results.ranking, ranking_csv(entry))
     write_whole(run.results.ranking_json, ranking_json(entry))
-    page = report_html(entry, provenance=run.options.checksums, language=run.options.language)
-    write_whole(run.results.report, page)
-
-
-def _write_tables(entry: BatchEntry, run: BatchRun) -> None:
-    """The tables that are asked for, after all else: one that cannot be replaced costs nothing more. Raises
-    NotWritten.
-    """
-    if run.options.excel is not None:
-        write_whole(run.results.ranking_excel, ranking_excel(entry, dialect=run.options.excel))
-    if run.options.parquet:
-        write_whole(run.results.ranking_parquet, ranking_parquet(entry))
+    write_whole(run.results.report, report_html(entry, language=run.language))
 
 
 def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:
