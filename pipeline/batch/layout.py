@@ -15,7 +15,6 @@ from recon.cameras.unused_photos import unused_photos
 from tactile.io.raw_grasp import files_of
 from tactile.io.recording import is_of_bare_indenter
 
-CACHE_FILE = re.compile(r"[^/]+\.(npz|h5|json|part)")
 """What stages keep."""
 
 

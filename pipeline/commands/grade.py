@@ -10,7 +10,6 @@ from pipeline.commands.machine import cores, require_libraries
 from pipeline.commands.shared_options import (
     BatchArgument,
     LanguageOption,
-    LogOption,
     OutOption,
     QuietOption,
     ScreenOption,
@@ -58,7 +57,6 @@ def grade(
     lang: LanguageOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
-    log: LogOption = None,
 ) -> None:
     """Grade a batch: compute E of every fruit and write ranking.csv and report.html.
 
@@ -74,9 +72,9 @@ def grade(
     with elsewhere():
         from pipeline.ranking.run_summary import print_summary
         from pipeline.run.batch_run import GradeOptions
-        from pipeline.run.console import RunConsole
         from pipeline.run.engines import WorkPlace
         from pipeline.run.grading import grade as grade_batch
+        from pipeline.run.progress import RunConsole
 
     with said_when_interrupted("; drupe kept the finished fruit. Run the same command again to continue."):
         status, entry = grade_batch(
@@ -89,7 +87,7 @@ def grade(
                 force=force,
                 language=language,
             ),
-            console=RunConsole(quiet=quiet, verbose=verbose, log=log),
+            console=RunConsole(quiet=quiet, verbose=verbose),
             place=WorkPlace(jobs=jobs, scheduler=scheduler, slurm=slurm, tls=tls),
         )
     if not quiet:

@@ -32,10 +32,6 @@ QuietOption = Annotated[
 VerboseOption = Annotated[
     bool, typer.Option("--verbose", "-v", help="Print a line for every stage of every fruit.")
 ]
-LogOption = Annotated[
-    Path | None,
-    typer.Option("--log", metavar="FILE", help="Append every line to this file, with its time in UTC."),
-]
 SheetOption = Annotated[
     str | None, typer.Option(metavar="NAME", help="The sheet to read from a spreadsheet.")
 ]

@@ -3,7 +3,7 @@
 import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import Batch
@@ -13,6 +13,11 @@ from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.reference_ratio import ReferenceFinding
 from pipeline.run.former_results import batch_folder, require_same_batch
 from reports.language import ENGLISH
+
+
+def utc_now() -> datetime:
+    """The time now, aware of its zone."""
+    return datetime.now(UTC)
 
 
 @dataclass(frozen=True, kw_only=True)

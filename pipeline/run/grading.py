@@ -22,8 +22,7 @@ from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.problem import BatchRefused, Problem, refused
 from pipeline.ranking.run_summary import decimals
-from pipeline.run.batch_run import BatchRun, GradeOptions
-from pipeline.run.console import utc_now
+from pipeline.run.batch_run import BatchRun, GradeOptions, utc_now
 from pipeline.run.engines import WorkPlace, cluster_of
 from pipeline.run.fruit_queue import FruitQueue
 from pipeline.run.fruit_records import ended_record, with_forced

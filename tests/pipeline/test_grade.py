@@ -20,7 +20,7 @@ from pipeline.problem import BatchRefused
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.run import grading as grading
 from pipeline.run import reporting
-from pipeline.run.batch_run import BatchRun, GradeOptions, ReportOptions
+from pipeline.run.batch_run import BatchRun, GradeOptions
 from pipeline.run.reporting import ReportSoFar
 from reports.grasp_record import GraspRecord
 
@@ -252,7 +252,7 @@ def test_page_and_table_are_there_from_the_first_fruit_on_and_at_a_bounded_cost(
     opened, results = open_batch(batch), Results(batch / "results")
     run = BatchRun(
         batch=opened, results=results, inputs={}, force=False, screen=True,
-        options=ReportOptions(), started=datetime(2026, 8, 14, tzinfo=UTC), since_s=0.0,
+        language="en", started=datetime(2026, 8, 14, tzinfo=UTC), since_s=0.0,
     )  # fmt: skip
     results.claim()
     records, clock = {}, Clock()

@@ -132,7 +132,7 @@ def test_results_that_another_run_writes_are_refused_until_it_ends(tmp_path):
 
 
 def test_a_lock_that_was_removed_before_it_was_taken_keeps_nobody_out(tmp_path, monkeypatch):
-    """`drupe clean` ends just as a run begins: the next run must meet the lock that this one holds."""
+    """Somebody deletes the lock just as a run begins: the next run must meet the lock that this one holds."""
     out, opened = tmp_path / "out", os.open
 
     def removed_at_once(path, *arguments, **named):

@@ -196,7 +196,6 @@ def test_provenance_is_all_there_and_in_utc(awkward_batch):
         "exit status 3",
         "poisson_ratio",
         "0.1.0",
-        "drupe grade --provenance",
     ):
         assert words in shown
 

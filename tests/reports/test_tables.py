@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 import pytest
 
 from reports.entries import BatchEntry, FruitEntry, ScreenEntry, Suspect
-from reports.tables import ranking_csv, ranking_excel, safe_cell
+from reports.tables import ranking_csv, safe_cell
 
 Make = Callable[..., FruitEntry]
 SUSPECTS = tuple(Suspect(name=name, short="", advice="") for name in ("skin", "poisson_ratio"))
@@ -87,13 +87,8 @@ def test_no_separator_makes_a_formula_of_a_part_of_a_cell(text, separator, awkwa
         fruit_id=text, ok=False, outcome="x", reason=text, mismatch=text, warnings=(text, text)
     )
     batch = replace(awkward_batch, fruits=(fruit,))
-    for table in (
-        ranking_csv(batch),
-        ranking_excel(batch, dialect="excel-de"),
-        ranking_excel(batch, dialect="excel"),
-    ):
-        for cell in cells_by(table, separator):
-            assert not cell.startswith(("=", "+", "-", "@", "\uff1d")), cell
+    for cell in cells_by(ranking_csv(batch), separator):
+        assert not cell.startswith(("=", "+", "-", "@", "\uff1d")), cell
     assert safe_cell(safe_cell(text)) == safe_cell(text)
 
 

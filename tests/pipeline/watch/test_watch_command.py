@@ -71,7 +71,6 @@ def test_fruit_that_were_just_graded_are_not_called_unchanged_but_those_of_an_ea
     [
         (["nowhere"], "nowhere: does not exist; give an existing batch folder."),
         (["batch.toml"], "is a file; give the batch folder."),
-        ([".", "--log", "nowhere/run.log"], "run.log: cannot be written"),
     ],
 )
 def test_no_address_is_given_where_watching_cannot_begin(batch, drupe, monkeypatch, wrong, said):
