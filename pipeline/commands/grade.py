@@ -48,12 +48,6 @@ def grade(
             "fruit at a time.",
         ),
     ] = False,
-    tls: Annotated[
-        bool,
-        typer.Option(
-            "--tls/--no-tls", help="Encrypt the connections to Slurm jobs and refuse other clients."
-        ),
-    ] = True,
     lang: LanguageOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
@@ -88,7 +82,7 @@ def grade(
                 language=language,
             ),
             console=RunConsole(quiet=quiet, verbose=verbose),
-            place=WorkPlace(jobs=jobs, scheduler=scheduler, slurm=slurm, tls=tls),
+            place=WorkPlace(jobs=jobs, scheduler=scheduler, slurm=slurm),
         )
     if not quiet:
         print_summary(entry, out or batch / "results", console=Console())
