@@ -27,8 +27,7 @@ from pipeline.batch.records import read_record, write_record
 from pipeline.files.manifest import enter, writing_alone
 from pipeline.run import grading
 from pipeline.run.batch_run import GradeOptions
-from pipeline.run.console import RunConsole
-from pipeline.run.progress import BatchProgress
+from pipeline.run.progress import BatchProgress, RunConsole
 from pipeline.run.reporting import ReportSoFar
 from pipeline.run.scheduling import Finished
 from recon.surface.mesh_file import read_mesh, write_mesh

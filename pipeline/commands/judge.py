@@ -38,7 +38,7 @@ def judge(
     with elsewhere():
         from pipeline.batch.layout import Results
         from pipeline.run.judging import judge_fruit, language_of
-        from pipeline.run.report_again import report_again
+        from pipeline.run.reporting import report_again
         from reports.words import with_sd
     results = Results(out)
     verdict = judge_fruit(results, fruit, judged_class=judged_class, by=by, why=why, now=datetime.now(UTC))

@@ -27,7 +27,7 @@ def report(
     """
     with elsewhere():
         from pipeline.ranking.run_summary import print_summary
-        from pipeline.run.report_again import report_again
+        from pipeline.run.reporting import report_again
     entry = report_again(out, batch, language=chosen_language(lang))
     if entry is None:
         typer.echo(

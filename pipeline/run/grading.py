@@ -24,14 +24,11 @@ from pipeline.problem import BatchRefused, Problem, refused
 from pipeline.ranking.run_summary import decimals
 from pipeline.run.batch_run import BatchRun, GradeOptions, utc_now
 from pipeline.run.engines import WorkPlace, cluster_of
-from pipeline.run.fruit_queue import FruitQueue
-from pipeline.run.fruit_records import ended_record, with_forced
-from pipeline.run.fruit_work import work_on
+from pipeline.run.fruit_queue import FruitQueue, ended_record, with_forced
 from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit, share_MiB
-from pipeline.run.packed_records import PackedRecords
 from pipeline.run.progress import BatchProgress
-from pipeline.run.reporting import ReportSoFar, report
-from pipeline.run.runner import LocalPool
+from pipeline.run.reporting import ReportSoFar, outcomes_of, report
+from pipeline.run.runner import LocalPool, work_on
 from pipeline.run.scheduling import Died, Engine, Event, Finished, Noted, Progressed, TimedOut, run_on
 from recon.learned.onnx_file import model_files
 from reports.entries import BatchEntry
@@ -68,25 +65,26 @@ def grade(
         run.require_ours()
     with results_lock(run.results.root):
         run.require_ours()
-        records, fruit = PackedRecords(), run.batch.row_of
+        records: dict[str, FruitRecord] = {}
+        fruit = run.batch.row_of
         so_far = ReportSoFar(run, records)
         queue = begun(run, fruit, records, console=console, mark=place.mark)
         say_begun(queue, run, console)
         with suppress(NotWritten):
-            run.write_provenance(records.outcomes, None)
+            run.write_provenance(outcomes_of(records), None)
         try:
             grade_queue(queue, run, options, lambda _: so_far.write_when_due(), console=console, place=place)
         except (KeyboardInterrupt, BatchRefused) as stopped:
             with suppress(NotWritten):
                 status = INTERRUPTED if isinstance(stopped, KeyboardInterrupt) else USAGE
-                run.write_provenance(records.outcomes, status)
+                run.write_provenance(outcomes_of(records), status)
             so_far.write(interrupted=True)
             raise
         return report(run, records)
 
 
 def begun(
-    run: BatchRun, chosen: Collection[str], records: PackedRecords, *, console: Console, mark: str
+    run: BatchRun, chosen: Collection[str], records: dict[str, FruitRecord], *, console: Console, mark: str
 ) -> FruitQueue:
     """Makes the results ready for the `chosen` fruit of a run, of which those that an earlier run graded as
     they are get their record; the queue of the others. The caller holds the lock of the results.

@@ -3,6 +3,7 @@ only.
 """
 
 import ctypes
+import gc
 import logging
 import multiprocessing
 import os
@@ -12,12 +13,12 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import wait
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from pebble import ProcessExpired
 from pebble.concurrent import process
@@ -26,6 +27,10 @@ from pipeline.batch.scratch import environment, scratch, temporary_files_in
 from pipeline.lack_of_memory import IN_WORDS
 from pipeline.run.scheduling import Died, Event, Finished, Noted, Progressed, TimedOut
 from pipeline.safe_start import uncollected
+
+if TYPE_CHECKING:
+    from pipeline.batch.records import FruitRecord
+    from pipeline.batch.task import FruitTask
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -270,3 +275,18 @@ def _fruit(parent: int, folder: Path, log: Path, output: Path, packed: bytes) ->
             file.write(f"{line}\n")
 
     return work(task, report)
+
+
+def work_on(task: "FruitTask", report: Callable[[str], None]) -> "FruitRecord":
+    """What a fruit's process does for a run: it grades the fruit; the record, which is written.
+
+    The process that hands out fruit names this function and never runs it: it imports what it needs.
+    """
+    with uncollected():
+        from pipeline.fruit.lean_open3d import load_open3d
+
+        load_open3d()
+        from pipeline.fruit.stages import grade_fruit
+
+    gc.freeze()  # what was imported stays until the process ends: it is not looked through for garbage
+    return grade_fruit(task, report)

@@ -13,11 +13,10 @@ from pipeline.files import manifest
 from pipeline.ranking import report_entries
 from pipeline.run import fruit_queue, grading
 from pipeline.run.batch_run import GradeOptions
-from pipeline.run.packed_records import PackedRecords
 
 
 def test_a_newcomer_costs_the_same_however_many_fruit_there_are(batch, watched, monkeypatch):
-    """Records read and unpacked, files hashed, tasks made: of the newcomer alone."""
+    """Records read, files hashed, tasks made: of the newcomer alone."""
     reports_take(monkeypatch, watched, 10.0)
     counts, spent = Counter(), {}
 
@@ -32,7 +31,7 @@ def test_a_newcomer_costs_the_same_however_many_fruit_there_are(batch, watched, 
 
     for module, name in (
         (fruit_queue, "read_record"), (fruit_queue, "fruit_task"), (cache, "file_hash"),
-        (provenance, "file_hash"), (manifest, "_hash"), (PackedRecords, "__getitem__"),
+        (provenance, "file_hash"), (manifest, "_hash"),
         (report_entries, "_fruit_entry"),
     ):  # fmt: skip
         counted(module, name)
