@@ -26,7 +26,7 @@ from pipeline.problem import nearest, refused
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import read_mesh
 from reports.tables import safe_cell
-from reports.trade_page import SizeEffect, TradeEntry, TradeFruit, TradeWords, trade_html
+from reports.trade_page import SizeEffect, TradeFruit, trade_html
 from reports.words import with_sd
 
 DIAMETERS_mm = (20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)
@@ -100,21 +100,15 @@ def _write(
     table = _table(fruit, tests, graded_utc)
     write_whole(results.firmness, table.to_csv(index=False, lineterminator="\n"))
     moduli = [row.E_MPa for row in fruit if row.readings and row.E_MPa]
-    entry = TradeEntry(
+    page = trade_html(
+        tests,
+        fruit,
+        _sizes(tests, E_MPa=statistics.median(moduli or [0.5])),
         made_utc=now,
         graded_utc=graded_utc,
         folder=printable(str(results.root)),
-        tests=tuple(_words(test) for test in tests),
-        fruit=tuple(fruit),
-        sizes=_sizes(tests, E_MPa=statistics.median(moduli or [0.5])),
     )
-    write_whole(results.firmness_page, trade_html(entry))
-
-
-def _words(test: TradeTest) -> TradeWords:
-    source = ". ".join(filter(None, (test.source, test.caveat)))
-    drawn_for = "no pit, large fruit" if test.under_ball else ""
-    return TradeWords(name=test.name, title=test.title, unit=test.unit, source=source, drawn_for=drawn_for)
+    write_whole(results.firmness_page, page)
 
 
 def _limits(texts: Sequence[str], tests: Sequence[TradeTest]) -> list[Limit]:

@@ -281,16 +281,6 @@ def test_no_suite_without_encryption_or_certificate_is_offered(server):
         assert all(suite["auth"] != "auth-null" and suite["strength_bits"] >= 128 for suite in offered)
 
 
-def test_an_address_in_a_header_is_not_believed(server):
-    assert server._server.config.proxy_headers is False
-
-
-def test_a_session_ends_after_its_time(server, time_s):
-    cookie = session(server)
-    time_s[0] += device_login.SESSION_S + 1
-    assert ask(server, "/", Cookie=cookie)[0] == 303
-
-
 @pytest.mark.parametrize(
     "headers",
     [{"Sec_Fetch_Site": "cross-site"}, {"Sec_Fetch_Site": "same-site"}, {"Sec_Fetch_Site": "none"}],
