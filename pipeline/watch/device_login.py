@@ -14,7 +14,7 @@ from starlette.routing import Route
 from pipeline.problem import BatchRefused, refused
 from pipeline.watch.devices import KnownDevice, device_with, hash_of, read_devices
 from pipeline.watch.forms import form_of
-from reports.login_page import login_html
+from reports.kiosk_page import login_html
 
 THIS_MACHINE = "127.0.0.1", "localhost"
 """Where the page listens without a network."""

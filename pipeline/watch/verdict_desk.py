@@ -12,8 +12,7 @@ from pipeline.ranking.report_entries import verdict_entry
 from pipeline.run.batch_run import utc_now
 from pipeline.run.judging import judge_fruit
 from reports.entries import FruitEntry, VerdictEntry
-from reports.judge_page import judge_html
-from reports.kiosk_page import KioskEntry, kiosk_html, led_to
+from reports.kiosk_page import KioskEntry, judge_html, kiosk_html, led_to
 from reports.language import spoken
 
 
