@@ -159,9 +159,10 @@ def judge_html(
     written: Mapping[str, str] | None = None,
     language: str = ENGLISH,
 ) -> str:
-    """The page on which a person gives a verdict on a fruit, with its E and earlier verdicts. It has no script.
+    """The page on which a person gives a verdict on a fruit, with its E and earlier verdicts; without script.
 
-    `classes`: of the batch; without any the class is free text. `fault`: why the verdict was not kept, with what was `written`.
+    `classes`: of the batch; without any the class is free text. `fault`: why the verdict was not kept, with
+    what was `written`.
     """
     with spoken(language):
         template = page_environment().get_template("templates/judge.html.j2")
@@ -169,7 +170,9 @@ def judge_html(
 
 
 def login_html(status: int, *, language: str = ENGLISH) -> str:
-    """The page on which a device sends its token; it has no script. `status` of HTTP: 200, or why the last try failed."""
+    """The page on which a device sends its token, without script. `status` of HTTP: 200, or why the last try
+    failed.
+    """
     with spoken(language):
         faults = {
             401: say("This token is not known."),

@@ -14,7 +14,6 @@ from small_batches import batch_of_balls, write_ball
 
 from pipeline.batch.layout import Results, write_whole
 from pipeline.batch.opening import open_batch
-from pipeline.batch.outcome import Outcome
 from pipeline.batch.records import ScreenRecord, read_record, write_record
 from pipeline.problem import BatchRefused
 from pipeline.ranking.batch_faults import BatchFault
@@ -23,23 +22,6 @@ from pipeline.run import reporting
 from pipeline.run.batch_run import BatchRun, GradeOptions
 from pipeline.run.reporting import ReportSoFar
 from reports.grasp_record import GraspRecord
-
-
-def record(outcome, reason=""):
-    return graded("A", 900.0, sd=1 / 30, changes={"outcome": outcome, "reason": reason})
-
-
-def test_the_progress_line_of_a_refused_fruit_is_its_reason_and_no_modulus():
-    said = grading._in_a_line(record(Outcome.IMPLAUSIBLE_MODULUS.code, "E would be 900 MPa"))
-    assert said == "implausible-modulus: E would be 900 MPa"
-    assert grading._in_a_line(record("graded")) == "E = 900.000 ± 30.000 MPa"
-
-
-def test_the_progress_line_of_a_fruit_in_doubt_names_the_cause():
-    doubted = record("graded").model_copy(update={"doubts": ("g: one marker in ten is dead.", "a pit")})
-    said = grading._in_a_line(doubted)
-    assert said == "E = 900.000 ± 30.000 MPa, in doubt (see the causes below)"
-
 
 SOUND = "fruit_id,mass_g\nA,90\nB,90\n"
 ONE_IN_KG = "fruit_id,mass_g\nA,0.09\nB,90\n"
@@ -158,11 +140,6 @@ def test_a_fruit_whose_E_is_in_doubt_has_no_class_and_the_others_have(batch, run
     page = (batch / "results" / "report.html").read_text()
     assert 'withheld <span class="soft">E in doubt</span>' in page
     assert page.count("class withheld because E is in doubt") == 1
-
-
-def test_a_fruit_in_doubt_of_a_batch_without_classes_has_none_withheld(batch, run):
-    run(SOUND)
-    assert "withheld" not in (batch / "results" / "report.html").read_text()
 
 
 def test_a_fruit_whose_numbers_no_fruit_has_is_graded_when_forced_and_refused_otherwise(batch, run):
