@@ -52,7 +52,7 @@ class PromptHTTP(H11Protocol):
     def connection_made(self, transport: Any) -> None:
         """The time for the first request begins."""
         super().connection_made(transport)
-        self._deadline = self.loop.call_later(REQUEST_S, self._end_if_waiting)
+        self._deadline: asyncio.TimerHandle = self.loop.call_later(REQUEST_S, self._end_if_waiting)
 
     def connection_lost(self, exc: Exception | None) -> None:
         """There is no time to keep any more."""
@@ -62,7 +62,7 @@ class PromptHTTP(H11Protocol):
     def on_response_complete(self) -> None:
         """The time for the next request begins."""
         self._deadline.cancel()
-        self._deadline: asyncio.TimerHandle = self.loop.call_later(REQUEST_S, self._end_if_waiting)
+        self._deadline = self.loop.call_later(REQUEST_S, self._end_if_waiting)
         super().on_response_complete()
 
     def _end_if_waiting(self) -> None:
