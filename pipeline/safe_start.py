@@ -24,7 +24,7 @@ if not sys.flags.safe_path and not _asked_for and _is_here(sys.path[0]):
 
 import gc  # noqa: E402 - from here on imports are Python's own
 from collections.abc import Iterator  # noqa: E402
-from contextlib import AbstractContextManager, chdir, contextmanager, nullcontext  # noqa: E402
+from contextlib import contextmanager  # noqa: E402
 from pathlib import Path  # noqa: E402
 
 from pipeline.interruption import held_back  # noqa: E402
@@ -58,10 +58,17 @@ def elsewhere() -> Iterator[None]:
         os.environ["LD_LIBRARY_PATH"] = os.pathsep.join(entries)
 
 
-def _own_folder() -> AbstractContextManager[None]:
-    """The package's folder as the current one; the current one stays where it is gone."""
+@contextmanager
+def _own_folder() -> Iterator[None]:
+    """Inside the block the package's folder is the current one, unless the current one cannot be opened."""
     try:
-        Path.cwd()
+        here = os.open(os.curdir, os.O_RDONLY)
     except OSError:
-        return nullcontext()
-    return chdir(Path(__file__).resolve().parent)
+        yield
+        return
+    try:
+        os.chdir(Path(__file__).resolve().parent)
+        yield
+    finally:
+        os.fchdir(here)
+        os.close(here)

@@ -54,7 +54,7 @@ def trade_numbers(
     results = Results(out)
     said = require_provenance(results)
     names = _fruit_names(results, said)
-    asked = _limits(limits, tests)
+    asked = [_limit(text, tests) for text in limits]
     graded_utc = str(said.get("finished_utc") or "")
     done: list[TradeFruit] = []
     with results_lock(out):
@@ -109,16 +109,6 @@ def _write(
         folder=printable(str(results.root)),
     )
     write_whole(results.firmness_page, page)
-
-
-def _limits(texts: Sequence[str], tests: Sequence[TradeTest]) -> list[Limit]:
-    limits = [_limit(text, tests) for text in texts]
-    columns = [_column(limit) for limit in limits]
-    for k, column in enumerate(columns):
-        if column in columns[:k]:
-            sentence = f'found "{printable(texts[k][:80])}", which has the same column {column} as another.'
-            raise refused("--limit", sentence)
-    return limits
 
 
 def _limit(text: str, tests: Sequence[TradeTest]) -> Limit:
