@@ -27,7 +27,7 @@ from pipeline.run.engines import WorkPlace, cluster_of
 from pipeline.run.fruit_queue import FruitQueue, ended_record, with_forced
 from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit, share_MiB
 from pipeline.run.progress import BatchProgress
-from pipeline.run.reporting import ReportSoFar, outcomes_of, report
+from pipeline.run.reporting import ReportPace, outcomes_of, report, report_so_far
 from pipeline.run.runner import LocalPool, work_on
 from pipeline.run.scheduling import Died, Engine, Event, Finished, Noted, Progressed, TimedOut, run_on
 from recon.learned.onnx_file import model_files
@@ -67,18 +67,25 @@ def grade(
         run.require_ours()
         records: dict[str, FruitRecord] = {}
         fruit = run.batch.row_of
-        so_far = ReportSoFar(run, records)
+        pace = ReportPace()
+
+        def report_when_due(_: FruitRecord) -> None:
+            """The end writes the report of all fruit."""
+            if len(records) < len(fruit) and pace.due():
+                with pace.reporting():
+                    report_so_far(run, records)
+
         queue = begun(run, fruit, records, console=console, mark=place.mark)
         say_begun(queue, run, console)
         with suppress(NotWritten):
             run.write_provenance(outcomes_of(records), None)
         try:
-            grade_queue(queue, run, options, lambda _: so_far.write_when_due(), console=console, place=place)
+            grade_queue(queue, run, options, report_when_due, console=console, place=place)
         except (KeyboardInterrupt, BatchRefused) as stopped:
             with suppress(NotWritten):
                 status = INTERRUPTED if isinstance(stopped, KeyboardInterrupt) else USAGE
                 run.write_provenance(outcomes_of(records), status)
-            so_far.write(interrupted=True)
+            report_so_far(run, records, interrupted=True)
             raise
         return report(run, records)
 

@@ -81,48 +81,27 @@ class ReportPace:
             self._took_s = self._ended_s - began
 
 
-class ReportSoFar:
-    """ranking.csv and report.html of the fruit that are done, from the first one on, while a run goes on.
+def report_so_far(
+    run: BatchRun, records: Mapping[str, FruitRecord], *, interrupted: bool = False
+) -> BatchEntry | None:
+    """Replaces ranking and report by those of the fruit that are done; what they say, None where none is.
 
-    They are replaced as a whole. A run with nothing to do writes none. What cannot be written now is left to
-    the end of the run, which says so.
+    What cannot be written now is left to the end of the run, which says so.
     """
-
-    def __init__(
-        self,
-        run: BatchRun,
-        records: Mapping[str, FruitRecord],
-        *,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._run, self._records, self._pace = run, records, ReportPace(clock)
-
-    def write_when_due(self) -> None:
-        """Writes unless the last report is too near, or all fruit are done, which the end writes."""
-        if self._pace.due() and len(self._records) < len(self._run.batch.rows):
-            self.write()
-
-    def write(self, *, interrupted: bool = False) -> BatchEntry | None:
-        """Writes the report of the records there are; what it says, None where there are none."""
-        with self._pace.reporting():
-            return self._write(interrupted=interrupted)
-
-    def _write(self, *, interrupted: bool) -> BatchEntry | None:
-        run = self._run
-        measured = [self._records[row.fruit_id] for row in run.batch.rows if row.fruit_id in self._records]
-        if not measured:
-            return None
-        in_order, finding = compared(copies_doubted(measured, run.batch.folder), run.batch.settings)
-        entry = entry_of(run)(
-            in_order,
-            exit_status=None,
-            finding=finding,
-            faults=batch_faults(in_order),
-            unfinished=Unfinished(done=len(measured), total=len(run.batch.rows), interrupted=interrupted),
-        )
-        with suppress(NotWritten):
-            _write(entry, run)
-        return entry
+    measured = [records[row.fruit_id] for row in run.batch.rows if row.fruit_id in records]
+    if not measured:
+        return None
+    in_order, finding = compared(copies_doubted(measured, run.batch.folder), run.batch.settings)
+    entry = entry_of(run)(
+        in_order,
+        exit_status=None,
+        finding=finding,
+        faults=batch_faults(in_order),
+        unfinished=Unfinished(done=len(measured), total=len(run.batch.rows), interrupted=interrupted),
+    )
+    with suppress(NotWritten):
+        _write(entry, run)
+    return entry
 
 
 def report_of_records(
@@ -134,7 +113,7 @@ def report_of_records(
     """
     if all(row.fruit_id in records for row in run.batch.rows):
         return report(run, records)
-    return INTERRUPTED, ReportSoFar(run, records).write(interrupted=True)
+    return INTERRUPTED, report_so_far(run, records, interrupted=True)
 
 
 def entry_of(run: BatchRun) -> partial[BatchEntry]:
