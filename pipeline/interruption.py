@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from typing import Any
 
 SAID = "drupe: interrupted\n"
-USUAL: dict[signal.Signals, Any] = {
+HANDLERS: dict[signal.Signals, Any] = {
     signal.SIGTERM: signal.SIG_DFL,
     signal.SIGHUP: signal.SIG_DFL,
     signal.SIGINT: signal.default_int_handler,
@@ -21,7 +21,7 @@ def held_back() -> Iterator[None]:
     An exception that is raised while a library sets itself up leaves half a library behind, and the
     interpreter's own end then crashes in it or takes its exit status (Open3D, pycolmap).
     """
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, USUAL)
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, HANDLERS)
     try:
         yield
     finally:
@@ -45,7 +45,7 @@ def ended_like_ctrl_c() -> Iterator[list[int]]:
             signal.signal(number, signal.SIG_DFL)
         raise KeyboardInterrupt
 
-    handled = [number for number, handler in USUAL.items() if signal.getsignal(number) == handler]
+    handled = [number for number, handler in HANDLERS.items() if signal.getsignal(number) == handler]
     for number in handled:
         signal.signal(number, interrupt)
     try:
@@ -53,4 +53,4 @@ def ended_like_ctrl_c() -> Iterator[list[int]]:
         yield came
     finally:
         for number in handled:
-            signal.signal(number, USUAL[number])
+            signal.signal(number, HANDLERS[number])
