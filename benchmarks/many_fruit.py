@@ -27,9 +27,7 @@ from pipeline.batch.records import read_record, write_record
 from pipeline.files.manifest import enter, writing_alone
 from pipeline.run import grading
 from pipeline.run.batch_run import GradeOptions
-from pipeline.run.console import RunConsole
-from pipeline.run.progress import BatchProgress
-from pipeline.run.reporting import ReportSoFar
+from pipeline.run.progress import BatchProgress, RunConsole
 from pipeline.run.scheduling import Finished
 from recon.surface.mesh_file import read_mesh, write_mesh
 
@@ -182,7 +180,7 @@ def simulate(graded: Path, batch: Path, *, jobs: int, work_s: float, reports: bo
 
     grading.BatchProgress, grading.report, fruits_table.MOST_FRUIT = Measured, timed_report, 10**6
     if not reports:
-        ReportSoFar.write = lambda _self, **_: None
+        grading.report_so_far = lambda *_, **_how: None
     grading._engine = lambda *_: Simulated(ended, jobs=jobs, work_s=work_s)
     how = GradeOptions(jobs=jobs, time_limit_s=600)
     status, _ = grading.grade(batch, None, how, console=RunConsole(quiet=True))

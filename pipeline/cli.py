@@ -18,7 +18,6 @@ from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.scratch import PREFIX
 from pipeline.commands.calibrate import calibrate
 from pipeline.commands.check import check
-from pipeline.commands.clean import clean
 from pipeline.commands.convert import convert
 from pipeline.commands.device import device
 from pipeline.commands.doctor import doctor
@@ -41,7 +40,6 @@ from pipeline.files.plain_file import printable
 from pipeline.files.whole_file import NotWritten
 from pipeline.interruption import SAID, ended_like_ctrl_c
 from pipeline.lack_of_memory import is_lack_of_memory, too_little_memory
-from pipeline.library_output import logs_apart
 from pipeline.problem import BatchRefused
 from pipeline.run.memory import free_memory_MiB
 
@@ -97,7 +95,6 @@ COMMANDS: dict[Callable[..., None], str] = {
     mat: "Write the marker mat (PDF to print) and its mat.json.",
     sample: "Write a synthetic batch with known answers.",
     schema: "Print the JSON schema of batch.toml, for editors.",
-    clean: "Remove the files that drupe keeps to avoid recomputation.",
     doctor: "Check whether this machine can grade.",
 }
 """Commands, and what the list of them says of each in one line of 80 columns."""
@@ -133,7 +130,7 @@ def main() -> None:
     """Runs the command; every error that a user can mend is one line on standard error, never a traceback."""
     came: list[int] = []
     try:
-        with ended_like_ctrl_c() as came, logs_apart():
+        with ended_like_ctrl_c() as came:
             app(prog_name="drupe")
     except KeyboardInterrupt:
         sys.stderr.write(SAID)

@@ -1,86 +1,56 @@
-"""Being told to end: Ctrl-C, SIGTERM and a terminal that is closed are one interruption.
+"""Being told to end: Ctrl-C, SIGTERM and a terminal that is closed are one interruption."""
 
-Before the command has begun, Ctrl-C ends the process there and then: only modules are imported until then and
-nothing is written.
-"""
-
-import os
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from pipeline.exit_status import INTERRUPTED
-
-STANDARD_ERROR = 2
-"""Its file descriptor (POSIX, STDERR_FILENO)."""
-terminal = STANDARD_ERROR
-"""Where standard error leads to now: another descriptor where native libraries have that one."""
 SAID = "drupe: interrupted\n"
-_loading: list[str] = []
-"""An entry for each block of `ends_at_once` that is open."""
-
-
-def end_at_once(_number: int, _frame: object) -> None:
-    """A handler of SIGINT: one line, exit status 130."""
-    os.write(terminal, SAID.encode())
-    os._exit(INTERRUPTED)
-
-
-def begin() -> None:
-    """Ctrl-C is `end_at_once` from now on, unless somebody else handles or ignores it."""
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, end_at_once)
+HANDLERS: dict[signal.Signals, Any] = {
+    signal.SIGTERM: signal.SIG_DFL,
+    signal.SIGHUP: signal.SIG_DFL,
+    signal.SIGINT: signal.default_int_handler,
+}
+"""Signals that interrupt, and what they do in a Python that nobody changed."""
 
 
 @contextmanager
-def ends_at_once() -> Iterator[None]:
-    """Inside the block native libraries are loaded and nothing is written: an interruption that
-    `ended_like_ctrl_c` takes ends the process there and then, SIGTERM at the end of the block.
+def held_back() -> Iterator[None]:
+    """Inside the block native libraries are loaded; an interruption waits for its end.
 
-    An exception would not do: raised while a library sets itself up, it leaves half a library behind, and
-    the interpreter's own end then crashes in it or takes its exit status (Open3D, pycolmap). pycolmap takes
-    SIGTERM over for a moment; it is blocked for the threads that libraries begin as well.
+    An exception that is raised while a library sets itself up leaves half a library behind, and the
+    interpreter's own end then crashes in it or takes its exit status (Open3D, pycolmap).
     """
-    _loading.append("libraries")
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, HANDLERS)
     try:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        _loading.pop()
 
 
 @contextmanager
 def ended_like_ctrl_c() -> Iterator[list[int]]:
     """Inside the block SIGTERM and SIGHUP raise KeyboardInterrupt as Ctrl-C does; a second time they end the
-    process. Handlers that somebody else set stay.
+    process. Handlers that somebody else set stay. A Ctrl-C that waited since the start comes now.
 
-    Gives the list of the signals that came. A native library that is loaded later, outside `ends_at_once`,
+    Gives the list of the signals that came. A native library that is loaded later, outside `held_back`,
     makes the interruption an error of its own ("ImportError: initialization failed"): the list tells them
     apart.
     """
     came: list[int] = []
 
-    def interrupt(number: int, frame: object) -> None:
-        if _loading:
-            end_at_once(number, frame)
+    def interrupt(number: int, _frame: object) -> None:
         came.append(number)
         if number != signal.SIGINT:
             signal.signal(number, signal.SIG_DFL)
         raise KeyboardInterrupt
 
-    usual: dict[signal.Signals, Any] = {
-        signal.SIGTERM: signal.SIG_DFL,
-        signal.SIGHUP: signal.SIG_DFL,
-        signal.SIGINT: signal.default_int_handler,
-    }
-    before = {number: signal.getsignal(number) for number in usual}
-    handled = [number for number, handler in usual.items() if before[number] in (handler, end_at_once)]
+    handled = [number for number, handler in HANDLERS.items() if signal.getsignal(number) == handler]
     for number in handled:
         signal.signal(number, interrupt)
     try:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         yield came
     finally:
         for number in handled:
-            signal.signal(number, before[number])
+            signal.signal(number, HANDLERS[number])

@@ -23,27 +23,11 @@ if not sys.flags.safe_path and not _asked_for and _is_here(sys.path[0]):
     del sys.path[0]
 
 import gc  # noqa: E402 - from here on imports are Python's own
-import importlib  # noqa: E402
 from collections.abc import Iterator  # noqa: E402
 from contextlib import contextmanager  # noqa: E402
 from pathlib import Path  # noqa: E402
 
-from pipeline.interruption import ends_at_once  # noqa: E402
-
-
-def load(*libraries: str) -> None:
-    """Imports what would be imported late, once the current folder is the caller's again."""
-    for library in libraries:
-        importlib.import_module(library)
-
-
-def library_path() -> str | None:
-    """LD_LIBRARY_PATH without empty entries, which mean the current folder; None where nothing is left.
-
-    OpenCV, once imported, leaves one to every program that is started afterwards.
-    """
-    path = os.environ.get("LD_LIBRARY_PATH", "")
-    return os.pathsep.join(entry for entry in path.split(os.pathsep) if entry) or None
+from pipeline.interruption import held_back  # noqa: E402
 
 
 @contextmanager
@@ -62,26 +46,23 @@ def uncollected() -> Iterator[None]:
 
 @contextmanager
 def elsewhere() -> Iterator[None]:
-    """Inside the block the current folder is the package's own; libraries are not looked for in it after.
+    """Inside the block the current folder is the package's own, and an interruption waits for its end.
 
-    Libraries are loaded in it: an interruption ends the process there and then (`ends_at_once`).
+    OpenCV, once imported, leaves an empty entry in LD_LIBRARY_PATH to every program that is started
+    afterwards, which means the current folder: it is removed.
     """
-    try:
-        with ends_at_once(), _elsewhere(), uncollected():
-            yield
-    finally:
-        path = library_path()
-        if path is None:
-            os.environ.pop("LD_LIBRARY_PATH", None)
-        else:
-            os.environ["LD_LIBRARY_PATH"] = path
+    with held_back(), _own_folder(), uncollected():
+        yield
+    path = os.environ.pop("LD_LIBRARY_PATH", "")
+    if entries := [entry for entry in path.split(os.pathsep) if entry]:
+        os.environ["LD_LIBRARY_PATH"] = os.pathsep.join(entries)
 
 
 @contextmanager
-def _elsewhere() -> Iterator[None]:
-    """Within it the working folder is drupe's own, so that no module beside the user's files is imported."""
+def _own_folder() -> Iterator[None]:
+    """Inside the block the package's folder is the current one, unless the current one cannot be opened."""
     try:
-        here = os.open(os.curdir, os.O_RDONLY | getattr(os, "O_DIRECTORY", 0))
+        here = os.open(os.curdir, os.O_RDONLY)
     except OSError:
         yield
         return
@@ -89,7 +70,5 @@ def _elsewhere() -> Iterator[None]:
         os.chdir(Path(__file__).resolve().parent)
         yield
     finally:
-        try:
-            os.fchdir(here)
-        finally:
-            os.close(here)
+        os.fchdir(here)
+        os.close(here)

@@ -1,12 +1,9 @@
 """Where the command `drupe` begins: an early Ctrl-C and too little memory to load it are one line each."""
 
-import pipeline.interruption
+import signal
+import sys
 
-pipeline.interruption.begin()
-
-import sys  # noqa: E402
-
-from pipeline.exit_status import USAGE  # noqa: E402
+from pipeline.exit_status import USAGE
 
 if sys.platform == "win32":
     sys.stderr.write(
@@ -15,15 +12,16 @@ if sys.platform == "win32":
     )
     sys.exit(USAGE)
 
-import pipeline.safe_start  # noqa: E402 - before all others: the current folder may be a stranger's
+signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # until the command handles it
+
 
 # isort: split
 from pipeline.lack_of_memory import is_lack_of_memory, too_little_memory  # noqa: E402
-from pipeline.library_output import native_apart  # noqa: E402
+from pipeline.library_output import hide_libraries  # noqa: E402
 
 
 def main() -> None:
-    """Runs the command, whose terminal is its own: libraries write to its log."""
+    """Runs the command, whose terminal is its own: what libraries write is hidden."""
     try:
         from pipeline.cli import main as run
     except Exception as error:
@@ -31,5 +29,5 @@ def main() -> None:
             raise
         sys.stderr.write(f"drupe: this machine: {too_little_memory()}\n")
         sys.exit(USAGE)
-    native_apart()
+    hide_libraries()
     run()

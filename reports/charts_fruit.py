@@ -1,4 +1,4 @@
-"""Charts of one fruit: force against travel, residual, and E by grasp and by frame."""
+"""Charts of one fruit: force against travel, residual, and E by frame."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from itertools import chain
 import numpy as np
 from jaxtyping import Float
 
-from reports.charts import Chart, layer, padded, rounded
+from reports.charts import Chart, layer, padded
 from reports.entries import FruitEntry
 from reports.grasp_record import CurveRecord, GraspRecord
 from reports.language import say
-from reports.words import number, with_sd
+from reports.words import number
 
 _MOST_POINTS = 80
 """Marks of one pad: on a drawing 360 px wide more would lie less than 4 px apart."""
@@ -25,12 +25,10 @@ _SHAPES = ("circle", "square")
 
 
 def fruit_charts(fruit: FruitEntry) -> list[Chart]:
-    """All charts of a fruit: of each recording force and residual, then E by grasp and by frame."""
+    """All charts of a fruit: of each recording force and residual, then E by frame."""
     charts = [
         chart for recording in fruit.recordings if recording.curves for chart in _of_recording(recording)
     ]
-    if fruit.recordings:
-        charts.append(_grasps(fruit))
     if any(recording.frames for recording in fruit.recordings):
         charts.append(_frames(fruit))
     return charts
@@ -171,41 +169,3 @@ def _band(fruit: FruitEntry, across: tuple[float, float]) -> tuple[list[float], 
     """Corners of the fruit's own value ± one standard deviation: along the other axis, and E."""
     low, high = _spread(fruit) or (math.nan, math.nan)
     return ([*across, *across[::-1]], [low, low, high, high]) if math.isfinite(low) else ([], [])
-
-
-def _grasps(fruit: FruitEntry) -> Chart:
-    """Modulus by both methods, grasp by grasp; band: the fruit's own value ± one sd."""
-    rows = fruit.recordings
-    methods = {
-        say("energy ratio"): [(row.E_energy_MPa, row.E_energy_sd_MPa) for row in rows],
-        say("least squares"): [(row.E_least_squares_MPa, row.E_least_squares_sd_MPa) for row in rows],
-    }
-    ends, down = _spread(fruit), (-0.5, len(rows) - 0.5)
-    layers = [layer("area", *_band(fruit, down)[::-1], colour="cx")]
-    for k, (name, of_rows) in enumerate(methods.items()):
-        known = [
-            (E, sd or 0.0, at) for at, (E, sd) in enumerate(of_rows) if E is not None and math.isfinite(E)
-        ]
-        ends += [E + way * sd for E, sd, _ in known for way in (-1, 1)]
-        how = {
-            "name": name,
-            "colour": f"pad{k}",
-            "shape": _SHAPES[k],
-            "x_sd": rounded(sd for _, sd, _ in known),
-        }
-        places = [at + 0.3 * k - 0.15 for _, _, at in known]
-        layers.append(layer("marks", [E for E, _, _ in known], places, **how))
-    each = (
-        f"{row.grasp}: {with_sd(row.E_energy_MPa, row.E_energy_sd_MPa)} MPa, "
-        f"{with_sd(row.E_least_squares_MPa, row.E_least_squares_sd_MPa)} MPa"
-        for row in rows
-    )
-    return {
-        "title": say("Modulus by grasp and method"),
-        "description": "; ".join(each),
-        "caption": say("E from each grasp by both methods. Grey: the fruit's value ± its standard deviation"),
-        "x": {"label": "E (MPa)", "limits": padded(ends)},
-        "y": {"names": [row.grasp for row in rows], "limits": down},
-        "layers": layers,
-        "low": True,
-    }

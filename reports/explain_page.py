@@ -49,7 +49,6 @@ def explain_html(entry: ExplainEntry) -> str:
         filters,
         blind_share=_blind_share(entry),
         component=component_in_words(entry),
-        cut=_cut(entry),
         entry=entry,
         named=named,
         picture=_map(entry),
@@ -119,26 +118,6 @@ def _blind_share(entry: ExplainEntry) -> float | None:
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
     blind = (entry.maps.visible[entry.maps.triangles] < BLIND_BELOW).mean(axis=1)
     return float((area * blind).sum() / area.sum())
-
-
-def _cut(entry: ExplainEntry) -> str:
-    """By how much the residual beyond noise fell on unseen recordings."""
-    if entry.heldout is None:
-        return ""
-    before, after, noise = entry.heldout.rms_before, entry.heldout.rms_after, entry.heldout.noise_rms
-    if _kind(entry) in (NOTHING, UNEXPLAINED):
-        return ""
-    excess = [math.sqrt(max(value**2 - noise**2, 0.0)) for value in (before, after)]
-    if excess[0] <= 0.05 * noise:
-        return (
-            "Even without the effect the residual is within noise, so these recordings do not test the "
-            "effect."
-        )
-    if excess[1] <= 0.1 * excess[0]:
-        return "With the effect, the residual beyond noise drops by at least 90 %."
-    if excess[1] >= 0.95 * excess[0]:
-        return "The effect does not reduce the residual beyond noise."
-    return f"The effect reduces the residual beyond noise by a factor of {excess[0] / excess[1]:.1f}."
 
 
 def _value(parameter: Record) -> str:

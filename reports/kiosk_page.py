@@ -1,4 +1,4 @@
-"""The page of `drupe watch`: the last fruit large, with its class and what to do next; made anew after each.
+"""The pages of `drupe watch`: the last fruit large, with its class and what to do next; made anew after each.
 
 It holds all it shows. Its one script asks the server, from which it comes, for the page anew when something
 has changed; without scripts the browser loads the page again every few seconds.
@@ -6,6 +6,7 @@ has changed; without scripts the browser loads the page again every few seconds.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from urllib.parse import quote
 
@@ -148,3 +149,34 @@ def left_out(fruit: FruitEntry) -> str:
     else:
         return ""
     return f"{sentence} {say('Neither E nor the advice accounts for it.')}"
+
+
+def judge_html(
+    fruit: FruitEntry,
+    classes: Sequence[str],
+    *,
+    fault: str = "",
+    written: Mapping[str, str] | None = None,
+    language: str = ENGLISH,
+) -> str:
+    """The page on which a person gives a verdict on a fruit, with its E and earlier verdicts; without script.
+
+    `classes`: of the batch; without any the class is free text. `fault`: why the verdict was not kept, with
+    what was `written`.
+    """
+    with spoken(language):
+        template = page_environment().get_template("templates/judge.html.j2")
+        return template.render(fruit=fruit, classes=classes, fault=fault, written=written or {})
+
+
+def login_html(status: int, *, language: str = ENGLISH) -> str:
+    """The page on which a device sends its token, without script. `status` of HTTP: 200, or why the last try
+    failed.
+    """
+    with spoken(language):
+        faults = {
+            401: say("This token is not known."),
+            403: say("The form came from another page."),
+        }
+        template = page_environment().get_template("templates/login.html.j2")
+        return template.render(fault=faults.get(status, ""))

@@ -66,18 +66,18 @@ _FILTERS = (advice, class_words, p_words, reason_words, remarks, share_words)
 """Functions that the template calls by their names."""
 
 
-def report_html(batch: BatchEntry, *, provenance: bool = False, language: str = ENGLISH) -> str:
+def report_html(batch: BatchEntry, *, language: str = ENGLISH) -> str:
     """The whole report as one self-contained HTML page, the same text for the same records.
 
     All text of the batch is escaped; pictures are data URIs; a content security policy in the page
-    forbids every outside source and every script but the page's own. `provenance`: whether the checksums of
-    all inputs are listed; `language`: one of reports.language.LANGUAGES.
+    forbids every outside source and every script but the page's own. `language`: one of
+    reports.language.LANGUAGES.
     """
     with spoken(language):
-        return _page(in_language(batch), provenance=provenance)
+        return _page(in_language(batch))
 
 
-def _page(batch: BatchEntry, *, provenance: bool) -> str:
+def _page(batch: BatchEntry) -> str:
     marks = class_marks(tuple(name for name, _ in batch.classes))
     filters: dict[str, Callable[..., object]] = {
         "class_mark": lambda fruit: class_mark(*marks.get(fruit.maturity or "", UNKNOWN)),
@@ -110,7 +110,6 @@ def _page(batch: BatchEntry, *, provenance: bool) -> str:
         any_shore=any(fruit.shore_oo is not None for fruit in batch.fruits),
         any_verdict=any(fruit.verdicts for fruit in batch.fruits),
         batch=batch,
-        checksums=provenance,
         classes=_classes(batch, fruits),
         details=_json_lines(_details(environment, fruits)),
         doubted=[(index, fruit) for index, fruit in fruits if fruit.ok and fruit.doubts],

@@ -2,27 +2,15 @@
 
 from __future__ import annotations
 
-import io
 import json
 import math
 import re
 from collections.abc import Callable
 
-import numpy as np
 import pandas as pd
 
 from reports.entries import BatchEntry, FruitEntry, ranked
 
-EXCEL_DIALECTS = {
-    "excel": (",", "."),
-    "excel-de": (";", ","),
-    "excel-es": (";", ","),
-    "excel-fr": (";", ","),
-    "excel-it": (";", ","),
-}
-"""What is between cells, and before decimals, where Excel of a country opens a table by a double click."""
-BYTE_ORDER_MARK = "\ufeff"
-"""By which Excel knows UTF-8."""
 _NUMBER = r"\d*(?:[.,\s]\d+)*\.?(?:[eE][+-]?\d+)?[%\s]*"
 _REST = rf"\s*(?:[^\s\d.,;)>]|{_NUMBER}(?:[-+*/^&=<>＋－＝]|:\s*[\d$]))"
 """What makes a formula of a sign: no number behind it, or a number that is not all ("-7" and "-7 mm" are)."""
@@ -48,33 +36,6 @@ def ranking_csv(batch: BatchEntry) -> str:
     rows, columns = _rows(batch)
     table = pd.DataFrame(rows, columns=columns, dtype=object)
     return table.to_csv(index=False, lineterminator="\n", na_rep="")
-
-
-def ranking_excel(batch: BatchEntry, *, dialect: str) -> str:
-    """The same table for a double click in Excel: UTF-8 with a byte order mark, between cells and before
-    decimals what that country's has (EXCEL_DIALECTS), lines ended by CR LF.
-    """
-    separator, point = EXCEL_DIALECTS[dialect]
-    rows, columns = _rows(batch)
-    cells = [{name: _with_point(cell, point) for name, cell in row.items()} for row in rows]
-    table = pd.DataFrame(cells, columns=columns, dtype=object)
-    return BYTE_ORDER_MARK + table.to_csv(index=False, sep=separator, lineterminator="\r\n", na_rep="")
-
-
-def ranking_parquet(batch: BatchEntry) -> bytes:
-    """The same table as Apache Parquet: numbers, text as it is, unknown values null. Needs pyarrow."""
-    rows, columns = _rows(batch, safe=_plain)
-    table = pd.DataFrame(rows, columns=columns).convert_dtypes()
-    whole = io.BytesIO()
-    table.to_parquet(whole, index=False)
-    return whole.getvalue()
-
-
-def _with_point(value: object, point: str) -> object:
-    """A number as text with that decimal point and no exponent; anything else as it is."""
-    if not isinstance(value, float) or not math.isfinite(value):
-        return value
-    return np.format_float_positional(value, trim="-").replace(".", point)
 
 
 def _said_by(fruit: FruitEntry) -> str | None:

@@ -5,27 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import datetime
+from typing import Any, TypeAlias
 
 import numpy as np
 
 from reports.charts import Chart, layer, padded
 from reports.html_templates import charted_page
 
+Test: TypeAlias = Any
+"""A TradeTest of fem/firmness/trade_tests.py, of which this package imports nothing."""
 COLOURS = ("c0", "c2", "c3", "c4")
 """Of the lines, from no pit to the largest."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class TradeWords:
-    """A test: its column, what it is, its unit and where it comes from. `drawn_for`: the fruit of its chart,
-    where not all.
-    """
-
-    name: str
-    title: str
-    unit: str
-    source: str
-    drawn_for: str = ""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -58,30 +48,33 @@ class SizeEffect:
     values: Mapping[str, Sequence[Sequence[float]]]
 
 
-@dataclass(frozen=True, kw_only=True)
-class TradeEntry:
-    """What the page shows. `graded_utc`: when the grading ended."""
+def trade_html(
+    tests: Sequence[Test],
+    fruit: Sequence[TradeFruit],
+    sizes: SizeEffect,
+    *,
+    made_utc: datetime,
+    graded_utc: str,
+    folder: str,
+) -> str:
+    """The whole page, the same text for the same content; all text of the batch is escaped.
 
-    made_utc: datetime
-    graded_utc: str
-    folder: str
-    tests: tuple[TradeWords, ...]
-    fruit: tuple[TradeFruit, ...]
-    sizes: SizeEffect
-
-
-def trade_html(entry: TradeEntry) -> str:
-    """The whole page, the same text for the same entry; all text of the batch is escaped."""
+    `graded_utc`: when the grading ended; `folder`: of the results.
+    """
     return charted_page(
         "trade",
         {},
-        charts=[size_chart(test, entry.sizes) for test in entry.tests],
-        entry=entry,
-        made=f"{entry.made_utc:%Y-%m-%d %H:%M} UTC",
+        charts=[size_chart(test, sizes) for test in tests],
+        tests=tests,
+        fruit=fruit,
+        sizes=sizes,
+        made=f"{made_utc:%Y-%m-%d %H:%M} UTC",
+        graded=graded_utc.replace("T", " ").replace("Z", " UTC") or "–",
+        folder=folder,
     )
 
 
-def size_chart(test: TradeWords, sizes: SizeEffect) -> Chart:
+def size_chart(test: Test, sizes: SizeEffect) -> Chart:
     """One test's reading over the diameter, a line for each pit."""
     values = np.array(sizes.values[test.name], dtype=float)
     diameters = np.array(sizes.diameters_mm, dtype=float)
@@ -93,7 +86,7 @@ def size_chart(test: TradeWords, sizes: SizeEffect) -> Chart:
         if there.any()
     )
     reached = diameters[shown.any(axis=0)] if shown.any() else diameters
-    only = f": {test.drawn_for}" if test.drawn_for else ""
+    only = ": no pit, large fruit" if test.under_ball else ""
     return {
         "title": test.title,
         "description": f"From {reached[0]:g} to {reached[-1]:g} mm at one E: {ends or 'out of reach'}",

@@ -15,7 +15,6 @@ from recon.cameras.unused_photos import unused_photos
 from tactile.io.raw_grasp import files_of
 from tactile.io.recording import is_of_bare_indenter
 
-CACHE_FILE = re.compile(r"[^/]+\.(npz|h5|json|part)")
 """What stages keep."""
 
 
@@ -251,10 +250,6 @@ class Results:
 
     ranking = ResultPath("ranking.csv")
     ranking_json = ResultPath("ranking.json")
-    ranking_excel = ResultPath("ranking-excel.csv")
-    """ranking-excel.csv, where one is asked for."""
-    ranking_parquet = ResultPath("ranking.parquet")
-    """ranking.parquet, where one is asked for."""
     report = ResultPath("report.html")
     firmness = ResultPath("firmness.csv")
     firmness_page = ResultPath("firmness.html")

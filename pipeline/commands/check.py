@@ -32,17 +32,12 @@ def check(
     require_libraries()
     with elsewhere():
         from pipeline.run.checking import check as check_batch
-        from pipeline.run.photo_checks import VIEWS_UNKNOWN, views_unknown
     with said_when_interrupted(""):
         listed_problems = check_batch(batch, quick=quick)
     for problem in listed_problems:
         typer.echo(f"{problem}")
-    if not quick and views_unknown(batch):
-        typer.echo(VIEWS_UNKNOWN)
-    doubts, remarks = (
-        sum(problem.doubtful for problem in listed_problems),
-        sum(problem.remark for problem in listed_problems),
-    )
+    doubts = sum(problem.doubtful for problem in listed_problems)
+    remarks = sum(problem.remark for problem in listed_problems)
     problems = len(listed_problems) - doubts - remarks
     more = f", and {_so_many(doubts, 'finding')} that will put E in doubt" if doubts else ""
     more += f", and {_so_many(remarks, 'remark')}" if remarks else ""

@@ -1,5 +1,6 @@
 """`drupe device`."""
 
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
 
@@ -23,9 +24,8 @@ def add(file: FileArgument, name: NameArgument) -> None:
     Example: drupe device add devices.json "kiosk at belt 2"
     """
     with elsewhere():
-        from pipeline.run.console import utc_now
         from pipeline.watch.devices import add_device
-    typer.echo(add_device(file, name, now=utc_now()))
+    typer.echo(add_device(file, name, now=datetime.now(UTC)))
 
 
 @device.command(short_help="Revoke a device's token.")

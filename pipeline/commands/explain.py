@@ -1,5 +1,7 @@
 """`drupe explain`."""
 
+from contextlib import suppress
+from importlib import import_module
 from pathlib import Path
 from typing import Annotated
 
@@ -9,7 +11,7 @@ from rich.console import Console
 from pipeline.commands.endings import said_when_interrupted
 from pipeline.commands.machine import cores, require_libraries
 from pipeline.exit_status import DOUBTED, UNUSABLE
-from pipeline.safe_start import elsewhere, load
+from pipeline.safe_start import elsewhere
 
 MOST_EXPLAINING = 4
 """Jobs unless told otherwise: there are seldom more recordings to work on at once, and each costs memory."""
@@ -80,7 +82,9 @@ def explain(
     """
     require_libraries()
     with elsewhere():
-        load(*LOADED_LATE)
+        for library in LOADED_LATE:
+            with suppress(ImportError):  # an optional library
+                import_module(library)
         from pipeline.diagnosis.explaining import ExplainOutputs, NotExplained
         from pipeline.diagnosis.explaining import explain as explain_case
         from pipeline.diagnosis.terminal_summary import print_explanation

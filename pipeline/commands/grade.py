@@ -9,12 +9,8 @@ from pipeline.commands.endings import said_when_interrupted
 from pipeline.commands.machine import cores, require_libraries
 from pipeline.commands.shared_options import (
     BatchArgument,
-    ChecksumsOption,
-    ExcelOption,
     LanguageOption,
-    LogOption,
     OutOption,
-    ParquetOption,
     QuietOption,
     ScreenOption,
     TimeLimitOption,
@@ -52,19 +48,9 @@ def grade(
             "fruit at a time.",
         ),
     ] = False,
-    tls: Annotated[
-        bool,
-        typer.Option(
-            "--tls/--no-tls", help="Encrypt the connections to Slurm jobs and refuse other clients."
-        ),
-    ] = True,
-    provenance: ChecksumsOption = False,
-    excel: ExcelOption = None,
-    parquet: ParquetOption = False,
     lang: LanguageOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
-    log: LogOption = None,
 ) -> None:
     """Grade a batch: compute E of every fruit and write ranking.csv and report.html.
 
@@ -79,10 +65,10 @@ def grade(
     language = chosen_language(lang)
     with elsewhere():
         from pipeline.ranking.run_summary import print_summary
-        from pipeline.run.batch_run import GradeOptions, ReportOptions
-        from pipeline.run.console import RunConsole
+        from pipeline.run.batch_run import GradeOptions
         from pipeline.run.engines import WorkPlace
         from pipeline.run.grading import grade as grade_batch
+        from pipeline.run.progress import RunConsole
 
     with said_when_interrupted("; drupe kept the finished fruit. Run the same command again to continue."):
         status, entry = grade_batch(
@@ -93,10 +79,10 @@ def grade(
                 time_limit_s=time_limit,
                 screen=screen,
                 force=force,
-                report=ReportOptions(checksums=provenance, excel=excel, parquet=parquet, language=language),
+                language=language,
             ),
-            console=RunConsole(quiet=quiet, verbose=verbose, log=log),
-            place=WorkPlace(jobs=jobs, scheduler=scheduler, slurm=slurm, tls=tls),
+            console=RunConsole(quiet=quiet, verbose=verbose),
+            place=WorkPlace(jobs=jobs, scheduler=scheduler, slurm=slurm),
         )
     if not quiet:
         print_summary(entry, out or batch / "results", console=Console())

@@ -6,7 +6,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.commands.plan_options import Aql, Inspection, Level, LotSizes, OcFile, Variables
+from pipeline.commands.shared_options import Aql, Inspection, Level, LotSizes, OcFile, Variables
 from pipeline.safe_start import elsewhere
 
 

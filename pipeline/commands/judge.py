@@ -1,5 +1,6 @@
 """`drupe judge`."""
 
+from datetime import UTC, datetime
 from typing import Annotated
 
 import typer
@@ -36,18 +37,16 @@ def judge(
     language = chosen_language(lang)
     with elsewhere():
         from pipeline.batch.layout import Results
-        from pipeline.run.batch_run import ReportOptions
-        from pipeline.run.console import utc_now
         from pipeline.run.judging import judge_fruit, language_of
-        from pipeline.run.report_again import report_again
+        from pipeline.run.reporting import report_again
         from reports.words import with_sd
     results = Results(out)
-    verdict = judge_fruit(results, fruit, judged_class=judged_class, by=by, why=why, now=utc_now())
+    verdict = judge_fruit(results, fruit, judged_class=judged_class, by=by, why=why, now=datetime.now(UTC))
     E = f"E stays {with_sd(verdict.E_MPa, verdict.E_sd_MPa)} MPa" if verdict.E_MPa else "there is no E"
     typer.echo(f"{fruit}: {verdict.judged_class}, by {verdict.by} ({E}); kept in {results.verdicts}")
     language = language if lang else language_of(results.report, language)
     try:
-        report_again(out, batch, options=ReportOptions(language=language))
+        report_again(out, batch, language=language)
     except BatchRefused as refusal:
         for problem in refusal.problems:
             typer.echo(f"the report does not show it yet: {problem}", err=True)

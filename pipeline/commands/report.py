@@ -4,11 +4,8 @@ import typer
 from rich.console import Console
 
 from pipeline.commands.shared_options import (
-    ChecksumsOption,
-    ExcelOption,
     LanguageOption,
     MovedBatchOption,
-    ParquetOption,
     ResultsArgument,
     chosen_language,
 )
@@ -19,9 +16,6 @@ from pipeline.safe_start import elsewhere
 def report(
     out: ResultsArgument,
     batch: MovedBatchOption = None,
-    provenance: ChecksumsOption = False,
-    excel: ExcelOption = None,
-    parquet: ParquetOption = False,
     lang: LanguageOption = None,
 ) -> None:
     """Rebuild ranking.csv and report.html from stored results, for example after you change the classes.
@@ -29,15 +23,12 @@ def report(
     drupe computes no fruit. After an interrupted run the page shows the number of finished fruit, and the
     exit status is 3.
 
-    Example: drupe report monday/results --provenance
+    Example: drupe report monday/results --lang de
     """
     with elsewhere():
         from pipeline.ranking.run_summary import print_summary
-        from pipeline.run.batch_run import ReportOptions
-        from pipeline.run.report_again import report_again
-    language = chosen_language(lang)
-    options = ReportOptions(checksums=provenance, excel=excel, parquet=parquet, language=language)
-    entry = report_again(out, batch, options=options)
+        from pipeline.run.reporting import report_again
+    entry = report_again(out, batch, language=chosen_language(lang))
     if entry is None:
         typer.echo(
             f"{out}: some fruit are not graded yet; run `drupe grade` to continue. The page "

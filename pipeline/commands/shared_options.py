@@ -3,39 +3,23 @@
 from pathlib import Path
 from typing import Annotated
 
-import typer
+from typer import Argument, Option
 
 from pipeline.problem import refused
 from reports.language import LANGUAGES, of_environment
 
 BatchArgument = Annotated[
-    Path, typer.Argument(metavar="BATCH", help="The batch: a folder with batch.toml and fruits.csv.")
+    Path, Argument(metavar="BATCH", help="The batch: a folder with batch.toml and fruits.csv.")
 ]
-OutOption = Annotated[Path | None, typer.Option(help="The folder for results.", show_default="BATCH/results")]
-TimeLimitOption = Annotated[float, typer.Option(min=1, help="Time limit per fruit, in seconds.")]
+OutOption = Annotated[Path | None, Option(help="The folder for results.", show_default="BATCH/results")]
+TimeLimitOption = Annotated[float, Option(min=1, help="Time limit per fruit, in seconds.")]
 """Seconds; at least one, as no fruit is graded in less."""
 ScreenOption = Annotated[
-    bool, typer.Option(help="Test every fruit for physics that the model misses (about 10 s per fruit).")
-]
-ChecksumsOption = Annotated[
-    bool, typer.Option("--provenance", help="List the SHA-256 checksums of all inputs in the report.")
-]
-ExcelOption = Annotated[
-    str | None,
-    typer.Option(
-        "--csv",
-        metavar="DIALECT",
-        help="Also write ranking-excel.csv, which opens in Excel by double click. Dialects: excel, "
-        "excel-de, excel-es, excel-fr, excel-it.",
-        show_default="none",
-    ),
-]
-ParquetOption = Annotated[
-    bool, typer.Option("--parquet", help="Also write ranking.parquet (needs the extra drupe[parquet]).")
+    bool, Option(help="Test every fruit for physics that the model misses (about 10 s per fruit).")
 ]
 LanguageOption = Annotated[
     str | None,
-    typer.Option(
+    Option(
         "--lang",
         metavar="LANGUAGE",
         help=f"Language of the page: {', '.join(LANGUAGES)}.",
@@ -43,21 +27,15 @@ LanguageOption = Annotated[
     ),
 ]
 QuietOption = Annotated[
-    bool, typer.Option("--quiet", "-q", help="Print only errors; the exit status shows the outcome.")
+    bool, Option("--quiet", "-q", help="Print only errors; the exit status shows the outcome.")
 ]
 VerboseOption = Annotated[
-    bool, typer.Option("--verbose", "-v", help="Print a line for every stage of every fruit.")
+    bool, Option("--verbose", "-v", help="Print a line for every stage of every fruit.")
 ]
-LogOption = Annotated[
-    Path | None,
-    typer.Option("--log", metavar="FILE", help="Append every line to this file, with its time in UTC."),
-]
-SheetOption = Annotated[
-    str | None, typer.Option(metavar="NAME", help="The sheet to read from a spreadsheet.")
-]
+SheetOption = Annotated[str | None, Option(metavar="NAME", help="The sheet to read from a spreadsheet.")]
 ColumnsOption = Annotated[
     str | None,
-    typer.Option(
+    Option(
         metavar="LIST",
         help="Columns of a load cell's table, for example time=Time,force=Force,travel=Pos. Use gap=NAME for "
         "a distance that decreases.",
@@ -65,15 +43,31 @@ ColumnsOption = Annotated[
 ]
 UnitsOption = Annotated[
     str | None,
-    typer.Option(
+    Option(
         metavar="LIST",
         help="Units, if the table does not state them, for example force=N,travel=mm,time=s. Also known: kN, "
         "lbf, kgf, um, in, ms, min and others.",
     ),
 ]
-ResultsArgument = Annotated[Path, typer.Argument(metavar="OUT", help="The results folder of `drupe grade`.")]
+ResultsArgument = Annotated[Path, Argument(metavar="OUT", help="The results folder of `drupe grade`.")]
 MovedBatchOption = Annotated[
-    Path | None, typer.Option("--batch", metavar="DIR", help="The batch folder, if it moved after grading.")
+    Path | None, Option("--batch", metavar="DIR", help="The batch folder, if it moved after grading.")
+]
+LotSizes = Annotated[
+    list[str] | None,
+    Option(
+        "--lot-size", metavar="[LOT=]FRUIT", help="Fruit in the whole lot; LOT=FRUIT for one of several lots."
+    ),
+]
+Aql = Annotated[
+    float,
+    Option("--aql", metavar="PERCENT", help="Acceptance quality limit, 0.01 to 10 % of the fruit."),
+]
+Level = Annotated[str, Option("--level", metavar="LEVEL", help="Inspection level: I, II, III, S-1 to S-4.")]
+Inspection = Annotated[str, Option("--inspection", metavar="KIND", help="normal, tightened or reduced.")]
+Variables = Annotated[bool, Option("--variables", help="Plan by variables (s method), not by attributes.")]
+OcFile = Annotated[
+    Path | None, Option("--oc", metavar="FILE", help="Write the operating characteristic as a table.")
 ]
 
 

@@ -9,7 +9,6 @@ from pipeline.commands.machine import cores, require_libraries
 from pipeline.commands.shared_options import (
     BatchArgument,
     LanguageOption,
-    LogOption,
     OutOption,
     QuietOption,
     ScreenOption,
@@ -53,7 +52,6 @@ def watch(
     lang: LanguageOption = None,
     quiet: QuietOption = False,
     verbose: VerboseOption = False,
-    log: LogOption = None,
 ) -> None:
     """Grade fruit as their files arrive in BATCH/fruits/<fruit_id>, and show the latest fruit in a browser.
 
@@ -76,15 +74,15 @@ def watch(
         from pipeline.batch.layout import BatchFolder, Results
         from pipeline.batch.settings import require_settings_file
         from pipeline.ranking.run_summary import print_summary
-        from pipeline.run.batch_run import GradeOptions, ReportOptions
-        from pipeline.run.console import RunConsole
+        from pipeline.run.batch_run import GradeOptions
+        from pipeline.run.progress import RunConsole
         from pipeline.watch.device_login import network_of
         from pipeline.watch.page_server import PageServer
         from pipeline.watch.verdict_desk import VerdictDesk
         from pipeline.watch.watching import BatchWatch, WatchOptions
     require_settings_file(BatchFolder(batch).settings)
     network = network_of(host, certificate=certificate, key=key, devices=devices)
-    console = RunConsole(quiet=quiet, verbose=verbose, log=log)
+    console = RunConsole(quiet=quiet, verbose=verbose)
     place = out or batch / "results"
     options = WatchOptions(
         out=place,
@@ -92,7 +90,7 @@ def watch(
             jobs=min(jobs, cores()),
             time_limit_s=time_limit,
             screen=screen,
-            report=ReportOptions(language=language),
+            language=language,
         ),
         settle_s=settle,
         idle_s=None if idle is None else 60 * idle,

@@ -35,8 +35,7 @@ from pipeline.files.plain_file import text_or_empty
 from pipeline.files.whole_file import put
 from pipeline.fruit.stage_log import StageLog
 from pipeline.problem import refused
-from pipeline.run.console import utc_now
-from pipeline.run.former_results import require_same_batch
+from pipeline.run.batch_run import require_same_batch, utc_now
 from pipeline.run.grading import read_files
 from recon.recon_failure import ReconFailure
 from reports.explain_entries import FORMAT, ExplainEntry

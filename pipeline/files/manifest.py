@@ -46,11 +46,6 @@ def is_claimed(folder: Path) -> bool:
     return _read(folder) is not None
 
 
-def listed_in(folder: Path) -> tuple[Path, ...]:
-    """The files that drupe wrote into `folder`, whether they are there still or not."""
-    return tuple(folder / name for name in _read(folder) or ())
-
-
 def in_the_way(targets: Iterable[Path]) -> Iterator[Path]:
     """Of the places of files that drupe is to write: folders and files that are links, files that drupe did
     not write or that were changed since, and what stands where a list would be and is none.

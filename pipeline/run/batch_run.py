@@ -1,62 +1,53 @@
-"""What one run of `drupe grade` knows of its batch and of its places."""
+"""What one run of `drupe grade` knows of its batch and of its places.
 
-import importlib.util
+A folder of results belongs to the batch whose photos and recordings it is of: one of them must be the same.
+Where all were replaced, folder, label and the id of a fruit must be the same. Ids alone do not tell: many
+people number their fruit from 1 every day.
+"""
+
 import time
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
-from datetime import datetime, timedelta
-from pathlib import Path
+from dataclasses import asdict, dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import PurePosixPath
+from typing import Any
 
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import Batch
-from pipeline.batch.provenance import write_provenance
+from pipeline.batch.provenance import read_provenance, write_provenance
 from pipeline.batch.write_guard import require_free
-from pipeline.problem import refused
+from pipeline.files.plain_file import printable
+from pipeline.problem import listed, refused
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.reference_ratio import ReferenceFinding
-from pipeline.run.former_results import batch_folder, require_same_batch
 from reports.language import ENGLISH
-from reports.tables import EXCEL_DIALECTS
+
+LABEL = ("lot", "harvest_date", "cultivar", "category")
+"""Settings by which people tell batches apart."""
+SHARED_KINDS = frozenset({".toml", ".json", ".csv", ".ply"})
+"""Files that different batches may have alike byte by byte: descriptions of sensors, protocols of the
+gripper, the mould of a cast body. Photos and recordings are of one fruit."""
+SHOWN = 3
+"""Ids that a sentence names."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class ReportOptions:
-    """What is asked for beside ranking and report: SHA-256 of the inputs in the report, a table for an Excel
-    (a name of reports.tables.EXCEL_DIALECTS), one as Parquet; and the report's language.
-    """
-
-    checksums: bool = False
-    excel: str | None = None
-    parquet: bool = False
-    language: str = ENGLISH
-
-    def tables(self, results: Results) -> tuple[Path, ...]:
-        """The tables beside the ranking that are asked for."""
-        asked = (results.ranking_excel, self.excel is not None), (results.ranking_parquet, self.parquet)
-        return tuple(path for path, wanted in asked if wanted)
-
-    def require_parts(self) -> None:
-        """Raises BatchRefused where what is asked for cannot be written here."""
-        if self.excel is not None and self.excel not in EXCEL_DIALECTS:
-            known = ", ".join(EXCEL_DIALECTS)
-            raise refused("--csv", f'found "{self.excel}", expected one of {known}.')
-        if self.parquet and importlib.util.find_spec("pyarrow") is None:
-            sentence = "needs the package pyarrow; install it with: pip install 'drupe[parquet]'."
-            raise refused("--parquet", sentence)
+def utc_now() -> datetime:
+    """The time now, aware of its zone."""
+    return datetime.now(UTC)
 
 
 @dataclass(frozen=True, kw_only=True)
 class GradeOptions:
     """How a batch is graded: `jobs` fruit at once, each within `time_limit_s`. `screen`: whether fruit are
-    screened for missing physics; `force`: whether numbers that no fruit has are only doubts. `report`: what
-    is written beside ranking and report.
+    screened for missing physics; `force`: whether numbers that no fruit has are only doubts. `language`: of
+    the report.
     """
 
     jobs: int
     time_limit_s: float
     screen: bool = True
     force: bool = False
-    report: ReportOptions = field(default_factory=ReportOptions)
+    language: str = ENGLISH
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,7 +59,7 @@ class BatchRun:
     inputs: Mapping[str, str]
     force: bool
     screen: bool
-    options: ReportOptions
+    language: str
     started: datetime
     since_s: float
 
@@ -80,10 +71,10 @@ class BatchRun:
         """Raises BatchRefused where the results hold files of others, or another batch's. `fruit`: those
         whose files are looked at; None: all.
         """
-        results, tables = self.results, self.options.tables(self.results)
+        results = self.results
         names = self.batch.row_of if fruit is None else fruit
         of_fruit = (path for name in names for path in results.fruit(name).files)
-        require_free((*results.files, results.run, *tables, *of_fruit), "--out")
+        require_free((*results.files, results.run, *of_fruit), "--out")
         require_same_batch(results, self.batch, self.inputs, "--out")
 
     def write_provenance(
@@ -108,3 +99,49 @@ class BatchRun:
             screened=self.screen,
             faults=[asdict(fault) for fault in faults],
         )
+
+
+def batch_folder(batch: Batch) -> str:
+    """The batch's folder, as batch.json names it: absolute, links followed."""
+    return str(batch.folder.root.resolve())
+
+
+def require_same_batch(results: Results, batch: Batch, inputs: Mapping[str, str], option: str) -> None:
+    """Raises BatchRefused where `results` holds those of another batch than this one, whose files have the
+    hashes `inputs` (by path inside the batch).
+    """
+    said = read_provenance(results)
+    former_inputs, settings, outcomes = (
+        _table((said or {}).get(name)) for name in ("inputs", "settings", "outcomes")
+    )
+    measured = _measured(former_inputs)
+    if not measured or measured & _measured(inputs):
+        return
+    folder, now = str((said or {}).get("batch", "")), batch.settings.model_dump(mode="json")
+    same_label = all(str(settings.get(name)) == str(now.get(name)) for name in LABEL)
+    if folder == batch_folder(batch) and same_label and outcomes.keys() & batch.row_of.keys():
+        return
+    fruit = printable(listed(sorted(outcomes), SHOWN))
+    sentence = (
+        f"holds the results of another batch in {printable(folder)} (fruit {fruit}), with other photos and "
+        f"recordings. They are not replaced; choose another folder with {option}, or move this one away."
+    )
+    raise refused(results.root, sentence)
+
+
+def _measured(inputs: Mapping[str, Any]) -> set[str]:
+    """SHA-256 of the fruit's photos and recordings."""
+    paths = ((PurePosixPath(name), str(digest)) for name, digest in inputs.items())
+    return {
+        digest
+        for path, digest in paths
+        if len(path.parts) > 2
+        and path.parts[0] == "fruits"
+        and path.suffix.lower() not in SHARED_KINDS
+        and path.stem != "reference"
+        and " " not in digest  # a file that could not be read
+    }
+
+
+def _table(value: object) -> Mapping[str, Any]:
+    return {str(name): entry for name, entry in value.items()} if isinstance(value, dict) else {}

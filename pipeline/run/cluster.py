@@ -44,8 +44,7 @@ ROUNDED = 1.01
 
 
 class Cluster:
-    """Workers of dask.distributed: of a scheduler's `address`, or (None) of `workers` jobs of Slurm, which
-    speak TLS with the run (`tls`) or plain TCP.
+    """Workers of dask.distributed: of a scheduler's `address`, or (None) of `workers` jobs of Slurm.
 
     The run is refused where a worker cannot work for it, or where the scheduler is lost. `most`: so many
     fruit in the cluster at most; `tell` gets sentences for staff.
@@ -56,13 +55,12 @@ class Cluster:
         address: str | None,
         *,
         workers: int = 0,
-        tls: bool = True,
         needs: RunNeeds,
         time_limit_s: float,
         tell: Callable[[str], None],
         most: int | None = None,
     ) -> None:
-        self._asked, self._asked_workers, self._tls = address, workers, tls
+        self._asked, self._asked_workers = address, workers
         self._needs, self._time_limit_s, self._tell, self._most = needs, time_limit_s, tell, most
         self._held = ExitStack()
         self._happened: SimpleQueue[tuple[str, Future | str]] = SimpleQueue()
@@ -76,9 +74,7 @@ class Cluster:
         with ExitStack() as held:
             security, self._address = None, self._asked or ""
             if self._asked is None:
-                jobs = held.enter_context(
-                    slurm_jobs(self._asked_workers, self._needs, self._tell, tls=self._tls)
-                )
+                jobs = held.enter_context(slurm_jobs(self._asked_workers, self._needs, self._tell))
                 self._address, security = str(jobs.scheduler_address), jobs.security
             self._client = self._connected(security)
             self._connection = self._client.scheduler_comm
@@ -190,11 +186,11 @@ class Cluster:
 
 
 @contextmanager
-def slurm_jobs(workers: int, needs: RunNeeds, tell: Callable[[str], None], *, tls: bool) -> Iterator[Any]:
+def slurm_jobs(workers: int, needs: RunNeeds, tell: Callable[[str], None]) -> Iterator[Any]:
     """A scheduler in this process and `workers` jobs of Slurm, replaced as they end; queue, account and time
     are those of dask-jobqueue's own settings (~/.config/dask/jobqueue.yaml). Its cluster.
 
-    `tls`: scheduler, workers and client speak TLS with a key of this run alone, in a hidden folder beside the
+    Scheduler, workers and client speak TLS with a key of this run alone, in a hidden folder beside the
     results (mode 0600, gone afterwards). Raises BatchRefused where Slurm takes none of the jobs, with what
     sbatch said.
     """
@@ -203,17 +199,17 @@ def slurm_jobs(workers: int, needs: RunNeeds, tell: Callable[[str], None], *, tl
         raise refused("--slurm", sentence)
     jobqueue, answers = _jobqueue(), SimpleQueue[str]()
     with ExitStack() as held:
-        folder = held.enter_context(scratch(near=needs.run.parent)) if tls else None
+        folder = held.enter_context(scratch(near=needs.run.parent))
         if shlex.quote(str(folder)) != str(folder):
             sentence = (
                 f"cannot give Slurm's jobs the key in {folder}, whose name has blanks or other marks of the "
-                "shell; choose another --out, or plain TCP with --no-tls."
+                "shell; choose another --out."
             )
             raise refused("--slurm", sentence)
         try:
             cluster = jobqueue.SLURMCluster(
                 job_cls=_job_class(jobqueue, answers),
-                security=None if folder is None else _certified(folder),
+                security=_certified(folder),
                 cores=1,
                 processes=1,
                 memory=f"{ROUNDED * (needs.per_fruit_MiB + OWN_MIB):.0f} MiB",

@@ -19,14 +19,13 @@ ADDRESS = re.compile(r"([a-z]+://)?[^/\s]+:[0-9]+/?")
 class WorkPlace:
     """Where fruit are worked on: here, `scheduler` (an address of dask), or jobs of `slurm`.
 
-    `jobs`: fruit at the same time at most, None: as many as there are workers; `tls`: whether Slurm's jobs
-    speak TLS with the run; `mark` tells this run's folder from any other.
+    `jobs`: fruit at the same time at most, None: as many as there are workers; `mark` tells this run's folder
+    from any other.
     """
 
     jobs: int | None = None
     scheduler: str | None = None
     slurm: bool = False
-    tls: bool = True
     mark: str = field(default_factory=lambda: uuid.uuid4().hex)
 
     @property
@@ -47,15 +46,11 @@ class WorkPlace:
                 f'found "{self.scheduler}"; expected the address that `dask scheduler` prints, with its port.'
             )
             raise refused("--scheduler", sentence)
-        wanted = () if self.here else ("distributed", *(("dask_jobqueue",) if self.slurm else ()))
+        wanted = (
+            () if self.here else ("distributed", *(("dask_jobqueue", "cryptography") if self.slurm else ()))
+        )
         if any(importlib.util.find_spec(name) is None for name in wanted):
             sentence = "needs dask.distributed; install it with: pip install 'drupe[cluster]'."
-            raise refused(option, sentence)
-        if self.slurm and self.tls and importlib.util.find_spec("cryptography") is None:
-            sentence = (
-                "needs the package cryptography for TLS; install it with: pip install 'drupe[cluster]', or "
-                "choose plain TCP with --no-tls."
-            )
             raise refused(option, sentence)
 
 
@@ -75,7 +70,6 @@ def cluster_of(
 
     needs = RunNeeds(
         drupe=this_drupe(),
-        settings=run.batch.folder.settings.absolute(),
         run=run.results.run.absolute(),
         mark=place.mark,
         per_fruit_MiB=per_fruit_MiB,
@@ -83,7 +77,6 @@ def cluster_of(
     return Cluster(
         place.scheduler,
         workers=min(place.jobs or 1, fruits) if place.slurm else 0,
-        tls=place.tls,
         needs=needs,
         time_limit_s=time_limit_s,
         tell=tell,

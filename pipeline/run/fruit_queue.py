@@ -3,21 +3,34 @@ when its turn comes, so that the first of thousands need not wait for the last.
 """
 
 from collections import deque
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
+from contextlib import suppress
 
 from rich.console import Console
 
 from pipeline.batch.batch_fruits import BatchFruits
-from pipeline.batch.layout import FruitFolder
+from pipeline.batch.layout import FruitFolder, Results
 from pipeline.batch.outcome import Outcome
-from pipeline.batch.records import FruitRecord, read_record
+from pipeline.batch.records import FruitRecord, read_record, write_record
 from pipeline.batch.task import FruitTask, batch_fruits, fruit_task
+from pipeline.files.whole_file import NotWritten
+from pipeline.fruit.recording_owner import named_row
 from pipeline.run.batch_run import BatchRun
 from pipeline.run.checking import ImplausibleNumbers, implausible_batch
-from pipeline.run.fruit_records import ended_record, kept_record
-from pipeline.run.packed_records import PackedRecords
 
 GRADED_ALL_THE_SAME = "drupe grades the fruit anyway (--force)."
+RETRIED = frozenset(
+    outcome.code
+    for outcome in (
+        Outcome.CRASHED,
+        Outcome.TIMED_OUT,
+        Outcome.OUT_OF_MEMORY,
+        Outcome.NOT_WRITTEN,
+        Outcome.INTERNAL,
+        Outcome.IMPLAUSIBLE_INPUT,
+    )
+)
+"""Endings that may come out otherwise when tried again, or that the fruit's own files do not settle."""
 
 
 class FruitQueue:
@@ -27,7 +40,7 @@ class FruitQueue:
     """
 
     def __init__(
-        self, run: BatchRun, chosen: Collection[str], records: PackedRecords, console: Console
+        self, run: BatchRun, chosen: Collection[str], records: dict[str, FruitRecord], console: Console
     ) -> None:
         self._run, self._console = run, console
         self._among: BatchFruits = batch_fruits(run.batch, run.results)
@@ -92,3 +105,54 @@ class FruitQueue:
     def _task(self, fruit_id: str) -> FruitTask:
         run = self._run
         return fruit_task(run.batch, fruit_id, run.results, screen=run.screen, among=self._among)
+
+
+def with_forced(record: FruitRecord, forced: Sequence[str], results: Results) -> FruitRecord:
+    """The record of a graded fruit with these doubts for those that an earlier run forced; kept so."""
+    now = tuple(forced) if record.graded else ()
+    if now == record.forced:
+        return record
+    path = results.fruit(record.fruit_id).record
+    doubts, warnings = (
+        (*now, *(sentence for sentence in said if sentence not in record.forced))
+        for said in (record.doubts, record.warnings)
+    )
+    record = record.model_copy(update={"forced": now, "doubts": doubts, "warnings": warnings})
+    write_record(path, record)
+    return record
+
+
+def ended_record(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRecord:
+    """The record of a fruit whose process wrote none; where none can be written, it is told only."""
+    record = FruitRecord(
+        fruit_id=task.fruit_id,
+        outcome=outcome.code,
+        reason=task.named_in_batch(outcome.sentence(particulars)),
+        key=task.key,
+        given=task.given,
+    )
+    with suppress(NotWritten):
+        task.results.claim()
+        task.results.forget()
+        write_record(task.results.record, record)
+    return record
+
+
+def kept_record(task: FruitTask, before: FruitRecord, batch_fruits: Collection[str]) -> FruitRecord | None:
+    """The record `before` of an earlier run with what staff wrote of the fruit brought up to date; None where
+    it does not hold. `batch_fruits`: every fruit_id of the batch.
+    """
+    if before.key != task.key:
+        return None
+    if before.outcome in RETRIED:
+        return None
+    if any((named_row(name, batch_fruits) is not None) != was for name, was in before.strangers.items()):
+        return None
+    if before.graded and before.mesh is not None and not task.results.fruit_ply.is_file():
+        return None
+    if before.graded and task.screen and (before.screen is None or before.screen.again):
+        return None
+    record = before.model_copy(update={"given": task.given})
+    if record != before:
+        write_record(task.results.record, record)
+    return record

@@ -22,17 +22,13 @@ from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.problem import BatchRefused, Problem, refused
 from pipeline.ranking.run_summary import decimals
-from pipeline.run.batch_run import BatchRun, GradeOptions
-from pipeline.run.console import utc_now
+from pipeline.run.batch_run import BatchRun, GradeOptions, utc_now
 from pipeline.run.engines import WorkPlace, cluster_of
-from pipeline.run.fruit_queue import FruitQueue
-from pipeline.run.fruit_records import ended_record, with_forced
-from pipeline.run.fruit_work import work_on
+from pipeline.run.fruit_queue import FruitQueue, ended_record, with_forced
 from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit, share_MiB
-from pipeline.run.packed_records import PackedRecords
 from pipeline.run.progress import BatchProgress
-from pipeline.run.reporting import ReportSoFar, report
-from pipeline.run.runner import LocalPool
+from pipeline.run.reporting import ReportPace, outcomes_of, report, report_so_far
+from pipeline.run.runner import LocalPool, work_on
 from pipeline.run.scheduling import Died, Engine, Event, Finished, Noted, Progressed, TimedOut, run_on
 from recon.learned.onnx_file import model_files
 from reports.entries import BatchEntry
@@ -69,25 +65,33 @@ def grade(
         run.require_ours()
     with results_lock(run.results.root):
         run.require_ours()
-        records, fruit = PackedRecords(), run.batch.row_of
-        so_far = ReportSoFar(run, records)
+        records: dict[str, FruitRecord] = {}
+        fruit = run.batch.row_of
+        pace = ReportPace()
+
+        def report_when_due(_: FruitRecord) -> None:
+            """The end writes the report of all fruit."""
+            if len(records) < len(fruit) and pace.due():
+                with pace.reporting():
+                    report_so_far(run, records)
+
         queue = begun(run, fruit, records, console=console, mark=place.mark)
         say_begun(queue, run, console)
         with suppress(NotWritten):
-            run.write_provenance(records.outcomes, None)
+            run.write_provenance(outcomes_of(records), None)
         try:
-            grade_queue(queue, run, options, lambda _: so_far.write_when_due(), console=console, place=place)
+            grade_queue(queue, run, options, report_when_due, console=console, place=place)
         except (KeyboardInterrupt, BatchRefused) as stopped:
             with suppress(NotWritten):
                 status = INTERRUPTED if isinstance(stopped, KeyboardInterrupt) else USAGE
-                run.write_provenance(records.outcomes, status)
-            so_far.write(interrupted=True)
+                run.write_provenance(outcomes_of(records), status)
+            report_so_far(run, records, interrupted=True)
             raise
         return report(run, records)
 
 
 def begun(
-    run: BatchRun, chosen: Collection[str], records: PackedRecords, *, console: Console, mark: str
+    run: BatchRun, chosen: Collection[str], records: dict[str, FruitRecord], *, console: Console, mark: str
 ) -> FruitQueue:
     """Makes the results ready for the `chosen` fruit of a run, of which those that an earlier run graded as
     they are get their record; the queue of the others. The caller holds the lock of the results.
@@ -133,7 +137,6 @@ def placed(
     `began`: by the calendar, and in seconds of the monotonic clock. `hashed`: whether its inputs are, which a
     report needs.
     """
-    options.report.require_parts()
     results = Results(out or batch.folder.default_results)
     require_results_place(results.root, batch.folder, "--out")
     return BatchRun(
@@ -142,7 +145,7 @@ def placed(
         inputs=input_hashes(batch.folder.root, _inputs(batch)) if hashed else {},
         force=options.force,
         screen=options.screen,
-        options=options.report,
+        language=options.language,
         started=began[0],
         since_s=began[1],
     )

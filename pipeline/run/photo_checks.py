@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from pipeline.batch.fruits_table import FruitRow
-from pipeline.batch.layout import BatchFolder, FruitFolder
+from pipeline.batch.layout import FruitFolder
 from pipeline.batch.opening import Survey
 from pipeline.problem import Problem
 from pipeline.run.file_problems import at, tried
@@ -20,18 +20,6 @@ from recon.checks.view_check import view_doubts
 LONGEST_SIDE_PX = 1000
 """To which photos are shrunk here: 24 of them take 2 s of one core, at grading's 1600 px 5 s. Blur of 2 px in
 photos of 1280 px is told."""
-VIEWS_UNKNOWN = (
-    "Without mat.json, drupe check does not know the camera positions. Grading computes them from the photos."
-)
-
-
-def views_unknown(root: Path) -> bool:
-    """Whether a batch has photos and no mat, so that nothing is known of their views before grading."""
-    batch = BatchFolder(root)
-    if batch.mat.exists():
-        return False
-    fruits = map(FruitFolder, batch.fruits.glob("[!.]*"))
-    return any(not fruit.fruit_ply.is_file() and fruit.photo_files() for fruit in fruits)
 
 
 def photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder, *, quick: bool) -> Iterator[Problem]:

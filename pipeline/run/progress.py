@@ -15,12 +15,20 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from pipeline.run.console import RunConsole
-
 MOST_LINES = 8
 """Fruit at work whose stages are shown below the bar."""
 WHOLE_RUN_S = 1e9
 """Seconds of a run from which the time left is reckoned: all."""
+
+
+class RunConsole(Console):
+    """Standard error. `quiet`: nothing is shown; `verbose`: a line for every stage of every fruit and every
+    line that libraries write, on a terminal too.
+    """
+
+    def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
+        super().__init__(stderr=True, quiet=quiet)
+        self.verbose = verbose
 
 
 class BatchProgress:
@@ -39,7 +47,8 @@ class BatchProgress:
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._console = console
-        self._lines = not console.is_terminal or (isinstance(console, RunConsole) and console.verbose)
+        self._verbose = isinstance(console, RunConsole) and console.verbose
+        self._lines = self._verbose or not console.is_terminal
         self._total, self._done = total + (before or 0), before or 0
         self._what = "" if before is None else " that have come"
         self._clock, self._started = clock, clock()
@@ -73,14 +82,13 @@ class BatchProgress:
         self._bar.update(self._task, description=self._at_work())
         if self._lines:
             self._console.print(f"[{self._elapsed()}] {fruit_id}: {stage}", highlight=False, markup=False)
-        elif isinstance(self._console, RunConsole):
-            self._console.note(f"{fruit_id}: {stage}")
 
     def noted(self, fruit_id: str, line: str) -> None:
         """A library wrote a line while it worked on a fruit."""
-        if isinstance(self._console, RunConsole):
+        if self._verbose:
             stage = self._stage.get(fruit_id, "").partition(":")[0]
-            self._console.of_library(f"{fruit_id}{f' ({stage})' if stage else ''}: {line}")
+            said = f"{fruit_id}{f' ({stage})' if stage else ''}: {line}"
+            self._console.print(said, style="dim", highlight=False, markup=False, soft_wrap=True)
 
     def done(self, fruit_id: str, sentence: str) -> None:
         """A fruit has ended."""

@@ -1,15 +1,24 @@
-"""Ranking and report of a run: at its end, and of what is done while it goes on."""
+"""Ranking and report of a run: at its end, while it goes on, and anew from what it kept (`drupe report`)."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
 from contextlib import contextmanager, suppress
+from datetime import datetime
 from functools import partial
+from pathlib import Path
+from typing import Any
 
-from pipeline.batch.layout import Results, write_whole
+from pipeline.batch.fruits_table import FruitRow, unlisted_fruit
+from pipeline.batch.layout import BatchFolder, Results, write_whole
+from pipeline.batch.opening import open_batch
+from pipeline.batch.provenance import require_provenance
 from pipeline.batch.records import FruitRecord, read_record, write_record
+from pipeline.batch.results_lock import results_lock
 from pipeline.exit_status import DONE, DOUBTED, INTERRUPTED, UNUSABLE
+from pipeline.files.plain_file import printable
 from pipeline.files.whole_file import NotWritten
 from pipeline.fruit.same_recording import copies_doubted, with_copies
+from pipeline.problem import refused
 from pipeline.ranking.batch_faults import batch_faults
 from pipeline.ranking.reference_ratio import ReferenceFinding, as_measured
 from pipeline.ranking.reference_temperature import compared
@@ -17,7 +26,7 @@ from pipeline.ranking.report_entries import batch_entry
 from pipeline.run.batch_run import BatchRun
 from reports.entries import BatchEntry, Unfinished
 from reports.page import report_html
-from reports.tables import ranking_csv, ranking_excel, ranking_json, ranking_parquet
+from reports.tables import ranking_csv, ranking_json
 
 LEAST_S = 2.0
 """Seconds between two reports of a run that goes on, at least. Set by hand: nobody reads faster."""
@@ -39,10 +48,13 @@ def report(run: BatchRun, records: MutableMapping[str, FruitRecord]) -> tuple[in
     status = _status(in_order, finding)
     entry = entry_of(run)(in_order, exit_status=status, finding=finding, faults=faults)
     _write(entry, run)
-    outcomes = {record.fruit_id: record.outcome for record in measured}
-    run.write_provenance(outcomes, status, finding, faults)
-    _write_tables(entry, run)
+    run.write_provenance(outcomes_of(records), status, finding, faults)
     return status, entry
+
+
+def outcomes_of(records: Mapping[str, FruitRecord]) -> dict[str, str]:
+    """What each fruit came to."""
+    return {fruit_id: record.outcome for fruit_id, record in records.items()}
 
 
 class ReportPace:
@@ -69,49 +81,27 @@ class ReportPace:
             self._took_s = self._ended_s - began
 
 
-class ReportSoFar:
-    """ranking.csv and report.html of the fruit that are done, from the first one on, while a run goes on.
+def report_so_far(
+    run: BatchRun, records: Mapping[str, FruitRecord], *, interrupted: bool = False
+) -> BatchEntry | None:
+    """Replaces ranking and report by those of the fruit that are done; what they say, None where none is.
 
-    They are replaced as a whole. A run with nothing to do writes none. What cannot be written now is left to
-    the end of the run, which says so.
+    What cannot be written now is left to the end of the run, which says so.
     """
-
-    def __init__(
-        self,
-        run: BatchRun,
-        records: Mapping[str, FruitRecord],
-        *,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._run, self._records, self._pace = run, records, ReportPace(clock)
-
-    def write_when_due(self) -> None:
-        """Writes unless the last report is too near, or all fruit are done, which the end writes."""
-        if self._pace.due() and len(self._records) < len(self._run.batch.rows):
-            self.write()
-
-    def write(self, *, interrupted: bool = False) -> BatchEntry | None:
-        """Writes the report of the records there are; what it says, None where there are none."""
-        with self._pace.reporting():
-            return self._write(interrupted=interrupted)
-
-    def _write(self, *, interrupted: bool) -> BatchEntry | None:
-        run = self._run
-        measured = [self._records[row.fruit_id] for row in run.batch.rows if row.fruit_id in self._records]
-        if not measured:
-            return None
-        in_order, finding = compared(copies_doubted(measured, run.batch.folder), run.batch.settings)
-        entry = entry_of(run)(
-            in_order,
-            exit_status=None,
-            finding=finding,
-            faults=batch_faults(in_order),
-            unfinished=Unfinished(done=len(measured), total=len(run.batch.rows), interrupted=interrupted),
-        )
-        with suppress(NotWritten):
-            _write(entry, run)
-            _write_tables(entry, run)
-        return entry
+    measured = [records[row.fruit_id] for row in run.batch.rows if row.fruit_id in records]
+    if not measured:
+        return None
+    in_order, finding = compared(copies_doubted(measured, run.batch.folder), run.batch.settings)
+    entry = entry_of(run)(
+        in_order,
+        exit_status=None,
+        finding=finding,
+        faults=batch_faults(in_order),
+        unfinished=Unfinished(done=len(measured), total=len(run.batch.rows), interrupted=interrupted),
+    )
+    with suppress(NotWritten):
+        _write(entry, run)
+    return entry
 
 
 def report_of_records(
@@ -123,7 +113,7 @@ def report_of_records(
     """
     if all(row.fruit_id in records for row in run.batch.rows):
         return report(run, records)
-    return INTERRUPTED, ReportSoFar(run, records).write(interrupted=True)
+    return INTERRUPTED, report_so_far(run, records, interrupted=True)
 
 
 def entry_of(run: BatchRun) -> partial[BatchEntry]:
@@ -141,18 +131,7 @@ def entry_of(run: BatchRun) -> partial[BatchEntry]:
 def _write(entry: BatchEntry, run: BatchRun) -> None:
     write_whole(run.results.ranking, ranking_csv(entry))
     write_whole(run.results.ranking_json, ranking_json(entry))
-    page = report_html(entry, provenance=run.options.checksums, language=run.options.language)
-    write_whole(run.results.report, page)
-
-
-def _write_tables(entry: BatchEntry, run: BatchRun) -> None:
-    """The tables that are asked for, after all else: one that cannot be replaced costs nothing more. Raises
-    NotWritten.
-    """
-    if run.options.excel is not None:
-        write_whole(run.results.ranking_excel, ranking_excel(entry, dialect=run.options.excel))
-    if run.options.parquet:
-        write_whole(run.results.ranking_parquet, ranking_parquet(entry))
+    write_whole(run.results.report, report_html(entry, language=run.language))
 
 
 def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:
@@ -172,8 +151,77 @@ def _keep_comparisons(
     kept = {}
     for record, compared_record in zip(measured, in_order, strict=True):
         if with_copies(as_measured(record, compared_record), compared_record.copied) != record:
-            path = results.fruit(record.fruit_id).record
-            whole = read_record(path) or record
-            kept[record.fruit_id] = with_copies(as_measured(whole, compared_record), compared_record.copied)
-            write_record(path, kept[record.fruit_id])
+            kept[record.fruit_id] = with_copies(as_measured(record, compared_record), compared_record.copied)
+            write_record(results.fruit(record.fruit_id).record, kept[record.fruit_id])
     return kept
+
+
+def report_again(out: Path, batch: Path | None, *, language: str) -> BatchEntry | None:
+    """Writes ranking and report of the records in `out`, by the batch.toml of now; what the report says.
+
+    `batch`: the batch's folder, where it is no longer where it was graded. None where fruit are still missing
+    and the page says so. Raises BatchRefused where there is nothing to report, and NotWritten.
+    """
+    results = Results(out)
+    said = require_provenance(results)
+    root = batch or Path(str(said.get("batch", "")))
+    if not BatchFolder(root).settings.is_file():
+        sentence = (
+            f"belongs to the batch {printable(str(root))}, which does not exist; give the batch with --batch."
+        )
+        raise refused(results.provenance, sentence)
+    opened = open_batch(root, force=True, choose=partial(_with_records, results))
+    started, ended = _times(said, results)
+    run = BatchRun(
+        batch=opened,
+        results=results,
+        inputs=_hashes(said),
+        force=bool(said.get("force")),
+        screen=bool(said.get("screened", True)),
+        language=language,
+        started=started,
+        since_s=time.monotonic() - (ended - started).total_seconds(),
+    )
+    with results_lock(out):
+        run.require_ours()
+        records: dict[str, FruitRecord] = {}
+        for row in opened.rows:
+            path = results.fruit(row.fruit_id).record
+            if (record := read_record(path)) is not None:
+                records[row.fruit_id] = _as_noted_now(record, row, path)
+        if not records:
+            raise refused(out, "contains no fruit's record; run `drupe grade` first.")
+        status, entry = report_of_records(run, records)
+        return None if status == INTERRUPTED else entry
+
+
+def _with_records(results: Results, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
+    """The rows, and those folders without one that `drupe watch` has graded."""
+    watched = [
+        row for row in unlisted_fruit(folder.fruits, rows) if results.fruit(row.fruit_id).record.is_file()
+    ]
+    return (*rows, *watched)
+
+
+def _as_noted_now(record: FruitRecord, row: FruitRow, path: Path) -> FruitRecord:
+    """The record with notes and the user's own columns as fruits.csv has them now; kept so."""
+    given = record.given.model_copy(update={"notes": row.notes, "columns": row.columns})
+    if given == record.given:
+        return record
+    record = record.model_copy(update={"given": given})
+    write_record(path, record)
+    return record
+
+
+def _times(said: Mapping[str, Any], results: Results) -> tuple[datetime, datetime]:
+    try:
+        started = datetime.fromisoformat(said["started_utc"])
+        return started, datetime.fromisoformat(said.get("finished_utc") or said["started_utc"])
+    except (KeyError, TypeError, ValueError):
+        sentence = "contains no readable times; run `drupe grade` again."
+        raise refused(results.provenance, sentence) from None
+
+
+def _hashes(said: Mapping[str, Any]) -> dict[str, str]:
+    inputs = said.get("inputs")
+    return {str(k): str(v) for k, v in inputs.items()} if isinstance(inputs, dict) else {}

@@ -3,6 +3,8 @@ only.
 """
 
 import ctypes
+import gc
+import logging
 import multiprocessing
 import os
 import pickle
@@ -11,21 +13,24 @@ import sys
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import wait
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from pebble import ProcessExpired
 from pebble.concurrent import process
 
 from pipeline.batch.scratch import environment, scratch, temporary_files_in
 from pipeline.lack_of_memory import IN_WORDS
-from pipeline.library_output import MOST_BYTES, LinesOf, write_into
 from pipeline.run.scheduling import Died, Event, Finished, Noted, Progressed, TimedOut
-from pipeline.safe_start import library_path, uncollected
+from pipeline.safe_start import uncollected
+
+if TYPE_CHECKING:
+    from pipeline.batch.records import FruitRecord
+    from pipeline.batch.task import FruitTask
 
 THREAD_VARIABLES = (
     "OMP_NUM_THREADS",
@@ -39,9 +44,6 @@ LOOK_S = 0.1
 """Seconds between two looks at what fruit's processes say."""
 LAST_LINES = 5
 """Of libraries, in which the cause of an end is looked for: they report one in one to three lines."""
-
-LEFT_OUT = f"libraries wrote more than {MOST_BYTES / 2**20:g} MiB; drupe left out the rest"
-"""The last line that is passed on of a fruit's libraries, in place of all that follow."""
 
 
 class LocalPool:
@@ -67,15 +69,7 @@ class LocalPool:
         with ExitStack() as held:
             self._folder = held.enter_context(scratch())
             held.enter_context(temporary_files_in(_made(self._folder / "tmp")))
-            held.enter_context(
-                environment(
-                    {
-                        **dict.fromkeys(THREAD_VARIABLES, "1"),
-                        "PYTHONSAFEPATH": "1",
-                        "LD_LIBRARY_PATH": library_path(),
-                    }
-                )
-            )
+            held.enter_context(environment({**dict.fromkeys(THREAD_VARIABLES, "1"), "PYTHONSAFEPATH": "1"}))
             self._empty = _made(self._folder / "empty")
             self._held = held.pop_all()
         return self
@@ -173,7 +167,6 @@ class _Running:
         self.since_s: float | None = None
         self._stages, self._lines = LinesOf(self.log), LinesOf(self.output)
         self._last: deque[str] = deque(maxlen=LAST_LINES)
-        self._noted = 0
 
     @property
     def lacked_memory(self) -> str:
@@ -187,21 +180,33 @@ class _Running:
         self._last.extend(lines)
         return [
             *(Progressed(self.fruit_id, stage) for stage in stages),
-            *(Noted(self.fruit_id, line) for line in self._within_limit(lines)),
+            *(Noted(self.fruit_id, line) for line in lines),
         ]
-
-    def _within_limit(self, lines: list[str]) -> Iterator[str]:
-        """The lines until all of the fruit together have MOST_BYTES, and then once LEFT_OUT."""
-        for line in lines:
-            if self._noted <= MOST_BYTES:
-                self._noted += len(line)
-                yield line if self._noted <= MOST_BYTES else LEFT_OUT
 
     def out_of_time(self, limit_s: float) -> bool:
         """Whether it has been running for longer than `limit_s`, since this was first asked."""
         now = time.monotonic()
         self.since_s = now if self.since_s is None else self.since_s
         return now - self.since_s > limit_s
+
+
+class LinesOf:
+    """Whole lines that another process adds to a file."""
+
+    def __init__(self, path: Path) -> None:
+        self.path, self._at = path, 0
+
+    def new(self) -> list[str]:
+        """Those since the last call; none where there is no file."""
+        try:
+            with self.path.open("rb") as file:
+                file.seek(self._at)
+                said = file.read()
+        except FileNotFoundError:
+            return []
+        whole = said[: said.rfind(b"\n") + 1]
+        self._at += len(whole)
+        return whole.decode(errors="replace").splitlines()
 
 
 def _ending(fruit_process: _Running, future: Any) -> Event:
@@ -244,10 +249,20 @@ def _end_with(parent: int) -> None:
     os._exit(1)
 
 
+def _write_into(path: Path) -> None:
+    """All that libraries write, log and warn is added to a file for the rest of this process."""
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+    os.dup2(descriptor, 1)
+    os.dup2(descriptor, 2)
+    os.close(descriptor)
+    logging.basicConfig(format="%(name)s: %(message)s", stream=sys.stderr)
+    logging.captureWarnings(True)
+
+
 def _fruit(parent: int, folder: Path, log: Path, output: Path, packed: bytes) -> Any:
     """What a fruit's process does: `packed` is opened, and imports what it needs, in the empty folder."""
     with suppress(OSError):  # a full disk costs the lines of libraries, not the fruit
-        write_into(output)
+        _write_into(output)
     _begin(parent, folder)
     with uncollected():
         work, task = pickle.loads(packed)
@@ -260,3 +275,18 @@ def _fruit(parent: int, folder: Path, log: Path, output: Path, packed: bytes) ->
             file.write(f"{line}\n")
 
     return work(task, report)
+
+
+def work_on(task: "FruitTask", report: Callable[[str], None]) -> "FruitRecord":
+    """What a fruit's process does for a run: it grades the fruit; the record, which is written.
+
+    The process that hands out fruit names this function and never runs it: it imports what it needs.
+    """
+    with uncollected():
+        from pipeline.fruit.lean_open3d import load_open3d
+
+        load_open3d()
+        from pipeline.fruit.stages import grade_fruit
+
+    gc.freeze()  # what was imported stays until the process ends: it is not looked through for garbage
+    return grade_fruit(task, report)

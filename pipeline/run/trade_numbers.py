@@ -26,7 +26,7 @@ from pipeline.problem import nearest, refused
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import read_mesh
 from reports.tables import safe_cell
-from reports.trade_page import SizeEffect, TradeEntry, TradeFruit, TradeWords, trade_html
+from reports.trade_page import SizeEffect, TradeFruit, trade_html
 from reports.words import with_sd
 
 DIAMETERS_mm = (20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)
@@ -54,7 +54,7 @@ def trade_numbers(
     results = Results(out)
     said = require_provenance(results)
     names = _fruit_names(results, said)
-    asked = _limits(limits, tests)
+    asked = [_limit(text, tests) for text in limits]
     graded_utc = str(said.get("finished_utc") or "")
     done: list[TradeFruit] = []
     with results_lock(out):
@@ -100,31 +100,15 @@ def _write(
     table = _table(fruit, tests, graded_utc)
     write_whole(results.firmness, table.to_csv(index=False, lineterminator="\n"))
     moduli = [row.E_MPa for row in fruit if row.readings and row.E_MPa]
-    entry = TradeEntry(
+    page = trade_html(
+        tests,
+        fruit,
+        _sizes(tests, E_MPa=statistics.median(moduli or [0.5])),
         made_utc=now,
         graded_utc=graded_utc,
         folder=printable(str(results.root)),
-        tests=tuple(_words(test) for test in tests),
-        fruit=tuple(fruit),
-        sizes=_sizes(tests, E_MPa=statistics.median(moduli or [0.5])),
     )
-    write_whole(results.firmness_page, trade_html(entry))
-
-
-def _words(test: TradeTest) -> TradeWords:
-    source = ". ".join(filter(None, (test.source, test.caveat)))
-    drawn_for = "no pit, large fruit" if test.under_ball else ""
-    return TradeWords(name=test.name, title=test.title, unit=test.unit, source=source, drawn_for=drawn_for)
-
-
-def _limits(texts: Sequence[str], tests: Sequence[TradeTest]) -> list[Limit]:
-    limits = [_limit(text, tests) for text in texts]
-    columns = [_column(limit) for limit in limits]
-    for k, column in enumerate(columns):
-        if column in columns[:k]:
-            sentence = f'found "{printable(texts[k][:80])}", which has the same column {column} as another.'
-            raise refused("--limit", sentence)
-    return limits
+    write_whole(results.firmness_page, page)
 
 
 def _limit(text: str, tests: Sequence[TradeTest]) -> Limit:

@@ -14,14 +14,12 @@ from starlette.routing import Route
 from pipeline.problem import BatchRefused, refused
 from pipeline.watch.devices import KnownDevice, device_with, hash_of, read_devices
 from pipeline.watch.forms import form_of
-from reports.login_page import login_html
+from reports.kiosk_page import login_html
 
 THIS_MACHINE = "127.0.0.1", "localhost"
 """Where the page listens without a network."""
 SESSION_S = 16 * 3600
 """Seconds after which a device must send its token again."""
-MOST_SESSIONS = 256
-"""Sessions at once; one more ends the oldest."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,20 +73,15 @@ def network_of(
 class DeviceLogin:
     """A session for each device that sent its token; all of them end with the program.
 
-    `port`: the page's own, since browsers send cookies to all ports of a host. `tell` gets one sentence when
-    the file of devices cannot be read. `clock` in seconds.
+    `port`: the page's own, since browsers send cookies to all ports of a host. `clock` in seconds.
     """
 
     devices: Path
     port: int
     language: str
-    tell: Callable[[str], None]
     clock: Callable[[], float] = time.monotonic
     prefix: str = ""
-    strict: bool = True
     _sessions: dict[str, tuple[KnownDevice, float]] = field(default_factory=dict)
-    _read: tuple[tuple[int, ...], tuple[KnownDevice, ...]] = ((), ())
-    _reported: bool = False
 
     @property
     def cookie(self) -> str:
@@ -122,23 +115,23 @@ class DeviceLogin:
     async def _login(self, request: Request) -> Response:
         if request.method != "POST":
             return self._page(200)
-        written = await form_of(request, strict=self.strict)
+        written = await form_of(request)
         if written is None:
             return self._page(403)
         device = device_with(self._known(), written.get("token", "").strip())
         return self._page(401) if device is None else self._begun(device)
 
     async def _logout(self, request: Request) -> Response:
-        if await form_of(request, strict=self.strict) is None:
+        if await form_of(request) is None:
             return self._page(403)
         self._sessions.pop(self._session_of(request), None)
         return RedirectResponse("login", 303)
 
     def _begun(self, device: KnownDevice) -> Response:
         session = secrets.token_urlsafe(32)
-        while len(self._sessions) >= MOST_SESSIONS:
-            self._sessions.pop(next(iter(self._sessions)))
-        self._sessions[hash_of(session)] = device, self.clock() + SESSION_S
+        now_s = self.clock()
+        self._sessions = {name: held for name, held in self._sessions.items() if now_s < held[1]}
+        self._sessions[hash_of(session)] = device, now_s + SESSION_S
         answer = RedirectResponse("./", 303)
         answer.set_cookie(
             self.cookie, session, max_age=SESSION_S, path="/", secure=True, httponly=True, samesite="strict"
@@ -154,15 +147,6 @@ class DeviceLogin:
     def _known(self) -> tuple[KnownDevice, ...]:
         """The devices in the file as it is now; none where it cannot be read."""
         try:
-            status = self.devices.stat()
-            state = status.st_mtime_ns, status.st_size, status.st_ino
-            if state != self._read[0]:
-                self._read, self._reported = (state, read_devices(self.devices)), False
+            return read_devices(self.devices)
         except (OSError, BatchRefused):
-            self._read = (), ()
-            if not self._reported:
-                self._reported = True
-                self.tell(
-                    f"{self.devices} cannot be read; no device can open the page until drupe can read it"
-                )
-        return self._read[1]
+            return ()

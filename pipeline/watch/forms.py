@@ -20,16 +20,14 @@ MOST_FORM_BYTES, FORM_S = 20_000, 10.0
 """Of a form: 1,200 characters of 12 bytes each (percent encoding), and the seconds that sending may take."""
 
 
-async def form_of(request: Request, *, strict: bool) -> dict[str, str] | None:
+async def form_of(request: Request) -> dict[str, str] | None:
     """The fields of a form of this page; None of one from another site, too long, or too slow.
 
-    `strict`: a browser must say that the form is of this page (Sec-Fetch-Site, else Origin); otherwise it
-    must not say that it is another's.
+    The browser must say that the form is of this page (Sec-Fetch-Site, else Origin).
     """
     page_origin = f"{request.url.scheme}://{request.headers.get('host', '')}"
     site, origin = request.headers.get("sec-fetch-site"), request.headers.get("origin")
-    by_origin = origin == page_origin or (origin is None and not strict)
-    if not (by_origin if site is None else site == "same-origin"):
+    if not (origin == page_origin if site is None else site == "same-origin"):
         return None
     body = b""
     try:

@@ -15,7 +15,6 @@ import threading
 import time
 from collections.abc import AsyncIterator, Callable
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Self
 
@@ -37,14 +36,11 @@ from pipeline.batch.layout import Results
 from pipeline.files.manifest import is_ours
 from pipeline.problem import refused
 from pipeline.watch.connections import (
-    BACKLOG,
+    MOST_CONNECTIONS,
+    MOST_OF_ADDRESS,
     QUEUE,
-    REQUEST_S,
-    SHARE_OF_ADDRESS,
-    TURNS,
     CappedSocket,
-    connections_at_once,
-    limited_http,
+    PromptHTTP,
 )
 from pipeline.watch.device_login import DeviceLogin, Network
 from pipeline.watch.forms import HEADERS, form_of
@@ -79,7 +75,6 @@ class TokenInAddress:
 
     token: str
     prefix: str = "/{token}"
-    strict: bool = False
 
     def knows(self, request: Request) -> bool:
         """By constant-time comparison."""
@@ -95,19 +90,6 @@ class TokenInAddress:
 
     def refusal(self, request: Request) -> None:
         """Nothing."""
-
-
-class _Server(uvicorn.Server):
-    """Accepts BACKLOG connections a turn; the others wait in the system. TLS must begin within REQUEST_S."""
-
-    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
-        if self.config.is_ssl:
-            loop = asyncio.get_running_loop()  # this server's own; uvicorn has no option for it
-            waiting = partial(loop.create_server, ssl_handshake_timeout=REQUEST_S)
-            loop.create_server = waiting  # type: ignore[method-assign]
-        await super().startup(sockets)
-        for listener in sockets or ():
-            listener.listen(QUEUE)
 
 
 class PageServer:
@@ -136,20 +118,18 @@ class PageServer:
         self._access: TokenInAddress | DeviceLogin = (
             TokenInAddress(secrets.token_urlsafe(16))
             if network is None
-            else DeviceLogin(
-                devices=network.devices, port=self._socket.getsockname()[1], language=language, tell=tell
-            )
+            else DeviceLogin(devices=network.devices, port=self._socket.getsockname()[1], language=language)
         )
-        self._server = _Server(
+        self._server = uvicorn.Server(
             uvicorn.Config(
                 self._app(),
                 log_config=None,
                 access_log=False,
                 loop="asyncio",
                 lifespan="off",
-                http=limited_http(connections_at_once()),  # type: ignore[arg-type]  # a protocol's factory
+                http=PromptHTTP,
                 ws="none",
-                backlog=BACKLOG,
+                backlog=QUEUE,
                 server_header=False,
                 proxy_headers=False,
                 headers=list(HEADERS.items()),
@@ -163,13 +143,10 @@ class PageServer:
 
     def _serve(self) -> None:
         """Runs the server until the context ends; says so where it stops before."""
-        at_once = connections_at_once()
-        most = at_once + TURNS * BACKLOG
-        of_address = most if self._network is None else at_once // SHARE_OF_ADDRESS
+        of_address = MOST_CONNECTIONS if self._network is None else MOST_OF_ADDRESS
         try:
-            socket_ = CappedSocket(fileno=self._socket.dup().detach())
-            with socket_.capped(most, most_of_address=of_address) as listening:
-                self._server.run(sockets=[listening])
+            with CappedSocket(fileno=self._socket.dup().detach()).capped(most_of_address=of_address) as held:
+                self._server.run(sockets=[held])
             why = "its server ended"
         except (Exception, SystemExit) as error:  # noqa: BLE001 - whatever it is, grading goes on
             why = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
@@ -253,7 +230,7 @@ class PageServer:
         if request.method != "POST":
             page = await asyncio.to_thread(desk.form, fruit_id)
             return _nothing() if page is None else HTMLResponse(page)
-        written = await form_of(request, strict=self._access.strict)
+        written = await form_of(request)
         if written is None or await asyncio.to_thread(desk.form, fruit_id) is None:
             return _nothing()
         page = await asyncio.to_thread(desk.judge, fruit_id, written, device)

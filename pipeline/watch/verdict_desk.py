@@ -9,11 +9,10 @@ from pipeline.batch.layout import Results
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused
 from pipeline.ranking.report_entries import verdict_entry
-from pipeline.run.console import utc_now
+from pipeline.run.batch_run import utc_now
 from pipeline.run.judging import judge_fruit
 from reports.entries import FruitEntry, VerdictEntry
-from reports.judge_page import judge_html
-from reports.kiosk_page import KioskEntry, kiosk_html, led_to
+from reports.kiosk_page import KioskEntry, judge_html, kiosk_html, led_to
 from reports.language import spoken
 
 

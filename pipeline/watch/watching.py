@@ -22,8 +22,7 @@ from pipeline.ranking.reference_temperature import compared
 from pipeline.run.batch_run import BatchRun, GradeOptions
 from pipeline.run.engines import WorkPlace
 from pipeline.run.grading import begun, grade_queue, placed, say_begun
-from pipeline.run.packed_records import PackedRecords
-from pipeline.run.reporting import ReportPace, entry_of, report_of_records
+from pipeline.run.reporting import ReportPace, entry_of, outcomes_of, report_of_records
 from pipeline.watch.arrivals import Arrivals, State, own_state
 from reports.entries import BatchEntry, FruitEntry
 from reports.kiosk_page import KioskEntry
@@ -64,7 +63,7 @@ class BatchWatch:
     show: Callable[[KioskEntry], None]
     clock: Callable[[], float] = time.monotonic
     sleep: Callable[[float], None] = time.sleep
-    records: PackedRecords = field(default_factory=PackedRecords)
+    records: dict[str, FruitRecord] = field(default_factory=dict)
     """Of the fruit that are done."""
     graded: dict[str, tuple[FruitRow, State]] = field(default_factory=dict)
     """Row and files of each fruit when it was last graded."""
@@ -291,7 +290,7 @@ class BatchWatch:
                 run.require_ours()
                 self.status, entry = report_of_records(run, self.records)
                 if self.status == INTERRUPTED:
-                    run.write_provenance(self.records.outcomes, self.status)
+                    run.write_provenance(outcomes_of(self.records), self.status)
         except (BatchRefused, OSError) as fault:
             return self._refuse(fault)
         self.unreported, self.refused = False, False

@@ -61,7 +61,6 @@ const charts = (function () {
         const [at, up] = [X(x), Y(layer.y[k])];
         if (layer.y_sd && layer.y_sd[k]) path(pen, [[at, Y(layer.y[k] - layer.y_sd[k])], [at, Y(layer.y[k] + layer.y_sd[k])]]);
         if (layer.y_ends) path(pen, layer.y_ends[k].map((end) => [at, Y(end)]));
-        if (layer.x_sd && layer.x_sd[k]) path(pen, [[X(x - layer.x_sd[k]), up], [X(x + layer.x_sd[k]), up]]);
         pen.stroke();
         pen.globalAlpha = solid;
         pen.beginPath();
@@ -103,19 +102,18 @@ const charts = (function () {
       : layer.kind === "marks" ? layer.x.map((x, k) => [x, layer.y[k]]) : []);
     return spec.layers.filter((layer) => !layer.faint || !layer.tips).flatMap((layer) => of(layer).map(([x, y], k) => ({
       x, y, pick: layer.picks && layer.picks[k],
-      words: layer.tips ? layer.tips[k] : `${layer.name ? layer.name + ": " : ""}${said(spec.x, x)}, ${spec.y.names ? spec.y.names[Math.round(y)] : say(y)}`,
+      words: layer.tips ? layer.tips[k] : `${layer.name ? layer.name + ": " : ""}${said(spec.x, x)}, ${say(y)}`,
     }))).sort((a, b) => a.x - b.x);
   }
 
   function axes(spec) {
     const common = { stroke: () => colour("soft"), grid: { stroke: () => colour("grid"), width: 1 }, ticks: { show: false }, font: "12px system-ui, sans-serif", labelFont: "13px system-ui, sans-serif" };
     const numbers = (along) => (plot, places) => places.map((at) => said(along, at));
-    const names = spec.y.names;
     const steps = (along) => along.whole || along.dates ? { incrs: [1, 2, 5, 10, 20, 50, 100, 200, 500, 1000, 2000, 5000] } : {};
     return [
       { ...common, ...steps(spec.x), label: spec.x.label, labelSize: 22, size: 26, values: numbers(spec.x), space: spec.x.dates ? 100 : 60 },
-      { ...common, ...steps(spec.y), label: spec.y.label, labelSize: spec.y.label ? 22 : 0, size: names ? 90 : 48, space: 34,
-        values: names ? (plot, places) => places.map((at) => names[at] ?? "") : numbers(spec.y), ...(names ? { splits: () => names.map((_, k) => k) } : {}) },
+      { ...common, ...steps(spec.y), label: spec.y.label, labelSize: spec.y.label ? 22 : 0, size: 48, space: 34,
+        values: numbers(spec.y) },
     ];
   }
 
@@ -165,7 +163,7 @@ const charts = (function () {
     const plot = new uPlot({
       width: frame.clientWidth || 320, height: spec.height || (spec.low ? 170 : 260),
       legend: { show: false }, padding: [10, 10, 0, 0], axes: axes(spec), series: [{}, { points: { show: false }, stroke: "transparent" }],
-      scales: { x: { time: false, range: (u, low, high) => (low === null ? limits[0] : [low, high]) }, y: { range: () => limits[1].slice().sort((a, b) => a - b), dir: spec.y.names ? -1 : 1 } },
+      scales: { x: { time: false, range: (u, low, high) => (low === null ? limits[0] : [low, high]) }, y: { range: () => limits[1].slice().sort((a, b) => a - b) } },
       cursor: { drag: { x: true, y: false, setScale: !select }, points: { show: false }, y: !select, ...(spec.group ? { sync: { key: spec.group } } : {}) },
       hooks: {
         draw: [(u) => paint(u, spec)],

@@ -1,20 +1,12 @@
-"""Every module constant made of numbers says what it is: unit, and reason or measurement, beside it.
-
-    python tests/house/test_constants.py [ROOT]
-
-prints how many there are in each room, how many have no words beside them, and which those are.
-"""
+"""Every module constant made of numbers says what it is: unit, and reason or measurement, beside it."""
 
 import ast
 import io
 import re
-import sys
 import tokenize
 from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
-
-import pytest
 
 ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples", "drupe")
 ROOT = Path(__file__).resolve().parents[2]
@@ -44,18 +36,16 @@ def constants(source: str) -> Iterator[tuple[int, str, bool]]:
         yield node.lineno, ", ".join(names), commented or _has_docstring(body, place)
 
 
-def without_words(root: Path) -> tuple[dict[str, int], list[str]]:
-    """How many constants each room has; FILE:LINE NAMES of those with no words beside them."""
-    count, missing = dict.fromkeys(ROOMS, 0), []
-    for room in ROOMS:
-        for path in sorted((root / room).rglob("*.py")):
-            if path.is_relative_to(root / "samples" / "data"):
-                continue
-            for line, names, has in constants(path.read_text(encoding="utf-8")):
-                count[room] += 1
-                if not has:
-                    missing.append(f"{path.relative_to(root)}:{line} {names}")
-    return count, missing
+def without_words(root: Path) -> list[str]:
+    """FILE:LINE NAMES of the constants with no words beside them."""
+    paths = (path for room in ROOMS for path in sorted((root / room).rglob("*.py")))
+    return [
+        f"{path.relative_to(root)}:{line} {names}"
+        for path in paths
+        if not path.is_relative_to(root / "samples" / "data")
+        for line, names, has in constants(path.read_text(encoding="utf-8"))
+        if not has
+    ]
 
 
 def _has_number(value: ast.expr | None) -> bool:
@@ -91,42 +81,7 @@ def _has_docstring(body: list[ast.stmt], place: int) -> bool:
 
 
 def test_every_constant_made_of_numbers_has_words_beside_it():
-    count, missing = without_words(ROOT)
-    assert min(count.values()) > 0
+    missing = without_words(ROOT)
     assert not missing, f"{len(missing)} constants have no unit and reason beside them:\n" + "\n".join(
         missing
     )
-
-
-@pytest.mark.parametrize(
-    ("source", "has"),
-    [
-        ("A = 1\n", False),
-        ("A = 1  # noqa: E501\n", False),
-        ('A = "no # comment 1", 2\n', False),
-        ("A = 1\n\n\nB = 2  # mm, of another\n", False),
-        ("B = 2  # mm, of another\nA = 1\n", False),
-        ('A = 1\n\n"""Not right below."""\n', False),
-        ("A = 1\ndef f():\n    '''Of a function.'''\n", False),
-        ("A = 1  # mm, by hand\n", True),
-        ("# mm, by hand\nA = 1\n", True),
-        ("A = (\n    1,  # mm, by hand\n)\n", True),
-        ('A = 1\n"""mm, by hand."""\n', True),
-        ('A: int = 1\nB, C = 2, 3\n"""mm, by hand."""\n', False),
-        ('A: int = 1\nB, C = 2, 3\n"""These are mm, by hand."""\n', True),
-    ],
-)
-def test_words_beside_a_constant_are_its_own(source: str, has: bool):
-    assert {said for _, names, said in constants(source) if names == "A"} == {has}
-
-
-@pytest.mark.parametrize("source", ['A = "3"\n', "A = True\n", "def f():\n    a = 1\n", "__version__ = 1\n"])
-def test_only_names_of_the_module_that_hold_numbers_count(source: str):
-    assert not list(constants(source))
-
-
-if __name__ == "__main__":
-    counted, bare = without_words(Path(sys.argv[1]).resolve() if len(sys.argv) > 1 else ROOT)
-    table = [f"{room:9} {n:5} {sum(x.startswith(f'{room}/') for x in bare):5}" for room, n in counted.items()]
-    total = f"{'all':9} {sum(counted.values()):5} {len(bare):5}"
-    sys.stdout.write("\n".join(["room      constants, without words", *table, total, *bare, ""]))

@@ -135,31 +135,3 @@ def test_no_identifier_is_home_made(room):
 @pytest.mark.parametrize("room", ROOMS)
 def test_no_identifier_is_a_pronoun(room):
     assert refused_names(room, pronouns) == {}
-
-
-@pytest.mark.parametrize(
-    ("source", "expected"),
-    [
-        ("def settled(x): ...", ["settled"]),
-        ("class StanceRecord: ...", ["StanceRecord"]),
-        ("first_odds = log_odds(BackgroundPlate, 'settled')", ["first_odds"]),
-        ("resistance = platelet", []),
-        ("class Seen: ...", ["Seen"]),
-        ("seen = record.stance", []),
-        ("def test_it_is_told(told): ...", ["told"]),
-    ],
-)
-def test_words_are_found_whole_and_allowed_terms_are_not(source, expected):
-    assert home_made(source) == expected
-
-
-@pytest.mark.parametrize(
-    ("source", "expected"),
-    [
-        ("sum(one.E_MPa for one in fruit)", ["one", "one"]),
-        ("watch.own = f(found=1)", ["own", "found"]),
-        ("as_ones = 'one'  # own, found", []),
-    ],
-)
-def test_pronouns_are_found_whole_and_outside_of_prose(source, expected):
-    assert pronouns(source) == expected

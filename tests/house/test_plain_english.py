@@ -117,15 +117,3 @@ def test_every_entry_of_the_glossary_is_one_short_sentence():
     assert [
         term for term, meaning in rows if len(sentences(meaning)) > 1 or words(meaning) > MOST_WORDS
     ] == []
-
-
-@pytest.mark.parametrize(
-    ("text", "expected"),
-    [
-        ("Fifteen fruit are sound.", ["'sound': no mismatch; normal"]),
-        ("Where the rig gives\nway.", ["'gives way': machine compliance"]),
-        ("The command prints `a trace` of [E](#sealed-proof).", []),
-    ],
-)
-def test_banned_terms_are_found_across_lines_and_not_in_code(text, expected):
-    assert banned(text) == expected

@@ -128,7 +128,7 @@ def test_a_run_whose_folder_the_workers_do_not_see_is_refused(address, tmp_path)
     with pytest.raises(BatchRefused) as refused:
         list(run_on(engine(address, tmp_path, mark="another run"), work, [("a", "fine")]))
     assert str(refused.value).startswith("worker tcp://")
-    assert "results as this command does: OUT must lie on a file system" in str(refused.value)
+    assert "results as this command does: BATCH and OUT must lie on a file system" in str(refused.value)
 
 
 def test_a_batch_begun_on_this_machine_ends_on_a_cluster(address, tmp_path, monkeypatch):
@@ -259,7 +259,7 @@ def test_slurm_is_asked_for_jobs_of_one_worker_with_memory_for_one_fruit(slurm, 
 
 
 def test_slurms_jobs_speak_tls_with_a_key_that_only_this_user_reads(slurm, tmp_path):
-    with slurm_jobs(1, needs_of(tmp_path), print, tls=True) as jobs:
+    with slurm_jobs(1, needs_of(tmp_path), print) as jobs:
         address = jobs.scheduler_address
         assert address.startswith("tls://")
         (folder,) = tmp_path.glob(".results.drupe-run-*")
@@ -279,8 +279,8 @@ def test_slurms_jobs_speak_tls_with_a_key_that_only_this_user_reads(slurm, tmp_p
 def test_a_key_in_a_folder_with_a_blank_is_refused(slurm, tmp_path):
     (tmp_path / "with space").mkdir()
     with (
-        pytest.raises(BatchRefused, match="choose another --out, or plain TCP with --no-tls"),
-        slurm_jobs(1, needs_of(tmp_path / "with space"), print, tls=True),
+        pytest.raises(BatchRefused, match="choose another --out"),
+        slurm_jobs(1, needs_of(tmp_path / "with space"), print),
     ):
         pass
 
@@ -288,7 +288,7 @@ def test_a_key_in_a_folder_with_a_blank_is_refused(slurm, tmp_path):
 @pytest.mark.parametrize("per_fruit_MiB", [600.0, 1000.0, 1500.0])
 def test_a_job_of_slurm_has_memory_for_its_fruit_and_its_worker(slurm, tmp_path, per_fruit_MiB):
     """Neither Slurm's limit nor the worker's is below the sum."""
-    with slurm_jobs(1, needs_of(tmp_path, per_fruit_MiB=per_fruit_MiB), print, tls=False):
+    with slurm_jobs(1, needs_of(tmp_path, per_fruit_MiB=per_fruit_MiB), print):
         script = (slurm / "script").read_text()
     number, unit = re.search(r"#SBATCH --mem=(\d+)([MG])", script).groups()
     limit_MiB = parse_bytes(re.search(r"--memory-limit (\S+)", script)[1]) / 2**20
@@ -307,7 +307,7 @@ def test_a_run_whose_jobs_slurm_refuses_is_refused_with_its_words(slurm, tmp_pat
         pytest.raises(
             BatchRefused, match=r"^--slurm: sbatch accepts no job \(sbatch: error: invalid partition"
         ),
-        slurm_jobs(3, needs_of(tmp_path), print, tls=False),
+        slurm_jobs(3, needs_of(tmp_path), print),
     ):
         pass
     assert "Traceback" not in capfd.readouterr().err

@@ -142,13 +142,6 @@ def test_a_worker_that_cannot_load_its_fruit_refuses_the_run(engine, scheduler, 
             happened(cluster_engine)
 
 
-def test_a_run_without_workers_says_how_to_start_them(engine, scheduler, said):
-    scheduler.workers.clear()
-    with engine():
-        pass
-    assert said[1:] == ["waiting for workers (dask worker tcp://there:8786 --nthreads 1)"]
-
-
 def test_no_more_fruit_than_asked_for_are_in_the_cluster(engine):
     with engine(most=1) as cluster_engine:
         assert cluster_engine.room() == 1

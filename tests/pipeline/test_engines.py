@@ -103,11 +103,6 @@ def test_an_extra_that_is_not_installed_is_named(asked, option, monkeypatch):
         WorkPlace(**asked).require_parts()
 
 
-def test_this_machine_needs_no_extra(monkeypatch):
-    monkeypatch.setattr("importlib.util.find_spec", lambda name: None)
-    WorkPlace(jobs=2).require_parts()
-
-
 def test_slurm_without_sbatch_is_said(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(BatchRefused, match="--slurm: found no sbatch"):

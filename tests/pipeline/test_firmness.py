@@ -179,32 +179,6 @@ def test_every_fruit_has_a_row_and_only_fruit_without_doubt_make_a_limit(drupe, 
         assert words in page
 
 
-def test_a_limit_leaves_out_what_is_in_doubt(drupe, tmp_path, monkeypatch):
-    """The doubted fruit is smaller, and would halve the force."""
-
-    def presses(record, _folder):
-        diameter = 40.0 if record.doubts else 60.0
-        return (spheroid_presses((diameter,) * 3, pit_share=0.4, poisson_ratio=0.45),)
-
-    monkeypatch.setattr(trade_numbers, "fruit_presses", presses)
-    records = [graded("A", E_MPa, changes=CHANGES), graded("B", E_MPa, changes=CHANGES, doubts=["no."])]
-    out = results_of(tmp_path / "results", records)
-    done = drupe("firmness", out, "--limit", "plates_5pct_N=10")
-    at_limit = float(rows(out)["A"]["E_MPa_at_10_plates_5pct_N"])
-    assert float(done.out.partition("E_max_MPa = ")[2].split()[0].rstrip(".")) == pytest.approx(
-        at_limit, rel=2e-3
-    )
-    assert float(rows(out)["B"]["E_MPa_at_10_plates_5pct_N"]) > 2 * at_limit
-
-
-def test_a_pit_that_is_gone_is_a_reason(drupe, tmp_path):
-    out = results_of(tmp_path / "results", [graded("A", E_MPa, changes=CHANGES | {"pit": PIT})])
-    write_ball(tmp_path / "ball.ply")
-    write_whole(Results(out).fruit("A").fruit_ply, (tmp_path / "ball.ply").read_bytes())
-    assert drupe("firmness", out).status == 0
-    assert "pit.ply" in rows(out)["A"]["reason"]
-
-
 @pytest.mark.parametrize("factor", [None, 2.0])
 def test_the_scale_is_as_uncertain_as_reference_bodies_leave_it(drupe, tmp_path, by_table, factor):
     """Verified by bodies: 1 % and not the sensor's own 20 %; a temperature's factor scales both."""
@@ -261,14 +235,6 @@ def test_results_that_are_not_sound_are_refused(drupe, tmp_path, by_table, chang
     assert (done.status, by_table) == (2, [])
     assert words in done.err
     assert not (out / "firmness.csv").exists()
-
-
-def test_two_limits_with_the_same_name_are_refused(drupe, tmp_path, by_table):
-    out = results_of(tmp_path / "results", [graded("A", E_MPa, changes=CHANGES)])
-    limits = ("--limit", "plates_5pct_N=10", "--limit", "plates_5pct_N=10.0000001")
-    done = drupe("firmness", out, *limits)
-    assert (done.status, by_table) == (2, [])
-    assert "the same column E_MPa_at_10_plates_5pct_N" in done.err
 
 
 def test_the_pits_spread_is_the_one_that_graded_the_fruit(tmp_path, monkeypatch):

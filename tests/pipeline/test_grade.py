@@ -4,7 +4,6 @@ import csv
 import html
 import json
 import math
-import shutil
 from datetime import UTC, datetime
 
 import pytest
@@ -14,32 +13,14 @@ from small_batches import batch_of_balls, write_ball
 
 from pipeline.batch.layout import Results, write_whole
 from pipeline.batch.opening import open_batch
-from pipeline.batch.outcome import Outcome
 from pipeline.batch.records import ScreenRecord, read_record, write_record
 from pipeline.problem import BatchRefused
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.run import grading as grading
 from pipeline.run import reporting
-from pipeline.run.batch_run import BatchRun, GradeOptions, ReportOptions
-from pipeline.run.reporting import ReportSoFar
+from pipeline.run.batch_run import BatchRun, GradeOptions
+from pipeline.run.reporting import ReportPace, report_so_far
 from reports.grasp_record import GraspRecord
-
-
-def record(outcome, reason=""):
-    return graded("A", 900.0, sd=1 / 30, changes={"outcome": outcome, "reason": reason})
-
-
-def test_the_progress_line_of_a_refused_fruit_is_its_reason_and_no_modulus():
-    said = grading._in_a_line(record(Outcome.IMPLAUSIBLE_MODULUS.code, "E would be 900 MPa"))
-    assert said == "implausible-modulus: E would be 900 MPa"
-    assert grading._in_a_line(record("graded")) == "E = 900.000 ± 30.000 MPa"
-
-
-def test_the_progress_line_of_a_fruit_in_doubt_names_the_cause():
-    doubted = record("graded").model_copy(update={"doubts": ("g: one marker in ten is dead.", "a pit")})
-    said = grading._in_a_line(doubted)
-    assert said == "E = 900.000 ± 30.000 MPa, in doubt (see the causes below)"
-
 
 SOUND = "fruit_id,mass_g\nA,90\nB,90\n"
 ONE_IN_KG = "fruit_id,mass_g\nA,0.09\nB,90\n"
@@ -160,11 +141,6 @@ def test_a_fruit_whose_E_is_in_doubt_has_no_class_and_the_others_have(batch, run
     assert page.count("class withheld because E is in doubt") == 1
 
 
-def test_a_fruit_in_doubt_of_a_batch_without_classes_has_none_withheld(batch, run):
-    run(SOUND)
-    assert "withheld" not in (batch / "results" / "report.html").read_text()
-
-
 def test_a_fruit_whose_numbers_no_fruit_has_is_graded_when_forced_and_refused_otherwise(batch, run):
     status, worked, rows = run(ONE_IN_KG, force=True)
     assert (status, worked, rows["A"]["outcome"]) == (4, "AB", "graded")
@@ -234,48 +210,32 @@ def test_a_fault_of_the_whole_batch_stands_in_report_and_provenance(batch, run, 
     assert (kept["effect"], kept["pad"], kept["shown_by"]) == ("sensor_gain", "left", ["A", "B"])
 
 
-class Clock:
-    """Seconds that are set by hand; each reading moves on by `step`."""
-
-    def __init__(self):
-        self.now, self.step = 100.0, 0.0
-
-    def __call__(self):
-        self.now += self.step
-        return self.now
-
-
-def test_page_and_table_are_there_from_the_first_fruit_on_and_at_a_bounded_cost(batch):
-    (batch / "fruits" / "C").mkdir()
-    shutil.copy(batch / "fruits" / "A" / "fruit.ply", batch / "fruits" / "C")
-    (batch / "fruits.csv").write_text("fruit_id\nA\nB\nC\n")
+def test_page_and_table_are_there_from_the_first_fruit_on(batch):
     opened, results = open_batch(batch), Results(batch / "results")
     run = BatchRun(
         batch=opened, results=results, inputs={}, force=False, screen=True,
-        options=ReportOptions(), started=datetime(2026, 8, 14, tzinfo=UTC), since_s=0.0,
+        language="en", started=datetime(2026, 8, 14, tzinfo=UTC), since_s=0.0,
     )  # fmt: skip
     results.claim()
-    records, clock = {}, Clock()
-    so_far = ReportSoFar(run, records, clock=clock)
-    so_far.write_when_due()
+    assert report_so_far(run, {}) is None
     assert not results.report.exists()
+    records = {"B": graded("B", 0.4)}
+    for interrupted, words in (
+        (False, "Still running:</b> 1 of 2 fruit are finished"),
+        (True, "Interrupted:</b> 1 of 2"),
+    ):
+        report_so_far(run, records, interrupted=interrupted)
+        assert words in results.report.read_text()
+        ids = [row["fruit_id"] for row in csv.DictReader(results.ranking.read_text().splitlines())]
+        assert ids == ["B"]
 
-    records["B"] = graded("B", 0.4)
-    clock.now, clock.step = 200.0, 0.05  # so long does a report take
-    so_far.write_when_due()
-    page = results.report.read_text()
-    assert "Still running:</b> 1 of 3 fruit are finished" in page
-    assert [row["fruit_id"] for row in csv.DictReader(results.ranking.read_text().splitlines())] == ["B"]
-    records["A"] = graded("A", 0.2)
-    clock.step = 0.0
-    for later, rows in ((1.0, 1), (4.0, 1), (6.0, 2)):  # 0.05 s are 1 % of 5 s
-        clock.now = 200.1 + later
-        so_far.write_when_due()
-        assert len(list(csv.DictReader(results.ranking.read_text().splitlines()))) == rows
-    so_far.write(interrupted=True)
-    assert "Interrupted:</b> 2 of 3" in results.report.read_text()
-    records["C"] = graded("C", 0.6)
-    clock.now += 1e6
-    before = results.report.read_text()
-    so_far.write_when_due()  # the end writes that one
-    assert results.report.read_text() == before
+
+def test_reports_while_a_run_goes_on_take_a_hundredth_of_its_time():
+    now = [200.0]
+    pace = ReportPace(lambda: now[0])
+    assert pace.due()
+    with pace.reporting():
+        now[0] += 0.05
+    for later, due in ((1.0, False), (4.0, False), (6.0, True)):  # 0.05 s are 1 % of 5 s
+        now[0] = 200.05 + later
+        assert pace.due() is due

@@ -157,13 +157,6 @@ def test_the_batch_folder_instead_of_its_results_is_named(judge, batch, results)
     assert f"did you mean {results}?" in judge(out=batch).err
 
 
-def test_a_verdict_stays_when_all_results_are_removed(drupe, judge, results):
-    judge()
-    assert drupe("clean", results, "--all").status == 0
-    assert not (results / "ranking.csv").exists()
-    assert len(trail(results)) == 1
-
-
 def test_a_formula_or_markup_in_a_verdict_runs_nowhere(judge, results):
     judge(by="=cmd|' /C calc'!A0", why="<script>alert(1)</script>")
     assert rows(results)["A"]["judged_by"] == "'=cmd|' /C calc'!A0"

@@ -1,4 +1,4 @@
-"""From folders of photos to a batch, the settings' template and schema, reports anew, cleaning, doctor."""
+"""From folders of photos to a batch, the settings' template and schema, doctor."""
 
 import json
 import re

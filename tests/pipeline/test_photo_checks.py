@@ -1,6 +1,5 @@
 """`drupe check` names the photos to retake, of twelve small photos of a fruit of the shipped batch."""
 
-import json
 import re
 from pathlib import Path
 from unittest import mock
@@ -17,7 +16,6 @@ from pipeline.batch.task import fruit_task
 from pipeline.fruit.fruit_shape import fruit_shape
 from pipeline.fruit.photographed import KeptMesh
 from pipeline.run.checking import check
-from pipeline.run.photo_checks import views_unknown
 from recon.silhouettes.hull import ball
 
 SAMPLE = Path(__file__).resolve().parents[2] / "samples" / "data" / "nectarines"
@@ -106,22 +104,9 @@ def test_an_unreadable_heic_is_named_in_a_quick_check_too(batch):
     assert not remark
 
 
-def test_without_a_mat_the_views_are_not_known(batch):
-    assert not views_unknown(batch)
+def test_without_a_mat_nothing_is_said_of_the_views(batch):
     (batch / "mat.json").unlink()
-    assert views_unknown(batch)
     assert said(batch) == []
-    (batch / "fruits").rename(batch / "Fruits")
-    assert views_unknown(batch)
-
-
-def test_photos_of_another_mat_are_refused(batch):
-    held = json.loads((batch / "mat.json").read_text())
-    held["dict"] = "5X5_50"
-    (batch / "mat.json").write_text(json.dumps(held))
-    ((sentence, remark),) = said(batch)
-    assert "No marker of the mat (5X5_50" in sentence
-    assert not remark
 
 
 def test_grading_warns_of_photos_that_are_not_used_and_grades_anew_when_they_change(batch):

@@ -21,7 +21,7 @@ from pipeline.problem import BatchRefused
 from pipeline.run import grading
 from pipeline.run.batch_run import GradeOptions
 from pipeline.run.checking import ImplausibleNumbers, check
-from pipeline.run.fruit_records import ended_record
+from pipeline.run.fruit_queue import ended_record
 from recon.pit.priors import load_prior
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh

@@ -7,7 +7,7 @@ from pipeline.batch.opening import open_batch
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.task import fruit_task
 from pipeline.fruit.stages import grade_fruit
-from pipeline.run.fruit_records import ended_record
+from pipeline.run.fruit_queue import ended_record
 
 
 @pytest.fixture

@@ -1,18 +1,13 @@
-"""Reports anew from what a run kept, and folders of results cleaned."""
+"""Reports anew from what a run kept."""
 
 import csv
-import errno
 import json
-from pathlib import Path
 
-import pandas as pd
 import pytest
 from graded_results import graded, results_of
 from small_batches import batch_of_balls
 
-from pipeline.batch.layout import write_whole
 from pipeline.batch.records import ScreenRecord
-from pipeline.files.whole_file import NotWritten
 
 
 @pytest.fixture
@@ -89,44 +84,6 @@ def test_a_batch_of_which_no_class_is_shipped_says_so(drupe, batch, results):
     assert "No class is shipped" in (results / "report.html").read_text()
 
 
-def test_tables_of_other_programmes_hold_the_same_numbers(drupe, results):
-    assert drupe("report", results, "--csv", "excel-de", "--parquet").status == 0
-    raw = (results / "ranking-excel.csv").read_bytes()
-    assert raw.startswith(b"\xef\xbb\xbfrank;fruit_id;outcome;E_MPa;")
-    assert raw.endswith(b"\r\n")
-    plain = pd.read_csv(results / "ranking.csv")
-    other = pd.read_csv(results / "ranking-excel.csv", sep=";", decimal=",")
-    pd.testing.assert_frame_equal(other, plain, check_dtype=False)
-    columns = pd.read_parquet(results / "ranking.parquet")
-    assert list(columns) == list(plain)
-    for name in ("rank", "E_MPa", "E_sd_MPa", "p_softer_than_next"):
-        assert columns[name].astype(float).to_numpy() == pytest.approx(plain[name].to_numpy(), nan_ok=True)
-    assert list(columns["fruit_id"]) == list(plain["fruit_id"])
-
-
-def test_a_table_that_nobody_knows_is_refused_and_a_users_own_is_not_replaced(drupe, results):
-    ran = drupe("report", results, "--csv", "lotus")
-    assert ran.status == 2
-    assert 'found "lotus", expected one of excel, excel-de' in ran.err
-    (results / "ranking-excel.csv").write_text("mine")
-    assert drupe("report", results).status == 0
-    assert drupe("report", results, "--csv", "excel").status == 2
-    assert (results / "ranking-excel.csv").read_text() == "mine"
-
-
-def test_a_table_that_cannot_be_replaced_costs_nothing_else(drupe, results, monkeypatch):
-    """As one that a spreadsheet saves while the run goes on."""
-    drupe("report", results)
-    before = {name: (results / name).stat().st_mtime_ns for name in ("report.html", "batch.json")}
-    monkeypatch.setattr("pipeline.run.reporting.ranking_excel", not_written)
-    assert drupe("report", results, "--csv", "excel").status == 2
-    assert all((results / name).stat().st_mtime_ns > then for name, then in before.items())
-
-
-def not_written(*_, **__):
-    raise NotWritten(Path("ranking-excel.csv"), OSError(errno.ENOSPC, "No space left on device"))
-
-
 def test_fruit_that_were_graded_without_a_row_are_in_the_report_and_stray_folders_are_not(
     drupe, batch, results
 ):
@@ -134,13 +91,6 @@ def test_fruit_that_were_graded_without_a_row_are_in_the_report_and_stray_folder
     (batch / "fruits" / "stray").mkdir()
     assert drupe("report", results).status == 0
     assert set(rows(results)) == {"A", "B"}
-
-
-def test_checksums_are_listed_on_request(drupe, results):
-    drupe("report", results)
-    assert "files and their SHA-256" not in (results / "report.html").read_text()
-    drupe("report", results, "--provenance")
-    assert "files and their SHA-256" in (results / "report.html").read_text()
 
 
 def test_of_an_interrupted_run_the_page_says_so(drupe, batch):
@@ -166,50 +116,3 @@ def test_what_is_no_result_is_refused(drupe, batch, results):
     ran = drupe("report", batch)
     assert ran.status == 2
     assert "contains no results of drupe grade (batch.json); did you mean" in ran.err
-    ran = drupe("clean", batch)
-    assert ran.status == 2
-    assert "is not a results folder of drupe grade" in ran.err
-
-
-def fill(results):
-    """Stages, a picture of ours, one that somebody changed, and a stranger's files."""
-    for name in ("A", "B"):
-        folder = results / "fruits" / name
-        write_whole(folder / "mesh.webp", b"picture")
-        (folder / ".cache").mkdir(exist_ok=True)
-        (folder / ".cache" / "flesh-0123.npz").write_bytes(b"stage")
-    (results / "fruits" / "B" / "mesh.webp").write_bytes(b"painted over")
-    (results / "fruits" / "A" / "mine.txt").write_text("mine")
-    (results / "fruits" / "linked").symlink_to(results.parent.parent)
-
-
-def files(folder):
-    return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
-
-
-def test_only_what_is_kept_between_runs_goes(drupe, results):
-    fill(results)
-    before = files(results)
-    assert "2 files, 0.0 MB would be removed" in drupe("clean", results, "--dry-run").out
-    assert files(results) == before
-    assert drupe("clean", results).status == 0
-    assert before - files(results) == {f"fruits/{name}/.cache/flesh-0123.npz" for name in "AB"}
-
-
-def test_with_all_only_what_drupe_wrote_goes(drupe, results):
-    fill(results)
-    drupe("report", results)
-    ran = drupe("clean", results, "--all")
-    left = files(results)
-    assert "fruits/A/mine.txt" in left
-    assert "fruits/B/mesh.webp" in left
-    assert not any(name.endswith(("record.json", "report.html", "ranking.csv", ".npz")) for name in left)
-    assert "mesh.webp: drupe did not write this file, or somebody changed it" in ran.out
-    assert (results / "fruits" / "linked").is_symlink()
-    assert (results.parent / "batch.toml").is_file()
-
-
-def test_with_all_nothing_is_left_where_nothing_strange_is(drupe, results):
-    drupe("report", results)
-    drupe("clean", results, "--all")
-    assert not results.exists()

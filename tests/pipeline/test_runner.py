@@ -3,7 +3,6 @@
 import logging
 import multiprocessing
 import os
-import pickle
 import signal
 import subprocess
 import sys
@@ -251,36 +250,6 @@ def test_a_lack_of_memory_ends_the_fruit_as_that_in_whatever_way_it_shows():
     )
     assert "more than the 300 MiB limit per fruit" in ending_of(ended["too much"])[1]
     assert "Memory allocation still failed" in ending_of(ended["OpenBLAS"])[1]
-
-
-def endless(size, report):
-    for _ in range(size // 2**20):
-        os.write(1, b"%s\n" % (b"x" * (2**20 - 1)))
-        time.sleep(0.02)
-    os.write(1, b"the end\n")
-    return "done"
-
-
-def test_what_libraries_write_without_end_is_cut(tmp_path):
-    with LocalPool(jobs=1, time_limit_s=60) as pool:
-        pool.begin("a", pickle.dumps((endless, 64 * 2**20)))
-        events, held = [], 0
-        while not any(isinstance(event, Finished) for event in events):
-            events += pool.happened()
-            held = max(
-                [
-                    held,
-                    *(
-                        fruit_process.output.stat().st_size
-                        for fruit_process in pool._pending.values()
-                        if fruit_process.output.exists()
-                    ),
-                ]
-            )
-    lines = [event.line for event in events if isinstance(event, Noted)]
-    assert sum(map(len, lines)) < 2**20 + 100
-    assert lines[-1] == "libraries wrote more than 1 MiB; drupe left out the rest"
-    assert held < 32 * 2**20
 
 
 def talkative(how, report):

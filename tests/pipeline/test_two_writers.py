@@ -78,15 +78,6 @@ def test_one_that_was_killed_holds_up_nobody(tmp_path, holder):
     assert not list(in_the_way(FruitResults(tmp_path).files))
 
 
-def test_one_that_was_stopped_holds_up_nobody_for_good(tmp_path, holder, monkeypatch):
-    monkeypatch.setattr("pipeline.files.manifest.WAIT_S", 0.3)
-    os.kill(holder.pid, signal.SIGSTOP)
-    began = time.monotonic()
-    write_whole(tmp_path / "record.json", "new")
-    assert time.monotonic() - began >= 0.3
-    assert (tmp_path / "record.json").read_text() == "new"
-
-
 def test_without_locks_or_in_place_of_one_a_folder_it_is_written_all_the_same(tmp_path, monkeypatch):
     def none(*_):
         raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
@@ -129,19 +120,3 @@ def test_results_that_another_run_writes_are_refused_until_it_ends(tmp_path):
     process.join()
     with results_lock(tmp_path):
         assert is_held(tmp_path)
-
-
-def test_a_lock_that_was_removed_before_it_was_taken_keeps_nobody_out(tmp_path, monkeypatch):
-    """`drupe clean` ends just as a run begins: the next run must meet the lock that this one holds."""
-    out, opened = tmp_path / "out", os.open
-
-    def removed_at_once(path, *arguments, **named):
-        lock = opened(path, *arguments, **named)
-        monkeypatch.setattr(os, "open", opened)
-        path.unlink()
-        return lock
-
-    monkeypatch.setattr(os, "open", removed_at_once)
-    with results_lock(out):
-        assert is_held(out)
-    assert not is_held(out)

@@ -51,12 +51,11 @@ def settings_refusal(tmp_path, columns):
 
 
 def test_every_table_holds_what_pandas_reads_from_the_users_own(drupe, batch, results, tmp_path):
-    assert drupe("report", results, "--parquet").status == 0
+    assert drupe("report", results).status == 0
     written = pd.read_csv(batch / "fruits.csv").set_index("fruit_id")[["Brix", "grower"]]
     json_rows = pd.DataFrame(json.loads((results / "ranking.json").read_text()))
     tables = {
         "ranking.json": json_rows,
-        "ranking.parquet": pd.read_parquet(results / "ranking.parquet"),
         "drupe.read": public.read(results).ranking,
     }
     for name, table in tables.items():

@@ -25,7 +25,7 @@ from pipeline.fruit.grasped import grasped_fruit, said_once
 from pipeline.fruit.recording_owner import Owner, owner_findings, stranger
 from pipeline.fruit.same_recording import copies_doubted
 from pipeline.fruit.stage_log import StageLog
-from pipeline.run.fruit_records import kept_record
+from pipeline.run.fruit_queue import kept_record
 from reports.grasp_record import GraspRecord
 from tactile.io.recording import read_recording
 from tactile.recording_digest import recording_digest

@@ -62,12 +62,6 @@ def test_lists_name_their_fruit_and_why(empty_batch, graded):
     assert '<option value="hold">Hold</option>' in page
 
 
-def test_nothing_is_said_to_be_shipped_without_classes(empty_batch, graded):
-    batch = replace(empty_batch, fruits=(replace(graded("S", rank=1, E_MPa=0.2)),))
-    assert decision_lists(batch, numbered(batch)) == ()
-    assert "What to ship" not in report_html(batch)
-
-
 def test_long_lists_have_few_links_and_the_table_has_the_rest(large_batch, graded):
     count = MOST_LISTED + 10
     fruits = tuple(

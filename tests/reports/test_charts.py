@@ -110,17 +110,6 @@ def test_a_frame_that_knows_nothing_does_not_set_the_scale():
     assert chart["y"]["limits"][1] < 3
 
 
-def test_error_bars_of_grasps_are_one_standard_deviation(graded):
-    chart = fruit_charts(graded("a", rank=1, E_MPa=0.5))[-1]
-    energy, squares = layers(chart, "marks")
-    assert energy["x"] == pytest.approx([0.505])
-    assert energy["x_sd"] == pytest.approx([0.015])
-    assert squares["x_sd"] == pytest.approx([0.02])
-    low, high = chart["x"]["limits"]
-    assert low < 0.495 - 0.02
-    assert high > 0.505 + 0.015
-
-
 def test_marks_lie_inside_their_axes(large_batch):
     for chart in fruit_charts(large_batch.fruits[0]):
         for layer in layers(chart, "marks"):

@@ -13,12 +13,11 @@ import pytest
 sys.path.insert(0, str(Path(__file__).parent.parent / "pipeline"))
 from fake_explanation import fake_explanation
 
-from fem.mismatch.result import Candidate, FruitMap, ModulusCell, Where
+from fem.mismatch.result import Candidate, FruitMap, ModulusCell
 from pipeline.diagnosis.diagnosis import Diagnosis
 from pipeline.diagnosis.explain_entry import explain_entry
 from reports import explain_page
-from reports.effect_words import VERDICTS, explain_verdict, where_in_words
-from reports.explain_charts import modulus_over_time
+from reports.effect_words import explain_verdict
 from reports.explain_page import explain_html
 from reports.skin_picture import map_picture
 
@@ -124,13 +123,6 @@ def test_every_kind_of_verdict_has_a_page_even_with_nothing_else_known(verdict):
     assert explain_verdict(full) in explain_html(full).replace("&#39;", "'")
 
 
-def test_verdicts_that_are_no_effect_have_words_of_their_own():
-    for verdict in ("none", "unknown"):
-        page = explain_html(entry(verdict=(verdict,), effects={}))
-        assert VERDICTS[verdict].advice in page
-        assert "flesh, E</dt><dd>0.315" in page
-
-
 def test_an_effect_without_words_is_told_by_its_name():
     pose = Candidate(effect="pose_error", probability=1.0, parameters={}, log_evidence=9.0, gain=20.0)
     pose_entry = entry(verdict=("pose_error",), effects={}, ranking=(pose,))
@@ -140,19 +132,6 @@ def test_an_effect_without_words_is_told_by_its_name():
 def test_several_names_are_given_the_likeliest_first():
     sentence = explain_verdict(entry(verdict=("clock_lag", "viscoelastic")))
     assert "viscoelastic or clock lag" in sentence
-
-
-def test_a_spot_is_told_with_its_place_and_width():
-    spot = entry(where=Where(region="flesh", centre_mm=(1.0, 2.0, 3.0), radius_mm=4.0))
-    assert where_in_words(spot) == "in the flesh, at (1.0, 2.0, 3.0) mm, about 8 mm wide"
-
-
-def test_frames_that_say_nothing_of_E_are_not_drawn():
-    lost = replace(entry().cells[0], E_sd_MPa=0.3)
-    assert modulus_over_time(entry(cells=(lost,)), with_effect=True) == []
-    (chart,) = modulus_over_time(entry(), with_effect=True)
-    assert chart["caption"] == "grasp-1"
-    assert [len(layer["x"]) for layer in chart["layers"] if layer["kind"] == "marks"] == [20, 20]
 
 
 def test_no_two_parts_of_the_page_have_one_name():

@@ -6,9 +6,7 @@ import pytest
 from browser import chromium
 
 from reports.entries import HOLD, INSPECT, SHIP, BatchEntry, FruitEntry, ScreenEntry, Suspect
-from reports.judge_page import judge_html
-from reports.kiosk_page import KioskEntry, kiosk_html
-from reports.login_page import login_html
+from reports.kiosk_page import KioskEntry, judge_html, kiosk_html, login_html
 
 NOON = datetime(2026, 8, 14, 12, tzinfo=UTC)
 SKIN = Suspect(name="skin", short="a stiff skin carries part of the load", advice="")

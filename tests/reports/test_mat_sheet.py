@@ -73,10 +73,6 @@ def test_bar_is_100_mm_long(corners, bits):
     assert max(widths) == pytest.approx(100.0, abs=1e-3)
 
 
-def test_sheet_is_vectors_only(corners, bits):
-    assert b"/Subtype /Image" not in made(corners, bits)
-
-
 def test_same_mat_gives_the_same_bytes_without_a_date(corners, bits):
     pdf = made(corners, bits)
     assert pdf == made(corners, bits)
@@ -106,13 +102,6 @@ def _inside(point, loop):
     crosses = (y0 > point[1]) != (y1 > point[1])
     at = x0 + (point[1] - y0) / np.where(y1 == y0, 1.0, y1 - y0) * (x1 - x0)
     return bool(np.count_nonzero(crosses & (at > point[0])) % 2)
-
-
-def test_outline_follows_a_turned_tag():
-    turned = square(0.0, 0.0, 8.0)[[1, 2, 3, 0]]
-    cells = np.ones((8, 8), bool)
-    cells[0, 0] = False
-    assert tag_outline(turned, cells).get_extents().bounds == pytest.approx((3.0, 3.0, 1.0, 1.0))
 
 
 def test_sheet_too_small_is_refused_with_both_sizes(corners, bits):

@@ -66,13 +66,3 @@ def test_each_tile_shows_its_fruit_in_the_middle(centre, radius):
     middle = TILE_PX // 2
     assert tile[middle, middle, 2] > tile[middle, middle, 0] + 80
     assert tile[8, middle, 2] < tile[8, middle, 0] + 30
-
-
-def test_names_of_any_letters_are_written_and_long_ones_shortened():
-    for name in ("Pfirsich-äöü-№1.jpg", "桃.jpg", "a\x00\n\x1b[31m.jpg", "long" * 40 + ".jpg", ""):
-        assert len(outline_sheet_jpeg([disc((450.0, 350.0), 100.0, name=name)])) > 1000
-
-
-def test_no_photo_is_refused():
-    with pytest.raises(ValueError, match="at least one photo"):
-        outline_sheet_jpeg([])

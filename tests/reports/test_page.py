@@ -151,13 +151,6 @@ def test_the_embedded_rows_are_those_of_the_ranking_and_in_its_order(awkward_bat
     assert [html.unescape(each) for each in ids] == [fruit["id"] for fruit in lot["fruits"]]
 
 
-def test_settings_and_facts_are_no_python(awkward_batch):
-    """Nothing that only a programmer reads: no brackets, quotes or True of Python."""
-    shown = text_of(awkward_batch)
-    assert "[{" not in shown
-    assert "['" not in shown
-
-
 def test_failures_come_first_with_reason_and_what_to_do(awkward_batch):
     shown = text_of(awkward_batch)
     order = ["4 of 6 fruits graded", "Not graded: 2 of 6", "were given, with, commas"]
@@ -188,25 +181,6 @@ def test_same_records_give_the_same_page(awkward_batch):
     assert report_html(awkward_batch) == report_html(awkward_batch)
 
 
-def test_provenance_is_all_there_and_in_utc(awkward_batch):
-    shown = text_of(awkward_batch)
-    for words in (
-        "2026-08-15 09:01:02 UTC",
-        "12 min 38 s",
-        "exit status 3",
-        "poisson_ratio",
-        "0.1.0",
-        "drupe grade --provenance",
-    ):
-        assert words in shown
-
-
-def test_mismatch_and_warnings_are_told_beside_the_figure(awkward_batch):
-    shown = text_of(awkward_batch)
-    assert "pit offset with slip" in shown
-    assert "Low light" in shown
-
-
 def test_a_mismatch_that_nothing_explains_or_several_do_is_told_as_that(empty_batch):
     fruits = tuple(
         FruitEntry(fruit_id=mismatch, ok=True, outcome="graded", rank=rank, E_MPa=0.3, mismatch=mismatch)
@@ -219,25 +193,12 @@ def test_a_mismatch_that_nothing_explains_or_several_do_is_told_as_that(empty_ba
     assert "cannot distinguish skin or graded modulus. Use E with caution." in shown
 
 
-def test_a_fruit_with_nothing_but_a_modulus_is_shown(empty_batch):
-    bare = FruitEntry(fruit_id="a", ok=True, outcome="graded", rank=1, E_MPa=0.3)
-    shown = text_of(replace(empty_batch, fruits=(bare,)))
-    assert "The only fruit is graded: a has E = 0.300" in shown
-
-
 @pytest.mark.parametrize(
     ("count", "words"), [(0, "holds no fruits"), (1, "The only fruit is not"), (2, "None of the 2")]
 )
 def test_verdict_of_a_batch_without_a_graded_fruit(count, words, empty_batch):
     lost = tuple(FruitEntry(fruit_id=str(k), ok=False, outcome="crashed") for k in range(count))
     assert words in report_html(replace(empty_batch, fruits=lost))
-
-
-def test_sixty_fruits_are_a_page_of_a_few_megabytes_less_pictures(awkward_batch, graded):
-    bare = tuple(
-        replace(graded(f"N-{k}", rank=k + 1, E_MPa=0.3), pictures=FruitPictures()) for k in range(60)
-    )
-    assert len(report_html(replace(awkward_batch, fruits=bare))) < 2_000_000
 
 
 def test_a_fruit_of_photos_shows_what_they_saw_of_it_and_one_of_a_mesh_does_not(graded, empty_batch):
@@ -293,18 +254,6 @@ def test_the_screen_of_a_fruit_with_a_confirmed_effect_speaks_of_what_is_left(em
     shown = text_of(replace(empty_batch, fruits=(fruit,), screened=True))
     assert "Taken into account: viscoelastic" in shown
     assert "Missing physics: none found beyond that (p = 0.40)." in shown
-
-
-def test_an_explained_fruit_is_sent_to_drupe_explain_once(awkward_batch):
-    """Before it is explained by what the screen suspects, afterwards by the answer."""
-    screen = ScreenEntry(
-        p_value=0.01, suspects=(Suspect(name="skin", short="a skin", advice="Look."),), why_not="", note="so"
-    )
-    for mismatch in (None, "skin"):
-        fruit = replace(awkward_batch.fruits[0], mismatch=mismatch, mismatch_taken=False, screen=screen)
-        page = opened(report_html(replace(awkward_batch, fruits=(fruit,))))
-        assert page.count("for its probability and its influence on E") == 1
-        assert page.index("<details", page.index("<article")) < page.index("ignored some of the data")
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,8 @@ import reports.skin_picture
 from recon.silhouettes.hull import ball
 from reports.figures import png_of
 from reports.photo import thumbnail_jpeg
-from reports.skin_layer import vertex_normals
 from reports.skin_picture import (
     GREY,
-    LEAST_MM,
     MARGIN,
     MapStyle,
     coloured,
@@ -57,10 +55,6 @@ def test_view_axes_are_right_handed_and_up_is_up(azimuth_deg):
     assert np.allclose(view_axes(0.0, 0.0)[0], [0, 1, 0])
 
 
-def test_normals_of_a_sphere_are_its_directions():
-    assert vertex_normals(SPHERE_MM, FACES) == pytest.approx(DIRECTIONS, abs=0.02)
-
-
 def test_the_fruit_is_drawn_to_scale():
     """A disk of the ball's radius in each half; arrows, bar and legend are dark or of the pads' colours."""
     flesh = (picture()[..., 0] - picture()[..., 2]) > 30
@@ -89,10 +83,6 @@ def test_contacts_are_dots_on_the_side_that_was_touched():
     mm_per_px = 2 * MARGIN * RADIUS_MM / VIEW_PX
     assert np.ptp(columns) * mm_per_px == pytest.approx(12.0, abs=2.0)
     assert np.ptp(rows) * mm_per_px == pytest.approx(12.0 * np.cos(np.deg2rad(24)), abs=2.5)
-
-
-def test_the_same_mesh_gives_the_same_picture():
-    assert mesh_picture(SPHERE_MM, FACES, view_px=80) == mesh_picture(SPHERE_MM, FACES, view_px=80)
 
 
 STYLE = MapStyle(low="softer", high="firmer", signed=True, unseen="blind")
@@ -140,11 +130,6 @@ def test_the_side_known_worse_is_darker_whatever_a_few_vertices_are():
     worst = sd_mm.copy()
     worst[DIRECTIONS[:, 2].argmin()] = 40.0
     assert side(sd_map(worst), 2, 0).mean(0) == pytest.approx(side(sd_map(sd_mm), 2, 0).mean(0), abs=0.02)
-
-
-def test_a_surface_known_far_better_than_the_bars_least_reach_stays_pale():
-    good, bad = (sd_map(np.full(len(SPHERE_MM), share * LEAST_MM)) for share in (0.02, 1.0))
-    assert side(good, 0, 0).mean() > side(bad, 0, 0).mean() + 0.2
 
 
 def test_thumbnail_keeps_the_shape_and_never_grows():

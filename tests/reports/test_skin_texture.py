@@ -2,7 +2,6 @@
 
 import cv2
 import numpy as np
-import pytest
 import trimesh
 
 from reports.skin_texture import HEIGHT_PX, UNSEEN, WIDTH_PX, SkinPhoto, skin_texture
@@ -72,15 +71,3 @@ def test_skin_that_no_photo_shows_is_grey_and_no_background():
 def test_without_photos_there_is_none():
     assert texture([]) is None
     assert texture([SkinPhoto(photo(0, 20).image, photo(0, 20).pixels_from_mesh, MIDDLE_MM)]) is None
-
-
-@pytest.mark.parametrize("azimuth_deg", [0, 90, 200])
-def test_a_photo_is_put_where_it_was_taken_from(azimuth_deg):
-    """One photo: the longitude that it faces has its colours, the other side has not."""
-    made = texture([photo(azimuth_deg, 10)])
-    band = slice(HEIGHT_PX // 4, 3 * HEIGHT_PX // 4)
-    spread = np.abs(made - colours(directions()))[band].mean(axis=(0, 2))
-    longitude = 360 * (np.arange(WIDTH_PX) + 0.5) / WIDTH_PX
-    near = np.cos(np.deg2rad(longitude - azimuth_deg)) > 0.9
-    far = np.cos(np.deg2rad(longitude - azimuth_deg)) < -0.9
-    assert spread[near].mean() < 0.3 * spread[far].mean()

@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 import pytest
 
 from reports.entries import BatchEntry, FruitEntry, ScreenEntry, Suspect
-from reports.tables import ranking_csv, ranking_excel, safe_cell
+from reports.tables import ranking_csv, safe_cell
 
 Make = Callable[..., FruitEntry]
 SUSPECTS = tuple(Suspect(name=name, short="", advice="") for name in ("skin", "poisson_ratio"))
@@ -76,10 +76,6 @@ def cells_by(text, separator):
     return {cell.lstrip('\t "\u00a0') for row in table for cell in row}
 
 
-def test_a_sign_at_the_front_is_text_even_before_a_number():
-    assert safe_cell("+1") == "'+1"
-
-
 @pytest.mark.parametrize("text", HOSTILE)
 @pytest.mark.parametrize("separator", [",", ";", "\t"])
 def test_no_separator_makes_a_formula_of_a_part_of_a_cell(text, separator, awkward_batch):
@@ -87,13 +83,8 @@ def test_no_separator_makes_a_formula_of_a_part_of_a_cell(text, separator, awkwa
         fruit_id=text, ok=False, outcome="x", reason=text, mismatch=text, warnings=(text, text)
     )
     batch = replace(awkward_batch, fruits=(fruit,))
-    for table in (
-        ranking_csv(batch),
-        ranking_excel(batch, dialect="excel-de"),
-        ranking_excel(batch, dialect="excel"),
-    ):
-        for cell in cells_by(table, separator):
-            assert not cell.startswith(("=", "+", "-", "@", "\uff1d")), cell
+    for cell in cells_by(ranking_csv(batch), separator):
+        assert not cell.startswith(("=", "+", "-", "@", "\uff1d")), cell
     assert safe_cell(safe_cell(text)) == safe_cell(text)
 
 
@@ -107,12 +98,6 @@ def test_no_separator_makes_a_formula_of_a_part_of_a_cell(text, separator, awkwa
 )  # fmt: skip
 def test_text_that_is_no_formula_stays_as_it_is(text):
     assert safe_cell(text) == text
-
-
-def test_not_a_number_is_not_written_as_one(awkward_batch, graded):
-    fruit = replace(graded("a", rank=1, E_MPa=0.2), E_sd_MPa=float("nan"), height_mm=float("inf"))
-    row = rows_of(ranking_csv(replace(awkward_batch, fruits=(fruit,))))[0]
-    assert (row["E_sd_MPa"], row["height_mm"]) == ("", "")
 
 
 def test_a_reference_body_stands_last_without_rank_or_class():

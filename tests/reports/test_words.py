@@ -25,11 +25,6 @@ def test_no_probability_is_told_as_certain(probability):
     assert percent(probability).replace("\u00a0", " ") not in {"0 %", "100 %"}
 
 
-@pytest.mark.parametrize("value", [None, float("nan"), float("inf")])
-def test_what_is_not_known_is_a_dash(value):
-    assert number(value) == percent(value) == with_sd(value, 0.1) == "–"
-
-
 def test_fruit_that_wait_in_an_unfinished_run_are_counted():
     done = FruitEntry(fruit_id="a", ok=True, outcome="graded", E_MPa=0.4)
     assert verdict((done,), waiting=3).startswith("1 of 4 fruits graded: a has E")

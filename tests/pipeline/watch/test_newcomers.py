@@ -13,11 +13,10 @@ from pipeline.files import manifest
 from pipeline.ranking import report_entries
 from pipeline.run import fruit_queue, grading
 from pipeline.run.batch_run import GradeOptions
-from pipeline.run.packed_records import PackedRecords
 
 
 def test_a_newcomer_costs_the_same_however_many_fruit_there_are(batch, watched, monkeypatch):
-    """Records read and unpacked, files hashed, tasks made: of the newcomer alone."""
+    """Records read, files hashed, tasks made: of the newcomer alone."""
     reports_take(monkeypatch, watched, 10.0)
     counts, spent = Counter(), {}
 
@@ -32,7 +31,7 @@ def test_a_newcomer_costs_the_same_however_many_fruit_there_are(batch, watched, 
 
     for module, name in (
         (fruit_queue, "read_record"), (fruit_queue, "fruit_task"), (cache, "file_hash"),
-        (provenance, "file_hash"), (manifest, "_hash"), (PackedRecords, "__getitem__"),
+        (provenance, "file_hash"), (manifest, "_hash"),
         (report_entries, "_fruit_entry"),
     ):  # fmt: skip
         counted(module, name)
@@ -72,12 +71,6 @@ def test_reports_between_take_a_bounded_share_of_the_time_and_the_last_is_of_all
     assert len(made) >= 3
     assert (made[0], made[-1]) == (1, 40)
     assert len(rows(batch)) == 40
-
-
-def test_a_report_that_is_late_is_made_when_nothing_comes(batch, watched, monkeypatch):
-    made = reports_take(monkeypatch, watched, 1.0)
-    watched(*one_by_one(batch, "A", "B", "C"), *[lambda: None] * 240, idle_s=200.0)
-    assert made == [1, 3]
 
 
 def test_the_page_ranks_a_newcomer_among_all_before_any_report(batch, watched, monkeypatch):
@@ -128,49 +121,6 @@ def test_a_reference_body_that_comes_late_corrects_all_at_once(batch, watched, m
     first = next(entry for entry in watched.shown if entry.recent[:1] == ("C",))
     E_MPa = {fruit.fruit_id: fruit.E_MPa for fruit in first.batch.fruits if not fruit.reference}
     assert E_MPa == {name: pytest.approx(modulus_of(name) / 1.2) for name in "ACE"}
-
-
-def test_a_row_that_comes_after_its_fruit_is_taken_up_without_the_others(batch, watched, monkeypatch):
-    reports_take(monkeypatch, watched, 1000.0)
-    table = batch / "fruits.csv"
-    watched(
-        *one_by_one(batch, "A", "B", "C"),
-        lambda: table.write_text("fruit_id,height_mm,notes\nA,56,\n"),
-        *QUIET,
-        lambda: table.write_text("fruit_id,height_mm,notes\nA,56,\nB,,sunny side\n"),
-        *QUIET,
-    )
-    assert watched.worked == ["A", "B", "C", "A"]
-    working = [entry.working for entry in watched.shown if entry.working]
-    assert working == [("A",), ("B",), ("C",), ("A",), ("B",)]
-    given = {name: read_record(batch / "results" / "fruits" / name / "record.json").given for name in "AB"}
-    assert (given["A"].height_mm, given["B"].notes) == (56, "sunny side")
-
-
-def test_a_fruit_that_is_only_read_again_is_not_shown_as_the_last(batch, watched, monkeypatch):
-    """For its row; with files of its own that changed it is."""
-    reports_take(monkeypatch, watched, 1000.0)
-    recent = []
-
-    def keep():
-        recent.append("".join(watched.shown[-1].recent))
-
-    watched(
-        *one_by_one(batch, "A", "B"),
-        lambda: of_another(batch, "C", "D"),
-        *QUIET,
-        keep,
-        lambda: (batch / "fruits.csv").write_text("fruit_id,height_mm,notes\nA,,sunny side\n"),
-        *QUIET,
-        keep,
-        *one_by_one(batch, "D"),
-        keep,
-        lambda: (batch / "fruits" / "B" / "grasps" / "grasp-2.h5").write_text("again"),
-        *QUIET,
-        keep,
-    )
-    assert watched.worked == ["A", "B", "C", "D", "B"]
-    assert recent == ["CBA", "CBA", "DCBA", "BDCA"]
 
 
 def test_a_watched_day_ends_with_the_results_of_a_plain_grade(batch, watched, tmp_path):

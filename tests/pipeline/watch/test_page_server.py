@@ -2,11 +2,8 @@
 
 import http.client
 import socket
-import subprocess
-import sys
 import time
 from contextlib import ExitStack, closing
-from functools import partial
 from urllib.parse import urlsplit
 
 import pytest
@@ -14,8 +11,8 @@ import uvicorn
 
 from pipeline.batch.layout import Results, write_whole
 from pipeline.problem import BatchRefused
-from pipeline.watch import page_server
-from pipeline.watch.connections import limited_http
+from pipeline.watch import connections
+from pipeline.watch.connections import MOST_CONNECTIONS
 from pipeline.watch.page_server import LOOPBACK, PageServer
 
 
@@ -104,52 +101,8 @@ def test_a_server_that_does_not_start_is_said(tmp_path, monkeypatch):
     assert server._socket.fileno() == -1
 
 
-UNDER_ATTACK = """
-import resource, sys
-from pathlib import Path
-from pipeline.batch.layout import Results
-from pipeline.watch import page_server
-from pipeline.watch.connections import limited_http
-from pipeline.watch.page_server import LOOPBACK, PageServer
-resource.setrlimit(resource.RLIMIT_NOFILE, (224, 224))
-results = Results(Path(sys.argv[1]))
-results.claim()
-with PageServer(results) as server:
-    server.show("<p>page</p>")
-    print(server.address, flush=True)
-    for _ in sys.stdin:
-        opened = [open("/dev/null") for _ in range(100)]
-        for one in opened:
-            one.close()
-        print(len(opened), flush=True)
-"""
-HALF_OPEN = (b"", b"GET / HT", b"GET /wrong/ HTTP/1.1\r\nHost: 127.0.0.1\r\nX: ")
-
-
-def test_half_open_requests_leave_files_to_grading_and_the_page_to_its_browser(tmp_path):
-    command = [sys.executable, "-c", UNDER_ATTACK, str(tmp_path / "results")]
-    with (
-        subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True) as serving,
-        ExitStack() as held,
-    ):
-        address = urlsplit(serving.stdout.readline().strip())
-        for first_bytes in 70 * HALF_OPEN:
-            idle = held.enter_context(closing(socket.create_connection((LOOPBACK, address.port), timeout=20)))
-            idle.sendall(first_bytes)
-        serving.stdin.write("open\n")
-        serving.stdin.flush()
-        assert serving.stdout.readline() == "100\n"
-        connection = held.enter_context(
-            closing(http.client.HTTPConnection(LOOPBACK, address.port, timeout=20))
-        )
-        connection.request("GET", address.path)
-        assert connection.getresponse().read() == b"<p>page</p>"
-        serving.stdin.close()
-        assert serving.wait(30) == 0
-
-
 def test_a_request_whose_bytes_come_one_by_one_is_ended_in_time(tmp_path, monkeypatch):
-    monkeypatch.setattr(page_server, "limited_http", partial(limited_http, request_s=0.3))
+    monkeypatch.setattr(connections, "REQUEST_S", 0.3)
     with (
         PageServer(Results(tmp_path / "results")) as server,
         closing(socket.create_connection((LOOPBACK, urlsplit(server.address).port), timeout=10)) as slow,
@@ -169,21 +122,23 @@ def test_a_request_whose_bytes_come_one_by_one_is_ended_in_time(tmp_path, monkey
         assert ended == b"" or isinstance(ended, ConnectionError)
 
 
-def test_open_pages_keep_their_place_and_one_more_connection_is_closed(tmp_path, monkeypatch):
-    monkeypatch.setattr(page_server, "connections_at_once", lambda: 2)
+def test_open_pages_stay_and_idle_connections_give_their_place_back(tmp_path, monkeypatch):
+    monkeypatch.setattr(connections, "REQUEST_S", 0.5)
     with PageServer(Results(tmp_path / "results")) as server, ExitStack() as held:
         server.show("<p>page</p>")
         address = urlsplit(server.address)
-        open_pages = []
-        for _ in range(2):
-            connection = held.enter_context(
-                closing(http.client.HTTPConnection(LOOPBACK, address.port, timeout=10))
-            )
-            connection.request("GET", address.path + "events")
-            open_pages.append(connection.getresponse())
+        connection = held.enter_context(
+            closing(http.client.HTTPConnection(LOOPBACK, address.port, timeout=10))
+        )
+        connection.request("GET", address.path + "events")
+        open_page = connection.getresponse()
+        for _ in range(MOST_CONNECTIONS):
+            held.enter_context(closing(socket.create_connection((LOOPBACK, address.port), timeout=10)))
         with pytest.raises(OSError, match=r"reset|closed|Broken pipe"):
             ask(server, address.path)
-        assert all(answer.readline() == b"event: changed\n" for answer in open_pages)
+        time.sleep(1.0)
+        assert ask(server, address.path)[2] == b"<p>page</p>"
+        assert open_page.readline() == b"event: changed\n"
 
 
 @pytest.mark.parametrize("fault", [OSError(24, "Too many open files"), RuntimeError("broken"), SystemExit(1)])

@@ -3,7 +3,7 @@
 import shutil
 
 import pytest
-from watched_batch import QUIET, interrupted, of_another, one_by_one, put, reports_take, rows
+from watched_batch import QUIET, of_another, one_by_one, put, rows
 
 from pipeline.run import grading
 
@@ -35,36 +35,6 @@ def test_a_fruit_keeps_its_record_when_a_newcomer_that_it_names_is_refused(batch
     )
     assert any("fruits/B/record.json" in problem for problem in problems(watched))
     assert (status, sorted(rows(batch))) == (0, ["A", "D"])
-
-
-def test_so_it_does_in_the_report_that_ctrl_c_leaves(batch, watched, monkeypatch):
-    reports_take(monkeypatch, watched, 1000.0)
-    watch = watched.until_ctrl_c(
-        *one_by_one(batch, "C", "D"),
-        lambda: of_another(batch, "A", "B"),
-        *QUIET,
-        lambda: in_the_way(batch, "B"),
-        *one_by_one(batch, "B"),
-        lambda: taken_away(batch, "B"),
-        *QUIET,
-        interrupted,
-    )
-    assert watch.stop() == 0
-    assert sorted(rows(batch)) == ["A", "C", "D"]
-
-
-@pytest.mark.parametrize("names", ["A", "AC"])
-def test_a_newcomer_that_was_refused_is_forgotten_when_it_is_gone(batch, watched, names):
-    status = watched(
-        *one_by_one(batch, *names),
-        lambda: in_the_way(batch, "N9"),
-        *one_by_one(batch, "N9"),
-        lambda: taken_away(batch, "N9"),
-        *LATER,
-    )
-    assert any("fruits/N9/record.json" in problem for problem in problems(watched))
-    assert status == 0
-    assert watched.worked == [*names]
 
 
 def test_a_newcomer_that_is_still_refused_is_said_by_the_status(batch, watched):

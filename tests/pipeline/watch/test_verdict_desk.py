@@ -56,6 +56,7 @@ def ask(server, path, form=None, **headers):
     address = urlsplit(server.address)
     body = None if form is None else urlencode(form)
     with closing(http.client.HTTPConnection(address.hostname, address.port, timeout=10)) as connection:
+        headers = {"Sec_Fetch_Site": "same-origin"} | headers
         names = {name.replace("_", "-"): text for name, text in headers.items()}
         connection.request("GET" if form is None else "POST", path, body=body, headers=names)
         with connection.getresponse() as answer:

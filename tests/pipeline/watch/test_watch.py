@@ -4,7 +4,7 @@ import errno
 import shutil
 
 import pytest
-from watched_batch import QUIET, interrupted, one_by_one, put, reports_take, rows
+from watched_batch import one_by_one, put, reports_take, rows
 
 from pipeline.watch import watching
 from reports.kiosk_page import kiosk_html
@@ -46,13 +46,6 @@ def test_a_fruit_without_shape_yet_holds_up_no_other(batch, watched):
     assert watched.worked == ["A"]
     assert watched.shown[-1].waiting == (("B", "photos or fruit.ply"),)
     assert watched.shown[-1].expected == 1
-
-
-def test_watching_ends_where_the_batch_cannot_be_graded(batch, watched):
-    put(batch, "A")
-    (batch / "batch.toml").write_text("category = 3\n")
-    assert watched() == 0
-    assert not watched.worked
 
 
 def test_a_fruit_that_changes_is_graded_again_and_one_that_does_not_is_not(batch, watched):
@@ -112,22 +105,6 @@ def test_a_deleted_fruit_costs_nothing(batch, watched):
     put(batch, "B")
     watched(*[lambda: None] * 12, lambda: shutil.rmtree(batch / "fruits" / "A"), lambda: put(batch, "C"))
     assert sorted(rows(batch)) == ["B", "C"]
-
-
-def test_a_fruit_whose_files_are_away_for_a_moment_is_not_lost(batch, watched, monkeypatch):
-    reports_take(monkeypatch, watched, 1000.0)
-    folder, away = batch / "fruits" / "A", batch / "A"
-    watch = watched.until_ctrl_c(
-        *one_by_one(batch, "A", "B", "C"),
-        lambda: folder.rename(away),
-        *QUIET,
-        *one_by_one(batch, "D"),
-        lambda: away.rename(folder),
-        *QUIET,
-        interrupted,
-    )
-    assert watch.stop() == 0
-    assert sorted(rows(batch)) == ["A", "B", "C", "D"]
 
 
 def test_a_batch_that_is_out_of_reach_for_a_moment_is_shown_and_watched_on(batch, watched):

@@ -5,7 +5,6 @@ import os
 import pytest
 from watched_batch import QUIET, interrupted, one_by_one, put
 
-from pipeline.run import grading
 from pipeline.watch.watching import BatchWatch
 
 SUMMARY_FROM = 2
@@ -20,15 +19,6 @@ def test_the_command_says_that_ctrl_c_left_a_fruit_unfinished(batch, drupe, work
     assert worked == [*before, "stop"]
     assert ran.status == 130
     assert "drupe: stopped; a fruit was not finished" in ran.err
-
-
-def test_the_command_counts_the_fruit_that_ctrl_c_left_unfinished(batch, drupe, worked, monkeypatch):
-    monkeypatch.setattr("pipeline.commands.watch.cores", lambda: 2)
-    for name in ("stop", "then"):
-        put(batch, name)
-    ran = drupe("watch", batch, "--settle", "0", "--no-screen", "-q", "--jobs", "2")
-    assert ran.status == 130
-    assert "drupe: stopped; 2 fruit were not finished. Run the same command again to continue." in ran.err
 
 
 @pytest.mark.parametrize("ends", ["when nothing new comes", "by Ctrl-C"])
@@ -49,16 +39,6 @@ def test_a_watch_ends_with_the_summary_of_a_plain_grade(batch, drupe, worked, mo
     assert summary[-2:] == [f"  {batch / 'results' / name}" for name in ("ranking.csv", "report.html")]
 
 
-def test_an_interrupted_watch_ends_with_the_summary_of_what_is_done(batch, drupe, worked):
-    for name in ("A", "stop"):
-        put(batch, name)
-    ran = drupe("watch", batch, "--settle", "0", "--no-screen")
-    said = ran.out.splitlines()[SUMMARY_FROM:]
-    assert said[0].split()[:2] == ["rank", "fruit"]
-    assert "interrupted: 1 of 2 fruit done" in said
-    assert said[-1] == f"  {batch / 'results' / 'report.html'}"
-
-
 def test_fruit_that_were_just_graded_are_not_called_unchanged_but_those_of_an_earlier_run_are(batch, watched):
     watched(*one_by_one(batch, "A", "B"))
     assert "unchanged" not in watched.said.getvalue()
@@ -71,7 +51,6 @@ def test_fruit_that_were_just_graded_are_not_called_unchanged_but_those_of_an_ea
     [
         (["nowhere"], "nowhere: does not exist; give an existing batch folder."),
         (["batch.toml"], "is a file; give the batch folder."),
-        ([".", "--log", "nowhere/run.log"], "run.log: cannot be written"),
     ],
 )
 def test_no_address_is_given_where_watching_cannot_begin(batch, drupe, monkeypatch, wrong, said):
@@ -101,23 +80,6 @@ def test_watching_ends_where_there_are_no_settings_to_read(tmp_path, drupe, put,
     ran = drupe("watch", str(tmp_path))
     assert (ran.status, ran.out) == (2, "")
     assert f"{tmp_path / 'batch.toml'}: {said}" in ran.one_line()
-
-
-def test_progress_counts_the_fruit_that_have_come(batch, watched, monkeypatch):
-    work, counts = grading._work, []
-
-    def counted(queue, *others):
-        counts.append((len(queue.records), len(queue.todo), others[-1]))
-        work(queue, *others)
-
-    monkeypatch.setattr(grading, "_work", counted)
-
-    def three():
-        for name in "ABC":
-            put(batch, name)
-
-    watched(three, *QUIET, *one_by_one(batch, "D"))
-    assert counts == [(0, 1, 2), (1, 1, 1), (2, 1, 0), (3, 1, 0)]
 
 
 def test_fruit_that_lack_files_are_named_once_they_are_at_rest(batch, watched):

@@ -7,7 +7,7 @@ from small_batches import write_ball
 
 from pipeline.batch.outcome import Outcome
 from pipeline.run import grading, reporting
-from pipeline.run.fruit_records import ended_record
+from pipeline.run.fruit_queue import ended_record
 from reports.grasp_record import GraspRecord
 
 HEAD = 'category = "nectarine"\n[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.5\n'
