@@ -1,7 +1,7 @@
 """`drupe report`: ranking and report anew from what a run kept, without computing any fruit."""
 
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from datetime import datetime
 from functools import partial
 from pathlib import Path
@@ -15,7 +15,7 @@ from pipeline.batch.records import FruitRecord, read_record, write_record
 from pipeline.batch.results_lock import results_lock
 from pipeline.exit_status import INTERRUPTED
 from pipeline.files.plain_file import printable
-from pipeline.problem import refused
+from pipeline.problem import BatchRefused, refused
 from pipeline.run.batch_run import BatchRun, ReportOptions
 from pipeline.run.reporting import report_of_records
 from reports.entries import BatchEntry
@@ -59,6 +59,15 @@ def report_again(out: Path, batch: Path | None, *, options: ReportOptions) -> Ba
             raise refused(out, "contains no fruit's record; run `drupe grade` first.")
         status, entry = report_of_records(run, records)
         return None if status == INTERRUPTED else entry
+
+
+def with_report(out: Path, batch: Path | None, *, options: ReportOptions) -> Iterator[str]:
+    """Writes ranking and report again; where that is not possible, a sentence for each reason."""
+    try:
+        report_again(out, batch, options=options)
+    except BatchRefused as refusal:
+        for problem in refusal.problems:
+            yield f"the report does not show it yet: {problem}"
 
 
 def _with_records(results: Results, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
