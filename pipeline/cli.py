@@ -7,7 +7,6 @@ import errno
 import os
 import sys
 import traceback
-from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated
@@ -80,30 +79,25 @@ def _root(
     pass
 
 
-COMMANDS: dict[Callable[..., None], str] = {
-    new: "Create a batch from folders of photos.",
-    grade: "Grade a batch: write the ranking and the report.",
-    watch: "Grade fruit as their files arrive; show the latest one.",
-    check: "Check a batch for problems without computing.",
-    explain: "Find physics that the model misses in a fruit's recordings.",
-    report: "Rebuild ranking and report from stored results.",
-    judge: "Record a person's verdict on a fruit, next to its E.",
-    history: "Show how lots soften over days and when they are ready.",
-    firmness: "Simulate plates, FirmTech, a ball and S368.4 on each fruit.",
-    plan: "Show how many fruit of a lot to inspect.",
-    convert: "Convert gel frames, tables or other formats to a recording.",
-    calibrate: "Calibrate a sensor, or measure a rig's compliance.",
-    sensor: "Write the description of a commercial sensor.",
-    robot: "Find where the marker mat lies in a robot's base.",
-    mat: "Write the marker mat (PDF to print) and its mat.json.",
-    sample: "Write a synthetic batch with known answers.",
-    schema: "Print the JSON schema of batch.toml, for editors.",
-    clean: "Remove the files that drupe keeps to avoid recomputation.",
-    doctor: "Check whether this machine can grade.",
-}
-"""Commands, and what the list of them says of each in one line of 80 columns."""
-for command, in_short in COMMANDS.items():
-    app.command(short_help=in_short)(command)
+app.command(short_help="Create a batch from folders of photos.")(new)
+app.command(short_help="Grade a batch: write the ranking and the report.")(grade)
+app.command(short_help="Grade fruit as their files arrive; show the latest one.")(watch)
+app.command(short_help="Check a batch for problems without computing.")(check)
+app.command(short_help="Find physics that the model misses in a fruit's recordings.")(explain)
+app.command(short_help="Rebuild ranking and report from stored results.")(report)
+app.command(short_help="Record a person's verdict on a fruit, next to its E.")(judge)
+app.command(short_help="Show how lots soften over days and when they are ready.")(history)
+app.command(short_help="Simulate plates, FirmTech, a ball and S368.4 on each fruit.")(firmness)
+app.command(short_help="Show how many fruit of a lot to inspect.")(plan)
+app.command(short_help="Convert gel frames, tables or other formats to a recording.")(convert)
+app.command(short_help="Calibrate a sensor, or measure a rig's compliance.")(calibrate)
+app.command(short_help="Write the description of a commercial sensor.")(sensor)
+app.command(short_help="Find where the marker mat lies in a robot's base.")(robot)
+app.command(short_help="Write the marker mat (PDF to print) and its mat.json.")(mat)
+app.command(short_help="Write a synthetic batch with known answers.")(sample)
+app.command(short_help="Print the JSON schema of batch.toml, for editors.")(schema)
+app.command(short_help="Remove the files that drupe keeps to avoid recomputation.")(clean)
+app.command(short_help="Check whether this machine can grade.")(doctor)
 app.add_typer(device, name="device", short_help="Manage devices that may open the page of drupe watch.")
 
 

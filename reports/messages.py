@@ -103,7 +103,8 @@ def _whole(text: str, language: str) -> str | None:
     for template in _templates(language):
         if template.literal in text and (fit := template.pattern.fullmatch(text)) is not None:
             parts = {name[1:]: _part(part, language) for name, part in fit.groupdict().items()}
-            return _FIELD.sub(lambda field: parts[field[0][1]], template.translation)
+            pieces = re.split(r"\{(\d)\}", template.translation)
+            return "".join(parts[piece] if k % 2 else piece for k, piece in enumerate(pieces))
     return None
 
 

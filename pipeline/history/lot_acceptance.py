@@ -76,7 +76,7 @@ class PlanWanted:
 
 
 def plan_words(plan: SamplingPlan) -> tuple[str, str, str]:
-    """The plan, its risks in a long series, and its switching rule. A sample of the whole lot has no risks."""
+    """The plan, its risks in a long series, and its switching rule."""
     return plan.words, _risks(plan), SWITCHING[plan.inspection]
 
 

@@ -51,9 +51,7 @@ def _no_sentences(node: ast.AST) -> Iterator[ast.AST]:
         yield from node.values
     elif isinstance(node, ast.Expr):
         yield node.value
-    elif (isinstance(node, ast.keyword) and node.arg in HELP) or (
-        isinstance(node, ast.AnnAssign) and ast.unparse(node.target) == "COMMANDS" and node.value
-    ):
+    elif isinstance(node, ast.keyword) and node.arg in HELP:
         yield from ast.walk(node.value)
 
 
