@@ -69,6 +69,7 @@ def _fruit(fruit: FruitEntry) -> FruitEntry:
         warnings=_all(fruit.warnings),
         doubts=_all(fruit.doubts),
         forced=_all(fruit.forced),
+        facts=tuple((message(label), message(words)) for label, words in fruit.facts),
     )
 
 

@@ -86,13 +86,10 @@ def _risks(plan: SamplingPlan) -> str:
             f"The sample is the whole lot. The plan accepts it with at most {plan.ac} nonconforming fruit, "
             f"and rejects it with {plan.re} or more"
         )
-    first, *others = (
-        f"{100 * share_accepted_with(plan, probability):.2g} % nonconforming fruit in {100 * probability:g} %"
-        for probability in POINTS
-    )
+    first, even, last = (100 * share_accepted_with(plan, probability) for probability in POINTS)
     return (
-        f"In a long series, this plan accepts lots of a process with {first} of cases, with "
-        f"{' and with '.join(others)}"
+        f"In a long series, this plan accepts lots of a process with {first:.2g} % nonconforming fruit in "
+        f"95 % of cases, with {even:.2g} % in 50 % and with {last:.2g} % in 10 %"
     )
 
 
