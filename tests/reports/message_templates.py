@@ -10,13 +10,18 @@ ROOT = Path(__file__).parents[2]
 ROOMS = ("fem/estimation", "fem/mesh", "pipeline", "recon", "tactile")
 ENGLISH_ALONE = (
     "pipeline/batch/batch_template.py", "pipeline/commands/explain.py", "pipeline/diagnosis",
-    "pipeline/history/lots_softening.py", "pipeline/history/migrations", "pipeline/start.py",
+    "pipeline/history/migrations", "pipeline/start.py",
 )  # fmt: skip
-"""The settings of a new batch, the answers of `drupe explain`, warnings of statsmodels by which they are
-known, statements of SQL, and what drupe says where it cannot start.
+"""The settings of a new batch, the answers of `drupe explain`, statements of SQL, and the words of a computer
+on which drupe cannot start.
 """
-NO_SENTENCE = ("#", "@alias", "text/", "drupe: internal error", "failed to map segment")
-"""Comments of written files, names of units, kinds of pages, patterns, and what is for developers."""
+NO_SENTENCE = (
+    "#", "@alias", "text/", "drupe: internal error", "failed to map segment", "The MLE may be",
+    "The random effects", "The Hessian matrix",
+)  # fmt: skip
+"""Comments of written files, names of units, kinds of pages, what is for developers, and texts by which
+warnings of other libraries are known.
+"""
 HELP = frozenset({"help", "short_help", "metavar", "epilog", "show_default"})
 """Arguments with the manual of a command, which is English."""
 
