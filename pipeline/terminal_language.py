@@ -18,10 +18,10 @@ class _Translated:
     def __init__(self, stream: TextIO, language: str) -> None:
         self._stream, self._language = stream, language
 
-    def write(self, text: str) -> int:
-        """Writes the lines of the text, each translated."""
-        if not isinstance(text, str):  # whether it takes bytes is found out by writing some
-            return self._stream.write(text)
+    def write(self, text: str | bytes) -> int:
+        """Writes the lines of the text, each translated. Raises TypeError for bytes, as the stream does."""
+        if isinstance(text, bytes):
+            raise TypeError("found bytes, expected text")
         with spoken(self._language):
             lines = [_translated(line) for line in text.splitlines(keepends=True)]
         self._stream.write("".join(lines))
