@@ -21,7 +21,7 @@ class _Translated:
     def write(self, text: str | bytes) -> int:
         """Writes the lines of the text, each translated. Raises TypeError for bytes, as the stream does."""
         if isinstance(text, bytes):
-            raise TypeError("found bytes, expected text")
+            raise TypeError("expected text")
         with spoken(self._language):
             lines = [_translated(line) for line in text.splitlines(keepends=True)]
         self._stream.write("".join(lines))

@@ -88,8 +88,8 @@ def _risks(plan: SamplingPlan) -> str:
         )
     first, even, last = (100 * share_accepted_with(plan, probability) for probability in POINTS)
     return (
-        f"In a long series, this plan accepts lots of a process with {first:.2g} % nonconforming fruit in "
-        f"95 % of cases, with {even:.2g} % in 50 % and with {last:.2g} % in 10 %"
+        f"The plan accepts 95 % of lots with {first:.2g} % nonconforming fruit, 50 % with {even:.2g} % and "
+        f"10 % with {last:.2g} %"
     )
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from pydantic.dataclasses import dataclass
 
-from pipeline.batch.firmness_readings import firmness_readings
+from pipeline.batch.firmness_columns import firmness_readings
 from pipeline.batch.layout import Results
 from pipeline.batch.provenance import require_provenance
 from pipeline.batch.records import FruitRecord, read_record

@@ -10,7 +10,7 @@ from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect_spec import EffectWords
 from fem.mismatch.result import UNKNOWN
 from pipeline.batch.diagnosis_record import DiagnosisRecord, read_diagnosis
-from pipeline.batch.firmness_readings import firmness_readings
+from pipeline.batch.firmness_columns import firmness_readings
 from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import versions
