@@ -7,7 +7,6 @@ import errno
 import os
 import sys
 import traceback
-from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated
@@ -42,6 +41,7 @@ from pipeline.interruption import SAID, ended_like_ctrl_c
 from pipeline.lack_of_memory import is_lack_of_memory, too_little_memory
 from pipeline.problem import BatchRefused
 from pipeline.run.memory import free_memory_MiB
+from pipeline.terminal_language import in_language_of_locale
 
 app = typer.Typer(
     name="drupe",
@@ -127,6 +127,12 @@ def _not_ours(error: Exception) -> str:
 
 
 def main() -> None:
+    """Runs the command, and writes what it says in the locale's language."""
+    with in_language_of_locale():
+        _run()
+
+
+def _run() -> None:
     """Runs the command; every error that a user can mend is one line on standard error, never a traceback."""
     came: list[int] = []
     try:

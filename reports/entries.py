@@ -196,6 +196,8 @@ class FruitEntry:
     """What people say of it, the latest last; E does not depend on them."""
     columns: Mapping[str, float | str] = field(default_factory=dict)
     """Cells of the user's own columns, by name; empty ones are left out."""
+    readings: Mapping[str, float] = field(default_factory=dict)
+    """Of simulated firmness tests, by column; with `_sd` at its end, a standard deviation."""
     facts: tuple[tuple[str, str], ...] = ()
     """(label, value with its unit): views used, reprojection error, pit size, mesh size, ..."""
     seconds: Mapping[str, float] = field(default_factory=dict)
@@ -279,6 +281,8 @@ class BatchEntry:
     """Mean of the graded fruit and standard deviation between them (n - 1); None for too few."""
     columns: tuple[tuple[str, str], ...] = ()
     """(name, unit or empty text) of the user's own columns."""
+    readings: tuple[str, ...] = ()
+    """Columns of simulated firmness tests; the unit ends the name."""
     settings: tuple[tuple[str, str], ...] = ()
     versions: tuple[tuple[str, str], ...] = ()
     inputs: tuple[tuple[str, str], ...] = ()

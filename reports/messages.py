@@ -1,4 +1,4 @@
-"""Warnings, doubts and reasons in the page's language.
+"""Warnings, doubts, reasons and problems in the language of a page or of the terminal.
 
 The other packages make them in English, as formatted strings, and records keep them so. A catalogue
 (reports/words/messages-NAME.toml) has each string with {0}, {1} in place of what varies, and its translation.
@@ -23,11 +23,13 @@ from reports.language import ENGLISH, decimals, language_in_force
 _FIELD = re.compile(r"(?:\{\d\})+")
 """What varies; of two that touch, nobody can tell where the first ends, so they are one."""
 _FIGURE = re.compile(r"[-+±]?\d+\.\d+(?: ± \d+\.\d+)?")
-MOST_NAME = 60
+MOST_NAME = 300
 """Characters before a colon that may name a recording or a file."""
 
 
 class _Template(NamedTuple):
+    literal: str
+    """The longest text between fields; a sentence without it does not fit."""
     pattern: re.Pattern[str]
     translation: str
 
@@ -67,6 +69,7 @@ def _fruit(fruit: FruitEntry) -> FruitEntry:
         warnings=_all(fruit.warnings),
         doubts=_all(fruit.doubts),
         forced=_all(fruit.forced),
+        facts=tuple((message(label), message(words)) for label, words in fruit.facts),
     )
 
 
@@ -99,11 +102,10 @@ def _message(text: str, language: str) -> str | None:
 def _whole(text: str, language: str) -> str | None:
     """By the template with most text of its own that `text` fits."""
     for template in _templates(language):
-        if (fit := template.pattern.fullmatch(text)) is not None:
-            parts = [""] * 10
-            for name, part in fit.groupdict().items():
-                parts[int(name[1:])] = _part(part, language)
-            return template.translation.format(*parts)
+        if template.literal in text and (fit := template.pattern.fullmatch(text)) is not None:
+            parts = {name[1:]: _part(part, language) for name, part in fit.groupdict().items()}
+            pieces = re.split(r"\{(\d)\}", template.translation)
+            return "".join(parts[piece] if k % 2 else piece for k, piece in enumerate(pieces))
     return None
 
 
@@ -114,7 +116,10 @@ def _part(text: str, language: str) -> str:
 @cache
 def _templates(language: str) -> tuple[_Template, ...]:
     known = sorted(catalogue(language).items(), key=lambda entry: -len(_FIELD.sub("", entry[0])))
-    return tuple(_Template(_pattern(english), translation) for english, translation in known)
+    return tuple(
+        _Template(max(_FIELD.split(english), key=len), _pattern(english), translation)
+        for english, translation in known
+    )
 
 
 def _pattern(english: str) -> re.Pattern[str]:

@@ -49,6 +49,7 @@ from reports.words import (
     p_words,
     remarks,
     verdict,
+    with_sd,
 )
 from reports.words import UNKNOWN as UNKNOWN_WORD
 
@@ -86,7 +87,7 @@ def _page(batch: BatchEntry) -> str:
         "base64": lambda data: base64.b64encode(data).decode("ascii"),
         "sort_key": lambda value: "" if value is None else f"{value:.6g}",
         "several": lambda mismatch: OR in mismatch,
-        "facts": lambda fruit: _facts(fruit, batch.columns),
+        "facts": lambda fruit: _facts(fruit, batch),
         "first_large": lambda text: text[:1].upper() + text[1:],
         "inspect_words": lambda fruit: reason_words(fruit.decision_reason, fruit.suspicion),
         "list_words": lambda fruit: say(WORDS[fruit.decision]) if fruit.decision in WORDS else "",
@@ -123,6 +124,7 @@ def _page(batch: BatchEntry) -> str:
         lot_code=_qr(batch),
         most_linked=MOST_LINKED,
         most_listed=MOST_LISTED,
+        readings=reading_columns(batch),
         provenance=[(say("Settings in force"), batch.settings), (say("Versions"), batch.versions)],
         shore_words=correlation_words(batch.shore) if batch.shore else "",
         status_words="" if batch.exit_status is None else _EXIT_STATUS.get(batch.exit_status, ""),
@@ -249,10 +251,10 @@ def _classes(batch: BatchEntry, fruits: list[Indexed]) -> list[_ClassOfLot]:
     return classes
 
 
-def _facts(fruit: FruitEntry, columns: Iterable[tuple[str, str]]) -> list[tuple[str, list[tuple[str, str]]]]:
+def _facts(fruit: FruitEntry, batch: BatchEntry) -> list[tuple[str, list[tuple[str, str]]]]:
     """(label, words) of a fruit's details by heading: of "Error bar: pit size" the part before the colon.
 
-    `columns`: the user's own, whose cells have a heading of their own.
+    Readings of firmness, and the user's own columns, have a heading of their own.
     """
     facts: list[tuple[str, str]] = []
     if fruit.height_mm is not None:
@@ -271,10 +273,21 @@ def _facts(fruit: FruitEntry, columns: Iterable[tuple[str, str]]) -> list[tuple[
         parts.setdefault(heading, []).append((rest, words))
     given = [
         (name, f"{_as_given(fruit.columns[name])} {unit}".strip())
-        for name, unit in columns
+        for name, unit in batch.columns
         if name in fruit.columns
     ]
-    return [*parts.items(), *([(say("Your own columns"), given)] if given else [])]
+    readings = [
+        (name, with_sd(fruit.readings[name], fruit.readings.get(f"{name}_sd")))
+        for name in reading_columns(batch)
+        if name in fruit.readings
+    ]
+    added = {say("Simulated firmness tests"): readings, say("Your own columns"): given}
+    return [*parts.items(), *((heading, rows) for heading, rows in added.items() if rows)]
+
+
+def reading_columns(batch: BatchEntry) -> list[str]:
+    """Columns of simulated firmness tests, without those of their standard deviations."""
+    return [name for name in batch.readings if f"{name}_sd" in batch.readings]
 
 
 def _as_given(cell: float | str | None) -> str:

@@ -68,11 +68,12 @@ def _plain(text: str | None) -> str | None:
 def _rows(
     batch: BatchEntry, safe: Callable[[str | None], str | None] = safe_cell
 ) -> tuple[list[dict[str, object]], list[str]]:
-    """A row per fruit in their order, and the columns: drupe's, then the user's own."""
-    names = [name for name, _ in batch.columns]
+    """A row per fruit in their order, and the columns: drupe's, readings of firmness, the user's own."""
+    names = list(dict.fromkeys([*batch.readings, *(name for name, _ in batch.columns)]))
     rows = []
     for fruit in ranked(batch.fruits):
-        cells = {name: fruit.columns.get(name) for name in names}
+        of_fruit = {**fruit.readings, **fruit.columns}
+        cells = {name: of_fruit.get(name) for name in names}
         added = {name: safe(cell) if isinstance(cell, str) else cell for name, cell in cells.items()}
         rows.append(_row(fruit, safe) | added)
     return rows, [*RANKING_COLUMNS, *names]

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.commands.shared_options import ResultsArgument
+from pipeline.commands.shared_options import ResultsArgument, chosen_language
 from pipeline.problem import refused
 from pipeline.safe_start import elsewhere
 
@@ -31,8 +31,8 @@ def firmness(
     """Simulate standard firmness tests on each graded fruit: plates, FirmTech, a 5 mm ball, ASAE S368.4.
 
     drupe presses the fruit's own mesh and pit with its E, and states each reading with its error. It writes
-    OUT/firmness.csv and OUT/firmness.html after each fruit, and changes no other result. It takes about
-    10 s of CPU per fruit.
+    OUT/firmness.csv and OUT/firmness.html after each fruit. At the end the readings become columns of the
+    ranking and of the report. It takes about 10 s of CPU per fruit.
 
     Exit status: 0 done; 1 internal error; 2 usage or unreadable results; 130 interrupted.
 
@@ -40,6 +40,9 @@ def firmness(
     """
     with elsewhere():
         from fem.firmness.trade_tests import trade_tests
+        from pipeline.batch.layout import Results
+        from pipeline.run.judging import language_of
+        from pipeline.run.reporting import with_report
         from pipeline.run.trade_numbers import trade_numbers
     try:
         tests = trade_tests(chord_gf=chord, ball_N=ball_force)
@@ -47,3 +50,6 @@ def firmness(
         raise refused("drupe firmness", f"--chord, --ball-force: {reason}.") from None
     for line in trade_numbers(out, tests, limit or [], now=datetime.now(UTC)):
         typer.echo(line)
+    language = language_of(Results(out).report, chosen_language(None))
+    for line in with_report(out, None, language=language):
+        typer.echo(line, err=True)

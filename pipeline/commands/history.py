@@ -131,8 +131,7 @@ def history(
     """
     with elsewhere():
         from pipeline.exit_status import DOUBTED
-        from pipeline.history.history_summary import summary_lines
-        from pipeline.history.keeping import HistoryWanted, forget_named, make_history
+        from pipeline.history.keeping import HistoryWanted, forget_named, make_history, summary_lines
         from pipeline.history.lot_acceptance import PlanWanted
         from pipeline.history.lot_quality import QualityWanted
 

@@ -11,7 +11,6 @@ from pipeline.commands.shared_options import (
     ResultsArgument,
     chosen_language,
 )
-from pipeline.problem import BatchRefused
 from pipeline.safe_start import elsewhere
 
 
@@ -38,15 +37,12 @@ def judge(
     with elsewhere():
         from pipeline.batch.layout import Results
         from pipeline.run.judging import judge_fruit, language_of
-        from pipeline.run.reporting import report_again
+        from pipeline.run.reporting import with_report
         from reports.words import with_sd
     results = Results(out)
     verdict = judge_fruit(results, fruit, judged_class=judged_class, by=by, why=why, now=datetime.now(UTC))
     E = f"E stays {with_sd(verdict.E_MPa, verdict.E_sd_MPa)} MPa" if verdict.E_MPa else "there is no E"
     typer.echo(f"{fruit}: {verdict.judged_class}, by {verdict.by} ({E}); kept in {results.verdicts}")
     language = language if lang else language_of(results.report, language)
-    try:
-        report_again(out, batch, language=language)
-    except BatchRefused as refusal:
-        for problem in refusal.problems:
-            typer.echo(f"the report does not show it yet: {problem}", err=True)
+    for line in with_report(out, batch, language=language):
+        typer.echo(line, err=True)

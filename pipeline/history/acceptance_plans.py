@@ -1,9 +1,11 @@
 """Acceptance sampling plans: how many fruit of a lot to inspect, and when to accept the lot.
 
 Attributes: the code letters and the single sampling plans of MIL-STD-105E (1989), tables I, II-A, II-B and
-II-C, which ISO 2859-1 shares for normal and tightened inspection. A plan depends on the sum of the rows of
-code letter and AQL alone: down a diagonal of the table the product of n and AQL is the same. Variables: the s
-method with one specification limit, of ANSI/ASQ Z1.9, tables A-2 and B-1 (those of ISO 3951:1989).
+II-C. ISO 2859-1:1989 has the same tables, and ISO 2859-1:1999 those for normal and tightened inspection. The
+plans equal those of the R package AQLSchemes 1.7-2 in all 768 cells (16 letters, 16 AQLs, 3 inspections). A
+plan depends on the sum of the rows of code letter and AQL alone: down a diagonal of the table the product of
+n and AQL is the same. Variables: the s method with one specification limit, of ANSI/ASQ Z1.9, tables A-2 and
+B-1 (those of ISO 3951:1989).
 
 Operating characteristics are exact: binomial (a long series of lots) or hypergeometric (this lot), and for
 variables Student's noncentral t,  P = P(T(n - 1, sqrt(n) z) >= sqrt(n) k), z the normal quantile of 1 - p
@@ -22,7 +24,15 @@ from scipy.stats import binom, hypergeom, nct, norm
 
 LEVELS = ("S-1", "S-2", "S-3", "S-4", "I", "II", "III")
 """Inspection levels, special ones first."""
-INSPECTIONS = ("normal", "tightened", "reduced")
+SWITCHING = {
+    "normal": "Change to tightened inspection after 2 rejected lots in 5; reduced inspection needs 10 "
+    "accepted lots in a row and steady production",
+    "tightened": "Return to normal inspection after 5 accepted lots in a row; stop inspection after 5 "
+    "rejected lots in all",
+    "reduced": "Return to normal inspection after a lot that is rejected or between Ac and Re",
+}
+"""Switching rule of each inspection (MIL-STD-105E, 4.7; ISO 2859-1, 9.3)."""
+INSPECTIONS = tuple(SWITCHING)
 AQLS = (0.010, 0.015, 0.025, 0.040, 0.065, 0.10, 0.15, 0.25, 0.40, 0.65, 1.0, 1.5, 2.5, 4.0, 6.5, 10.0)
 """Acceptance quality limits in per cent of nonconforming fruit; greater ones count defects, not fruit."""
 LARGEST_LOTS = (8, 15, 25, 50, 90, 150, 280, 500, 1200, 3200, 10_000, 35_000, 150_000, 500_000)

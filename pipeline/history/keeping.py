@@ -1,13 +1,13 @@
 """`drupe history`: results of many days read, kept in a store, and written as a page and a table."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
 from functools import partial
 from pathlib import Path
 
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
-from pipeline.files.plain_file import text_or_empty
+from pipeline.files.plain_file import printable, text_or_empty
 from pipeline.files.whole_file import put
 from pipeline.history.acceptance_plans import OC_COLUMNS
 from pipeline.history.appraisers import APPRAISERS, gauge_entry
@@ -19,7 +19,7 @@ from pipeline.history.lot_quality import QualityWanted, characteristics, lots_qu
 from pipeline.history.stored_batch import stored_batch
 from pipeline.history.table_file import require_format, starts_with, table_bytes
 from pipeline.problem import refused
-from reports.history_entries import GaugeEntry, HistoryEntry
+from reports.history_entries import GaugeEntry, HistoryEntry, SeriesEntry
 from reports.history_page import PAGE_TITLE, history_html
 
 COMMAND = "drupe history"
@@ -146,3 +146,39 @@ def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
 
 def _is_page(path: Path) -> bool:
     return f"<title>{PAGE_TITLE}</title>" in text_or_empty(path, most_bytes=MOST_BYTES)[:2000]
+
+
+def summary_lines(made: HistoryMade, written: Sequence[Path]) -> Iterator[str]:
+    """Lots first, then what calls for somebody, then what was fitted and written."""
+    entry = made.entry
+    batches = _counted(entry.batches, "batch", "batches")
+    yield f"{batches} ({made.new} new), {_counted(len(entry.series), 'lot', 'lots')}"
+    for series in entry.series:
+        yield from _series_lines(series)
+    for group in entry.groups:
+        yield f"{printable(group.name)}, {len(group.series)} lots: {printable(group.words)}"
+    yield from map(printable, entry.comparisons)
+    for alarm in entry.alarms:
+        yield f"reference body {printable(alarm)}"
+    yield from map(printable, made.said)
+    for path in written:
+        yield f"written: {path}"
+
+
+def _series_lines(series: SeriesEntry) -> Iterator[str]:
+    last = series.days[-1]
+    days = _counted(len(series.days), "day", "days")
+    yield (
+        f"{printable(series.name)}: {days}, {last.fruit} fruit on {last.day}, "
+        f"E {last.E_MPa:.3g} MPa ({last.E_low_MPa:.3g} to {last.E_high_MPa:.3g})"
+    )
+    yield f"  {series.softening.words if series.softening else series.why_no_softening + '.'}"
+    for limit in series.limits:
+        yield f"  {printable(limit.name)} (up to {limit.E_max_MPa:g} MPa): {limit.words}"
+        yield f"    10 % of the fruit: {limit.tenth_words}"
+    for note in series.notes:
+        yield f"  note: {printable(note)}."
+
+
+def _counted(count: int, singular: str, more: str) -> str:
+    return f"{count} {singular if count == 1 else more}"

@@ -17,6 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.history.acceptance_plans import (
+    SWITCHING,
     AttributesPlan,
     NoPlan,
     SamplingPlan,
@@ -74,20 +75,21 @@ class PlanWanted:
         return make(size, self.aql, level=self.level, inspection=self.inspection)
 
 
-def plan_words(plan: SamplingPlan) -> tuple[str, str]:
-    """The plan, and its risks in a long series; a sample of the whole lot has none."""
+def plan_words(plan: SamplingPlan) -> tuple[str, str, str]:
+    """The plan, its risks in a long series, and its switching rule."""
+    return plan.words, _risks(plan), SWITCHING[plan.inspection]
+
+
+def _risks(plan: SamplingPlan) -> str:
     if isinstance(plan, AttributesPlan) and plan.n >= plan.lot_size:
-        return plan.words, (
+        return (
             f"The sample is the whole lot. The plan accepts it with at most {plan.ac} nonconforming fruit, "
             f"and rejects it with {plan.re} or more"
         )
-    first, *others = (
-        f"{100 * share_accepted_with(plan, probability):.2g} % nonconforming fruit in {100 * probability:g} %"
-        for probability in POINTS
-    )
-    return plan.words, (
-        f"In a long series, this plan accepts lots of a process with {first} of cases, with "
-        f"{' and with '.join(others)}"
+    first, even, last = (100 * share_accepted_with(plan, probability) for probability in POINTS)
+    return (
+        f"The plan accepts 95 % of lots with {first:.2g} % nonconforming fruit, 50 % with {even:.2g} % and "
+        f"10 % with {last:.2g} %"
     )
 
 
@@ -112,10 +114,10 @@ def acceptance_entries(
     if not decisions:
         raise NoPlan("; ".join(refusals) or "no batch has fruit")
     for plan, of_plan in decisions.items():
-        words, risks = plan_words(plan)
+        words, *risks = plan_words(plan)
         yield AcceptanceEntry(
             words=words,
-            risks=risks,
+            risks=". ".join(risks),
             class_name=class_name,
             aql=plan.aql,
             curve=operating_characteristic(plan).to_numpy(),

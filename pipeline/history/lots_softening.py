@@ -1,4 +1,4 @@
-"""How fast lots of one cultivar soften: a mixed model with random effects per lot.
+"""Lots of one cultivar: how fast they soften, by a mixed model, and how they differ on their last days.
 
     ln E_ij = (a + a_i) - (k + k_i) t_ij + e_ij
 
@@ -11,13 +11,16 @@ its best linear unbiased prediction, b + D (D + S_i)^-1 (b_i - b). Both hold whe
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import groupby
 
 import numpy as np
 from scipy.stats import norm
 
+from pipeline.history.lot_statistics import lot_differences
 from pipeline.history.softening import COVERAGE
+from reports.history_entries import GroupEntry, SeriesEntry
 
 FEWEST_LOTS = 3
 """With at least two days each: two lots say next to nothing of the spread between lots. Set by hand."""
@@ -31,6 +34,14 @@ ON_THE_BORDER = (
     "The Hessian matrix at the estimated parameter values is not positive definite",
 )
 """How warnings of statsmodels begin that a spread of zero between lots gives; no Hessian is used here."""
+
+MOST_COMPARED = 20
+"""All pairs of so many lots are compared: 190 rows. Of more lots, those measured last are. Set by hand."""
+
+NO_LAW = (
+    f"There is no common rate of softening yet. The mixed model needs {FEWEST_LOTS} lots with two days each, "
+    "and must converge."
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -85,4 +96,42 @@ def lots_softening(E_MPa: Mapping[str, Mapping[float, Sequence[float]]]) -> Lots
         high=rate + half,
         lot_sd=math.sqrt(max(float(between[1, 1]), 0.0)) / span,
         rates={name: float(of_lot[1]) / span for name, of_lot in predicted.items()},
+    )
+
+
+def lot_groups(series: Sequence[SeriesEntry]) -> Iterator[GroupEntry]:
+    """Every cultivar with at least two lots. `series`: in the order of their cultivars."""
+    for (category, cultivar), of_group in groupby(series, key=lambda lot: (lot.category, lot.cultivar)):
+        lots = tuple(of_group)
+        if len(lots) < 2:
+            continue
+        words, rates = _law(lots)
+        last = sorted(lots, key=lambda lot: lot.days[-1].day)[-MOST_COMPARED:]
+        last_E = {_on_last_day(lot): lot.days[-1].single_E_MPa for lot in lots if lot in last}
+        yield GroupEntry(
+            name=" ".join(filter(None, (category, cultivar))),
+            series=lots,
+            words=words,
+            rates=rates,
+            differences=tuple(lot_differences(last_E)),
+        )
+
+
+def _on_last_day(lot: SeriesEntry) -> str:
+    return f"{lot.lot or 'without a lot'} ({lot.days[-1].day})"
+
+
+def _law(lots: Sequence[SeriesEntry]) -> tuple[str, dict[str, float]]:
+    """In words, and the rate of each lot."""
+    E_MPa = {
+        lot.lot: {float((day.day - lot.days[0].day).days): day.single_E_MPa for day in lot.days}
+        for lot in lots
+    }
+    law = lots_softening(E_MPa)
+    if law is None:
+        return NO_LAW, {}
+    return (
+        f"ln E of this cultivar falls by {law.rate:.3f} a day ({law.low:.3f} to {law.high:.3f}, 90 %). The "
+        f"standard deviation of this rate between lots is {law.lot_sd:.3f}.",
+        law.rates,
     )

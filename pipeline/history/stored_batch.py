@@ -11,6 +11,7 @@ from typing import Any
 
 from pydantic.dataclasses import dataclass
 
+from pipeline.batch.firmness_columns import firmness_readings
 from pipeline.batch.layout import Results
 from pipeline.batch.provenance import require_provenance
 from pipeline.batch.records import FruitRecord, read_record
@@ -51,7 +52,7 @@ class StoredFruit:
     penetrometer_N: float | None = None
     grasps: tuple[StoredGrasp, ...] = ()
     columns: dict[str, float | str] = field(default_factory=dict)
-    """Cells of the user's own columns."""
+    """Readings of `drupe firmness`, and cells of the user's own columns."""
 
     @property
     def recordings(self) -> tuple[str, ...]:
@@ -138,9 +139,11 @@ def _batch(out: Path, results: Results, said: Mapping[str, Any]) -> StoredBatch:
     records = [record for path in paths if (record := read_record(path)) is not None]
     if unread := [name for name in outcomes if name not in {record.fruit_id for record in records}]:
         raise ValueError(f"no record.json of {', '.join(map(printable, unread[:3]))}")
-    recordings = _recordings(inputs)
+    recordings, firmness = _recordings(inputs), firmness_readings(results)
     fruit = [
-        _fruit(record, recordings.get(record.fruit_id, {})) for record in records if _has_modulus(record)
+        _fruit(record, recordings.get(record.fruit_id, {}), firmness.of(record))
+        for record in records
+        if _has_modulus(record)
     ]
     graded = {specimen.fruit_id for specimen in fruit}
     classes = (settings.get("grading") or {}).get("classes") or ()
@@ -206,7 +209,7 @@ def _has_modulus(record: FruitRecord) -> bool:
     return record.graded and record.modulus is not None and 0 < record.modulus.E_MPa < math.inf
 
 
-def _fruit(record: FruitRecord, recordings: Mapping[str, str]) -> StoredFruit:
+def _fruit(record: FruitRecord, recordings: Mapping[str, str], readings: Mapping[str, float]) -> StoredFruit:
     """The fruit as ranked (corrected by reference bodies and to a temperature); a body as it was measured."""
     given = record.given
     E_MPa, E_sd_MPa = record.ranked_modulus
@@ -222,7 +225,7 @@ def _fruit(record: FruitRecord, recordings: Mapping[str, str]) -> StoredFruit:
         shore_oo=given.shore_oo,
         penetrometer_N=given.penetrometer_N,
         grasps=_grasps(record, recordings),
-        columns=given.columns,
+        columns={**readings, **given.columns},
     )
 
 

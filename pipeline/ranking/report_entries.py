@@ -10,6 +10,7 @@ from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect_spec import EffectWords
 from fem.mismatch.result import UNKNOWN
 from pipeline.batch.diagnosis_record import DiagnosisRecord, read_diagnosis
+from pipeline.batch.firmness_columns import firmness_readings
 from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import versions
@@ -89,12 +90,14 @@ def batch_entry(
     )
     place_of = {r.fruit_id: place for r, place in zip(graded, places, strict=True)}
     settings, trail = batch.settings, read_trail(results.verdicts)
+    firmness = firmness_readings(results)
     return BatchEntry(
         name=batch.folder.root.resolve().name,
         category=batch.category,
         **{name: getattr(settings, name) for name in SETTING_FIELDS},
         classes=tuple((c.name, c.E_max_MPa) for c in settings.grading.classes),
         columns=tuple(settings.columns.items()),
+        readings=firmness.columns,
         settings=tuple(sorted(_flat(settings.model_dump(mode="json", exclude_none=True)))),
         versions=tuple(versions().items()),
         inputs=tuple(inputs.items()),
@@ -121,6 +124,7 @@ def batch_entry(
                     record, place_of.get(record.fruit_id), results, settings.grading, len(batch.rows)
                 ),
                 verdicts=verdicts_on(record.fruit_id, record.key, trail),
+                readings=firmness.of(record),
             )
             for record in records
         ),

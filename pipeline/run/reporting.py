@@ -18,7 +18,7 @@ from pipeline.exit_status import DONE, DOUBTED, INTERRUPTED, UNUSABLE
 from pipeline.files.plain_file import printable
 from pipeline.files.whole_file import NotWritten
 from pipeline.fruit.same_recording import copies_doubted, with_copies
-from pipeline.problem import refused
+from pipeline.problem import BatchRefused, refused
 from pipeline.ranking.batch_faults import batch_faults
 from pipeline.ranking.reference_ratio import ReferenceFinding, as_measured
 from pipeline.ranking.reference_temperature import compared
@@ -193,6 +193,15 @@ def report_again(out: Path, batch: Path | None, *, language: str) -> BatchEntry 
             raise refused(out, "contains no fruit's record; run `drupe grade` first.")
         status, entry = report_of_records(run, records)
         return None if status == INTERRUPTED else entry
+
+
+def with_report(out: Path, batch: Path | None, *, language: str) -> Iterator[str]:
+    """Writes ranking and report again; where that is not possible, a sentence for each reason."""
+    try:
+        report_again(out, batch, language=language)
+    except BatchRefused as refusal:
+        for problem in refusal.problems:
+            yield f"the report does not show it yet: {problem}"
 
 
 def _with_records(results: Results, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:

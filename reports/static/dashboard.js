@@ -22,7 +22,7 @@
   const PRINTED = { ".warning": 4, ".next": 3, "tbody tr": 6 }; // what has a place on the sheet of a fruit
   let state = {}, shown = rows, height = 34, opened = null, cardCharts = [], lotCharts = [];
 
-  // The state: q, list, class, from, to, zoom (the form), sort (a column, - before it: downwards), fruit
+  // The state: q, list, class, from, to, zoom, readings (the form), sort (a column, - before it: downwards), fruit
   function read() {
     const hash = location.hash.slice(1), old = /^fruit-(\d+)$/.exec(hash);
     if (old && rows[old[1] - 1]) return { ...state, fruit: rows[old[1] - 1].id };
@@ -243,10 +243,10 @@
   plain.caption.textContent += "; " + words.sorts;
   table.prepend(document.adoptNode(plain.caption), document.adoptNode(plain.tHead));
   tools.addEventListener("submit", (event) => event.preventDefault());
-  tools.addEventListener("input", () => change(Object.fromEntries(["q", "list", "class", "from", "to", "zoom"].map((name) => [name, new FormData(tools).get(name) || ""]))));
+  tools.addEventListener("input", () => change(Object.fromEntries(["q", "list", "class", "from", "to", "zoom", "readings"].map((name) => [name, new FormData(tools).get(name) || ""]))));
   tools.addEventListener("reset", (event) => {
     event.preventDefault();
-    change({ q: "", list: "", class: "", from: "", to: "", zoom: "" });
+    change({ q: "", list: "", class: "", from: "", to: "", zoom: "", readings: "" });
   });
   tools.querySelector(".save").addEventListener("click", save);
   box.addEventListener("scroll", () => fill(false), { passive: true });

@@ -14,6 +14,7 @@ from small_batches import batch_of_balls
 
 import drupe as public
 from pipeline.batch.fruits_table import read_fruits
+from pipeline.batch.layout import Results, write_whole
 from pipeline.batch.opening import survey
 from pipeline.batch.records import read_record
 from pipeline.batch.settings import read_settings
@@ -158,3 +159,32 @@ def test_a_fault_elsewhere_in_the_settings_does_not_make_the_users_columns_unkno
     said = "\n".join(map(str, survey(root).problems))
     assert 'unknown key "lots"' in said
     assert "unknown column" not in said
+
+
+FIRMNESS = (
+    "fruit_id,E_MPa,E_sd_MPa,plates_5pct_N,plates_5pct_N_sd,E_MPa_at_10_plates_5pct_N,reason\n"
+    "A,0.3,0.015,6.25,0.42,0.48,\n"
+    "B,0.5,0.025,9.5,0.61,0.52,\n"
+)
+
+
+def test_readings_of_firmness_are_columns_until_another_E_is_graded(drupe, batch, results, tmp_path):
+    """Those of B are of E = 0.5 MPa, and its E is 0.8 MPa."""
+    write_whole(Results(results).firmness, FIRMNESS)
+    assert drupe("report", results, "--lang", "de").status == 0
+    of_tests = ["plates_5pct_N", "plates_5pct_N_sd"]
+    table = public.read(results).ranking.set_index("fruit_id")
+    assert list(table.columns[-4:]) == [*of_tests, "Brix", "grower"]
+    assert table.loc["A", of_tests].tolist() == [6.25, 0.42]
+    assert table.loc["B", of_tests].isna().all()
+    page = (results / "report.html").read_text(encoding="utf-8").replace("\\u003c", "<")
+    assert '<th scope="col" class="n reading">plates_5pct_N</th>' in page
+    assert '<td class="n reading" data-value="6.25">6,25 ± 0,42</td>' in page
+    assert "<dt>plates_5pct_N</dt><dd>6,25 ± 0,42</dd>" in page
+    assert "Simulierte Festigkeitsprüfungen" in page
+    store, export = tmp_path / "s", tmp_path / "t.csv"
+    assert drupe("history", results, "--store", store).status == 0
+    assert drupe("history", "--store", store, "--export", export).status == 0
+    assert pd.read_csv(export).set_index("fruit_id").loc["A", of_tests].tolist() == [6.25, 0.42]
+    Results(results).firmness.write_text(FIRMNESS.replace("6.25", "7"))
+    assert "plates_5pct_N" not in stored_batch(results).fruit[0].columns

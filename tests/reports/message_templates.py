@@ -1,47 +1,63 @@
-"""Every sentence that the code can put into a fruit's warnings, doubts or reason, as a template."""
+"""Every sentence that the code can say to a user, as a template."""
 
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
-ROOMS = ("fem/estimation", "fem/mesh", "pipeline/fruit", "pipeline/ranking", "recon", "tactile")
-MAKERS = frozenset(
-    {
-        "Doubt", "FemFailure", "Finding", "FruitEnded", "ModulusWarning", "Outcome", "ReconFailure",
-        "TactileFailure", "warnings",
-    }
+ROOMS = ("fem/estimation", "fem/mesh", "pipeline", "recon", "tactile")
+ENGLISH_ALONE = (
+    "pipeline/batch/batch_template.py", "pipeline/commands/explain.py", "pipeline/diagnosis",
+    "pipeline/history/migrations", "pipeline/start.py",
 )  # fmt: skip
-"""What takes a sentence that a report shows."""
-ALSO = (
-    "pipeline/batch/outcome.py", "pipeline/fruit/size_doubts.py", "pipeline/ranking/batch_faults.py",
-    "pipeline/ranking/error_parts.py", "recon/checks/quality.py", "recon/checks/surface_verdict.py",
-    "recon/checks/verdict.py", "recon/surface/fruit_frame.py",
+"""The settings of a new batch, the answers of `drupe explain`, statements of SQL, and the words of a computer
+on which drupe cannot start.
+"""
+NO_SENTENCE = (
+    "#", "@alias", "text/", "drupe: internal error", "failed to map segment", "The MLE may be",
+    "The random effects", "The Hessian matrix",
 )  # fmt: skip
-"""Modules that give such sentences back as plain text."""
+"""Comments of written files, names of units, kinds of pages, what is for developers, and texts by which
+warnings of other libraries are known.
+"""
+HELP = frozenset({"help", "short_help", "metavar", "epilog", "show_default"})
+"""Arguments with the manual of a command, which is English."""
 
 
 def modules() -> list[Path]:
-    """Those whose code names one of MAKERS, and ALSO."""
-    every = {path for room in ROOMS for path in (ROOT / room).rglob("*.py") if _names(path) & MAKERS}
-    return sorted({*every, *(ROOT / name for name in ALSO)})
+    """Those with sentences for users."""
+    every = (path for room in ROOMS for path in (ROOT / room).rglob("*.py"))
+    return sorted(path for path in every if not path.relative_to(ROOT).as_posix().startswith(ENGLISH_ALONE))
 
 
-def _names(path: Path) -> set[str]:
-    return {node.id for node in ast.walk(ast.parse(path.read_text("utf-8"))) if isinstance(node, ast.Name)}
+@cache
+def templates(path: Path) -> tuple[str, ...]:
+    """Texts of four words or more in a module, without docstrings, manuals and comments of written files;
+    what varies is {0}, {1}, ...
+    """
+    return tuple(dict.fromkeys(_templates(ast.parse(path.read_text("utf-8")))))
 
 
-def templates(path: Path) -> Iterator[str]:
-    """Texts of four words or more in a module, but for docstrings; what varies is {0}, {1}, ..."""
-    tree = ast.parse(path.read_text("utf-8"))
-    inside = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
-    inside |= {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+def _templates(tree: ast.Module) -> Iterator[str]:
+    inside = {id(part) for node in ast.walk(tree) for part in _no_sentences(node)}
     for node in ast.walk(tree):
         if isinstance(node, ast.Constant | ast.JoinedStr) and id(node) not in inside:
             text = _template(node)
-            if " " in text and len(re.findall(r"[A-Za-z]{2,}", re.sub(r"\{\d\}", " ", text))) >= 4:
+            words = re.findall(r"[A-Za-z]{2,}", re.sub(r"\{\d\}", " ", text))
+            if " " in text and len(words) >= 4 and not text.startswith(NO_SENTENCE):
                 yield text
+
+
+def _no_sentences(node: ast.AST) -> Iterator[ast.AST]:
+    """Parts of a node that are no sentence of their own."""
+    if isinstance(node, ast.JoinedStr):
+        yield from node.values
+    elif isinstance(node, ast.Expr):
+        yield node.value
+    elif isinstance(node, ast.keyword) and node.arg in HELP:
+        yield from ast.walk(node.value)
 
 
 def _template(node: ast.Constant | ast.JoinedStr) -> str:
