@@ -1,5 +1,7 @@
 """The `drupe` command: its parts (pipeline/commands), and how every error ends."""
 
+from collections.abc import Callable
+
 import pipeline.safe_start  # noqa: F401 - first of all: the current folder may be a stranger's
 
 # isort: split
