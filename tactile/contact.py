@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from tactile.checks.gel_findings import print_without_force
+from tactile.consistency.reference_findings import print_without_force
 from tactile.io.recording import GelPad, Recording
 from tactile.noise import FEWEST_NO_CONTACT_FRAMES, MOST_LAG1, Noise, no_contact_noise, noise_in_contact
 from tactile.reference_print import WHAT_TO_DO

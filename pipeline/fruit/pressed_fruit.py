@@ -46,7 +46,7 @@ from pipeline.fruit.trace_geometry import Stated, stated_in_table
 from pipeline.problem import BatchRefused
 from recon.pit.priors import PitBody, PitPrior
 from reports.grasp_record import CurveRecord, GraspRecord
-from tactile.checks.finding import Finding
+from tactile.consistency.finding import Finding
 from tactile.io.recording import Recording, read_recording
 from tactile.io.specimen import DIAMETERS
 from tactile.recording_digest import recording_digest

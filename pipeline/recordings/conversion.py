@@ -18,7 +18,7 @@ from pipeline.problem import refused
 from pipeline.recordings.description_file import frame_progress
 from recon.pit.priors import PitPrior, load_prior
 from recon.recon_failure import ReconFailure
-from tactile.checks.of_recording import recording_findings
+from tactile.consistency.of_recording import recording_findings
 from tactile.contact import contact_said, find_contact
 from tactile.from_frames import recording_of
 from tactile.from_tac3d import recording_of_tac3d

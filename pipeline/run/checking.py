@@ -40,7 +40,7 @@ from pipeline.run.photo_checks import photo_problems
 from recon.pit.placement import embed_pit, place_pit, require_closed
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.mesh_file import read_mesh
-from tactile.checks.finding import Finding
+from tactile.consistency.finding import Finding
 from tactile.correction import corrected
 from tactile.io.raw_grasp import RawGrasp, read_raw_grasp
 from tactile.io.recording import Recording, read_recording

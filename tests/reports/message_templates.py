@@ -9,8 +9,8 @@ ROOT = Path(__file__).parents[2]
 ROOMS = ("fem/estimation", "fem/mesh", "pipeline/fruit", "pipeline/ranking", "recon", "tactile")
 MAKERS = frozenset(
     {
-        "Doubt", "FemFailure", "Finding", "FruitEnded", "ModulusWarning", "Outcome", "ReconFailure",
-        "TactileFailure", "warnings",
+        "Doubt", "FemFailure", "Finding", "FruitEnded", "Misfit", "ModulusWarning", "Outcome", "ReconFailure",
+        "TactileFailure", "Transformation", "warnings",
     }
 )  # fmt: skip
 """What takes a sentence that a report shows."""

@@ -12,7 +12,7 @@ from pipeline.batch.outcome import Outcome
 from reports.language import ENGLISH, LANGUAGES, spoken
 from reports.messages import catalogue, message
 from reports.page import report_html
-from tactile.checks.finding import Finding, FindingKind, FindingRank
+from tactile.consistency.finding import Finding, FindingKind
 
 OTHERS = [language for language in LANGUAGES if language != ENGLISH]
 UNTRANSLATED = frozenset(
@@ -25,8 +25,10 @@ UNTRANSLATED = frozenset(
         "recon/cameras/photos.py", "recon/cameras/plane_motion.py", "recon/cameras/printed_mat.py",
         "recon/checks/surface_verdict.py", "recon/learned/onnx_file.py", "recon/pit/placement.py",
         "recon/pit/priors/__init__.py", "recon/surface/mesh_file.py", "recon/underside.py",
-        "tactile/sensor_description.py", "tactile/checks/footprint.py", "tactile/checks/gain_findings.py",
-        "tactile/checks/gel_findings.py", "tactile/checks/jaw_share.py", "tactile/checks/lattice.py",
+        "tactile/sensor_description.py", "tactile/consistency/faults.py", "tactile/consistency/footprint.py",
+        "tactile/consistency/missing_markers.py", "tactile/consistency/jaw_share.py",
+        "tactile/consistency/reference_findings.py", "tactile/consistency/relations.py",
+        "tactile/consistency/time_findings.py", "tactile/consistency/transformations.py",
         "tactile/correction.py", "tactile/from_frames.py", "tactile/from_tac3d.py",
         "tactile/gel/fields.py", "tactile/gel/press_modulus.py", "tactile/io/hdf5_file.py",
         "tactile/io/pictures.py", "tactile/io/raw_grasp.py",
@@ -86,7 +88,7 @@ def test_a_finding_of_a_pad_in_a_recording_is_translated_with_its_parts():
         "force has the wrong sign: pressing must move markers to negative z and give a positive force on the "
         "fruit"
     )
-    finding = Finding(FindingKind.SIGN, FindingRank.RELATION, says, pads=("left",))
+    finding = Finding(FindingKind.SIGN, says, pads=("left",))
     with spoken("de"):
         assert message(f"grasp-1: {finding.sentence}.") == (
             "grasp-1: Pad links: Kraft hat das falsche Vorzeichen: Drücken muss Marker nach negativem z "

@@ -11,7 +11,7 @@ from injected_grasp import frames_of, gel_pad
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh
 from samples.fruit import fruits_of_seed, scanned_mesh
-from tactile.checks.of_recording import recording_findings
+from tactile.consistency.of_recording import recording_findings
 from tactile.gel.force_inverse import InvertedForce
 from tactile.gel.grid import INITIAL_HYPERPARAMETERS, gel_grid
 from tactile.gel.slab import GelSlab, tent_compliance

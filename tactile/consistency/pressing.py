@@ -7,6 +7,7 @@ Poisson's ratio, and whose stated stiffness is that of its bonded layer, is an e
 """
 
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -40,15 +41,11 @@ HEAVIEST = 5
 noise, and sound recordings have 3 to 14 frames above 90 % of the peak (benchmarks/field_spreads.py), so that
 all five are near it."""
 FRAMES_SIMILAR = 1.5
-"""Variance of a mean over the heaviest frames, over that of independent noise: frames that follow each other
-share some (a correlation of 0.3 in samples/sensor_noise.py makes 1.3 for two, 1.6 for five)."""
+"""Variance of a mean over the heaviest frames, over that of independent noise (a correlation of 0.3)."""
 LEAST_OVER_NOISE = 3.0
 """Normal displacement of the most pressed markers over noise, in the mean of the heaviest frames: what is
 smaller says nothing of a gel's law. Sound gels have 18 and more (1 over benchmarks/field_spreads.py's
 noise)."""
-LOST_SAID, LOST_REFUSED = 0.01, 0.05
-"""Share of the contact's markers that are dead or have no place in the arrays. Their force is missing, and E
-loses about as much: 30 % of them lose 27 to 28 %. Sound recordings have none."""
 MOST_OF_TOP = 5
 """Markers whose mean is taken for the peak, so that no single one's noise is."""
 
@@ -68,10 +65,16 @@ def displacement_of(pad: GelPad, force_N: Float[np.ndarray, "t n 3"]) -> Float[n
     if slab is None:
         stiffness = np.array([pad.gel_kt_MPa_per_mm, pad.gel_kt_MPa_per_mm, pad.gel_kn_MPa_per_mm])
         return np.asarray(force_N / (area_mm2 * stiffness))
-    flat = pad.rest_mm[:, :2]
-    compliance = tent_compliance(slab, flat, flat, pitch_mm=float(np.sqrt(area_mm2)))
-    n = len(flat)
-    return np.asarray(force_N.reshape(-1, 3 * n) @ compliance.reshape(3 * n, 3 * n).T).reshape(force_N.shape)
+    n = len(pad.rest_mm)
+    compliance = _compliance(slab, pad.rest_mm[:, :2].tobytes(), float(np.sqrt(area_mm2)))
+    return np.asarray(force_N.reshape(-1, 3 * n) @ compliance.T).reshape(force_N.shape)
+
+
+@lru_cache(maxsize=2)
+def _compliance(slab: GelSlab, places: bytes, pitch_mm: float) -> Float[np.ndarray, "m m"]:
+    """Of a slab's markers (0.5 s for 400); the same for each transformation that leaves their places."""
+    flat = np.frombuffer(places).reshape(-1, 2)
+    return tent_compliance(slab, flat, flat, pitch_mm=pitch_mm).reshape(3 * len(flat), -1)
 
 
 def slab_of(pad: GelPad) -> GelSlab | None:
@@ -91,7 +94,7 @@ class Pressing:
 
     `felt_mm` is how far it has moved, with the sign of the force (positive z: pressed in). Both lack the
     offset of the quiet frames. `pressed[t, n]` by force or displacement; `near` are each marker's nearest
-    four. `gel_mm` is None where no law of the gel is known (tactile/checks/pressing.py).
+    four. `gel_mm` is None where no law of the gel is known (`displacement_of`).
     """
 
     pad: GelPad
@@ -106,10 +109,17 @@ class Pressing:
     near: Int[np.ndarray, "n k"]
     spacing_mm: float
 
-    @property
+    @cached_property
     def touched(self) -> Bool[np.ndarray, " n"]:
         """Markers that are pressed in two frames at least."""
         return np.asarray(self.pressed.sum(axis=0) >= 2)
+
+    @cached_property
+    def heaviest(self) -> Int[np.ndarray, " h"]:
+        """The frames in which the pad is pressed most, by force and displacement together."""
+        sizes = [np.sqrt((values**2).sum(axis=(1, 2))) for values in (self.felt_mm, self.force_N)]
+        size = np.sum([x / max(float(x.max()), 1e-30) for x in sizes], axis=0)
+        return np.asarray(np.argsort(-size, kind="stable")[:HEAVIEST])
 
     @property
     def closing_mm(self) -> Float[np.ndarray, " t"]:
@@ -164,30 +174,10 @@ def _beyond(values: Float[np.ndarray, "t n 3"], sd: float) -> Bool[np.ndarray, "
     return np.asarray(size > max(PRESSED_SD * sd, LEAST_SHARE * float(size.max()), 1e-12))
 
 
-def mean_sd(sd: float, frames: int) -> float:
-    """Standard deviation of a value's mean over some of the heaviest frames."""
-    return sd / float(np.sqrt(frames / FRAMES_SIMILAR))
-
-
-def heaviest(press: Pressing) -> Int[np.ndarray, " h"]:
-    """The frames in which the pad is pressed most, by force and displacement together."""
-    sizes = [np.linalg.norm(values, axis=(1, 2)) for values in (press.felt_mm, press.force_N)]
-    size = np.sum([x / max(float(x.max()), 1e-30) for x in sizes], axis=0)
-    return np.asarray(np.argsort(-size, kind="stable")[:HEAVIEST])
-
-
-def like_neighbours(press: Pressing, field: Float[np.ndarray, "t n 3"]) -> float | None:
-    """Correlation over markers of a field's normal part with the mean of the nearest, at the peak.
-
-    None where the field hardly rises above its noise.
-    """
-    top = heaviest(press)
-    mean = field[top, :, 2].mean(axis=0)
-    sd = mean_sd(_noise(field, press.quiet), len(top))
-    around = mean[press.near].mean(axis=1)
-    if mean.std() < 4 * sd or not around.std() > 0:
-        return None
-    return float(np.corrcoef(mean, around)[0, 1])
+def at_peak(press: Pressing, field: Float[np.ndarray, "t n 3"]) -> tuple[Float[np.ndarray, "n 3"], float]:
+    """A field's mean over the heaviest frames, and the standard deviation of its noise."""
+    top = press.heaviest
+    return field[top].mean(axis=0), _noise(field, press.quiet) * float(np.sqrt(FRAMES_SIMILAR / len(top)))
 
 
 def clearer(press: Pressing) -> tuple[Float[np.ndarray, "t n 3"], float]:
@@ -198,7 +188,7 @@ def clearer(press: Pressing) -> tuple[Float[np.ndarray, "t n 3"], float]:
 
 def gives_way(press: Pressing) -> bool:
     """Whether the gel moves, or should by its law, by more than its markers' noise: a stiff one does not."""
-    top = heaviest(press)
+    top = press.heaviest
     fields = [press.felt_mm, *([] if press.gel_mm is None else [press.gel_mm])]
     least = LEAST_OVER_NOISE * press.felt_sd_mm
     return any(float(np.quantile(np.abs(f[top, :, 2].mean(axis=0)), 0.98)) >= least for f in fields)
@@ -206,19 +196,9 @@ def gives_way(press: Pressing) -> bool:
 
 def noise_shares(press: Pressing) -> tuple[float, float]:
     """Noise of displacement and of force over what the most pressed markers show."""
-    top = heaviest(press)
+    top = press.heaviest
     peaks = [
         float(np.sort(np.abs(field[top, :, 2].mean(axis=0)))[-MOST_OF_TOP:].mean())
         for field in (press.felt_mm, press.force_N)
     ]
     return press.felt_sd_mm / max(peaks[0], 1e-30), press.force_sd_N / max(peaks[1], 1e-30)
-
-
-def peak_normal(values: Float[np.ndarray, "t n 3"]) -> float:
-    """The largest normal part of a field over frames and markers, whatever its sign."""
-    return float(np.abs(values[:, :, 2]).max())
-
-
-def peak_total_N(press: Pressing) -> float:
-    """The largest total normal force of a frame, whatever its sign."""
-    return float(np.abs(press.force_N[:, :, 2].sum(axis=1)).max())

@@ -2,53 +2,22 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache
 from typing import Any
 
 import numpy as np
 import pytest
 from recording_mistakes import findings, slab_pad
 
-from tactile.checks.finding import FORCE, FindingKind, unit_like
-from tactile.checks.footprint import Footprint, better_otherwise
-from tactile.checks.gel_findings import print_without_force, reference_findings
-from tactile.checks.lattice import missing_sites
-from tactile.checks.of_recording import QUARTERS, recording_findings
-from tactile.checks.pressing import MOST_FOR_SLAB, displacement_of, pressing_of
-from tactile.checks.relation import relation_findings, relation_of
+from tactile.consistency.finding import FindingKind
+from tactile.consistency.missing_markers import missing_markers
+from tactile.consistency.of_recording import recording_findings
+from tactile.consistency.pressing import MOST_FOR_SLAB, displacement_of, pressing_of
+from tactile.consistency.reference_findings import print_without_force, reference_findings
+from tactile.consistency.relations import gain_of
+from tactile.consistency.transformations import QUARTERS
 from tactile.contact import find_contact
 from tactile.io.recording import GelPad, Recording
 from tactile.tactile_failure import TactileFailure, TactileProblem
-
-
-def test_pads_exchanged_and_a_mesh_turned_are_named_where_the_sides_of_the_fruit_differ():
-    """On prints by the numbers of a fruit whose sides differ: the left's skin leans, the right's does not."""
-
-    def prints(left, right):
-        return [
-            Footprint(
-                name=name, ahead_mm=0.0, ahead_sd_mm=0.1, middle_mm=30.0 * np.array(t), tilt=np.array(t)
-            )
-            for name, t in (("left", left), ("right", right))
-        ]
-
-    level, leaning = [0.004, -0.006], [0.03, 0.02]
-    off, fits = prints(leaning, leaning), prints(level, level)
-    finding = better_otherwise(off, [(FindingKind.PADS_EXCHANGED, fits)], surface_sd_mm=0.0)
-    assert finding.kind is FindingKind.PADS_EXCHANGED
-    assert "with the pads exchanged: left and right are swapped" in finding.sentence
-    turned = better_otherwise(
-        off, [(FindingKind.PADS_EXCHANGED, off), (FindingKind.MESH_TURNED, fits)], surface_sd_mm=0.0
-    )
-    assert turned.kind is FindingKind.MESH_TURNED
-    for others in (
-        [],
-        [(FindingKind.PADS_EXCHANGED, off)],
-        [(FindingKind.PADS_EXCHANGED, prints(level, [np.nan] * 2))],
-    ):
-        assert better_otherwise(off, others, surface_sd_mm=0.0) is None
-    assert better_otherwise(fits, [(FindingKind.PADS_EXCHANGED, fits)], surface_sd_mm=0.0) is None
-    assert better_otherwise(off, [(FindingKind.PADS_EXCHANGED, fits)], surface_sd_mm=0.5) is None
 
 
 @pytest.mark.parametrize("turn", QUARTERS[:4])
@@ -69,71 +38,58 @@ def test_a_mesh_moved_along_the_pads_is_said(nectarine_grasp):
     assert not said[0].refused
 
 
-def test_missing_sites_are_those_left_out_and_no_others():
-    line = np.arange(12.0)
-    grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    assert len(missing_sites(grid)) == 0
-    out = (np.abs(grid - [5, 6]) < 1.5).all(axis=1)
-    sites = missing_sites(grid[~out])
-    assert sorted(map(tuple, np.round(sites).tolist())) == sorted(map(tuple, grid[out].tolist()))
-    hexagonal = grid @ np.array([[1.0, 0.0], [0.5, 0.75**0.5]])
-    assert len(missing_sites(hexagonal)) == 0
-    assert len(missing_sites(np.delete(hexagonal, 70, axis=0))) == 1
+LINE = np.arange(20.0)
+GRID = np.stack(np.meshgrid(LINE, LINE), axis=-1).reshape(-1, 2)
+TO_HEXAGONS = np.array([[1.0, 0.0], [0.5, 0.75**0.5]])
+
+
+def missing(rest_mm: np.ndarray) -> float:
+    return float(missing_markers(rest_mm)[:, 3].sum())
+
+
+@pytest.mark.parametrize(("middle", "half"), [(9.0, 0.5), (9.0, 1.5), (9.5, 4.0)])
+@pytest.mark.parametrize("to_grid", [np.eye(2), TO_HEXAGONS], ids=["square", "hexagonal"])
+def test_holes_of_a_grid_are_counted_and_a_whole_grid_has_none(
+    middle: float, half: float, to_grid: np.ndarray
+) -> None:
+    """Holes of one marker, of three by three and of eight by eight."""
+    rest = GRID @ to_grid
+    out = (np.abs(GRID - middle) < half).all(axis=1)
+    assert missing(rest) == 0
+    assert missing(rest[~out]) == pytest.approx(out.sum(), abs=1e-6)
 
 
 @pytest.mark.parametrize("uneven", [0.005, 0.02, 0.03])
-def test_holes_of_an_uneven_hexagonal_grid_are_found(uneven):
+def test_holes_of_an_uneven_hexagonal_grid_are_found(uneven: float) -> None:
     """Places off by so much of the pitch; the hole is three by three."""
-    line = np.arange(20.0)
-    grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    out = (np.abs(grid - 9) < 1.5).all(axis=1)
-    rest = grid @ np.array([[1.0, 0.0], [0.5, 0.75**0.5]])
+    out = (np.abs(GRID - 9) < 1.5).all(axis=1)
+    rest = GRID @ TO_HEXAGONS
     rest += uneven * np.random.default_rng(4).standard_normal(rest.shape)
-    assert len(missing_sites(rest)) == 0
-    assert len(missing_sites(rest[~out])) == 9
+    assert missing(rest) == 0
+    assert missing(rest[~out]) == pytest.approx(9, abs=0.1)
 
 
 @pytest.mark.parametrize("distortion", [0.08, 0.15])
-def test_a_sound_grid_seen_through_a_lens_has_no_hole(distortion):
+def test_a_sound_grid_seen_through_a_lens_has_no_hole(distortion: float) -> None:
     """Radial distortion, at the corner so much of its distance from the middle."""
-    line = np.linspace(-1.0, 1.0, 20)
-    grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+    grid = GRID / 9.5 - 1
     squared = (grid**2).sum(axis=1, keepdims=True) / 2
-    assert len(missing_sites(9.5 * grid * (1 - distortion * squared))) == 0
+    assert missing(9.5 * grid * (1 - distortion * squared)) == 0
 
 
-def test_a_hole_of_eight_by_eight_markers_is_found_whole():
-    line = np.arange(20.0)
-    grid = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    out = np.abs(grid - 9.5).max(axis=1) < 4.0
-    assert out.sum() == 64
-    assert sorted(map(tuple, np.round(missing_sites(grid[~out])).tolist())) == sorted(
-        map(tuple, grid[out].tolist())
-    )
+def test_markers_in_no_grid_miss_none() -> None:
+    assert missing(np.random.default_rng(0).uniform(0, 20, (300, 2))) == 0
 
 
-def test_markers_in_no_grid_miss_none():
-    scattered = np.random.default_rng(0).uniform(0, 20, (300, 2))
-    assert len(missing_sites(scattered)) == 0
-
-
-def test_a_factor_is_a_unit_only_near_it():
-    assert unit_like(102.0, FORCE) == "grams"
-    assert unit_like(2.0, FORCE) is None
-    assert unit_like(-1.0, FORCE) is None
-
-
-@cache
-def test_a_slabs_forces_follow_its_own_law_and_not_that_of_springs():
+def test_a_slabs_forces_follow_its_own_law_and_not_that_of_springs() -> None:
     pad = slab_pad()
-    by_slab = relation_of(pressing_of(pad))
-    by_springs = relation_of(pressing_of(replace(pad, gel_E_MPa=None)))
-    assert by_slab.gain == pytest.approx(1.0, abs=0.03)
-    assert by_slab.over_markers > 0.95
-    assert by_springs.gain < 0.6
+    assert gain_of(pressing_of(pad)) == pytest.approx(1.0, abs=0.03)
+    assert gain_of(pressing_of(replace(pad, gel_E_MPa=None))) < 0.6
 
 
-def test_a_slab_with_more_markers_than_its_law_is_computed_for_is_not_judged_by_that_of_springs(monkeypatch):
+def test_a_slab_with_more_markers_than_its_law_is_computed_for_is_not_judged_by_that_of_springs(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     side = int(np.ceil(np.sqrt(MOST_FOR_SLAB + 1)))
     line = 0.7 * np.arange(float(side))
     flat = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
@@ -143,11 +99,8 @@ def test_a_slab_with_more_markers_than_its_law_is_computed_for_is_not_judged_by_
     many = replace(pad, rest_mm=rest_mm, force_N=force_N, displacement_mm=force_N)
     assert displacement_of(many, force_N) is None
     assert displacement_of(replace(many, gel_E_MPa=None), force_N) is not None
-    monkeypatch.setattr("tactile.checks.pressing.MOST_FOR_SLAB", len(pad.rest_mm) - 1)
-    assert relation_of(pressing_of(pad)) is None
-    springs = replace(pad, gel_E_MPa=None)
-    assert relation_findings([pressing_of(springs)], closing_mm=[1.0], E_range_MPa=None)[0].refused
-    assert relation_findings([pressing_of(pad)], closing_mm=[1.0], E_range_MPa=None) == []
+    monkeypatch.setattr("tactile.consistency.pressing.MOST_FOR_SLAB", len(pad.rest_mm) - 1)
+    assert gain_of(pressing_of(pad)) is None
 
 
 def changed(recording: Recording, act: Callable[[GelPad], dict[str, Any]]) -> Recording:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from tactile.checks.finding import Finding, FindingKind, FindingRank
+from tactile.consistency.finding import Finding, FindingKind
 from tactile.io.recording import GelPad, Recording
 from tactile.rig.rig_curve import RigCurve
 
@@ -13,7 +13,7 @@ TOUCHED = 0.05
 """Share of the largest force from which the pads are in contact. Set by hand."""
 DEEPEST = 0.98
 """Quantile of the markers' indentation that stands for the gel's: the last 2 % may be outliers. Set by hand,
-as in tactile.checks.jaws."""
+as in tactile.consistency.relations."""
 
 
 def jaw_share_findings(recording: Recording, rig: RigCurve) -> list[Finding]:
@@ -41,10 +41,10 @@ def jaw_share_findings(recording: Recording, rig: RigCurve) -> list[Finding]:
     findings = []
     if sd > UNSURE * max(fruit, 0.0):
         says = f"{said}: it is too stiff for this rig, and E is a lower bound"
-        findings.append(Finding(FindingKind.STIFFER_THAN_RIG, FindingRank.MACHINE, says))
+        findings.append(Finding(FindingKind.STIFFER_THAN_RIG, says))
     if force[peak] > rig.largest_N:
         says = (
             f"the rig calibration ends at {rig.largest_N:.3g} N; drupe extrapolated it to {force[peak]:.3g} N"
         )
-        findings.append(Finding(FindingKind.BEYOND_RIG, FindingRank.MACHINE, says, remark=True))
+        findings.append(Finding(FindingKind.BEYOND_RIG, says, remark=True))
     return findings

@@ -24,11 +24,9 @@ from recording_mistakes import (
 )
 
 from samples.fruit import fruits_of_seed, scanned_mesh
-from tactile.checks.channels import dead_markers, noise_findings
-from tactile.checks.finding import Finding, FindingKind, FindingRank, shared
-from tactile.checks.lattice import is_thinned
-from tactile.checks.pressing import noise_shares, pressing_of
-from tactile.checks.time_order import dropped_steps
+from tactile.consistency.faults import dead_markers, noise_findings
+from tactile.consistency.finding import Finding, FindingKind, shared
+from tactile.consistency.pressing import noise_shares, pressing_of
 from tactile.io.recording import read_recording
 
 
@@ -46,16 +44,20 @@ def test_the_shipped_sample_passes_on_its_scans(number):
 
 AMONG_SEVERAL = {
     "force in pounds", "force x 1.3", "one pad's force x 0.5", "displacement x 0.5",
-    "half of the markers missing", "stiffness of another gel", "poses of another day",
-    "another fruit's recording", "another fruit's mesh", "mesh x 1.1", "mesh x 0.95",
+    "half of the markers missing", "poses of another day", "another fruit's recording",
+    "another fruit's mesh", "mesh x 1.1", "mesh x 0.95",
 }  # fmt: skip
 """Mistakes that the first sentence lists among other causes."""
-UNSEEN = {"force 2 frames early", "noise x 10", "mesh turned by 90 degrees", "mesh mirrored"}
-"""On this recording: its frames are few, its noise is low, and its fruit is nearly round."""
+UNSEEN = {
+    "force 2 frames early", "force in 6 steps", "noise x 10", "every third frame dropped", "mesh mirrored",
+    "mesh turned by 90 degrees",
+}  # fmt: skip
+"""On this recording: its frames are few, its noise is low, its fruit is nearly round, and E hardly changes by
+steps and lost frames."""
 MILD = {
-    "force in 6 steps", "every third frame dropped", "no first touch", "no unloading",
-    "gel 5 frames late on jaws", "time in ms", "aperture in cm", "stiffness and force x 2",
-    "stiffness and force x 0.5", "picture scale 1.1", "picture scale 0.9", "Poisson's ratio 0.30",
+    "a hole in the markers", "every second frame a copy", "no first touch", "no unloading",
+    "gel 5 frames late on jaws", "time in ms", "aperture in cm", "stiffness in kPa/mm",
+    "stiffness of another gel", "picture scale 1.1", "picture scale 0.9", "Poisson's ratio 0.30",
     "Poisson's ratio 0.39", "a plum's category", "an apricot's category", "a cherry's category",
     "pads' signals exchanged", "pads' poses exchanged", "mesh lying on its side", "pit moved 6 mm",
     "pit x 1.4", "pit turned by 90 degrees", "force x 1.3", "another fruit's mesh",
@@ -81,26 +83,53 @@ def drifting(recording):
     return replace(recording, pads=(replace(left, force_N=force_N), recording.pads[1]))
 
 
-SECOND = "both pads' markers are only every second one of the gel: about 200 of 400 are missing"
-
-
 @pytest.mark.parametrize(
     ("change", "words", "refused"),
     [
-        (without(lambda pad: np.arange(len(pad.rest_mm)) % 2 == 1), SECOND, True),
-        (without(lambda pad: np.indices((20, 20)).sum(axis=0).ravel() % 2 == 1), SECOND, True),
-        (without(lambda pad: np.arange(len(pad.rest_mm)) % 3 != 1), "markers are only every third one", True),
-        (force(101.97, "left"), "the left pad's forces look like grams", True),
-        (force(0.5, "right"), "the right pad's forces are 0.50 times", True),
-        (force(1.2), "forces are 1.20 times", False),
+        (force(101.97, "left"), "Cause: forces look like grams", True),
+        (force(0.5, "right"), "the right pad's force is 0.50 times", True),
+        (force(1.2), "force is 1.20 times", False),
         (drifting, "the left pad's force drifts", False),
     ],
 )
-def test_markers_left_out_gains_and_drift_are_said_with_their_size(nectarine_grasp, change, words, refused):
+def test_gains_and_drift_are_said_with_their_size(nectarine_grasp, change, words, refused):
     recording, mesh = nectarine_grasp
     said = findings(change(recording), mesh)
     assert any(words in finding.sentence for finding in said)
     assert any(finding.refused for finding in said) == refused
+
+
+@pytest.mark.parametrize("count", [2, 3])
+def test_every_second_or_third_marker_is_among_the_causes_of_its_gain(nectarine_grasp, count):
+    recording, mesh = nectarine_grasp
+    first, *_ = findings(without(lambda pad: np.arange(len(pad.rest_mm)) % count != 0)(recording), mesh)
+    assert first.refused
+    assert f"or the arrays hold only one of every {count} markers" in first.sentence
+
+
+def test_two_mistakes_are_named_one_after_the_other(nectarine_grasp):
+    recording, mesh = nectarine_grasp
+    in_metres = on_pads(lambda pad: replace(pad, displacement_mm=pad.displacement_mm / 1e3))
+    said = findings(in_metres(force(0.22481)(recording)), mesh)
+    assert (said[0].field, said[0].detail) == ("displacement", "metres")
+    assert "forces look like pounds" in said[1].sentence
+
+
+def test_a_marker_order_by_columns_is_told_from_any_other(nectarine_grasp):
+    """The contact is moved off the grid's diagonal, on which both orders are the same."""
+    recording, mesh = nectarine_grasp
+    grid = np.arange(400).reshape(20, 20)
+    aside = np.roll(grid, 4, axis=1).ravel()
+    moved = on_pads(
+        lambda pad: replace(
+            pad,
+            force_N=pad.force_N[:, aside][:, grid.T.ravel()],
+            displacement_mm=pad.displacement_mm[:, aside],
+        )
+    )
+    first, *_ = findings(moved(recording), mesh)
+    assert first.kind is FindingKind.MARKERS_ORDER
+    assert "the marker order of force_N is transposed (columns for rows)" in first.sentence
 
 
 @pytest.mark.parametrize(("from_share", "refused"), [(0.4, True), (0.99, False)])
@@ -135,26 +164,6 @@ def test_a_cut_gel_of_both_pads_is_said_once(nectarine_grasp):
         assert finding.sentence.startswith("both pads' ")
 
 
-def test_a_gain_of_a_half_on_a_whole_grid_is_a_gain_and_missing_markers_are_one_cause_named(nectarine_grasp):
-    recording, mesh = nectarine_grasp
-    first, *_ = findings(force(0.5)(recording), mesh)
-    assert first.kind is FindingKind.GAIN
-    assert first.sentence.endswith("or the arrays hold only one of every 2 markers")
-
-
-@pytest.mark.parametrize("turn_deg", [0, 90])
-def test_a_whole_grid_is_not_thinned(turn_deg):
-    line = np.arange(9.0)
-    square = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    hexagonal = square @ np.array([[1.0, 0.0], [0.5, 0.75**0.5]])
-    rng, angle = np.random.default_rng(2), np.radians(turn_deg)
-    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-    for grid in (square, hexagonal):
-        placed = (grid + rng.normal(0, 0.03, grid.shape)) @ turn
-        assert not is_thinned(placed)
-        assert is_thinned(placed[::3])
-
-
 def test_the_same_fault_of_both_pads_is_one_finding_whatever_its_numbers(nectarine_grasp):
     recording, mesh = nectarine_grasp
     left, right = (on_pads(lambda p: replace(p, force_N=p.force_N[..., ::-1]), n) for n in ("left", "right"))
@@ -162,14 +171,12 @@ def test_the_same_fault_of_both_pads_is_one_finding_whatever_its_numbers(nectari
     (both,) = findings(right(left(recording)), mesh)
     assert (finding.kind, finding.field, finding.pads) == (FindingKind.AXES, "force", ("left",))
     assert (both.kind, both.field, both.pads) == (FindingKind.AXES, "force", ("left", "right"))
-    assert both.sentence.startswith("both pads' force has its axes")
+    assert "force has its axes exchanged: its columns are zyx" in both.sentence
 
 
 def test_findings_are_told_apart_by_kind_field_and_detail_and_not_by_words():
     def finding(pad, kind=FindingKind.DELAY, field=None, detail="5", says="as it is"):
-        return Finding(
-            kind=kind, rank=FindingRank.RELATION, says=says, pads=(pad,), field=field, detail=detail
-        )
+        return Finding(kind=kind, says=says, pads=(pad,), field=field, detail=detail)
 
     (merged,) = shared([finding("left"), finding("right", says="in other words")])
     assert merged.sentence == "both pads' as it is"
@@ -195,10 +202,10 @@ def test_markers_beside_a_patch_are_not_dead_where_nothing_is_noisy():
     held = np.maximum(depth - (rest[:, :2] ** 2).sum(axis=1) / 80, 0)
     normal = held[..., None] * np.array([0.0, 0.0, 1.0])
     pad = gel_pad("left", rest, -normal, 0.22 * normal, kn=0.22, kt=0.055)
-    assert not dead_markers(pressing_of(pad))[0].any()
+    assert not dead_markers(pressing_of(pad)).any()
     stuck = pad.displacement_mm.copy()
     stuck[:, 210] = 0.0  # in the middle of the patch
-    assert dead_markers(pressing_of(replace(pad, displacement_mm=stuck)))[0].nonzero()[0].tolist() == [210]
+    assert dead_markers(pressing_of(replace(pad, displacement_mm=stuck))).nonzero()[0].tolist() == [210]
 
 
 def test_a_block_of_dead_markers_is_found_where_there_is_noise(nectarine_grasp):
@@ -208,7 +215,7 @@ def test_a_block_of_dead_markers_is_found_where_there_is_noise(nectarine_grasp):
     block = np.argsort(np.linalg.norm(pad.rest_mm - pad.rest_mm[middle], axis=1))[:4]
     moved = pad.displacement_mm.copy()
     moved[:, block] = 0.0
-    dead = dead_markers(pressing_of(replace(pad, displacement_mm=moved)))[0]
+    dead = dead_markers(pressing_of(replace(pad, displacement_mm=moved)))
     assert set(block) >= set(dead.nonzero()[0])
     assert dead.sum() >= 3
 
@@ -217,8 +224,9 @@ def test_a_gain_widens_the_error_by_what_it_may_do(nectarine_grasp):
     recording, mesh = nectarine_grasp
     (of_one_pad,) = findings(force(1.2, "left")(recording), mesh)
     (of_both_pads,) = findings(force(1.2)(recording), mesh)
-    assert of_both_pads.relative_sd == pytest.approx(0.7 * np.log(1.2), rel=0.05)
-    assert of_one_pad.relative_sd == pytest.approx(of_both_pads.relative_sd / 2, rel=0.1)
+    assert of_both_pads.relative_sd == pytest.approx(0.7 * np.log(1.2), rel=0.1)
+    of_the_force = 1.1 * np.log(1.2) / 2  # pads out of balance make a force's gain likelier
+    assert of_both_pads.relative_sd / 2 < of_one_pad.relative_sd < of_the_force
 
 
 @pytest.mark.parametrize("times", [0.93, 1.1])
@@ -230,17 +238,6 @@ def test_a_mesh_of_another_size_is_refused_with_both_widths(nectarine_grasp, tim
     said = re.search(r"\(([0-9.]+) times\)", finding.sentence)
     assert float(said.group(1)) == pytest.approx(times, abs=0.005)
     assert "another fruit" in finding.sentence
-
-
-def test_frames_are_dropped_where_time_steps_are_multiples_and_not_where_a_clock_jitters():
-    steps = 0.03 * np.ones(60)
-    assert dropped_steps(np.cumsum(steps)) == 0
-    uneven = steps * (1 + 0.3 * np.random.default_rng(1).normal(size=60))
-    assert dropped_steps(np.cumsum(np.abs(uneven))) <= 2
-    paces = np.repeat([0.03, 0.3, 0.06], 20)
-    assert dropped_steps(np.cumsum(paces)) == 0
-    third = np.delete(np.cumsum(steps), np.arange(2, 60, 3))
-    assert dropped_steps(third) == len(third) // 2 - 1
 
 
 def test_a_recording_that_ends_pressed_is_remarked_and_nothing_is_put_in_doubt(nectarine_grasp):
