@@ -9,8 +9,8 @@ from jaxtyping import Bool
 from tactile.consistency.finding import MEANINGLESS, Field, Finding, FindingKind, doubted
 from tactile.consistency.pressing import Pressing, at_peak, gives_way, noise_shares
 
-LOST_SAID, E_PER_LOST = 0.01, 2.0
-"""Share of a contact's markers or values that are lost, from which it is said; E loses 0.8 to 1.0 of it: 30 %
+LOST_SAID, LOST_REFUSED, E_PER_LOST = 0.01, 0.05, 2.0
+"""Share of a contact's markers or values that are lost, from which it is said, and refused; E loses 0.8 to 1.0 of it: 30 %
 of the markers 27 to 28 %, a force clipped at half, which is 0.41 of the values, 34 %. Doubled, since what
 went is not known."""
 DEAD = 0.02
@@ -51,6 +51,12 @@ def value_findings(pressings: Sequence[Pressing]) -> list[Finding]:
 
 def _finding(press: Pressing, kind: FindingKind, says: str, relative_sd: float, **more: Any) -> Finding:
     return doubted(kind, says, relative_sd=relative_sd, pads=(press.pad.name,), **more)
+
+
+def lost_finding(press: Pressing, kind: FindingKind, says: str, share: float, **more: Any) -> Finding:
+    """The finding that this share of a contact's markers or values is lost."""
+    pads, refused = (press.pad.name,), share > LOST_REFUSED
+    return Finding(kind, says, pads=pads, relative_sd=E_PER_LOST * share, refused=refused, **more)
 
 
 def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
@@ -120,7 +126,7 @@ def _markers(press: Pressing) -> Iterator[Finding]:
             f"markers are dead: {int(dead.sum())} of the {int(contact.sum())} in the contact "
             f"({100 * share:.0f} %) are zero or frozen. Their force is missing; clean or replace the gel"
         )
-        yield _finding(press, FindingKind.DEAD_MARKERS, says, E_PER_LOST * share)
+        yield lost_finding(press, FindingKind.DEAD_MARKERS, says, share)
 
 
 def _whole_frames(press: Pressing) -> Iterator[Finding]:
@@ -160,4 +166,4 @@ def _clipped(press: Pressing) -> Iterator[Finding]:
                 f"{name} is clipped: {int(clipped.sum())} values are exactly {top:.3g} "
                 f"{'mm' if name == 'displacement' else 'N'}, the maximum; the sensor saturates, so press less"
             )
-            yield _finding(press, FindingKind.CLIPPED, says, E_PER_LOST * share, field=name)
+            yield lost_finding(press, FindingKind.CLIPPED, says, share, field=name)

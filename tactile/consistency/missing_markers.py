@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import ConvexHull, Delaunay, cKDTree
 
-from tactile.consistency.faults import E_PER_LOST, LOST_SAID
+from tactile.consistency.faults import LOST_SAID, lost_finding
 from tactile.consistency.finding import MEANINGLESS, Finding, FindingKind, doubted, shared
 from tactile.consistency.pressing import Pressing, at_peak
 from tactile.markers.matching import UNSURE
@@ -65,8 +65,7 @@ def _missing(press: Pressing) -> Iterator[Finding]:
             f"marker grid has holes: {lost} of {places} places in the contact ({100 * share:.0f} %) have no "
             "marker in the arrays, so their force is missing. Write all markers"
         )
-        kind, pads = FindingKind.MARKERS_MISSING, (press.pad.name,)
-        yield doubted(kind, says, relative_sd=E_PER_LOST * share, pads=pads)
+        yield lost_finding(press, FindingKind.MARKERS_MISSING, says, share)
 
 
 def _pitch_off(press: Pressing) -> Iterator[Finding]:

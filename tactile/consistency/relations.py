@@ -66,7 +66,7 @@ where that is smaller; 1 less the cosine between normal and the fruit's middle (
 OVER_NOISE = 10.0
 """Means and sums below so many standard deviations of their noise say nothing."""
 E_PER_GAIN, E_OF_APERTURE, E_PER_LATE = 0.7, 0.2, 0.28
-"""Relative errors of E: per ln of a gain of unknown cause (1.1 if of the force, 0 if of the stiffness);
+"""Relative errors of E: per ln of a gain, whose cause may be force (1.1), displacement (0.3) or stiffness;
 assumed, which of aperture and poses is wrong is not known; per share of the closing that a lag is, of which
 3 of 3.5 mm make 0.01 to 0.25."""
 E_PER_PITCH = 2.2

@@ -14,7 +14,7 @@ from jaxtyping import Float
 
 from tactile.consistency.finding import MEANINGLESS, Field, FindingKind
 from tactile.consistency.footprint import E_OF_A_TURN
-from tactile.consistency.relations import CAUSES, Misfit, Situation, correlation, gain_of
+from tactile.consistency.relations import CAUSES, E_PER_GAIN, Misfit, Situation, correlation, gain_of
 from tactile.io.recording import GelPad
 
 FORCE = {
@@ -32,10 +32,9 @@ LENGTH = {1e-3: "metres", 0.1: "centimetres", 1e3: "micrometres", 1 / 25.4: "inc
 """The same of a number in millimetres."""
 STIFFNESS = {1e3: "kPa/mm (or MPa/m)", 1e6: "Pa/mm", 1e-3: "GPa/mm"}
 """The same of a number in MPa/mm."""
-E_PER_LN: dict[Field, float] = {"force": 1.1, "displacement": 0.3, "stiffness": 0.0}
-"""Error of ln E per ln of a factor on both pads' field: E at 1.3 times the force is 1.28 to 1.32 times, at
-half the displacement 0.79 (benchmarks/field_mistakes.py --grade); forces that were measured need no
-stiffness."""
+E_PER_FORCE = 1.1
+"""Error of ln E per ln of a factor on the force: E at 1.3 times the force is 1.28 to 1.32 times
+(benchmarks/field_mistakes.py --grade)."""
 FIELDS: dict[Field, str] = {"force": "force_N", "displacement": "displacement_mm"}
 FREE, FACTOR_SD = 5.0, 0.4
 """Log Bayes factor that a fitted factor costs, and standard deviation of its ln; above."""
@@ -93,12 +92,12 @@ def of_signals(situation: Situation, names: Sequence[str]) -> Iterator[Transform
 
     kind = FindingKind.SCALE
     for field, cause, factor, detail, log_prior in _factors(situation, names):
-        sd = share * E_PER_LN[field] * abs(float(np.log(factor)))
+        sd = share * E_PER_GAIN * abs(float(np.log(factor)))
         change = _scaled(field, 1 / factor)
         yield made(kind, cause, change, field=field, detail=detail, relative_sd=sd, log_prior=log_prior)
     for count in MOST_LEFT_OUT:
         cause = f"the arrays hold only one of every {count} markers; write all markers"
-        sd = share * E_PER_LN["force"] * float(np.log(count))
+        sd = share * E_PER_FORCE * float(np.log(count))
         change = _scaled("force", float(count))
         kind = FindingKind.MARKERS_MISSING
         yield made(kind, cause, change, relative_sd=sd, log_prior=-FREE - 1, detail=str(count))
@@ -111,7 +110,7 @@ def of_signals(situation: Situation, names: Sequence[str]) -> Iterator[Transform
             "nonlinear (run drupe explain for the amount)"
         )
         change = _on("force_N", _straightened, bend)
-        sd = share * E_PER_LN["force"] * abs(float(np.log1p(-bend)))
+        sd = share * E_PER_FORCE * abs(float(np.log1p(-bend)))
         more: dict[str, Any] = {"field": "force", "relative_sd": sd, "log_prior": -FREE, "has_effect": True}
         yield made(FindingKind.SATURATION, cause, change, **more)
     lag = _best_lag(situation, names[0])

@@ -43,7 +43,7 @@ def test_the_shipped_sample_passes_on_its_scans(number):
 
 
 AMONG_SEVERAL = {
-    "force in pounds", "force x 1.3", "one pad's force x 0.5", "displacement x 0.5",
+    "force x 1.3", "one pad's force x 0.5", "displacement x 0.5",
     "half of the markers missing", "poses of another day", "another fruit's recording",
     "another fruit's mesh", "mesh x 1.1", "mesh x 0.95",
 }  # fmt: skip
@@ -55,9 +55,8 @@ UNSEEN = {
 """On this recording: its frames are few, its noise is low, its fruit is nearly round, and E hardly changes by
 steps and lost frames."""
 MILD = {
-    "a hole in the markers", "every second frame a copy", "no first touch", "no unloading",
-    "gel 5 frames late on jaws", "time in ms", "aperture in cm", "stiffness in kPa/mm",
-    "stiffness of another gel", "picture scale 1.1", "picture scale 0.9", "Poisson's ratio 0.30",
+    "every second frame a copy", "no first touch", "no unloading",
+    "gel 5 frames late on jaws", "time in ms", "aperture in cm", "picture scale 1.1", "picture scale 0.9", "Poisson's ratio 0.30",
     "Poisson's ratio 0.39", "a plum's category", "an apricot's category", "a cherry's category",
     "pads' signals exchanged", "pads' poses exchanged", "mesh lying on its side", "pit moved 6 mm",
     "pit x 1.4", "pit turned by 90 degrees", "force x 1.3", "another fruit's mesh",
@@ -224,9 +223,8 @@ def test_a_gain_widens_the_error_by_what_it_may_do(nectarine_grasp):
     recording, mesh = nectarine_grasp
     (of_one_pad,) = findings(force(1.2, "left")(recording), mesh)
     (of_both_pads,) = findings(force(1.2)(recording), mesh)
-    assert of_both_pads.relative_sd == pytest.approx(0.7 * np.log(1.2), rel=0.1)
-    of_the_force = 1.1 * np.log(1.2) / 2  # pads out of balance make a force's gain likelier
-    assert of_both_pads.relative_sd / 2 < of_one_pad.relative_sd < of_the_force
+    assert of_both_pads.relative_sd == pytest.approx(0.7 * np.log(1.2), rel=0.05)
+    assert of_one_pad.relative_sd == pytest.approx(of_both_pads.relative_sd / 2, rel=0.1)
 
 
 @pytest.mark.parametrize("times", [0.93, 1.1])
