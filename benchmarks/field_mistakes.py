@@ -36,7 +36,7 @@ from recon.pit.priors import load_prior
 from recon.surface.mesh_file import write_mesh
 from tactile.consistency.finding import Finding
 from tactile.consistency.of_recording import recording_findings
-from tactile.io.recording import write_recording
+from tactile.readers.recording import write_recording
 
 
 def E_range_MPa(category: str) -> tuple[float, float] | None:

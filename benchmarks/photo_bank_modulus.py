@@ -49,7 +49,7 @@ from samples.hexahedra import FINER, SHIPPED, Fineness
 from samples.sample_failure import NotInEquilibrium
 from samples.scenes.scene_fruit import KINDS
 from samples.simulated_grasp import simulate
-from tactile.io.recording import write_recording
+from tactile.readers.recording import write_recording
 
 MOST_ERROR = 0.02
 """Largest relative error of the modulus of a single fruit, end to end."""

@@ -9,8 +9,8 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from tactile.consistency.reference_findings import print_without_force
-from tactile.io.recording import GelPad, Recording
 from tactile.noise import FEWEST_NO_CONTACT_FRAMES, MOST_LAG1, Noise, no_contact_noise, noise_in_contact
+from tactile.readers.recording import GelPad, Recording
 from tactile.reference_print import WHAT_TO_DO
 from tactile.tactile_failure import TactileFailure, TactileProblem
 

@@ -7,10 +7,6 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import Delaunay
 
 from tactile.gel.fields import fields_of
-from tactile.io.converted import Converted
-from tactile.io.pictures import gaps_said
-from tactile.io.raw_grasp import RawGrasp, RawPad
-from tactile.io.recording import GelPad, IndenterPad, Recording
 from tactile.markers.gaps import at_times, filled
 from tactile.markers.pad_frames import (
     Progress,
@@ -21,6 +17,10 @@ from tactile.markers.pad_frames import (
     tracked_markers,
 )
 from tactile.markers.tracking import TrackedMarkers
+from tactile.readers.converted import Converted
+from tactile.readers.pictures import gaps_said
+from tactile.readers.raw_grasp import RawGrasp, RawPad
+from tactile.readers.recording import GelPad, IndenterPad, Recording
 from tactile.sensors import layer_stiffness
 from tactile.square_pixels import with_square_pixels
 from tactile.tactile_failure import TactileFailure, TactileProblem

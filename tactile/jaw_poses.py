@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from tactile.io.converted import Converted
-from tactile.io.recording import GelPad
+from tactile.readers.converted import Converted
+from tactile.readers.recording import GelPad
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 LEAST_ANGLE_SINE = 0.1

@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from tactile.io.recording import GelPad, IndenterPad, Recording, marker_area_mm2
+from tactile.readers.recording import GelPad, IndenterPad, Recording, marker_area_mm2
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 RIGID_MPA_PER_MM = 1000.0

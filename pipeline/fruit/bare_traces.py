@@ -16,8 +16,8 @@ from fem.indentation.trace import IndenterTrace, joined
 from pipeline.fruit.trace_geometry import Stated, TraceGeometry, combined, geometry_of
 from pipeline.problem import refused
 from recon.pit.priors import PitBody, PitPrior
-from tactile.io.recording import IndenterPad, Recording, read_recording
-from tactile.io.specimen import DIAMETERS
+from tactile.readers.recording import IndenterPad, Recording, read_recording
+from tactile.readers.specimen import DIAMETERS
 from tactile.tactile_failure import TactileFailure
 from tactile.trace_thinning import thin
 

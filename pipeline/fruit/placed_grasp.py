@@ -22,8 +22,8 @@ from tactile.consistency.jaw_share import jaw_share_findings
 from tactile.consistency.of_recording import recording_findings
 from tactile.contact import Contact, find_contact
 from tactile.correction import Fault, corrected
-from tactile.io.recording import GelPad, Recording, read_recording
 from tactile.plain_jaw import has_plain_jaw, with_plain_jaw
+from tactile.readers.recording import GelPad, Recording, read_recording
 from tactile.recording_digest import recording_digest
 from tactile.registration import PadRegistration, register
 from tactile.rig.rig_curve import RigCurve

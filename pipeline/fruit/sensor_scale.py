@@ -13,8 +13,8 @@ import numpy as np
 
 from pipeline.batch.settings import SensorSettings
 from tactile.consistency.gain import unseen_gain
-from tactile.io.recording import GelPad, Recording
 from tactile.plain_jaw import RIGID_MPA_PER_MM
+from tactile.readers.recording import GelPad, Recording
 
 COMMON_SD = 0.03
 """Relative standard deviation of a common factor on force and gel stiffness that nobody states. Assumed: what

@@ -16,9 +16,9 @@ from pipeline.recordings.description_file import DescriptionKind
 from recon.cameras.mat_poses import LONGEST_ERROR_PX, cameras_from_mat
 from recon.cameras.photos import MOST_BYTES, MOST_PHOTOS, Photo, read_photo
 from recon.cameras.printed_mat import Mat, detect_tags
-from tactile.io.flange_table import FlangeTable, read_flange_table
-from tactile.io.pictures import unusable
-from tactile.io.robot_file import FORMAT, VERSION, Gripper, read_gripper, read_robot
+from tactile.readers.flange_table import FlangeTable, read_flange_table
+from tactile.readers.pictures import unusable
+from tactile.readers.robot_file import FORMAT, VERSION, Gripper, read_gripper, read_robot
 from tactile.robot.base_and_mat import BaseAndMat, flange_covariance, place_sd_mm, touched_mat
 from tactile.robot.hand_eye import Lens, MatView, hand_eye
 

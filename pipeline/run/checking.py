@@ -42,9 +42,9 @@ from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.mesh_file import read_mesh
 from tactile.consistency.finding import Finding
 from tactile.correction import corrected
-from tactile.io.raw_grasp import RawGrasp, read_raw_grasp
-from tactile.io.recording import Recording, read_recording
 from tactile.pad_reference import references_said
+from tactile.readers.raw_grasp import RawGrasp, read_raw_grasp
+from tactile.readers.recording import Recording, read_recording
 from tactile.recording_digest import recording_digest
 from tactile.rig.rig_curve import RigCurve
 

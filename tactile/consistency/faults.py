@@ -10,9 +10,9 @@ from tactile.consistency.finding import MEANINGLESS, Field, Finding, FindingKind
 from tactile.consistency.pressing import Pressing, at_peak, gives_way, noise_shares
 
 LOST_SAID, LOST_REFUSED, E_PER_LOST = 0.01, 0.05, 2.0
-"""Share of a contact's markers or values that are lost, from which it is said, and refused; E loses 0.8 to 1.0 of it: 30 %
-of the markers 27 to 28 %, a force clipped at half, which is 0.41 of the values, 34 %. Doubled, since what
-went is not known."""
+"""Share of a contact's markers or values that are lost, from which it is said, and refused; E loses 0.8 to
+1.0 of it: 30 % of the markers 27 to 28 %, a force clipped at half, which is 0.41 of the values, 34 %.
+Doubled, since what went is not known."""
 DEAD = 0.02
 """Total of a dead field over what the other one says; sound fields have 0.94 to 1.06."""
 FROZEN_FRAMES, FROZEN_SHARE, AROUND = 3, 0.25, 0.75

@@ -12,7 +12,7 @@ from jaxtyping import Float
 
 from tactile.consistency.pressing import pressing_of
 from tactile.consistency.relations import gain_of
-from tactile.io.recording import GelPad
+from tactile.readers.recording import GelPad
 
 GAIN_SAID = 0.08
 """|ln gain| beyond which a gain is said, 3.9 standard deviations (tactile/consistency/relations.py)."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from tactile.consistency.finding import Finding, FindingKind
-from tactile.io.recording import GelPad, Recording
+from tactile.readers.recording import GelPad, Recording
 from tactile.rig.rig_curve import RigCurve
 
 UNSURE = 0.3

@@ -24,8 +24,8 @@ from tactile.consistency.reference_findings import reference_findings
 from tactile.consistency.relations import CAUSES, LIMIT, Misfit, Situation, signal_misfits
 from tactile.consistency.time_findings import time_findings
 from tactile.consistency.transformations import Transformation, of_machine, of_mesh, of_signals
-from tactile.io.recording import GelPad, Recording
-from tactile.io.sensor_model import PublishedGel
+from tactile.readers.recording import GelPad, Recording
+from tactile.readers.sensor_model import PublishedGel
 
 MOST_MISTAKES = 3
 """In one recording; each is searched in what the others leave."""

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from tactile.gel.slab import GelSlab, tent_compliance
-from tactile.io.recording import GelPad, marker_area_mm2
+from tactile.readers.recording import GelPad, marker_area_mm2
 from tactile.sensors import bonded_stiffness
 
 SAME_STIFFNESS = 0.02

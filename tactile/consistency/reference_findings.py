@@ -5,8 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from tactile.consistency.finding import Finding, FindingKind, shared
-from tactile.io.recording import GelPad
 from tactile.noise import noise_in_contact
+from tactile.readers.recording import GelPad
 from tactile.reference_print import SURE, WHAT_TO_DO
 
 E_OF_A_PRINT = 0.5

@@ -24,8 +24,8 @@ from tactile.consistency.pressing import (
     gives_way,
     pressing_of,
 )
-from tactile.io.recording import GelPad, Recording, marker_area_mm2
-from tactile.io.sensor_model import PublishedGel
+from tactile.readers.recording import GelPad, Recording, marker_area_mm2
+from tactile.readers.sensor_model import PublishedGel
 
 LIMIT = 5.0
 """Log Bayes factor from which a transformation is named, and loss from which a relation fails: odds of 150,

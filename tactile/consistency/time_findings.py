@@ -8,7 +8,7 @@ from jaxtyping import Float
 from tactile.consistency.finding import Finding, FindingKind, doubted
 from tactile.consistency.pressing import FEWEST_PRESSED, PRESSED_SD, QUIET_OVER, QUIET_SHARE, Pressing
 from tactile.contact import STARTS_IN_CONTACT
-from tactile.io.recording import Recording
+from tactile.readers.recording import Recording
 
 IN_CONTACT, E_WITHOUT_TOUCH = 0.15, 0.2
 """Share of the peak, of displacement and of force, in the first or the last frame of a recording that begins

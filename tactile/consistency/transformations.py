@@ -15,7 +15,7 @@ from jaxtyping import Float
 from tactile.consistency.finding import MEANINGLESS, Field, FindingKind
 from tactile.consistency.footprint import E_OF_A_TURN
 from tactile.consistency.relations import CAUSES, E_PER_GAIN, Misfit, Situation, correlation, gain_of
-from tactile.io.recording import GelPad
+from tactile.readers.recording import GelPad
 
 FORCE = {
     101.97: "grams",

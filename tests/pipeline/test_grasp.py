@@ -18,7 +18,7 @@ from fem.solid.pad_link import contact_nodes
 from pipeline.fruit.placed_grasp import Checked, grasp_record, history, place_grasp, refusal
 from recon.surface.mesh_file import read_mesh
 from tactile.consistency.finding import Finding, FindingKind
-from tactile.io.recording import read_recording, write_recording
+from tactile.readers.recording import read_recording, write_recording
 from tactile.tactile_failure import TactileFailure
 
 DATA = Path(__file__).parent.parent / "data" / "nectarine-grasp"

@@ -21,8 +21,8 @@ from pipeline.fruit.placed_grasp import place_grasp
 from recon.cameras.camera import Camera
 from recon.cameras.printed_mat import Mat, mat_mapping, standard_mat, tag_bits
 from recon.surface.mesh_file import read_mesh
-from tactile.io.recording import read_recording, write_recording
-from tactile.io.robot_file import Robot, read_robot
+from tactile.readers.recording import read_recording, write_recording
+from tactile.readers.robot_file import Robot, read_robot
 from tactile.tactile_failure import TactileFailure
 
 DATA = Path(__file__).parent.parent / "data" / "nectarine-grasp"

@@ -13,7 +13,7 @@ from pipeline.fruit.sensor_scale import COMMON_SD, E_PER_GAIN, PICTURE_SD, senso
 from tactile.consistency.finding import FindingKind
 from tactile.consistency.gain import GAIN_SD, LAW_SD, gain_left
 from tactile.consistency.of_recording import recording_findings
-from tactile.io.recording import GelPad, read_recording
+from tactile.readers.recording import GelPad, read_recording
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "data" / "two-fruits" / "fruits" / "N01" / "grasps"
 

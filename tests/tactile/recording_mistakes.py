@@ -15,7 +15,7 @@ from tactile.consistency.of_recording import recording_findings
 from tactile.gel.force_inverse import InvertedForce
 from tactile.gel.grid import INITIAL_HYPERPARAMETERS, gel_grid
 from tactile.gel.slab import GelSlab, tent_compliance
-from tactile.io.recording import read_recording
+from tactile.readers.recording import read_recording
 from tactile.sensors import bonded_stiffness
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))

@@ -27,7 +27,7 @@ from samples.fruit import fruits_of_seed, scanned_mesh
 from tactile.consistency.faults import dead_markers, noise_findings
 from tactile.consistency.finding import Finding, FindingKind, shared
 from tactile.consistency.pressing import noise_shares, pressing_of
-from tactile.io.recording import read_recording
+from tactile.readers.recording import read_recording
 
 
 def test_a_sound_recording_passes(nectarine_grasp):
@@ -56,7 +56,8 @@ UNSEEN = {
 steps and lost frames."""
 MILD = {
     "every second frame a copy", "no first touch", "no unloading",
-    "gel 5 frames late on jaws", "time in ms", "aperture in cm", "picture scale 1.1", "picture scale 0.9", "Poisson's ratio 0.30",
+    "gel 5 frames late on jaws", "time in ms", "aperture in cm", "picture scale 1.1", "picture scale 0.9",
+    "Poisson's ratio 0.30",
     "Poisson's ratio 0.39", "a plum's category", "an apricot's category", "a cherry's category",
     "pads' signals exchanged", "pads' poses exchanged", "mesh lying on its side", "pit moved 6 mm",
     "pit x 1.4", "pit turned by 90 degrees", "force x 1.3", "another fruit's mesh",

@@ -16,7 +16,7 @@ from tactile.consistency.reference_findings import print_without_force, referenc
 from tactile.consistency.relations import gain_of
 from tactile.consistency.transformations import QUARTERS
 from tactile.contact import find_contact
-from tactile.io.recording import GelPad, Recording
+from tactile.readers.recording import GelPad, Recording
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 

@@ -12,9 +12,9 @@ from raw_folder import CENTRE, DEPTH_MM, FRAMES, PX_PER_MM, replaced, shear, wri
 from scipy.spatial import cKDTree
 
 from tactile.from_frames import recording_of
-from tactile.io.converted import Converted
-from tactile.io.raw_grasp import read_raw_grasp
-from tactile.io.recording import GelPad
+from tactile.readers.converted import Converted
+from tactile.readers.raw_grasp import read_raw_grasp
+from tactile.readers.recording import GelPad
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 P = TactileProblem

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from injected_grasp import gel_pad, held_by
 
-from tactile.io.grasp_log import read_log
-from tactile.io.recording import Recording, read_recording, write_recording
 from tactile.preparation.logged_trace import LoggedTrace, NotPrepared, prepare, written_runs
+from tactile.readers.grasp_log import read_log
+from tactile.readers.recording import Recording, read_recording, write_recording
 from tactile.tactile_failure import TactileFailure
 from tactile.trace_thinning import BOUND, MOST_FRAMES, thin
 

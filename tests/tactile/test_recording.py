@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from tactile.io.recording import GelPad, IndenterPad, Recording, read_recording, write_recording
+from tactile.readers.recording import GelPad, IndenterPad, Recording, read_recording, write_recording
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 

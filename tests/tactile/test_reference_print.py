@@ -13,10 +13,10 @@ from raw_folder import CENTRE, write_picture, write_raw
 from samples.gel_images import GelLight, GelLook, gel_image
 from tactile.contact import find_contact
 from tactile.from_frames import recording_of
-from tactile.io.raw_grasp import read_raw_grasp
-from tactile.io.recording import GelPad, read_recording, write_recording
 from tactile.markers.smooth_lattice import coherent_misfit_px, fitted_lens, lattice_places
 from tactile.markers.tracking import reference_of
+from tactile.readers.raw_grasp import read_raw_grasp
+from tactile.readers.recording import GelPad, read_recording, write_recording
 from tactile.reference_print import ShownPrint, becomes_flatter, shown_print
 from tactile.sensors import GelCamera, marker_grid
 

@@ -23,9 +23,9 @@ from simulated_robot import (
     touches,
 )
 
-from tactile.io.flange_table import FlangeTable, read_flange_table
-from tactile.io.recording import Recording
-from tactile.io.robot_file import Gripper, Robot, read_gripper
+from tactile.readers.flange_table import FlangeTable, read_flange_table
+from tactile.readers.recording import Recording
+from tactile.readers.robot_file import Gripper, Robot, read_gripper
 from tactile.robot.base_and_mat import BaseAndMat, touched_mat
 from tactile.robot.hand_eye import hand_eye
 from tactile.robot.pad_poses import with_robot_poses

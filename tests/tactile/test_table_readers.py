@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-import tactile.io.plain_numpy
+import tactile.readers.plain_numpy
 from pipeline.files.plain_file import NotReadable
-from tactile.io.decimal_number import decimal_number
-from tactile.io.grasp_log import read_columns, read_log
-from tactile.io.load_cell import read_trace
-from tactile.io.plain_numpy import load_npy, load_npz
-from tactile.io.specimen import PressedSpecimen
-from tactile.io.stated_unit import NoUnit, Unit, unit_of_name
-from tactile.io.trace_columns import TraceWords
+from tactile.readers.decimal_number import decimal_number
+from tactile.readers.grasp_log import read_columns, read_log
+from tactile.readers.load_cell import read_trace
+from tactile.readers.plain_numpy import load_npy, load_npz
+from tactile.readers.specimen import PressedSpecimen
+from tactile.readers.stated_unit import NoUnit, Unit, unit_of_name
+from tactile.readers.trace_columns import TraceWords
 from tactile.tactile_failure import TactileFailure
 
 
@@ -163,7 +163,7 @@ def test_arrays_come_back_in_double_precision(tmp_path):
 
 
 def test_arrays_that_unpack_to_too_much_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(tactile.io.plain_numpy, "MOST_MEMORY", 50_000_000)
+    monkeypatch.setattr(tactile.readers.plain_numpy, "MOST_MEMORY", 50_000_000)
     np.savez_compressed(tmp_path / "a.npz", first=np.zeros(60_000_000, np.uint8))
     with pytest.raises(NotReadable, match="unpacks to more than 50 MB"):
         load_npz(tmp_path / "a.npz")

@@ -22,8 +22,8 @@ from pipeline.files.plain_file import (
     printable,
     size,
 )
-from tactile.io.limited_process import TrialEnding, lacks_memory, tried
-from tactile.io.pictures import absence
+from tactile.readers.limited_process import TrialEnding, lacks_memory, tried
+from tactile.readers.pictures import absence
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MOST_BYTES = 8_000_000_000

@@ -13,8 +13,8 @@ from typing import Literal, cast
 import numpy as np
 
 from pipeline.files.plain_file import NotReadable, read_bytes
-from tactile.io.recording_fields import Limit
-from tactile.io.toml_table import MOST_BYTES, Table, read_table
+from tactile.readers.recording_fields import Limit
+from tactile.readers.toml_table import MOST_BYTES, Table, read_table
 from tactile.rig.rig_curve import RigCurve
 from tactile.tactile_failure import TactileFailure, TactileProblem
 

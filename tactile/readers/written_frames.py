@@ -7,10 +7,10 @@ from functools import cache
 import numpy as np
 from jaxtyping import Float
 
-from tactile.io.recording_fields import FramesRead, GroupReader, Limit
 from tactile.preparation.frames import prepare_frames
 from tactile.preparation.logged_trace import NotPrepared
 from tactile.preparation.logger_correction import LoggerCorrection, Words
+from tactile.readers.recording_fields import FramesRead, GroupReader, Limit
 
 WORDS = Words(row="frame", units=(("time", "s"), ("aperture_mm", "mm")))
 

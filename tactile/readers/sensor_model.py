@@ -14,7 +14,7 @@ from typing import Any, cast
 import numpy as np
 from jaxtyping import Float
 
-from tactile.io.toml_table import Table, read_table
+from tactile.readers.toml_table import Table, read_table
 from tactile.sensors import SensorKind, bonded_stiffness
 from tactile.tactile_failure import TactileProblem
 

@@ -8,8 +8,8 @@ import numpy as np
 
 from pipeline.files.limited_memory import limited_memory
 from pipeline.files.plain_file import NotReadable, read_bytes, size
-from tactile.io.decimal_number import LARGEST
-from tactile.io.recording_fields import Shape, fits, shape_said
+from tactile.readers.decimal_number import LARGEST
+from tactile.readers.recording_fields import Shape, fits, shape_said
 
 MOST_BYTES = 400_000_000
 """Of a file: twenty minutes of 400 markers at 30 frames a second."""

@@ -6,9 +6,9 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from tactile.io.cell_rows import LOOKED_AT, SPACES, Cell, CellTable, Row, number_of
-from tactile.io.pictures import unusable
-from tactile.io.stated_unit import EXAMPLES, NoUnit, Unit, is_unit, read_unit, unit_of_name, with_factor
+from tactile.readers.cell_rows import LOOKED_AT, SPACES, Cell, CellTable, Row, number_of
+from tactile.readers.pictures import unusable
+from tactile.readers.stated_unit import EXAMPLES, NoUnit, Unit, is_unit, read_unit, unit_of_name, with_factor
 from tactile.tactile_failure import TactileFailure
 
 TRAVEL = ("travel_mm", "aperture_mm")

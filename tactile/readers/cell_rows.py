@@ -12,9 +12,9 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from pipeline.files.plain_file import NotReadable, read_bytes, size
-from tactile.io.decimal_number import LARGEST, decimal_number, meant
-from tactile.io.limited_process import TrialEnding, tried
-from tactile.io.pictures import absence, unusable
+from tactile.readers.decimal_number import LARGEST, decimal_number, meant
+from tactile.readers.limited_process import TrialEnding, tried
+from tactile.readers.pictures import absence, unusable
 
 MOST_BYTES = 200_000_000
 """Bytes of a file: an hour at 1 kHz is 150 MB of text."""

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, fields
 from typing import Any, Literal, TypeAlias, cast
 
-from tactile.io.recording_fields import GroupReader, Limit
+from tactile.readers.recording_fields import GroupReader, Limit
 
 SpecimenKind: TypeAlias = Literal["cylinder", "fruit"]
 SpecimenEnds: TypeAlias = Literal["bonded", "lubricated"]

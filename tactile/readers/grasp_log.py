@@ -12,11 +12,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.files.plain_file import NotReadable, read_text
-from tactile.io.cell_rows import csv_lines, number_in, refuse_repeated_names
-from tactile.io.pictures import absence, unusable
 from tactile.preparation.frames import prepare_frames
 from tactile.preparation.logged_trace import NotPrepared
 from tactile.preparation.logger_correction import Words
+from tactile.readers.cell_rows import csv_lines, number_in, refuse_repeated_names
+from tactile.readers.pictures import absence, unusable
 
 MOST_BYTES, MOST_ROWS, MOST_COLUMNS = 200_000_000, 2_000_000, 100
 """Of a table of numbers: 500 frames of 400 markers are 200,000 rows of 13 columns, 25 MB."""

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import Float
 
-from tactile.io.recording import APERTURE, PADS_OF_LOADING
-from tactile.io.toml_table import Table, read_table
+from tactile.readers.recording import APERTURE, PADS_OF_LOADING
+from tactile.readers.toml_table import Table, read_table
 from tactile.tactile_failure import TactileProblem
 
 FORMAT = "drupe-robot"

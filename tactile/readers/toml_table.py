@@ -10,8 +10,8 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.files.plain_file import NotReadable, printable, read_text, toml_of
-from tactile.io.pictures import absence
-from tactile.io.recording_fields import FARTHEST_MM, RIGID_TOLERANCE, Limit, fits
+from tactile.readers.pictures import absence
+from tactile.readers.recording_fields import FARTHEST_MM, RIGID_TOLERANCE, Limit, fits
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MOST_BYTES = 1_000_000

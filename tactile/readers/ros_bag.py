@@ -15,11 +15,11 @@ from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
 from pipeline.files.plain_file import NotReadable, not_plain, open_plain, size
-from tactile.io.flange_table import NOT_ROTATION
-from tactile.io.limited_process import TrialEnding, tried
-from tactile.io.pictures import unusable
-from tactile.io.toml_table import read_table
 from tactile.markers.gaps import at_times, poses_at
+from tactile.readers.flange_table import NOT_ROTATION
+from tactile.readers.limited_process import TrialEnding, tried
+from tactile.readers.pictures import unusable
+from tactile.readers.toml_table import read_table
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MOST_BYTES = 8_000_000_000
@@ -44,7 +44,7 @@ class TopicSeries:
 
 
 def bag_fields(path: Path, topics: Path) -> dict[str, np.ndarray]:
-    """The fields of tactile.io.field_tables in the bag at `path`, at the times of the first pad's frames.
+    """The fields of tactile.readers.field_tables in the bag at `path`, at the first pad's times.
 
     Raises TactileFailure (unreadable-frames) that names the bag or `topics`, the topic and its fault.
     """

@@ -15,13 +15,13 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.files.plain_file import NotReadable
-from tactile.io.converted import Converted
-from tactile.io.grasp_log import increasing, read_columns
-from tactile.io.pictures import unusable
-from tactile.io.plain_numpy import array_fault, load_npz
-from tactile.io.recording import GelPad, Loading, Recording
-from tactile.io.recording_fields import Shape
-from tactile.io.ros_bag import bag_fields
+from tactile.readers.converted import Converted
+from tactile.readers.grasp_log import increasing, read_columns
+from tactile.readers.pictures import unusable
+from tactile.readers.plain_numpy import array_fault, load_npz
+from tactile.readers.recording import GelPad, Loading, Recording
+from tactile.readers.recording_fields import Shape
+from tactile.readers.ros_bag import bag_fields
 from tactile.sensors import Sensor, layer_stiffness
 
 REST, MOVED, PUSHED = ("x_mm", "y_mm", "z_mm"), ("dx_mm", "dy_mm", "dz_mm"), ("fx_N", "fy_N", "fz_N")

@@ -7,8 +7,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tactile.gel.gel_sides import SIDES, GelOutline, GelSides
-from tactile.io.recording import MODULUS, RATIO, SCALE_SD, STIFFNESS, THICKNESS
-from tactile.io.toml_table import Table, read_table
+from tactile.readers.recording import MODULUS, RATIO, SCALE_SD, STIFFNESS, THICKNESS
+from tactile.readers.toml_table import Table, read_table
 from tactile.sensors import GelCamera, Sensor, SensorKind, marker_grid
 from tactile.tactile_failure import TactileProblem
 

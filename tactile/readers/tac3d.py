@@ -12,9 +12,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.files.plain_file import NotReadable
-from tactile.io.pictures import absence
-from tactile.io.plain_numpy import array_fault, load_npy
-from tactile.io.recording_fields import Shape
+from tactile.readers.pictures import absence
+from tactile.readers.plain_numpy import array_fault, load_npy
+from tactile.readers.recording_fields import Shape
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 FIELDS = ("3D_Positions", "3D_Displacements", "3D_Forces")

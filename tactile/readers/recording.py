@@ -14,11 +14,11 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import QhullError, Voronoi
 
-from tactile.io.hdf5_file import child_group, opened
-from tactile.io.recording_fields import ANY, GroupReader, Limit
-from tactile.io.specimen import PressedSpecimen, read_specimen, write_specimen
-from tactile.io.written_frames import written_frames
 from tactile.preparation.logger_correction import LoggerCorrection
+from tactile.readers.hdf5_file import child_group, opened
+from tactile.readers.recording_fields import ANY, GroupReader, Limit
+from tactile.readers.specimen import PressedSpecimen, read_specimen, write_specimen
+from tactile.readers.written_frames import written_frames
 from tactile.tactile_failure import TactileFailure
 
 FORMAT = "drupe-recording"

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from tactile.io.recording import Recording
+from tactile.readers.recording import Recording
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -14,9 +14,9 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy.spatial.transform import Rotation
 
-from tactile.io.cell_rows import Row, number_in, refuse_repeated_names, sheets_of
-from tactile.io.grasp_log import increasing
-from tactile.io.pictures import unusable
+from tactile.readers.cell_rows import Row, number_in, refuse_repeated_names, sheets_of
+from tactile.readers.grasp_log import increasing
+from tactile.readers.pictures import unusable
 
 PLACE = {("x_mm", "y_mm", "z_mm"): 1.0, ("x_m", "y_m", "z_m"): 1000.0}
 """Columns of the position, and the factor to mm."""

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 from jaxtyping import UInt8
 
-from tactile.io.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
-from tactile.io.toml_table import Table
+from tactile.readers.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
+from tactile.readers.toml_table import Table
 
 BATCH = "batch.toml"
 """In the folder that nothing named in a grasp may lead out of."""

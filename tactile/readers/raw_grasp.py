@@ -16,13 +16,13 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from pipeline.files.plain_file import named_in_utf8, not_plain
-from tactile.io.grasp_log import GraspLog, increasing, read_columns, read_log
-from tactile.io.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
-from tactile.io.recording import PADS_OF_LOADING, Loading, Support
-from tactile.io.reference_source import named_reference, read_reference, reference_path
-from tactile.io.sensor_file import read_sensor
-from tactile.io.toml_table import Table, read_table
 from tactile.markers.gaps import at_times
+from tactile.readers.grasp_log import GraspLog, increasing, read_columns, read_log
+from tactile.readers.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
+from tactile.readers.recording import PADS_OF_LOADING, Loading, Support
+from tactile.readers.reference_source import named_reference, read_reference, reference_path
+from tactile.readers.sensor_file import read_sensor
+from tactile.readers.toml_table import Table, read_table
 from tactile.sensors import Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
 

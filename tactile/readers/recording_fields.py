@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.files.plain_file import printable
-from tactile.io.hdf5_file import first_line, is_elsewhere, unreadable
+from tactile.readers.hdf5_file import first_line, is_elsewhere, unreadable
 from tactile.tactile_failure import TactileFailure
 
 Shape: TypeAlias = tuple[int | None, ...]
