@@ -60,7 +60,7 @@ def recording_of(raw: RawGrasp, *, progress: Progress | None = None) -> Converte
             TactileProblem.UNREADABLE_FRAMES,
             f"{raw.source}: found {fault}, expected one grasp in both; set time_offset_s.",
         )
-    notes = [*raw.notes, *(note for pad_fields in read for note in pad_fields.notes)]
+    notes = [note for pad_fields in read for note in pad_fields.notes]
     if len(read) > 1 and not any(pad.sensor.serial for pad in raw.pads):
         notes.append(
             f"{raw.source}: no sensor has a serial number, so drupe cannot detect swapped pads with "

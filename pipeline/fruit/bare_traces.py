@@ -195,8 +195,7 @@ def _trace(bare: BareRecording, *, most: int | None) -> tuple[IndenterTrace, lis
     travel = closing * recording.aperture_mm
     thinned = thin(recording.time_s, travel, bare.pad.force_z_N)
     kept = np.arange(len(travel)) if thinned is None else thinned.kept
-    said = [f"{name}: {done.says}" for done in recording.corrections]
-    said += [] if thinned is None else [thinned.said(name)]
+    said = [] if thinned is None else [thinned.said(name)]
     if most is not None and len(kept) > most:
         said.append(
             f"{name}: drupe uses {most} of {len(kept)} frames together with the other curves, spread "

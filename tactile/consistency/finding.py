@@ -34,7 +34,6 @@ class FindingKind(StrEnum):
     NO_TARE = "no-tare"
     FORCE_DRIFT = "force-drift"
     TIME_UNIT = "time-unit"
-    LOGGER = "logger"
     # transformations that explain a failed relation
     SCALE = "scale"
     """A factor on force, displacement or stiffness (`field`); `detail` names the unit, if it is one's."""

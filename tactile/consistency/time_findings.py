@@ -108,10 +108,7 @@ def _drift(press: Pressing) -> Iterator[Finding]:
 
 
 def _remarks(recording: Recording, pressings: Sequence[Pressing]) -> Iterator[Finding]:
-    """What puts nothing in doubt: corrections of the logger, no unloading, a clock in another unit."""
-    for correction in recording.corrections:
-        said, detail = correction.says.rstrip("."), f"{correction.fault} {correction.quantity}"
-        yield Finding(FindingKind.LOGGER, said, detail=detail, remark=True)
+    """What puts nothing in doubt: no unloading, a clock in another unit."""
     if pads := tuple(press.pad.name for press in pressings if _pressed_in(press, -1)):
         says = (
             "recording ends under load (there is no unloading). E needs none, but without it drupe cannot "

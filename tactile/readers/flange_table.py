@@ -3,7 +3,7 @@
 Columns, by name in the first row: `x_mm`, `y_mm`, `z_mm` or `x_m`, `y_m`, `z_m`; the rotation as a quaternion
 `qx`, `qy`, `qz`, `qw`, a rotation vector `rx_rad`, `ry_rad`, `rz_rad` (or `_deg`), angles `roll_deg`,
 `pitch_deg`, `yaw_deg` (or `_rad`) about the fixed axes x, y, z in this order, or a matrix `r11`, `r12` ...
-`r33`; optionally `time_s`, `aperture_mm`, and what was seen or touched there: `photo`, or `tag` and `corner`.
+`r33`; optionally `time_s`, `aperture_mm`, and the `photo` that was taken there.
 """
 
 from collections.abc import Sequence
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
 from tactile.readers.cell_rows import Row, number_in, refuse_repeated_names, sheets_of
@@ -41,8 +41,8 @@ MOST_ROWS = 1_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class FlangeTable:
-    """`base_from_flange` (mm), NaN in rows without a pose. `photo`: names; `touched`: tag and corner. None:
-    the table has no such columns. `row`: numbers of the rows in the file.
+    """`base_from_flange` (mm), NaN in rows without a pose. `photo`: names. None: the table
+    has no such column. `row`: numbers of the rows in the file.
     """
 
     base_from_flange: Float[np.ndarray, "n 4 4"]
@@ -50,7 +50,6 @@ class FlangeTable:
     time_s: Float[np.ndarray, " n"] | None
     aperture_mm: Float[np.ndarray, " n"] | None
     photo: tuple[str, ...] | None
-    touched: Int[np.ndarray, "n 2"] | None
 
     @property
     def known(self) -> Bool[np.ndarray, " n"]:
@@ -94,14 +93,12 @@ def read_flange_table(path: Path) -> FlangeTable:
     time_s = table.numbers(("time_s",))[:, 0] if "time_s" in names else None
     if time_s is not None:
         increasing(path.name, time_s)
-    touched = table.numbers(("tag", "corner")) if {"tag", "corner"} <= set(names) else None
     return FlangeTable(
         base_from_flange=poses,
         row=tuple(number for number, _ in rows),
         time_s=time_s,
         aperture_mm=table.numbers(("aperture_mm",))[:, 0] if "aperture_mm" in names else None,
         photo=table.words("photo") if "photo" in names else None,
-        touched=None if touched is None else touched.astype(np.int64),
     )
 
 

@@ -12,9 +12,6 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.files.plain_file import NotReadable, read_text
-from tactile.preparation.frames import prepare_frames
-from tactile.preparation.logged_trace import NotPrepared
-from tactile.preparation.logger_correction import Words
 from tactile.readers.cell_rows import csv_lines, number_in, refuse_repeated_names
 from tactile.readers.pictures import absence, unusable
 
@@ -29,24 +26,19 @@ LOAD_CELL = ("fx_N", "fy_N", "fz_N", "tx_Nmm", "ty_Nmm", "tz_Nmm")
 
 @dataclass(frozen=True, kw_only=True)
 class GraspLog:
-    """The log's rows; `frame` and `wrench_N` are None where it has no such columns. `notes`: what the logger
-    did and was put right.
-    """
+    """The log's rows; `frame` and `wrench_N` are None where it has no such columns."""
 
     time_s: Float[np.ndarray, " t"]
     aperture_mm: Float[np.ndarray, " t"]
     frame: Int[np.ndarray, " t"] | None
     wrench_N: Float[np.ndarray, "t 6"] | None
-    notes: tuple[str, ...] = ()
 
 
-def read_columns(
-    path: Path, *, wanted: Sequence[str], holes: bool = False
-) -> dict[str, Float[np.ndarray, " t"]]:
+def read_columns(path: Path, *, wanted: Sequence[str]) -> dict[str, Float[np.ndarray, " t"]]:
     """Every column of a CSV file of numbers; raises TactileFailure (unreadable-frames) by row and column.
 
     `wanted`: the columns that the caller needs, which the failure names where there is no such file. Whether
-    the file has them is for the caller to check. `holes`: cells may be EMPTY, which are NaN then.
+    the file has them is for the caller to check.
     """
     if missing := absence(path):
         raise unusable(path.name, missing, "a table with the columns " + ", ".join(wanted))
@@ -72,16 +64,13 @@ def read_columns(
             expected = f"{len(header)} as in the header, and numbers with a decimal point"
             raise unusable(path.name, f"{len(row)} cells in row {k + 2}", expected)
         for j, cell in enumerate(row):
-            values[k, j] = number_in(f"{path.name}: {header[j][:60]}", k + 2, cell, holes=holes)
+            values[k, j] = number_in(f"{path.name}: {header[j][:60]}", k + 2, cell)
     return {name: values[:, j] for j, name in enumerate(header)}
 
 
 def read_log(path: Path) -> GraspLog:
-    """The log, its times strictly increasing, without what the logger did (tactile.preparation.frames).
-
-    Raises TactileFailure (unreadable-frames).
-    """
-    columns = read_columns(path, wanted=NEEDED, holes=True)
+    """The log, its times strictly increasing; raises TactileFailure (unreadable-frames)."""
+    columns = read_columns(path, wanted=NEEDED)
     for name in NEEDED:
         if name not in columns:
             like = next((other for other in columns if other.lower() == name.lower()), None)
@@ -91,35 +80,19 @@ def read_log(path: Path) -> GraspLog:
     cell = [name for name in LOAD_CELL if name in columns]
     if cell and len(cell) < len(LOAD_CELL):
         raise unusable(path.name, f"only {', '.join(cell)} of the load cell", ", ".join(LOAD_CELL))
-    measured = {name: columns[name] for name in ("aperture_mm", *cell)}
-    pressed = (lambda: np.linalg.norm([columns[name] for name in cell[:3]], axis=0)) if cell else None
-    try:
-        done = prepare_frames(
-            Words(units=(("time", "s"), ("aperture_mm", "mm"))),
-            columns["time_s"],
-            measured,
-            first_row=2,
-            force=pressed,
-        )
-    except NotPrepared as cause:
-        raise unusable(path.name, cause.fault, cause.expected) from None
-    increasing(path.name, done.time_s)
-    place = done.columns["aperture_mm"]
-    if (farthest := float(np.abs(place).max())) > FARTHEST_MM:
+    increasing(path.name, columns["time_s"])
+    if (farthest := float(np.abs(columns["aperture_mm"]).max())) > FARTHEST_MM:
         expected = f"at most {FARTHEST_MM:g} mm (is it in µm?)"
         raise unusable(f"{path.name}: aperture_mm", f"{farthest:g}", expected)
-    frame = columns["frame"][done.part] if "frame" in columns else None
+    frame = columns.get("frame")
     if frame is not None and not (np.diff(frame) > 0).all():
-        row = int(np.argmin(np.diff(frame) > 0)) + 3 + done.part.start
-        raise unusable(
-            f"{path.name}: frame", f"{columns['frame'][row - 2]:g} in row {row}", "increasing numbers"
-        )
+        row = int(np.argmin(np.diff(frame) > 0)) + 3
+        raise unusable(f"{path.name}: frame", f"{frame[row - 2]:g} in row {row}", "increasing numbers")
     return GraspLog(
-        time_s=done.time_s,
-        aperture_mm=place,
+        time_s=columns["time_s"],
+        aperture_mm=columns["aperture_mm"],
         frame=None if frame is None else frame.astype(np.int64),
-        wrench_N=np.stack([done.columns[name] for name in cell], axis=1) if cell else None,
-        notes=tuple(f"{path.name}: {correction.says}" for correction in done.corrections),
+        wrench_N=np.stack([columns[name] for name in cell], axis=1) if cell else None,
     )
 
 

@@ -72,9 +72,7 @@ class PlainJaw:
 
 @dataclass(frozen=True, kw_only=True)
 class RawGrasp:
-    """A grasp before any frame is looked at; the log's values are at the first pad's frames. `notes`: what
-    its logger did and reading put right.
-    """
+    """A grasp before any frame is looked at; the log's values are at the first pad's frames."""
 
     source: str
     fruit_id: str
@@ -85,7 +83,6 @@ class RawGrasp:
     wrench_N: Float[np.ndarray, "t 6"] | None
     pads: tuple[RawPad, ...]
     plain_jaw: PlainJaw | None = None
-    notes: tuple[str, ...] = ()
 
 
 def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
@@ -133,7 +130,6 @@ def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
         aperture_mm=np.interp(when, log.time_s, log.aperture_mm),
         wrench_N=None if wrench is None else at_times(when, log.time_s, wrench),
         pads=pads,
-        notes=log.notes,
     )
 
 

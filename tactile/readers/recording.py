@@ -14,11 +14,9 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial import QhullError, Voronoi
 
-from tactile.preparation.logger_correction import LoggerCorrection
 from tactile.readers.hdf5_file import child_group, opened
 from tactile.readers.recording_fields import ANY, GroupReader, Limit
 from tactile.readers.specimen import PressedSpecimen, read_specimen, write_specimen
-from tactile.readers.written_frames import written_frames
 from tactile.tactile_failure import TactileFailure
 
 FORMAT = "drupe-recording"
@@ -163,10 +161,10 @@ class Recording:
     alone hold the fruit) or "base" (every surface node within 0.2 mm of the lowest z is fixed). `wrench_N`:
     force (N) and torque (N·mm) of the machine's own load cell, fruit frame. `rig_give_mm`: what was taken
     off a bare press's travel because the rig gives way, with its standard deviation `rig_sd_mm`; None:
-    nothing. `notes`: what its reader took otherwise than the file has it, without full stops. `corrections`:
-    what the logger did and reading put right; they are not written. `pose_frame`: what the pads' poses lead
-    to, the fruit frame or the mat's (from a robot), which grading shifts to the fruit. `pose_sd_mm`: standard
-    deviation of a pad's place per axis, where a robot's calibration tells it.
+    nothing. `notes`: what its reader took otherwise than the file has it, without full stops.
+    `pose_frame`: what the pads' poses lead to, the fruit frame or the mat's (from a robot), which grading
+    shifts to the fruit. `pose_sd_mm`: standard deviation of a pad's place per axis, where a robot's
+    calibration tells it.
     """
 
     fruit_id: str
@@ -181,7 +179,6 @@ class Recording:
     rig_give_mm: Float[np.ndarray, " t"] | None = None
     rig_sd_mm: Float[np.ndarray, " t"] | None = None
     notes: tuple[str, ...] = ()
-    corrections: tuple[LoggerCorrection, ...] = ()
     pose_frame: PoseFrame = "fruit"
     pose_sd_mm: float | None = None
 
@@ -199,8 +196,8 @@ def read_recording(path: Path) -> Recording:
         root.version("version", VERSION)
         loading = root.choice("loading", set(PADS_OF_LOADING))
         default = "free" if loading == "grasp" else "base"
-        read = written_frames(root, PADS_OF_LOADING[loading], time_limit=TIME, aperture_limit=APERTURE)
-        frames = read.count
+        time_s = root.time("time_s", limit=TIME)
+        frames = len(time_s)
         rig = _rig_fields(root, frames)
         pads_group = root.child("pads")
         scale_sd = root.optional_positive("force_scale_sd", limit=SCALE_SD) or 0.0
@@ -210,9 +207,8 @@ def read_recording(path: Path) -> Recording:
             loading=cast(Loading, loading),
             support=cast(Support, root.choice("support", {"free", "base"}, default=default)),
             sensor=root.text("sensor"),
-            time_s=read.time_s,
-            aperture_mm=read.aperture_mm,
-            corrections=read.corrections,
+            time_s=time_s,
+            aperture_mm=root.array("aperture_mm", (frames,), limit=APERTURE),
             wrench_N=root.array("wrench_N", (frames, 6), limit=WRENCH) if "wrench_N" in root else None,
             rig_give_mm=rig.get("rig_give_mm"),
             rig_sd_mm=rig.get("rig_sd_mm"),

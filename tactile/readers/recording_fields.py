@@ -38,19 +38,6 @@ ANY = Limit(1e12, "in any unit")
 """Of a field without a limit of its own: far beyond any, and its square is finite."""
 
 
-class FramesRead(int):
-    """A number of frames as the first length of a field: `part` of the `total` in the file is read."""
-
-    part: slice
-    total: int
-
-    def __new__(cls, part: slice, total: int) -> "FramesRead":
-        """As many as `part` has."""
-        made = super().__new__(cls, len(range(*part.indices(total))))
-        made.part, made.total = part, total
-        return made
-
-
 @dataclass(frozen=True, kw_only=True)
 class GroupReader:
     """One HDF5 group of one file, and the name it goes by in failures (`prefix`, empty for the root)."""
@@ -129,11 +116,9 @@ class GroupReader:
         """A numeric attribute above zero, or None where the file leaves it out."""
         return self.positive(name, limit=limit) if name in self.group.attrs else None
 
-    def array(
-        self, name: str, shape: Shape, *, limit: Limit = ANY, holes: bool = False
-    ) -> Float[np.ndarray, "..."]:
+    def array(self, name: str, shape: Shape, *, limit: Limit = ANY) -> Float[np.ndarray, "..."]:
         """A dataset of numbers with `shape` (None: any length above zero), in double precision, all finite
-        (with `holes` NaN as well) and none beyond the limit.
+        and none beyond the limit.
         """
         data = self._dataset(name)
         self._require_shape(name, data, shape)
@@ -142,9 +127,7 @@ class GroupReader:
                 name, f"values of type {data.dtype}", "numbers", "write the field as floating point"
             )
         values = np.asarray(self._values(name, data, axes=len(shape)), dtype=np.float64)
-        if shape and isinstance(shape[0], FramesRead):
-            values = values[shape[0].part]
-        bad = ~np.isfinite(values) & ~(holes & np.isnan(values))
+        bad = ~np.isfinite(values)
         if bad.any():
             where = tuple(int(i) for i in np.argwhere(bad)[0])
             fault = f"{int(bad.sum())} value(s) NaN or infinite, the first at index {where}"
@@ -156,17 +139,13 @@ class GroupReader:
                 "both fields alike"
             )
             raise self._refuse(name, fault, "finite numbers", advice)
-        self.require_within(name, values, limit)
-        return values
-
-    def require_within(self, name: str, values: Float[np.ndarray, "..."], limit: Limit) -> None:
-        """Refuses values beyond the limit."""
         beyond = (values > limit.largest) | (values < -limit.largest)
         if beyond.any():
             where = tuple(int(i) for i in np.argwhere(beyond)[0])
             fault = f"{values[where]:g} at index {where}"
             expected = f"at most {limit.largest:g} {limit.unit}"
             raise self._refuse(name, fault, expected, "repair or drop those frames in the recorder")
+        return values
 
     def refuse(self, name: str, wrong: tuple[str, str, str] | None) -> None:
         """Refuses a field with what was found, what was expected and what to do; None: nothing is wrong."""
@@ -188,17 +167,13 @@ class GroupReader:
     def time(self, name: str, *, limit: Limit = ANY) -> Float[np.ndarray, " t"]:
         """A strictly increasing dataset."""
         values = self.array(name, (None,), limit=limit)
-        self.require_increasing(name, values)
-        return values
-
-    def require_increasing(self, name: str, values: Float[np.ndarray, " t"]) -> None:
-        """Refuses times that stand still or run back."""
         back = np.flatnonzero(np.diff(values) <= 0)
         if len(back):
             k = int(back[0]) + 1
             fault = f"{values[k]:.10g} s in frame {k} after {values[k - 1]:.10g} s"
             advice = "leave out the repeated frames, and write float64 or seconds from the first frame"
             raise self._refuse(name, fault, "strictly increasing times", advice)
+        return values
 
     def poses(self, name: str, frames: int) -> Float[np.ndarray, "t 4 4"]:
         """Rigid transforms, one per frame."""
@@ -272,7 +247,6 @@ class GroupReader:
         """Raises TactileFailure where a dataset has another shape; None stands for any length from 1."""
         if data.shape is None:  # HDF5's null dataspace: a type and no values, not even an empty array
             raise self._refuse(name, "an empty dataset", "values in it", "record the field or write it again")
-        shape = tuple(n.total if isinstance(n, FramesRead) else n for n in shape)
         held = have = tuple(data.shape)
         if len(shape) == 1 and len(have) == 2 and 1 in have:  # MATLAB has no vectors, but rows and columns
             have = (max(have),)

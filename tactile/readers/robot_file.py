@@ -21,7 +21,7 @@ VERSION = 1
 GRIPPER_KEYS = {"pose_aperture_mm", "pose_sd_mm", "wrench_frame", "pads"}
 ROBOT_KEYS = GRIPPER_KEYS | {
     "format", "version", "made", "base_from_mat", "covariance", "flange_sd_mm", "flange_sd_deg", "poses",
-    "heldout_mm", "heldout_deg", "pixel_sd", "flange_from_camera", "base_from_camera", "flange_from_tip",
+    "heldout_mm", "heldout_deg", "pixel_sd", "flange_from_camera", "base_from_camera",
     "inputs",
 }  # fmt: skip
 
