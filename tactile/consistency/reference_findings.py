@@ -35,15 +35,7 @@ def print_without_force(pad: GelPad) -> str | None:
     noise = noise_in_contact(pad.force_N).sd * float(np.sqrt(len(pad.rest_mm)))
     if float(total.max()) > max(FORCE_BEYOND_NOISE * noise, LEAST_PRINT_N):
         return None
-    what_to_do = WHAT_TO_DO
-    if pad.reference_sd_mm is not None:
-        spread_mm = float(np.sqrt((pad.reference_sd_mm**2).mean()))
-        cause = (
-            f"the estimate of the untouched gel has a standard deviation of {spread_mm:.2g} mm, "
-            "too coarse for the force of this imprint"
-        )
-        what_to_do = "name a picture or a clip of the empty gel (reference = ... in grasp.toml)"
-    elif on_reference:
+    if on_reference:
         cause = "the reference shows a contact imprint itself"
     elif pad.print_shown is not None and pad.print_shown[0] >= SURE:
         cause = "the gel is under load from frame 0 on, and the reference does not show this gel untouched"
@@ -54,7 +46,7 @@ def print_without_force(pad: GelPad) -> str | None:
         )
     pictured = f"pictures show a contact imprint ({shown:.1f} times the limit for an empty gel), yet its "
     shows = pictured if shown >= SURE else ""
-    return f"{shows}force is at most {max(float(total.max()), 0.0):.2g} N: {cause}; {what_to_do}"
+    return f"{shows}force is at most {max(float(total.max()), 0.0):.2g} N: {cause}; {WHAT_TO_DO}"
 
 
 def _print_findings(pad: GelPad) -> list[Finding]:

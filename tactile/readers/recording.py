@@ -65,9 +65,8 @@ GEL_KNOWN = {
     "certainty": ("t", SHARE),
     "reference_print": ("", ANY),
     "print_shown": ("t", ANY),
-    "reference_sd_mm": ("n", REST),
 }
-"""Optional datasets of a gel pad, of no negative value: one a frame (t), a marker (n), or in all."""
+"""Optional datasets of a gel pad, of no negative value: one a frame (t), or in all."""
 PADS_OF_LOADING = {"grasp": ("left", "right"), "press": ("tip",)}
 
 Loading: TypeAlias = Literal["grasp", "press"]
@@ -84,8 +83,8 @@ class GelPad:
     frame, 0 where every marker could as well be a pitch of their grid further, 1 where none could; None where
     nobody followed markers through pictures. `reference_print` and `print_shown`: how much the picture of the
     untouched gel, and each frame's, show of something that is pressed in, over the least that counts
-    (tactile.reference_print). `reference_sd_mm`: standard deviation of each marker's place at rest where that
-    was estimated; None where it was seen. `force_scale_sd`, `displacement_scale_sd`: relative standard
+    (tactile.reference_print). `place_sd_mm`: standard deviation of the markers' places at rest, common to all
+    frames; a file does not hold it. `force_scale_sd`, `displacement_scale_sd`: relative standard
     deviations of both scales, which all markers and frames share; 0 where nobody states them.
     """
 
@@ -102,7 +101,7 @@ class GelPad:
     certainty: Float[np.ndarray, " t"] | None = None
     reference_print: float | None = None
     print_shown: Float[np.ndarray, " t"] | None = None
-    reference_sd_mm: Float[np.ndarray, " n"] | None = None
+    place_sd_mm: float = 0.0
     force_scale_sd: float = 0.0
     displacement_scale_sd: float = 0.0
 
@@ -302,7 +301,7 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, scale_sd: float) -> G
         displacement_mm=pad.array("displacement_mm", (frames, markers, 3), limit=DISPLACEMENT),
         force_N=pad.array("force_N", (frames, markers, 3), limit=FORCE),
         **_gel_constants(pad, scale_sd),
-        **{name: _known(pad, name, {"t": (frames,), "n": (markers,)}) for name in GEL_KNOWN},
+        **{name: _known(pad, name, frames) for name in GEL_KNOWN},
     )
 
 
@@ -327,12 +326,12 @@ def _gel_constants(pad: GroupReader, scale_sd: float) -> dict[str, Any]:
     return said | {name: said[name] or default for name, default in known.items()}
 
 
-def _known(pad: GroupReader, name: str, shapes: dict[str, tuple[int, ...]]) -> Any:
+def _known(pad: GroupReader, name: str, frames: int) -> Any:
     """An optional field of a gel; None where it is left out."""
     if name not in pad:
         return None
     axis, limit = GEL_KNOWN[name]
-    values = pad.array(name, shapes.get(axis, ()), limit=limit)
+    values = pad.array(name, (frames,) if axis else (), limit=limit)
     pad.refuse_negative(name, values, expected="0 to 1" if limit is SHARE else "0 or more")
     return values if axis else float(values)
 

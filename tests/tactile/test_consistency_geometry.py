@@ -176,20 +176,6 @@ def test_a_print_that_comes_later_without_a_force_names_the_other_causes(sound: 
     assert "of another gel, or shear exceeds pressure" in finding.sentence
 
 
-def test_an_estimate_that_is_too_coarse_is_not_advised_again(sound: Recording) -> None:
-    def act(pad: GelPad) -> dict[str, Any]:
-        return shown(2.0)(pad) | {"reference_sd_mm": np.full(len(pad.rest_mm), 0.1)}
-
-    (finding,) = recording_findings(changed(sound, act), None, None)
-    assert (
-        "the estimate of the untouched gel has a standard deviation of 0.1 mm, "
-        "too coarse for the force of this imprint" in finding.sentence
-    )
-    assert finding.sentence.endswith(
-        "name a picture or a clip of the empty gel (reference = ... in grasp.toml)"
-    )
-
-
 def test_a_pad_without_a_print_still_never_touches(sound: Recording) -> None:
     with pytest.raises(TactileFailure, match="close the jaws farther") as caught:
         find_contact(changed(sound, shown(0.6)), source="g.h5")
