@@ -126,7 +126,7 @@ def test_only_the_signs_that_a_cause_explains_are_left_out():
     assert causes_alone(signs, explained=signs_explained(grasp(1))) == signs
 
 
-@pytest.mark.parametrize("kind", ["time-unit", "aperture-unit", "copied-frames", "ends-pressed", "logger"])
+@pytest.mark.parametrize("kind", ["time-unit", "aperture-unit", "copied-frames", "ends-pressed"])
 def test_what_E_does_not_depend_on_explains_no_sign_of_its_modulus(kind):
     harmless = Finding(kind=FindingKind(kind), says="harmless")
     assert signs_explained(grasp(1, harmless)) == set()
