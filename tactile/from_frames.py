@@ -17,10 +17,9 @@ from tactile.markers.pad_frames import (
     tracked_markers,
 )
 from tactile.markers.tracking import TrackedMarkers
-from tactile.readers.converted import Converted
 from tactile.readers.pictures import gaps_said
 from tactile.readers.raw_grasp import RawGrasp, RawPad
-from tactile.readers.recording import GelPad, IndenterPad, Recording
+from tactile.readers.recording import Converted, GelPad, IndenterPad, Recording
 from tactile.sensors import layer_stiffness
 from tactile.square_pixels import with_square_pixels
 from tactile.tactile_failure import TactileFailure, TactileProblem

@@ -6,9 +6,8 @@ import numpy as np
 from jaxtyping import Float
 
 from tactile.markers.gaps import at_times
-from tactile.readers.converted import Converted
 from tactile.readers.pictures import gaps_said
-from tactile.readers.recording import GelPad, Recording, marker_area_mm2
+from tactile.readers.recording import Converted, GelPad, Recording, marker_area_mm2
 from tactile.readers.tac3d import Tac3D
 from tactile.tactile_failure import TactileFailure, TactileProblem
 

@@ -23,14 +23,13 @@ from tactile.contact import contact_said, find_contact
 from tactile.from_frames import recording_of
 from tactile.from_tac3d import recording_of_tac3d
 from tactile.jaw_poses import Jaws, posed_by_jaws
-from tactile.readers.converted import Converted
 from tactile.readers.field_tables import read_field_table
 from tactile.readers.flange_table import read_flange_table
 from tactile.readers.hdf5_file import opened
 from tactile.readers.load_cell import TABLES, is_trace, read_trace, runs_in
 from tactile.readers.pictures import PICTURES, VIDEOS
 from tactile.readers.raw_grasp import read_raw_grasp
-from tactile.readers.recording import GelPad, Recording, read_recording, write_recording
+from tactile.readers.recording import Converted, GelPad, Recording, read_recording, write_recording
 from tactile.readers.rig_file import read_rig
 from tactile.readers.robot_file import read_robot
 from tactile.readers.sensor_file import read_sensor

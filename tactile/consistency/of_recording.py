@@ -15,10 +15,9 @@ from functools import partial
 import numpy as np
 from jaxtyping import Float, Int
 
-from tactile.consistency.faults import noise_findings, value_findings
+from tactile.consistency.faults import edge_findings, missing_findings, noise_findings, value_findings
 from tactile.consistency.finding import Finding, FindingKind, doubted
 from tactile.consistency.footprint import mesh_misfits
-from tactile.consistency.missing_markers import edge_findings, missing_findings
 from tactile.consistency.pressing import pressing_of
 from tactile.consistency.reference_findings import reference_findings
 from tactile.consistency.relations import CAUSES, LIMIT, Misfit, Situation, signal_misfits

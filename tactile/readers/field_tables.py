@@ -15,11 +15,10 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.files.plain_file import NotReadable
-from tactile.readers.converted import Converted
 from tactile.readers.grasp_log import increasing, read_columns
 from tactile.readers.pictures import unusable
 from tactile.readers.plain_numpy import array_fault, load_npz
-from tactile.readers.recording import GelPad, Loading, Recording
+from tactile.readers.recording import Converted, GelPad, Loading, Recording
 from tactile.readers.recording_fields import Shape
 from tactile.readers.ros_bag import bag_fields
 from tactile.sensors import Sensor, layer_stiffness

@@ -9,10 +9,9 @@ from jaxtyping import Float
 from pipeline.files.plain_file import not_plain
 from tactile.preparation.logged_trace import LoggedTrace, NotPrepared, prepare, written_runs
 from tactile.readers.cell_rows import SPREADSHEETS, Cell, CellTable, Row, number_in, number_of, sheets_of
-from tactile.readers.converted import Converted
 from tactile.readers.field_tables import MOVED
 from tactile.readers.pictures import unusable
-from tactile.readers.recording import IndenterPad, Recording
+from tactile.readers.recording import Converted, IndenterPad, Recording
 from tactile.readers.specimen import PressedSpecimen
 from tactile.readers.trace_columns import FORCE, FoundColumns, TraceWords, columns_wanted, find_columns
 from tactile.trace_thinning import thin

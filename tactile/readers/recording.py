@@ -360,3 +360,11 @@ def _write_gel(group: Any, pad: GelPad) -> None:
         if (said := getattr(pad, name)) is not None:
             group[name] = np.asarray(said, dtype=np.float64)
     group.attrs.update({name: said for f, (name, _) in GEL_CONSTANTS.items() if (said := getattr(pad, f))})
+
+
+@dataclass(frozen=True, kw_only=True)
+class Converted:
+    """A recording in the canonical form; `notes` are sentences for people."""
+
+    recording: Recording
+    notes: tuple[str, ...]

@@ -26,7 +26,7 @@ UNTRANSLATED = frozenset(
         "recon/checks/surface_verdict.py", "recon/learned/onnx_file.py", "recon/pit/placement.py",
         "recon/pit/priors/__init__.py", "recon/surface/mesh_file.py", "recon/underside.py",
         "tactile/sensor_description.py", "tactile/consistency/faults.py", "tactile/consistency/footprint.py",
-        "tactile/consistency/missing_markers.py", "tactile/consistency/jaw_share.py",
+        "tactile/consistency/jaw_share.py",
         "tactile/consistency/reference_findings.py", "tactile/consistency/relations.py",
         "tactile/consistency/time_findings.py", "tactile/consistency/transformations.py",
         "tactile/correction.py", "tactile/from_frames.py", "tactile/from_tac3d.py",

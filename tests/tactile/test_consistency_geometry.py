@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from recording_mistakes import findings, slab_pad
 
+from tactile.consistency.faults import missing_markers
 from tactile.consistency.finding import FindingKind
-from tactile.consistency.missing_markers import missing_markers
 from tactile.consistency.of_recording import recording_findings
 from tactile.consistency.pressing import MOST_FOR_SLAB, displacement_of, pressing_of
 from tactile.consistency.reference_findings import print_without_force, reference_findings

@@ -12,9 +12,8 @@ from raw_folder import CENTRE, DEPTH_MM, FRAMES, PX_PER_MM, replaced, shear, wri
 from scipy.spatial import cKDTree
 
 from tactile.from_frames import recording_of
-from tactile.readers.converted import Converted
 from tactile.readers.raw_grasp import read_raw_grasp
-from tactile.readers.recording import GelPad
+from tactile.readers.recording import Converted, GelPad
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 P = TactileProblem

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from samples.gel_press import GelBlock, gel_block
-from tactile.gel.force_inverse import InvertedForce
-from tactile.gel.force_likelihood import DRAGGED, most_likely_hyperparameters, one_way_share
+from tactile.gel.force_inverse import DRAGGED, InvertedForce, most_likely_hyperparameters, one_way_share
 from tactile.gel.grid import GelGrid, PriorHyperparameters, gel_grid
 from tactile.gel.normal_equations import NormalEquations
 from tactile.gel.slab import GelSlab
