@@ -1,5 +1,5 @@
-"""Values that no sensor gives: markers that are dead, frozen, clipped, missing or a pitch off, frames of zeros,
-copied frames, a contact beyond the edge of the markers.
+"""Values that no sensor gives: markers that are dead, frozen, clipped, missing or a pitch off, frames of
+zeros, copied frames, a contact beyond the edge of the markers.
 """
 
 from collections.abc import Iterator, Sequence

@@ -11,7 +11,8 @@ solution, with nodes dropped that would pull and neighbours added that want to p
 computed once (tactile.gel.normal_equations). G is continued by smooth fields that no force makes (quadratics
 over the pad, a percent or two of the displacement): what free sides and a housing do to a slab that is not
 endless. They matter: an almost incompressible gel is so stiff against even pressure that 5 um of even depth
-are 5 % of a press of 3 N. The prior (tactile.gel.grid) is that of greatest marginal likelihood of loaded frames,
+are 5 % of a press of 3 N. The prior (tactile.gel.grid) is that of greatest marginal likelihood of loaded
+frames,
 
     2 log p = t' L t - y' W y - log det L + log det Q + log det W      (constants left out; MacKay 1992)
 
