@@ -207,7 +207,7 @@ class _CheckedFruit:
 
         def read() -> list[Problem]:
             raw = read_raw_grasp(path)
-            said.extend([*raw.notes, *references_said(raw)])
+            said.extend(references_said(raw))
             return self._doubted(path, self._of_owner(raw, source=path.name, field="fruit_id in grasp.toml"))
 
         yield from tried(self.row, path, read)
