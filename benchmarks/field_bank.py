@@ -25,7 +25,7 @@ from samples.hexahedra import Fineness
 from samples.mismatch.drawn_fruit import Category, drawn_fruit
 from samples.sample_failure import SampleFailure
 from samples.simulated_grasp import simulate
-from tactile.io.recording import Recording, write_recording
+from tactile.readers.recording import Recording, write_recording
 
 FINENESS = Fineness(degrees=(0, 5, 10, 15, 28, 45), along=3, depths=(0, 0.2, 0.5, 1))
 KINDS: tuple[Category, ...] = ("nectarine", "plum", "nectarine", "nectarine", "pdms_ball")

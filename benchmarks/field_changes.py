@@ -8,7 +8,7 @@ from field_fruit import Fruit
 
 from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior
-from tactile.io.recording import GelPad, Recording
+from tactile.readers.recording import GelPad, Recording
 
 Change = Callable[[Fruit, Fruit, np.random.Generator], Fruit]
 

@@ -13,7 +13,7 @@ from samples.fruit import fruit_of_seed, scanned_mesh
 from samples.grasp_plan import hold_along, two_cycles
 from samples.mismatch.marker_sensor import DEFAULT_SENSOR
 from samples.sensor_noise import SensorNoise, measured
-from tactile.io.recording import GelPad, Recording, read_recording
+from tactile.readers.recording import GelPad, Recording, read_recording
 from tactile.registration import depth_along
 
 

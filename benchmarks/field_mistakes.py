@@ -34,9 +34,9 @@ from pipeline.fruit.known_sensor import known_gels
 from pipeline.fruit.stages import grade_fruit
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import write_mesh
-from tactile.checks.finding import Finding
-from tactile.checks.of_recording import recording_findings
-from tactile.io.recording import write_recording
+from tactile.consistency.finding import Finding
+from tactile.consistency.of_recording import recording_findings
+from tactile.readers.recording import write_recording
 
 
 def E_range_MPa(category: str) -> tuple[float, float] | None:
@@ -93,6 +93,7 @@ def checked(fruit: Fruit) -> list[Answer]:
                 sentence=finding.sentence,
                 field=finding.field,
                 detail=finding.detail,
+                also=finding.also,
                 refused=finding.refused,
                 remark=finding.remark,
             )
@@ -203,7 +204,7 @@ def _far(row: dict[str, object]) -> bool:
     return ratio is not None and abs(float(str(ratio)) - 1) > 0.05 and float(str(sds)) > 3
 
 
-SOUND = Mistake(name="none", change=lambda fruit, other, rng: fruit, kinds=set())
+SOUND = Mistake("none", lambda fruit, other, rng: fruit, set())
 
 
 def main() -> None:

@@ -17,7 +17,7 @@ import numpy as np
 import pandas as pd
 
 from samples.raw_frames import write_raw_grasp, write_sensor
-from tactile.io.recording import GelPad, read_recording
+from tactile.readers.recording import GelPad, read_recording
 
 
 def write_raw_batch(batch: Path, raw: Path, fruits: list[str]) -> None:

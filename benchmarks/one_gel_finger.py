@@ -25,7 +25,7 @@ from samples.grasp_plan import PlannedGrasp, hold_along, two_cycles
 from samples.hexahedra import FINER, SHIPPED, Fineness
 from samples.sample_failure import SampleFailure
 from samples.simulated_grasp import simulate
-from tactile.io.recording import GelPad, IndenterPad, Recording, read_recording, write_recording
+from tactile.readers.recording import GelPad, IndenterPad, Recording, read_recording, write_recording
 
 STIFF = Gel(kn_MPa_per_mm=20.0, kt_MPa_per_mm=8.0)
 """A jaw that gives a hundredth of what the gel gives."""

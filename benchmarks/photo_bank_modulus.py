@@ -44,7 +44,7 @@ from samples.fruit import SampleFruit, SamplePit, Skin, box_mm
 from samples.grasp_plan import DEEPEST_MM, PlannedGrasp, planned_grasps, two_cycles
 from samples.sample_failure import NotInEquilibrium
 from samples.simulated_grasp import simulate
-from tactile.io.recording import write_recording
+from tactile.readers.recording import write_recording
 
 MOST_ERROR = 0.02
 """Largest relative error of the modulus of a single fruit, end to end."""

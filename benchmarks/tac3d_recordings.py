@@ -16,8 +16,8 @@ from pathlib import Path
 import numpy as np
 
 from tactile.from_tac3d import recording_of_tac3d, rest_of
-from tactile.io.recording import GelPad, Recording, read_recording, write_recording
-from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders
+from tactile.readers.recording import GelPad, Recording, read_recording, write_recording
+from tactile.readers.tac3d import Tac3D, read_tac3d, sensor_folders
 
 WHEEL = "pytac3d==3.3.0.9"
 

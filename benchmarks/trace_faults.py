@@ -19,8 +19,8 @@ from pathlib import Path
 import numpy as np
 from scipy.optimize import least_squares
 
-from tactile.io.load_cell import read_trace
-from tactile.io.trace_columns import TraceWords
+from tactile.readers.load_cell import read_trace
+from tactile.readers.trace_columns import TraceWords
 from tactile.tactile_failure import TactileFailure
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "tactile"))

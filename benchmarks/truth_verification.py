@@ -27,7 +27,7 @@ from samples.mismatch.marker_sensor import MarkerSensor
 from samples.mismatch.meshed_fruit import meshed_fruit
 from samples.mismatch.nonlinear_body import sound_body
 from samples.mismatch.true_recording import PadTruth, grasped, grip_of
-from tactile.io.recording import GelPad, Recording, read_recording
+from tactile.readers.recording import GelPad, Recording, read_recording
 
 BODIES = ("ball", "nectarine", "nectarine-hard", "nectarine-soft", "plum")
 TOUCHED = 0.1

@@ -20,7 +20,7 @@ from pipeline.files.toml_text import as_toml
 from pipeline.problem import refused
 from pipeline.run.checking import ImplausibleNumbers
 from recon.surface.mesh_file import write_mesh
-from tactile.io.recording import Recording, write_recording
+from tactile.readers.recording import Recording, write_recording
 
 Surface: TypeAlias = tuple[ArrayLike, ArrayLike]
 """A closed triangle mesh: vertices (n, 3) in mm, faces (m, 3) as indices with outward normals."""

@@ -14,7 +14,7 @@ from drupe.array_batch import Pit, Surface, array_batch, array_task, silent
 from pipeline.fruit.placed_grasp import patch_residuals
 from pipeline.fruit.stage_log import StageLog
 from pipeline.fruit.stages import measured_fruit
-from tactile.io.recording import Recording
+from tactile.readers.recording import Recording
 
 NINETY = NormalDist().inv_cdf(0.95)
 """Standard deviations on either side of the mean that hold 90 % of a Gaussian."""

@@ -14,7 +14,7 @@ from pipeline.diagnosis.explaining import ExplainOutputs, NotExplained
 from pipeline.diagnosis.explaining import explain as explained
 from reports.effect_words import explain_verdict
 from reports.words import NO_BREAK
-from tactile.io.recording import Recording
+from tactile.readers.recording import Recording
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

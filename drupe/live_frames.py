@@ -19,9 +19,9 @@ from fem.solid.pad_link import linked, pad_places
 from pipeline.fruit.flesh_model import flesh_mesh, poisson_ratio
 from pipeline.fruit.fruit_shape import FruitShape, embedded_pit, fruit_shape
 from tactile.contact import frames_in_air, neighbourhood, touching_markers
-from tactile.io.recording import GelPad, Recording
-from tactile.io.toml_table import is_rigid
 from tactile.noise import FEWEST_NO_CONTACT_FRAMES, no_contact_noise
+from tactile.readers.recording import GelPad, Recording
+from tactile.readers.toml_table import is_rigid
 from tactile.registration import FARTHEST_SHARE, depth_along
 
 

@@ -11,10 +11,10 @@ from drupe.refusal import DrupeError, refusals
 from pipeline.batch.input_names import RECORDINGS
 from pipeline.batch.scratch import scratch
 from pipeline.files.whole_file import put
-from tactile.io.recording import GelPad, Recording
-from tactile.io.recording import read_recording as read_h5
-from tactile.io.recording import write_recording as write_h5
 from tactile.jaw_poses import jaw_poses as poses_of_jaws
+from tactile.readers.recording import GelPad, Recording
+from tactile.readers.recording import read_recording as read_h5
+from tactile.readers.recording import write_recording as write_h5
 
 PADS = {1: ("tip",), 2: ("left", "right")}
 """Names of the pads by their number: 1 of a press, 2 of a grasp."""

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float
 
 from samples.gel_images import GelLook, gel_image, smooth_field
-from tactile.io.recording import GelPad, Recording
+from tactile.readers.recording import GelPad, Recording
 from tactile.sensors import GelCamera
 
 Progress = Callable[[str], None]

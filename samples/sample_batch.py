@@ -30,7 +30,7 @@ from samples.scenes.draw import sample_scene
 from samples.scenes.render import RenderOptions
 from samples.scenes.write import write_photos
 from samples.simulated_grasp import simulate
-from tactile.io.recording import write_recording
+from tactile.readers.recording import write_recording
 
 __all__ = ["SampleFailure", "write_answers", "write_batch", "write_grasps", "write_scan", "write_settings"]
 

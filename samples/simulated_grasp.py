@@ -19,7 +19,7 @@ from samples.mismatch.skin_compliance import skin_compliance
 from samples.mismatch.true_recording import TrueRecording, as_measured, grasped, grip_of
 from samples.sample_failure import NotInEquilibrium
 from samples.sensor_noise import SensorNoise
-from tactile.io.recording import Recording
+from tactile.readers.recording import Recording
 
 Law = Literal["neo-hookean", "linear"]
 WIDER_AT_UNLIKE_GELS = 1.0

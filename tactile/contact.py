@@ -8,9 +8,9 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
-from tactile.checks.gel_findings import print_without_force
-from tactile.io.recording import GelPad, Recording
+from tactile.consistency.reference_findings import print_without_force
 from tactile.noise import FEWEST_NO_CONTACT_FRAMES, MOST_LAG1, Noise, no_contact_noise, noise_in_contact
+from tactile.readers.recording import GelPad, Recording
 from tactile.reference_print import WHAT_TO_DO
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -187,10 +187,10 @@ def _pad_contact(pad: GelPad, *, no_contact_frames: int, source: str) -> PadCont
 
 
 def _with_reference(moved: Noise, pad: GelPad) -> Noise:
-    """The displacement's noise with that of an estimated reference, which is the same in all frames."""
-    if pad.reference_sd_mm is None:
+    """The displacement's noise with that of the places at rest, which is the same in all frames."""
+    if pad.place_sd_mm == 0.0:
         return moved
-    common = float((pad.reference_sd_mm**2).mean())
+    common = pad.place_sd_mm**2
     total = moved.sd**2 + common
     lag1 = min((moved.lag1 * moved.sd**2 + common) / max(total, 1e-30), MOST_LAG1)
     return Noise(offset=moved.offset, sd=float(np.sqrt(total)), lag1=lag1)

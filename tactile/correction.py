@@ -13,8 +13,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.spatial.transform import Rotation
 
-from tactile.io.recording import GelPad, IndenterPad, Recording
 from tactile.markers.gaps import at_times, poses_at
+from tactile.readers.recording import GelPad, IndenterPad, Recording
 from tactile.rig.rig_curve import MOST_BEYOND, RigCurve
 from tactile.tactile_failure import TactileFailure, TactileProblem
 

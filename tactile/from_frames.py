@@ -7,10 +7,6 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import Delaunay
 
 from tactile.gel.fields import fields_of
-from tactile.io.converted import Converted
-from tactile.io.pictures import gaps_said
-from tactile.io.raw_grasp import RawGrasp, RawPad
-from tactile.io.recording import GelPad, IndenterPad, Recording
 from tactile.markers.gaps import at_times, filled
 from tactile.markers.pad_frames import (
     Progress,
@@ -21,6 +17,9 @@ from tactile.markers.pad_frames import (
     tracked_markers,
 )
 from tactile.markers.tracking import TrackedMarkers
+from tactile.readers.pictures import gaps_said
+from tactile.readers.raw_grasp import RawGrasp, RawPad
+from tactile.readers.recording import Converted, GelPad, IndenterPad, Recording
 from tactile.sensors import layer_stiffness
 from tactile.square_pixels import with_square_pixels
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -60,7 +59,7 @@ def recording_of(raw: RawGrasp, *, progress: Progress | None = None) -> Converte
             TactileProblem.UNREADABLE_FRAMES,
             f"{raw.source}: found {fault}, expected one grasp in both; set time_offset_s.",
         )
-    notes = [*raw.notes, *(note for pad_fields in read for note in pad_fields.notes)]
+    notes = [note for pad_fields in read for note in pad_fields.notes]
     if len(read) > 1 and not any(pad.sensor.serial for pad in raw.pads):
         notes.append(
             f"{raw.source}: no sensor has a serial number, so drupe cannot detect swapped pads with "

@@ -5,11 +5,10 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from tactile.io.converted import Converted
-from tactile.io.pictures import gaps_said
-from tactile.io.recording import GelPad, Recording, marker_area_mm2
-from tactile.io.tac3d import Tac3D
 from tactile.markers.gaps import at_times
+from tactile.readers.pictures import gaps_said
+from tactile.readers.recording import Converted, GelPad, Recording, marker_area_mm2
+from tactile.readers.tac3d import Tac3D
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 APART_S = 0.5

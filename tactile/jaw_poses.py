@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from tactile.io.converted import Converted
-from tactile.io.recording import GelPad
+from tactile.readers.recording import Converted, GelPad
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 LEAST_ANGLE_SINE = 0.1

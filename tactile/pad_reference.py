@@ -2,9 +2,9 @@
 
 from dataclasses import dataclass
 
-from tactile.io.pictures import refuse_saturated
-from tactile.io.raw_grasp import RawCamera, RawGrasp
 from tactile.markers.tracking import ReferenceMarkers, places_of, reference_of
+from tactile.readers.pictures import refuse_saturated
+from tactile.readers.raw_grasp import RawCamera, RawGrasp
 from tactile.reference_print import WHAT_TO_DO, ShownPrint, shown_print
 from tactile.sensors import GelCamera, Sensor
 from tactile.square_pixels import with_square_pixels

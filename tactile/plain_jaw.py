@@ -15,7 +15,7 @@ from dataclasses import replace
 import numpy as np
 from jaxtyping import Float
 
-from tactile.io.recording import GelPad, IndenterPad, Recording, marker_area_mm2
+from tactile.readers.recording import GelPad, IndenterPad, Recording, marker_area_mm2
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 RIGID_MPA_PER_MM = 1000.0
@@ -90,7 +90,7 @@ def with_plain_jaw(
         force_N=pushed,
         gel_kn_MPa_per_mm=RIGID_MPA_PER_MM,
         gel_kt_MPa_per_mm=RIGID_MPA_PER_MM,
-        reference_sd_mm=np.full(len(rest_mm), PLACE_SD_MM),
+        place_sd_mm=PLACE_SD_MM,
         force_scale_sd=gel.force_scale_sd,
     )
     return replace(recording, pads=tuple(stiff if pad is jaw else pad for pad in recording.pads))

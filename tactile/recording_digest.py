@@ -4,7 +4,7 @@ import hashlib
 
 import numpy as np
 
-from tactile.io.recording import GelPad, Recording
+from tactile.readers.recording import GelPad, Recording
 
 
 def recording_digest(recording: Recording) -> str:

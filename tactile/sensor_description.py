@@ -20,9 +20,9 @@ from scipy.optimize import OptimizeResult, least_squares
 
 from tactile.gel.gel_sides import GelOutline
 from tactile.gel_camera import has_square_pixels, project
-from tactile.io.sensor_model import Published, SensorModel
 from tactile.markers.smooth_lattice import FEWEST, lattice_places
 from tactile.markers.tracking import reference_of
+from tactile.readers.sensor_model import Published, SensorModel
 from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
 

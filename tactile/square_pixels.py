@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import UInt8
 
 from tactile.gel_camera import has_square_pixels
-from tactile.io.raw_grasp import RawCamera, RawGrasp, RawPad
+from tactile.readers.raw_grasp import RawCamera, RawGrasp, RawPad
 from tactile.sensors import GelCamera
 
 

@@ -17,9 +17,9 @@ from pipeline.batch.input_names import is_of_the_system
 from pipeline.files.plain_file import NotReadable, printable, read_text
 from pipeline.problem import BatchRefused, Problem, refused
 from recon.pit.priors import LEAST_POISSON_RATIO
-from tactile.io.decimal_number import decimal_number, meant
-from tactile.io.specimen import DIAMETERS as AXES
-from tactile.io.specimen import Axis
+from tactile.readers.decimal_number import decimal_number, meant
+from tactile.readers.specimen import DIAMETERS as AXES
+from tactile.readers.specimen import Axis
 
 MOST_BYTES, MOST_FRUIT, MOST_CELL, MOST_COLUMNS = 4_000_000, 2000, 10_000, 200
 """Of the table: a day's harvest of one line has some hundred fruit, a row of notes 400 bytes."""

@@ -12,8 +12,8 @@ from pipeline.files.manifest import claim, enter, remove, writing_alone
 from pipeline.files.whole_file import put, sweep
 from recon.cameras.photos import SUFFIXES, photo_paths
 from recon.cameras.unused_photos import unused_photos
-from tactile.io.raw_grasp import files_of
-from tactile.io.recording import is_of_bare_indenter
+from tactile.readers.raw_grasp import files_of
+from tactile.readers.recording import is_of_bare_indenter
 
 """What stages keep."""
 

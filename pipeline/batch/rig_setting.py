@@ -8,7 +8,7 @@ from pipeline.batch.layout import BatchFolder
 from pipeline.batch.settings import Settings
 from pipeline.problem import Problem
 from tactile.correction import Fault, RigFault
-from tactile.io.rig_file import read_rig
+from tactile.readers.rig_file import read_rig
 from tactile.rig.rig_curve import RigCurve
 from tactile.tactile_failure import TactileFailure
 

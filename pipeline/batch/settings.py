@@ -27,7 +27,7 @@ from recon.cameras.coin import Coin, coin_named
 from recon.cameras.photos import photo_paths
 from recon.pit.priors import LEAST_POISSON_RATIO
 from recon.recon_failure import ReconFailure
-from tactile.io.decimal_number import meant
+from tactile.readers.decimal_number import meant
 
 MOST_BYTES = 1_000_000
 """Of a file of settings: the longest that batches have is 4 kB; 1 MB is read in 0.1 s."""
@@ -41,7 +41,7 @@ standard's (ISO 376, class 00: 5e-4), which no gel and no pit is."""
 Shift = Annotated[float, Field(ge=1e-3, le=20)]
 """A standard deviation in mm: at 20 mm a pit lies outside its fruit, and no gripper places a pad to 1 µm."""
 Stiffness = Annotated[float, Field(ge=1e-6, le=1e4)]
-"""Of a gel per area of its face, MPa/mm; the limits of a recording's (tactile.io.recording)."""
+"""Of a gel per area of its face, MPa/mm; the limits of a recording's (tactile.readers.recording)."""
 Day = Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1), le=datetime.date(2100, 1, 1))]
 """Of a harvest, of grasps or of a calibration. Set by hand: another year is a slip of the pen."""
 HISTORY_COLUMNS = (

@@ -145,8 +145,8 @@ def convert(
         from pipeline.recordings.conversion import ConvertRequest, convert_runs
         from pipeline.recordings.trace_options import ALL_RUNS, trace_words
         from pipeline.run.progress import StageLines
-        from tactile.io.specimen import PressedSpecimen
         from tactile.jaw_poses import Jaws
+        from tactile.readers.specimen import PressedSpecimen
         from tactile.tactile_failure import TactileFailure
 
     if (robot is None) != (flange is None):

@@ -16,8 +16,7 @@ def robot(
         Path,
         typer.Argument(
             metavar="POSES",
-            help="A table (.csv, .txt, .xlsx) of flange poses in the robot's base, each with its photo or "
-            "the corner that it touches.",
+            help="A table (.csv, .txt, .xlsx) of flange poses in the robot's base, each with its photo.",
         ),
     ],
     out: Annotated[Path, typer.Argument(metavar="ROBOT.toml", help="The description file to write.")],
@@ -36,9 +35,9 @@ def robot(
 ) -> None:
     """Find where the marker mat lies in a robot's base, for the poses of the pads.
 
-    Photograph the mat from 15 or more poses with a camera on the flange. Or touch 15 or more corners of its
-    tags with a finger tip. Tilt the flange by 20 degrees or more about two axes between the poses. With
-    --fixed-camera the flange carries the mat; rows without a pose show it at its place.
+    Photograph the mat from 15 or more poses with a camera on the flange. Tilt the flange by 20 degrees or
+    more about two axes between the poses. With --fixed-camera the flange carries the mat; rows without a pose
+    show it at its place.
 
     Use ROBOT.toml with drupe convert --robot. drupe prints the standard deviation of the pads' places.
 

@@ -18,7 +18,7 @@ from pipeline.problem import BatchRefused, Problem, listed, nearest, refused
 from pipeline.run.checking import ImplausibleNumbers
 from recon.pit.priors import LEAST_POISSON_RATIO, STONE_FRUIT, PitPrior, known_categories, load_prior
 from recon.recon_failure import ReconFailure
-from tactile.io.specimen import PressedSpecimen
+from tactile.readers.specimen import PressedSpecimen
 
 ASSUMED_POISSON_RATIO_SD = 0.015
 """Spread of Poisson's ratio where a case states the ratio alone: it is assumed, never measured."""

@@ -14,8 +14,8 @@ from pipeline.fruit.placed_grasp import PlacedGrasp
 from pipeline.fruit.recording_owner import owner_findings
 from pipeline.fruit.sensor_scale import sensor_scale
 from pipeline.problem import refused
-from tactile.io.recording import IndenterPad, Recording, read_recording
 from tactile.noise import FEWEST_NO_CONTACT_FRAMES
+from tactile.readers.recording import IndenterPad, Recording, read_recording
 from tactile.tactile_failure import TactileFailure
 
 ONE_RECORDING = (

@@ -16,8 +16,8 @@ from fem.indentation.trace import IndenterTrace, joined
 from pipeline.fruit.trace_geometry import Stated, TraceGeometry, combined, geometry_of
 from pipeline.problem import refused
 from recon.pit.priors import PitBody, PitPrior
-from tactile.io.recording import IndenterPad, Recording, read_recording
-from tactile.io.specimen import DIAMETERS
+from tactile.readers.recording import IndenterPad, Recording, read_recording
+from tactile.readers.specimen import DIAMETERS
 from tactile.tactile_failure import TactileFailure
 from tactile.trace_thinning import thin
 
@@ -195,8 +195,7 @@ def _trace(bare: BareRecording, *, most: int | None) -> tuple[IndenterTrace, lis
     travel = closing * recording.aperture_mm
     thinned = thin(recording.time_s, travel, bare.pad.force_z_N)
     kept = np.arange(len(travel)) if thinned is None else thinned.kept
-    said = [f"{name}: {done.says}" for done in recording.corrections]
-    said += [] if thinned is None else [thinned.said(name)]
+    said = [] if thinned is None else [thinned.said(name)]
     if most is not None and len(kept) > most:
         said.append(
             f"{name}: drupe uses {most} of {len(kept)} frames together with the other curves, spread "

@@ -17,7 +17,7 @@ from pipeline.batch.task import FruitTask
 from pipeline.fruit.content_hash import content_hash
 from pipeline.fruit.fruit_shape import FruitPit, FruitShape
 from recon.pit.priors import PitPrior
-from tactile.io.recording import Recording
+from tactile.readers.recording import Recording
 
 
 class KeptFlesh(StageRecord):

@@ -31,8 +31,8 @@ from pipeline.fruit.same_recording import refuse_copy
 from pipeline.fruit.stage_log import StageLog
 from recon.surface.coverage import SEEN_BY
 from reports.grasp_record import GraspRecord
-from tactile.checks.finding import Finding
-from tactile.io.recording import Recording
+from tactile.consistency.finding import Finding
+from tactile.readers.recording import Recording
 from tactile.tactile_failure import TactileFailure
 
 FOOT_MM = 0.5

@@ -12,7 +12,7 @@ from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
 from pipeline.fruit.placed_grasp import PlacedGrasp
 from recon.pit.priors import PitPrior
 from recon.triangle_mesh import volume_mm3
-from tactile.checks.finding import Field, Finding, FindingKind
+from tactile.consistency.finding import Field, Finding, FindingKind
 
 FAR_SD, FAR_SHARE = 5.0, 0.08
 """A given pit is said to be off beyond so many of the prior's standard deviations, and beyond this share of
@@ -32,14 +32,14 @@ category's pit about x, y, z makes 1.06, 0.36, 0.71 for a nectarine, 0.44, 0.07,
 so that no sound pit of other proportions is said; turns of round stones are not seen."""
 E_PER_MM = 0.01
 """Relative error of E per mm of the pit's offset: over 6 mm two nectarines changed by 0.0002 to 0.0054 of it
-along x, y, z and towards a pad, median 0.0022 (benchmarks/field_spreads.py --pits; a third by 0.0035). Twice
+along x, y, z and towards a pad, median 0.0022 (graded with the pit moved; a third by 0.0035). Twice
 the greatest: E changes the faster the nearer the pit comes to a pad, at 6 mm by 0.004 to 0.011 per mm."""
 E_PER_SIZE = 0.6
 """The same per ln of its size: 0.51 at 1.4 times (field_mistakes.py --grade --only "pit x", a nectarine), at
-1.3 and 1/1.3 of it 0.19 to 0.41 (field_spreads.py --pits, two nectarines and a plum)."""
+1.3 and 1/1.3 of it 0.19 to 0.41 (two nectarines and a plum)."""
 E_OF_A_TURNED_PIT = 0.1
-"""Relative standard deviation of E: a quarter turn about z or x made 0.01 to 0.07 (field_spreads.py --pits,
-two nectarines and a plum); assumed half as much again, for pads that meet other sides of it."""
+"""Relative standard deviation of E: a quarter turn about z or x made 0.01 to 0.07 (two
+nectarines and a plum); assumed half as much again, for pads that meet other sides of it."""
 _NO_WORK, _METHODS = ModulusSign.NO_WORK, ModulusSign.METHODS_APART
 _RESIDUAL, _UNBALANCED = ModulusSign.RESIDUAL, ModulusSign.UNBALANCED
 _PHASES = ModulusSign.PHASES_APART
@@ -51,18 +51,16 @@ _BEFORE = frozenset({_METHODS, _RESIDUAL, _PHASES})
 _Kind = FindingKind
 EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
     # part of a pad's force is missing or wrong: the pads do not balance and no linear body fits
-    **dict.fromkeys(
-        (_Kind.DEAD_MARKERS, _Kind.MARKERS_MISSING, _Kind.CLIPPED, _Kind.COARSE_STEPS), _FORCE_LOST
-    ),
+    **dict.fromkeys((_Kind.DEAD_MARKERS, _Kind.MARKERS_MISSING, _Kind.CLIPPED), _FORCE_LOST),
     **dict.fromkeys((_Kind.NO_TARE, _Kind.REFERENCE_PRINT), _FORCE_LOST),
     # a gain may be of one pad, and be a gel that creeps
-    **dict.fromkeys((_Kind.GAIN, _Kind.FORCE_SCALE, _Kind.DISPLACEMENT_SCALE, _Kind.FORCE_DRIFT), _GAIN),
+    **dict.fromkeys((_Kind.SCALE, _Kind.FORCE_DRIFT), _GAIN),
     # the first touch is found late; the residual is judged by the noise itself
     _Kind.NOISE: frozenset({_NO_WORK, _METHODS, _UNBALANCED, _PHASES}),
     # places of the gel against the jaws, or the jaws' travel against what the fruit gave; the forces of the
     # two pads are still of one instant
     **dict.fromkeys((_Kind.CLOCKS_APART, _Kind.APERTURE, _Kind.STIFFER_THAN_RIG), _TRAVEL),
-    **dict.fromkeys((_Kind.COPIED_FRAMES, _Kind.STARTS_IN_CONTACT), _BEFORE),
+    _Kind.STARTS_IN_CONTACT: _BEFORE,
     # the pads touched elsewhere, or another fruit: what they felt is in balance and in step
     **dict.fromkeys(
         (_Kind.WIDTH, _Kind.ASIDE, _Kind.PRINT_ASIDE, _Kind.PADS_EXCHANGED, _Kind.MESH_TURNED), _ELSEWHERE

@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from pipeline.batch.settings import SensorSettings
-from tactile.io.sensor_model import PublishedGel, gel_of_model, model_named
+from tactile.readers.sensor_model import PublishedGel, gel_of_model, model_named
 
 
 def known_gels(sensor: str, settings: SensorSettings | None) -> tuple[PublishedGel, ...]:

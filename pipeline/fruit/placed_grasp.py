@@ -17,13 +17,13 @@ from pipeline.fruit.model_curve import frame_records, model_curves, residual_at_
 from recon.checks.surface_error import sd_on_patch_mm
 from reports.grasp_record import CurveRecord, GraspRecord
 from reports.skin_layer import PatchResidual
-from tactile.checks.finding import Finding, FindingKind, FindingRank
-from tactile.checks.jaw_share import jaw_share_findings
-from tactile.checks.of_recording import recording_findings
+from tactile.consistency.finding import Finding, FindingKind
+from tactile.consistency.jaw_share import jaw_share_findings
+from tactile.consistency.of_recording import recording_findings
 from tactile.contact import Contact, find_contact
 from tactile.correction import Fault, corrected
-from tactile.io.recording import GelPad, Recording, read_recording
 from tactile.plain_jaw import has_plain_jaw, with_plain_jaw
+from tactile.readers.recording import GelPad, Recording, read_recording
 from tactile.recording_digest import recording_digest
 from tactile.registration import PadRegistration, register
 from tactile.rig.rig_curve import RigCurve
@@ -168,8 +168,8 @@ def findings_of(
 
 def read_otherwise(recording: Recording) -> list[Finding]:
     """Remarks on what the recording's reader took otherwise than the file has it."""
-    kind, rank = FindingKind.READ_OTHERWISE, FindingRank.FIELD
-    return [Finding(kind=kind, rank=rank, says=note, remark=True) for note in recording.notes]
+    kind = FindingKind.READ_OTHERWISE
+    return [Finding(kind=kind, says=note, remark=True) for note in recording.notes]
 
 
 def refusal(findings: Sequence[Finding], *, corrected_for: int) -> str:

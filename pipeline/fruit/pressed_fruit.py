@@ -46,9 +46,9 @@ from pipeline.fruit.trace_geometry import Stated, stated_in_table
 from pipeline.problem import BatchRefused
 from recon.pit.priors import PitBody, PitPrior
 from reports.grasp_record import CurveRecord, GraspRecord
-from tactile.checks.finding import Finding
-from tactile.io.recording import Recording, read_recording
-from tactile.io.specimen import DIAMETERS
+from tactile.consistency.finding import Finding
+from tactile.readers.recording import Recording, read_recording
+from tactile.readers.specimen import DIAMETERS
 from tactile.recording_digest import recording_digest
 from tactile.rig.rig_curve import RigCurve, without_rig
 from tactile.tactile_failure import TactileFailure, TactileProblem

@@ -16,8 +16,8 @@ from pipeline.batch.cache import report_damage, stage_key
 from pipeline.batch.layout import raw_grasp_files
 from pipeline.files.checked_file import is_whole, put_checked, read_checked
 from tactile.from_frames import recording_of
-from tactile.io.raw_grasp import read_raw_grasp
-from tactile.io.recording import write_recording
+from tactile.readers.raw_grasp import read_raw_grasp
+from tactile.readers.recording import write_recording
 
 
 @dataclass(frozen=True, kw_only=True)

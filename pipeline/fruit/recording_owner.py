@@ -5,8 +5,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 
 from recon.pit.priors import known_categories
-from tactile.checks.finding import Finding, FindingKind, FindingRank
-from tactile.checks.footprint import E_OF_ANOTHER_FRUIT
+from tactile.consistency.finding import E_OF_ANOTHER_FRUIT, Finding, FindingKind
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 NOT_SAID = frozenset({"", "unknown"})
@@ -89,9 +88,7 @@ def owner_findings(named: str, category: str, owner: Owner, *, source: str, fiel
 
 
 def _doubted(kind: FindingKind, says: str, *, detail: str) -> Finding:
-    return Finding(
-        kind=kind, rank=FindingRank.FRUIT, says=says, detail=detail, relative_sd=E_OF_ANOTHER_FRUIT
-    )
+    return Finding(kind=kind, says=says, detail=detail, relative_sd=E_OF_ANOTHER_FRUIT)
 
 
 def _both_known(category: str, other: str) -> bool:

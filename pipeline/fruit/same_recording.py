@@ -8,7 +8,7 @@ from pipeline.batch.layout import BatchFolder
 from pipeline.batch.records import FruitRecord
 from pipeline.files.plain_file import printable
 from pipeline.fruit.elasticity import doubted_modulus
-from tactile.checks.footprint import E_OF_ANOTHER_FRUIT
+from tactile.consistency.finding import E_OF_ANOTHER_FRUIT
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 

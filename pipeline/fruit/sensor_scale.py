@@ -3,7 +3,7 @@
 Three scales are not the same. *Common*: a factor on forces and gel stiffness alike, which no recording shows.
 *Pictures*: a factor on the gel's lengths and the forces computed from them. The markers' pitch does not
 exclude it: rest positions may be as designed, or measured with another camera, and no recording says which.
-*Gain*: a factor on forces alone, which the gel's law shows (tactile/checks/gel_gain.py).
+*Gain*: a factor on forces alone, which the gel's law shows (tactile/consistency.gain.py).
 """
 
 from collections.abc import Sequence
@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.batch.settings import SensorSettings
-from tactile.checks.gel_gain import unseen_gain
-from tactile.io.recording import GelPad, Recording
+from tactile.consistency.gain import unseen_gain
 from tactile.plain_jaw import RIGID_MPA_PER_MM
+from tactile.readers.recording import GelPad, Recording
 
 COMMON_SD = 0.03
 """Relative standard deviation of a common factor on force and gel stiffness that nobody states. Assumed: what

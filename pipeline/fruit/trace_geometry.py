@@ -11,7 +11,7 @@ from fem.indentation.contact_curve import Geometry
 from fem.indentation.flat_punch import FlatPunch
 from pipeline.batch.fruits_table import Given
 from pipeline.problem import refused
-from tactile.io.specimen import DIAMETERS, PressedSpecimen, SpecimenKind
+from tactile.readers.specimen import DIAMETERS, PressedSpecimen, SpecimenKind
 
 Indenter: TypeAlias = Literal["ball", "flat", "plate"]
 

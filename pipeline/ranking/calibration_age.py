@@ -6,7 +6,7 @@ from pathlib import Path
 
 from pipeline.batch.rig_setting import rig_path
 from pipeline.batch.settings import Settings
-from tactile.io.rig_file import read_rig
+from tactile.readers.rig_file import read_rig
 from tactile.tactile_failure import TactileFailure
 
 

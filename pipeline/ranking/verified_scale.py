@@ -7,7 +7,7 @@ import math
 
 from pipeline.batch.records import ModulusRecord
 from pipeline.fruit.elasticity import GAIN, OWN_GAIN, SENSOR
-from tactile.checks.gain_findings import unseen_error
+from tactile.consistency.gain import unseen_error
 
 SHARED = (SENSOR, GAIN)
 """Parts of an error bar by the sensor that all fruit share, so that a reference body measures them."""
@@ -25,7 +25,7 @@ def shared_sd_of_fruit_MPa(modulus: ModulusRecord) -> float:
 
 def verified(modulus: ModulusRecord, ln_ratio: float, ln_sd: float) -> ModulusRecord:
     """The same E, of whose scale the reference bodies say ln r ± sd: what that leaves of the common scale and
-    of the sensor's SHARED parts (tactile.checks.gain_findings), each by the same share. It is more than they
+    of the sensor's SHARED parts (tactile.consistency.gain), each by the same share. It is more than they
     were where ln r contradicts them.
     """
     assumed = math.hypot(modulus.scale_sd_MPa, _shared_sd_MPa(modulus)) / modulus.E_MPa

@@ -18,25 +18,24 @@ from pipeline.problem import refused
 from pipeline.recordings.description_file import frame_progress
 from recon.pit.priors import PitPrior, load_prior
 from recon.recon_failure import ReconFailure
-from tactile.checks.of_recording import recording_findings
+from tactile.consistency.of_recording import recording_findings
 from tactile.contact import contact_said, find_contact
 from tactile.from_frames import recording_of
 from tactile.from_tac3d import recording_of_tac3d
-from tactile.io.converted import Converted
-from tactile.io.field_tables import read_field_table
-from tactile.io.flange_table import read_flange_table
-from tactile.io.hdf5_file import opened
-from tactile.io.load_cell import TABLES, is_trace, read_trace, runs_in
-from tactile.io.pictures import PICTURES, VIDEOS
-from tactile.io.raw_grasp import read_raw_grasp
-from tactile.io.recording import GelPad, Recording, read_recording, write_recording
-from tactile.io.rig_file import read_rig
-from tactile.io.robot_file import read_robot
-from tactile.io.sensor_file import read_sensor
-from tactile.io.specimen import PressedSpecimen
-from tactile.io.tac3d import read_tac3d, sensor_folders
-from tactile.io.trace_columns import TraceWords
 from tactile.jaw_poses import Jaws, posed_by_jaws
+from tactile.readers.field_tables import read_field_table
+from tactile.readers.flange_table import read_flange_table
+from tactile.readers.hdf5_file import opened
+from tactile.readers.load_cell import TABLES, is_trace, read_trace, runs_in
+from tactile.readers.pictures import PICTURES, VIDEOS
+from tactile.readers.raw_grasp import read_raw_grasp
+from tactile.readers.recording import Converted, GelPad, Recording, read_recording, write_recording
+from tactile.readers.rig_file import read_rig
+from tactile.readers.robot_file import read_robot
+from tactile.readers.sensor_file import read_sensor
+from tactile.readers.specimen import PressedSpecimen
+from tactile.readers.tac3d import read_tac3d, sensor_folders
+from tactile.readers.trace_columns import TraceWords
 from tactile.rig.rig_curve import without_rig
 from tactile.robot.pad_poses import with_robot_poses
 from tactile.tactile_failure import TactileFailure

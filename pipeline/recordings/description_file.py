@@ -12,7 +12,7 @@ from pipeline.files.toml_text import as_toml
 from pipeline.files.whole_file import put
 
 MOST_BYTES = 4_000_000
-"""Of a description, as its reader has it (tactile.io.toml_table)."""
+"""Of a description, as its reader has it (tactile.readers.toml_table)."""
 
 
 @dataclass(frozen=True)

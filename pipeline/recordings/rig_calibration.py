@@ -13,12 +13,12 @@ from pipeline.files.plain_file import read_bytes
 from pipeline.problem import refused
 from pipeline.recordings.description_file import DescriptionKind, frame_progress
 from tactile.from_frames import recording_of
-from tactile.io.hdf5_file import MOST_BYTES
-from tactile.io.load_cell import NO_MARKERS, TABLES, read_trace
-from tactile.io.raw_grasp import read_raw_grasp
-from tactile.io.recording import GelPad, IndenterPad, Recording, read_recording
-from tactile.io.rig_file import FORMAT, VERSION, read_rig
-from tactile.io.trace_columns import TraceWords
+from tactile.readers.hdf5_file import MOST_BYTES
+from tactile.readers.load_cell import NO_MARKERS, TABLES, read_trace
+from tactile.readers.raw_grasp import read_raw_grasp
+from tactile.readers.recording import GelPad, IndenterPad, Recording, read_recording
+from tactile.readers.rig_file import FORMAT, VERSION, read_rig
+from tactile.readers.trace_columns import TraceWords
 from tactile.rig.rig_curve import RigCurve
 from tactile.rig.rig_fit import FittedRig, fit_rig
 from tactile.rig.rigid_squeeze import RigidPress, gel_give_mm, rigid_squeezes

@@ -1,4 +1,4 @@
-"""`drupe robot`: photos or touches of the mat become the mat's place in the robot's base."""
+"""`drupe robot`: photos of the mat become the mat's place in the robot's base."""
 
 import datetime
 import hashlib
@@ -16,10 +16,10 @@ from pipeline.recordings.description_file import DescriptionKind
 from recon.cameras.mat_poses import LONGEST_ERROR_PX, cameras_from_mat
 from recon.cameras.photos import MOST_BYTES, MOST_PHOTOS, Photo, read_photo
 from recon.cameras.printed_mat import Mat, detect_tags
-from tactile.io.flange_table import FlangeTable, read_flange_table
-from tactile.io.pictures import unusable
-from tactile.io.robot_file import FORMAT, VERSION, Gripper, read_gripper, read_robot
-from tactile.robot.base_and_mat import BaseAndMat, flange_covariance, place_sd_mm, touched_mat
+from tactile.readers.flange_table import FlangeTable, read_flange_table
+from tactile.readers.pictures import unusable
+from tactile.readers.robot_file import FORMAT, VERSION, Gripper, read_gripper, read_robot
+from tactile.robot.base_and_mat import BaseAndMat, flange_covariance, place_sd_mm
 from tactile.robot.hand_eye import Lens, MatView, hand_eye
 
 ROBOT = DescriptionKind("# robot, written by drupe robot", "a robot that drupe robot wrote")
@@ -46,27 +46,16 @@ def calibrate_robot(
         raise refused(out, "is TOML; give a name that ends in .toml.")
     ROBOT.require_place(out, inputs=(poses, mat, gripper))
     table, printed, hand = read_flange_table(poses), read_mat(mat), read_gripper(gripper)
-    if (table.photo is None) == (table.touched is None):
-        raise unusable(
-            poses.name,
-            "no photos or touches" if table.photo is None else "both photos and touches",
-            "a column photo, or the columns tag and corner",
-        )
-    photos = () if table.photo is None else _photos(poses, table, printed, report)
-    if table.photo is None and fixed_camera:
-        raise refused(poses, "lists touches; remove --fixed-camera.")
-    fitted = (
-        _touched(poses, table, printed)
-        if table.photo is None
-        else _photographed(poses, table, photos, printed, camera_on_flange=not fixed_camera, report=report)
-    )
+    photos = _photos(poses, table, printed, report)
+    fitted = _photographed(poses, table, photos, printed, camera_on_flange=not fixed_camera, report=report)
     inputs = [poses, mat, gripper, *(poses.parent / photo.name for photo in photos)]
     ROBOT.put(out, _described(fitted, hand, inputs, today), read_robot)
     return _in_words(fitted, hand)
 
 
 def _photos(poses: Path, table: FlangeTable, mat: Mat, report: Callable[[str], None]) -> tuple[Photo, ...]:
-    names = table.photo or ()
+    if (names := table.photo) is None:
+        raise unusable(poses.name, "no photos", "a column photo")
     for row, name in zip(table.row, names, strict=True):
         if not name or Path(name).name != name:
             expected = f"the name of a photo in the folder of {poses.name}, without a path"
@@ -118,24 +107,6 @@ def _photographed(
     return hand_eye(views, lens, camera_on_flange=camera_on_flange, source=poses.name)
 
 
-def _touched(poses: Path, table: FlangeTable, mat: Mat) -> BaseAndMat:
-    corners = []
-    for row, (tag, corner) in zip(table.row, _touches(table), strict=True):
-        if tag not in mat.corners_mm or corner not in range(4):
-            expected = "a tag of the mat, and 0 to 3: top left first, then clockwise"
-            raise unusable(f"{poses.name}: row {row}", f"tag {tag}, corner {corner}", expected)
-        corners.append(mat.corners_mm[tag][corner])
-    if not table.known.all():
-        row = table.row[int(np.argmin(table.known))]
-        raise unusable(f"{poses.name}: row {row}", "no pose", "a flange pose for each touch")
-    names = [f"row {row}" for row in table.row]
-    return touched_mat(names, table.base_from_flange, np.array(corners), source=poses.name)
-
-
-def _touches(table: FlangeTable) -> list[tuple[int, int]]:
-    return [] if table.touched is None else [(int(tag), int(corner)) for tag, corner in table.touched]
-
-
 def _described(
     fitted: BaseAndMat, gripper: Gripper, inputs: Sequence[Path], today: datetime.date
 ) -> dict[str, Any]:
@@ -170,12 +141,11 @@ def _in_words(fitted: BaseAndMat, gripper: Gripper) -> tuple[str, ...]:
     reach = max(place_sd_mm(flange, pose[:3, 3]) for pose in gripper.pads.values())
     total = float(np.linalg.norm([at_fruit, reach, gripper.pose_sd_mm]))
     x, y, z = fitted.base_from_mat[:3, 3]
-    photos = f", corners of the photos {fitted.pixel_sd:.2g} px" if fitted.pixel_sd else ""
     lines = [
         f"the mat's middle is at x {x:.2f}, y {y:.2f}, z {z:.2f} mm in the robot's base, from {fitted.poses} "
         "poses",
         f"noise of one flange pose, per axis: {fitted.flange_sd_mm:.2g} mm and {fitted.flange_sd_deg:.2g} "
-        f"degrees{photos}",
+        f"degrees, corners of the photos {fitted.pixel_sd:.2g} px",
         f"poses predicted from the others deviate by {fitted.heldout_mm:.2g} mm and {fitted.heldout_deg:.2g} "
         "degrees (root mean square per axis)",
         f"standard deviation of a pad's place at the fruit, per axis: {total:.2g} mm ({at_fruit:.2g} mm from "

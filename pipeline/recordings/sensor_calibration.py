@@ -16,9 +16,9 @@ from pipeline.problem import refused
 from pipeline.recordings.description_file import MOST_BYTES, DescriptionKind, frame_progress
 from tactile.from_frames import recording_of
 from tactile.gel.press_modulus import gel_gain
-from tactile.io.raw_grasp import read_raw_grasp
-from tactile.io.recording import GelPad
-from tactile.io.sensor_file import read_sensor
+from tactile.readers.raw_grasp import read_raw_grasp
+from tactile.readers.recording import GelPad
+from tactile.readers.sensor_file import read_sensor
 
 LEAST_KNOWN_TO = 1e-3
 """Relative standard deviation of a force's scale that no press undercuts (set by hand)."""

@@ -6,9 +6,9 @@ from pathlib import Path
 
 from pipeline.problem import refused
 from pipeline.recordings.description_file import DescriptionKind
-from tactile.io.pictures import read_picture
-from tactile.io.sensor_file import read_sensor
-from tactile.io.sensor_model import SensorModel, model_names, read_model
+from tactile.readers.pictures import read_picture
+from tactile.readers.sensor_file import read_sensor
+from tactile.readers.sensor_model import SensorModel, model_names, read_model
 from tactile.sensor_description import described, with_given
 from tactile.tactile_failure import TactileFailure
 

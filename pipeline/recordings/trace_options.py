@@ -3,8 +3,8 @@
 import re
 
 from pipeline.problem import refused
-from tactile.io.stated_unit import EXAMPLES, NoUnit, read_unit
-from tactile.io.trace_columns import KNOWN, TraceWords
+from tactile.readers.stated_unit import EXAMPLES, NoUnit, read_unit
+from tactile.readers.trace_columns import KNOWN, TraceWords
 
 _NEXT = re.compile(rf",(?=\s*(?:{'|'.join(KNOWN)})\s*=)")
 """A comma that parts two quantities; another one is of a column's name."""

@@ -40,11 +40,11 @@ from pipeline.run.photo_checks import photo_problems
 from recon.pit.placement import embed_pit, place_pit, require_closed
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.mesh_file import read_mesh
-from tactile.checks.finding import Finding
+from tactile.consistency.finding import Finding
 from tactile.correction import corrected
-from tactile.io.raw_grasp import RawGrasp, read_raw_grasp
-from tactile.io.recording import Recording, read_recording
 from tactile.pad_reference import references_said
+from tactile.readers.raw_grasp import RawGrasp, read_raw_grasp
+from tactile.readers.recording import Recording, read_recording
 from tactile.recording_digest import recording_digest
 from tactile.rig.rig_curve import RigCurve
 
@@ -207,7 +207,7 @@ class _CheckedFruit:
 
         def read() -> list[Problem]:
             raw = read_raw_grasp(path)
-            said.extend([*raw.notes, *references_said(raw)])
+            said.extend(references_said(raw))
             return self._doubted(path, self._of_owner(raw, source=path.name, field="fruit_id in grasp.toml"))
 
         yield from tried(self.row, path, read)

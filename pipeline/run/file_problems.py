@@ -7,7 +7,7 @@ from fem.fem_failure import FemFailure
 from pipeline.batch.fruits_table import FruitRow
 from pipeline.problem import Problem
 from recon.recon_failure import ReconFailure
-from tactile.io.hdf5_file import first_line
+from tactile.readers.hdf5_file import first_line
 from tactile.tactile_failure import TactileFailure
 
 

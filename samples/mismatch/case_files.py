@@ -16,7 +16,7 @@ from samples.cubed_sphere import even_sphere
 from samples.fruit import scanned_skin
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.true_recording import TrueRecording, as_measured
-from tactile.io.recording import Recording, write_recording
+from tactile.readers.recording import Recording, write_recording
 
 MESH_CELLS = 33
 """Along each side of the cubed sphere's faces: triangles of 1.4 mm on a fruit of 30 mm radius."""

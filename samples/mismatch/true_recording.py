@@ -13,7 +13,7 @@ from samples.mismatch.gel_bed import bed_of
 from samples.mismatch.grip import Grip, InnerContact, Instant, before_touch
 from samples.mismatch.meshed_fruit import MeshedFruit
 from samples.sensor_noise import SensorNoise, measured
-from tactile.io.recording import GelPad, Recording
+from tactile.readers.recording import GelPad, Recording
 
 PAD_NAMES = ("left", "right")
 

@@ -10,8 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tactile.gel.force_inverse import InvertedForce
-from tactile.gel.force_likelihood import most_likely_hyperparameters
+from tactile.gel.force_inverse import InvertedForce, most_likely_hyperparameters
 from tactile.gel.grid import PriorHyperparameters, gel_grid
 from tactile.gel.slab import FLAT_TO, GelSlab
 from tactile.gel_camera import mm_per_px, on_face, ray_information, triangulated

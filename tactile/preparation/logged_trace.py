@@ -11,9 +11,10 @@ from jaxtyping import Bool, Float, Int
 from tactile.preparation.logger_correction import (
     LoggerCorrection,
     LoggerFault,
-    Words,
     correction,
+    counted,
     listed,
+    measured,
     spoilt_said,
 )
 from tactile.preparation.readings import rhythm_of
@@ -83,7 +84,7 @@ def written_runs(logged: LoggedTrace) -> tuple[list[LoggedTrace], list[LoggerCor
 
     Raises NotPrepared for times that are out of order all over, and for a clock that was set back.
     """
-    keep, notes = written(Words(), logged.time_s, logged.columns, logged.rows)
+    keep, notes = written(logged.time_s, logged.columns, logged.rows)
     breaks = np.unique(np.searchsorted(np.flatnonzero(keep), np.array(logged.breaks, dtype=int)))
     left = logged.part(keep)
     inside = breaks[(breaks > 0) & (breaks < len(left.rows))].tolist()
@@ -125,32 +126,32 @@ def prepare(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
     Raises NotPrepared where more than MOST_CORRECTED of the rows would be left out one by one, two topics
     have no time in common, times stand still, or a step of the force may be a reset or the specimen's.
     """
-    words, total, joined = Words(), len(logged.rows), bool(logged.topics)
-    logged, notes = _without_wild_times(words, logged)
+    total, joined = len(logged.rows), bool(logged.topics)
+    logged, notes = _without_wild_times(logged)
     if not joined:
         inside = unwritten_inside(list(logged.columns.values()))
         if inside.any():
-            says = f"{words.count(int(inside.sum()))} inside the record repeat one value; drupe left out all."
+            says = f"{counted(int(inside.sum()))} inside the record repeat one value; drupe left out all."
             notes.append(
                 correction(
                     LoggerFault.MISSING, logged.quantity, logged.rows[inside], logged.travel[inside], says
                 )
             )
             logged = logged.part(~inside)
-    logged, corrections = _without_wild(words, logged)
+    logged, corrections = _without_wild(logged)
     notes += corrections
     spoilt = {row for note in notes if note.fault is not LoggerFault.REPEATED for row in note.rows}
     if joined:
         logged, note = _on_one_clock(logged)
         notes.append(note)
     else:
-        logged, corrections = _on_readings(words, logged, known=spoilt)
+        logged, corrections = _on_readings(logged, known=spoilt)
         notes += corrections
         spoilt |= {row for note in corrections if note.fault is LoggerFault.MISSING for row in note.rows}
     if len(spoilt) > MOST_CORRECTED * total:
         share = f"{len(spoilt)} of {total} rows ({len(spoilt) / total:.1%})"
         raise NotPrepared(
-            f"{share} wild or missing ({spoilt_said(words, notes)})",
+            f"{share} wild or missing ({spoilt_said(notes)})",
             f"at most {MOST_CORRECTED:.0%}; look for the loose contact or the lost data, and press again",
         )
     stands = np.flatnonzero(np.diff(logged.time_s) <= 0)
@@ -158,12 +159,12 @@ def prepare(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
         k = int(stands[0])
         back = f"{logged.time_s[k + 1]:g} s in row {logged.rows[k + 1]} after {logged.time_s[k]:g} s"
         raise NotPrepared(back, "increasing times; export more decimals of the time, or leave out one row")
-    logged, corrections = _without_resets(words, logged)
+    logged, corrections = _without_resets(logged)
     return logged, [*notes, *corrections]
 
 
 def written(
-    words: Words, time_s: Values, columns: Mapping[str, Values], rows: Int[np.ndarray, " t"]
+    time_s: Values, columns: Mapping[str, Values], rows: Int[np.ndarray, " t"]
 ) -> tuple[Bool[np.ndarray, " t"], list[LoggerCorrection]]:
     """Which rows were written, and a note on each block at the start or the end that was not."""
     keep, notes = np.ones(len(time_s), dtype=bool), []
@@ -171,14 +172,12 @@ def written(
         keep[part] = False
         held = {name: float(values[part.start]) for name, values in columns.items()}
         whole = not np.isnan(list(held.values())).any()
-        kept = ", ".join(
-            f"{name} {words.value(name, held[name])}" for name in held if name in dict(words.units)
-        )
+        kept = ", ".join(f"{name} {measured(name, held[name])}" for name in held)
         count = part.stop - part.start
         why = f"never written ({'all hold' if count > 1 else 'it holds'} {kept})" if whole else "not whole"
         place = "start" if part.start == 0 or not keep[: part.start].any() else "end"
         says = (
-            f"{words.count(count)} at the {place}, from {words.row} {rows[part.start]} on, {why}; drupe left "
+            f"{counted(count)} at the {place}, from row {rows[part.start]} on, {why}; drupe left "
             "out all of them."
         )
         notes.append(
@@ -187,23 +186,20 @@ def written(
     return keep, notes
 
 
-def _without_wild_times(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
+def _without_wild_times(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
     """Without rows of a wild time (each topic by itself) or written twice; topics in the order of time."""
     notes, time = [], logged.time_s
     off = np.zeros(len(time), dtype=bool)
     for topic in logged.topics or [~off]:
         off[topic] |= wild_times(time[topic])
     if off.any():
-        notes.append(_wild_note(words, "time", logged.rows[off], time[off]))
+        notes.append(_wild_note("time", logged.rows[off], time[off]))
     twice = np.r_[False, np.diff(time) == 0]
     for column in logged.columns.values():
         twice[1:] &= (np.diff(column) == 0) | (np.isnan(column[1:]) & np.isnan(column[:-1]))
     if twice.any():
         at, times = logged.rows[twice], time[twice]
-        says = (
-            f"{words.count(len(at))} appear twice ({listed(words, 'time', at, times)}); drupe left out the "
-            "repeats."
-        )
+        says = f"{counted(len(at))} appear twice ({listed('time', at, times)}); drupe left out the repeats."
         notes.append(correction(LoggerFault.REPEATED, "time", at, times, says))
     kept = np.flatnonzero(~(off | twice))
     if logged.topics:
@@ -211,28 +207,26 @@ def _without_wild_times(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace,
     return logged.part(kept), notes
 
 
-def _without_wild(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
+def _without_wild(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
     """Travel and force with NaN for what is wild, and the notes."""
     notes, left = [], []
     for name, values in logged.columns.items():
         off = wild(values)
         if off.any():
-            notes.append(_wild_note(words, name, logged.rows[off], values[off]))
+            notes.append(_wild_note(name, logged.rows[off], values[off]))
         left.append(np.where(off, np.nan, values))
     return replace(logged, travel=left[0], force_N=left[1]), notes
 
 
 def _wild_note(
-    words: Words, quantity: str, rows: Int[np.ndarray, " k"], values: Float[np.ndarray, " k"]
+    quantity: str, rows: Int[np.ndarray, " k"], values: Float[np.ndarray, " k"]
 ) -> LoggerCorrection:
     many = "wild reading" if len(rows) == 1 else "wild readings"
-    says = f"{len(rows)} {many} of {quantity} left out: {listed(words, quantity, rows, values)}."
+    says = f"{len(rows)} {many} of {quantity} left out: {listed(quantity, rows, values)}."
     return correction(LoggerFault.WILD, quantity, rows, values, says)
 
 
-def _on_readings(
-    words: Words, logged: LoggedTrace, *, known: set[int]
-) -> tuple[LoggedTrace, list[LoggerCorrection]]:
+def _on_readings(logged: LoggedTrace, *, known: set[int]) -> tuple[LoggedTrace, list[LoggerCorrection]]:
     """Rows that hold a time and a reading of travel and of force; `known`: rows left out already."""
     notes = []
     whole = np.isfinite(logged.travel) & np.isfinite(logged.force_N) & np.isfinite(logged.time_s)
@@ -247,7 +241,7 @@ def _on_readings(
         rate = 1 / (period * float(np.median(np.diff(logged.time_s))))
         says = (
             f"{name} was read {rate:.3g} times a second and repeated in between; drupe used the first "
-            f"row of each reading ({words.count(int(again.sum()))} of {len(values)} repeat, from row "
+            f"row of each reading ({counted(int(again.sum()))} of {len(values)} repeat, from row "
             f"{logged.rows[np.argmax(again)]} on)."
         )
         notes.append(correction(LoggerFault.REPEATED, name, logged.rows[again], values[again], says))
@@ -255,9 +249,9 @@ def _on_readings(
     lacking = ~whole & ~np.isin(logged.rows, list(known))
     if lacking.any():
         at = logged.rows[lacking]
-        which = ", ".join(f"{words.row} {row}" for row in at[:3])
+        which = ", ".join(f"row {row}" for row in at[:3])
         which += f" and {len(at) - 3} more" if len(at) > 3 else ""
-        says = f"{words.count(len(at))} with an empty cell left out: {which}."
+        says = f"{counted(len(at))} with an empty cell left out: {which}."
         notes.append(correction(LoggerFault.MISSING, "", at, np.full(len(at), np.nan), says))
     return logged.part(keep), notes
 
@@ -286,7 +280,7 @@ def _on_one_clock(logged: LoggedTrace) -> tuple[LoggedTrace, LoggerCorrection]:
     return replace(common, travel=travel), note
 
 
-def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
+def _without_resets(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
     """Both parts of each reset on the scale of the first."""
     try:
         zero_resets = resets(logged.time_s, logged.travel, logged.force_N)
@@ -316,7 +310,7 @@ def _without_resets(words: Words, logged: LoggedTrace) -> tuple[LoggedTrace, lis
             else f"the display of the {name} was zeroed"
         )
         says = (
-            f"{what} at {words.row} {row} ({words.value(name, reset.step)} in one {words.row}, while "
+            f"{what} at row {row} ({measured(name, reset.step)} in one row, while "
             "the other quantity continues); drupe removed the step, on the scale of the rows before "
             "it."
         )

@@ -42,60 +42,54 @@ def correction(
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Words:
-    """What sentences call a row (`row` of a table, `frame` of a recording), and each quantity's unit."""
+UNITS = {"time": "s", "travel": "mm", "gap": "mm", "force": "N"}
 
-    row: str = "row"
-    units: tuple[tuple[str, str], ...] = (("time", "s"), ("travel", "mm"), ("gap", "mm"), ("force", "N"))
 
-    def count(self, number: int) -> str:
-        """The number with its noun.
+def counted(rows: int) -> str:
+    """The number of rows with its noun.
 
-        >>> Words().count(1), Words(row="frame").count(3)
-        ('1 row', '3 frames')
-        """
-        return f"{number} {self.row}{'' if number == 1 else 's'}"
+    >>> counted(1), counted(3)
+    ('1 row', '3 rows')
+    """
+    return f"{rows} row{'' if rows == 1 else 's'}"
 
-    def value(self, quantity: str, value: float) -> str:
-        """A value with its unit.
 
-        >>> Words().value("force", -196.13), Words().value("force", float("nan"))
-        ('-196.13 N', 'nothing')
-        """
-        if np.isnan(value):
-            return "nothing"
-        unit = dict(self.units).get(quantity, "")
-        return f"{value:.6g} {unit}".rstrip()
+def measured(quantity: str, value: float) -> str:
+    """A value with its unit.
+
+    >>> measured("force", -196.13), measured("force", float("nan"))
+    ('-196.13 N', 'nothing')
+    """
+    return "nothing" if np.isnan(value) else f"{value:.6g} {UNITS[quantity]}"
 
 
 def listed(
-    words: Words, quantity: str, rows: Sequence[int] | Int[np.ndarray, " k"], values: Float[np.ndarray, " k"]
+    quantity: str, rows: Sequence[int] | Int[np.ndarray, " k"], values: Float[np.ndarray, " k"]
 ) -> str:
     """The first rows with their values, and how many more there are.
 
-    >>> listed(Words(), "force", [42, 302], np.array([-196.13, 98.07]))
+    >>> listed("force", [42, 302], np.array([-196.13, 98.07]))
     'row 42 (-196.13 N), row 302 (98.07 N)'
     """
     each = [
-        f"{words.row} {row} ({words.value(quantity, value)})"
+        f"row {row} ({measured(quantity, value)})"
         for row, value in zip(rows[:SHOWN], values[:SHOWN], strict=True)
     ]
     more = len(rows) - SHOWN
     return ", ".join(each) + (f" and {more} more" if more > 0 else "")
 
 
-def spoilt_said(words: Words, corrections: Sequence[LoggerCorrection]) -> str:
+def spoilt_said(corrections: Sequence[LoggerCorrection]) -> str:
     """Wild and missing values with their rows, as part of a sentence.
 
     >>> wild = LoggerFault.WILD
     >>> spike = LoggerCorrection(fault=wild, quantity="force", rows=(42,), values=(-196.13,), says="")
-    >>> spoilt_said(Words(), [spike])
+    >>> spoilt_said([spike])
     'wild force: row 42 (-196.13 N)'
     """
     spoilt = [repair for repair in corrections if repair.fault in (LoggerFault.WILD, LoggerFault.MISSING)]
     return "; ".join(
         f"{repair.fault} {repair.quantity or 'cells'}: "
-        + listed(words, repair.quantity, repair.rows, np.array(repair.values))
+        + listed(repair.quantity, repair.rows, np.array(repair.values))
         for repair in spoilt
     )

@@ -148,8 +148,7 @@ def _never_written(time_s: Values, columns: Sequence[Values], length: int) -> bo
     """Whether the first `length` rows, all of one value, were not measured.
 
     They hold nothing, or time stands in them, or all quantities hold a fill value from which the record
-    jumps and to which it does not come back. A place alone may stand above zero and then jump: a machine's
-    approach.
+    jumps and to which it does not come back.
     """
     held = [float(column[0]) for column in columns]
     if np.isnan(time_s[0]) or np.isnan(held).all():
@@ -159,7 +158,7 @@ def _never_written(time_s: Values, columns: Sequence[Values], length: int) -> bo
     if length > 1 and not (np.diff(time_s[:length]) != 0).any():
         return True
     rest = [column[length:] for column in columns]
-    if (len(columns) == 1 and held[0] > 0) or np.isnan(held).any() or not _is_fill(held, rest):
+    if np.isnan(held).any() or not _is_fill(held, rest):
         return False
     if time_s[length] < time_s[length - 1]:
         return True
@@ -195,8 +194,6 @@ def _was_measured(held: Sequence[float], rest: Sequence[Float[np.ndarray, " r"]]
     """Whether place and force of a block can be a machine's that stands in the air: the record comes back to
     both, or stands under load behind the block.
     """
-    if len(rest) == 1:
-        return False
     place, force = rest
     known = np.isfinite(place) & np.isfinite(force) & ~wild(place) & ~wild(force)
     other = _constant([place[::-1], force[::-1]])

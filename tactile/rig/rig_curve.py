@@ -6,8 +6,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 
-from tactile.io.converted import Converted
-from tactile.io.recording import IndenterPad, Recording
+from tactile.readers.recording import Converted, IndenterPad, Recording
 from tactile.rig.rigid_squeeze import UNLOADED_FRAMES
 from tactile.tactile_failure import TactileFailure, TactileProblem
 

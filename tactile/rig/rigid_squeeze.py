@@ -8,8 +8,8 @@ from typing import Literal
 import numpy as np
 from jaxtyping import Bool, Float
 
-from tactile.io.recording import GelPad
 from tactile.noise import noise_sd
+from tactile.readers.recording import GelPad
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 UNLOADED_FRAMES = 5

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from jaxtyping import Float
 
-from tactile.io.flange_table import FlangeTable
-from tactile.io.pictures import unusable
-from tactile.io.recording import Recording
-from tactile.io.robot_file import Robot
 from tactile.markers.gaps import poses_at
+from tactile.readers.flange_table import FlangeTable
+from tactile.readers.pictures import unusable
+from tactile.readers.recording import Recording
+from tactile.readers.robot_file import Robot
 from tactile.robot.base_and_mat import flange_covariance, place_sd_mm
 from tactile.tactile_failure import TactileFailure
 

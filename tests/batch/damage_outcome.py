@@ -40,9 +40,9 @@ from recon.cameras.unused_photos import unused_photos
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import Mesh, read_mesh
 from recon.triangle_mesh import volume_mm3
-from tactile.io.raw_grasp import read_raw_grasp
-from tactile.io.recording import read_recording
-from tactile.io.trace_columns import TraceWords
+from tactile.readers.raw_grasp import read_raw_grasp
+from tactile.readers.recording import read_recording
+from tactile.readers.trace_columns import TraceWords
 from tactile.tactile_failure import TactileFailure
 
 MOST_CPU_S, MOST_WALL_S = 20, 90

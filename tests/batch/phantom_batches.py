@@ -15,7 +15,7 @@ import trimesh
 
 from recon.surface.mesh_file import write_mesh
 from samples.sensor_noise import SensorNoise, measured
-from tactile.io.recording import GelPad, Recording, write_recording
+from tactile.readers.recording import GelPad, Recording, write_recording
 
 ROOT = Path(__file__).parents[2]
 FORWARD, BALLS = ROOT / "benchmarks" / "forward", ROOT / "tests" / "data" / "phantom-ball-calculix.csv"

@@ -14,7 +14,7 @@ from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import mesh_bytes
-from tactile.io.recording import GelPad, Recording, write_recording
+from tactile.readers.recording import GelPad, Recording, write_recording
 
 ROOT = Path(__file__).resolve().parents[2]
 BATCH = """category = "mine.toml"

@@ -22,7 +22,7 @@ def test_a_gain_puts_E_in_doubt_and_grams_refuse_it(tmp_path):
     doubted = drupe("grade", "--no-screen", batch, "--jobs", 1)
     assert doubted.status == 4, doubted.err
     row = pd.read_csv(batch / "results" / "ranking.csv").iloc[0]
-    assert "both pads' forces are 1.2" in row.doubts
+    assert "both pads' force is 1.2" in row.doubts
     assert row.doubts in row.warnings
     assert 0.14 < row.E_sd_MPa / row.E_MPa < 0.2
     page = (batch / "results" / "report.html").read_text()
@@ -34,5 +34,6 @@ def test_a_gain_puts_E_in_doubt_and_grams_refuse_it(tmp_path):
     assert refused.status == 3, refused.err
     row = pd.read_csv(batch / "results" / "ranking.csv").iloc[0]
     assert row.outcome == "implausible-recording"
-    assert row.reason.startswith("grasp-1.h5: both pads' forces look like grams: 10")
+    assert row.reason.startswith("grasp-1.h5: both pads' force is 10")
+    assert "Cause: forces look like grams" in row.reason
     assert pd.isna(row.E_MPa)

@@ -19,7 +19,7 @@ sys.path.insert(0, str(Path(__file__).parent.parent / "fem"))
 from compressed_solid import spheroid
 
 from pipeline.cli import app
-from tactile.io.recording import IndenterPad, read_recording, write_recording
+from tactile.readers.recording import IndenterPad, read_recording, write_recording
 
 RADIUS_MM, ALONG, PIT, NU = 30.0, 0.95, 0.44, 0.45
 TRUE_MPA = {"firm": 1.1, "soft": 0.35}

@@ -16,10 +16,10 @@ from pipeline.batch.settings import Settings
 from pipeline.commands.convert import convert
 from pipeline.recordings.conversion import KINDS
 from reports.tables import RANKING_COLUMNS
-from tactile.io.field_tables import COLUMNS as MARKER_COLUMNS
-from tactile.io.recording import read_recording
-from tactile.io.tac3d import FIELDS
-from tactile.io.trace_columns import FORCE, TRAVEL
+from tactile.readers.field_tables import COLUMNS as MARKER_COLUMNS
+from tactile.readers.recording import read_recording
+from tactile.readers.tac3d import FIELDS
+from tactile.readers.trace_columns import FORCE, TRAVEL
 
 ROOT = Path(__file__).parents[2]
 DOCUMENTS = sorted(

@@ -12,8 +12,8 @@ from small_batches import run as command
 from pipeline.files.toml_text import as_toml
 from samples.gel_images import Field, GelLook, gel_image
 from tactile.from_frames import recording_of
-from tactile.io.raw_grasp import read_raw_grasp
-from tactile.io.sensor_file import read_sensor
+from tactile.readers.raw_grasp import read_raw_grasp
+from tactile.readers.sensor_file import read_sensor
 from tactile.sensors import GelCamera, marker_grid
 
 DRAFT = """

@@ -11,8 +11,8 @@ from small_batches import run
 sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
 from series_springs import SeriesRig, press
 
-from tactile.io.recording import GelPad, Recording, write_recording
-from tactile.io.rig_file import read_rig
+from tactile.readers.recording import GelPad, Recording, write_recording
+from tactile.readers.rig_file import read_rig
 from tactile.tactile_failure import TactileFailure
 
 RIG = SeriesRig(spring_N_per_mm=6.0, pads=12.0)

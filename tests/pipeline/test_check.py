@@ -11,7 +11,7 @@ from pipeline.run.checking import ImplausibleNumbers, check
 from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh, write_mesh
-from tactile.io.recording import read_recording
+from tactile.readers.recording import read_recording
 
 
 @pytest.fixture

@@ -14,8 +14,8 @@ from tac3d_folder import write_sensor
 
 from pipeline.problem import BatchRefused
 from pipeline.recordings.conversion import ConvertRequest, convert
-from tactile.io.field_tables import COLUMNS
-from tactile.io.recording import GelPad, IndenterPad, read_recording
+from tactile.readers.field_tables import COLUMNS
+from tactile.readers.recording import GelPad, IndenterPad, read_recording
 
 FIELDS = 'kind = "fields"\nname = "table"\n[gel]\ngel_kn_MPa_per_mm = 0.3\ngel_kt_MPa_per_mm = 0.1\n'
 run = partial(command, "convert")

@@ -12,7 +12,7 @@ from ros_bags import DEFINITIONS, cloud, number, pose, rows, write_bag
 from scipy.spatial.transform import Rotation
 from small_batches import run as command
 
-from tactile.io.recording import Recording, read_recording
+from tactile.readers.recording import Recording, read_recording
 
 SENSOR = 'kind = "fields"\nname = "table"\n[gel]\ngel_kn_MPa_per_mm = 0.3\ngel_kt_MPa_per_mm = 0.1\n'
 SENSOR += "[spread]\nforce = 0.05\ndisplacement = 0.02\n"
@@ -218,7 +218,7 @@ def test_a_small_bag_that_unpacks_to_too_much_is_given_up(tmp_path):
     words = ["convert", "grasp.mcap", "out.h5", "--sensor", "sensor.toml", "--topics", "topics.toml"]
     words = [str(tmp_path / word) if "." in word else word for word in words]
     code = (
-        "from tactile.io import ros_bag; from pipeline.cli import app; "
+        "from tactile.readers import ros_bag; from pipeline.cli import app; "
         f"ros_bag.MOST_MEMORY = 10_000_000; app({words!r})"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120)

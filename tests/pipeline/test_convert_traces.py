@@ -8,8 +8,8 @@ import pandas as pd
 import pytest
 from small_batches import run as command
 
-from tactile.io.cell_rows import sheets_of
-from tactile.io.recording import IndenterPad, read_recording
+from tactile.readers.cell_rows import sheets_of
+from tactile.readers.recording import IndenterPad, read_recording
 
 BALL = ("--indenter", "ball", "--radius-mm", "5")
 TIMES = np.arange(30) / 10

@@ -18,7 +18,7 @@ from pipeline.fruit.input_doubts import (
 from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior
 from samples.fruit import fruit_of_seed, scanned_mesh
-from tactile.checks.finding import Finding, FindingKind, FindingRank
+from tactile.consistency.finding import Finding, FindingKind
 
 
 @pytest.fixture(scope="module")
@@ -50,7 +50,7 @@ def test_a_pit_elsewhere_is_said_and_far_away_refused(nectarine, shift_mm, refus
 
 
 def test_a_moved_pit_widens_the_error_bar_by_more_than_what_it_did_to_E_and_not_three_times_that(nectarine):
-    """Over 6 mm E of three nectarines changed by 0.1 to 3.3 % (benchmarks/field_spreads.py --pits)."""
+    """Over 6 mm E of three nectarines changed by 0.1 to 3.3 %."""
     skin, (pit, faces), prior = nectarine
     (doubt,) = of_a_given_pit(skin, pit + np.array([6.0, 0.0, 0.0]), faces, prior)
     assert 0.033 < doubt.relative_sd < 3 * 0.033
@@ -83,8 +83,7 @@ def grasp(number, *findings):
 
 def gain(relative_sd=0.2, pads=("left", "right")):
     return Finding(
-        kind=FindingKind.GAIN,
-        rank=FindingRank.RELATION,
+        kind=FindingKind.SCALE,
         says="forces are 1.3 times",
         pads=pads,
         relative_sd=relative_sd,
@@ -92,9 +91,7 @@ def gain(relative_sd=0.2, pads=("left", "right")):
 
 
 def test_a_remark_is_said_puts_nothing_in_doubt_and_explains_no_sign():
-    remark = Finding(
-        kind=FindingKind.ENDS_PRESSED, rank=FindingRank.MACHINE, says="it ends pressed", remark=True
-    )
+    remark = Finding(kind=FindingKind.ENDS_PRESSED, says="it ends pressed", remark=True)
     remarked, two = grasp(1, remark), grasp(2, gain())
     assert remarks_of_grasps([remarked, two]) == ["grasp-1: it ends pressed."]
     (doubt,) = of_grasps([remarked, two])
@@ -115,7 +112,7 @@ def test_a_fault_that_all_recordings_have_is_not_made_less_by_more_of_them(count
 def test_unlike_faults_add_in_squares_also_where_they_are_of_one_kind():
     left, right = gain(0.3, ("left",)), gain(0.4, ("right",))
     assert relative_sd(of_grasps([grasp(1, left, right)])) == pytest.approx(0.5)
-    clock = Finding(kind=FindingKind.CLOCKS_APART, rank=FindingRank.MACHINE, says="late", relative_sd=0.4)
+    clock = Finding(kind=FindingKind.CLOCKS_APART, says="late", relative_sd=0.4)
     assert relative_sd(of_grasps([grasp(1, gain(0.3), clock)])) == pytest.approx(0.5)
     assert relative_sd([]) == 0.0
     assert relative_sd([Doubt(sentence="a", relative_sd=0.3), Doubt(sentence="b", relative_sd=0.4)]) == 0.5
@@ -128,7 +125,7 @@ def test_only_the_signs_that_a_cause_explains_are_left_out():
     assert causes_alone(signs, explained=signs_explained(grasp(1))) == signs
 
 
-@pytest.mark.parametrize("kind", ["time-unit", "aperture-unit", "frames-dropped", "ends-pressed", "logger"])
+@pytest.mark.parametrize("kind", ["time-unit", "aperture-unit", "copied-frames", "ends-pressed"])
 def test_what_E_does_not_depend_on_explains_no_sign_of_its_modulus(kind):
-    harmless = Finding(kind=FindingKind(kind), rank=FindingRank.MACHINE, says="harmless")
+    harmless = Finding(kind=FindingKind(kind), says="harmless")
     assert signs_explained(grasp(1, harmless)) == set()

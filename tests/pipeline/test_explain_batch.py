@@ -8,7 +8,7 @@ from fake_explanation import GAIN, OTHERS, fake_explanation
 
 import pipeline.diagnosis.diagnosis
 import pipeline.fruit.grasped
-from tactile.io.recording import IndenterPad, Recording, write_recording
+from tactile.readers.recording import IndenterPad, Recording, write_recording
 
 
 def test_a_fruit_of_a_batch_is_explained_and_its_effect_applied_once(drupe, finder, batch):

@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from pipeline.files.limited_memory import limited_memory
-from tactile.io.limited_process import TrialEnding, tried
+from tactile.readers.limited_process import TrialEnding, tried
 
 MIB, GIB = 2**20, 2**30
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no limit")

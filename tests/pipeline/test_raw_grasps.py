@@ -10,9 +10,8 @@ from pipeline.batch.layout import FruitFolder, raw_grasp_files
 from pipeline.files.checked_file import is_whole
 from pipeline.fruit import raw_grasps
 from pipeline.fruit.raw_grasps import kept_recording
-from tactile.io.converted import Converted
-from tactile.io.raw_grasp import read_raw_grasp
-from tactile.io.recording import read_recording
+from tactile.readers.raw_grasp import read_raw_grasp
+from tactile.readers.recording import Converted, read_recording
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 RECORDING = Path(__file__).parents[1] / "data" / "nectarine-grasp" / "grasp.h5"

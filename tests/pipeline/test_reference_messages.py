@@ -15,7 +15,7 @@ from pipeline.fruit.raw_grasps import kept_recording
 from pipeline.recordings.conversion import ConvertRequest, convert
 from pipeline.run.checking import check
 from recon.surface.mesh_file import read_mesh
-from tactile.io.recording import read_recording
+from tactile.readers.recording import read_recording
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))

@@ -15,14 +15,14 @@ from small_batches import run
 
 sys.path += [str(Path(__file__).parent.parent / room) for room in ("tactile", "recon")]
 from mat_scene import ring
-from simulated_robot import BASE_FROM_MAT, FLANGE_FROM_CAMERA, noisy, pose, touches
+from simulated_robot import BASE_FROM_MAT, FLANGE_FROM_CAMERA, noisy, pose
 
 from pipeline.fruit.placed_grasp import place_grasp
 from recon.cameras.camera import Camera
 from recon.cameras.printed_mat import Mat, mat_mapping, standard_mat, tag_bits
 from recon.surface.mesh_file import read_mesh
-from tactile.io.recording import read_recording, write_recording
-from tactile.io.robot_file import Robot, read_robot
+from tactile.readers.recording import read_recording, write_recording
+from tactile.readers.robot_file import Robot, read_robot
 from tactile.tactile_failure import TactileFailure
 
 DATA = Path(__file__).parent.parent / "data" / "nectarine-grasp"
@@ -113,22 +113,6 @@ def test_photos_then_a_grasp_give_pads_within_their_stated_error(photos: Path, t
         assert sd < 0.4
 
 
-def test_touches_give_the_mats_place(tmp_path: Path) -> None:
-    reported, corners, _ = touches(np.random.default_rng(5), count=20)
-    place = {tuple(at[k]): (tag, k) for tag, at in standard_mat().corners_mm.items() for k in range(4)}
-    rows = [f"tag,corner,{HEADER}"]
-    for flange, corner in zip(reported, corners, strict=True):
-        rows.append(f"{place[tuple(corner)][0]},{place[tuple(corner)][1]},{quaternion_row(flange)}")
-    (tmp_path / "poses.csv").write_text("\n".join(rows))
-    write_gripper_and_mat(tmp_path)
-    code, words = calibrated(tmp_path, tmp_path / "robot.toml")
-    assert code == 0, words
-    assert distance(read_robot(tmp_path / "robot.toml")) < chi2.ppf(0.999, 6)
-    code, words = calibrated(tmp_path, tmp_path / "robot.toml", "--fixed-camera")
-    assert code != 0
-    assert "lists touches; remove --fixed-camera" in words
-
-
 def write_recording_without_poses(path: Path) -> None:
     recording = read_recording(DATA / "grasp.h5")
     still = [replace(pad, pose=np.broadcast_to(np.eye(4), pad.pose.shape).copy()) for pad in recording.pads]
@@ -141,12 +125,10 @@ def write_recording_without_poses(path: Path) -> None:
         (f"photo,{HEADER}\n../a.png,500,0,300,0,0,0,1", "without a path"),
         (f"photo,{HEADER}\na.png,500,0,300,0,0,0,1\na.png,510,0,300,0,0,0,1", '"a.png" twice'),
         (f"photo,{HEADER}\nb.png,500,0,300,0,0,0,1", "b.png"),
-        (f"{HEADER}\n500,0,300,0,0,0,1", "found no photos or touches"),
-        (f"tag,corner,{HEADER}\n99,0,500,0,300,0,0,0,1", "row 2: found tag 99, corner 0"),
-        (f"tag,corner,{HEADER}\n1,4,500,0,300,0,0,0,1", "row 2: found tag 1, corner 4"),
+        (f"{HEADER}\n500,0,300,0,0,0,1", "found no photos"),
     ],
 )
-def test_a_table_that_names_no_photo_or_corner_is_refused(table: str, words: str, tmp_path: Path) -> None:
+def test_a_table_that_names_no_photo_is_refused(table: str, words: str, tmp_path: Path) -> None:
     (tmp_path / "poses.csv").write_text(table)
     write_gripper_and_mat(tmp_path)
     code, said = calibrated(tmp_path, tmp_path / "robot.toml")

@@ -14,9 +14,9 @@ from test_camera_from_dots import dots, eye, picture
 from fem.estimation.joint_inference import FruitModulus
 from pipeline.fruit.elasticity import SENSOR, modulus_record
 from pipeline.fruit.sensor_scale import COMMON_SD, E_PER_PICTURE, PICTURE_SD, SensorScale, sensor_scale
-from tactile.io.recording import GelPad, Recording, read_recording, write_recording
-from tactile.io.sensor_file import read_sensor
-from tactile.io.sensor_model import model_names, read_model
+from tactile.readers.recording import GelPad, Recording, read_recording, write_recording
+from tactile.readers.sensor_file import read_sensor
+from tactile.readers.sensor_model import model_names, read_model
 
 
 @pytest.fixture

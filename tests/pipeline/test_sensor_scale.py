@@ -10,11 +10,10 @@ import pytest
 from pipeline.batch.settings import SensorSettings
 from pipeline.fruit.known_sensor import known_gels
 from pipeline.fruit.sensor_scale import COMMON_SD, E_PER_GAIN, PICTURE_SD, sensor_scale
-from tactile.checks.finding import FindingKind
-from tactile.checks.gel_findings import gel_findings
-from tactile.checks.gel_gain import GAIN_SD, LAW_SD, gain_left
-from tactile.checks.of_recording import recording_findings
-from tactile.io.recording import GelPad, read_recording
+from tactile.consistency.finding import FindingKind
+from tactile.consistency.gain import GAIN_SD, LAW_SD, gain_left
+from tactile.consistency.of_recording import recording_findings
+from tactile.readers.recording import GelPad, read_recording
 
 SAMPLE = Path(__file__).parents[2] / "samples" / "data" / "two-fruits" / "fruits" / "N01" / "grasps"
 
@@ -52,8 +51,7 @@ def kinds(recordings, settings=None):
     return {
         finding.kind
         for recording in recordings
-        for known in known_gels(recording.sensor, settings)
-        for finding in gel_findings([pad for pad in recording.pads if isinstance(pad, GelPad)], known)
+        for finding in recording_findings(recording, None, None, gels=known_gels(recording.sensor, settings))
     }
 
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from small_batches import run
 
-from tactile.io.recording import IndenterPad, read_recording, write_recording
+from tactile.readers.recording import IndenterPad, read_recording, write_recording
 
 CYLINDER = ("--indenter", "plates", "--specimen", "cylinder", "--height-mm", "12", "--diameter-mm", "15")
 FRUIT = ("--indenter", "plates", "--diameters-mm", "61", "60", "58", "--axis", "c")

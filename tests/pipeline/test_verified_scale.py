@@ -15,7 +15,7 @@ from pipeline.ranking.report_entries import _facts
 from pipeline.ranking.verified_scale import verified, with_own_gain
 from reports.entries import FruitEntry
 from reports.tables import RANKING_COLUMNS, _row
-from tactile.checks.gel_gain import GAIN_SD, LAW_SD, UnseenGain, gain_left
+from tactile.consistency.gain import GAIN_SD, LAW_SD, UnseenGain, gain_left
 
 OWN, PICTURES, HIDDEN_GAIN, COMMON = 0.012, 0.05, UnseenGain(shared=0.03, independent=0.004), 0.03
 OWN_GAIN_OF_E = E_PER_GAIN * HIDDEN_GAIN.independent

@@ -15,7 +15,7 @@ from pipeline.terminal_language import in_language_of_locale
 from reports.language import ENGLISH, LANGUAGES, spoken
 from reports.messages import catalogue, message
 from reports.page import report_html
-from tactile.checks.finding import Finding, FindingKind, FindingRank
+from tactile.consistency.finding import Finding, FindingKind
 
 OTHERS = [language for language in LANGUAGES if language != ENGLISH]
 
@@ -58,7 +58,7 @@ def test_a_finding_of_a_pad_in_a_recording_is_translated_with_its_parts():
         "force has the wrong sign: pressing must move markers to negative z and give a positive force on the "
         "fruit"
     )
-    finding = Finding(FindingKind.SIGN, FindingRank.RELATION, says, pads=("left",))
+    finding = Finding(FindingKind.SIGN, says, pads=("left",))
     with spoken("de"):
         assert message(f"grasp-1: {finding.sentence}.") == (
             "grasp-1: Pad links: Kraft hat das falsche Vorzeichen: Drücken muss Marker nach negativem z "

@@ -11,7 +11,7 @@ from recon.triangle_mesh import volume_mm3
 from samples.hexahedra import COARSE
 from samples.sample_batch import write_batch
 from samples.sample_failure import SampleFailure
-from tactile.io.recording import GelPad, read_recording
+from tactile.readers.recording import GelPad, read_recording
 
 pytestmark = pytest.mark.slow
 

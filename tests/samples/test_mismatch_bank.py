@@ -17,7 +17,7 @@ from samples.mismatch.effect_levels import AMPLITUDES
 from samples.mismatch.injected import EFFECTS
 from samples.mismatch.true_recording import TrueRecording
 from samples.sample_failure import SampleFailure
-from tactile.io.recording import GelPad, read_recording
+from tactile.readers.recording import GelPad, read_recording
 
 FRAMES = 40
 LOADED = still_recording(FRAMES, late_N=0.01)

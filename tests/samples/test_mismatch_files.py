@@ -14,7 +14,7 @@ from samples.mismatch.drawn_fruit import drawn_fruit, seen_anew
 from samples.mismatch.effect_levels import drawn_parameters
 from samples.mismatch.four_grasps import four_manners, motion_of
 from samples.sample_failure import SampleFailure
-from tactile.io.recording import GelPad, read_recording
+from tactile.readers.recording import GelPad, read_recording
 
 
 def test_the_four_grasps_have_the_frames_of_the_shared_cases() -> None:

@@ -11,7 +11,7 @@ from samples.grasp_plan import planned_grasps, straight
 from samples.sample_failure import SampleFailure
 from samples.shipped import shipped_batches, write_shipped
 from samples.simulated_grasp import true_grasp
-from tactile.io.recording import GelPad, read_recording
+from tactile.readers.recording import GelPad, read_recording
 
 DATA = Path("samples/data")
 

@@ -7,7 +7,7 @@ import pytest
 from injected_grasp import InjectedGrasp, injected_grasp
 
 from recon.surface.mesh_file import Mesh, read_mesh
-from tactile.io.recording import Recording, read_recording
+from tactile.readers.recording import Recording, read_recording
 
 DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
 

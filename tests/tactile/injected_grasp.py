@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from tactile.io.recording import GelPad, Recording
+from tactile.readers.recording import GelPad, Recording
 
 RADIUS_MM = 25.0
 KN_MPA_PER_MM = 0.2

@@ -11,11 +11,11 @@ from injected_grasp import frames_of, gel_pad
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh
 from samples.fruit import fruits_of_seed, scanned_mesh
-from tactile.checks.of_recording import recording_findings
+from tactile.consistency.of_recording import recording_findings
 from tactile.gel.force_inverse import InvertedForce
 from tactile.gel.grid import INITIAL_HYPERPARAMETERS, gel_grid
 from tactile.gel.slab import GelSlab, tent_compliance
-from tactile.io.recording import read_recording
+from tactile.readers.recording import read_recording
 from tactile.sensors import bonded_stiffness
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from injected_grasp import held_by
 
-from tactile.io.recording import IndenterPad
+from tactile.readers.recording import IndenterPad
 
 
 @dataclass(frozen=True)

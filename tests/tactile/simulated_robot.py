@@ -1,4 +1,4 @@
-"""A robot with known frames that photographs a mat, and touches it, with noise of known size."""
+"""A robot with known frames that photographs a mat, with noise of known size."""
 
 import cv2
 import numpy as np
@@ -21,7 +21,6 @@ def pose(x: float, y: float, z: float, *turn_deg: float) -> np.ndarray:
 
 BASE_FROM_MAT = pose(520.0, -140.0, 35.0, 1.0, -0.7, 63.0)
 FLANGE_FROM_CAMERA = pose(4.0, -62.0, 48.0, -9.0, 3.0, 88.0)
-FLANGE_FROM_TIP = np.array([3.0, -5.0, 152.0])
 
 
 def tags(half: int = 3) -> np.ndarray:
@@ -104,17 +103,3 @@ def photographs(rng, count: int = 16, *, scale: float = 1.0, tilt_deg: float = 3
         reported = noisy(flange, rng, scale)
         views.append(view(f"{k:02d}.png", np.linalg.inv(mat_from_camera), reported, corners, rng, scale))
     return views, true
-
-
-def touches(rng, count: int = 16, *, scale: float = 1.0, tilt_deg: float = 30.0):
-    """Reported flange poses of touches, the corners touched (mm), and the true flange poses."""
-    every = tags(3)
-    corners = every[rng.permutation(len(every))[:count]]
-    reported, true = [], []
-    for corner in corners:
-        tilts = rng.uniform(-tilt_deg, tilt_deg, 2)
-        flange = BASE_FROM_MAT @ pose(*corner, 180 + tilts[0], tilts[1], rng.uniform(-90, 90))
-        flange[:3, 3] -= flange[:3, :3] @ FLANGE_FROM_TIP
-        true.append(flange)
-        reported.append(noisy(flange, rng, scale))
-    return np.array(reported), corners, np.array(true)

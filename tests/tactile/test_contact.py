@@ -9,8 +9,8 @@ from injected_grasp import elsewhere, frames_of, injected_grasp
 
 from tactile.contact import Phase, contact_said, find_contact
 from tactile.from_frames import MUCH_AT_EDGE, edge_share
-from tactile.io.recording import IndenterPad
 from tactile.noise import no_contact_noise, noise_in_contact
+from tactile.readers.recording import IndenterPad
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 

@@ -12,9 +12,8 @@ from raw_folder import CENTRE, DEPTH_MM, FRAMES, PX_PER_MM, replaced, shear, wri
 from scipy.spatial import cKDTree
 
 from tactile.from_frames import recording_of
-from tactile.io.converted import Converted
-from tactile.io.raw_grasp import read_raw_grasp
-from tactile.io.recording import GelPad
+from tactile.readers.raw_grasp import read_raw_grasp
+from tactile.readers.recording import Converted, GelPad
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 P = TactileProblem
@@ -146,9 +145,9 @@ FAULTS: list[tuple[str, Callable[[Path], None], TactileProblem, str]] = [
     ("no times", spoil("log.csv", old="time_s", new="t"), P.UNREADABLE_FRAMES,
      "log.csv: time_s: found the columns"),
     ("time missing", spoil("log.csv", old="0.1,59.8", new=",59.8"), P.UNREADABLE_FRAMES,
-     "missing time: row 4 (nothing)"),
+     "log.csv: time_s: found nothing in row 4"),
     ("time back", spoil("log.csv", old="0.1,59.8", new="0.01,59.8"), P.UNREADABLE_FRAMES,
-     "wild time: row 3 (0.05 s)"),
+     "time_s: found 0.01 s in row 4 after 0.05 s"),
     ("no word", spoil("log.csv", old="59.8", new="open"), P.UNREADABLE_FRAMES,
      'aperture_mm: found "open" in row 4'),
     ("other size", painted("left/frame_000002.png", WHITE[:100, :100] // 2), P.UNREADABLE_FRAMES,

@@ -20,7 +20,7 @@ from skfem.helpers import ddot, eye, sym_grad, trace
 from samples.gel_press import gel_block
 from tactile.gel.gel_sides import GelOutline, GelSides, side_response
 from tactile.gel.slab import GelSlab, tent_compliance
-from tactile.io.sensor_file import read_sensor
+from tactile.readers.sensor_file import read_sensor
 from tactile.tactile_failure import TactileFailure
 
 SOFT = GelSlab(thickness_mm=4.0, E_MPa=0.2, nu=0.48)

@@ -12,10 +12,10 @@ from pathlib import Path
 import h5py
 import pytest
 
-import tactile.io.hdf5_file
-import tactile.io.limited_process
-from tactile.io.hdf5_file import require_end
-from tactile.io.recording import read_recording
+import tactile.readers.hdf5_file
+import tactile.readers.limited_process
+from tactile.readers.hdf5_file import require_end
+from tactile.readers.recording import read_recording
 from tactile.tactile_failure import TactileFailure
 
 SHIPPED = (
@@ -25,7 +25,7 @@ SHIPPED = (
 
 @pytest.fixture(autouse=True)
 def _no_contents_are_known(monkeypatch):
-    monkeypatch.setattr(tactile.io.hdf5_file, "_read_through", set())
+    monkeypatch.setattr(tactile.readers.hdf5_file, "_read_through", set())
 
 
 def with_a_broken_heap(path):
@@ -44,7 +44,7 @@ def test_a_sound_file_can_be_read_at_once():
 
 def test_a_heap_without_an_end_is_refused(tmp_path, monkeypatch):
     path = with_a_broken_heap(tmp_path / "grasp-1.h5")
-    monkeypatch.setattr(tactile.io.hdf5_file.require_end, "__kwdefaults__", {"patience_s": 1.0})
+    monkeypatch.setattr(tactile.readers.hdf5_file.require_end, "__kwdefaults__", {"patience_s": 1.0})
     with pytest.raises(
         TactileFailure, match=r"grasp-1\.h5: attribute .* take more than 1 s to read"
     ) as refused:
@@ -56,7 +56,7 @@ def test_contents_that_were_read_through_are_not_tried_again_and_changed_ones_ar
     path = tmp_path / "grasp-1.h5"
     shutil.copy(SHIPPED, path)
     require_end(path)
-    monkeypatch.setattr(tactile.io.hdf5_file, "tried", None)
+    monkeypatch.setattr(tactile.readers.hdf5_file, "tried", None)
     require_end(path)
     monkeypatch.undo()
     with pytest.raises(TactileFailure, match="more than 1 s"):
@@ -101,7 +101,7 @@ def test_an_interrupted_check_leaves_no_process(tmp_path, monkeypatch):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(os, "fork", refuse)
-    monkeypatch.setattr(tactile.io.limited_process.select, "select", interrupt)
+    monkeypatch.setattr(tactile.readers.limited_process.select, "select", interrupt)
     with pytest.raises(KeyboardInterrupt):
         require_end(path)
     monkeypatch.undo()
@@ -115,7 +115,7 @@ def test_an_interrupted_check_leaves_no_process(tmp_path, monkeypatch):
 CHECKING = """
 import os, sys
 from pathlib import Path
-from tactile.io.hdf5_file import require_end
+from tactile.readers.hdf5_file import require_end
 fork = os.fork
 def refuse():
     child = fork()

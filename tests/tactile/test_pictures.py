@@ -4,8 +4,8 @@ import cv2
 import numpy as np
 import pytest
 
-from tactile.io import pictures
-from tactile.io.pictures import read_picture
+from tactile.readers import pictures
+from tactile.readers.pictures import read_picture
 from tactile.tactile_failure import TactileFailure
 
 IMAGE = np.random.default_rng(1).integers(0, 255, (48, 64, 3), np.uint8)

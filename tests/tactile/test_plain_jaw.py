@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from injected_grasp import gel_pad, held_by
 
-from tactile.io.recording import GelPad, IndenterPad, Recording
 from tactile.plain_jaw import has_plain_jaw, with_plain_jaw
+from tactile.readers.recording import GelPad, IndenterPad, Recording
 from tactile.tactile_failure import TactileFailure
 
 RADIUS_MM = 30.0

@@ -4,25 +4,16 @@ import sys
 from dataclasses import replace
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
-from injected_grasp import gel_pad, held_by
 
-from tactile.io.grasp_log import read_log
-from tactile.io.recording import Recording, read_recording, write_recording
 from tactile.preparation.logged_trace import LoggedTrace, NotPrepared, prepare, written_runs
-from tactile.tactile_failure import TactileFailure
 from tactile.trace_thinning import BOUND, MOST_FRAMES, thin
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from drawn_sound import SOUND
 from drawn_traces import FAULTS
 from trace_faults import outcome, read
-
-FRAMES = 150
-TIME = np.arange(FRAMES) / 30
-JAWS = 60 - np.interp(TIME, [0, 0.5, 2.5, 3.0, 4.9], [0, 0, 4, 4, 0])
 
 
 def logged(travel, force):
@@ -89,123 +80,6 @@ def test_a_step_to_zero_without_air_behind_it_is_refused_with_both_causes(row):
     with pytest.raises(NotPrepared, match="zeroed under load, or the specimen broke") as caught:
         prepare(logged(travel, force))
     assert f"at row {row + 2}, and no frames in air" in caught.value.fault
-
-
-def recording() -> Recording:
-    rng = np.random.default_rng(0)
-    depth = np.maximum(59 - JAWS, 0)[:, None, None]
-    rest = np.stack([*np.meshgrid(np.arange(4.0), np.arange(4.0)), np.zeros((4, 4))], axis=-1).reshape(-1, 3)
-    normal = np.array([0, 0, 1.0])
-
-    def pad(name):
-        noise = 1e-3 * rng.standard_normal((2, FRAMES, 16, 3))
-        moved, force = -0.1 * depth * normal + noise[0], 0.1 * depth**1.5 * normal + noise[1]
-        return gel_pad(name, rest, moved, force, kn=0.05, kt=0.02)
-
-    return held_by((pad("left"), pad("right")), TIME, JAWS)
-
-
-def changed(path: Path, change) -> Path:
-    write_recording(path, recording())
-    fields = ["time_s", "aperture_mm"]
-    fields += [
-        f"pads/{pad}/{name}" for pad in ("left", "right") for name in ("pose", "displacement_mm", "force_N")
-    ]
-    with h5py.File(path, "a") as file:
-        for name in fields:
-            values = change(name, np.array(file[name]))
-            del file[name]
-            file[name] = values
-    return path
-
-
-@pytest.mark.parametrize("fill", [0.0, -999.0, np.nan])
-@pytest.mark.parametrize(("start", "end"), [(30, 0), (0, 20), (3, 40)])
-def test_frames_that_were_never_written_are_left_out_of_every_field(tmp_path, fill, start, end):
-    def reserve(_, values):
-        blocks = [np.full((count, *values.shape[1:]), fill) for count in (start, end)]
-        return np.concatenate([blocks[0], values, blocks[1]])
-
-    read_back = read_recording(changed(tmp_path / "a.h5", reserve))
-    np.testing.assert_allclose(read_back.time_s, TIME)
-    np.testing.assert_allclose(read_back.aperture_mm, JAWS)
-    assert len(read_back.pads[1].force_N) == FRAMES
-    assert [len(correction.rows) for correction in read_back.corrections] == [n for n in (start, end) if n]
-
-
-def of_aperture(change):
-    return lambda name, values: change(values) if name == "aperture_mm" else values
-
-
-def poked(**values):
-    def change(aperture):
-        for place, value in values.items():
-            aperture[int(place[1:])] = value
-        return aperture
-
-    return of_aperture(change)
-
-
-@pytest.mark.parametrize(
-    ("change", "says"),
-    [
-        (of_aperture(lambda v: v[np.arange(FRAMES) // 3 * 3]), "was read 10 times a second and repeated"),
-        (of_aperture(lambda v: v[np.arange(FRAMES) // 5 * 5]), "was read 6 times a second and repeated"),
-        (of_aperture(lambda v: v[np.arange(FRAMES) // 6 * 6]), "was read 5 times a second and repeated"),
-        (
-            poked(_50=999.0),
-            "drupe replaced 1 wild value of aperture_mm by interpolation between neighbours: frame 50",
-        ),
-        (poked(_40=0.0, _41=-3.0), "drupe replaced 2 wild values of aperture_mm"),
-        (poked(_30=np.nan, _90=np.nan), "drupe replaced 2 missing values of aperture_mm"),
-    ],
-)
-def test_apertures_that_the_logger_spoilt_lie_on_lines_between_readings(tmp_path, change, says):
-    read_back = read_recording(changed(tmp_path / "a.h5", change))
-    assert [says in correction.says for correction in read_back.corrections] == [True]
-    np.testing.assert_allclose(read_back.aperture_mm[:145], JAWS[:145], atol=0.12)
-
-
-@pytest.mark.parametrize("step", [0.05, 0.2, 0.5])
-def test_an_aperture_of_few_digits_is_no_slow_reading(tmp_path, step):
-    read_back = read_recording(changed(tmp_path / "a.h5", of_aperture(lambda v: np.round(v / step) * step)))
-    assert read_back.corrections == ()
-
-
-@pytest.mark.parametrize("count", [2, 3, 5])
-def test_recordings_one_behind_the_other_are_counted(tmp_path, count):
-    path = changed(tmp_path / "a.h5", lambda _, values: np.concatenate([values] * count))
-    with pytest.raises(
-        TactileFailure, match=rf"a\.h5: time_s: found {count} recordings one behind the other"
-    ):
-        read_recording(path)
-
-
-@pytest.mark.parametrize(
-    ("rows", "says"),
-    [
-        ({10: "0.3333,-999"}, "1 wild value of aperture_mm"),
-        ({10: "0.3333,", 60: "2.0,nan"}, "2 missing values of aperture_mm"),
-        ({10: "77.0,60"}, "1 wild value of time"),
-        (dict.fromkeys((148, 149), "0,0"), "2 rows at the end, from row 150 on, never written"),
-    ],
-)
-def test_a_grasps_log_goes_through_the_same_step(tmp_path, rows, says):
-    lines = [f"{t:.6f},{a:.6f}" for t, a in zip(TIME, JAWS, strict=True)]
-    for row, line in rows.items():
-        lines[row] = line
-    (tmp_path / "log.csv").write_text("\n".join(["time_s,aperture_mm", *lines]) + "\n")
-    log = read_log(tmp_path / "log.csv")
-    assert [says in note for note in log.notes] == [True]
-    np.testing.assert_allclose(log.aperture_mm, np.interp(log.time_s, TIME, JAWS), atol=0.05)
-
-
-def test_a_log_of_two_grasps_gets_no_advice_to_sort_its_rows(tmp_path):
-    lines = [f"{t:.6f},{a:.6f}" for t, a in zip(TIME, JAWS, strict=True)]
-    (tmp_path / "log.csv").write_text("\n".join(["time_s,aperture_mm", *lines, *lines]) + "\n")
-    with pytest.raises(TactileFailure, match="2 recordings one behind the other") as caught:
-        read_log(tmp_path / "log.csv")
-    assert "sort" not in caught.value.detail
 
 
 def drawn(time_s, *, ramp_s, start_s, noise_N, rng, fall_s=None):

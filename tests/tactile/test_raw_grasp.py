@@ -9,9 +9,9 @@ from drawn_gel import drawn, grid
 from raw_folder import FRAMES, replaced, write_picture, write_raw
 
 from tactile.from_frames import recording_of
-from tactile.io.raw_grasp import files_of, read_raw_grasp
-from tactile.io.recording import GelPad, IndenterPad, read_recording, write_recording
 from tactile.plain_jaw import has_plain_jaw
+from tactile.readers.raw_grasp import files_of, read_raw_grasp
+from tactile.readers.recording import GelPad, IndenterPad, read_recording, write_recording
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 LEFT = 'sensor = "left.toml"'

@@ -11,7 +11,7 @@ import h5py
 import numpy as np
 import pytest
 
-from tactile.io.recording import GelPad, IndenterPad, Recording, read_recording, write_recording
+from tactile.readers.recording import GelPad, IndenterPad, Recording, read_recording, write_recording
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
@@ -195,55 +195,44 @@ def markers_at(places):
     return change
 
 
+NEEDED = (
+    "time_s",
+    "aperture_mm",
+    "pads",
+    "pads/right",
+    "pads/left/pose",
+    "pads/left/rest_mm",
+    "pads/left/force_N",
+    "pads/right/displacement_mm",
+)
 REFUSALS = {
+    **{f"no {name}": (drop(name), name) for name in NEEDED},
+    **{f"no {name}": (attribute(name, None), f"attribute {name}") for name in ("fruit_id", "version")},
     "a type for a field": (datatype("aperture_mm"), "aperture_mm"),
-    "an array for a version": (attribute("version", np.ones((30, 30))), "attribute version"),
     "empty time": (hollow("time_s"), "time_s"),
-    "empty force": (hollow("pads/left/force_N"), "pads/left/force_N"),
     "an empty text": (attribute("sensor", h5py.Empty("S1")), "attribute sensor"),
     "time in HDF5's time type": (clock("time_s"), "time_s"),
     "no format": (attribute("format", None), "attribute format"),
     "another format": (attribute("format", "something-else"), "attribute format"),
-    "no version": (attribute("version", None), "attribute version"),
     "a later version": (attribute("version", 2), "attribute version"),
-    "a version in words": (attribute("version", "one"), "attribute version"),
     "an unknown loading": (attribute("loading", "squeeze"), "attribute loading"),
-    "an unknown support": (attribute("support", "glued"), "attribute support"),
-    "no fruit": (attribute("fruit_id", None), "attribute fruit_id"),
     "a number for a sensor": (attribute("sensor", 3), "attribute sensor"),
-    "no time": (drop("time_s"), "time_s"),
     "time that starts again": (put("time_s", lambda v: np.tile(v[: len(v) // 2], 2)), "time_s"),
-    "time that stands still": (put("time_s", lambda v: np.repeat(v[::2], 2)), "time_s"),
     "time as text": (put("time_s", lambda v: [str(x) for x in v]), "time_s"),
-    "no aperture": (drop("aperture_mm"), "aperture_mm"),
     "a short aperture": (put("aperture_mm", lambda v: v[:-1]), "aperture_mm"),
     "a five-column wrench": (lambda f: f.create_dataset("wrench_N", data=np.ones((60, 5))), "wrench_N"),
-    "a certainty that is no share": (
-        lambda f: f.create_dataset("pads/left/certainty", data=np.full(60, 2.0)),
-        "pads/left/certainty",
-    ),
     "a certainty below nothing": (
         lambda f: f.create_dataset("pads/left/certainty", data=np.full(60, -0.5)),
         "pads/left/certainty",
     ),
-    "no pads": (drop("pads"), "pads"),
-    "one pad of a grasp": (drop("pads/right"), "pads/right"),
-    "no pose": (drop("pads/left/pose"), "pads/left/pose"),
     "a pose too few": (put("pads/left/pose", lambda v: v[1:]), "pads/left/pose"),
     "a pose in metres and scaled": (put("pads/left/pose", lambda v: v * 1.01), "pads/left/pose"),
     "a mirroring pose": (put("pads/left/pose", lambda v: v * [-1, 1, 1, 1]), "pads/left/pose"),
-    "no rest": (drop("pads/left/rest_mm"), "pads/left/rest_mm"),
     "rest in the plane": (put("pads/left/rest_mm", lambda v: v[:, :2]), "pads/left/rest_mm"),
-    "no displacement": (drop("pads/right/displacement_mm"), "pads/right/displacement_mm"),
     "a marker less": (put("pads/left/displacement_mm", lambda v: v[:, 1:]), "pads/left/displacement_mm"),
-    "no force": (drop("pads/left/force_N"), "pads/left/force_N"),
     "infinite displacement": (
         put("pads/left/displacement_mm", poke((0, 0, 0), np.inf)),
         "pads/left/displacement_mm",
-    ),
-    "no gel stiffness": (
-        attribute("gel_kn_MPa_per_mm", None, "pads/left"),
-        "attribute gel_kn_MPa_per_mm of /pads/left",
     ),
     "a soft gel below zero": (
         attribute("gel_kt_MPa_per_mm", -1.0, "pads/left"),
@@ -275,14 +264,6 @@ REFUSALS = {
         attribute("gel_kn_MPa_per_mm", 1e-300, "pads/left"),
         "attribute gel_kn_MPa_per_mm of /pads/left: found 1e-300, expected 1e-06 to 10000 MPa per mm",
     ),
-    "next to no shear stiffness": (
-        attribute("gel_kt_MPa_per_mm", 1e-300, "pads/left"),
-        "attribute gel_kt_MPa_per_mm of /pads/left: found 1e-300, expected 1e-06 to 10000 MPa per mm",
-    ),
-    "next to no thickness": (
-        attribute("thickness_mm", 1e-300, "pads/left"),
-        "attribute thickness_mm of /pads/left: found 1e-300, expected 0.01 to 200 millimetres",
-    ),
     "next to no Poisson's ratio": (
         attribute("nu", 1e-300, "pads/left"),
         "attribute nu of /pads/left: found 1e-300, expected 0.1 to 0.4999;",
@@ -301,10 +282,6 @@ REFUSALS = {
         "pads/left/rest_mm: found 20 markers on one line in x and y, expected at least 3 that are not on "
         "one line; write each marker's own x, y, z.",
     ),
-    "markers across the face": (
-        markers_at(np.array([[0.0, 2.0 * i, 2.0 * j] for i in range(4) for j in range(4)])),
-        "pads/left/rest_mm: found 16 markers on one line in x and y",
-    ),
     "markers in one place": (
         markers_at(np.zeros((5, 3))),
         "pads/left/rest_mm: found 5 markers in one place in x and y",
@@ -313,7 +290,6 @@ REFUSALS = {
         markers_at(np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])),
         "pads/left/rest_mm: found 2 markers, expected at least 3 that are not on one line; record all",
     ),
-    "one marker": (markers_at(np.zeros((1, 3))), "pads/left/rest_mm: found 1 marker, expected at least 3"),
     "NaN in one place": (
         put("pads/left/force_N", poke((3, 5, 1), np.nan)),
         "pads/left/force_N: found 1 value(s) NaN or infinite, the first at index (3, 5, 1)",

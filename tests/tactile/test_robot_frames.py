@@ -11,7 +11,6 @@ from series_springs import bare_press
 from simulated_robot import (
     BASE_FROM_MAT,
     FLANGE_FROM_CAMERA,
-    FLANGE_FROM_TIP,
     LENS,
     NOISE_DEG,
     NOISE_MM,
@@ -20,13 +19,12 @@ from simulated_robot import (
     photographs,
     photographs_of_a_carried_mat,
     pose,
-    touches,
 )
 
-from tactile.io.flange_table import FlangeTable, read_flange_table
-from tactile.io.recording import Recording
-from tactile.io.robot_file import Gripper, Robot, read_gripper
-from tactile.robot.base_and_mat import BaseAndMat, touched_mat
+from tactile.readers.flange_table import FlangeTable, read_flange_table
+from tactile.readers.recording import Recording
+from tactile.readers.robot_file import Gripper, Robot, read_gripper
+from tactile.robot.base_and_mat import BaseAndMat
 from tactile.robot.hand_eye import hand_eye
 from tactile.robot.pad_poses import with_robot_poses
 from tactile.tactile_failure import TactileFailure
@@ -51,10 +49,6 @@ def by_photos(views, *, camera_on_flange: bool = True) -> BaseAndMat:
     return hand_eye(views, LENS, camera_on_flange=camera_on_flange, source="poses.csv")
 
 
-def by_touches(reported, corners) -> BaseAndMat:
-    return touched_mat([f"row {k}" for k in range(len(corners))], reported, corners, source="poses.csv")
-
-
 @pytest.fixture(scope="module")
 def draws() -> list[BaseAndMat]:
     return [by_photos(photographs(np.random.default_rng(seed), count=12)[0]) for seed in range(DRAWS)]
@@ -64,10 +58,6 @@ def test_without_noise_every_frame_is_exact():
     calibration = by_photos(photographs(np.random.default_rng(0), scale=0.0)[0])
     np.testing.assert_allclose(calibration.base_from_mat, BASE_FROM_MAT, atol=1e-6)
     np.testing.assert_allclose(calibration.other, FLANGE_FROM_CAMERA, atol=1e-6)
-    reported, corners, _ = touches(np.random.default_rng(0), scale=0.0)
-    calibration = by_touches(reported, corners)
-    np.testing.assert_allclose(calibration.base_from_mat, BASE_FROM_MAT, atol=1e-6)
-    np.testing.assert_allclose(calibration.other[:3, 3], FLANGE_FROM_TIP, atol=1e-6)
 
 
 def test_the_region_of_90_percent_covers_the_mats_place_in_90_percent_of_draws(draws):
@@ -107,9 +97,7 @@ def a_robot(calibration: BaseAndMat, pose_sd_mm: float = 0.0) -> Robot:
 
 def a_table(poses: np.ndarray, time_s=None, aperture_mm=None) -> FlangeTable:
     rows = tuple(range(2, len(poses) + 2))
-    return FlangeTable(
-        base_from_flange=poses, row=rows, time_s=time_s, aperture_mm=aperture_mm, photo=None, touched=None
-    )
+    return FlangeTable(base_from_flange=poses, row=rows, time_s=time_s, aperture_mm=aperture_mm, photo=None)
 
 
 def placed(robot: Robot, table: FlangeTable, recording: Recording | None = None):
@@ -135,11 +123,6 @@ def test_the_gripper_drawings_spread_adds(draws):
     flange = BASE_FROM_MAT @ MAT_FROM_PAD @ np.linalg.inv(FLANGE_FROM_PAD)
     without, more = (placed(a_robot(draws[0], sd), a_table(flange[None]))[1][0].sd_mm for sd in (0.0, 0.5))
     assert more == pytest.approx(np.hypot(without, 0.5))
-
-
-def test_touches_cover_the_mats_place():
-    calibrations = [by_touches(*touches(np.random.default_rng(seed))[:2]) for seed in range(DRAWS)]
-    assert 0.8 <= np.mean([distance(calibration) < chi2.ppf(0.9, 6) for calibration in calibrations]) <= 0.98
 
 
 def test_a_camera_at_rest_and_a_carried_mat_cover_the_mats_place():
@@ -190,8 +173,6 @@ def test_few_or_similar_poses_are_refused():
         by_photos(views[:7])
     with pytest.raises(TactileFailure, match=r"expected at least 5\. Tilt the flange"):
         by_photos(photographs(np.random.default_rng(3), tilt_deg=2.0)[0])
-    with pytest.raises(TactileFailure, match="Tilt the flange"):
-        by_touches(*touches(np.random.default_rng(3), tilt_deg=1.0)[:2])
 
 
 def test_a_camera_at_rest_needs_a_photo_of_the_mat_at_its_place_and_one_on_the_flange_none():
@@ -200,29 +181,6 @@ def test_a_camera_at_rest_needs_a_photo_of_the_mat_at_its_place_and_one_on_the_f
         by_photos(views[:-1], camera_on_flange=False)
     with pytest.raises(TactileFailure, match="found rows without a pose"):
         by_photos(views)
-
-
-@pytest.mark.parametrize(
-    ("mistake", "words"),
-    [
-        (lambda poses, corners: (scaled(0.001)(poses), corners), "distances that are 0.001 times"),
-        (lambda poses, corners: (poses, corners * [1, -1, 1]), "order of corners mirrored"),
-        (lambda poses, corners: (poses, corners * [1, 0.1, 1]), "Touch corners on all sides"),
-        (lambda poses, corners: (single_shifted(poses), corners), "row 3 .* off the other poses"),
-    ],
-)
-def test_a_mistake_in_touches_is_named(mistake, words):
-    with pytest.raises(TactileFailure, match=words):
-        by_touches(*mistake(*touches(np.random.default_rng(2))[:2]))
-
-
-def test_corners_numbered_from_another_one_are_refused():
-    """Each tag turned by 90 degrees about its middle: no place of the mat fits."""
-    reported, corners, _ = touches(np.random.default_rng(2))
-    middle = 23.0 * np.round(corners / 23.0)
-    turned = middle + (corners - middle) @ pose(0, 0, 0, 0, 0, 90)[:3, :3].T
-    with pytest.raises(TactileFailure, match="poses that disagree by"):
-        by_touches(reported, turned)
 
 
 def exactly() -> Robot:
@@ -354,7 +312,6 @@ MIRRORED = "1,0,0,0,1,0,0,0,-1"
          "row 2: found a left-handed matrix"),
         ("x_mm,y_mm,z_mm,qx,qy,qz,qw", "500,,300,0,0,0,1", "row 2: found part of a pose"),
         ("x_mm,y_mm,z_mm,qx,qy,qz,qw", "500,abc,300,0,0,0,1", 'y_mm: found "abc" in row 2'),
-        ("x_mm,y_mm,z_mm,qx,qy,qz,qw,tag,corner", "500,1,300,0,0,0,1,,", "tag: found nothing in row 2"),
     ],
 )  # fmt: skip
 def test_a_mistake_in_the_table_is_named(header: str, row: str, words: str, tmp_path: Path):

@@ -5,8 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile.io.sensor_file import read_sensor
-from tactile.io.sensor_model import model_named
+from tactile.readers.sensor_file import read_sensor
+from tactile.readers.sensor_model import model_named
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MONO = """

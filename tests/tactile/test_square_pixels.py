@@ -18,10 +18,10 @@ from samples.gel_images import Field, GelLook, gel_image, smooth_field
 from tactile.from_frames import recording_of
 from tactile.gel.slab import GelSlab
 from tactile.gel_camera import on_face, project
-from tactile.io.raw_grasp import read_raw_grasp
-from tactile.io.sensor_model import read_model
 from tactile.markers.pad_frames import camera_of, tracked_markers
 from tactile.pad_reference import references_said
+from tactile.readers.raw_grasp import read_raw_grasp
+from tactile.readers.sensor_model import read_model
 from tactile.sensor_description import described
 from tactile.square_pixels import square_camera, with_square_pixels
 

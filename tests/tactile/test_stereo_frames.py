@@ -10,7 +10,7 @@ from jaxtyping import Float
 from raw_folder import write_picture
 
 from tactile.from_frames import recording_of
-from tactile.io.raw_grasp import read_raw_grasp
+from tactile.readers.raw_grasp import read_raw_grasp
 from tactile.tactile_failure import TactileFailure
 
 FOCAL_PX, FRAMES = 240.0, 5

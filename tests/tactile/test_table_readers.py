@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
-import tactile.io.plain_numpy
+import tactile.readers.plain_numpy
 from pipeline.files.plain_file import NotReadable
-from tactile.io.decimal_number import decimal_number
-from tactile.io.grasp_log import read_columns, read_log
-from tactile.io.load_cell import read_trace
-from tactile.io.plain_numpy import load_npy, load_npz
-from tactile.io.specimen import PressedSpecimen
-from tactile.io.stated_unit import NoUnit, Unit, unit_of_name
-from tactile.io.trace_columns import TraceWords
+from tactile.readers.decimal_number import decimal_number
+from tactile.readers.grasp_log import read_columns, read_log
+from tactile.readers.load_cell import read_trace
+from tactile.readers.plain_numpy import load_npy, load_npz
+from tactile.readers.specimen import PressedSpecimen
+from tactile.readers.stated_unit import NoUnit, Unit, unit_of_name
+from tactile.readers.trace_columns import TraceWords
 from tactile.tactile_failure import TactileFailure
 
 
@@ -27,7 +27,7 @@ from tactile.tactile_failure import TactileFailure
         ("time_s,aperture_mm\n0,\u0666\u0660\n", "; write 60."),
         (
             "time_s,aperture_mm\n0,nan\n",
-            "found 1 of 1 row (100.0%) with wild or missing values (missing aperture_mm: row 2 (nothing))",
+            'aperture_mm: found "nan" in row 2, expected a number',
         ),
         (
             "time_s,aperture_mm\n0,60,5\n",
@@ -68,39 +68,17 @@ OPEN = [
     "Load x1 (N)",
     "Kraft (N) / Force (N)",
     "Force [N] max",
-    "Force (N) x 10",
     "Load [N] *1000",
-    "Force (N) (kN)",
     "Load (N) in kN",
-    "Force (10^3 N)",
     "F/10 N",
     "Force (N)/mm",
     "Force (N) 1000",
-    "Force x1000 (N)",
-    "Force (N)/1000",
     "Force 10³ N",
-    "F 1000 N",
     "F_kN [N]",
-    "Force (1000) (N)",
     "Load (N) × 0.1",
-    "Force (N·10)",
     "Load 1e3 N",
-    "10x Load (N)",
-    "Force (N) per mm",
 ]
-READ = [
-    "Load cell 2 (N)",
-    "Kraft 1 [N]",
-    "Force_N",
-    "Channel 3 Force (N)",
-    "Load_1_N",
-    "Load_10_N",
-    "Fx1 (N)",
-    "F / N",
-    "Kraft in [N]",
-    "Force 2 N",
-    "Dev1/ai0 load (N)",
-]
+READ = ["Load cell 2 (N)", "Force_N", "Load_10_N", "Fx1 (N)", "F / N", "Kraft in [N]", "Dev1/ai0 load (N)"]
 
 
 @pytest.mark.parametrize("name", OPEN)
@@ -163,7 +141,7 @@ def test_arrays_come_back_in_double_precision(tmp_path):
 
 
 def test_arrays_that_unpack_to_too_much_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(tactile.io.plain_numpy, "MOST_MEMORY", 50_000_000)
+    monkeypatch.setattr(tactile.readers.plain_numpy, "MOST_MEMORY", 50_000_000)
     np.savez_compressed(tmp_path / "a.npz", first=np.zeros(60_000_000, np.uint8))
     with pytest.raises(NotReadable, match="unpacks to more than 50 MB"):
         load_npz(tmp_path / "a.npz")

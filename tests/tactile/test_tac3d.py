@@ -7,9 +7,8 @@ import pytest
 from tac3d_folder import FRAMES, KN, KT, REST, write_sensor
 
 from tactile.from_tac3d import recording_of_tac3d
-from tactile.io.converted import Converted
-from tactile.io.recording import GelPad, read_recording, write_recording
-from tactile.io.tac3d import Tac3D, read_tac3d, sensor_folders
+from tactile.readers.recording import Converted, GelPad, read_recording, write_recording
+from tactile.readers.tac3d import Tac3D, read_tac3d, sensor_folders
 from tactile.tactile_failure import TactileFailure
 
 

@@ -1,1 +1,0 @@
-"""What must hold between the fields of a recording, and with the fruit's mesh, whoever wrote them."""

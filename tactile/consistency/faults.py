@@ -1,0 +1,267 @@
+"""Values that no sensor gives: markers that are dead, frozen, clipped, missing or a pitch off, frames of
+zeros, copied frames, a contact beyond the edge of the markers.
+"""
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from jaxtyping import Bool, Float
+from scipy.spatial import ConvexHull, Delaunay, cKDTree
+
+from tactile.consistency.finding import MEANINGLESS, Field, Finding, FindingKind, doubted, shared
+from tactile.consistency.pressing import Pressing, at_peak, gives_way, noise_shares
+from tactile.markers.matching import UNSURE
+
+LOST_SAID, LOST_REFUSED, E_PER_LOST = 0.01, 0.05, 2.0
+"""Share of a contact's markers or values that are lost, from which it is said, and refused; E loses 0.8 to
+1.0 of it: 30 % of the markers 27 to 28 %, a force clipped at half, which is 0.41 of the values, 34 %.
+Doubled, since what went is not known."""
+DEAD = 0.02
+"""Total of a dead field over what the other one says; sound fields have 0.94 to 1.06."""
+FROZEN_FRAMES, FROZEN_SHARE, AROUND = 3, 0.25, 0.75
+"""A marker is dead that repeats itself exactly in so many frames, and in this share of those in which AROUND
+of its neighbours are pressed and most markers change: noise of 4 um in steps of 0.1 um does so once in
+1e5."""
+FAINT, OF_PEAK, FAINT_SD = 0.25, 0.5, 8.0
+"""So is one that carries less than this share of its neighbours' median where that is half the peak, and
+beyond so many standard deviations of noise; within sound contacts no marker there has less than 0.6."""
+FEWEST_LEVELS, CLIPPED_SAMPLES = 12, 12
+"""Different values of a field below which its steps repeat values; samples that share a field's greatest
+value exactly: sound recordings have one to three (benchmarks/field_spreads.py)."""
+NOISE: dict[Field, float] = {"displacement": 0.057, "force": 0.27}
+"""Noise over what the most pressed markers show; sound recordings have up to 0.0545 and 0.249,
+on soft gels (benchmarks/field_spreads.py)."""
+NOISE_REFUSED = 0.1
+"""Of the displacement, from which it is refused."""
+E_PER_NOISE = (6.0, 1.0)
+"""Relative error of E per share of noise in displacement and force: a first touch is found late. 0.08 of the
+displacement made E 47 % too small on one fruit (benchmarks/field_mistakes.py)."""
+
+
+def value_findings(pressings: Sequence[Pressing]) -> list[Finding]:
+    """What is wrong with single markers, values and frames, pad by pad."""
+    findings: list[Finding] = []
+    for press in pressings:
+        if dead := list(_dead_field(press)):
+            findings += dead
+            continue
+        findings += _clipped(press)
+        fields = (press.pad.displacement_mm, press.pad.force_N)
+        if not press.pressed.any() or all(len(np.unique(f[:, :, 2])) >= FEWEST_LEVELS for f in fields):
+            findings += [*_whole_frames(press), *_markers(press)]
+    return findings
+
+
+def _finding(press: Pressing, kind: FindingKind, says: str, relative_sd: float, **more: Any) -> Finding:
+    return doubted(kind, says, relative_sd=relative_sd, pads=(press.pad.name,), **more)
+
+
+def lost_finding(press: Pressing, kind: FindingKind, says: str, share: float, **more: Any) -> Finding:
+    """The finding that this share of a contact's markers or values is lost."""
+    pads, refused = (press.pad.name,), share > LOST_REFUSED
+    return Finding(kind, says, pads=pads, relative_sd=E_PER_LOST * share, refused=refused, **more)
+
+
+def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
+    """Signals that hardly rise above their noise."""
+    findings = []
+    for press in pressings:
+        shares = noise_shares(press)
+        for (name, most), share in zip(NOISE.items(), shares, strict=True):
+            if share > most and press.pressed.any() and (name == "force" or gives_way(press)):
+                says = (
+                    f"{name} is mostly noise: {100 * share:.0f} % of the signal of the most loaded markers, "
+                    f"expected below {100 * most:.0f} %; press harder, or check the sensor"
+                )
+                refused, sd = shares[0] > NOISE_REFUSED, float(np.dot(E_PER_NOISE, shares))
+                kind, pads = FindingKind.NOISE, (press.pad.name,)
+                more: dict[str, Any] = {"field": name, "refused": refused, "hides_touch": True}
+                findings.append(Finding(kind, says, pads=pads, relative_sd=sd, **more))
+                break
+    return findings
+
+
+def _dead_field(press: Pressing) -> Iterator[Finding]:
+    """A field in which nothing rises above noise while the other says that it should."""
+    use = press.touched
+    if press.gel_mm is None or not use.any():
+        return
+    totals = [float(np.abs(field[:, use, 2].sum(axis=1)).max()) for field in (press.felt_mm, press.gel_mm)]
+    fields: tuple[tuple[Field, np.ndarray, float], ...] = (
+        ("displacement", press.felt_mm, press.felt_sd_mm),
+        ("force", press.force_N, press.force_sd_N),
+    )
+    for k, (name, values, noise) in enumerate(fields):
+        size = float(np.sqrt((values[:, use] ** 2).mean(axis=(1, 2))).max())
+        if size < max(2 * noise, 1e-9) and totals[k] < DEAD * totals[1 - k]:
+            says = (
+                f"{name} is dead: it does not rise above its noise while the other field does, so the sensor "
+                "or its tracking failed; record the grasp again"
+            )
+            yield _finding(press, FindingKind.DEAD_FIELD, says, MEANINGLESS, field=name)
+
+
+def dead_markers(press: Pressing) -> Bool[np.ndarray, " n"]:
+    """Markers in the contact that give nothing, or nothing new."""
+    asked_where = press.pressed[:, press.near].mean(axis=2) >= (AROUND if press.felt_sd_mm == 0 else 0.5)
+    dead = np.zeros(len(press.touched), dtype=bool)
+    for values in (press.pad.displacement_mm, press.pad.force_N):
+        repeats = (values[1:] == values[:-1]).all(axis=2)
+        asked = asked_where[1:] & (repeats.mean(axis=1) < 0.5)[:, None]
+        same = (repeats & asked).sum(axis=0)
+        dead |= (same >= FROZEN_FRAMES) & (same >= FROZEN_SHARE * asked.sum(axis=0))
+        mean, sd = at_peak(press, values - np.median(values[press.quiet], axis=0))
+        size = np.abs(mean[:, 2])
+        around = np.median(size[press.near], axis=1)
+        smooth = np.corrcoef(size, around)[0, 1] > 0.3 if size.std() * around.std() > 0 else False
+        if smooth:  # else they are in chance order
+            strong = around > max(OF_PEAK * float(np.quantile(size, 0.99)), FAINT_SD * sd)
+            dead |= strong & (size < FAINT * around)
+    return dead
+
+
+def _markers(press: Pressing) -> Iterator[Finding]:
+    dead = dead_markers(press)
+    contact = press.touched | dead
+    share = float(dead.sum() / max(contact.sum(), 1))
+    if share > LOST_SAID:
+        says = (
+            f"markers are dead: {int(dead.sum())} of the {int(contact.sum())} in the contact "
+            f"({100 * share:.0f} %) are zero or frozen. Their force is missing; clean or replace the gel"
+        )
+        yield lost_finding(press, FindingKind.DEAD_MARKERS, says, share)
+
+
+def _whole_frames(press: Pressing) -> Iterator[Finding]:
+    """Frames that are all zero in a field that has noise, and frames copied from the one before."""
+    fields: dict[Field, np.ndarray] = {"displacement": press.pad.displacement_mm, "force": press.pad.force_N}
+    pressed = np.asarray(press.pressed.any(axis=1))
+    adjacent = np.zeros_like(pressed)
+    adjacent[1:-1] = pressed[:-2] | pressed[2:]
+    for (name, values), noise in zip(fields.items(), (press.felt_sd_mm, press.force_sd_N), strict=True):
+        lost = np.asarray((values == 0).all(axis=(1, 2))) & adjacent
+        if noise > 0 and lost.any():
+            says = (
+                f"{name} is zero at every marker in {int(lost.sum())} frames during the contact (first: "
+                f"frame {int(np.argmax(lost))}), so frames are missing and filled with zeros"
+            )
+            yield _finding(press, FindingKind.ZERO_FRAMES, says, MEANINGLESS, field=name)
+    copied = pressed[1:] & np.all([(v[1:] == v[:-1]).all(axis=(1, 2)) for v in fields.values()], axis=0)
+    if press.felt_sd_mm > 0 and copied.sum() > 1:
+        says = (
+            f"frames are duplicated: {int(copied.sum())} in the contact repeat the frame before (first: "
+            f"frame {int(np.argmax(copied)) + 1}); E loses no value, but only their time"
+        )
+        yield Finding(FindingKind.COPIED_FRAMES, says, pads=(press.pad.name,), remark=True)
+
+
+def _clipped(press: Pressing) -> Iterator[Finding]:
+    """Fields whose greatest value repeats, more often than a quarter of the values just below it."""
+    for name, values in (("displacement", press.pad.displacement_mm), ("force", press.pad.force_N)):
+        normal = np.abs(values[:, :, 2])
+        top = float(normal.max())
+        clipped = normal >= top * (1 - 1e-6)
+        below = (normal > 0.95 * top) & ~clipped
+        many = len(np.unique(normal)) >= FEWEST_LEVELS and clipped.sum() >= CLIPPED_SAMPLES
+        if top > 0 and press.pressed.any() and many and clipped.sum() > 0.25 * below.sum():
+            share = float(clipped.sum() / press.pressed.sum())
+            says = (
+                f"{name} is clipped: {int(clipped.sum())} values are exactly {top:.3g} "
+                f"{'mm' if name == 'displacement' else 'N'}, the maximum; the sensor saturates, so press less"
+            )
+            yield lost_finding(press, FindingKind.CLIPPED, says, share, field=name)
+
+
+HOLE, UNEVEN, REGULAR = 1.6, 0.25, 0.7
+"""Area of a triangle between nearest markers over half of a cell from which a marker is missing there (one
+left out of a grid makes 2); in a grid REGULAR of these areas are whole numbers but for UNEVEN."""
+AT_EDGE = 0.6
+"""Mean force of the outermost markers (the strongest tenth of them) over the peak; sound ones have up to 0.35
+(benchmarks/field_spreads.py)."""
+PUNCH = 0.3
+"""A pad that is in contact all over presses as a flat punch: most of the outermost markers carry this share
+of the peak, and beyond them there is no gel."""
+OUTERMOST = 0.3
+"""Of the spacing: markers so near to the outline are on it, as places off by a tenth of it are."""
+
+
+def missing_findings(pressings: Sequence[Pressing]) -> list[Finding]:
+    """Places without a marker, and markers a pitch off; what refuses the recording is said once of both
+    pads."""
+    findings = [finding for press in pressings for finding in (*_missing(press), *_pitch_off(press))]
+    return shared(findings) if all(finding.refused for finding in findings) else findings
+
+
+def missing_markers(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 4"]:
+    """Holes of a grid, a row each: the three markers around it and how many are missing there.
+
+    A grid is cut into triangles of half a cell (Delaunay). A triangulation of n points gains two triangles
+    for each point that is put inside it, so that a triangle of area A lacks (A / (half a cell) - 1) / 2
+    markers. No rows where the triangles are too unlike for a grid.
+    """
+    triangles = Delaunay(rest_mm).simplices
+    first, second, third = rest_mm[triangles].transpose(1, 2, 0)
+    edges = second - first, third - first
+    area = np.abs(edges[0][0] * edges[1][1] - edges[0][1] * edges[1][0]) / 2
+    inner = area > 0.2 * np.median(area)  # slivers along the outline are not
+    triangles, area = triangles[inner], area[inner]
+    middles = rest_mm[triangles].mean(axis=1)
+    near = np.asarray(cKDTree(middles).query(middles, k=min(24, len(middles)))[1])
+    area = area / np.quantile(area[near], 0.3, axis=1)  # a lens changes the cell over the face
+    if float((np.abs(area - np.round(area)) < UNEVEN).mean()) < REGULAR:
+        return np.empty((0, 4))
+    holes = area > HOLE
+    return np.column_stack([triangles[holes], (area[holes] - 1) / 2])
+
+
+def _missing(press: Pressing) -> Iterator[Finding]:
+    if not press.touched.any():
+        return
+    holes = missing_markers(press.pad.rest_mm[:, :2])
+    around = press.touched[holes[:, :3].astype(int)].mean(axis=1) > 0.5
+    lost = round(float(holes[around, 3].sum()))
+    places = lost + int(press.touched.sum())
+    if (share := lost / places) > LOST_SAID:
+        says = (
+            f"marker grid has holes: {lost} of {places} places in the contact ({100 * share:.0f} %) have no "
+            "marker in the arrays, so their force is missing. Write all markers"
+        )
+        yield lost_finding(press, FindingKind.MARKERS_MISSING, says, share)
+
+
+def _pitch_off(press: Pressing) -> Iterator[Finding]:
+    certainty = press.pad.certainty
+    unsure = np.flatnonzero(certainty < UNSURE) if certainty is not None else np.zeros(0, dtype=int)
+    if press.pressed[unsure].any():
+        says = (
+            f"markers may be wrong by {press.spacing_mm:.2g} mm (a grid pitch) from frame {unsure[0]} on, "
+            "because nearly all moved at once by much of a pitch. Close the jaws more slowly, or record at a "
+            "higher frame rate"
+        )
+        kind, pads = FindingKind.MARKERS_PITCH_OFF, (press.pad.name,)
+        yield doubted(kind, says, relative_sd=MEANINGLESS, pads=pads)
+
+
+def edge_findings(pressings: Sequence[Pressing]) -> list[Finding]:
+    """Contacts that are strong at the outermost markers, past which nothing is measured; of both pads
+    once."""
+    return shared([finding for press in pressings for finding in _edge(press)])
+
+
+def _edge(press: Pressing) -> Iterator[Finding]:
+    rest = press.pad.rest_mm[:, :2]
+    hull = ConvexHull(rest).equations
+    outermost = (rest @ hull[:, :2].T + hull[:, 2]).max(axis=1) > -OUTERMOST * press.spacing_mm
+    force = at_peak(press, press.force_N)[0][:, 2]
+    peak = float(np.quantile(force, 0.98))
+    if peak <= 0 or not outermost.any() or not press.touched.any():
+        return
+    share = float(np.sort(force[outermost])[-max(3, int(outermost.sum()) // 10) :].mean()) / peak
+    if share >= AT_EDGE and float((force[outermost] > PUNCH * peak).mean()) <= 0.7:
+        says = (
+            f"contact extends beyond the markers (the outermost carry {100 * share:.0f} % of the peak), so "
+            "some force is missing; markers are missing, or the fruit was not in the pad's middle"
+        )
+        kind, pads = FindingKind.OVER_EDGE, (press.pad.name,)
+        yield doubted(kind, says, relative_sd=MEANINGLESS, pads=pads)

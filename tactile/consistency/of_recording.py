@@ -1,0 +1,216 @@
+"""What cannot be right in one recording: simple faults of its values, then relations that it does not obey.
+
+A recording that obeys every relation is sound. Else each transformation
+(tactile/consistency/transformations.py) is undone, and the likelihoods of the whole recording with and
+without it are compared. The best one is named, with those that explain as much, if its log Bayes factor
+exceeds LIMIT. The search goes on in the recording without it, so that two mistakes are named one after the
+other. A relation that no transformation mends is named itself.
+"""
+
+from collections import defaultdict
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from jaxtyping import Float, Int
+
+from tactile.consistency.faults import edge_findings, missing_findings, noise_findings, value_findings
+from tactile.consistency.finding import Finding, FindingKind, doubted
+from tactile.consistency.footprint import mesh_misfits
+from tactile.consistency.pressing import pressing_of
+from tactile.consistency.reference_findings import reference_findings
+from tactile.consistency.relations import CAUSES, LIMIT, Misfit, Situation, signal_misfits
+from tactile.consistency.time_findings import time_findings
+from tactile.consistency.transformations import Transformation, of_machine, of_mesh, of_signals
+from tactile.readers.recording import GelPad, Recording
+from tactile.readers.sensor_model import PublishedGel
+
+MOST_MISTAKES = 3
+"""In one recording; each is searched in what the others leave."""
+LAW = frozenset({FindingKind.SCALE, FindingKind.OUT_OF_STEP, FindingKind.OTHER_MARKERS})
+"""Relations that poses, aperture and clock do not enter."""
+
+Losses = dict[tuple[object, ...], float]
+
+
+def recording_findings(
+    recording: Recording,
+    vertices: Float[np.ndarray, "v 3"] | None,
+    faces: Int[np.ndarray, "f 3"] | None,
+    *,
+    E_range_MPa: tuple[float, float] | None = None,
+    surface_sd_mm: float = 0.0,
+    gels: Sequence[PublishedGel] = (),
+) -> list[Finding]:
+    """What cannot be right in `recording` of the fruit with this mesh, what refuses it first.
+
+    A bare indenter's trace is not checked. Without a mesh (None) only the recording itself is.
+
+    `E_range_MPa`: moduli that the category can have; `surface_sd_mm`: the mesh's error; `gels`: what is known
+    of the sensor's gels.
+    """
+    pads = [pad for pad in recording.pads if isinstance(pad, GelPad)]
+    if len(pads) != len(recording.pads):
+        return []
+    pressings = tuple(pressing_of(pad) for pad in pads)
+    findings = reference_findings(pads)
+    for stage in (value_findings, missing_findings, partial(time_findings, recording)):
+        if not _refused(findings):
+            findings += stage(pressings)
+    situation = Situation(
+        recording=recording,
+        pressings=pressings,
+        vertices=vertices,
+        faces=faces,
+        E_range_MPa=E_range_MPa,
+        surface_sd_mm=surface_sd_mm,
+        gels=tuple(gels),
+        touch_is_seen=not any(finding.hides_touch for finding in findings),
+    )
+    if _refused(findings):
+        return _what_counts(findings)
+    explained, left = _explained(situation, signal_misfits, _of_signals_and_machine)
+    findings += explained
+    if not explained:
+        findings += noise_findings(pressings)
+    if situation.touch_is_seen and not _refused(findings):
+        findings += edge_findings(left.pressings)
+    if situation.touch_is_seen and all(finding.undone for finding in findings if finding.refused):
+        findings += _explained(left, mesh_misfits, _of_mesh)[0]
+    return _what_counts(findings)
+
+
+def misfits_of(
+    recording: Recording,
+    vertices: Float[np.ndarray, "v 3"],
+    faces: Int[np.ndarray, "f 3"],
+    *,
+    gels: Sequence[PublishedGel] = (),
+) -> list[Misfit]:
+    """How far a recording is from every relation."""
+    pressings = tuple(pressing_of(pad) for pad in recording.pads if isinstance(pad, GelPad))
+    situation = Situation(
+        recording=recording, pressings=pressings, vertices=vertices, faces=faces, gels=tuple(gels)
+    )
+    return [*signal_misfits(situation), *mesh_misfits(situation)]
+
+
+def _refused(findings: Sequence[Finding]) -> bool:
+    return any(finding.refused for finding in findings)
+
+
+def _what_counts(findings: Sequence[Finding]) -> list[Finding]:
+    """Of a recording that is refused only what refuses it: the rest may follow from that."""
+    return [finding for finding in findings if finding.refused] or list(findings)
+
+
+def _of_signals_and_machine(situation: Situation, failing: Sequence[Misfit]) -> Iterator[Transformation]:
+    names = list(dict.fromkeys(name for misfit in failing for name in misfit.pads))
+    if names:
+        yield from of_signals(situation, names)
+    kinds = {misfit.kind for misfit in failing}
+    if kinds - LAW and situation.vertices is not None:
+        yield from of_machine(situation, late=FindingKind.CLOCKS_APART in kinds)
+
+
+def _of_mesh(situation: Situation, failing: Sequence[Misfit]) -> Iterator[Transformation]:
+    width = [misfit for misfit in failing if misfit.kind is FindingKind.WIDTH]
+    return of_mesh(situation, width[0] if width else None)
+
+
+def _explained(
+    situation: Situation,
+    judge: Callable[[Situation], list[Misfit]],
+    candidates: Callable[[Situation, Sequence[Misfit]], Iterator[Transformation]],
+) -> tuple[list[Finding], Situation]:
+    """What explains the relations that fail, and the situation without what is explained."""
+    findings: list[Finding] = []
+    named: set[FindingKind] = set()
+    for _ in range(MOST_MISTAKES):
+        misfits = judge(situation)
+        failing = [misfit for misfit in misfits if misfit.fails and misfit.kind not in named]
+        if not failing:
+            break
+        before = _losses(misfits)
+        comparisons = [
+            _compared(before, _losses(judge(transformation.undone)), transformation)
+            for transformation in candidates(situation, failing)
+        ]
+        comparisons.sort(key=_log_factor, reverse=True)
+        if comparisons and (best := comparisons[0].log_factor) > LIMIT:
+            ties = [comparison for comparison in comparisons if comparison.log_factor > best - LIMIT]
+            findings.append(_named(failing, ties))
+            situation = ties[0].transformation.undone
+            continue
+        worst = max(failing, key=lambda misfit: misfit.loss)
+        named.add(worst.kind)
+        findings.append(_unexplained(worst, failing))
+        if findings[-1].refused:
+            break
+    return findings, situation
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Comparison:
+    """A transformation with its log Bayes factor, and by how much it mends each relation."""
+
+    transformation: Transformation
+    log_factor: float
+    improvement: Losses
+
+
+def _log_factor(comparison: _Comparison) -> float:
+    return comparison.log_factor
+
+
+def _losses(misfits: Sequence[Misfit]) -> Losses:
+    losses: Losses = defaultdict(float)
+    for misfit in misfits:
+        losses[misfit.kind, misfit.pads, misfit.field] += misfit.loss
+    return losses
+
+
+def _compared(before: Losses, after: Losses, transformation: Transformation) -> _Comparison:
+    """A relation that can no longer be told counts as it did; one that can be told now counts."""
+    improvement = {key: loss - after.get(key, loss) for key, loss in before.items()}
+    new = sum(loss for key, loss in after.items() if key not in before)
+    factor = sum(improvement.values()) - new + transformation.log_prior
+    return _Comparison(transformation=transformation, log_factor=factor, improvement=improvement)
+
+
+def _named(failing: Sequence[Misfit], ties: Sequence[_Comparison]) -> Finding:
+    """The best transformation, with those that explain as much as it; E's error is that of all, weighted."""
+    best = ties[0].transformation
+    improvement = ties[0].improvement
+    shown = max(failing, key=lambda misfit: improvement.get((misfit.kind, misfit.pads, misfit.field), 0.0))
+    others = [comparison.transformation for comparison in ties]
+    causes = list({(t.kind, t.field, t.detail): t.cause for t in reversed(others)}.values())[::-1]
+    listed = "; or ".join(causes)
+    weights = np.exp([comparison.log_factor - ties[0].log_factor for comparison in ties])
+    sds = np.nan_to_num([t.relative_sd for t in others], nan=shown.relative_sd)
+    same = [t for t in others if t.kind is best.kind]
+    return doubted(
+        best.kind,
+        f"{shown.says}. {'Cause' if len(causes) == 1 else 'Possible causes'}: {listed}",
+        relative_sd=float(np.sqrt(weights @ sds**2 / weights.sum())),
+        pads=best.pads,
+        field=best.field if len({t.field for t in same}) == 1 else None,
+        detail=" or ".join(dict.fromkeys(t.detail for t in same if t.detail)),
+        also=frozenset(t.kind for t in others) - {best.kind},
+        has_effect=any(t.has_effect for t in others),
+        undone=True,
+    )
+
+
+def _unexplained(worst: Misfit, failing: Sequence[Misfit]) -> Finding:
+    """What is said of a relation that no transformation explains."""
+    same = [misfit for misfit in failing if (misfit.kind, misfit.field) == (worst.kind, worst.field)]
+    return doubted(
+        worst.kind,
+        f"{worst.says}. Possible cause: {CAUSES[worst.kind]}",
+        relative_sd=worst.relative_sd,
+        pads=tuple(name for misfit in same for name in misfit.pads),
+        field=worst.field,
+        has_effect=worst.kind is FindingKind.CLOCKS_APART,
+    )

@@ -1,0 +1,204 @@
+"""A pad's signals made ready for checks: without offsets, with their noise, and where the gel is pressed.
+
+They come with how far the markers move under the forces by the gel's law. A gel whose stiffness per area was
+measured is a bed of springs, u = f / (A k), marker by marker. One that is described by thickness, modulus and
+Poisson's ratio, and whose stated stiffness is that of its bonded layer, is an elastic slab
+(tactile/gel/slab.py).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
+
+import numpy as np
+from jaxtyping import Bool, Float, Int
+from scipy.spatial import cKDTree
+
+from tactile.gel.slab import GelSlab, tent_compliance
+from tactile.readers.recording import GelPad, marker_area_mm2
+from tactile.sensors import bonded_stiffness
+
+SAME_STIFFNESS = 0.02
+"""A stated stiffness this near to the bonded layer's was computed from it (tactile/sensors.py)."""
+MOST_FOR_SLAB = 900
+"""Markers for which the slab's compliance is computed: the matrix (3n x 3n) takes 60 MB, and the table it is
+read from, an eighth of the markers' spacing fine and 8 thicknesses beyond them, some 220 MB on a face of
+20 mm. No law is taken for more: a bed of springs is none for a slab (0.46 of the force at 961 markers)."""
+QUIET_SHARE = 10.0
+"""Per cent of the frames that are taken to touch nothing at first; recordings here have 40 to 72 % of air
+(benchmarks/field_spreads.py)."""
+QUIET_OVER = 1.5
+"""Frames whose forces, and displacements, have a root mean square up to this many times the quietest's: 400
+markers' noise varies by 2 %, and a first contact of a tenth of them at 6 standard deviations makes 1.5."""
+PRESSED_SD = 6.0
+"""A marker is pressed where its force or its displacement exceeds this many standard deviations of noise: by
+chance one of 400 markers in 100 frames does so in one recording of 300."""
+LEAST_SHARE = 0.1
+"""And this share of the largest, so that a noisy channel does not count as pressed."""
+FEWEST_PRESSED = 3
+"""Markers pressed at once that make a contact: one or two may be noise's outliers."""
+HEAVIEST = 5
+"""Frames of the greatest pressing, whose mean the checks look at: it has a little over half of one frame's
+noise, and sound recordings have 3 to 14 frames above 90 % of the peak (benchmarks/field_spreads.py), so that
+all five are near it."""
+FRAMES_SIMILAR = 1.5
+"""Variance of a mean over the heaviest frames, over that of independent noise (a correlation of 0.3)."""
+LEAST_OVER_NOISE = 3.0
+"""Normal displacement of the most pressed markers over noise, in the mean of the heaviest frames: what is
+smaller says nothing of a gel's law. Sound gels have 18 and more (1 over benchmarks/field_spreads.py's
+noise)."""
+MOST_OF_TOP = 5
+"""Markers whose mean is taken for the peak, so that no single one's noise is."""
+
+
+def displacement_of(pad: GelPad, force_N: Float[np.ndarray, "t n 3"]) -> Float[np.ndarray, "t n 3"] | None:
+    """Displacement (mm, with the sign of the force) that the gel's law gives these marker forces.
+
+    None where no law is known: fewer than nine markers do not say the area of one, and of a slab with more
+    than MOST_FOR_SLAB none is computed.
+    """
+    area_mm2 = marker_area_mm2(pad.rest_mm)
+    if area_mm2 is None:
+        return None
+    slab = slab_of(pad)
+    if slab is not None and len(pad.rest_mm) > MOST_FOR_SLAB:
+        return None
+    if slab is None:
+        stiffness = np.array([pad.gel_kt_MPa_per_mm, pad.gel_kt_MPa_per_mm, pad.gel_kn_MPa_per_mm])
+        return np.asarray(force_N / (area_mm2 * stiffness))
+    n = len(pad.rest_mm)
+    compliance = _compliance(slab, pad.rest_mm[:, :2].tobytes(), float(np.sqrt(area_mm2)))
+    return np.asarray(force_N.reshape(-1, 3 * n) @ compliance.T).reshape(force_N.shape)
+
+
+@lru_cache(maxsize=2)
+def _compliance(slab: GelSlab, places: bytes, pitch_mm: float) -> Float[np.ndarray, "m m"]:
+    """Of a slab's markers (0.5 s for 400); the same for each transformation that leaves their places."""
+    flat = np.frombuffer(places).reshape(-1, 2)
+    return tent_compliance(slab, flat, flat, pitch_mm=pitch_mm).reshape(3 * len(flat), -1)
+
+
+def slab_of(pad: GelPad) -> GelSlab | None:
+    """The slab that the pad's forces were found with; None where its stiffness was measured."""
+    E, nu, h = pad.gel_E_MPa, pad.gel_nu, pad.thickness_mm
+    if E is None or nu is None or h is None or not nu < 0.5:
+        return None
+    bonded, _ = bonded_stiffness(E, nu, h)
+    if abs(np.log(pad.gel_kn_MPa_per_mm / bonded)) > SAME_STIFFNESS:
+        return None
+    return GelSlab(thickness_mm=h, E_MPa=E, nu=nu)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Pressing:
+    """One pad. `gel_mm` is how far each marker should have moved by its force and the gel's law, x, y, z.
+
+    `felt_mm` is how far it has moved, with the sign of the force (positive z: pressed in). Both lack the
+    offset of the quiet frames. `pressed[t, n]` by force or displacement; `near` are each marker's nearest
+    four. `gel_mm` is None where no law of the gel is known (`displacement_of`).
+    """
+
+    pad: GelPad
+    felt_mm: Float[np.ndarray, "t n 3"]
+    force_N: Float[np.ndarray, "t n 3"]
+    gel_mm: Float[np.ndarray, "t n 3"] | None
+    felt_sd_mm: float
+    force_sd_N: float
+    gel_sd_mm: float
+    quiet: Bool[np.ndarray, " t"]
+    pressed: Bool[np.ndarray, "t n"]
+    near: Int[np.ndarray, "n k"]
+    spacing_mm: float
+
+    @cached_property
+    def touched(self) -> Bool[np.ndarray, " n"]:
+        """Markers that are pressed in two frames at least."""
+        return np.asarray(self.pressed.sum(axis=0) >= 2)
+
+    @cached_property
+    def heaviest(self) -> Int[np.ndarray, " h"]:
+        """The frames in which the pad is pressed most, by force and displacement together."""
+        sizes = [np.sqrt((values**2).sum(axis=(1, 2))) for values in (self.felt_mm, self.force_N)]
+        size = np.sum([x / max(float(x.max()), 1e-30) for x in sizes], axis=0)
+        return np.asarray(np.argsort(-size, kind="stable")[:HEAVIEST])
+
+    @property
+    def closing_mm(self) -> Float[np.ndarray, " t"]:
+        """How far the pad has gone along its own normal since the first frame."""
+        pose = self.pad.pose
+        return np.asarray((pose[:, :3, 3] - pose[0, :3, 3]) @ pose[0, :3, 2])
+
+
+def pressing_of(pad: GelPad) -> Pressing:
+    """The pad's signals without their offset; what is pressed says itself."""
+    quiet = _quiet(pad)
+    felt = -(pad.displacement_mm - np.median(pad.displacement_mm[quiet], axis=0))
+    force = pad.force_N - np.median(pad.force_N[quiet], axis=0)
+    gel = displacement_of(pad, force)
+    felt_sd, force_sd = _noise(felt, quiet), _noise(force, quiet)
+    near = min(5, len(pad.rest_mm))
+    apart, who = cKDTree(pad.rest_mm).query(pad.rest_mm, k=near)
+    apart, who = np.asarray(apart).reshape(len(pad.rest_mm), -1), np.asarray(who).reshape(len(apart), -1)
+    return Pressing(
+        pad=pad,
+        felt_mm=felt,
+        force_N=force,
+        gel_mm=gel,
+        felt_sd_mm=felt_sd,
+        force_sd_N=force_sd,
+        gel_sd_mm=0.0 if gel is None else _noise(gel, quiet),
+        quiet=quiet,
+        pressed=_beyond(felt, felt_sd) | _beyond(force, force_sd),
+        near=who[:, 1:],
+        spacing_mm=float(np.median(apart[:, 1:2])) if near > 1 else 0.0,
+    )
+
+
+def _quiet(pad: GelPad) -> Bool[np.ndarray, " t"]:
+    """Frames in which force and displacement are least; a field that never changes has no say."""
+    quiet = np.ones(len(pad.force_N), dtype=bool)
+    for values in (pad.force_N, pad.displacement_mm):
+        size = np.sqrt((values**2).mean(axis=(1, 2)))
+        least = size <= QUIET_OVER * np.percentile(size, QUIET_SHARE)
+        if np.ptp(size) > 0 and (quiet & least).any():
+            quiet &= least
+    return quiet
+
+
+def _noise(values: Float[np.ndarray, "t n 3"], quiet: Bool[np.ndarray, " t"]) -> float:
+    """Standard deviation of one component in quiet frames."""
+    return float(np.sqrt((values[quiet] ** 2).mean()))
+
+
+def _beyond(values: Float[np.ndarray, "t n 3"], sd: float) -> Bool[np.ndarray, "t n"]:
+    size = np.linalg.norm(values, axis=2)
+    return np.asarray(size > max(PRESSED_SD * sd, LEAST_SHARE * float(size.max()), 1e-12))
+
+
+def at_peak(press: Pressing, field: Float[np.ndarray, "t n 3"]) -> tuple[Float[np.ndarray, "n 3"], float]:
+    """A field's mean over the heaviest frames, and the standard deviation of its noise."""
+    top = press.heaviest
+    return field[top].mean(axis=0), _noise(field, press.quiet) * float(np.sqrt(FRAMES_SIMILAR / len(top)))
+
+
+def clearer(press: Pressing) -> tuple[Float[np.ndarray, "t n 3"], float]:
+    """Displacement or force, whichever stands out more from its noise, and its noise; positive z: pressed."""
+    shares = noise_shares(press)
+    return (press.felt_mm, press.felt_sd_mm) if shares[0] <= shares[1] else (press.force_N, press.force_sd_N)
+
+
+def gives_way(press: Pressing) -> bool:
+    """Whether the gel moves, or should by its law, by more than its markers' noise: a stiff one does not."""
+    top = press.heaviest
+    fields = [press.felt_mm, *([] if press.gel_mm is None else [press.gel_mm])]
+    least = LEAST_OVER_NOISE * press.felt_sd_mm
+    return any(float(np.quantile(np.abs(f[top, :, 2].mean(axis=0)), 0.98)) >= least for f in fields)
+
+
+def noise_shares(press: Pressing) -> tuple[float, float]:
+    """Noise of displacement and of force over what the most pressed markers show."""
+    top = press.heaviest
+    peaks = [
+        float(np.sort(np.abs(field[top, :, 2].mean(axis=0)))[-MOST_OF_TOP:].mean())
+        for field in (press.felt_mm, press.force_N)
+    ]
+    return press.felt_sd_mm / max(peaks[0], 1e-30), press.force_sd_N / max(peaks[1], 1e-30)

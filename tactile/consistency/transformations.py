@@ -1,0 +1,339 @@
+"""What people and machines do to a sound recording, each as the change that undoes it.
+
+A transformation of the pads' signals is tried on the pads that fail; one of poses, clock, aperture or mesh on
+the whole. `log_prior` is 0 for what is exactly undone; a fitted factor g pays for its freedom (5, from a
+prior of width 3 on ln g and a posterior of 0.02) and for its size (a standard deviation of 0.4 in ln g).
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from jaxtyping import Float
+
+from tactile.consistency.finding import MEANINGLESS, Field, FindingKind
+from tactile.consistency.footprint import E_OF_A_TURN
+from tactile.consistency.relations import CAUSES, E_PER_GAIN, Misfit, Situation, correlation, gain_of
+from tactile.readers.recording import GelPad
+
+FORCE = {
+    101.97: "grams",
+    0.10197: "kilograms",
+    1e3: "millinewtons",
+    1e-3: "kilonewtons",
+    0.22481: "pounds",
+    3.5969: "ounces",
+    1e5: "dynes",
+    1e6: "micronewtons",
+}
+"""What a number in newtons becomes in another unit, times."""
+LENGTH = {1e-3: "metres", 0.1: "centimetres", 1e3: "micrometres", 1 / 25.4: "inches"}
+"""The same of a number in millimetres."""
+STIFFNESS = {1e3: "kPa/mm (or MPa/m)", 1e6: "Pa/mm", 1e-3: "GPa/mm"}
+"""The same of a number in MPa/mm."""
+E_PER_FORCE = 1.1
+"""Error of ln E per ln of a factor on the force: E at 1.3 times the force is 1.28 to 1.32 times
+(benchmarks/field_mistakes.py --grade)."""
+FIELDS: dict[Field, str] = {"force": "force_N", "displacement": "displacement_mm"}
+FREE, FACTOR_SD = 5.0, 0.4
+"""Log Bayes factor that a fitted factor costs, and standard deviation of its ln; above."""
+BENDS = (0.2, 0.3, 0.4, 0.45)
+"""Shares of the peak that a sensor that saturates loses there, as f = F (1 - bend F / M)."""
+MOST_LAG = 15
+"""Frames up to which a delay of the force is tried."""
+LAGS = (*range(-10, -1), *range(2, 11))
+"""Frames by which the gel may be late on the jaws."""
+MOST_LEFT_OUT = (2, 3, 4)
+"""Every second, third or fourth marker kept; of fewer no contact of a fruit is left to find."""
+QUARTERS = np.array(
+    [
+        turn
+        for turned in ([[1, 0, 0], [0, 0, 1], [0, -1, 0]], [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
+                       [[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
+        for turn in (turned, np.transpose(turned))
+    ],
+    dtype=float,
+)  # fmt: skip
+"""Turns by 90 degrees about x, y and z, both ways: what a mesh in another frame is likeliest turned by."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Transformation:
+    """A mistake: its `cause` in words, with what to do, and the situation without it.
+
+    `relative_sd`: of E, where the recording is used as it is.
+    """
+
+    kind: FindingKind
+    cause: str
+    undone: Situation
+    pads: tuple[str, ...] = ()
+    field: Field | None = None
+    detail: str = ""
+    relative_sd: float = MEANINGLESS
+    log_prior: float = 0.0
+    has_effect: bool = False
+
+
+Change = Callable[[GelPad], GelPad]
+
+
+def of_signals(situation: Situation, names: Sequence[str]) -> Iterator[Transformation]:
+    """Transformations of the signals of these pads."""
+    pads = [press.pad for press in situation.pressings]
+    share = len(names) / len(pads)
+
+    def made(kind: FindingKind, cause: str, change: Change, **more: Any) -> Transformation:
+        changed = [change(pad) if pad.name in names else pad for pad in pads]
+        return Transformation(
+            kind=kind, cause=cause, undone=situation.with_pads(changed), pads=tuple(names), **more
+        )
+
+    kind = FindingKind.SCALE
+    for field, cause, factor, detail, log_prior in _factors(situation, names):
+        sd = share * E_PER_GAIN * abs(float(np.log(factor)))
+        change = _scaled(field, 1 / factor)
+        yield made(kind, cause, change, field=field, detail=detail, relative_sd=sd, log_prior=log_prior)
+    for count in MOST_LEFT_OUT:
+        cause = f"the arrays hold only one of every {count} markers; write all markers"
+        sd = share * E_PER_FORCE * float(np.log(count))
+        change = _scaled("force", float(count))
+        kind = FindingKind.MARKERS_MISSING
+        yield made(kind, cause, change, relative_sd=sd, log_prior=-FREE - 1, detail=str(count))
+    for field in ("force", "displacement"):
+        yield from _of_field(field, made)
+    yield from _orders(made)
+    for bend in BENDS:
+        cause = (
+            f"force grows by {1 - 2 * bend:.1f} of its first slope at its peak: the sensor saturates or is "
+            "nonlinear (run drupe explain for the amount)"
+        )
+        change = _on("force_N", _straightened, bend)
+        sd = share * E_PER_FORCE * abs(float(np.log1p(-bend)))
+        more: dict[str, Any] = {"field": "force", "relative_sd": sd, "log_prior": -FREE, "has_effect": True}
+        yield made(FindingKind.SATURATION, cause, change, **more)
+    lag = _best_lag(situation, names[0])
+    if lag:
+        cause = (
+            f"force comes {abs(lag)} frames {'late' if lag > 0 else 'early'} relative to its displacement: "
+            "the two clocks disagree. Give both one clock"
+        )
+        change = _on("force_N", _moved, -lag)
+        yield made(FindingKind.DELAY, cause, change, detail=f"{lag} frames")
+    for times, unit in LENGTH.items():
+        cause = f"rest_mm looks like {unit}; write millimetres"
+        change = _on("rest_mm", np.divide, times)
+        yield made(FindingKind.MARKERS_UNIT, cause, change, detail=unit)
+    cause = "force and displacement are in each other's place; exchange them"
+    yield made(
+        FindingKind.FIELDS_EXCHANGED,
+        cause,
+        lambda pad: replace(pad, force_N=-pad.displacement_mm, displacement_mm=-pad.force_N),
+    )
+
+
+def _factors(situation: Situation, names: Sequence[str]) -> Iterator[tuple[Field, str, float, str, float]]:
+    """Field, cause, factor, unit and log prior of each factor that the fields may have."""
+    units: tuple[tuple[Field, str, dict[float, str], str], ...] = (
+        ("force", "forces look", FORCE, "record newtons, or convert force_N"),
+        ("displacement", "displacement looks", LENGTH, "record millimetres, or convert it"),
+        ("stiffness", "gel_kn_MPa_per_mm looks", STIFFNESS, "state it in MPa per mm"),
+    )
+    for field, looks, known, advice in units:
+        for factor, unit in known.items():
+            yield field, f"{looks} like {unit}; {advice}", factor, unit, 0.0
+    gains = [gain for press in situation.pressings if press.pad.name in names and (gain := gain_of(press))]
+    if not gains:
+        return
+    gain = float(np.exp(np.mean(np.log(gains))))
+    log_prior = -FREE - float(np.log(gain)) ** 2 / (2 * FACTOR_SD**2)
+    yield "force", "force has a gain; calibrate the force", gain, "", log_prior
+    yield "displacement", "displacement is scaled, or the gel creeps; calibrate it", 1 / gain, "", log_prior
+    cause = "the stiffness (kn, kt) is that of another gel; state this gel's"
+    yield "stiffness", cause, 1 / gain, "", log_prior
+
+
+def _of_field(field: Field, made: Callable[..., Transformation]) -> Iterator[Transformation]:
+    """Signs, axes, increments and orders of one field."""
+    name = FIELDS[field]
+    cause = (
+        f"{field} has the wrong sign: pressing must move markers to negative z and give a positive force on "
+        "the fruit"
+    )
+    yield made(FindingKind.SIGN, cause, _on(name, np.negative), field=field)
+    for order in ((2, 1, 0), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1)):
+        axes = "".join("xyz"[k] for k in np.argsort(order))
+        cause = f"{field} has its axes exchanged: its columns are {axes}, expected xyz"
+        change = _on(name, _columns, order)
+        yield made(FindingKind.AXES, cause, change, field=field, detail=axes)
+    cause = f"{field} is written as increments between frames. Write {field} from rest"
+    yield made(FindingKind.INCREMENTS, cause, _on(name, lambda v: np.cumsum(v, axis=0)), field=field)
+    cause = f"{field} is summed up over frames. Write {field} from rest"
+    change = _on(name, lambda v: np.diff(v, axis=0, prepend=v[:1]))
+    yield made(FindingKind.INCREMENTS, cause, change, field=field)
+    cause = f"{field}'s frames are in reverse order; write all fields in one order"
+    yield made(FindingKind.DELAY, cause, _on(name, lambda v: v[::-1]), field=field, detail="reversed")
+
+
+def _orders(made: Callable[..., Transformation]) -> Iterator[Transformation]:
+    """Orders of the markers in one array."""
+    for field, name in (*FIELDS.items(), (None, "rest_mm")):
+        for words, order_of in (("reversed", _reversed), ("transposed (columns for rows)", _transposed)):
+            cause = f"the marker order of {name} is {words}; write all arrays in one order"
+            change = _on(name, order_of)
+            yield made(FindingKind.MARKERS_ORDER, cause, change, field=field, detail=words)
+
+
+def of_machine(situation: Situation, *, late: bool) -> Iterator[Transformation]:
+    """Transformations of poses and aperture; with `late` of the clock too."""
+    pads = [press.pad for press in situation.pressings]
+    recording = situation.recording
+
+    def posed(kind: FindingKind, cause: str, poses: Sequence[np.ndarray], **more: Any) -> Transformation:
+        changed = [replace(pad, pose=pose) for pad, pose in zip(pads, poses, strict=True)]
+        return Transformation(kind=kind, cause=cause, undone=situation.with_pads(changed), **more)
+
+    given = [pad.pose for pad in pads]
+    for times, unit in LENGTH.items():
+        cause = f"the poses look like {unit}; write millimetres"
+        poses = [_placed(pose, pose[:, :3, 3] / times) for pose in given]
+        yield posed(FindingKind.POSES_UNIT, cause, poses, detail=unit)
+        cause = f"aperture_mm looks like {unit}; write millimetres"
+        undone = replace(situation, recording=replace(recording, aperture_mm=recording.aperture_mm / times))
+        kind = FindingKind.APERTURE_UNIT
+        yield Transformation(kind=kind, cause=cause, undone=undone, detail=unit, relative_sd=0.0)
+    cause = "the poses' rotations are transposed (fruit to pad instead of pad to fruit); transpose them"
+    yield posed(FindingKind.POSES_TRANSPOSED, cause, [_with_rotation(p, np.swapaxes(p, 1, 2)) for p in given])
+    cause = "the poses are inverted (fruit to pad instead of pad to fruit); invert them"
+    yield posed(FindingKind.POSES_INVERTED, cause, [np.linalg.inv(pose) for pose in given])
+    cause = (
+        "the poses put the pads back to back. z must point out of the gel into the fruit, or the poses of "
+        "left and right are swapped"
+    )
+    yield posed(FindingKind.POSES_BACK_TO_BACK, cause, [pose * [1.0, 1.0, -1.0, 1.0] for pose in given])
+    if len(pads) == 2 and all(np.ptp(pose[:, :3, 3], axis=0).max() < 0.05 for pose in given):
+        closed = (recording.aperture_mm[0] - recording.aperture_mm) / 2
+        cause = "the poses stand still: poses of one instant, or of another recording"
+        moved = [_placed(p, p[:1, :3, 3] + closed[:, None] * p[:1, :3, 2]) for p in given]
+        yield posed(FindingKind.POSES_STILL, cause, moved)
+    for lag in LAGS if late else ():
+        changed = [
+            replace(pad, displacement_mm=_moved(pad.displacement_mm, -lag), force_N=_moved(pad.force_N, -lag))
+            for pad in pads
+        ]
+        yield Transformation(
+            kind=FindingKind.CLOCKS_APART,
+            cause=f"the clocks of gel and jaws are {abs(lag)} frames apart (lag); give both one clock",
+            undone=situation.with_pads(changed),
+            relative_sd=np.nan,
+            has_effect=True,
+            log_prior=-FREE / 2,
+        )
+
+
+def of_mesh(situation: Situation, width: Misfit | None) -> Iterator[Transformation]:
+    """Pads exchanged, and the mesh in another frame or size; `width`: how far its width is off."""
+    vertices = situation.vertices
+    assert vertices is not None
+    if len(situation.pressings) == 2:
+        left, right = (press.pad for press in situation.pressings)
+        yield Transformation(
+            kind=FindingKind.PADS_EXCHANGED,
+            cause="the contact imprints fit with the pads exchanged: left and right are swapped (signals or "
+            "poses), or the mesh is rotated or of another fruit",
+            undone=situation.with_pads([replace(left, pose=right.pose), replace(right, pose=left.pose)]),
+            relative_sd=E_OF_A_TURN,
+            log_prior=-float(np.log(len(QUARTERS))),
+        )
+    centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
+    if width is not None:
+        yield Transformation(
+            kind=FindingKind.WIDTH,
+            cause=CAUSES[FindingKind.WIDTH],
+            undone=replace(situation, vertices=centre + (vertices - centre) / float(width.detail)),
+            relative_sd=width.relative_sd,
+            log_prior=-FREE / 2,
+        )
+    for turn in QUARTERS:
+        yield Transformation(
+            kind=FindingKind.MESH_TURNED,
+            cause="the contact imprints fit on the mesh rotated by 90 degrees: the mesh is rotated or of "
+            "another fruit, or a pose is wrong",
+            undone=replace(situation, vertices=centre + (vertices - centre) @ turn),
+            relative_sd=E_OF_A_TURN,
+            log_prior=-float(np.log(len(QUARTERS))),
+        )
+
+
+def _on(name: str, change: Callable[..., np.ndarray], *arguments: Any) -> Change:
+    """`change` of one array of a pad; `arguments` come after the array."""
+
+    def changed(pad: GelPad) -> GelPad:
+        more: dict[str, Any] = {name: np.asarray(change(getattr(pad, name), *arguments))}
+        return replace(pad, **more)
+
+    return changed
+
+
+def _scaled(field: Field, times: float) -> Change:
+    if field != "stiffness":
+        return _on(FIELDS[field], np.multiply, times)
+    return lambda pad: replace(
+        pad, gel_kn_MPa_per_mm=pad.gel_kn_MPa_per_mm * times, gel_kt_MPa_per_mm=pad.gel_kt_MPa_per_mm * times
+    )
+
+
+def _moved(values: Float[np.ndarray, "t n 3"], frames: int) -> Float[np.ndarray, "t n 3"]:
+    """Values that come so many frames later; the ends are repeated."""
+    return np.asarray(values[np.clip(np.arange(len(values)) - frames, 0, len(values) - 1)])
+
+
+def _straightened(force_N: Float[np.ndarray, "t n 3"], bend: float) -> Float[np.ndarray, "t n 3"]:
+    """F of f = F (1 - bend F / M), M the largest F."""
+    size = np.linalg.norm(force_N, axis=2, keepdims=True)
+    share = size / max(float(size.max()), 1e-30)
+    straight = (1 - np.sqrt(1 - 4 * bend * (1 - bend) * share)) / (2 * bend * (1 - bend))
+    return np.asarray(force_N * straight / np.maximum(share, 1e-12))
+
+
+def _columns(values: Float[np.ndarray, "... 3"], order: Sequence[int]) -> Float[np.ndarray, "... 3"]:
+    return np.asarray(values[..., list(order)])
+
+
+def _reversed(values: Float[np.ndarray, "... n 3"]) -> Float[np.ndarray, "... n 3"]:
+    return np.asarray(values[..., ::-1, :])
+
+
+def _transposed(values: Float[np.ndarray, "... n 3"]) -> Float[np.ndarray, "... n 3"]:
+    """The markers of a square grid by columns for rows; any other grid is left."""
+    count = values.shape[-2]
+    side = round(count**0.5)
+    if side**2 != count:
+        return values
+    return np.asarray(values[..., np.arange(count).reshape(side, side).T.ravel(), :])
+
+
+def _placed(pose: Float[np.ndarray, "t 4 4"], places_mm: Float[np.ndarray, "t 3"]) -> np.ndarray:
+    out = pose.copy()
+    out[:, :3, 3] = places_mm
+    return out
+
+
+def _with_rotation(pose: Float[np.ndarray, "t 4 4"], rotations: Float[np.ndarray, "t 4 4"]) -> np.ndarray:
+    out = pose.copy()
+    out[:, :3, :3] = rotations[:, :3, :3]
+    return out
+
+
+def _best_lag(situation: Situation, name: str) -> int:
+    """Frames by which a pad's force follows its displacement best."""
+    press = next(press for press in situation.pressings if press.pad.name == name)
+    u = np.abs(press.felt_mm[:, :, 2].sum(axis=1))
+    v = np.abs(press.force_N[:, :, 2].sum(axis=1))
+    most = max(1, min(len(u) // 4, MOST_LAG))
+    pairs = {
+        k: (u[max(0, -k) : len(u) - max(0, k)], v[max(0, k) : len(v) - max(0, -k)])
+        for k in range(-most, most + 1)
+    }
+    return max(pairs, key=lambda k: correlation(*pairs[k]))

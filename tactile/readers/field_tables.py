@@ -1,0 +1,126 @@
+"""Displacement and force per marker in tables: NumPy's .npz, a CSV file, or topics of a ROS 2 bag.
+
+The .npz holds the recording's own names: `time_s` (T,), `aperture_mm` (T,), and for each pad (left and right,
+or tip) `pads/<pad>/rest_mm` (N, 3), `pads/<pad>/displacement_mm` and `pads/<pad>/force_N` (T, N, 3),
+optionally `pads/<pad>/pose` (T, 4, 4) or (4, 4).
+
+The CSV file has one row for each frame and marker: `time_s`, `aperture_mm`, `pad` (0 left or tip, 1 right),
+`marker`, `x_mm`, `y_mm`, `z_mm` (at rest), `dx_mm`, `dy_mm`, `dz_mm`, `fx_N`, `fy_N`, `fz_N`.
+"""
+
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.files.plain_file import NotReadable
+from tactile.readers.grasp_log import increasing, read_columns
+from tactile.readers.pictures import unusable
+from tactile.readers.plain_numpy import array_fault, load_npz
+from tactile.readers.recording import Converted, GelPad, Loading, Recording
+from tactile.readers.recording_fields import Shape
+from tactile.readers.ros_bag import bag_fields
+from tactile.sensors import Sensor, layer_stiffness
+
+REST, MOVED, PUSHED = ("x_mm", "y_mm", "z_mm"), ("dx_mm", "dy_mm", "dz_mm"), ("fx_N", "fy_N", "fz_N")
+COLUMNS = ("time_s", "aperture_mm", "pad", "marker", *REST, *MOVED, *PUSHED)
+
+
+def read_field_table(
+    path: Path, *, fruit_id: str, category: str, sensor: Sensor, topics: Path | None = None
+) -> Converted:
+    """A recording from a table of marker fields; `sensor` says the gel's stiffness, `topics` a bag's topics.
+
+    Raises TactileFailure (unreadable-frames) that names the file, the field and its fault.
+    """
+    if topics is not None:
+        held = bag_fields(path, topics)
+    else:
+        held = _npz(path) if path.suffix.lower() == ".npz" else _from_csv(path)
+    names = ("left", "right") if "pads/left/rest_mm" in held else ("tip",)
+    time_s = _field(path, held, "time_s", (None,))
+    frames = len(time_s)
+    increasing(path.name, time_s)
+    kn, kt = layer_stiffness(sensor)
+    notes = []
+    pads = []
+    for name in names:
+        rest = _field(path, held, f"pads/{name}/rest_mm", (None, 3))
+        shape = (frames, len(rest), 3)
+        pose = held.get(f"pads/{name}/pose")
+        if pose is None:
+            notes.append(f"{path.name}: no pads/{name}/pose; drupe writes no motion.")
+            pose = np.eye(4)
+        if pose.ndim == 2:
+            pose = np.broadcast_to(pose, (frames, 4, 4)).copy()
+        pads.append(
+            GelPad(
+                name=name,
+                pose=_checked(path, f"pads/{name}/pose", pose, (frames, 4, 4)),
+                rest_mm=rest,
+                displacement_mm=_field(path, held, f"pads/{name}/displacement_mm", shape),
+                force_N=_field(path, held, f"pads/{name}/force_N", shape),
+                gel_kn_MPa_per_mm=kn,
+                gel_kt_MPa_per_mm=kt,
+                thickness_mm=sensor.thickness_mm,
+                gel_E_MPa=sensor.E_MPa,
+                gel_nu=sensor.nu,
+                force_scale_sd=sensor.force_sd,
+                displacement_scale_sd=sensor.displacement_sd,
+            )
+        )
+    loading = "press" if names == ("tip",) else "grasp"
+    recording = Recording(
+        fruit_id=fruit_id,
+        category=category,
+        loading=cast(Loading, loading),
+        support="base" if loading == "press" else "free",
+        sensor=sensor.name,
+        time_s=time_s,
+        aperture_mm=_field(path, held, "aperture_mm", (frames,)),
+        pads=tuple(pads),
+    )
+    return Converted(recording=recording, notes=tuple(notes))
+
+
+def _npz(path: Path) -> dict[str, np.ndarray]:
+    try:
+        return load_npz(path)
+    except NotReadable as cause:
+        raise unusable(path.name, f"that it {cause}", "a whole .npz of numbers; copy it again") from cause
+
+
+def _from_csv(path: Path) -> dict[str, np.ndarray]:
+    """The table's columns as arrays by frame and marker. Raises TactileFailure where rows are missing."""
+    columns = read_columns(path, wanted=COLUMNS)
+    missing = [name for name in COLUMNS if name not in columns]
+    if missing:
+        raise unusable(f"{path.name}: {missing[0]}", "the columns " + ", ".join(columns), "that column too")
+    time_s, first = np.unique(columns["time_s"], return_index=True)
+    held = {"time_s": time_s, "aperture_mm": columns["aperture_mm"][first]}
+    kinds = np.unique(columns["pad"])
+    names = {0.0: "left", 1.0: "right"} if len(kinds) == 2 else {float(kinds[0]): "tip"}
+    for number, name in names.items():
+        rows = np.flatnonzero(columns["pad"] == number)
+        order = rows[np.lexsort([columns["marker"][rows], columns["time_s"][rows]])]
+        count = len(np.unique(columns["marker"][rows]))
+        if len(order) != count * len(time_s):
+            fault = f"{len(order)} rows of pad {number:g}"
+            raise unusable(path.name, fault, f"{count} markers in each of {len(time_s)} frames")
+        for field, triple in (("rest_mm", REST), ("displacement_mm", MOVED), ("force_N", PUSHED)):
+            values = np.stack([columns[c][order] for c in triple], axis=1).reshape(len(time_s), count, 3)
+            held[f"pads/{name}/{field}"] = values[0] if field == "rest_mm" else values
+    return held
+
+
+def _field(path: Path, held: dict[str, np.ndarray], name: str, shape: Shape) -> Float[np.ndarray, "..."]:
+    if name not in held:
+        raise unusable(f"{path.name}: {name}", "no such array", "it beside " + ", ".join(sorted(held)))
+    return _checked(path, name, held[name], shape)
+
+
+def _checked(path: Path, name: str, values: np.ndarray, shape: Shape) -> np.ndarray:
+    if fault := array_fault(values, shape):
+        raise unusable(f"{path.name}: {name}", *fault)
+    return values

@@ -1,0 +1,282 @@
+"""A bare indenter's trace: time, travel and force in a machine's table, text or spreadsheet."""
+
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.files.plain_file import not_plain
+from tactile.preparation.logged_trace import LoggedTrace, NotPrepared, prepare, written_runs
+from tactile.readers.cell_rows import SPREADSHEETS, Cell, CellTable, Row, number_in, number_of, sheets_of
+from tactile.readers.field_tables import MOVED
+from tactile.readers.pictures import unusable
+from tactile.readers.recording import Converted, IndenterPad, Recording
+from tactile.readers.specimen import PressedSpecimen
+from tactile.readers.trace_columns import FORCE, FoundColumns, TraceWords, columns_wanted, find_columns
+from tactile.trace_thinning import thin
+
+TABLES = (".csv", ".txt", ".tsv", *SPREADSHEETS)
+"""How the name of a trace's file ends."""
+OF_MARKERS = frozenset({"pad", "marker", *MOVED})
+"""Columns that a table of marker fields has and no load cell: a .csv with one of them is such a table, if an
+incomplete one, whose reader then names the column that is missing. A place alone (`z_mm`) may be a machine's.
+"""
+LATEST_START_S = 1e6
+"""s: a time that starts later (12 days) is a clock's, and is counted from the first frame."""
+UNLOADED_FRAMES = 5
+"""First frames, whose median force is that of the cell alone: an offset is no sign. Set by hand."""
+NO_MARKERS = (
+    "a load cell's table has neither markers nor poses. `drupe explain` reads the recording; "
+    "`drupe grade` reads it only for plates around a fruit with three diameters."
+)
+"""Note on every recording of a load cell."""
+FEWEST_FRAMES = 2
+"""A table with fewer rows is no recording."""
+_NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
+"""Of runs, in words."""
+
+
+def is_trace(path: Path, *, sensor_given: bool) -> bool:
+    """Whether the file is that of a bare load cell, no table of marker fields (a .csv can be either).
+
+    A table of markers has a column of markers in its first row; with a sensor's description given, a .csv
+    without any such column is one as well, unless it has a force by a name that is known.
+    """
+    if path.suffix.lower() != ".csv":
+        return path.suffix.lower() in TABLES
+    names = header_of(path)
+    return OF_MARKERS.isdisjoint(names) and (not sensor_given or any(name in names for name in FORCE))
+
+
+def header_of(path: Path) -> list[str]:
+    """The names in a CSV file's first row."""
+    if not_plain(path):
+        return []
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        return [name.strip() for name in file.readline(10_000).split(",")]
+
+
+def read_trace(
+    path: Path,
+    *,
+    fruit_id: str,
+    category: str,
+    indenter: Literal["ball", "flat", "plate"],
+    radius_mm: float | None,
+    specimen: PressedSpecimen | None = None,
+    words: TraceWords | None = None,
+) -> Converted:
+    """`time_s`, `travel_mm` and `force_N` of a press, positive when pressed; the pose is not known.
+
+    `words`: what was said of the table's columns, units and sheet. A long trace is thinned. Raises
+    TactileFailure (unreadable-frames) for a missing column, a cell that is no number, time that runs back, or
+    a travel that goes the wrong way.
+    """
+    words = words or TraceWords()
+    sheet, columns, notes = _table(path, words)
+    logged = _logged(path, sheet, columns, notes)
+    prepared = _prepared(path.name, logged, words.run, notes)
+    time_s, pushed = prepared.time_s, prepared.force_N
+    if time_s[0] > LATEST_START_S:
+        notes.append(f"{path.name}: time starts at {time_s[0]:.0f} s; drupe counts from the first frame.")
+        time_s = time_s - time_s[0]
+    unloaded = float(np.median(pushed[:UNLOADED_FRAMES]))
+    if unloaded - pushed.min() > pushed.max() - unloaded:
+        notes.append(f"{path.name}: the force is negative under load; drupe reversed its sign.")
+        pushed = -pushed
+    travel = _travel(path, prepared, pushed, notes)
+    if (thinned := thin(time_s, travel, pushed)) is not None:
+        notes.append(thinned.said(path.name))
+        time_s, travel, pushed = time_s[thinned.kept], travel[thinned.kept], pushed[thinned.kept]
+    pad = IndenterPad(
+        name="tip",
+        pose=np.broadcast_to(np.eye(4), (len(pushed), 4, 4)).copy(),
+        force_z_N=pushed,
+        indenter=indenter,
+        radius_mm=radius_mm,
+        specimen=specimen or PressedSpecimen(),
+    )
+    recording = Recording(
+        fruit_id=fruit_id,
+        category=category,
+        loading="press",
+        support="base",
+        sensor="load cell",
+        time_s=time_s,
+        aperture_mm=travel,
+        pads=(pad,),
+    )
+    return Converted(recording=recording, notes=tuple(notes))
+
+
+def _table(path: Path, words: TraceWords) -> tuple[CellTable, FoundColumns, list[str]]:
+    """The one sheet that has the columns, and what must be known of how it was read."""
+    sheets = sheets_of(path)
+    if words.sheet is not None:
+        chosen = tuple(sheet for sheet in sheets if sheet.name == words.sheet)
+        if not chosen:
+            known = ", ".join(sheet.name for sheet in sheets if sheet.name) or "none: it is no spreadsheet"
+            raise unusable(path.name, f'no sheet "{words.sheet}"', f"one of its sheets ({known})")
+        sheets = chosen
+    candidates = [(sheet, columns) for sheet in sheets if (columns := find_columns(path.name, sheet, words))]
+    if not candidates:
+        raise columns_wanted(path.name, sheets, words)
+    if len(candidates) > 1:
+        names = ", ".join(f'"{sheet.name}"' for sheet, _ in candidates)
+        raise unusable(
+            path.name,
+            f"{len(candidates)} sheets with these columns: {names}",
+            f'one of them named: give --sheet "{candidates[0][0].name}"',
+        )
+    sheet, columns = candidates[0]
+    notes = [NO_MARKERS]
+    if sheet.encoding == "cp1252":
+        notes.append(f"{path.name}: is not UTF-8; drupe read it as Windows-1252.")
+    if words.columns or words.units or sheet.name:
+        said = ", ".join(
+            f'{q} is "{columns.header[at]}" in {columns.units[q].text}' for q, at in columns.place.items()
+        )
+        notes.append(f"{path.name}{f', sheet {sheet.name}' if sheet.name else ''}: {said}.")
+    notes += columns.notes
+    return sheet, columns, notes
+
+
+def runs_in(path: Path, *, words: TraceWords | None = None) -> int:
+    """How many runs stand one below the other in the table; raises TactileFailure as `read_trace` does."""
+    sheet, columns, notes = _table(path, words or TraceWords())
+    return len(_runs(path.name, _logged(path, sheet, columns, notes), notes))
+
+
+def _runs(source: str, logged: LoggedTrace, notes: list[str]) -> list[LoggedTrace]:
+    if np.isfinite(logged.time_s).sum() < FEWEST_FRAMES:
+        raise unusable(source, "no rows", "a header and one row for each frame")
+    try:
+        runs, corrections = written_runs(logged)
+    except NotPrepared as cause:
+        raise unusable(source, cause.fault, cause.expected) from None
+    notes += [f"{source}: {correction.says}" for correction in corrections]
+    return runs
+
+
+def _prepared(source: str, logged: LoggedTrace, run: int | None, notes: list[str]) -> LoggedTrace:
+    """The one run, or that of this number, without what the logger did; notes on each correction."""
+    runs = _runs(source, logged, notes)
+    if run is None and len(runs) > 1:
+        first = ", ".join(str(trace.rows[0]) for trace in runs)
+        fault = f"{_NUMBERS.get(len(runs), len(runs))} runs one below the other (they begin in rows {first})"
+        raise unusable(
+            source, fault, f"one run: give --run 1 to {len(runs)} for one, or --run all for a file of each"
+        )
+    if run is not None and run > len(runs):
+        raise unusable(
+            source, f"{len(runs)} {'run' if len(runs) == 1 else 'runs'}", f"--run 1 to {len(runs)}"
+        )
+    chosen = runs[(run or 1) - 1]
+    if run is not None:
+        notes.append(f"{source}: run {run} of {len(runs)}, rows {chosen.rows[0]} to {chosen.rows[-1]}.")
+    if min(np.isfinite(column).sum() for column in (chosen.time_s, *chosen.columns.values())) < FEWEST_FRAMES:
+        raise unusable(source, "no rows", "a header and one row for each frame")
+    try:
+        prepared, corrections = prepare(chosen)
+    except NotPrepared as cause:
+        raise unusable(source, cause.fault, cause.expected) from None
+    notes += [f"{source}: {correction.says}" for correction in corrections]
+    return prepared
+
+
+def _logged(path: Path, sheet: CellTable, columns: FoundColumns, notes: list[str]) -> LoggedTrace:
+    """Each quantity in s, N, mm, NaN where a cell is empty; rows without any of the three are left out, and
+    so are headers that stand again between runs.
+
+    A comma is a decimal one where commas do not part the cells; a file with both commas and points in its
+    numbers is refused, since one of them then parts thousands.
+    """
+    rows, breaks = _rows_and_breaks(sheet, columns)
+    width = len(columns.header)
+    for number, cells in rows:
+        if len(cells) > width:
+            expected = f"{width} as in the header, and numbers with a decimal point"
+            raise unusable(path.name, f"{len(cells)} cells in row {number}", expected)
+    commas = sheet.delimiter != "commas" and _decimal_commas(path, rows, columns)
+    if commas:
+        notes.append(f"{path.name}: decimal commas.")
+    values = {
+        q: columns.units[q].factor
+        * np.array(
+            [_number(f"{path.name}: {columns.header[at][:60]}", row, at, commas=commas) for row in rows]
+        )
+        for q, at in columns.place.items()
+    }
+    quantity = "gap" if "gap" in values else "travel"
+    return LoggedTrace(
+        time_s=values["time"],
+        travel=values[quantity],
+        force_N=values["force"],
+        rows=np.array([number for number, _ in rows], dtype=int),
+        quantity=quantity,
+        breaks=breaks,
+    )
+
+
+def _rows_and_breaks(sheet: CellTable, columns: FoundColumns) -> tuple[list[Row], tuple[int, ...]]:
+    """Rows of numbers, and before which of them the header stands again; its row of units goes with it."""
+    rows: list[Row] = []
+    breaks: list[int] = []
+    repeats = [
+        tuple(str(cells[at]) if at < len(cells) else "" for at in columns.place.values())
+        for _, cells in sheet.rows[max(columns.first - 2, 0) : columns.first]
+    ]
+    for number, cells in sheet.rows[columns.first :]:
+        entries = tuple(str(cells[at]) if at < len(cells) else "" for at in columns.place.values())
+        if entries in repeats and not any(number_of(cell) is not None for cell in entries):
+            breaks.append(len(rows))
+        elif any(entries):
+            rows.append((number, cells))
+    return rows, tuple(dict.fromkeys(breaks))
+
+
+def _decimal_commas(path: Path, rows: list[tuple[int, list[Cell]]], columns: FoundColumns) -> bool:
+    texts = [
+        (number, cell)
+        for number, cells in rows
+        for at in columns.place.values()
+        if at < len(cells) and isinstance(cell := cells[at], str)
+    ]
+    comma = next(((number, cell) for number, cell in texts if "," in cell), None)
+    point = next(((number, cell) for number, cell in texts if "." in cell), None)
+    if comma is not None and point is not None:
+        both = f'"{comma[1][:30]}" in row {comma[0]} and "{point[1][:30]}" in row {point[0]}'
+        raise unusable(
+            path.name, both, "either decimal commas or decimal points, and nothing between thousands"
+        )
+    return comma is not None
+
+
+def _number(source: str, row: Row, at: int, *, commas: bool) -> float:
+    number, cells = row
+    return number_in(source, number, cells[at] if at < len(cells) else "", holes=True, commas=commas)
+
+
+def _travel(
+    path: Path, prepared: LoggedTrace, pushed: Float[np.ndarray, " t"], notes: list[str]
+) -> Float[np.ndarray, " t"]:
+    """The travel, or what the gap has closed by; a TactileFailure where it goes back as the force grows."""
+    quantity, travel = prepared.quantity, prepared.travel
+    if quantity == "gap":
+        notes.append(
+            f"{path.name}: the gap is {travel[0]:.4g} mm at first; drupe uses its decrease as travel."
+        )
+        travel = travel[0] - travel
+    deepest = int(np.argmax(pushed))
+    gone = float(travel[deepest] - travel[0])
+    if gone < -0.5 * float(np.ptp(travel)):
+        other = "travel" if quantity == "gap" else "gap"
+        grows = "opens" if quantity == "gap" else "falls"
+        raise unusable(
+            path.name,
+            f"a {quantity} that {grows} by {-gone:.3g} mm up to the largest force",
+            f"a {quantity} that {'closes' if quantity == 'gap' else 'grows'} with the force. Is it a "
+            f"{other}? Give --columns {other}=...",
+        )
+    return travel
