@@ -1,12 +1,16 @@
 """The photo route on one page: photos -> cameras -> outlines -> hull -> depth -> closed, scaled mesh."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 from scipy.spatial import cKDTree
+from threadpoolctl import threadpool_limits
 
 from recon.cameras.camera import Camera, straightened
 from recon.cameras.coin import Coin
@@ -22,17 +26,48 @@ from recon.checks.surface_verdict import surface_doubts, surface_offset
 from recon.learned.fruit_model import SHIPPED, FruitModel, fruit_model, is_fruit_model
 from recon.learned.geometry_model import fruit_points
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.scale import Scale, scale_without_mat
+from recon.scale import Scale, scale_without_mat, top_share
 from recon.silhouettes.all_views import find_fruit
-from recon.silhouettes.carve import AGREEMENT
-from recon.stage_clock import Progress, StageClock, one_thread
-from recon.surface.coverage import seeing_views, seen_and_unseen
-from recon.surface.poisson import poisson_surface
-from recon.surface.ray_mesh import RayMesh
+from recon.silhouettes.segmentation import AGREEMENT
+from recon.surface.ray_mesh import RayMesh, seeing_views, seen_and_unseen
 from recon.surface.relief import relief, unsearched
-from recon.surface.repair import RepairedMesh, repaired
-from recon.surface.unseen_top import top_share
+from recon.surface.repair import RepairedMesh, poisson_surface, repaired
 from recon.triangle_mesh import vertex_normals
+
+Progress = Callable[[str, float], None]
+
+
+class StageClock:
+    """Collects `seconds[stage]`; calls `progress(stage, share done)` when a stage begins."""
+
+    def __init__(self, progress: Progress | None = None) -> None:
+        self.seconds: dict[str, float] = {}
+        self._progress = progress
+
+    @contextmanager
+    def stage(self, name: str, share: float) -> Iterator[None]:
+        """Time what runs inside; a stage that runs again adds to it."""
+        if self._progress is not None:
+            self._progress(name, share)
+        start = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[name] = self.seconds.get(name, 0.0) + time.perf_counter() - start
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """One thread for OpenCV and BLAS, and OpenCV's seed set, so that a run can be repeated."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    cv2.setRNGSeed(1)
+    try:
+        with threadpool_limits(limits=1):
+            yield
+    finally:
+        cv2.setNumThreads(before)
+
 
 LOOSE_AGREEMENT = 0.6
 """Share of the views that must take a cell of the first block for fruit, where AGREEMENT gave a mesh that the

@@ -15,11 +15,11 @@ from recon.cameras.camera import Camera, straightened
 from recon.cameras.photos import Photo, read_photos
 from recon.cameras.view_plan import ViewPlan, view_plan
 from recon.checks.photo_check import checked_photos
+from recon.checks.quality import require_seen, shape_doubts
 from recon.checks.rim_check import rim_doubts
-from recon.checks.verdict import require_seen, shape_doubts
 from recon.fruit_mesh import ReconOptions, Reconstruction, reconstruct, reconstruct_with_model
 from recon.learned.fruit_model import SHIPPED
-from recon.surface.fruit_frame import to_fruit_frame
+from recon.surface.orientation import to_fruit_frame
 from recon.surface.ray_mesh import RayMesh
 from recon.underside import with_underside
 from recon.wording import listed

@@ -10,8 +10,17 @@ from recon.cameras.ground_plane import upright
 from recon.cameras.mat_poses import Poses
 from recon.cameras.photos import FEWEST_PHOTOS, Photo
 from recon.cameras.plane_bundle import RIGID, Adjusted, PlaneScene, Sightings, adjusted
-from recon.cameras.plane_features import USUAL_FOCAL, GroundPair, ground_features, ground_pairs
-from recon.cameras.plane_start import KNOWN_FOCAL_SD, USUAL_FOCAL_SD, chained, joined, start_cameras
+from recon.cameras.plane_start import (
+    KNOWN_FOCAL_SD,
+    USUAL_FOCAL,
+    USUAL_FOCAL_SD,
+    GroundPair,
+    chained,
+    ground_features,
+    ground_pairs,
+    joined,
+    start_cameras,
+)
 from recon.cameras.plane_tracks import ground_tracks
 from recon.cameras.similarity import affine, scaling
 from recon.cameras.view_plan import ViewPlan, plan_words, view_plan

@@ -9,7 +9,7 @@ from jaxtyping import Float
 from recon.wording import listed
 
 WIDE_DEG = 75.0
-"""A side without photos that is said; from 120 degrees on a shape is refused (recon/checks/verdict.py)."""
+"""A side without photos that is said; from 120 degrees on a shape is refused (recon/checks/quality.py)."""
 STEP_DEG = 45.0
 """What is advised between neighbours: eight photos once around."""
 

@@ -5,11 +5,10 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from recon.checks.camera_shadow import camera_shadow_px
 from recon.checks.ground_check import RimEvidence
-from recon.checks.surface_error import SurfaceError
+from recon.checks.surface_error import SurfaceError, camera_shadow_px
 from recon.recon_failure import ReconProblem
-from recon.surface.coverage import SEEN_BY
+from recon.surface.ray_mesh import SEEN_BY
 from recon.triangle_mesh import vertex_areas, vertex_normals, volume_mm3
 
 OFF_MM, REFUSED_OFF = 0.2, 0.0125

@@ -8,10 +8,9 @@ from recon.cameras.mat_poses import cameras_from_mat
 from recon.cameras.photos import Photo
 from recon.cameras.printed_mat import Mat
 from recon.cameras.view_plan import plan_words, view_plan
-from recon.checks.quality import ReconQuality, warnings_of, widest_gap_deg
-from recon.checks.verdict import require_seen
+from recon.checks.quality import ReconQuality, require_seen, warnings_of, widest_gap_deg
 from recon.silhouettes.hull import ball
-from recon.surface.coverage import seen_and_unseen
+from recon.surface.ray_mesh import seen_and_unseen
 from recon.triangle_mesh import facing
 
 USUAL_HEIGHT_MM = 50.0

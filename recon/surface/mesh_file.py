@@ -10,8 +10,8 @@ from jaxtyping import Float, Int
 
 from pipeline.files.plain_file import NotReadable, json_of, printable, read_bytes
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.surface.coverage import SEEN_BY
 from recon.surface.ply_file import NotPly, read_header, read_ply
+from recon.surface.ray_mesh import SEEN_BY
 from recon.triangle_mesh import consistently_oriented, open_edges, used_part, volume_mm3
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from recon.checks.camera_shadow import in_camera_shadow, left_right_px, shadow_sd_mm
 from recon.checks.ground_check import RimEvidence
+from recon.checks.surface_error import in_camera_shadow, left_right_px, shadow_sd_mm
 
 VIEWS, SAMPLES, PIXEL_MM = 24, 96, 0.25
 VIEW = np.repeat(np.arange(VIEWS), SAMPLES)

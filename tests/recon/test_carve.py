@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from known_ball import CENTRE, RADIUS_MM, camera_towards, directions, from_rim_px, whole_window
 
-from recon.silhouettes.carve import CELLS, Block, carve
+from recon.silhouettes.segmentation import CELLS, Block, carve
 
 LOW, HIGH = CENTRE - 30.0, CENTRE + 30.0
 CELL_MM = 60.0 / CELLS

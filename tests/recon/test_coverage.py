@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from recon.silhouettes.hull import ball
-from recon.surface.coverage import seeing_views, seen_and_unseen
+from recon.surface.ray_mesh import seeing_views, seen_and_unseen
 
 RADIUS = 10.0
 FAR = 1e6

@@ -17,9 +17,8 @@ from recon.cameras.photos import Photo, read_photos
 from recon.checks.quality import NOTHING_KNOWN, seen_doubts
 from recon.fruit_mesh import Reconstruction
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.surface.flipped import ScannedSide, both_sides
 from recon.triangle_mesh import neighbour_mean, vertex_normals, volume_mm3
-from recon.underside import with_underside
+from recon.underside import ScannedSide, both_sides, with_underside
 from samples.fruit import skin_mesh
 
 NOISE_MM, GUESS_MM = 0.05, 0.6

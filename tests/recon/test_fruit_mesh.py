@@ -13,7 +13,7 @@ from recon.cameras.photos import Photo
 from recon.cameras.printed_mat import standard_mat
 from recon.fruit_mesh import ReconOptions, reconstruct
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.surface.coverage import SEEN_BY
+from recon.surface.ray_mesh import SEEN_BY
 from recon.triangle_mesh import face_areas, open_edges, volume_mm3
 
 EGG = Egg()

@@ -13,7 +13,7 @@ from recon.checks.surface_error import sd_on_patch_mm, surface_error
 from recon.checks.surface_verdict import place_in_words, surface_doubts, surface_offset
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.hull import ball
-from recon.surface.coverage import seeing_views
+from recon.surface.ray_mesh import seeing_views
 from recon.triangle_mesh import vertex_normals
 
 CAMERAS = ring(16)

@@ -9,11 +9,11 @@ import pytest
 import trimesh
 from refusals import refused
 
-from recon.native import open3d
 from recon.pit.placement import require_closed
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import mesh_bytes, read_mesh, write_mesh
+from recon.surface.ray_mesh import open3d
 from recon.triangle_mesh import open_edges, volume_mm3
 
 

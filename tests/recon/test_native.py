@@ -4,8 +4,8 @@ import sys
 
 import pytest
 
-from recon.native import open3d
 from recon.recon_failure import ReconFailure
+from recon.surface.ray_mesh import open3d
 
 
 @pytest.mark.parametrize(

@@ -8,8 +8,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from recon.silhouettes.hull import ball
-from recon.surface.fruit_frame import orientation_warnings, to_fruit_frame
-from recon.surface.orientation import orientation_of
+from recon.surface.orientation import orientation_of, orientation_warnings, to_fruit_frame
 from samples.fruit import fruit_of_seed, scanned_mesh
 
 

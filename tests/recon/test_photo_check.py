@@ -11,8 +11,7 @@ from mat_scene import Egg, photographed, ring
 from refusals import refused
 
 from recon.cameras.printed_mat import detect_tags, standard_mat
-from recon.cameras.tag_optics import tag_optics
-from recon.checks.photo_check import checked_photos
+from recon.checks.photo_check import checked_photos, tag_optics
 from recon.recon_failure import ReconFailure, ReconProblem
 
 MAT = standard_mat()

@@ -8,13 +8,12 @@ import pytest
 import trimesh
 from refusals import refused
 
-from recon.pit.measured import load_pit
-from recon.pit.placement import embed_pit, place_pit
+from recon.pit.placement import embed_pit, load_pit, place_pit
 from recon.pit.priors import STONE_FRUIT, known_categories, load_prior
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.hull import ball
-from recon.surface.fruit_frame import to_fruit_frame
 from recon.surface.mesh_file import write_mesh
+from recon.surface.orientation import to_fruit_frame
 from recon.triangle_mesh import open_edges, volume_mm3
 
 FRUIT = [category for category in known_categories() if category != "phantom"]

@@ -9,14 +9,12 @@ from mat_scene import ring
 
 from recon.cameras.camera import Camera
 from recon.checks.quality import depth_doubts
-from recon.native import open3d
 from recon.silhouettes.hull import ball
 from recon.surface import relief as module
-from recon.surface import relief_verdict
 from recon.surface.photo_consistency import Patches, agreement, best_offsets, grey_views
+from recon.surface.ray_mesh import open3d
 from recon.surface.relief import Relief, relief
-from recon.surface.relief_mesh import outline_mesh
-from recon.surface.relief_search import at_edge
+from recon.surface.relief_search import at_edge, outline_mesh
 
 RADIUS_MM = 22.0
 RIM_RAD = 0.5
@@ -222,7 +220,7 @@ def test_what_is_not_found_with_much_averaging_is_found_with_less(monkeypatch: p
 
 def test_chance_counts_patches_and_not_vertices(monkeypatch: pytest.MonkeyPatch):
     s = scene(3.0, 12.0, 0.0)
-    monkeypatch.setattr(relief_verdict, "CHANCE", 0.0)
+    monkeypatch.setattr(module, "CHANCE", 0.0)
     got = relief(s.outline, ball(LEVEL)[1], s.images, s.cameras, support=s.support)
     assert not any(r.accepted for r in got.regions)
     assert np.array_equal(got.vertices, s.outline)

@@ -6,7 +6,7 @@ from mat_scene import ring
 
 from recon.silhouettes.hull import ball
 from recon.surface.photo_consistency import PATCH_STEP_PX, SIDE, GreyView
-from recon.surface.relief_mesh import (
+from recon.surface.relief_search import (
     FLAT,
     ROUND,
     connected_parts,

@@ -7,9 +7,8 @@ from refusals import refused
 from recon.recon_failure import ReconProblem
 from recon.silhouettes.hull import ball
 from recon.surface import meshlab
-from recon.surface.poisson import poisson_surface
 from recon.surface.ray_mesh import RayMesh
-from recon.surface.repair import repaired
+from recon.surface.repair import poisson_surface, repaired
 from recon.triangle_mesh import bodies, face_areas, open_edges, vertex_normals, volume_mm3
 
 RADIUS_MM = 20.0

@@ -11,9 +11,9 @@ from scipy.ndimage import binary_dilation
 
 from recon.recon_failure import ReconProblem
 from recon.silhouettes.all_views import _whole as whole_views
-from recon.silhouettes.carve import Block
 from recon.silhouettes.mask import Window, window_around
 from recon.silhouettes.segmentation import (
+    Block,
     Bounds,
     CutPhoto,
     SegmentationScene,

@@ -4,8 +4,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
-from recon.silhouettes.ring_path import best_rings
-from recon.silhouettes.star_cut import star_cuts
+from recon.silhouettes.star_cut import best_rings, star_cuts
 
 SIDE = 220
 CENTRE = np.array([108.0, 112.0])

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 from level_camera import camera_at, direction
 
-from recon.scale import scale_without_mat
-from recon.surface.unseen_top import TopExcess, expected_excess, fitted_excess, hull_excess, top_share
+from recon.scale import TopExcess, expected_excess, fitted_excess, hull_excess, scale_without_mat, top_share
 
 
 def looking_down(count, elevation_deg, *, tall_mm=60.0, distance_mm=330.0):

@@ -7,8 +7,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from recon.checks.quality import NOTHING_KNOWN
-from recon.checks.verdict import require_seen, shape_doubts
+from recon.checks.quality import NOTHING_KNOWN, require_seen, shape_doubts
 from recon.pit.priors import load_prior
 from recon.recon_failure import ReconProblem
 from recon.silhouettes.hull import ball
