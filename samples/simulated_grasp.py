@@ -10,15 +10,20 @@ from samples.fruit import SampleFruit
 from samples.gel_contact import DEFAULT_GEL, Gel
 from samples.grasp_plan import PlannedGrasp
 from samples.hexahedra import SHIPPED, Fineness
-from samples.mismatch.bodies import ElasticBody, GrippedBody
 from samples.mismatch.grip import Instant
-from samples.mismatch.marker_sensor import DEFAULT_SENSOR
+from samples.mismatch.marker_sensor import DEFAULT_SENSOR, SensorNoise
 from samples.mismatch.meshed_fruit import meshed_fruit
 from samples.mismatch.nonlinear_body import sound_body
 from samples.mismatch.skin_compliance import skin_compliance
-from samples.mismatch.true_recording import TrueRecording, as_measured, grasped, grip_of
+from samples.mismatch.true_recording import (
+    ElasticBody,
+    GrippedBody,
+    TrueRecording,
+    as_measured,
+    grasped,
+    grip_of,
+)
 from samples.sample_failure import NotInEquilibrium
-from samples.sensor_noise import SensorNoise
 from tactile.io.recording import Recording
 
 Law = Literal["neo-hookean", "linear"]

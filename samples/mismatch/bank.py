@@ -10,7 +10,15 @@ from pathlib import Path
 import numpy as np
 
 from samples.graded_bricks import BrickGrading
-from samples.mismatch.case_files import answer, is_written, reveal, seal, write_case_files
+from samples.mismatch.case_files import (
+    answer,
+    is_written,
+    reveal,
+    seal,
+    store_truths,
+    stored_truths,
+    write_case_files,
+)
 from samples.mismatch.case_simulation import (
     CasePlan,
     as_recorded,
@@ -20,10 +28,8 @@ from samples.mismatch.case_simulation import (
     with_amount,
 )
 from samples.mismatch.drawn_fruit import DrawnFruit, seen_anew
-from samples.mismatch.effect_levels import drawn_amplitude, drawn_parameters
-from samples.mismatch.injected import EFFECTS, InjectedEffect, named
+from samples.mismatch.injected import EFFECTS, InjectedEffect, drawn_amplitude, drawn_parameters, named
 from samples.mismatch.out_of_catalogue import OUT_OF_CATALOGUE
-from samples.mismatch.stored_truth import store_truths, stored_truths
 from samples.mismatch.true_recording import TrueRecording
 from samples.sample_failure import SampleFailure
 

@@ -10,15 +10,14 @@ from scipy.sparse import csr_array
 from samples.fruit import POISSON_RATIO, Skin
 from samples.graded_bricks import BrickGrading
 from samples.grasp_plan import PlannedGrasp
-from samples.mismatch.bodies import ElasticBody, GrippedBody
 from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn_fruit, seen_by_drawn_sensor
-from samples.mismatch.effect_levels import drawn_parameters
 from samples.mismatch.four_grasps import four_grasps
-from samples.mismatch.freestone import loose_compliance, pit_contact
+from samples.mismatch.freestone import loose_compliance, pit_contact, split_pit_stiffness
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.injected import (
     MATERIAL_LAWS,
     InjectedEffect,
+    drawn_parameters,
     flesh_law,
     gel_of,
     label_of,
@@ -42,18 +41,16 @@ from samples.mismatch.machine_effects import (
     with_thermal_drift,
 )
 from samples.mismatch.meshed_fruit import CASE, WIDE_SHARE, MeshedFruit, meshed_fruit
-from samples.mismatch.nonlinear_body import NonlinearBody
+from samples.mismatch.nonlinear_body import NonlinearBody, whole_fruit
 from samples.mismatch.out_of_catalogue import (
     OutOfCatalogue,
     drawn_out_of_catalogue,
     out_of_catalogue_body,
     out_of_catalogue_recorded,
 )
-from samples.mismatch.pit_halves import split_pit_stiffness
 from samples.mismatch.skin_compliance import skin_compliance
 from samples.mismatch.support_seat import borne_N, drawn_place_mm, inward_normal, with_third_contact
-from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
-from samples.mismatch.whole_fruit import whole_fruit
+from samples.mismatch.true_recording import ElasticBody, GrippedBody, TrueRecording, grasped, grip_of
 from samples.sample_failure import SampleFailure
 
 FAULTS: dict[str, Callable[..., TrueRecording]] = {

@@ -17,15 +17,13 @@ from scipy.sparse import coo_array, csr_array
 
 from samples.brick_flesh import BrickFlesh
 from samples.gel_contact import Gel
-from samples.mismatch.bodies import ElasticBody, GrippedBody, SofteningGelBody
 from samples.mismatch.flesh_laws import Draining, FleshLaw
+from samples.mismatch.freestone import split_pit_stiffness
 from samples.mismatch.injected import plain_flesh
 from samples.mismatch.meshed_fruit import MeshedFruit
-from samples.mismatch.nonlinear_body import NonlinearBody
-from samples.mismatch.pit_halves import split_pit_stiffness
+from samples.mismatch.nonlinear_body import NonlinearBody, whole_fruit
 from samples.mismatch.skin_compliance import skin_compliance
-from samples.mismatch.true_recording import TrueRecording
-from samples.mismatch.whole_fruit import whole_fruit
+from samples.mismatch.true_recording import ElasticBody, GrippedBody, SofteningGelBody, TrueRecording
 from samples.sample_failure import SampleFailure
 
 OUT_OF_CATALOGUE = ("split_pit", "palm", "gel_softening", "drainage")

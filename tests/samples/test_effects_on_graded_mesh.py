@@ -9,8 +9,7 @@ from samples.grasp_plan import PlannedGrasp
 from samples.hexahedra import Fineness
 from samples.mismatch.case_simulation import body_of
 from samples.mismatch.drawn_fruit import DrawnFruit
-from samples.mismatch.effect_levels import AMPLITUDES, drawn_parameters
-from samples.mismatch.injected import EFFECTS, InjectedEffect, gel_of
+from samples.mismatch.injected import AMPLITUDES, EFFECTS, InjectedEffect, drawn_parameters, gel_of
 from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
 from samples.mismatch.nonlinear_body import sound_body
 from samples.mismatch.out_of_catalogue import drawn_out_of_catalogue

@@ -8,7 +8,7 @@ from fem.sparse.solver import factorise
 from samples.brick_flesh import flesh_of
 from samples.fruit import fruit_of_seed
 from samples.hexahedra import COARSE, Fineness, flesh_bricks
-from samples.mismatch.whole_fruit import whole_fruit
+from samples.mismatch.nonlinear_body import whole_fruit
 
 X = np.array([1.0, 0.0, 0.0])
 EVEN = Fineness(degrees=(0, 15, 30, 45), along=6, depths=(0, 0.25, 0.6, 1))

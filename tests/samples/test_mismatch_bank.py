@@ -13,8 +13,7 @@ from recon.surface.mesh_file import read_mesh
 from samples.mismatch.bank import DRAWN, MESHES, OUTSIDE, SIMULATED, BankFruit, draw_case
 from samples.mismatch.case_files import sealed_as
 from samples.mismatch.case_simulation import CasePlan
-from samples.mismatch.effect_levels import AMPLITUDES
-from samples.mismatch.injected import EFFECTS
+from samples.mismatch.injected import AMPLITUDES, EFFECTS
 from samples.mismatch.true_recording import TrueRecording
 from samples.sample_failure import SampleFailure
 from tactile.io.recording import GelPad, read_recording

@@ -11,8 +11,8 @@ from recon.surface.mesh_file import read_mesh
 from samples.mismatch.case_files import answer, reveal, seal, sealed_as, write_case_files
 from samples.mismatch.case_simulation import planned
 from samples.mismatch.drawn_fruit import drawn_fruit, seen_anew
-from samples.mismatch.effect_levels import drawn_parameters
 from samples.mismatch.four_grasps import four_manners, motion_of
+from samples.mismatch.injected import drawn_parameters
 from samples.sample_failure import SampleFailure
 from tactile.io.recording import GelPad, read_recording
 

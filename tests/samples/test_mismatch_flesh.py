@@ -31,9 +31,8 @@ from samples.mismatch.flesh_laws import (
 )
 from samples.mismatch.grip import before_touch
 from samples.mismatch.injected import InjectedEffect, plain_flesh
-from samples.mismatch.nonlinear_body import NonlinearBody
+from samples.mismatch.nonlinear_body import NonlinearBody, whole_fruit
 from samples.mismatch.true_recording import grip_of
-from samples.mismatch.whole_fruit import whole_fruit
 from samples.sample_failure import NotInEquilibrium, SampleFailure
 
 LAME = Lame(mu=0.2, lam=1.1)

@@ -4,14 +4,14 @@ import numpy as np
 import pytest
 from mismatch_ball import drawn_ball, force_on_fruit, grasped_ball, motion, rough, total_N
 
-from samples.mismatch.bodies import ElasticBody
+from samples.mismatch.freestone import split_pit_stiffness
 from samples.mismatch.out_of_catalogue import (
     OutOfCatalogue,
     drawn_out_of_catalogue,
     out_of_catalogue_body,
 )
-from samples.mismatch.pit_halves import split_pit_stiffness
 from samples.mismatch.skin_compliance import skin_compliance
+from samples.mismatch.true_recording import ElasticBody
 from samples.sample_failure import SampleFailure
 
 WAY = motion([-0.05, 0.5, 1.0, 1.0, 1.0], pause_s=0.5)

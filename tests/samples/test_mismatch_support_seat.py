@@ -8,11 +8,11 @@ from mismatch_ball import drawn_ball, force_on_fruit, grasped_ball, motion, roug
 
 from samples.grasp_plan import PlannedGrasp
 from samples.hexahedra import Fineness
-from samples.mismatch.bodies import ElasticBody
-from samples.mismatch.effect_levels import drawn_parameters
 from samples.mismatch.grip import InnerContact
+from samples.mismatch.injected import drawn_parameters
 from samples.mismatch.meshed_fruit import MeshedFruit
 from samples.mismatch.support_seat import drawn_place_mm, inward_normal, with_third_contact
+from samples.mismatch.true_recording import ElasticBody
 
 WAY = motion([-0.05, 0.5, 1.0, 1.0], shear_mm=[0, 0, 0, 0.6])
 FINER = Fineness(degrees=(0, 7, 14, 25, 35, 45), along=4, depths=(0, 0.3, 1))

@@ -10,12 +10,10 @@ from scene_projection import projected
 
 from recon.cameras.photos import read_photo
 from samples.scenes.draw import Scene, scene_mapping
-from samples.scenes.jpeg import write_jpeg
-from samples.scenes.lens import distorted_picture, distorted_pixels, margin_px, pinhole_pixels
 from samples.scenes.phone import Pipeline, Shot, developed, exposed
 from samples.scenes.render import widened
-from samples.scenes.write import cameras_mapping
-from samples.viewpoints import Viewpoint
+from samples.scenes.write import cameras_mapping, write_jpeg
+from samples.viewpoints import Viewpoint, distorted_picture, distorted_pixels, margin_px, pinhole_pixels
 
 
 def test_focal_lengths_breathe_by_at_most_four_in_a_thousand_and_the_files_say_so(

@@ -17,13 +17,13 @@ from samples.fruit import box_mm, skin_mesh
 from samples.scenes.draw import Scene, draw_scene, scene_mapping
 from samples.scenes.euro_coin import DIAMETER_MM, coin_mesh
 from samples.scenes.ground import GROUNDS, ground_texture
-from samples.scenes.lens import distorted_pixels
 from samples.scenes.light import LIGHTS, flash_mesh, photographer_mesh, room_picture
 from samples.scenes.render import RenderOptions, fruit_mask, pictures
 from samples.scenes.scene_fruit import KINDS
 from samples.scenes.sheet import STATES, sheet_height_mm, sheet_mat, sheet_mesh, sheet_texture
 from samples.scenes.skin_optics import COLOURS, GLOSSES, skin_attributes
 from samples.scenes.write import cameras_mapping, complete, metered_gain, write_scene
+from samples.viewpoints import distorted_pixels
 
 SKETCH = RenderOptions(frame_samples=4, print_samples=4, crop_samples=1, skin_cells=24)
 

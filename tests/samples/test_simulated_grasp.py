@@ -11,9 +11,9 @@ from samples.fruit import fruit_of_seed
 from samples.gel_contact import DEFAULT_GEL, Gel
 from samples.grasp_plan import PlannedGrasp, hold_along, planned_grasps, straight, two_cycles
 from samples.hexahedra import COARSE, Fineness
+from samples.mismatch.marker_sensor import SensorNoise, measured
 from samples.mismatch.true_recording import TrueRecording
 from samples.sample_failure import NotInEquilibrium
-from samples.sensor_noise import SensorNoise, measured
 from samples.simulated_grasp import simulate, true_grasp
 
 FRUIT = fruit_of_seed("a", seed=1, E_MPa=0.5)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from samples.gel_contact import Gel
-from samples.mismatch.stored_truth import store_truths, stored_truths
+from samples.mismatch.case_files import store_truths, stored_truths
 from samples.mismatch.true_recording import PadTruth, TrueRecording
 
 
