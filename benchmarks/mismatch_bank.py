@@ -47,7 +47,7 @@ from recon.recon_failure import ReconFailure
 from samples.mismatch.bank import (
     DRAWN,
     MESHES,
-    OUTSIDE,
+    OUT_OF_CATALOGUE,
     SIMULATED,
     BankFruit,
     draw_case,
@@ -175,8 +175,8 @@ def arguments() -> argparse.Namespace:
     chosen = parser.parse_args()
     if chosen.command == "reduce":
         return chosen
-    if len(chosen.effect) > 1 and not set(OUTSIDE).isdisjoint(chosen.effect):
-        parser.error(f"{' and '.join(OUTSIDE)} come alone, without another effect")
+    if len(chosen.effect) > 1 and not set(OUT_OF_CATALOGUE).isdisjoint(chosen.effect):
+        parser.error(f"{' and '.join(OUT_OF_CATALOGUE)} come alone, without another effect")
     return chosen
 
 

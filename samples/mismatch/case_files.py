@@ -1,7 +1,8 @@
-"""A mismatch case on disk: mesh, pit prior, settings, recordings; labels sealed first, answers after."""
+"""Simulated grasps on disk: the noise-free truth of a fruit, and cases with mesh, pit prior, settings and
+recordings. Noise, scan errors and sensor effects are drawn when a case is written.
+"""
 
 import fcntl
-import hashlib
 import json
 import shutil
 from dataclasses import replace
@@ -139,14 +140,17 @@ def answer(drawn: DrawnFruit, label: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def seal(folder: Path, case_id: str, entry: dict[str, Any], *, salt: str) -> None:
-    """Write SHA-256(salt + label) of a case to manifest.json; the label is effect and parameters."""
-    _update(folder / "manifest.json", case_id, hashlib.sha256((salt + _text(entry)).encode()).hexdigest())
-
-
-def reveal(folder: Path, case_id: str, entry: dict[str, Any], *, salt: str) -> None:
-    """Write one case's answer, with the salt that its seal was made with."""
-    _update(folder / "answers.json", case_id, {**entry, "salt": salt})
+def write_answer(folder: Path, case_id: str, entry: dict[str, Any]) -> None:
+    """Add one case's answer to answers.json, which several processes may do at once."""
+    path = folder / "answers.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        known[case_id] = entry
+        partial = path.with_suffix(".partial")
+        partial.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+        partial.replace(path)
 
 
 def is_written(folder: Path, case_id: str) -> bool:
@@ -154,24 +158,3 @@ def is_written(folder: Path, case_id: str) -> bool:
     answers = folder / "answers.json"
     known = json.loads(answers.read_text(encoding="utf-8")) if answers.exists() else {}
     return case_id in known and (folder / case_id).exists()
-
-
-def sealed_as(entry: dict[str, Any]) -> str:
-    """The seal that an entry of answers.json must have."""
-    return hashlib.sha256((entry["salt"] + _text(entry)).encode()).hexdigest()
-
-
-def _text(entry: dict[str, Any]) -> str:
-    return json.dumps({k: entry[k] for k in ("effect", "parameters")}, sort_keys=True)
-
-
-def _update(path: Path, key: str, value: Any) -> None:
-    """Add one entry to a JSON file, which several processes may do at once."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.with_suffix(".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-        known[key] = value
-        partial = path.with_suffix(".partial")
-        partial.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
-        partial.replace(path)

@@ -84,7 +84,6 @@ def planned(
     effects: tuple[tuple[str, float], ...],
     *,
     seed: tuple[int, ...],
-    category: Category | None = None,
     out_of_catalogue: str | None = None,
 ) -> CasePlan:
     """A case with the given effects, each of its amplitude; all the rest from the seed.
@@ -92,7 +91,7 @@ def planned(
     `out_of_catalogue` names a physics that is not in the catalogue, instead of effects.
     """
     rng = np.random.default_rng(list(seed))
-    kind: Category = category or CATEGORIES[int(rng.integers(len(CATEGORIES)))]
+    kind: Category = CATEGORIES[int(rng.integers(len(CATEGORIES)))]
     injected = tuple(
         InjectedEffect(effect=effect, parameters=drawn_parameters(effect, amplitude, rng))
         for effect, amplitude in effects

@@ -6,7 +6,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Float, UInt8
 
 from recon.triangle_mesh import vertex_normals
 from samples.cubed_sphere import even_sphere
@@ -113,14 +113,6 @@ def _colour(surfaces: Float[np.ndarray, "h w 6"]) -> Float[np.ndarray, "h w 3"]:
     """What light is multiplied by, from albedo and normal; one for the room behind, which has neither."""
     room = np.clip(1 - np.linalg.norm(surfaces[..., 3:], axis=-1, keepdims=True), 0, 1)
     return np.asarray(surfaces[..., :3] + room + _LEAST_ALBEDO)
-
-
-def fruit_mask(scene: Scene, k: int, *, options: RenderOptions, finer: int = 4) -> Bool[np.ndarray, "h w"]:
-    """Which pixels of view k the fruit covers by more than half, seen by a pinhole; `finer`^2 rays each."""
-    mi = mitsuba()
-    world, view = load_world(mi, scene, options=options), scene.views[k]
-    window = (0, 0, view.width_px, view.height_px)
-    return fruit_cover(mi, world, scene, view, window, finer=finer) > 0.5
 
 
 def fruit_cover(

@@ -10,7 +10,7 @@ from mismatch_ball import still_recording
 
 import samples.mismatch.bank as bank
 from recon.surface.mesh_file import read_mesh
-from samples.mismatch.bank import DRAWN, MESHES, OUTSIDE, SIMULATED, BankFruit, draw_case
+from samples.mismatch.bank import DRAWN, MESHES, OUT_OF_CATALOGUE, SIMULATED, BankFruit, draw_case
 from samples.mismatch.case_files import sealed_as
 from samples.mismatch.case_simulation import CasePlan
 from samples.mismatch.injected import AMPLITUDES, EFFECTS
@@ -36,8 +36,8 @@ def mean_force_N(cases: Path, case_id: str, side: int) -> float:
 
 def test_every_effect_is_simulated_or_drawn_and_has_a_range_of_amplitudes() -> None:
     assert set(AMPLITUDES) == set(EFFECTS)
-    assert sorted((*SIMULATED, *DRAWN)) == sorted((*EFFECTS, *OUTSIDE))
-    assert OUTSIDE == ("palm", "gel_softening")
+    assert sorted((*SIMULATED, *DRAWN)) == sorted((*EFFECTS, *OUT_OF_CATALOGUE))
+    assert OUT_OF_CATALOGUE == ("palm", "gel_softening")
 
 
 def test_fruit_that_are_stored_keep_their_names_and_seeds() -> None:
