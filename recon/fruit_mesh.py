@@ -22,7 +22,7 @@ from recon.cameras.similarity import scaling
 from recon.checks.ground_check import rim_evidence
 from recon.checks.quality import ReconQuality, depth_doubts, outline_rms_mm, warnings_of, widest_gap_deg
 from recon.checks.surface_error import surface_error
-from recon.checks.surface_verdict import surface_doubts, surface_offset
+from recon.checks.surface_verdict import moved_doubts, surface_doubts, surface_offset
 from recon.learned.fruit_model import SHIPPED, FruitModel, fruit_model, is_fruit_model
 from recon.learned.geometry_model import fruit_points
 from recon.recon_failure import ReconFailure, ReconProblem
@@ -226,6 +226,8 @@ def _reconstructed(
             error = surface_error(evidence, vertices, faces, places, views, bridged=bridged)
             offset = surface_offset(error, vertices, faces, views)
             doubts = surface_doubts(offset, error, evidence, vertices, faces, views)
+            largest_mm = float(np.ptp(vertices, axis=0).max())
+            doubts += moved_doubts(evidence, [c.name for c in cameras], largest_mm)
             quality = ReconQuality(
                 views_given=len(photos),
                 views_used=len(fruit.used),
@@ -254,7 +256,7 @@ def _reconstructed(
         quality=quality,
         warnings=poses.warnings
         + scale.warnings
-        + warnings_of(quality, largest_mm=float(np.ptp(vertices, axis=0).max()))
+        + warnings_of(quality, largest_mm=largest_mm)
         + doubts
         + depth_doubts(skin.edge_depth_mm * scale.factor),
         seconds=clock.seconds,

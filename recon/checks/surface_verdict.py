@@ -1,15 +1,18 @@
 """Does the mesh lie where the photos show the skin? A doubt that names the place, or a refusal."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.optimize import least_squares
 
 from recon.checks.ground_check import RimEvidence
 from recon.checks.surface_error import SurfaceError, camera_shadow_px
 from recon.recon_failure import ReconProblem
 from recon.surface.ray_mesh import SEEN_BY
 from recon.triangle_mesh import vertex_areas, vertex_normals, volume_mm3
+from recon.wording import listed
 
 OFF_MM, REFUSED_OFF = 0.2, 0.0125
 """Root mean square of the offsets over the skin seen: said from here on (mm), refused (diameters).
@@ -26,6 +29,8 @@ EDGE_BIAS_PX, CLEAR_PX = 0.3, 1.5
 """An edge seen b px too far out makes 6 b px / D of volume. Where edges are clear (90 % within CLEAR_PX of
 the rim) b is under EDGE_BIAS_PX: at most 0.11 on seven right meshes, 0.33 and more on the same shrunk by 1 %
 in length but for a cherry 110 px wide; on dark glossy fruit, whose edges are unclear, up to 0.5."""
+APART, FEWEST_KNOWN = 0.01, 40
+"""Diameters from where on a photo disagrees with the mesh (0.6 mm on 60), and samples of 96 that tell it."""
 ADVICE = (
     "Something moved between photos, or drupe took a shadow or a reflection for fruit, or fruit for ground. "
     "Take the photos again without touching fruit or mat, in soft, even light, on a matt ground of another "
@@ -95,6 +100,34 @@ def surface_doubts(
             f"The mesh does not fit the photos: {misfit} ({whole}). {ADVICE}"
         )
     return (*shadow, f"{misfit[0].upper()}{misfit[1:]} ({whole}). {ADVICE}")
+
+
+def moved_doubts(evidence: RimEvidence, names: Sequence[str], diameter_mm: float) -> tuple[str, ...]:
+    """A sentence that names the photos whose fruit lies elsewhere, or is of another size, than the mesh.
+
+    The offsets o of a photo's rim samples at directions a are fitted by o = x cos a + y sin a + growth, with
+    Cauchy's weights. What counts is a shift, or a change of the diameter, of more than APART diameters.
+    """
+    apart_mm = {}
+    for view, name in enumerate(names):
+        here = evidence.known & (evidence.view == view)
+        if here.sum() < FEWEST_KNOWN:
+            continue
+        turn, offset_mm = evidence.turn[here], evidence.offset_mm[here]
+        columns = np.column_stack([np.cos(turn), np.sin(turn), np.ones(len(turn))])
+        pixel_mm = float(np.median(evidence.pixel_mm[here]))
+        x = least_squares(lambda x: columns @ x - offset_mm, np.zeros(3), loss="cauchy", f_scale=pixel_mm).x  # noqa: B023
+        apart_mm[name] = max(float(np.hypot(x[0], x[1])), 2 * abs(float(x[2])))
+    odd = {name: apart for name, apart in apart_mm.items() if apart > APART * diameter_mm}
+    if not odd:
+        return ()
+    by_size = sorted(odd, key=lambda name: -odd[name])
+    noun = "1 photo" if len(odd) == 1 else f"{len(odd)} photos"
+    return (
+        f"In {noun} the fruit has another position or size than in the other photos "
+        f"({listed([f'{name} by {odd[name]:.1f} mm' for name in by_size])}). Somebody moved or changed the "
+        "fruit, an object hides its edge, or the zoom changed. Photograph it again without touching it.",
+    )
 
 
 def _volume_limit(evidence: RimEvidence, diameter_mm: float) -> float:

@@ -41,10 +41,6 @@ def test_a_mesh_that_misses_one_flank_of_the_fruit_shows_no_side():
     assert np.abs(left_right_px(evidence(bulge))).max() < 0.2
 
 
-def test_a_mesh_too_low_or_too_small_shows_no_side():
-    assert np.abs(left_right_px(evidence(1.5 * np.sin(TURN) + 1.0))).max() < 0.2
-
-
 def test_edges_on_the_shadows_side_and_below_tell_nothing_of_the_mesh():
     shaded = in_camera_shadow(evidence(np.where(LOW_LEFT, 2.0, 0.0)))
     low = (np.sin(TURN) < np.sin(np.radians(-20))) & (np.sin(TURN) > np.sin(np.radians(-74)))
@@ -61,7 +57,3 @@ def test_only_the_bands_with_the_shadow_become_uncertain_and_what_lies_below_the
     assert sd_mm[np.sin(TURN) < np.sin(np.radians(-46))] == pytest.approx(2.0 * PIXEL_MM, rel=0.1)
     assert (sd_mm[np.sin(TURN) > np.sin(np.radians(-14))] == 0).all()
     assert (shadow_sd_mm(evidence(np.zeros(len(VIEW)))) == 0).all()
-
-
-def test_without_known_ground_nothing_is_said():
-    assert (left_right_px(evidence(np.where(LOW_LEFT, 2.0, 0.0), known=False)) == 0).all()

@@ -8,8 +8,8 @@ import pytest
 from mat_scene import ring
 from refusals import refused
 
-from recon.cameras.coin import Coin, coin_named, coin_scale, known_coins
-from recon.recon_failure import ReconFailure, ReconProblem
+from recon.cameras.coin import Coin, coin_scale
+from recon.recon_failure import ReconProblem
 from recon.scale import scale_without_mat
 
 EURO = Coin(name="1 euro", diameter_mm=23.25, thickness_mm=2.33)
@@ -71,13 +71,6 @@ def test_a_table_without_a_coin_is_refused():
     nothing = _pictures(cameras, centre=(1e4, 1e4))
     with refused(ReconProblem.NO_SCALE, r'drupe found no coin of 23.25 mm \("1 euro"\)'):
         coin_scale(nothing, cameras, EURO, unit_mm=1.0, spread=0.12)
-
-
-def test_coins_are_known_by_name_and_the_nearest_is_offered():
-    assert coin_named("1 euro") == EURO
-    with pytest.raises(ReconFailure, match=r'did you mean "1 euro"'):
-        coin_named("1 eur")
-    assert all(15 < coin.diameter_mm < 35 for coin in known_coins().values())
 
 
 def scale_by(pictures, cameras, *, height_mm, height_sd_mm=0.2, coin=EURO, tall=40.0):

@@ -1,8 +1,6 @@
 """The mesh of a fruit laid upside down, found on the upright one: pose known, undersides guessed wrongly."""
 
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,7 +11,6 @@ from refusals import refused
 from scipy.spatial.transform import Rotation
 
 from recon import underside
-from recon.cameras.photos import Photo, read_photos
 from recon.checks.quality import NOTHING_KNOWN, seen_doubts
 from recon.fruit_mesh import Reconstruction
 from recon.recon_failure import ReconFailure, ReconProblem
@@ -101,26 +98,6 @@ def test_of_two_ways_that_fit_the_one_about_the_mats_arrow_counts() -> None:
     across = photographed(laid_over(egg, 0.0, 90.0)[0], faces, rng)
     with pytest.raises(ReconFailure, match="two ways"):
         both_sides(upright, across)
-
-
-def test_photos_that_cannot_be_used_leave_the_upright_mesh_with_a_warning(tmp_path: Path) -> None:
-    plum, faces = skin_mesh(skin_of_kind(PLUM, seed=3), cells=12)
-    upright = Reconstruction(
-        vertices=plum, faces=faces, scale_sd=0.001, surface_sd_mm=0.1, quality=NOTHING_KNOWN, warnings=("a",),
-        seconds={}, frame="mat",
-    )  # fmt: skip
-
-    def never(photos: Sequence[Photo]) -> Reconstruction:
-        raise AssertionError("there is nothing to reconstruct")
-
-    folder = tmp_path / "photos-flipped"
-    folder.mkdir()
-    (folder / "1.jpg").write_bytes(b"")
-    left = with_underside(upright, lambda: read_photos(folder), never, mat=None)
-    assert left.vertices is plum
-    assert left.warnings[0] == "a"
-    assert left.warnings[1].startswith("drupe did not use photos-flipped/: ")
-    assert "holds 1 photo" in left.warnings[1]
 
 
 def reconstruction(side: ScannedSide, faces: np.ndarray, height_mm: float, **said: object) -> Reconstruction:

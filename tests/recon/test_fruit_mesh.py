@@ -149,18 +149,3 @@ def test_photos_that_share_nothing_have_no_overlap():
     noise = [Photo(f"{i}.png", rng.integers(0, 255, (120, 160, 3), dtype=np.uint8)) for i in range(4)]
     with refused(ReconProblem.NO_OVERLAP, "of 4 photos share enough features"):
         reconstruct(noise, mat=None, height_mm=50.0, options=QUICK)
-
-
-def test_a_fruit_that_leaves_the_picture_is_refused():
-    cut = []
-    for camera, photo in zip(ring(12), photos(12), strict=True):
-        top = int(camera.project(np.array([[EGG.x_mm, EGG.y_mm, EGG.semi_mm[2]]]))[0, 1])
-        image = photo.image[max(0, top - 12) :]
-        cut.append(Photo(photo.name, np.ascontiguousarray(image[-(camera.height_px // 2) :])))
-    with pytest.raises(ReconFailure) as caught:
-        reconstruct(cut, mat=standard_mat(), height_mm=None, options=QUICK)
-    assert caught.value.problem in {
-        ReconProblem.FRUIT_CUT_OFF,
-        ReconProblem.NO_FRUIT,
-        ReconProblem.MAT_NOT_FOUND,
-    }

@@ -94,7 +94,3 @@ def test_a_fruit_model_of_the_users_own_is_asked_in_the_shipped_ones_place(tmp_p
         ReconProblem.FRUIT_CUT_OFF,
         ReconProblem.SURFACE_CONTRADICTED,
     )
-
-
-def test_the_shipped_model_is_small():
-    assert SHIPPED.stat().st_size < 6 * 2**20

@@ -92,15 +92,6 @@ def test_outputs_of_no_use_are_named(tmp_path, outputs, input_shape, words):
         point_maps(photos(), path)
 
 
-def test_a_broken_and_a_missing_file_are_named(tmp_path):
-    path = tmp_path / "flat.onnx"
-    path.write_bytes(b"nonsense")
-    with pytest.raises(ReconFailure, match=r"flat\.onnx is damaged"):
-        point_maps(photos(), path)
-    with pytest.raises(ReconFailure, match="does not exist"):
-        point_maps(photos(), tmp_path / "none.onnx")
-
-
 def test_a_bare_ground_shows_no_fruit(tmp_path):
     path = written(tmp_path, {"world_points": points_of(Egg(semi_mm=(1e-3, 1e-3, 1e-3)))})
     with refused(ReconProblem.NO_FRUIT, "lie above the ground"):

@@ -27,20 +27,6 @@ def test_ink_as_dark_as_the_skin_is_alike_and_paper_is_not():
     assert not similar[:, 10:].any()
 
 
-def test_nine_tenths_of_a_sample_look_like_it():
-    rng = np.random.default_rng(1)
-    sample = rng.normal([40.0, 50.0, 30.0], 6.0, (5000, 3)).astype(np.float32)
-    share = looks_like(sample[None], sample).mean()
-    assert 0.88 < share < 0.97
-
-
-def test_a_palette_is_a_density():
-    rng = np.random.default_rng(2)
-    density = colour_density(cells_of(rng.normal([50.0, 10.0, 10.0], 8.0, (20000, 3)).astype(np.float32)))
-    cell = (100 / 24) * (200 / 24) ** 2
-    assert abs(density.sum() * cell - 1) < 1e-3
-
-
 def paper(level: float) -> Behind:
     colours = np.tile(np.array([level, 1.0, 6.0], np.float32), (SIDE, SIDE, 1))
     return Behind(colours, colours, colours, np.zeros((SIDE, SIDE, 2)), np.ones((SIDE, SIDE), bool))
@@ -71,20 +57,6 @@ def test_a_shadow_that_moved_is_ground_and_dark_skin_in_its_place_is_not():
     )
     assert (log_odds[:20] > 2).mean() > 0.98
     assert (log_odds[20:] < -2).mean() > 0.98
-
-
-def test_where_no_shadow_falls_a_darker_pixel_is_hardly_ground():
-    rng = np.random.default_rng(4)
-    behind = paper(85.0)
-    still = behind.colours + rng.normal(0, 0.8, behind.colours.shape).astype(np.float32)
-    quiet = ground_noise(still, behind, np.ones((SIDE, SIDE), bool))
-    dark = in_shadow(still, 0.2)
-    shadowed = ground_noise(
-        np.where(np.arange(SIDE)[:, None, None] < 40, dark, still), behind, np.ones((SIDE, SIDE), bool)
-    )
-    assert np.median(ground_density(dark, behind, quiet)) < 0.05 * np.median(
-        ground_density(dark, behind, shadowed)
-    )
 
 
 def test_ground_that_the_plate_does_not_tell_is_strange_nearby_and_nowhere_else():

@@ -1,8 +1,6 @@
 """Mesh files: what is written is read again, other tools' forms are read, broken ones are named."""
 
 import struct
-import subprocess
-import sys
 
 import numpy as np
 import pytest
@@ -81,15 +79,6 @@ def test_a_mesh_finer_than_one_fruits_memory_carries_is_refused_with_what_to_do(
     assert f"fruit.{kind} holds" in caught.value.detail
     assert "320" in caught.value.detail
     assert "expected at most 300 each: decimate it, for example to 200,000 faces." in caught.value.detail
-
-
-def test_a_vertex_that_no_face_uses_is_of_no_surface(tmp_path):
-    vertices, faces = ball(2)
-    path = tmp_path / "a.ply"
-    write_mesh(path, np.concatenate([[[0.0, 0.0, 900.0]], vertices]), faces + 1)
-    again, same = read_mesh(path)
-    np.testing.assert_allclose(again, vertices, rtol=1e-6, atol=1e-9)
-    assert np.array_equal(same, faces)
 
 
 def _text_ply(vertices, faces, more="", row=""):
@@ -214,16 +203,3 @@ def test_points_without_faces_are_called_so(tmp_path):
         (tmp_path / "a.ply").write_text(head + "".join(f"{x} {y} {z}\n" for x, y, z in vertices))
         with pytest.raises(ReconFailure, match=r"is a cloud of 162 points without faces; .*mesh the points"):
             read_mesh(tmp_path / "a.ply")
-
-
-def test_trimesh_s_logs_go_where_the_caller_routes_them_and_else_nowhere():
-    """In a process without handlers, then with one."""
-    script = (
-        "import logging, recon.surface.mesh_file\n"
-        "for name in ('trimesh.util', 'trimesh.triangles'): logging.getLogger(name).warning('not shown')\n"
-        "logging.basicConfig(format='%(name)s: %(message)s')\n"
-        "for name in ('trimesh.util', 'trimesh.triangles'): logging.getLogger(name).warning('kept')\n"
-    )
-    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert ran.stdout == ""
-    assert ran.stderr == "trimesh.util: kept\ntrimesh.triangles: kept\n"

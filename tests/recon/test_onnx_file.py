@@ -8,8 +8,8 @@ import pytest
 from tiny_onnx import write_external_model, write_large_model
 
 from pipeline.batch.cache import stage_key
-from recon.learned.fruit_model import SHIPPED, fruit_model
-from recon.learned.onnx_file import model_files, require_onnx
+from recon.learned.fruit_model import fruit_model
+from recon.learned.onnx_file import model_files
 from recon.recon_failure import ReconFailure
 from recon.silhouettes.mask import Window
 
@@ -68,11 +68,6 @@ def test_numbers_beside_the_model_are_read_and_are_part_of_the_key(folder):
     before = key()
     far.write_bytes(np.full(4, 3.5, np.float32).tobytes())
     assert key() != before
-
-
-def test_the_shipped_model_names_no_other_file():
-    require_onnx(SHIPPED)
-    assert model_files(SHIPPED) == (SHIPPED,)
 
 
 @pytest.mark.parametrize("side", [40_000, 300_000])

@@ -75,14 +75,6 @@ def test_the_outline_of_a_mask_is_the_ellipse_evenly_sampled_with_outward_normal
     assert np.sum(outline.normals * truth, axis=1).min() > np.cos(np.radians(5))
 
 
-def test_of_a_masks_parts_the_largest_is_outlined_and_of_none_or_a_speck_nothing():
-    mask = off_px(pixels()) < 0
-    mask[5:15, 5:15] = True
-    assert np.abs(off_px(outline_of(mask).points)).max() < 1.5
-    assert outline_of(np.zeros((40, 40), bool)) is None
-    assert outline_of(np.pad(np.ones((3, 3), bool), 10)) is None
-
-
 @pytest.mark.parametrize("noise", [0.0, 4.0])
 def test_an_outline_is_sharpened_to_a_fraction_of_a_pixel(noise):
     """At a share of 0.4 of a step blurred by s the edge lies ndtri(0.6) s outside its middle."""
@@ -123,22 +115,6 @@ def test_snapping_finds_the_edge_by_colour_step_and_odds_within_its_reach():
     assert rms(off_px(outline.points)) < 0.5  # shifts are in steps of half a pixel
 
 
-def test_odds_alone_place_an_outline_where_nothing_else_tells():
-    truth = off_px(pixels()) < 0
-    flat = np.full((SIDE_PX, SIDE_PX, 3), 50.0, np.float32)
-    (outline,) = snapped(
-        [ellipse(2.5)], [np.where(truth, 2.0, -2.0)], [flat], reach_px=6.0, most_log_odds=2.5
-    )
-    assert rms(off_px(outline.points)) < 0.6
-
-
-def test_where_nothing_tells_an_outline_stays_where_it_was():
-    flat = np.full((SIDE_PX, SIDE_PX, 3), 50.0, np.float32)
-    noise = np.random.default_rng(6).normal(0, 0.05, (SIDE_PX, SIDE_PX))
-    (outline,) = snapped([ellipse(2.0)], [noise], [flat], reach_px=6.0, most_log_odds=2.5)
-    assert rms(off_px(outline.points) - 2.0) < 0.3
-
-
 def test_a_bite_deeper_than_allowed_is_given_back_and_a_shallow_one_stays():
     expected = ellipse()
     bite = np.exp(-((TURN - 2.0) ** 2) / 0.02)
@@ -159,13 +135,3 @@ def test_the_silhouette_of_an_outline_has_the_signed_distance_near_it_and_is_cli
     assert np.abs(distance_px).max() == pytest.approx(12.0)
     assert (distance_px[truth > 20] == 12.0).all()
     assert (distance_px[truth < -20] == -12.0).all()
-
-
-def test_in_a_shrunk_window_the_silhouettes_distance_is_in_pixels_of_the_photo():
-    half = Outline((ellipse().points - 0.5) / 2, ellipse().normals, 0.0)
-    window = Window(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8), (0, 0), 2)
-    distance_px = silhouette_of_outline(half, window, CAMERA).distance_px
-    rows, columns = np.mgrid[: SIDE_PX // 2, : SIDE_PX // 2]
-    truth = -off_px(2.0 * np.stack([columns, rows], axis=-1) + 0.5)
-    near = np.abs(truth) < 8.0
-    assert np.abs(distance_px - truth)[near].max() < 0.25

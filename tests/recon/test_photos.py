@@ -22,11 +22,6 @@ def folder(tmp_path):
     return tmp_path
 
 
-def test_photos_come_by_name_without_other_files(folder):
-    (folder / "notes.txt").write_text("x")
-    assert [p.name for p in read_photos(folder)] == ["0.jpg", "1.jpg", "2.jpg"]
-
-
 def test_only_visible_files_are_photos(folder):
     (folder / "._1.jpg").write_bytes(b"x")
     (folder / "more.jpg").mkdir()
@@ -78,12 +73,6 @@ def test_a_name_that_is_not_utf8_is_refused_and_shown_with_its_bytes(folder):
     assert (
         "has a name that is not UTF-8; expected letters, digits, - and _: rename it." in caught.value.detail
     )
-
-
-def test_two_photos_are_too_few(folder):
-    (folder / "2.jpg").unlink()
-    with refused(ReconProblem.TOO_FEW_VIEWS, "holds 2 photos; a shape needs at least 3"):
-        read_photos(folder)
 
 
 def test_big_photos_shrink_with_their_focal_length(tmp_path):

@@ -58,13 +58,6 @@ def test_no_real_fruit_lies_outside(category, height_mm, diameter_mm, mass_g):
         assert low < value < high
 
 
-def test_an_own_category_need_not_say_and_may_say_some(tmp_path):
-    assert plausible_of(tmp_path, "") is None
-    said = plausible_of(tmp_path, "[plausible]\nheight_mm = [30, 120]\n")
-    assert said.height_mm == (30.0, 120.0)
-    assert said.mass_g is None
-
-
 @pytest.mark.parametrize(
     ("text", "named"),
     [

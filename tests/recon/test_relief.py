@@ -180,12 +180,6 @@ def test_depth_that_the_held_out_views_deny_is_taken_back():
     assert np.array_equal(got.vertices, s.outline)
 
 
-def test_too_few_views_to_hold_any_out_move_nothing():
-    s = scene(3.0, 12.0, 0.0)
-    got = relief(s.outline, ball(LEVEL)[1], s.images[:5], s.cameras[:5], support=s.support)
-    assert np.array_equal(got.vertices, s.outline)
-
-
 def test_correlation_is_highest_on_the_true_skin():
     s = scene(3.0, 12.0, 0.0)
     row = np.flatnonzero(ball(LEVEL)[0][:, 2] > np.cos(0.1))
@@ -216,12 +210,3 @@ def test_what_is_not_found_with_much_averaging_is_found_with_less(monkeypatch: p
     got = relief(s.outline, ball(LEVEL)[1], s.images, s.cameras, support=s.support)
     before, after = (rms(misses_mm(x[s.bridged], 3.0)) for x in (s.outline, got.vertices))
     assert after < 0.2 * before
-
-
-def test_chance_counts_patches_and_not_vertices(monkeypatch: pytest.MonkeyPatch):
-    s = scene(3.0, 12.0, 0.0)
-    monkeypatch.setattr(module, "CHANCE", 0.0)
-    got = relief(s.outline, ball(LEVEL)[1], s.images, s.cameras, support=s.support)
-    assert not any(r.accepted for r in got.regions)
-    assert np.array_equal(got.vertices, s.outline)
-    assert 0 < got.regions[0].chance < 1e-2

@@ -4,14 +4,13 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import pytest
 from mat_scene import Egg, photographed, ring
 from refusals import refused
 from scipy.ndimage import binary_dilation
 
 from recon.recon_failure import ReconProblem
 from recon.silhouettes.all_views import _whole as whole_views
-from recon.silhouettes.mask import Window, window_around
+from recon.silhouettes.mask import Window
 from recon.silhouettes.segmentation import (
     Block,
     Bounds,
@@ -96,55 +95,6 @@ def test_learned_odds_and_their_masks_part_the_egg_from_its_ground():
         edge = binary_dilation(egg, iterations=2) & ~binary_dilation(egg, iterations=1)
         assert overlap(mask, egg) > 0.95
         assert ((view_log_odds > 0) == egg)[~edge].mean() > 0.95
-
-
-def test_windows_hold_the_points_with_their_margin_and_are_about_as_wide_as_asked():
-    (view, *_) = scene().views(EGG.centre + 24.0 * np.eye(3), margin=0.1, side_px=40)
-    pixels = view.camera.project(EGG.centre + 24.0 * np.eye(3))
-    corner, far = (
-        np.array(view.window.corner_px),
-        np.array(view.window.corner_px) + view.window.image.shape[1::-1],
-    )
-    margin = 0.1 * np.ptp(pixels, axis=0).max()
-    assert (corner <= pixels.min(axis=0) - margin + 1).all()
-    assert (far >= pixels.max(axis=0) + margin - 1).all()
-    assert 20 < max(view.window.small_size_px) < 80
-    np.testing.assert_allclose(view.learned, 0.0)  # there is no fruit model
-
-
-def test_points_behind_a_camera_or_outside_its_picture_have_no_window():
-    camera = scene().cameras[0]
-    image = scene().images[0]
-    behind = camera.place + (camera.place - EGG.centre)
-    aside = EGG.centre + 500.0 * camera.cam_from_world[0, :3]
-    for point in (behind, aside):
-        around = point + np.eye(3) * 10.0
-        assert window_around(image, camera, around, margin=0.1, small_side_px=100) is None
-
-
-def test_the_pixels_of_a_block_of_cells_are_the_disc_that_the_ball_covers():
-    camera = ring(1, width=300, height=225)[0]
-    window = Window(np.zeros((225, 300, 3), np.uint8), (0, 0), 1)
-    mask = pixels_of(ball_block(), window, camera)
-    away = np.array([0.0, 0.0, 30.0]) - camera.place
-    distance = np.linalg.norm(away)
-    rim_px = camera.focal_px * 24.0 / np.sqrt(distance**2 - 24.0**2)
-    middle = camera.project(np.array([[0.0, 0.0, 30.0]]))[0]
-    rows, columns = np.mgrid[:225, :300]
-    radius = np.hypot(columns - middle[0], rows - middle[1])
-    cell_px = camera.focal_px * 2.0 / distance
-    assert mask[radius < rim_px - 1.5 * cell_px].all()
-    assert not mask[radius > rim_px + 1.5 * cell_px].any()
-
-
-@pytest.mark.parametrize("by_px", [5.0, 12.0])
-def test_a_disc_eroded_is_a_smaller_disc_and_touches_no_border(by_px):
-    rows, columns = np.mgrid[:90, :90]
-    radius = np.hypot(rows - 45, columns - 45)
-    mask = eroded(radius < 35, by_px)
-    assert mask[radius < 35 - by_px - 1.5].all()
-    assert not mask[radius > 35 - by_px + 1.5].any()
-    assert not eroded(np.ones((40, 40), bool), by_px)[0].any()
 
 
 def test_photos_that_cut_the_fruit_off_are_left_out_and_named_by_their_places():

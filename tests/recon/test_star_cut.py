@@ -43,16 +43,6 @@ def test_without_any_odds_the_step_of_colour_is_the_contour():
     assert overlap(cut, truth) > 0.97
 
 
-def test_pictures_do_not_influence_each_other():
-    rng = np.random.default_rng(2)
-    small, large = disc(50), disc(80)
-    log_odds = [np.where(m, 2.0, -2.0).astype(np.float32) for m in (small, large)]
-    colours = [painted(m, rng) for m in (small, large)]
-    both = star_cuts(log_odds, colours, [CENTRE, CENTRE])
-    alone = [star_cuts([o], [c], [CENTRE])[0] for o, c in zip(log_odds, colours, strict=True)]
-    assert all((a == b).all() for a, b in zip(both, alone, strict=True))
-
-
 def test_the_path_is_the_best_of_all_closed_ones():
     rng = np.random.default_rng(3)
     gain = rng.normal(0, 2, (4, 6, 4)).astype(np.float32)

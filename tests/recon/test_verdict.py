@@ -28,11 +28,6 @@ def test_a_guessed_shape_is_refused(quality, words):
         require_seen(quality)
 
 
-def test_a_shape_seen_well_or_of_unknown_views_passes():
-    require_seen(SEEN)
-    require_seen(replace(NOTHING_KNOWN, views_given=24, views_used=24))
-
-
 def test_no_sample_fruit_is_doubted():
     for seed in range(6):
         assert (

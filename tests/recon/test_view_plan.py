@@ -35,12 +35,6 @@ def test_a_full_ring_lacks_nothing(count):
     assert (plan.gaps_deg, plan.stand_deg, plan.unplaced, plan_words(plan)) == ((), (), (), "")
 
 
-def test_every_wide_gap_is_filled_to_half_a_quarter():
-    plan = view_plan(GIVEN[:2], _ring([0.0, 100]), np.zeros(3), given=GIVEN[:2])
-    around = np.sort([*plan.azimuth_deg, *plan.stand_deg])
-    assert np.diff([*around, around[0] + 360]).max() <= 45 + 1e-6
-
-
 def test_a_failure_brings_its_plan_back_from_a_worker():
     plan = view_plan(GIVEN, _ring(np.arange(7) * 20.0), np.zeros(3), given=GIVEN)
     back = pickle.loads(pickle.dumps(ReconFailure(ReconProblem.NO_OVERLAP, "x", plan)))
