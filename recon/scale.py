@@ -1,5 +1,5 @@
-"""Where size comes from (mat, height or coin), how much too tall a fruit comes out that no photo shows from the
-side, and the box in which a fruit may stand.
+"""Where size comes from (mat, height or coin), the box in which a fruit may stand, and how much too tall a
+fruit comes out that no photo shows from the side.
 """
 
 from collections.abc import Sequence

@@ -1,4 +1,4 @@
-"""The fruit frame, and the orientation by the shape alone: stem axis from the stem's hollow, suture from its groove.
+"""The fruit frame, and the orientation by the shape: stem from its hollow, suture from its groove.
 
 Fruit frame: stem end up z, suture to +x, origin under the middle on the support plane.
 """

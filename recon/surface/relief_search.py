@@ -1,5 +1,5 @@
-"""The outline surface at a coarser level of the ball, and the search for relief in one half of the views: depth by
-photo-consistency, a membrane between.
+"""The search for relief in one half of the views, on a coarser level of the ball: depth by photo-consistency,
+a membrane between.
 """
 
 from collections.abc import Sequence

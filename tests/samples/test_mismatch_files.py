@@ -1,6 +1,5 @@
 """Plans, protocols and files of mismatch cases."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 from mismatch_ball import drawn_ball, still_recording
 
 from recon.surface.mesh_file import read_mesh
-from samples.mismatch.case_files import answer, reveal, seal, sealed_as, write_case_files
+from samples.mismatch.case_files import write_case_files
 from samples.mismatch.case_simulation import planned
 from samples.mismatch.drawn_fruit import drawn_fruit, seen_anew
 from samples.mismatch.four_grasps import four_manners, motion_of
@@ -78,14 +77,3 @@ def test_a_case_is_read_back_and_its_air_carries_the_noise(tmp_path: Path) -> No
     assert noise_N.std() == pytest.approx(2e-4 * 20.0, rel=0.05)
     assert pad.force_N.mean(axis=0).std() == pytest.approx(2e-4 * 10.0, rel=0.2)
     assert not list(tmp_path.glob(".*partial"))
-
-
-def test_the_seal_comes_first_and_fits_the_answer(tmp_path: Path) -> None:
-    entry = answer(drawn_ball(), {"effect": "slip", "parameters": {"mu": 0.12}})
-    seal(tmp_path, "case-1", entry, salt="abc")
-    assert not (tmp_path / "answers.json").exists()
-    reveal(tmp_path, "case-1", entry, salt="abc")
-    sealed = json.loads((tmp_path / "manifest.json").read_text())["case-1"]
-    entry = json.loads((tmp_path / "answers.json").read_text())["case-1"]
-    assert sealed_as(entry) == sealed
-    assert sealed_as({**entry, "effect": "none"}) != sealed

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, linear_body, motion, rough, total_N
+from mismatch_ball import drawn_ball, grasped_ball, linear_body, motion, rough, total_N
 from scipy.sparse import csc_array
 from scipy.sparse.linalg import splu
 
@@ -60,15 +60,3 @@ def test_friction_stays_within_its_cone() -> None:
         touches = other.force_N[..., 2] > 1e-3
         free = np.linalg.norm(other.force_N[..., :2], axis=-1)[touches] / other.force_N[..., 2][touches]
         assert free.max() > 0.1
-
-
-def test_turning_the_fruit_round_changes_the_pads_over() -> None:
-    drawn = drawn_ball()
-    way = motion([-0.1, 0.4], shear_mm=[0, 0])
-    grasp, stands = rough(drawn, way)
-    body = linear_body(stands)
-    before = grasped_ball(grasp, stands, body)
-    after = grasped_ball(grasp_along_x(drawn, way, turned=True), stands, body)
-    for a, b in zip(before.pads, after.pads[::-1], strict=True):
-        assert np.array_equal(a.pose, b.pose)
-        assert np.array_equal(a.force_N, b.force_N)

@@ -13,7 +13,6 @@ from samples.fruit import fruit_of_seed
 from samples.sample_failure import RendererMissing
 from samples.scenes.draw import sample_scene
 from samples.scenes.render import RenderOptions, scaled
-from samples.scenes.skin_optics import ripe_skin, skin_attributes
 from samples.scenes.write import write_photos
 
 FRUIT = fruit_of_seed("a", seed=1, E_MPa=0.5)
@@ -60,16 +59,6 @@ def test_every_view_of_a_sample_is_rigid_looks_down_and_holds_the_whole_fruit_an
         assert turn @ turn.T == pytest.approx(np.eye(3), abs=1e-12)
         assert np.linalg.det(turn) == pytest.approx(1.0)
         assert (-turn.T @ view.cam_from_world[:3, 3])[2] > 70
-
-
-def test_ripe_skin_is_redder_than_unripe_and_both_stand_out_from_paper() -> None:
-    directions = even_sphere(24).directions
-    unripe, ripe = (
-        skin_attributes(ripe_skin(r, pattern_seed=0), directions)[0].mean(axis=0) for r in (0.05, 0.95)
-    )
-    assert ripe[0] / ripe[1] > 2.0 * unripe[0] / unripe[1]
-    for colour in (unripe, ripe):
-        assert colour[2] / colour.max() < 0.5
 
 
 def test_a_tiny_rendered_photo_shows_the_mat_where_the_camera_says(tmp_path: Path) -> None:

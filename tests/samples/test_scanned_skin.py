@@ -84,13 +84,6 @@ def test_a_scan_with_a_hole_is_refused(tmp_path: Path) -> None:
         box_mm(skin(tmp_path, closed=False))
 
 
-def test_a_texture_that_is_no_picture_is_refused_by_name(tmp_path: Path) -> None:
-    mesh, texture = written_ellipsoid(tmp_path, turn=np.eye(3))
-    texture.write_text("no picture")
-    with pytest.raises(SampleFailure, match=r"scan\.png is no picture"):
-        read_scan(mesh, texture, mm_per_unit=1000.0)
-
-
 @pytest.mark.parametrize("family", ["mat", "phone", "turntable"])
 def test_a_scan_in_the_drawn_fruits_place_leaves_the_rest_of_the_scene(family: str, tmp_path: Path) -> None:
     drawn = draw_scene(4, photos=6, family=family)
