@@ -9,10 +9,6 @@ from recon.checks.surface_error import in_camera_shadow, left_right_px, shadow_s
 VIEWS, SAMPLES, PIXEL_MM = 24, 96, 0.25
 VIEW = np.repeat(np.arange(VIEWS), SAMPLES)
 TURN = np.tile(np.linspace(-np.pi, np.pi, SAMPLES, endpoint=False), VIEWS)
-FROM = 2 * np.pi * VIEW / VIEWS
-"""The way each camera looks from, about the vertical."""
-ACROSS = FROM + np.where(np.cos(TURN) > 0, -np.pi / 2, np.pi / 2)
-"""Direction of the skin that a camera sees on its rim, right or left of it."""
 
 
 def evidence(offset_px, known=True):
@@ -34,11 +30,6 @@ def test_a_shadow_low_on_one_side_of_every_photo_is_measured(sign):
     apart = left_right_px(evidence(np.where(side, 2.0, 0.0)))
     assert apart[:2] == pytest.approx([2.0 * sign, 2.0 * sign], abs=0.15)
     assert apart[2] == pytest.approx(0.0, abs=0.15)
-
-
-def test_a_mesh_that_misses_one_flank_of_the_fruit_shows_no_side():
-    bulge = 2.0 * np.clip(np.cos(ACROSS - 0.7), 0, 1)
-    assert np.abs(left_right_px(evidence(bulge))).max() < 0.2
 
 
 def test_edges_on_the_shadows_side_and_below_tell_nothing_of_the_mesh():

@@ -49,12 +49,3 @@ def test_two_empty_masks_of_twentyfour_are_outvoted_and_eight_are_not():
     many = carved([empty] * 8 + masks_of(16), directions(24))
     assert volume_mm3(few) > 0.98 * BALL_MM3
     assert not many.filled.any()
-
-
-def test_cells_that_too_few_views_have_in_sight_are_none():
-    away = [
-        camera_towards(direction, off_axis=np.array([400.0, 0.0, 0.0])) for direction in directions(24)[:12]
-    ]
-    cameras = [*away, *(camera_towards(direction) for direction in directions(24)[:2])]
-    block = carve(masks_of(14), [whole_window()] * 14, cameras, low_mm=LOW, high_mm=HIGH)
-    assert not block.filled.any()

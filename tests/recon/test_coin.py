@@ -92,14 +92,3 @@ def test_the_coin_counts_and_a_height_that_contradicts_it_is_said(height_mm, hei
     assert scale.factor == pytest.approx(1.0, rel=0.01)
     assert len(scale.warnings) == bool(said)
     assert said in "".join(scale.warnings)
-
-
-def test_a_top_that_no_photo_shows_from_the_side_is_doubted_by_the_coin():
-    steep = [c for c in ring(18, width=960, height=720) if c.place[2] > 0.5 * np.linalg.norm(c.place)]
-    pictures = _pictures(steep)
-    with_coin, alone = (
-        scale_by(pictures, steep, height_mm=41.0, coin=coin, tall=42.5) for coin in (EURO, None)
-    )
-    assert "No photo shows the top from the side" in with_coin.warnings[0]
-    assert "use a coin" in alone.warnings[0]
-    assert alone.sd > 2 * with_coin.sd

@@ -143,14 +143,3 @@ def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_sa
     assert merged.warnings == ("In photos-flipped/: one is dark.",)
     assert merged.seconds == {"outlines": 1.0, "outlines, upside down": 2.0}
     assert merged.surface_sd_mm == pytest.approx(max(0.08, merged.quality.flipped_miss_mm / np.sqrt(2)))
-
-
-def test_a_second_set_that_saw_too_little_is_not_used_and_that_is_said(unchecked: None) -> None:
-    true, faces = skin_mesh(skin_of_kind(PLUM, seed=3), cells=12)
-    side = ScannedSide.of(true, faces, around(30.0))
-    upright = reconstruction(side, faces, 30.0)
-    few = reconstruction(side, faces, 30.0, quality=replace(upright.quality, views_used=2))
-    merged = with_underside(upright, tuple, lambda photos: few, mat=None)
-    assert np.array_equal(merged.vertices, upright.vertices)
-    assert merged.warnings[:-1] == upright.warnings
-    assert merged.warnings[-1].startswith("drupe did not use photos-flipped/: Too few views: only 2 of 36")

@@ -5,16 +5,13 @@ from functools import cache
 import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
-from refusals import refused
 
 from recon import fruit_mesh
 from recon.cameras.mat_poses import cameras_from_mat
-from recon.cameras.photos import Photo
 from recon.cameras.printed_mat import standard_mat
 from recon.fruit_mesh import ReconOptions, reconstruct
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.surface.ray_mesh import SEEN_BY
-from recon.triangle_mesh import face_areas, open_edges, volume_mm3
+from recon.triangle_mesh import open_edges, volume_mm3
 
 EGG = Egg()
 QUICK = ReconOptions(level=5, max_faces=3000)
@@ -65,18 +62,6 @@ def test_quality_and_stages_are_told():
     assert reconstruction.quality.views_used >= 10
     assert reconstruction.quality.silhouette_iou > 0.95
     assert reconstruction.scale_sd < 2e-3
-
-
-def test_what_no_photo_showed_is_told_by_vertex_and_by_area():
-    reconstruction, _ = on_the_mat()
-    up, below = reconstruction.vertices[:, 2] > 12, reconstruction.vertices[:, 2] < 0.5
-    assert reconstruction.views is not None
-    assert reconstruction.views[up].min() >= SEEN_BY
-    assert reconstruction.views[below].min() == 0
-    assert reconstruction.views.max() <= reconstruction.quality.views_used
-    assert 0.8 < reconstruction.quality.seen_share < 0.95  # no camera stands lower than 20 degrees
-    area = face_areas(reconstruction.vertices, reconstruction.faces).sum()
-    assert reconstruction.quality.unseen_mm2 == pytest.approx((1 - reconstruction.quality.seen_share) * area)
 
 
 @pytest.mark.slow
@@ -140,12 +125,3 @@ def test_refusals_say_why(pictures, mat, height_mm, problem, words):
     with pytest.raises(ReconFailure, match=words) as caught:
         reconstruct(pictures(), mat=mat, height_mm=height_mm, options=QUICK)
     assert caught.value.problem is problem
-
-
-def test_photos_that_share_nothing_have_no_overlap():
-    pytest.importorskip("pycolmap")
-    rng = np.random.default_rng(3)
-
-    noise = [Photo(f"{i}.png", rng.integers(0, 255, (120, 160, 3), dtype=np.uint8)) for i in range(4)]
-    with refused(ReconProblem.NO_OVERLAP, "of 4 photos share enough features"):
-        reconstruct(noise, mat=None, height_mm=50.0, options=QUICK)

@@ -142,21 +142,6 @@ def test_a_closed_surface_that_is_inside_out_is_refused_in_each_format(tmp_path,
                 require_closed(*mesh, what=path.name)
 
 
-def test_a_mesh_with_texture_coordinates_is_read_and_nothing_is_printed(tmp_path, capfd):
-    vertices, faces = ball(2)
-    more = "property list uchar float texcoord\n"
-    (tmp_path / "a.ply").write_text(_text_ply(vertices, faces, more, " 6 0 0 1 0 0 1"))
-    (tmp_path / "a.obj").write_text(
-        "mtllib skin.mtl\nusemtl skin\n"
-        + "".join(f"v {x} {y} {z}\n" for x, y, z in vertices)
-        + "vt 0 0\nvt 1 0\n"
-        + "".join(f"f {a + 1}/1 {b + 1}/2 {c + 1}/1\n" for a, b, c in faces)
-    )
-    for kind in ("ply", "obj"):
-        assert np.array_equal(read_mesh(tmp_path / f"a.{kind}")[1], faces)
-    assert capfd.readouterr() == ("", "")
-
-
 def test_gltf_is_in_metres_and_a_broken_one_is_named(tmp_path):
     vertices, faces = ball(2)
     trimesh.Trimesh(0.028 * vertices, faces, process=False).export(tmp_path / "a.glb")

@@ -11,7 +11,6 @@ from recon.silhouettes.outline import (
     SAMPLES,
     STEP_SHARE,
     Outline,
-    enlarged,
     kept_near,
     outline_of,
     sharpened,
@@ -94,15 +93,6 @@ def test_where_skin_and_ground_are_alike_the_outline_stays_and_says_so():
     outline, _ = sharpened(start, Window(photo(1.0, skin=(190, 200, 203)), (0, 0), 1), search=False)
     assert outline.clear_share < 0.05
     assert rms(off_px(outline.points) - 1.0) < 0.1
-
-
-def test_an_outline_of_a_shrunk_window_is_sharpened_in_the_photos_pixels():
-    start = ellipse()
-    shrunk = Outline((start.points - 0.5) / 2, start.normals, 0.0)
-    outline, whole = sharpened(shrunk, Window(photo(0.0), (7, 9), 2), search=False)
-    assert (whole.shrink, whole.corner_px) == (1, (7, 9))
-    assert rms(off_px(outline.points)) < 0.45
-    np.testing.assert_allclose(enlarged(shrunk, 2).points.mean(axis=0), MIDDLE, atol=0.05)
 
 
 def test_snapping_finds_the_edge_by_colour_step_and_odds_within_its_reach():

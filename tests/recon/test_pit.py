@@ -12,7 +12,6 @@ from recon.pit.placement import embed_pit, load_pit, place_pit
 from recon.pit.priors import known_categories, load_prior
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.hull import ball
-from recon.surface.mesh_file import write_mesh
 from recon.surface.orientation import to_fruit_frame
 from recon.triangle_mesh import open_edges, volume_mm3
 
@@ -84,11 +83,6 @@ def test_open_and_inside_out_meshes_are_refused(fruit):
         embed_pit(vertices, faces[:, ::-1], *pit)
 
 
-def test_a_category_without_prior_is_named():
-    with refused(ReconProblem.NO_PRIOR, "no pit prior for 'mango'; known: apricot, cherry"):
-        load_prior("mango")
-
-
 def test_a_users_own_prior_is_read_and_a_bad_one_names_its_field(tmp_path):
     path = tmp_path / "mine.toml"
     numbers = {
@@ -125,23 +119,6 @@ def test_a_measured_pit_takes_the_superellipsoids_place_in_its_own_size(fruit, t
     assert repr(moved) == repr(prior)
     path.write_bytes(trimesh.Trimesh(1.1 * stone, faces, process=False).export(file_type=suffix[1:]))
     assert repr(load_pit(path, category="nectarine")) != repr(prior)
-
-
-@pytest.mark.parametrize(
-    ("scale", "keep", "words"),
-    [
-        (1e-3, None, "0.032 long, expected 4 to 60 mm"),
-        (1.0, -1, r"pit\.ply's mesh is not watertight: 3 edges"),
-    ],
-)
-def test_a_measured_pit_of_no_use_says_what_is_wrong(tmp_path, scale, keep, words):
-    directions, faces = ball(3)
-    path = tmp_path / "pit.ply"
-    write_mesh(path, scale * 16 * directions, faces[:keep])
-    with pytest.raises(ReconFailure, match=words):
-        load_pit(path, category="nectarine")
-    with pytest.raises(ReconFailure, match=r"none\.stl is not a file"):
-        load_pit(tmp_path / "none.stl", category="nectarine")
 
 
 def test_every_number_of_a_shipped_prior_has_its_source():

@@ -62,12 +62,6 @@ def test_a_misread_tag_moves_no_camera_and_is_left_out():
     assert poses.reprojection_px < 0.02
 
 
-def test_no_tag_anywhere_is_mat_not_found():
-    grey = [Photo(f"{i}.png", np.full((120, 160, 3), 90, np.uint8)) for i in range(4)]
-    with refused(ReconProblem.MAT_NOT_FOUND, r"No marker of the mat .* 4 photos"):
-        cameras_from_mat(grey, standard_mat())
-
-
 def test_two_photos_with_tags_are_too_few(bent):
     _, photos = bent
     grey = [Photo(f"g{i}.png", np.full((480, 640, 3), 90, np.uint8)) for i in range(4)]

@@ -194,16 +194,6 @@ def test_correlation_is_highest_on_the_true_skin():
     assert np.abs(offset).max() < 0.3
 
 
-def test_two_high_peaks_apart_are_not_trusted():
-    offsets = np.linspace(-1, 1, 21)
-    peak = np.exp(-((offsets[:, None] - [[-0.5, 0.5]]) ** 2) / 0.01).T[:, None]
-    same = best_offsets(np.repeat(peak[:1], 4, axis=0), offsets)
-    apart = best_offsets(np.concatenate([peak, peak]), offsets)
-    assert same[0][0] == pytest.approx(-0.5, abs=0.01)
-    assert same[1][0] == pytest.approx(1.0, abs=0.01)
-    assert apart[1][0] == 0.0
-
-
 def test_what_is_not_found_with_much_averaging_is_found_with_less(monkeypatch: pytest.MonkeyPatch):
     s = scene(3.0, 12.0, 0.0)
     monkeypatch.setattr(module, "LEAST_MEAN_GAIN", 1.1)

@@ -35,14 +35,6 @@ def test_a_highlight_that_looks_like_ground_takes_no_bite_out_of_the_fruit():
     assert overlap(cut, truth) > 0.975
 
 
-def test_without_any_odds_the_step_of_colour_is_the_contour():
-    rng = np.random.default_rng(1)
-    truth = disc(64)
-    log_odds = np.where(disc(40), 1.0, np.where(disc(90), 0.0, -1.0)).astype(np.float32)
-    (cut,) = star_cuts([log_odds], [painted(truth, rng)], [CENTRE])
-    assert overlap(cut, truth) > 0.97
-
-
 def test_the_path_is_the_best_of_all_closed_ones():
     rng = np.random.default_rng(3)
     gain = rng.normal(0, 2, (4, 6, 4)).astype(np.float32)

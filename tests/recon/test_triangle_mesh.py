@@ -15,11 +15,6 @@ def test_a_closed_mesh_has_each_edge_once_and_each_side_knows_its_own() -> None:
     assert (np.bincount(of_side) == 2).all()
 
 
-def test_edges_between_large_numbers_of_32_bits_are_not_mistaken() -> None:
-    edges, _ = unique_edges(np.array([[60_000, 100_000, 5]], dtype=np.int32))
-    assert edges.tolist() == [[5, 60_000], [5, 100_000], [60_000, 100_000]]
-
-
 def test_faces_turned_at_random_are_consistently_oriented_again_and_one_sided_surfaces_are_left() -> None:
     _, faces = ball(3)
     for seed in range(3):

@@ -17,7 +17,7 @@ MAKERS = frozenset(
 ALSO = (
     "pipeline/batch/outcome.py", "pipeline/fruit/size_doubts.py", "pipeline/ranking/batch_faults.py",
     "pipeline/ranking/error_parts.py", "recon/checks/quality.py", "recon/checks/surface_verdict.py",
-    "recon/checks/quality.py", "recon/surface/orientation.py",
+    "recon/surface/orientation.py",
 )  # fmt: skip
 """Modules that give such sentences back as plain text."""
 

@@ -10,8 +10,6 @@ from samples.fruit import (
     box_mm,
     fruit_of_seed,
     fruits_of_seed,
-    scanned_mesh,
-    skin_mesh,
 )
 
 
@@ -53,11 +51,3 @@ def test_true_pit_lies_near_the_category_prior_and_inside_the_fruit() -> None:
         assert np.linalg.norm(skin - pit, axis=1).min() > 5.0
     assert 0.18 < np.std(offsets) < 0.42
     assert 0.012 < np.std(sizes) < 0.028
-
-
-def test_scan_error_is_what_it_says() -> None:
-    fruit = fruit_of_seed("a", seed=5, E_MPa=1.0)
-    truth, triangles = skin_mesh(fruit.skin, cells=20)
-    scan, same = scanned_mesh(fruit, cells=20, error_mm=0.1)
-    assert np.array_equal(triangles, same)
-    assert abs(np.sqrt(np.mean(np.sum((scan - truth) ** 2, axis=1))) - 0.1) < 1e-9

@@ -25,14 +25,6 @@ def test_loads_and_displacements_are_reciprocal(block: GelBlock) -> None:
     np.testing.assert_allclose(small, small.T, atol=1e-9 * np.abs(small).max())
 
 
-def test_nodal_values_are_read_back_through_quadratics(block: GelBlock) -> None:
-    x, y = block.face_mm.T
-    values = np.stack([x**2 - x * y, y**2 + 3.0], axis=1)
-    at = np.random.default_rng(0).uniform(-5.9, 5.9, (50, 2))
-    expected = np.stack([at[:, 0] ** 2 - at[:, 0] * at[:, 1], at[:, 1] ** 2 + 3.0], axis=1)
-    np.testing.assert_allclose(block.at(values, at), expected, atol=1e-9)
-
-
 def test_a_ball_is_pushed_out_and_grips_within_coulombs_cone(block: GelBlock) -> None:
     aside = [BallPose(centre_mm=(0.1 * k, 0.0, RADIUS - 0.25)) for k in range(1, 6)]
     path = [down(-0.1), *[down(d) for d in (0.05, 0.1, 0.15, 0.2, 0.25)], *aside]

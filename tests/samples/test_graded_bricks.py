@@ -75,12 +75,6 @@ def test_even_strain_leaves_no_force_inside(bricks: Bricks) -> None:
     assert force[~on_skin] == pytest.approx(0.0, abs=1e-10)
 
 
-def test_volume_is_that_of_the_flesh(bricks: Bricks) -> None:
-    _, volumes = shape_gradients(bricks.nodes_mm[bricks.cells])
-    assert volumes.min() > 0
-    assert volumes.sum() == pytest.approx(4 / 3 * np.pi * (25.0**3 - 10.0**3), rel=2e-4)
-
-
 def test_bricks_are_small_where_the_pads_touch_and_no_pad_meets_a_hanging_node(bricks: Bricks) -> None:
     grasp = grasp_along_x(drawn_ball(), motion([-0.1, 0.6]))
     hanging = np.setdiff1d(np.arange(len(bricks.nodes_mm)), np.r_[bricks.free_nodes, bricks.pit_nodes])

@@ -133,17 +133,3 @@ def test_the_stated_poisson_ratio_is_drawn_and_the_label_is_the_true_one(tmp_pat
     stated = tomllib.loads((tmp_path / case_id / "case.toml").read_text())["poisson_ratio"]
     assert 0.28 <= stated <= 0.488
     assert stated != 0.45
-
-
-def test_a_case_without_its_answer_is_drawn_again(tmp_path: Path) -> None:
-    fruit, truths = BankFruit(number=0), (LOADED,)
-    case_id = draw_case(tmp_path, fruit, truths, record=1)
-    assert case_id == "null-000-1"
-    left = tmp_path / case_id / "left.txt"
-    left.write_text("")
-    draw_case(tmp_path, fruit, truths, record=1)
-    assert left.exists()
-    (tmp_path / "answers.json").write_text("{}")
-    draw_case(tmp_path, fruit, truths, record=1)
-    assert not left.exists()
-    assert answer_of(tmp_path, case_id)["effect"] == "none"

@@ -9,7 +9,6 @@ from mismatch_ball import drawn_ball, still_recording
 from recon.surface.mesh_file import read_mesh
 from samples.mismatch.case_files import write_case_files
 from samples.mismatch.case_simulation import planned
-from samples.mismatch.drawn_fruit import drawn_fruit, seen_anew
 from samples.mismatch.four_grasps import four_manners, motion_of
 from samples.mismatch.injected import drawn_parameters
 from samples.sample_failure import SampleFailure
@@ -28,30 +27,11 @@ def test_the_four_grasps_have_the_frames_of_the_shared_cases() -> None:
     assert [m.shear_mm.max() for m in motions] == [0.0, 0.0, 1.2, 0.0]
 
 
-def test_the_true_pit_is_off_its_prior_by_the_spread_that_cases_state() -> None:
-    offsets, sizes = [], []
-    for k in range(60):
-        drawn = drawn_fruit("x", category="plum", rng=np.random.default_rng(k))
-        seen = seen_anew(drawn, np.random.default_rng([k, 1]))
-        offsets.append(np.subtract(drawn.fruit.pit.centre_mm, seen.prior.centre_mm))
-        sizes.append(np.divide(drawn.fruit.pit.semi_axes_mm, seen.prior.semi_axes_mm))
-    assert np.std(offsets) == pytest.approx(0.3, rel=0.15)
-    assert np.std(sizes) == pytest.approx(0.02, rel=0.15)
-
-
 def test_an_injected_offset_takes_the_place_of_the_spread() -> None:
     plan = planned("x", (("pit_offset", 3.4),), seed=(1, 2))
     offset = np.subtract(plan.drawn.fruit.pit.centre_mm, plan.drawn.prior.centre_mm)
     assert offset == pytest.approx(plan.injected[0].parameters["offset_mm"])
     assert np.linalg.norm(offset) == pytest.approx(3.4)
-
-
-def test_a_soft_spot_lies_in_the_flesh_under_a_pad() -> None:
-    plan = planned("x", (("soft_spot", 0.6),), seed=(3, 4))
-    p = plan.injected[0].parameters
-    grasp = plan.grasps[p["grasp"] - 1]
-    touch = grasp.hold.touch_mm[0 if p["pad"] == "left" else 1]
-    assert np.linalg.norm(touch - np.array(p["centre_mm"])) < 14.0
 
 
 def test_an_effect_that_is_not_in_the_catalogue_is_refused() -> None:

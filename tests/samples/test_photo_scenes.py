@@ -22,8 +22,8 @@ from samples.scenes.light import LIGHTS, flash_mesh, photographer_mesh
 from samples.scenes.render import RenderOptions, fruit_cover, load_world, pictures
 from samples.scenes.scene_fruit import KINDS
 from samples.scenes.sheet import STATES, sheet_height_mm, sheet_mat, sheet_mesh, sheet_texture
-from samples.scenes.skin_optics import COLOURS, GLOSSES, skin_attributes
-from samples.scenes.write import cameras_mapping, complete, metered_gain, write_scene
+from samples.scenes.skin_optics import COLOURS, GLOSSES
+from samples.scenes.write import cameras_mapping, complete, write_scene
 from samples.viewpoints import distorted_pixels
 
 SKETCH = RenderOptions(frame_samples=4, print_samples=4, crop_samples=1, skin_cells=24)
@@ -154,26 +154,6 @@ def test_grounds_are_colours_and_the_textured_ones_have_fine_detail(
         assert fine.std() / tile.mean() > 0.02
 
 
-def test_skins_have_the_colour_that_their_name_says(scenes: tuple[Scene, ...]) -> None:
-    directions = np.random.default_rng(0).normal(size=(2000, 3))
-    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-    for scene in scenes:
-        if scene.skin.gloss == "bloom":
-            continue
-        colour, roughness = skin_attributes(scene.skin, directions)
-        red, green, blue = colour.mean(axis=0)
-        assert np.all((colour >= 0) & (colour <= 1))
-        assert np.all((roughness > 0) & (roughness <= 1))
-        assert {
-            "white-yellow": green > 0.35 and red > blue,
-            "green": green > red > 2 * blue,
-            "orange": red > 1.4 * green and green > blue,
-            "red": red > 3 * green,
-            "blue-black": max(red, green, blue) < 0.1,
-            "two-coloured": red > 1.2 * green and np.ptp(colour[:, 1]) > 0.2,
-        }[scene.skin.colour], scene.name
-
-
 def test_flash_shines_where_the_camera_looks_and_the_photographer_stays_out_of_the_picture(
     scenes: tuple[Scene, ...],
 ) -> None:
@@ -192,16 +172,6 @@ def test_flash_shines_where_the_camera_looks_and_the_photographer_stays_out_of_t
                 across = view.focal_px * np.abs(seen[:, :2]) / np.maximum(seen[:, 2:], 1e-9)
                 in_picture = np.all(across < [view.width_px / 2 + 40, view.height_px / 2 + 40], axis=1)
                 assert not np.any((seen[:, 2] > 0) & in_picture)
-
-
-def test_exposure_is_read_from_the_paper(scenes: tuple[Scene, ...]) -> None:
-    scene = next(s for s in scenes if s.sheet is not None and s.sheet.size == "big")
-    mat, view = sheet_mat(scene.sheet), scene.views[-1]
-    light = np.full((view.height_px, view.width_px, 3), 5.0, np.float32)
-    side = mat.width_mm / 2
-    corners = view.pixels(np.array([(-side, -side, 0), (side, -side, 0), (side, side, 0), (-side, side, 0)]))
-    cv2.fillConvexPoly(light, np.rint(corners).astype(np.int32), (0.31, 0.31, 0.31))
-    assert metered_gain(light, mat=mat, view=view) == pytest.approx(2.0, rel=0.01)
 
 
 def test_phone_family_has_no_mat_and_in_some_scenes_a_coin_of_its_true_size_beside_the_fruit(

@@ -59,10 +59,3 @@ def test_a_shipped_recording_is_what_the_simulator_gives() -> None:
         assert true.force_N[-1, :, 2].sum() == pytest.approx(pad.force_N[15, :, 2].sum(), rel=0.02)
         miss_mm = true.displacement_mm[-1] - pad.displacement_mm[15]
         assert np.sqrt((miss_mm**2).mean()) < 0.006  # the sensor's noise is 0.0045
-
-
-def test_photos_and_data_stay_within_their_budget() -> None:
-    photos = sum(p.stat().st_size for p in DATA.rglob("*.jpg"))
-    everything = sum(p.stat().st_size for p in DATA.rglob("*") if p.is_file())
-    assert photos < 12e6
-    assert everything < 18e6
