@@ -6,7 +6,6 @@ from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, linear_body, 
 
 from samples.graded_bricks import BrickGrading
 from samples.grasp_plan import PlannedGrasp
-from samples.hexahedra import Fineness
 from samples.mismatch.case_simulation import body_of
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.injected import AMPLITUDES, EFFECTS, InjectedEffect, drawn_parameters, gel_of
