@@ -317,7 +317,6 @@ def _merged(
             replace(camera, k1=over.quality.k1).moved(joined.upright_from_over) for camera in over.cameras
         ),
         warnings=(*kept, *seen_doubts(quality), *said),
-        seconds=upright.seconds | {f"{name}, upside down": spent for name, spent in over.seconds.items()},
     )
 
 

@@ -3,7 +3,7 @@ where photos agree, kept only where photos that took no part in the search agree
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
@@ -42,19 +42,10 @@ CHANCE = 1e-2
 """How probable as many confirmed vertices may be by chance: true cavities 2.6e-3 or less, others 1.4e-2."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Region:
-    """A patch that the search moved: depth, probability of its confirmed vertices by chance, whether kept."""
-
-    depth_mm: float
-    chance: float
-    accepted: bool
-
-
 def judged(
     mesh: OutlineMesh, held_out: Sequence[GreyView], candidate: Found, null: Found, *, least_mean_gain: float
-) -> tuple[tuple[Region, ...], Bool[np.ndarray, " n"]]:
-    """Each connected region that moved, judged by the views held out, and the vertices of those kept.
+) -> Bool[np.ndarray, " n"]:
+    """The vertices of those connected regions that moved and that the views held out confirm.
 
     `null` is a search where the outlines are certain: what it finds is there by chance. `least_mean_gain` is
     the mean rise of the correlation that a region must bring.
@@ -64,7 +55,7 @@ def judged(
     gain = _gains(mesh, held_out, candidate.surface, candidate.far & placed)
     heights, null_heights = heights_mm(mesh, candidate.surface), heights_mm(mesh, null.surface)
     null_gain = _gains(mesh, held_out, null.surface, null.far & (null.weight > 0))
-    regions, kept = [], np.zeros(len(placed), bool)
+    kept = np.zeros(len(placed), bool)
     for part in connected_parts(candidate.far, mesh.faces):
         measured = part & placed & np.isfinite(gain)
         if not measured.any():
@@ -76,10 +67,8 @@ def judged(
         patches = max(int(np.ceil(part.sum() / per_patch)), 1)
         chance = float(bdtrc(int(confirmed / per_patch) - 1, patches, p0))
         rise = float(gain[measured].mean())
-        accepted = chance < CHANCE and rise > least_mean_gain
-        regions.append(Region(depth_mm=-float(heights[part].min()), chance=chance, accepted=accepted))
-        kept |= part & accepted
-    return tuple(regions), kept
+        kept |= part & (chance < CHANCE and rise > least_mean_gain)
+    return kept
 
 
 def mean_gain(
@@ -146,14 +135,7 @@ class Relief:
     vertices: Float[np.ndarray, "n 3"]
     measured: Bool[np.ndarray, " n"]
     bridged: Float[np.ndarray, " n"]
-    regions: tuple[Region, ...]
     edge_depth_mm: float = 0.0
-
-
-def unsearched(vertices: Float[np.ndarray, "n 3"]) -> Relief:
-    """The surface as its outlines show it."""
-    none = np.zeros(len(vertices))
-    return Relief(vertices=vertices, measured=none > 0, bridged=none, regions=())
 
 
 def relief(
@@ -180,7 +162,7 @@ def relief(
     count = len(coarse.outline.points)
     convex = roundness(coarse.outline.curvature * coarse.radius_mm)
     bridged = np.clip(split(1 - convex[:, None], coarse.level, finer)[:, 0], 0.0, 1.0)
-    nothing = replace(unsearched(vertices), bridged=bridged)
+    nothing = Relief(vertices=vertices, measured=np.zeros(len(vertices), bool), bridged=bridged)
     views = grey_views(images, cameras)
     halves = views[::2], views[1::2]
     if len(halves[1]) < FEWEST_VIEWS:
@@ -194,18 +176,17 @@ def relief(
     certain = seen & ~grown(loose, coarse.faces, 1) & (convex > 0.9)
     certain &= support[:count] > 0.5 * np.median(support[:count])
     held = SUPPORT_WEIGHT * held
-    regions: tuple[Region, ...] = ()
     gentler = (LESS_AVERAGED, LEAST_MEAN_GAIN_LESS_AVERAGED)
     for averaged, least in ((AVERAGED, LEAST_MEAN_GAIN), gentler):
         candidate = searched(coarse, halves[0], loose, held, averaged=averaged)
         if not (candidate.far & (candidate.weight > 0)).any():
             continue
         null = searched(coarse, halves[0], certain, np.zeros(count), averaged=averaged)
-        regions, kept = judged(coarse, halves[1], candidate, null, least_mean_gain=least)
+        kept = judged(coarse, halves[1], candidate, null, least_mean_gain=least)
         if kept.any():
             break
     else:
-        return replace(nothing, regions=regions)
+        return nothing
     zone = grown(kept, coarse.faces, ZONE_RINGS) & loose & ~(candidate.far & ~kept)
     if (candidate.far & ~zone).any():
         candidate = searched(coarse, halves[0], zone, held, averaged=averaged)
@@ -216,7 +197,6 @@ def relief(
         vertices=vertices + split(surface - fine.outline.points, fine.level, finer),
         measured=split(measured[:, None].astype(float), fine.level, finer)[:, 0] > 0.25,
         bridged=bridged,
-        regions=regions,
         edge_depth_mm=float(np.max(-heights_mm(fine, surface)[at_edge(fine, surface)], initial=0.0)),
     )
 

@@ -36,7 +36,7 @@ def made():
     vertices, faces = ball(2)
     return Reconstruction(
         vertices=20 * vertices, faces=faces, scale_sd=0.01, surface_sd_mm=0.1,
-        quality=replace(NOTHING_KNOWN, k1=0.0), warnings=(), seconds={}, frame="shape",
+        quality=replace(NOTHING_KNOWN, k1=0.0), warnings=(), frame="shape",
         cameras=tuple(looking_in(name, np.pi / 2 * i) for i, name in enumerate(NAMES[:4])),
         unplaced=(NAMES[4],),
     )  # fmt: skip

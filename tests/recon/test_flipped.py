@@ -108,7 +108,7 @@ def reconstruction(side: ScannedSide, faces: np.ndarray, height_mm: float, **sai
     )
     made = Reconstruction(
         vertices=side.vertices, faces=faces, scale_sd=0.001, surface_sd_mm=0.08, quality=quality,
-        warnings=seen_doubts(quality), seconds={"outlines": 1.0}, frame="mat", cameras=tuple(cameras),
+        warnings=seen_doubts(quality), frame="mat", cameras=tuple(cameras),
     )  # fmt: skip
     return replace(made, **said)
 
@@ -126,9 +126,7 @@ def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_sa
     over, _ = laid_over(true, 12.0, 250.0)
     high = float(np.ptp(true[:, 2])), float(np.ptp(over[:, 2]))
     upright = reconstruction(photographed(true, faces, rng), faces, high[0])
-    second = reconstruction(
-        photographed(over, faces, rng), faces, high[1], warnings=("one is dark.",), seconds={"outlines": 2.0}
-    )
+    second = reconstruction(photographed(over, faces, rng), faces, high[1], warnings=("one is dark.",))
     merged = with_underside(upright, tuple, lambda photos: second, mat=None)
     for camera, moved in zip(second.cameras, merged.flipped_cameras, strict=True):
         off = np.linalg.norm(moved.project(true) - camera.project(over), axis=1)
@@ -141,5 +139,4 @@ def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_sa
     assert merged.quality.seen_share > 0.95  # each set alone sees no underside
     assert seen_doubts(upright.quality)
     assert merged.warnings == ("In photos-flipped/: one is dark.",)
-    assert merged.seconds == {"outlines": 1.0, "outlines, upside down": 2.0}
     assert merged.surface_sd_mm == pytest.approx(max(0.08, merged.quality.flipped_miss_mm / np.sqrt(2)))
