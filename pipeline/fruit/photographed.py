@@ -13,7 +13,7 @@ from pipeline.batch.stage_record import StageRecord
 from pipeline.batch.task import FruitTask
 from recon.cameras.camera import Camera, straightened
 from recon.cameras.photos import Photo, read_photos
-from recon.cameras.view_plan import ViewPlan, view_plan
+from recon.cameras.view_plan import missing_views
 from recon.checks.photo_check import checked_photos
 from recon.checks.quality import require_seen, shape_doubts
 from recon.fruit_mesh import ReconOptions, Reconstruction, reconstruct, reconstruct_with_model
@@ -70,7 +70,7 @@ def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
     require_seen(
         replace(made.quality, views_given=len(given)),
         left_out=checked.warnings,
-        plan=_plan(made, [photo.name for photo in given]),
+        lacking=_lacking(made, [photo.name for photo in given]),
     )
     whole, over = made, list[Photo]()
 
@@ -111,11 +111,11 @@ def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
     )
 
 
-def _plan(made: Reconstruction, given: Sequence[str]) -> ViewPlan | None:
-    """Where the photos that were used were taken, and without a mat, which could not be joined to them."""
+def _lacking(made: Reconstruction, given: Sequence[str]) -> str:
+    """Which views are missing, and without a mat, which photos could not be joined to the others."""
     if not made.cameras:
-        return None
-    return view_plan(
+        return ""
+    return missing_views(
         [c.name for c in made.cameras],
         np.array([c.place for c in made.cameras]),
         made.vertices.mean(axis=0),

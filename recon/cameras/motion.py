@@ -43,9 +43,7 @@ def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
         try:
             return cameras_from_features(photos, height_mm=height_mm)
         except ReconFailure as other:
-            if failure.views is None:
-                raise
-            raise ReconFailure(other.problem, f"{other.detail} {failure.detail}", failure.views) from None
+            raise ReconFailure(other.problem, f"{other.detail} {failure.detail}") from None
     if len(ground.used) == len(photos):
         return ground
     try:

@@ -23,7 +23,7 @@ from recon.cameras.plane_start import (
 )
 from recon.cameras.plane_tracks import ground_tracks
 from recon.cameras.similarity import affine, scaling
-from recon.cameras.view_plan import ViewPlan, plan_words, view_plan
+from recon.cameras.view_plan import missing_views
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import Box, box_about_z
 from recon.silhouettes.segmentation import SegmentationScene, first_block
@@ -76,8 +76,8 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
         for photo, focal_px, pose in zip(placed, scene.focals_px, scene.poses, strict=True)
     ]
     world, box = _placed(placed, cameras, height_mm)
-    plan = _plan(photos, members, [c.place for c in cameras], np.zeros(3))
-    lost = f"drupe found no camera pose for {len(plan.unplaced)}"
+    lost = len(photos) - len(members)
+    lacking = _lacking(photos, members, [c.place for c in cameras], np.zeros(3))
     return Poses(
         cameras=tuple(c.moved(world) for c in cameras),
         used=np.array(members, int),
@@ -85,20 +85,24 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
         scale_sd=float("inf"),
         focal_sd_px=adjustment.focal_sd * cameras[0].focal_px,
         box=box,
-        warnings=(f"{lost} of {len(photos)} photos. {plan_words(plan)}",) if plan.unplaced else (),
+        warnings=(f"drupe found no camera pose for {lost} of {len(photos)} photos. {lacking}",)
+        if lost
+        else (),
     )
 
 
-def _plan(
+def _lacking(
     photos: Sequence[Photo],
     members: Sequence[int],
     places: Sequence[Float[np.ndarray, "3"]],
     middle: Float[np.ndarray, "3"],
-) -> ViewPlan:
-    """Where the photos `members` were taken around the middle, and which others could not be placed."""
+) -> str:
+    """Which views are missing where the photos `members` were taken around the middle."""
     names = [p.name for p in photos]
     unplaced = [name for i, name in enumerate(names) if i not in members]
-    return view_plan([names[i] for i in members], np.array(places), middle, given=names, unplaced=unplaced)
+    return missing_views(
+        [names[i] for i in members], np.array(places), middle, given=names, unplaced=unplaced
+    )
 
 
 def _apart(
@@ -116,10 +120,9 @@ def _apart(
             "the photos again."
         )
     scene = _started(pairs, largest, size, focal_px)
-    plan = _plan(photos, largest, [place_of(p) for p in scene.poses], aim_of(scene.poses))
-    return ReconProblem.NO_OVERLAP.failure(
-        f"The ground connects only {listed(plan.names)}. {plan_words(plan)}", plan
-    )
+    lacking = _lacking(photos, largest, [place_of(p) for p in scene.poses], aim_of(scene.poses))
+    joined_names = listed([photos[i].name for i in largest])
+    return ReconProblem.NO_OVERLAP.failure(f"The ground connects only {joined_names}. {lacking}")
 
 
 def _started(

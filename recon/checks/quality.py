@@ -7,7 +7,6 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import ConvexHull
 
-from recon.cameras.view_plan import ViewPlan, plan_words
 from recon.pit.priors import STONE_FRUIT, PitBody
 from recon.recon_failure import ReconProblem
 from recon.silhouettes.hull import Silhouette, drawn
@@ -144,28 +143,24 @@ def depth_doubts(edge_depth_mm: float) -> tuple[str, ...]:
     )
 
 
-def require_seen(
-    quality: ReconQuality, *, left_out: Sequence[str] = (), plan: ViewPlan | None = None
-) -> None:
+def require_seen(quality: ReconQuality, *, left_out: Sequence[str] = (), lacking: str = "") -> None:
     """Refuse a shape seen from too few directions: fewer than six views, or a side of over 120 degrees
     without any, make meshes wrong by half to all of the volume.
 
-    `left_out`: why photos were not tried; `plan`: where the others were taken, which the failure says and
-    carries. Raises ReconFailure (too-few-views).
+    `left_out`: why photos were not tried; `lacking`: the views that are missing. Raises ReconFailure
+    (too-few-views).
     """
-    where = "" if plan is None else f" {plan_words(plan)}".rstrip()
+    where = f" {lacking}" if lacking else ""
     if quality.views_used < FEWEST_VIEWS:
         raise ReconProblem.TOO_FEW_VIEWS.failure(
             f"Too few views: only {quality.views_used} of {quality.views_given} photos are usable, "
             f"expected at least {FEWEST_VIEWS}.{_why_left_out(quality, left_out)} Take 24 sharp "
             f"photos from all sides, at two or three heights.{where}",
-            plan,
         )
     if quality.widest_gap_deg > WIDEST_GAP_DEG:
         raise ReconProblem.TOO_FEW_VIEWS.failure(
             f"Too few views: usable photos leave a gap of {quality.widest_gap_deg:.0f} degrees around "
             f"the fruit, expected at most {WIDEST_GAP_DEG:.0f}; take photos from that side too.{where}",
-            plan,
         )
 
 

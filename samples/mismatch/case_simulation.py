@@ -72,7 +72,6 @@ BODIES = ("loose_pit", "third_contact", "split_pit")
 class CasePlan:
     """Everything that is decided before anything is computed."""
 
-    case_id: str
     drawn: DrawnFruit
     grasps: tuple[PlannedGrasp, ...]
     injected: tuple[InjectedEffect, ...]
@@ -109,7 +108,7 @@ def planned(
     injected = tuple(_placed(p, drawn, grasps, rng) for p in injected)
     foreign = None if out_of_catalogue is None else drawn_out_of_catalogue(out_of_catalogue, rng)
     drawn = seen_by_drawn_sensor(drawn, rng)
-    return CasePlan(case_id=case_id, drawn=drawn, grasps=grasps, injected=injected, out_of_catalogue=foreign)
+    return CasePlan(drawn=drawn, grasps=grasps, injected=injected, out_of_catalogue=foreign)
 
 
 def _placed(
