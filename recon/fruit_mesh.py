@@ -50,8 +50,7 @@ def one_thread() -> Iterator[None]:
 LOOSE_AGREEMENT = 0.6
 """Share of the views that must take a cell of the first block for fruit, where AGREEMENT gave a mesh that the
 photos contradict. White fruit without the fruit model: 1.8 and 12.6 mm off with 0.85, 0.36 and 0.07 mm with
-0.6; dark and red fruit the other way round (benchmarks/photo_bank_score.py --without-model, sets 26 and 34
-against 12 and 54)."""
+0.6; dark and red fruit the other way round."""
 HEIGHT_SD_MM = 0.2
 """Standard deviation of a height in fruits.csv: of a caliper on a soft, round body (assumed)."""
 MADE_TWICE = (

@@ -137,9 +137,8 @@ STIFFNESS = 1.2
 """Stiffness of the membrane against the weight (at most 1) of a depth: a lone one does not bend it."""
 AVERAGED, LESS_AVERAGED = (2, 2, 2), (1, 1, 1)
 """Times that scores are averaged with the neighbours', by search of COARSE_SEARCHES. Twice holds noise of
-glossy skin down, but smears peaks of steep slopes: on 18 photos of a nectarine 2 of 79 vertices of the cavity
-passed, 21 with once. Once is tried only after twice found nothing: at once, it leaves a glossy nectarine
-(bank set 16) at 0.180 mm instead of 0.171."""
+glossy skin down, but smears peaks of steep slopes. Once is tried after twice found nothing: on 18 photos of a
+nectarine 21 of 79 vertices of the cavity then passed, 2 before."""
 FINE_STIFFNESS, FINE_AVERAGED, FINE_PULL = 5.0, 5, 0.02
 """The same on the finer mesh, over about as many millimetres, and the pull (as a weight) back to where the
 surface was. 2 to 5 rounds and stiffness 1.5 to 5 differ by under 0.003 mm on six sets."""
