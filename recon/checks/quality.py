@@ -64,10 +64,6 @@ class ReconQuality:
         return {name: number for name, number in asdict(self).items() if np.isfinite(number)}
 
 
-NOTHING_KNOWN = ReconQuality()
-"""Of a mesh that no photos stand for."""
-
-
 def outline_rms_mm(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], silhouettes: Sequence[Silhouette]
 ) -> float:

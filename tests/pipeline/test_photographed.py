@@ -9,7 +9,7 @@ import pytest
 from pipeline.fruit.photographed import _lacking, _pictures, _skin, _unused_doubts
 from recon.cameras.camera import Camera
 from recon.cameras.photos import Photo
-from recon.checks.quality import NOTHING_KNOWN
+from recon.checks.quality import ReconQuality
 from recon.fruit_mesh import Reconstruction
 from recon.silhouettes.hull import ball
 from reports.outlined_photos import NAME_PX, TILE_PX
@@ -35,7 +35,7 @@ def made():
     vertices, faces = ball(2)
     return Reconstruction(
         vertices=20 * vertices, faces=faces, scale_sd=0.01, surface_sd_mm=0.1,
-        quality=replace(NOTHING_KNOWN, k1=0.0), warnings=(), frame="shape",
+        quality=ReconQuality(k1=0.0), warnings=(), frame="shape",
         cameras=tuple(looking_in(name, np.pi / 2 * i) for i, name in enumerate(NAMES[:4])),
         unplaced=(NAMES[4],),
     )  # fmt: skip

@@ -11,7 +11,7 @@ from refusals import refused
 from scipy.spatial.transform import Rotation
 
 from recon import underside
-from recon.checks.quality import NOTHING_KNOWN, seen_doubts
+from recon.checks.quality import ReconQuality, seen_doubts
 from recon.fruit_mesh import Reconstruction
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.triangle_mesh import neighbour_mean, vertex_normals, volume_mm3
@@ -103,9 +103,7 @@ def test_of_two_ways_that_fit_the_one_about_the_mats_arrow_counts() -> None:
 def reconstruction(side: ScannedSide, faces: np.ndarray, height_mm: float, **said: object) -> Reconstruction:
     """A scanned side as a reconstruction from the cameras around it."""
     cameras = [camera_at(place, [0.0, 0.0, height_mm / 2]) for place in around(height_mm)]
-    quality = replace(
-        NOTHING_KNOWN, views_given=36, views_used=36, widest_gap_deg=30.0, seen_share=0.6, k1=0.0
-    )
+    quality = ReconQuality(views_given=36, views_used=36, widest_gap_deg=30.0, seen_share=0.6, k1=0.0)
     made = Reconstruction(
         vertices=side.vertices, faces=faces, scale_sd=0.001, surface_sd_mm=0.08, quality=quality,
         warnings=seen_doubts(quality), frame="mat", cameras=tuple(cameras),

@@ -11,7 +11,7 @@ from refusals import refused
 
 from recon.cameras.photos import Photo
 from recon.cameras.printed_mat import standard_mat
-from recon.checks.quality import NOTHING_KNOWN, require_seen, shape_doubts
+from recon.checks.quality import ReconQuality, require_seen, shape_doubts
 from recon.checks.view_check import view_doubts
 from recon.pit.priors import load_prior
 from recon.recon_failure import ReconProblem
@@ -69,7 +69,7 @@ def test_photos_from_above_alone_leave_the_lower_part_unseen():
     assert "take photos from more heights" in sentence
 
 
-SEEN = replace(NOTHING_KNOWN, views_given=24, views_used=20, widest_gap_deg=30.0)
+SEEN = ReconQuality(views_given=24, views_used=20, widest_gap_deg=30.0)
 
 
 @pytest.mark.parametrize(
