@@ -12,7 +12,6 @@ from samples.graded_bricks import BrickGrading
 from samples.grasp_plan import PlannedGrasp
 from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn_fruit, seen_by_drawn_sensor
 from samples.mismatch.four_grasps import four_grasps
-from samples.mismatch.freestone import loose_compliance, pit_contact, split_pit_stiffness
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.injected import (
     MATERIAL_LAWS,
@@ -42,6 +41,15 @@ from samples.mismatch.machine_effects import (
 )
 from samples.mismatch.meshed_fruit import CASE, WIDE_SHARE, MeshedFruit, meshed_fruit
 from samples.mismatch.nonlinear_body import NonlinearBody, whole_fruit
+from samples.mismatch.other_bodies import (
+    borne_N,
+    drawn_place_mm,
+    inward_normal,
+    loose_compliance,
+    pit_contact,
+    split_pit_stiffness,
+    with_third_contact,
+)
 from samples.mismatch.out_of_catalogue import (
     OutOfCatalogue,
     drawn_out_of_catalogue,
@@ -49,7 +57,6 @@ from samples.mismatch.out_of_catalogue import (
     out_of_catalogue_recorded,
 )
 from samples.mismatch.skin_compliance import skin_compliance
-from samples.mismatch.support_seat import borne_N, drawn_place_mm, inward_normal, with_third_contact
 from samples.mismatch.true_recording import ElasticBody, GrippedBody, TrueRecording, grasped, grip_of
 from samples.sample_failure import SampleFailure
 

@@ -4,7 +4,7 @@ import signal
 import subprocess
 import sys
 
-ENDS_ITSELF = "import os, signal, recon.cameras.colmap; os.kill(os.getpid(), signal.SIGTERM)"
+ENDS_ITSELF = "import os, signal, recon.cameras.motion; os.kill(os.getpid(), signal.SIGTERM)"
 
 
 def test_a_process_told_to_end_prints_no_stack() -> None:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from mismatch_ball import drawn_ball, force_on_fruit, grasped_ball, motion, rough, total_N
 
-from samples.mismatch.freestone import split_pit_stiffness
 from samples.mismatch.nonlinear_body import sound_body
+from samples.mismatch.other_bodies import split_pit_stiffness
 from samples.mismatch.out_of_catalogue import (
     OutOfCatalogue,
     drawn_out_of_catalogue,

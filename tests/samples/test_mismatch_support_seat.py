@@ -10,7 +10,7 @@ from samples.grasp_plan import PlannedGrasp
 from samples.hexahedra import Fineness
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.meshed_fruit import MeshedFruit
-from samples.mismatch.support_seat import inward_normal, with_third_contact
+from samples.mismatch.other_bodies import inward_normal, with_third_contact
 from samples.mismatch.true_recording import ElasticBody
 
 WAY = motion([-0.05, 0.5, 1.0, 1.0], shear_mm=[0, 0, 0, 0.6])
