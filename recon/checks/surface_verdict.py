@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
-from scipy.optimize import least_squares
 
 from recon.checks.ground_check import RimEvidence
 from recon.checks.surface_error import SurfaceError, camera_shadow_px
@@ -28,8 +27,9 @@ EDGE_BIAS_PX, CLEAR_PX = 0.3, 1.5
 """An edge seen b px too far out makes 6 b px / D of volume. Where edges are clear (90 % within CLEAR_PX of
 the rim) b is under EDGE_BIAS_PX: at most 0.11 on seven right meshes, 0.33 and more on the same shrunk by 1 %
 in length but for a cherry 110 px wide; on dark glossy fruit, whose edges are unclear, up to 0.5."""
-APART, FEWEST_KNOWN = 0.01, 40
-"""Diameters from where on a photo disagrees with the mesh (0.6 mm on 60), and samples of 96 that tell it."""
+APART, FEWEST_KNOWN, ROUNDS = 0.01, 40, 12
+"""Diameters from where on a photo disagrees with the mesh (0.6 mm on 60), samples of 96 that tell it, and
+rounds of reweighting. Set by hand."""
 ADVICE = (
     "Something moved between photos, or drupe took a shadow or a reflection for fruit, or fruit for ground. "
     "Take the photos again without touching fruit or mat, in soft, even light, on a matt ground of another "
@@ -112,10 +112,13 @@ def moved_doubts(evidence: RimEvidence, names: Sequence[str], diameter_mm: float
         here = evidence.known & (evidence.view == view)
         if here.sum() < FEWEST_KNOWN:
             continue
+        x, pixel_mm = np.zeros(3), float(np.median(evidence.pixel_mm[here]))
         turn, offset_mm = evidence.turn[here], evidence.offset_mm[here]
         columns = np.column_stack([np.cos(turn), np.sin(turn), np.ones(len(turn))])
-        pixel_mm = float(np.median(evidence.pixel_mm[here]))
-        x = least_squares(lambda x: columns @ x - offset_mm, np.zeros(3), loss="cauchy", f_scale=pixel_mm).x  # noqa: B023
+        for _ in range(ROUNDS):
+            away = (columns @ x - offset_mm) / pixel_mm
+            weight = 1 / np.sqrt(1 + away**2)
+            x = np.linalg.lstsq(columns * weight[:, None], offset_mm * weight, rcond=None)[0]
         apart_mm[name] = max(float(np.hypot(x[0], x[1])), 2 * abs(float(x[2])))
     odd = {name: apart for name, apart in apart_mm.items() if apart > APART * diameter_mm}
     if not odd:

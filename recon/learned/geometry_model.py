@@ -78,7 +78,7 @@ def point_maps(
     if list(inputs) != ["images"] or len(inputs["images"].shape) != 5:
         shapes = {name: i.shape for name, i in inputs.items()}
         raise bad_model(model, f"takes the inputs {shapes}", 'one input "images" of shape (1, S, 3, H, W)')
-    kind = np.float16 if "float16" in inputs["images"].type else np.float32
+    kind = "float16" if "float16" in inputs["images"].type else "float32"
     rows, columns = inputs["images"].shape[3:]
     if POINTS not in offered:
         others = ", ".join(sorted(offered)) or "none"
@@ -88,10 +88,10 @@ def point_maps(
     if not isinstance(rows, int):
         rows = max(1, round(height / width * columns / MULTIPLE)) * MULTIPLE
     small = [cv2.resize(p.image, (columns, rows), interpolation=cv2.INTER_AREA) for p in photos]
-    images = np.stack(small)[None, ..., ::-1].transpose(0, 1, 4, 2, 3).astype(kind) / kind(255)
+    images = np.stack(small)[None, ..., ::-1].transpose(0, 1, 4, 2, 3).astype(np.float32) / 255
     wanted = [name for name in (POINTS, TRUST) if name in offered]
     try:
-        outputs = ran(session, wanted, {"images": images})
+        outputs = ran(session, wanted, {"images": images.astype(kind)})
     except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
         raise bad_model(
             model, f"failed while it ran ({error})", "a model that runs on images (1, S, 3, H, W)"
