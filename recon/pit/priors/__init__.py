@@ -187,6 +187,7 @@ _FIELDS: dict[str, Kind] = {
     "poisson_ratio": _numbers(LEAST_POISSON_RATIO, 0.4999),
     "poisson_ratio_sd": _numbers(0.0, 0.2),
 }
+"""Fields of pit and flesh that a category must state, unless it leaves them to the batch; wide of any fruit."""
 _OF_BODY: dict[str, Kind] = {
     "stem_and_suture": _FLAG,
     "longest_over_shortest": _numbers(1.0, 100.0),
@@ -194,7 +195,9 @@ _OF_BODY: dict[str, Kind] = {
     "density_g_per_cm3": _numbers(0.0, 25.0, 2, rising=True),
     "pit_mm": _numbers(0.1, 200.0, 2, rising=True),
 }
+"""Fields of PitBody, of stone fruit if not stated; wide of any fruit and phantom."""
 _OPTIONAL = {**_OF_BODY, "fruit_mm": _numbers(5.0, 200.0, 2, rising=True)}
+"""These and the usual size of a whole fruit, mm."""
 _PLAUSIBLE = _numbers(0.0, 1e9, 2, rising=True)
 """Of any range of Plausible, in its unit; larger numbers are slips."""
 
