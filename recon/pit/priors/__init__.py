@@ -187,7 +187,7 @@ _FIELDS: dict[str, Kind] = {
     "poisson_ratio": _numbers(LEAST_POISSON_RATIO, 0.4999),
     "poisson_ratio_sd": _numbers(0.0, 0.2),
 }
-"""Fields of pit and flesh that a category must state, unless it leaves them to the batch; wide of any fruit."""
+"""Fields of pit and flesh that a category states or leaves to the batch; ranges wide of any fruit."""
 _OF_BODY: dict[str, Kind] = {
     "stem_and_suture": _FLAG,
     "longest_over_shortest": _numbers(1.0, 100.0),
