@@ -11,8 +11,7 @@ import numpy as np
 from recon.surface.mesh_file import read_mesh
 from samples.fruit import fruit_of_seed, scanned_mesh
 from samples.grasp_plan import hold_along, two_cycles
-from samples.mismatch.marker_sensor import DEFAULT_SENSOR
-from samples.sensor_noise import SensorNoise, measured
+from samples.mismatch.marker_sensor import DEFAULT_SENSOR, SensorNoise, measured
 from tactile.readers.recording import GelPad, Recording, read_recording
 from tactile.registration import depth_along
 
@@ -84,8 +83,8 @@ def cheap_fruit(seed: int) -> Fruit:
     """A nectarine grasped twice, where each marker is indented by a share of what it overlaps the true skin.
 
     The share, which flesh and gel set together, is drawn from what simulations give (0.08 to 0.45); shear is
-    a tenth of it, outwards. The mesh is scanned with 0.1 mm of error; noise is samples.sensor_noise's. It
-    tests what checks say of fields, jaws and places, not E.
+    a tenth of it, outwards. The mesh is scanned with 0.1 mm of error; noise is that of
+    samples.mismatch.marker_sensor. It tests what checks say of fields, jaws and places, not E.
     """
     rng = np.random.default_rng([19, seed])
     fruit = fruit_of_seed(f"C{seed:03d}", seed=9000 + seed, E_MPa=0.5)

@@ -17,9 +17,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from samples.scenes.close_up import close_ups
 from samples.scenes.draw import FIRST_SEED, draw_scene
-from samples.scenes.render import RenderOptions
+from samples.scenes.render import RenderOptions, close_ups
 
 FIRST = 100_000
 SIDE_PX = 192

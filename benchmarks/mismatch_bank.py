@@ -6,8 +6,8 @@
     FRUIT: [--effect NAME ...] [--first K] [--count N]
 
 Without --effect both are about fruit without mismatch. `simulate` stores one file per fruit and mesh; its
-effects need fruit of their own. `draw` writes one folder per case, a sealed label in manifest.json and the
-answer in answers.json. It takes the stored fruit that have the effects and adds those that need no fruit of
+effects need fruit of their own. `draw` writes one folder per case, and the
+answers in answers.json. It takes the stored fruit that have the effects and adds those that need no fruit of
 their own (sensor, gripper, pit, Poisson's ratio); those alone it adds to fruit without mismatch.
 `reduce` runs the finder's linear round of every case below CASES and stores its products in ROUNDS, one file
 per case (`sealed/reduced_case.py`): what decides can then be tried on all cases within seconds.
@@ -47,7 +47,7 @@ from recon.recon_failure import ReconFailure
 from samples.mismatch.bank import (
     DRAWN,
     MESHES,
-    OUTSIDE,
+    OUT_OF_CATALOGUE,
     SIMULATED,
     BankFruit,
     draw_case,
@@ -173,8 +173,8 @@ def arguments() -> Namespace:
     chosen = parser.parse_args()
     if chosen.command == "reduce":
         return chosen
-    if len(chosen.effect) > 1 and not set(OUTSIDE).isdisjoint(chosen.effect):
-        parser.error(f"{' and '.join(OUTSIDE)} come alone, without another effect")
+    if len(chosen.effect) > 1 and not set(OUT_OF_CATALOGUE).isdisjoint(chosen.effect):
+        parser.error(f"{' and '.join(OUT_OF_CATALOGUE)} come alone, without another effect")
     return chosen
 
 

@@ -37,7 +37,7 @@ def scored_set(folder: Path, *, with_model: bool = True) -> dict[str, Any]:
     from recon.cameras.photos import read_photos
     from recon.cameras.printed_mat import parse_mat
     from recon.checks.photo_check import checked_photos
-    from recon.checks.verdict import require_seen, shape_doubts
+    from recon.checks.quality import require_seen, shape_doubts
     from recon.fruit_mesh import ReconOptions, reconstruct
     from recon.recon_failure import ReconFailure
 

@@ -1,12 +1,15 @@
 """The photo route on one page: photos -> cameras -> outlines -> hull -> depth -> closed, scaled mesh."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 from scipy.spatial import cKDTree
+from threadpoolctl import threadpool_limits
 
 from recon.cameras.camera import Camera, straightened
 from recon.cameras.coin import Coin
@@ -18,27 +21,38 @@ from recon.cameras.similarity import scaling
 from recon.checks.ground_check import rim_evidence
 from recon.checks.quality import ReconQuality, depth_doubts, outline_rms_mm, warnings_of, widest_gap_deg
 from recon.checks.surface_error import surface_error
-from recon.checks.surface_verdict import surface_doubts, surface_offset
+from recon.checks.surface_verdict import moved_doubts, surface_doubts, surface_offset
 from recon.learned.fruit_model import SHIPPED, FruitModel, fruit_model, is_fruit_model
 from recon.learned.geometry_model import fruit_points
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.scale import Scale, scale_without_mat
+from recon.scale import Scale, scale_without_mat, top_share
 from recon.silhouettes.all_views import find_fruit
-from recon.silhouettes.carve import AGREEMENT
-from recon.stage_clock import Progress, StageClock, one_thread
-from recon.surface.coverage import seeing_views, seen_and_unseen
-from recon.surface.poisson import poisson_surface
-from recon.surface.ray_mesh import RayMesh
-from recon.surface.relief import relief, unsearched
-from recon.surface.repair import RepairedMesh, repaired
-from recon.surface.unseen_top import top_share
+from recon.silhouettes.segmentation import AGREEMENT
+from recon.surface.ray_mesh import RayMesh, seeing_views, seen_and_unseen
+from recon.surface.relief import relief
+from recon.surface.repair import RepairedMesh, poisson_surface, repaired
 from recon.triangle_mesh import vertex_normals
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """One thread for OpenCV and BLAS, and OpenCV's seed set, so that a run can be repeated."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    cv2.setRNGSeed(1)
+    try:
+        with threadpool_limits(limits=1):
+            yield
+    finally:
+        cv2.setNumThreads(before)
+
 
 LOOSE_AGREEMENT = 0.6
 """Share of the views that must take a cell of the first block for fruit, where AGREEMENT gave a mesh that the
 photos contradict. White fruit without the fruit model: 1.8 and 12.6 mm off with 0.85, 0.36 and 0.07 mm with
-0.6; dark and red fruit the other way round (benchmarks/photo_bank_score.py --without-model, sets 26 and 34
-against 12 and 54)."""
+0.6; dark and red fruit the other way round."""
+HEIGHT_SD_MM = 0.2
+"""Standard deviation of a height in fruits.csv: of a caliper on a soft, round body (assumed)."""
 MADE_TWICE = (
     "The photos contradicted the first mesh, so drupe made another from a looser start. Check "
     "its picture, and use a ground of another colour next time."
@@ -47,14 +61,12 @@ MADE_TWICE = (
 
 @dataclass(frozen=True, kw_only=True)
 class ReconOptions:
-    """What a batch may set: faces of the mesh, fineness of the hull (ball level), the search for relief, and
-    the fruit model that is asked where outlines are found (None: none).
+    """What a batch may set: faces of the mesh, fineness of the hull (ball level), and the fruit model that is
+    asked where outlines are found (None: none).
     """
 
     max_faces: int = 6000
     level: int = 6
-    relief: bool = True
-    height_sd_mm: float = 0.2
     providers: tuple[str, ...] = ("CPUExecutionProvider",)
     coin: Coin | None = None
     fruit_model: Path | None = SHIPPED
@@ -80,7 +92,6 @@ class Reconstruction:
     surface_sd_mm: float
     quality: ReconQuality
     warnings: tuple[str, ...]
-    seconds: dict[str, float]
     frame: str
     cameras: tuple[Camera, ...] = ()
     outlines: tuple[Float[np.ndarray, "_ 2"], ...] = ()
@@ -97,7 +108,6 @@ def reconstruct(
     mat: Mat | None,
     height_mm: float | None,
     options: ReconOptions | None = None,
-    progress: Progress | None = None,
 ) -> Reconstruction:
     """The fruit of a set of photos as a closed mesh in mm, scaled by the mat or by the fruit's height.
 
@@ -108,24 +118,21 @@ def reconstruct(
     """
     options = options or ReconOptions()
     _require_scale(photos, mat, height_mm)
-    clock = StageClock(progress)
     model = None
     if options.fruit_model is not None:
         model = fruit_model(options.fruit_model, providers=options.providers)
-    with one_thread(), clock.stage("poses", 0.0):
+    with one_thread():
         poses = (
             cameras_from_mat(photos, mat) if mat else cameras_from_motion(photos, height_mm=height_mm or 1.0)
         )
         pairs = [straightened(photos[i], c) for i, c in zip(poses.used.tolist(), poses.cameras, strict=True)]
     try:
-        return _reconstructed(photos, poses, pairs, mat, height_mm, options, model, AGREEMENT, clock)
+        return _reconstructed(photos, poses, pairs, mat, height_mm, options, model, AGREEMENT)
     except ReconFailure as failure:
         if failure.problem is not ReconProblem.SURFACE_CONTRADICTED:
             raise
         try:
-            second = _reconstructed(
-                photos, poses, pairs, mat, height_mm, options, model, LOOSE_AGREEMENT, clock
-            )
+            second = _reconstructed(photos, poses, pairs, mat, height_mm, options, model, LOOSE_AGREEMENT)
         except ReconFailure:
             raise failure from None
         return replace(second, notes=(MADE_TWICE,))
@@ -140,7 +147,6 @@ def _reconstructed(
     options: ReconOptions,
     model: FruitModel | None,
     agreement: float,
-    clock: StageClock,
 ) -> Reconstruction:
     """Outlines to surface to closed mesh, with its quality and the warnings that follow.
 
@@ -148,69 +154,65 @@ def _reconstructed(
     """
     low_mm, high_mm = poses.box
     with one_thread():
-        with clock.stage("outlines", 0.25):
-            fruit = find_fruit(
-                *zip(*pairs, strict=True),
-                low_mm=low_mm,
-                high_mm=high_mm,
-                level=options.level,
-                agreement=agreement,
-                model=model,
+        fruit = find_fruit(
+            *zip(*pairs, strict=True),
+            low_mm=low_mm,
+            high_mm=high_mm,
+            level=options.level,
+            agreement=agreement,
+            model=model,
+        )
+        images, cameras = zip(*(pairs[i] for i in fruit.used.tolist()), strict=True)
+        skin = relief(fruit.vertices, fruit.faces, images, cameras, support=fruit.support)
+        tree = cKDTree(skin.vertices)
+        mesh = closed_surface(
+            skin.vertices, vertex_normals(skin.vertices, fruit.faces), max_faces=options.max_faces
+        )
+        bridged = np.where(skin.measured, 0.0, skin.bridged)[tree.query(mesh.vertices)[1]]
+        outline_mm = outline_rms_mm(mesh.vertices, mesh.faces, fruit.silhouettes)
+        scale = Scale(factor=1.0, sd=poses.scale_sd)
+        if mat is None and height_mm is not None:
+            scale = scale_without_mat(
+                mesh.vertices,
+                images,
+                cameras,
+                height_mm=height_mm,
+                height_sd_mm=HEIGHT_SD_MM,
+                surface_sd=outline_mm,
+                coin=options.coin,
+                top_measured=top_share(skin.vertices, skin.measured),
             )
-            images, cameras = zip(*(pairs[i] for i in fruit.used.tolist()), strict=True)
-        with clock.stage("relief", 0.7):
-            skin = unsearched(fruit.vertices)
-            if options.relief:
-                skin = relief(fruit.vertices, fruit.faces, images, cameras, support=fruit.support)
-            tree = cKDTree(skin.vertices)
-        with clock.stage("surface", 0.85):
-            mesh = closed_surface(
-                skin.vertices, vertex_normals(skin.vertices, fruit.faces), max_faces=options.max_faces
-            )
-            bridged = np.where(skin.measured, 0.0, skin.bridged)[tree.query(mesh.vertices)[1]]
-        with clock.stage("quality", 0.95):
-            outline_mm = outline_rms_mm(mesh.vertices, mesh.faces, fruit.silhouettes)
-            scale = Scale(factor=1.0, sd=poses.scale_sd)
-            if mat is None and height_mm is not None:
-                scale = scale_without_mat(
-                    mesh.vertices,
-                    images,
-                    cameras,
-                    height_mm=height_mm,
-                    height_sd_mm=options.height_sd_mm,
-                    surface_sd=outline_mm,
-                    coin=options.coin,
-                    top_measured=top_share(skin.vertices, skin.measured),
-                )
-            vertices, faces = mesh.vertices * scale.factor, mesh.faces
-            cameras = tuple(c.moved(scaling(scale.factor)) for c in cameras)
-            places = np.array([c.place for c in cameras])
-            views = seeing_views(vertices, faces, places)
-            share, hole_mm2 = seen_and_unseen(vertices, faces, views)
-            evidence = rim_evidence(images, cameras, vertices, faces)
-            error = surface_error(evidence, vertices, faces, places, views, bridged=bridged)
-            offset = surface_offset(error, vertices, faces, views)
-            doubts = surface_doubts(offset, error, evidence, vertices, faces, views)
-            quality = ReconQuality(
-                views_given=len(photos),
-                views_used=len(fruit.used),
-                reprojection_px=poses.reprojection_px,
-                silhouette_iou=fruit.agreement,
-                outline_rms_mm=outline_mm * scale.factor,
-                clear_outline_share=fruit.clear_share,
-                focal_px=poses.cameras[0].focal_px,
-                focal_sd_px=poses.focal_sd_px,
-                k1=poses.cameras[0].k1,
-                widest_gap_deg=widest_gap_deg(places, fruit.vertices.mean(0) * scale.factor),
-                seen_share=share,
-                unseen_mm2=hole_mm2,
-                decimation_rms_mm=mesh.deviation_rms_mm,
-                relief_share=float(skin.measured.mean()),
-                offset_rms_mm=offset.rms_mm,
-                offset_local_mm=offset.local_mm,
-                offset_volume_share=offset.volume_share,
-                ground_known_share=float(evidence.known.mean()) if len(evidence.known) else 0.0,
-            )
+        vertices, faces = mesh.vertices * scale.factor, mesh.faces
+        cameras = tuple(c.moved(scaling(scale.factor)) for c in cameras)
+        places = np.array([c.place for c in cameras])
+        views = seeing_views(vertices, faces, places)
+        share, hole_mm2 = seen_and_unseen(vertices, faces, views)
+        evidence = rim_evidence(images, cameras, vertices, faces)
+        error = surface_error(evidence, vertices, faces, places, views, bridged=bridged)
+        offset = surface_offset(error, vertices, faces, views)
+        doubts = surface_doubts(offset, error, evidence, vertices, faces, views)
+        largest_mm = float(np.ptp(vertices, axis=0).max())
+        doubts += moved_doubts(evidence, [c.name for c in cameras], largest_mm)
+        quality = ReconQuality(
+            views_given=len(photos),
+            views_used=len(fruit.used),
+            reprojection_px=poses.reprojection_px,
+            silhouette_iou=fruit.agreement,
+            outline_rms_mm=outline_mm * scale.factor,
+            clear_outline_share=fruit.clear_share,
+            focal_px=poses.cameras[0].focal_px,
+            focal_sd_px=poses.focal_sd_px,
+            k1=poses.cameras[0].k1,
+            widest_gap_deg=widest_gap_deg(places, fruit.vertices.mean(0) * scale.factor),
+            seen_share=share,
+            unseen_mm2=hole_mm2,
+            decimation_rms_mm=mesh.deviation_rms_mm,
+            relief_share=float(skin.measured.mean()),
+            offset_rms_mm=offset.rms_mm,
+            offset_local_mm=offset.local_mm,
+            offset_volume_share=offset.volume_share,
+            ground_known_share=float(evidence.known.mean()) if len(evidence.known) else 0.0,
+        )
     return Reconstruction(
         vertices=vertices,
         faces=faces,
@@ -219,10 +221,9 @@ def _reconstructed(
         quality=quality,
         warnings=poses.warnings
         + scale.warnings
-        + warnings_of(quality, largest_mm=float(np.ptp(vertices, axis=0).max()))
+        + warnings_of(quality, largest_mm=largest_mm)
         + doubts
         + depth_doubts(skin.edge_depth_mm * scale.factor),
-        seconds=clock.seconds,
         frame="mat" if mat is not None else "shape",
         cameras=cameras,
         outlines=tuple(silhouette.outline_px() for silhouette in fruit.silhouettes),
@@ -239,7 +240,6 @@ def reconstruct_with_model(
     mat: Mat | None,
     height_mm: float | None,
     options: ReconOptions | None = None,
-    progress: Progress | None = None,
 ) -> Reconstruction:
     """The same with a model of the user's own (ONNX), of either kind, told by its outputs.
 
@@ -249,23 +249,19 @@ def reconstruct_with_model(
     options = options or ReconOptions()
     if is_fruit_model(model, providers=options.providers):
         options = replace(options, fruit_model=model)
-        return reconstruct(photos, mat=mat, height_mm=height_mm, options=options, progress=progress)
+        return reconstruct(photos, mat=mat, height_mm=height_mm, options=options)
     require_enough(len(photos), where="The set")
     if mat is None:
         raise ReconProblem.NO_SCALE.failure(
             "A geometry model needs the marker mat (mat.json) for the scale; photograph the fruit on it "
             "(drupe mat), or remove the model."
         )
-    clock = StageClock(progress)
     with one_thread():
-        with clock.stage("model", 0.0):
-            points, normals, scale_sd = fruit_points(photos, model, mat=mat, providers=options.providers)
-        with clock.stage("surface", 0.7):
-            mesh = closed_surface(points, normals, max_faces=options.max_faces)
-            mesh.vertices[:, 2] = np.maximum(mesh.vertices[:, 2], 0.0)
-        with clock.stage("quality", 0.9):
-            away_mm = RayMesh(mesh.vertices, mesh.faces).distances_mm(points)
-            miss_mm = float(np.sqrt(np.mean(away_mm**2)))
+        points, normals, scale_sd = fruit_points(photos, model, mat=mat, providers=options.providers)
+        mesh = closed_surface(points, normals, max_faces=options.max_faces)
+        mesh.vertices[:, 2] = np.maximum(mesh.vertices[:, 2], 0.0)
+        away_mm = RayMesh(mesh.vertices, mesh.faces).distances_mm(points)
+        miss_mm = float(np.sqrt(np.mean(away_mm**2)))
     quality = ReconQuality(
         views_given=len(photos),
         views_used=len(photos),
@@ -282,7 +278,6 @@ def reconstruct_with_model(
         warnings=(
             "The shape comes from a geometry model; only the scatter of its points indicates its error.",
         ),
-        seconds=clock.seconds,
         frame="mat",
     )
 

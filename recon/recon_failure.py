@@ -3,7 +3,6 @@
 from enum import StrEnum
 
 from pipeline.files.plain_file import printable
-from recon.cameras.view_plan import ViewPlan
 
 
 class ReconProblem(StrEnum):
@@ -27,9 +26,9 @@ class ReconProblem(StrEnum):
     BAD_GEOMETRY_MODEL = "bad-geometry-model"
     MISSING_LIBRARY = "missing-library"
 
-    def failure(self, detail: str, views: ViewPlan | None = None) -> "ReconFailure":
+    def failure(self, detail: str) -> "ReconFailure":
         """The exception with this problem and one sentence."""
-        return ReconFailure(self, detail, views)
+        return ReconFailure(self, detail)
 
 
 class ReconFailure(Exception):
@@ -37,16 +36,15 @@ class ReconFailure(Exception):
 
     `detail` is one sentence: what was found, what was expected, what to do next; it names the file and the
     field when a file is at fault; control characters, which names of files can hold, are taken out.
-    `str(failure) == failure.detail`. `views` says where photos were taken, where views are missing.
+    `str(failure) == failure.detail`.
     """
 
-    def __init__(self, problem: ReconProblem, detail: str, views: ViewPlan | None = None) -> None:
+    def __init__(self, problem: ReconProblem, detail: str) -> None:
         detail = printable(detail)
         super().__init__(detail)
         self.problem = problem
         self.detail = detail
-        self.views = views
 
-    def __reduce__(self) -> tuple[type["ReconFailure"], tuple[ReconProblem, str, ViewPlan | None]]:
+    def __reduce__(self) -> tuple[type["ReconFailure"], tuple[ReconProblem, str]]:
         """Survive the way back from a worker process."""
-        return type(self), (self.problem, self.detail, self.views)
+        return type(self), (self.problem, self.detail)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Literal
 
 import numpy as np
 
@@ -10,18 +9,19 @@ from samples.fruit import SampleFruit
 from samples.gel_contact import DEFAULT_GEL, Gel
 from samples.grasp_plan import PlannedGrasp
 from samples.hexahedra import SHIPPED, Fineness
-from samples.mismatch.bodies import ElasticBody, GrippedBody
 from samples.mismatch.grip import Instant
-from samples.mismatch.marker_sensor import DEFAULT_SENSOR
+from samples.mismatch.marker_sensor import DEFAULT_SENSOR, SensorNoise
 from samples.mismatch.meshed_fruit import meshed_fruit
 from samples.mismatch.nonlinear_body import sound_body
-from samples.mismatch.skin_compliance import skin_compliance
-from samples.mismatch.true_recording import TrueRecording, as_measured, grasped, grip_of
+from samples.mismatch.true_recording import (
+    TrueRecording,
+    as_measured,
+    grasped,
+    grip_of,
+)
 from samples.sample_failure import NotInEquilibrium
-from samples.sensor_noise import SensorNoise
 from tactile.readers.recording import Recording
 
-Law = Literal["neo-hookean", "linear"]
 WIDER_AT_UNLIKE_GELS = 1.0
 """The softer pad takes up to the travel of both jaws: so much wider must its patch be (see meshed_fruit)."""
 
@@ -53,7 +53,6 @@ def true_grasp(
     grasp: PlannedGrasp,
     *,
     gel: Gel | tuple[Gel, Gel] = DEFAULT_GEL,
-    law: Law = "neo-hookean",
     fineness: Fineness = SHIPPED,
     progress: Callable[[str], None] | None = None,
 ) -> TrueRecording:
@@ -63,9 +62,6 @@ def true_grasp(
         fruit, grasp, sensor=replace(DEFAULT_SENSOR, gel=left), fineness=fineness,
         wider=0.0 if left == right else WIDER_AT_UNLIKE_GELS,
     )  # fmt: skip
-    body: GrippedBody = sound_body(stands)
-    if law == "linear":
-        body = ElasticBody(skin_compliance(stands.flesh.stiffness, stands.dofs))
     corners = len(grasp.motion.time_s)
 
     outermost = (
@@ -78,7 +74,7 @@ def true_grasp(
         if progress is not None:
             progress(f"{fruit.fruit_id}: frame {corner + 1} of {corners}")
 
-    return grasped(grasp, grip_of(stands, gel=(left, right)), body, watch=watch)
+    return grasped(grasp, grip_of(stands, gel=(left, right)), sound_body(stands), watch=watch)
 
 
 def _of_each(gel: Gel | tuple[Gel, Gel]) -> tuple[Gel, Gel]:

@@ -32,7 +32,7 @@ PER_AMOUNT = {
     "clock_lag": 1.0, "sensor_nonlinear": 1.0, "gel_creep": 1.0, "gel_hysteresis": 1.0, "pose_error": 0.25,
     "sensor_drift": 1.0,
 }  # fmt: skip
-"""Amplitude (samples.mismatch.effect_levels) per amount of a signature, where they are proportional: for
+"""Amplitude (samples.mismatch.injected) per amount of a signature, where they are proportional: for
 small amounts they are the same number but for pose_error, whose size 1 is 4 mm. A skin's amount is Et/E,
 its amplitude that times E; a drift's amount is in N/s, its amplitude that over the peak force, which is
 known when the case is scored. Of others (a spot, a gap, slip, plastic set, adhesion) the linear signature

@@ -20,7 +20,7 @@ from pipeline.problem import BatchRefused, Problem, listed, nearest, refused
 from pipeline.safe_start import elsewhere
 from recon.cameras.printed_mat import Mat, parse_mat
 from recon.learned.onnx_file import require_onnx
-from recon.pit.measured import load_pit
+from recon.pit.placement import load_pit
 from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior, known_categories, load_prior
 from recon.recon_failure import ReconFailure
 from recon.surface.mesh_file import SUFFIXES

@@ -17,9 +17,8 @@ from pipeline.fruit.size_doubts import measured, size_doubts
 from pipeline.fruit.trace_geometry import stated_in_table
 from recon.learned.onnx_file import model_files
 from recon.pit.placement import embed_pit, place_pit, require_closed
-from recon.surface.fruit_frame import orientation_warnings
 from recon.surface.mesh_file import Mesh, mesh_bytes, read_mesh
-from recon.surface.orientation import orientation_of
+from recon.surface.orientation import orientation_of, orientation_warnings
 
 
 @dataclass(frozen=True, kw_only=True)

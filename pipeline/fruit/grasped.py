@@ -29,7 +29,7 @@ from pipeline.fruit.raw_grasps import kept_recording
 from pipeline.fruit.recording_owner import Owner, owner_findings, stranger
 from pipeline.fruit.same_recording import refuse_copy
 from pipeline.fruit.stage_log import StageLog
-from recon.surface.coverage import SEEN_BY
+from recon.surface.ray_mesh import SEEN_BY
 from reports.grasp_record import GraspRecord
 from tactile.consistency.finding import Finding
 from tactile.readers.recording import Recording

@@ -15,7 +15,7 @@ something is drawn in a browser alone, which no fruit is."""
 
 
 def load_open3d() -> None:
-    """Imports Open3D, once a process; where it cannot be had, whoever needs it says so (recon.native)."""
+    """Imports Open3D, once a process; where it cannot be had, its user says so (recon.surface.ray_mesh)."""
     with _stand_ins(), suppress(ImportError, OSError):
         import open3d  # noqa: F401
 

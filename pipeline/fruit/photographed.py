@@ -13,13 +13,12 @@ from pipeline.batch.stage_record import StageRecord
 from pipeline.batch.task import FruitTask
 from recon.cameras.camera import Camera, straightened
 from recon.cameras.photos import Photo, read_photos
-from recon.cameras.view_plan import ViewPlan, view_plan
+from recon.cameras.view_plan import missing_views
 from recon.checks.photo_check import checked_photos
-from recon.checks.rim_check import rim_doubts
-from recon.checks.verdict import require_seen, shape_doubts
+from recon.checks.quality import require_seen, shape_doubts
 from recon.fruit_mesh import ReconOptions, Reconstruction, reconstruct, reconstruct_with_model
 from recon.learned.fruit_model import SHIPPED
-from recon.surface.fruit_frame import to_fruit_frame
+from recon.surface.orientation import to_fruit_frame
 from recon.surface.ray_mesh import RayMesh
 from recon.underside import with_underside
 from recon.wording import listed
@@ -71,7 +70,7 @@ def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
     require_seen(
         replace(made.quality, views_given=len(given)),
         left_out=checked.warnings,
-        plan=_plan(made, [photo.name for photo in given]),
+        lacking=_lacking(made, [photo.name for photo in given]),
     )
     whole, over = made, list[Photo]()
 
@@ -106,17 +105,17 @@ def photographed(task: FruitTask, model: Path | None) -> KeptMesh:
             *checked.warnings,
             *whole.warnings,
             *whole.notes,
-            *_photo_doubts(checked.photos, used, made),
+            *_unused_doubts(checked.photos, made),
             *shape_doubts(vertices, whole.faces, body=task.body),
         ),
     )
 
 
-def _plan(made: Reconstruction, given: Sequence[str]) -> ViewPlan | None:
-    """Where the photos that were used were taken, and without a mat, which could not be joined to them."""
+def _lacking(made: Reconstruction, given: Sequence[str]) -> str:
+    """Which views are missing, and without a mat, which photos could not be joined to the others."""
     if not made.cameras:
-        return None
-    return view_plan(
+        return ""
+    return missing_views(
         [c.name for c in made.cameras],
         np.array([c.place for c in made.cameras]),
         made.vertices.mean(axis=0),
@@ -159,19 +158,15 @@ def _skin(
     return skin_texture(whole.vertices, whole.faces, photos, hidden)
 
 
-def _photo_doubts(
-    photos: Sequence[Photo], images: Sequence[UInt8[np.ndarray, "_ _ 3"]], made: Reconstruction
-) -> list[str]:
-    """Photos that were not used, and those that show the fruit elsewhere, by name; `images`: those used."""
-    if not made.cameras:
+def _unused_doubts(photos: Sequence[Photo], made: Reconstruction) -> list[str]:
+    """A sentence on photos that were not used, by name."""
+    used = {camera.name for camera in made.cameras}
+    unused = [photo.name for photo in photos if photo.name not in used]
+    if not used or not unused:
         return []
-    unused = [photo.name for photo in photos if photo.name not in {c.name for c in made.cameras}]
-    doubts = []
-    if unused:
-        ground = "mat" if made.frame == "mat" else "ground around it"
-        doubts.append(
-            f"drupe left out {listed(unused)}: the fruit is cut off or hidden there, the outline fits "
-            "no other photo, or the camera has no pose. Retake such photos with the whole fruit and "
-            f"the {ground} in view."
-        )
-    return [*doubts, *rim_doubts(images, made.cameras, made.vertices)]
+    ground = "mat" if made.frame == "mat" else "ground around it"
+    return [
+        f"drupe left out {listed(unused)}: the fruit is cut off or hidden there, the outline fits "
+        "no other photo, or the camera has no pose. Retake such photos with the whole fruit and "
+        f"the {ground} in view."
+    ]

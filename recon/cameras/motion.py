@@ -1,6 +1,8 @@
 """Cameras without a mat: from the ground, or by pycolmap, turned upright on the plane under the fruit."""
 
+import signal
 import tempfile
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -9,7 +11,6 @@ import numpy as np
 from jaxtyping import Float
 
 from recon.cameras.camera import Camera, aim_of
-from recon.cameras.colmap import pycolmap
 from recon.cameras.ground_plane import ground_plane, upright
 from recon.cameras.mat_poses import Poses
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
@@ -17,6 +18,19 @@ from recon.cameras.plane_motion import cameras_from_ground
 from recon.cameras.similarity import affine, moved
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import Box, box_about_z
+
+# pycolmap, without its way with signals: a process that is told to end should end, not print its stack
+_before = signal.getsignal(signal.SIGTERM)
+_mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
+
+try:
+    import pycolmap  # it takes SIGTERM over as it is imported: one that comes meanwhile waits
+except (ImportError, OSError):
+    pycolmap = None  # pip has no package of it for Linux on ARM
+finally:
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, _before if _before is not None else signal.SIG_DFL)
+    signal.pthread_sigmask(signal.SIG_SETMASK, _mask)
 
 MOST_FEATURES = 4000
 """Of a photo: more take time (matching costs their square) and are fainter. Set by hand."""
@@ -43,9 +57,7 @@ def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
         try:
             return cameras_from_features(photos, height_mm=height_mm)
         except ReconFailure as other:
-            if failure.views is None:
-                raise
-            raise ReconFailure(other.problem, f"{other.detail} {failure.detail}", failure.views) from None
+            raise ReconFailure(other.problem, f"{other.detail} {failure.detail}") from None
     if len(ground.used) == len(photos):
         return ground
     try:

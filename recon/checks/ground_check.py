@@ -13,8 +13,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
 from recon.cameras.camera import Camera
-from recon.checks.ground_colours import Profiles, profiles_of
-from recon.checks.rim_samples import Rim, rims_of
+from recon.checks.rim_samples import Profiles, Rim, profiles_of, rims_of
 from recon.silhouettes.mask import (
     DARKEST_SHADOW,
     DEGREES_OF_FREEDOM,

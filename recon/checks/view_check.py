@@ -7,11 +7,10 @@ import numpy as np
 from recon.cameras.mat_poses import cameras_from_mat
 from recon.cameras.photos import Photo
 from recon.cameras.printed_mat import Mat
-from recon.cameras.view_plan import plan_words, view_plan
-from recon.checks.quality import ReconQuality, warnings_of, widest_gap_deg
-from recon.checks.verdict import require_seen
+from recon.cameras.view_plan import missing_views
+from recon.checks.quality import ReconQuality, require_seen, warnings_of, widest_gap_deg
 from recon.silhouettes.hull import ball
-from recon.surface.coverage import seen_and_unseen
+from recon.surface.ray_mesh import seen_and_unseen
 from recon.triangle_mesh import facing
 
 USUAL_HEIGHT_MM = 50.0
@@ -38,7 +37,7 @@ def view_doubts(
     places = np.array([camera.place for camera in poses.cameras])
     radius_mm = (height_mm or USUAL_HEIGHT_MM) / 2
     middle = np.array([0.0, 0.0, radius_mm])
-    plan = view_plan([camera.name for camera in poses.cameras], places, middle, given=given)
+    lacking = missing_views([camera.name for camera in poses.cameras], places, middle, given=given)
     directions, faces = ball(LEVEL)
     skin = middle + radius_mm * directions
     views = np.sum([facing(skin, directions, place) > 0 for place in places], axis=0)
@@ -51,6 +50,6 @@ def view_doubts(
         seen_share=share,
         unseen_mm2=unseen_mm2,
     )
-    require_seen(quality, left_out=left_out, plan=plan)
+    require_seen(quality, left_out=left_out, lacking=lacking)
     warnings = " ".join(warnings_of(quality, largest_mm=2 * radius_mm))
-    return tuple(said for said in (*poses.warnings, f"{warnings} {plan_words(plan)}".strip()) if said)
+    return tuple(said for said in (*poses.warnings, f"{warnings} {lacking}".strip()) if said)

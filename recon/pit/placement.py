@@ -1,17 +1,54 @@
 """The pit in the fruit: placed by the category's prior, cut out by an exact Boolean (manifold3d)."""
 
-from dataclasses import dataclass
+import hashlib
+from dataclasses import dataclass, replace
 from itertools import pairwise
+from pathlib import Path
 
 import manifold3d
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from recon.pit.priors import PitPrior
+from recon.pit.priors import MeasuredPit, PitPrior, load_prior
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.hull import ball
+from recon.surface.mesh_file import SUFFIXES, read_mesh
 from recon.surface.ray_mesh import RayMesh
 from recon.triangle_mesh import bodies, open_edges, used_part, volume_mm3
+
+
+def load_pit(named: str | Path, *, category: str) -> PitPrior:
+    """The pit prior of a category, of a TOML file, or the category's with a measured pit's mesh.
+
+    The mesh is in mm with z to the stem end and x to the suture; wherever it lies, its box's centre is put
+    where the category's pits have theirs (in the middle, if it leaves them to the batch), in its own size.
+    Spreads and Poisson's ratio stay the category's.
+    Raises ReconFailure: no-prior, bad-prior (not of a pit's size), unreadable-mesh, not-watertight.
+    """
+    path = Path(named)
+    if path.suffix.lower() not in SUFFIXES:
+        return load_prior(named)
+    prior = load_prior(category)
+    if not path.is_file():
+        raise ReconProblem.NO_PRIOR.failure(
+            f"{path} is not a file; give the mesh of a measured pit ({', '.join(SUFFIXES)}), in mm."
+        )
+    vertices, faces = read_mesh(path)
+    require_closed(vertices, faces, what=path.name)
+    low, high = vertices.min(axis=0), vertices.max(axis=0)
+    longest, (least, most) = float((high - low).max()), prior.body.pit_mm
+    if not least <= longest <= most:
+        raise ReconProblem.BAD_PRIOR.failure(
+            f"{path}: the pit is {longest:.3g} long, expected {least:g} to {most:g} mm; export it in mm."
+        )
+    digest = hashlib.sha256(np.ascontiguousarray(vertices).tobytes())
+    digest.update(faces.astype(np.int64).tobytes())
+    return replace(
+        prior,
+        measured=MeasuredPit(vertices=vertices - (low + high) / 2, faces=faces, digest=digest.hexdigest()),
+        sources=prior.sources | {"measured": f"mesh of a measured pit, {path.name}"},
+    )
+
 
 Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 LEVEL = 3

@@ -11,7 +11,6 @@ from recon.cameras.camera import Camera
 from recon.cameras.photos import FEWEST_PHOTOS
 from recon.learned.fruit_model import FruitModel
 from recon.recon_failure import ReconProblem
-from recon.silhouettes.carve import AGREEMENT, Block
 from recon.silhouettes.hull import Silhouette, ball, drawn, silhouette_of_mask, split, visual_hull
 from recon.silhouettes.mask import Window
 from recon.silhouettes.outline import (
@@ -23,6 +22,8 @@ from recon.silhouettes.outline import (
     snapped,
 )
 from recon.silhouettes.segmentation import (
+    AGREEMENT,
+    Block,
     Bounds,
     CutPhoto,
     SegmentationScene,

@@ -13,7 +13,7 @@ from recon.cameras.camera import Camera
 from recon.picture_values import sampled
 from recon.silhouettes.hull import Silhouette
 from recon.silhouettes.mask import Window, nearest_marked
-from recon.silhouettes.ring_path import best_rings
+from recon.silhouettes.star_cut import best_rings
 
 SAMPLES = 1024
 """Places along an outline: about one a pixel on a fruit 320 px wide."""

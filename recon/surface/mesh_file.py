@@ -10,8 +10,8 @@ from jaxtyping import Float, Int
 
 from pipeline.files.plain_file import NotReadable, json_of, printable, read_bytes
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.surface.coverage import SEEN_BY
 from recon.surface.ply_file import NotPly, read_header, read_ply
+from recon.surface.ray_mesh import SEEN_BY
 from recon.triangle_mesh import consistently_oriented, open_edges, used_part, volume_mm3
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -24,10 +24,8 @@ Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 SEEN_RGB, UNSEEN_RGB = (252, 189, 120), (150, 155, 160)
 """Of 255: orange where photos show the skin, grey elsewhere."""
 MOST_BYTES, MOST_ELEMENTS = 100_000_000, 300_000
-"""Vertices and faces, each: what `drupe check` and `drupe grade` carry within the 1000 MiB of one fruit
-(pipeline.run.memory). A nectarine's ready mesh, resampled: 300,000 faces peak at 660 MiB in check (7.6 s of
-processor time) and at 950 MiB in grade, 400,000 at 780 and 970 MiB, with a pit.ply as fine at 1000 MiB in
-check (`/usr/bin/time -f "%U %S %M" drupe check BATCH`); 1.3 million took 1.9 GB. 8000 are enough."""
+"""Vertices and faces, each, within the 1000 MiB of one fruit (pipeline.run.memory): 300,000 faces peak at 950
+MiB in `drupe grade`, 1.3 million took 1.9 GB. 8000 are enough."""
 MOST_ASCII_BYTES = 30_000_000
 """Of numbers written as text, which take thirty times their length while they are read."""
 FARTHEST_MM = 1e6

@@ -1,9 +1,69 @@
-"""A mesh asked for its nearest points and for what rays meet (Open3D, one thread, single precision)."""
+"""Nearest points of a mesh, what rays meet, and how many cameras see each vertex (Open3D, one thread, single
+precision).
+"""
+
+from types import ModuleType
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from recon.native import open3d
+from recon.recon_failure import ReconProblem
+from recon.triangle_mesh import face_areas, facing, vertex_normals
+
+SEEN_BY = 2
+"""Cameras that must see a place for it to count as seen: one alone tells no depth."""
+CLEAR = 1e-3
+"""Rays start so far above the skin, as a share of the fruit's size, that its own facets do not hide it."""
+
+
+def seeing_views(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], places: Float[np.ndarray, "v 3"]
+) -> Int[np.ndarray, " n"]:
+    """How many of the cameras at `places` (mm) see each vertex of a closed mesh: it faces them, unhidden."""
+    skin = RayMesh(vertices, faces)
+    normals = vertex_normals(vertices, faces)
+    start = vertices + CLEAR * float(np.ptp(vertices, axis=0).max()) * normals
+    views = np.zeros(len(vertices), dtype=np.int64)
+    for place in places:
+        hidden = skin.hidden(start, np.broadcast_to(place, start.shape))
+        views += (facing(vertices, normals, place) > 0) & ~hidden
+    return views
+
+
+def seen_and_unseen(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], views: Int[np.ndarray, " n"]
+) -> tuple[float, float]:
+    """The share of the skin that SEEN_BY cameras or more saw, and the area of the rest, mm^2.
+
+    The rest is the hole in what the photos show, closed by the method. A triangle counts by its corners.
+    """
+    area = face_areas(vertices, faces)
+    hole = float(area @ (views[faces] < SEEN_BY).mean(axis=1))
+    return 1 - hole / float(area.sum()), hole
+
+
+DEBIAN_PACKAGES = "libegl1 libgl1 libusb-1.0-0"
+
+
+def open3d() -> ModuleType:
+    """Open3D, or ReconFailure (missing-library) that says which packages bring it.
+
+    Raises KeyboardInterrupt where that came while the library was loaded: native libraries make it an
+    ImportError of their own ("initialization failed").
+    """
+    try:
+        import open3d as module
+    except (ImportError, OSError) as error:
+        for reason in (error.__cause__, error.__context__):
+            if isinstance(reason, KeyboardInterrupt):
+                raise reason from error
+        raise ReconProblem.MISSING_LIBRARY.failure(
+            f"open3d does not load ({error}); install it with pip, and install its system libraries: "
+            f"apt-get install {DEBIAN_PACKAGES}"
+        ) from error
+    module.utility.set_verbosity_level(module.utility.VerbosityLevel.Error)
+    loaded: ModuleType = module
+    return loaded
 
 
 class RayMesh:

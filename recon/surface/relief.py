@@ -3,24 +3,108 @@ where photos agree, kept only where photos that took no part in the search agree
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
+from scipy.special import bdtrc
 
 from recon.cameras.camera import Camera
 from recon.silhouettes.hull import split
-from recon.surface.photo_consistency import FEWEST_VIEWS, GreyView, grey_views, views_facing
-from recon.surface.relief_mesh import (
+from recon.surface.photo_consistency import (
+    FEWEST_VIEWS,
+    GreyView,
+    Patches,
+    agreement,
+    grey_views,
+    views_facing,
+)
+from recon.surface.relief_search import (
+    AVERAGED,
+    LESS_AVERAGED,
+    Found,
     OutlineMesh,
+    at_edge,
+    connected_parts,
     grown,
     heights_mm,
     outline_mesh,
+    patches_of,
+    refined,
     roundness,
+    searched,
     vertices_per_patch,
 )
-from recon.surface.relief_search import AVERAGED, LESS_AVERAGED, Found, at_edge, refined, searched
-from recon.surface.relief_verdict import Region, judged, mean_gain
+
+LEAST_GAIN = 0.05
+"""Rise of the correlation in the held-out views that confirms a vertex."""
+CHANCE = 1e-2
+"""How probable as many confirmed vertices may be by chance: true cavities 2.6e-3 or less, others 1.4e-2."""
+
+
+def judged(
+    mesh: OutlineMesh, held_out: Sequence[GreyView], candidate: Found, null: Found, *, least_mean_gain: float
+) -> Bool[np.ndarray, " n"]:
+    """The vertices of those connected regions that moved and that the views held out confirm.
+
+    `null` is a search where the outlines are certain: what it finds is there by chance. `least_mean_gain` is
+    the mean rise of the correlation that a region must bring.
+    """
+    per_patch = max(1.0, vertices_per_patch(mesh, held_out))
+    placed = candidate.weight > 0
+    gain = _gains(mesh, held_out, candidate.surface, candidate.far & placed)
+    heights, null_heights = heights_mm(mesh, candidate.surface), heights_mm(mesh, null.surface)
+    null_gain = _gains(mesh, held_out, null.surface, null.far & (null.weight > 0))
+    kept = np.zeros(len(placed), bool)
+    for part in connected_parts(candidate.far, mesh.faces):
+        measured = part & placed & np.isfinite(gain)
+        if not measured.any():
+            continue
+        depth = float(np.median(heights[measured]))
+        by_chance = ((null_gain > LEAST_GAIN) & (np.abs(null_heights) > 0.5 * abs(depth))).sum()
+        p0 = (by_chance / per_patch + 1) / (null.active.sum() / per_patch + 2)
+        confirmed = int((gain[measured] > LEAST_GAIN).sum())
+        patches = max(int(np.ceil(part.sum() / per_patch)), 1)
+        chance = float(bdtrc(int(confirmed / per_patch) - 1, patches, p0))
+        rise = float(gain[measured].mean())
+        kept |= part & (chance < CHANCE and rise > least_mean_gain)
+    return kept
+
+
+def mean_gain(
+    mesh: OutlineMesh,
+    views: Sequence[GreyView],
+    before: Float[np.ndarray, "n 3"],
+    after: Float[np.ndarray, "n 3"],
+    zone: Bool[np.ndarray, " n"],
+) -> float:
+    """Mean rise of the correlation from one surface to another, over the patches of a zone seen on both."""
+    rows = np.flatnonzero(zone)
+    rise = _risen(patches_of(mesh, before)[rows], patches_of(mesh, after)[rows], views)
+    return float(np.nanmean(rise)) if np.isfinite(rise).any() else 0.0
+
+
+def _gains(
+    mesh: OutlineMesh,
+    views: Sequence[GreyView],
+    surface: Float[np.ndarray, "n 3"],
+    where: Bool[np.ndarray, " n"],
+) -> Float[np.ndarray, " n"]:
+    """Rise of the correlation from the outline surface to another; nan elsewhere and where unknown."""
+    gain, rows = np.full(len(surface), np.nan), np.flatnonzero(where)
+    if len(rows):
+        gain[rows] = _risen(mesh.outline[rows], patches_of(mesh, surface)[rows], views)
+    return gain
+
+
+def _risen(before: Patches, after: Patches, views: Sequence[GreyView]) -> Float[np.ndarray, " n"]:
+    """Rise of the correlation, mean over the ways it is measured in on both surfaces; nan where in none."""
+    here = np.zeros(1)
+    (a, a_enough), (b, b_enough) = agreement(before, views, here), agreement(after, views, here)
+    both = (a_enough & b_enough)[..., 0]
+    rise = ((b - a)[..., 0] * both).sum(0) / np.maximum(both.sum(0), 1)
+    return np.asarray(np.where(both.any(axis=0), rise, np.nan))
+
 
 COARSE, FINE = 4, 5
 """Levels of the ball that are searched first, and for a region kept: 2 and 1 mm apart on a peach."""
@@ -51,14 +135,7 @@ class Relief:
     vertices: Float[np.ndarray, "n 3"]
     measured: Bool[np.ndarray, " n"]
     bridged: Float[np.ndarray, " n"]
-    regions: tuple[Region, ...]
     edge_depth_mm: float = 0.0
-
-
-def unsearched(vertices: Float[np.ndarray, "n 3"]) -> Relief:
-    """The surface as its outlines show it."""
-    none = np.zeros(len(vertices))
-    return Relief(vertices=vertices, measured=none > 0, bridged=none, regions=())
 
 
 def relief(
@@ -85,7 +162,7 @@ def relief(
     count = len(coarse.outline.points)
     convex = roundness(coarse.outline.curvature * coarse.radius_mm)
     bridged = np.clip(split(1 - convex[:, None], coarse.level, finer)[:, 0], 0.0, 1.0)
-    nothing = replace(unsearched(vertices), bridged=bridged)
+    nothing = Relief(vertices=vertices, measured=np.zeros(len(vertices), bool), bridged=bridged)
     views = grey_views(images, cameras)
     halves = views[::2], views[1::2]
     if len(halves[1]) < FEWEST_VIEWS:
@@ -99,18 +176,17 @@ def relief(
     certain = seen & ~grown(loose, coarse.faces, 1) & (convex > 0.9)
     certain &= support[:count] > 0.5 * np.median(support[:count])
     held = SUPPORT_WEIGHT * held
-    regions: tuple[Region, ...] = ()
     gentler = (LESS_AVERAGED, LEAST_MEAN_GAIN_LESS_AVERAGED)
     for averaged, least in ((AVERAGED, LEAST_MEAN_GAIN), gentler):
         candidate = searched(coarse, halves[0], loose, held, averaged=averaged)
         if not (candidate.far & (candidate.weight > 0)).any():
             continue
         null = searched(coarse, halves[0], certain, np.zeros(count), averaged=averaged)
-        regions, kept = judged(coarse, halves[1], candidate, null, least_mean_gain=least)
+        kept = judged(coarse, halves[1], candidate, null, least_mean_gain=least)
         if kept.any():
             break
     else:
-        return replace(nothing, regions=regions)
+        return nothing
     zone = grown(kept, coarse.faces, ZONE_RINGS) & loose & ~(candidate.far & ~kept)
     if (candidate.far & ~zone).any():
         candidate = searched(coarse, halves[0], zone, held, averaged=averaged)
@@ -121,7 +197,6 @@ def relief(
         vertices=vertices + split(surface - fine.outline.points, fine.level, finer),
         measured=split(measured[:, None].astype(float), fine.level, finer)[:, 0] > 0.25,
         bridged=bridged,
-        regions=regions,
         edge_depth_mm=float(np.max(-heights_mm(fine, surface)[at_edge(fine, surface)], initial=0.0)),
     )
 

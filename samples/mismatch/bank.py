@@ -10,7 +10,14 @@ from pathlib import Path
 import numpy as np
 
 from samples.graded_bricks import BrickGrading
-from samples.mismatch.case_files import answer, is_written, reveal, seal, write_case_files
+from samples.mismatch.case_files import (
+    answer,
+    is_written,
+    store_truths,
+    stored_truths,
+    write_answer,
+    write_case_files,
+)
 from samples.mismatch.case_simulation import (
     CasePlan,
     as_recorded,
@@ -20,10 +27,8 @@ from samples.mismatch.case_simulation import (
     with_amount,
 )
 from samples.mismatch.drawn_fruit import DrawnFruit, seen_anew
-from samples.mismatch.effect_levels import drawn_amplitude, drawn_parameters
-from samples.mismatch.injected import EFFECTS, InjectedEffect, named
+from samples.mismatch.injected import EFFECTS, InjectedEffect, drawn_amplitude, drawn_parameters, named
 from samples.mismatch.out_of_catalogue import OUT_OF_CATALOGUE
-from samples.mismatch.stored_truth import store_truths, stored_truths
 from samples.mismatch.true_recording import TrueRecording
 from samples.sample_failure import SampleFailure
 
@@ -38,9 +43,7 @@ DRAWN = (
     "pose_error", "sensor_nonlinear", "gel_creep", "gel_hysteresis", "thermal_drift",
 )  # fmt: skip
 """Effects that need no fruit of their own: the recording or the prior is changed."""
-OUTSIDE = tuple(name for name in OUT_OF_CATALOGUE if name not in EFFECTS)
-"""Physics that the catalogue does not have."""
-SIMULATED = (*(name for name in EFFECTS if name not in DRAWN), *OUTSIDE)
+SIMULATED = (*(name for name in EFFECTS if name not in DRAWN), *OUT_OF_CATALOGUE)
 """Effects and physics that change what is simulated: they cannot be added to a stored fruit."""
 WIDE = 3
 """In the names and seeds of fruit and cases: their amplitudes are drawn over the effect's whole range."""
@@ -69,7 +72,7 @@ class BankFruit:
 
     def plan(self) -> CasePlan:
         """The fruit, its grasps and its effects."""
-        if self.effects and self.effects[0] in OUTSIDE:
+        if self.effects and self.effects[0] in OUT_OF_CATALOGUE:
             return planned(self.name, (), seed=self.seed, out_of_catalogue=self.effects[0])
         rng = np.random.default_rng([*self.seed, 1])
         effects = tuple((effect, drawn_amplitude(effect, rng)) for effect in self.effects)
@@ -104,7 +107,7 @@ def draw_case(
     cases: Path, fruit: BankFruit, truths: tuple[TrueRecording, ...], *, added: tuple[str, ...] = (),
     record: int,
 ) -> str:  # fmt: skip
-    """Write one case below `cases`, unless it is there, and return its name; seal first, answer last.
+    """Write one case below `cases`, unless it is there, and return its name; the answer comes last.
 
     `truths`: the fruit's grasps; `added`: effects of DRAWN. Another `record` has other
     parameters of these, other noise, another scan and another prior.
@@ -119,11 +122,10 @@ def draw_case(
     injected = tuple(with_amount(injection, max(peaks), truths) for injection in (*plan.injected, *stated))
     origin = {"fruit": fruit.name, "fruit_seed": fruit.seed, "added": added, "seed": SEED}
     entry = answer(drawn, label_of_plan(plan, injected)) | {"drawn_from": origin}
-    salt = rng.bytes(16).hex()
-    seal(cases, case_id, entry, salt=salt)
+    rng.bytes(16)  # earlier banks drew a salt here
     recordings = tuple(as_recorded(truth, injected, plan.out_of_catalogue) for truth in truths)
     write_case_files(cases / case_id, drawn, recordings, peaks_N=peaks, rng=rng)
-    reveal(cases, case_id, entry, salt=salt)
+    write_answer(cases, case_id, entry)
     return case_id
 
 

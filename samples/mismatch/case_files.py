@@ -1,7 +1,8 @@
-"""A mismatch case on disk: mesh, pit prior, settings, recordings; labels sealed first, answers after."""
+"""Simulated grasps on disk: the noise-free truth of a fruit, and cases with mesh, pit prior, settings and
+recordings. Noise, scan errors and sensor effects are drawn when a case is written.
+"""
 
 import fcntl
-import hashlib
 import json
 import shutil
 from dataclasses import replace
@@ -14,9 +15,57 @@ from jaxtyping import Float
 from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
 from samples.fruit import scanned_skin
+from samples.gel_contact import Gel
 from samples.mismatch.drawn_fruit import DrawnFruit
-from samples.mismatch.true_recording import TrueRecording, as_measured
+from samples.mismatch.true_recording import PadTruth, TrueRecording, as_measured
 from tactile.readers.recording import Recording, write_recording
+
+FORMAT = 1
+"""Of the file; a reader refuses another."""
+
+
+def store_truths(path: Path, truths: tuple[TrueRecording, ...]) -> None:
+    """Write a fruit's grasps, whole or not at all."""
+    arrays: dict[str, np.ndarray] = {}
+    words = []
+    for k, truth in enumerate(truths):
+        gel = {name: getattr(truth.gel, name) for name in Gel.__dataclass_fields__}
+        words.append({"name": truth.name, "gel": gel})
+        arrays[f"time_{k}"], arrays[f"aperture_{k}"] = truth.time_s, truth.aperture_mm
+        arrays[f"rest_{k}"] = truth.rest_mm
+        for side, pad in enumerate(truth.pads):
+            arrays[f"pose_{k}_{side}"] = pad.pose
+            arrays[f"displacement_{k}_{side}"] = pad.displacement_mm.astype(np.float32)
+            arrays[f"force_{k}_{side}"] = pad.force_N.astype(np.float32)
+    partial = path.with_suffix(".partial.npz")
+    np.savez_compressed(partial, **arrays, words=np.array(json.dumps({"format": FORMAT, "grasps": words})))  # type: ignore[arg-type]
+    partial.replace(path)
+
+
+def stored_truths(path: Path) -> tuple[TrueRecording, ...]:
+    """Read a fruit's grasps. Raises ValueError for another format."""
+    with np.load(path, allow_pickle=False) as file:
+        words = json.loads(str(file["words"]))
+        if words["format"] != FORMAT:
+            raise ValueError(f"{path} is of another format: simulate the fruit anew")
+        truths = []
+        for k, grasp in enumerate(words["grasps"]):
+            left, right = (
+                PadTruth(
+                    pose=file[f"pose_{k}_{side}"],
+                    displacement_mm=file[f"displacement_{k}_{side}"].astype(float),
+                    force_N=file[f"force_{k}_{side}"].astype(float),
+                )
+                for side in (0, 1)
+            )
+            truths.append(
+                TrueRecording(
+                    name=grasp["name"], time_s=file[f"time_{k}"], aperture_mm=file[f"aperture_{k}"],
+                    rest_mm=file[f"rest_{k}"], gel=Gel(**grasp["gel"]), pads=(left, right),
+                )
+            )  # fmt: skip
+    return tuple(truths)
+
 
 MESH_CELLS = 33
 """Along each side of the cubed sphere's faces: triangles of 1.4 mm on a fruit of 30 mm radius."""
@@ -91,14 +140,17 @@ def answer(drawn: DrawnFruit, label: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def seal(folder: Path, case_id: str, entry: dict[str, Any], *, salt: str) -> None:
-    """Write SHA-256(salt + label) of a case to manifest.json; the label is effect and parameters."""
-    _update(folder / "manifest.json", case_id, hashlib.sha256((salt + _text(entry)).encode()).hexdigest())
-
-
-def reveal(folder: Path, case_id: str, entry: dict[str, Any], *, salt: str) -> None:
-    """Write one case's answer, with the salt that its seal was made with."""
-    _update(folder / "answers.json", case_id, {**entry, "salt": salt})
+def write_answer(folder: Path, case_id: str, entry: dict[str, Any]) -> None:
+    """Add one case's answer to answers.json, which several processes may do at once."""
+    path = folder / "answers.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.with_suffix(".lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
+        known[case_id] = entry
+        partial = path.with_suffix(".partial")
+        partial.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
+        partial.replace(path)
 
 
 def is_written(folder: Path, case_id: str) -> bool:
@@ -106,24 +158,3 @@ def is_written(folder: Path, case_id: str) -> bool:
     answers = folder / "answers.json"
     known = json.loads(answers.read_text(encoding="utf-8")) if answers.exists() else {}
     return case_id in known and (folder / case_id).exists()
-
-
-def sealed_as(entry: dict[str, Any]) -> str:
-    """The seal that an entry of answers.json must have."""
-    return hashlib.sha256((entry["salt"] + _text(entry)).encode()).hexdigest()
-
-
-def _text(entry: dict[str, Any]) -> str:
-    return json.dumps({k: entry[k] for k in ("effect", "parameters")}, sort_keys=True)
-
-
-def _update(path: Path, key: str, value: Any) -> None:
-    """Add one entry to a JSON file, which several processes may do at once."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.with_suffix(".lock").open("w") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        known = json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
-        known[key] = value
-        partial = path.with_suffix(".partial")
-        partial.write_text(json.dumps(known, indent=1) + "\n", encoding="utf-8")
-        partial.replace(path)

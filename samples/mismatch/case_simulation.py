@@ -10,15 +10,13 @@ from scipy.sparse import csr_array
 from samples.fruit import POISSON_RATIO, Skin
 from samples.graded_bricks import BrickGrading
 from samples.grasp_plan import PlannedGrasp
-from samples.mismatch.bodies import ElasticBody, GrippedBody
 from samples.mismatch.drawn_fruit import CATEGORIES, Category, DrawnFruit, drawn_fruit, seen_by_drawn_sensor
-from samples.mismatch.effect_levels import drawn_parameters
 from samples.mismatch.four_grasps import four_grasps
-from samples.mismatch.freestone import loose_compliance, pit_contact
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.injected import (
     MATERIAL_LAWS,
     InjectedEffect,
+    drawn_parameters,
     flesh_law,
     gel_of,
     label_of,
@@ -42,18 +40,24 @@ from samples.mismatch.machine_effects import (
     with_thermal_drift,
 )
 from samples.mismatch.meshed_fruit import CASE, WIDE_SHARE, MeshedFruit, meshed_fruit
-from samples.mismatch.nonlinear_body import NonlinearBody
+from samples.mismatch.nonlinear_body import NonlinearBody, whole_fruit
+from samples.mismatch.other_bodies import (
+    borne_N,
+    drawn_place_mm,
+    inward_normal,
+    loose_compliance,
+    pit_contact,
+    split_pit_stiffness,
+    with_third_contact,
+)
 from samples.mismatch.out_of_catalogue import (
     OutOfCatalogue,
     drawn_out_of_catalogue,
     out_of_catalogue_body,
     out_of_catalogue_recorded,
 )
-from samples.mismatch.pit_halves import split_pit_stiffness
 from samples.mismatch.skin_compliance import skin_compliance
-from samples.mismatch.support_seat import borne_N, drawn_place_mm, inward_normal, with_third_contact
-from samples.mismatch.true_recording import TrueRecording, grasped, grip_of
-from samples.mismatch.whole_fruit import whole_fruit
+from samples.mismatch.true_recording import ElasticBody, GrippedBody, TrueRecording, grasped, grip_of
 from samples.sample_failure import SampleFailure
 
 FAULTS: dict[str, Callable[..., TrueRecording]] = {
@@ -75,7 +79,6 @@ BODIES = ("loose_pit", "third_contact", "split_pit")
 class CasePlan:
     """Everything that is decided before anything is computed."""
 
-    case_id: str
     drawn: DrawnFruit
     grasps: tuple[PlannedGrasp, ...]
     injected: tuple[InjectedEffect, ...]
@@ -87,7 +90,6 @@ def planned(
     effects: tuple[tuple[str, float], ...],
     *,
     seed: tuple[int, ...],
-    category: Category | None = None,
     out_of_catalogue: str | None = None,
 ) -> CasePlan:
     """A case with the given effects, each of its amplitude; all the rest from the seed.
@@ -95,7 +97,7 @@ def planned(
     `out_of_catalogue` names a physics that is not in the catalogue, instead of effects.
     """
     rng = np.random.default_rng(list(seed))
-    kind: Category = category or CATEGORIES[int(rng.integers(len(CATEGORIES)))]
+    kind: Category = CATEGORIES[int(rng.integers(len(CATEGORIES)))]
     injected = tuple(
         InjectedEffect(effect=effect, parameters=drawn_parameters(effect, amplitude, rng))
         for effect, amplitude in effects
@@ -113,7 +115,7 @@ def planned(
     injected = tuple(_placed(p, drawn, grasps, rng) for p in injected)
     foreign = None if out_of_catalogue is None else drawn_out_of_catalogue(out_of_catalogue, rng)
     drawn = seen_by_drawn_sensor(drawn, rng)
-    return CasePlan(case_id=case_id, drawn=drawn, grasps=grasps, injected=injected, out_of_catalogue=foreign)
+    return CasePlan(drawn=drawn, grasps=grasps, injected=injected, out_of_catalogue=foreign)
 
 
 def _placed(

@@ -11,8 +11,9 @@ that of Bonet and Wood 2008 (eq. 6.27, 6.28), times the modulus' ratio at each p
 where `axial` is not zero. A turn of the fruit is no strain to any of them. State is what a point remembers.
 """
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
+from typing import ClassVar
 
 import numpy as np
 from jaxtyping import Float
@@ -23,21 +24,18 @@ State = tuple[np.ndarray, ...]
 Tensors = Float[np.ndarray, "*p 3 3"]
 
 
-class FleshLaw(Protocol):
-    """A law per point."""
+class FleshLaw(ABC):
+    """A law per point. `still`: it does not depend on time."""
 
-    @property
-    def still(self) -> bool:
-        """Whether it does not depend on time."""
-        ...
+    still: ClassVar[bool] = True
 
-    def at_first(self, points: tuple[int, ...]) -> State:
-        """The state of virgin flesh."""
-        ...
+    def at_first(self, points: tuple[int, ...]) -> State:  # noqa: ARG002
+        """The state of virgin flesh: nothing, of a law that does not remember."""
+        return ()
 
+    @abstractmethod
     def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:
         """First Piola stress (MPa), and the state `pause_s` after `state`. Raises NotInEquilibrium."""
-        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,17 +52,12 @@ class Lame:
 
 
 @dataclass(frozen=True, kw_only=True)
-class PlainFlesh:
+class PlainFlesh(FleshLaw):
     """P = F S. `ratio`: of the modulus at each point over E; `axial`: how much stiffer along z, in mu."""
 
     lame: Lame
     ratio: Float[np.ndarray, "*p"] | float = 1.0
     axial: float = 0.0
-    still: bool = True
-
-    def at_first(self, points: tuple[int, ...]) -> State:  # noqa: ARG002
-        """Nothing is remembered."""
-        return ()
 
     def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:  # noqa: ARG002
         """F S."""
@@ -106,16 +99,11 @@ class _Strained:
 
 
 @dataclass(frozen=True, kw_only=True)
-class StiffeningFlesh:
+class StiffeningFlesh(FleshLaw):
     """P = exp(b W/mu) F S, an exponential law as for soft tissue (Fung 1993, section 7.5)."""
 
     plain: PlainFlesh
     b: float
-    still: bool = True
-
-    def at_first(self, points: tuple[int, ...]) -> State:  # noqa: ARG002
-        """Nothing is remembered."""
-        return ()
 
     def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:  # noqa: ARG002
         """The plain stress times a factor that grows with the energy."""
@@ -125,7 +113,7 @@ class StiffeningFlesh:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Relaxing:
+class Relaxing(FleshLaw):
     """P = F ((1 - g) S + h) with h' = g S' - h / tau (Simo and Hughes 1998, section 10.3). State: h, S.
 
     S is taken linear in time over a step, for which the update is exact.
@@ -134,7 +122,7 @@ class Relaxing:
     plain: PlainFlesh
     g: float
     tau_s: float
-    still: bool = False
+    still: ClassVar[bool] = False
 
     def at_first(self, points: tuple[int, ...]) -> State:
         """Rested."""
@@ -149,7 +137,7 @@ class Relaxing:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Draining:
+class Draining(FleshLaw):
     """S with lam ((1 - s) ln J + s a) in the place of lam ln J,  a' = (ln J)' - a / tau. State: a, ln J.
 
     One drainage time for all flesh, however far from the skin: poroelasticity without its length.
@@ -158,7 +146,7 @@ class Draining:
     plain: PlainFlesh
     volume_share: float
     tau_s: float
-    still: bool = False
+    still: ClassVar[bool] = False
 
     def at_first(self, points: tuple[int, ...]) -> State:
         """Full of juice, unstrained."""
@@ -173,7 +161,7 @@ class Draining:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Damaged:
+class Damaged(FleshLaw):
     """P = (1 - dmax (1 - exp(-Wmax/W0))) F S, Wmax the largest energy density so far.
 
     After Mullins (Ogden and Roxburgh 1999). State: Wmax.
@@ -182,7 +170,6 @@ class Damaged:
     plain: PlainFlesh
     dmax: float
     W0_MPa: float
-    still: bool = True
 
     def at_first(self, points: tuple[int, ...]) -> State:
         """Never strained."""
@@ -197,7 +184,7 @@ class Damaged:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Yielding:
+class Yielding(FleshLaw):
     """F = Fe Fp, the plain law for Fe; J2 flow, linear isotropic hardening, exponential map (Simo 1992).
 
     Flows where the equivalent Mandel stress Ce Se exceeds yield_MPa + hardening_MPa times the plastic strain.
@@ -208,7 +195,6 @@ class Yielding:
     plain: PlainFlesh
     yield_MPa: float
     hardening_MPa: float
-    still: bool = True
 
     def at_first(self, points: tuple[int, ...]) -> State:
         """No plastic strain."""

@@ -41,7 +41,7 @@ LOOKS = 4
 """How often at most it is looked up anew which skin point a gel point meets (set by hand)."""
 SAME_PLACE_MM = 2e-4
 """mm: a change of places below it ends that; a twentieth of a frame's noise of 4 um
-(samples.sensor_noise)."""
+(samples.mismatch.marker_sensor)."""
 LEFT_SHARE, GMRES_ROUNDS = 0.01, 100
 """What GMRES leaves of a Newton step's miss, and its rounds at most (set by hand)."""
 

@@ -5,6 +5,7 @@ a loop, warming. All take the truth and return what would be recorded but for th
 the table of effects in the format of mismatch cases.
 """
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -19,7 +20,16 @@ NO_FORCE_N = 1e-9
 
 def with_gain(truth: TrueRecording, *, pad: str, gain: float) -> TrueRecording:
     """Recorded force of one pad is `gain` times the true one."""
-    return truth.with_pads(lambda p: replace(p, force_N=gain * p.force_N), only=pad)
+    return _scaled(truth, lambda _: gain, only=pad)
+
+
+def _scaled(
+    truth: TrueRecording,
+    factor: Callable[[PadTruth], Float[np.ndarray, "t ..."] | float],
+    only: str | None = None,
+) -> TrueRecording:
+    """Recorded forces are the true ones times a factor of each pad."""
+    return truth.with_pads(lambda p: replace(p, force_N=p.force_N * factor(p)), only=only)
 
 
 def with_drift(truth: TrueRecording, *, pad: str, newton_per_s: float) -> TrueRecording:
@@ -106,7 +116,7 @@ def with_bent_reading(truth: TrueRecording, *, a: float) -> TrueRecording:
         return np.asarray(np.linalg.norm(pad.force_N, axis=2, keepdims=True))
 
     largest = max(float(size(pad).max()) for pad in truth.pads)
-    return truth.with_pads(lambda p: replace(p, force_N=p.force_N * (1 + a * size(p) / largest)))
+    return _scaled(truth, lambda p: 1 + a * size(p) / largest)
 
 
 def with_gel_creep(truth: TrueRecording, *, creep: float, creep_tau_s: float) -> TrueRecording:
@@ -125,13 +135,12 @@ def with_gel_creep(truth: TrueRecording, *, creep: float, creep_tau_s: float) ->
 def with_hysteresis(truth: TrueRecording, *, share: float) -> TrueRecording:
     """While a pad's force is below its peak so far, the recorded force falls short by up to `share` of it."""
 
-    def short(pad: PadTruth) -> PadTruth:
+    def left(pad: PadTruth) -> Float[np.ndarray, "t 1 1"]:
         total = pad.force_N.sum(axis=1)[:, 2]
         peak = np.maximum.accumulate(np.maximum(total, NO_FORCE_N))
-        left = 1 - share * 4 * (total / peak) * (1 - total / peak)
-        return replace(pad, force_N=pad.force_N * left[:, None, None])
+        return np.asarray(1 - share * 4 * (total / peak) * (1 - total / peak))[:, None, None]
 
-    return truth.with_pads(short)
+    return _scaled(truth, left)
 
 
 def with_thermal_drift(

@@ -1,12 +1,7 @@
 """Physics that the catalogue does not have; the right answer to each of these cases is "unknown".
 
-split_pit        the pit is two rigid halves, parted along the suture, that move each for itself
 palm             the fruit's bottom rests on the gripper's palm, a spring, in every grasp
 gel_softening    both gels soften while they are held; the sensor goes on believing their nominal stiffness
-drainage         the flesh's resistance to losing volume fades with time, its resistance to shear does not
-
-Two have come into the catalogue since, the palm as third_contact (samples.mismatch.support_seat), and
-drainage; they are kept, and drawn as ever, for older banks.
 """
 
 from dataclasses import dataclass, replace
@@ -17,18 +12,13 @@ from scipy.sparse import coo_array, csr_array
 
 from samples.brick_flesh import BrickFlesh
 from samples.gel_contact import Gel
-from samples.mismatch.bodies import ElasticBody, GrippedBody, SofteningGelBody
-from samples.mismatch.flesh_laws import Draining, FleshLaw
 from samples.mismatch.injected import plain_flesh
 from samples.mismatch.meshed_fruit import MeshedFruit
-from samples.mismatch.nonlinear_body import NonlinearBody
-from samples.mismatch.pit_halves import split_pit_stiffness
-from samples.mismatch.skin_compliance import skin_compliance
-from samples.mismatch.true_recording import TrueRecording
-from samples.mismatch.whole_fruit import whole_fruit
+from samples.mismatch.nonlinear_body import NonlinearBody, sound_body, whole_fruit
+from samples.mismatch.true_recording import GrippedBody, SofteningGelBody, TrueRecording
 from samples.sample_failure import SampleFailure
 
-OUT_OF_CATALOGUE = ("split_pit", "palm", "gel_softening", "drainage")
+OUT_OF_CATALOGUE = ("palm", "gel_softening")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,33 +35,20 @@ def drawn_out_of_catalogue(name: str, rng: np.random.Generator) -> OutOfCatalogu
         raise SampleFailure(
             f"There is no physics {name!r} outside the catalogue; there are: {', '.join(OUT_OF_CATALOGUE)}."
         )
-    return OutOfCatalogue(name=name, parameters=_parameters(name, rng))
-
-
-def _parameters(name: str, rng: np.random.Generator) -> dict[str, Any]:
-    """Parameters of an effect outside of the catalogue, drawn at random."""
     if name == "palm":
-        return {"N_per_mm": float(rng.uniform(15.0, 30.0)), "area_radius_mm": 6.0}
-    if name == "gel_softening":
-        return {"g": float(rng.uniform(0.15, 0.3)), "tau_s": float(rng.uniform(0.8, 3.0))}
-    if name == "drainage":
-        return {"volume_share": float(rng.uniform(0.6, 0.9)), "tau_s": float(rng.uniform(0.5, 2.5))}
-    return {}
+        parameters = {"N_per_mm": float(rng.uniform(15.0, 30.0)), "area_radius_mm": 6.0}
+    else:
+        parameters = {"g": float(rng.uniform(0.15, 0.3)), "tau_s": float(rng.uniform(0.8, 3.0))}
+    return OutOfCatalogue(name=name, parameters=parameters)
 
 
 def out_of_catalogue_body(stands: MeshedFruit, out_of_catalogue: OutOfCatalogue) -> GrippedBody:
     """The fruit of one mesh, with what is not in the catalogue."""
     flesh, p = stands.flesh, out_of_catalogue.parameters
-    if out_of_catalogue.name == "split_pit":
-        return ElasticBody(skin_compliance(split_pit_stiffness(flesh), stands.dofs))
-    support = on_a_palm(flesh, **p) if out_of_catalogue.name == "palm" else None
-    law: FleshLaw = plain_flesh(flesh)
-    if out_of_catalogue.name == "drainage":
-        law = Draining(plain=plain_flesh(flesh), volume_share=p["volume_share"], tau_s=p["tau_s"])
-    body = NonlinearBody(whole_fruit(flesh, stands.dofs, support=support), law)
-    if out_of_catalogue.name == "gel_softening":
-        return SofteningGelBody(body, g=p["g"], tau_s=p["tau_s"])
-    return body
+    if out_of_catalogue.name == "palm":
+        whole = whole_fruit(flesh, stands.dofs, support=on_a_palm(flesh, **p))
+        return NonlinearBody(whole, plain_flesh(flesh))
+    return SofteningGelBody(sound_body(stands), g=p["g"], tau_s=p["tau_s"])
 
 
 def out_of_catalogue_recorded(truth: TrueRecording, out_of_catalogue: OutOfCatalogue) -> TrueRecording:

@@ -13,8 +13,18 @@ from samples.scenes.phone import PIPELINES, Pipeline, Shot, draw_pipeline
 from samples.scenes.scene_fruit import draw_fruit
 from samples.scenes.sheet import CLEAN_SHEET, Sheet, draw_sheet
 from samples.scenes.skin_optics import SkinLook, draw_skin, ripe_skin
-from samples.scenes.stand import HEIGHT_PX, WIDTH_PX, Ring, ScenePhoto, draw_camera, hand_held
-from samples.scenes.turntable import Turntable, before_turntable, draw_turntable, on_tripod
+from samples.scenes.stand import (
+    HEIGHT_PX,
+    WIDTH_PX,
+    Ring,
+    ScenePhoto,
+    Turntable,
+    before_turntable,
+    draw_camera,
+    draw_turntable,
+    hand_held,
+    on_tripod,
+)
 from samples.viewpoints import Viewpoint
 
 FAMILIES = ("mat", "phone", "turntable")

@@ -1,10 +1,12 @@
-"""Where the photographer stood: two or three rings of hand-held views, some photos from elsewhere."""
+"""A turntable: mat and fruit turn on a disc before a camera, lamps, a table and a card that stand still."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
 
+from samples.scenes.ground import SceneGround, draw_ground, ground_shape
 from samples.viewpoints import Viewpoint, direction, look_at
 
 WIDTH_PX, HEIGHT_PX = 960, 720
@@ -95,3 +97,87 @@ def hand_held(
                 )
             )
     return tuple(views)
+
+
+_STEP_SD_DEG = 1.5
+"""Spread of a photo's turn about its even place, degrees: a disc that a hand turns by marks (assumed)."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Turntable:
+    """The disc, and a card (half width and half height `card_half_mm`) that stands upright on the table,
+    `card_mm` behind the axis as the camera sees it.
+    """
+
+    radius_mm: float
+    height_mm: float
+    srgb: tuple[float, float, float]
+    card: SceneGround
+    card_mm: float
+    card_half_mm: tuple[float, float]
+
+
+def draw_turntable(rng: np.random.Generator) -> Turntable:
+    """A pale or dark disc that is larger than the mat, and a card with a pattern."""
+    grey = float(rng.choice((0.15, 0.85)))
+    radius = float(rng.uniform(150, 170))
+    return Turntable(
+        radius_mm=radius,
+        height_mm=float(rng.uniform(8, 30)),
+        srgb=(grey, grey, grey),
+        card=draw_ground(rng, kinds=("cloth", "wood")),
+        card_mm=radius + float(rng.uniform(20, 60)),
+        card_half_mm=(float(rng.uniform(120, 200)), float(rng.uniform(50, 90))),
+    )
+
+
+def on_tripod(camera: ScenePhoto) -> ScenePhoto:
+    """The camera at the middle height of its rings, where all photos are taken."""
+    height = float(np.mean([ring.elevation_deg for ring in camera.rings]))
+    photos = sum(ring.photos for ring in camera.rings)
+    return replace(camera, rings=(Ring(elevation_deg=height, photos=photos),), odd_photos=())
+
+
+def before_turntable(
+    camera: ScenePhoto, *, aim_mm: tuple[float, float, float], focal_scales: Float[np.ndarray, " n"]
+) -> tuple[Viewpoint, ...]:
+    """One view per photo in the mat's frame: the camera stands still, the disc has turned on by about a step.
+
+    The first photo is taken from the suture's side (+x).
+    """
+    rng = np.random.default_rng([camera.hand_seed, 0])
+    (ring,) = camera.rings
+    off_mm, roll = rng.normal(0, 0.02 * camera.field_mm, 3), np.radians(rng.normal(0, 2.0))
+    elevation = np.radians(ring.elevation_deg)
+    views = []
+    for k in range(ring.photos):
+        turn = np.radians(360.0 * k / ring.photos + (rng.normal(0, _STEP_SD_DEG) if k else 0.0))
+        c, s = np.cos(turn), np.sin(turn)
+        about = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        eye = camera.distance_mm * np.array([np.cos(elevation), 0.0, np.sin(elevation)]) + aim_mm
+        pose = look_at(about @ eye, about @ (off_mm + aim_mm), roll=roll)
+        focal = camera.focal_px * float(focal_scales[k])
+        views.append(Viewpoint(cam_from_world=pose, focal_px=focal, width_px=WIDTH_PX, height_px=HEIGHT_PX))
+    return tuple(views)
+
+
+def turntable_shapes(mi: Any, turntable: Turntable, *, z_mm: float) -> dict[str, Any]:
+    """Disc (its top at z_mm), its rim, and the card as it stands for a camera in the direction +x."""
+    to, foot = mi.ScalarTransform4f, z_mm - turntable.height_mm
+    plastic = {"type": "diffuse", "reflectance": {"type": "srgb", "color": list(turntable.srgb)}}
+    half_wide, half_high = turntable.card_half_mm
+    upright = to().translate([-turntable.card_mm, 0, foot + half_high]).rotate([0, 1, 0], 90)
+    return {
+        "disc": {
+            "type": "disk", "bsdf": plastic,
+            "to_world": to().translate([0, 0, z_mm]).scale([turntable.radius_mm, turntable.radius_mm, 1]),
+        },
+        "rim": {
+            "type": "cylinder", "bsdf": plastic, "p0": [0, 0, foot], "p1": [0, 0, z_mm],
+            "radius": turntable.radius_mm,
+        },
+        "card": {
+            **ground_shape(mi, turntable.card, z_mm=0.0),
+            "to_world": upright @ to().scale([half_high, half_wide, 1]),
+        },
+    }  # fmt: skip

@@ -41,7 +41,8 @@ HEAVIEST = 5
 noise, and sound recordings have 3 to 14 frames above 90 % of the peak (benchmarks/field_spreads.py), so that
 all five are near it."""
 FRAMES_SIMILAR = 1.5
-"""Variance of a mean over the heaviest frames, over that of independent noise (a correlation of 0.3)."""
+"""Variance of a mean over the heaviest frames, over that of independent noise: frames that follow each other
+share some (a correlation of 0.3 in samples/mismatch/marker_sensor.py makes 1.3 for two, 1.6 for five)."""
 LEAST_OVER_NOISE = 3.0
 """Normal displacement of the most pressed markers over noise, in the mean of the heaviest frames: what is
 smaller says nothing of a gel's law. Sound gels have 18 and more (1 over benchmarks/field_spreads.py's

@@ -14,7 +14,7 @@ import numpy as np
 import trimesh
 
 from recon.surface.mesh_file import write_mesh
-from samples.sensor_noise import SensorNoise, measured
+from samples.mismatch.marker_sensor import SensorNoise, measured
 from tactile.readers.recording import GelPad, Recording, write_recording
 
 ROOT = Path(__file__).parents[2]

@@ -22,7 +22,7 @@ from reduced_case import store  # noqa: E402
 from scored_round import full_bounds, scored_round  # noqa: E402
 
 from samples.mismatch.bank import added_effects  # noqa: E402
-from samples.mismatch.effect_levels import AMPLITUDES  # noqa: E402
+from samples.mismatch.injected import AMPLITUDES  # noqa: E402
 
 HALF_CHI_SQUARE = 1.920729
 """Half the 95 % quantile of chi-square with one degree of freedom (tables)."""

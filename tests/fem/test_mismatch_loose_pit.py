@@ -28,7 +28,7 @@ from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.unilateral_contact import pressures
 from samples.brick_flesh import HOLDING_N_PER_MM, flesh_of
 from samples.hexahedra import Fineness, flesh_bricks, lagrange
-from samples.mismatch.freestone import THREADS_N_PER_MM, loose_compliance, pit_contact
+from samples.mismatch.other_bodies import THREADS_N_PER_MM, loose_compliance, pit_contact
 from samples.mismatch.skin_compliance import skin_compliance
 
 NU = 0.45

@@ -24,7 +24,7 @@ def test_doctor_grades_the_known_ball_and_names_what_is_absent():
 
 
 def test_photos_of_the_mat_are_placed_without_pycolmap():
-    done = ran("import recon.cameras.mat_poses; assert 'recon.cameras.colmap' not in sys.modules")
+    done = ran("import recon.cameras.mat_poses; assert 'recon.cameras.motion' not in sys.modules")
     assert done.returncode == 0, done.stderr
 
 

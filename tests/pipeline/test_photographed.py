@@ -6,11 +6,10 @@ import cv2
 import numpy as np
 import pytest
 
-from pipeline.fruit.photographed import _photo_doubts, _pictures, _plan, _skin
+from pipeline.fruit.photographed import _lacking, _pictures, _skin, _unused_doubts
 from recon.cameras.camera import Camera
 from recon.cameras.photos import Photo
-from recon.cameras.view_plan import plan_words
-from recon.checks.quality import NOTHING_KNOWN
+from recon.checks.quality import ReconQuality
 from recon.fruit_mesh import Reconstruction
 from recon.silhouettes.hull import ball
 from reports.outlined_photos import NAME_PX, TILE_PX
@@ -36,26 +35,26 @@ def made():
     vertices, faces = ball(2)
     return Reconstruction(
         vertices=20 * vertices, faces=faces, scale_sd=0.01, surface_sd_mm=0.1,
-        quality=replace(NOTHING_KNOWN, k1=0.0), warnings=(), seconds={}, frame="shape",
+        quality=ReconQuality(k1=0.0), warnings=(), frame="shape",
         cameras=tuple(looking_in(name, np.pi / 2 * i) for i, name in enumerate(NAMES[:4])),
         unplaced=(NAMES[4],),
     )  # fmt: skip
 
 
 def test_only_a_photo_that_could_not_be_joined_shares_too_little(made):
-    said = plan_words(_plan(made, NAMES))
+    said = _lacking(made, NAMES)
     assert "4.jpg overlaps too little" in said
     assert "5.jpg shares" not in said
 
 
 def test_on_a_mat_no_photo_is_said_to_share_too_little(made):
-    assert "overlaps too little" not in plan_words(_plan(replace(made, frame="mat"), NAMES))
+    assert "overlaps too little" not in _lacking(replace(made, frame="mat"), NAMES)
 
 
 @pytest.mark.parametrize(("frame", "asked"), [("mat", "the mat in view"), ("shape", "the ground around it")])
 def test_a_photo_left_out_is_asked_for_again_with_what_there_is(made, frame, asked):
     photos = [Photo(name=n, image=np.full((72, 96, 3), 90, np.uint8), focal_px=None) for n in NAMES[:5]]
-    said = _photo_doubts(photos, [photo.image for photo in photos[:4]], replace(made, frame=frame))[0]
+    (said,) = _unused_doubts(photos, replace(made, frame=frame))
     assert said.startswith("drupe left out 4.jpg:")
     assert asked in said
     assert ("mat" in said) == (frame == "mat")

@@ -11,7 +11,7 @@ from fem.fem_failure import FemFailure, FemProblem
 from pipeline.batch.records import MeshRecord
 from pipeline.batch.stage_record import StageRecord
 from pipeline.fruit.kept_models import KeptModels, packed, unpacked
-from recon.checks.quality import NOTHING_KNOWN
+from recon.checks.quality import ReconQuality
 
 
 class Part(StageRecord):
@@ -105,7 +105,7 @@ def test_a_grasp_model_whose_normals_are_of_other_markers_is_refused():
 def test_of_a_meshs_quality_only_what_is_known_is_written():
     record = MeshRecord(
         source="photos", vertices=4, faces=4, volume_mm3=1.0, height_mm=1.0, box_mm=(1.0, 1.0, 1.0),
-        quality=NOTHING_KNOWN.known(),
+        quality=ReconQuality().known(),
     )  # fmt: skip
     known = {"views_given": 0, "views_used": 0, "relief_share": 0.0, "flipped_views": 0}
     assert record.model_dump()["quality"] == known

@@ -7,15 +7,11 @@ from level_camera import camera_at, direction
 from recon.cameras.camera import Camera
 from recon.silhouettes.background_plate import (
     FEWEST_VIEWS,
-    MOST_VIEWS,
     SIDE_CELLS,
     background_in_view,
     background_plate,
     ground_views,
-    image_from_plane,
-    plane_from_cell,
 )
-from recon.silhouettes.background_plate import _sorted_layers as sorted_layers
 
 HALF_MM = 60.0
 WIDTH, HEIGHT = 320, 240
@@ -94,16 +90,6 @@ def test_what_hides_the_ground_is_not_in_the_plate_once_it_is_covered():
     assert (blind.colours[away < 15] < 40).all()
 
 
-def test_a_median_outvotes_what_hides_the_ground_in_few_views():
-    seen_by = cameras(7)
-    images, _ = pictures(seen_by)
-    for image in images[:2]:
-        image[:] = 0
-    background = background_plate(ground_views(images, seen_by, half_width_mm=HALF_MM))
-    colours, away = truth()
-    assert np.median(np.abs(background.colours.astype(float) - colours)[away < 40]) < 6.0
-
-
 def test_photos_of_other_exposure_are_brought_to_one():
     seen_by = cameras(8)
     gains = np.array([0.8, 1.0, 1.2, 0.9, 1.1, 1.0, 0.85, 1.15])
@@ -128,26 +114,6 @@ def test_a_cell_that_fewer_than_three_photos_show_is_not_known():
     assert not background_plate(views, covers).known.any()
 
 
-def test_of_many_photos_so_many_are_taken_evenly():
-    seen_by = cameras(2 * MOST_VIEWS + 1)
-    views = ground_views(
-        [np.zeros((HEIGHT, WIDTH, 3), np.uint8)] * len(seen_by), seen_by, half_width_mm=HALF_MM
-    )
-    assert len(views.chosen) == MOST_VIEWS
-    assert (views.chosen[0], views.chosen[-1]) == (0, len(seen_by) - 1)
-    assert set(np.diff(views.chosen)) <= {2, 3}
-
-
-def test_ground_behind_a_camera_is_not_ahead_of_it():
-    low = towards_origin(40.0 * direction(0.0, 10.0))
-    views = ground_views([np.zeros((HEIGHT, WIDTH, 3), np.uint8)], [low], half_width_mm=HALF_MM)
-    step = np.linspace(-HALF_MM, HALF_MM, SIDE_CELLS)
-    x, y = np.meshgrid(step, step)
-    depth = low.into(np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3))[:, 2].reshape(x.shape)
-    assert (depth < 0).any()
-    np.testing.assert_array_equal(views.ahead[0], depth > 0)
-
-
 @pytest.mark.parametrize("shrink", [1, 3])
 def test_the_plate_looks_from_a_camera_as_its_photo_does(shrink):
     seen_by = cameras(7)
@@ -161,22 +127,3 @@ def test_the_plate_looks_from_a_camera_as_its_photo_does(shrink):
     photo = images[2][corner[1] + middle :: shrink, corner[0] + middle :: shrink][: size[1], : size[0]]
     assert known.mean() > 0.8
     assert np.quantile(np.abs(seen.astype(float) - photo)[known], 0.98) < 3.0
-
-
-def test_the_homography_is_the_cameras_projection_of_the_plane():
-    camera = cameras(5)[1]
-    points = np.random.default_rng(2).uniform(-50, 50, (20, 2))
-    h = np.column_stack([points, np.ones(20)]) @ image_from_plane(camera).T
-    np.testing.assert_allclose(
-        h[:, :2] / h[:, 2:], camera.project(np.column_stack([points, np.zeros(20)])), atol=1e-9
-    )
-    corners = np.array([[0, 0, 1], [SIDE_CELLS - 1, SIDE_CELLS - 1, 1.0]]) @ plane_from_cell(HALF_MM).T
-    np.testing.assert_allclose(corners[:, :2], [[-HALF_MM] * 2, [HALF_MM] * 2])
-
-
-@pytest.mark.parametrize("count", [1, 2, 3, 7, 16, 24])
-def test_layers_are_sorted_place_by_place(count):
-    layers = np.random.default_rng(count).integers(0, 256, (count, 6, 5), dtype=np.uint8)
-    np.testing.assert_array_equal(
-        np.stack(sorted_layers([layer.copy() for layer in layers])), np.sort(layers, axis=0)
-    )

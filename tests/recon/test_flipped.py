@@ -1,8 +1,6 @@
 """The mesh of a fruit laid upside down, found on the upright one: pose known, undersides guessed wrongly."""
 
-from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,13 +11,11 @@ from refusals import refused
 from scipy.spatial.transform import Rotation
 
 from recon import underside
-from recon.cameras.photos import Photo, read_photos
-from recon.checks.quality import NOTHING_KNOWN, seen_doubts
+from recon.checks.quality import ReconQuality, seen_doubts
 from recon.fruit_mesh import Reconstruction
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.surface.flipped import ScannedSide, both_sides
 from recon.triangle_mesh import neighbour_mean, vertex_normals, volume_mm3
-from recon.underside import with_underside
+from recon.underside import ScannedSide, both_sides, with_underside
 from samples.fruit import skin_mesh
 
 NOISE_MM, GUESS_MM = 0.05, 0.6
@@ -104,35 +100,13 @@ def test_of_two_ways_that_fit_the_one_about_the_mats_arrow_counts() -> None:
         both_sides(upright, across)
 
 
-def test_photos_that_cannot_be_used_leave_the_upright_mesh_with_a_warning(tmp_path: Path) -> None:
-    plum, faces = skin_mesh(skin_of_kind(PLUM, seed=3), cells=12)
-    upright = Reconstruction(
-        vertices=plum, faces=faces, scale_sd=0.001, surface_sd_mm=0.1, quality=NOTHING_KNOWN, warnings=("a",),
-        seconds={}, frame="mat",
-    )  # fmt: skip
-
-    def never(photos: Sequence[Photo]) -> Reconstruction:
-        raise AssertionError("there is nothing to reconstruct")
-
-    folder = tmp_path / "photos-flipped"
-    folder.mkdir()
-    (folder / "1.jpg").write_bytes(b"")
-    left = with_underside(upright, lambda: read_photos(folder), never, mat=None)
-    assert left.vertices is plum
-    assert left.warnings[0] == "a"
-    assert left.warnings[1].startswith("drupe did not use photos-flipped/: ")
-    assert "holds 1 photo" in left.warnings[1]
-
-
 def reconstruction(side: ScannedSide, faces: np.ndarray, height_mm: float, **said: object) -> Reconstruction:
     """A scanned side as a reconstruction from the cameras around it."""
     cameras = [camera_at(place, [0.0, 0.0, height_mm / 2]) for place in around(height_mm)]
-    quality = replace(
-        NOTHING_KNOWN, views_given=36, views_used=36, widest_gap_deg=30.0, seen_share=0.6, k1=0.0
-    )
+    quality = ReconQuality(views_given=36, views_used=36, widest_gap_deg=30.0, seen_share=0.6, k1=0.0)
     made = Reconstruction(
         vertices=side.vertices, faces=faces, scale_sd=0.001, surface_sd_mm=0.08, quality=quality,
-        warnings=seen_doubts(quality), seconds={"outlines": 1.0}, frame="mat", cameras=tuple(cameras),
+        warnings=seen_doubts(quality), frame="mat", cameras=tuple(cameras),
     )  # fmt: skip
     return replace(made, **said)
 
@@ -150,9 +124,7 @@ def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_sa
     over, _ = laid_over(true, 12.0, 250.0)
     high = float(np.ptp(true[:, 2])), float(np.ptp(over[:, 2]))
     upright = reconstruction(photographed(true, faces, rng), faces, high[0])
-    second = reconstruction(
-        photographed(over, faces, rng), faces, high[1], warnings=("one is dark.",), seconds={"outlines": 2.0}
-    )
+    second = reconstruction(photographed(over, faces, rng), faces, high[1], warnings=("one is dark.",))
     merged = with_underside(upright, tuple, lambda photos: second, mat=None)
     for camera, moved in zip(second.cameras, merged.flipped_cameras, strict=True):
         off = np.linalg.norm(moved.project(true) - camera.project(over), axis=1)
@@ -165,16 +137,4 @@ def test_with_both_sides_the_mesh_is_nearer_and_says_what_both_sets_of_photos_sa
     assert merged.quality.seen_share > 0.95  # each set alone sees no underside
     assert seen_doubts(upright.quality)
     assert merged.warnings == ("In photos-flipped/: one is dark.",)
-    assert merged.seconds == {"outlines": 1.0, "outlines, upside down": 2.0}
     assert merged.surface_sd_mm == pytest.approx(max(0.08, merged.quality.flipped_miss_mm / np.sqrt(2)))
-
-
-def test_a_second_set_that_saw_too_little_is_not_used_and_that_is_said(unchecked: None) -> None:
-    true, faces = skin_mesh(skin_of_kind(PLUM, seed=3), cells=12)
-    side = ScannedSide.of(true, faces, around(30.0))
-    upright = reconstruction(side, faces, 30.0)
-    few = reconstruction(side, faces, 30.0, quality=replace(upright.quality, views_used=2))
-    merged = with_underside(upright, tuple, lambda photos: few, mat=None)
-    assert np.array_equal(merged.vertices, upright.vertices)
-    assert merged.warnings[:-1] == upright.warnings
-    assert merged.warnings[-1].startswith("drupe did not use photos-flipped/: Too few views: only 2 of 36")

@@ -1,5 +1,6 @@
 """Photos tell where the skin is without outlines: a wrong mesh of an egg is as wrong as it is."""
 
+import re
 from functools import cache
 
 import numpy as np
@@ -8,13 +9,63 @@ from mat_scene import Egg, photographed, ring
 from refusals import refused
 
 from recon.cameras.printed_mat import standard_mat
-from recon.checks.ground_check import rim_evidence, student
-from recon.checks.surface_error import sd_on_patch_mm, surface_error
-from recon.checks.surface_verdict import place_in_words, surface_doubts, surface_offset
+from recon.checks.ground_check import RimEvidence, rim_evidence
+from recon.checks.surface_error import (
+    in_camera_shadow,
+    left_right_px,
+    sd_on_patch_mm,
+    shadow_sd_mm,
+    surface_error,
+)
+from recon.checks.surface_verdict import moved_doubts, surface_doubts, surface_offset
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.hull import ball
-from recon.surface.coverage import seeing_views
+from recon.surface.ray_mesh import seeing_views
 from recon.triangle_mesh import vertex_normals
+
+VIEWS, SAMPLES, DRAWN_MM = 24, 96, 0.25
+VIEW = np.repeat(np.arange(VIEWS), SAMPLES)
+TURN = np.tile(np.linspace(-np.pi, np.pi, SAMPLES, endpoint=False), VIEWS)
+
+
+def evidence(offset_px, known=True):
+    noise = np.random.default_rng(1).normal(0, 0.3, len(VIEW))
+    nothing = np.zeros(len(VIEW))
+    return RimEvidence(
+        view=VIEW, a=nothing.astype(int), b=nothing.astype(int), t=nothing,
+        offset_mm=(offset_px + noise) * DRAWN_MM, sd_mm=nothing + 0.1, pixel_mm=nothing + DRAWN_MM,
+        known=np.full(len(VIEW), known), turn=TURN,
+    )  # fmt: skip
+
+
+LOW_LEFT = (np.cos(TURN) < 0) & (np.sin(TURN) < -0.3)
+
+
+@pytest.mark.parametrize("sign", [-1, 1])
+def test_a_shadow_low_on_one_side_of_every_photo_is_measured(sign):
+    side = LOW_LEFT if sign > 0 else (np.cos(TURN) > 0) & (np.sin(TURN) < -0.3)
+    apart = left_right_px(evidence(np.where(side, 2.0, 0.0)))
+    assert apart[:2] == pytest.approx([2.0 * sign, 2.0 * sign], abs=0.15)
+    assert apart[2] == pytest.approx(0.0, abs=0.15)
+
+
+def test_edges_on_the_shadows_side_and_below_tell_nothing_of_the_mesh():
+    shaded = in_camera_shadow(evidence(np.where(LOW_LEFT, 2.0, 0.0)))
+    low = (np.sin(TURN) < np.sin(np.radians(-20))) & (np.sin(TURN) > np.sin(np.radians(-74)))
+    assert shaded[low & (np.cos(TURN) < 0)].all()
+    assert not shaded[low & (np.cos(TURN) > 0)].any()
+    assert shaded[np.sin(TURN) < np.sin(np.radians(-76))].all()
+    assert not shaded[np.sin(TURN) > np.sin(np.radians(-14))].any()
+    assert not in_camera_shadow(evidence(np.zeros(len(VIEW)))).any()
+
+
+def test_only_the_bands_with_the_shadow_become_uncertain_and_what_lies_below_them():
+    low = np.sin(TURN) < -0.3
+    sd_mm = shadow_sd_mm(evidence(np.where(LOW_LEFT, 1.5, -0.5 * low)))
+    assert sd_mm[np.sin(TURN) < np.sin(np.radians(-46))] == pytest.approx(2.0 * DRAWN_MM, rel=0.1)
+    assert (sd_mm[np.sin(TURN) > np.sin(np.radians(-14))] == 0).all()
+    assert (shadow_sd_mm(evidence(np.zeros(len(VIEW)))) == 0).all()
+
 
 CAMERAS = ring(16)
 PLACES = np.array([c.place for c in CAMERAS])
@@ -96,24 +147,6 @@ def test_the_error_on_a_patch_is_the_root_mean_square_over_its_area():
     assert sd_on_patch_mm(above, corners, faces, sd_mm) == pytest.approx(0.1 * np.sqrt(26 / 6), rel=1e-3)
 
 
-def test_the_density_of_colours_integrates_to_one():
-    side = np.linspace(-60.0, 60.0, 161)
-    scale = np.array([2.0, 1.0, 1.5])
-    grid = np.stack(np.meshgrid(side, side, side), axis=-1).reshape(-1, 3)
-    assert student(grid * scale / 2, scale).sum() * np.prod(scale / 2) * (side[1] - side[0]) ** 3 == (
-        pytest.approx(1.0, abs=0.005)
-    )
-
-
-def test_places_are_told_as_one_would_who_faces_the_suture_as_in_the_reports_map():
-    x, y, z = (int((skin()[:, k]).argmax()) for k in range(3))
-    assert (
-        place_in_words(skin(), FACES, x) == "on the flank, towards the suture, about 24 mm above the ground,"
-    )
-    assert "right of the suture" in place_in_words(skin(), FACES, y)
-    assert place_in_words(skin(), FACES, z).startswith("near the top, in the middle, about 48 mm")
-
-
 def test_a_mesh_where_there_is_no_fruit_shows_ground_inside_its_rim_and_is_refused():
     bare = [p.image for p in photographed(CAMERAS, egg=None, mat=standard_mat())]
     evidence = rim_evidence(bare, CAMERAS, skin(), FACES)
@@ -123,3 +156,17 @@ def test_a_mesh_where_there_is_no_fruit_shows_ground_inside_its_rim_and_is_refus
     assert offset.volume_share < -0.1
     with pytest.raises(ReconFailure, match="inside the mesh"):
         surface_doubts(offset, error, evidence, skin(), FACES, views)
+
+
+@pytest.mark.parametrize(("moved_mm", "grow"), [(1.5, 1.0), (0.0, 1.06)], ids=["moved", "another fruit"])
+def test_the_one_photo_whose_fruit_lies_elsewhere_or_is_larger_is_named(moved_mm, grow):
+    """The camera with number 3 sees a shift along x shortened to two thirds."""
+    names = [camera.name for camera in CAMERAS]
+    assert moved_doubts(checked("grown", 1.0)[1], names, 54.0) == ()
+    egg = Egg(semi_mm=tuple(grow * a for a in EGG.semi_mm), x_mm=EGG.x_mm + moved_mm, y_mm=EGG.y_mm)
+    mixed = list(images())
+    mixed[3] = photographed(CAMERAS[3:4], egg=egg, mat=standard_mat())[0].image
+    (sentence,) = moved_doubts(rim_evidence(mixed, CAMERAS, skin(), FACES), names, 54.0)
+    assert "In 1 photo the fruit has another position or size" in sentence
+    apart_mm = float(re.search(rf"\({CAMERAS[3].name} by (\S+) mm\)", sentence)[1])
+    assert apart_mm == pytest.approx(moved_mm * 2 / 3 if moved_mm else 2 * 0.06 * 26.0, rel=0.1)

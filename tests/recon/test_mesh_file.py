@@ -1,19 +1,17 @@
 """Mesh files: what is written is read again, other tools' forms are read, broken ones are named."""
 
 import struct
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 import trimesh
 from refusals import refused
 
-from recon.native import open3d
 from recon.pit.placement import require_closed
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import mesh_bytes, read_mesh, write_mesh
+from recon.surface.ray_mesh import open3d
 from recon.triangle_mesh import open_edges, volume_mm3
 
 
@@ -83,15 +81,6 @@ def test_a_mesh_finer_than_one_fruits_memory_carries_is_refused_with_what_to_do(
     assert "expected at most 300 each: decimate it, for example to 200,000 faces." in caught.value.detail
 
 
-def test_a_vertex_that_no_face_uses_is_of_no_surface(tmp_path):
-    vertices, faces = ball(2)
-    path = tmp_path / "a.ply"
-    write_mesh(path, np.concatenate([[[0.0, 0.0, 900.0]], vertices]), faces + 1)
-    again, same = read_mesh(path)
-    np.testing.assert_allclose(again, vertices, rtol=1e-6, atol=1e-9)
-    assert np.array_equal(same, faces)
-
-
 def _text_ply(vertices, faces, more="", row=""):
     head = f"ply\nformat ascii 1.0\ncomment TextureFile skin.png\nelement vertex {len(vertices)}\n"
     head += "".join(f"property float {axis}\n" for axis in "xyz")
@@ -153,21 +142,6 @@ def test_a_closed_surface_that_is_inside_out_is_refused_in_each_format(tmp_path,
                 require_closed(*mesh, what=path.name)
 
 
-def test_a_mesh_with_texture_coordinates_is_read_and_nothing_is_printed(tmp_path, capfd):
-    vertices, faces = ball(2)
-    more = "property list uchar float texcoord\n"
-    (tmp_path / "a.ply").write_text(_text_ply(vertices, faces, more, " 6 0 0 1 0 0 1"))
-    (tmp_path / "a.obj").write_text(
-        "mtllib skin.mtl\nusemtl skin\n"
-        + "".join(f"v {x} {y} {z}\n" for x, y, z in vertices)
-        + "vt 0 0\nvt 1 0\n"
-        + "".join(f"f {a + 1}/1 {b + 1}/2 {c + 1}/1\n" for a, b, c in faces)
-    )
-    for kind in ("ply", "obj"):
-        assert np.array_equal(read_mesh(tmp_path / f"a.{kind}")[1], faces)
-    assert capfd.readouterr() == ("", "")
-
-
 def test_gltf_is_in_metres_and_a_broken_one_is_named(tmp_path):
     vertices, faces = ball(2)
     trimesh.Trimesh(0.028 * vertices, faces, process=False).export(tmp_path / "a.glb")
@@ -214,16 +188,3 @@ def test_points_without_faces_are_called_so(tmp_path):
         (tmp_path / "a.ply").write_text(head + "".join(f"{x} {y} {z}\n" for x, y, z in vertices))
         with pytest.raises(ReconFailure, match=r"is a cloud of 162 points without faces; .*mesh the points"):
             read_mesh(tmp_path / "a.ply")
-
-
-def test_trimesh_s_logs_go_where_the_caller_routes_them_and_else_nowhere():
-    """In a process without handlers, then with one."""
-    script = (
-        "import logging, recon.surface.mesh_file\n"
-        "for name in ('trimesh.util', 'trimesh.triangles'): logging.getLogger(name).warning('not shown')\n"
-        "logging.basicConfig(format='%(name)s: %(message)s')\n"
-        "for name in ('trimesh.util', 'trimesh.triangles'): logging.getLogger(name).warning('kept')\n"
-    )
-    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    assert ran.stdout == ""
-    assert ran.stderr == "trimesh.util: kept\ntrimesh.triangles: kept\n"

@@ -3,6 +3,7 @@
 import cv2
 import numpy as np
 import pytest
+from jaxtyping import Bool, Float
 from level_camera import camera_at
 from scipy.special import ndtri
 
@@ -11,13 +12,58 @@ from recon.silhouettes.outline import (
     SAMPLES,
     STEP_SHARE,
     Outline,
-    enlarged,
     kept_near,
     outline_of,
     sharpened,
     silhouette_of_outline,
     snapped,
 )
+from recon.silhouettes.star_cut import best_rings, star_cuts
+
+SIDE = 220
+CENTRE = np.array([108.0, 112.0])
+
+
+def disc(radius_px: float) -> Bool[np.ndarray, "h w"]:
+    rows, columns = np.mgrid[:SIDE, :SIDE]
+    return np.asarray(np.hypot(columns - CENTRE[0], rows - CENTRE[1]) < radius_px)
+
+
+def painted(mask: Bool[np.ndarray, "h w"], rng: np.random.Generator) -> Float[np.ndarray, "h w 3"]:
+    colours = np.where(mask[..., None], [30.0, 25.0, 15.0], [80.0, 0.0, 6.0]) + rng.normal(
+        0, 1.5, (SIDE, SIDE, 3)
+    )
+    return cv2.GaussianBlur(colours.astype(np.float32), (0, 0), 0.8)
+
+
+def overlap(a: Bool[np.ndarray, "h w"], b: Bool[np.ndarray, "h w"]) -> float:
+    return float((a & b).sum() / (a | b).sum())
+
+
+def test_a_highlight_that_looks_like_ground_takes_no_bite_out_of_the_fruit():
+    rng = np.random.default_rng(0)
+    truth = disc(70)
+    log_odds = np.where(truth, 3.0, -3.0).astype(np.float32)
+    log_odds[105:125, 80:98] = -3.0
+    (cut,) = star_cuts([log_odds], [painted(truth, rng)], [CENTRE + np.array([5.0, -4.0])])
+    assert overlap(cut, truth) > 0.975
+
+
+def test_the_path_is_the_best_of_all_closed_ones():
+    rng = np.random.default_rng(3)
+    gain = rng.normal(0, 2, (4, 6, 4)).astype(np.float32)
+    paths = best_rings(gain, bend=0.7, steepest=1)
+    every = np.stack(np.meshgrid(*[np.arange(4)] * 6, indexing="ij"), axis=-1).reshape(-1, 6)
+    steps = np.abs(np.diff(every, axis=1, append=every[:, :1]))
+    closed = every[(steps[:, :-1] <= 1).all(1) & (steps[:, -1] == 0)]
+    for ring, path in zip(gain, paths, strict=True):
+        assert np.abs(np.diff(path)).max() <= 1
+        assert path[0] == path[-1]
+        starts = closed[closed[:, 0] == path[0]]
+        worth = ring[np.arange(6), starts].sum(1) - 0.7 * np.abs(np.diff(starts, axis=1)).sum(1)
+        path_worth = ring[np.arange(6), path].sum() - 0.7 * np.abs(np.diff(path)).sum()
+        assert path_worth >= worth.max() - 1e-4
+
 
 SIDE_PX = 260
 MIDDLE = np.array([128.3, 131.6])
@@ -75,14 +121,6 @@ def test_the_outline_of_a_mask_is_the_ellipse_evenly_sampled_with_outward_normal
     assert np.sum(outline.normals * truth, axis=1).min() > np.cos(np.radians(5))
 
 
-def test_of_a_masks_parts_the_largest_is_outlined_and_of_none_or_a_speck_nothing():
-    mask = off_px(pixels()) < 0
-    mask[5:15, 5:15] = True
-    assert np.abs(off_px(outline_of(mask).points)).max() < 1.5
-    assert outline_of(np.zeros((40, 40), bool)) is None
-    assert outline_of(np.pad(np.ones((3, 3), bool), 10)) is None
-
-
 @pytest.mark.parametrize("noise", [0.0, 4.0])
 def test_an_outline_is_sharpened_to_a_fraction_of_a_pixel(noise):
     """At a share of 0.4 of a step blurred by s the edge lies ndtri(0.6) s outside its middle."""
@@ -104,15 +142,6 @@ def test_where_skin_and_ground_are_alike_the_outline_stays_and_says_so():
     assert rms(off_px(outline.points) - 1.0) < 0.1
 
 
-def test_an_outline_of_a_shrunk_window_is_sharpened_in_the_photos_pixels():
-    start = ellipse()
-    shrunk = Outline((start.points - 0.5) / 2, start.normals, 0.0)
-    outline, whole = sharpened(shrunk, Window(photo(0.0), (7, 9), 2), search=False)
-    assert (whole.shrink, whole.corner_px) == (1, (7, 9))
-    assert rms(off_px(outline.points)) < 0.45
-    np.testing.assert_allclose(enlarged(shrunk, 2).points.mean(axis=0), MIDDLE, atol=0.05)
-
-
 def test_snapping_finds_the_edge_by_colour_step_and_odds_within_its_reach():
     rng = np.random.default_rng(3)
     truth = off_px(pixels()) < 0
@@ -121,22 +150,6 @@ def test_snapping_finds_the_edge_by_colour_step_and_odds_within_its_reach():
     (outline,) = snapped([start], [log_odds], [lab(photo(2.0))], reach_px=6.0, most_log_odds=2.5)
     assert rms(off_px(start.points)) > 2.0
     assert rms(off_px(outline.points)) < 0.5  # shifts are in steps of half a pixel
-
-
-def test_odds_alone_place_an_outline_where_nothing_else_tells():
-    truth = off_px(pixels()) < 0
-    flat = np.full((SIDE_PX, SIDE_PX, 3), 50.0, np.float32)
-    (outline,) = snapped(
-        [ellipse(2.5)], [np.where(truth, 2.0, -2.0)], [flat], reach_px=6.0, most_log_odds=2.5
-    )
-    assert rms(off_px(outline.points)) < 0.6
-
-
-def test_where_nothing_tells_an_outline_stays_where_it_was():
-    flat = np.full((SIDE_PX, SIDE_PX, 3), 50.0, np.float32)
-    noise = np.random.default_rng(6).normal(0, 0.05, (SIDE_PX, SIDE_PX))
-    (outline,) = snapped([ellipse(2.0)], [noise], [flat], reach_px=6.0, most_log_odds=2.5)
-    assert rms(off_px(outline.points) - 2.0) < 0.3
 
 
 def test_a_bite_deeper_than_allowed_is_given_back_and_a_shallow_one_stays():
@@ -159,13 +172,3 @@ def test_the_silhouette_of_an_outline_has_the_signed_distance_near_it_and_is_cli
     assert np.abs(distance_px).max() == pytest.approx(12.0)
     assert (distance_px[truth > 20] == 12.0).all()
     assert (distance_px[truth < -20] == -12.0).all()
-
-
-def test_in_a_shrunk_window_the_silhouettes_distance_is_in_pixels_of_the_photo():
-    half = Outline((ellipse().points - 0.5) / 2, ellipse().normals, 0.0)
-    window = Window(np.zeros((SIDE_PX, SIDE_PX, 3), np.uint8), (0, 0), 2)
-    distance_px = silhouette_of_outline(half, window, CAMERA).distance_px
-    rows, columns = np.mgrid[: SIDE_PX // 2, : SIDE_PX // 2]
-    truth = -off_px(2.0 * np.stack([columns, rows], axis=-1) + 0.5)
-    near = np.abs(truth) < 8.0
-    assert np.abs(distance_px - truth)[near].max() < 0.25

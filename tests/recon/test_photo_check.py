@@ -11,8 +11,7 @@ from mat_scene import Egg, photographed, ring
 from refusals import refused
 
 from recon.cameras.printed_mat import detect_tags, standard_mat
-from recon.cameras.tag_optics import tag_optics
-from recon.checks.photo_check import checked_photos
+from recon.checks.photo_check import checked_photos, tag_optics
 from recon.recon_failure import ReconFailure, ReconProblem
 
 MAT = standard_mat()
@@ -67,12 +66,6 @@ def test_a_useless_photo_is_left_out_by_name_and_reason(change, words):
     assert len(checked.photos) == len(photos()) - 1
 
 
-def test_poor_photos_are_kept_with_a_warning_where_too_few_good_ones_stay():
-    checked = checked_photos(spoilt({1, 4, 7}, brighter(0.4)), MAT)
-    assert len(checked.photos) == len(photos())
-    assert "used anyway" in checked.warnings[0]
-
-
 def test_photos_of_unequal_brightness_are_brought_to_one():
     checked = checked_photos(spoilt({0, 2, 4, 6, 8, 10}, brighter(0.6)), MAT)
     assert checked.warnings == ()
@@ -87,12 +80,6 @@ def test_mirrored_sets_are_refused_with_and_without_a_mat():
     for mat in (MAT, None):
         with refused(ReconProblem.MAT_NOT_FOUND, "13 of 13 photos are mirrored"):
             checked_photos(spoilt(range(13), mirrored), mat)
-
-
-def test_blurred_sets_are_refused_as_blurred():
-    with pytest.raises(ReconFailure, match=r"Only 0 of 13 photos can be placed \(13 too blurred") as caught:
-        checked_photos(spoilt(range(13), blurred(8)), MAT)
-    assert caught.value.problem is ReconProblem.MAT_NOT_FOUND
 
 
 def test_copies_count_once():

@@ -7,10 +7,9 @@ from refusals import refused
 from recon.recon_failure import ReconProblem
 from recon.silhouettes.hull import ball
 from recon.surface import meshlab
-from recon.surface.poisson import poisson_surface
 from recon.surface.ray_mesh import RayMesh
-from recon.surface.repair import repaired
-from recon.triangle_mesh import bodies, face_areas, open_edges, vertex_normals, volume_mm3
+from recon.surface.repair import poisson_surface, repaired
+from recon.triangle_mesh import bodies, open_edges, volume_mm3
 
 RADIUS_MM = 20.0
 pytestmark = pytest.mark.usefixtures("tool")
@@ -94,15 +93,6 @@ def test_debris_and_doubled_faces_and_corners_are_removed():
     assert mesh.vertices[:, 0].max() < RADIUS_MM + 1e-4
 
 
-def test_a_fin_on_the_surface_leaves_one_manifold():
-    vertices, faces = ball_mesh(3)
-    edge = faces[0, :2]
-    fin = np.concatenate([vertices, [1.2 * vertices[edge].mean(axis=0)]])
-    mesh = repaired(fin, np.concatenate([faces, [[*edge, len(vertices)]]]), max_faces=10_000)
-    assert open_edges(mesh.faces) == 0
-    assert volume_mm3(mesh.vertices, mesh.faces) == pytest.approx(volume_mm3(vertices, faces), rel=0.01)
-
-
 def test_what_stays_open_is_refused():
     """A cone whose rim has more edges than a hole that is closed."""
     turn = np.linspace(0, 2 * np.pi, 500, endpoint=False)
@@ -125,26 +115,3 @@ def test_a_surface_through_points_of_a_ball_is_the_ball_though_they_are_noisy():
     assert np.sqrt(np.mean(away**2)) < 0.05  # half the points' own noise
     again, _ = poisson_surface(noisy, directions)
     np.testing.assert_array_equal(again, vertices)
-
-
-def test_the_distance_to_a_balls_mesh_is_that_to_the_ball():
-    vertices, faces = ball_mesh(5)
-    rng = np.random.default_rng(5)
-    rays = rng.normal(size=(200, 3))
-    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
-    radius = rng.uniform(5.0, 40.0, 200)
-    distance_mm = RayMesh(vertices, faces).distances_mm(radius[:, None] * rays)
-    np.testing.assert_allclose(distance_mm, np.abs(radius - RADIUS_MM), atol=0.03)
-
-
-def test_volume_area_and_normals_of_a_tetrahedron_are_its_closed_forms():
-    corners = np.array([[1.0, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1]])  # edges of 2 sqrt 2
-    faces = np.array([[0, 1, 2], [0, 3, 1], [0, 2, 3], [1, 3, 2]])
-    assert volume_mm3(corners, faces) == pytest.approx(8 / 3)
-    assert volume_mm3(corners + 100.0, faces) == pytest.approx(8 / 3)
-    assert volume_mm3(corners, faces[:, ::-1]) == pytest.approx(-8 / 3)
-    np.testing.assert_allclose(face_areas(corners, faces), 2 * np.sqrt(3))
-    np.testing.assert_allclose(vertex_normals(corners, faces), corners / np.sqrt(3))
-    assert (open_edges(faces), open_edges(faces[:3]), bodies(faces)) == (0, 3, 1)
-    assert bodies(np.concatenate([faces, faces + 4])) == 2
-    assert open_edges(np.concatenate([faces[:3], faces[3:, ::-1]])) > 0  # one face turned

@@ -1,19 +1,28 @@
 """Segmentation of drawn photos of an egg whose outline in every photo is a conic."""
 
-from dataclasses import replace
 from functools import cache
 
 import numpy as np
-import pytest
 from mat_scene import Egg, photographed, ring
 from refusals import refused
 from scipy.ndimage import binary_dilation
 
 from recon.recon_failure import ReconProblem
 from recon.silhouettes.all_views import _whole as whole_views
-from recon.silhouettes.carve import Block
-from recon.silhouettes.mask import Window, window_around
+from recon.silhouettes.mask import (
+    Behind,
+    Window,
+    cells_of,
+    colour_density,
+    colour_log_odds,
+    ground_density,
+    ground_noise,
+    lab,
+    looks_like,
+    strange_share,
+)  # fmt: skip
 from recon.silhouettes.segmentation import (
+    Block,
     Bounds,
     CutPhoto,
     SegmentationScene,
@@ -22,6 +31,62 @@ from recon.silhouettes.segmentation import (
     learned_log_odds,
     pixels_of,
 )
+
+SIDE = 80
+
+
+def test_ink_as_dark_as_the_skin_is_alike_and_paper_is_not():
+    rng = np.random.default_rng(0)
+    skin = lab(np.clip(rng.normal([40, 30, 35], 4, (60, 60, 3)), 0, 255).astype(np.uint8)).reshape(-1, 3)
+    scene = np.zeros((10, 30, 3), np.uint8)
+    scene[:, :10], scene[:, 10:20], scene[:, 20:] = (38, 32, 33), (225, 228, 230), (40, 60, 150)
+    similar = looks_like(lab(scene), skin)
+    assert similar[:, :10].all()
+    assert not similar[:, 10:].any()
+
+
+def paper(level: float) -> Behind:
+    colours = np.tile(np.array([level, 1.0, 6.0], np.float32), (SIDE, SIDE, 1))
+    return Behind(colours, colours, colours, np.zeros((SIDE, SIDE, 2)), np.ones((SIDE, SIDE), bool))
+
+
+def in_shadow(colours: np.ndarray, light: float) -> np.ndarray:
+    """CIE Lab of the same surface under a share of the light, where every L* is above 8."""
+    k = light ** (1 / 3)
+    return np.stack(
+        [k * (colours[..., 0] + 16) - 16, k * colours[..., 1], k * colours[..., 2]], axis=-1
+    ).astype(np.float32)
+
+
+def test_a_shadow_that_moved_is_ground_and_dark_skin_in_its_place_is_not():
+    rng = np.random.default_rng(3)
+    behind = paper(85.0)
+    seen = behind.colours + rng.normal(0, 0.8, behind.colours.shape).astype(np.float32)
+    seen[:, 40:] = in_shadow(seen[:, 40:], 0.4)  # half of the ground
+    noise = ground_noise(seen, behind, np.ones((SIDE, SIDE), bool))
+    assert 0.4 < noise.shadow_share < 0.6
+    skin = rng.normal([22.0, 14.0, 6.0], 3.0, (4000, 3)).astype(np.float32)
+    palette = colour_density(cells_of(skin))
+    nothing = np.zeros((SIDE, SIDE))
+    picture = seen.copy()
+    picture[:20] = skin[: 20 * SIDE].reshape(20, SIDE, 3)
+    log_odds = colour_log_odds(
+        palette[cells_of(picture)], ground_density(picture, behind, noise), nothing, nothing
+    )
+    assert (log_odds[:20] > 2).mean() > 0.98
+    assert (log_odds[20:] < -2).mean() > 0.98
+
+
+def test_ground_that_the_plate_does_not_tell_is_strange_nearby_and_nowhere_else():
+    sure = np.ones((400, 400), bool)
+    sure[150:250, 150:250] = False
+    on_background = np.full((400, 400), 1e-3)
+    on_background[:, :150] = 1e-9
+    share = strange_share(on_background, np.full((400, 400), 1e-4), sure)
+    assert share[:, :60].min() > 0.5
+    assert share[200, 160] > share[200, 240]
+    assert share[:, 340:].max() < 0.05
+
 
 EGG = Egg()
 WIDTH, HEIGHT = 240, 180
@@ -96,70 +161,6 @@ def test_learned_odds_and_their_masks_part_the_egg_from_its_ground():
         edge = binary_dilation(egg, iterations=2) & ~binary_dilation(egg, iterations=1)
         assert overlap(mask, egg) > 0.95
         assert ((view_log_odds > 0) == egg)[~edge].mean() > 0.95
-
-
-def test_windows_hold_the_points_with_their_margin_and_are_about_as_wide_as_asked():
-    (view, *_) = scene().views(EGG.centre + 24.0 * np.eye(3), margin=0.1, side_px=40)
-    pixels = view.camera.project(EGG.centre + 24.0 * np.eye(3))
-    corner, far = (
-        np.array(view.window.corner_px),
-        np.array(view.window.corner_px) + view.window.image.shape[1::-1],
-    )
-    margin = 0.1 * np.ptp(pixels, axis=0).max()
-    assert (corner <= pixels.min(axis=0) - margin + 1).all()
-    assert (far >= pixels.max(axis=0) + margin - 1).all()
-    assert 20 < max(view.window.small_size_px) < 80
-    np.testing.assert_allclose(view.learned, 0.0)  # there is no fruit model
-
-
-def test_points_behind_a_camera_or_outside_its_picture_have_no_window():
-    camera = scene().cameras[0]
-    image = scene().images[0]
-    behind = camera.place + (camera.place - EGG.centre)
-    aside = EGG.centre + 500.0 * camera.cam_from_world[0, :3]
-    for point in (behind, aside):
-        around = point + np.eye(3) * 10.0
-        assert window_around(image, camera, around, margin=0.1, small_side_px=100) is None
-
-
-def test_the_pixels_of_a_block_of_cells_are_the_disc_that_the_ball_covers():
-    camera = ring(1, width=300, height=225)[0]
-    window = Window(np.zeros((225, 300, 3), np.uint8), (0, 0), 1)
-    mask = pixels_of(ball_block(), window, camera)
-    away = np.array([0.0, 0.0, 30.0]) - camera.place
-    distance = np.linalg.norm(away)
-    rim_px = camera.focal_px * 24.0 / np.sqrt(distance**2 - 24.0**2)
-    middle = camera.project(np.array([[0.0, 0.0, 30.0]]))[0]
-    rows, columns = np.mgrid[:225, :300]
-    radius = np.hypot(columns - middle[0], rows - middle[1])
-    cell_px = camera.focal_px * 2.0 / distance
-    assert mask[radius < rim_px - 1.5 * cell_px].all()
-    assert not mask[radius > rim_px + 1.5 * cell_px].any()
-
-
-@pytest.mark.parametrize("by_px", [5.0, 12.0])
-def test_a_disc_eroded_is_a_smaller_disc_and_touches_no_border(by_px):
-    rows, columns = np.mgrid[:90, :90]
-    radius = np.hypot(rows - 45, columns - 45)
-    mask = eroded(radius < 35, by_px)
-    assert mask[radius < 35 - by_px - 1.5].all()
-    assert not mask[radius > 35 - by_px + 1.5].any()
-    assert not eroded(np.ones((40, 40), bool), by_px)[0].any()
-
-
-def test_photos_that_cut_the_fruit_off_are_left_out_and_named_by_their_places():
-    given = scene()
-    cameras = list(given.cameras)
-    for k in (1, 4):
-        pose = cameras[k].cam_from_world.copy()
-        pose[0, 3] += 90.0  # the fruit at the picture's edge
-        cameras[k] = replace(cameras[k], cam_from_world=pose)
-    kept, names = whole_views(SegmentationScene(given.images, cameras, LOW, HIGH), ball_block(9))
-    assert names.tolist() == [0, 2, 3, 5, 6, 7]
-    assert [c.name for c in kept.cameras] == [cameras[i].name for i in names]
-    same, every = whole_views(given, ball_block(9))
-    assert same is given
-    assert every.tolist() == list(range(8))
 
 
 def test_a_fruit_cut_off_in_all_photos_but_two_is_refused():

@@ -7,14 +7,20 @@ from samples.fruit import SampleFruit, SamplePit
 from samples.gel_contact import Gel
 from samples.grasp_plan import Motion, PlannedGrasp
 from samples.hexahedra import Fineness
-from samples.mismatch.bodies import ElasticBody, GrippedBody
 from samples.mismatch.drawn_fruit import DrawnFruit
 from samples.mismatch.four_grasps import through_centre
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.marker_sensor import DEFAULT_SENSOR
 from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
 from samples.mismatch.skin_compliance import skin_compliance
-from samples.mismatch.true_recording import PadTruth, TrueRecording, grasped, grip_of
+from samples.mismatch.true_recording import (
+    ElasticBody,
+    GrippedBody,
+    PadTruth,
+    TrueRecording,
+    grasped,
+    grip_of,
+)
 
 ROUGH = Fineness(degrees=(0, 7, 14, 45), along=1, depths=(0, 0.3, 1))
 

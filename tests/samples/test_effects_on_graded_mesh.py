@@ -2,21 +2,18 @@
 
 import numpy as np
 import pytest
-from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, linear_body, motion, rough, total_N
+from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, linear_body, motion, total_N
 
 from samples.graded_bricks import BrickGrading
 from samples.grasp_plan import PlannedGrasp
-from samples.hexahedra import Fineness
 from samples.mismatch.case_simulation import body_of
 from samples.mismatch.drawn_fruit import DrawnFruit
-from samples.mismatch.effect_levels import AMPLITUDES, drawn_parameters
-from samples.mismatch.injected import EFFECTS, InjectedEffect, gel_of
+from samples.mismatch.injected import AMPLITUDES, EFFECTS, InjectedEffect, drawn_parameters, gel_of
 from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
 from samples.mismatch.nonlinear_body import sound_body
 from samples.mismatch.out_of_catalogue import drawn_out_of_catalogue
 
 SMALL = BrickGrading(cells=3, layers=2, levels=2)
-FINE_AND_EVEN = Fineness(degrees=(0, 4.3, 8.6, 13, 25, 45), along=2, depths=(0, 0.1, 0.3, 0.6, 1))
 IN_SHORT = frozenset({"skin", "stiffening", "loose_pit", "third_contact", "gel_creep", "sensor_gain"})
 """One of each kind of body and of recording."""
 WAY = motion([-0.05, 0.3, 0.6], shear_mm=[0.0, 0.0, 0.3])
@@ -67,16 +64,3 @@ def test_finite_strain_stiffens_a_pressed_ball_a_little(
     small, large = (total_N(grasped_ball(grasp, stands, body)) for body in (linear, sound_body(stands)))
     assert large[1:] == pytest.approx(small[1:], rel=0.05)
     assert np.abs(large[2] / small[2] - 1) > 1e-3
-
-
-@pytest.mark.proof
-def test_a_loose_pit_on_a_graded_mesh_is_as_loose_as_on_an_even_one(
-    ball: tuple[DrawnFruit, PlannedGrasp, MeshedFruit],
-) -> None:
-    injected = (InjectedEffect(effect="loose_pit", parameters={"gap_mm": 0.05}),)
-    grasp, even = rough(drawn_ball(), WAY, FINE_AND_EVEN)
-    forces_N = []
-    for stands in (even, ball[2]):
-        body, inner = body_of(stands, injected)
-        forces_N.append(total_N(grasped_ball(grasp, stands, body, inner=inner)))
-    assert forces_N[1][1:] == pytest.approx(forces_N[0][1:], rel=0.02)

@@ -10,8 +10,6 @@ from samples.fruit import (
     box_mm,
     fruit_of_seed,
     fruits_of_seed,
-    scanned_mesh,
-    skin_mesh,
 )
 
 
@@ -22,14 +20,6 @@ def test_cubed_sphere_is_closed_and_outward() -> None:
     _, counts = np.unique(edges, axis=0, return_counts=True)
     assert np.all(counts == 2)
     assert abs(volume_mm3(sphere.directions, triangles) / (4 / 3 * np.pi) - 1) < 0.02
-
-
-def test_the_same_seed_grows_the_same_fruit_and_another_seed_another() -> None:
-    a, b, c = (fruit_of_seed("a", seed=s, E_MPa=1.0) for s in (3, 3, 4))
-    directions = even_sphere(4).directions
-    assert np.array_equal(a.skin.points_mm(directions), b.skin.points_mm(directions))
-    assert a.pit == b.pit
-    assert not np.allclose(a.skin.points_mm(directions), c.skin.points_mm(directions))
 
 
 def test_fruit_stands_on_the_mat_at_its_centre() -> None:
@@ -61,20 +51,3 @@ def test_true_pit_lies_near_the_category_prior_and_inside_the_fruit() -> None:
         assert np.linalg.norm(skin - pit, axis=1).min() > 5.0
     assert 0.18 < np.std(offsets) < 0.42
     assert 0.012 < np.std(sizes) < 0.028
-
-
-def test_moduli_spread_over_the_season_and_do_not_follow_the_names() -> None:
-    for seed in range(4):
-        moduli = np.array([fruit.E_MPa for fruit in fruits_of_seed(5, seed=seed)])
-        assert np.all((moduli > 0.15) & (moduli < 1.6))
-        assert np.diff(np.sort(moduli)).min() > 0.15 * np.sort(moduli)[:-1].min()
-        assert not np.all(np.diff(moduli) > 0)
-        assert not np.all(np.diff(moduli) < 0)
-
-
-def test_scan_error_is_what_it_says() -> None:
-    fruit = fruit_of_seed("a", seed=5, E_MPa=1.0)
-    truth, triangles = skin_mesh(fruit.skin, cells=20)
-    scan, same = scanned_mesh(fruit, cells=20, error_mm=0.1)
-    assert np.array_equal(triangles, same)
-    assert abs(np.sqrt(np.mean(np.sum((scan - truth) ** 2, axis=1))) - 0.1) < 1e-9

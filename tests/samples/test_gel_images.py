@@ -1,7 +1,7 @@
 import cv2
 import numpy as np
 
-from samples.gel_images import GelLight, GelLook, gel_image, seen_at, seen_material, smooth_field
+from samples.gel_images import GelLight, GelLook, gel_image, seen_at, seen_material
 from tactile.sensors import GelCamera, marker_grid
 
 
@@ -62,12 +62,3 @@ def test_a_tilted_face_is_lit_by_lamberts_cosine() -> None:
     inward = np.array([slope, 0, -1]) / np.hypot(slope, 1)
     expected = 255 * 0.5 * (0.1 + (inward @ light.direction) * light.colour)
     np.testing.assert_allclose(tilted[120, 160], expected, atol=0.6)
-
-
-def test_a_field_passes_through_its_nodes() -> None:
-    rng = np.random.default_rng(4)
-    x, y = np.linspace(-3, 3, 7), np.linspace(-2, 2, 5)
-    nodal = rng.normal(size=(35, 3))
-    field = smooth_field(x, y, nodal)
-    places = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
-    np.testing.assert_allclose(field(places), nodal, atol=1e-9)

@@ -1,13 +1,9 @@
 """Sensors drawn wide: their ranges, their gel wide enough, and what markers say of a contact they tile."""
 
-from dataclasses import replace
-
 import numpy as np
-import pytest
-from mismatch_ball import drawn_ball, grasped_ball, linear_body, motion, rough, total_N
 
 from samples.mismatch.drawn_fruit import CATEGORIES, drawn_fruit, seen_anew, seen_by_drawn_sensor
-from samples.mismatch.marker_sensor import MarkerSensor, drawn_sensor
+from samples.mismatch.marker_sensor import drawn_sensor
 
 
 def test_drawn_sensors_stay_in_their_ranges_and_cover_the_contact() -> None:
@@ -34,14 +30,3 @@ def test_another_record_keeps_the_gel_and_changes_noise_scan_and_prior() -> None
     assert again.mesh_error_mm != first.mesh_error_mm
     assert again.prior != first.prior
     assert again.fruit == first.fruit
-
-
-def test_closer_markers_tell_the_same_force() -> None:
-    way = motion([-0.1, 0.6])
-    forces_N = []
-    for markers, pitch in ((20, 1.0), (25, 0.8), (16, 1.25)):
-        sensor = MarkerSensor(markers=markers, pitch_mm=pitch)
-        grasp, stands = rough(replace(drawn_ball(), sensor=sensor), way)
-        body = linear_body(stands)
-        forces_N.append(total_N(grasped_ball(grasp, stands, body))[1])
-    assert forces_N == pytest.approx([forces_N[0]] * 3, rel=0.02)

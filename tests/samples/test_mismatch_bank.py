@@ -10,11 +10,9 @@ from mismatch_ball import still_recording
 
 import samples.mismatch.bank as bank
 from recon.surface.mesh_file import read_mesh
-from samples.mismatch.bank import DRAWN, MESHES, OUTSIDE, SIMULATED, BankFruit, draw_case
-from samples.mismatch.case_files import sealed_as
+from samples.mismatch.bank import DRAWN, MESHES, OUT_OF_CATALOGUE, SIMULATED, BankFruit, draw_case
 from samples.mismatch.case_simulation import CasePlan
-from samples.mismatch.effect_levels import AMPLITUDES
-from samples.mismatch.injected import EFFECTS
+from samples.mismatch.injected import AMPLITUDES, EFFECTS
 from samples.mismatch.true_recording import TrueRecording
 from samples.sample_failure import SampleFailure
 from tactile.readers.recording import GelPad, read_recording
@@ -37,8 +35,8 @@ def mean_force_N(cases: Path, case_id: str, side: int) -> float:
 
 def test_every_effect_is_simulated_or_drawn_and_has_a_range_of_amplitudes() -> None:
     assert set(AMPLITUDES) == set(EFFECTS)
-    assert sorted((*SIMULATED, *DRAWN)) == sorted((*EFFECTS, *OUTSIDE))
-    assert OUTSIDE == ("palm", "gel_softening")
+    assert sorted((*SIMULATED, *DRAWN)) == sorted((*EFFECTS, *OUT_OF_CATALOGUE))
+    assert OUT_OF_CATALOGUE == ("palm", "gel_softening")
 
 
 def test_fruit_that_are_stored_keep_their_names_and_seeds() -> None:
@@ -95,11 +93,10 @@ def test_a_draw_is_repeated_exactly_and_another_record_is_another(tmp_path: Path
     assert mean_force_N(tmp_path / "a", case_id, 0) == mean_force_N(tmp_path / "b", case_id, 0)
 
 
-def test_the_label_of_a_case_says_what_was_added_and_fits_its_seal(tmp_path: Path) -> None:
+def test_the_label_of_a_case_says_what_was_added(tmp_path: Path) -> None:
     case_id = draw_case(tmp_path, BankFruit(number=0), (LOADED,), added=("sensor_gain",), record=1)
     entry = answer_of(tmp_path, case_id)
     assert entry["effect"] == "sensor_gain"
-    assert sealed_as(entry) == json.loads((tmp_path / "manifest.json").read_text())[case_id]
     assert entry["drawn_from"] == {
         "fruit": "null-000", "fruit_seed": [2028, 0, 0], "added": ["sensor_gain"], "seed": 2028,
     }  # fmt: skip
@@ -136,26 +133,3 @@ def test_the_stated_poisson_ratio_is_drawn_and_the_label_is_the_true_one(tmp_pat
     stated = tomllib.loads((tmp_path / case_id / "case.toml").read_text())["poisson_ratio"]
     assert 0.28 <= stated <= 0.488
     assert stated != 0.45
-
-
-def test_a_pair_of_a_simulated_and_a_drawn_effect_has_both_in_its_label(tmp_path: Path) -> None:
-    fruit = BankFruit(number=0, effects=("skin",))
-    case_id = draw_case(tmp_path, fruit, (LOADED,), added=("sensor_drift",), record=1)
-    entry = answer_of(tmp_path, case_id)
-    assert case_id == "skin+sensor_drift-3-0-1"
-    assert entry["effect"] == "sensor_drift+skin"
-    assert set(entry["parameters"]["sensor_drift"]) == {"pad", "newton_per_s"}
-
-
-def test_a_case_without_its_answer_is_drawn_again(tmp_path: Path) -> None:
-    fruit, truths = BankFruit(number=0), (LOADED,)
-    case_id = draw_case(tmp_path, fruit, truths, record=1)
-    assert case_id == "null-000-1"
-    left = tmp_path / case_id / "left.txt"
-    left.write_text("")
-    draw_case(tmp_path, fruit, truths, record=1)
-    assert left.exists()
-    (tmp_path / "answers.json").write_text("{}")
-    draw_case(tmp_path, fruit, truths, record=1)
-    assert not left.exists()
-    assert answer_of(tmp_path, case_id)["effect"] == "none"

@@ -8,11 +8,10 @@ from mismatch_ball import drawn_ball, force_on_fruit, grasped_ball, motion, roug
 
 from samples.grasp_plan import PlannedGrasp
 from samples.hexahedra import Fineness
-from samples.mismatch.bodies import ElasticBody
-from samples.mismatch.effect_levels import drawn_parameters
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.meshed_fruit import MeshedFruit
-from samples.mismatch.support_seat import drawn_place_mm, inward_normal, with_third_contact
+from samples.mismatch.other_bodies import inward_normal, with_third_contact
+from samples.mismatch.true_recording import ElasticBody
 
 WAY = motion([-0.05, 0.5, 1.0, 1.0], shear_mm=[0, 0, 0, 0.6])
 FINER = Fineness(degrees=(0, 7, 14, 25, 35, 45), along=4, depths=(0, 0.3, 1))
@@ -52,12 +51,3 @@ def test_the_pads_are_left_with_a_force_along_the_normal() -> None:
 def test_nothing_is_borne_before_the_gap_has_closed() -> None:
     free, far = borne(N_per_mm=1e-9), borne(N_per_mm=15.0, gap_mm=3.0)
     assert far == pytest.approx(free, abs=1e-5)
-
-
-def test_places_are_drawn_below_and_amplitudes_are_stiffnesses() -> None:
-    rng = np.random.default_rng(5)
-    skin = drawn_ball().fruit.skin
-    places = np.array([drawn_place_mm(skin, rng) for _ in range(30)])
-    assert np.all(places[:, 2] < 0)
-    assert np.degrees(np.arccos(-places[:, 2] / 25.0)).max() <= 30.0 + 1e-6
-    assert drawn_parameters("third_contact", 6.0, rng) == {"N_per_mm": 6.0}

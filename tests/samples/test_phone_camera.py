@@ -10,12 +10,10 @@ from scene_projection import projected
 
 from recon.cameras.photos import read_photo
 from samples.scenes.draw import Scene, scene_mapping
-from samples.scenes.jpeg import write_jpeg
-from samples.scenes.lens import distorted_picture, distorted_pixels, margin_px, pinhole_pixels
-from samples.scenes.phone import Pipeline, Shot, developed, exposed
+from samples.scenes.phone import Pipeline, developed, exposed
 from samples.scenes.render import widened
-from samples.scenes.write import cameras_mapping
-from samples.viewpoints import Viewpoint
+from samples.scenes.write import cameras_mapping, write_jpeg
+from samples.viewpoints import Viewpoint, distorted_picture, distorted_pixels, margin_px, pinhole_pixels
 
 
 def test_focal_lengths_breathe_by_at_most_four_in_a_thousand_and_the_files_say_so(
@@ -51,13 +49,6 @@ def test_white_balance_scales_each_channel_by_the_gain_that_scene_json_states(
     linear = ((np.array([red, green, blue]) + 0.055) / 1.055) ** 2.4
     # 8-bit levels at 0.3 linear: one level is 0.9 % of the light
     assert linear == pytest.approx(0.3 * np.array(stated), rel=0.01)
-
-
-def test_vignetting_takes_the_stated_share_from_the_corners_and_nothing_from_the_middle() -> None:
-    light = np.ones((121, 161, 3), np.float32)
-    counted = exposed(light, gain=1.0, pipeline=Pipeline(kind="phone", vignetting=0.3), shot=Shot())
-    assert counted[60, 80] == pytest.approx(1.0)
-    assert counted[0, 0] == pytest.approx(0.7, abs=0.01)
 
 
 def edge_picture(pipeline: Pipeline) -> np.ndarray:

@@ -24,7 +24,7 @@ from fem.mismatch.gel_fault import GelFault
 
 CREEP, TAU = "creep", "creep_tau_s"
 PRIOR_SD, BEGUN = {CREEP: 0.3, TAU: 3.0}, {TAU: 1.0}
-"""A share and s: the third level of samples/mismatch/effect_levels.py; where the fit begins: about the time
+"""A share and s: the third level of samples/mismatch/injected.py; where the fit begins: about the time
 of a press."""
 
 SPEC = EffectSpec(

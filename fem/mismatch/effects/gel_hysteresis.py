@@ -29,7 +29,7 @@ NO_FORCE_N = 1e-12
 TURNS = 12
 """Newton's turns for r, of a cubic that rises everywhere for shares up to 3/4."""
 PRIOR_SD = {SHARE: 0.08}
-"""A share of the force: the third level of samples/mismatch/effect_levels.py."""
+"""A share of the force: the third level of samples/mismatch/injected.py."""
 
 SPEC = EffectSpec(
     name="gel_hysteresis",

@@ -24,7 +24,7 @@ AMOUNT = "a"
 LOWEST, HIGHEST = -0.45, 2.0
 """Below -0.5 the reading falls as the force grows; above the second it is three times the force."""
 PRIOR_SD = {AMOUNT: 0.3}
-"""A share of the force: the third level of samples/mismatch/effect_levels.py."""
+"""A share of the force: the third level of samples/mismatch/injected.py."""
 NONE = 1e-9
 """An amount that is none."""
 

@@ -26,7 +26,7 @@ from fem.mismatch.signature_variant import Variant
 B = "b"
 PRIOR_SD = 30.0
 """Of b in the linear round. Set by hand, as large as strong stiffening in the samples
-(samples.mismatch.effect_levels)."""
+(samples.mismatch.injected)."""
 SPEC = EffectSpec(
     name="stiffening",
     rank=20,

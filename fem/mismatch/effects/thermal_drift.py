@@ -25,7 +25,7 @@ from fem.mismatch.model.forward_model import ForwardModel
 
 STRAIN, FORCE = "strain_per_root_s", "N_per_root_s"
 PRIOR_SD = {STRAIN: 2e-3, FORCE: 0.3}
-"""1/sqrt(s) and N/sqrt(s): the third level of samples/mismatch/effect_levels.py."""
+"""1/sqrt(s) and N/sqrt(s): the third level of samples/mismatch/injected.py."""
 FEWEST_APART = 8
 """Markers of a pad that never touch, at least, to be taken alone. Set by hand, as of firm ones
 (fem.mismatch.evidence.gel_relation)."""

@@ -31,7 +31,7 @@ GRID_MM = 3.0
 RADIUS_MM = 5.5
 """Radius of the ball tried everywhere: the middle of RADII_MM."""
 RADII_MM = (4.0, 5.5, 7.5)
-"""Radii tried at the best place; those injected are 4.5 to 8.5 (samples.mismatch.effect_levels)."""
+"""Radii tried at the best place; those injected are 4.5 to 8.5 (samples.mismatch.injected)."""
 CONE_DEG = 38.0
 """Farther than this from the axis of every patch a soft spot cannot be seen."""
 APART_MM = 5.0
@@ -44,7 +44,7 @@ MAP_RADIUS_MM, BELOW_MM = 6.0, 4.0
 """Radius of the map's ball and depth of its middle under the skin, mm. Set by hand."""
 STANDARD_RATIO = 0.4
 """Of the moduli: the ball whose visibility is mapped, as the middle of those injected
-(samples.mismatch.effect_levels)."""
+(samples.mismatch.injected)."""
 
 
 @dataclass(frozen=True, kw_only=True)

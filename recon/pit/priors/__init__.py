@@ -1,7 +1,8 @@
 """What is known of a category beforehand (pit, flesh, whole body): numbers in TOML files, with sources."""
 
 import difflib
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from functools import cache
 from pathlib import Path
@@ -11,13 +12,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.files.plain_file import NotReadable, not_plain, printable, read_text, toml_of
-from recon.pit.priors.plausible import Plausible, is_number, read_plausible
 from recon.recon_failure import ReconFailure, ReconProblem
 
-__all__ = [
-    "LEAST_POISSON_RATIO", "STONE_FRUIT", "Body", "MeasuredPit", "PitPrior", "Plausible", "known_categories",
-    "load_prior",
-]  # fmt: skip
 FOLDER = Path(__file__).parent
 LEAST_POISSON_RATIO = 0.1
 """Of flesh and of phantoms: fruit tissue is given 0.2 to 0.49 and gels more; 0, cork's, is a slip."""
@@ -67,6 +63,28 @@ class PitBody:
 STONE_FRUIT = PitBody()
 
 
+Range = tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plausible:
+    """The least and the greatest value of each number that a real fruit of the category has; None: unknown.
+
+    Wide on purpose: a value outside is refused, so no real fruit may lie there. `height_mm` is along the stem
+    axis, `diameter_mm` across it; `density_g_per_cm3` is mass over the ellipsoid of height and diameter,
+    which a flat or grooved fruit does not fill or overfills; `E_MPa` is Young's modulus of the flesh, from
+    over-ripe to unripe.
+    """
+
+    height_mm: Range | None = None
+    diameter_mm: Range | None = None
+    mass_g: Range | None = None
+    shore_oo: Range | None = None
+    penetrometer_N: Range | None = None
+    density_g_per_cm3: Range | None = None
+    E_MPa: Range | None = None
+
+
 @dataclass(frozen=True, kw_only=True)
 class PitPrior:
     """A pit as a superellipsoid in the fruit frame, in shares of the fruit's box, and the spread about it.
@@ -82,14 +100,14 @@ class PitPrior:
     """
 
     category: str
-    axis_ratios: tuple[float, float, float] | None
-    raised: tuple[float, float, float]
-    exponent: float
     offset_sd_mm: float
     size_sd: float
-    poisson_ratio: float | None
-    poisson_ratio_sd: float
     sources: dict[str, str]
+    axis_ratios: tuple[float, float, float] | None = None
+    raised: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    exponent: float = 2.0
+    poisson_ratio: float | None = None
+    poisson_ratio_sd: float = 0.0
     fruit_mm: tuple[float, float] | None = None
     measured: MeasuredPit | None = None
     body: PitBody = STONE_FRUIT
@@ -137,127 +155,126 @@ def _shipped(name: str) -> PitPrior:
     return _read(FOLDER / f"{name}.toml")
 
 
+Kind = tuple[str, Callable[[Any], Any]]
+"""What is expected of a value, in words, and what makes it ours: None of one that does not fit."""
+
+
+def _numbers(low: float, high: float, count: int = 1, *, rising: bool = False) -> Kind:
+    """A number of a range, or a tuple of `count`, the smaller first if they are `rising`."""
+
+    def read(value: Any) -> float | tuple[float, ...] | None:
+        given = value if count > 1 else [value]
+        if not isinstance(given, list) or len(given) != count or not all(map(_is_number, given)):
+            return None
+        fits = low <= min(given) and max(given) <= high and not (rising and given[0] >= given[1])
+        return (float(value) if count == 1 else tuple(map(float, given))) if fits else None
+
+    kind = "a number" if count == 1 else f"{count} numbers"
+    return f"{kind} from {low:g} to {high:g}" + (", the smaller first" if rising else ""), read
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+_FLAG: Kind = ("true or false", lambda value: value if isinstance(value, bool) else None)
+_FIELDS: dict[str, Kind] = {
+    "axis_ratios": _numbers(0.05, 0.95, 3),
+    "raised": _numbers(-0.5, 0.5, 3),
+    "exponent": _numbers(1.5, 6.0),
+    "offset_sd_mm": _numbers(0.0, 20.0),
+    "size_sd": _numbers(0.0, 0.5),
+    "poisson_ratio": _numbers(LEAST_POISSON_RATIO, 0.4999),
+    "poisson_ratio_sd": _numbers(0.0, 0.2),
+}
+"""Fields of pit and flesh that a category states or leaves to the batch; ranges wide of any fruit."""
+_OF_BODY: dict[str, Kind] = {
+    "stem_and_suture": _FLAG,
+    "longest_over_shortest": _numbers(1.0, 100.0),
+    "least_convex": _numbers(0.0, 1.0),
+    "density_g_per_cm3": _numbers(0.0, 25.0, 2, rising=True),
+    "pit_mm": _numbers(0.1, 200.0, 2, rising=True),
+}
+"""Fields of PitBody, of stone fruit if not stated; wide of any fruit and phantom."""
+_OPTIONAL = {**_OF_BODY, "fruit_mm": _numbers(5.0, 200.0, 2, rising=True)}
+"""These and the usual size of a whole fruit, mm."""
+_PLAUSIBLE = _numbers(0.0, 1e9, 2, rising=True)
+"""Of any range of Plausible, in its unit; larger numbers are slips."""
+
+
 def _read(path: Path) -> PitPrior:
     try:
         table = toml_of(read_text(path, most_bytes=MOST_BYTES))
     except NotReadable as error:
         raise ReconProblem.BAD_PRIOR.failure(f"{path} {error}; copy a shipped prior and edit it.") from error
-    return _prior(_Entries(path, table, {}))
-
-
-@dataclass(frozen=True)
-class _Entries:
-    """The fields of one file; `sources` collects where the numbers come from as they are read."""
-
-    path: Path
-    table: dict[str, Any]
-    sources: dict[str, str]
-
-    def number(self, name: str, low: float, high: float, length: int | None = None) -> Any:
-        """One number, or a tuple of `length`."""
-        value = self._value(name)
-        values: Any = [value] if length is None else value
-        fits = isinstance(values, list) and len(values) == (length or 1) and all(map(is_number, values))
-        if not (fits and name in self.sources and all(low <= v <= high for v in values)):
-            kind = "a number" if length is None else f"{length} numbers"
-            raise self._wrong(name, f"{kind} from {low:g} to {high:g}")
-        return float(values[0]) if length is None else tuple(map(float, values))
-
-    def limits(self, name: str, low: float, high: float) -> tuple[float, float]:
-        """A least and a greatest value."""
-        least, greatest = self.number(name, low, high, 2)
-        if not least < greatest:
-            raise self._wrong(name, f"2 numbers from {low:g} to {high:g}, the smaller first")
-        return least, greatest
-
-    def name(self) -> str:
-        """What the category is called: as it says, or as its file is."""
-        said = self.table.get("category", self.path.stem)
-        if not isinstance(said, str) or not 0 < len(printable(said).strip()) <= 200:
-            raise self.bad(
-                f"category is {repr(said)[:120]}; expected a name in quotes of at most 200 characters."
-            )
-        return printable(said).strip()
-
-    def flag(self, name: str) -> bool:
-        """True or false."""
-        value = self._value(name)
-        if not isinstance(value, bool) or name not in self.sources:
-            raise self._wrong(name, "true or false")
-        return value
-
-    def left_to_batch(self) -> frozenset[str]:
-        """What the file leaves to the batch; it must not say it as well."""
-        named = self.table.get(LEFT, [])
-        if not isinstance(named, list) or not all(isinstance(n, str) and n in MAY_BE_LEFT for n in named):
-            choice = " and ".join(f'"{n}"' for n in MAY_BE_LEFT)
-            raise self.bad(f"{LEFT} is {repr(named)[:120]}; expected a list of {choice}, or no such key.")
-        for group in named:
-            for given in (name for name in MAY_BE_LEFT[group] if name in self.table):
-                raise self.bad(
-                    f'{given} is given, but {LEFT} leaves "{group}" to the batch; remove one of the two.'
-                )
-        return frozenset(named)
-
-    def refuse_slips(self, known: set[str]) -> None:
-        """A key that is nearly one that is known is a slip of the pen; others are notes of its owner's."""
-        for key in self.table.keys() - known:
-            near = difflib.get_close_matches(key, known, n=1, cutoff=0.8)
-            if near:
-                raise self.bad(f'unknown key "{key}"; did you mean "{near[0]}"?')
-
-    def bad(self, detail: str) -> ReconFailure:
-        """The failure that names the file."""
-        return ReconProblem.BAD_PRIOR.failure(f"{self.path}: {detail}")
-
-    def _value(self, name: str) -> Any:
-        entry = self.table.get(name)
-        if not isinstance(entry, dict):
-            return None
-        source = entry.get("source")
-        if isinstance(source, str) and source:
-            self.sources[name] = printable(source)
-        return entry.get("value")
-
-    def _wrong(self, name: str, expected: str) -> ReconFailure:
-        advice = "" if name in self.table else " Add it; shipped categories show how."
-        return self.bad(
-            f"{name} is {repr(self.table.get(name))[:120]}; expected {{ value = {expected}, "
-            f'source = "where it comes from" }}.{advice}'
-        )
-
-
-def _prior(entries: _Entries) -> PitPrior:
-    """A category's table as a prior; raises ValueError as the entries do."""
-    left = entries.left_to_batch()
-    number, table = entries.number, entries.table
-    pit, ratio = "pit" not in left, "poisson_ratio" not in left
-    prior = PitPrior(
-        category=entries.name(),
-        axis_ratios=number("axis_ratios", 0.05, 0.95, 3) if pit else None,
-        raised=number("raised", -0.5, 0.5, 3) if pit else (0.0, 0.0, 0.0),
-        exponent=number("exponent", 1.5, 6.0) if pit else 2.0,
-        offset_sd_mm=number("offset_sd_mm", 0.0, 20.0),
-        size_sd=number("size_sd", 0.0, 0.5),
-        poisson_ratio=number("poisson_ratio", LEAST_POISSON_RATIO, 0.4999) if ratio else None,
-        poisson_ratio_sd=number("poisson_ratio_sd", 0.0, 0.2) if ratio else 0.0,
-        fruit_mm=entries.limits("fruit_mm", 5.0, 200.0) if "fruit_mm" in table else None,
-        body=_body(entries),
-        plausible=read_plausible(table.get("plausible"), refuse=entries.bad),
-        sources=entries.sources,
+    category = table.get("category", path.stem)
+    if not isinstance(category, str) or not 0 < len(printable(category).strip()) <= 200:
+        expected = "a name in quotes of at most 200 characters"
+        raise _bad(path, f"category is {_shown(category)}; expected {expected}.")
+    left = _left_to_batch(path, table)
+    wanted = {name: kind for name, kind in _FIELDS.items() if name not in left}
+    given = {name: kind for name, kind in _OPTIONAL.items() if name in table}
+    values, sources = {}, {}
+    for name, (expected, read) in {**wanted, **given}.items():
+        entry = table.get(name)
+        said = entry if isinstance(entry, dict) else {}
+        source, values[name] = said.get("source"), read(said.get("value"))
+        if values[name] is None or not (isinstance(source, str) and source):
+            advice = "" if name in table else " Add it; shipped categories show how."
+            field_of = f'{{ value = {expected}, source = "where it comes from" }}'
+            raise _bad(path, f"{name} is {_shown(entry)}; expected {field_of}.{advice}")
+        sources[name] = printable(source)
+    known = {*_FIELDS, *_OPTIONAL, "category", "plausible", LEFT}
+    for key in table.keys() - known:  # others are notes of the file's owner
+        if near := difflib.get_close_matches(key, known, n=1, cutoff=0.8):
+            raise _bad(path, f'unknown key "{key}"; did you mean "{near[0]}"?')
+    body = PitBody(**{name: values.pop(name) for name in _OF_BODY if name in values})
+    return PitPrior(
+        category=printable(category).strip(),
+        body=body,
+        plausible=_plausible(path, table.get("plausible")),
+        sources=sources,
+        **values,
     )
-    named = {f.name for f in (*fields(PitPrior), *fields(PitBody))} - {"sources", "measured", "body"}
-    entries.refuse_slips({*named, LEFT})
-    return prior
 
 
-def _body(entries: _Entries) -> PitBody:
-    """What the file says of the whole body; what it leaves out is a stone fruit's."""
-    readers: dict[str, Callable[[str], Any]] = {
-        "stem_and_suture": entries.flag,
-        "longest_over_shortest": lambda name: entries.number(name, 1.0, 100.0),
-        "least_convex": lambda name: entries.number(name, 0.0, 1.0),
-        "density_g_per_cm3": lambda name: entries.limits(name, 0.0, 25.0),
-        "pit_mm": lambda name: entries.limits(name, 0.1, 200.0),
-    }
-    return PitBody(**{name: read(name) for name, read in readers.items() if name in entries.table})
+def _left_to_batch(path: Path, table: Mapping[str, Any]) -> set[str]:
+    """The fields that the file leaves to the batch; it must not state them as well."""
+    named = table.get(LEFT, [])
+    if not isinstance(named, list) or not all(isinstance(n, str) and n in MAY_BE_LEFT for n in named):
+        choice = " and ".join(f'"{n}"' for n in MAY_BE_LEFT)
+        raise _bad(path, f"{LEFT} is {_shown(named)}; expected a list of {choice}, or no such key.")
+    for group in named:
+        for name in (name for name in MAY_BE_LEFT[group] if name in table):
+            fault = f'{name} is given, but {LEFT} leaves "{group}" to the batch'
+            raise _bad(path, f"{fault}; remove one of the two.")
+    return {name for group in named for name in MAY_BE_LEFT[group]}
+
+
+def _plausible(path: Path, table: object) -> Plausible | None:
+    """The table [plausible] of a category's file, each entry `[low, high]`; None where there is no table."""
+    if table is None:
+        return None
+    if not isinstance(table, dict):
+        fault = f"plausible is {_shown(table)}"
+        raise _bad(path, f"{fault}; expected a table [plausible] of ranges [low, high].")
+    known = [each.name for each in fields(Plausible)]
+    ranges = {}
+    for key, value in table.items():
+        if key not in known:
+            near = difflib.get_close_matches(str(key), known, n=1)
+            hint = f'did you mean "{near[0]}"?' if near else f"known are {', '.join(known)}."
+            raise _bad(path, f'unknown key "plausible.{key}"; {hint}')
+        expected, read = _PLAUSIBLE
+        ranges[key] = read(value)
+        if ranges[key] is None:
+            raise _bad(path, f"plausible.{key} is {_shown(value)}; expected [low, high]: {expected}.")
+    return Plausible(**ranges)
+
+
+def _shown(value: object) -> str:
+    return repr(value)[:120]
+
+
+def _bad(path: Path, detail: str) -> ReconFailure:
+    return ReconProblem.BAD_PRIOR.failure(f"{path}: {detail}")
