@@ -263,7 +263,7 @@ class Results:
     verdicts = ResultPath("verdicts.jsonl")
     """What people say of fruit (pipeline.batch.verdicts); no command removes it."""
     run = ResultPath(".run.json")
-    """The fruit of the last run (pipeline.batch.batch_fruits)."""
+    """The mark of the last run (pipeline.batch.provenance.write_run)."""
     lock = ResultPath(".lock")
     """Held while a run writes here."""
 

@@ -18,10 +18,10 @@ from pipeline.batch.outcome import FruitEnded, Outcome
 from pipeline.batch.records import FleshRecord
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.task import FruitTask
+from pipeline.files.limited_memory import return_freed_memory
 from pipeline.files.plain_file import printable
 from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories
 from pipeline.fruit.flesh_model import error_budget, flesh_mesh, poisson_ratio
-from pipeline.fruit.freed_memory import return_freed_memory
 from pipeline.fruit.fruit_shape import FruitPit, FruitShape, embedded_pit, fruit_shape, write_meshes
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit, of_grasps, remarks_of_grasps
 from pipeline.fruit.placed_grasp import Checked, PlacedGrasp, place_grasp
@@ -161,9 +161,8 @@ def _placed(
             try:
                 if path.is_dir():
                     field = "fruit_id in grasp.toml"
-                    kept = kept_recording(path, task.results.cache, log.progress)
-                    log.warnings += kept.notes
-                    path = kept.path
+                    path, notes = kept_recording(path, task.results.cache, log.progress)
+                    log.warnings += notes
                 grasp = place_grasp(
                     path,
                     shape.vertices,

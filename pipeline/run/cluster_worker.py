@@ -14,9 +14,8 @@ from pathlib import Path
 from distributed import get_worker
 from distributed.core import Status
 
-from pipeline.batch.batch_fruits import is_run
 from pipeline.batch.cache import ROOMS, code_version
-from pipeline.files.manifest import json_in
+from pipeline.batch.provenance import is_marked
 from pipeline.problem import BatchRefused
 from pipeline.run.runner import LocalPool
 from pipeline.run.scheduling import Event, Noted, Progressed, not_begun
@@ -86,11 +85,8 @@ def unfit(needs: RunNeeds, *, threads: int, most_MiB: float | None) -> str:
         )
     if not needs.settings.is_file():
         return f"does not find {needs.settings}: BATCH must lie on a file system that all machines share."
-    said, shared = (
-        json_in(needs.run),
-        "OUT must lie on a file system that all machines share and can write to.",
-    )
-    if not is_run(said) or said.get("mark") != needs.mark:
+    shared = "OUT must lie on a file system that all machines share and can write to."
+    if not is_marked(needs.run, needs.mark):
         return f"does not see {needs.run.parent} as this command does: {shared}"
     try:
         with tempfile.TemporaryFile(dir=needs.run.parent):

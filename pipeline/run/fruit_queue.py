@@ -7,11 +7,10 @@ from collections.abc import Collection, Iterator
 
 from rich.console import Console
 
-from pipeline.batch.batch_fruits import BatchFruits
 from pipeline.batch.layout import FruitFolder
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.records import FruitRecord, read_record
-from pipeline.batch.task import FruitTask, batch_fruits, fruit_task
+from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.run.batch_run import BatchRun
 from pipeline.run.checking import ImplausibleNumbers, implausible_batch
 from pipeline.run.fruit_records import ended_record, kept_record
@@ -30,7 +29,6 @@ class FruitQueue:
         self, run: BatchRun, chosen: Collection[str], records: PackedRecords, console: Console
     ) -> None:
         self._run, self._console = run, console
-        self._among: BatchFruits = batch_fruits(run.batch, run.results)
         self._numbers = ImplausibleNumbers(run.batch)
         self._going: dict[str, FruitTask] = {}
         self._forced: dict[str, list[str]] = (
@@ -50,7 +48,7 @@ class FruitQueue:
     def _holds(self, fruit_id: str, before: FruitRecord) -> bool:
         """Whether an earlier run's record holds; it is in `records` then."""
         task = self._task(fruit_id)
-        kept = kept_record(task, before, self._among)
+        kept = kept_record(task, before, self._run.batch.row_of)
         if kept is None:
             return False
         size = kept.mesh.box_mm if kept.graded and kept.mesh is not None else None
@@ -91,4 +89,4 @@ class FruitQueue:
 
     def _task(self, fruit_id: str) -> FruitTask:
         run = self._run
-        return fruit_task(run.batch, fruit_id, run.results, screen=run.screen, among=self._among)
+        return fruit_task(run.batch, fruit_id, run.results, screen=run.screen)

@@ -18,9 +18,6 @@ if TYPE_CHECKING:
 def work_on(task: "FruitTask", report: Callable[[str], None]) -> "FruitRecord":
     """The fruit's record, which is written."""
     with uncollected():
-        from pipeline.fruit.lean_open3d import load_open3d
-
-        load_open3d()
         from pipeline.fruit.stages import grade_fruit
 
     gc.freeze()  # what was imported stays until the process ends: it is not looked through for garbage
