@@ -1,7 +1,6 @@
 """`fruits.csv`: one row per fruit, read with every fault of every row named."""
 
 import csv
-import difflib
 import io
 import re
 import unicodedata
@@ -13,9 +12,8 @@ from pydantic import BaseModel, ConfigDict
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT
-from pipeline.batch.input_names import is_of_the_system
 from pipeline.files.plain_file import NotReadable, printable, read_text
-from pipeline.problem import BatchRefused, Problem, refused
+from pipeline.problem import BatchRefused, Problem, listed, nearest, refused
 from recon.pit.priors import LEAST_POISSON_RATIO
 from tactile.io.decimal_number import decimal_number, meant
 from tactile.io.specimen import DIAMETERS as AXES
@@ -35,7 +33,6 @@ REFERENCE_SD = (1e-4, 0.5)
 than a ten-thousandth (ISO 7500-1, class 0.5: 5e-3)."""
 REFERENCE_MEASURES = ("reference_E_MPa", "reference_E_sd_MPa", "reference_poisson_ratio")
 COLUMNS = ("fruit_id", *MEASURES, "axis", "pit_share", "notes", "reference", *REFERENCE_MEASURES)
-NUMBERS = frozenset((*MEASURES, "pit_share", *REFERENCE_MEASURES))
 USER_COLUMN = re.compile(r"[^\W_][\w .%°#()/-]{0,59}")
 """A name that a user may give to a column: no spreadsheet takes it for a formula or for two cells."""
 YES, NO = frozenset({"true", "yes", "1"}), frozenset({"", "false", "no", "0"})
@@ -126,28 +123,12 @@ def read_fruits(
     return tuple(row for row in rows if once.get(row.fruit_id) is row), problems
 
 
-def unlisted_fruit(fruits: Path, rows: Sequence[FruitRow]) -> list[FruitRow]:
-    """Of folders in `fruits` that the table does not name, in the order of their names."""
-    known = {row.fruit_id for row in rows}
-    names = (path.name for path in fruits.iterdir() if path.is_dir()) if fruits.is_dir() else ()
-    composed = {unicodedata.normalize("NFC", name) for name in names if not is_of_the_system(name)}
-    new = sorted(name for name in composed - known if SAFE_ID.fullmatch(name))
-    return [FruitRow(fruit_id=name) for name in new]
-
-
 def _known_column(written: str, known: Sequence[str]) -> str:
     """What a column that is not known was likely meant to be, and how a user's own is made known."""
     if (plain := canonical(written, known)) in known:
         return f"write {plain}."
     declare = f'To keep a column of your own, write "{written[:80]}" = "" under [columns] in batch.toml.'
-    lower = {name.lower(): name for name in known}
-    near = difflib.get_close_matches(plain, lower, n=1, cutoff=0.75)
-    if not near:
-        return f"known columns: {', '.join(known)}. {declare}"
-    likely = lower[near[0]]
-    unit = re.search(r"_(mm|g|N|MPa)$", likely)
-    meant_unit = f", with its values in {unit[1]}" if unit and likely in COLUMNS else ""
-    return f"if you mean it, write {likely}{meant_unit}. {declare}"
+    return f"{nearest(plain, known, f'known columns: {listed(known, len(known))}.', cutoff=0.75)} {declare}"
 
 
 def canonical(column: str, known: Sequence[str] = COLUMNS) -> str:
@@ -190,9 +171,9 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
         names.pop()
     for line, cells in rows[1:]:
         if any(cell.strip() for cell in cells[len(names) :]):
-            comma = _torn_number(names, cells)
-            message = f"line {line} has more cells than the header; " + (
-                f"{comma}." if comma else "put texts that contain commas in quotation marks."
+            message = (
+                f"line {line} has more cells than the header; put texts that contain commas in quotation "
+                "marks, and write numbers with a decimal point (57.6 for 57,6)."
             )
             raise BatchRefused([*problems, Problem(str(path), message)])
     if len(rows) - 1 > MOST_FRUIT:
@@ -213,18 +194,6 @@ def _separated(text: str) -> tuple[str, str]:
         if other in first and first.count(other) >= first.count(","):
             separator = other
     return text, separator
-
-
-def _torn_number(names: list[str], cells: list[str]) -> str:
-    """What to write, where a decimal comma has torn one of the numbers into two cells; empty where none can
-    have. Cells after it have moved by one, so that each is a number that may be torn.
-    """
-    torn = [
-        f"{whole.strip()}.{part.strip()} for {whole.strip()},{part.strip()}"
-        for name, whole, part in zip(names, cells, cells[1:], strict=False)
-        if name in NUMBERS and re.fullmatch(r"\s*-?\d+", whole) and re.fullmatch(r"\d+\s*", part)
-    ]
-    return f"if a number has a decimal comma, write {' or '.join(torn)}" if torn else ""
 
 
 def _rows(text: str) -> list[tuple[int, list[str]]]:
@@ -328,10 +297,8 @@ def _pressed(cells: Mapping[str, str], wrong: Callable[[str], None]) -> dict[str
     """How plates squeeze the fruit; `wrong` is told of every fault."""
     missing = [name for name in DIAMETERS if not cells[name]]
     if 0 < len(missing) < len(DIAMETERS):
-        wrong(
-            f"{' and '.join(missing)} {_are_empty(missing)}; expected all three diameters or "
-            "none; measure the fruit."
-        )
+        are = "is empty" if len(missing) == 1 else "are empty"
+        wrong(f"{' and '.join(missing)} {are}; expected all three diameters or none; measure the fruit.")
     axis = cells["axis"].lower()
     if axis not in ("", *AXES):
         wrong(f'axis is "{cells["axis"][:40]}"; expected a, b or c (the diameter between the plates).')
@@ -344,10 +311,6 @@ def _pressed(cells: Mapping[str, str], wrong: Callable[[str], None]) -> dict[str
         )
         share = None
     return {"axis": axis if axis in AXES else None, "pit_share": share if text else None}
-
-
-def _are_empty(names: list[str]) -> str:
-    return "is empty" if len(names) == 1 else "are empty"
 
 
 def _reference(cells: Mapping[str, str], wrong: Callable[[str], None]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.layout import BatchFolder, FruitFolder
-from pipeline.batch.opening import Survey
+from pipeline.batch.opening import Batch
 from pipeline.problem import Problem
 from pipeline.run.file_problems import at, tried
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, read_photo, require_enough
@@ -34,7 +34,7 @@ def views_unknown(root: Path) -> bool:
     return any(not fruit.fruit_ply.is_file() and fruit.photo_files() for fruit in fruits)
 
 
-def photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder, *, quick: bool) -> Iterator[Problem]:
+def photo_problems(batch: Batch, row: FruitRow, folder: FruitFolder, *, quick: bool) -> Iterator[Problem]:
     """What is wrong with a fruit's photos and their scale. `quick`: every photo is read, and no more."""
     no_height = row.height_mm is None and "height_mm" not in row.unreadable
     if no_height and not batch.folder.mat.exists() and not batch.without_scale:

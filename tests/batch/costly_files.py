@@ -12,49 +12,7 @@ from pathlib import Path
 import cv2
 import h5py
 import numpy as np
-from file_damage import Broken, Change, put, with_bytes, with_hdf5
-
-PARTS = 25_000
-"""Of a dotted key: 100 kB of it."""
-TOO_DEEP = r"line \d+ holds a key of more than 20 parts"
-TOML_KEYS: dict[str, bytes] = {
-    "quoted": b".".join([b'"!"'] * PARTS) + b" = 1\n",
-    "literal": b" . ".join([b"'!'"] * PARTS) + b" = 1\n",
-    "mixed": b".".join([b'a."b.\\".c"', b"'#'"] * (PARTS // 3)) + b" = 1\n",
-    "of a table": b"[" + b".".join([b'"!"'] * PARTS) + b"]\n",
-    "of an array of tables": b"[[" + b"\t.".join([b"'='"] * PARTS) + b"]]\n",
-    "in an inline table": b"z = { " + b".".join([b'"!"'] * PARTS) + b" = 1 }\n",
-    "in an array in a table": b'z = [1.5, "#", { ' + b".".join([b"a"] * PARTS) + b" = 1 }]\n",
-}
-TOML_SOUND: dict[str, bytes] = {
-    "dots in a comment": b"# " + b"a." * 50_000 + b"\n",
-    "long line of numbers in a comment": b"# " + b"1.5, " * 20_000 + b"\n",
-}
-"""What has many dots and is no key."""
-TOML_FILES = (
-    ("batch.toml", "batch/batch.toml", "check"),
-    ("category TOML", "batch/mine.toml", "check"),
-    ("grasp.toml", "batch/fruits/B/grasps/raw/grasp.toml", "check"),
-    ("sensor file", "batch/fruits/B/grasps/raw/sensor.toml", "check"),
-    ("case.toml", "case/case.toml", "case"),
-)
-
-
-def _toml() -> Iterator[Broken]:
-    for number, (format, path, command) in enumerate(TOML_FILES):
-        for place, (kind, text) in enumerate(TOML_KEYS.items()):
-            if number == 0 or place in (number, number + 2):
-                change = with_bytes(lambda data, text=text: text + data)
-                yield Broken(
-                    format=format, kind=f"key of {PARTS} parts, {kind}", path=path, change=change,
-                    command=command, expects=TOO_DEEP,
-                )  # fmt: skip
-        for kind, text in TOML_SOUND.items() if number == 2 else ():
-            change = with_bytes(lambda data, text=text: text + data)
-            yield Broken(
-                format=format, kind=kind, path=path, change=change, command=command, expects="same"
-            )  # fmt: skip
-
+from file_damage import Broken, Change, put, with_hdf5
 
 # --- recordings
 
@@ -247,7 +205,6 @@ def _spreadsheets() -> Iterator[Broken]:
 
 def costly() -> Iterator[Broken]:
     """Every case, always the same."""
-    yield from _toml()
     yield from _recordings()
     yield from _videos()
     yield from _spreadsheets()
