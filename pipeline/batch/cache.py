@@ -7,9 +7,8 @@ import os
 import time
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import metadata
@@ -52,19 +51,7 @@ AT_REST_NS = 3_000_000_000
 or every second one."""
 _hashed: dict[Path, tuple[tuple[int, ...], str]] = {}
 """SHA-256 of files at rest, with what said that they were."""
-_report: ContextVar[Callable[[str], None] | None] = ContextVar("_report", default=None)
-"""Who is told of damaged files."""
 Kept = TypeVar("Kept", bound=StageRecord)
-
-
-@contextmanager
-def damage_reported_to(report: Callable[[str], None]) -> Iterator[None]:
-    """Inside the block `report` gets a sentence for each kept file that is damaged."""
-    before = _report.set(report)
-    try:
-        yield
-    finally:
-        _report.reset(before)
 
 
 def file_hash(path: Path) -> str:
@@ -176,7 +163,7 @@ def cached(folder: Path, stage: str, key: str, compute: Callable[[], Kept], *, r
 
 
 def _load(path: Path, key: str, record: type[Kept]) -> Kept | None:
-    """The stored record; None where there is none of this key, or a damaged one, which is reported."""
+    """The stored record; None where there is none of this key that can be read."""
     if not_plain(path):
         return None
     try:
@@ -187,6 +174,4 @@ def _load(path: Path, key: str, record: type[Kept]) -> Kept | None:
             arrays = {name: stored[name] for name in stored.files if name != HEADER}
         return record.restored(header["record"], arrays)
     except (OSError, ValueError, KeyError, TypeError, EOFError, RuntimeError, zipfile.BadZipFile, zlib.error):
-        if (report := _report.get()) is not None:
-            report(f"the kept file {path.name} is damaged; it is computed again")
         return None

@@ -59,8 +59,6 @@ class UnusedFile:
 def unused_of_fruit(folder: FruitFolder) -> list[UnusedFile]:
     """Files of a fruit's folder that look like inputs and are not used."""
     unused = [(path, why) for path in _files_in(folder.root) if (why := _why(path))]
-    if not folder.photo_files() and not folder.fruit_ply.is_file():
-        unused = [(path, why) for path, why in unused if "photos" not in why]  # photos_elsewhere says it
     if folder.fruit_ply.suffix.lower() == ".obj":  # its texture
         unused = [(path, why) for path, why in unused if path.suffix.lower() not in PHOTOS]
     for path in _files_in(folder.grasps) if folder.grasps != folder.root else ():

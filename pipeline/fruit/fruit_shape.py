@@ -90,8 +90,7 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
         require_closed(vertices, faces, what=folder.fruit_ply.name)
         return _shape(vertices, faces, np.eye(4), source="fruit.ply")
     if not folder.photo_files():
-        astray = folder.photos_elsewhere().rstrip(".")
-        where = f"{folder.root}{f' (photos/: {astray})' if astray else ''}"
+        where = str(folder.root)
         if stated_in_table(task.given).specimen.diameters_mm is not None:
             where += (
                 ", nor is there a recording of bare plates alone in grasps/, for which the three "

@@ -42,10 +42,7 @@ def photo_problems(batch: Batch, row: FruitRow, folder: FruitFolder, *, quick: b
         yield at(row, batch.folder.table, sentence)
     quick = quick or (batch.mat is None and batch.folder.mat.exists())  # the mat's own fault is said already
     look = partial(_set_problems, row, mat=batch.mat, quick=quick)
-    if astray := folder.photos_elsewhere():
-        yield at(row, folder.photos, astray)
-    else:
-        yield from look(folder.photos, folder.photo_files(), "The folder")
+    yield from look(folder.photos, folder.photo_files(), "The folder")
     if folder.photos_flipped.is_dir():
         yield from look(
             folder.photos_flipped, folder.flipped_files(), "The folder of photos of the upside-down fruit"
