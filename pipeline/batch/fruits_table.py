@@ -1,6 +1,7 @@
 """`fruits.csv`: one row per fruit, read with every fault of every row named."""
 
 import csv
+import difflib
 import io
 import re
 import unicodedata
@@ -13,7 +14,7 @@ from pydantic import BaseModel, ConfigDict
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT
 from pipeline.files.plain_file import NotReadable, printable, read_text
-from pipeline.problem import BatchRefused, Problem, listed, nearest, refused
+from pipeline.problem import BatchRefused, Problem, refused
 from recon.pit.priors import LEAST_POISSON_RATIO
 from tactile.io.decimal_number import decimal_number, meant
 from tactile.io.specimen import DIAMETERS as AXES
@@ -128,7 +129,10 @@ def _known_column(written: str, known: Sequence[str]) -> str:
     if (plain := canonical(written, known)) in known:
         return f"write {plain}."
     declare = f'To keep a column of your own, write "{written[:80]}" = "" under [columns] in batch.toml.'
-    return f"{nearest(plain, known, f'known columns: {listed(known, len(known))}.', cutoff=0.75)} {declare}"
+    lower = {name.lower(): name for name in known}
+    near = difflib.get_close_matches(plain, lower, n=1, cutoff=0.75)
+    hint = f'did you mean "{lower[near[0]]}"?' if near else f"known columns: {', '.join(known)}."
+    return f"{hint} {declare}"
 
 
 def canonical(column: str, known: Sequence[str] = COLUMNS) -> str:
@@ -154,19 +158,16 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
         raise refused(path, f"{error}{hint}.") from None
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     text, separator = _separated(text)
-    if separator != ",":
-        text = _with_commas(text, separator)
-    columns = 1 + text.lstrip("\n").partition("\n")[0].rstrip(", ").count(",")
-    if columns > MOST_COLUMNS:
-        message = f"has {columns} columns, expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
-        raise refused(path, message)
     try:
-        rows = _rows(text)
+        rows = _rows(text, separator)
     except ValueError as error:
         raise BatchRefused([*problems, Problem(str(path), str(error))]) from None
     if not rows:
         raise refused(path, "is empty; the first line names the columns.")
     names = [name.strip() for name in rows[0][1]]
+    if len(names) > MOST_COLUMNS:
+        message = f"has {len(names)} columns, expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
+        raise refused(path, message)
     while names and not names[-1]:
         names.pop()
     for line, cells in rows[1:]:
@@ -196,14 +197,14 @@ def _separated(text: str) -> tuple[str, str]:
     return text, separator
 
 
-def _rows(text: str) -> list[tuple[int, list[str]]]:
+def _rows(text: str, separator: str) -> list[tuple[int, list[str]]]:
     """Each row's first line and its cells; rows of empty cells are none, and a cell may go over several
     lines.
 
     Raises ValueError where no cells can be told: an open quotation mark swallows the rows below it, and of a
     column that stands twice one would be lost.
     """
-    lines = csv.reader(io.StringIO(text), skipinitialspace=True, strict=True)
+    lines = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True, strict=True)
     begun = 1
     rows: list[tuple[int, list[str]]] = []
     try:
@@ -214,6 +215,8 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
                 raise ValueError(f'has the column "{twice[:80]}" twice; remove one of them.')
             if any(len(cell) > MOST_CELL for cell in cells):
                 raise csv.Error("field limit")
+            if separator != ",":
+                cells = [re.sub(r"\A\s*(-?\d+),(\d+)\s*\Z", r"\1.\2", cell) for cell in cells]
             if any(names):
                 rows.append((begun, cells))
             begun = lines.line_num + 1
@@ -227,18 +230,6 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
         )
         raise ValueError(sentence) from None
     return rows
-
-
-def _with_commas(text: str, separator: str) -> str:
-    """The same table with commas between cells; decimal commas become points."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    try:
-        for row in csv.reader(io.StringIO(text), delimiter=separator):
-            writer.writerow([re.sub(r"\A\s*(-?\d+),(\d+)\s*\Z", r"\1.\2", cell) for cell in row])
-    except csv.Error:
-        return text
-    return out.getvalue()
 
 
 def _row(

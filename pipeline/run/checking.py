@@ -24,13 +24,13 @@ from pipeline.batch.plausible_numbers import (
 from pipeline.batch.reference_body import category_of
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.unused_files import unused_inputs
-from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories
+from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories, size_doubts
+from pipeline.fruit.fruit_shape import measured
 from pipeline.fruit.input_doubts import of_a_given_pit
 from pipeline.fruit.placed_grasp import Checked, findings_of
 from pipeline.fruit.pressed_fruit import compression_trace
 from pipeline.fruit.recording_owner import Owner, owner_findings
 from pipeline.fruit.same_recording import in_two_fruit, refuse_copy
-from pipeline.fruit.size_doubts import measured, size_doubts
 from pipeline.fruit.trace_geometry import stated_in_table
 from pipeline.problem import Problem
 from pipeline.run.file_problems import at, doubted, tried
