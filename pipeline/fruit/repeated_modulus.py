@@ -77,7 +77,7 @@ def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectS
     effects, rig = task.settings.mismatch, batch_rig(task.batch_root, task.settings)
     in_model = in_the_model(effects)
     variants = [
-        (f"{effect.effect}'s {name}", bool(effect.fruits), (*effects[:k], shifted, *effects[k + 1 :]), [rig])
+        (f"{name} ({effect.effect})", bool(effect.fruits), (*effects[:k], shifted, *effects[k + 1 :]), [rig])
         for k, effect in enumerate(effects)
         if effect in in_model or effect.spec.enters is Entry.RECORDING
         for name, shifted in _shifted(effect)

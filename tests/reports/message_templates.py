@@ -15,7 +15,7 @@ MAKERS = frozenset(
 )  # fmt: skip
 """What takes a sentence that a report shows."""
 ALSO = (
-    "pipeline/batch/outcome.py", "pipeline/fruit/size_doubts.py", "pipeline/ranking/batch_faults.py",
+    "pipeline/batch/outcome.py", "pipeline/ranking/batch_faults.py",
     "pipeline/ranking/error_parts.py", "recon/checks/quality.py", "recon/checks/surface_verdict.py",
     "recon/checks/verdict.py", "recon/surface/fruit_frame.py",
 )  # fmt: skip
