@@ -165,9 +165,6 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
     if not rows:
         raise refused(path, "is empty; the first line names the columns.")
     names = [name.strip() for name in rows[0][1]]
-    if len(names) > MOST_COLUMNS:
-        message = f"has {len(names)} columns, expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
-        raise refused(path, message)
     while names and not names[-1]:
         names.pop()
     for line, cells in rows[1:]:
@@ -210,6 +207,9 @@ def _rows(text: str, separator: str) -> list[tuple[int, list[str]]]:
     try:
         for cells in lines:
             names = [name.strip() for name in cells]
+            if len(cells) > MOST_COLUMNS:
+                known = f"expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
+                raise ValueError(f"has {len(cells)} columns, {known}")
             twice = "" if rows else next((name for name in names if name and names.count(name) > 1), "")
             if twice:
                 raise ValueError(f'has the column "{twice[:80]}" twice; remove one of them.')
