@@ -459,10 +459,10 @@ LIMITS = {"ge": "{} or more", "gt": "more than {}", "le": "at most {}", "lt": "l
 def _expected(error: Any) -> str:
     """What was found and what was expected, in plain words."""
     kind, limits, value = error["type"], error.get("ctx", {}), error["input"]
-    message = error["msg"].removeprefix("Value error, ").replace("Input should be", "expected")
-    message = message[:1].lower() + message[1:]
+    plain = str(error["msg"]).removeprefix("Value error, ").replace("Input should be", "expected")
+    message = plain[:1].lower() + plain[1:]
     if kind == "value_error" and isinstance(value, dict | list):
-        return error["msg"].removeprefix("Value error, ")
+        return plain
     if kind == "too_long":
         return f"holds {limits['actual_length']} entries; expected at most {limits['max_length']}"
     if kind == "string_too_long":
