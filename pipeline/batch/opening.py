@@ -186,7 +186,7 @@ def _salvaged(folder: BatchFolder) -> Settings:
     with suppress(NotReadable):
         table = toml_of(read_text(folder.settings, most_bytes=MOST_BYTES))
         with suppress(ValidationError):
-            settings = Settings(category=table.get("category"))
+            settings = Settings.model_validate({"category": table.get("category")})
         with suppress(ValidationError):
             grading = Grading.model_validate(table.get("grading", {}))
             settings = settings.model_copy(update={"grading": grading})
