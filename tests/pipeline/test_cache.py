@@ -109,7 +109,7 @@ def test_a_file_of_a_record_with_fewer_fields_is_computed_again(tmp_path):
     assert len(calls) == 1
 
 
-@pytest.mark.parametrize("at", [b"k\0\0\0e\0\0\0y", b"\0\0\0@", b"PK\x01\x02"])
+@pytest.mark.parametrize("at", [b"k\0\0\0e\0\0\0y", b"\0\0\xf0?", b"PK\x01\x02"])
 def test_a_damaged_file_is_computed_again(tmp_path, at):
     """Of the header, of the array and of the table of contents."""
     path, calls = tmp_path / "mesh.npz", []
