@@ -1,4 +1,4 @@
-"""A fruit without photos or mesh: its diameters, and plates that squeezed it, to its modulus.
+"""A fruit without photos or mesh: its diameters, and plates that compressed it, to its modulus.
 
 recordings -> one law for all traces -> E of linear elasticity -> what they show beyond it
 """
@@ -83,7 +83,7 @@ class CompressionTrace:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Squeezed:
+class _Compression:
     """All recordings of a fruit along one diameter under one law, and E by each alone."""
 
     recordings: tuple[CompressionTrace, ...]
@@ -98,7 +98,7 @@ class _Squeezed:
 
 
 def grade_pressed(task: FruitTask, log: StageLog) -> None:
-    """E of a fruit that plates squeezed, its parts and what else is known, told to `log`.
+    """E of a fruit that plates compressed, its parts and what else is known, told to `log`.
 
     Raises TactileFailure, FemFailure or FruitEnded where there is none.
     """
@@ -110,21 +110,21 @@ def grade_pressed(task: FruitTask, log: StageLog) -> None:
         facts.doubts = tuple(doubt.sentence for doubt in doubts)
         log.warnings[:0] = facts.doubts
     with log.stage("modulus"):
-        squeezed = _explained(used, nu)
-        facts.pressed = _pressed_record(squeezed, task, nu)
-        records = [*facts.grasps, *_grasp_records(squeezed)]
+        compression = _explained(used, nu)
+        facts.pressed = _pressed_record(compression, task, nu)
+        records = [*facts.grasps, *_grasp_records(compression)]
         facts.grasps = tuple(sorted(records, key=lambda record: record.grasp))
-        if squeezed.explanation.withheld:
-            raise FruitEnded(Outcome.WITHHELD_MODULUS, squeezed.explanation.withheld)
-        facts.modulus = _modulus_record(squeezed, facts.pressed.shape_sd, nu, nu_sd, doubts)
-        log.warnings += _warnings(squeezed)
+        if compression.explanation.withheld:
+            raise FruitEnded(Outcome.WITHHELD_MODULUS, compression.explanation.withheld)
+        facts.modulus = _modulus_record(compression, facts.pressed.shape_sd, nu, nu_sd, doubts)
+        log.warnings += _warnings(compression)
         if task.settings.mismatch:
             names = ", ".join(dict.fromkeys(effect.effect for effect in task.settings.mismatch))
             log.warnings.append(
                 f"E excludes the confirmed effects ({names}), because they need the fruit's mesh."
             )
     if task.screen:
-        facts.screen = _screen_record(squeezed.explanation)
+        facts.screen = _screen_record(compression.explanation)
 
 
 def _recordings(task: FruitTask, log: StageLog) -> list[CompressionTrace]:
@@ -217,7 +217,7 @@ def _without_rig(
     return replace(bare, recording=done.recording), done.notes
 
 
-def _explained(used: Sequence[CompressionTrace], nu: float) -> _Squeezed:
+def _explained(used: Sequence[CompressionTrace], nu: float) -> _Compression:
     """One law for all of them; raises FemFailure, or FruitEnded where a rig was taken off some alone."""
     try:
         traces = joined_traces([recording.bare for recording in used])
@@ -230,12 +230,12 @@ def _explained(used: Sequence[CompressionTrace], nu: float) -> _Squeezed:
     alone = [explanation.before]
     if len(used) > 1:
         alone = [linear_modulus(part, thickness_mm=None, poisson_ratio=nu) for part in traces.trace.parts]
-    return _Squeezed(recordings=tuple(used), traces=traces, explanation=explanation, alone=tuple(alone))
+    return _Compression(recordings=tuple(used), traces=traces, explanation=explanation, alone=tuple(alone))
 
 
-def _pressed_record(squeezed: _Squeezed, task: FruitTask, nu: float) -> PressedRecord:
-    fruit, axis = squeezed.fruit, DIAMETERS[squeezed.fruit.axis]
-    recorded_pit_share = squeezed.recordings[0].bare.pad.specimen.pit_share
+def _pressed_record(compression: _Compression, task: FruitTask, nu: float) -> PressedRecord:
+    fruit, axis = compression.fruit, DIAMETERS[compression.fruit.axis]
+    recorded_pit_share = compression.recordings[0].bare.pad.specimen.pit_share
     source = "fruits.csv" if task.given.pit_share is not None else "the recording"
     if task.given.pit_share is None and recorded_pit_share is None:
         source = "none given" if not fruit.pit_share else f"prior for {task.category}"
@@ -249,11 +249,11 @@ def _pressed_record(squeezed: _Squeezed, task: FruitTask, nu: float) -> PressedR
     )
 
 
-def _grasp_records(squeezed: _Squeezed) -> list[GraspRecord]:
+def _grasp_records(compression: _Compression) -> list[GraspRecord]:
     """What each recording gave by itself; the curve from its first touch."""
     records = []
     for trace, recording, modulus in zip(
-        squeezed.traces.trace.parts, squeezed.recordings, squeezed.alone, strict=True
+        compression.traces.trace.parts, compression.recordings, compression.alone, strict=True
     ):
         force, touch = trace.force_N, max(first_touch(trace) - 1, 0)
         records.append(
@@ -280,14 +280,14 @@ def _grasp_records(squeezed: _Squeezed) -> list[GraspRecord]:
 
 
 def _modulus_record(
-    squeezed: _Squeezed, shape_sd: float, nu: float, nu_sd: float, doubts: Sequence[Doubt]
+    compression: _Compression, shape_sd: float, nu: float, nu_sd: float, doubts: Sequence[Doubt]
 ) -> ModulusRecord:
     """E by linear elasticity, with the parts of its error."""
-    E = squeezed.explanation.before
+    E = compression.explanation.before
     parts = {
         RECORDINGS: E.sd,
         SHAPE: E.value * shape_sd,
-        POISSON_RATIO: E.value * abs(_per_ratio(squeezed, nu, nu_sd)),
+        POISSON_RATIO: E.value * abs(_per_ratio(compression, nu, nu_sd)),
         DOUBTED: E.value * relative_sd(doubts),
     }
     return ModulusRecord(
@@ -298,14 +298,14 @@ def _modulus_record(
     )
 
 
-def _per_ratio(squeezed: _Squeezed, nu: float, nu_sd: float) -> float:
+def _per_ratio(compression: _Compression, nu: float, nu_sd: float) -> float:
     """Change of ln E over one standard deviation of Poisson's ratio."""
     if not nu_sd:
         return 0.0
-    depth = np.array(TYPICAL * float(np.ptp(squeezed.traces.trace.travel_mm)))
+    depth = np.array(TYPICAL * float(np.ptp(compression.traces.trace.travel_mm)))
     low, high = max(nu - nu_sd, 0.0), min(nu + nu_sd, LARGEST_POISSON_RATIO)
     forces = [
-        float(squeezed.fruit.curve(thickness_mm=None, poisson_ratio=ratio).force_N_per_MPa(depth))
+        float(compression.fruit.curve(thickness_mm=None, poisson_ratio=ratio).force_N_per_MPa(depth))
         for ratio in (low, high)
     ]
     return float(np.log(forces[0] / forces[1]) * nu_sd / (high - low))
@@ -325,10 +325,10 @@ def _screen_record(explanation: Explanation) -> ScreenRecord:
     )
 
 
-def _warnings(squeezed: _Squeezed) -> list[str]:
+def _warnings(compression: _Compression) -> list[str]:
     """What changes E: recordings left out, a compliant rig, effects."""
-    explanation, trace = squeezed.explanation, squeezed.traces.trace
-    said = squeezed.traces.naming(explanation.notes[: len(explanation.left_out)])
+    explanation, trace = compression.explanation, compression.traces.trace
+    said = compression.traces.naming(explanation.notes[: len(explanation.left_out)])
     if all(part.rig_give_mm is None for part in trace.parts):
         said += rig_share(trace, rig_N_per_mm=None, made_known=OF_A_BATCH).notes
     before, after = explanation.before, explanation.after
