@@ -97,10 +97,9 @@ def test_every_kind_of_stray_file_has_its_own_advice(tmp_path):
     for words in (
         "a.zip is not used: drupe does not open archives",
         "b.mp4 is not used: drupe reads a video",
-        "c.pcd is not used: meshes are read as",
+        "c.pcd, f.step are not used: meshes are read as",
         "d.heic is not used: drupe reads photos in",
         "e.npz is not used: fruits.csv lists",
-        "f.step is not used: meshes are read as",
         "h.zip is not used",
         "i.jpg is not used: drupe reads photos in",
     ):
