@@ -30,7 +30,7 @@ from pipeline.batch.settings import Settings
 from pipeline.batch.task import fruit_task
 from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit
-from pipeline.fruit.known_sensor import known_gels
+from pipeline.fruit.sensor_scale import known_gels
 from pipeline.fruit.stages import grade_fruit
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import write_mesh

@@ -17,7 +17,7 @@ import numpy as np
 from field_fruit import Fruit, cheap_fruit, fruits_in
 
 from pipeline.fruit.input_doubts import against_category
-from pipeline.fruit.known_sensor import known_gels
+from pipeline.fruit.sensor_scale import known_gels
 from recon.pit.priors import load_prior
 from tactile.consistency.of_recording import misfits_of
 from tactile.consistency.relations import LIMIT

@@ -7,9 +7,9 @@ import os
 import time
 import zipfile
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
-from contextvars import ContextVar
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
+from dataclasses import fields, is_dataclass
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -19,8 +19,8 @@ from typing import Any, TypeVar
 import numpy as np
 
 from pipeline.batch.stage_record import StageRecord
-from pipeline.files.checked_file import put_checked, read_checked
 from pipeline.files.plain_file import not_plain
+from pipeline.files.whole_file import put
 
 PACKAGES = Path(__file__).resolve().parents[2]
 """The folder in which the rooms lie: pipeline/batch/cache.py is two below it."""
@@ -51,25 +51,7 @@ AT_REST_NS = 3_000_000_000
 or every second one."""
 _hashed: dict[Path, tuple[tuple[int, ...], str]] = {}
 """SHA-256 of files at rest, with what said that they were."""
-_report: ContextVar[Callable[[str], None] | None] = ContextVar("_report", default=None)
-"""Who is told of damaged files."""
 Kept = TypeVar("Kept", bound=StageRecord)
-
-
-@contextmanager
-def damage_reported_to(report: Callable[[str], None]) -> Iterator[None]:
-    """Inside the block `report` gets a sentence for each kept file that is damaged."""
-    before = _report.set(report)
-    try:
-        yield
-    finally:
-        _report.reset(before)
-
-
-def report_damage(path: Path) -> None:
-    """Says that the kept file at `path` does not match its SHA-256."""
-    if (report := _report.get()) is not None:
-        report(f"the kept file {path.name} does not match its SHA-256; it is computed again")
 
 
 def file_hash(path: Path) -> str:
@@ -139,11 +121,33 @@ def stage_key(stage: str, *, files: Iterable[Path], settings: Any, rooms: tuple[
     return hashlib.sha256(json.dumps(parts, sort_keys=True, default=str).encode()).hexdigest()
 
 
+def content_hash(*contents: object) -> str:
+    """SHA-256 of arrays, dataclasses and sequences of them, down to each number; of anything else its repr.
+
+    >>> content_hash(np.arange(3), "pad") == content_hash(np.arange(3), "pad") != content_hash(np.arange(4))
+    True
+    """
+    digest = hashlib.sha256()
+    for content in contents:
+        if isinstance(content, np.ndarray):
+            digest.update(f"{content.dtype} {content.shape}".encode())
+            digest.update(np.ascontiguousarray(content).tobytes())
+        elif isinstance(content, list | tuple):
+            digest.update(content_hash(*content).encode())
+        elif is_dataclass(content):
+            held = (getattr(content, field.name) for field in fields(content))
+            digest.update(content_hash(*held).encode())
+        else:
+            digest.update(repr(content).encode())
+        digest.update(b";")
+    return digest.hexdigest()
+
+
 def cached(folder: Path, stage: str, key: str, compute: Callable[[], Kept], *, record: type[Kept]) -> Kept:
     """What `stage` keeps, from `folder` if it was made from the same key, else computed and kept.
 
-    A file that does not match its SHA-256 or does not validate as a `record` is computed anew, as is one that
-    cannot be read.
+    A damaged file is computed anew: one that does not match its checksums (CRC-32 of the zip format), cannot
+    be read, or does not validate as a `record`.
     """
     path = folder / f"{stage}.npz"
     stored = _load(path, key, record)
@@ -154,22 +158,16 @@ def cached(folder: Path, stage: str, key: str, compute: Callable[[], Kept], *, r
     buffer = io.BytesIO()
     named: dict[str, Any] = {HEADER: np.array(json.dumps({"key": key, "record": text})), **arrays}
     np.savez(buffer, **named)
-    put_checked(path, buffer.getvalue())
+    put(path, buffer.getvalue())
     return made
 
 
 def _load(path: Path, key: str, record: type[Kept]) -> Kept | None:
-    """The stored record, or None where there is none of this key (a damaged file, one that holds another
-    record, or what is no file and could be waited for, counts as none).
-    """
+    """The stored record; None where there is none of this key that can be read."""
     if not_plain(path):
         return None
-    data = read_checked(path)
-    if data is None:
-        report_damage(path)
-        return None
     try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as stored:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
             header = json.loads(str(stored[HEADER]))
             if header["key"] != key:
                 return None

@@ -2,11 +2,10 @@
 
 import math
 from pathlib import Path
-from typing import Protocol
 
 from pydantic import BaseModel
 
-from fem.mismatch.result import NONE, UNKNOWN
+from fem.mismatch.result import NONE, UNKNOWN, Modulus
 from pipeline.batch.records import SuspectedRecord, read_as
 
 
@@ -50,14 +49,9 @@ class DiagnosisRecord(BaseModel):
         return suspected_of("|".join(effects), self.E_MPa.before, self.E_MPa.after)
 
 
-class _ValueWithSd(Protocol):
-    @property
-    def value(self) -> float | None: ...
-    @property
-    def sd(self) -> float | None: ...
-
-
-def suspected_of(effect: str, before: _ValueWithSd, after: _ValueWithSd) -> tuple[SuspectedRecord, ...]:
+def suspected_of(
+    effect: str, before: Modulus | _Modulus, after: Modulus | _Modulus
+) -> tuple[SuspectedRecord, ...]:
     """E without and with an effect as a ratio; none where one of them is not a positive number."""
     known = [
         estimate.value

@@ -13,7 +13,6 @@ from pydantic import BaseModel, ConfigDict
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT
-from pipeline.batch.input_names import is_of_the_system
 from pipeline.files.plain_file import NotReadable, printable, read_text
 from pipeline.problem import BatchRefused, Problem, refused
 from recon.pit.priors import LEAST_POISSON_RATIO
@@ -35,7 +34,6 @@ REFERENCE_SD = (1e-4, 0.5)
 than a ten-thousandth (ISO 7500-1, class 0.5: 5e-3)."""
 REFERENCE_MEASURES = ("reference_E_MPa", "reference_E_sd_MPa", "reference_poisson_ratio")
 COLUMNS = ("fruit_id", *MEASURES, "axis", "pit_share", "notes", "reference", *REFERENCE_MEASURES)
-NUMBERS = frozenset((*MEASURES, "pit_share", *REFERENCE_MEASURES))
 USER_COLUMN = re.compile(r"[^\W_][\w .%°#()/-]{0,59}")
 """A name that a user may give to a column: no spreadsheet takes it for a formula or for two cells."""
 YES, NO = frozenset({"true", "yes", "1"}), frozenset({"", "false", "no", "0"})
@@ -126,15 +124,6 @@ def read_fruits(
     return tuple(row for row in rows if once.get(row.fruit_id) is row), problems
 
 
-def unlisted_fruit(fruits: Path, rows: Sequence[FruitRow]) -> list[FruitRow]:
-    """Of folders in `fruits` that the table does not name, in the order of their names."""
-    known = {row.fruit_id for row in rows}
-    names = (path.name for path in fruits.iterdir() if path.is_dir()) if fruits.is_dir() else ()
-    composed = {unicodedata.normalize("NFC", name) for name in names if not is_of_the_system(name)}
-    new = sorted(name for name in composed - known if SAFE_ID.fullmatch(name))
-    return [FruitRow(fruit_id=name) for name in new]
-
-
 def _known_column(written: str, known: Sequence[str]) -> str:
     """What a column that is not known was likely meant to be, and how a user's own is made known."""
     if (plain := canonical(written, known)) in known:
@@ -142,12 +131,8 @@ def _known_column(written: str, known: Sequence[str]) -> str:
     declare = f'To keep a column of your own, write "{written[:80]}" = "" under [columns] in batch.toml.'
     lower = {name.lower(): name for name in known}
     near = difflib.get_close_matches(plain, lower, n=1, cutoff=0.75)
-    if not near:
-        return f"known columns: {', '.join(known)}. {declare}"
-    likely = lower[near[0]]
-    unit = re.search(r"_(mm|g|N|MPa)$", likely)
-    meant_unit = f", with its values in {unit[1]}" if unit and likely in COLUMNS else ""
-    return f"if you mean it, write {likely}{meant_unit}. {declare}"
+    hint = f'did you mean "{lower[near[0]]}"?' if near else f"known columns: {', '.join(known)}."
+    return f"{hint} {declare}"
 
 
 def canonical(column: str, known: Sequence[str] = COLUMNS) -> str:
@@ -173,14 +158,8 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
         raise refused(path, f"{error}{hint}.") from None
     text = text.replace("\r\n", "\n").replace("\r", "\n")
     text, separator = _separated(text)
-    if separator != ",":
-        text = _with_commas(text, separator)
-    columns = 1 + text.lstrip("\n").partition("\n")[0].rstrip(", ").count(",")
-    if columns > MOST_COLUMNS:
-        message = f"has {columns} columns, expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
-        raise refused(path, message)
     try:
-        rows = _rows(text)
+        rows = _rows(text, separator)
     except ValueError as error:
         raise BatchRefused([*problems, Problem(str(path), str(error))]) from None
     if not rows:
@@ -190,9 +169,9 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
         names.pop()
     for line, cells in rows[1:]:
         if any(cell.strip() for cell in cells[len(names) :]):
-            comma = _torn_number(names, cells)
-            message = f"line {line} has more cells than the header; " + (
-                f"{comma}." if comma else "put texts that contain commas in quotation marks."
+            message = (
+                f"line {line} has more cells than the header; put texts that contain commas in quotation "
+                "marks, and write numbers with a decimal point (57.6 for 57,6)."
             )
             raise BatchRefused([*problems, Problem(str(path), message)])
     if len(rows) - 1 > MOST_FRUIT:
@@ -215,36 +194,30 @@ def _separated(text: str) -> tuple[str, str]:
     return text, separator
 
 
-def _torn_number(names: list[str], cells: list[str]) -> str:
-    """What to write, where a decimal comma has torn one of the numbers into two cells; empty where none can
-    have. Cells after it have moved by one, so that each is a number that may be torn.
-    """
-    torn = [
-        f"{whole.strip()}.{part.strip()} for {whole.strip()},{part.strip()}"
-        for name, whole, part in zip(names, cells, cells[1:], strict=False)
-        if name in NUMBERS and re.fullmatch(r"\s*-?\d+", whole) and re.fullmatch(r"\d+\s*", part)
-    ]
-    return f"if a number has a decimal comma, write {' or '.join(torn)}" if torn else ""
-
-
-def _rows(text: str) -> list[tuple[int, list[str]]]:
+def _rows(text: str, separator: str) -> list[tuple[int, list[str]]]:
     """Each row's first line and its cells; rows of empty cells are none, and a cell may go over several
     lines.
 
     Raises ValueError where no cells can be told: an open quotation mark swallows the rows below it, and of a
     column that stands twice one would be lost.
     """
-    lines = csv.reader(io.StringIO(text), skipinitialspace=True, strict=True)
+    lines = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True, strict=True)
     begun = 1
     rows: list[tuple[int, list[str]]] = []
     try:
         for cells in lines:
             names = [name.strip() for name in cells]
+            columns = 0 if rows else sum(map(bool, names))
+            if columns > MOST_COLUMNS:
+                known = f"expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
+                raise ValueError(f"has {columns} columns, {known}")
             twice = "" if rows else next((name for name in names if name and names.count(name) > 1), "")
             if twice:
                 raise ValueError(f'has the column "{twice[:80]}" twice; remove one of them.')
             if any(len(cell) > MOST_CELL for cell in cells):
                 raise csv.Error("field limit")
+            if separator != ",":
+                cells = [re.sub(r"\A\s*(-?\d+),(\d+)\s*\Z", r"\1.\2", cell) for cell in cells]
             if any(names):
                 rows.append((begun, cells))
             begun = lines.line_num + 1
@@ -258,18 +231,6 @@ def _rows(text: str) -> list[tuple[int, list[str]]]:
         )
         raise ValueError(sentence) from None
     return rows
-
-
-def _with_commas(text: str, separator: str) -> str:
-    """The same table with commas between cells; decimal commas become points."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    try:
-        for row in csv.reader(io.StringIO(text), delimiter=separator):
-            writer.writerow([re.sub(r"\A\s*(-?\d+),(\d+)\s*\Z", r"\1.\2", cell) for cell in row])
-    except csv.Error:
-        return text
-    return out.getvalue()
 
 
 def _row(
@@ -328,10 +289,8 @@ def _pressed(cells: Mapping[str, str], wrong: Callable[[str], None]) -> dict[str
     """How plates squeeze the fruit; `wrong` is told of every fault."""
     missing = [name for name in DIAMETERS if not cells[name]]
     if 0 < len(missing) < len(DIAMETERS):
-        wrong(
-            f"{' and '.join(missing)} {_are_empty(missing)}; expected all three diameters or "
-            "none; measure the fruit."
-        )
+        are = "is empty" if len(missing) == 1 else "are empty"
+        wrong(f"{' and '.join(missing)} {are}; expected all three diameters or none; measure the fruit.")
     axis = cells["axis"].lower()
     if axis not in ("", *AXES):
         wrong(f'axis is "{cells["axis"][:40]}"; expected a, b or c (the diameter between the plates).')
@@ -344,10 +303,6 @@ def _pressed(cells: Mapping[str, str], wrong: Callable[[str], None]) -> dict[str
         )
         share = None
     return {"axis": axis if axis in AXES else None, "pit_share": share if text else None}
-
-
-def _are_empty(names: list[str]) -> str:
-    return "is empty" if len(names) == 1 else "are empty"
 
 
 def _reference(cells: Mapping[str, str], wrong: Callable[[str], None]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from typing import Any
 from pipeline.batch.input_names import RECORDINGS, is_of_the_system, names_in, ready_mesh, reserved
 from pipeline.files.manifest import claim, enter, remove, writing_alone
 from pipeline.files.whole_file import put, sweep
-from recon.cameras.photos import SUFFIXES, photo_paths
+from recon.cameras.photos import photo_paths
 from recon.cameras.unused_photos import unused_photos
 from tactile.readers.raw_grasp import files_of
 from tactile.readers.recording import is_of_bare_indenter
@@ -68,23 +68,6 @@ class FruitFolder:
     def flipped_files(self) -> tuple[Path, ...]:
         """Photos of the fruit upside down, by name."""
         return photo_paths(self.photos_flipped)
-
-    def photos_elsewhere(self) -> str:
-        """A sentence where there are no photos in photos/ but pictures near it, or of a kind not read."""
-        if self.photo_files():
-            return ""
-        misplaced = photo_paths(self.root)
-        if misplaced:
-            return f"holds no photo, but drupe found {len(misplaced)} beside it; move them into photos/."
-        others = [p for p in self.photos.iterdir() if p.is_file()] if self.photos.is_dir() else []
-        if others:
-            kinds = ", ".join(sorted({p.suffix or p.name for p in others}))
-            return (
-                f"holds {len(others)} files ({kinds}), but drupe reads only {', '.join(SUFFIXES)}; "
-                "convert them to JPEG, or rename those that are JPEG."
-            )
-        missing = "does not exist; create it, and put this fruit's photos into it."
-        return "" if self.photos.is_dir() else missing
 
     def unused_photos(self) -> list[str]:
         """Sentences on files in the folders of photos that are not used; none where a mesh is their shape."""
@@ -258,7 +241,7 @@ class Results:
     verdicts = ResultPath("verdicts.jsonl")
     """What people say of fruit (pipeline.batch.verdicts); no command removes it."""
     run = ResultPath(".run.json")
-    """The fruit of the last run (pipeline.batch.batch_fruits)."""
+    """The mark of the last run (pipeline.batch.provenance.write_run)."""
     lock = ResultPath(".lock")
     """Held while a run writes here."""
 

@@ -4,15 +4,15 @@ import json
 from functools import partial
 from pathlib import Path
 
-from pipeline.batch.paper_sizes import Paper
 from pipeline.batch.write_guard import require_new_or_ours
 from pipeline.files.whole_file import put
 from recon.cameras.printed_mat import mat_mapping, standard_mat, tag_bits
 from reports.mat_sheet import mat_sheet_pdf
 
 
-def write_mat(folder: Path, *, paper: Paper, cherry: bool) -> tuple[Path, Path]:
-    """Writes mat.pdf and mat.json into `folder` and returns their paths; `cherry` halves tags and gaps.
+def write_mat(folder: Path, *, sheet_mm: tuple[float, float], cherry: bool) -> tuple[Path, Path]:
+    """Writes mat.pdf, for a sheet of this width and height, and mat.json into `folder`; `cherry` halves tags
+    and gaps.
 
     Raises BatchRefused where a file of that name has other content: batches are read by their mat.json.
     """
@@ -20,7 +20,7 @@ def write_mat(folder: Path, *, paper: Paper, cherry: bool) -> tuple[Path, Path]:
     bits = {tag: tag_bits(mat.dictionary, tag) for tag in mat.corners_mm}
     title = f"drupe marker mat, {mat.tag_mm:g} mm tags"
     pdf, mapping = folder / "mat.pdf", folder / "mat.json"
-    sheet = mat_sheet_pdf(mat.corners_mm, bits, sheet_mm=paper.size_mm, title=title)
+    sheet = mat_sheet_pdf(mat.corners_mm, bits, sheet_mm=sheet_mm, title=title)
     content = {pdf: sheet, mapping: (json.dumps(mat_mapping(mat)) + "\n").encode()}
     for path, data in content.items():
         require_new_or_ours(path, partial(_holds, data=data), f"this mat's {path.name}")

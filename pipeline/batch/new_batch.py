@@ -9,19 +9,22 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from pipeline.batch.batch_template import TEMPLATE
-from pipeline.batch.earlier_batch import EarlierBatch, earlier_batch
 from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.layout import BatchFolder, CaseFolder, FruitFolder, in_order
+from pipeline.batch.opening import own_files
 from pipeline.batch.scratch import moved_in, scratch
+from pipeline.batch.settings import Settings, read_settings
 from pipeline.files.plain_file import not_plain
-from pipeline.files.toml_text import toml_value
+from pipeline.files.toml_text import as_toml, toml_value
 from pipeline.files.whole_file import NotWritten
 from pipeline.problem import BatchRefused, Problem, listed
 from recon.cameras.photos import photo_paths
 from recon.cameras.unused_photos import unused_photos
+from recon.learned.onnx_file import model_files
 from recon.pit.priors import known_categories
 
+TEMPLATE = Path(__file__).with_name("batch_template.toml")
+"""Every key of batch.toml, commented out, with its meaning, unit and default."""
 COLUMNS = ("fruit_id", "height_mm", "mass_g", "shore_oo", "penetrometer_N", "diameter_mm", "notes")
 """Of the table that is written: those that staff fill in for fruit with photos."""
 DEFAULT = "nectarine"
@@ -30,6 +33,11 @@ FEW = 12
 """Photos below which a fruit is asked for more: half of what the guide asks for."""
 SHOWN = 5
 """Ids that a sentence names."""
+OF_THE_DAY = frozenset(
+    {"harvest_date", "lot", "measured_on", "mismatch", "notes", "pulp_temperature_C", "temperature"}
+)
+"""Settings of the earlier day. Confirmed effects are of its fruit, or of its sensors on that day.
+[temperature] needs the new day's temperature; `left_out` names it."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,6 +61,64 @@ class NewBatch:
     missing: tuple[str, ...]
 
 
+@dataclass(frozen=True, kw_only=True)
+class EarlierBatch:
+    """The settings of the batch in `root`, for another day."""
+
+    root: Path
+    settings: Settings
+
+    def written(self, named: dict[str, str]) -> str:
+        """batch.toml with `named` (category, lot, cultivar) in place of the earlier day's."""
+        kept = self.settings.model_dump(mode="json", exclude_unset=True, exclude=set(OF_THE_DAY))
+        head = f"# Settings of {self.root.resolve().name}, by drupe new --like. All keys: docs/formats.md\n\n"
+        return head + as_toml({**kept, **named})
+
+    def _named_files(self) -> Iterator[Path]:
+        """The mat, and the files inside the batch that the settings name, by their names there."""
+        folder = BatchFolder(self.root)
+        files = [folder.mat, *own_files(folder, self.settings)]
+        if (model := self.settings.recon.geometry_model) is not None:
+            files += model_files(self.root / model)
+        return (
+            path
+            for path in files
+            if path.is_file() and path.is_relative_to(self.root) and ".." not in path.parts
+        )
+
+    def _leaves(self, path: Path) -> bool:
+        """Whether links lead out of the batch."""
+        return not path.resolve().is_relative_to(self.root.resolve())
+
+    def copy_files(self, batch: Path) -> None:
+        """Copies those files, but for links that lead out of the batch. Raises OSError."""
+        for path in self._named_files():
+            if not self._leaves(path):
+                target = batch / path.relative_to(self.root)
+                target.parent.mkdir(parents=True, exist_ok=True)
+                shutil.copyfile(path, target)
+
+    def left_out(self, batch: Path) -> Iterator[str]:
+        """What staff must look at in the new batch."""
+        settings = self.settings
+        if settings.pulp_temperature_C is not None or settings.temperature is not None:
+            table = settings.temperature
+            values = {} if table is None else table.model_dump()
+            numbers = ", ".join(f"{name} = {number:g}" for name, number in values.items())
+            again = f", and again [temperature] {numbers}" if numbers else ""
+            yield f"pulp_temperature_C: write that of the new day into batch.toml{again}"
+        if settings.mismatch:
+            names = ", ".join(sorted({effect.effect for effect in settings.mismatch}))
+            yield f"confirmed effects ({names}): drupe copies none; run `drupe explain` on the new fruit"
+        for path in filter(self._leaves, self._named_files()):
+            yield f"{path}: is a link to a file outside {self.root}, which drupe does not copy"
+        for name in (settings.category, settings.pit.prior, settings.rig):
+            if name and (".." in Path(name).parts or Path(name).is_absolute()):
+                place = (batch / name).resolve()
+                if place != (self.root / name).resolve():
+                    yield f"{name}: lies outside {self.root} and now means {place}; correct it in batch.toml"
+
+
 def make_batch(
     root: Path,
     folders: Sequence[Path],
@@ -71,7 +137,9 @@ def make_batch(
     """
     known = known_categories()
     problems = []
-    earlier = None if like is None else earlier_batch(like)
+    earlier = None
+    if like is not None:
+        earlier = EarlierBatch(root=like, settings=read_settings(BatchFolder(like).settings))
     if earlier is None and not folders:
         problems.append(Problem("drupe new", "needs --photos FOLDER, --like BATCH, or both."))
     category = category or (DEFAULT if earlier is None else earlier.settings.category)
@@ -182,7 +250,8 @@ def _settings(named: dict[str, str], earlier: EarlierBatch | None) -> str:
     """batch.toml: the earlier batch's, or the template with what is `named` taken in."""
     if earlier is not None:
         return earlier.written(named)
-    text = TEMPLATE.format(category=named["category"], known=", ".join(known_categories()))
+    template = TEMPLATE.read_text(encoding="utf-8")
+    text = template.format(category=named["category"], known=", ".join(known_categories()))
     for name in ("cultivar", "lot"):
         if name in named:
             line = f"{name} = {toml_value(named[name])}\n".replace("\\", r"\\")

@@ -1,6 +1,7 @@
 """A batch, opened: settings, fruit, mat and pit prior; every fault of the whole found before work begins."""
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import unicodedata
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,7 +10,8 @@ from typing import TypeVar
 
 from pydantic import ValidationError
 
-from pipeline.batch.fruits_table import FruitRow, read_fruits
+from pipeline.batch.fruits_table import SAFE_ID, FruitRow, read_fruits
+from pipeline.batch.input_names import is_of_the_system
 from pipeline.batch.layout import BatchFolder, FruitFolder
 from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doubts
 from pipeline.batch.reference_body import CATEGORY, reference_prior
@@ -39,42 +41,38 @@ _NO_PITS = (
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
-    """What grading starts from; `prior` is None only where no fruit needs its pit and the settings hold
-    Poisson's ratio.
+    """A batch as far as its files could be read, and every problem of the batch as a whole (`problems`).
 
-    `category`: its name, where the settings give a file; `known`: what is known of it, if anything is;
-    `body`: what a whole fruit of it is like.
+    `rows`: of fruits.csv, or of the folders of fruit where the table cannot be read (not `listed`). `known`:
+    what is known of the category. `prior`: None where no fruit needs its pit and the settings hold Poisson's
+    ratio, or where a problem says why there is none. `without_scale`: no photographed fruit has a scale, and
+    a problem says so.
     """
 
     folder: BatchFolder
     settings: Settings
     rows: tuple[FruitRow, ...]
+    listed: bool
     mat: Mat | None
-    category: str
     known: PitPrior | None
-    body: PitBody
     prior: PitPrior | None
+    without_scale: bool
+    problems: tuple[Problem, ...]
+
+    @property
+    def category(self) -> str:
+        """Its name, also where the settings give a file."""
+        return self.settings.category if self.known is None else self.known.category
+
+    @property
+    def body(self) -> PitBody:
+        """What a whole fruit of the category is like."""
+        return STONE_FRUIT if self.known is None else self.known.body
 
     @cached_property
     def row_of(self) -> dict[str, FruitRow]:
         """The rows by fruit_id."""
         return {row.fruit_id: row for row in self.rows}
-
-
-@dataclass(frozen=True, kw_only=True)
-class Survey:
-    """As much of a batch as could be read, and every problem of the batch as a whole. `without_scale`: no
-    photographed fruit has a scale, and that is one of the problems.
-    """
-
-    folder: BatchFolder
-    settings: Settings | None
-    rows: tuple[FruitRow, ...] | None
-    mat: Mat | None
-    category: PitPrior | None
-    prior: PitPrior | None
-    without_scale: bool
-    problems: tuple[Problem, ...]
 
 
 RowChoice = Callable[[BatchFolder, tuple[FruitRow, ...]], tuple[FruitRow, ...]]
@@ -86,107 +84,116 @@ def open_batch(root: Path, *, force: bool = False, choose: RowChoice | None = No
 
     With `force` numbers that are merely implausible stop nothing; `choose` as in `survey`.
     """
-    batch_survey = survey(root, choose=choose)
-    stops = [p for p in batch_survey.problems if not (force and p.implausible)]
-    if stops or batch_survey.settings is None or batch_survey.rows is None:
+    batch = survey(root, choose=choose)
+    if stops := [problem for problem in batch.problems if not (force and problem.implausible)]:
         raise BatchRefused(stops)
-    known = batch_survey.category
-    return Batch(
-        folder=batch_survey.folder,
-        settings=batch_survey.settings,
-        rows=batch_survey.rows,
-        mat=batch_survey.mat,
-        category=batch_survey.settings.category if known is None else known.category,
-        known=known,
-        body=STONE_FRUIT if known is None else known.body,
-        prior=batch_survey.prior,
-    )
+    return batch
 
 
-def survey(root: Path, *, choose: RowChoice | None = None) -> Survey:
+def survey(root: Path, *, choose: RowChoice | None = None) -> Batch:
     """Reads what can be read of the batch at `root`.
 
     With `choose` the table may have no row yet or not be there, and the fruit are those that it gives back:
-    fewer, or more (pipeline.batch.fruits_table.unlisted_fruit).
+    fewer, or more (`unlisted_fruit`).
     """
     folder = BatchFolder(root)
     problems: list[Problem] = []
-    mat = prior = None
-    unscaled: list[Problem] = []
-    rows: tuple[FruitRow, ...] | None = None
-    settings = _gather(problems, lambda: read_settings(folder.settings))
-    category, grading, units = (
-        _read_alone(folder) if settings is None else (None, settings.grading, settings.columns)
-    )
-    if root.is_dir():
-        if choose is not None and not (folder.table.exists() or folder.table.is_symlink()):
-            rows = ()
-        else:
-            empty = choose is not None
+    read = _gather(problems, lambda: read_settings(folder.settings))
+    settings = _salvaged(folder) if read is None else read
+    rows, mat, listed, unscaled = tuple[FruitRow, ...](), None, root.is_dir(), list[Problem]()
+    if listed:
+        if choose is None or _stands(folder.table):
+            units, empty = settings.columns, choose is not None
             table = _gather(problems, lambda: read_fruits(folder.table, units=units, may_be_empty=empty))
-            if table is not None:
-                rows, faults = table
-                problems += faults
-        if choose is not None and rows is not None:
+            listed = table is not None
+            rows, faults = table or ((), [])
+            problems += faults
+        if choose is not None and listed:
             rows = choose(folder, rows)
-        lies = folder.mat.exists() or folder.mat.is_symlink()
-        mat = _gather(problems, lambda: read_mat(folder.mat)) if lies else None
-        if rows and not lies:
+        if _stands(folder.mat):
+            mat = _gather(problems, lambda: read_mat(folder.mat))
+        elif rows:
             unscaled = _without_scale(folder, rows)
             problems += unscaled
-    if settings is not None:
-        category, prior, wrong = _read_priors(folder, settings, rows)
+    known, prior = None, None
+    if read is None:
+        with suppress(ReconFailure):
+            known = load_prior(as_named(folder.root, settings.category))
+    else:
+        known, prior, wrong = _read_priors(folder, settings, rows if listed else None)
         problems += wrong
-        problems += _said_of(folder.settings, _without_model(folder, settings))
-        problems += _said_of(folder.settings, _without_provider(settings))
         problems += rig_problems(folder, settings)
-        problems += _said_of(folder.settings, _effects_of_strangers(settings, rows))
-        problems += _said_of(folder.settings, _effects_without_pit(folder, settings, rows))
         problems += _references(folder, settings, rows)
-    problems += _implausible(folder, grading, rows, category)
-    return Survey(
+        problems += [
+            Problem(str(folder.settings), sentence)
+            for sentence in (
+                *_without_model(folder, settings),
+                *_without_provider(settings),
+                *(_effects_of_strangers(settings, rows) if listed else ()),
+                *_effects_without_pit(folder, settings, rows),
+            )
+        ]
+    problems += _implausible(folder, settings.grading, rows, known)
+    if not listed:
+        unread = (FruitRow(fruit_id=name, unreadable=("height_mm",)) for name in fruit_folders(folder))
+        rows = tuple(unread)
+    return Batch(
         folder=folder,
         settings=settings,
         rows=rows,
+        listed=listed,
         mat=mat,
-        category=category,
+        known=known,
         prior=prior,
         without_scale=bool(unscaled),
         problems=tuple(problems),
     )
 
 
-def _said_of(path: Path, sentences: Iterable[str]) -> list[Problem]:
-    return [Problem(str(path), sentence) for sentence in sentences]
+def fruit_folders(folder: BatchFolder) -> list[str]:
+    """The names in fruits/ that can be fruit_ids, composed (NFC) and sorted."""
+    places = folder.fruits.iterdir() if folder.fruits.is_dir() else ()
+    names = (path.name for path in places if path.is_dir() and not is_of_the_system(path.name))
+    return sorted(filter(SAFE_ID.fullmatch, {unicodedata.normalize("NFC", name) for name in names}))
+
+
+def unlisted_fruit(folder: BatchFolder, rows: Sequence[FruitRow]) -> list[FruitRow]:
+    """Of folders in fruits/ that the table does not name, in the order of their names."""
+    known = {row.fruit_id for row in rows}
+    return [FruitRow(fruit_id=name) for name in fruit_folders(folder) if name not in known]
+
+
+def _stands(path: Path) -> bool:
+    return path.is_symlink() or path.exists()
 
 
 def _implausible(
-    folder: BatchFolder, grading: Grading, rows: tuple[FruitRow, ...] | None, category: PitPrior | None
+    folder: BatchFolder, grading: Grading, rows: tuple[FruitRow, ...], known: PitPrior | None
 ) -> list[Problem]:
     """Numbers that no batch of the category has: of batch.toml, and of whole columns of fruits.csv."""
-    kind = kind_of(category)
-    columns = table_doubts(rows or (), kind).values()
+    kind = kind_of(known)
     said = [(folder.settings, sentence) for sentence in grading_doubts(grading, kind)]
-    said += [(folder.table, sentence) for sentence in columns]
+    said += [(folder.table, sentence) for sentence in table_doubts(rows, kind).values()]
     hint = "If the value is right, run `drupe grade --force`."
     return [Problem(str(path), f"{sentence} {hint}", implausible=True) for path, sentence in said]
 
 
-def _read_alone(folder: BatchFolder) -> tuple[PitPrior | None, Grading, dict[str, str]]:
+def _salvaged(folder: BatchFolder) -> Settings:
     """Category, classes and the user's columns of settings with a fault elsewhere, so that one go says what
     else is wrong.
     """
-    category, grading, units = None, Grading(), {}
+    settings = Settings(category="unknown")
     with suppress(NotReadable):
         table = toml_of(read_text(folder.settings, most_bytes=MOST_BYTES))
-        with suppress(ReconFailure):
-            named = table.get("category")
-            category = load_prior(as_named(folder.root, named)) if isinstance(named, str) else None
+        with suppress(ValidationError):
+            settings = Settings.model_validate({"category": table.get("category")})
         with suppress(ValidationError):
             grading = Grading.model_validate(table.get("grading", {}))
+            settings = settings.model_copy(update={"grading": grading})
         if isinstance(declared := table.get("columns"), dict):
             units = {name: str(unit) for name, unit in declared.items()}
-    return category, grading, units
+            settings = settings.model_copy(update={"columns": units})
+    return settings
 
 
 def read_mat(path: Path) -> Mat:
@@ -294,7 +301,7 @@ def _without_pit(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> list
 
 
 def _effects_without_pit(
-    folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None
+    folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...]
 ) -> Iterator[str]:
     bare = _without_pit(folder, rows) if settings.pit.none else []
     for effect in settings.mismatch:
@@ -306,7 +313,7 @@ def _effects_without_pit(
                 )
 
 
-def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None) -> list[Problem]:
+def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...]) -> list[Problem]:
     """A reference body must be solid, and its Poisson's ratio known; to correct by one there must be one."""
     problems = []
     if settings.reference.correct and rows and not any(row.reference for row in rows):
@@ -315,7 +322,7 @@ def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, .
             "the column reference of its row, or remove the line."
         )
         problems.append(Problem(str(folder.settings), sentence))
-    for row in rows or ():
+    for row in rows:
         if not row.reference:
             continue
         if reference_ratio(row, settings) is None:
@@ -334,7 +341,7 @@ def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, .
             if effect.spec.of_the_pit and row.fruit_id in (effect.fruits or ())
         ]
         pit = folder.fruit(row.fruit_id).pit_ply
-        if pit.exists() or pit.is_symlink():
+        if _stands(pit):
             sentence = (
                 "gives a pit for a reference body, which must be solid; remove the file, or use another body."
             )
@@ -376,9 +383,9 @@ def _has_height(row: FruitRow) -> bool:
     return row.height_mm is not None or "height_mm" in row.unreadable
 
 
-def _effects_of_strangers(settings: Settings, rows: tuple[FruitRow, ...] | None) -> Iterator[str]:
-    known = [row.fruit_id for row in rows or ()]
-    for effect in settings.mismatch if rows is not None else ():
+def _effects_of_strangers(settings: Settings, rows: tuple[FruitRow, ...]) -> Iterator[str]:
+    known = [row.fruit_id for row in rows]
+    for effect in settings.mismatch:
         for fruit_id in effect.fruits or ():
             if fruit_id not in known:
                 yield (

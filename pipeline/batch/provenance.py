@@ -14,6 +14,7 @@ from pipeline.files.manifest import json_in
 from pipeline.problem import refused
 
 FORMAT = "drupe-batch-result"
+RUN_FORMAT = "drupe-run"
 
 
 def versions() -> dict[str, str]:
@@ -91,6 +92,20 @@ def require_provenance(results: Results) -> dict[str, Any]:
         f"did you mean {inside}?" if Results(inside).provenance.is_file() else "give the folder from --out."
     )
     raise refused(results.root, f"contains no results of drupe grade (batch.json); {hint}")
+
+
+def write_run(results: Results, *, mark: str) -> None:
+    """Writes the mark of a run, by which another machine knows that it sees the same folder.
+
+    Raises NotWritten.
+    """
+    write_whole(results.run, json.dumps({"format": RUN_FORMAT, "version": 2, "mark": mark}) + "\n")
+
+
+def is_marked(run: Path, mark: str) -> bool:
+    """Whether the file `run` is what `write_run` wrote with this mark."""
+    held = json_in(run)
+    return isinstance(held, dict) and (held.get("format"), held.get("mark")) == (RUN_FORMAT, mark)
 
 
 def utc_text(at: datetime) -> str:

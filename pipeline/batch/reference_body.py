@@ -12,9 +12,10 @@ NAME = "reference body"
 """What sentences call it."""
 
 
+@cache
 def reference_prior(poisson_ratio: float | None = None) -> PitPrior:
     """What is known of a reference body beforehand: a cast body's rules, no pit, and the ratio given."""
-    known = _phantom()
+    known = load_prior(CATEGORY)
     ratio = known.poisson_ratio if poisson_ratio is None else poisson_ratio
     return replace(known, category=NAME, poisson_ratio=ratio)
 
@@ -22,8 +23,3 @@ def reference_prior(poisson_ratio: float | None = None) -> PitPrior:
 def category_of(row: FruitRow, category: PitPrior | None) -> PitPrior | None:
     """What is known of one row's body: the batch's category, or a reference body's."""
     return reference_prior(row.reference_poisson_ratio) if row.reference else category
-
-
-@cache
-def _phantom() -> PitPrior:
-    return load_prior(CATEGORY)

@@ -22,7 +22,12 @@ def write_sample(
     with scratch(near=target) as unfinished:
         try:
             if seed is None:
-                _copied(unfinished / "batch", name)
+                from samples.shipped import shipped_batches, write_shipped
+
+                if name not in (known := shipped_batches()):
+                    sentence = f"drupe ships no such batch; known: {', '.join(known)}."
+                    raise refused(f"--name {name}", sentence)
+                write_shipped(name, unfinished / "batch")
             else:
                 from samples.sample_batch import write_batch
 
@@ -38,13 +43,3 @@ def write_sample(
             raise refused(folder, str(failure)) from None
         except OSError as error:
             raise NotWritten(folder, error) from error
-
-
-def _copied(folder: Path, name: str) -> None:
-    from samples.shipped import shipped_batches, write_shipped
-
-    known = shipped_batches()
-    if name not in known:
-        sentence = f"drupe ships no such batch; known: {', '.join(known)}."
-        raise refused(f"--name {name}", sentence)
-    write_shipped(name, folder)

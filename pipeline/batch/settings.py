@@ -441,49 +441,43 @@ def shown(value: object) -> str:
     return text if len(text) <= 80 else f"{text[:77]}..."
 
 
+WORDS = {
+    "bool": "true or false",
+    "date": "a date like 2026-08-14",
+    "dict": "a table",
+    "float": "a number (with a decimal point)",
+    "int": "a whole number",
+    "model": "a table",
+    "string": "a text in quotes",
+    "tuple": "a list in [ ]",
+}
+"""What is expected, by the first word of a pydantic error's type."""
+LIMITS = {"ge": "{} or more", "gt": "more than {}", "le": "at most {}", "lt": "less than {}"}
+"""The same of a number or date out of its limits."""
+
+
 def _expected(error: Any) -> str:
     """What was found and what was expected, in plain words."""
-    kind, limits = error["type"], error.get("ctx", {})
-    shown_input = shown(error["input"])
-    if kind in {"value_error", "assertion_error"}:
-        message = error["msg"].removeprefix("Value error, ")
-        return (
-            message
-            if isinstance(error["input"], dict | list)
-            else f"found {shown_input}; {message[:1].lower()}{message[1:]}"
-        )
+    kind, limits, value = error["type"], error.get("ctx", {}), error["input"]
+    plain = str(error["msg"]).removeprefix("Value error, ").replace("Input should be", "expected")
+    message = plain[:1].lower() + plain[1:]
+    if kind == "value_error" and isinstance(value, dict | list):
+        return plain
     if kind == "too_long":
         return f"holds {limits['actual_length']} entries; expected at most {limits['max_length']}"
     if kind == "string_too_long":
         return f"is longer than {limits['max_length']} characters; shorten it"
     if kind == "string_too_short":
-        return f"found {shown_input}; expected a non-empty text"
-    words = {
-        "greater_than_equal": "expected {ge} or more",
-        "greater_than": "expected more than {gt}",
-        "less_than_equal": "expected at most {le}",
-        "less_than": "expected less than {lt}",
-        "literal_error": "expected {expected}",
-        "finite_number": "expected a finite number",
-    }
-    if kind in words:
-        plain = {name: f"{v:g}" if isinstance(v, float) else v for name, v in limits.items()}
-        return f"found {shown_input}; {words[kind].format(**plain)}"
-    if kind.startswith("float") and isinstance(error["input"], str):
-        return f"found {shown_input}; expected a number, without quotes{meant(error['input'])}"
-    for part, expected in (
-        ("float", "a number (with a decimal point)"),
-        ("int", "a whole number"),
-        ("bool", "true or false"),
-        ("string", "a text in quotes"),
-        ("date", "a date like 2026-08-14"),
-        ("tuple", "a list in [ ]"),
-        ("dict", "a table"),
-        ("model", "a table"),
-    ):
-        if kind.startswith(part):
-            return f"found {shown_input}; expected {expected}"
-    return f"found {shown_input}; {error['msg'][:1].lower()}{error['msg'][1:]}"
+        message = "expected a non-empty text"
+    elif kind.startswith("float") and isinstance(value, str):
+        message = f"expected a number, without quotes{meant(value)}"
+    elif (word := kind.partition("_")[0]) in WORDS:
+        message = f"expected {WORDS[word]}"
+    for name, words in LIMITS.items():
+        if name in limits:
+            limit = limits[name]
+            message = f"expected {words.format(f'{limit:g}' if isinstance(limit, float) else limit)}"
+    return f"found {shown(value)}; {message}"
 
 
 def _likely_slip(key: str, value: Any) -> str:

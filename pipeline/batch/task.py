@@ -5,7 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.batch.batch_fruits import BatchFruits
 from pipeline.batch.cache import ROOMS, stage_key
 from pipeline.batch.confirmed_effects import effects_on, keyed
 from pipeline.batch.fruits_table import Given, given_of
@@ -53,7 +52,7 @@ class FruitTask:
     prior: PitPrior | None
     given: Given
     key: str
-    batch_fruits: BatchFruits | None = None
+    batch_fruits: frozenset[str] | None = None
     screen: bool = True
 
     def named_in_batch(self, sentence: str) -> str:
@@ -62,18 +61,10 @@ class FruitTask:
         return re.sub(rf"(?<![^\s(\"'\[`:=]){root}/", "", sentence)
 
 
-def batch_fruits(batch: Batch, results: Results) -> BatchFruits:
-    """Every fruit_id of the batch; another process finds them in the results (`write_run`)."""
-    return BatchFruits(batch.row_of, listed=results.run.absolute())
-
-
-def fruit_task(
-    batch: Batch, fruit_id: str, results: Results, *, screen: bool = True, among: BatchFruits | None = None
-) -> FruitTask:
+def fruit_task(batch: Batch, fruit_id: str, results: Results, *, screen: bool = True) -> FruitTask:
     """The task of one fruit of the batch, and the key of everything its result depends on.
 
-    Its paths are absolute: the process that works on it has a current folder of its own. `among`: the fruit
-    of the batch, where many tasks are made of it.
+    Its paths are absolute: the process that works on it has a current folder of its own.
     """
     row = batch.row_of[fruit_id]
     folder = batch.folder.fruit(fruit_id)
@@ -127,6 +118,6 @@ def fruit_task(
         prior=prior,
         given=given_of(row),
         key=key,
-        batch_fruits=batch_fruits(batch, results) if among is None else among,
+        batch_fruits=frozenset(batch.row_of),
         screen=screen,
     )

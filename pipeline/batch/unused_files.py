@@ -25,12 +25,8 @@ ADVICE = {
         "rename it or move it away",
     ),
     **dict.fromkeys(
-        (".gltf", ".3mf", ".off", ".step", ".stp", ".fbx", ".dae", ".wrl", ".x3d", ".3ds", ".usdz"),
-        f"meshes are read as {', '.join(MESHES)}; export it in one of these formats, named fruit.ply",
-    ),
-    **dict.fromkeys(
-        (".pcd", ".xyz", ".las", ".laz", ".e57", ".pts"),
-        "points are not a surface; mesh them first, and save the mesh as fruit.ply",
+        (".gltf", ".3mf", ".off", ".step", ".stp", ".pcd", ".xyz", ".las"),
+        f"meshes are read as {', '.join(MESHES)}; export a surface in one of these formats, named fruit.ply",
     ),
     **dict.fromkeys(PHOTOS, "drupe reads photos in fruits/<fruit_id>/photos/; move it there"),
     **dict.fromkeys(
@@ -38,17 +34,14 @@ ADVICE = {
         "drupe reads photos in fruits/<fruit_id>/photos/; convert it to JPEG and move it there",
     ),
     **dict.fromkeys(
-        (".avi", ".mp4", ".mov", ".mkv", ".m4v", ".webm"),
+        (".avi", ".mp4", ".mov", ".mkv", ".webm"),
         "drupe reads a video only if grasp.toml of a raw grasp names it; move it there",
     ),
     **dict.fromkeys(
         (".csv", ".tsv", ".xls", ".xlsx", ".ods", ".npz", ".npy", ".bag", ".db3", ".mcap", ".parquet"),
         "fruits.csv lists the fruit, recordings are .h5; convert it with `drupe convert`, or move it away",
     ),
-    **dict.fromkeys(
-        (".zip", ".rar", ".7z", ".tar", ".gz", ".tgz", ".bz2", ".xz"),
-        "drupe does not open archives; unpack it",
-    ),
+    **dict.fromkeys((".zip", ".7z", ".tar", ".gz"), "drupe does not open archives; unpack it"),
 }
 """What to do about an input in the wrong place or of a kind that is not read, by its suffix in lower case."""
 MOST_NAMED = 3
@@ -66,8 +59,6 @@ class UnusedFile:
 def unused_of_fruit(folder: FruitFolder) -> list[UnusedFile]:
     """Files of a fruit's folder that look like inputs and are not used."""
     unused = [(path, why) for path in _files_in(folder.root) if (why := _why(path))]
-    if not folder.photo_files() and not folder.fruit_ply.is_file():
-        unused = [(path, why) for path, why in unused if "photos" not in why]  # photos_elsewhere says it
     if folder.fruit_ply.suffix.lower() == ".obj":  # its texture
         unused = [(path, why) for path, why in unused if path.suffix.lower() not in PHOTOS]
     for path in _files_in(folder.grasps) if folder.grasps != folder.root else ():

@@ -1,13 +1,25 @@
 """`drupe mat`."""
 
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pipeline.batch.paper_sizes import Paper
 from pipeline.commands.endings import said_when_interrupted
 from pipeline.safe_start import elsewhere
+
+
+class Paper(StrEnum):
+    """Name of a sheet that a mat can be printed on."""
+
+    A4 = "a4"
+    LETTER = "letter"
+
+    @property
+    def size_mm(self) -> tuple[float, float]:
+        """Width and height (ISO 216, ANSI/ASME Y14.1)."""
+        return (210.0, 297.0) if self is Paper.A4 else (215.9, 279.4)
 
 
 def mat(
@@ -31,7 +43,7 @@ def mat(
     with elsewhere():
         from pipeline.batch.marker_mat import write_mat
     with said_when_interrupted(""):
-        written = write_mat(folder, paper=paper, cherry=cherry)
+        written = write_mat(folder, sheet_mm=paper.size_mm, cherry=cherry)
     for path in written:
         typer.echo(f"wrote {path}")
     typer.echo("Print the PDF at 100 %, measure its bar, and copy mat.json beside batch.toml.")

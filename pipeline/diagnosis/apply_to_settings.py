@@ -90,17 +90,15 @@ def confirmed_effects(winner: Candidate, *, fruit_id: str) -> tuple[ConfirmedEff
         values: dict[str, Value] = {}
         spread: dict[str, float | tuple[float, ...]] = {}
         for name, parameter in _own(winner, effect).items():
-            values[name] = _rounded(parameter.value)
+            values[name] = parameter.value if isinstance(parameter.value, str) else _rounded(parameter.value)
             if parameter.sd is not None and not isinstance(parameter.value, str):
-                rounded = _rounded(parameter.sd)
-                if not isinstance(rounded, str):
-                    spread[name] = rounded
+                spread[name] = _rounded(parameter.sd)
         entries.append(
             ConfirmedEffect(
                 effect=effect,
                 parameters=values,
                 sd=spread,
-                fruits=(fruit_id,) if _of_one_fruit(effect) else None,
+                fruits=(fruit_id,) if SPECS[effect].scope is Scope.FRUIT else None,
                 found_in=fruit_id,
                 probability=round(winner.probability, 4),
             )
@@ -110,20 +108,12 @@ def confirmed_effects(winner: Candidate, *, fruit_id: str) -> tuple[ConfirmedEff
 
 def _own(winner: Candidate, effect: str) -> dict[str, Parameter]:
     """The parameters of one effect of the winner."""
-    parameters = {
-        name.removeprefix(f"{effect}."): parameter
-        for name, parameter in winner.parameters.items()
-        if name.startswith(f"{effect}.")
-    }
-    spec = SPECS.get(effect)
+    of_effect = {}
     for name, parameter in winner.parameters.items():
-        if spec is not None and spec.parameter(name) is not None:
-            parameters.setdefault(name, parameter)
-    return parameters
-
-
-def _of_one_fruit(effect: str) -> bool:
-    return effect in SPECS and SPECS[effect].scope is Scope.FRUIT
+        part, _, plain = name.rpartition(".")
+        if part == effect or (not part and effect in SPECS and SPECS[effect].parameter(name) is not None):
+            of_effect[plain] = parameter
+    return of_effect
 
 
 def _in_forces(effect: str) -> bool:
@@ -134,9 +124,7 @@ def _needs_no_entry(effect: str) -> str:
     return f"{effect} needs no entry: the recorded forces include it, so E is right without one."
 
 
-def _rounded(value: Value) -> Value:
-    if isinstance(value, str):
-        return value
+def _rounded(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
     if isinstance(value, tuple | list):
         return tuple(float(f"{x:.6g}") for x in value)
     return float(f"{value:.6g}")

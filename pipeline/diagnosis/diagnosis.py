@@ -124,7 +124,7 @@ def find(case: MismatchCase, graded: GradedCase | None, log: StageLog, *, jobs: 
 def _require_gels(fruit: GraspedFruit) -> None:
     """Raises TactileFailure (no-markers) for a grasp with a plain jaw: the finder needs what both jaws
     feel."""
-    plain = [grasp.path.name for grasp in fruit.placed if grasp.plain_jaw]
+    plain = [grasp.name for grasp in fruit.placed if grasp.plain_jaw]
     if plain:
         raise TactileFailure(
             TactileProblem.NO_MARKERS,

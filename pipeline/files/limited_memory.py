@@ -1,9 +1,10 @@
-"""A limit on this process's memory while a native library reads a file of unknown origin."""
+"""This process's memory: a limit while a native library reads a file, and what is freed given back."""
 
+import ctypes
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 try:
@@ -51,3 +52,10 @@ def free_bytes() -> int:
         return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:"))
     except (OSError, StopIteration):
         return 10**12
+
+
+def return_freed_memory() -> None:
+    """glibc keeps what lies below its last block in use, after photos some 400 MiB; elsewhere nothing."""
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).malloc_trim(0)

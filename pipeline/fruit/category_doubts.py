@@ -1,13 +1,17 @@
-"""Numbers that belong to another category than the batch's: Poisson's ratio, and the size of the mesh."""
+"""Does the mesh have the size that staff measured and that fruit of its category have? Is Poisson's ratio the
+category's?
+"""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
+from pipeline.batch.fruits_table import Given
+from pipeline.batch.records import MeshRecord
 from pipeline.batch.settings import Settings
 from pipeline.fruit.input_doubts import E_PER_SIZE, CategoryKind, Doubt
-from recon.pit.priors import PitPrior, known_categories, load_prior
+from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior, known_categories, load_prior
 
 FAR_SD = 3.0
 """Standard deviations of Poisson's ratio from the category's beyond which one of the two is wrong."""
@@ -21,6 +25,88 @@ UNUSUAL_SD = 1.645
 BETTER = 6.0
 """Likelihood of a size in another category over that in its own from which the other is named (set by hand: a
 plum of 57 mm has 6 as a nectarine, and up to 56 mm is no doubt)."""
+
+CALLIPER_SD_MM = 0.2
+"""Standard deviation, mm, of a diameter taken by calliper on soft skin (estimate)."""
+LEAST_APART_MM = 0.7
+"""mm: below it a stem or a leaning fruit explains the difference (estimate)."""
+LEAST_APART = 0.02
+"""Share of the measured size below which the same is so (estimate)."""
+
+
+def size_doubts(
+    given: Given,
+    mesh: MeshRecord,
+    prior: PitPrior | None,
+    *,
+    on_mat: bool,
+    by_coin: bool = False,
+    body: PitBody = STONE_FRUIT,
+) -> list[str]:
+    """Sentences where height, diameter or mass of fruits.csv, or the category, contradict the mesh.
+
+    A length is contradicted where it differs by more than three standard deviations of calliper, surface and
+    scale together, and by more than 2 % and 0.7 mm. What size rests on without a second source is said too.
+    """
+    wrong = []
+    checked = on_mat or mesh.source == "fruit.ply"
+    narrow, wide = sorted(mesh.box_mm[:2])
+    for name, by_hand, low, high, what in (
+        ("height_mm", given.height_mm if checked else None, mesh.height_mm, mesh.height_mm, "high"),
+        ("diameter_mm", given.diameter_mm, narrow, wide, "wide"),
+    ):
+        apart = 0.0 if by_hand is None else max(low - by_hand, by_hand - high, 0.0)
+        if by_hand is not None and apart > tolerance_mm(by_hand, mesh):
+            length = f"{low:.1f}" if high - low < 0.05 else f"{low:.1f} to {high:.1f}"
+            wrong.append(
+                f"The mesh is {length} mm {what}, but fruits.csv says {name} {by_hand:g} "
+                f"({100 * apart / by_hand:.1f} % difference)"
+            )
+    density = None if given.mass_g is None else 1000 * given.mass_g / mesh.volume_mm3
+    least, most = body.density_g_per_cm3
+    if density is not None and not least <= density <= most:
+        wrong.append(
+            f"The mesh holds {mesh.volume_mm3 / 1000:.1f} cm³ and fruits.csv says mass_g "
+            f"{given.mass_g:g}: the density would be {density:.2f} g/cm³, expected {least:.2f} to "
+            f"{most:.2f}"
+        )
+    size = float(np.cbrt(np.prod(mesh.box_mm)))
+    if (
+        prior is not None
+        and prior.fruit_mm is not None
+        and not prior.fruit_mm[0] <= size <= prior.fruit_mm[1]
+    ):
+        low, high = prior.fruit_mm
+        wrong.append(
+            f"The mean size of the mesh is {size:.1f} mm; a {prior.category} has {low:g} to {high:g} mm"
+        )
+    if mesh.source == "fruit.ply":
+        check = "check the units (mm, g), and that the mesh is in mm, with z up, and of this fruit."
+    elif on_mat:
+        check = (
+            "check the units (mm, g), the photos of this fruit, and the mat. mat.json must describe the "
+            "mat as it was printed (its 100 mm bar must measure 100 mm)."
+        )
+    else:
+        check = (
+            f"check the units (mm, g), the photos of this fruit, and height_mm ({given.height_mm:g}), "
+            "which scales the mesh."
+        )
+    doubts = [f"{doubt}: {check}" for doubt in wrong]
+    if not checked and not by_coin and given.diameter_mm is None and given.mass_g is None:
+        doubts.append(
+            f"The size depends on height_mm ({given.height_mm:g}) alone; an error of one percent "
+            "changes the volume by three. To detect errors, fill diameter_mm or mass_g, use a coin "
+            "([photos] coin), or use the mat."
+        )
+    return doubts
+
+
+def tolerance_mm(measured_mm: float, mesh: MeshRecord) -> float:
+    """How far a calliper and the mesh may differ before one of them is thought wrong."""
+    scale_sd = mesh.scale_sd if mesh.scale_sd is not None and np.isfinite(mesh.scale_sd) else 0.0
+    sd = np.sqrt(CALLIPER_SD_MM**2 + (mesh.surface_sd_mm or 0.0) ** 2 + (scale_sd * measured_mm) ** 2)
+    return float(max(3 * sd, LEAST_APART_MM, LEAST_APART * measured_mm))
 
 
 def of_poisson_ratio(settings: Settings, prior: PitPrior | None) -> list[Doubt]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
+from numpy.typing import DTypeLike
 
 from fem.elements.assembly import assemble
 from fem.estimation.error_budget import DISCRETISATION, ErrorBudget
@@ -16,7 +17,7 @@ from fem.estimation.grasp_model import GraspModel, grasp_model
 from fem.estimation.joint_inference import FruitModulus
 from fem.estimation.prepared_grasp import PreparedGrasp, prepared_grasp
 from fem.estimation.sensitivity import POISSON_RATIO
-from fem.fem_failure import FemFailure
+from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.mismatch_case import MismatchCase
@@ -24,13 +25,12 @@ from fem.parallel_map import parallel_map
 from fem.solid.finite_strain import FiniteStrainSolid
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.pad_link import PadPlaces, pad_places
-from pipeline.batch.cache import cached, stage_key
+from pipeline.batch.cache import cached, content_hash, stage_key
 from pipeline.batch.records import ModulusRecord, PitFoundRecord
+from pipeline.batch.stage_record import StageRecord
 from pipeline.batch.task import FruitTask
-from pipeline.fruit.content_hash import content_hash
+from pipeline.files.limited_memory import return_freed_memory
 from pipeline.fruit.flesh_effects import added, in_the_model, with_corrections
-from pipeline.fruit.freed_memory import return_freed_memory
-from pipeline.fruit.kept_models import KeptModels, packed, unpacked
 from pipeline.fruit.placed_grasp import PlacedGrasp, grasp_case
 from pipeline.fruit.sensor_scale import NO_SCALE, SensorScale
 
@@ -233,20 +233,19 @@ def responses(
     )
 
     def compute() -> KeptModels:
-        return packed(
-            _models(
-                mesh,
-                prepared,
-                supports,
-                poisson_ratio=poisson_ratio,
-                gel_scale_sd=budget.gel_scale_sd,
-                large=large,
-                solids=solids,
-                workers=workers,
-            )
+        models = _models(
+            mesh,
+            prepared,
+            supports,
+            poisson_ratio=poisson_ratio,
+            gel_scale_sd=budget.gel_scale_sd,
+            large=large,
+            solids=solids,
+            workers=workers,
         )
+        return KeptModels.of(models)
 
-    plain = unpacked(cached(task.results.cache, stage, key, compute, record=KeptModels))
+    plain = cached(task.results.cache, stage, key, compute, record=KeptModels).unpacked()
     modelled = [grasp for grasp, model in zip(grasps, plain, strict=True) if isinstance(model, GraspModel)]
     if not effects or not modelled:
         return plain
@@ -258,6 +257,51 @@ def responses(
         budget=budget,
     )
     return with_corrections(plain, added(case, effects))
+
+
+class KeptFailure(StageRecord):
+    """Why a grasp has no model."""
+
+    problem: FemProblem
+    detail: str
+
+
+class KeptModels(StageRecord):
+    """The stages "response-N": one model of each grasp, in single precision, or why there is none."""
+
+    models: tuple[GraspModel | KeptFailure, ...]
+
+    @classmethod
+    def of(cls, models: Sequence[GraspModel | FemFailure]) -> "KeptModels":
+        """The models as they are kept; of a compliance its lower triangle counts."""
+        return cls(
+            models=tuple(
+                KeptFailure(problem=model.problem, detail=model.detail)
+                if isinstance(model, FemFailure)
+                else _in(model, np.float32)
+                for model in models
+            )
+        )
+
+    def unpacked(self) -> list[GraspModel | FemFailure]:
+        """The models to compute with, in double precision."""
+        return [
+            FemFailure(model.problem, model.detail)
+            if isinstance(model, KeptFailure)
+            else _in(model, np.float64)
+            for model in self.models
+        ]
+
+
+def _in(model: GraspModel, precision: DTypeLike) -> GraspModel:
+    """The model with its matrices in this precision."""
+    compliance, correction = model.compliance, model.displacement_correction
+    return replace(
+        model,
+        compliance=(np.tril(compliance) + np.tril(compliance, -1).T).astype(precision),
+        sensitivity=replace(model.sensitivity, values=model.sensitivity.values.astype(precision)),
+        displacement_correction=None if correction is None else correction.astype(precision),
+    )
 
 
 def _models(

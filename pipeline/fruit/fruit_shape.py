@@ -12,13 +12,14 @@ from pipeline.batch.layout import FruitResults, write_whole
 from pipeline.batch.outcome import FruitEnded, Outcome
 from pipeline.batch.records import MeshRecord, OrientationRecord, PitRecord
 from pipeline.batch.task import FruitTask
+from pipeline.fruit.category_doubts import size_doubts
 from pipeline.fruit.photographed import KeptMesh, photographed
-from pipeline.fruit.size_doubts import measured, size_doubts
 from pipeline.fruit.trace_geometry import stated_in_table
 from recon.learned.onnx_file import model_files
 from recon.pit.placement import embed_pit, place_pit, require_closed
 from recon.surface.mesh_file import Mesh, mesh_bytes, read_mesh
 from recon.surface.orientation import orientation_of, orientation_warnings
+from recon.triangle_mesh import volume_mm3
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,8 +67,8 @@ def fruit_shape(task: FruitTask) -> FruitShape:
     record = shape.record
     if task.body.stem_and_suture:
         orientation = orientation_of(shape.vertices, shape.faces)
-        said = {name: getattr(orientation, name) for name in OrientationRecord.model_fields}
-        record = record.model_copy(update={"stance": OrientationRecord(**said)})
+        stance = OrientationRecord.model_validate(orientation, from_attributes=True)
+        record = record.model_copy(update={"stance": stance})
         if not task.folder.pit_ply.is_file():
             doubts = [*doubts, *orientation_warnings(orientation)]
     known = on_mat or record.source == "fruit.ply"  # a ready mesh is in the frame of the poses
@@ -89,8 +90,7 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
         require_closed(vertices, faces, what=folder.fruit_ply.name)
         return _shape(vertices, faces, np.eye(4), source="fruit.ply")
     if not folder.photo_files():
-        astray = folder.photos_elsewhere().rstrip(".")
-        where = f"{folder.root}{f' (photos/: {astray})' if astray else ''}"
+        where = str(folder.root)
         if stated_in_table(task.given).specimen.diameters_mm is not None:
             where += (
                 ", nor is there a recording of bare plates alone in grasps/, for which the three "
@@ -135,6 +135,24 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
     )
 
 
+def measured(
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+    *,
+    source: Literal["photos", "fruit.ply"],
+) -> MeshRecord:
+    """Counts, size and volume of a surface (mm), with nothing known of its quality."""
+    box = np.ptp(vertices, axis=0).tolist()
+    return MeshRecord(
+        source=source,
+        vertices=len(vertices),
+        faces=len(faces),
+        volume_mm3=volume_mm3(vertices, faces),
+        height_mm=box[2],
+        box_mm=tuple(box),
+    )
+
+
 def _shape(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "m 3"],
@@ -167,8 +185,8 @@ def embedded_pit(task: FruitTask, shape: FruitShape) -> FruitPit:
         )
     elif task.prior is not None:
         vertices, faces = place_pit(shape.vertices, shape.faces, task.prior)
-        measured = task.prior.measured is not None
-        source = f"{'measured pit, placed as' if measured else 'prior'} for {task.prior.category}"
+        kind = "prior" if task.prior.measured is None else "measured pit, placed as"
+        source = f"{kind} for {task.prior.category}"
     else:
         raise ValueError("a batch without a prior has a fruit without a pit.ply")
     found_pit = pit_found(task.settings.mismatch)

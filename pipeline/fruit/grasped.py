@@ -1,6 +1,5 @@
 """A fruit made ready for mechanics: its surface, its pit, every recording placed on it, and its mesh."""
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import partial
@@ -18,10 +17,10 @@ from pipeline.batch.outcome import FruitEnded, Outcome
 from pipeline.batch.records import FleshRecord
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.task import FruitTask
+from pipeline.files.limited_memory import return_freed_memory
 from pipeline.files.plain_file import printable
 from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories
 from pipeline.fruit.flesh_model import error_budget, flesh_mesh, poisson_ratio
-from pipeline.fruit.freed_memory import return_freed_memory
 from pipeline.fruit.fruit_shape import FruitPit, FruitShape, embedded_pit, fruit_shape, write_meshes
 from pipeline.fruit.input_doubts import Doubt, of_a_given_pit, of_grasps, remarks_of_grasps
 from pipeline.fruit.placed_grasp import Checked, PlacedGrasp, place_grasp
@@ -161,9 +160,8 @@ def _placed(
             try:
                 if path.is_dir():
                     field = "fruit_id in grasp.toml"
-                    kept = kept_recording(path, task.results.cache, log.progress)
-                    log.warnings += kept.notes
-                    path = kept.path
+                    path, notes = kept_recording(path, task.results.cache, log.progress)
+                    log.warnings += notes
                 grasp = place_grasp(
                     path,
                     shape.vertices,
@@ -228,29 +226,10 @@ def _where_fine(placed: list[PlacedGrasp], shape: FruitShape) -> Float[np.ndarra
     return np.vstack(points)
 
 
-def said_once(sentences: Sequence[str]) -> str:
-    """Sentences "name: what is wrong" as a text that has each cause once, with the first's numbers; what
-    is quoted (ids) makes another cause.
-
-    >>> said_once(["g1: force is 2.0 N.", "g2: never touches.", "g3: force is 2.5 N."])
-    'g1: force is 2.0 N. (The same applies to g3.) g2: never touches.'
-    """
-    causes: dict[str, list[tuple[str, str]]] = {}
-    for sentence in sentences:
-        name, _, cause = sentence.partition(": ")
-        quoted = " ".join(re.findall(r'"[^"]*"', cause))
-        causes.setdefault(re.sub(r"[\d.]+", "#", cause) + quoted, []).append((name, sentence))
-    said = []
-    for (_, first), *others in causes.values():
-        names = ", ".join(name for name, _ in others)
-        said.append(f"{first} (The same applies to {names}.)" if names else first)
-    return " ".join(said)
-
-
 def why_no_grasp(failures: Sequence[TactileFailure | FemFailure]) -> Exception:
     """Why a fruit has no modulus: its only recording's failure, all of theirs, or that there is none."""
     if len(failures) == 1:
         return failures[0]
     if failures:
-        return FruitEnded(Outcome.ALL_GRASPS_FAILED, said_once([str(failure) for failure in failures]))
+        return FruitEnded(Outcome.ALL_GRASPS_FAILED, " ".join(map(str, failures)))
     return FruitEnded(Outcome.NO_GRASP, "record one grasp and put its .h5, or its frames, there.")

@@ -12,8 +12,8 @@ from fem.fem_failure import FemFailure
 from fem.grasp_history import GraspHistory, PadHistory
 from fem.mismatch.mismatch_case import GraspCase, PadMotion
 from pipeline.batch.settings import SensorSettings
-from pipeline.fruit.known_sensor import known_gels
 from pipeline.fruit.model_curve import frame_records, model_curves, residual_at_full_load
+from pipeline.fruit.sensor_scale import known_gels
 from recon.checks.surface_error import sd_on_patch_mm
 from reports.grasp_record import CurveRecord, GraspRecord
 from reports.skin_layer import PatchResidual

@@ -1,17 +1,14 @@
-"""A fruit without photos or mesh: its diameters, and plates that squeezed it, to its modulus.
+"""A fruit without photos or mesh: its diameters, and plates that compressed it, to its modulus.
 
-recordings -> one law for all traces along a diameter -> E of linear elasticity -> what they show beyond it
+recordings -> one law for all traces -> E of linear elasticity -> what they show beyond it
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from jaxtyping import Float
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.estimation.sensitivity import POISSON_RATIO
@@ -23,7 +20,7 @@ from fem.indentation.rig_share import OF_A_BATCH, rig_share
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus
 from pipeline.batch.diagnosis_record import suspected_of
 from pipeline.batch.outcome import FruitEnded, Outcome
-from pipeline.batch.records import ModulusRecord, PressedRecord, ScreenRecord, SuspectedRecord
+from pipeline.batch.records import ModulusRecord, PressedRecord, ScreenRecord
 from pipeline.batch.rig_setting import batch_rig
 from pipeline.batch.task import FruitTask
 from pipeline.files.plain_file import printable
@@ -60,8 +57,6 @@ ALONG_SUTURE_SD = 0.15
 forces on whole skins are 1.10 to 1.17 times those on ellipsoids (benchmarks/results/diameter_shapes.csv)."""
 SHAPE, RECORDINGS = "shape from three diameters", "recordings"
 """Parts of the error bar, beside Poisson's ratio."""
-APART = 3.0
-"""Standard deviations between E along two diameters, shape included, from which it is said (set by hand)."""
 TYPICAL = 0.7
 """Share of the deepest squeeze at which E's dependence on Poisson's ratio is taken (set by hand: the upper
 half of the force rules E, and force goes with the power 1.5)."""
@@ -88,8 +83,8 @@ class CompressionTrace:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _AlongOne:
-    """All recordings along one diameter under one law: what they say, and E by each alone."""
+class _Compression:
+    """All recordings of a fruit along one diameter under one law, and E by each alone."""
 
     recordings: tuple[CompressionTrace, ...]
     traces: BareTraces
@@ -101,19 +96,9 @@ class _AlongOne:
         """Its diameters and pit."""
         return self.recordings[0].fruit
 
-    @property
-    def E_MPa(self) -> float:
-        """By linear elasticity."""
-        return self.explanation.before.value
-
-    @property
-    def relative_sd(self) -> float:
-        """Of this E, by the recordings alone."""
-        return self.explanation.before.sd / self.explanation.before.value
-
 
 def grade_pressed(task: FruitTask, log: StageLog) -> None:
-    """E of a fruit that plates squeezed, its parts and what else is known, told to `log`.
+    """E of a fruit that plates compressed, its parts and what else is known, told to `log`.
 
     Raises TactileFailure, FemFailure or FruitEnded where there is none.
     """
@@ -125,22 +110,21 @@ def grade_pressed(task: FruitTask, log: StageLog) -> None:
         facts.doubts = tuple(doubt.sentence for doubt in doubts)
         log.warnings[:0] = facts.doubts
     with log.stage("modulus"):
-        diameters = [_explained(group, nu) for group in _by_diameter(used)]
-        facts.pressed = _pressed_record(diameters, task, nu)
-        records = [record for diameter in diameters for record in _grasp_records(diameter)]
-        facts.grasps = tuple(sorted([*facts.grasps, *records], key=lambda record: record.grasp))
-        withheld = dict.fromkeys(filter(None, (diameter.explanation.withheld for diameter in diameters)))
-        if withheld:
-            raise FruitEnded(Outcome.WITHHELD_MODULUS, "; ".join(withheld))
-        facts.modulus = _modulus_record(diameters, facts.pressed.shape_sd, nu, nu_sd, doubts)
-        log.warnings += _warnings(diameters, facts.pressed.shape_sd)
+        compression = _explained(used, nu)
+        facts.pressed = _pressed_record(compression, task, nu)
+        records = [*facts.grasps, *_grasp_records(compression)]
+        facts.grasps = tuple(sorted(records, key=lambda record: record.grasp))
+        if compression.explanation.withheld:
+            raise FruitEnded(Outcome.WITHHELD_MODULUS, compression.explanation.withheld)
+        facts.modulus = _modulus_record(compression, facts.pressed.shape_sd, nu, nu_sd, doubts)
+        log.warnings += _warnings(compression)
         if task.settings.mismatch:
             names = ", ".join(dict.fromkeys(effect.effect for effect in task.settings.mismatch))
             log.warnings.append(
                 f"E excludes the confirmed effects ({names}), because they need the fruit's mesh."
             )
     if task.screen:
-        facts.screen = _screen_record(diameters)
+        facts.screen = _screen_record(compression.explanation)
 
 
 def _recordings(task: FruitTask, log: StageLog) -> list[CompressionTrace]:
@@ -161,6 +145,8 @@ def _recordings(task: FruitTask, log: StageLog) -> list[CompressionTrace]:
                 admit=partial(admit, name=name),
             )
             refuse_copy(name, next((other.name for other in used if other.digest == trace.digest), None))
+            if used and trace.fruit != used[0].fruit:
+                raise _unfit(path, trace.fruit.said, f"{used[0].fruit.said}, as in {used[0].path.name}")
             used.append(trace)
             log.warnings += [note for note in trace.notes if note not in log.warnings]
         except (TactileFailure, FemFailure) as failure:
@@ -231,18 +217,10 @@ def _without_rig(
     return replace(bare, recording=done.recording), done.notes
 
 
-def _by_diameter(used: Sequence[CompressionTrace]) -> list[list[CompressionTrace]]:
-    """Recordings along the same diameter together, in the order of the first of each."""
-    groups: dict[Ellipsoid, list[CompressionTrace]] = {}
-    for recording in used:
-        groups.setdefault(recording.fruit, []).append(recording)
-    return list(groups.values())
-
-
-def _explained(group: Sequence[CompressionTrace], nu: float) -> _AlongOne:
+def _explained(used: Sequence[CompressionTrace], nu: float) -> _Compression:
     """One law for all of them; raises FemFailure, or FruitEnded where a rig was taken off some alone."""
     try:
-        traces = joined_traces([recording.bare for recording in group])
+        traces = joined_traces([recording.bare for recording in used])
     except BatchRefused as refused:
         said = " ".join(problem.sentence for problem in refused.problems)
         raise FruitEnded(Outcome.ALL_GRASPS_FAILED, said) from None
@@ -250,38 +228,32 @@ def _explained(group: Sequence[CompressionTrace], nu: float) -> _AlongOne:
         traces.trace, thickness_mm=None, poisson_ratio=nu, rng=np.random.default_rng(TRACE_SEED)
     ).explanation
     alone = [explanation.before]
-    if len(group) > 1:
+    if len(used) > 1:
         alone = [linear_modulus(part, thickness_mm=None, poisson_ratio=nu) for part in traces.trace.parts]
-    return _AlongOne(recordings=tuple(group), traces=traces, explanation=explanation, alone=tuple(alone))
+    return _Compression(recordings=tuple(used), traces=traces, explanation=explanation, alone=tuple(alone))
 
 
-def _pressed_record(diameters: Sequence[_AlongOne], task: FruitTask, nu: float) -> PressedRecord:
-    fruit = diameters[0].fruit
-    recorded_pit_share = diameters[0].recordings[0].bare.pad.specimen.pit_share
+def _pressed_record(compression: _Compression, task: FruitTask, nu: float) -> PressedRecord:
+    fruit, axis = compression.fruit, DIAMETERS[compression.fruit.axis]
+    recorded_pit_share = compression.recordings[0].bare.pad.specimen.pit_share
     source = "fruits.csv" if task.given.pit_share is not None else "the recording"
     if task.given.pit_share is None and recorded_pit_share is None:
         source = "none given" if not fruit.pit_share else f"prior for {task.category}"
+    of_suture = ALONG_SUTURE_SD if task.body.stem_and_suture and axis == "a" else 0.0
     return PressedRecord(
         diameters_mm=fruit.diameters_mm,
-        compressed_along=tuple(DIAMETERS[diameter.fruit.axis] for diameter in diameters),
+        compressed_along=(axis,),
         pit_share=fruit.pit_share,
         pit_source=source,
-        shape_sd=float(np.mean([_shape_sd(diameter, task.body, nu) for diameter in diameters])),
+        shape_sd=float(np.hypot(fruit.shape_sd(nu), of_suture)),
     )
 
 
-def _shape_sd(diameter: _AlongOne, body: PitBody, nu: float) -> float:
-    """Of ln E along one diameter."""
-    of_ellipsoid = diameter.fruit.shape_sd(nu)
-    of_suture = ALONG_SUTURE_SD if body.stem_and_suture and DIAMETERS[diameter.fruit.axis] == "a" else 0.0
-    return float(np.hypot(of_ellipsoid, of_suture))
-
-
-def _grasp_records(diameter: _AlongOne) -> list[GraspRecord]:
+def _grasp_records(compression: _Compression) -> list[GraspRecord]:
     """What each recording gave by itself; the curve from its first touch."""
     records = []
     for trace, recording, modulus in zip(
-        diameter.traces.trace.parts, diameter.recordings, diameter.alone, strict=True
+        compression.traces.trace.parts, compression.recordings, compression.alone, strict=True
     ):
         force, touch = trace.force_N, max(first_touch(trace) - 1, 0)
         records.append(
@@ -308,91 +280,61 @@ def _grasp_records(diameter: _AlongOne) -> list[GraspRecord]:
 
 
 def _modulus_record(
-    diameters: Sequence[_AlongOne], shape_sd: float, nu: float, nu_sd: float, doubts: Sequence[Doubt]
+    compression: _Compression, shape_sd: float, nu: float, nu_sd: float, doubts: Sequence[Doubt]
 ) -> ModulusRecord:
-    """The weighted mean of ln E over the diameters; shape and Poisson's ratio are common to all of them."""
-    weights = _weights(diameters)
-    E_MPa = float(np.exp(weights @ np.log([diameter.E_MPa for diameter in diameters])))
-    of_recordings = sum(diameter.relative_sd**-2 for diameter in diameters) ** -0.5
-    of_ratio = abs(float(weights @ [_per_ratio(diameter, nu, nu_sd) for diameter in diameters]))
+    """E by linear elasticity, with the parts of its error."""
+    E = compression.explanation.before
     parts = {
-        RECORDINGS: E_MPa * of_recordings,
-        SHAPE: E_MPa * shape_sd,
-        POISSON_RATIO: E_MPa * of_ratio,
-        DOUBTED: E_MPa * relative_sd(doubts),
+        RECORDINGS: E.sd,
+        SHAPE: E.value * shape_sd,
+        POISSON_RATIO: E.value * abs(_per_ratio(compression, nu, nu_sd)),
+        DOUBTED: E.value * relative_sd(doubts),
     }
     return ModulusRecord(
-        E_MPa=E_MPa,
+        E_MPa=E.value,
         E_sd_MPa=float(np.linalg.norm(list(parts.values()))),
         common_sd_MPa=parts[POISSON_RATIO],
         parts_sd_MPa={name: sd for name, sd in parts.items() if sd},
     )
 
 
-def _per_ratio(diameter: _AlongOne, nu: float, nu_sd: float) -> float:
+def _per_ratio(compression: _Compression, nu: float, nu_sd: float) -> float:
     """Change of ln E over one standard deviation of Poisson's ratio."""
     if not nu_sd:
         return 0.0
-    depth = np.array(TYPICAL * float(np.ptp(diameter.traces.trace.travel_mm)))
+    depth = np.array(TYPICAL * float(np.ptp(compression.traces.trace.travel_mm)))
     low, high = max(nu - nu_sd, 0.0), min(nu + nu_sd, LARGEST_POISSON_RATIO)
     forces = [
-        float(diameter.fruit.curve(thickness_mm=None, poisson_ratio=ratio).force_N_per_MPa(depth))
+        float(compression.fruit.curve(thickness_mm=None, poisson_ratio=ratio).force_N_per_MPa(depth))
         for ratio in (low, high)
     ]
     return float(np.log(forces[0] / forces[1]) * nu_sd / (high - low))
 
 
-def _screen_record(diameters: Sequence[_AlongOne]) -> ScreenRecord:
+def _screen_record(explanation: Explanation) -> ScreenRecord:
     """What the traces show beyond linear elasticity, the likeliest names first."""
-    names: dict[str, None] = {}
-    for said in (diameter.explanation for diameter in diameters):
-        verdict = (said.verdict,) if isinstance(said.verdict, str) else said.verdict
-        names |= dict.fromkeys(name for name in verdict if name != NONE and said.detected)
-    p_value = min(1.0, len(diameters) * min(diameter.explanation.p_value for diameter in diameters))
-    named = tuple(names)
-    return ScreenRecord(p_value=p_value, p_nominal=True, names=named, suspected=_suspected(diameters, named))
+    verdict = explanation.verdict
+    verdict = (verdict,) if isinstance(verdict, str) else verdict
+    names = tuple(name for name in verdict if name != NONE) if explanation.detected else ()
+    known = names and UNKNOWN not in names
+    return ScreenRecord(
+        p_value=explanation.p_value,
+        p_nominal=True,
+        names=names,
+        suspected=suspected_of("|".join(names), explanation.before, explanation.after) if known else (),
+    )
 
 
-def _suspected(diameters: Sequence[_AlongOne], names: Sequence[str]) -> tuple[SuspectedRecord, ...]:
-    """E with what the traces show, as the weighted mean over the diameters; none where E is not known."""
-    if not names or UNKNOWN in names:
-        return ()
-    weights = _weights(diameters)
-    each = [
-        suspected_of("", diameter.explanation.before, diameter.explanation.after) for diameter in diameters
-    ]
-    if not all(each):
-        return ()
-    E_ratio = math.exp(weights @ [math.log(suspect.E_ratio) for (suspect,) in each])
-    added_sd = float(np.linalg.norm(weights * [suspect.added_sd for (suspect,) in each]))
-    return (SuspectedRecord(effect="|".join(names), E_ratio=E_ratio, added_sd=added_sd),)
-
-
-def _weights(diameters: Sequence[_AlongOne]) -> Float[np.ndarray, " n"]:
-    """Of each diameter in the mean of ln E: 1 / variance."""
-    weights = np.array([diameter.relative_sd**-2 for diameter in diameters])
-    return np.asarray(weights / weights.sum())
-
-
-def _warnings(diameters: Sequence[_AlongOne], shape_sd: float) -> list[str]:
-    """What changes E: recordings left out, a compliant rig, effects, diameters that disagree."""
-    said = []
-    for diameter in diameters:
-        said += diameter.traces.naming(diameter.explanation.notes[: len(diameter.explanation.left_out)])
-        if all(part.rig_give_mm is None for part in diameter.traces.trace.parts):
-            rig = rig_share(diameter.traces.trace, rig_N_per_mm=None, made_known=OF_A_BATCH)
-            said += [note for note in rig.notes if note not in said]
-        before, after = diameter.explanation.before, diameter.explanation.after
-        if diameter.explanation.verdict != NONE and abs(after.value - before.value) > before.sd + after.sd:
-            said.append(
-                f"With effects beyond linear elasticity, E is {after.value:.3g} ± {after.sd:.2g} MPa "
-                "(drupe explain). The ranking uses linear elasticity, to treat all fruit alike."
-            )
-    for first, second in pairwise(diameters):
-        sd = np.linalg.norm([first.relative_sd, second.relative_sd, np.sqrt(2) * shape_sd])
-        if abs(np.log(first.E_MPa / second.E_MPa)) > APART * sd:
-            said.append(
-                f"E is {first.E_MPa:.3g} along one diameter and {second.E_MPa:.3g} MPa along another; "
-                "recordings and shape do not explain the difference. Check diameters and axes."
-            )
+def _warnings(compression: _Compression) -> list[str]:
+    """What changes E: recordings left out, a compliant rig, effects."""
+    explanation, trace = compression.explanation, compression.traces.trace
+    said = compression.traces.naming(explanation.notes[: len(explanation.left_out)])
+    if all(part.rig_give_mm is None for part in trace.parts):
+        said += rig_share(trace, rig_N_per_mm=None, made_known=OF_A_BATCH).notes
+    before, after = explanation.before, explanation.after
+    if explanation.verdict != NONE and abs(after.value - before.value) > before.sd + after.sd:
+        said.append(
+            f"With effects beyond linear elasticity, E is {after.value:.3g} ± {after.sd:.2g} MPa "
+            "(drupe explain). The ranking uses linear elasticity, to treat all fruit alike."
+        )
     return said

@@ -7,7 +7,7 @@ exclude it: rest positions may be as designed, or measured with another camera, 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -15,6 +15,7 @@ from pipeline.batch.settings import SensorSettings
 from tactile.consistency.gain import unseen_gain
 from tactile.plain_jaw import RIGID_MPA_PER_MM
 from tactile.readers.recording import GelPad, Recording
+from tactile.readers.sensor_model import PublishedGel, gel_of_model, model_named
 
 COMMON_SD = 0.03
 """Relative standard deviation of a common factor on force and gel stiffness that nobody states. Assumed: what
@@ -83,3 +84,17 @@ def _gels(recording: Recording) -> list[GelPad]:
     """Without what stands in a plain jaw's place (tactile.plain_jaw)."""
     gels = [pad for pad in recording.pads if isinstance(pad, GelPad)]
     return [pad for pad in gels if pad.gel_kn_MPa_per_mm < RIGID_MPA_PER_MM]
+
+
+def known_gels(sensor: str, settings: SensorSettings | None) -> tuple[PublishedGel, ...]:
+    """Of the sensor that a recording names; `settings`: [sensor] of the batch, whose stiffness is first."""
+    model = model_named(sensor)
+    shipped = () if model is None else (gel_of_model(model),)
+    gel_stiffness = {} if settings is None else settings.gel_stiffness
+    if not gel_stiffness:
+        return shipped
+    stated = PublishedGel(source="[sensor] in batch.toml", stiffness=gel_stiffness)
+    others = {
+        name: known for gel in shipped for name, known in gel.stiffness.items() if name not in gel_stiffness
+    }
+    return (stated, *(replace(gel, stiffness=others) for gel in shipped))

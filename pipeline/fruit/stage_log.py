@@ -5,7 +5,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
-from pipeline.batch.cache import damage_reported_to
 from pipeline.batch.records import (
     FleshRecord,
     MeshRecord,
@@ -52,8 +51,7 @@ class StageLog:
         self.current = name
         started = time.perf_counter()
         try:
-            with damage_reported_to(self.progress):
-                yield
+            yield
         finally:
             self.seconds[name] = round(time.perf_counter() - started, 2)
 

@@ -22,11 +22,10 @@ from pipeline.batch.outcome import FruitEnded, Outcome, ending_of
 from pipeline.batch.records import FruitRecord, write_record
 from pipeline.batch.task import FruitTask
 from pipeline.batch.unused_files import unused_of_fruit
+from pipeline.files.limited_memory import return_freed_memory
 from pipeline.files.plain_file import printable
-from pipeline.fruit.effect_spread import effect_spread
 from pipeline.fruit.elasticity import at_small_strain, modulus_record
 from pipeline.fruit.flesh_effects import unused_warnings, used
-from pipeline.fruit.freed_memory import return_freed_memory
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
 from pipeline.fruit.input_doubts import (
     causes_alone,
@@ -37,7 +36,7 @@ from pipeline.fruit.input_doubts import (
 from pipeline.fruit.missing_physics import STAGE as SCREEN
 from pipeline.fruit.missing_physics import screened_fruit
 from pipeline.fruit.placed_grasp import grasp_record, patch_residuals, touched_by_pad
-from pipeline.fruit.plain_jaw_contact import with_plain_jaws
+from pipeline.fruit.repeated_modulus import effect_spread, with_plain_jaws
 from pipeline.fruit.sensor_scale import sensor_scale
 from pipeline.fruit.stage_log import StageLog
 from recon.recon_failure import ReconFailure

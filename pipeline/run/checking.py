@@ -1,6 +1,5 @@
 """`drupe check`: every problem of a batch at once, and what puts E in doubt, without computing anything."""
 
-import unicodedata
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
@@ -10,10 +9,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from pipeline.batch.confirmed_effects import ConfirmedEffect, effects_on, pit_found
-from pipeline.batch.fruits_table import SAFE_ID, FruitRow, given_of
-from pipeline.batch.input_names import is_of_the_system
+from pipeline.batch.fruits_table import FruitRow, given_of
 from pipeline.batch.layout import FruitFolder
-from pipeline.batch.opening import Batch, Survey, named_files, shape_from_photos, survey
+from pipeline.batch.opening import Batch, fruit_folders, named_files, shape_from_photos, survey
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.plausible_numbers import (
     PlausibleRange,
@@ -26,13 +24,13 @@ from pipeline.batch.plausible_numbers import (
 from pipeline.batch.reference_body import category_of
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.unused_files import unused_inputs
-from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories
+from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories, size_doubts
+from pipeline.fruit.fruit_shape import measured
 from pipeline.fruit.input_doubts import of_a_given_pit
 from pipeline.fruit.placed_grasp import Checked, findings_of
 from pipeline.fruit.pressed_fruit import compression_trace
 from pipeline.fruit.recording_owner import Owner, owner_findings
 from pipeline.fruit.same_recording import in_two_fruit, refuse_copy
-from pipeline.fruit.size_doubts import measured, size_doubts
 from pipeline.fruit.trace_geometry import stated_in_table
 from pipeline.problem import Problem
 from pipeline.run.file_problems import at, doubted, tried
@@ -58,24 +56,20 @@ def check(root: Path, *, quick: bool = False) -> tuple[Problem, ...]:
     as far as reading the files can tell. `quick`: photos are read, but not looked at (blur, light, tags of
     the mat, sides without a photo), which takes seconds for each fruit.
     """
-    batch_survey = survey(root)
-    rows, read = batch_survey.rows, Read()
-    columns = frozenset(table_doubts(rows or (), kind_of(batch_survey.category)))
-    if rows is None:
-        rows = tuple(FruitRow(fruit_id=name, unreadable=("height_mm",)) for name in _folders(batch_survey))
-    each = (_CheckedFruit(batch=batch_survey, row=row, columns=columns, read=read) for row in rows)
+    batch, read = survey(root), Read()
+    columns = frozenset(table_doubts(batch.rows, kind_of(batch.known)))
+    each = (_CheckedFruit(batch=batch, row=row, columns=columns, read=read) for row in batch.rows)
     fruit = [problem for checked_fruit in each for problem in checked_fruit.problems(quick=quick)]
-    if batch_survey.rows is None:
-        return (*batch_survey.problems, *fruit)
-    of_batch = [*_of_settings(batch_survey), *_strays(batch_survey), *_unused(batch_survey)]
-    return (*batch_survey.problems, *of_batch, *fruit, *_in_two_fruit(batch_survey, read))
+    if not batch.listed:
+        return (*batch.problems, *fruit)
+    of_batch = [*_of_settings(batch), *_strays(batch), *_unused(batch)]
+    return (*batch.problems, *of_batch, *fruit, *_in_two_fruit(batch, read))
 
 
-def _of_settings(batch: Survey) -> Iterator[Problem]:
-    if batch.settings is not None:
-        for doubt in of_poisson_ratio(batch.settings, batch.prior):
-            sentence = f"{doubt.sentence} Every E will be in doubt."
-            yield Problem(str(batch.folder.settings), sentence, doubtful=True)
+def _of_settings(batch: Batch) -> Iterator[Problem]:
+    for doubt in of_poisson_ratio(batch.settings, batch.prior):
+        sentence = f"{doubt.sentence} Every E will be in doubt."
+        yield Problem(str(batch.folder.settings), sentence, doubtful=True)
 
 
 class ImplausibleNumbers:
@@ -118,26 +112,24 @@ def implausible_batch(batch: Batch) -> dict[str, list[str]]:
 class _CheckedFruit:
     """A fruit of a batch that is being checked. Its recordings that can be used are added to `read`."""
 
-    batch: Survey
+    batch: Batch
     row: FruitRow
     columns: frozenset[str]
     read: Read
 
     @cached_property
     def kind(self) -> PlausibleRange:
-        return kind_of(category_of(self.row, self.batch.category))
+        return kind_of(category_of(self.row, self.batch.known))
 
     @cached_property
     def folder(self) -> FruitFolder:
         return self.batch.folder.fruit(self.row.fruit_id)
 
     def effects(self) -> tuple[ConfirmedEffect, ...]:
-        settings = self.batch.settings
-        return () if settings is None else effects_on(settings.mismatch, self.row.fruit_id)
+        return effects_on(self.batch.settings.mismatch, self.row.fruit_id)
 
     def rig(self) -> RigCurve | None:
-        settings = self.batch.settings
-        return None if settings is None else batch_rig(self.batch.folder.root, settings)
+        return batch_rig(self.batch.folder.root, self.batch.settings)
 
     def problems(self, *, quick: bool) -> Iterator[Problem]:
         """What stops the grading of the fruit, and what puts its E in doubt; `quick` as in `check`."""
@@ -178,7 +170,7 @@ class _CheckedFruit:
         owner_doubts = self._of_owner(recorded, source=path.name)
         recording = corrected(recorded, of_the_gripper, source=path.name)
         vertices, faces = (None, None) if mesh is None else mesh
-        sensor = None if self.batch.settings is None else self.batch.settings.sensor
+        sensor = self.batch.settings.sensor
         checked = Checked(E_range_MPa=self.kind.ranges.E_MPa, rig=rig, sensor=sensor)
         recording_doubts = findings_of(
             recording, vertices, faces, path.name, checked, corrected_for=len(of_the_gripper)
@@ -194,7 +186,7 @@ class _CheckedFruit:
             path,
             stated=stated_in_table(given_of(self.row)),
             prior=self.batch.prior,
-            body=kind_of(self.batch.category).body,
+            body=self.batch.body,
             rig=self.rig(),
             admit=partial(self._of_owner, source=""),
         )
@@ -217,11 +209,10 @@ class _CheckedFruit:
         self, recorded: Recording | RawGrasp, *, source: str, field: str = "attribute fruit_id"
     ) -> list[Finding]:
         """Whether the recording names this fruit, as grading asks (pipeline.fruit.grasped.owner_of)."""
-        batch, category = self.batch, None
-        if batch.settings is not None and not self.row.reference:
-            category = batch.settings.category if batch.category is None else batch.category.category
-        known = _folders(batch) if batch.rows is None else [row.fruit_id for row in batch.rows]
-        owner = Owner(fruit_id=self.row.fruit_id, category=category, batch_fruits=frozenset(known))
+        category = None if self.row.reference else self.batch.category
+        owner = Owner(
+            fruit_id=self.row.fruit_id, category=category, batch_fruits=frozenset(self.batch.row_of)
+        )
         return owner_findings(recorded.fruit_id, recorded.category, owner, source=source, field=field)
 
     def _once(self, path: Path, digest: str) -> None:
@@ -246,7 +237,7 @@ class _CheckedFruit:
         yield from broken
         if broken or row.reference:
             return
-        if pit is None and not (batch.settings and batch.settings.pit.none):
+        if pit is None and not batch.settings.pit.none:
             box_mm = np.ptp(mesh[0], axis=0).tolist()
             for doubt in of_category(box_mm, batch.prior, others=shipped_categories()):
                 yield doubted(row, folder.fruit_ply, doubt.sentence)
@@ -288,7 +279,7 @@ def _closed_mesh(row: FruitRow, path: Path) -> tuple[Mesh | None, list[Problem]]
     return (held[0] if held else None), problems
 
 
-def _in_two_fruit(batch: Survey, read: Read) -> Iterator[Problem]:
+def _in_two_fruit(batch: Batch, read: Read) -> Iterator[Problem]:
     """Recordings that several fruit have, each named at all of them."""
     for same in read.values():
         for row, path in same if len(same) > 1 else ():
@@ -300,10 +291,9 @@ def _size_doubt(mesh: Mesh, kind: PlausibleRange) -> str:
     return mesh_doubt(np.ptp(mesh[0], axis=0).tolist(), kind)
 
 
-def _usual_pit(batch: Survey, fruit: Mesh) -> Mesh | None:
+def _usual_pit(batch: Batch, fruit: Mesh) -> Mesh | None:
     """The pit that the category puts into a fruit without one of its own; None where it has none."""
-    none = batch.settings is not None and batch.settings.pit.none
-    if none or batch.prior is None or not batch.prior.has_pit:
+    if batch.settings.pit.none or batch.prior is None or not batch.prior.has_pit:
         return None
     return place_pit(*fruit, batch.prior)
 
@@ -317,25 +307,15 @@ def _pit_sized(path: Path, pit: Mesh, kind: PlausibleRange) -> None:
         raise ReconFailure(ReconProblem.BAD_PRIOR, f"{sentence}: is it in mm?")
 
 
-def _strays(batch: Survey) -> tuple[Problem, ...]:
-    listed = {row.fruit_id for row in batch.rows or ()}
+def _strays(batch: Batch) -> tuple[Problem, ...]:
     fruits = batch.folder.fruits
     return tuple(
         Problem(str(fruits / name), f'is not in fruits.csv; add a row "{name}", or move the folder away.')
-        for name in _folders(batch)
-        if name not in listed
+        for name in fruit_folders(batch.folder)
+        if name not in batch.row_of
     )
 
 
-def _unused(batch: Survey) -> list[Problem]:
-    named = () if batch.settings is None else named_files(batch.folder, batch.settings)
-    ids = [row.fruit_id for row in batch.rows or ()]
-    unused = unused_inputs(batch.folder, ids, named)
+def _unused(batch: Batch) -> list[Problem]:
+    unused = unused_inputs(batch.folder, batch.row_of, named_files(batch.folder, batch.settings))
     return [Problem(str(unused_file.path), unused_file.sentence, remark=True) for unused_file in unused]
-
-
-def _folders(batch: Survey) -> list[str]:
-    fruits = batch.folder.fruits
-    folders = [p.name for p in fruits.iterdir() if p.is_dir()] if fruits.is_dir() else []
-    names = sorted(unicodedata.normalize("NFC", name) for name in folders if not is_of_the_system(name))
-    return [name for name in names if SAFE_ID.fullmatch(name)]

@@ -13,9 +13,8 @@ from pathlib import Path
 from distributed import get_worker
 from distributed.core import Status
 
-from pipeline.batch.batch_fruits import is_run
 from pipeline.batch.cache import ROOMS, code_version
-from pipeline.files.manifest import json_in
+from pipeline.batch.provenance import is_marked
 from pipeline.problem import BatchRefused
 from pipeline.run.runner import LocalPool
 from pipeline.run.scheduling import Event, Noted, Progressed, not_begun
@@ -82,8 +81,7 @@ def unfit(needs: RunNeeds, *, threads: int, most_MiB: float | None) -> str:
             f"runs {this_drupe()}, but this command runs {needs.drupe}. Install the same on both; best is "
             "one environment on the shared file system."
         )
-    said = json_in(needs.run)
-    if not is_run(said) or said.get("mark") != needs.mark:
+    if not is_marked(needs.run, needs.mark):
         return (
             f"does not see {needs.run.parent} as this command does: BATCH and OUT must lie on a file system "
             "that all machines share and can write to."

@@ -8,11 +8,10 @@ from contextlib import suppress
 
 from rich.console import Console
 
-from pipeline.batch.batch_fruits import BatchFruits
 from pipeline.batch.layout import FruitFolder, Results
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.records import FruitRecord, read_record, write_record
-from pipeline.batch.task import FruitTask, batch_fruits, fruit_task
+from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.files.whole_file import NotWritten
 from pipeline.fruit.recording_owner import named_row
 from pipeline.run.batch_run import BatchRun
@@ -43,7 +42,6 @@ class FruitQueue:
         self, run: BatchRun, chosen: Collection[str], records: dict[str, FruitRecord], console: Console
     ) -> None:
         self._run, self._console = run, console
-        self._among: BatchFruits = batch_fruits(run.batch, run.results)
         self._numbers = ImplausibleNumbers(run.batch)
         self._going: dict[str, FruitTask] = {}
         self._forced: dict[str, list[str]] = (
@@ -63,7 +61,7 @@ class FruitQueue:
     def _holds(self, fruit_id: str, before: FruitRecord) -> bool:
         """Whether an earlier run's record holds; it is in `records` then."""
         task = self._task(fruit_id)
-        kept = kept_record(task, before, self._among)
+        kept = kept_record(task, before, self._run.batch.row_of)
         if kept is None:
             return False
         size = kept.mesh.box_mm if kept.graded and kept.mesh is not None else None
@@ -104,7 +102,7 @@ class FruitQueue:
 
     def _task(self, fruit_id: str) -> FruitTask:
         run = self._run
-        return fruit_task(run.batch, fruit_id, run.results, screen=run.screen, among=self._among)
+        return fruit_task(run.batch, fruit_id, run.results, screen=run.screen)
 
 
 def with_forced(record: FruitRecord, forced: Sequence[str], results: Results) -> FruitRecord:

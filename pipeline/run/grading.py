@@ -8,11 +8,10 @@ from pathlib import Path
 
 from rich.console import Console
 
-from pipeline.batch.batch_fruits import write_run
 from pipeline.batch.layout import FruitFolder, Results, write_whole
 from pipeline.batch.opening import Batch, named_files, open_batch, own_files
 from pipeline.batch.outcome import Outcome, ending_of
-from pipeline.batch.provenance import input_hashes
+from pipeline.batch.provenance import input_hashes, write_run
 from pipeline.batch.records import FruitRecord
 from pipeline.batch.results_lock import is_held, results_lock
 from pipeline.batch.task import FruitTask
@@ -100,7 +99,7 @@ def begun(
     sweep(run.results.root)
     for fruit_id in chosen:
         run.results.fruit(fruit_id).sweep()
-    write_run(run.results, run.batch.row_of, mark=mark)
+    write_run(run.results, mark=mark)
     return FruitQueue(run, chosen, records, console)
 
 

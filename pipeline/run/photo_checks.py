@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.layout import FruitFolder
-from pipeline.batch.opening import Survey
+from pipeline.batch.opening import Batch
 from pipeline.problem import Problem
 from pipeline.run.file_problems import at, tried
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, read_photo, require_enough
@@ -22,7 +22,7 @@ LONGEST_SIDE_PX = 1000
 photos of 1280 px is told."""
 
 
-def photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder, *, quick: bool) -> Iterator[Problem]:
+def photo_problems(batch: Batch, row: FruitRow, folder: FruitFolder, *, quick: bool) -> Iterator[Problem]:
     """What is wrong with a fruit's photos and their scale. `quick`: every photo is read, and no more."""
     no_height = row.height_mm is None and "height_mm" not in row.unreadable
     if no_height and not batch.folder.mat.exists() and not batch.without_scale:
@@ -30,10 +30,7 @@ def photo_problems(batch: Survey, row: FruitRow, folder: FruitFolder, *, quick: 
         yield at(row, batch.folder.table, sentence)
     quick = quick or (batch.mat is None and batch.folder.mat.exists())  # the mat's own fault is said already
     look = partial(_set_problems, row, mat=batch.mat, quick=quick)
-    if astray := folder.photos_elsewhere():
-        yield at(row, folder.photos, astray)
-    else:
-        yield from look(folder.photos, folder.photo_files(), "The folder")
+    yield from look(folder.photos, folder.photo_files(), "The folder")
     if folder.photos_flipped.is_dir():
         yield from look(
             folder.photos_flipped, folder.flipped_files(), "The folder of photos of the upside-down fruit"

@@ -8,9 +8,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from pipeline.batch.fruits_table import FruitRow, unlisted_fruit
+from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.layout import BatchFolder, Results, write_whole
-from pipeline.batch.opening import open_batch
+from pipeline.batch.opening import open_batch, unlisted_fruit
 from pipeline.batch.provenance import require_provenance
 from pipeline.batch.records import FruitRecord, read_record, write_record
 from pipeline.batch.results_lock import results_lock
@@ -206,9 +206,7 @@ def with_report(out: Path, batch: Path | None, *, language: str) -> Iterator[str
 
 def _with_records(results: Results, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
     """The rows, and those folders without one that `drupe watch` has graded."""
-    watched = [
-        row for row in unlisted_fruit(folder.fruits, rows) if results.fruit(row.fruit_id).record.is_file()
-    ]
+    watched = [row for row in unlisted_fruit(folder, rows) if results.fruit(row.fruit_id).record.is_file()]
     return (*rows, *watched)
 
 

@@ -283,9 +283,6 @@ def work_on(task: "FruitTask", report: Callable[[str], None]) -> "FruitRecord":
     The process that hands out fruit names this function and never runs it: it imports what it needs.
     """
     with uncollected():
-        from pipeline.fruit.lean_open3d import load_open3d
-
-        load_open3d()
         from pipeline.fruit.stages import grade_fruit
 
     gc.freeze()  # what was imported stays until the process ends: it is not looked through for garbage

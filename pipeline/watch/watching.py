@@ -9,9 +9,9 @@ from pathlib import Path
 
 from rich.console import Console
 
-from pipeline.batch.fruits_table import FruitRow, unlisted_fruit
+from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.layout import BatchFolder, Results
-from pipeline.batch.opening import Batch, open_batch
+from pipeline.batch.opening import Batch, open_batch, unlisted_fruit
 from pipeline.batch.records import FruitRecord
 from pipeline.batch.results_lock import results_lock
 from pipeline.exit_status import DONE, INTERRUPTED, USAGE
@@ -164,7 +164,7 @@ class BatchWatch:
 
     def _whole(self, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
         """The fruit that lack nothing, listed or not."""
-        every = (*rows, *unlisted_fruit(folder.fruits, rows))
+        every = (*rows, *unlisted_fruit(folder, rows))
         return self.arrivals.look(folder, every)
 
     def _forget_changed(self, batch: Batch, batch_files: State) -> None:

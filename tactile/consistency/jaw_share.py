@@ -20,7 +20,7 @@ def jaw_share_findings(recording: Recording, rig: RigCurve) -> list[Finding]:
     """Whether the rig says too little of a recording that it was taken out of; nothing where it does.
 
     What the fruit gave is the travel from the first touch to the largest force, less the gels' indentation.
-    The spread itself is in E's (pipeline.fruit.effect_spread), so that the finding adds none.
+    The spread itself is in E's (pipeline.fruit.repeated_modulus), so that the finding adds none.
     """
     pads = [pad for pad in recording.pads if isinstance(pad, GelPad)]
     if len(pads) != len(recording.pads):

@@ -27,7 +27,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from damaged_traces import TRACE
 from file_damage import Broken
 
 from pipeline.batch.opening import survey
@@ -73,10 +72,6 @@ def outcome(command: str, root: Path, path: str = "") -> tuple[list[str], str]:
             case = open_case(root / "case", fruit_id=None, work=root / "work", out=None)
             held = [*case.notes, repr(case.task.settings), repr(case.mesh_sd_mm), repr(case.stated)]
             return [], _digest(held)
-        if command == "trace":
-            wanted = ConvertRequest(indenter="ball", radius_mm=10.0)
-            notes = convert(root / path, root / "out.h5", wanted, report=lambda _: None).notes
-            return [note for note in notes if note.startswith(Path(path).name)], ""
         source = root / ("sources/tac3d" if "tac3d" in path else path)
         wanted = ConvertRequest(sensor=root / "sources" / "sensor.toml")
         if command == "press":
@@ -234,8 +229,6 @@ def sound_digests(sound: Path) -> dict[str, str]:
         said, digest[command] = outcome(command, sound)
         if said:
             raise RuntimeError(said)
-    if said := outcome("trace", sound, TRACE)[0]:
-        raise RuntimeError(said)
     _, digest["photos"] = outcome("photos", sound, "batch/fruits/B/photos/000.jpg")
     sources = dict.fromkeys(("sources/fields.csv", "sources/fields.npz", "sources/tac3d"), "convert")
     for path, command in {**sources, "sources/press.csv": "press"}.items():

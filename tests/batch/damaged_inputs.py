@@ -11,7 +11,6 @@ import numpy as np
 from costly_files import costly
 from damaged_photos import photo_cases
 from damaged_recordings import NPY, recordings
-from damaged_traces import FORMAT, TRACE, changes
 from file_damage import (
     ANY,
     DIGITS,
@@ -28,7 +27,7 @@ from file_damage import (
     with_bytes,
 )
 from foreign_files import others_files
-from stated_units import inverted_signs, stated_units
+from stated_units import stated_units
 
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import mesh_bytes
@@ -200,13 +199,5 @@ def cases() -> list[Broken]:
             )
             for kind, c, expects in stated_units()
         ),
-        *(
-            Broken(format="signs", kind=kind, path=path, change=c, command="convert", expects=expects)
-            for kind, path, c, expects in inverted_signs()
-        ),
         *costly(),
-        *(
-            Broken(format=FORMAT, path=TRACE, command="trace", kind=kind, change=change, expects=expects)
-            for kind, change, expects in changes()
-        ),
     ]

@@ -6,7 +6,6 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from damaged_traces import TRACE, write_trace
 from jaxtyping import UInt8
 
 from recon.cameras.printed_mat import mat_mapping, standard_mat
@@ -110,7 +109,6 @@ def write_sound(root: Path) -> None:
         (case / name).write_bytes((first / name).read_bytes())
     (case / "grasp-1.h5").write_bytes((first / "grasps" / "grasp-1.h5").read_bytes())
     _write_sources(root / "sources")
-    write_trace(root / TRACE)
 
 
 def dots(rng: np.random.Generator) -> UInt8[np.ndarray, "48 64 3"]:

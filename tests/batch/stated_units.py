@@ -1,10 +1,8 @@
-"""Presses with units in their headers, and recordings with inverted signs, each with what it must come to."""
+"""Presses with units in their headers; each with what it must come to."""
 
 from collections.abc import Iterator
-from pathlib import Path
 
-import numpy as np
-from file_damage import Change, put, with_array
+from file_damage import Change, put
 from sound_inputs import PRESS
 
 SAME = "same"
@@ -70,31 +68,3 @@ def stated_units() -> Iterator[tuple[str, Change, str]]:
 def _table(header: list[str], factors: tuple[float, ...]) -> Change:
     rows = [";".join(f"{v / f:.15g}" for v, f in zip(row, factors, strict=True)) for row in PRESS]
     return lambda path, _: put(path, ("\n".join([*header, *rows]) + "\n").encode())
-
-
-def inverted_signs() -> Iterator[tuple[str, str, Change, str]]:
-    """What is inverted, in which source, and the finding that convert must state."""
-    path = "sources/fields.npz"
-    for pads in (("left",), ("right",), ("left", "right")):
-        named = "both pads'" if len(pads) == 2 else f"the {pads[0]} pad's"
-        for field, said in (("force_N", "force"), ("displacement_mm", "displacement")):
-            names = [f"pads/{pad}/{field}" for pad in pads]
-            said = rf"fields\.npz: {named} {said} has the wrong sign"
-            yield f"{named} {said}", path, _inverted(names), said
-    turned = with_array(np.negative)
-    yield (
-        "Tac3D's forces",
-        "sources/tac3d",
-        lambda path, rng: turned(path / "AD2" / "3D_Forces.npy", rng),
-        r"tac3d: the tip pad's force has the wrong sign",
-    )
-
-
-def _inverted(names: list[str]) -> Change:
-    def change(path: Path, _: np.random.Generator) -> None:
-        with np.load(path) as held:
-            arrays = {name: -values if name in names else values for name, values in held.items()}
-        path.unlink()
-        np.savez(path, **arrays)
-
-    return change

@@ -5,8 +5,8 @@ import signal
 import time
 from pathlib import Path
 
-from pipeline.batch.batch_fruits import write_run
 from pipeline.batch.layout import Results
+from pipeline.batch.provenance import write_run
 from pipeline.batch.records import FruitRecord, ModulusRecord, ScreenRecord, write_record
 from pipeline.run.cluster_worker import RunNeeds, this_drupe
 
@@ -51,7 +51,7 @@ def needs_of(folder, *, mark="this run", **changed):
     results = Results(folder / "results")
     results.root.mkdir(exist_ok=True)
     results.claim()
-    write_run(results, ["A", "B"], mark="this run")
+    write_run(results, mark="this run")
     known = {
         "drupe": this_drupe(),
         "run": results.run,

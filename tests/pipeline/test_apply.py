@@ -55,13 +55,6 @@ def test_another_pad_and_another_fruit_have_entries_of_their_own():
     assert len(effects_in(text)) == 4
 
 
-def test_windows_line_ends_are_kept():
-    text = TEXT.replace("\n", "\r\n")
-    changed = with_effects(text, confirmed_effects(GAIN, fruit_id="N01"), note="x")
-    assert changed.startswith(text.rstrip())
-    assert changed.count("\n") == changed.count("\r\n")
-
-
 def test_a_file_whose_effects_stand_inline_is_left_alone():
     text = TEXT.replace("[grading]", 'mismatch = [{effect = "slip", parameters = {mu = 0.2}}]\n[grading]')
     assert with_effects(text, confirmed_effects(GAIN, fruit_id="N01"), note="x") is None

@@ -105,14 +105,6 @@ def test_a_core_for_all_is_set_in_the_middle_in_its_own_size(made):
     assert common.record.source == "measured pit, placed as for phantom"
 
 
-def test_a_core_of_140_mm_is_no_unit_error_in_a_phantom_as_it_is_in_a_fruit(made):
-    root = made(PHANTOM + '[pit]\nprior = "core.stl"\n')
-    trimesh.creation.box(3 * [100.0]).export(root / "core.stl")
-    assert open_batch(root).prior.has_pit
-    (root / "batch.toml").write_text('category = "plum"\n[pit]\nprior = "core.stl"\n')
-    assert any("the pit is 100 long, expected 4 to 60 mm" in line for line in problems(root))
-
-
 def test_an_own_category_is_called_by_its_own_name_and_judged_by_its_own_limits(made):
     root = made('category = "mine.toml"\n[pit]\nprior = "none"\n', mine=OWN)
     batch = open_batch(root)
@@ -191,14 +183,6 @@ def test_own_files_are_among_the_inputs_of_the_results(made, monkeypatch):
     assert status == 3  # no recordings
     said = json.loads((root / "results" / "batch.json").read_text())
     assert "mine.toml" in said["inputs"]
-
-
-def test_another_category_file_is_another_result(made):
-    root = made('category = "mine.toml"\n[pit]\nprior = "none"\n', mine=OWN)
-    before = [task.key for task in tasks(root)]
-    assert [task.key for task in tasks(root)] == before
-    (root / "mine.toml").write_text(OWN.replace("1.2]", "1.3]"))
-    assert not set(before) & {task.key for task in tasks(root)}
 
 
 def test_a_case_of_a_phantom_needs_its_core_and_poissons_ratio(tmp_path):

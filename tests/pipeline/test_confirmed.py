@@ -15,7 +15,6 @@ from fem.mismatch.catalogue import SPECS
 from pipeline.batch.confirmed_effects import ConfirmedEffect, PitFound, pit_found
 from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.settings import PitSettings, Settings
-from pipeline.fruit.effect_spread import _shifted
 from pipeline.fruit.flesh_effects import (
     MECHANICS,
     catalogue_parameters,
@@ -25,6 +24,7 @@ from pipeline.fruit.flesh_effects import (
 )
 from pipeline.fruit.flesh_model import error_budget, poisson_ratio
 from pipeline.fruit.fruit_shape import embedded_pit
+from pipeline.fruit.repeated_modulus import _shifted
 from pipeline.ranking.report_entries import _explained
 from pipeline.ranking.report_pictures import MANY_SCENES, fruit_pictures
 from recon.surface.mesh_file import write_mesh

@@ -1,12 +1,8 @@
 """What is asked for that is not there is refused in a sentence; an engine gets no more than it takes."""
 
-import pickle
-
 import pytest
 from cluster_work import needs_of
 
-from pipeline.batch.batch_fruits import BatchFruits, write_run
-from pipeline.batch.layout import Results
 from pipeline.problem import BatchRefused
 from pipeline.run import cluster
 from pipeline.run.cluster import Cluster
@@ -107,16 +103,3 @@ def test_slurm_without_sbatch_is_said(tmp_path, monkeypatch):
     monkeypatch.setenv("PATH", str(tmp_path))
     with pytest.raises(BatchRefused, match="--slurm: found no sbatch"):
         list(run_on(cluster_at(None, tmp_path), print, []))
-
-
-def test_a_task_holds_the_place_of_the_batchs_ids_and_not_the_ids(tmp_path):
-    results = Results(tmp_path)
-    results.claim()
-    ids = [f"N{k:04d}" for k in range(2000)]
-    write_run(results, ids, mark="m")
-    packed = pickle.dumps(BatchFruits(ids, listed=results.run))
-    assert len(packed) < 500
-    sent = pickle.loads(packed)
-    assert "N0007" in sent
-    assert "N7777" not in sent
-    assert sorted(sent) == ids

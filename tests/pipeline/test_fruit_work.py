@@ -13,7 +13,7 @@ DRAW_OR_MESH = ("open3d", "pyvista", "pytetwild", "matplotlib", "pymeshlab")
 FREED = """
 import os
 from pathlib import Path
-from pipeline.fruit.freed_memory import return_freed_memory
+from pipeline.files.limited_memory import return_freed_memory
 
 def resident_MiB():
     return int(Path("/proc/self/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
@@ -31,23 +31,6 @@ print(before - resident_MiB())
 def test_who_hands_out_fruit_imports_no_library_that_draws_or_meshes() -> None:
     loaded = f"[name for name in {DRAW_OR_MESH} if sys.modules.get(name)]"
     assert _printed(f"import sys, pipeline.run.grading; print({loaded})") == "[]"
-
-
-def test_open3d_works_without_what_it_imports_for_a_browser() -> None:
-    code = (
-        "import sys; from pipeline.fruit.lean_open3d import load_open3d; load_open3d(); import open3d; "
-        "print(open3d.geometry.TriangleMesh.create_box().get_surface_area(), "
-        "[name for name in sys.modules if name.split('.')[0] in ('dash', 'plotly')])"
-    )
-    assert _printed(code) == "6.0 []"
-
-
-def test_a_browsers_libraries_that_are_there_stay_there() -> None:
-    code = (
-        "import sys, plotly; from pipeline.fruit.lean_open3d import load_open3d; load_open3d(); "
-        "print(sys.modules['plotly'] is plotly)"
-    )
-    assert _printed(code) == "True"
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc keeps what is freed")

@@ -55,19 +55,6 @@ def test_forgetting_keeps_what_the_stages_made(tmp_path):
     assert left == {"mesh.npz"}
 
 
-def test_photos_in_the_wrong_place_or_of_the_wrong_kind_are_told(tmp_path):
-    folder = FruitFolder(tmp_path)
-    assert "does not exist" in folder.photos_elsewhere()
-    (tmp_path / "photos").mkdir()
-    assert folder.photos_elsewhere() == ""
-    (tmp_path / "photos" / "1.webp").touch()
-    assert "1 files (.webp)" in folder.photos_elsewhere()
-    (tmp_path / "2.jpg").touch()
-    assert "drupe found 1 beside it" in folder.photos_elsewhere()
-    (tmp_path / "photos" / "3.jpg").touch()
-    assert folder.photos_elsewhere() == ""
-
-
 def test_recordings_come_in_the_order_in_which_they_are_counted(tmp_path):
     (tmp_path / "grasps").mkdir()
     for name in ("grasp-10", "grasp-2", "grasp-1", "b", "a", "grasp-2b"):

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.batch.batch_template import TEMPLATE
+from pipeline.batch.new_batch import TEMPLATE
 from pipeline.batch.opening import open_batch
 from pipeline.batch.settings import Settings, settings_schema
 from samples.shipped import write_shipped
@@ -37,13 +37,13 @@ def _models(annotation):
 
 def filled(**others):
     """The template with every line taken in, and other values where two keys exclude each other."""
-    text = TEMPLATE.format(category="nectarine", known="")
+    text = TEMPLATE.read_text("utf-8").format(category="nectarine", known="")
     lines = [re.sub(r"^# (?=[\w\[]+.*(=|\]\]?$|\]\]? ))", "", line) for line in text.splitlines()]
     return "\n".join(line for line in lines if not any(line.startswith(name) for name in others))
 
 
 def test_the_template_has_every_key_and_the_reader_takes_it():
-    text = TEMPLATE.format(category="nectarine", known="apricot, ...")
+    text = TEMPLATE.read_text("utf-8").format(category="nectarine", known="apricot, ...")
     assert tomllib.loads(text) == {"category": "nectarine"}
     said = tomllib.loads(filled(coin_mm="", effect="", **{"[[mismatch]]": ""}))
     Settings.model_validate(said)

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from pipeline.batch.settings import SensorSettings
-from pipeline.fruit.known_sensor import known_gels
-from pipeline.fruit.sensor_scale import COMMON_SD, E_PER_GAIN, PICTURE_SD, sensor_scale
+from pipeline.fruit.sensor_scale import COMMON_SD, E_PER_GAIN, PICTURE_SD, known_gels, sensor_scale
 from tactile.consistency.finding import FindingKind
 from tactile.consistency.gain import GAIN_SD, LAW_SD, gain_left
 from tactile.consistency.of_recording import recording_findings

@@ -4,7 +4,7 @@ import pytest
 
 from pipeline.batch.fruits_table import Given
 from pipeline.batch.records import MeshRecord
-from pipeline.fruit.size_doubts import size_doubts
+from pipeline.fruit.category_doubts import size_doubts
 from recon.pit.priors import load_prior
 
 MESH = MeshRecord(

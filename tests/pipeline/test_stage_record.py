@@ -10,7 +10,7 @@ from fem.estimation.sensitivity import Sensitivity
 from fem.fem_failure import FemFailure, FemProblem
 from pipeline.batch.records import MeshRecord
 from pipeline.batch.stage_record import StageRecord
-from pipeline.fruit.kept_models import KeptModels, packed, unpacked
+from pipeline.fruit.elasticity import KeptModels
 from recon.checks.quality import ReconQuality
 
 
@@ -83,7 +83,7 @@ def grasp_model(rng, markers=3):
 
 def test_grasp_models_come_back_to_single_precision_and_failures_with_their_words():
     given = [grasp_model(np.random.default_rng(2)), FemFailure(FemProblem.OFF_SURFACE, "off by 3 mm")]
-    model, failed = unpacked(packed(given))
+    model, failed = KeptModels.of(given).unpacked()
     assert isinstance(model, GraspModel)
     for name in ("place_mm", "normal", "compliance", "displacement_correction"):
         np.testing.assert_allclose(getattr(model, name), getattr(given[0], name), rtol=1e-6)
@@ -95,9 +95,9 @@ def test_grasp_models_come_back_to_single_precision_and_failures_with_their_word
 
 
 def test_a_grasp_model_whose_normals_are_of_other_markers_is_refused():
-    kept = packed([grasp_model(np.random.default_rng(3))])
+    kept = KeptModels.of([grasp_model(np.random.default_rng(3))])
     text, arrays = kept.stored()
-    arrays["models.0.model.normal"] = arrays["models.0.model.normal"][:-1]
+    arrays["models.0.normal"] = arrays["models.0.normal"][:-1]
     with pytest.raises(ValidationError):
         KeptModels.restored(text, arrays)
 

@@ -97,10 +97,9 @@ def test_every_kind_of_stray_file_has_its_own_advice(tmp_path):
     for words in (
         "a.zip is not used: drupe does not open archives",
         "b.mp4 is not used: drupe reads a video",
-        "c.pcd is not used: points",
+        "c.pcd, f.step are not used: meshes are read as",
         "d.heic is not used: drupe reads photos in",
         "e.npz is not used: fruits.csv lists",
-        "f.step is not used: meshes are read as",
         "h.zip is not used",
         "i.jpg is not used: drupe reads photos in",
     ):
@@ -152,20 +151,6 @@ def test_a_stray_mat_does_not_take_a_fruit_of_plates_its_way_and_a_gel_recording
     for name, without in (("plates.h5", True), ("other.mat", True), ("gel.h5", False)):
         (tmp_path / "grasps" / name).touch()
         assert FruitFolder(tmp_path).without_shape() is without
-
-
-def test_recordings_are_opened_until_one_is_not_of_plates(tmp_path, monkeypatch):
-    """Each opening starts a process."""
-    opened = []
-    monkeypatch.setattr(
-        "pipeline.batch.layout.is_of_bare_indenter",
-        lambda path: opened.append(path.name) or path.stem.startswith("plates"),
-    )
-    (tmp_path / "grasps").mkdir()
-    for name in ("a.mat", "gel-1.h5", "gel-2.h5", "gel-3.h5"):
-        (tmp_path / "grasps" / name).touch()
-    assert not FruitFolder(tmp_path).without_shape()
-    assert opened == ["gel-1.h5"]
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from pipeline.batch.layout import BatchFolder, Results
 from pipeline.batch.opening import open_batch
 from pipeline.batch.records import ModulusRecord, ScreenRecord
 from pipeline.batch.task import fruit_task
-from pipeline.fruit.grasped import grasped_fruit, said_once
+from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.recording_owner import Owner, owner_findings, stranger
 from pipeline.fruit.same_recording import copies_doubted
 from pipeline.fruit.stage_log import StageLog
@@ -236,12 +236,3 @@ def test_two_recordings_are_one_only_where_every_value_is(batch):
     felt[-1, -1, 0] += 1e-4
     moved = replace(recording_a, pads=(replace(left, displacement_mm=felt), right))
     assert recording_digest(moved) != recording_digest(recording_a)
-
-
-def test_recordings_of_different_fruit_have_different_causes():
-    """Else somebody moves both into the first one's folder."""
-    sentences = [
-        f'g{k}: found "{name}", expected "01": move it to fruits/{name}.'
-        for k, name in ((1, "04"), (2, "05"))
-    ]
-    assert said_once(sentences) == " ".join(sentences)
