@@ -10,12 +10,11 @@ from scipy.special import logsumexp
 
 from fem.estimation.compliance_fit import CompliantFit, fit_compliance
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.effect import Placed, SeenDirectly
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.localisation.residual_places import located, modulus_cells
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
-from fem.mismatch.model.baseline import Baseline, baseline
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import PlainModel, plain_model
 from fem.mismatch.model.touched_skin import with_touched_skin
 from fem.mismatch.next_grasp import next_grasp
 from fem.mismatch.reported_values import candidates, traces
@@ -32,7 +31,6 @@ from fem.mismatch.selection.reported_modulus import (
     reported_modulus,
 )
 from fem.mismatch.selection.screening import LinearRound, screened
-from fem.mismatch.signature_variant import OfPad, pad_of
 from fem.solid.linear_solid import Support, UnitModulusSolid
 
 
@@ -62,31 +60,31 @@ def explain(
         seconds[name] = round(time.perf_counter() - started, 2)
 
     with stage("plain model"):
-        forward, fits = plain_forward_model(
+        model, fits = case_model(
             case, solids={} if graded is None else graded.solids, workers=workers
         )
         if graded is None:
-            plain = modulus_of(forward)
+            plain = modulus_of(model)
         else:
-            forward, plain = as_graded(replace(forward, graded=graded.models), graded.modulus), graded.modulus
-        recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
+            model, plain = as_graded(replace(model, graded=graded.models), graded.modulus), graded.modulus
+        recorded = model.each(lambda recording: GraspEquations.of(model, recording))
     with stage("all effects, linear"):
-        linear = screened(forward, recorded, EFFECTS)
+        linear = screened(model, recorded, EFFECTS)
         detection = detected(linear)
     with stage("verdict, in full"):
-        selection = select_model(forward, linear, p_value=detection.p_value)
+        selection = select_model(model, linear, p_value=detection.p_value)
     with stage("cross-validation"):
         named = next((h for h in selection.ranking if h.name in selection.names and h.refit), None)
         best = None if named is None else named.refit
         null = (linear.products, linear.nuisances)
         after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
         ranking = candidates(selection, linear, workers=workers)
-        proof = held_out(forward, recorded, null, after)
-        hidden = hidden_gel_faults(forward, EFFECTS, best)
-        grasp_traces = traces(forward, recorded, null, after)
+        proof = held_out(model, recorded, null, after)
+        hidden = hidden_gel_faults(model, EFFECTS, best)
+        grasp_traces = traces(model, recorded, null, after)
     with stage("where and when"):
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
-        place = located(forward, residual)
+        place = located(model, residual)
     untried = {**linear.without, **selection.without}
     notes = [f"{name} could not be tried: {why}." for name, why in untried.items()]
     if best is not None and named is not None:
@@ -114,7 +112,7 @@ def explain(
         ),
         heldout=proof,
         next_grasp=next_grasp(selection.verdict, grasps=len(recorded)),
-        cells=modulus_cells(forward, fits),
+        cells=modulus_cells(model, fits),
         traces=grasp_traces,
         maps=place.maps,
         notes=tuple(notes),
@@ -154,13 +152,13 @@ def _other_pads(first: Hypothesis) -> list[str]:
     said = []
     for share, again in first.alternatives:
         words = [
-            f"{effect.spec.name.replace('_', ' ')} of the {pad_of(variant)} pad ("
+            f"{effect.spec.name.replace('_', ' ')} of the {variant.pad} pad ("
             + ", ".join(f"{name} {value:.3g}" for name, value in parameters.items())
             + ")"
             for effect, variant, parameters in zip(
                 again.effects, again.variants, again.parameters, strict=True
             )
-            if isinstance(variant, OfPad)
+            if variant.pad
         ]
         said.append(f"{' and '.join(words)} explains the recordings about as well (probability {share:.2f}).")
     return said
@@ -169,24 +167,25 @@ def _other_pads(first: Hypothesis) -> list[str]:
 def _where(recording: Where, best: Refit) -> Where:
     """Where the named effect sits, where it has a place of its own: a spot in the flesh, or one pad."""
     for effect, variant, parameters in zip(best.effects, best.variants, best.parameters, strict=True):
-        if isinstance(effect, Placed):
-            return effect.where(parameters)
-        if isinstance(variant, OfPad):
+        place = effect.where(parameters)
+        if place is not None:
+            return place
+        if variant.pad:
             return Where(region=f"pad {variant.pad}")
     return recording
 
 
-def plain_forward_model(
+def case_model(
     case: MismatchCase,
     *,
     solids: Mapping[Support, UnitModulusSolid] | None = None,
     most_frames: int | None = None,
     workers: int = 1,
-) -> tuple[ForwardModel, list[CompliantFit]]:
+) -> tuple[CaseModel, list[CompliantFit]]:
     """The plain model with 1/E of the recordings' median; `solids`: factorised before, by support;
     `most_frames`: of each recording (None: all).
     """
-    first = baseline(case, solids=solids, workers=workers)
+    first = plain_model(case, solids=solids, workers=workers)
     registered = plain_fits(first)
     base = with_touched_skin(
         first, compliance=_median_compliance(registered), most_frames=most_frames, workers=workers
@@ -194,16 +193,16 @@ def plain_forward_model(
     fits = plain_fits(base)
     compliance, before = _median_compliance(fits), _median_compliance(registered)
     scale = compliance / before if compliance > 0 and before > 0 else 1.0
-    return ForwardModel(base=base, compliance=compliance, modulus_scale=scale, workers=workers), fits
+    return CaseModel(base=base, compliance=compliance, modulus_scale=scale, workers=workers), fits
 
 
-def as_graded(forward: ForwardModel, graded: Modulus) -> ForwardModel:
+def as_graded(model: CaseModel, graded: Modulus) -> CaseModel:
     """The same, with E of every explanation in proportion to the graded one."""
-    ratio = graded.value / modulus_of(forward).value
-    return replace(forward, modulus_scale=forward.modulus_scale * ratio)
+    ratio = graded.value / modulus_of(model).value
+    return replace(model, modulus_scale=model.modulus_scale * ratio)
 
 
-def plain_fits(base: Baseline) -> list[CompliantFit]:
+def plain_fits(base: PlainModel) -> list[CompliantFit]:
     """Each recording's own fit of 1/E by the plain model."""
     scale_sd = base.case.budget.gel_scale_sd
     return [
@@ -231,7 +230,7 @@ class CaseDetection:
 
 def detected(linear: LinearRound) -> CaseDetection:
     """Whether recordings contradict the plain model."""
-    direct = [fit.direct for fit in linear.best if isinstance(fit.effect, SeenDirectly)]
+    direct = [fit.direct for fit in linear.best if fit.effect.seen_directly]
     against: dict[str, list[float]] = {}
     for fit in linear.linear_fits:
         of_effect = against.setdefault(fit.name, [])

@@ -9,9 +9,8 @@ from jaxtyping import Float
 from fem.mismatch.effect_spec import EffectParameter, ParameterSpec
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import GramMatrix
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.pads import pad_force
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import GraspResponse
 from fem.mismatch.result import NINETY, Candidate, GraspTrace, Modulus, Parameter, mixture
 from fem.mismatch.selection.cross_validation import predictive, predictive_gain
 from fem.mismatch.selection.linear_explanations import Hypothesis
@@ -19,7 +18,6 @@ from fem.mismatch.selection.model_selection import ModelSelection
 from fem.mismatch.selection.modulus_with import ModulusWith, modulus_with
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import LinearRound
-from fem.mismatch.signature_variant import pad_of
 from fem.parallel_map import parallel_map
 
 
@@ -82,7 +80,7 @@ def _parameters(again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:
         prefix = f"{effect.spec.name}." if several else ""
         for parameter in effect.spec.parameters:
             if parameter.kind == "pad":
-                parameters[prefix + parameter.name] = Parameter(value=pad_of(variant), sd=None, unit="")
+                parameters[prefix + parameter.name] = Parameter(value=variant.pad, sd=None, unit="")
                 continue
             said = [
                 _said(parameter, spec, values[spec.name], first + k, modulus)
@@ -125,7 +123,7 @@ def _said(
 
 
 def traces(
-    forward: ForwardModel,
+    model: CaseModel,
     recorded: Sequence[GraspEquations],
     before: tuple[GramMatrix, Sequence[int]],
     after: tuple[GramMatrix, Sequence[int]],
@@ -135,7 +133,7 @@ def traces(
     for k, equations in enumerate(recorded):
         others = [j for j in range(len(recorded)) if j != k] or [k]
         recording = equations.recording
-        plain = _approach(recording, forward.compliance * recording.tracks.unit_displacement)
+        plain = _approach(recording, model.compliance * recording.tracks.unit_displacement)
         residuals = [
             _approach(recording, products.marker_residual(k, products.fit(columns, keep=others)))
             for products, columns in (before, after)
@@ -146,7 +144,7 @@ def traces(
                 grasp=recording.case.name,
                 time_s=recording.time_s,
                 phase=tuple(np.array(recording.case.history.phase)[recording.used].tolist()),
-                force_N=np.mean([np.linalg.norm(pad_force(recording, pad), axis=1) for pad in pads], axis=0),
+                force_N=np.mean([np.linalg.norm(recording.pad_force(pad), axis=1) for pad in pads], axis=0),
                 given_mm=plain + residuals[0],
                 before_mm=plain,
                 after_mm=plain + residuals[0] - residuals[1],
@@ -158,6 +156,6 @@ def traces(
 def _approach(recording: GraspResponse, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, " f"]:
     """Mean of a field along the pads' normals over the markers that touch."""
     normals = recording.pose[:, 0, :3, 2][recording.pad_of_marker]
-    touching = recording.tracks.episode >= 0
+    touching = recording.touching
     weight = touching / np.maximum(touching.sum(axis=1, keepdims=True), 1)
     return np.asarray(np.einsum("fnx,nx,fn->f", field, normals, weight))

@@ -14,7 +14,7 @@ import numpy as np
 from coarse_fruit import FOOT_MM, HALF_AXES_MM, NU, PIT_HALF_AXES_MM, PIT_MIDDLE_MM
 from fem_shapes import ball
 from jaxtyping import Int
-from plain_model import plain_forward_model, screened_effects
+from plain_model import case_model, screened_effects
 from recorded_pad import recorded_pad
 
 from fem.estimation.error_budget import ErrorBudget
@@ -23,7 +23,7 @@ from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import locate
 from fem.mismatch.effect import Effect
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearRound
 from fem.solid.linear_solid import UnitModulusSolid
@@ -326,13 +326,13 @@ def misplaced(shift_mm: tuple[float, float], tilt_deg: float) -> Altered:
     return change
 
 
-def linear_and_refitted(case: MismatchCase, effect: Effect) -> tuple[ForwardModel, LinearRound, Refit]:
+def linear_and_refitted(case: MismatchCase, effect: Effect) -> tuple[CaseModel, LinearRound, Refit]:
     """The plain model, the effect's signatures on it, and the best of them in full."""
-    forward, _ = plain_forward_model(case)
-    linear = screened_effects(forward, [effect])
-    again = refit(forward, linear, [linear.best[0]])
+    model, _ = case_model(case)
+    linear = screened_effects(model, [effect])
+    again = refit(model, linear, [linear.best[0]])
     assert again is not None
-    return forward, linear, again
+    return model, linear, again
 
 
 def only_grasp(case: MismatchCase, number: int) -> MismatchCase:

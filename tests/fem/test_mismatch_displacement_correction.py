@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from fem_shapes import ball
 from injected_recording import BUDGET, CORE_MM, E_MPA, NU, RADIUS_MM, grasp, solid_of
-from pinched_forward_model import as_case, forward_of, long_pinch
+from pinched_case_model import as_case, long_pinch, model_of
 
 from fem.estimation.grasp_model import grasp_model
 from fem.estimation.modulus import estimate_modulus
@@ -114,8 +114,8 @@ def test_relaxing_flesh_is_too_soft_without_its_law_and_right_with_it():
 
 def test_a_skin_of_so_many_newtons_per_millimetre_counts_in_the_modulus_that_comes_with_it():
     E_MPa, Et_N_per_mm = 0.3, 1.5
-    recording = forward_of().base.grasps[0]
-    (stiff,) = skin.EFFECT.respond(forward_of(), {"Et_over_E_mm": Et_N_per_mm / E_MPa}, ONE_WAY).unit
+    recording = model_of().grasps[0]
+    (stiff,) = skin.EFFECT.respond(model_of(), {"Et_over_E_mm": Et_N_per_mm / E_MPa}, ONE_WAY).unit
     history = long_pinch()
     ends = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
     pads = tuple(
@@ -154,15 +154,15 @@ VALUES = {"radius_mm": 5.0, "ratio": 0.5, "nu": 0.42, "scale": 0.95, "mu": 0.3, 
 )
 def test_every_effect_that_changes_the_response_has_a_correction(effect):
     """By its parameters alone: settings know no more of it."""
-    forward = forward_of()
+    model = model_of()
     values = {
         spec.name: VALUES.get(spec.name, 0.05 * spec.high if spec.low >= 0 else 0.01 * spec.high)
         for spec in effect.spec.searched
     }
     (correction,) = displacement_correction._corrections(
-        forward, [KnownEffect(effect=effect, parameters=lambda _: values)]
+        model, [KnownEffect(effect=effect, parameters=lambda _: values)]
     )
-    assert correction.shape == forward.base.grasps[0].tracks.unit_displacement.shape
+    assert correction.shape == model.grasps[0].tracks.unit_displacement.shape
     assert np.isfinite(correction).all()
     if effect.spec.family == "object":  # a contact corrects what the recording shows of it, here nothing
         assert np.abs(correction).max() > 0

@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from injected_mismatch import E_MPA, GEL_N_PER_MM, TIME_S, Altered, Recording, injected_case
-from plain_model import plain_forward_model, screened_effects
+from plain_model import case_model, screened_effects
 
 from fem.mismatch import gel_fault
 from fem.mismatch.effects import gel_creep, gel_hysteresis, sensor_nonlinear, thermal_drift
 from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit, _record, gel_records
 from fem.mismatch.gel_fault import GelFault
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.selection.decision import TEMPERATURE, log_prior
 from fem.mismatch.selection.linear_explanations import linear_explanations
 from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
@@ -74,23 +74,23 @@ def bending_gel(a: float) -> Altered:
 
 
 @cache
-def forward_of(altered: Altered = lambda pad: pad) -> ForwardModel:
+def model_of(altered: Altered = lambda pad: pad) -> CaseModel:
     """Kept by what is altered, which the functions above keep by its amounts."""
-    return plain_forward_model(injected_case(altered, noise=0.3))[0]
+    return case_model(injected_case(altered, noise=0.3))[0]
 
 
 @pytest.fixture
-def unaltered() -> ForwardModel:
-    return forward_of()
+def unaltered() -> CaseModel:
+    return model_of()
 
 
 @pytest.fixture
-def bent_reading() -> ForwardModel:
-    return forward_of(bent(-0.3))
+def bent_reading() -> CaseModel:
+    return model_of(bent(-0.3))
 
 
-def measured(effect: GelFault, forward: ForwardModel) -> dict[str, float]:
-    relation = effect.measured(forward)
+def measured(effect: GelFault, model: CaseModel) -> dict[str, float]:
+    relation = effect.measured(model)
     assert relation is not None
     return relation.values
 
@@ -105,13 +105,13 @@ def measured(effect: GelFault, forward: ForwardModel) -> dict[str, float]:
     ids=["bent", "creeping", "looped"],
 )
 def test_a_fault_of_the_gel_is_measured_and_seen_and_E_is_right_with_it(effect, altered, true, rel):
-    forward = forward_of(altered)
-    values = measured(effect, forward)
+    model = model_of(altered)
+    values = measured(effect, model)
     assert values.keys() == true.keys()
     for name, value in true.items():
         assert values[name] == pytest.approx(value, rel=rel.get(name, 0.1))
-    assert effect.direct_evidence(forward) > 20
-    assert modulus_of(forward, effect.respond(forward, values, ONE_WAY)).value == pytest.approx(
+    assert effect.direct_evidence(model) > 20
+    assert modulus_of(model, effect.respond(model, values, ONE_WAY)).value == pytest.approx(
         E_MPA, rel=0.05
     )
 
@@ -131,16 +131,16 @@ def test_a_sound_gel_shows_none_of_them(unaltered, effect):
 
 
 def test_a_gel_that_bends_and_is_read_rightly_is_no_fault_of_the_reading():
-    forward, effect = forward_of(bending_gel(0.5)), sensor_nonlinear.EFFECT
-    relation = effect.measured(forward)
+    model, effect = model_of(bending_gel(0.5)), sensor_nonlinear.EFFECT
+    relation = effect.measured(model)
     assert relation is not None
     assert relation.evidence > 20  # the relation alone would have it
-    assert effect.flesh_gain(forward) < 0
-    assert not effect.signatures(forward)
+    assert effect.flesh_gain(model) < 0
+    assert not effect.signatures(model)
 
 
-def spread(forward: ForwardModel, faults: Sequence[GelFault]) -> float:
-    return float(np.linalg.norm([fault.spread for fault in hidden_gel_faults(forward, faults, None)]))
+def spread(model: CaseModel, faults: Sequence[GelFault]) -> float:
+    return float(np.linalg.norm([fault.spread for fault in hidden_gel_faults(model, faults, None)]))
 
 
 @pytest.mark.parametrize(("evidence", "there"), [(-3.0, 0.047), (2.6, 0.931), (6.0, 0.998)])
@@ -168,14 +168,14 @@ def test_a_sound_gel_hardly_widens_the_error_bar(unaltered):
 
 
 def test_a_gel_that_bends_and_is_read_rightly_does_not_widen_it():
-    assert spread(forward_of(bending_gel(0.5)), (sensor_nonlinear.EFFECT,)) == 0.0
+    assert spread(model_of(bending_gel(0.5)), (sensor_nonlinear.EFFECT,)) == 0.0
 
 
 @pytest.mark.parametrize("effect", ALL)
 def test_no_amount_of_any_of_them_changes_nothing(unaltered, effect):
     nothing = {spec.name: spec.low for spec in effect.spec.searched} | dict.fromkeys(effect.amounts, 0.0)
     response = effect.respond(unaltered, nothing, ONE_WAY)
-    for k, recording in enumerate(unaltered.base.grasps):
+    for k, recording in enumerate(unaltered.grasps):
         np.testing.assert_allclose(response.unit[k], recording.tracks.unit_displacement, atol=1e-9)
         for channel in (response.shift_mm, response.balance, response.rest):
             assert channel is not None
@@ -189,7 +189,7 @@ def test_the_signature_is_the_models_change_per_amount(bent_reading):
     a = measured(effect, bent_reading)["a"]
     there = effect.respond(bent_reading, {"a": a}, ONE_WAY)
     assert there.balance is not None
-    for k, (field, recording) in enumerate(zip(column.fields, bent_reading.base.grasps, strict=True)):
+    for k, (field, recording) in enumerate(zip(column.fields, bent_reading.grasps, strict=True)):
         change = bent_reading.compliance * (there.unit[k] - recording.tracks.unit_displacement)
         assert np.linalg.norm(change) > 0.05 * np.linalg.norm(bent_reading.compliance * there.unit[k])
         np.testing.assert_allclose(a * field.markers, change, atol=1e-12)
@@ -270,9 +270,9 @@ def test_a_drift_of_the_force_alone_is_no_warming(monkeypatch):
 
 
 def test_a_bent_reading_is_no_warming_and_no_two_faults():
-    forward = forward_of(bent(0.35))
-    linear = screened_effects(forward, ALL)
-    assert thermal_drift.EFFECT.direct_evidence(forward) == 0.0
+    model = model_of(bent(0.35))
+    linear = screened_effects(model, ALL)
+    assert thermal_drift.EFFECT.direct_evidence(model) == 0.0
     assert linear.best[0].name == "sensor_nonlinear"
     prior = log_prior("a+b", effects=len(ALL)) - log_prior("a", effects=len(ALL))
     explanations = linear_explanations(linear)
@@ -282,11 +282,11 @@ def test_a_bent_reading_is_no_warming_and_no_two_faults():
 
 def test_what_the_relation_leaves_open_is_in_the_error_bar():
     """Little creep whose time is hardly known: its relation's standard deviation is reported."""
-    forward, effect = forward_of(crept(0.06, 1.0)), gel_creep.EFFECT
-    linear = screened_effects(forward, (effect,))
-    again = refit(forward, linear, linear.linear_fits[:1])
+    model, effect = model_of(crept(0.06, 1.0)), gel_creep.EFFECT
+    linear = screened_effects(model, (effect,))
+    again = refit(model, linear, linear.linear_fits[:1])
     sd_of = dict(zip((spec.name for spec in effect.spec.searched), modulus_with(again).sd, strict=True))
-    relation = effect.relation_sd(forward)
+    relation = effect.relation_sd(model)
     assert relation["creep_tau_s"] > 0.2
     assert all(sd_of[name] >= relation[name] for name in relation)
     assert abs(np.log(again.parameters[0]["creep_tau_s"])) < 2 * sd_of["creep_tau_s"]

@@ -5,7 +5,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from pinched_forward_model import COMPLIANCE, forward_of
+from pinched_case_model import COMPLIANCE, model_of
 from plain_model import screened_effects
 
 from fem.mismatch.effect_spec import ParameterSpec
@@ -22,15 +22,15 @@ TRUTH = {"dmax": 0.35, "W0_over_E": 0.004}
 @cache
 def injected():
     """Flesh that is damaged, and softer than the plain model's by SOFTER."""
-    forward = forward_of()
-    truly = replace(forward, compliance=SOFTER * COMPLIANCE)
+    model = model_of()
+    truly = replace(model, compliance=SOFTER * COMPLIANCE)
     moved = truly.compliance * damage.EFFECT.respond(truly, TRUTH, ONE_WAY).unit[0]
-    return forward_of(moved - COMPLIANCE * forward.base.grasps[0].tracks.unit_displacement)
+    return model_of(moved - COMPLIANCE * model.grasps[0].tracks.unit_displacement)
 
 
 def rounds(effects, *, workers: int = 1) -> LinearRound:
-    forward = replace(injected(), workers=workers)
-    return screened_effects(forward, effects)
+    model = replace(injected(), workers=workers)
+    return screened_effects(model, effects)
 
 
 @cache
@@ -40,7 +40,7 @@ def damage_refit() -> Refit:
 
 
 def test_a_law_that_bends_comes_back_with_the_modulus_that_goes_with_it():
-    assert damage_refit().forward.compliance == pytest.approx(SOFTER * COMPLIANCE, rel=0.03)
+    assert damage_refit().model.compliance == pytest.approx(SOFTER * COMPLIANCE, rel=0.03)
     assert damage_refit().parameters[0]["dmax"] == pytest.approx(TRUTH["dmax"], rel=0.1)
     assert damage_refit().parameters[0]["W0_over_E"] == pytest.approx(TRUTH["W0_over_E"], rel=0.2)
 
@@ -51,7 +51,7 @@ def test_another_modulus_is_taken_up_so_that_the_law_sees_the_same():
     before = search.linearised(search.scaled([STARTED]))
     after, followed = search.followed(before)
     assert followed
-    grown = search.forward.compliance / COMPLIANCE
+    grown = search.model.compliance / COMPLIANCE
     assert abs(grown - 1) > 0.01
     assert after.at[0] == before.at[0]
     assert after.at[1] - before.at[1] == pytest.approx(2 * np.log(grown))
@@ -96,15 +96,15 @@ def test_one_effects_response_is_kept_while_anothers_parameters_vary(monkeypatch
     monkeypatch.setattr(
         type(damage.EFFECT),
         "respond",
-        lambda self, forward, parameters, variant: (
-            asked.append(dict(parameters)) or respond(self, forward, parameters, variant)
+        lambda self, model, parameters, variant: (
+            asked.append(dict(parameters)) or respond(self, model, parameters, variant)
         ),
     )
     at = search.scaled([STARTED, {"Et_over_E_mm": 0.5}])
     search.respond(at)
     search.respond(search.scaled([STARTED, {"Et_over_E_mm": 0.8}]))
     assert len(asked) == 1
-    search.forward = replace(search.forward, compliance=1.1 * search.forward.compliance)
+    search.model = replace(search.model, compliance=1.1 * search.model.compliance)
     search.respond(at)
     assert len(asked) == 2
 

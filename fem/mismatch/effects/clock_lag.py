@@ -10,7 +10,7 @@ from jaxtyping import Float
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.kinds.moved_markers import MovedMarkers
-from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.plain_model import GraspResponse
 
 STEP_S = 0.05
 """Of the difference quotient: about a frame, so that poses read in straight lines are smoothed. Set by

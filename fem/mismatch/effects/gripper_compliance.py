@@ -9,8 +9,7 @@ from jaxtyping import Float
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
 from fem.mismatch.kinds.moved_markers import MovedMarkers
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.pads import pad_force
+from fem.mismatch.model.plain_model import GraspResponse
 
 SPEC = EffectSpec(
     name="gripper_compliance",
@@ -43,7 +42,7 @@ def _ahead(recording: GraspResponse, mm_per_N: float) -> Float[np.ndarray, "f n 
     ahead = np.empty_like(recording.tracks.position_mm)
     for k in range(len(recording.links)):
         normal = recording.pose[k][:, :3, 2]
-        force = np.einsum("fx,fx->f", pad_force(recording, k), normal)
+        force = np.einsum("fx,fx->f", recording.pad_force(k), normal)
         ahead[:, recording.pad_of_marker == k] = (mm_per_N * force[:, None] * normal)[:, None]
     return ahead
 

@@ -13,21 +13,19 @@ ways of the effect to show. Signature: this less the bonded answer, for a few ga
 However small the gap, the amount is not: what asks for less than LEAST_AMOUNT of it is something else.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from itertools import product
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from fem.fem_failure import FemFailure, FemProblem
-from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
-from fem.mismatch.evidence.equation_cache import marker_equations
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.loose_flesh import loose_flesh
-from fem.mismatch.signature_variant import AtGap, Variant, gap_of, significant
+from fem.mismatch.model.plain_model import GraspResponse
+from fem.mismatch.signature_variant import Variant, significant
 from fem.solid.unilateral_contact import pressures
 
 GAP = "gap_mm"
@@ -74,80 +72,67 @@ SPEC = EffectSpec(
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-@dataclass(frozen=True)
-class LoosePit:
+class LoosePit(Effect):
     """The effect; see the module."""
 
-    spec: EffectSpec = SPEC
-
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
         """One for each gap, about a pit that turns and one that does not; none where the flesh has no pit.
 
         The flesh is solved for a gap over 1/E. Its own 1/E is fitted afterwards, and with it the gap in mm.
         """
-        if not len(forward.base.mesh.pit_nodes):
+        if not len(model.mesh.pit_nodes):
             return []
         signatures = []
         for pit_turns, gap_mm in product((True, False), GAPS_MM):
             try:
-                unit = _responses(forward, gap_mm / forward.compliance, pit_turns=pit_turns)
+                unit = _responses(model, gap_mm / model.compliance, pit_turns=pit_turns)
             except FemFailure as failure:
-                way = AtGap(gap_mm=gap_mm, pit_turns=pit_turns)
+                way = at_gap(gap_mm, pit_turns=pit_turns)
                 signatures.append(Signature(variant=way, columns=(), untried=failure.detail))
                 continue
-            share = _fitted(forward, unit) / forward.compliance
-            way = AtGap(gap_mm=significant(gap_mm * share, 3), pit_turns=pit_turns)
+            share = _fitted(model, unit) / model.compliance
+            way = at_gap(significant(gap_mm * share, 3), pit_turns=pit_turns)
             more = [
-                forward.compliance * (loose - recording.tracks.unit_displacement)
-                for recording, loose in zip(forward.base.grasps, unit, strict=True)
+                model.compliance * (loose - recording.tracks.unit_displacement)
+                for recording, loose in zip(model.grasps, unit, strict=True)
             ]
             signatures.append(
                 Signature.of_markers("loose", more, sd=1.0, variant=way, positive=True, least=LEAST_AMOUNT)
             )
         return signatures
 
-    def start(
-        self,
-        forward: ForwardModel,
-        signature: Signature,
-        amounts: Float[np.ndarray, " k"],
-    ) -> dict[str, float]:
+    def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The signature's own gap: its amount is the fitted 1/E over the plain model's."""
-        return self.spec.within_bounds(gap_of(signature.variant).gap_mm)
+        return self.spec.within_bounds(signature.variant.values[0])
 
-    def respond(
-        self,
-        forward: ForwardModel,
-        parameters: Mapping[str, float],
-        variant: Variant,
-    ) -> Response:
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """Every recording's markers on flesh that touches its pit where it is pressed on it.
 
         Where the variant does not say whether the pit turns (ONE_WAY, of settings) both are computed, and the
         one that fits the recordings better is taken. Raises FemFailure where neither can be computed.
         """
         gap_mm = parameters[GAP]
-        if isinstance(variant, AtGap):
-            return Response(unit=self._fixed_point(forward, gap_mm, pit_turns=variant.pit_turns))
+        if variant.pit_turns is not None:
+            return Response(unit=self._fixed_point(model, gap_mm, pit_turns=variant.pit_turns))
         responses: list[list[Float[np.ndarray, "_f _n 3"]]] = []
         failures: list[FemFailure] = []
         for turns in (True, False):
             try:
-                responses.append(self._fixed_point(forward, gap_mm, pit_turns=turns))
+                responses.append(self._fixed_point(model, gap_mm, pit_turns=turns))
             except FemFailure as failure:
                 failures.append(failure)
         if not responses:
             raise failures[0]
-        return Response(unit=max(responses, key=lambda unit: _explained(forward, unit)))
+        return Response(unit=max(responses, key=lambda unit: _explained(model, unit)))
 
     @staticmethod
     def _fixed_point(
-        forward: ForwardModel, gap_mm: float, *, pit_turns: bool
+        model: CaseModel, gap_mm: float, *, pit_turns: bool
     ) -> list[Float[np.ndarray, "_f _n 3"]]:
-        compliance = forward.compliance
+        compliance = model.compliance
         for _ in range(MOST_ROUNDS):
-            unit, before = _responses(forward, gap_mm / compliance, pit_turns=pit_turns), compliance
-            compliance = _fitted(forward, unit)
+            unit, before = _responses(model, gap_mm / compliance, pit_turns=pit_turns), compliance
+            compliance = _fitted(model, unit)
             if abs(compliance / before - 1) < STILL:
                 return unit
         raise FemFailure(
@@ -157,21 +142,27 @@ class LoosePit:
         )
 
 
-EFFECT: Effect = LoosePit()
+EFFECT: Effect = LoosePit(spec=SPEC)
 
 
-def _responses(forward: ForwardModel, gap: float, *, pit_turns: bool) -> list[Float[np.ndarray, "_f _n 3"]]:
+def at_gap(gap_mm: float, *, pit_turns: bool) -> Variant:
+    """A gap about the pit, from which the search starts; whether the pit turns in it."""
+    label = f"gap {gap_mm:g} mm, pit {'turns' if pit_turns else 'does not turn'}"
+    return Variant(label=label, values=(gap_mm,), pit_turns=pit_turns)
+
+
+def _responses(model: CaseModel, gap: float, *, pit_turns: bool) -> list[Float[np.ndarray, "_f _n 3"]]:
     """Of every recording, for a gap of so many mm MPa."""
-    return forward.each(lambda recording: loose_response(forward, recording, gap, pit_turns=pit_turns))
+    return model.each(lambda recording: loose_response(model, recording, gap, pit_turns=pit_turns))
 
 
 def loose_response(
-    forward: ForwardModel, recording: GraspResponse, gap: float, *, pit_turns: bool
+    model: CaseModel, recording: GraspResponse, gap: float, *, pit_turns: bool
 ) -> Float[np.ndarray, "f n 3"]:
     """The markers' displacement, mm MPa, for a gap of so many mm MPa."""
-    flesh = loose_flesh(forward, recording)
+    flesh = loose_flesh(model, recording)
     key = ("loose answer", recording.case.name)
-    free, opening, pushed = forward.memoised(key, lambda: flesh.marker_response(recording))
+    free, opening, pushed = model.memoised(key, lambda: flesh.marker_response(recording))
     open_by = recording.shares @ opening + gap * flesh.area_mm2
     path, frames = _spread(recording.shares)
     contact_pressure = pressures(flesh.compliance(pit_turns=pit_turns), open_by[frames])
@@ -192,25 +183,25 @@ def _spread(
     return path, np.union1d(even.clip(max=len(path) - 1), peaks)
 
 
-def _fitted(forward: ForwardModel, unit: Sequence[Float[np.ndarray, "_f _n 3"]]) -> float:
+def _fitted(model: CaseModel, unit: Sequence[Float[np.ndarray, "_f _n 3"]]) -> float:
     """1/E where the markers move so under the forces."""
-    normal, right = _normal_equation(forward, unit)
-    return max(right / normal, forward.compliance / 10)
+    normal, right = _normal_equation(model, unit)
+    return max(right / normal, model.compliance / 10)
 
 
-def _explained(forward: ForwardModel, unit: Sequence[Float[np.ndarray, "_f _n 3"]]) -> float:
+def _explained(model: CaseModel, unit: Sequence[Float[np.ndarray, "_f _n 3"]]) -> float:
     """How much of the markers' chi-square such motion explains, at its best 1/E."""
-    normal, right = _normal_equation(forward, unit)
+    normal, right = _normal_equation(model, unit)
     return max(right, 0.0) ** 2 / normal
 
 
 def _normal_equation(
-    forward: ForwardModel, unit: Sequence[Float[np.ndarray, "_f _n 3"]]
+    model: CaseModel, unit: Sequence[Float[np.ndarray, "_f _n 3"]]
 ) -> tuple[float, float]:
     """u' W u and u' W y of all recordings; their 1/E is the second over the first."""
     normal = right = 0.0
-    for recording, displacement in zip(forward.base.grasps, unit, strict=True):
-        heavy = marker_equations(forward, recording).weighed(displacement)
+    for recording, displacement in zip(model.grasps, unit, strict=True):
+        heavy = model.marker_equations(recording).weighed(displacement)
         normal += float((heavy * displacement).sum())
         right += float((heavy * (recording.tracks.position_mm - recording.tracks.place_mm)).sum())
     return normal, right

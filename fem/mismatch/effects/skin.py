@@ -13,7 +13,7 @@ from fem.mismatch.effect_spec import (
     Scope,
 )
 from fem.mismatch.kinds.linear_law import LinearLaw, matrix_operator
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.reduced_law import Operator
 from fem.solid.membrane import membrane_stiffness
 
@@ -41,8 +41,8 @@ SPEC = EffectSpec(
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-def _stretched(forward: ForwardModel) -> Operator:
-    return matrix_operator(membrane_stiffness(forward.base.mesh, poisson_ratio=forward.poisson_ratio))
+def _stretched(model: CaseModel) -> Operator:
+    return matrix_operator(membrane_stiffness(model.mesh, poisson_ratio=model.poisson_ratio))
 
 
 EFFECT: Effect = LinearLaw(spec=SPEC, sd=4.0, positive=True, derivative=_stretched)

@@ -10,21 +10,18 @@ left out (fem.mismatch.evidence.friction_cone): whatever else the plain model la
 Coulomb's law: Johnson 1985, Contact Mechanics, chapter 7.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import Effect, Response, Signature
+from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
-from fem.mismatch.evidence.equation_cache import marker_equations
 from fem.mismatch.evidence.friction_cone import ShearRatios, least_mu, shear_ratios, spring_ratio
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.pads import pads_of
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.slip_path import slip_path
-from fem.mismatch.signature_variant import AtValue, Variant, value_of
+from fem.mismatch.signature_variant import Variant, at_value
 
 MU = "mu"
 STEPS = (1.05, 1.3, 1.6, 2.0, 2.5, 3.1)
@@ -64,20 +61,19 @@ SPEC = EffectSpec(
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-@dataclass(frozen=True)
-class Slip:
+class Slip(Effect):
     """The effect; see the module."""
 
-    spec: EffectSpec = SPEC
+    says_more = True
 
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
         """One for each mu at which something slips."""
-        least = least_mu(_ratios(forward))
+        least = least_mu(_ratios(model))
         signatures = []
         for mu in (step * least for step in STEPS if step * least < HIGHEST):
-            variant = AtValue(symbol="mu", value=round(mu, 4))
+            variant = at_value("mu", round(mu, 4))
             try:
-                paths = _paths(forward, mu)
+                paths = _paths(model, mu)
             except FemFailure as failure:
                 signatures.append(Signature(variant=variant, columns=(), untried=failure.detail))
                 continue
@@ -90,48 +86,36 @@ class Slip:
                 )
         return signatures
 
-    def start(
-        self,
-        forward: ForwardModel,
-        signature: Signature,
-        amounts: Float[np.ndarray, " k"],
-    ) -> dict[str, float]:
+    def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The signature's own mu: its amount is one."""
-        return self.spec.within_bounds(value_of(signature.variant))
+        return self.spec.within_bounds(signature.variant.values[0])
 
-    def auxiliary_log_likelihood(
-        self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant
-    ) -> float:
+    def auxiliary_log_likelihood(self, model: CaseModel, parameters: Parameters, variant: Variant) -> float:
         """Markers piled up on this cone."""
-        return max(_ratios(forward).log_ratio(parameters[MU]), 0.0)
+        return max(_ratios(model).log_ratio(parameters[MU]), 0.0)
 
-    def respond(
-        self,
-        forward: ForwardModel,
-        parameters: Mapping[str, float],
-        variant: Variant,
-    ) -> Response:
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The markers behind the skin by the path slid."""
-        return Response.plain(forward, shift_mm=[-path for path in _paths(forward, parameters[MU])])
+        return Response.plain(model, shift_mm=[-path for path in _paths(model, parameters[MU])])
 
 
-EFFECT: Effect = Slip()
+EFFECT: Effect = Slip(spec=SPEC)
 
 
-def _ratios(forward: ForwardModel) -> ShearRatios:
-    return forward.memoised("shear ratios", lambda: shear_ratios(forward))
+def _ratios(model: CaseModel) -> ShearRatios:
+    return model.memoised("shear ratios", lambda: shear_ratios(model))
 
 
-def _paths(forward: ForwardModel, mu: float) -> list[Float[np.ndarray, "_f _n 3"]]:
+def _paths(model: CaseModel, mu: float) -> list[Float[np.ndarray, "_f _n 3"]]:
     """Displacement of every recording's markers with Coulomb friction `mu` on the pads."""
-    stiffness = {name: spring_ratio(forward, name) for name in pads_of(forward)}
+    stiffness = {name: spring_ratio(model, name) for name in model.pads}
     return [
         slip_path(
             recording,
-            marker_equations(forward, recording),
-            compliance=forward.compliance,
+            model.marker_equations(recording),
+            compliance=model.compliance,
             mu=mu,
             spring_ratio=np.array([stiffness[name] for name in recording.pad_names])[recording.pad_of_marker],
         )
-        for recording in forward.base.grasps
+        for recording in model.grasps
     ]

@@ -11,7 +11,7 @@ from fem.materials.relaxing_arm import RelaxingArm
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
 from fem.mismatch.kinds.fading_law import FadingLaw, Fields, lagged
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 
 SPEC = EffectSpec(
     name="viscoelastic",
@@ -53,15 +53,15 @@ SPEC = EffectSpec(
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-def _at_once(forward: ForwardModel) -> Fields:
-    return [recording.tracks.unit_displacement for recording in forward.base.grasps]
+def _at_once(model: CaseModel) -> Fields:
+    return model.plain
 
 
-def _crept(forward: ForwardModel, g: float, tau_s: float) -> Fields:
+def _crept(model: CaseModel, g: float, tau_s: float) -> Fields:
     arm = RelaxingArm(g=g, tau_s=tau_s)
     return [
         arm.creep_share * lagged(recording, recording.tracks.unit_displacement, arm.retardation_s)
-        for recording in forward.base.grasps
+        for recording in model.grasps
     ]
 
 

@@ -23,8 +23,8 @@ from fem.elements.shape_functions import TET_FACES, t6_gradient, t6_shape, tri_q
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mesh.surface_points import spread_out
 from fem.mesh.tetrahedra import boundary_faces
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import GraspResponse
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.rigid_core import pit_centre_mm, rigid_modes
 
@@ -96,18 +96,15 @@ class LooseFlesh:
     ) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "r c"], Float[np.ndarray, "c n 3"]]:
         """Under a recording's patterns: its markers and the patches (times area) with no pressure inside; and
         the markers under each patch's pressure."""
-        loads = np.zeros((len(recording.patterns), len(self.solid.mesh.nodes_mm), 3))
-        loads[:, self.solid.contact_nodes] = recording.nodal_of(recording.patterns)
-        moved = self.solid.displacement(loads)
+        moved = self.solid.displacement(recording.loads(recording.patterns))
         opening = (self.load.T @ moved.reshape(len(moved), -1).T).T
-        at_markers = recording.at_markers(np.concatenate([moved[:, self.solid.contact_nodes], self.skin]))
-        return at_markers[: len(moved)], opening, at_markers[len(moved) :]
+        return recording.at_markers(moved), opening, recording.seen(self.skin)
 
 
-def loose_flesh(forward: ForwardModel, recording: GraspResponse) -> LooseFlesh:
+def loose_flesh(model: CaseModel, recording: GraspResponse) -> LooseFlesh:
     """The flesh of this recording's support, made once."""
     support = recording.case.support
-    return forward.memoised(("loose flesh", support), lambda: LooseFlesh.of(forward.base.solid_of(recording)))
+    return model.memoised(("loose flesh", support), lambda: LooseFlesh.of(recording.solid))
 
 
 def patches(mesh: FleshMesh) -> tuple[csr_array, Float[np.ndarray, " c"]]:

@@ -15,7 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.distance import cdist
 
-from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.plain_model import GraspResponse
 
 REACH = 2.0
 """Length of the kernel, in a recording's greatest load."""

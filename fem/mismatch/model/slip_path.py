@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure, FemProblem
-from fem.mismatch.model.baseline import GraspResponse
 from fem.mismatch.model.marker_equations import MarkerEquations
+from fem.mismatch.model.plain_model import GraspResponse
 
 LEVEL_MM = 0.016
 """Twice the spread of D's level at the touch on sound recordings (7-9 um)."""

@@ -11,9 +11,9 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fem.materials.strain_path import PathLaw
-from fem.mismatch.model.baseline import Baseline, GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.path_frames import PathFrames, path_frames
+from fem.mismatch.model.plain_model import GraspResponse, PlainModel
 from fem.solid.initial_stress import AddedStress
 from fem.solid.linear_solid import Support
 
@@ -30,12 +30,12 @@ SMALL_SHARE = 1e-4
 class PathState:
     """The chosen frames of all recordings one after the other. `linear`: v0; `first` of each recording."""
 
-    base: Baseline
+    base: PlainModel
     frames: tuple[PathFrames, ...]
     linear: Float[np.ndarray, "f n 3"]
 
     @classmethod
-    def of(cls, base: Baseline, frames: tuple[PathFrames, ...]) -> "PathState":
+    def of(cls, base: PlainModel, frames: tuple[PathFrames, ...]) -> "PathState":
         """Under the recordings' forces."""
         fields = [
             _combined(recording, chosen_frames)
@@ -72,7 +72,7 @@ class PathState:
                 for recording, frames in zip(self.base.grasps, self.frames, strict=True):
                     if recording.case.support == support:
                         after = first + len(frames.chosen)
-                        seen_at = recording.at_markers(moved[first:after])
+                        seen_at = recording.seen(moved[first:after])
                         responses[recording.case.name] = np.tensordot(frames.mix, seen_at, axes=1)
                         first = after
         return [[responses[recording.case.name] for recording in self.base.grasps] for responses in by_law]
@@ -83,7 +83,7 @@ class PathState:
         for recording, chosen_frames, a, b in zip(
             self.base.grasps, self.frames, self.first, self.first[1:], strict=False
         ):
-            seen_at = recording.at_markers(field[a:b][:, self.base.solid_of(recording).contact_nodes])
+            seen_at = recording.at_markers(field[a:b])
             responses.append(np.tensordot(chosen_frames.mix, seen_at, axes=1))
         return responses
 
@@ -110,18 +110,18 @@ def _combined(recording: GraspResponse, chosen_frames: PathFrames) -> Float[np.n
     return np.asarray(np.tensordot(recording.shares[chosen_frames.chosen], recording.moved, axes=1))
 
 
-def path_state(forward: ForwardModel, *, frames: int, remembers: bool) -> PathState:
+def path_state(model: CaseModel, *, frames: int, remembers: bool) -> PathState:
     """The model's recordings by about so many frames (times its path_share), chosen once."""
 
     def compute() -> PathState:
-        count = max(round(forward.path_share * frames), len(forward.base.grasps))
-        return PathState.of(forward.base, path_frames(forward.base.grasps, count, remembers=remembers))
+        count = max(round(model.path_share * frames), len(model.grasps))
+        return PathState.of(model.base, path_frames(model.grasps, count, remembers=remembers))
 
-    return forward.memoised(("path", frames, remembers), compute)
+    return model.memoised(("path", frames, remembers), compute)
 
 
 def fixed_point(
-    forward: ForwardModel,
+    model: CaseModel,
     state: PathState,
     law: PathLaw,
     *,
@@ -138,21 +138,21 @@ def fixed_point(
     """
     problem = AddedStress(
         linear=state.linear,
-        added_force=lambda moved: forward.pieces.forces(moved, law),
+        added_force=lambda moved: model.pieces.forces(moved, law),
         response=state.response,
-        compliance=forward.compliance,
+        compliance=model.compliance,
         stiffer=np.ones(len(state.linear)) if stiffer is None else stiffer,
-        skin=state.base.mesh.outer_nodes,
+        skin=state.base.case.mesh.outer_nodes,
     )
-    known = None if forward.warm_starts is None else forward.warm_starts.nearest(name, place)
+    known = None if model.warm_starts is None else model.warm_starts.nearest(name, place)
     more = problem.beyond_linear(
         start=start if known is None else known[1],
         together=together,
         tolerance_mm=CLOSE_MM,
         rounds=MOST_ROUNDS,
     )
-    if forward.warm_starts is not None:
-        forward.warm_starts.keep(name, place, more.astype(np.float32))
+    if model.warm_starts is not None:
+        model.warm_starts.keep(name, place, more.astype(np.float32))
     return more
 
 

@@ -9,7 +9,7 @@ from fem.estimation.coloured_noise import drawn_coloured_noise
 from fem.estimation.compliance_fit import about_episode_mean
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import GramMatrix
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.marker_equations import MarkerEquations
 from fem.mismatch.result import HeldOut
 from fem.parallel_map import parallel_map
@@ -19,7 +19,7 @@ NOISE_DRAWS = 8
 
 
 def held_out(
-    forward: ForwardModel,
+    model: CaseModel,
     recorded: Sequence[GraspEquations],
     before: tuple[GramMatrix, Sequence[int]],
     after: tuple[GramMatrix, Sequence[int]],
@@ -33,14 +33,14 @@ def held_out(
     count = len(recorded)
     if count < 2:
         return None
-    models = [(model, k) for model in (before, after) for k in range(count)]
+    models = [(fitted, k) for fitted in (before, after) for k in range(count)]
     left_out = parallel_map(
         lambda model_and_grasp: _residual_squares(*model_and_grasp[0], model_and_grasp[1], count),
         models,
-        workers=forward.workers,
+        workers=model.workers,
     )
     lost = [sum(left_out[:count]), sum(left_out[count:])]
-    whole = sum(_size(forward, equations) for equations in recorded)
+    whole = sum(_size(model, equations) for equations in recorded)
     rng = np.random.default_rng(0)
     noise = sum(noise_left_mm2(equations.markers, rng) for equations in recorded)
     return HeldOut(
@@ -89,7 +89,7 @@ def _residual_squares(products: GramMatrix, columns: Sequence[int], k: int, coun
     return float((products.marker_residual(k, others) ** 2).sum())
 
 
-def _size(forward: ForwardModel, equations: GraspEquations) -> float:
+def _size(model: CaseModel, equations: GraspEquations) -> float:
     tracks = equations.recording.tracks
-    response = about_episode_mean(forward.compliance * tracks.unit_displacement, tracks.episode)
+    response = about_episode_mean(model.compliance * tracks.unit_displacement, tracks.episode)
     return float((response**2).sum())

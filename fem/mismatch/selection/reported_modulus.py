@@ -13,7 +13,7 @@ from scipy.special import expit
 
 from fem.mismatch.effect import Effect
 from fem.mismatch.gel_fault import is_of_relation
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, mixture
 from fem.mismatch.selection.linear_explanations import Hypothesis
 from fem.mismatch.selection.refinement import Refit
@@ -93,7 +93,7 @@ class HiddenGelFault:
 
 
 def hidden_gel_faults(
-    forward: ForwardModel, effects: Sequence[Effect], named: Refit | None
+    model: CaseModel, effects: Sequence[Effect], named: Refit | None
 ) -> list[HiddenGelFault]:
     """Those of `effects` with which the flesh's equations fit better.
 
@@ -102,14 +102,14 @@ def hidden_gel_faults(
     """
     if named is not None and any(map(is_of_relation, named.effects)):
         return []
-    measured = [(fault, fault.measured(forward)) for fault in effects if is_of_relation(fault)]
+    measured = [(fault, fault.measured(model)) for fault in effects if is_of_relation(fault)]
     return [
         HiddenGelFault(
             name=fault.spec.name,
             values=known.values,
             probability=float(expit(known.evidence)),
-            modulus_change=fault.modulus_change(forward),
+            modulus_change=fault.modulus_change(model),
         )
         for fault, known in measured
-        if known is not None and fault.flesh_gain(forward) > 0
+        if known is not None and fault.flesh_gain(model) > 0
     ]
