@@ -21,7 +21,7 @@ from fem.mismatch.evidence.model_error import model_error_columns, model_error_s
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.selection.screening import LinearRound, linear_round
-from fem.mismatch.signature_variant import ONE_WAY, Variant
+from fem.mismatch.signature_variant import ONE_WAY, Variant, of_pad
 
 FORMAT = 2
 """Of the file; a reader refuses another."""

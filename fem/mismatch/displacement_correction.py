@@ -25,7 +25,7 @@ MOST_ROUNDS, STILL = 12, 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class KnownEffect:
-    """An effect with its parameters, named as its ParameterSpecs are, for a flesh of modulus E (MPa)."""
+    """An effect with its parameters, named as the search has them, for a flesh of modulus E (MPa)."""
 
     effect: Effect
     parameters: Callable[[float], Mapping[str, float]]

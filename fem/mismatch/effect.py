@@ -29,6 +29,7 @@ Parameters: TypeAlias = Mapping[str, float]
 Amounts: TypeAlias = Float[np.ndarray, " k"]
 """Of a signature's columns."""
 
+
 @dataclass(frozen=True, kw_only=True)
 class Signature:
     """One way in which an effect can show, linear in the amounts of its columns.

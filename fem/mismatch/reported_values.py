@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.effect_spec import EffectParameter, ParameterSpec
+from fem.mismatch.effect_spec import EffectParameter
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.model.case_model import CaseModel
@@ -100,7 +100,7 @@ def _parameters(again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:
     return parameters
 
 
-def _ninety(value: float, spread: float, spec: ParameterSpec, *, scale: float = 1.0) -> tuple[float, float]:
+def _ninety(value: float, spread: float, spec: EffectParameter, *, scale: float = 1.0) -> tuple[float, float]:
     """The interval of 90 %, about the value or about its logarithm; `scale`: unit of the bounds, as said."""
     if spec.log:
         return value * math.exp(-NINETY * spread / value), value * math.exp(NINETY * spread / value)
@@ -109,7 +109,7 @@ def _ninety(value: float, spread: float, spec: ParameterSpec, *, scale: float = 
 
 
 def _said(
-    parameter: EffectParameter, spec: ParameterSpec, value: float, number: int, modulus: ModulusWith
+    parameter: EffectParameter, spec: EffectParameter, value: float, number: int, modulus: ModulusWith
 ) -> tuple[float, float]:
     """Value and spread as an answer gives them: v E^p of what is searched for, and E goes with it."""
     size = value if spec.log else 1.0

@@ -78,14 +78,10 @@ def model_of(moved_mm: np.ndarray | None = None) -> CaseModel:
     beyond = np.zeros_like(response) if moved_mm is None else moved_mm
     position = recording.tracks.place_mm + response + beyond
     tracks = replace(recording.tracks, position_mm=position)
-    return CaseModel(
-        base=replace(base, grasps=(replace(recording, tracks=tracks),)), compliance=COMPLIANCE
-    )
+    return CaseModel(base=replace(base, grasps=(replace(recording, tracks=tracks),)), compliance=COMPLIANCE)
 
 
 def in_full(model: CaseModel, solid: UnitModulusSolid) -> np.ndarray:
     """c(t) of the recording on a solid of any law, its nodes numbered as those of the plain model."""
     recording = model.grasps[0]
-    return recording.over_time(
-        recording.at_markers(solid.displacement(recording.loads(recording.patterns)))
-    )
+    return recording.over_time(recording.at_markers(solid.displacement(recording.loads(recording.patterns))))

@@ -76,7 +76,7 @@ def test_probabilities_are_those_of_grasps(fitted):
 
 def test_evidence_and_misfit_each_detect_a_mismatch(fitted):
     nothing = posterior([fitted(0.0), fitted(0.0, "slip")])
-    assert nothing.p_value > 0.05
+    assert nothing.detection.p_value > 0.05
     assert nothing.verdict == "none"
     listed = posterior([fitted(0.0), fitted(1.0, "slip")])
     assert listed.verdict == ("slip", "none")

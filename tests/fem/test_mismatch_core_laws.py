@@ -124,9 +124,7 @@ def test_each_signature_is_the_slope_of_its_own_model(effect, step):
     slope = COMPLIANCE * (ends[0] - ends[1]) / (2 * step)
     markers = signature.columns[0].fields[0].markers
     assert np.linalg.norm(slope - markers) < 1e-3 * np.linalg.norm(markers)
-    assert effect.start(model, signature, np.zeros(1)) == {
-        effect.spec.searched[0].name: pytest.approx(null)
-    }
+    assert effect.start(model, signature, np.zeros(1)) == {effect.spec.searched[0].name: pytest.approx(null)}
 
 
 def test_depth_is_nothing_at_the_skin_and_one_at_the_pit():

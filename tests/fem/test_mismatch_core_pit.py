@@ -72,9 +72,7 @@ def test_signatures_are_slopes_of_fruit_solved_with_the_pit_a_little_moved(effec
 
 def test_an_amount_of_the_signature_is_where_the_search_starts():
     (signature,) = pit_size.EFFECT.signatures(model())
-    assert pit_size.EFFECT.start(model(), signature, np.array([np.log(1.2)])) == {
-        "scale": pytest.approx(1.2)
-    }
+    assert pit_size.EFFECT.start(model(), signature, np.array([np.log(1.2)])) == {"scale": pytest.approx(1.2)}
     (signature,) = pit_offset.EFFECT.signatures(model())
     start = pit_offset.EFFECT.start(model(), signature, np.array([0.5, -1.0, 9.0]))
     assert list(start.values()) == pytest.approx([0.5, -1.0, 6.0])

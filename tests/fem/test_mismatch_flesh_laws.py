@@ -12,9 +12,8 @@ from fem.materials.strain_path import linear_stress
 from fem.mismatch.effects import damage, plastic_set, stiffening
 from fem.mismatch.model import stress_history
 from fem.mismatch.model.case_model import CaseModel
-from fem.mismatch.model.path_frames import path_frames
 from fem.mismatch.model.plain_model import plain_model
-from fem.mismatch.model.stress_history import path_state
+from fem.mismatch.model.stress_history import path_frames, path_state
 from fem.mismatch.model.warm_start import MOST, WarmStarts
 from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.flesh_pieces import FleshPieces, exceeded_by
@@ -85,7 +84,7 @@ def test_the_value_that_a_share_of_the_volume_exceeds():
     [(damage, {"dmax": 0.3, "W0_over_E": 0.002}), (plastic_set, {"yield_over_E": 0.06})],
 )
 def test_softer_flesh_answers_alike_where_its_law_sees_the_same(monkeypatch, module, parameters):
-    """By ParameterSpec.strain_power, which spares solving again for another E."""
+    """By EffectParameter.strain_power, which spares solving again for another E."""
     monkeypatch.setattr(stress_history, "CLOSE_MM", 1e-7)
     firm = model_of()
     soft = replace(firm, compliance=1.5 * firm.compliance)

@@ -111,9 +111,7 @@ def test_a_fault_of_the_gel_is_measured_and_seen_and_E_is_right_with_it(effect, 
     for name, value in true.items():
         assert values[name] == pytest.approx(value, rel=rel.get(name, 0.1))
     assert effect.direct_evidence(model) > 20
-    assert modulus_of(model, effect.respond(model, values, ONE_WAY)).value == pytest.approx(
-        E_MPA, rel=0.05
-    )
+    assert modulus_of(model, effect.respond(model, values, ONE_WAY)).value == pytest.approx(E_MPA, rel=0.05)
 
 
 def test_a_bent_reading_makes_E_too_low(bent_reading):

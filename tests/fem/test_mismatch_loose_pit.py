@@ -17,10 +17,18 @@ from fem.estimation.error_budget import ErrorBudget
 from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import skin_quadrature
-from fem.mismatch.effects.loose_pit import EFFECT, GAPS_MM, MOST_FRAMES, at_gap, loose_response
+from fem.mismatch.effects.loose_pit import (
+    EFFECT,
+    GAPS_MM,
+    MOST_FRAMES,
+    LooseFlesh,
+    at_gap,
+    inner_faces,
+    loose_flesh,
+    loose_response,
+)
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
 from fem.mismatch.model.case_model import CaseModel
-from fem.mismatch.model.loose_flesh import LooseFlesh, inner_faces, loose_flesh
 from fem.mismatch.model.plain_model import plain_model
 from fem.mismatch.selection.screening import LinearFit
 from fem.mismatch.signature_variant import ONE_WAY
@@ -191,7 +199,7 @@ def test_an_oblong_pit_pressed_askew_turns_as_bricks_have_it_and_gives_way_more_
     semi_axes = (12.0, 9.0, 15.0)
     radius = np.mean(semi_axes)
     spring = 400 * HOLDING_N_PER_MM + THREADS_N_PER_MM * 2 / 3 * radius**2  # of the bricks' pit, N mm per rad
-    monkeypatch.setattr(fem.mismatch.model.loose_flesh, "TURNING_SHARE", spring / radius**3)
+    monkeypatch.setattr(fem.mismatch.effects.loose_pit, "TURNING_SHARE", spring / radius**3)
     flesh = flesh_about(semi_axes)
     turned, held = (softer(flesh, ASKEW, pit_turns=turns) for turns in (True, False))
     assert turned - 1 == pytest.approx(softer_bricks(np.array(semi_axes), ASKEW) - 1, rel=0.1)

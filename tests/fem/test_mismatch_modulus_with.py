@@ -9,7 +9,7 @@ from pinched_case_model import model_of
 from plain_model import screened_effects
 from test_mismatch_core_measurement import given_way
 
-from fem.mismatch.effect_spec import ParameterSpec
+from fem.mismatch.effect_spec import EffectParameter
 from fem.mismatch.effects import gripper_compliance, skin
 from fem.mismatch.reported_values import _ninety
 from fem.mismatch.result import NINETY
@@ -45,12 +45,12 @@ def asked(again: Refit, share: float) -> float:
 
 
 def test_intervals_stay_within_what_makes_sense():
-    logarithmic = ParameterSpec(name="b", unit="1", low=0.1, high=400.0, log=True)
+    logarithmic = EffectParameter("b", "1", "", low=0.1, high=400.0, log=True)
     low, high = _ninety(0.8, 1.0, logarithmic)
     assert 0 < low < 0.8 < high
     assert np.log(high / 0.8) == pytest.approx(np.log(0.8 / low)) == pytest.approx(NINETY / 0.8)
     assert _ninety(60.0, 0.6, logarithmic) == pytest.approx((60 - 0.987, 60 + 0.987), rel=1e-3)
-    bounded = ParameterSpec(name="gap_mm", unit="mm", low=0.0, high=3.0)
+    bounded = EffectParameter("gap_mm", "mm", "", low=0.0, high=3.0)
     assert _ninety(1.0, 1.0, bounded) == pytest.approx((0.0, 1 + NINETY))
     assert _ninety(2.0, 1.0, bounded, scale=0.5) == pytest.approx((2 - NINETY, 1.5))
 

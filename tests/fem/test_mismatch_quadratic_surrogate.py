@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from fem.mismatch.model.quadratic_surrogate import NEAR, quadratic_surrogate
-from fem.mismatch.model.warm_start import WarmStarts
+from fem.mismatch.model.warm_start import NEAR, WarmStarts, quadratic_surrogate
 
 
 def curved(calls: list[np.ndarray], bend: float = 0.7):

@@ -8,7 +8,7 @@ import pytest
 from pinched_case_model import COMPLIANCE, model_of
 from plain_model import screened_effects
 
-from fem.mismatch.effect_spec import ParameterSpec
+from fem.mismatch.effect_spec import EffectParameter
 from fem.mismatch.effects import damage, skin, soft_spot
 from fem.mismatch.selection.refinement import MARGIN, Refit, _Search, refit
 from fem.mismatch.selection.screening import LinearRound
@@ -121,4 +121,4 @@ def test_threads_change_no_number():
 
 def test_a_strain_power_is_for_a_logarithmic_scale():
     with pytest.raises(ValueError, match="logarithmic"):
-        ParameterSpec(name="b", unit="1", low=1.0, high=2.0, strain_power=1.0)
+        EffectParameter("b", "1", "", low=1.0, high=2.0, strain_power=1.0)

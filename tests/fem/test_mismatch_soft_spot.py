@@ -11,7 +11,7 @@ from pinched_case_model import COMPLIANCE, in_full, model_of, pinched
 from fem.elements.assembly import unit_lame_constants
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.mismatch.effects.soft_spot import CENTRE, EFFECT, variant_of
-from fem.mismatch.localisation.spot_search import Spot, best_spots
+from fem.mismatch.localisation.spot_search import OTHERS, RADII_MM, Spot, best_spots
 from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.inclusion import ball_stiffness, drop_of
 from fem.solid.linear_solid import UnitModulusSolid
@@ -106,7 +106,8 @@ def test_without_a_spot_nothing_stands_out():
             tracks.position_mm - tracks.place_mm - COMPLIANCE * tracks.unit_displacement
             for tracks in (recording.tracks for recording in model.grasps)
         ]
-        spots = best_spots(model, model.adjoint_basis.observed(left))
+        observed = model.adjoint_basis.observed(left)
+        spots = best_spots(model, observed, radii_mm=RADII_MM, others=OTHERS)
         return max((spot.score for spot in spots), default=0.0)
 
     plain = model_of()

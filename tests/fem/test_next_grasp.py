@@ -1,6 +1,6 @@
 """What to record next, by what effects state of themselves."""
 
-from fem.mismatch.next_grasp import ACROSS, SPEEDS, TURNED, TWICE, next_grasp
+from fem.mismatch.procedure import ACROSS, SPEEDS, TURNED, TWICE, next_grasp
 from fem.mismatch.result import NONE, UNKNOWN
 
 

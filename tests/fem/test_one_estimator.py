@@ -95,9 +95,7 @@ def test_of_one_recording_explaining_infers_the_modulus_and_its_error_bar_as_gra
 ):
     single = replace(base, grasps=base.grasps[:1])
     # flesh here moves by small strain
-    model = CaseModel(
-        base=single, compliance=compliances[0], graded=models[:1], beyond_small_strain=False
-    )
+    model = CaseModel(base=single, compliance=compliances[0], graded=models[:1], beyond_small_strain=False)
     unit = base.grasps[0].tracks.unit_displacement
     alone = joint_modulus([graded[0].evidence], budget=case.budget, infer_pit=False)
     for modulus in (modulus_of(model), modulus_of(model, Response(unit=(unit,)))):

@@ -101,9 +101,7 @@ def test_the_nearby_solid_is_the_factorised_one_to_first_order() -> None:
     (solid,) = model.base.solids.values()
     nearby = with_drawn_surface(model)
     (moved,) = nearby.base.solids.values()
-    exact = UnitModulusSolid.factorise(
-        nearby.mesh, poisson_ratio=solid.poisson_ratio, support=solid.support
-    )
+    exact = UnitModulusSolid.factorise(nearby.mesh, poisson_ratio=solid.poisson_ratio, support=solid.support)
     field = np.random.default_rng(3).normal(size=3 * len(solid.mesh.nodes_mm))
     load = (solid.stiffness @ field).reshape(1, -1, 3)  # balanced
     before, expected = solid.displacement(load), exact.displacement(load)

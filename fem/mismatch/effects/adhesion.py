@@ -13,7 +13,7 @@ stretches of the pulled markers end: twice the largest less the second largest (
 from collections.abc import Sequence
 
 from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.signature_variant import ONE_WAY, Variant
 
@@ -32,7 +32,7 @@ SPEC = EffectSpec(
         "uses the forces with the pull in them.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             REACH,
             "mm",
             "how far the gel is drawn out before it lets go",
@@ -44,7 +44,6 @@ SPEC = EffectSpec(
     ),
     in_recorded_forces=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 class Adhesion(Effect):

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.moved_markers import MovedMarkers
 from fem.mismatch.model.plain_model import GraspResponse
 
@@ -27,7 +27,7 @@ SPEC = EffectSpec(
         advice="Synchronise the clocks in the recorder. Apply the effect to the recordings made so far.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             "lag_s",
             "s",
             "how late force and displacement are against the jaws",
@@ -41,7 +41,6 @@ SPEC = EffectSpec(
     correction=Correction.CLOCK_LAG,
     knows_time=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _gone(recording: GraspResponse, lag_s: float) -> Float[np.ndarray, "f n 3"]:

@@ -25,7 +25,7 @@ from jaxtyping import Float
 
 from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.fading_law import FadingLaw, Fields, lagged
 from fem.mismatch.kinds.linear_law import matrix_operator
 from fem.mismatch.model.case_model import CaseModel
@@ -48,7 +48,7 @@ SPEC = EffectSpec(
         "modulus is the one at the first instant.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             "volume_share",
             "1",
             "share of the resistance to losing volume (Lame's lambda) that fades",
@@ -57,7 +57,7 @@ SPEC = EffectSpec(
             high=0.98,
             model_share=0.05,
         ),
-        number(
+        EffectParameter(
             "tau_s",
             "s",
             "time over which it fades",
@@ -70,7 +70,6 @@ SPEC = EffectSpec(
     ),
     knows_time=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -4,7 +4,7 @@ E is that halfway. d by the distances to both (fem.mismatch.model.case_model).
 """
 
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.linear_law import LinearLaw, stress_operator
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.reduced_law import Operator
@@ -21,7 +21,7 @@ SPEC = EffectSpec(
         advice="Read the modulus as that of the flesh halfway between skin and pit.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             "gamma",
             "1",
             "change of firmness from skin (−) to pit (+)",
@@ -32,7 +32,6 @@ SPEC = EffectSpec(
         ),
     ),
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _graded(model: CaseModel) -> Operator:

@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.moved_markers import MovedMarkers
 from fem.mismatch.model.plain_model import GraspResponse
 
@@ -22,7 +22,7 @@ SPEC = EffectSpec(
         advice="Tighten the jaws. Apply the effect: travel is then corrected by what the jaws give way.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             "mm_per_N",
             "mm/N",
             "how far each jaw gives way per newton",
@@ -34,7 +34,6 @@ SPEC = EffectSpec(
     ),
     correction=Correction.JAW_COMPLIANCE,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _ahead(recording: GraspResponse, mm_per_N: float) -> Float[np.ndarray, "f n 3"]:

@@ -5,7 +5,7 @@ from jaxtyping import Float
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO, unit_lame_constants
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.linear_law import LinearLaw, matrix_operator
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.reduced_law import Operator
@@ -21,11 +21,12 @@ SPEC = EffectSpec(
         advice="Apply the effect: the ratio goes into the batch's settings.",
     ),
     parameters=(
-        number("nu", "1", "Poisson's ratio", limits=(0.0, LARGEST_POISSON_RATIO), low=0.05, high=0.4995),
+        EffectParameter(
+            "nu", "1", "Poisson's ratio", limits=(0.0, LARGEST_POISSON_RATIO), low=0.05, high=0.4995
+        ),
     ),
     correction=Correction.POISSON_RATIO,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _derivative(model: CaseModel) -> Operator:

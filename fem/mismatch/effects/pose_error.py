@@ -16,12 +16,12 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Effect, Parameters, Response, Signature
-from fem.mismatch.effect_spec import PAD, Correction, EffectSpec, EffectWords, Scope, number, vector
+from fem.mismatch.effect_spec import PAD, Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.inner_changes import slid_response
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.plain_model import ARM_MM, GraspResponse
-from fem.mismatch.model.quadratic_surrogate import quadratic_surrogate
+from fem.mismatch.model.warm_start import quadratic_surrogate
 from fem.mismatch.signature_variant import Variant, of_pad
 from fem.solid.pad_link import pad_link
 
@@ -29,7 +29,7 @@ NAMES = ("shift_mm.0", "shift_mm.1", "tilt_deg")
 PRIOR_SD = 2.5
 """Of each parameter, mm and degrees."""
 FAR = 0.1
-"""See fem.mismatch.model.quadratic_surrogate. A shift beside a tilt of twice its size would else never be
+"""See fem.mismatch.model.warm_start. A shift beside a tilt of twice its size would else never be
 looked at itself."""
 
 SPEC = EffectSpec(
@@ -44,17 +44,18 @@ SPEC = EffectSpec(
     ),
     parameters=(
         PAD,
-        vector(
+        EffectParameter(
             "shift_mm",
             "mm",
             "shift of the pad in its plane",
             components=2,
+            model_share=0.0,
             limits=(-100.0, 100.0),
             low=-7.0,
             high=7.0,
             model_sd=0.5,
         ),
-        number(
+        EffectParameter(
             "tilt_deg",
             "deg",
             "tilt of the pad",
@@ -67,7 +68,6 @@ SPEC = EffectSpec(
     ),
     correction=Correction.PAD_POSE,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 class PoseError(Effect):

@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Effect, Parameters, Response, Signature
-from fem.mismatch.effect_spec import PAD, Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import PAD, Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.signature_variant import Variant, of_pad
@@ -30,7 +30,7 @@ SPEC = EffectSpec(
     ),
     parameters=(
         PAD,
-        number(
+        EffectParameter(
             "newton_per_s",
             "N/s",
             "growth of the reading per second",
@@ -43,7 +43,6 @@ SPEC = EffectSpec(
     correction=Correction.FORCE_DRIFT,
     knows_time=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 class SensorDrift(Effect):
@@ -89,9 +88,7 @@ def _per_drift(
             if motion.name == pad:
                 normal = recording.pose[k][0, :3, 2]
                 pressed += np.where(recording.own_markers(k), normal / motion.markers, 0.0)
-        moved = model.memoised(
-            ("drift", recording.case.name, pad), partial(recording.response_to, pressed)
-        )
+        moved = model.memoised(("drift", recording.case.name, pad), partial(recording.response_to, pressed))
         balance = recording.wrench(since * pressed)
         rest = [
             recording.own_markers(k).sum() / motion.markers if motion.name == pad else 0.0

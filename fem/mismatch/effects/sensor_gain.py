@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
-from fem.mismatch.effect_spec import PAD, Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import PAD, Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.evidence.friction_cone import NO_SPRING, normal_stiffness
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.force_noise import OfSomeForces
@@ -39,7 +39,7 @@ SPEC = EffectSpec(
     ),
     parameters=(
         PAD,
-        number(
+        EffectParameter(
             "gain",
             "1",
             "recorded force over true force",
@@ -51,7 +51,6 @@ SPEC = EffectSpec(
     ),
     correction=Correction.FORCE_GAIN,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 class SensorGain(Effect):
@@ -135,9 +134,7 @@ def _of_pad(
     for recording in model.grasps:
         mine = recording.own_markers(pad)
         patterns = np.where(mine, recording.patterns, 0.0)
-        alone = model.memoised(
-            ("alone", recording.case.name, pad), partial(recording.response_to, patterns)
-        )
+        alone = model.memoised(("alone", recording.case.name, pad), partial(recording.response_to, patterns))
         force_N = np.where(mine, recording.force_N, 0.0)
         parts.append((recording.over_time(alone), recording.wrench(force_N)))
     return parts

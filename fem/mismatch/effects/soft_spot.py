@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number, vector
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.linear_law import matrix_operator
 from fem.mismatch.localisation.spot_search import OTHERS, RADII_MM, Spot, best_spots
 from fem.mismatch.model.case_model import CaseModel
@@ -45,18 +45,19 @@ SPEC = EffectSpec(
         "afterwards is that of the sound flesh.",
     ),
     parameters=(
-        vector(
+        EffectParameter(
             "centre_mm",
             "mm",
             "centre of the spot",
             components=3,
+            model_share=0.0,
             limits=(-1e3, 1e3),
             low=-500.0,
             high=500.0,
             spread=40.0,
             model_sd=0.5,
         ),
-        number(
+        EffectParameter(
             RADIUS,
             "mm",
             "radius of the spot",
@@ -66,7 +67,7 @@ SPEC = EffectSpec(
             log=True,
             model_share=0.08,
         ),
-        number(
+        EffectParameter(
             RATIO,
             "1",
             "firmness of the spot over that of the flesh",
@@ -77,7 +78,6 @@ SPEC = EffectSpec(
         ),
     ),
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True, kw_only=True)

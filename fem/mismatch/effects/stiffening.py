@@ -13,10 +13,9 @@ from collections.abc import Sequence
 
 from fem.materials.fung_neo_hookean import fung_at_small_strain
 from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.model.case_model import CaseModel
-from fem.mismatch.model.stiffening_flesh import beyond_linear, stiffening_path
-from fem.mismatch.model.stress_history import whole_response
+from fem.mismatch.model.stress_history import beyond_linear, stiffening_path, whole_response
 from fem.mismatch.signature_variant import Variant
 
 B = "b"
@@ -36,7 +35,7 @@ SPEC = EffectSpec(
         "the first touch.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             B,
             "1",
             "how fast the flesh stiffens",
@@ -51,7 +50,6 @@ SPEC = EffectSpec(
     ),
     holds_large_deformation=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 class Stiffening(Effect):

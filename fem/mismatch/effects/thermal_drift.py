@@ -18,7 +18,7 @@ from jaxtyping import Float
 
 from fem.estimation.coloured_noise import variance_inflation
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit, gel_records
 from fem.mismatch.gel_fault import GelFault, drift_between
 from fem.mismatch.model.case_model import CaseModel
@@ -48,7 +48,7 @@ SPEC = EffectSpec(
         "the recordings made so far.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             STRAIN,
             "1/√s",
             "strain of the gel's face over the square root of time",
@@ -57,7 +57,7 @@ SPEC = EffectSpec(
             high=0.02,
             model_share=0.02,
         ),
-        number(
+        EffectParameter(
             FORCE,
             "N/√s",
             "growth of each pad's normal force over the square root of time",
@@ -70,7 +70,6 @@ SPEC = EffectSpec(
     correction=Correction.THERMAL_DRIFT,
     knows_time=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)

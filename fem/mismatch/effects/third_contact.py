@@ -37,7 +37,7 @@ from scipy.special import logsumexp
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mesh.surface_points import SurfacePoints, locate, spread_out
 from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number, vector
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.marker_equations import BalanceEquations
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
@@ -96,18 +96,19 @@ SPEC = EffectSpec(
         "recordings made so far: the push is then taken from the pads' own forces.",
     ),
     parameters=(
-        vector(
+        EffectParameter(
             "centre_mm",
             "mm",
             "place of the contact on the skin",
             components=3,
+            model_share=0.0,
             limits=(-1e3, 1e3),
             low=-500.0,
             high=500.0,
             spread=PLACE_SD_MM,
             model_sd=1.0,
         ),
-        number(
+        EffectParameter(
             FORCE,
             "N",
             "its greatest push",

@@ -9,7 +9,7 @@ s = 1/E of the first instant.
 
 from fem.materials.relaxing_arm import RelaxingArm
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.fading_law import FadingLaw, Fields, lagged
 from fem.mismatch.model.case_model import CaseModel
 
@@ -26,7 +26,7 @@ SPEC = EffectSpec(
         "modulus is the one at the first instant.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             "g",
             "1",
             "share of the resistance that fades",
@@ -36,7 +36,7 @@ SPEC = EffectSpec(
             model_share=0.03,
             numbered=True,
         ),
-        number(
+        EffectParameter(
             "tau_s",
             "s",
             "time over which it fades",
@@ -50,7 +50,6 @@ SPEC = EffectSpec(
     ),
     knows_time=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _at_once(model: CaseModel) -> Fields:

@@ -26,7 +26,7 @@ from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.inner_changes import LEADING
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.plain_model import GraspResponse
-from fem.mismatch.model.stiffening_flesh import HARDLY_ANY, beyond_linear, stiffening_path
+from fem.mismatch.model.stress_history import HARDLY_ANY, beyond_linear, stiffening_path
 
 LARGE_DEFORMATION, TURNED_FRUIT = "large deformation", "turned fruit"
 """Names of the columns."""

@@ -62,9 +62,7 @@ def common_nuisances(model: CaseModel) -> list[Regressor]:
     return [*columns, *beyond_small_strain(model)]
 
 
-def own_nuisances(
-    model: CaseModel, recording: GraspResponse
-) -> list[tuple[str, float, ObservationDelta]]:
+def own_nuisances(model: CaseModel, recording: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
     """Those of one recording: name, prior standard deviation, field."""
     budget = model.case.budget
     nuisances = [
@@ -109,9 +107,7 @@ def _dent(recording: GraspResponse, response: Float[np.ndarray, "f n 3"]) -> Flo
     return dent
 
 
-def _discrepancies(
-    model: CaseModel, recording: GraspResponse
-) -> list[tuple[str, float, ObservationDelta]]:
+def _discrepancies(model: CaseModel, recording: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
     """Polynomials of second degree over each patch, along three directions, times load and its square."""
     discrepancies = []
     for pad, name in enumerate(recording.pad_names):

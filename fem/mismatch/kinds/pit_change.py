@@ -14,7 +14,7 @@ from fem.mismatch.model.force_noise import OfInnerChange
 from fem.mismatch.model.inner_changes import inner_changes
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.plain_model import GraspResponse
-from fem.mismatch.model.quadratic_surrogate import Quantities, quadratic_surrogate
+from fem.mismatch.model.warm_start import Quantities, quadratic_surrogate
 from fem.mismatch.signature_variant import ONE_WAY, Variant
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.moved_pit import with_pit_moved

@@ -3,46 +3,32 @@
 The residual of every marker, frame and component is squared, in units of its noise variance. The excess over
 MARKER_VARIANCE_INFLATION, which null recordings leave too, is added up by pad, phase and component. Each
 pad's own rigid motion is taken out first, else what one pad shows is shared with the other by the fruit's.
-One place in the flesh is named where a single softer ball explains most of the residual
-(fem.mismatch.localisation.spot_search).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.estimation.compliance_fit import CompliantFit, rigid_part
 from fem.estimation.modulus_by_frame import modulus_per_frame
-from fem.mismatch.localisation.spot_search import best_spots, fruit_map
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.marker_equations import MARKER_VARIANCE_INFLATION
-from fem.mismatch.result import FruitMap, ModulusCell, Where
+from fem.mismatch.result import ModulusCell
 
 PHASES = ("load", "hold", "unload")
 PLACE_SHARE = 0.7
-"""Share of the excess above which one pad, place, phase or component has it. Set by hand: well over half."""
+"""Share of the excess above which one pad, phase or component has it. Set by hand: well over half."""
 PLACE_EXCESS = 0.05
 """Excess, as a share of noise, below which none of pads, phases and components is told from the others. Set
 by hand."""
-SPOT_SCORE = 20.0
-"""Least standard score of a place in the flesh that is named. Set by hand, high: it is the best of many
-places, and model errors score too."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Located:
-    """The words of an answer's `where`, `when` and `component`, and the map."""
+def located(model: CaseModel, residual: Sequence[Float[np.ndarray, "_f _n 3"]]) -> tuple[str, str, str]:
+    """The words of an answer's region, `when` and `component`.
 
-    where: Where
-    when: str
-    component: str
-    maps: FruitMap
-
-
-def located(model: CaseModel, residual: Sequence[Float[np.ndarray, "_f _n 3"]]) -> Located:
-    """`residual`: of a fit at the markers' positions per recording, mm; rigid motions may be in it."""
+    `residual`: of a fit at the markers' positions per recording, mm; rigid motions may be in it.
+    """
     names = model.pads
     amount, count = _excess(model, residual, names)
     enough = amount.sum() > PLACE_EXCESS * count.sum()
@@ -56,12 +42,10 @@ def located(model: CaseModel, residual: Sequence[Float[np.ndarray, "_f _n 3"]]) 
     phase = most(amount.sum(axis=(0, 2)) / np.maximum(count.sum(axis=(0, 2)), 1.0))
     component = most(amount.sum(axis=(0, 1)))
     pad = 0 if len(names) == 1 else most(amount.sum(axis=(1, 2)))
-    numbers = model.adjoint_basis.observed(residual)
-    return Located(
-        where=_soft_ball(model, numbers) or Where(region="both" if pad is None else f"pad {names[pad]}"),
-        when="all" if phase is None else PHASES[phase],
-        component="both" if component is None else ("normal", "shear")[component],
-        maps=fruit_map(model, numbers),
+    return (
+        "both" if pad is None else f"pad {names[pad]}",
+        "all" if phase is None else PHASES[phase],
+        "both" if component is None else ("normal", "shear")[component],
     )
 
 
@@ -72,9 +56,7 @@ def _excess(
     many numbers each is the sum.
     """
     amount, count = np.zeros((len(names), len(PHASES), 2)), np.zeros((len(names), len(PHASES), 2))
-    for recording, basis, field in zip(
-        model.grasps, model.adjoint_basis.grasps, residual, strict=True
-    ):
+    for recording, basis, field in zip(model.grasps, model.adjoint_basis.grasps, residual, strict=True):
         touching = recording.touching
         scaled = basis.equations.residual(field)
         for pad in range(len(recording.links)):
@@ -95,15 +77,6 @@ def _excess(
                 count[place] += numbers
                 amount[place] += np.maximum(squares - MARKER_VARIANCE_INFLATION * numbers, 0.0)
     return amount, count
-
-
-def _soft_ball(model: CaseModel, numbers: Float[np.ndarray, " k"]) -> Where | None:
-    """The ball of flesh that explains most of the residual, if one does."""
-    best = max(best_spots(model, numbers), key=lambda spot: spot.score, default=None)
-    if best is None or best.score < SPOT_SCORE or best.score**2 < PLACE_SHARE * float(numbers @ numbers):
-        return None
-    x, y, z = map(float, best.centre_mm)
-    return Where(region="flesh", centre_mm=(x, y, z), radius_mm=best.radius_mm)
 
 
 def modulus_cells(model: CaseModel, fits: Sequence[CompliantFit]) -> tuple[ModulusCell, ...]:

@@ -61,8 +61,8 @@ def best_spots(
     model: CaseModel,
     numbers: Float[np.ndarray, " k"],
     *,
-    radii_mm: Sequence[float] = RADII_MM,
-    others: int = OTHERS,
+    radii_mm: Sequence[float],
+    others: int,
 ) -> tuple[Spot, ...]:
     """The best ball of softer flesh in each of the radii, then the best at up to so many other places.
 

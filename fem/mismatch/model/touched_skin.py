@@ -40,9 +40,7 @@ def with_touched_skin(
             moved_mm=compliance * recording.tracks.unit_displacement,
             normal=recording.tracks.normal,
         )
-        return project_recording(
-            case, recording.solid, force_scale_sd=scale_sd, most_frames=most_frames
-        )
+        return project_recording(case, recording.solid, force_scale_sd=scale_sd, most_frames=most_frames)
 
     return replace(base, grasps=tuple(parallel_map(again, base.grasps, workers=workers)))
 

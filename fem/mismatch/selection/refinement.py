@@ -1,6 +1,6 @@
 """One effect, or two at once, fitted with the full nonlinear model: Gauss-Newton on evidence.
 
-Parameters are searched on the scale of their ParameterSpec. About a guess the responses' slopes, by
+Parameters are searched on the scale of their EffectParameter. About a guess the responses' slopes, by
 differences, are columns like any other; their amounts are the step, their covariance the parameters'. The
 evidence is that of the linearised model at the end (Laplace), with a prior as wide as the bounds allow.
 """
@@ -16,7 +16,7 @@ from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
 from fem.mismatch.effect import Effect, Response, superposed
-from fem.mismatch.effect_spec import ParameterSpec
+from fem.mismatch.effect_spec import EffectParameter
 from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.model.case_model import CaseModel
@@ -130,7 +130,7 @@ def refit(model: CaseModel, linear: LinearRound, linear_fits: Sequence[LinearFit
         elif gained < LAST_ROUND_GAIN:
             break
     count = len(specs)
-    # slopes are at a given law in its own terms, parameters follow 1/E beside it (ParameterSpec.strain_power)
+    # slopes are at a given law in its own terms, parameters follow 1/E beside it (strain_power)
     along = np.eye(len(now.fit.amounts))[-count:]
     along[:, 0] = search.power
     return Refit(
@@ -173,7 +173,7 @@ class _Search:
         model: CaseModel,
         linear: LinearRound,
         linear_fits: tuple[LinearFit, ...],
-        specs: Sequence[ParameterSpec],
+        specs: Sequence[EffectParameter],
     ) -> None:
         warm_start = model.warm_starts or WarmStarts()
         self.model = replace(model, warm_starts=warm_start.copy())
@@ -216,9 +216,7 @@ class _Search:
         """
         share, before = 1.0, None
         while True:
-            starts = [
-                fit.effect.start(model, fit.signature, share * fit.amounts) for fit in self.linear_fits
-            ]
+            starts = [fit.effect.start(model, fit.signature, share * fit.amounts) for fit in self.linear_fits]
             try:
                 now = self.linearised(self.scaled(starts))
                 break
@@ -278,8 +276,8 @@ class _Search:
     def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
         """The model with the fit's 1/E taken up where the response depends on it; whether it was.
 
-        Parameters follow it so that the law sees the same (ParameterSpec.strain_power). In soft flesh 1/E and
-        the model's own error stand for each other: its columns are left out of that fit.
+        Parameters follow it so that the law sees the same (EffectParameter.strain_power). In soft flesh 1/E
+        and the model's own error stand for each other: its columns are left out of that fit.
         """
         if not self.power.any():
             return now, False

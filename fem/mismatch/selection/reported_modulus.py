@@ -6,7 +6,7 @@ effects widen the error bar and do not move E.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.special import expit
@@ -14,7 +14,7 @@ from scipy.special import expit
 from fem.mismatch.effect import Effect
 from fem.mismatch.gel_fault import is_of_relation
 from fem.mismatch.model.case_model import CaseModel
-from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, mixture
+from fem.mismatch.result import NONE, UNKNOWN, HeldOut, Modulus, mixture
 from fem.mismatch.selection.linear_explanations import Hypothesis
 from fem.mismatch.selection.refinement import Refit
 
@@ -28,51 +28,43 @@ the plain model's errors on labelled cases with an effect lie within 1.645 of it
 
 def reported_modulus(
     verdict: str | tuple[str, ...],
-    ranking: Sequence[Hypothesis],
-    candidates: Sequence[Candidate],
+    weighed: Sequence[tuple[float, Modulus | None]],
     plain: Modulus,
     *,
     hidden: float = 0.0,
-    heldout: HeldOut | None = None,
 ) -> Modulus:
     """E as the module's docstring says; the plain model's where no explanation has an E.
 
-    `candidates`: the same ranking with the refits' E. `hidden`: relative spread by faults of the gel that are
-    not in the ranking. `heldout`: how the plain model predicts recordings left out.
+    `weighed`: of each explanation its probability, and E by it. `hidden`: relative spread by faults of the
+    gel that are not among them.
     """
-    weights, moduli = [], []
-    for hypothesis, candidate in zip(ranking, candidates, strict=True):
-        modulus = _modulus_by(hypothesis, candidate, plain, heldout)
-        if modulus is not None:
-            weights.append(hypothesis.probability)
-            moduli.append(modulus)
-    if not sum(weights) > 0:
-        return _widened(plain, hidden)
+    known = [(weight, modulus) for weight, modulus in weighed if modulus is not None]
+    if not sum(weight for weight, _ in known) > 0:
+        return plain.widened(hidden)
     about = plain.value if verdict == NONE else None
-    return _widened(mixture(weights, moduli, about=about), hidden)
+    return mixture(*zip(*known, strict=True), about=about).widened(hidden)
 
 
-def _modulus_by(
-    hypothesis: Hypothesis, candidate: Candidate, plain: Modulus, heldout: HeldOut | None
+def modulus_by(
+    hypothesis: Hypothesis, refitted: Modulus | None, plain: Modulus, heldout: HeldOut | None
 ) -> Modulus | None:
+    """E by one explanation. `refitted`: that of its refit, where it has one; `heldout`: how the plain model
+    predicts recordings left out.
+    """
     if hypothesis.name == NONE:
         return plain
     if hypothesis.name == UNKNOWN:
-        return _widened(plain, unknown_spread(heldout))
+        return plain.widened(unknown_spread(heldout))
     if hypothesis.refit is not None or hypothesis.modulus_change is None:
-        return candidate.modulus
+        return refitted
     ratio, added = hypothesis.modulus_change
-    return _widened(Modulus(value=ratio * plain.value, sd=ratio * plain.sd), added)
+    return Modulus(value=ratio * plain.value, sd=ratio * plain.sd).widened(added)
 
 
 def unknown_spread(heldout: HeldOut | None) -> float:
     """Relative spread of E by physics that is not known."""
     large = heldout is not None and heldout.rms_before > LARGE_MISFIT * heldout.noise_rms
     return LARGE_MISFIT_MODULUS_SD if large else UNKNOWN_MODULUS_SD
-
-
-def _widened(modulus: Modulus, relative_sd: float) -> Modulus:
-    return replace(modulus, sd=float(np.hypot(modulus.sd, relative_sd * modulus.value)))
 
 
 @dataclass(frozen=True, kw_only=True)
