@@ -34,15 +34,21 @@ BACK = "the same press, then draw the indenter back as fast as it went in and re
 
 @dataclass(frozen=True, kw_only=True)
 class Account:
-    """`linear`, `named`: fits of the plain law and of the likeliest. `trace`: what was explained, cut before
-    a rupture where there is one.
-    """
+    """`trace`: what was explained, cut before a rupture where there is one."""
 
     explanation: Explanation
     trace: IndenterTrace
     posterior: CurvePosterior
-    linear: TraceFit
-    named: TraceFit
+
+    @property
+    def linear(self) -> TraceFit:
+        """The fit of the plain law."""
+        return self.posterior.best[NONE]
+
+    @property
+    def named(self) -> TraceFit:
+        """The fit of the likeliest law."""
+        return self.posterior.likeliest
 
 
 def linear_modulus(trace: IndenterTrace, *, thickness_mm: float | None, poisson_ratio: float) -> Modulus:
@@ -137,13 +143,7 @@ def explain_trace(
         cells=_cells(trace, plain, no_contact),
         notes=(*left_out.values(), *ruptured, *rig.notes, *_notes(trace, chosen, between[1][0])),
     )
-    return Account(
-        explanation=explanation,
-        trace=trace,
-        posterior=answer,
-        linear=plain,
-        named=chosen,
-    )
+    return Account(explanation=explanation, trace=trace, posterior=answer)
 
 
 def _held_out(plain: TraceFit, chosen: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> HeldOut:

@@ -15,6 +15,7 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effect import Effect, Response
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import Fields
 from fem.mismatch.procedure import case_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.signature_variant import ONE_WAY
@@ -70,7 +71,7 @@ def displacement_corrections(
     ]
 
 
-def _corrections(model: CaseModel, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "_f _n 3"]]:
+def _corrections(model: CaseModel, effects: Sequence[KnownEffect]) -> Fields:
     """d in the frames used; small corrections add up."""
     corrections = [np.zeros_like(recording.tracks.unit_displacement) for recording in model.grasps]
     for known in effects:

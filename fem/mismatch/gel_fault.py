@@ -244,16 +244,6 @@ def drift_between(
 
 def _flesh_fit(model: CaseModel, response: Response | None) -> tuple[float, float]:
     """chi-square of the markers' motion with the best 1/E, and that 1/E (1/MPa)."""
-    data, plain, along = 0.0, 0.0, 0.0
-    for k, recording in enumerate(model.grasps):
-        tracks, equations = recording.tracks, model.marker_equations(recording)
-        unit = tracks.unit_displacement if response is None else response.unit[k]
-        seen = tracks.position_mm - tracks.place_mm
-        if response is not None and response.shift_mm is not None:
-            seen = seen - response.shift_mm[k]
-        touching = tracks.episode >= 0
-        heavy, driven = equations.weighed(seen)[touching], equations.weighed(unit)[touching]
-        data += float((seen[touching] * heavy).sum())
-        along += float((unit[touching] * heavy).sum())
-        plain += float((unit[touching] * driven).sum())
-    return float(data - along**2 / plain), float(along / plain)
+    known = Response.plain(model) if response is None else response
+    data, along, plain = model.compliance_products(known.unit, known.shift_mm)
+    return data - along**2 / plain, along / plain

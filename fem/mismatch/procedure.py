@@ -17,20 +17,15 @@ from fem.mismatch.mismatch_case import GradedCase, MismatchCase
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.plain_model import PlainModel, plain_model
 from fem.mismatch.model.touched_skin import with_touched_skin
-from fem.mismatch.reported_values import candidates, traces
+from fem.mismatch.reported_values import candidates
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus, Where
-from fem.mismatch.selection.cross_validation import held_out
+from fem.mismatch.selection.cross_validation import cross_validated
 from fem.mismatch.selection.decision import Detection, detection
 from fem.mismatch.selection.linear_explanations import Hypothesis
 from fem.mismatch.selection.model_selection import select_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.refinement import Refit
-from fem.mismatch.selection.reported_modulus import (
-    HiddenGelFault,
-    hidden_gel_faults,
-    modulus_by,
-    reported_modulus,
-)
+from fem.mismatch.selection.reported_modulus import hidden_gel_spread, modulus_by, reported_modulus
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.solid.linear_solid import Support, UnitModulusSolid
 
@@ -78,9 +73,8 @@ def explain(
         null = (linear.products, linear.nuisances)
         after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
         ranking = candidates(selection, linear, workers=workers)
-        proof = held_out(model, recorded, null, after)
-        hidden = hidden_gel_faults(model, EFFECTS, best)
-        grasp_traces = traces(model, recorded, null, after)
+        proof, traces = cross_validated(model, recorded, null, after)
+        hidden = hidden_gel_spread(model, EFFECTS, best)
     with stage("where and when"):
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
         region, when, component = located(model, residual)
@@ -90,8 +84,6 @@ def explain(
     if best is not None and named is not None:
         notes += [] if best.converged else [NOT_CONVERGED_NOTE.format(name=best.name)]
         notes += _other_pads(named)
-    if selection.verdict != UNKNOWN:
-        notes += _hidden(hidden)
     return Explanation(
         detected=test.mismatch and selection.verdict != NONE,
         p_value=test.p_value,
@@ -109,12 +101,12 @@ def explain(
                 for hypothesis, candidate in zip(selection.ranking, ranking, strict=True)
             ],
             plain,
-            hidden=float(np.linalg.norm([fault.spread for fault in hidden])),
+            hidden=hidden,
         ),
         heldout=proof,
         next_grasp=next_grasp(selection.verdict, grasps=len(recorded)),
         cells=modulus_cells(model, fits),
-        traces=grasp_traces,
+        traces=traces,
         maps=maps,
         notes=tuple(notes),
         seconds=seconds,
@@ -124,28 +116,6 @@ def explain(
 NOT_CONVERGED_NOTE = (
     "the search for the parameters of {name} has not converged; they may lie beyond their error bars."
 )
-HIDDEN_GEL_NOTE = (
-    "{name} ({values}) has a probability of {probability:.0%} by the gels' forces against their displacement "
-    "and is not part of the answer. With it E would change by {change:+.0%}, which its error bar holds. "
-    "Quieter or deeper recordings tell, or the gel pressed on a load cell."
-)
-NOTED_SPREAD = 0.03
-"""Relative spread of E by a hidden fault of a gel from which on it is said. Set by hand, at twice what E is
-usually known to."""
-
-
-def _hidden(faults: Sequence[HiddenGelFault]) -> list[str]:
-    """Faults of the gel that may be there and widen E's error bar much."""
-    return [
-        HIDDEN_GEL_NOTE.format(
-            name=fault.name.replace("_", " "),
-            values=", ".join(f"{name} {value:.3g}" for name, value in fault.values.items()),
-            probability=fault.probability,
-            change=fault.modulus_change,
-        )
-        for fault in faults
-        if fault.spread > NOTED_SPREAD
-    ]
 
 
 def _other_pads(first: Hypothesis) -> list[str]:

@@ -1,17 +1,12 @@
-"""From fits to what an answer says: parameters with intervals, moduli, traces."""
+"""From fits to what an answer says: parameters with intervals, and moduli."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect_spec import EffectParameter
-from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.evidence.linear_evidence import GramMatrix
-from fem.mismatch.model.case_model import CaseModel
-from fem.mismatch.model.plain_model import GraspResponse
-from fem.mismatch.result import NINETY, Candidate, GraspTrace, Modulus, Parameter, mixture
+from fem.mismatch.result import NINETY, Candidate, Modulus, Parameter, mixture
 from fem.mismatch.selection.cross_validation import predictive, predictive_gain
 from fem.mismatch.selection.linear_explanations import Hypothesis
 from fem.mismatch.selection.model_selection import ModelSelection
@@ -120,42 +115,3 @@ def _said(
     scale = E.value**power
     parameter_sd = (scale + power * value * scale * modulus.change[number] / size) * spread
     return value * scale, float(np.hypot(parameter_sd, power * value * E.value ** (power - 1) * E.sd))
-
-
-def traces(
-    model: CaseModel,
-    recorded: Sequence[GraspEquations],
-    before: tuple[GramMatrix, Sequence[int]],
-    after: tuple[GramMatrix, Sequence[int]],
-) -> tuple[GraspTrace, ...]:
-    """Every recording through the fit of the others (its own where it is the only one)."""
-    grasp_traces = []
-    for k, equations in enumerate(recorded):
-        others = [j for j in range(len(recorded)) if j != k] or [k]
-        recording = equations.recording
-        plain = _approach(recording, model.compliance * recording.tracks.unit_displacement)
-        residuals = [
-            _approach(recording, products.marker_residual(k, products.fit(columns, keep=others)))
-            for products, columns in (before, after)
-        ]
-        pads = range(len(recording.links))
-        grasp_traces.append(
-            GraspTrace(
-                grasp=recording.case.name,
-                time_s=recording.time_s,
-                phase=tuple(np.array(recording.case.history.phase)[recording.used].tolist()),
-                force_N=np.mean([np.linalg.norm(recording.pad_force(pad), axis=1) for pad in pads], axis=0),
-                given_mm=plain + residuals[0],
-                before_mm=plain,
-                after_mm=plain + residuals[0] - residuals[1],
-            )
-        )
-    return tuple(grasp_traces)
-
-
-def _approach(recording: GraspResponse, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, " f"]:
-    """Mean of a field along the pads' normals over the markers that touch."""
-    normals = recording.pose[:, 0, :3, 2][recording.pad_of_marker]
-    touching = recording.touching
-    weight = touching / np.maximum(touching.sum(axis=1, keepdims=True), 1)
-    return np.asarray(np.einsum("fnx,nx,fn->f", field, normals, weight))

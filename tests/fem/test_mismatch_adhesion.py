@@ -21,13 +21,11 @@ from plain_model import case_model, screened_effects
 
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effects import adhesion, sensor_drift, slip, third_contact
-from fem.mismatch.effects.third_contact import ForceBalance
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.pulling_markers import LEAST_EVIDENCE, Pull
 from fem.mismatch.selection.model_selection import ModelSelection, select_model
 from fem.mismatch.selection.screening import screened
-from fem.mismatch.signature_variant import ONE_WAY
 
 REACH_MM = 0.15
 CURVATURE_MM = 30.0
@@ -113,9 +111,6 @@ def test_a_gel_that_sticks_is_named_and_its_reach_is_where_it_lets_go(sticky):
     for unit, recording in zip(best.response.unit, sticky.grasps, strict=True):
         np.testing.assert_array_equal(unit, recording.tracks.unit_displacement)
     assert best.converged
-
-
-def test_the_reach_is_known_to_the_noise_of_a_marker(sticky):
     value, sd = sticky.pull.reach_mm
     assert NOISE_MM <= sd < 0.02
     assert abs(value - REACH_MM) < 3 * sd
@@ -159,22 +154,6 @@ def test_a_gel_that_bulges_beside_the_contact_adds_no_noise():
         assert (equations.weight == equations.weight[0]).all()
 
 
-def test_a_third_force_counts_each_frame_with_its_own_weight(sticky):
-    for recording in sticky.grasps:
-        equations = sticky.balance_equations(recording)
-        assert equations is not None
-        balance = ForceBalance.of(recording, equations)
-        for k, course in enumerate(balance.courses):
-            for axis, way in enumerate(np.eye(6)):
-                weighed = equations.weighed(course[:, None] * way)
-                np.testing.assert_allclose(
-                    balance.normal[k, axis],
-                    balance.courses @ weighed,
-                    rtol=1e-6,
-                    atol=1e-6 * np.abs(weighed).max(),
-                )
-
-
 @pytest.mark.parametrize(
     "altered",
     [
@@ -195,15 +174,3 @@ def test_where_nothing_pulls_every_other_effect_counts_as_without_it():
     with_it, without = (screened(model, recorded, tried) for tried in ([*others, adhesion.EFFECT], others))
     assert [fit.gain for fit in with_it.linear_fits] == [fit.gain for fit in without.linear_fits]
     assert with_it.null.chi2 == without.null.chi2
-
-
-def test_the_response_of_what_the_recorded_forces_hold_is_the_plain_models(sticky):
-    held = [effect for effect in EFFECTS if effect.spec.in_recorded_forces]
-    assert adhesion.EFFECT in held
-    for effect in held:
-        values = {spec.name: spec.high for spec in effect.spec.searched}
-        response = effect.respond(sticky, values, ONE_WAY)
-        assert response.balance is None
-        assert response.shift_mm is None
-        for recording, unit in zip(sticky.grasps, response.unit, strict=True):
-            np.testing.assert_array_equal(unit, recording.tracks.unit_displacement)

@@ -1,7 +1,5 @@
 """The finder's searches: each reaches its tolerance or says so; none depends on what was asked before."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 from pinched_case_model import model_of
@@ -9,8 +7,7 @@ from plain_model import screened_effects
 
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effects import damage, loose_pit, pit_size, plastic_set, pose_error, slip, stiffening
-from fem.mismatch.model import slip_path, stress_history
-from fem.mismatch.model.marker_equations import MarkerEquations
+from fem.mismatch.model import stress_history
 from fem.mismatch.selection import model_selection
 from fem.mismatch.signature_variant import ONE_WAY, of_pad
 
@@ -53,17 +50,6 @@ def test_the_same_call_gives_the_same_answer_whatever_was_asked_before(effect, v
     np.testing.assert_array_equal(effect.respond(model, names, variant).unit[0], before)
 
 
-def test_the_equations_of_markers_are_those_of_the_modulus_that_is_asked_for():
-    model = model_of()
-    recording = model.grasps[0]
-    model.marker_equations(recording)
-    softer = replace(model, compliance=3 * model.compliance)
-    scale_sd = model.case.budget.gel_scale_sd
-    anew = MarkerEquations.of(recording, compliance=softer.compliance, gel_scale_sd=scale_sd)
-    field = np.random.default_rng(3).normal(size=recording.tracks.position_mm.shape)
-    np.testing.assert_array_equal(softer.marker_equations(recording).residual(field), anew.residual(field))
-
-
 def test_an_effect_whose_model_is_not_found_is_reported_as_not_tried(monkeypatch):
     model = model_of()
     linear = screened_effects(model, [damage.EFFECT])
@@ -74,18 +60,10 @@ def test_an_effect_whose_model_is_not_found_is_reported_as_not_tried(monkeypatch
     assert "after 1 rounds" in selection.without["damage"]
 
 
-def test_large_deformation_that_is_not_found_is_reported_and_costs_no_signature(monkeypatch):
-    monkeypatch.setattr(stress_history, "MOST_ROUNDS", 1)
-    model = model_of()
-    linear = screened_effects(model, [stiffening.EFFECT])
-    assert "after 1 rounds" in linear.without["large deformation"]
-    assert [fit.signature.variant for fit in linear.linear_fits] == [ONE_WAY]
-
-
 def test_a_slid_path_that_does_not_settle_is_a_signature_that_says_why(monkeypatch):
-    monkeypatch.setattr(slip_path, "WHOLE_STEPS", 1)
-    monkeypatch.setattr(slip_path, "HALF_STEPS", 0)
-    monkeypatch.setattr(slip_path, "STILL_MM", -1.0)
+    monkeypatch.setattr(slip, "WHOLE_STEPS", 1)
+    monkeypatch.setattr(slip, "HALF_STEPS", 0)
+    monkeypatch.setattr(slip, "STILL_MM", -1.0)
     signatures = slip.EFFECT.signatures(model_of())
     assert signatures
     assert all("slid path" in signature.untried and not signature.columns for signature in signatures)

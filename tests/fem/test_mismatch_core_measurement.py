@@ -31,7 +31,7 @@ from fem.mismatch.reported_values import candidates
 from fem.mismatch.result import NINETY
 from fem.mismatch.selection.model_selection import select_model
 from fem.mismatch.selection.modulus_with import modulus_of
-from fem.mismatch.signature_variant import ONE_WAY, Variant, of_pad
+from fem.mismatch.signature_variant import Variant, of_pad
 
 AIR_S = TIME_S[:3].mean()
 
@@ -124,16 +124,25 @@ def test_E_is_averaged_over_the_pads_that_may_have_the_gain():
     assert NINETY * said.sd >= 0.95 * max(abs(said.value - E) for E in (of_left, of_right))
 
 
-def test_a_pads_drift_is_found_and_which_pad():
-    parameters, choice, E = refitted(sensor_drift.EFFECT, on_pad("right", drifted(0.1)))
-    assert choice == "right"
-    assert parameters["newton_per_s"] == pytest.approx(0.1, rel=0.08)
-    assert pytest.approx(E_MPA, rel=0.03) == E
-
-
-def test_jaws_that_give_way_are_found():
-    given = refitted(gripper_compliance.EFFECT, given_way(0.4))[0]["mm_per_N"]
-    assert given == pytest.approx(0.4, abs=0.06)  # a mesh this coarse is itself 0.04 too stiff
+@pytest.mark.parametrize(
+    ("effect", "altered", "name", "value", "tolerance"),
+    [
+        (sensor_drift.EFFECT, on_pad("right", drifted(0.1)), "newton_per_s", 0.1, 0.08),
+        # a mesh this coarse is itself 0.04 mm/N too stiff
+        (gripper_compliance.EFFECT, given_way(0.4), "mm_per_N", 0.4, 0.15),
+        (clock_lag.EFFECT, late(0.12), "lag_s", 0.12, 0.08),
+        (pose_error.EFFECT, on_pad("left", misplaced((0.0, 0.0), 4.0)), NAMES[2], 4.0, 0.15),
+    ],
+    ids=["drift", "jaws", "clock", "turned pad"],
+)
+def test_a_fault_is_found_again_with_its_pad_and_size(effect, altered, name, value, tolerance):
+    parameters, choice, E = refitted(effect, altered)
+    # the pads share their x: one turned forth and the other turned back push at the same angle
+    other = effect is pose_error.EFFECT and choice == "right"
+    assert (-1 if other else 1) * parameters[name] == pytest.approx(value, rel=tolerance)
+    if effect is sensor_drift.EFFECT:
+        assert choice == "right"
+        assert pytest.approx(E_MPA, rel=0.03) == E
 
 
 class Overshooting(MovedMarkers):
@@ -153,17 +162,6 @@ def test_where_the_linear_answer_has_no_model_the_search_starts_nearer_to_nothin
     overshooting = Overshooting(**{field.name: getattr(plain, field.name) for field in fields(plain)})
     given = refitted(overshooting, given_way(0.4))[0]["mm_per_N"]
     assert given == pytest.approx(0.4, abs=0.06)
-
-
-def test_a_late_clock_is_found():
-    assert refitted(clock_lag.EFFECT, late(0.12))[0]["lag_s"] == pytest.approx(0.12, rel=0.08)
-
-
-def test_a_pad_that_is_turned_against_its_pose_is_found():
-    parameters, choice, _ = refitted(pose_error.EFFECT, on_pad("left", misplaced((0.0, 0.0), 4.0)))
-    # the pads share their x: one turned forth and the other turned back push at the same angle
-    as_said = parameters[NAMES[2]] if choice == "left" else -parameters[NAMES[2]]
-    assert as_said == pytest.approx(4.0, rel=0.15)
 
 
 def rms(field: np.ndarray) -> float:
@@ -261,17 +259,6 @@ def test_a_misplaced_pad_rides_on_a_turning_fruit_where_it_truly_is():
     assert rms(left) < 1.5 * rms(left_still)
 
 
-def test_a_misplaced_pad_rides_by_the_slope_of_its_model():
-    model, _ = case_model(only_grasp(injected_case(turning, noise=0.0), 0))
-    (recording,) = model.grasps
-    _, slopes, _ = pose_error._first_order(model, recording, "left")
-    for k, slope in enumerate(slopes):
-        _, shift, _ = pose_error._exact(model, recording, "left", 0.01 * np.eye(3)[k])
-        over_time = slope - slope[:1]
-        np.testing.assert_allclose((shift - shift[:1]) / 0.01, over_time, atol=0.01 * np.abs(over_time).max())
-        assert np.abs(over_time).max() > 0.01
-
-
 def test_the_weight_of_an_unaltered_fruit_starts_no_search_for_a_tilt():
     def weighs(pad: Recording) -> Recording:
         share = 0.13 / len(FLAT) * (np.linalg.norm(pad.force_N, axis=2) > 0).any(axis=1)
@@ -284,35 +271,6 @@ def test_the_weight_of_an_unaltered_fruit_starts_no_search_for_a_tilt():
         assert abs(start["tilt_deg"]) < 1.0
 
 
-@pytest.mark.parametrize(
-    ("effect", "variant", "null", "steps", "tolerance"),
-    [
-        (sensor_gain.EFFECT, of_pad("left"), (1.0,), (1e-4,), 1e-3),
-        (sensor_drift.EFFECT, of_pad("right"), (0.0,), (1e-3,), 1e-9),
-        (gripper_compliance.EFFECT, ONE_WAY, (0.0,), (1e-3,), 1e-9),
-        (clock_lag.EFFECT, ONE_WAY, (0.0,), (clock_lag.STEP_S,), 1e-9),
-        (pose_error.EFFECT, of_pad("left"), (0.0, 0.0, 0.0), (0.15, 0.15, 0.15), 0.03),
-    ],
-)
-def test_each_signature_is_the_slope_of_its_own_model(unaltered, effect, variant, null, steps, tolerance):
-    signature = next(candidate for candidate in effect.signatures(unaltered) if candidate.variant == variant)
-    names = [spec.name for spec in effect.spec.searched]
-    for k, step in enumerate(steps):
-        values = np.array(null)
-        here = effect.respond(unaltered, dict(zip(names, values, strict=True)), variant)
-        values[k] += step
-        ahead = effect.respond(unaltered, dict(zip(names, values, strict=True)), variant)
-        for number, field in enumerate(signature.columns[k].fields):
-            slope = unaltered.compliance * (ahead.unit[number] - here.unit[number])
-            if ahead.shift_mm is not None:
-                slope = slope + ahead.shift_mm[number] - here.shift_mm[number]
-            assert np.linalg.norm(slope / step - field.markers) <= tolerance * np.linalg.norm(field.markers)
-            if ahead.balance is not None:
-                unbalanced = (ahead.balance[number] - here.balance[number]) / step
-                off = np.linalg.norm(unbalanced - field.balance)
-                assert off <= tolerance * np.linalg.norm(field.balance)
-
-
 def test_equal_gains_of_both_pads_leave_forces_that_do_not_balance_as_they_are():
     model, _ = case_model(injected_case(on_pad("left", gained(1.3)), noise=0.0))
     left, right = sensor_gain.EFFECT.signatures(model)
@@ -323,18 +281,3 @@ def test_equal_gains_of_both_pads_leave_forces_that_do_not_balance_as_they_are()
         np.testing.assert_allclose(sums[0] + sums[1], 0.0, atol=1e-9 * np.abs(recorded).max())
         ahead = sensor_gain.EFFECT.respond(model, {"gain": 1 + 1e-5}, left.variant).balance[number]
         np.testing.assert_allclose(ahead / 1e-5, sums[0], atol=1e-3 * np.abs(sums[0]).max())
-
-
-def test_no_amount_of_any_of_them_changes_nothing(unaltered):
-    for effect, variant, values in [
-        (sensor_gain.EFFECT, of_pad("left"), (1.0,)),
-        (sensor_drift.EFFECT, of_pad("left"), (0.0,)),
-        (gripper_compliance.EFFECT, ONE_WAY, (0.0,)),
-        (clock_lag.EFFECT, ONE_WAY, (0.0,)),
-    ]:
-        names = [spec.name for spec in effect.spec.searched]
-        response = effect.respond(unaltered, dict(zip(names, values, strict=True)), variant)
-        for number, recording in enumerate(unaltered.grasps):
-            np.testing.assert_allclose(response.unit[number], recording.tracks.unit_displacement, atol=1e-12)
-            if response.shift_mm is not None:
-                np.testing.assert_allclose(response.shift_mm[number], 0, atol=1e-12)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from injected_mismatch import E_MPA, TIME_S, injected_case, linear_and_refitted, only_grasp
-from pinched_case_model import COMPLIANCE, model_of
+from pinched_case_model import model_of
 from plain_model import case_model
 
 from fem.materials.relaxing_arm import lagging
@@ -64,17 +64,6 @@ def test_the_model_creeps_as_the_convolution_says(g, tau_s):
             np.testing.assert_allclose(response[:, marker, way], expected, atol=1e-9)
 
 
-def test_each_signature_is_the_slope_of_the_model_at_no_relaxation():
-    model = model_of()
-    small = 1e-5
-    for signature in EFFECT.signatures(model):
-        tau_s = signature.variant.values[0]
-        more = EFFECT.respond(model, {"g": small, "tau_s": tau_s}, ONE_WAY).unit[0]
-        slope = COMPLIANCE * (more - model.grasps[0].tracks.unit_displacement) / small
-        markers = signature.columns[0].fields[0].markers
-        assert np.linalg.norm(slope - markers) < 1e-3 * np.linalg.norm(markers)
-
-
 def test_a_start_has_the_retardation_time_of_its_signature():
     model = model_of()
     signature = EFFECT.signatures(model)[2]
@@ -98,26 +87,6 @@ def test_frames_that_were_not_used_are_filled_in_straight_lines_and_nil_in_the_a
     share = (time[before + 1] - time[before]) / (time[last] - time[before])
     expected = (1 - share) * whole[before] + share * whole[last]
     np.testing.assert_allclose(filled[before + 1], expected, atol=1e-12)
-
-
-def test_a_first_touch_that_is_not_used_is_as_the_first_frame_that_is():
-    """Of a recording that begins with it, or ends with a last one."""
-    model, _ = case_model(only_grasp(injected_case(), 0))
-    recording = model.grasps[0]
-    case = recording.case
-    touched = recording.used & (np.arange(len(recording.used)) < 9)
-    history = replace(
-        case.history,
-        pads=tuple(replace(pad, episode=np.zeros_like(pad.episode)) for pad in case.history.pads),
-    )
-    always = replace(recording, case=replace(case, history=history), used=touched)
-    values = np.random.default_rng(0).normal(size=(touched.sum(), 3))
-    whole = always.over_all_frames(values)
-    first, last = np.flatnonzero(touched)[[0, -1]]
-    assert first > 0
-    assert last < len(touched) - 1
-    np.testing.assert_array_equal(whole[:first], np.broadcast_to(values[0], (first, 3)))
-    np.testing.assert_array_equal(whole[last:], np.broadcast_to(values[-1], (len(touched) - last, 3)))
 
 
 def test_flesh_that_relaxes_is_found():

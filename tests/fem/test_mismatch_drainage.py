@@ -11,7 +11,7 @@ import pytest
 from coarse_fruit import NU
 from drained_flesh import drained
 from injected_mismatch import E_MPA, TIME_S, Altered, injected_case
-from pinched_case_model import COMPLIANCE, FRAMES, model_of
+from pinched_case_model import FRAMES, model_of
 from plain_model import case_model, screened_effects
 
 from fem.elements.assembly import unit_lame_constants
@@ -99,24 +99,6 @@ def test_drained_flesh_is_elastic_flesh_with_what_is_left_of_lambda(share: float
     more = response - recording.tracks.unit_displacement
     assert np.linalg.norm(more - expected) < 0.01 * np.linalg.norm(expected)
     assert np.linalg.norm(expected) > 0.03 * np.linalg.norm(recording.tracks.unit_displacement)
-
-
-def test_each_signature_is_the_slope_of_the_model_at_no_drainage():
-    model = model_of()
-    plain = model.grasps[0].tracks.unit_displacement
-    for signature in drainage.EFFECT.signatures(model):
-        parameters = {"volume_share": 1e-5, "tau_s": signature.variant.values[0]}
-        more = drainage.EFFECT.respond(model, parameters, ONE_WAY).unit[0]
-        markers = signature.columns[0].fields[0].markers
-        slope = COMPLIANCE * (more - plain) / 1e-5
-        assert np.linalg.norm(slope - markers) < 1e-3 * np.linalg.norm(markers)
-
-
-def test_no_drainage_changes_nothing():
-    model = model_of()
-    plain = model.grasps[0].tracks.unit_displacement
-    same = drainage.EFFECT.respond(model, {"volume_share": 0.0, "tau_s": 1.0}, ONE_WAY)
-    np.testing.assert_allclose(same.unit[0], plain, atol=1e-6 * np.abs(plain).max())
 
 
 def rounds(altered: Altered, **options: object):

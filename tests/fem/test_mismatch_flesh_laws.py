@@ -14,9 +14,9 @@ from fem.mismatch.model import stress_history
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.plain_model import plain_model
 from fem.mismatch.model.stress_history import path_frames, path_state
-from fem.mismatch.model.warm_start import MOST, WarmStarts
+from fem.mismatch.model.warm_start import WarmStarts
 from fem.mismatch.signature_variant import ONE_WAY
-from fem.solid.flesh_pieces import FleshPieces, exceeded_by
+from fem.solid.flesh_pieces import FleshPieces
 from fem.solid.initial_stress import AddedStress
 from fem.solid.strain_field import FleshStrain
 
@@ -74,11 +74,6 @@ def test_a_law_that_remembers_is_told_apart_on_the_way_up_and_down():
     np.testing.assert_allclose(frames.mix @ law[frames.chosen], law, atol=5e-3)
 
 
-def test_the_value_that_a_share_of_the_volume_exceeds():
-    values, volume = np.array([[4.0, 3.0, 2.0, 1.0]]), np.array([[1.0, 1.0, 2.0, 6.0]])
-    assert exceeded_by(0.15, values, volume) == 3.0
-
-
 @pytest.mark.parametrize(
     ("module", "parameters"),
     [(damage, {"dmax": 0.3, "W0_over_E": 0.002}), (plastic_set, {"yield_over_E": 0.06})],
@@ -98,16 +93,6 @@ def test_softer_flesh_answers_alike_where_its_law_sees_the_same(monkeypatch, mod
     size = np.linalg.norm(more)
     assert np.linalg.norm(change - more) < 2e-3 * size
     assert np.linalg.norm(other - more) > 0.1 * size
-
-
-def test_a_search_starts_from_the_nearest_of_its_last_solutions():
-    search = WarmStarts()
-    assert search.nearest("law", np.zeros(1)) is None
-    for k in range(MOST + 2):
-        search.keep("law", np.array([float(k)]), k)
-    assert search.nearest("law", np.array([4.2])) == (np.array([4.0]), 4)
-    assert search.nearest("law", np.zeros(1)) == (np.array([2.0]), 2)
-    assert search.nearest("other", np.zeros(1)) is None
 
 
 def test_a_search_that_starts_from_a_solution_ends_at_the_same_one():
@@ -167,12 +152,6 @@ def test_plastic_signature_is_the_start_of_its_response_where_flesh_hardly_yield
     assert cosine > 0.999
     stays = 2 * (4 - 5 * model.poisson_ratio) / (15 * (1 - model.poisson_ratio))
     assert 0.99 < ratio < 1 / (1 - stays)  # Eshelby 1957: the share of a sphere's shear that stays in it
-
-
-def test_plastic_response_outgrows_its_signature_the_more_the_flesh_yields():
-    cosines, ratios = zip(*map(plastic_against_signature, (0.7, 0.85, 1.0)), strict=True)
-    assert min(cosines) > 0.95
-    assert ratios[0] > ratios[1] > ratios[2] > 0.9
 
 
 @cache

@@ -8,8 +8,8 @@ from coarse_fruit import NU
 from pinched_case_model import model_of
 from plain_model import screened_effects
 
-from fem.elements.assembly import unit_lame_constants
 from fem.fem_failure import FemFailure
+from fem.materials.neo_hookean import NeoHookean
 from fem.mismatch.effects import stiffening
 from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION, large_deformation
 from fem.mismatch.evidence.nuisances import common_nuisances
@@ -20,39 +20,14 @@ from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.screening import LinearRound
 from fem.solid.finite_strain import FiniteStrainSolid
 
-MU, LAME = unit_lame_constants(NU)
-
-
-class BonetAndWood:
-    """mu (F - F^-T) + lambda ln(J) F^-T for E = 1 MPa (Bonet and Wood 2008, eq. 6.28)."""
-
-    poisson_ratio = NU
-
-    def energy(self, F: np.ndarray) -> np.ndarray:
-        log_J = np.log(np.linalg.det(F))
-        return MU / 2 * ((F**2).sum(axis=(1, 2)) - 3 - 2 * log_J) + LAME / 2 * log_J**2
-
-    def stress(self, F: np.ndarray) -> np.ndarray:
-        back = np.linalg.inv(F).swapaxes(1, 2)
-        return MU * (F - back) + LAME * np.log(np.linalg.det(F))[:, None, None] * back
-
-    def tangent(self, F: np.ndarray) -> np.ndarray:
-        back, eye = np.linalg.inv(F).swapaxes(1, 2), np.eye(3)
-        rest = MU - LAME * np.log(np.linalg.det(F))
-        return (
-            MU * np.einsum("ik,jl->ijkl", eye, eye)
-            + LAME * np.einsum("qij,qkl->qijkl", back, back)
-            + rest[:, None, None, None, None] * np.einsum("qil,qkj->qijkl", back, back)
-        )
-
 
 def by_newton(model: CaseModel, *, share: float = 1.0) -> np.ndarray:
-    """The markers' displacement, mm, of Bonet and Wood's flesh under this share of the loads, all frames."""
+    """The markers' displacement, mm, of Neo-Hookean flesh under this share of the loads, all frames."""
     recording = model.grasps[0]
     solid = recording.solid
     force = np.tensordot(recording.shares, recording.patterns, axes=1)
     load = share * model.compliance * recording.loads(force)
-    newton = FiniteStrainSolid(solid=solid, law=BonetAndWood())
+    newton = FiniteStrainSolid(solid=solid, law=NeoHookean(poisson_ratio=NU))
     moved = newton.displacement(load).require_equilibrium().displacement
     return recording.at_markers(moved)
 

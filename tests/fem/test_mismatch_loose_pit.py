@@ -8,15 +8,14 @@ import coarse_fruit
 import numpy as np
 import pytest
 from fem_shapes import ball
-from pinched_case_model import facing
+from pinched_case_model import as_case
 from plain_model import screened_effects
 from scipy.optimize import nnls
 
-import fem.mismatch.model.loose_flesh
-from fem.estimation.error_budget import ErrorBudget
 from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import skin_quadrature
+from fem.mismatch.effects import loose_pit
 from fem.mismatch.effects.loose_pit import (
     EFFECT,
     GAPS_MM,
@@ -27,7 +26,6 @@ from fem.mismatch.effects.loose_pit import (
     loose_flesh,
     loose_response,
 )
-from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.plain_model import plain_model
 from fem.mismatch.selection.screening import LinearFit
@@ -199,7 +197,7 @@ def test_an_oblong_pit_pressed_askew_turns_as_bricks_have_it_and_gives_way_more_
     semi_axes = (12.0, 9.0, 15.0)
     radius = np.mean(semi_axes)
     spring = 400 * HOLDING_N_PER_MM + THREADS_N_PER_MM * 2 / 3 * radius**2  # of the bricks' pit, N mm per rad
-    monkeypatch.setattr(fem.mismatch.effects.loose_pit, "TURNING_SHARE", spring / radius**3)
+    monkeypatch.setattr(loose_pit, "TURNING_SHARE", spring / radius**3)
     flesh = flesh_about(semi_axes)
     turned, held = (softer(flesh, ASKEW, pit_turns=turns) for turns in (True, False))
     assert turned - 1 == pytest.approx(softer_bricks(np.array(semi_axes), ASKEW) - 1, rel=0.1)
@@ -228,20 +226,7 @@ def test_the_contact_problem_agrees_with_least_squares_under_bounds():
 
 def grounded(history: GraspHistory) -> CaseModel:
     """The coarse fruit under a recording of the pinch."""
-    pads = tuple(
-        PadMotion(
-            name=pad.name,
-            pose=np.tile(facing(np.sign(pad.force_N[:, :, 0].sum())), (len(history.time_s), 1, 1)),
-            normal_N=np.abs(pad.force_N[:, :, 0]).sum(axis=1),
-            markers=len(pad.rest_mm),
-        )
-        for pad in history.pads
-    )
-    grasp = GraspCase(name="pinch", history=history, pads=pads, support="free")
-    case = MismatchCase(
-        mesh=coarse_fruit.fruit_mesh(), grasps=(grasp,), poisson_ratio=NU, budget=ErrorBudget()
-    )
-    return CaseModel(base=plain_model(case), compliance=COMPLIANCE)
+    return CaseModel(base=plain_model(as_case(history)), compliance=COMPLIANCE)
 
 
 @cache

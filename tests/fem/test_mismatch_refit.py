@@ -8,7 +8,6 @@ import pytest
 from pinched_case_model import COMPLIANCE, model_of
 from plain_model import screened_effects
 
-from fem.mismatch.effect_spec import EffectParameter
 from fem.mismatch.effects import damage, skin, soft_spot
 from fem.mismatch.selection.refinement import MARGIN, Refit, _Search, refit
 from fem.mismatch.selection.screening import LinearRound
@@ -60,13 +59,6 @@ def test_another_modulus_is_taken_up_so_that_the_law_sees_the_same():
     assert not search.followed(after)[1]
 
 
-def test_the_spread_of_a_laws_parameter_has_that_of_the_modulus_in_it():
-    law = damage_refit().fit.covariance
-    expected = law[-1, -1] + 2 * 2 * law[0, -1] + 4 * law[0, 0]
-    assert damage_refit().covariance[1, 1] == pytest.approx(expected)
-    assert damage_refit().covariance[0, 0] == law[-2, -2]
-
-
 def test_a_parameter_at_the_end_of_its_bounds_is_said_of_its_own_effect():
     linear = rounds([damage.EFFECT, skin.EFFECT])
     shown = {linear_fit.effect.spec.name: linear_fit for linear_fit in linear.best}
@@ -84,31 +76,6 @@ def test_a_parameter_at_the_end_of_its_bounds_is_said_of_its_own_effect():
     assert search.at_an_end(near) == (False, False)
 
 
-def test_one_effects_response_is_kept_while_anothers_parameters_vary(monkeypatch):
-    linear = rounds([damage.EFFECT, skin.EFFECT])
-    shown = {linear_fit.effect.spec.name: linear_fit for linear_fit in linear.best}
-    effects = (shown["damage"], shown["skin"])
-    search = _Search(
-        injected(), linear, effects, [spec for effect in effects for spec in effect.effect.spec.searched]
-    )
-    asked = []
-    respond = type(damage.EFFECT).respond
-    monkeypatch.setattr(
-        type(damage.EFFECT),
-        "respond",
-        lambda self, model, parameters, variant: (
-            asked.append(dict(parameters)) or respond(self, model, parameters, variant)
-        ),
-    )
-    at = search.scaled([STARTED, {"Et_over_E_mm": 0.5}])
-    search.respond(at)
-    search.respond(search.scaled([STARTED, {"Et_over_E_mm": 0.8}]))
-    assert len(asked) == 1
-    search.model = replace(search.model, compliance=1.1 * search.model.compliance)
-    search.respond(at)
-    assert len(asked) == 2
-
-
 def test_threads_change_no_number():
     effects = [damage.EFFECT, skin.EFFECT, soft_spot.EFFECT]
     serial, threaded = (rounds(effects, workers=workers) for workers in (1, 3))
@@ -117,8 +84,3 @@ def test_threads_change_no_number():
     assert [shown.signature.variant for shown in serial.linear_fits] == [
         shown.signature.variant for shown in threaded.linear_fits
     ]
-
-
-def test_a_strain_power_is_for_a_logarithmic_scale():
-    with pytest.raises(ValueError, match="logarithmic"):
-        EffectParameter("b", "1", "", low=1.0, high=2.0, strain_power=1.0)

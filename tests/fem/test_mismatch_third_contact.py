@@ -30,11 +30,8 @@ from fem.grasp_history import GraspHistory
 from fem.mesh.surface_points import locate
 from fem.mismatch.effects import pose_error, sensor_gain, third_contact
 from fem.mismatch.effects.third_contact import ForceBalance, best_contact
-from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.selection.modulus_with import modulus_of
-from fem.mismatch.selection.screening import screened
-from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.pad_link import contact_nodes, pad_link
 
 PLACE_MM = np.array([0.0, 0.0, FOOT_MM])
@@ -157,33 +154,6 @@ def test_the_balance_with_a_force_at_another_place_explains_less(palm: CaseModel
     assert balance.force(under_pad, UPWARDS) is None
 
 
-@pytest.mark.parametrize("late", [False, True], ids=["a palm", "a stop that is touched late"])
-def test_a_force_pays_for_the_freedom_of_its_course_that_it_needs(late: bool):
-    model = model_of(borne(late=late))
-    for recording in model.grasps:
-        equations = model.balance_equations(recording)
-        assert equations is not None
-        balance = ForceBalance.of(recording, equations)
-        with_the_load, any_course = (
-            replace(balance, roots=(root,)).force(PLACE_MM, UPWARDS).evidence for root in balance.roots
-        )
-        better, worse = (any_course, with_the_load) if late else (with_the_load, any_course)
-        assert better > worse + 3
-        assert balance.force(PLACE_MM, UPWARDS).evidence == better
-
-
-def test_the_response_balances_the_pads_to_noise(palm: CaseModel):
-    contact = best_contact(palm)
-    assert contact is not None
-    parameters = dict(zip(third_contact.CENTRE, contact.seat.place_mm.tolist(), strict=True))
-    response = third_contact.EFFECT.respond(palm, parameters, ONE_WAY)
-    assert response.balance is not None
-    for recording, balance in zip(palm.grasps, response.balance, strict=True):
-        pads = recording.wrench(recording.force_N)
-        assert np.abs(pads[:, :3]).max() > 0.8 * PEAK_N
-        assert np.abs((pads - balance)[:, :3]).max() < 0.15 * PEAK_N
-
-
 @pytest.mark.parametrize(
     ("altered", "name"),
     [
@@ -194,20 +164,14 @@ def test_the_response_balances_the_pads_to_noise(palm: CaseModel):
             marks=pytest.mark.proof,
         ),
         (on_pad("left", misplaced((2.0, -1.5), 4.0)), "pose_error"),
+        (borne(), "third_contact"),
     ],
-    ids=["null case", "a pad that reads 10 % too much", "a pad that is elsewhere and turned"],
+    ids=["null case", "a pad that reads 10 % too much", "a pad that is elsewhere and turned", "a palm"],
 )
-def test_what_is_not_borne_is_not_said_to_be(altered: Altered, name: str):
+def test_what_bears_the_fruit_is_told_from_what_only_unbalances_it(altered: Altered, name: str):
     model = model_of(altered)
     effects = [third_contact.EFFECT, sensor_gain.EFFECT, pose_error.EFFECT]
     linear = screened_effects(model, effects)
-    gains = {linear_fit.effect.spec.name: linear_fit.gain for linear_fit in linear.best}
-    assert gains.get("third_contact", -20.0) < gains[name] - 10
-
-
-def test_a_palm_is_no_pose_error_and_no_gain(palm: CaseModel):
-    recorded = [GraspEquations.of(palm, recording) for recording in palm.grasps]
-    effects = [third_contact.EFFECT, sensor_gain.EFFECT, pose_error.EFFECT]
-    best, second = screened(palm, recorded, effects).best[:2]
-    assert best.effect.spec.name == "third_contact"
-    assert best.gain > second.gain + 10
+    gains = {"third_contact": -20.0} | {fit.effect.spec.name: fit.gain for fit in linear.best}
+    others = [gain for other, gain in gains.items() if other != name]
+    assert gains[name] - 10 > (max(others) if name == "third_contact" else gains["third_contact"])

@@ -30,7 +30,7 @@ from fem.mesh.tetrahedra import boundary_faces
 from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
 from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.model.case_model import CaseModel
-from fem.mismatch.model.plain_model import GraspResponse
+from fem.mismatch.model.plain_model import Fields, GraspResponse
 from fem.mismatch.signature_variant import Variant, significant
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.rigid_core import pit_centre_mm, rigid_modes
@@ -133,9 +133,7 @@ class LoosePit(Effect):
         return Response(unit=max(responses, key=lambda unit: _explained(model, unit)))
 
     @staticmethod
-    def _fixed_point(
-        model: CaseModel, gap_mm: float, *, pit_turns: bool
-    ) -> list[Float[np.ndarray, "_f _n 3"]]:
+    def _fixed_point(model: CaseModel, gap_mm: float, *, pit_turns: bool) -> Fields:
         compliance = model.compliance
         for _ in range(MOST_ROUNDS):
             unit, before = _responses(model, gap_mm / compliance, pit_turns=pit_turns), compliance
@@ -158,7 +156,7 @@ def at_gap(gap_mm: float, *, pit_turns: bool) -> Variant:
     return Variant(label=label, values=(gap_mm,), pit_turns=pit_turns)
 
 
-def _responses(model: CaseModel, gap: float, *, pit_turns: bool) -> list[Float[np.ndarray, "_f _n 3"]]:
+def _responses(model: CaseModel, gap: float, *, pit_turns: bool) -> Fields:
     """Of every recording, for a gap of so many mm MPa."""
     return model.each(lambda recording: loose_response(model, recording, gap, pit_turns=pit_turns))
 
@@ -190,26 +188,16 @@ def _spread(
     return path, np.union1d(even.clip(max=len(path) - 1), peaks)
 
 
-def _fitted(model: CaseModel, unit: Sequence[Float[np.ndarray, "_f _n 3"]]) -> float:
+def _fitted(model: CaseModel, unit: Fields) -> float:
     """1/E where the markers move so under the forces."""
-    normal, right = _normal_equation(model, unit)
-    return max(right / normal, model.compliance / 10)
+    _, along, plain = model.compliance_products(unit)
+    return max(along / plain, model.compliance / 10)
 
 
-def _explained(model: CaseModel, unit: Sequence[Float[np.ndarray, "_f _n 3"]]) -> float:
+def _explained(model: CaseModel, unit: Fields) -> float:
     """How much of the markers' chi-square such motion explains, at its best 1/E."""
-    normal, right = _normal_equation(model, unit)
-    return max(right, 0.0) ** 2 / normal
-
-
-def _normal_equation(model: CaseModel, unit: Sequence[Float[np.ndarray, "_f _n 3"]]) -> tuple[float, float]:
-    """u' W u and u' W y of all recordings; their 1/E is the second over the first."""
-    normal = right = 0.0
-    for recording, displacement in zip(model.grasps, unit, strict=True):
-        heavy = model.marker_equations(recording).weighed(displacement)
-        normal += float((heavy * displacement).sum())
-        right += float((heavy * (recording.tracks.position_mm - recording.tracks.place_mm)).sum())
-    return normal, right
+    _, along, plain = model.compliance_products(unit)
+    return max(along, 0.0) ** 2 / plain
 
 
 MOST_PATCHES = 200

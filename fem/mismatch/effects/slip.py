@@ -21,7 +21,7 @@ from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, S
 from fem.mismatch.evidence.friction_cone import ShearRatios, least_mu, shear_ratios, spring_ratio
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.marker_equations import MarkerEquations
-from fem.mismatch.model.plain_model import GraspResponse
+from fem.mismatch.model.plain_model import Fields, GraspResponse
 from fem.mismatch.signature_variant import Variant, at_value
 
 MU = "mu"
@@ -106,7 +106,7 @@ def _ratios(model: CaseModel) -> ShearRatios:
     return model.memoised("shear ratios", lambda: shear_ratios(model))
 
 
-def _paths(model: CaseModel, mu: float) -> list[Float[np.ndarray, "_f _n 3"]]:
+def _paths(model: CaseModel, mu: float) -> Fields:
     """Displacement of every recording's markers with Coulomb friction `mu` on the pads."""
     stiffness = {name: spring_ratio(model, name) for name in model.pads}
     return [

@@ -19,6 +19,7 @@ from fem.mismatch.kinds.linear_law import matrix_operator
 from fem.mismatch.localisation.spot_search import OTHERS, RADII_MM, Spot, best_spots
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.force_noise import OfFlesh
+from fem.mismatch.model.plain_model import Fields
 from fem.mismatch.model.reduced_law import Operator, ReducedLaw, first_changes, reduced_laws
 from fem.mismatch.result import Where
 from fem.mismatch.signature_variant import Variant, at_place
@@ -159,7 +160,7 @@ def _inside(model: CaseModel, centre_mm: Float[np.ndarray, "3"], radius_mm: floa
     return matrix_operator(ball_stiffness(mesh, centre_mm=centre_mm, radius_mm=radius_mm, poisson_ratio=nu))
 
 
-def _residual(model: CaseModel) -> list[Float[np.ndarray, "_f _n 3"]]:
+def _residual(model: CaseModel) -> Fields:
     """What the plain model leaves of the markers' positions (their places and the fruit's motion in it)."""
     tracks = [recording.tracks for recording in model.grasps]
     return [

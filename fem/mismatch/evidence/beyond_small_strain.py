@@ -25,7 +25,7 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.inner_changes import LEADING
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.plain_model import GraspResponse
+from fem.mismatch.model.plain_model import Fields, GraspResponse
 from fem.mismatch.model.stress_history import HARDLY_ANY, beyond_linear, stiffening_path
 
 LARGE_DEFORMATION, TURNED_FRUIT = "large deformation", "turned fruit"
@@ -63,9 +63,7 @@ def beyond_small_strain(model: CaseModel) -> list[Regressor]:
     ]
 
 
-def displacement_beyond(
-    model: CaseModel, *, large_deformation: bool = True
-) -> list[Float[np.ndarray, "_f _n 3"]]:
+def displacement_beyond(model: CaseModel, *, large_deformation: bool = True) -> Fields:
     """Displacement of every recording's markers by these columns at their mean, mm.
 
     `large_deformation`: False where the law of an effect holds it.
@@ -79,13 +77,13 @@ def displacement_beyond(
     return moved
 
 
-def large_deformation(model: CaseModel) -> list[Float[np.ndarray, "_f _n 3"]] | FemFailure:
+def large_deformation(model: CaseModel) -> Fields | FemFailure:
     """What it adds to the unit response at the markers of every recording, mm MPa.
 
     The failure where flesh is so soft that the search from the linear answer does not settle.
     """
 
-    def compute() -> list[Float[np.ndarray, "_f _n 3"]] | FemFailure:
+    def compute() -> Fields | FemFailure:
         try:
             return stiffening_path(model).at_markers(beyond_linear(model, HARDLY_ANY))
         except FemFailure as failure:

@@ -14,6 +14,7 @@ from fem.estimation.compliance_fit import CompliantFit, rigid_part
 from fem.estimation.modulus_by_frame import modulus_per_frame
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.marker_equations import MARKER_VARIANCE_INFLATION
+from fem.mismatch.model.plain_model import Fields
 from fem.mismatch.result import ModulusCell
 
 PHASES = ("load", "hold", "unload")
@@ -24,7 +25,7 @@ PLACE_EXCESS = 0.05
 by hand."""
 
 
-def located(model: CaseModel, residual: Sequence[Float[np.ndarray, "_f _n 3"]]) -> tuple[str, str, str]:
+def located(model: CaseModel, residual: Fields) -> tuple[str, str, str]:
     """The words of an answer's region, `when` and `component`.
 
     `residual`: of a fit at the markers' positions per recording, mm; rigid motions may be in it.
@@ -50,7 +51,7 @@ def located(model: CaseModel, residual: Sequence[Float[np.ndarray, "_f _n 3"]]) 
 
 
 def _excess(
-    model: CaseModel, residual: Sequence[Float[np.ndarray, "_f _n 3"]], names: Sequence[str]
+    model: CaseModel, residual: Fields, names: Sequence[str]
 ) -> tuple[Float[np.ndarray, "p 3 2"], Float[np.ndarray, "p 3 2"]]:
     """Residual in excess of noise, in units of its variance, by pad, phase, and normal and shear; over how
     many numbers each is the sum.

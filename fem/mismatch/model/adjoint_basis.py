@@ -15,7 +15,6 @@ Projections are stored whitened: of unit variance, and independent. What the bas
 neither in the score of a piece nor in its Fisher information.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -24,7 +23,7 @@ from numpy.polynomial.legendre import legvander2d
 from scipy.sparse import csr_array
 
 from fem.mismatch.model.marker_equations import MarkerEquations
-from fem.mismatch.model.plain_model import GraspResponse, PlainModel
+from fem.mismatch.model.plain_model import Fields, GraspResponse, PlainModel
 from fem.parallel_map import parallel_map
 from fem.solid.strain_field import PLACE, FleshStrain, elastic_stress
 
@@ -89,7 +88,7 @@ class AdjointBasis:
             plain=plain / np.linalg.norm(plain),
         )
 
-    def observed(self, fields: Sequence[Float[np.ndarray, "_f _n 3"]]) -> Float[np.ndarray, " k"]:
+    def observed(self, fields: Fields) -> Float[np.ndarray, " k"]:
         """The projections of one field per recording, the change of E removed."""
         together = [basis.observed(field) for basis, field in zip(self.grasps, fields, strict=True)]
         return self.without_modulus(np.concatenate(together))

@@ -134,6 +134,20 @@ class CaseModel:
 
         return self.memoised(("balance equations", recording.case.name), compute)
 
+    def compliance_products(self, unit: Fields, shift_mm: Fields | None = None) -> tuple[float, float, float]:
+        """y' W y, u' W y and u' W u of all recordings where the markers move by u per MPa of 1/E, and y is
+        their way less any shift: the best 1/E is the second over the third.
+        """
+        data = along = plain = 0.0
+        for k, recording in enumerate(self.grasps):
+            tracks, equations = recording.tracks, self.marker_equations(recording)
+            seen = tracks.position_mm - tracks.place_mm - (0.0 if shift_mm is None else shift_mm[k])
+            heavy, driven = equations.weighed(seen), equations.weighed(unit[k])
+            data += float((seen * heavy).sum())
+            along += float((unit[k] * heavy).sum())
+            plain += float((unit[k] * driven).sum())
+        return data, along, plain
+
     @property
     def pull(self) -> Pull:
         """How far gels are pulled away from the skin, all recordings of the fruit together."""

@@ -33,7 +33,7 @@ PROBES = 8
 """Random draws of errors of single markers' forces, from which the unevenness by them is estimated."""
 ARM_MM = 20.0
 """Length by which moments are divided to compare with forces."""
-Fields: TypeAlias = list[Float[np.ndarray, "_f _n 3"]]
+Fields: TypeAlias = Sequence[Float[np.ndarray, "_f _n 3"]]
 """One field of the markers for each recording."""
 
 

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.model.case_model import CaseModel
-from fem.mismatch.model.plain_model import GraspResponse
+from fem.mismatch.model.plain_model import Fields, GraspResponse
 
 CORRECTIONS = 3
 """Powers of K0^-1 D beside U, as above; with three the tests hold reduced answers against full ones
@@ -47,7 +47,7 @@ class ReducedLaw:
         return np.asarray(np.tensordot(self.shares @ moved.T, self.recording, axes=(1, 0)) + self.unchanged)
 
 
-def first_changes(model: CaseModel, derivative: Operator) -> list[Float[np.ndarray, "_f _n 3"]]:
+def first_changes(model: CaseModel, derivative: Operator) -> Fields:
     """dc/dtheta of every recording at the plain law, mm MPa: -K0^-1 D U at the markers."""
     grasps = model.grasps
     cuts = np.cumsum([len(recording.leading) for recording in grasps])[:-1]

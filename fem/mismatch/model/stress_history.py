@@ -22,7 +22,7 @@ from scipy.spatial.distance import cdist
 from fem.materials.fung_neo_hookean import fung_neo_hookean, shrunk_as_a_whole
 from fem.materials.strain_path import PathLaw, strain_energy
 from fem.mismatch.model.case_model import CaseModel
-from fem.mismatch.model.plain_model import GraspResponse, PlainModel
+from fem.mismatch.model.plain_model import Fields, GraspResponse, PlainModel
 from fem.solid.initial_stress import AddedStress
 from fem.solid.linear_solid import Support
 
@@ -163,7 +163,7 @@ class PathState:
                         first = after
         return [[responses[recording.case.name] for recording in self.base.grasps] for responses in by_law]
 
-    def at_markers(self, field: Float[np.ndarray, "f m 3"]) -> list[Float[np.ndarray, "_f _n 3"]]:
+    def at_markers(self, field: Float[np.ndarray, "f m 3"]) -> Fields:
         """Of every recording, in all frames used."""
         responses = []
         for recording, chosen_frames, a, b in zip(
@@ -242,7 +242,7 @@ def fixed_point(
     return more
 
 
-def whole_response(state: PathState, more: Float[np.ndarray, "f m 3"]) -> list[Float[np.ndarray, "_f _n 3"]]:
+def whole_response(state: PathState, more: Float[np.ndarray, "f m 3"]) -> Fields:
     """The markers' displacement with v - v0 = `more` added to the linear one, of every recording."""
     return [
         recording.tracks.unit_displacement + displacement

@@ -9,7 +9,6 @@ that inference and the finder's own evidence disagree.
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -24,7 +23,7 @@ from fem.mismatch.effect_spec import Correction
 from fem.mismatch.evidence.beyond_small_strain import displacement_beyond
 from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.case_model import CaseModel
-from fem.mismatch.model.plain_model import GraspResponse
+from fem.mismatch.model.plain_model import Fields, GraspResponse
 from fem.mismatch.result import Modulus
 from fem.mismatch.selection.refinement import Refit
 
@@ -55,10 +54,6 @@ def modulus_of(model: CaseModel, response: Response | None = None) -> Modulus:
     plain = Response(unit=model.plain)
     beyond = displacement_beyond(model)
     return _moduli(model, [response or plain], model.case.budget, beyond=beyond)[0]
-
-
-Fields: TypeAlias = Sequence[Float[np.ndarray, "_f _n 3"]]
-"""One field of the markers, mm, for each recording."""
 
 
 def _moduli(

@@ -5,8 +5,7 @@ An explanation that was refitted has an E of its own; one that was not has that 
 effects widen the error bar and do not move E.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import expit
@@ -67,41 +66,19 @@ def unknown_spread(heldout: HeldOut | None) -> float:
     return LARGE_MISFIT_MODULUS_SD if large else UNKNOWN_MODULUS_SD
 
 
-@dataclass(frozen=True, kw_only=True)
-class HiddenGelFault:
-    """A fault of the gel that is not named and that force against displacement does not exclude: its
-    parameters as measured, its probability, and the relative change of E by it.
-    """
-
-    name: str
-    values: Mapping[str, float]
-    probability: float
-    modulus_change: float
-
-    @property
-    def spread(self) -> float:
-        """Relative spread of E, which is without it: root mean square."""
-        return float(np.sqrt(self.probability) * abs(self.modulus_change))
-
-
-def hidden_gel_faults(
-    model: CaseModel, effects: Sequence[Effect], named: Refit | None
-) -> list[HiddenGelFault]:
-    """Those of `effects` with which the flesh's equations fit better.
+def hidden_gel_spread(model: CaseModel, effects: Sequence[Effect], named: Refit | None) -> float:
+    """Relative spread of E by faults of the gel that are not named and that force against displacement does
+    not exclude: root mean square over those of `effects` with which the flesh's equations fit better.
 
     At even odds beforehand one is there with probability 1 / (1 + exp(-ln evidence)). None beside a named one
     of the same relation: each shows in part as another.
     """
     if named is not None and any(map(is_of_relation, named.effects)):
-        return []
+        return 0.0
     measured = [(fault, fault.measured(model)) for fault in effects if is_of_relation(fault)]
-    return [
-        HiddenGelFault(
-            name=fault.spec.name,
-            values=known.values,
-            probability=float(expit(known.evidence)),
-            modulus_change=fault.modulus_change(model),
-        )
+    spreads = [
+        float(np.sqrt(expit(known.evidence))) * fault.modulus_change(model)
         for fault, known in measured
         if known is not None and fault.flesh_gain(model) > 0
     ]
+    return float(np.linalg.norm(spreads))
