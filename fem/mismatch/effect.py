@@ -91,6 +91,20 @@ class Response:
             rest=None if self.rest is None else self.rest[grasp],
         )
 
+    def column(
+        self,
+        model: CaseModel,
+        name: str,
+        *,
+        sd: float,
+        per: float = 1.0,
+        positive: bool = False,
+        least: float = 0.0,
+    ) -> Regressor:
+        """Its change, which is that of `per` of the amount, as a column; options as of Regressor."""
+        fields = [ObservationDelta().plus(1 / per, self.change(model, k)) for k in range(len(self.unit))]
+        return Regressor(name=name, sd=sd, fields=fields, positive=positive, least=least)
+
     @classmethod
     def plain(
         cls,

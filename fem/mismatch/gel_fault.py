@@ -29,7 +29,6 @@ from fem.mismatch.evidence.gel_relation import (
     gel_records,
 )
 from fem.mismatch.model.case_model import CaseModel
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.plain_model import GraspResponse
 from fem.mismatch.signature_variant import ONE_WAY, Variant
 
@@ -66,10 +65,7 @@ class GelFault(Effect):
         for name in self.amounts:
             amount = measured.values[name]
             there = self.respond(model, {**nothing, name: amount}, ONE_WAY)
-            fields = [
-                ObservationDelta().plus(1 / amount, there.change(model, k)) for k in range(len(there.unit))
-            ]
-            columns.append(Regressor(name=name, sd=self.prior_sd[name], fields=fields))
+            columns.append(there.column(model, name, sd=self.prior_sd[name], per=amount))
         return [Signature(variant=ONE_WAY, columns=tuple(columns))]
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:

@@ -99,13 +99,8 @@ class LoosePit(Effect):
                 continue
             share = _fitted(model, unit) / model.compliance
             way = at_gap(significant(gap_mm * share, 3), pit_turns=pit_turns)
-            more = [
-                model.compliance * (loose - recording.tracks.unit_displacement)
-                for recording, loose in zip(model.grasps, unit, strict=True)
-            ]
-            signatures.append(
-                Signature.of_markers("loose", more, sd=1.0, variant=way, positive=True, least=LEAST_AMOUNT)
-            )
+            column = Response(unit=unit).column(model, "loose", sd=1.0, positive=True, least=LEAST_AMOUNT)
+            signatures.append(Signature(variant=way, columns=(column,)))
         return signatures
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:

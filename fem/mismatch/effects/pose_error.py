@@ -83,10 +83,7 @@ class PoseError(Effect):
                     name=f"{pad} {name}",
                     sd=PRIOR_SD,
                     fields=[
-                        ObservationDelta(
-                            markers=shift[k] - model.compliance * -unit[k],
-                            balance=balance[k],
-                        )
+                        ObservationDelta(markers=shift[k] + model.compliance * unit[k], balance=balance[k])
                         for unit, shift, balance in first_orders
                     ],
                 )

@@ -14,9 +14,9 @@ from jaxtyping import Float
 from fem.mismatch.effect import Effect, Parameters, Response, Signature
 from fem.mismatch.effect_spec import PAD, Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.model.case_model import CaseModel
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.signature_variant import Variant, of_pad
 
+RATE = "newton_per_s"
 SPEC = EffectSpec(
     name="sensor_drift",
     rank=150,
@@ -31,7 +31,7 @@ SPEC = EffectSpec(
     parameters=(
         PAD,
         EffectParameter(
-            "newton_per_s",
+            RATE,
             "N/s",
             "growth of the reading per second",
             limits=(-1e3, 1e3),
@@ -49,20 +49,17 @@ class SensorDrift(Effect):
     """One pad's drift; which pad is the signature's variant."""
 
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
-        """Minus the response to a growing pressure, and the imbalance that it brings."""
+        """The response to a drift of 1 N/s, for each pad."""
         signatures = []
         for pad in model.pads:
-            fields = [
-                ObservationDelta(markers=-model.compliance * alone, balance=balance, rest=rest)
-                for alone, balance, rest in _per_drift(model, pad)
-            ]
-            column = Regressor(name=f"{pad} newton_per_s", sd=0.1, fields=fields)
+            response = self.respond(model, {RATE: 1.0}, of_pad(pad))
+            column = response.column(model, f"{pad} {RATE}", sd=0.1)
             signatures.append(Signature(variant=of_pad(pad), columns=(column,)))
         return signatures
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The forces of that pad less the drift: exact and linear."""
-        rate, parts = parameters["newton_per_s"], _per_drift(model, variant.pad)
+        rate, parts = parameters[RATE], _per_drift(model, variant.pad)
         return Response.plain(
             model,
             [-rate * alone for alone, _, _ in parts],

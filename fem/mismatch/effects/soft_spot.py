@@ -162,7 +162,4 @@ def _inside(model: CaseModel, centre_mm: Float[np.ndarray, "3"], radius_mm: floa
 
 def _residual(model: CaseModel) -> Fields:
     """What the plain model leaves of the markers' positions (their places and the fruit's motion in it)."""
-    tracks = [recording.tracks for recording in model.grasps]
-    return [
-        track.position_mm - track.place_mm - model.compliance * track.unit_displacement for track in tracks
-    ]
+    return [recording.excess(model.compliance) for recording in model.grasps]

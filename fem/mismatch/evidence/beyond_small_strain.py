@@ -102,8 +102,7 @@ def turned_fruits(model: CaseModel) -> list[Float[np.ndarray, "_f _n 3"] | None]
 def turned_fruit(model: CaseModel, recording: GraspResponse) -> Float[np.ndarray, "f n 3"] | None:
     """What the turn seen in a recording adds at its markers, mm; None where it is held or hardly turns."""
     tracks, s = recording.tracks, model.compliance
-    excess = tracks.position_mm - tracks.place_mm - s * tracks.unit_displacement
-    seen = model.marker_equations(recording).turns(excess)
+    seen = model.marker_equations(recording).turns(recording.excess(s))
     turn = from_first_loading(seen, recording.load, tracks.episode.max(axis=1))
     loaded = recording.load > LOADED
     if np.linalg.norm(turn[loaded], axis=1).max(initial=0.0) < HARDLY_RAD:

@@ -97,6 +97,16 @@ class GraspResponse:
         """Which markers touch, in the frames used."""
         return self.tracks.episode >= 0
 
+    def excess(
+        self, compliance: float, unit: Float[np.ndarray, "f n 3"] | None = None
+    ) -> Float[np.ndarray, "f n 3"]:
+        """How far the markers are beyond their places and s c, mm; `unit`: c, the plain model's if not given.
+
+        The fruit's motion is still in it.
+        """
+        moved = compliance * (self.tracks.unit_displacement if unit is None else unit)
+        return np.asarray(self.tracks.position_mm - self.tracks.place_mm - moved)
+
     def loads(self, force_N: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r m 3"]:
         """Forces on the markers as forces on all nodes of the flesh."""
         return nodal_loads(self.links, self.solid, force_N)
