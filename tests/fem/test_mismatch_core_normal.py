@@ -16,8 +16,7 @@ from fem.mismatch.model.marker_equations import (
     BalanceEquations,
     MarkerEquations,
 )
-from fem.mismatch.model.observation_delta import ARM_MM
-from fem.mismatch.model.plain_model import GraspResponse, plain_model
+from fem.mismatch.model.plain_model import ARM_MM, GraspResponse, plain_model
 from fem.mismatch.selection.cross_validation import noise_left_mm2
 
 COMPLIANCE, SCALE_SD = 4.0, 0.004
