@@ -44,6 +44,7 @@ SPEC = EffectSpec(
     ),
     in_recorded_forces=True,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 class Adhesion(Effect):

@@ -34,6 +34,7 @@ SPEC = EffectSpec(
         ),
     ),
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _along_the_stem(model: CaseModel) -> Operator:

@@ -41,6 +41,7 @@ SPEC = EffectSpec(
     correction=Correction.CLOCK_LAG,
     knows_time=True,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _gone(recording: GraspResponse, lag_s: float) -> Float[np.ndarray, "f n 3"]:

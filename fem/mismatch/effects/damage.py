@@ -45,6 +45,7 @@ SPEC = EffectSpec(
     ),
     remembers_grasps=True,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 EFFECT: Effect = PathLawEffect(
     spec=SPEC,

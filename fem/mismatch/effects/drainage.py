@@ -70,6 +70,7 @@ SPEC = EffectSpec(
     ),
     knows_time=True,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -64,6 +64,7 @@ SPEC = EffectSpec(
     correction=Correction.GEL_CREEP,
     knows_time=True,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)

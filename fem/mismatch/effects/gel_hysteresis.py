@@ -57,6 +57,7 @@ SPEC = EffectSpec(
     ),
     correction=Correction.GEL_HYSTERESIS,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)

@@ -32,6 +32,7 @@ SPEC = EffectSpec(
         ),
     ),
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _graded(model: CaseModel) -> Operator:

@@ -34,6 +34,7 @@ SPEC = EffectSpec(
     ),
     correction=Correction.JAW_COMPLIANCE,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _ahead(recording: GraspResponse, mm_per_N: float) -> Float[np.ndarray, "f n 3"]:

@@ -77,6 +77,7 @@ SPEC = EffectSpec(
     ),
     of_the_pit=True,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 class LoosePit(Effect):

@@ -31,6 +31,7 @@ SPEC = EffectSpec(
     correction=Correction.PIT_OFFSET,
     of_the_pit=True,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 EFFECT: Effect = PitChange(spec=SPEC, causes=PIT_OFFSET, sd=2.0)

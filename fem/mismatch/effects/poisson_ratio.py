@@ -27,6 +27,7 @@ SPEC = EffectSpec(
     ),
     correction=Correction.POISSON_RATIO,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _derivative(model: CaseModel) -> Operator:

@@ -68,6 +68,7 @@ SPEC = EffectSpec(
     ),
     correction=Correction.PAD_POSE,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 class PoseError(Effect):

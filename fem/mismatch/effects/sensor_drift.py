@@ -43,6 +43,7 @@ SPEC = EffectSpec(
     correction=Correction.FORCE_DRIFT,
     knows_time=True,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 class SensorDrift(Effect):

@@ -51,6 +51,7 @@ SPEC = EffectSpec(
     ),
     correction=Correction.FORCE_GAIN,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 class SensorGain(Effect):

@@ -54,6 +54,7 @@ SPEC = EffectSpec(
     ),
     correction=Correction.FORCE_LAW,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True)

@@ -35,6 +35,7 @@ SPEC = EffectSpec(
         ),
     ),
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _stretched(model: CaseModel) -> Operator:

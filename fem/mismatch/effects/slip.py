@@ -59,6 +59,7 @@ SPEC = EffectSpec(
         ),
     ),
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 class Slip(Effect):

@@ -79,6 +79,7 @@ SPEC = EffectSpec(
         ),
     ),
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -50,6 +50,7 @@ SPEC = EffectSpec(
     ),
     holds_large_deformation=True,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 class Stiffening(Effect):

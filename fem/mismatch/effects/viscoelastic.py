@@ -50,6 +50,7 @@ SPEC = EffectSpec(
     ),
     knows_time=True,
 )
+"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
 def _at_once(model: CaseModel) -> Fields:
