@@ -26,10 +26,10 @@ from jaxtyping import Float
 from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
-from fem.mismatch.kinds.fading_law import FadingLaw, Fields, lagged
+from fem.mismatch.kinds.fading_law import FadingLaw, lagged
 from fem.mismatch.kinds.linear_law import matrix_operator
 from fem.mismatch.model.case_model import CaseModel
-from fem.mismatch.model.plain_model import GraspResponse
+from fem.mismatch.model.plain_model import Fields, GraspResponse
 from fem.mismatch.model.reduced_law import ReducedLaw, first_changes, reduced_laws
 
 LEAST_OWN = 1e-10

@@ -117,7 +117,7 @@ class LoosePit(Effect):
         gap_mm = parameters[GAP]
         if variant.pit_turns is not None:
             return Response(unit=self._fixed_point(model, gap_mm, pit_turns=variant.pit_turns))
-        responses: list[list[Float[np.ndarray, "_f _n 3"]]] = []
+        responses: list[Fields] = []
         failures: list[FemFailure] = []
         for turns in (True, False):
             try:

@@ -29,6 +29,7 @@ CONE of friction, or where a pad itself touches.
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
@@ -252,14 +253,16 @@ class PlacedContact:
                 continue
             at_markers = model.memoised(
                 ("third contact", recording.case.name, tuple(np.round(place, 6))),
-                lambda recording=recording: recording.at_markers(
-                    recording.solid.displacement(self.seat.unit_loads())
-                ),
+                partial(_pushed, recording, self.seat.unit_loads()),
             )
             at_place = np.broadcast_to(place, (len(force.force_N), 1, 3))
             sums = recording.wrench(force.force_N[:, None], at_place)
             changes.append((np.tensordot(force.force_N, at_markers, axes=1), -sums))
         return changes
+
+
+def _pushed(recording: GraspResponse, loads: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r n 3"]:
+    return recording.at_markers(recording.solid.displacement(loads))
 
 
 class ThirdContact(Effect):

@@ -10,8 +10,9 @@ s = 1/E of the first instant.
 from fem.materials.relaxing_arm import RelaxingArm
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
-from fem.mismatch.kinds.fading_law import FadingLaw, Fields, lagged
+from fem.mismatch.kinds.fading_law import FadingLaw, lagged
 from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import Fields
 
 SPEC = EffectSpec(
     name="viscoelastic",
