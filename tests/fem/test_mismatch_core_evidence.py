@@ -100,14 +100,13 @@ def test_a_prior_mean_moves_the_density_of_the_data_and_stays_behind_with_its_co
     recorded, columns, _ = small
     meant = [columns[0], replace(columns[1], mean=0.8), columns[2]]
     y, noise, rows, sds = dense_parts(small, (1, 2))
-    base = SimpleNamespace(grasps=[equations.recording for equations in recorded])
-    model = SimpleNamespace(compliance=0.4, workers=1, base=base)
+    markers = [equations.recording.tracks.unit_displacement for equations in recorded]
+    model = SimpleNamespace(compliance=0.4, workers=1, plain=markers)
     products = GramMatrix(model, recorded, meant)
     truth = multivariate_normal(mean=0.8 * rows[2], cov=noise + (rows.T * sds**2) @ rows).logpdf(y)
     constant = multivariate_normal(cov=noise).logpdf(0 * y)
     assert products.fit((1, 2)).log_evidence + constant == pytest.approx(truth, abs=1e-8)
-    plain = Response(unit=[equations.recording.tracks.unit_displacement for equations in recorded])
-    about, chosen = products.about(model, plain, (1,))
+    about, chosen = products.about(model, Response(unit=markers), (1,))
     y, noise, rows, sds = dense_parts(small, (1,))
     truth = multivariate_normal(cov=noise + (rows.T * sds**2) @ rows).logpdf(y)
     assert about.fit(chosen).log_evidence + constant == pytest.approx(truth, abs=1e-8)
