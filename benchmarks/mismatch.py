@@ -48,7 +48,7 @@ from fem.estimation.sensitivity import mean_normal, tangents
 from fem.mismatch import procedure
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.procedure import detected, plain_forward_model
+from fem.mismatch.procedure import case_model, detected
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.decision import DETECTION_P, MISFIT
 from fem.mismatch.selection.screening import screened
@@ -97,11 +97,11 @@ def captured() -> Iterator[Captured]:
     """While it holds, the finder's linear problem is kept."""
     kept = Captured()
 
-    def screening(forward: Any, recorded: Any, effects: Any, **more: Any) -> Any:
-        linear = screened(forward, recorded, effects, **more)
+    def screening(model: Any, recorded: Any, effects: Any, **more: Any) -> Any:
+        linear = screened(model, recorded, effects, **more)
         if kept.case is None:
-            kept.case = reduced(forward, recorded, linear)
-            kept.information = information_of(forward, linear)
+            kept.case = reduced(model, recorded, linear)
+            kept.information = information_of(model, linear)
         return linear
 
     with patch.object(procedure, "screened", screening):
@@ -221,16 +221,16 @@ def residual_samples(folder: Path) -> Float[np.ndarray, "s 6"]:
     """
     with tempfile.TemporaryDirectory() as work:
         case = open_case(folder.resolve(), fruit_id=None, work=Path(work), out=None)
-        forward, _ = plain_forward_model(mismatch_case(case, grasped_fruit(case.task, StageLog(str))))
-    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
-    linear = screened(forward, recorded, ())
+        model, _ = case_model(mismatch_case(case, grasped_fruit(case.task, StageLog(str))))
+    recorded = [GraspEquations.of(model, recording) for recording in model.grasps]
+    linear = screened(model, recorded, ())
     rng = np.random.default_rng(0)
     samples = []
     for k, equations in enumerate(recorded):
         recording = equations.recording
         residual = linear.products.marker_residual(k, linear.null)
-        response = equations.markers.residual(forward.compliance * recording.tracks.unit_displacement)
-        frames, markers = np.nonzero(recording.tracks.episode >= 0)
+        response = equations.markers.residual(model.compliance * recording.tracks.unit_displacement)
+        frames, markers = np.nonzero(recording.touching)
         chosen = np.sort(rng.choice(len(frames), min(PER_GRASP, len(frames)), replace=False))
         place = recording.tracks.place_mm
         for frame, marker in zip(frames[chosen], markers[chosen], strict=True):

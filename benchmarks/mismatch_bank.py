@@ -34,7 +34,7 @@ from reduced_case import ReducedCase, reduced, store
 from fem.fem_failure import FemFailure
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.procedure import plain_forward_model
+from fem.mismatch.procedure import case_model
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.screening import screened
 from pipeline.batch.outcome import FruitEnded
@@ -123,16 +123,16 @@ def linear_problem(folder: Path) -> ReducedCase:
     """
     with tempfile.TemporaryDirectory() as work:
         case = open_case(folder.resolve(), fruit_id=None, work=Path(work), out=None)
-        forward, _ = plain_forward_model(mismatch_case(case, grasped_fruit(case.task, StageLog(str))))
-    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
-    linear = screened(forward, recorded, EFFECTS)
-    problem = reduced(forward, recorded, linear)
+        model, _ = case_model(mismatch_case(case, grasped_fruit(case.task, StageLog(str))))
+    recorded = [GraspEquations.of(model, recording) for recording in model.grasps]
+    linear = screened(model, recorded, EFFECTS)
+    problem = reduced(model, recorded, linear)
     answers = json.loads((folder.parent / "answers.json").read_text(encoding="utf-8"))
     answer = answers[folder.name]
-    E_MPa = forward.modulus_scale / (forward.compliance * (1 + float(linear.null.amounts[0])))
+    E_MPa = model.modulus_scale / (model.compliance * (1 + float(linear.null.amounts[0])))
     facts = {"answer": answer, "E_MPa": E_MPa, "bounds": {}}
     if answer["effect"] != NONE:
-        facts["bounds"] = amplitude_bounds(information_of(forward, linear), problem, E_MPa=E_MPa)
+        facts["bounds"] = amplitude_bounds(information_of(model, linear), problem, E_MPa=E_MPa)
     return replace(problem, facts=problem.facts | facts)
 
 

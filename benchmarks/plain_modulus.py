@@ -20,7 +20,7 @@ from field_mistakes import as_batch
 from threadpoolctl import threadpool_limits
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.model.baseline import Baseline, baseline
+from fem.mismatch.model.plain_model import PlainModel, plain_model
 from fem.mismatch.model.touched_skin import with_touched_skin
 from fem.mismatch.procedure import plain_fits
 from pipeline.batch.outcome import FruitEnded
@@ -49,7 +49,7 @@ def case_of(folder: Path, work: Path) -> tuple[Case, float]:
     return open_case(batch, fruit_id="F", work=work / "stages", out=work / "out"), fruit.E_MPa
 
 
-def mean_E_MPa(base: Baseline) -> float:
+def mean_E_MPa(base: PlainModel) -> float:
     """Over all recordings, in the logarithm."""
     return float(np.exp(-np.mean([np.log(fit.compliance) for fit in plain_fits(base)])))
 
@@ -70,7 +70,7 @@ def main() -> None:
                 began = time.process_time()
                 graded = graded_case(case, fruit)[0].modulus
                 took_s = time.process_time() - began
-                base = baseline(mismatch_case(case, fruit))
+                base = plain_model(mismatch_case(case, fruit))
             except (FemFailure, FruitEnded, TactileFailure) as failure:
                 print(f"{folder.name:12s} {failure}", flush=True)
                 continue

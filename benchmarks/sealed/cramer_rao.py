@@ -22,7 +22,7 @@ import numpy as np
 from reduced_case import OF_MODEL_ERROR, ReducedCase
 
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.marker_equations import MarkerEquations
 from fem.mismatch.selection.screening import LinearRound
 
@@ -97,7 +97,7 @@ def amplitude_of(effect: str, parameters: Mapping[str, Any], **without: float) -
     return float(np.linalg.norm(change)) * (PER_AMOUNT[effect] if effect == "pose_error" else 1.0)
 
 
-def information_of(forward: ForwardModel, linear: LinearRound) -> np.ndarray:
+def information_of(model: CaseModel, linear: LinearRound) -> np.ndarray:
     """N over all columns of a linear round, every sample counting as one.
 
     Columns of the model error have none. The round's own products count so many of the markers' numbers as
@@ -105,14 +105,14 @@ def information_of(forward: ForwardModel, linear: LinearRound) -> np.ndarray:
     """
     columns = linear.products.columns
     total = np.zeros((len(columns),) * 2)
-    for k, recording in enumerate(forward.base.grasps):
+    for k, recording in enumerate(model.grasps):
         markers = MarkerEquations.of(
             recording,
-            compliance=forward.compliance,
-            gel_scale_sd=forward.base.case.budget.gel_scale_sd,
+            compliance=model.compliance,
+            gel_scale_sd=model.case.budget.gel_scale_sd,
             design_effect=1.0,
         )
-        equations = GraspEquations.of(forward, recording, markers=markers)
+        equations = GraspEquations.of(model, recording, markers=markers)
         known = [
             j for j, column in enumerate(columns) if column.fields[k] is not None and column.same_as is None
         ]

@@ -18,10 +18,10 @@ from fem.mismatch.effect import Effect, Signature
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.evidence.model_error import model_error_columns, model_error_shares
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.selection.screening import LinearRound, linear_round
-from fem.mismatch.signature_variant import ONE_WAY, OfPad, Variant
+from fem.mismatch.signature_variant import ONE_WAY, Variant, of_pad
 
 FORMAT = 2
 """Of the file; a reader refuses another."""
@@ -142,8 +142,8 @@ class ReducedCase:
 
 def _variant(effect: Effect, label: str) -> Variant:
     """That of a pad where the effect is a pad's; others are not told apart."""
-    of_pad = any(parameter.kind == "pad" for parameter in effect.spec.parameters)
-    return OfPad(pad=label) if of_pad and label else ONE_WAY
+    of_one_pad = any(parameter.kind == "pad" for parameter in effect.spec.parameters)
+    return of_pad(label) if of_one_pad and label else ONE_WAY
 
 
 def gains_of(linear: LinearRound) -> dict[str, float]:
@@ -151,7 +151,7 @@ def gains_of(linear: LinearRound) -> dict[str, float]:
     return {fit.effect.spec.name: float(fit.gain) for fit in linear.best}
 
 
-def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: LinearRound) -> ReducedCase:
+def reduced(model: CaseModel, recorded: Sequence[GraspEquations], linear: LinearRound) -> ReducedCase:
     """A case as it stands after its linear round."""
     roles = ["plain"] + ["signature"] * (len(linear.products.columns) - 1)
     for j in linear.nuisances:
@@ -162,7 +162,7 @@ def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: L
     signatures = [
         {
             "effect": fit.effect.spec.name,
-            "label": fit.signature.label,
+            "label": fit.signature.variant.label,
             "columns": list(fit.columns),
             "said": fit.auxiliary_log_likelihood - fit.direct,
             "direct": fit.direct,
@@ -176,8 +176,8 @@ def reduced(forward: ForwardModel, recorded: Sequence[GraspEquations], linear: L
         products=list(linear.products.products),
         count=sum(equations.nuisances.shape[1] for equations in recorded),
         facts={
-            "compliance": forward.compliance,
-            "compliance_ratio": forward.compliance_ratio,
+            "compliance": model.compliance,
+            "compliance_ratio": model.compliance_ratio,
             "gains": gains_of(linear),
         },
     )

@@ -11,11 +11,11 @@ from reduced_case import OF_MODEL_ERROR, ReducedCase
 from sealed_scores import Scored, scored
 
 from fem.mismatch.catalogue import SPECS
-from fem.mismatch.procedure import CaseDetection, detected
-from fem.mismatch.result import NINETY, NONE, UNKNOWN, Candidate, Modulus
-from fem.mismatch.selection.decision import verdict_of
+from fem.mismatch.procedure import detected
+from fem.mismatch.result import NINETY, NONE, UNKNOWN, Modulus
+from fem.mismatch.selection.decision import Detection, verdict_of
 from fem.mismatch.selection.linear_explanations import Hypothesis, linear_explanations, ranked
-from fem.mismatch.selection.reported_modulus import reported_modulus
+from fem.mismatch.selection.reported_modulus import modulus_by, reported_modulus
 from fem.mismatch.selection.screening import LinearRound, without_model_error
 from samples.mismatch.bank import added_effects
 
@@ -33,7 +33,7 @@ class ScoredRound:
     error: ModelError
     linear: LinearRound
     explanations: tuple[Hypothesis, ...]
-    detection: CaseDetection
+    detection: Detection
 
     @cached_property
     def bounds(self) -> dict[str, tuple[float, float]]:
@@ -111,18 +111,11 @@ def averaged_modulus(
     explanations: Sequence[Hypothesis], verdict: str | tuple[str, ...], plain: Modulus
 ) -> Modulus:
     """E as the finder reports it, each explanation by its linear signature."""
-    ranking = ranked(explanations)
-    candidates = [
-        Candidate(
-            effect=hypothesis.name,
-            probability=hypothesis.probability,
-            parameters={},
-            log_evidence=0.0,
-            gain=0.0,
-        )
-        for hypothesis in ranking
+    weighed = [
+        (hypothesis.probability, modulus_by(hypothesis, None, plain, None))
+        for hypothesis in ranked(explanations)
     ]
-    return reported_modulus(verdict, ranking, candidates, plain)
+    return reported_modulus(verdict, weighed, plain)
 
 
 def _in_words(modulus: Modulus) -> dict[str, Any]:

@@ -9,13 +9,11 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.contact_curve import out_of_range
 from fem.indentation.contact_law import linear_law, suffix_of
 from fem.indentation.explanations import P_NOMINAL, CurvePosterior, candidate_fits, forms_of, posterior
-from fem.indentation.fit import TraceFit, from_prior
-from fem.indentation.heldout import predicted_N, share_missed
+from fem.indentation.fit import TraceFit, from_prior, predicted_N, share_missed
 from fem.indentation.no_contact import NoContactNoise, pooled_noise, require_force
-from fem.indentation.rig_share import least_modulus, rig_share, rig_spread, widened
-from fem.indentation.rupture import before_rupture
+from fem.indentation.rig_share import least_modulus, rig_share, rig_spread
 from fem.indentation.strangers import likeliest_with_own_moduli, scatter, strangers
-from fem.indentation.trace import IndenterTrace, joined, without
+from fem.indentation.trace import IndenterTrace, before_rupture, joined, without
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, HeldOut, Modulus, ModulusCell, Where
 
@@ -36,15 +34,21 @@ BACK = "the same press, then draw the indenter back as fast as it went in and re
 
 @dataclass(frozen=True, kw_only=True)
 class Account:
-    """`linear`, `named`: fits of the plain law and of the likeliest. `trace`: what was explained, cut before
-    a rupture where there is one.
-    """
+    """`trace`: what was explained, cut before a rupture where there is one."""
 
     explanation: Explanation
     trace: IndenterTrace
     posterior: CurvePosterior
-    linear: TraceFit
-    named: TraceFit
+
+    @property
+    def linear(self) -> TraceFit:
+        """The fit of the plain law."""
+        return self.posterior.best[NONE]
+
+    @property
+    def named(self) -> TraceFit:
+        """The fit of the likeliest law."""
+        return self.posterior.likeliest
 
 
 def linear_modulus(trace: IndenterTrace, *, thickness_mm: float | None, poisson_ratio: float) -> Modulus:
@@ -107,7 +111,7 @@ def explain_trace(
     rig_sd = rig_spread(chosen, trace, no_contact)
     between = [scatter(trace, fit, no_contact) for fit in (plain, chosen)]
     before, after = (
-        widened(E, float(np.hypot(rig_sd, added_sd)))
+        E.widened(float(np.hypot(rig_sd, added_sd)))
         for E, (_, added_sd) in zip((plain.modulus, answer.modulus(heldout)), between, strict=True)
     )
     withheld = None
@@ -122,8 +126,8 @@ def explain_trace(
         ranking = tuple(replace(candidate, modulus=None) for candidate in ranking)
     explanation = Explanation(
         detected=answer.detected,
-        p_value=answer.p_value,
-        statistics=answer.p_values,
+        p_value=answer.detection.p_value,
+        statistics=answer.detection.p_values,
         p_nominal=P_NOMINAL,
         left_out=tuple(left_out),
         where=Where(region=_where(names)),
@@ -139,13 +143,7 @@ def explain_trace(
         cells=_cells(trace, plain, no_contact),
         notes=(*left_out.values(), *ruptured, *rig.notes, *_notes(trace, chosen, between[1][0])),
     )
-    return Account(
-        explanation=explanation,
-        trace=trace,
-        posterior=answer,
-        linear=plain,
-        named=chosen,
-    )
+    return Account(explanation=explanation, trace=trace, posterior=answer)
 
 
 def _held_out(plain: TraceFit, chosen: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> HeldOut:

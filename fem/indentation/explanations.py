@@ -22,23 +22,20 @@ from fem.indentation.effects.trace_machine import GRIPPER_COMPLIANCE, drift_of_c
 from fem.indentation.effects.trace_plastic_set import PLASTIC_SET
 from fem.indentation.effects.trace_stiffening import FUNG, RUBBER
 from fem.indentation.effects.trace_viscoelastic import ARMS, viscoelastic
-from fem.indentation.fit import TraceFit, fit
-from fem.indentation.heldout import without_measured
+from fem.indentation.fit import TraceFit, fit, without_measured
 from fem.indentation.no_contact import NoContactNoise
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_effect import TraceEffect
 from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, Parameter, mixture
 from fem.mismatch.selection.decision import (
-    DETECTION_P,
     MISFIT,
+    Detection,
     Weighed,
     misfit_p_value,
     probabilities,
-    smallest_p_value,
     verdict_of,
 )
-from fem.mismatch.selection.linear_explanations import Hypothesis
-from fem.mismatch.selection.reported_modulus import reported_modulus
+from fem.mismatch.selection.reported_modulus import reported_modulus, unknown_spread
 
 P_NOMINAL = (
     "nominal: it assumes that laws err as much in curves as models do in grasps, and is not calibrated"
@@ -135,8 +132,7 @@ def _starts(law: Law, known: list[TraceFit], rng: np.random.Generator) -> Float[
 @dataclass(frozen=True, kw_only=True)
 class CurvePosterior:
     """`probability` by name (effects joined by "+", "none", "unknown"), the largest first; `best`: the
-    likeliest fit of each name; `weights` of all `fits`, unknown physics left out; `p_values`: each
-    statistic's own.
+    likeliest fit of each name; `weights` of all `fits`, unknown physics left out.
     """
 
     fits: tuple[TraceFit, ...]
@@ -144,19 +140,18 @@ class CurvePosterior:
     probability: dict[str, float]
     gain: dict[str, float]
     best: dict[str, TraceFit]
-    p_value: float
-    p_values: dict[str, float]
+    detection: Detection
 
     @property
     def verdict(self) -> str | tuple[str, ...]:
         """As of grasps: one name, or several."""
-        names = verdict_of(self.probability, p_value=self.p_value)
+        names = verdict_of(self.probability, p_value=self.detection.p_value)
         return names[0] if len(names) == 1 else names
 
     @property
     def detected(self) -> bool:
         """Whether there is a mismatch; a verdict may list effects without one."""
-        return self.p_value < DETECTION_P and self.verdict != NONE
+        return self.detection.mismatch and self.verdict != NONE
 
     @property
     def likeliest(self) -> TraceFit:
@@ -196,15 +191,15 @@ class CurvePosterior:
 
     def modulus(self, heldout: HeldOut) -> Modulus:
         """E over all explanations, by the rules of grasps."""
-        candidates = [self.candidate(name) for name in self.probability]
-        ranking = [
-            Hypothesis(name=name, gain=0.0, probability=probability, modulus_change=None)
-            for name, probability in self.probability.items()
-        ]
         plain = self.best[NONE]
         noise_rms = float(np.hypot(heldout.noise_rms, plain.usual_share))  # with the error of a law
-        heldout = replace(heldout, noise_rms=noise_rms)
-        return reported_modulus(self.verdict, ranking, candidates, plain.modulus, heldout=heldout)
+        unknown = plain.modulus.widened(unknown_spread(replace(heldout, noise_rms=noise_rms)))
+        known = {NONE: plain.modulus, UNKNOWN: unknown}
+        weighed = [
+            (probability, known.get(name) or self.candidate(name).modulus)
+            for name, probability in self.probability.items()
+        ]
+        return reported_modulus(self.verdict, weighed, plain.modulus)
 
 
 def posterior(fits: list[TraceFit]) -> CurvePosterior:
@@ -247,8 +242,7 @@ def posterior(fits: list[TraceFit]) -> CurvePosterior:
         probability=dict(sorted(probability.items(), key=lambda item: -item[1])),
         gain=gain,
         best=best,
-        p_value=smallest_p_value(p_values),
-        p_values=p_values,
+        detection=Detection(p_values=p_values),
     )
 
 

@@ -8,7 +8,7 @@ from jaxtyping import Float, Int
 from fem.indentation.fit import TraceFit, fit
 from fem.indentation.no_contact import NoContactNoise, first_touch
 from fem.indentation.trace import IndenterTrace
-from fem.mismatch.result import NINETY, Modulus
+from fem.mismatch.result import NINETY
 
 UNSURE = 0.3
 """Error of the object's own compliance over it, by the rig's spread, beyond which E is a lower bound. Set by
@@ -141,11 +141,6 @@ def rig_spread(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise
     """Standard deviation of ln E that the rig's spread makes: half its change between the ends."""
     less, more = (ln_E_with_other_rig(known, trace, no_contact, give_sd=way) for way in (-1.0, 1.0))
     return 0.5 * abs(more - less)
-
-
-def widened(modulus: Modulus, ln_sd: float) -> Modulus:
-    """With so much more standard deviation of ln E, in squares."""
-    return Modulus(value=modulus.value, sd=float(np.hypot(modulus.sd, ln_sd * modulus.value)))
 
 
 def _upper_half(trace: IndenterTrace) -> Int[np.ndarray, " u"]:

@@ -18,7 +18,7 @@ from fem.indentation.fit import SHARES, TraceFit, fit
 from fem.indentation.no_contact import NoContactNoise
 from fem.indentation.trace import IndenterTrace
 from fem.mismatch.result import NINETY
-from fem.mismatch.selection.decision import DETECTION_P, smallest_p_value
+from fem.mismatch.selection.decision import Detection
 
 OTHER_SHAPE = "its curve has another shape"
 #: recordings from which on it can be told which of them does not belong
@@ -91,8 +91,8 @@ def strangers(moduli: OwnModuli) -> dict[int, str]:
                 _modulus_p(moduli, k, others),
                 _shape_p(moduli, k, others),
             )
-        p_value = smallest_p_value(each)
-        if p_value >= DETECTION_P:
+        test = Detection(p_values=each)
+        if not test.mismatch:
             break
         kind, place = min(each, key=lambda name: each[name]).split()
         k = int(place)
@@ -101,7 +101,7 @@ def strangers(moduli: OwnModuli) -> dict[int, str]:
         how = f"its modulus is {ratio:.2f} times theirs" if kind == "modulus" else OTHER_SHAPE
         said[k] = (
             f"Recording {k + 1} does not belong to the others, and drupe leaves it out: {how} "
-            f"(p {p_value:.2g}). Check that it is the same specimen."
+            f"(p {test.p_value:.2g}). Check that it is the same specimen."
         )
     return said
 

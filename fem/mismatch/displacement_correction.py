@@ -14,8 +14,9 @@ from jaxtyping import Float
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.effect import Effect, Response
 from fem.mismatch.mismatch_case import MismatchCase
-from fem.mismatch.model.forward_model import ForwardModel, over_all_frames
-from fem.mismatch.procedure import plain_forward_model
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import Fields
+from fem.mismatch.procedure import case_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.signature_variant import ONE_WAY
 
@@ -25,7 +26,7 @@ MOST_ROUNDS, STILL = 12, 1e-3
 
 @dataclass(frozen=True, kw_only=True)
 class KnownEffect:
-    """An effect with its parameters, named as its ParameterSpecs are, for a flesh of modulus E (MPa)."""
+    """An effect with its parameters, named as the search has them, for a flesh of modulus E (MPa)."""
 
     effect: Effect
     parameters: Callable[[float], Mapping[str, float]]
@@ -38,23 +39,23 @@ def displacement_corrections(
 
     Raises FemFailure where the recordings or an effect's model cannot be computed, or 1/E does not settle.
     """
-    forward, _ = plain_forward_model(case)
-    if not forward.compliance > 0:
+    model, _ = case_model(case)
+    if not model.compliance > 0:
         raise FemFailure(
             FemProblem.NO_MODULUS,
             "the forces do not move the fruit along themselves (1/E is "
-            f"{forward.compliance:.2g} per MPa), so no effect can be added at its E: expected 1/E > 0; "
+            f"{model.compliance:.2g} per MPa), so no effect can be added at its E: expected 1/E > 0; "
             "record the grasp again",
         )
     for _ in range(MOST_ROUNDS):
-        corrections = _corrections(forward, effects)
+        corrections = _corrections(model, effects)
         whole = [
             recording.tracks.unit_displacement + correction
-            for recording, correction in zip(forward.base.grasps, corrections, strict=True)
+            for recording, correction in zip(model.grasps, corrections, strict=True)
         ]
-        compliance = 1 / modulus_of(forward, Response(unit=whole)).value
-        moved = abs(compliance / forward.compliance - 1)
-        forward = replace(forward, compliance=compliance)
+        compliance = 1 / modulus_of(model, Response(unit=whole)).value
+        moved = abs(compliance / model.compliance - 1)
+        model = replace(model, compliance=compliance)
         if moved < STILL:
             break
     else:
@@ -65,18 +66,18 @@ def displacement_corrections(
             f"expected {STILL:.1%} at most",
         )
     return [
-        over_all_frames(recording, correction)
-        for recording, correction in zip(forward.base.grasps, corrections, strict=True)
+        recording.over_all_frames(correction)
+        for recording, correction in zip(model.grasps, corrections, strict=True)
     ]
 
 
-def _corrections(forward: ForwardModel, effects: Sequence[KnownEffect]) -> list[Float[np.ndarray, "_f _n 3"]]:
+def _corrections(model: CaseModel, effects: Sequence[KnownEffect]) -> Fields:
     """d in the frames used; small corrections add up."""
-    corrections = [np.zeros_like(recording.tracks.unit_displacement) for recording in forward.base.grasps]
+    corrections = [np.zeros_like(recording.tracks.unit_displacement) for recording in model.grasps]
     for known in effects:
-        answer = known.effect.respond(forward, known.parameters(1 / forward.compliance), ONE_WAY)
-        for k, recording in enumerate(forward.base.grasps):
+        answer = known.effect.respond(model, known.parameters(1 / model.compliance), ONE_WAY)
+        for k, recording in enumerate(model.grasps):
             corrections[k] = corrections[k] + answer.unit[k] - recording.tracks.unit_displacement
             if answer.shift_mm is not None:
-                corrections[k] = corrections[k] + answer.shift_mm[k] / forward.compliance
+                corrections[k] = corrections[k] + answer.shift_mm[k] / model.compliance
     return corrections

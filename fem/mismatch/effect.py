@@ -8,19 +8,26 @@ An effect changes c, adds to y, or unbalances the forces. Adding physics to the 
 fem/mismatch/effects that holds one such object as EFFECT.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import ClassVar, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect_spec import EffectSpec
-from fem.mismatch.model.force_products import LinearInForces
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.force_noise import LinearInForces
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.model.plain_model import Fields
 from fem.mismatch.result import Where
 from fem.mismatch.signature_variant import ONE_WAY, Variant
+
+Parameters: TypeAlias = Mapping[str, float]
+"""Of an effect, by the names of its searched parameters."""
+Amounts: TypeAlias = Float[np.ndarray, " k"]
+"""Of a signature's columns."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,16 +42,11 @@ class Signature:
     columns: tuple[Regressor, ...]
     untried: str = ""
 
-    @property
-    def label(self) -> str:
-        """The variant in words."""
-        return self.variant.label
-
     @classmethod
     def of_markers(
         cls,
         name: str,
-        markers_mm: Sequence[Float[np.ndarray, "_f _n 3"]],
+        markers_mm: Fields,
         *,
         sd: float,
         variant: Variant = ONE_WAY,
@@ -75,48 +77,61 @@ class Response:
     N/s, or None for zero.
     """
 
-    unit: Sequence[Float[np.ndarray, "_f _n 3"]]
-    shift_mm: Sequence[Float[np.ndarray, "_f _n 3"]] | None = None
+    unit: Fields
+    shift_mm: Fields | None = None
     balance: Sequence[Float[np.ndarray, "_f 6"]] | None = None
     rest: Sequence[Float[np.ndarray, " _p"]] | None = None
 
-    def change(self, forward: ForwardModel, grasp: int) -> ObservationDelta:
+    def change(self, model: CaseModel, grasp: int) -> ObservationDelta:
         """What it adds to the plain model's prediction of one recording."""
-        plain = forward.base.grasps[grasp].tracks.unit_displacement
-        markers = forward.compliance * (self.unit[grasp] - plain)
+        markers = model.compliance * (self.unit[grasp] - model.plain[grasp])
         return ObservationDelta(
             markers=markers if self.shift_mm is None else markers + self.shift_mm[grasp],
             balance=None if self.balance is None else self.balance[grasp],
             rest=None if self.rest is None else self.rest[grasp],
         )
 
+    def column(
+        self,
+        model: CaseModel,
+        name: str,
+        *,
+        sd: float,
+        per: float = 1.0,
+        positive: bool = False,
+        least: float = 0.0,
+    ) -> Regressor:
+        """Its change, which is that of `per` of the amount, as a column; options as of Regressor."""
+        fields = [ObservationDelta().plus(1 / per, self.change(model, k)) for k in range(len(self.unit))]
+        return Regressor(name=name, sd=sd, fields=fields, positive=positive, least=least)
+
     @classmethod
     def plain(
         cls,
-        forward: ForwardModel,
-        change: Sequence[Float[np.ndarray, "_f _n 3"]] | None = None,
+        model: CaseModel,
+        change: Fields | None = None,
         *,
-        shift_mm: Sequence[Float[np.ndarray, "_f _n 3"]] | None = None,
+        shift_mm: Fields | None = None,
         balance: Sequence[Float[np.ndarray, "_f 6"]] | None = None,
         rest: Sequence[Float[np.ndarray, " _p"]] | None = None,
     ) -> "Response":
         """The plain model's, with `change` (mm MPa) added to each recording's displacement."""
-        unit = [recording.tracks.unit_displacement for recording in forward.base.grasps]
+        unit = model.plain
         if change is not None:
             unit = [plain + more for plain, more in zip(unit, change, strict=True)]
         return cls(unit=unit, shift_mm=shift_mm, balance=balance, rest=rest)
 
 
-def superposed(forward: ForwardModel, responses: Sequence[Response]) -> Response:
+def superposed(model: CaseModel, responses: Sequence[Response]) -> Response:
     """One response with the changes of all: small changes add up."""
 
     def summed(channel: str, grasp: int, nothing: np.ndarray) -> np.ndarray:
         known = (getattr(response, channel) for response in responses)
         return np.asarray(sum((fields[grasp] for fields in known if fields is not None), nothing))
 
-    grasps = range(len(forward.base.grasps))
-    plain = [recording.tracks.unit_displacement for recording in forward.base.grasps]
-    pads = [len(recording.links) for recording in forward.base.grasps]
+    grasps = range(len(model.grasps))
+    plain = model.plain
+    pads = [len(recording.links) for recording in model.grasps]
     return Response(
         unit=[plain[k] + sum(response.unit[k] - plain[k] for response in responses) for k in grasps],
         shift_mm=[summed("shift_mm", k, np.zeros_like(plain[k])) for k in grasps],
@@ -125,84 +140,54 @@ def superposed(forward: ForwardModel, responses: Sequence[Response]) -> Response
     )
 
 
-class Effect(Protocol):
-    """One missing physics."""
+@dataclass(frozen=True, kw_only=True)
+class Effect(ABC):
+    """One missing physics; `spec`: all that it states of itself.
 
-    @property
-    def spec(self) -> EffectSpec:
-        """All that it states of itself."""
-        ...
-
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
-        """Its linear signatures about the plain model: alternatives, of which at most one holds."""
-        ...
-
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
-        """The parameters that the amounts found with a signature stand for, within their bounds."""
-        ...
-
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
-        """The full response at these parameters; `variant` is that of the signature it was found with."""
-        ...
-
-
-@runtime_checkable
-class AuxiliaryLikelihood(Protocol):
-    """An effect of which more is known than the markers' motion says."""
-
-    def auxiliary_log_likelihood(
-        self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant
-    ) -> float:
-        """ln likelihood of that, over the plain model's; counts for as much as the motion itself at most."""
-        ...
-
-
-@runtime_checkable
-class SeenDirectly(Protocol):
-    """An effect that the recordings show by themselves, whatever the fruit is; its signature has no columns
-    where its response is the plain model's.
+    `seen_directly`: the recordings show it by themselves, whatever the fruit is; its signature has no columns
+    where its response is the plain model's. `says_more`: more is known of it than the markers' motion says.
+    `linear_in_stiffness`: it adds theta D to the flesh's stiffness K0, its one signature is -K0^-1 D U.
     """
 
-    def direct_evidence(self, forward: ForwardModel) -> float:
-        """ln likelihood of its marks over that of none; it counts in full."""
-        ...
+    spec: EffectSpec
+    seen_directly: ClassVar[bool] = False
+    says_more: ClassVar[bool] = False
+    linear_in_stiffness: ClassVar[bool] = False
 
-    def measured_sd(self, forward: ForwardModel) -> dict[str, float]:
-        """Standard deviation of each number that is searched, as measured with it: the search's prior about
-        its start.
+    @abstractmethod
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
+        """Its linear signatures about the plain model: alternatives, of which at most one holds."""
+
+    @abstractmethod
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
+        """The full response at these parameters; `variant` is that of the signature it was found with."""
+
+    def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
+        """The parameters that the amounts found with a signature stand for, within their bounds: the amounts
+        themselves, unless the effect says otherwise.
         """
-        ...
+        return self.spec.within_bounds(*amounts)
 
+    def other_start(self, model: CaseModel, variant: Variant) -> dict[str, float] | None:
+        """Where the search may start as well; None where nothing but the linear round shows."""
+        return None
 
-@runtime_checkable
-class LinearInStiffness(Protocol):
-    """An effect that adds theta D to the flesh's stiffness K0; its one signature is -K0^-1 D U."""
+    def auxiliary_log_likelihood(self, model: CaseModel, parameters: Parameters, variant: Variant) -> float:
+        """ln likelihood of what else is known, over the plain model's; counts for as much as the motion
+        itself at most.
+        """
+        return 0.0
 
-    @property
-    def derivative(self) -> Callable[[ForwardModel], Callable[[np.ndarray], np.ndarray]]:
-        """D at the plain law: forces on the nodes (fields, n, 3) of displacements of these."""
-        ...
+    def direct_evidence(self, model: CaseModel) -> float:
+        """ln likelihood of its marks over that of none; it counts in full."""
+        return 0.0
 
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
-        """None where the fruit has no such effect."""
-        ...
+    def measured_sd(self, model: CaseModel) -> dict[str, float]:
+        """Standard deviation of each number that is searched and was measured: the search's prior about its
+        start.
+        """
+        return {}
 
-
-@runtime_checkable
-class Placed(Protocol):
-    """An effect that has a place of its own in the flesh."""
-
-    def where(self, parameters: Mapping[str, float]) -> Where:
-        """The place."""
-        ...
-
-
-@runtime_checkable
-class StartsElsewhere(Protocol):
-    """An effect whose parameters show in some other way than in the linear round."""
-
-    def other_start(self, forward: ForwardModel, variant: Variant) -> dict[str, float] | None:
-        """Where the search may start as well; None where nothing else shows."""
-        ...
+    def where(self, parameters: Parameters) -> Where | None:
+        """Its place in the fruit; None where it has none of its own."""
+        return None

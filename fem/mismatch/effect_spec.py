@@ -5,7 +5,7 @@ for the next grasp, corrections when grading: all are read from it.
 """
 
 import re
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass, replace
 from enum import StrEnum
 from typing import Literal
 
@@ -52,22 +52,21 @@ class Correction(StrEnum):
     PIT_SIZE = "pit size"
 
 
-@dataclass(frozen=True, kw_only=True)
-class ParameterSpec:
-    """One number that the search varies, within the bounds `low` and `high`.
+@dataclass(frozen=True)
+class EffectParameter:
+    """One parameter as settings and answers carry it (docs/formats.md), and as the search varies it.
 
-    A vector's components are parameters of their own, named "offset_mm.0" and so on; an answer joins them
-    again.
-
-    `low`, `high`: set by hand, wide: whatever a fruit or machine could have. The search is cut off there, and
-    a second effect that ends at a bound is not accepted: it then stands for something else.
+    `words`: its meaning. `limits`: what settings may hold. `low`, `high`: where the search is cut off; a
+    second effect that ends there is not accepted, as it then stands for something else. All are set by hand,
+    wide: whatever a fruit or machine could have, and of settings more than that. `components`: of a vector;
+    0: the name of a pad. `searched_as`: name of the number searched for, where the parameter is that times
+    E^modulus_power, E in MPa. `numbered`: settings may hold further ones of its kind ("g_2", "tau_2_s").
 
     `low_is_a_law`: the law at `low` is one that flesh may truly have, so that an end there is a result like
     any other. Example: `stiffening` at its least b is flesh that deforms largely and does not stiffen.
 
-    `log`: it is searched for on a logarithmic scale.
-
-    `spread`: its prior standard deviation in the refit; a quarter of the bounds' distance unless given.
+    `log`: it is searched for on a logarithmic scale. `spread`: its prior standard deviation in the refit; a
+    quarter of the bounds' distance unless given.
 
     `model_sd` (in its unit), `model_share` (a share of its value): the error that the model's own inexactness
     leaves in the value however low the noise is; both are added in quadrature to its standard deviation.
@@ -83,47 +82,44 @@ class ParameterSpec:
 
     name: str
     unit: str
-    low: float
-    high: float
+    words: str
+    _: KW_ONLY
+    limits: tuple[float, float] = (0.0, 0.0)
+    low: float = 0.0
+    high: float = 0.0
+    components: int = 1
+    searched_as: str = ""
+    modulus_power: float = 0.0
+    numbered: bool = False
+    low_is_a_law: bool = False
     log: bool = False
     spread: float | None = None
     model_sd: float = 0.0
     model_share: float = 0.02
     strain_power: float = 0.0
-    low_is_a_law: bool = False
 
     def __post_init__(self) -> None:
         if self.strain_power and not self.log:
             raise ValueError(f"{self.name}: a strain_power is for parameters on a logarithmic scale")
 
-
-@dataclass(frozen=True, kw_only=True)
-class EffectParameter:
-    """One parameter as settings and answers carry it (docs/formats.md).
-
-    `words`: its meaning. `limits`: what settings may hold, set by hand, wider than the search's bounds, as
-    what was found may be far from usual. `searched`: what the search varies of it: one number, a vector's
-    components in order, nothing for a pad. `modulus_power`: the parameter is the number searched for times
-    E^modulus_power, E in MPa. `numbered`: settings may hold further ones of its kind ("g_2", "tau_2_s").
-    """
-
-    name: str
-    unit: str
-    words: str
-    limits: tuple[float, float] = (0.0, 0.0)
-    searched: tuple[ParameterSpec, ...] = ()
-    modulus_power: float = 0.0
-    numbered: bool = False
-
     @property
     def kind(self) -> Kind:
         """How many numbers it has; none where it is the name of a pad."""
-        return KINDS[len(self.searched)]
+        return KINDS[self.components]
+
+    @property
+    def searched(self) -> tuple["EffectParameter", ...]:
+        """What the search varies of it: one number, nothing for a pad, or a vector's components, each a
+        parameter of its own named "offset_mm.0" and so on.
+        """
+        name = self.searched_as or self.name
+        names = [name] if self.components == 1 else [f"{name}.{k}" for k in range(self.components)]
+        return tuple(replace(self, name=each, components=1, searched_as="") for each in names)
 
     def is_named(self, name: str) -> bool:
         """Whether this is its name, or that of a further one of its kind.
 
-        >>> tau = EffectParameter(name="tau_s", unit="s", words="", numbered=True)
+        >>> tau = EffectParameter("tau_s", "s", "", numbered=True)
         >>> [tau.is_named(name) for name in ("tau_s", "tau_2_s", "tau_s_2")]
         [True, True, False]
         """
@@ -141,68 +137,8 @@ class EffectParameter:
         }
 
 
-PAD = EffectParameter(name="pad", unit="", words="which pad")
+PAD = EffectParameter("pad", "", "which pad", components=0)
 """The parameter of an effect that one pad has."""
-
-
-def number(
-    name: str,
-    unit: str,
-    words: str,
-    *,
-    limits: tuple[float, float],
-    low: float,
-    high: float,
-    log: bool = False,
-    model_share: float = 0.02,
-    strain_power: float = 0.0,
-    low_is_a_law: bool = False,
-    model_sd: float = 0.0,
-    numbered: bool = False,
-) -> EffectParameter:
-    """A parameter of which the search varies just the number that an answer gives."""
-    searched = ParameterSpec(
-        name=name,
-        unit=unit,
-        low=low,
-        high=high,
-        log=log,
-        model_share=model_share,
-        model_sd=model_sd,
-        strain_power=strain_power,
-        low_is_a_law=low_is_a_law,
-    )
-    return EffectParameter(
-        name=name, unit=unit, words=words, limits=limits, searched=(searched,), numbered=numbered
-    )
-
-
-def vector(
-    name: str,
-    unit: str,
-    words: str,
-    *,
-    components: int,
-    limits: tuple[float, float],
-    low: float,
-    high: float,
-    model_sd: float,
-    spread: float | None = None,
-) -> EffectParameter:
-    """A parameter of several components, each searched for by itself as "name.0" and so on."""
-    searched = tuple(
-        ParameterSpec(
-            name=f"{name}.{k}",
-            unit=unit,
-            low=low,
-            high=high,
-            spread=spread,
-            model_sd=model_sd,
-            model_share=0.0,
-        )
-        for k in range(components)
-    )
-    return EffectParameter(name=name, unit=unit, words=words, limits=limits, searched=searched)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -249,7 +185,7 @@ class EffectSpec:
     remembers_grasps: bool = False
 
     @property
-    def searched(self) -> tuple[ParameterSpec, ...]:
+    def searched(self) -> tuple[EffectParameter, ...]:
         """What the search varies, in the order of the parameters."""
         return tuple(spec for parameter in self.parameters for spec in parameter.searched)
 

@@ -1,4 +1,4 @@
-"""Effects of a gel or its reading that show in force against displacement of the gel itself (SeenDirectly).
+"""Effects of a gel or its reading that show in force against displacement of the gel itself.
 
 A law (fem.mismatch.evidence.gel_relation.GelLaw) takes true force and displacement to recorded ones. What is
 measured of it there starts the search and is its prior. But a gel may truly be so, and be read rightly: it is
@@ -20,9 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fem.estimation.prepared_grasp import prepared_grasp
-from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec
-from fem.mismatch.evidence.equation_cache import marker_equations
+from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
 from fem.mismatch.evidence.gel_relation import (
     GelLaw,
     GelRecord,
@@ -30,10 +28,8 @@ from fem.mismatch.evidence.gel_relation import (
     fit_law,
     gel_records,
 )
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor, wrench
-from fem.mismatch.model.pads import response_to
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import GraspResponse
 from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 LEAST_EVIDENCE = 8.0
@@ -48,86 +44,78 @@ Of 0.28 of a bent reading in soft flesh the flesh's equations alone would leave 
 
 
 @dataclass(frozen=True, kw_only=True)
-class GelFault:
+class GelFault(Effect):
     """`law` with its parameters' priors about no fault; `amounts`: those that are zero without it, in which
     it is linear at first; `others`: values of the rest from which a fit starts.
     """
 
-    spec: EffectSpec
+    seen_directly = True
     law: GelLaw
     amounts: tuple[str, ...]
     prior_sd: Mapping[str, float]
     others: Mapping[str, float] = field(default_factory=dict)
 
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
         """One, where the relation shows it and the flesh agrees: the change per amount measured."""
-        measured = self.measured(forward)
-        if measured is None or self.direct_evidence(forward) <= 0:
+        measured = self.measured(model)
+        if measured is None or self.direct_evidence(model) <= 0:
             return []
         nothing = {**measured.values, **dict.fromkeys(self.amounts, 0.0)}
         columns = []
         for name in self.amounts:
             amount = measured.values[name]
-            there = self.respond(forward, {**nothing, name: amount}, ONE_WAY)
-            fields = [
-                ObservationDelta().plus(1 / amount, there.change(forward, k)) for k in range(len(there.unit))
-            ]
-            columns.append(Regressor(name=name, sd=self.prior_sd[name], fields=fields))
+            there = self.respond(model, {**nothing, name: amount}, ONE_WAY)
+            columns.append(there.column(model, name, sd=self.prior_sd[name], per=amount))
         return [Signature(variant=ONE_WAY, columns=tuple(columns))]
 
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
+    def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """As measured."""
-        measured = self.measured(forward)
+        measured = self.measured(model)
         measured_values = {} if measured is None else measured.values
         linear = dict(zip(self.amounts, amounts, strict=True))
         values = {**self.others, **linear, **measured_values}
-        return {
-            spec.name: float(np.clip(values[spec.name], spec.low, spec.high)) for spec in self.spec.searched
-        }
+        return self.spec.within_bounds(*(values[spec.name] for spec in self.spec.searched))
 
     @property
     def of_the_relation(self) -> bool:
         """Whether force against displacement shows it; else it is measured in another way."""
         return True
 
-    def direct_evidence(self, forward: ForwardModel) -> float:
+    def direct_evidence(self, model: CaseModel) -> float:
         """That of the relation, where it is enough and the flesh agrees; else none."""
-        measured = self.measured(forward)
+        measured = self.measured(model)
         if measured is None or measured.evidence < LEAST_EVIDENCE:
             return 0.0
-        return measured.evidence if self.flesh_gain(forward) > 0 else 0.0
+        return measured.evidence if self.flesh_gain(model) > 0 else 0.0
 
-    def measured_sd(self, forward: ForwardModel) -> dict[str, float]:
+    def measured_sd(self, model: CaseModel) -> dict[str, float]:
         """HELD of that of the relation, on the scale searched: the flesh's equations know the gel less well,
         and what they lack themselves would change it.
         """
-        return {name: HELD * sd for name, sd in self.relation_sd(forward).items()}
+        return {name: HELD * sd for name, sd in self.relation_sd(model).items()}
 
-    def relation_sd(self, forward: ForwardModel) -> dict[str, float]:
+    def relation_sd(self, model: CaseModel) -> dict[str, float]:
         """Standard deviation of each parameter as the relation has it, on the scale searched."""
-        measured = self.measured(forward)
+        measured = self.measured(model)
         assert measured is not None, "asked only where it is seen"
         return {
             spec.name: measured.sd[spec.name] / (measured.values[spec.name] if spec.log else 1.0)
             for spec in self.spec.searched
         }
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The flesh driven by the forces with the law undone, and places off by what it added."""
         key = (self.spec.name, *sorted(parameters.items()))
-        return forward.memoised(key, partial(self._respond, forward, parameters))
+        return model.memoised(key, partial(self._respond, model, parameters))
 
-    def _respond(self, forward: ForwardModel, parameters: Mapping[str, float]) -> Response:
+    def _respond(self, model: CaseModel, parameters: Mapping[str, float]) -> Response:
         unit, shift, balance, rest = [], [], [], []
-        for recording in forward.base.grasps:
-            records = [record for record in self.records(forward) if record.grasp == recording.case.name]
+        for recording in model.grasps:
+            records = [record for record in self.records(model) if record.grasp == recording.case.name]
             true = [self.law.undone(record, parameters) for record in records]
             change, shifted = _undone(recording, records, true)
-            position = recording.tracks.position_mm
-            unit.append(recording.tracks.unit_displacement - _response(forward, recording, change))
-            balance.append(wrench(change, position, centre_mm=position.mean(axis=(0, 1))))
+            unit.append(recording.tracks.unit_displacement - _response(model, recording, change))
+            balance.append(recording.wrench(change))
             shift.append(shifted)
             rest.append(
                 np.array(
@@ -139,19 +127,19 @@ class GelFault:
             )
         return Response(unit=unit, shift_mm=shift, balance=balance, rest=rest)
 
-    def measured(self, forward: ForwardModel) -> RelationFit | None:
+    def measured(self, model: CaseModel) -> RelationFit | None:
         """The law's parameters by force against displacement; kept for the case."""
-        return forward.memoised(
-            ("gel relation", self.spec.name), lambda: self.fitted(forward, self.records(forward))
+        return model.memoised(
+            ("gel relation", self.spec.name), lambda: self.fitted(model, self.records(model))
         )
 
-    def records(self, forward: ForwardModel) -> tuple[GelRecord, ...]:
+    def records(self, model: CaseModel) -> tuple[GelRecord, ...]:
         """What the law is fitted to: without a zero drift, which bends the relation as a law does."""
-        return tuple(record.without_zero_drift() for record in gel_records(forward))
+        return tuple(record.without_zero_drift() for record in gel_records(model))
 
-    def fitted(self, forward: ForwardModel, records: Sequence[GelRecord]) -> RelationFit | None:
+    def fitted(self, model: CaseModel, records: Sequence[GelRecord]) -> RelationFit | None:
         """The law's parameters by these records; None where they say nothing of it."""
-        budget = forward.base.case.budget
+        budget = model.case.budget
         start = {name: 0.1 * self.prior_sd[name] for name in self.amounts}
         return fit_law(
             records,
@@ -162,26 +150,26 @@ class GelFault:
             scale_sd=float(np.hypot(budget.gel_scale_sd, budget.force_scale_sd)),
         )
 
-    def flesh_gain(self, forward: ForwardModel) -> float:
+    def flesh_gain(self, model: CaseModel) -> float:
         """ln likelihood of the markers' motion by the plain model with the law undone as measured, over that
         without; 1/E fitted in both. Kept for the case.
         """
-        return forward.memoised(("flesh gain", self.spec.name), partial(self._flesh_gain, forward))
+        return model.memoised(("flesh gain", self.spec.name), partial(self._flesh_gain, model))
 
-    def _flesh_gain(self, forward: ForwardModel) -> float:
-        measured = self.measured(forward)
+    def _flesh_gain(self, model: CaseModel) -> float:
+        measured = self.measured(model)
         if measured is None:
             return 0.0
-        response = self.respond(forward, measured.values, ONE_WAY)
-        return (_flesh_fit(forward, None)[0] - _flesh_fit(forward, response)[0]) / 2
+        response = self.respond(model, measured.values, ONE_WAY)
+        return (_flesh_fit(model, None)[0] - _flesh_fit(model, response)[0]) / 2
 
-    def modulus_change(self, forward: ForwardModel) -> float:
+    def modulus_change(self, model: CaseModel) -> float:
         """Relative change of E by undoing the law as measured; zero where the relation says nothing of it."""
-        measured = self.measured(forward)
+        measured = self.measured(model)
         if measured is None:
             return 0.0
-        response = self.respond(forward, measured.values, ONE_WAY)
-        return _flesh_fit(forward, None)[1] / _flesh_fit(forward, response)[1] - 1
+        response = self.respond(model, measured.values, ONE_WAY)
+        return _flesh_fit(model, None)[1] / _flesh_fit(model, response)[1] - 1
 
 
 def is_of_relation(effect: Effect) -> TypeGuard[GelFault]:
@@ -221,7 +209,7 @@ def _undone(
 
 
 def _response(
-    forward: ForwardModel, recording: GraspResponse, force_N: Float[np.ndarray, "f n 3"]
+    model: CaseModel, recording: GraspResponse, force_N: Float[np.ndarray, "f n 3"]
 ) -> Float[np.ndarray, "f n 3"]:
     """Displacement (times E) of the markers under forces of few courses in time, mm MPa."""
     left, size, right = np.linalg.svd(force_N.reshape(len(force_N), -1), full_matrices=False)
@@ -229,7 +217,7 @@ def _response(
     if not kept.any():
         return np.zeros_like(force_N)
     patterns = right[kept].reshape(-1, *force_N.shape[1:])
-    answer = response_to(forward, recording, patterns)
+    answer = recording.response_to(patterns)
     return np.asarray(np.tensordot(left[:, kept] * size[kept], answer, axes=1))
 
 
@@ -250,18 +238,8 @@ def drift_between(
     )
 
 
-def _flesh_fit(forward: ForwardModel, response: Response | None) -> tuple[float, float]:
+def _flesh_fit(model: CaseModel, response: Response | None) -> tuple[float, float]:
     """chi-square of the markers' motion with the best 1/E, and that 1/E (1/MPa)."""
-    data, plain, along = 0.0, 0.0, 0.0
-    for k, recording in enumerate(forward.base.grasps):
-        tracks, equations = recording.tracks, marker_equations(forward, recording)
-        unit = tracks.unit_displacement if response is None else response.unit[k]
-        seen = tracks.position_mm - tracks.place_mm
-        if response is not None and response.shift_mm is not None:
-            seen = seen - response.shift_mm[k]
-        touching = tracks.episode >= 0
-        heavy, driven = equations.weighed(seen)[touching], equations.weighed(unit)[touching]
-        data += float((seen[touching] * heavy).sum())
-        along += float((unit[touching] * heavy).sum())
-        plain += float((unit[touching] * driven).sum())
-    return float(data - along**2 / plain), float(along / plain)
+    known = Response.plain(model) if response is None else response
+    data, along, plain = model.compliance_products(known.unit, known.shift_mm)
+    return data - along**2 / plain, along / plain

@@ -3,36 +3,30 @@
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from scipy.special import logsumexp
 
 from fem.estimation.compliance_fit import CompliantFit, fit_compliance
-from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.effect import Placed, SeenDirectly
+from fem.mismatch.catalogue import EFFECTS, SPECS
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.localisation.residual_places import located, modulus_cells
+from fem.mismatch.localisation.spot_search import fruit_map
 from fem.mismatch.mismatch_case import GradedCase, MismatchCase
-from fem.mismatch.model.baseline import Baseline, baseline
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import PlainModel, plain_model
 from fem.mismatch.model.touched_skin import with_touched_skin
-from fem.mismatch.next_grasp import next_grasp
-from fem.mismatch.reported_values import candidates, traces
+from fem.mismatch.reported_values import candidates
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus, Where
-from fem.mismatch.selection.cross_validation import held_out
-from fem.mismatch.selection.decision import DETECTION_P, p_values
+from fem.mismatch.selection.cross_validation import cross_validated
+from fem.mismatch.selection.decision import Detection, detection
 from fem.mismatch.selection.linear_explanations import Hypothesis
 from fem.mismatch.selection.model_selection import select_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.refinement import Refit
-from fem.mismatch.selection.reported_modulus import (
-    HiddenGelFault,
-    hidden_gel_faults,
-    reported_modulus,
-)
+from fem.mismatch.selection.reported_modulus import hidden_gel_spread, modulus_by, reported_modulus
 from fem.mismatch.selection.screening import LinearRound, screened
-from fem.mismatch.signature_variant import OfPad, pad_of
 from fem.solid.linear_solid import Support, UnitModulusSolid
 
 
@@ -62,61 +56,58 @@ def explain(
         seconds[name] = round(time.perf_counter() - started, 2)
 
     with stage("plain model"):
-        forward, fits = plain_forward_model(
-            case, solids={} if graded is None else graded.solids, workers=workers
-        )
+        model, fits = case_model(case, solids={} if graded is None else graded.solids, workers=workers)
         if graded is None:
-            plain = modulus_of(forward)
+            plain = modulus_of(model)
         else:
-            forward, plain = as_graded(replace(forward, graded=graded.models), graded.modulus), graded.modulus
-        recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
+            model, plain = as_graded(replace(model, graded=graded.models), graded.modulus), graded.modulus
+        recorded = model.each(lambda recording: GraspEquations.of(model, recording))
     with stage("all effects, linear"):
-        linear = screened(forward, recorded, EFFECTS)
-        detection = detected(linear)
+        linear = screened(model, recorded, EFFECTS)
+        test = detected(linear)
     with stage("verdict, in full"):
-        selection = select_model(forward, linear, p_value=detection.p_value)
+        selection = select_model(model, linear, p_value=test.p_value)
     with stage("cross-validation"):
         named = next((h for h in selection.ranking if h.name in selection.names and h.refit), None)
         best = None if named is None else named.refit
         null = (linear.products, linear.nuisances)
         after = null if best is None else (best.near(), (*best.nuisances, *best.slopes))
         ranking = candidates(selection, linear, workers=workers)
-        proof = held_out(forward, recorded, null, after)
-        hidden = hidden_gel_faults(forward, EFFECTS, best)
-        grasp_traces = traces(forward, recorded, null, after)
+        proof, traces = cross_validated(model, recorded, null, after)
+        hidden = hidden_gel_spread(model, EFFECTS, best)
     with stage("where and when"):
         residual = [linear.products.marker_residual(k, linear.null) for k in range(len(recorded))]
-        place = located(forward, residual)
+        region, when, component = located(model, residual)
+        maps = fruit_map(model, model.adjoint_basis.observed(residual))
     untried = {**linear.without, **selection.without}
     notes = [f"{name} could not be tried: {why}." for name, why in untried.items()]
     if best is not None and named is not None:
         notes += [] if best.converged else [NOT_CONVERGED_NOTE.format(name=best.name)]
         notes += _other_pads(named)
-    if selection.verdict != UNKNOWN:
-        notes += _hidden(hidden)
     return Explanation(
-        detected=detection.mismatch and selection.verdict != NONE,
-        p_value=detection.p_value,
-        statistics=detection.p_values,
-        where=place.where if best is None else _where(place.where, best),
-        when=place.when,
-        component=place.component,
+        detected=test.mismatch and selection.verdict != NONE,
+        p_value=test.p_value,
+        statistics=test.p_values,
+        where=_where(region, best),
+        when=when,
+        component=component,
         ranking=ranking,
         verdict=selection.verdict,
         before=plain,
         after=reported_modulus(
             selection.verdict,
-            selection.ranking,
-            ranking,
+            [
+                (hypothesis.probability, modulus_by(hypothesis, candidate.modulus, plain, proof))
+                for hypothesis, candidate in zip(selection.ranking, ranking, strict=True)
+            ],
             plain,
-            hidden=float(np.linalg.norm([fault.spread for fault in hidden])),
-            heldout=proof,
+            hidden=hidden,
         ),
         heldout=proof,
         next_grasp=next_grasp(selection.verdict, grasps=len(recorded)),
-        cells=modulus_cells(forward, fits),
-        traces=grasp_traces,
-        maps=place.maps,
+        cells=modulus_cells(model, fits),
+        traces=traces,
+        maps=maps,
         notes=tuple(notes),
         seconds=seconds,
     )
@@ -125,28 +116,6 @@ def explain(
 NOT_CONVERGED_NOTE = (
     "the search for the parameters of {name} has not converged; they may lie beyond their error bars."
 )
-HIDDEN_GEL_NOTE = (
-    "{name} ({values}) has a probability of {probability:.0%} by the gels' forces against their displacement "
-    "and is not part of the answer. With it E would change by {change:+.0%}, which its error bar holds. "
-    "Quieter or deeper recordings tell, or the gel pressed on a load cell."
-)
-NOTED_SPREAD = 0.03
-"""Relative spread of E by a hidden fault of a gel from which on it is said. Set by hand, at twice what E is
-usually known to."""
-
-
-def _hidden(faults: Sequence[HiddenGelFault]) -> list[str]:
-    """Faults of the gel that may be there and widen E's error bar much."""
-    return [
-        HIDDEN_GEL_NOTE.format(
-            name=fault.name.replace("_", " "),
-            values=", ".join(f"{name} {value:.3g}" for name, value in fault.values.items()),
-            probability=fault.probability,
-            change=fault.modulus_change,
-        )
-        for fault in faults
-        if fault.spread > NOTED_SPREAD
-    ]
 
 
 def _other_pads(first: Hypothesis) -> list[str]:
@@ -154,39 +123,41 @@ def _other_pads(first: Hypothesis) -> list[str]:
     said = []
     for share, again in first.alternatives:
         words = [
-            f"{effect.spec.name.replace('_', ' ')} of the {pad_of(variant)} pad ("
+            f"{effect.spec.name.replace('_', ' ')} of the {variant.pad} pad ("
             + ", ".join(f"{name} {value:.3g}" for name, value in parameters.items())
             + ")"
             for effect, variant, parameters in zip(
                 again.effects, again.variants, again.parameters, strict=True
             )
-            if isinstance(variant, OfPad)
+            if variant.pad
         ]
         said.append(f"{' and '.join(words)} explains the recordings about as well (probability {share:.2f}).")
     return said
 
 
-def _where(recording: Where, best: Refit) -> Where:
-    """Where the named effect sits, where it has a place of its own: a spot in the flesh, or one pad."""
-    for effect, variant, parameters in zip(best.effects, best.variants, best.parameters, strict=True):
-        if isinstance(effect, Placed):
-            return effect.where(parameters)
-        if isinstance(variant, OfPad):
+def _where(region: str, best: Refit | None) -> Where:
+    """Where the named effect sits, if it has a place of its own: a spot in the fruit, or one pad."""
+    named = () if best is None else zip(best.effects, best.variants, best.parameters, strict=True)
+    for effect, variant, parameters in named:
+        place = effect.where(parameters)
+        if place is not None:
+            return place
+        if variant.pad:
             return Where(region=f"pad {variant.pad}")
-    return recording
+    return Where(region=region)
 
 
-def plain_forward_model(
+def case_model(
     case: MismatchCase,
     *,
     solids: Mapping[Support, UnitModulusSolid] | None = None,
     most_frames: int | None = None,
     workers: int = 1,
-) -> tuple[ForwardModel, list[CompliantFit]]:
+) -> tuple[CaseModel, list[CompliantFit]]:
     """The plain model with 1/E of the recordings' median; `solids`: factorised before, by support;
     `most_frames`: of each recording (None: all).
     """
-    first = baseline(case, solids=solids, workers=workers)
+    first = plain_model(case, solids=solids, workers=workers)
     registered = plain_fits(first)
     base = with_touched_skin(
         first, compliance=_median_compliance(registered), most_frames=most_frames, workers=workers
@@ -194,16 +165,16 @@ def plain_forward_model(
     fits = plain_fits(base)
     compliance, before = _median_compliance(fits), _median_compliance(registered)
     scale = compliance / before if compliance > 0 and before > 0 else 1.0
-    return ForwardModel(base=base, compliance=compliance, modulus_scale=scale, workers=workers), fits
+    return CaseModel(base=base, compliance=compliance, modulus_scale=scale, workers=workers), fits
 
 
-def as_graded(forward: ForwardModel, graded: Modulus) -> ForwardModel:
+def as_graded(model: CaseModel, graded: Modulus) -> CaseModel:
     """The same, with E of every explanation in proportion to the graded one."""
-    ratio = graded.value / modulus_of(forward).value
-    return replace(forward, modulus_scale=forward.modulus_scale * ratio)
+    ratio = graded.value / modulus_of(model).value
+    return replace(model, modulus_scale=model.modulus_scale * ratio)
 
 
-def plain_fits(base: Baseline) -> list[CompliantFit]:
+def plain_fits(base: PlainModel) -> list[CompliantFit]:
     """Each recording's own fit of 1/E by the plain model."""
     scale_sd = base.case.budget.gel_scale_sd
     return [
@@ -216,28 +187,15 @@ def _median_compliance(fits: Sequence[CompliantFit]) -> float:
     return float(np.median([fit.compliance for fit in fits]))
 
 
-@dataclass(frozen=True, kw_only=True)
-class CaseDetection:
-    """Is there a mismatch: the p-value, and each statistic's own."""
-
-    p_value: float
-    p_values: dict[str, float]
-
-    @property
-    def mismatch(self) -> bool:
-        """Whether there is one."""
-        return self.p_value < DETECTION_P
-
-
-def detected(linear: LinearRound) -> CaseDetection:
+def detected(linear: LinearRound) -> Detection:
     """Whether recordings contradict the plain model."""
-    direct = [fit.direct for fit in linear.best if isinstance(fit.effect, SeenDirectly)]
+    direct = [fit.direct for fit in linear.best if fit.effect.seen_directly]
     against: dict[str, list[float]] = {}
     for fit in linear.linear_fits:
         of_effect = against.setdefault(fit.name, [])
         if fit.columns:
             of_effect.append(min(fit.auxiliary_log_likelihood, 0.0))
-    p_value, each = p_values(
+    return detection(
         linear.equations,
         linear.null_draws,
         misfit=linear.null.chi2 / linear.numbers,
@@ -245,4 +203,35 @@ def detected(linear: LinearRound) -> CaseDetection:
         against=against,
         rng=np.random.default_rng(0),
     )
-    return CaseDetection(p_value=p_value, p_values=each)
+
+
+TURNED = (
+    "grasp the same spots once more with the fruit turned by 180 degrees between the jaws: what belongs "
+    "to a sensor or jaw stays with it, what belongs to the fruit moves along"
+)
+TWICE = (
+    "grasp one spot twice in a row and record the unloading too: what lasts shows in the unloading and in "
+    "the second grasp"
+)
+SPEEDS = "grasp one spot at two speeds that differ tenfold, each with a hold of ten seconds"
+ACROSS = "grasp across the last direction, and along the stem if the jaws allow it"
+
+
+def next_grasp(verdict: str | tuple[str, ...], *, grasps: int) -> str | None:
+    """A sentence, or None where nothing is left to tell apart. `grasps`: recordings so far.
+
+    The first difference between the remaining effects decides: whether they stay with a jaw, whether they
+    last in the flesh, whether they depend on time.
+    """
+    if isinstance(verdict, str):
+        if verdict == UNKNOWN:
+            return f"nothing in the catalogue explains this; first {SPEEDS}; then {TURNED}"
+        if verdict != NONE and grasps < 2:
+            return f"one recording alone cannot be checked against another: {ACROSS}; then {TURNED}"
+        return None
+    specs = [SPECS[part] for name in verdict for part in name.split("+") if part in SPECS]
+    if len({spec.of_the_jaws for spec in specs}) > 1:
+        return TURNED
+    if len({spec.remembers_grasps for spec in specs}) > 1:
+        return TWICE
+    return SPEEDS if any(spec.knows_time for spec in specs) else ACROSS

@@ -1,25 +1,18 @@
-"""From fits to what an answer says: parameters with intervals, moduli, traces."""
+"""From fits to what an answer says: parameters with intervals, and moduli."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.effect_spec import EffectParameter, ParameterSpec
-from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.evidence.linear_evidence import GramMatrix
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.pads import pad_force
-from fem.mismatch.result import NINETY, Candidate, GraspTrace, Modulus, Parameter, mixture
+from fem.mismatch.effect_spec import EffectParameter
+from fem.mismatch.result import NINETY, Candidate, Modulus, Parameter, mixture
 from fem.mismatch.selection.cross_validation import predictive, predictive_gain
 from fem.mismatch.selection.linear_explanations import Hypothesis
 from fem.mismatch.selection.model_selection import ModelSelection
 from fem.mismatch.selection.modulus_with import ModulusWith, modulus_with
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import LinearRound
-from fem.mismatch.signature_variant import pad_of
 from fem.parallel_map import parallel_map
 
 
@@ -82,7 +75,7 @@ def _parameters(again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:
         prefix = f"{effect.spec.name}." if several else ""
         for parameter in effect.spec.parameters:
             if parameter.kind == "pad":
-                parameters[prefix + parameter.name] = Parameter(value=pad_of(variant), sd=None, unit="")
+                parameters[prefix + parameter.name] = Parameter(value=variant.pad, sd=None, unit="")
                 continue
             said = [
                 _said(parameter, spec, values[spec.name], first + k, modulus)
@@ -102,7 +95,7 @@ def _parameters(again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:
     return parameters
 
 
-def _ninety(value: float, spread: float, spec: ParameterSpec, *, scale: float = 1.0) -> tuple[float, float]:
+def _ninety(value: float, spread: float, spec: EffectParameter, *, scale: float = 1.0) -> tuple[float, float]:
     """The interval of 90 %, about the value or about its logarithm; `scale`: unit of the bounds, as said."""
     if spec.log:
         return value * math.exp(-NINETY * spread / value), value * math.exp(NINETY * spread / value)
@@ -111,7 +104,7 @@ def _ninety(value: float, spread: float, spec: ParameterSpec, *, scale: float = 
 
 
 def _said(
-    parameter: EffectParameter, spec: ParameterSpec, value: float, number: int, modulus: ModulusWith
+    parameter: EffectParameter, spec: EffectParameter, value: float, number: int, modulus: ModulusWith
 ) -> tuple[float, float]:
     """Value and spread as an answer gives them: v E^p of what is searched for, and E goes with it."""
     size = value if spec.log else 1.0
@@ -122,42 +115,3 @@ def _said(
     scale = E.value**power
     parameter_sd = (scale + power * value * scale * modulus.change[number] / size) * spread
     return value * scale, float(np.hypot(parameter_sd, power * value * E.value ** (power - 1) * E.sd))
-
-
-def traces(
-    forward: ForwardModel,
-    recorded: Sequence[GraspEquations],
-    before: tuple[GramMatrix, Sequence[int]],
-    after: tuple[GramMatrix, Sequence[int]],
-) -> tuple[GraspTrace, ...]:
-    """Every recording through the fit of the others (its own where it is the only one)."""
-    grasp_traces = []
-    for k, equations in enumerate(recorded):
-        others = [j for j in range(len(recorded)) if j != k] or [k]
-        recording = equations.recording
-        plain = _approach(recording, forward.compliance * recording.tracks.unit_displacement)
-        residuals = [
-            _approach(recording, products.marker_residual(k, products.fit(columns, keep=others)))
-            for products, columns in (before, after)
-        ]
-        pads = range(len(recording.links))
-        grasp_traces.append(
-            GraspTrace(
-                grasp=recording.case.name,
-                time_s=recording.time_s,
-                phase=tuple(np.array(recording.case.history.phase)[recording.used].tolist()),
-                force_N=np.mean([np.linalg.norm(pad_force(recording, pad), axis=1) for pad in pads], axis=0),
-                given_mm=plain + residuals[0],
-                before_mm=plain,
-                after_mm=plain + residuals[0] - residuals[1],
-            )
-        )
-    return tuple(grasp_traces)
-
-
-def _approach(recording: GraspResponse, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, " f"]:
-    """Mean of a field along the pads' normals over the markers that touch."""
-    normals = recording.pose[:, 0, :3, 2][recording.pad_of_marker]
-    touching = recording.tracks.episode >= 0
-    weight = touching / np.maximum(touching.sum(axis=1, keepdims=True), 1)
-    return np.asarray(np.einsum("fnx,nx,fn->f", field, normals, weight))

@@ -1,7 +1,7 @@
 """What the mismatch finder says of one fruit's recordings: everything a page or a file is written from."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -33,6 +33,10 @@ class Modulus:
 
     value: float
     sd: float
+
+    def widened(self, relative_sd: float) -> "Modulus":
+        """With so much more standard deviation of ln E, in squares."""
+        return replace(self, sd=float(np.hypot(self.sd, relative_sd * self.value)))
 
 
 def mixture(weights: Sequence[float], moduli: Sequence[Modulus], *, about: float | None = None) -> Modulus:

@@ -23,12 +23,11 @@ from fem.mismatch.effects.soft_spot import SoftSpot
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.localisation.spot_search import RADIUS_MM
 from fem.mismatch.mismatch_case import MismatchCase
-from fem.mismatch.procedure import detected, plain_forward_model
+from fem.mismatch.procedure import case_model, detected
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.decision import credible_set
 from fem.mismatch.selection.linear_explanations import Hypothesis, linear_explanations, ranked
 from fem.mismatch.selection.screening import LinearRound, screened
-from fem.mismatch.signature_variant import OfPad
 from fem.solid.linear_solid import Support, UnitModulusSolid
 
 NOT_SCREENED: Mapping[str, str] = {
@@ -87,23 +86,23 @@ def screen(
 ) -> Screened:
     """The linear round of a fruit that grading has just gone through.
 
-    `solids`: grading's, where they are still there. `beyond_small_strain`: as ForwardModel has it. Raises
+    `solids`: grading's, where they are still there. `beyond_small_strain`: as CaseModel has it. Raises
     FemFailure where a recording cannot be projected, the fit gives no 1/E above zero, or one recording is all
     there is.
     """
     if len(case.grasps) < 2:
         raise FemFailure(FemProblem.NO_LOAD, TOO_FEW)
     most_frames = max(MOST_FRAMES // len(case.grasps), 1)
-    forward, _ = plain_forward_model(case, solids=solids, most_frames=most_frames)
-    if not forward.compliance > 0:
+    model, _ = case_model(case, solids=solids, most_frames=most_frames)
+    if not model.compliance > 0:
         raise FemFailure(
             FemProblem.NO_MODULUS,
-            f"the fitted compliance is not positive (1/E is {forward.compliance:.2g} per MPa, expected above "
+            f"the fitted compliance is not positive (1/E is {model.compliance:.2g} per MPa, expected above "
             "zero); check the signs of forces and poses",
         )
-    forward = replace(forward, path_share=PATH_SHARE, beyond_small_strain=beyond_small_strain)
-    recorded = forward.each(lambda recording: GraspEquations.of(forward, recording))
-    linear = screened(forward, recorded, _screened_effects(), noise_draws=1)
+    model = replace(model, path_share=PATH_SHARE, beyond_small_strain=beyond_small_strain)
+    recorded = model.each(lambda recording: GraspEquations.of(model, recording))
+    linear = screened(model, recorded, _screened_effects(), noise_draws=1)
     detection = detected(linear)
     explanations = suggested(linear) if detection.mismatch else ()
     return Screened(
@@ -151,7 +150,7 @@ def _amounts(linear: LinearRound) -> Iterator[Amount]:
         if not linear_fit.effect.spec.of_the_jaws or not linear_fit.columns:
             continue
         fit = products.fit([*linear.nuisances, *fruit, *linear_fit.columns])
-        pad = linear_fit.signature.variant.pad if isinstance(linear_fit.signature.variant, OfPad) else ""
+        pad = linear_fit.signature.variant.pad
         for k, j in enumerate(linear_fit.columns):
             at = len(fit.amounts) - len(linear_fit.columns) + k
             name = products.columns[j].name.removeprefix(f"{pad} ")

@@ -1,98 +1,49 @@
-"""Which of an effect's ways to show a signature is: typed, with the label that people read derived from it.
+"""Which of an effect's ways to show a signature is.
 
 A start value is rounded, so that the last bits of a machine's arithmetic do not send the search another way.
 """
 
 from dataclasses import dataclass
-from typing import TypeAlias
+
+import numpy as np
+from jaxtyping import Float
 
 
 @dataclass(frozen=True, kw_only=True)
-class OneWay:
-    """The effect shows in one way only."""
+class Variant:
+    """`label`: in words. `pad`: the one that has the effect; empty: none has. `values`: of parameters, from
+    which the search starts. `pit_turns`: whether a loose pit turns; None: not said.
+    """
 
-    @property
-    def label(self) -> str:
-        """Empty."""
-        return ""
+    label: str = ""
+    pad: str = ""
+    values: tuple[float, ...] = ()
+    pit_turns: bool | None = None
 
 
-@dataclass(frozen=True, kw_only=True)
-class OfPad:
+ONE_WAY = Variant()
+"""Of an effect that shows in one way only."""
+
+
+def of_pad(pad: str) -> Variant:
     """One pad has the effect."""
-
-    pad: str
-
-    @property
-    def label(self) -> str:
-        """The pad's name."""
-        return self.pad
+    return Variant(label=pad, pad=pad)
 
 
-@dataclass(frozen=True, kw_only=True)
-class AtValue:
-    """The effect with one of its parameters at a value, from which the search starts."""
+def at_value(symbol: str, value: float, unit: str = "") -> Variant:
+    """One of the effect's parameters is at a value.
 
-    symbol: str
-    value: float
-    unit: str = ""
-
-    @property
-    def label(self) -> str:
-        """Such as "tau 1 s"."""
-        return f"{self.symbol} {self.value:g}{f' {self.unit}' if self.unit else ''}"
+    >>> at_value("tau", 1.0, "s").label
+    'tau 1 s'
+    """
+    return Variant(label=f"{symbol} {value:g} {unit}".rstrip(), values=(value,))
 
 
-@dataclass(frozen=True, kw_only=True)
-class AtGap:
-    """A gap about the pit, from which the search starts; whether the pit turns in it."""
-
-    gap_mm: float
-    pit_turns: bool
-
-    @property
-    def label(self) -> str:
-        """Such as "gap 0.1 mm, pit turns"."""
-        return f"gap {self.gap_mm:g} mm, pit {'turns' if self.pit_turns else 'does not turn'}"
-
-
-@dataclass(frozen=True, kw_only=True)
-class AtPlace:
-    """The effect in a ball somewhere in the flesh, fruit frame."""
-
-    centre_mm: tuple[float, float, float]
-    radius_mm: float
-
-    @property
-    def label(self) -> str:
-        """Centre and radius."""
-        x, y, z = self.centre_mm
-        return f"{x:.2f} {y:.2f} {z:.2f} radius {self.radius_mm:.2f} mm"
-
-
-Variant: TypeAlias = OneWay | OfPad | AtValue | AtGap | AtPlace
-ONE_WAY = OneWay()
-
-
-def pad_of(variant: Variant) -> str:
-    """The pad; raises TypeError where the variant is not a pad's."""
-    if not isinstance(variant, OfPad):
-        raise TypeError(f"{variant!r} is no variant of a pad")
-    return variant.pad
-
-
-def value_of(variant: Variant) -> float:
-    """The value; raises TypeError where the variant is not at one."""
-    if not isinstance(variant, AtValue):
-        raise TypeError(f"{variant!r} is no variant at a value")
-    return variant.value
-
-
-def gap_of(variant: Variant) -> AtGap:
-    """The gap; raises TypeError where the variant is none."""
-    if not isinstance(variant, AtGap):
-        raise TypeError(f"{variant!r} is no gap about a pit")
-    return variant
+def at_place(centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> Variant:
+    """The effect is in a ball somewhere in the fruit, to a hundredth of a millimetre."""
+    x, y, z, radius = (round(float(value), 2) for value in (*centre_mm, radius_mm))
+    label = f"{x:.2f} {y:.2f} {z:.2f} radius {radius:.2f} mm"
+    return Variant(label=label, values=(x, y, z, radius))
 
 
 def significant(value: float, digits: int) -> float:

@@ -29,7 +29,7 @@ def known(effect: ConfirmedEffect) -> KnownEffect:
 
 
 def catalogue_parameters(effect: ConfirmedEffect, E_MPa: float) -> dict[str, float]:
-    """Parameters of the settings under the names of the effect's ParameterSpecs.
+    """Parameters of the settings under the names that the effect's search has.
 
     Components of a vector stand alone; what counts against the flesh's modulus is brought to E.
     """

@@ -181,11 +181,11 @@ def test_sparse_regression_names_a_plain_effect_and_has_the_wanted_false_alarms(
 def linear_problem():
     """Of a pad whose force is a fifth too large, by a catalogue of four; and the equations it has."""
     case = injected_case(on_pad("left", lambda pad: replace(pad, force_N=1.2 * pad.force_N)))
-    forward, _ = procedure.plain_forward_model(case)
-    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    model, _ = procedure.case_model(case)
+    recorded = [GraspEquations.of(model, recording) for recording in model.grasps]
     effects = tuple(module.EFFECT for module in (skin, pit_size, sensor_gain, clock_lag))
     with captured() as kept:
-        procedure.screened(forward, recorded, effects)
+        procedure.screened(model, recorded, effects)
     return kept
 
 

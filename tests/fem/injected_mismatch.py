@@ -14,7 +14,7 @@ import numpy as np
 from coarse_fruit import FOOT_MM, HALF_AXES_MM, NU, PIT_HALF_AXES_MM, PIT_MIDDLE_MM
 from fem_shapes import ball
 from jaxtyping import Int
-from plain_model import plain_forward_model, screened_effects
+from plain_model import case_model, screened_effects
 from recorded_pad import recorded_pad
 
 from fem.estimation.error_budget import ErrorBudget
@@ -23,7 +23,8 @@ from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import locate
 from fem.mismatch.effect import Effect
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import nodal_loads
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearRound
 from fem.solid.linear_solid import UnitModulusSolid
@@ -157,12 +158,9 @@ def bare_grasps(mesh: FleshMesh) -> tuple[list[list[PadHistory]], Int[np.ndarray
     """The pads of every grasp under the true forces, and the nodes of the mesh that they press."""
     bare = [
         [bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)]
-        for grasp in range(len(true_pads()))
+        for grasp in range(len(WAYS))
     ]
-    histories = [
-        GraspHistory(time_s=TIME_S, phase=("load",) * len(TIME_S), pads=tuple(pads)) for pads in bare
-    ]
-    return bare, contact_nodes(mesh, histories)
+    return bare, contact_nodes(mesh, [_history(pads) for pads in bare])
 
 
 @cache
@@ -179,20 +177,13 @@ def true_pads() -> tuple[tuple[TruePad, ...], ...]:
 
 def pads_under(changed: Callable[[np.ndarray], np.ndarray]) -> tuple[tuple[TruePad, ...], ...]:
     """Both grasps solved on the truth's mesh, `unit` that of the changed forces (t n 3); free of noise."""
-    mesh = true_mesh()
     true_pads_of_grasps = []
-    histories = [
-        _history([bare_pad(grasp, side, name, mesh) for name, side in zip(NAMES, (-1.0, 1.0), strict=True)])
-        for grasp in range(len(WAYS))
-    ]
-    solid = replace(true_solid(), contact_nodes=contact_nodes(mesh, histories))
-    for grasp, history in enumerate(histories):
-        links = [pad_link(pad, solid) for pad in history.pads]
-        loads = np.zeros((len(TIME_S), len(mesh.nodes_mm), 3))
-        loads[:, solid.contact_nodes] = sum(
-            link.nodal_force(changed(pad.force_N)) for link, pad in zip(links, history.pads, strict=True)
-        )
-        moved = solid.displacement(loads)[:, solid.contact_nodes]
+    bare, nodes = bare_grasps(true_mesh())
+    solid = replace(true_solid(), contact_nodes=nodes)
+    for grasp, pads in enumerate(bare):
+        links = [pad_link(pad, solid) for pad in pads]
+        force = np.concatenate([changed(pad.force_N) for pad in pads], axis=1)
+        moved = solid.displacement(nodal_loads(links, solid, force))[:, nodes]
         true_pads_of_grasps.append(
             tuple(
                 TruePad(
@@ -203,7 +194,7 @@ def pads_under(changed: Callable[[np.ndarray], np.ndarray]) -> tuple[tuple[TrueP
                     force_N=pad.force_N,
                     gel_mm=pad.gel_displacement_mm,
                 )
-                for pad, link, side in zip(history.pads, links, (-1.0, 1.0), strict=True)
+                for pad, link, side in zip(pads, links, (-1.0, 1.0), strict=True)
             )
         )
     return tuple(true_pads_of_grasps)
@@ -326,13 +317,13 @@ def misplaced(shift_mm: tuple[float, float], tilt_deg: float) -> Altered:
     return change
 
 
-def linear_and_refitted(case: MismatchCase, effect: Effect) -> tuple[ForwardModel, LinearRound, Refit]:
+def linear_and_refitted(case: MismatchCase, effect: Effect) -> tuple[CaseModel, LinearRound, Refit]:
     """The plain model, the effect's signatures on it, and the best of them in full."""
-    forward, _ = plain_forward_model(case)
-    linear = screened_effects(forward, [effect])
-    again = refit(forward, linear, [linear.best[0]])
+    model, _ = case_model(case)
+    linear = screened_effects(model, [effect])
+    again = refit(model, linear, [linear.best[0]])
     assert again is not None
-    return forward, linear, again
+    return model, linear, again
 
 
 def only_grasp(case: MismatchCase, number: int) -> MismatchCase:

@@ -7,8 +7,8 @@ from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.effect import Effect
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.mismatch_case import MismatchCase
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.procedure import plain_forward_model as of_solids
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.procedure import case_model as of_solids
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.solid.linear_solid import Support, UnitModulusSolid
 
@@ -16,7 +16,7 @@ _SOLIDS: dict[tuple[int, float, Support], UnitModulusSolid] = {}
 MOST_SOLIDS = 3
 
 
-def plain_forward_model(case: MismatchCase) -> tuple[ForwardModel, list[CompliantFit]]:
+def case_model(case: MismatchCase) -> tuple[CaseModel, list[CompliantFit]]:
     """As fem.mismatch.procedure has it, on solids that are kept."""
     supports = dict.fromkeys(grasp.support for grasp in case.grasps)
     solids = {support: kept_solid(case.mesh, case.poisson_ratio, support) for support in supports}
@@ -33,6 +33,6 @@ def kept_solid(mesh: FleshMesh, poisson_ratio: float, support: Support) -> UnitM
     return _SOLIDS[key]
 
 
-def screened_effects(forward: ForwardModel, effects: Sequence[Effect]) -> LinearRound:
+def screened_effects(model: CaseModel, effects: Sequence[Effect]) -> LinearRound:
     """The effects' linear signatures on all recordings."""
-    return screened(forward, [GraspEquations.of(forward, grasp) for grasp in forward.base.grasps], effects)
+    return screened(model, [GraspEquations.of(model, grasp) for grasp in model.grasps], effects)

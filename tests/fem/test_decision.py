@@ -16,10 +16,11 @@ from fem.mismatch.selection import decision
 from fem.mismatch.selection.decision import (
     FREEDOM,
     MISFIT,
+    Detection,
     Weighed,
     credible_set,
+    detection,
     log_prior,
-    p_values,
     probabilities,
 )
 
@@ -99,10 +100,8 @@ def no_error(case: SignatureEquations) -> NullDraws:
     return NullDraws(bare=case, error_sd=np.zeros(len(case.sd)), prior=SURE)
 
 
-def p_of(
-    case: SignatureEquations, rng: np.random.Generator, **statistics: float
-) -> tuple[float, dict[str, float]]:
-    return p_values(case, no_error(case), rng=rng, **statistics)
+def p_of(case: SignatureEquations, rng: np.random.Generator, **statistics: float) -> Detection:
+    return detection(case, no_error(case), rng=rng, **statistics)
 
 
 @pytest.mark.parametrize("sd", [0.0, 0.2])
@@ -113,7 +112,7 @@ def test_p_values_of_recordings_without_mismatch_are_even(sd):
     for _ in range(300):
         usual, draws = with_error(rng, HEAVY, sd=max(sd, 1e-6))
         misfit = MISFIT * rng.chisquare(FREEDOM) / FREEDOM
-        p.append(p_values(usual, draws, misfit=misfit, direct=0.0, rng=rng)[0])
+        p.append(detection(usual, draws, misfit=misfit, direct=0.0, rng=rng).p_value)
     assert kstest(p, "uniform").pvalue > 0.01
     assert abs(np.mean(np.array(p) < 0.05) - 0.05) < 3 * np.sqrt(0.05 * 0.95 / len(p))
 
@@ -132,7 +131,7 @@ def test_a_scale_without_bounds_makes_large_errors_usual():
     usual, sure = with_error(rng, SURE, sd=0.2)
     odd = replace(usual, right=6 * 0.2 * usual.normal[:, 0])
     p = [
-        p_values(odd, replace(sure, prior=prior), misfit=MISFIT, direct=0.0, rng=rng)[1]["effects"]
+        detection(odd, replace(sure, prior=prior), misfit=MISFIT, direct=0.0, rng=rng).p_values["effects"]
         for prior in (SURE, HEAVY)
     ]
     assert p[0] < 0.002 < 0.01 < p[1]
@@ -145,7 +144,7 @@ def test_what_speaks_against_an_effect_raises_p():
         name: [-20.0 if name in ("skin", "slip") else 0.0] * len(ways) for name, ways in case.ways.items()
     }
     p = [
-        p_of(case, np.random.default_rng(1), misfit=MISFIT, direct=0.0, against=against)[1]["effects"]
+        p_of(case, np.random.default_rng(1), misfit=MISFIT, direct=0.0, against=against).p_values["effects"]
         for against in (None, doubted)
     ]
     assert p[0] < 0.01 < p[1]
@@ -165,11 +164,11 @@ def test_an_amount_without_meaning_gains_nothing():
 def test_a_injected_effect_a_large_misfit_and_direct_marks_are_each_detected():
     rng = np.random.default_rng(6)
     usual = {"misfit": MISFIT, "direct": 0.0}
-    assert p_of(equations(rng, injected=0.5), rng, **usual)[1]["effects"] < 0.005
-    assert p_of(equations(rng), rng, misfit=3 * MISFIT, direct=0.0)[0] < 1e-4
-    p, each = p_of(equations(rng), rng, misfit=MISFIT, direct=10.0)
-    assert each["gel"] == pytest.approx(np.exp(-10.0))
-    assert p == pytest.approx(3 * np.exp(-10.0), rel=1e-3)
+    assert p_of(equations(rng, injected=0.5), rng, **usual).p_values["effects"] < 0.005
+    assert p_of(equations(rng), rng, misfit=3 * MISFIT, direct=0.0).p_value < 1e-4
+    test = p_of(equations(rng), rng, misfit=MISFIT, direct=10.0)
+    assert test.p_values["gel"] == pytest.approx(np.exp(-10.0))
+    assert test.p_value == pytest.approx(3 * np.exp(-10.0), rel=1e-3)
 
 
 def weighed(*explanations: tuple[str, float, float], direct: float = 0.0) -> dict[str, float]:

@@ -5,7 +5,7 @@ import pytest
 from fem.mismatch.catalogue import EFFECTS, SPECS
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import Entry, Scope
-from fem.mismatch.next_grasp import TURNED, next_grasp
+from fem.mismatch.procedure import TURNED, next_grasp
 
 
 def test_ranks_and_names_are_each_effects_own():

@@ -8,7 +8,7 @@ from injected_mismatch import injected_case
 from plain_model import kept_solid
 
 from fem.mismatch.mismatch_case import MismatchCase
-from fem.mismatch.model.baseline import solids_of
+from fem.mismatch.model.plain_model import solids_of
 from fem.solid.linear_solid import UnitModulusSolid
 
 

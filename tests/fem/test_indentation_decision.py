@@ -76,17 +76,17 @@ def test_probabilities_are_those_of_grasps(fitted):
 
 def test_evidence_and_misfit_each_detect_a_mismatch(fitted):
     nothing = posterior([fitted(0.0), fitted(0.0, "slip")])
-    assert nothing.p_value > 0.05
+    assert nothing.detection.p_value > 0.05
     assert nothing.verdict == "none"
     listed = posterior([fitted(0.0), fitted(1.0, "slip")])
     assert listed.verdict == ("slip", "none")
     assert not listed.detected
     speaks = posterior([fitted(0.0), fitted(12.0, "slip")])
     assert speaks.detected
-    assert speaks.p_values["effects"] == pytest.approx(np.exp(-12.0))
+    assert speaks.detection.p_values["effects"] == pytest.approx(np.exp(-12.0))
     assert speaks.verdict == "slip"
     left = posterior([fitted(0.0, share=0.2), fitted(0.0, "slip", share=0.2)])
-    assert left.p_values["misfit"] < 1e-6
+    assert left.detection.p_values["misfit"] < 1e-6
     assert "unknown" in left.verdict
 
 

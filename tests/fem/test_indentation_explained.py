@@ -160,14 +160,6 @@ def test_a_rupture_is_recognised_and_the_trace_is_cut_before_it(left):
     assert press_account.explanation.notes[0].startswith("Rupture: at 5.")
 
 
-@pytest.mark.proof
-def test_a_rupture_of_the_injected_press_leaves_the_modulus_of_what_came_before():
-    press_account = of_slab(injected(np.random.default_rng(5), puncture=0.3, press=Press(rate_hz=20.0)))
-    assert press_account.explanation.notes[0].startswith("Rupture")
-    assert press_account.trace.travel_mm[-1] < 1.4
-    assert press_account.explanation.after.value == pytest.approx(0.3, rel=0.05)
-
-
 def test_what_no_law_explains_is_unknown_and_its_E_is_withheld():
     time, travel, depth, noise = ramp(8, air_s=2.0, ramp_s=8.0)
     jerks = np.exp(0.8 * np.sin(3.0 * time) + np.maximum(time - 6, 0) * 0.9)

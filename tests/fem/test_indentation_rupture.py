@@ -6,8 +6,7 @@ from injected_presses import RADIUS_MM, Press, injected
 
 from fem.fem_failure import FemFailure
 from fem.indentation.ball import Ball
-from fem.indentation.rupture import before_rupture
-from fem.indentation.trace import IndenterTrace
+from fem.indentation.trace import IndenterTrace, before_rupture
 
 
 def rupture(time, force, travel, *, noise_N=0.003):

@@ -7,8 +7,7 @@ from fem.indentation import fit as indenter_fit
 from fem.indentation.contact_law import Law, linear_law
 from fem.indentation.effects.trace_viscoelastic import viscoelastic
 from fem.indentation.explanations import parameters_of
-from fem.indentation.fit import fit
-from fem.indentation.heldout import future_frames, predicted_N, share_missed
+from fem.indentation.fit import fit, future_frames, predicted_N, share_missed
 from fem.indentation.no_contact import NoContactNoise, first_touch, no_contact_noise
 from fem.indentation.trace_noise import TraceNoise, model_clock
 

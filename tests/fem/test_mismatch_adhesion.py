@@ -17,19 +17,15 @@ from injected_mismatch import (
     Recording,
     injected_case,
 )
-from plain_model import plain_forward_model, screened_effects
+from plain_model import case_model, screened_effects
 
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effects import adhesion, sensor_drift, slip, third_contact
-from fem.mismatch.effects.third_contact import ForceBalance
-from fem.mismatch.evidence import equation_cache
-from fem.mismatch.evidence.equation_cache import balance_equations, pull_of
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.pulling_markers import LEAST_EVIDENCE, Pull
 from fem.mismatch.selection.model_selection import ModelSelection, select_model
 from fem.mismatch.selection.screening import screened
-from fem.mismatch.signature_variant import ONE_WAY
 
 REACH_MM = 0.15
 CURVATURE_MM = 30.0
@@ -88,20 +84,20 @@ BULGES = drawn_out(lambda phase: phase != "air")
 
 
 @cache
-def forward_of(altered: Altered) -> ForwardModel:
-    return plain_forward_model(injected_case(altered))[0]
+def model_of(altered: Altered) -> CaseModel:
+    return case_model(injected_case(altered))[0]
 
 
 @pytest.fixture
-def sticky() -> ForwardModel:
-    return forward_of(STICKS)
+def sticky() -> CaseModel:
+    return model_of(STICKS)
 
 
-def chosen(forward: ForwardModel) -> ModelSelection:
+def chosen(model: CaseModel) -> ModelSelection:
     effects = [effect for effect in EFFECTS if effect.spec.name in ("adhesion", "slip")]
     assert len(effects) == 2
-    linear = screened_effects(forward, effects)
-    return select_model(forward, linear, p_value=0.0)
+    linear = screened_effects(model, effects)
+    return select_model(model, linear, p_value=0.0)
 
 
 def test_a_gel_that_sticks_is_named_and_its_reach_is_where_it_lets_go(sticky):
@@ -112,13 +108,10 @@ def test_a_gel_that_sticks_is_named_and_its_reach_is_where_it_lets_go(sticky):
     (parameters,) = best.parameters
     assert parameters[adhesion.REACH] == pytest.approx(REACH_MM, abs=3 * NOISE_MM + 0.01)
     # the forces hold the pull: the response is the plain model's
-    for unit, recording in zip(best.response.unit, sticky.base.grasps, strict=True):
+    for unit, recording in zip(best.response.unit, sticky.grasps, strict=True):
         np.testing.assert_array_equal(unit, recording.tracks.unit_displacement)
     assert best.converged
-
-
-def test_the_reach_is_known_to_the_noise_of_a_marker(sticky):
-    value, sd = pull_of(sticky).reach_mm
+    value, sd = sticky.pull.reach_mm
     assert NOISE_MM <= sd < 0.02
     assert abs(value - REACH_MM) < 3 * sd
 
@@ -126,8 +119,8 @@ def test_the_reach_is_known_to_the_noise_of_a_marker(sticky):
 def test_what_a_gel_pulls_with_is_noise_of_the_balance(sticky):
     """A rim of pull is narrower than a marker's square; the sum over markers is off by some of them."""
     pulls = 0
-    for recording in sticky.base.grasps:
-        equations = balance_equations(sticky, recording)
+    for recording in sticky.grasps:
+        equations = sticky.balance_equations(recording)
         assert equations is not None
         variance = (1 / equations.weight[:, :3]).sum(axis=1)
         added = variance - variance.min()
@@ -144,37 +137,21 @@ def test_what_a_gel_pulls_with_is_noise_of_the_balance(sticky):
 def test_a_rim_that_is_felt_unevenly_is_no_third_contact(monkeypatch):
     """What the pads are out of balance by is then not borne by anything else."""
     case = injected_case(unevenly(lambda phase: phase == "unload"))
-    forward = plain_forward_model(case)[0]
-    cases = [recording.case for recording in forward.base.grasps]
+    model = case_model(case)[0]
+    cases = [recording.case for recording in model.grasps]
     assert min(Pull.of([case]).evidence for case in cases) < LEAST_EVIDENCE < Pull.of(cases).evidence
-    assert third_contact.EFFECT.signatures(forward) == []
+    assert third_contact.EFFECT.signatures(model) == []
     with monkeypatch.context() as patched:
-        patched.setattr(equation_cache, "gels_stick", lambda _: False)
-        assert third_contact.EFFECT.signatures(plain_forward_model(case)[0]) != []
+        patched.setattr(CaseModel, "gels_stick", False)
+        assert third_contact.EFFECT.signatures(case_model(case)[0]) != []
 
 
 def test_a_gel_that_bulges_beside_the_contact_adds_no_noise():
-    forward = forward_of(BULGES)
-    for recording in forward.base.grasps:
-        equations = balance_equations(forward, recording)
+    model = model_of(BULGES)
+    for recording in model.grasps:
+        equations = model.balance_equations(recording)
         assert equations is not None
         assert (equations.weight == equations.weight[0]).all()
-
-
-def test_a_third_force_counts_each_frame_with_its_own_weight(sticky):
-    for recording in sticky.base.grasps:
-        equations = balance_equations(sticky, recording)
-        assert equations is not None
-        balance = ForceBalance.of(recording, equations)
-        for k, course in enumerate(balance.courses):
-            for axis, way in enumerate(np.eye(6)):
-                weighed = equations.weighed(course[:, None] * way)
-                np.testing.assert_allclose(
-                    balance.normal[k, axis],
-                    balance.courses @ weighed,
-                    rtol=1e-6,
-                    atol=1e-6 * np.abs(weighed).max(),
-                )
 
 
 @pytest.mark.parametrize(
@@ -187,25 +164,13 @@ def test_a_third_force_counts_each_frame_with_its_own_weight(sticky):
     ids=["null case", "a gel that bulges beside the contact", "a force that drifts to a pull"],
 )
 def test_what_only_looks_like_a_pull_has_no_signature(altered):
-    assert adhesion.EFFECT.signatures(forward_of(altered)) == []
+    assert adhesion.EFFECT.signatures(model_of(altered)) == []
 
 
 def test_where_nothing_pulls_every_other_effect_counts_as_without_it():
-    forward = forward_of(unaltered)
-    recorded = [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    model = model_of(unaltered)
+    recorded = [GraspEquations.of(model, recording) for recording in model.grasps]
     others = [sensor_drift.EFFECT, slip.EFFECT]
-    with_it, without = (screened(forward, recorded, tried) for tried in ([*others, adhesion.EFFECT], others))
+    with_it, without = (screened(model, recorded, tried) for tried in ([*others, adhesion.EFFECT], others))
     assert [fit.gain for fit in with_it.linear_fits] == [fit.gain for fit in without.linear_fits]
     assert with_it.null.chi2 == without.null.chi2
-
-
-def test_the_response_of_what_the_recorded_forces_hold_is_the_plain_models(sticky):
-    held = [effect for effect in EFFECTS if effect.spec.in_recorded_forces]
-    assert adhesion.EFFECT in held
-    for effect in held:
-        values = {spec.name: spec.high for spec in effect.spec.searched}
-        response = effect.respond(sticky, values, ONE_WAY)
-        assert response.balance is None
-        assert response.shift_mm is None
-        for recording, unit in zip(sticky.base.grasps, response.unit, strict=True):
-            np.testing.assert_array_equal(unit, recording.tracks.unit_displacement)

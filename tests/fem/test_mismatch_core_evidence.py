@@ -6,7 +6,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from injected_mismatch import injected_case, only_grasp
-from plain_model import plain_forward_model
+from plain_model import case_model
 from scipy.stats import multivariate_normal
 
 from fem.estimation.zero_drift import ZeroDrifts
@@ -100,14 +100,13 @@ def test_a_prior_mean_moves_the_density_of_the_data_and_stays_behind_with_its_co
     recorded, columns, _ = small
     meant = [columns[0], replace(columns[1], mean=0.8), columns[2]]
     y, noise, rows, sds = dense_parts(small, (1, 2))
-    base = SimpleNamespace(grasps=[equations.recording for equations in recorded])
-    forward = SimpleNamespace(compliance=0.4, workers=1, base=base)
-    products = GramMatrix(forward, recorded, meant)
+    markers = [equations.recording.tracks.unit_displacement for equations in recorded]
+    model = SimpleNamespace(compliance=0.4, workers=1, plain=markers)
+    products = GramMatrix(model, recorded, meant)
     truth = multivariate_normal(mean=0.8 * rows[2], cov=noise + (rows.T * sds**2) @ rows).logpdf(y)
     constant = multivariate_normal(cov=noise).logpdf(0 * y)
     assert products.fit((1, 2)).log_evidence + constant == pytest.approx(truth, abs=1e-8)
-    plain = Response(unit=[equations.recording.tracks.unit_displacement for equations in recorded])
-    about, chosen = products.about(forward, plain, (1,))
+    about, chosen = products.about(model, Response(unit=markers), (1,))
     y, noise, rows, sds = dense_parts(small, (1,))
     truth = multivariate_normal(cov=noise + (rows.T * sds**2) @ rows).logpdf(y)
     assert about.fit(chosen).log_evidence + constant == pytest.approx(truth, abs=1e-8)
@@ -129,14 +128,14 @@ def test_what_one_recording_predicts_of_the_other_is_the_difference_of_two_evide
 @pytest.fixture(scope="module")
 def injected():
     """A recording of the injected fruit, with a case's own nuisances eliminated."""
-    forward, _ = plain_forward_model(only_grasp(injected_case(), 0))
-    return forward, [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+    model, _ = case_model(only_grasp(injected_case(), 0))
+    return model, [GraspEquations.of(model, recording) for recording in model.grasps]
 
 
 def test_a_recordings_own_nuisances_eliminated_are_those_kept_as_columns(injected):
-    forward, recorded = injected
-    known = common_nuisances(forward)
-    products = GramMatrix(forward, recorded, known)
+    model, recorded = injected
+    known = common_nuisances(model)
+    products = GramMatrix(model, recorded, known)
     chosen = tuple(range(1, len(known) + 1))
     fit = products.fit(chosen)
     none = (np.zeros((0, 0)),) * 3
@@ -145,28 +144,17 @@ def test_a_recordings_own_nuisances_eliminated_are_those_kept_as_columns(injecte
         for equations in recorded
     ]
     kept = list(known)
-    for k, recording in enumerate(forward.base.grasps):
-        for name, sd, field in own_nuisances(forward, recording):
+    for k, recording in enumerate(model.grasps):
+        for name, sd, field in own_nuisances(model, recording):
             fields = [field if j == k else None for j in range(len(recorded))]
             kept.append(Regressor(name=name, sd=sd, fields=fields))
-    whole = GramMatrix(forward, bare, kept).fit(tuple(range(1, len(kept) + 1)))
+    whole = GramMatrix(model, bare, kept).fit(tuple(range(1, len(kept) + 1)))
     assert fit.chi2 == pytest.approx(whole.chi2, rel=1e-9)
     size = len(chosen) + 1
     np.testing.assert_allclose(fit.amounts, whole.amounts[:size], atol=1e-7)
     np.testing.assert_allclose(fit.covariance, whole.covariance[:size, :size], rtol=1e-6, atol=1e-12)
     assert len(kept) - len(known) > 50
     # what they eliminate counts the same whatever the common columns
-    without = GramMatrix(forward, bare, kept).fit(tuple(range(len(known) + 1, len(kept) + 1)))
+    without = GramMatrix(model, bare, kept).fit(tuple(range(len(known) + 1, len(kept) + 1)))
     expected = whole.log_evidence - without.log_evidence
     assert fit.log_evidence - products.fit(()).log_evidence == pytest.approx(expected, abs=1e-6)
-
-
-def test_what_a_fit_leaves_of_null_cases_is_near_their_noise(injected):
-    forward, recorded = injected
-    known = common_nuisances(forward)
-    products = GramMatrix(forward, recorded, known)
-    fit = products.fit(tuple(range(1, len(known) + 1)))
-    for k, equations in enumerate(recorded):
-        touching = equations.recording.tracks.episode >= 0
-        assert products.marker_residual(k, fit)[touching].std() < 2 * equations.recording.tracks.sd_mm[0]
-        np.testing.assert_array_equal(products.marker_residual(k, fit)[~touching], 0)

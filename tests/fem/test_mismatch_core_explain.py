@@ -17,7 +17,7 @@ from fem.mismatch.effects import (
     viscoelastic,
 )
 from fem.mismatch.mismatch_case import GradedCase
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.result import NINETY, Modulus
 
 PLAIN = Modulus(value=1.1 * E_MPA, sd=0.03 * E_MPA)
@@ -34,7 +34,7 @@ def answer():
 
     with pytest.MonkeyPatch.context() as patch:
         # flesh here moves by small strain
-        patch.setattr(start_to_end, "ForwardModel", partial(ForwardModel, beyond_small_strain=False))
+        patch.setattr(start_to_end, "CaseModel", partial(CaseModel, beyond_small_strain=False))
         patch.setattr(start_to_end, "EFFECTS", tuple(module.EFFECT for module in SHORT))
         return start_to_end.explain(injected_case(on_pad("left", louder)), graded=GradedCase(modulus=PLAIN))
 

@@ -9,7 +9,6 @@ from injected_mismatch import injected_case, only_grasp
 
 from fem.estimation.coloured_noise import variance_inflation
 from fem.estimation.compliance_fit import GAUGE_SD_MM, rigid_motion
-from fem.mismatch.model.baseline import GraspResponse, baseline
 from fem.mismatch.model.marker_equations import (
     DESIGN_EFFECT,
     LEAST_NOISE_SHARE,
@@ -17,7 +16,7 @@ from fem.mismatch.model.marker_equations import (
     BalanceEquations,
     MarkerEquations,
 )
-from fem.mismatch.model.observation_delta import ARM_MM
+from fem.mismatch.model.plain_model import ARM_MM, GraspResponse, plain_model
 from fem.mismatch.selection.cross_validation import noise_left_mm2
 
 COMPLIANCE, SCALE_SD = 4.0, 0.004
@@ -26,7 +25,7 @@ COMPLIANCE, SCALE_SD = 4.0, 0.004
 @cache
 def recording() -> GraspResponse:
     """One recording, noise and all."""
-    return baseline(only_grasp(injected_case(), 0)).grasps[0]
+    return plain_model(only_grasp(injected_case(), 0)).grasps[0]
 
 
 @cache

@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 from coarse_fruit import NU, fruit_mesh
-from pinched_forward_model import COMPLIANCE, forward_of, in_full
+from pinched_case_model import COMPLIANCE, in_full, model_of
 
 from fem.estimation.compliance_fit import rigid_motion
 from fem.mismatch.effects import pit_offset, pit_size
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.warm_start import WarmStarts
 from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.linear_solid import UnitModulusSolid
@@ -20,24 +20,24 @@ OFFSET = tuple(spec.name for spec in pit_offset.SPEC.searched)
 
 
 @cache
-def forward() -> ForwardModel:
-    return forward_of()
+def model() -> CaseModel:
+    return model_of()
 
 
 def solved(place: tuple[float, float, float, float]) -> np.ndarray:
     """c(t) of the recording with the pit there, the mesh's nodes moved and everything anew."""
     mesh = with_pit_moved(fruit_mesh(), np.array(place))
-    return in_full(forward(), UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free"))
+    return in_full(model(), UnitModulusSolid.factorise(mesh, poisson_ratio=NU, support="free"))
 
 
 def responded(effect, names: tuple[str, ...], values: tuple[float, ...]) -> np.ndarray:
-    return effect.respond(forward(), dict(zip(names, values, strict=True)), ONE_WAY).unit[0]
+    return effect.respond(model(), dict(zip(names, values, strict=True)), ONE_WAY).unit[0]
 
 
 def test_pits_of_other_sizes_answer_as_the_fruit_solved_with_them():
     """Exact for the first size that a search asks for, near it read off a curve; else exact."""
-    search = replace(forward(), warm_starts=WarmStarts())
-    plain = forward().base.grasps[0].tracks.unit_displacement
+    search = replace(model(), warm_starts=WarmStarts())
+    plain = model().grasps[0].tracks.unit_displacement
     for scale, tolerance in ((0.78, 1e-6), (0.72, 0.06)):
         (response,) = pit_size.EFFECT.respond(search, {"scale": scale}, ONE_WAY).unit
         expected = solved((0, 0, 0, np.log(scale)))
@@ -47,7 +47,7 @@ def test_pits_of_other_sizes_answer_as_the_fruit_solved_with_them():
 def test_a_pit_elsewhere_answers_as_the_fruit_solved_with_it():
     response = responded(pit_offset.EFFECT, OFFSET, (1.5, -1.0, 0.5))
     expected = solved((1.5, -1.0, 0.5, 0.0))
-    plain = forward().base.grasps[0].tracks.unit_displacement
+    plain = model().grasps[0].tracks.unit_displacement
     assert np.linalg.norm(response - expected) < 1e-6 * np.linalg.norm(expected - plain)
 
 
@@ -57,10 +57,10 @@ def test_signatures_are_slopes_of_fruit_solved_with_the_pit_a_little_moved(effec
     place = np.zeros(4)
     place[way] = step
     slope = COMPLIANCE * (solved(tuple(place)) - solved(tuple(-place))) / (2 * step)
-    (signature,) = effect.signatures(forward())
+    (signature,) = effect.signatures(model())
     markers = signature.columns[0].fields[0].markers
     # rigid motions are every frame's own: what is left without them counts
-    modes = rigid_motion(forward().base.grasps[0].tracks.place_mm).reshape(-1, 6)
+    modes = rigid_motion(model().grasps[0].tracks.place_mm).reshape(-1, 6)
 
     def strained(field: np.ndarray) -> np.ndarray:
         flat = field.reshape(len(field), -1).T
@@ -71,10 +71,8 @@ def test_signatures_are_slopes_of_fruit_solved_with_the_pit_a_little_moved(effec
 
 
 def test_an_amount_of_the_signature_is_where_the_search_starts():
-    (signature,) = pit_size.EFFECT.signatures(forward())
-    assert pit_size.EFFECT.start(forward(), signature, np.array([np.log(1.2)])) == {
-        "scale": pytest.approx(1.2)
-    }
-    (signature,) = pit_offset.EFFECT.signatures(forward())
-    start = pit_offset.EFFECT.start(forward(), signature, np.array([0.5, -1.0, 9.0]))
+    (signature,) = pit_size.EFFECT.signatures(model())
+    assert pit_size.EFFECT.start(model(), signature, np.array([np.log(1.2)])) == {"scale": pytest.approx(1.2)}
+    (signature,) = pit_offset.EFFECT.signatures(model())
+    start = pit_offset.EFFECT.start(model(), signature, np.array([0.5, -1.0, 9.0]))
     assert list(start.values()) == pytest.approx([0.5, -1.0, 6.0])

@@ -5,13 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from injected_mismatch import E_MPA, TIME_S, injected_case, linear_and_refitted, only_grasp
-from pinched_forward_model import COMPLIANCE, forward_of
-from plain_model import plain_forward_model
+from pinched_case_model import model_of
+from plain_model import case_model
 
 from fem.materials.relaxing_arm import lagging
 from fem.mismatch.effects.viscoelastic import EFFECT
-from fem.mismatch.model.forward_model import over_all_frames
-from fem.mismatch.signature_variant import ONE_WAY, value_of
+from fem.mismatch.signature_variant import ONE_WAY
 
 UNEVEN_S = np.concatenate([[0.0, 0.02, 0.1], np.linspace(0.3, 9.0, 25), [12.0, 20.0, 60.0]])
 
@@ -54,9 +53,9 @@ def crept(force: np.ndarray, time_s: np.ndarray, g: float, tau_s: float) -> np.n
 
 @pytest.mark.parametrize(("g", "tau_s"), [(0.3, 0.4), (0.6, 5.0)])
 def test_the_model_creeps_as_the_convolution_says(g, tau_s):
-    forward = forward_of()
-    recording = forward.base.grasps[0]
-    response = EFFECT.respond(forward, {"g": g, "tau_s": tau_s}, ONE_WAY).unit[0]
+    model = model_of()
+    recording = model.grasps[0]
+    response = EFFECT.respond(model, {"g": g, "tau_s": tau_s}, ONE_WAY).unit[0]
     plain = recording.tracks.unit_displacement
     time = recording.case.history.time_s
     for marker in (3, 30):
@@ -65,60 +64,29 @@ def test_the_model_creeps_as_the_convolution_says(g, tau_s):
             np.testing.assert_allclose(response[:, marker, way], expected, atol=1e-9)
 
 
-def test_each_signature_is_the_slope_of_the_model_at_no_relaxation():
-    forward = forward_of()
-    small = 1e-5
-    for signature in EFFECT.signatures(forward):
-        tau_s = value_of(signature.variant)
-        more = EFFECT.respond(forward, {"g": small, "tau_s": tau_s}, ONE_WAY).unit[0]
-        slope = COMPLIANCE * (more - forward.base.grasps[0].tracks.unit_displacement) / small
-        markers = signature.columns[0].fields[0].markers
-        assert np.linalg.norm(slope - markers) < 1e-3 * np.linalg.norm(markers)
-
-
 def test_a_start_has_the_retardation_time_of_its_signature():
-    forward = forward_of()
-    signature = EFFECT.signatures(forward)[2]
-    start = EFFECT.start(forward, signature, np.array([0.5]))
+    model = model_of()
+    signature = EFFECT.signatures(model)[2]
+    start = EFFECT.start(model, signature, np.array([0.5]))
     assert start["g"] / (1 - start["g"]) == pytest.approx(0.5)
     assert start["tau_s"] / (1 - start["g"]) == pytest.approx(3.0)
 
 
 def test_frames_that_were_not_used_are_filled_in_straight_lines_and_nil_in_the_air():
-    forward, _ = plain_forward_model(only_grasp(injected_case(), 0))
-    recording = forward.base.grasps[0]
+    model, _ = case_model(only_grasp(injected_case(), 0))
+    recording = model.grasps[0]
     values = np.random.default_rng(0).normal(size=recording.tracks.position_mm.shape)
-    whole = over_all_frames(recording, values)
+    whole = recording.over_all_frames(values)
     np.testing.assert_array_equal(whole[recording.used], values)
     np.testing.assert_array_equal(whole[:3], 0)
     last, before = np.flatnonzero(recording.used)[[5, 3]]
     fewer = recording.used.copy()
     fewer[before + 1 : last] = False
     time, kept = recording.case.history.time_s, whole[fewer]
-    filled = over_all_frames(replace(recording, used=fewer), kept)
+    filled = replace(recording, used=fewer).over_all_frames(kept)
     share = (time[before + 1] - time[before]) / (time[last] - time[before])
     expected = (1 - share) * whole[before] + share * whole[last]
     np.testing.assert_allclose(filled[before + 1], expected, atol=1e-12)
-
-
-def test_a_first_touch_that_is_not_used_is_as_the_first_frame_that_is():
-    """Of a recording that begins with it, or ends with a last one."""
-    forward, _ = plain_forward_model(only_grasp(injected_case(), 0))
-    recording = forward.base.grasps[0]
-    case = recording.case
-    touched = recording.used & (np.arange(len(recording.used)) < 9)
-    history = replace(
-        case.history,
-        pads=tuple(replace(pad, episode=np.zeros_like(pad.episode)) for pad in case.history.pads),
-    )
-    always = replace(recording, case=replace(case, history=history), used=touched)
-    values = np.random.default_rng(0).normal(size=(touched.sum(), 3))
-    whole = over_all_frames(always, values)
-    first, last = np.flatnonzero(touched)[[0, -1]]
-    assert first > 0
-    assert last < len(touched) - 1
-    np.testing.assert_array_equal(whole[:first], np.broadcast_to(values[0], (first, 3)))
-    np.testing.assert_array_equal(whole[last:], np.broadcast_to(values[-1], (len(touched) - last, 3)))
 
 
 def test_flesh_that_relaxes_is_found():
@@ -133,5 +101,5 @@ def test_flesh_that_relaxes_is_found():
     (parameters,) = again.parameters
     assert parameters["g"] == pytest.approx(g, rel=0.06)
     assert parameters["tau_s"] == pytest.approx(tau_s, rel=0.08)
-    E = 1 / (again.forward.compliance * (1 + again.fit.amounts[0]))
+    E = 1 / (again.model.compliance * (1 + again.fit.amounts[0]))
     assert pytest.approx(E_MPA, rel=0.04) == E

@@ -11,21 +11,21 @@ import pytest
 from coarse_fruit import NU
 from drained_flesh import drained
 from injected_mismatch import E_MPA, TIME_S, Altered, injected_case
-from pinched_forward_model import COMPLIANCE, FRAMES, forward_of
-from plain_model import plain_forward_model, screened_effects
+from pinched_case_model import FRAMES, model_of
+from plain_model import case_model, screened_effects
 
 from fem.elements.assembly import unit_lame_constants
 from fem.materials.relaxing_arm import RelaxingArm, lagging
 from fem.mismatch.effects import clock_lag, drainage, poisson_ratio, viscoelastic
 from fem.mismatch.effects.drainage import FadingVolume
 from fem.mismatch.evidence.model_error import model_error_columns
-from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.plain_model import GraspResponse
 from fem.mismatch.model.reduced_law import ReducedLaw
 from fem.mismatch.selection import screening
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.screening import LinearRound
-from fem.mismatch.signature_variant import ONE_WAY, value_of
+from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.linear_solid import UnitModulusSolid
 from samples.mismatch.flesh_laws import Draining, Lame, PlainFlesh
 
@@ -52,7 +52,7 @@ def uniform_strain() -> ReducedLaw:
 @pytest.mark.parametrize(("share", "tau_s"), [(0.3, 0.2), (0.9, 0.05), (0.9, 2.0)])
 def test_the_samples_law_gives_back_the_pull_from_the_strain(share: float, tau_s: float):
     law = uniform_strain()
-    recording = forward_of().base.grasps[0]
+    recording = model_of().grasps[0]
 
     def strained(law: ReducedLaw, recording: GraspResponse) -> np.ndarray:
         volume = FadingVolume.of(law, mu=MU, lame=LAME)
@@ -84,18 +84,16 @@ def test_the_samples_law_gives_back_the_pull_from_the_strain(share: float, tau_s
 
 @pytest.mark.parametrize("share", [0.3, 0.9])
 def test_drained_flesh_is_elastic_flesh_with_what_is_left_of_lambda(share: float):
-    forward = forward_of()
-    (recording,) = forward.base.grasps
+    model = model_of()
+    (recording,) = model.grasps
     gone = {"volume_share": share, "tau_s": 1e-6}
-    response = drainage.EFFECT.respond(forward, gone, ONE_WAY).unit[0]
+    response = drainage.EFFECT.respond(model, gone, ONE_WAY).unit[0]
     left = (1 - share) * LAME
     ratio = left / (2 * (left + MU))
-    solid = UnitModulusSolid.factorise(forward.base.mesh, poisson_ratio=ratio, support="free")
-    solid = replace(solid, contact_nodes=forward.base.solid_of(recording).contact_nodes)
+    solid = UnitModulusSolid.factorise(model.mesh, poisson_ratio=ratio, support="free")
+    solid = replace(solid, contact_nodes=recording.solid.contact_nodes)
     leading = recording.leading
-    loads = np.zeros((len(leading), *forward.base.mesh.nodes_mm.shape))
-    loads[:, solid.contact_nodes] = recording.nodal_of(recording.patterns[leading])
-    moved = solid.displacement(loads)[:, solid.contact_nodes] / (2 * MU * (1 + ratio))
+    moved = solid.displacement(recording.loads(recording.patterns[leading])) / (2 * MU * (1 + ratio))
     change = recording.at_markers(moved) - recording.response[leading]
     expected = np.tensordot(recording.shares[:, leading], change, axes=1)
     more = response - recording.tracks.unit_displacement
@@ -103,30 +101,12 @@ def test_drained_flesh_is_elastic_flesh_with_what_is_left_of_lambda(share: float
     assert np.linalg.norm(expected) > 0.03 * np.linalg.norm(recording.tracks.unit_displacement)
 
 
-def test_each_signature_is_the_slope_of_the_model_at_no_drainage():
-    forward = forward_of()
-    plain = forward.base.grasps[0].tracks.unit_displacement
-    for signature in drainage.EFFECT.signatures(forward):
-        parameters = {"volume_share": 1e-5, "tau_s": value_of(signature.variant)}
-        more = drainage.EFFECT.respond(forward, parameters, ONE_WAY).unit[0]
-        markers = signature.columns[0].fields[0].markers
-        slope = COMPLIANCE * (more - plain) / 1e-5
-        assert np.linalg.norm(slope - markers) < 1e-3 * np.linalg.norm(markers)
-
-
-def test_no_drainage_changes_nothing():
-    forward = forward_of()
-    plain = forward.base.grasps[0].tracks.unit_displacement
-    same = drainage.EFFECT.respond(forward, {"volume_share": 0.0, "tau_s": 1.0}, ONE_WAY)
-    np.testing.assert_allclose(same.unit[0], plain, atol=1e-6 * np.abs(plain).max())
-
-
 def rounds(altered: Altered, **options: object):
-    forward, _ = plain_forward_model(injected_case(altered, **options))
-    forward = replace(forward, beyond_small_strain=False)  # flesh here moves by small strain
+    model, _ = case_model(injected_case(altered, **options))
+    model = replace(model, beyond_small_strain=False)  # flesh here moves by small strain
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(screening, "model_error_columns", partial(model_error_columns, shares=COARSE_MESH))
-        return forward, screened_effects(forward, EFFECTS)
+        return model, screened_effects(model, EFFECTS)
 
 
 def gains(linear: LinearRound) -> dict[str, float]:
@@ -141,16 +121,16 @@ def test_draining_flesh_is_found_with_its_share_its_time_and_the_modulus(
     share: float, least_gain: float, share_off: float, tau_off: float
 ):
     tau_s = 0.8
-    forward, linear = rounds(drained(share, tau_s))
+    model, linear = rounds(drained(share, tau_s))
     best, second = linear.best[:2]
     assert best.effect is drainage.EFFECT
     assert best.gain > max(least_gain, second.gain + 50)
-    again = refit(forward, linear, [best])
+    again = refit(model, linear, [best])
     assert again is not None
     (parameters,) = again.parameters
     assert parameters["volume_share"] == pytest.approx(share, abs=share_off)
     assert parameters["tau_s"] == pytest.approx(tau_s, rel=tau_off)
-    assert modulus_of(again.forward, again.response).value == pytest.approx(E_MPA, rel=0.02)
+    assert modulus_of(again.model, again.response).value == pytest.approx(E_MPA, rel=0.02)
 
 
 def test_an_unaltered_fruit_does_not_seem_to_drain():

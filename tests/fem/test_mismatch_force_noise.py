@@ -5,28 +5,38 @@ from functools import cache
 import numpy as np
 import pytest
 from injected_mismatch import injected_case, only_grasp
-from plain_model import plain_forward_model
+from plain_model import case_model
 
 from fem.mismatch.effects.sensor_gain import EFFECT as GAIN
 from fem.mismatch.effects.skin import EFFECT as SKIN
 from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION
-from fem.mismatch.evidence.force_noise import drawn_force_noise
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.nuisances import common_nuisances
-from fem.mismatch.model.force_products import ForceNoise, OfAll, OfFlesh, OfResponse, OfSomeForces
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.inner_changes import OfInnerChange
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.force_noise import (
+    ALL,
+    ForceNoise,
+    OfFlesh,
+    OfInnerChange,
+    OfResponse,
+    OfSomeForces,
+    drawn_force_noise,
+)
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.pads import own_markers, response_to
 
 SEEDS = range(6)
 
 
 @cache
-def noisy() -> tuple[ForwardModel, GraspEquations, ForceNoise]:
-    forward, _ = plain_forward_model(injected_case())
-    equations = GraspEquations.of(forward, forward.base.grasps[0])
-    return forward, equations, drawn_force_noise(forward, [equations])[0]
+def noisy() -> tuple[CaseModel, ForceNoise]:
+    model, _ = case_model(only_grasp(injected_case(), 0))
+    return model, drawn(model, GraspEquations.of(model, model.grasps[0]))
+
+
+def drawn(model: CaseModel, equations: GraspEquations) -> ForceNoise:
+    """Of the model's only recording."""
+    (noise,) = drawn_force_noise(model.base, [equations.weighed_markers], compliance=model.compliance)
+    return noise
 
 
 def directly(fields: np.ndarray, noise: ForceNoise) -> float:
@@ -36,60 +46,27 @@ def directly(fields: np.ndarray, noise: ForceNoise) -> float:
     )
 
 
-def linear_nuisances(forward: ForwardModel) -> list[Regressor]:
+def linear_nuisances(model: CaseModel) -> list[Regressor]:
     """Those that follow from the forces linearly, as all but large deformation do."""
-    return [column for column in common_nuisances(forward) if column.name != LARGE_DEFORMATION]
-
-
-def test_adjoint_product_of_a_law_of_flesh_is_that_of_its_solved_field() -> None:
-    forward, _, noise = noisy()
-    recording = noise.recording
-    column = SKIN.signatures(forward)[0].columns[0]
-    derivative = SKIN.derivative(forward)  # type: ignore[attr-defined]
-    fields = []
-    for moved in noise.moved[:, : recording.finer.first]:
-        changed = forward.base.marker_response(recording, -derivative(moved))
-        fields.append(forward.compliance * np.tensordot(recording.shares[:, : len(moved)], changed, axes=1))
-    assert column.of_forces is not None
-    assert column.of_forces.product(noise) == pytest.approx(directly(np.stack(fields), noise), rel=1e-6)
-
-
-def test_adjoint_product_of_one_pads_forces_is_that_of_their_response() -> None:
-    forward, _, noise = noisy()
-    recording = noise.recording
-    column: Regressor = GAIN.signatures(forward)[0].columns[0]
-    markers = own_markers(recording, 0)
-    fields = [
-        -forward.compliance
-        * np.tensordot(
-            recording.shares[:, : len(force)],
-            response_to(forward, recording, np.where(markers, force, 0.0)),
-            axes=1,
-        )
-        for force in noise.force_N
-    ]
-    assert column.of_forces is not None
-    assert column.of_forces.product(noise) == pytest.approx(directly(np.stack(fields), noise), rel=1e-6)
+    return [column for column in common_nuisances(model) if column.name != LARGE_DEFORMATION]
 
 
 def test_pit_and_poissons_ratio_follow_from_forces_like_their_own_fields() -> None:
     """Of noise that is the recording's own forces: the product is that of the nuisances' fields."""
-    forward, equations, noise = noisy()
+    model, noise = noisy()
     recording = noise.recording
     count = noise.moved.shape[1]
     whole = ForceNoise(
-        compliance=forward.compliance,
+        compliance=model.compliance,
         recording=recording,
-        solid=noise.solid,
         force_N=recording.patterns[None, :count],
         moved=recording.moved[None, :count],
         response=recording.response[None, :count],
         weighed=noise.weighed[:1],
-        pulled=noise.pulled[:1, :count],
         adjoint=noise.adjoint[:1, :count],
         adjoint_response=noise.adjoint_response[:1, :count],
     )
-    for column in linear_nuisances(forward):
+    for column in linear_nuisances(model):
         field = column.fields[0]
         assert isinstance(field, ObservationDelta)
         assert field.markers is not None
@@ -98,13 +75,11 @@ def test_pit_and_poissons_ratio_follow_from_forces_like_their_own_fields() -> No
         expected = float((field.markers * noise.weighed[0]).sum())
         scale = float(np.abs(field.markers * noise.weighed[0]).sum())
         assert product == pytest.approx(expected, abs=0.02 * scale), column.name
-    assert equations.nuisances.size
 
 
 def test_the_plain_models_product_is_negative() -> None:
     """Noise in a regressor attenuates it."""
-    _, _, noise = noisy()
-    assert OfAll().product(noise) < 0
+    assert ALL.product(noisy()[1]) < 0
 
 
 @pytest.mark.proof
@@ -114,24 +89,24 @@ def test_drawn_noise_of_the_response_is_as_large_as_the_real_one() -> None:
     A common scale of all forces is left out: the gel's fitted stiffness is E, and no noise of single markers;
     and what is not in the patterns' courses over time, which the equations leave out too.
     """
-    quiet, _ = plain_forward_model(only_grasp(injected_case(noise=0.02), 0))
-    real, drawn = [], []
+    quiet, _ = case_model(only_grasp(injected_case(noise=0.02), 0))
+    real, ours = [], []
     for seed in SEEDS:
-        forward, _ = plain_forward_model(only_grasp(injected_case(seed=seed), 0))
-        equations = GraspEquations.of(forward, forward.base.grasps[0])
-        recording, still = forward.base.grasps[0], quiet.base.grasps[0]
+        model, _ = case_model(only_grasp(injected_case(seed=seed), 0))
+        equations = GraspEquations.of(model, model.grasps[0])
+        recording, still = model.grasps[0], quiet.grasps[0]
         assert np.array_equal(recording.used, still.used)
         unit = recording.tracks.unit_displacement
-        (noise,) = drawn_force_noise(forward, [equations])
+        noise = drawn(model, equations)
         shares = recording.shares[:, : noise.response.shape[1]]
         course = np.linalg.qr(shares)[0]
         off = np.tensordot(course @ course.T, unit - still.tracks.unit_displacement, axes=1)
         real.append(energy(equations, off, unit))
-        drawn += [
+        ours += [
             energy(equations, np.tensordot(shares, pattern_noise, axes=1), unit)
             for pattern_noise in noise.response
         ]
-    assert np.mean(drawn) == pytest.approx(np.mean(real), rel=0.25)
+    assert np.mean(ours) == pytest.approx(np.mean(real), rel=0.25)
 
 
 def energy(equations: GraspEquations, field: np.ndarray, without: np.ndarray) -> float:
@@ -142,11 +117,11 @@ def energy(equations: GraspEquations, field: np.ndarray, without: np.ndarray) ->
 
 
 def test_solved_fields_of_noise_have_the_products_that_adjoint_fields_say() -> None:
-    forward, _, noise = noisy()
+    model, noise = noisy()
     columns = [
-        *SKIN.signatures(forward)[0].columns,
-        *GAIN.signatures(forward)[0].columns,
-        *linear_nuisances(forward),
+        *SKIN.signatures(model)[0].columns,
+        *GAIN.signatures(model)[0].columns,
+        *linear_nuisances(model),
     ]
     kinds = set()
     for column in columns:
@@ -157,5 +132,3 @@ def test_solved_fields_of_noise_have_the_products_that_adjoint_fields_say() -> N
         product = column.of_forces.product(noise)
         assert product == pytest.approx(directly(fields, noise), abs=1e-6 * scale), column.name
     assert kinds == {OfFlesh, OfSomeForces, OfInnerChange, OfResponse}
-    whole = OfAll()
-    assert whole.product(noise) == pytest.approx(directly(whole.fields(noise), noise), rel=1e-6)

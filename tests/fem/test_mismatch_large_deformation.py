@@ -5,80 +5,54 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from coarse_fruit import NU
-from pinched_forward_model import forward_of
+from pinched_case_model import model_of
 from plain_model import screened_effects
 
-from fem.elements.assembly import unit_lame_constants
 from fem.fem_failure import FemFailure
+from fem.materials.neo_hookean import NeoHookean
 from fem.mismatch.effects import stiffening
 from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION, large_deformation
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.model import stress_history
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.screening import LinearRound
 from fem.solid.finite_strain import FiniteStrainSolid
 
-MU, LAME = unit_lame_constants(NU)
 
-
-class BonetAndWood:
-    """mu (F - F^-T) + lambda ln(J) F^-T for E = 1 MPa (Bonet and Wood 2008, eq. 6.28)."""
-
-    poisson_ratio = NU
-
-    def energy(self, F: np.ndarray) -> np.ndarray:
-        log_J = np.log(np.linalg.det(F))
-        return MU / 2 * ((F**2).sum(axis=(1, 2)) - 3 - 2 * log_J) + LAME / 2 * log_J**2
-
-    def stress(self, F: np.ndarray) -> np.ndarray:
-        back = np.linalg.inv(F).swapaxes(1, 2)
-        return MU * (F - back) + LAME * np.log(np.linalg.det(F))[:, None, None] * back
-
-    def tangent(self, F: np.ndarray) -> np.ndarray:
-        back, eye = np.linalg.inv(F).swapaxes(1, 2), np.eye(3)
-        rest = MU - LAME * np.log(np.linalg.det(F))
-        return (
-            MU * np.einsum("ik,jl->ijkl", eye, eye)
-            + LAME * np.einsum("qij,qkl->qijkl", back, back)
-            + rest[:, None, None, None, None] * np.einsum("qil,qkj->qijkl", back, back)
-        )
-
-
-def by_newton(forward: ForwardModel, *, share: float = 1.0) -> np.ndarray:
-    """The markers' displacement, mm, of Bonet and Wood's flesh under this share of the loads, all frames."""
-    recording = forward.base.grasps[0]
-    solid = forward.base.solid_of(recording)
+def by_newton(model: CaseModel, *, share: float = 1.0) -> np.ndarray:
+    """The markers' displacement, mm, of Neo-Hookean flesh under this share of the loads, all frames."""
+    recording = model.grasps[0]
+    solid = recording.solid
     force = np.tensordot(recording.shares, recording.patterns, axes=1)
-    load = np.zeros((len(force), *solid.mesh.nodes_mm.shape))
-    load[:, solid.contact_nodes] = share * forward.compliance * recording.nodal_of(force)
-    newton = FiniteStrainSolid(solid=solid, law=BonetAndWood())
+    load = share * model.compliance * recording.loads(force)
+    newton = FiniteStrainSolid(solid=solid, law=NeoHookean(poisson_ratio=NU))
     moved = newton.displacement(load)
-    return recording.at_markers(moved[:, solid.contact_nodes])
+    return recording.at_markers(moved)
 
 
-def large_deformation_column(forward: ForwardModel) -> Regressor:
-    (column,) = (nuisance for nuisance in common_nuisances(forward) if nuisance.name == LARGE_DEFORMATION)
+def large_deformation_column(model: CaseModel) -> Regressor:
+    (column,) = (nuisance for nuisance in common_nuisances(model) if nuisance.name == LARGE_DEFORMATION)
     return column
 
 
 @pytest.mark.slow
 def test_its_column_is_what_newtons_method_makes_of_neo_hookean_flesh(monkeypatch):
     monkeypatch.setattr(stress_history, "CLOSE_MM", 2e-6)
-    forward = forward_of()
-    beyond = by_newton(forward) - 1e3 * by_newton(forward, share=1e-3)
-    signature = large_deformation_column(forward).fields[0].markers
+    model = model_of()
+    beyond = by_newton(model) - 1e3 * by_newton(model, share=1e-3)
+    signature = large_deformation_column(model).fields[0].markers
     size = np.linalg.norm(signature), np.linalg.norm(beyond)
     assert (signature * beyond).sum() / np.prod(size) > 0.999
     assert size[0] / size[1] == pytest.approx(1.0, abs=0.03)
 
 
 @pytest.fixture(scope="module")
-def neo_hookean() -> tuple[ForwardModel, LinearRound]:
+def neo_hookean() -> tuple[CaseModel, LinearRound]:
     """Soft flesh that deforms largely and does nothing else, and its linear round."""
-    softer = replace(forward_of(), compliance=12.0)
-    recording = softer.base.grasps[0]
+    softer = replace(model_of(), compliance=12.0)
+    recording = softer.grasps[0]
     tracks = replace(recording.tracks, position_mm=recording.tracks.place_mm + by_newton(softer))
     injected = replace(softer, base=replace(softer.base, grasps=(replace(recording, tracks=tracks),)))
     return injected, screened_effects(injected, [stiffening.EFFECT])
@@ -107,14 +81,14 @@ def test_stiffening_holds_large_deformation_itself(neo_hookean):
 
 
 def test_a_plain_model_that_holds_it_has_no_column_of_it():
-    forward = replace(forward_of(), beyond_small_strain=False)
-    assert LARGE_DEFORMATION not in [nuisance.name for nuisance in common_nuisances(forward)]
+    model = replace(model_of(), beyond_small_strain=False)
+    assert LARGE_DEFORMATION not in [nuisance.name for nuisance in common_nuisances(model)]
 
 
 @pytest.mark.parametrize("compliance", [28.0, 60.0])
 def test_large_deformation_that_is_not_found_is_no_column_and_says_why(compliance):
     """Rounds that have not settled, and rounds that ran away."""
-    soft = replace(forward_of(), compliance=compliance)
+    soft = replace(model_of(), compliance=compliance)
     failure = large_deformation(soft)
     assert isinstance(failure, FemFailure)
     assert "moves by this law" in failure.detail

@@ -8,22 +8,28 @@ import coarse_fruit
 import numpy as np
 import pytest
 from fem_shapes import ball
-from pinched_forward_model import facing
+from pinched_case_model import as_case
 from plain_model import screened_effects
 from scipy.optimize import nnls
 
-import fem.mismatch.model.loose_flesh
-from fem.estimation.error_budget import ErrorBudget
 from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import skin_quadrature
-from fem.mismatch.effects.loose_pit import EFFECT, GAPS_MM, MOST_FRAMES, loose_response
-from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
-from fem.mismatch.model.baseline import baseline
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.loose_flesh import LooseFlesh, inner_faces, loose_flesh
+from fem.mismatch.effects import loose_pit
+from fem.mismatch.effects.loose_pit import (
+    EFFECT,
+    GAPS_MM,
+    MOST_FRAMES,
+    LooseFlesh,
+    at_gap,
+    inner_faces,
+    loose_flesh,
+    loose_response,
+)
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import plain_model
 from fem.mismatch.selection.screening import LinearFit
-from fem.mismatch.signature_variant import ONE_WAY, AtGap
+from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.unilateral_contact import pressures
 from samples.brick_flesh import HOLDING_N_PER_MM, flesh_of
@@ -191,7 +197,7 @@ def test_an_oblong_pit_pressed_askew_turns_as_bricks_have_it_and_gives_way_more_
     semi_axes = (12.0, 9.0, 15.0)
     radius = np.mean(semi_axes)
     spring = 400 * HOLDING_N_PER_MM + THREADS_N_PER_MM * 2 / 3 * radius**2  # of the bricks' pit, N mm per rad
-    monkeypatch.setattr(fem.mismatch.model.loose_flesh, "TURNING_SHARE", spring / radius**3)
+    monkeypatch.setattr(loose_pit, "TURNING_SHARE", spring / radius**3)
     flesh = flesh_about(semi_axes)
     turned, held = (softer(flesh, ASKEW, pit_turns=turns) for turns in (True, False))
     assert turned - 1 == pytest.approx(softer_bricks(np.array(semi_axes), ASKEW) - 1, rel=0.1)
@@ -218,36 +224,23 @@ def test_the_contact_problem_agrees_with_least_squares_under_bounds():
         assert ((compliance @ pressure + q) > -1e-9).all()
 
 
-def grounded(history: GraspHistory) -> ForwardModel:
+def grounded(history: GraspHistory) -> CaseModel:
     """The coarse fruit under a recording of the pinch."""
-    pads = tuple(
-        PadMotion(
-            name=pad.name,
-            pose=np.tile(facing(np.sign(pad.force_N[:, :, 0].sum())), (len(history.time_s), 1, 1)),
-            normal_N=np.abs(pad.force_N[:, :, 0]).sum(axis=1),
-            markers=len(pad.rest_mm),
-        )
-        for pad in history.pads
-    )
-    grasp = GraspCase(name="pinch", history=history, pads=pads, support="free")
-    case = MismatchCase(
-        mesh=coarse_fruit.fruit_mesh(), grasps=(grasp,), poisson_ratio=NU, budget=ErrorBudget()
-    )
-    return ForwardModel(base=baseline(case), compliance=COMPLIANCE)
+    return CaseModel(base=plain_model(as_case(history)), compliance=COMPLIANCE)
 
 
 @cache
-def pinched() -> ForwardModel:
+def pinched() -> CaseModel:
     """Nothing but forces."""
     return grounded(coarse_fruit.pinch())
 
 
-def moved_by(unit: np.ndarray) -> ForwardModel:
+def moved_by(unit: np.ndarray) -> CaseModel:
     """A recording in which the markers have moved so, times 1/E, in the frames that a model is fitted to."""
     history = coarse_fruit.pinch()
     split = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
     whole = np.zeros((len(history.time_s), *unit.shape[1:]))
-    whole[pinched().base.grasps[0].used] = COMPLIANCE * unit
+    whole[pinched().grasps[0].used] = COMPLIANCE * unit
     pads = tuple(
         replace(pad, position_mm=pad.position_mm + shift_mm)
         for pad, shift_mm in zip(history.pads, np.split(whole, split, axis=1), strict=True)
@@ -255,27 +248,27 @@ def moved_by(unit: np.ndarray) -> ForwardModel:
     return grounded(replace(history, pads=pads))
 
 
-def work(forward: ForwardModel, unit: np.ndarray) -> float:
+def work(model: CaseModel, unit: np.ndarray) -> float:
     """Of the forces of the second frame, a symmetric pinch."""
-    recording = forward.base.grasps[0]
+    recording = model.grasps[0]
     return float((recording.over_time(recording.patterns)[1] * unit[1]).sum())
 
 
 def test_the_looser_the_pit_the_more_the_pinch_works():
-    forward = pinched()
-    recording = forward.base.grasps[0]
+    model = pinched()
+    recording = model.grasps[0]
     gaps = [0.0, 0.01, 0.02, 0.05, 10.0]
-    done = [work(forward, loose_response(forward, recording, gap, pit_turns=True)) for gap in gaps]
-    assert work(forward, recording.tracks.unit_displacement) < done[0]
+    done = [work(model, loose_response(model, recording, gap, pit_turns=True)) for gap in gaps]
+    assert work(model, recording.tracks.unit_displacement) < done[0]
     assert (np.diff(done) > -1e-12).all()
     assert done[-1] > 1.02 * done[0]
 
 
 @pytest.mark.parametrize("turns", [True, False])
 def test_the_pit_is_in_equilibrium_and_pulls_at_nothing(turns):
-    forward = pinched()
-    recording = forward.base.grasps[0]
-    flesh = loose_flesh(forward, recording)
+    model = pinched()
+    recording = model.grasps[0]
+    flesh = loose_flesh(model, recording)
     opening = recording.shares @ flesh.marker_response(recording)[1]
     pressure = pressures(flesh.compliance(pit_turns=turns), opening)[1]
     assert pressure.min() >= 0
@@ -285,8 +278,8 @@ def test_the_pit_is_in_equilibrium_and_pulls_at_nothing(turns):
 
 
 def test_between_the_frames_solved_for_contact_follows_the_load_not_the_clock():
-    forward, gap = pinched(), 0.002
-    recording = forward.base.grasps[0]
+    model, gap = pinched(), 0.002
+    recording = model.grasps[0]
     rise = [np.linspace(0, 0.5, 10), np.linspace(0.5, 0.52, 60), np.linspace(0.52, 1, 4)]
     load = np.concatenate([*rise, np.ones(9), np.linspace(1, 0.9, 40), np.linspace(0.9, 0, 4), np.zeros(3)])
     held = replace(
@@ -296,8 +289,8 @@ def test_between_the_frames_solved_for_contact_follows_the_load_not_the_clock():
         pose=np.repeat(recording.pose[:, 1:2], len(load), axis=1),
         load=load,
     )
-    response = loose_response(forward, held, gap, pit_turns=True)
-    flesh = loose_flesh(forward, recording)
+    response = loose_response(model, held, gap, pit_turns=True)
+    flesh = loose_flesh(model, recording)
     free, opening, pushed = flesh.marker_response(recording)
     each = pressures(flesh.compliance(pit_turns=True), held.shares @ opening + gap * flesh.area_mm2)
     assert (each.max(axis=1) > 0).sum() > MOST_FRAMES
@@ -306,11 +299,11 @@ def test_between_the_frames_solved_for_contact_follows_the_load_not_the_clock():
 
 
 def test_a_loose_pit_shows_as_its_own_model_less_the_bonded_answer():
-    unit = EFFECT.respond(pinched(), {"gap_mm": GAPS_MM[0]}, AtGap(gap_mm=GAPS_MM[0], pit_turns=True)).unit[0]
-    forward = moved_by(unit)
-    recording = forward.base.grasps[0]
-    first = EFFECT.signatures(forward)[0]
-    assert EFFECT.start(forward, first, np.ones(1)) == {"gap_mm": GAPS_MM[0]}
+    unit = EFFECT.respond(pinched(), {"gap_mm": GAPS_MM[0]}, at_gap(GAPS_MM[0], pit_turns=True)).unit[0]
+    model = moved_by(unit)
+    recording = model.grasps[0]
+    first = EFFECT.signatures(model)[0]
+    assert EFFECT.start(model, first, np.ones(1)) == {"gap_mm": GAPS_MM[0]}
     softer = moved_by(1.2 * unit)
     start = EFFECT.start(softer, EFFECT.signatures(softer)[0], np.ones(1))
     assert start["gap_mm"] == pytest.approx(1.2 * GAPS_MM[0], rel=5e-3)
@@ -319,13 +312,13 @@ def test_a_loose_pit_shows_as_its_own_model_less_the_bonded_answer():
     assert field == pytest.approx(expected, abs=1e-3 * np.abs(expected).max())
 
 
-def best_loose(forward: ForwardModel) -> LinearFit:
+def best_loose(model: CaseModel) -> LinearFit:
     """The markers have moved as the same mesh says."""
-    return screened_effects(forward, [EFFECT]).best[0]
+    return screened_effects(model, [EFFECT]).best[0]
 
 
 def test_a_bonded_pit_shows_no_looseness():
-    best = best_loose(moved_by(pinched().base.grasps[0].tracks.unit_displacement))
+    best = best_loose(moved_by(pinched().grasps[0].tracks.unit_displacement))
     assert best.gain <= 0
     assert best.amounts == pytest.approx([0], abs=0.05)
 
@@ -333,10 +326,10 @@ def test_a_bonded_pit_shows_no_looseness():
 @pytest.mark.parametrize("turns", [True, False])
 def test_of_a_gap_alone_the_way_that_fits_is_taken(turns):
     gap = {"gap_mm": 0.002 * COMPLIANCE}  # the pinch closes it
-    true_way, other = (AtGap(gap_mm=gap["gap_mm"], pit_turns=pit_turns) for pit_turns in (turns, not turns))
+    true_way, other = (at_gap(gap["gap_mm"], pit_turns=pit_turns) for pit_turns in (turns, not turns))
     bare = pinched()
-    forward = moved_by(loose_response(bare, bare.base.grasps[0], 0.002, pit_turns=turns))
-    ways = [EFFECT.respond(forward, gap, way).unit[0] for way in (true_way, other)]
-    response = EFFECT.respond(forward, gap, ONE_WAY).unit[0]
+    model = moved_by(loose_response(bare, bare.grasps[0], 0.002, pit_turns=turns))
+    ways = [EFFECT.respond(model, gap, way).unit[0] for way in (true_way, other)]
+    response = EFFECT.respond(model, gap, ONE_WAY).unit[0]
     assert np.abs(ways[0] - ways[1]).max() > 1e-3 * np.abs(ways[0]).max()
     np.testing.assert_array_equal(response, ways[0])

@@ -11,7 +11,7 @@ from fem.grasp_history import GraspHistory
 from fem.mismatch.effects import sensor_drift
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.selection.modulus_with import modulus_of
-from fem.mismatch.signature_variant import OfPad
+from fem.mismatch.signature_variant import of_pad
 
 AIR_S, AFTER = TIME_S[:3].mean(), 5
 E_MPA = 0.25
@@ -77,10 +77,10 @@ def test_without_frames_after_the_contact_nothing_is_said():
 
 def test_a_drift_that_markers_noise_hides_is_found_by_its_size_and_taken_out_of_the_modulus():
     rate = 0.02  # half a millinewton on a marker at the end, half its noise
-    forward, linear, again = linear_and_refitted(
+    model, linear, again = linear_and_refitted(
         let_go(injected_case(on_pad("right", lambda pad: pad)), rate), sensor_drift.EFFECT
     )
-    assert again.variants == (OfPad(pad="right"),)
+    assert again.variants == (of_pad("right"),)
     assert again.parameters[0]["newton_per_s"] == pytest.approx(rate, rel=0.1)
     assert linear.best[0].gain > 10
-    assert modulus_of(forward, again.response).value == pytest.approx(E_MPA, rel=0.03)
+    assert modulus_of(model, again.response).value == pytest.approx(E_MPA, rel=0.03)

@@ -7,19 +7,16 @@ import numpy as np
 import pytest
 from injected_mismatch import NU, finders_mesh, injected_case, on_pad, only_grasp
 
-import fem.mismatch.screen as module
 from fem.estimation.grasp_model import grasp_model
 from fem.estimation.prepared_grasp import prepared_grasp
 from fem.fem_failure import FemFailure
-from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.mismatch_case import MismatchCase
-from fem.mismatch.model import baseline
+from fem.mismatch.model import plain_model
 from fem.mismatch.screen import Screened, screen
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes
 
 GAIN = 1.06
-BY_NAME = {effect.spec.name: effect for effect in EFFECTS}
 
 
 @cache
@@ -86,7 +83,7 @@ def test_with_gradings_solid_nothing_is_assembled_or_factorised(monkeypatch):
 
     with monkeypatch.context() as patched:
         patched.setattr(UnitModulusSolid, "factorise", none_needed)
-        patched.setattr(baseline, "assemble", none_needed)
+        patched.setattr(plain_model, "assemble", none_needed)
         screened = screen_of(case)
     anew = screen(case)
     assert anew.p_value == pytest.approx(screened.p_value, rel=1e-3)
@@ -114,7 +111,3 @@ def test_an_effect_that_grading_takes_into_account_is_no_longer_found():
 def test_one_recording_alone_is_not_screened():
     with pytest.raises(FemFailure, match="record a second grasp at another place"):
         screen(only_grasp(injected_case(), 0))
-
-
-def test_what_the_screen_leaves_out_is_in_the_catalogue():
-    assert set(module.NOT_SCREENED) < set(BY_NAME)

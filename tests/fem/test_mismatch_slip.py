@@ -5,8 +5,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from fem.mismatch.effects.slip import LEVEL_MM, slip_path
 from fem.mismatch.evidence.friction_cone import ShearRatios
-from fem.mismatch.model.slip_path import LEVEL_MM, slip_path
 
 SPRING_RATIO = 0.25
 DEPTH_MM = 0.1

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from coarse_fruit import HALF_AXES_MM, NU
 from fem_shapes import ball
-from pinched_forward_model import COMPLIANCE, forward_of, in_full, pinched
+from pinched_case_model import COMPLIANCE, in_full, model_of, pinched
 
 from fem.elements.assembly import unit_lame_constants
 from fem.mesh.flesh_mesh import tetrahedralise
-from fem.mismatch.effects.soft_spot import CENTRE, EFFECT, variant_of
-from fem.mismatch.localisation.spot_search import Spot, best_spots
+from fem.mismatch.effects.soft_spot import CENTRE, EFFECT
+from fem.mismatch.localisation.spot_search import OTHERS, RADII_MM, best_spots
 from fem.mismatch.signature_variant import ONE_WAY
 from fem.solid.inclusion import ball_stiffness, drop_of
 from fem.solid.linear_solid import UnitModulusSolid
@@ -31,8 +31,8 @@ def softened_solid(solid: UnitModulusSolid, *, centre_mm, radius_mm, ratio) -> U
     return replace(solid, stiffness=stiffness, factor=factorise(reduced(stiffness, solid.kinematics)))
 
 
-def responded(forward, **changes: float) -> np.ndarray:
-    return EFFECT.respond(forward, {**TRUTH, **changes}, ONE_WAY).unit[0]
+def responded(model, **changes: float) -> np.ndarray:
+    return EFFECT.respond(model, {**TRUTH, **changes}, ONE_WAY).unit[0]
 
 
 def test_stiffness_of_the_ball_is_its_volume_times_the_energy_density_of_a_uniform_strain(solid_ball):
@@ -48,11 +48,11 @@ def test_stiffness_of_the_ball_is_its_volume_times_the_energy_density_of_a_unifo
 
 def test_reduced_space_agrees_with_a_solid_factorised_with_the_ball_in_it():
     base = pinched()
-    recording, solid = base.grasps[0], base.solid_of(base.grasps[0])
+    recording, solid = base.grasps[0], base.grasps[0].solid
     exact = softened_solid(solid, centre_mm=SPOT_MM, radius_mm=4.5, ratio=0.35)
-    expected = in_full(forward_of(), exact)
+    expected = in_full(model_of(), exact)
     plain = recording.tracks.unit_displacement
-    more = responded(forward_of()) - plain
+    more = responded(model_of()) - plain
     assert np.linalg.norm(more - (expected - plain)) < 0.02 * np.linalg.norm(expected - plain)
 
 
@@ -71,29 +71,26 @@ def test_soft_ball_in_a_large_body_gives_way_as_eshelby_says():
 
 
 def test_signature_is_the_slope_of_the_model_at_no_drop():
-    forward = forward_of()
+    model = model_of()
     small = 1e-3
-    spot = Spot(centre_mm=SPOT_MM, radius_mm=4.5, score=1.0, drop=1.0)
-    injected = forward_of(COMPLIANCE * (responded(forward) - forward.base.grasps[0].tracks.unit_displacement))
-    variant = EFFECT.signatures(injected)[1].variant
-    place = {**dict(zip(CENTRE, variant.centre_mm, strict=True)), "radius_mm": variant.radius_mm}
+    injected = model_of(COMPLIANCE * (responded(model) - model.grasps[0].tracks.unit_displacement))
+    place = dict(zip((*CENTRE, "radius_mm"), EFFECT.signatures(injected)[1].variant.values, strict=True))
     slope = responded(injected, **place, ratio=1 - small) - responded(injected, **place, ratio=1.0)
     given = EFFECT.signatures(injected)[1].columns[0].fields[0].markers
     assert np.linalg.norm(COMPLIANCE * slope / small - given) < 0.01 * np.linalg.norm(given)
-    assert variant_of(spot).radius_mm == 4.5
 
 
 def test_injected_spot_is_found_where_it_is_and_started_near_its_ratio():
-    plain = forward_of()
+    plain = model_of()
     rng = np.random.default_rng(3)
-    more = COMPLIANCE * (responded(plain) - plain.base.grasps[0].tracks.unit_displacement)
-    forward = forward_of(more + 0.004 * rng.normal(size=more.shape))
-    signatures = EFFECT.signatures(forward)
+    more = COMPLIANCE * (responded(plain) - plain.grasps[0].tracks.unit_displacement)
+    model = model_of(more + 0.004 * rng.normal(size=more.shape))
+    signatures = EFFECT.signatures(model)
     assert len(signatures) <= 6
-    away = [np.linalg.norm(signature.variant.centre_mm - SPOT_MM) for signature in signatures]
+    away = [np.linalg.norm(signature.variant.values[:3] - SPOT_MM) for signature in signatures]
     nearest = signatures[int(np.argmin(away))]
     assert min(away) < 3.0
-    start = EFFECT.start(forward, nearest, np.array([0.9]))
+    start = EFFECT.start(model, nearest, np.array([0.9]))
     assert 0.1 <= start["ratio"] <= 0.6
 
 
@@ -101,16 +98,17 @@ def test_without_a_spot_nothing_stands_out():
     """The greatest score of some hundred places by noise alone, against that of the injected spot."""
 
     def most(more: np.ndarray) -> float:
-        forward = forward_of(more)
+        model = model_of(more)
         left = [
             tracks.position_mm - tracks.place_mm - COMPLIANCE * tracks.unit_displacement
-            for tracks in (recording.tracks for recording in forward.base.grasps)
+            for tracks in (recording.tracks for recording in model.grasps)
         ]
-        spots = best_spots(forward, forward.adjoint_basis.observed(left))
+        observed = model.adjoint_basis.observed(left)
+        spots = best_spots(model, observed, radii_mm=RADII_MM, others=OTHERS)
         return max((spot.score for spot in spots), default=0.0)
 
-    plain = forward_of()
-    change = COMPLIANCE * (responded(plain) - plain.base.grasps[0].tracks.unit_displacement)
+    plain = model_of()
+    change = COMPLIANCE * (responded(plain) - plain.grasps[0].tracks.unit_displacement)
     noise = 0.004 * np.random.default_rng(4).normal(size=change.shape)
     assert most(noise) < 4.0
     assert most(change + noise) > 8.0
@@ -123,5 +121,5 @@ def test_a_ball_that_bears_nothing_leaves_the_fruit_as_it_is(centre_mm, share):
     """Outside of the flesh, or where next to nothing of the load passes."""
     place = dict(zip(CENTRE, centre_mm, strict=True))
     plain = pinched().grasps[0].tracks.unit_displacement
-    response = responded(forward_of(), **place, radius_mm=3.0)
+    response = responded(model_of(), **place, radius_mm=3.0)
     np.testing.assert_allclose(response, plain, atol=share * np.abs(plain).max())

@@ -8,18 +8,18 @@ import pytest
 from injected_mismatch import injected_case, only_grasp
 
 from fem.estimation.sensitivity import mean_normal
-from fem.mismatch.model.baseline import Baseline, baseline
+from fem.mismatch.model.plain_model import PlainModel, plain_model
 from fem.mismatch.model.touched_skin import with_touched_skin
 
 STRETCH, COMPLIANCE = 0.02, 2.0
 
 
 @cache
-def plain() -> Baseline:
-    return baseline(only_grasp(injected_case(noise=0.0), 0))
+def plain() -> PlainModel:
+    return plain_model(only_grasp(injected_case(noise=0.0), 0))
 
 
-def moving(field) -> Baseline:
+def moving(field) -> PlainModel:
     """The same recording, its skin moved by field(place, normal) times the load, for E = 1 MPa."""
     base = plain()
     recording = base.grasps[0]
@@ -35,7 +35,7 @@ def moving(field) -> Baseline:
     )
 
 
-def moved_places(base: Baseline) -> np.ndarray:
+def moved_places(base: PlainModel) -> np.ndarray:
     after = with_touched_skin(base, compliance=COMPLIANCE).grasps[0].case.history.pads
     before = base.grasps[0].case.history.pads
     return np.concatenate([a.surface_mm - b.surface_mm for a, b in zip(after, before, strict=True)])

@@ -55,8 +55,8 @@ def products(amount: float, *, share: float, ratio: float = 1.0, ways: int = 1) 
     )
     place = np.random.default_rng(8).normal(size=SHAPE[1:])
     position = place + COMPLIANCE * unit + amount * field + NOISE_MM * rng.normal(size=SHAPE)
-    forward = SimpleNamespace(compliance=COMPLIANCE, compliance_ratio=ratio, workers=1)
-    return GramMatrix(forward, [Recording(position, unit)], [column, *errors])
+    model = SimpleNamespace(compliance=COMPLIANCE, compliance_ratio=ratio, workers=1)
+    return GramMatrix(model, [Recording(position, unit)], [column, *errors])
 
 
 def gain(matrix: GramMatrix) -> float:

@@ -13,7 +13,7 @@ from fem.mismatch.selection import model_selection
 from fem.mismatch.selection.decision import MISFIT
 from fem.mismatch.selection.linear_explanations import Hypothesis
 from fem.mismatch.selection.model_selection import MOST_REFITS, ModelSelection, select_model
-from fem.mismatch.signature_variant import ONE_WAY, OfPad
+from fem.mismatch.signature_variant import ONE_WAY, of_pad
 
 BY_NAME = {effect.spec.name: effect for effect in EFFECTS}
 TYPICAL = 0.9 * MISFIT
@@ -52,7 +52,7 @@ class Round:
     def fits(self, name: str) -> list[SimpleNamespace]:
         if name not in self.pads:
             return [fit(name, 10.0)]
-        return [fit(name, gain, variant=OfPad(pad=pad)) for pad, gain in self.pads.items() if pad != name]
+        return [fit(name, gain, variant=of_pad(pad)) for pad, gain in self.pads.items() if pad != name]
 
     def refit(self, _forward, _linear, fits):
         name = "+".join(sorted(linear_fit.name for linear_fit in fits))
@@ -60,7 +60,7 @@ class Round:
         if name in self.fails:
             raise FemFailure(FemProblem.NOT_CONVERGED, "no such flesh")
         variant = fits[0].signature.variant
-        pad = variant.pad if isinstance(variant, OfPad) else ""
+        pad = variant.pad
         return SimpleNamespace(
             name=name,
             variants=(variant,),
@@ -162,7 +162,7 @@ def test_other_pads_share_the_probability_by_their_full_models(selected):
     )
     first = selected(case).ranking[0]
     assert first.refit is not None
-    assert first.refit.variants == (OfPad(pad="right"),)
+    assert first.refit.variants == (of_pad("right"),)
     ((share, other),) = first.alternatives
     assert share == pytest.approx(1 / 4)
-    assert other.variants == (OfPad(pad="left"),)
+    assert other.variants == (of_pad("left"),)

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from jaxtyping import Float
 
-from fem.mismatch.evidence.noise_of_change import NoiseOfChange, noise_of_change
+from fem.mismatch.model.force_noise import NoiseOfChange, noise_of_change
 
 DRAWS, NUMBERS = 4000, 30
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 from injected_mismatch import E_MPA, injected_case, linear_and_refitted
-from plain_model import plain_forward_model
+from plain_model import case_model
 
 from fem.elements.assembly import assemble
 from fem.estimation.compliance_fit import fit_compliance
@@ -15,8 +15,8 @@ from fem.estimation.prepared_grasp import prepared_grasp
 from fem.estimation.unit_response import marker_tracks
 from fem.mismatch.effect import Response
 from fem.mismatch.effects import pit_size
-from fem.mismatch.model.baseline import baseline
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import plain_model
 from fem.mismatch.procedure import as_graded
 from fem.mismatch.result import Modulus
 from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
@@ -61,7 +61,7 @@ def graded(case, prepared, models):
 
 @pytest.fixture(scope="module")
 def base(case):
-    return baseline(case)
+    return plain_model(case)
 
 
 @pytest.fixture(scope="module")
@@ -74,9 +74,9 @@ def compliances(case, base):
 
 
 @pytest.fixture(scope="module")
-def forward(case, models):
+def model(case, models):
     # flesh here moves by small strain
-    return replace(plain_forward_model(case)[0], graded=models, beyond_small_strain=False)
+    return replace(case_model(case)[0], graded=models, beyond_small_strain=False)
 
 
 def test_the_plain_model_of_explain_has_the_compliance_of_grading(
@@ -95,52 +95,50 @@ def test_of_one_recording_explaining_infers_the_modulus_and_its_error_bar_as_gra
 ):
     single = replace(base, grasps=base.grasps[:1])
     # flesh here moves by small strain
-    forward = ForwardModel(
-        base=single, compliance=compliances[0], graded=models[:1], beyond_small_strain=False
-    )
+    model = CaseModel(base=single, compliance=compliances[0], graded=models[:1], beyond_small_strain=False)
     unit = base.grasps[0].tracks.unit_displacement
     alone = joint_modulus([graded[0].evidence], budget=case.budget, infer_pit=False)
-    for modulus in (modulus_of(forward), modulus_of(forward, Response(unit=(unit,)))):
+    for modulus in (modulus_of(model), modulus_of(model, Response(unit=(unit,)))):
         assert modulus.value == pytest.approx(alone.E_MPa, rel=SAME)
         assert modulus.sd == pytest.approx(alone.E_sd_MPa, rel=0.02)
-    half = modulus_of(forward, Response(unit=[unit / 2])).value
-    assert half == pytest.approx(modulus_of(forward).value / 2, rel=SAME)
+    half = modulus_of(model, Response(unit=[unit / 2])).value
+    assert half == pytest.approx(modulus_of(model).value / 2, rel=SAME)
 
 
-def test_without_an_effect_it_is_what_grading_infers_of_all_grasps(case, graded, forward):
+def test_without_an_effect_it_is_what_grading_infers_of_all_grasps(case, graded, model):
     together = joint_modulus([estimate.evidence for estimate in graded], budget=case.budget, infer_pit=True)
-    modulus = modulus_of(forward)
+    modulus = modulus_of(model)
     assert modulus.value == pytest.approx(together.E_MPa, rel=2e-3)
     assert modulus.sd == pytest.approx(together.E_sd_MPa, rel=0.05)
     assert modulus.value == pytest.approx(E_MPA, rel=0.01)
 
 
-def test_a_recording_that_grading_has_no_modulus_of_has_no_part_in_it(case, graded, forward, models):
+def test_a_recording_that_grading_has_no_modulus_of_has_no_part_in_it(case, graded, model, models):
     alone = joint_modulus([graded[0].evidence], budget=case.budget, infer_pit=False)
-    lost = replace(forward, graded=(models[0], None))
-    first, second = (grasp.tracks.unit_displacement for grasp in forward.base.grasps)
+    lost = replace(model, graded=(models[0], None))
+    first, second = (grasp.tracks.unit_displacement for grasp in model.grasps)
     for modulus in (modulus_of(lost), modulus_of(lost, Response(unit=[first, -second]))):
         assert modulus.value == pytest.approx(alone.E_MPa, rel=2e-3)
         assert modulus.sd == pytest.approx(alone.E_sd_MPa, rel=0.05)
 
 
-def test_E_is_in_proportion_to_the_graded_one(forward):
-    half = Response(unit=[grasp.tracks.unit_displacement / 2 for grasp in forward.base.grasps])
-    graded = as_graded(forward, Modulus(value=0.3, sd=0.01))
+def test_E_is_in_proportion_to_the_graded_one(model):
+    half = Response(unit=[grasp.tracks.unit_displacement / 2 for grasp in model.grasps])
+    graded = as_graded(model, Modulus(value=0.3, sd=0.01))
     assert modulus_of(graded).value == pytest.approx(0.3)
-    ratio = modulus_of(forward, half).value / modulus_of(forward).value
+    ratio = modulus_of(model, half).value / modulus_of(model).value
     assert modulus_of(graded, half).value == pytest.approx(0.3 * ratio)
 
 
-def test_where_grading_has_none_it_is_the_mean_of_the_recordings_own_fits(forward):
-    plain = modulus_of(replace(forward, graded=()))
-    assert modulus_of(replace(forward, graded=(None, None))) == plain
+def test_where_grading_has_none_it_is_the_mean_of_the_recordings_own_fits(model):
+    plain = modulus_of(replace(model, graded=()))
+    assert modulus_of(replace(model, graded=(None, None))) == plain
     assert plain.value == pytest.approx(E_MPA, rel=0.02)
 
 
 def test_what_an_effect_searches_for_no_longer_counts_with_its_prior(case, models):
     again = linear_and_refitted(case, pit_size.EFFECT)[2]
-    again = replace(again, forward=replace(again.forward, graded=models))
+    again = replace(again, model=replace(again.model, graded=models))
     modulus = modulus_with(again)
-    assert modulus.at.sd < 0.97 * modulus_of(again.forward, again.response).sd
+    assert modulus.at.sd < 0.97 * modulus_of(again.model, again.response).sd
     assert modulus.known.sd > modulus.at.sd

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
-from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, mixture
+from fem.mismatch.result import NONE, UNKNOWN, HeldOut, Modulus, mixture
 from fem.mismatch.selection.linear_explanations import Hypothesis
-from fem.mismatch.selection.reported_modulus import reported_modulus
+from fem.mismatch.selection.reported_modulus import modulus_by, reported_modulus
 
 PLAIN = Modulus(value=0.4, sd=0.004)
 Z = norm.ppf(0.95)
@@ -17,35 +17,27 @@ Z = norm.ppf(0.95)
 
 def explanation(
     name: str, probability: float, *, E: float | None = None, change: tuple[float, float] | None = None
-) -> tuple[Hypothesis, Candidate]:
+) -> tuple[Hypothesis, Modulus | None]:
     """`E` by a refit; `change` (ratio, added spread) by a linear signature."""
     refit = None if E is None else SimpleNamespace()
-    modulus = None if E is None else Modulus(value=E, sd=0.01)
     hypothesis = Hypothesis(
         name=name,
         gain=0.0,
         probability=probability,
-        linear_fits=(),
         refit=refit,  # type: ignore[arg-type]
         modulus_change=change,
     )
-    candidate = Candidate(
-        effect=name,
-        probability=probability,
-        parameters={},
-        log_evidence=0.0,
-        gain=0.0,
-        refitted=E is not None,
-        modulus=modulus,
-    )
-    return hypothesis, candidate
+    return hypothesis, None if E is None else Modulus(value=E, sd=0.01)
 
 
 def reported(
-    *explanations: tuple[Hypothesis, Candidate], verdict: str = "skin", **options: object
+    *explanations: tuple[Hypothesis, Modulus | None],
+    verdict: str = "skin",
+    heldout: HeldOut | None = None,
+    hidden: float = 0.0,
 ) -> Modulus:
-    hypotheses, candidates = zip(*explanations, strict=True)
-    return reported_modulus(verdict, hypotheses, candidates, PLAIN, **options)  # type: ignore[arg-type]
+    weighed = [(known.probability, modulus_by(known, E, PLAIN, heldout)) for known, E in explanations]
+    return reported_modulus(verdict, weighed, PLAIN, hidden=hidden)
 
 
 def test_without_a_mismatch_E_is_the_plain_models() -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from coarse_fruit import fruit_mesh
 
-from fem.mismatch.model.forward_model import MemoTable
+from fem.mismatch.model.case_model import MemoTable
 from fem.parallel_map import parallel_map
 from fem.solid.flesh_pieces import FleshPieces
 from fem.solid.strain_field import FleshStrain

@@ -6,7 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from injected_mismatch import finders_mesh, injected_case
-from plain_model import plain_forward_model
+from plain_model import case_model
 
 from fem.estimation.sensitivity import mean_normal
 from fem.mesh.boundary_fit import t10_jacobians
@@ -14,7 +14,7 @@ from fem.mismatch.effects.skin import EFFECT as SKIN
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import GramMatrix, plain_data
 from fem.mismatch.evidence.surface_bias import surface_products, with_drawn_surface
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.shape_derivative import WAVE_MM, with_surface_error
 
@@ -23,7 +23,7 @@ SEEDS = (11, 12, 13)
 
 
 @cache
-def forward_with(error_mm: float, seed: int) -> ForwardModel:
+def forward_with(error_mm: float, seed: int) -> CaseModel:
     """The finder's model of a fruit without a skin, almost without noise; its mesh has a drawn error."""
     case = injected_case(noise=0.02)
     if error_mm:
@@ -35,26 +35,26 @@ def forward_with(error_mm: float, seed: int) -> ForwardModel:
         rng = np.random.default_rng(seed)
         case = replace(case, mesh=with_surface_error(case.mesh, pads, sd_mm=error_mm, rng=rng))
     case = replace(case, budget=replace(case.budget, surface_sd_mm=ERROR_MM))
-    return plain_forward_model(case)[0]
+    return case_model(case)[0]
 
 
-def equations_of(forward: ForwardModel) -> list[GraspEquations]:
-    return [GraspEquations.of(forward, recording) for recording in forward.base.grasps]
+def equations_of(model: CaseModel) -> list[GraspEquations]:
+    return [GraspEquations.of(model, recording) for recording in model.grasps]
 
 
-def product_of_skin(forward: ForwardModel) -> float:
+def product_of_skin(model: CaseModel) -> float:
     """phi . W y of a skin, the sum over recordings."""
-    (column,) = SKIN.signatures(forward)[0].columns
+    (column,) = SKIN.signatures(model)[0].columns
     total = 0.0
-    for equations, field in zip(equations_of(forward), column.fields, strict=True):
-        plain, weighed = equations.rows([plain_data(forward, equations), field])
+    for equations, field in zip(equations_of(model), column.fields, strict=True):
+        plain, weighed = equations.rows([plain_data(model, equations), field])
         total += float(weighed[1] @ plain[0])
     return total
 
 
-def expected_product(forward: ForwardModel) -> float:
-    signature = SKIN.signatures(forward)[0]
-    return float(surface_products(forward, equations_of(forward), [(SKIN, signature, (1,))], columns=2).sum())
+def expected_product(model: CaseModel) -> float:
+    signature = SKIN.signatures(model)[0]
+    return float(surface_products(model, equations_of(model), [(SKIN, signature, (1,))], columns=2).sum())
 
 
 def test_the_expected_product_is_the_mean_over_surface_errors_and_their_opposites() -> None:
@@ -69,14 +69,14 @@ def test_the_expected_product_is_the_mean_over_surface_errors_and_their_opposite
 
 
 def test_columns_of_other_effects_and_of_the_plain_model_stay() -> None:
-    forward = forward_with(0.0, 0)
-    equations = equations_of(forward)
-    signature = SKIN.signatures(forward)[0]
-    surface = surface_products(forward, equations, [(SKIN, signature, (2,))], columns=3)
+    model = forward_with(0.0, 0)
+    equations = equations_of(model)
+    signature = SKIN.signatures(model)[0]
+    surface = surface_products(model, equations, [(SKIN, signature, (2,))], columns=3)
     assert not surface[:, :2].any()
     columns = [replace(signature.columns[0], name="another"), *signature.columns]
-    before = GramMatrix(forward, equations, columns).products
-    after = GramMatrix(forward, equations, columns, surface=surface).products
+    before = GramMatrix(model, equations, columns).products
+    after = GramMatrix(model, equations, columns, surface=surface).products
     for k, (a, b) in enumerate(zip(before, after, strict=True)):
         change = np.zeros_like(a)
         change[0, 3] = change[3, 0] = -surface[k, 2]
@@ -97,13 +97,11 @@ def test_the_drawn_error_has_the_size_that_is_asked_for_and_turns_no_element() -
 
 
 def test_the_nearby_solid_is_the_factorised_one_to_first_order() -> None:
-    forward = forward_with(0.0, 0)
-    (solid,) = forward.base.solids.values()
-    nearby = with_drawn_surface(forward)
+    model = forward_with(0.0, 0)
+    (solid,) = model.base.solids.values()
+    nearby = with_drawn_surface(model)
     (moved,) = nearby.base.solids.values()
-    exact = UnitModulusSolid.factorise(
-        nearby.base.mesh, poisson_ratio=solid.poisson_ratio, support=solid.support
-    )
+    exact = UnitModulusSolid.factorise(nearby.mesh, poisson_ratio=solid.poisson_ratio, support=solid.support)
     field = np.random.default_rng(3).normal(size=3 * len(solid.mesh.nodes_mm))
     load = (solid.stiffness @ field).reshape(1, -1, 3)  # balanced
     before, expected = solid.displacement(load), exact.displacement(load)

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from injected_mismatch import E_MPA, NOISE_MM, TIME_S, injected_case, only_grasp, pads_under
-from plain_model import plain_forward_model, screened_effects
+from plain_model import case_model, screened_effects
 from scipy.spatial.transform import Rotation
 
 from fem.mismatch.catalogue import EFFECTS
@@ -47,12 +47,12 @@ def turned_case(turn_rad: np.ndarray) -> MismatchCase:
 
 def looked_at(case: MismatchCase) -> LinearRound:
     """The linear round with pose errors alone; flesh that moves little."""
-    forward, _ = plain_forward_model(case)
+    model, _ = case_model(case)
     with pytest.MonkeyPatch.context() as patch:  # the forces are exact: no model error stands for the turn
         patch.setattr(screening, "model_error_columns", lambda *_, **__: [])
         for module in (screening, beyond_small_strain):
             patch.setattr(module, "large_deformation", lambda _: [])
-        return screened_effects(forward, [POSE_ERROR])
+        return screened_effects(model, [POSE_ERROR])
 
 
 @pytest.mark.slow
@@ -70,26 +70,26 @@ def test_what_a_turn_adds_is_there_in_full_and_is_no_pose_error(monkeypatch):
 
 
 def test_markers_move_by_large_deformation_and_by_the_turn():
-    forward, _ = plain_forward_model(turned_case(TURN_RAD))
-    columns = beyond_small_strain.beyond_small_strain(forward)
+    model, _ = case_model(turned_case(TURN_RAD))
+    columns = beyond_small_strain.beyond_small_strain(model)
     assert [column.name for column in columns] == [LARGE_DEFORMATION, TURNED_FRUIT]
-    (flesh,), turn = large_deformation(forward), turned_fruit(forward, forward.base.grasps[0])
-    (both,) = displacement_beyond(forward)
-    (alone,) = displacement_beyond(forward, large_deformation=False)
-    np.testing.assert_allclose(both, forward.compliance * flesh + turn, rtol=1e-12)
+    (flesh,), turn = large_deformation(model), turned_fruit(model, model.grasps[0])
+    (both,) = displacement_beyond(model)
+    (alone,) = displacement_beyond(model, large_deformation=False)
+    np.testing.assert_allclose(both, model.compliance * flesh + turn, rtol=1e-12)
     np.testing.assert_array_equal(alone, turn)
 
 
 def test_nothing_is_added_where_the_fruit_does_not_turn():
-    forward, _ = plain_forward_model(only_grasp(injected_case(), 0))
-    assert turned_fruit(forward, forward.base.grasps[0]) is None
+    model, _ = case_model(only_grasp(injected_case(), 0))
+    assert turned_fruit(model, model.grasps[0]) is None
 
 
 def test_a_held_fruit_does_not_turn():
     case = turned_case(TURN_RAD)
     held = replace(case, grasps=(replace(case.grasps[0], support="base"),))
-    forward, _ = plain_forward_model(held)
-    assert turned_fruit(forward, forward.base.grasps[0]) is None
+    model, _ = case_model(held)
+    assert turned_fruit(model, model.grasps[0]) is None
 
 
 def test_turns_count_from_the_first_loading_of_each_contact():

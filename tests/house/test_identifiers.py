@@ -49,7 +49,7 @@ HOME_MADE = {
 HOME_MADE_NAMES = {
     "ALIKE": "design effect",
     "Column": "Regressor",
-    "Ground": "ForwardModel",
+    "Ground": "CaseModel",
     "LastRuns": "WarmStart",
     "MARKER_EXCESS": "variance inflation",
     "Memory": "memoised",

@@ -10,16 +10,11 @@ stretches of the pulled markers end: twice the largest less the second largest (
 "Estimation of a truncation point", Biometrika 51).
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
-import numpy as np
-from jaxtyping import Float
-
-from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
-from fem.mismatch.evidence.equation_cache import gels_stick, pull_of
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 REACH = "reach_mm"
@@ -37,7 +32,7 @@ SPEC = EffectSpec(
         "uses the forces with the pull in them.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             REACH,
             "mm",
             "how far the gel is drawn out before it lets go",
@@ -52,33 +47,30 @@ SPEC = EffectSpec(
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-@dataclass(frozen=True)
-class Adhesion:
+class Adhesion(Effect):
     """The effect; see the module."""
 
-    spec: EffectSpec = SPEC
+    seen_directly = True
 
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
         """One without columns, where markers pull."""
-        return [Signature(variant=ONE_WAY, columns=())] if gels_stick(forward) else []
+        return [Signature(variant=ONE_WAY, columns=())] if model.gels_stick else []
 
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
+    def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The reach as measured."""
-        return self.spec.within_bounds(pull_of(forward).reach_mm[0])
+        return self.spec.within_bounds(model.pull.reach_mm[0])
 
-    def direct_evidence(self, forward: ForwardModel) -> float:
+    def direct_evidence(self, model: CaseModel) -> float:
         """That of the markers that pull."""
-        return pull_of(forward).evidence
+        return model.pull.evidence
 
-    def measured_sd(self, forward: ForwardModel) -> dict[str, float]:
+    def measured_sd(self, model: CaseModel) -> dict[str, float]:
         """Of the reach."""
-        return {REACH: pull_of(forward).reach_mm[1]}
+        return {REACH: model.pull.reach_mm[1]}
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The plain model's: the recorded forces hold the pull."""
-        return Response.plain(forward)
+        return Response.plain(model)
 
 
-EFFECT: Effect = Adhesion()
+EFFECT: Effect = Adhesion(spec=SPEC)

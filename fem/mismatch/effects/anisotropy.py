@@ -4,9 +4,9 @@ import numpy as np
 
 from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.linear_law import LinearLaw, stress_operator
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.reduced_law import Operator
 
 ALONG_STEM = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
@@ -23,7 +23,7 @@ SPEC = EffectSpec(
         advice="Grasp all fruit in the same direction, or apply the effect to the batch.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             "axial",
             "1",
             "extra stiffness along the stem axis",
@@ -37,9 +37,9 @@ SPEC = EffectSpec(
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-def _along_the_stem(forward: ForwardModel) -> Operator:
-    mu, _ = unit_lame_constants(forward.poisson_ratio)
-    return stress_operator(forward, lambda strain: mu * strain * ALONG_STEM)
+def _along_the_stem(model: CaseModel) -> Operator:
+    mu, _ = unit_lame_constants(model.poisson_ratio)
+    return stress_operator(model, lambda strain: mu * strain * ALONG_STEM)
 
 
 EFFECT: Effect = LinearLaw(spec=SPEC, sd=0.8, derivative=_along_the_stem)

@@ -8,9 +8,9 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.moved_markers import MovedMarkers
-from fem.mismatch.model.baseline import GraspResponse
+from fem.mismatch.model.plain_model import GraspResponse
 
 STEP_S = 0.05
 """Of the difference quotient: about a frame, so that poses read in straight lines are smoothed. Set by
@@ -27,7 +27,7 @@ SPEC = EffectSpec(
         advice="Synchronise the clocks in the recorder. Apply the effect to the recordings made so far.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             "lag_s",
             "s",
             "how late force and displacement are against the jaws",

@@ -7,7 +7,7 @@ flesh strains more: dmax is less than the amount x, x / (1 + x).
 from fem.materials.mullins_damage import mullins_damage
 from fem.materials.strain_path import strain_energy
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.path_law import PathLawEffect
 
 SPEC = EffectSpec(
@@ -22,7 +22,7 @@ SPEC = EffectSpec(
         advice="Use the first squeeze of every fruit only, lower the force, and do not grasp a place twice.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             "dmax",
             "1",
             "most of the resistance that is lost",
@@ -31,7 +31,7 @@ SPEC = EffectSpec(
             high=0.95,
             model_share=0.04,
         ),
-        number(
+        EffectParameter(
             "W0_over_E",
             "1",
             "energy at which it is lost, over E",

@@ -25,11 +25,11 @@ from jaxtyping import Float
 
 from fem.elements.assembly import unit_lame_constants
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
-from fem.mismatch.kinds.fading_law import FadingLaw, Fields, lagged
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
+from fem.mismatch.kinds.fading_law import FadingLaw, lagged
 from fem.mismatch.kinds.linear_law import matrix_operator
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import Fields, GraspResponse
 from fem.mismatch.model.reduced_law import ReducedLaw, first_changes, reduced_laws
 
 LEAST_OWN = 1e-10
@@ -48,7 +48,7 @@ SPEC = EffectSpec(
         "modulus is the one at the first instant.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             "volume_share",
             "1",
             "share of the resistance to losing volume (Lame's lambda) that fades",
@@ -57,7 +57,7 @@ SPEC = EffectSpec(
             high=0.98,
             model_share=0.05,
         ),
-        number(
+        EffectParameter(
             "tau_s",
             "s",
             "time over which it fades",
@@ -115,35 +115,35 @@ class FadingVolume:
         return np.asarray(np.tensordot(g / (1 - g) * lag, self.at_markers, axes=1))
 
 
-def _volume_forces(forward: ForwardModel, moved: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r m 3"]:
+def _volume_forces(model: CaseModel, moved: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r m 3"]:
     """-lambda K_lambda U: minus the nodal forces by which the flesh resists losing volume."""
-    _, lame = unit_lame_constants(forward.poisson_ratio)
-    return np.asarray(-lame * matrix_operator(forward.parts.k_lambda)(moved))
+    _, lame = unit_lame_constants(model.poisson_ratio)
+    return np.asarray(-lame * matrix_operator(model.parts.k_lambda)(moved))
 
 
-def _at_once(forward: ForwardModel) -> Fields:
-    return first_changes(forward, lambda moved: _volume_forces(forward, moved))
+def _at_once(model: CaseModel) -> Fields:
+    return first_changes(model, lambda moved: _volume_forces(model, moved))
 
 
-def _fading_volumes(forward: ForwardModel) -> list[FadingVolume]:
+def _fading_volumes(model: CaseModel) -> list[FadingVolume]:
     """Of every recording, solved for once."""
 
     def compute() -> list[FadingVolume]:
-        mu, lame = unit_lame_constants(forward.poisson_ratio)
+        mu, lame = unit_lame_constants(model.poisson_ratio)
         laws = reduced_laws(
-            forward,
-            derivative=lambda moved: _volume_forces(forward, moved),
-            parts=(matrix_operator(forward.parts.k_mu), matrix_operator(forward.parts.k_lambda)),
+            model,
+            derivative=lambda moved: _volume_forces(model, moved),
+            parts=(matrix_operator(model.parts.k_mu), matrix_operator(model.parts.k_lambda)),
         )
         return [FadingVolume.of(law, mu=mu, lame=lame) for law in laws]
 
-    return forward.memoised(SPEC.name, compute)
+    return model.memoised(SPEC.name, compute)
 
 
-def _drained(forward: ForwardModel, share: float, tau_s: float) -> Fields:
+def _drained(model: CaseModel, share: float, tau_s: float) -> Fields:
     return [
         volume.change(recording, share=share, tau_s=tau_s)
-        for volume, recording in zip(_fading_volumes(forward), forward.base.grasps, strict=True)
+        for volume, recording in zip(_fading_volumes(model), model.grasps, strict=True)
     ]
 
 
@@ -151,5 +151,5 @@ EFFECT: Effect = FadingLaw(
     spec=SPEC,
     at_once=_at_once,
     response=_drained,
-    weight=lambda forward: float(np.mean([volume.typical_share for volume in _fading_volumes(forward)])),
+    weight=lambda model: float(np.mean([volume.typical_share for volume in _fading_volumes(model)])),
 )

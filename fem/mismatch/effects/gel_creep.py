@@ -18,7 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.evidence.gel_relation import GelRecord
 from fem.mismatch.gel_fault import GelFault
 
@@ -40,7 +40,7 @@ SPEC = EffectSpec(
         "markers are put back by what the gel has crept.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             CREEP,
             "1",
             "creep over displacement at once, after a long hold",
@@ -50,7 +50,7 @@ SPEC = EffectSpec(
             model_sd=0.003,
             model_share=0.03,
         ),
-        number(
+        EffectParameter(
             TAU,
             "s",
             "time over which it creeps",

@@ -17,7 +17,7 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.evidence.gel_relation import GelRecord
 from fem.mismatch.gel_fault import GelFault
 
@@ -44,7 +44,7 @@ SPEC = EffectSpec(
         "way back are corrected.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             SHARE,
             "1",
             "share of the force that lacks halfway down",

@@ -1,12 +1,12 @@
 """`graded_modulus`: E (1 + gamma (2 d - 1)), d the relative depth, 0 at the skin and 1 at the pit.
 
-E is that halfway. d by the distances to both (fem.mismatch.model.forward_model).
+E is that halfway. d by the distances to both (fem.mismatch.model.case_model).
 """
 
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.linear_law import LinearLaw, stress_operator
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.reduced_law import Operator
 from fem.solid.strain_field import elastic_stress
 
@@ -21,7 +21,7 @@ SPEC = EffectSpec(
         advice="Read the modulus as that of the flesh halfway between skin and pit.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             "gamma",
             "1",
             "change of firmness from skin (−) to pit (+)",
@@ -35,10 +35,10 @@ SPEC = EffectSpec(
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-def _graded(forward: ForwardModel) -> Operator:
-    grade = (2 * forward.depth - 1)[..., None]
+def _graded(model: CaseModel) -> Operator:
+    grade = (2 * model.depth - 1)[..., None]
     return stress_operator(
-        forward, lambda strain: grade * elastic_stress(strain, poisson_ratio=forward.poisson_ratio)
+        model, lambda strain: grade * elastic_stress(strain, poisson_ratio=model.poisson_ratio)
     )
 
 

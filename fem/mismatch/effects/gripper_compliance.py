@@ -7,10 +7,9 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.moved_markers import MovedMarkers
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.pads import pad_force
+from fem.mismatch.model.plain_model import GraspResponse
 
 SPEC = EffectSpec(
     name="gripper_compliance",
@@ -23,7 +22,7 @@ SPEC = EffectSpec(
         advice="Tighten the jaws. Apply the effect: travel is then corrected by what the jaws give way.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             "mm_per_N",
             "mm/N",
             "how far each jaw gives way per newton",
@@ -43,7 +42,7 @@ def _ahead(recording: GraspResponse, mm_per_N: float) -> Float[np.ndarray, "f n 
     ahead = np.empty_like(recording.tracks.position_mm)
     for k in range(len(recording.links)):
         normal = recording.pose[k][:, :3, 2]
-        force = np.einsum("fx,fx->f", pad_force(recording, k), normal)
+        force = np.einsum("fx,fx->f", recording.pad_force(k), normal)
         ahead[:, recording.pad_of_marker == k] = (mm_per_N * force[:, None] * normal)[:, None]
     return ahead
 

@@ -7,27 +7,33 @@ patch of that surface, u_n its displacement out of the pit and v_n the rigid pit
 
 for E = 1 MPa: Signorini's conditions (Kikuchi and Oden 1988, Contact Problems in Elasticity). The answer
 depends on the forces of the moment alone. These are of a pit that turns until next to no moment is left on
-it. One that friction holds (fem.mismatch.model.loose_flesh) does not turn; pressed askew, flesh about an
+it. One that friction holds (fem.mismatch.effects.loose_pit) does not turn; pressed askew, flesh about an
 oblong pit gives way up to three times as much more than bonded flesh if the pit turns, so that these are two
 ways of the effect to show. Signature: this less the bonded answer, for a few gaps and both ways, amount 1.
 However small the gap, the amount is not: what asks for less than LEAST_AMOUNT of it is something else.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.sparse import coo_array, csr_array
+from scipy.spatial import cKDTree
 
+from fem.elements.shape_functions import TET_FACES, t6_gradient, t6_shape, tri_quadrature
 from fem.fem_failure import FemFailure, FemProblem
-from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
-from fem.mismatch.evidence.equation_cache import marker_equations
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.loose_flesh import loose_flesh
-from fem.mismatch.signature_variant import AtGap, Variant, gap_of, significant
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.mesh.surface_points import spread_out
+from fem.mesh.tetrahedra import boundary_faces
+from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import Fields, GraspResponse
+from fem.mismatch.signature_variant import Variant, significant
+from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.rigid_core import pit_centre_mm, rigid_modes
 from fem.solid.unilateral_contact import pressures
 
 GAP = "gap_mm"
@@ -58,7 +64,7 @@ SPEC = EffectSpec(
         advice="Nothing is wrong with the fruit. Read the modulus with the gap taken out.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             GAP,
             "mm",
             "gap between flesh and pit",
@@ -74,80 +80,60 @@ SPEC = EffectSpec(
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-@dataclass(frozen=True)
-class LoosePit:
+class LoosePit(Effect):
     """The effect; see the module."""
 
-    spec: EffectSpec = SPEC
-
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
         """One for each gap, about a pit that turns and one that does not; none where the flesh has no pit.
 
         The flesh is solved for a gap over 1/E. Its own 1/E is fitted afterwards, and with it the gap in mm.
         """
-        if not len(forward.base.mesh.pit_nodes):
+        if not len(model.mesh.pit_nodes):
             return []
         signatures = []
         for pit_turns, gap_mm in product((True, False), GAPS_MM):
             try:
-                unit = _responses(forward, gap_mm / forward.compliance, pit_turns=pit_turns)
+                unit = _responses(model, gap_mm / model.compliance, pit_turns=pit_turns)
             except FemFailure as failure:
-                way = AtGap(gap_mm=gap_mm, pit_turns=pit_turns)
+                way = at_gap(gap_mm, pit_turns=pit_turns)
                 signatures.append(Signature(variant=way, columns=(), untried=failure.detail))
                 continue
-            share = _fitted(forward, unit) / forward.compliance
-            way = AtGap(gap_mm=significant(gap_mm * share, 3), pit_turns=pit_turns)
-            more = [
-                forward.compliance * (loose - recording.tracks.unit_displacement)
-                for recording, loose in zip(forward.base.grasps, unit, strict=True)
-            ]
-            signatures.append(
-                Signature.of_markers("loose", more, sd=1.0, variant=way, positive=True, least=LEAST_AMOUNT)
-            )
+            share = _fitted(model, unit) / model.compliance
+            way = at_gap(significant(gap_mm * share, 3), pit_turns=pit_turns)
+            column = Response(unit=unit).column(model, "loose", sd=1.0, positive=True, least=LEAST_AMOUNT)
+            signatures.append(Signature(variant=way, columns=(column,)))
         return signatures
 
-    def start(
-        self,
-        forward: ForwardModel,
-        signature: Signature,
-        amounts: Float[np.ndarray, " k"],
-    ) -> dict[str, float]:
+    def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The signature's own gap: its amount is the fitted 1/E over the plain model's."""
-        return self.spec.within_bounds(gap_of(signature.variant).gap_mm)
+        return self.spec.within_bounds(signature.variant.values[0])
 
-    def respond(
-        self,
-        forward: ForwardModel,
-        parameters: Mapping[str, float],
-        variant: Variant,
-    ) -> Response:
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """Every recording's markers on flesh that touches its pit where it is pressed on it.
 
         Where the variant does not say whether the pit turns (ONE_WAY, of settings) both are computed, and the
         one that fits the recordings better is taken. Raises FemFailure where neither can be computed.
         """
         gap_mm = parameters[GAP]
-        if isinstance(variant, AtGap):
-            return Response(unit=self._fixed_point(forward, gap_mm, pit_turns=variant.pit_turns))
-        responses: list[list[Float[np.ndarray, "_f _n 3"]]] = []
+        if variant.pit_turns is not None:
+            return Response(unit=self._fixed_point(model, gap_mm, pit_turns=variant.pit_turns))
+        responses: list[Fields] = []
         failures: list[FemFailure] = []
         for turns in (True, False):
             try:
-                responses.append(self._fixed_point(forward, gap_mm, pit_turns=turns))
+                responses.append(self._fixed_point(model, gap_mm, pit_turns=turns))
             except FemFailure as failure:
                 failures.append(failure)
         if not responses:
             raise failures[0]
-        return Response(unit=max(responses, key=lambda unit: _explained(forward, unit)))
+        return Response(unit=max(responses, key=lambda unit: _explained(model, unit)))
 
     @staticmethod
-    def _fixed_point(
-        forward: ForwardModel, gap_mm: float, *, pit_turns: bool
-    ) -> list[Float[np.ndarray, "_f _n 3"]]:
-        compliance = forward.compliance
+    def _fixed_point(model: CaseModel, gap_mm: float, *, pit_turns: bool) -> Fields:
+        compliance = model.compliance
         for _ in range(MOST_ROUNDS):
-            unit, before = _responses(forward, gap_mm / compliance, pit_turns=pit_turns), compliance
-            compliance = _fitted(forward, unit)
+            unit, before = _responses(model, gap_mm / compliance, pit_turns=pit_turns), compliance
+            compliance = _fitted(model, unit)
             if abs(compliance / before - 1) < STILL:
                 return unit
         raise FemFailure(
@@ -157,21 +143,27 @@ class LoosePit:
         )
 
 
-EFFECT: Effect = LoosePit()
+EFFECT: Effect = LoosePit(spec=SPEC)
 
 
-def _responses(forward: ForwardModel, gap: float, *, pit_turns: bool) -> list[Float[np.ndarray, "_f _n 3"]]:
+def at_gap(gap_mm: float, *, pit_turns: bool) -> Variant:
+    """A gap about the pit, from which the search starts; whether the pit turns in it."""
+    label = f"gap {gap_mm:g} mm, pit {'turns' if pit_turns else 'does not turn'}"
+    return Variant(label=label, values=(gap_mm,), pit_turns=pit_turns)
+
+
+def _responses(model: CaseModel, gap: float, *, pit_turns: bool) -> Fields:
     """Of every recording, for a gap of so many mm MPa."""
-    return forward.each(lambda recording: loose_response(forward, recording, gap, pit_turns=pit_turns))
+    return model.each(lambda recording: loose_response(model, recording, gap, pit_turns=pit_turns))
 
 
 def loose_response(
-    forward: ForwardModel, recording: GraspResponse, gap: float, *, pit_turns: bool
+    model: CaseModel, recording: GraspResponse, gap: float, *, pit_turns: bool
 ) -> Float[np.ndarray, "f n 3"]:
     """The markers' displacement, mm MPa, for a gap of so many mm MPa."""
-    flesh = loose_flesh(forward, recording)
+    flesh = loose_flesh(model, recording)
     key = ("loose answer", recording.case.name)
-    free, opening, pushed = forward.memoised(key, lambda: flesh.marker_response(recording))
+    free, opening, pushed = model.memoised(key, lambda: flesh.marker_response(recording))
     open_by = recording.shares @ opening + gap * flesh.area_mm2
     path, frames = _spread(recording.shares)
     contact_pressure = pressures(flesh.compliance(pit_turns=pit_turns), open_by[frames])
@@ -192,25 +184,136 @@ def _spread(
     return path, np.union1d(even.clip(max=len(path) - 1), peaks)
 
 
-def _fitted(forward: ForwardModel, unit: Sequence[Float[np.ndarray, "_f _n 3"]]) -> float:
+def _fitted(model: CaseModel, unit: Fields) -> float:
     """1/E where the markers move so under the forces."""
-    normal, right = _normal_equation(forward, unit)
-    return max(right / normal, forward.compliance / 10)
+    _, along, plain = model.compliance_products(unit)
+    return max(along / plain, model.compliance / 10)
 
 
-def _explained(forward: ForwardModel, unit: Sequence[Float[np.ndarray, "_f _n 3"]]) -> float:
+def _explained(model: CaseModel, unit: Fields) -> float:
     """How much of the markers' chi-square such motion explains, at its best 1/E."""
-    normal, right = _normal_equation(forward, unit)
-    return max(right, 0.0) ** 2 / normal
+    _, along, plain = model.compliance_products(unit)
+    return max(along, 0.0) ** 2 / plain
 
 
-def _normal_equation(
-    forward: ForwardModel, unit: Sequence[Float[np.ndarray, "_f _n 3"]]
-) -> tuple[float, float]:
-    """u' W u and u' W y of all recordings; their 1/E is the second over the first."""
-    normal = right = 0.0
-    for recording, displacement in zip(forward.base.grasps, unit, strict=True):
-        heavy = marker_equations(forward, recording).weighed(displacement)
-        normal += float((heavy * displacement).sum())
-        right += float((heavy * (recording.tracks.position_mm - recording.tracks.place_mm)).sum())
-    return normal, right
+MOST_PATCHES = 200
+"""On the pit's surface: a solution each, about 3 mm apart on a nectarine's pit. Set by hand."""
+AT_ONCE = 50
+"""Right-hand sides solved together: memory, nothing else."""
+HELD_N_PER_MM = 1e-3
+"""Stiffness (at E = 1 MPa) of the springs that keep the pit from floating off."""
+TURNING_SHARE = 0.02
+"""Stiffness against turning of a pit that is free to turn, N mm per rad, as a share of E r^3 (r: its mean
+radius; bonded in flesh it is 8 pi G r^3 = 8.7 E r^3). Without it a pit that is almost round would turn by
+radians to give way by tenths of a millimetre, where motions are linear for angles below about 0.1. Set by
+hand, of the size of the samples' own (8 N mm per rad, whatever E). It matters for pits that are a little
+oblong: one of semi-axes 10.5, 9.5 and 10 mm, pressed askew by 9 N at 1 MPa, makes flesh softer by 21, 17 and
+14 % with a third of it, with it (0.11 rad) and with three times as much, by 11 % if it does not turn. The
+moment of this spring, and that on a pit that does not turn, is not given back to the flesh as friction: that
+changes how much softer flesh is about a held pit of 12, 9 and 15 mm by 4 % of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class LooseFlesh:
+    """`shifting`: openings (times area) under pressures, the pit's shift included; `turning`: what its
+    turning adds to them; `skin`: the skin's displacement under each pressure; all for E = 1 MPa.
+    """
+
+    solid: UnitModulusSolid
+    load: csr_array
+    area_mm2: Float[np.ndarray, " c"]
+    shifting: Float[np.ndarray, "c c"]
+    turning: Float[np.ndarray, "c c"]
+    skin: Float[np.ndarray, "c o 3"]
+
+    @classmethod
+    def of(cls, bonded: UnitModulusSolid) -> "LooseFlesh":
+        """The same flesh, held alike, without its pit: one more factorisation and one solve per patch."""
+        mesh = bonded.mesh
+        solid = UnitModulusSolid.factorise(
+            replace(mesh, pit_nodes=np.zeros(0, dtype=mesh.pit_nodes.dtype)),
+            poisson_ratio=bonded.poisson_ratio,
+            support=bonded.support,
+            parts=bonded.parts,
+        )
+        load, area = patches(mesh)
+        count = load.shape[1]
+        skin = np.empty((count, len(bonded.contact_nodes), 3))
+        compliance = np.empty((count, count))
+        for start in range(0, count, AT_ONCE):
+            these = slice(start, min(start + AT_ONCE, count))
+            moved = solid.displacement(_as_loads(load[:, these]))
+            skin[these] = moved[:, bonded.contact_nodes]
+            compliance[these] = (load.T @ moved.reshape(len(moved), -1).T).T
+        shift, turn = _pit_gives(mesh, load)
+        return cls(
+            solid=replace(solid, contact_nodes=bonded.contact_nodes),
+            load=load,
+            area_mm2=area,
+            shifting=(compliance + compliance.T) / 2 + shift,
+            turning=turn,
+            skin=skin,
+        )
+
+    def compliance(self, *, pit_turns: bool) -> Float[np.ndarray, "c c"]:
+        """Openings (times area) under pressures, about a pit that turns or does not."""
+        return self.shifting + self.turning if pit_turns else self.shifting
+
+    def marker_response(
+        self, recording: GraspResponse
+    ) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "r c"], Float[np.ndarray, "c n 3"]]:
+        """Under a recording's patterns: its markers and the patches (times area) with no pressure inside; and
+        the markers under each patch's pressure."""
+        moved = self.solid.displacement(recording.loads(recording.patterns))
+        opening = (self.load.T @ moved.reshape(len(moved), -1).T).T
+        return recording.at_markers(moved), opening, recording.seen(self.skin)
+
+
+def loose_flesh(model: CaseModel, recording: GraspResponse) -> LooseFlesh:
+    """The flesh of this recording's support, made once."""
+    support = recording.case.support
+    return model.memoised(("loose flesh", support), lambda: LooseFlesh.of(recording.solid))
+
+
+def patches(mesh: FleshMesh) -> tuple[csr_array, Float[np.ndarray, " c"]]:
+    """B (3 n, c) and the patches' areas, mm2."""
+    faces = inner_faces(mesh)
+    points, weights = tri_quadrature()
+    x = mesh.nodes_mm[faces]
+    slope = np.einsum("qdn,knx->kqdx", t6_gradient(points), x)
+    normal = np.cross(slope[:, :, 1], slope[:, :, 0])  # out of the pit; its length is the area's
+    hats = np.column_stack([1 - points.sum(axis=1), points])
+    pushes = np.einsum("q,qa,qh,kqx->khax", weights, t6_shape(points), hats, normal)
+    spread = np.einsum("q,qh,kq->kh", weights, hats, np.linalg.norm(normal, axis=2))
+    corners, place = np.unique(faces[:, :3], return_inverse=True)
+    corner_mm = mesh.nodes_mm[corners]
+    chosen = spread_out(corner_mm, most=MOST_PATCHES)
+    patch = np.asarray(cKDTree(corner_mm[chosen]).query(corner_mm)[1])[place].reshape(-1, 3)
+    rows = np.broadcast_to(3 * faces[:, None, :, None] + np.arange(3), pushes.shape)
+    columns = np.broadcast_to(patch[:, :, None, None], pushes.shape)
+    shape = (3 * len(mesh.nodes_mm), int(patch.max()) + 1)
+    load = coo_array((pushes.ravel(), (rows.ravel(), columns.ravel())), shape=shape).tocsr()
+    return load, np.bincount(patch.ravel(), weights=spread.ravel())
+
+
+def inner_faces(mesh: FleshMesh) -> Int[np.ndarray, "k 6"]:
+    """T6 faces round the pit, their normals out of the flesh."""
+    _, whose = boundary_faces(mesh.tets[:, :4])
+    tet, side = whose.T
+    faces = mesh.tets[tet[:, None], TET_FACES[side]]
+    return np.asarray(faces[np.isin(faces, mesh.pit_nodes).all(axis=1)])
+
+
+def _pit_gives(mesh: FleshMesh, load: csr_array) -> tuple[Float[np.ndarray, "c c"], Float[np.ndarray, "c c"]]:
+    """What the pit's shift and its turning add to the openings, by work: H H' / stiffness."""
+    pit = mesh.nodes_mm[mesh.pit_nodes]
+    centre = pit_centre_mm(mesh.nodes_mm, mesh.pit_nodes)
+    radius_mm = float(np.linalg.norm(pit - centre, axis=1).mean())
+    push = load.T @ rigid_modes(mesh.nodes_mm, centre_mm=centre).reshape(-1, 6)
+    shift, turn = push[:, :3], push[:, 3:]
+    return shift @ shift.T / HELD_N_PER_MM, turn @ turn.T / (TURNING_SHARE * radius_mm**3)
+
+
+def _as_loads(columns: csr_array) -> Float[np.ndarray, "f n 3"]:
+    dense = columns.toarray().T
+    return np.ascontiguousarray(dense).reshape(len(dense), -1, 3)

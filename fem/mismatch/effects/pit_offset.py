@@ -2,7 +2,7 @@
 
 from fem.estimation.sensitivity import PIT_OFFSET
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, vector
+from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.pit_change import PitChange
 
 SPEC = EffectSpec(
@@ -16,11 +16,12 @@ SPEC = EffectSpec(
         advice="Apply the effect for this fruit. Where many fruit of a lot show it, change the pit prior.",
     ),
     parameters=(
-        vector(
+        EffectParameter(
             "offset_mm",
             "mm",
             "where the pit is, less where it is expected",
             components=3,
+            model_share=0.0,
             limits=(-100.0, 100.0),
             low=-6.0,
             high=6.0,

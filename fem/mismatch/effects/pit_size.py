@@ -4,7 +4,7 @@ import numpy as np
 
 from fem.estimation.sensitivity import PIT_SIZE
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.pit_change import PitChange
 
 SPEC = EffectSpec(
@@ -19,7 +19,9 @@ SPEC = EffectSpec(
         "prior of its own.",
     ),
     parameters=(
-        number("scale", "1", "size of the pit over the expected", limits=(0.01, 100.0), low=0.5, high=1.5),
+        EffectParameter(
+            "scale", "1", "size of the pit over the expected", limits=(0.01, 100.0), low=0.5, high=1.5
+        ),
     ),
     correction=Correction.PIT_SIZE,
     of_the_pit=True,

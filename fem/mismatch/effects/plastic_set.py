@@ -7,7 +7,7 @@ flesh that has yielded sheds load on its neighbours.
 from fem.materials.strain_path import deviator, von_mises
 from fem.materials.von_mises_set import von_mises_set
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.path_law import PathLawEffect
 
 SPEC = EffectSpec(
@@ -21,7 +21,7 @@ SPEC = EffectSpec(
         advice="Lower the gripper's force for this lot; the fruit grasped so far may show bruises.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             "yield_over_E",
             "1",
             "stress at which a dent stays, over E",

@@ -5,9 +5,9 @@ from jaxtyping import Float
 
 from fem.elements.assembly import LARGEST_POISSON_RATIO, unit_lame_constants
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.linear_law import LinearLaw, matrix_operator
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.reduced_law import Operator
 
 SPEC = EffectSpec(
@@ -21,17 +21,19 @@ SPEC = EffectSpec(
         advice="Apply the effect: the ratio goes into the batch's settings.",
     ),
     parameters=(
-        number("nu", "1", "Poisson's ratio", limits=(0.0, LARGEST_POISSON_RATIO), low=0.05, high=0.4995),
+        EffectParameter(
+            "nu", "1", "Poisson's ratio", limits=(0.0, LARGEST_POISSON_RATIO), low=0.05, high=0.4995
+        ),
     ),
     correction=Correction.POISSON_RATIO,
 )
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-def _derivative(forward: ForwardModel) -> Operator:
+def _derivative(model: CaseModel) -> Operator:
     def change(displacement: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
         flat = displacement.reshape(len(displacement), -1).T
-        forces = forward.parts.change_with_poisson_ratio(flat, poisson_ratio=forward.poisson_ratio)
+        forces = model.parts.change_with_poisson_ratio(flat, poisson_ratio=model.poisson_ratio)
         return np.ascontiguousarray(forces.T).reshape(displacement.shape)
 
     return change
@@ -41,9 +43,9 @@ EFFECT: Effect = LinearLaw(
     spec=SPEC,
     sd=0.06,
     derivative=_derivative,
-    parts=lambda forward: (matrix_operator(forward.parts.k_mu), matrix_operator(forward.parts.k_lambda)),
+    parts=lambda model: (matrix_operator(model.parts.k_mu), matrix_operator(model.parts.k_lambda)),
     amounts=unit_lame_constants,
-    null=lambda forward: forward.poisson_ratio,
+    null=lambda model: model.poisson_ratio,
 )
 """Elastic flesh has less than 0.5, where K grows without end; 0.06 is a wide prior about the assumed one (set
 by hand)."""

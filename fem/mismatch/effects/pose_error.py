@@ -9,28 +9,27 @@ where they seem to sit. A shear that turns the fruit by 2 degrees takes a pad th
 millimetre elsewhere.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import PAD, Correction, EffectSpec, EffectWords, Scope, number, vector
-from fem.mismatch.evidence.equation_cache import balance_equations, marker_equations
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import ARM_MM, ObservationDelta, Regressor, wrench
-from fem.mismatch.model.pads import own_markers, pads_of, response_to, slid_response, turn_of
-from fem.mismatch.model.quadratic_surrogate import quadratic_surrogate
-from fem.mismatch.signature_variant import OfPad, Variant, pad_of
+from fem.mismatch.effect import Effect, Parameters, Response, Signature
+from fem.mismatch.effect_spec import PAD, Correction, EffectParameter, EffectSpec, EffectWords, Scope
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.inner_changes import slid_response
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.model.plain_model import ARM_MM, GraspResponse
+from fem.mismatch.model.warm_start import quadratic_surrogate
+from fem.mismatch.signature_variant import Variant, of_pad
 from fem.solid.pad_link import pad_link
 
 NAMES = ("shift_mm.0", "shift_mm.1", "tilt_deg")
 PRIOR_SD = 2.5
 """Of each parameter, mm and degrees."""
 FAR = 0.1
-"""See fem.mismatch.model.quadratic_surrogate. A shift beside a tilt of twice its size would else never be
+"""See fem.mismatch.model.warm_start. A shift beside a tilt of twice its size would else never be
 looked at itself."""
 
 SPEC = EffectSpec(
@@ -45,17 +44,18 @@ SPEC = EffectSpec(
     ),
     parameters=(
         PAD,
-        vector(
+        EffectParameter(
             "shift_mm",
             "mm",
             "shift of the pad in its plane",
             components=2,
+            model_share=0.0,
             limits=(-100.0, 100.0),
             low=-7.0,
             high=7.0,
             model_sd=0.5,
         ),
-        number(
+        EffectParameter(
             "tilt_deg",
             "deg",
             "tilt of the pad",
@@ -71,66 +71,54 @@ SPEC = EffectSpec(
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-@dataclass(frozen=True)
-class PoseError:
+class PoseError(Effect):
     """One pad; which is the signature's variant."""
 
-    spec: EffectSpec = SPEC
-
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
         """The pad slid along its x and y, and tilted by a degree."""
         signatures = []
-        for pad in pads_of(forward):
-            first_orders = [_first_order(forward, recording, pad) for recording in forward.base.grasps]
+        for pad in model.pads:
+            first_orders = [_first_order(model, recording, pad) for recording in model.grasps]
             columns = tuple(
                 Regressor(
                     name=f"{pad} {name}",
                     sd=PRIOR_SD,
                     fields=[
-                        ObservationDelta(
-                            markers=shift[k] - forward.compliance * -unit[k],
-                            balance=balance[k],
-                        )
+                        ObservationDelta(markers=shift[k] + model.compliance * unit[k], balance=balance[k])
                         for unit, shift, balance in first_orders
                     ],
                 )
                 for k, name in enumerate(NAMES)
             )
-            signatures.append(Signature(variant=OfPad(pad=pad), columns=columns))
+            signatures.append(Signature(variant=of_pad(pad), columns=columns))
         return signatures
 
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
-        """The amounts are the parameters."""
-        return self.spec.within_bounds(*amounts)
-
-    def other_start(self, forward: ForwardModel, variant: Variant) -> dict[str, float] | None:
+    def other_start(self, model: CaseModel, variant: Variant) -> dict[str, float] | None:
         """What best balances forces and moments of all recordings, to first order.
 
         Turned pads and moved ones balance each other: a shift of 2 mm may all but vanish from the amounts.
         """
-        pad = pad_of(variant)
+        pad = variant.pad
         normal, right = np.diag(np.full(len(NAMES), PRIOR_SD**-2.0)), np.zeros(len(NAMES))
         free = False
-        for recording in forward.base.grasps:
-            equations = balance_equations(forward, recording)
+        for recording in model.grasps:
+            equations = model.balance_equations(recording)
             if equations is None or pad not in recording.pad_names:
                 continue
-            columns, free = _first_order(forward, recording, pad)[2], True
+            columns, free = _first_order(model, recording, pad)[2], True
             weighed = np.stack([equations.weighed(column) for column in columns])
             normal += np.tensordot(weighed, columns, axes=([1, 2], [1, 2]))
             right += np.tensordot(weighed, equations.measured, axes=2)
         return self.spec.within_bounds(*np.linalg.solve(normal, right)) if free else None
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The pad linked to the skin where it truly was."""
         theta = np.array([parameters[name] for name in NAMES])
-        grasps, pad = forward.base.grasps, pad_of(variant)
+        grasps, pad = model.grasps, variant.pad
 
         def first_order(at: Float[np.ndarray, "3"]) -> list[list[np.ndarray]]:
             changes = [
-                [np.tensordot(at, change, axes=1) for change in _first_order(forward, recording, pad)]
+                [np.tensordot(at, change, axes=1) for change in _first_order(model, recording, pad)]
                 for recording in grasps
             ]
             return [
@@ -139,11 +127,11 @@ class PoseError:
             ]
 
         responses = quadratic_surrogate(
-            forward.warm_starts,
-            (self.spec.name, pad, forward.compliance),
+            model.warm_starts,
+            (self.spec.name, pad, model.compliance),
             theta,
             first_order=first_order,
-            exact=lambda at: forward.each(lambda recording: _exact(forward, recording, pad, at)),
+            exact=lambda at: model.each(lambda recording: _exact(model, recording, pad, at)),
             far=FAR,
         )
         unit, shift_mm, balance = (list(channel) for channel in zip(*responses, strict=True))
@@ -151,7 +139,7 @@ class PoseError:
 
 
 def _first_order(
-    forward: ForwardModel, recording: GraspResponse, pad: str
+    model: CaseModel, recording: GraspResponse, pad: str
 ) -> tuple[Float[np.ndarray, "3 f n 3"], Float[np.ndarray, "3 f n 3"], Float[np.ndarray, "3 f 6"]]:
     """d(unit displacement), d(shift of positions), d(imbalance) per mm, mm and degree."""
 
@@ -162,34 +150,33 @@ def _first_order(
         if pad not in recording.pad_names:
             return unit, shift, balance
         number = recording.pad_names.index(pad)
-        axes, markers = turn_of(recording, number), own_markers(recording, number)
+        axes, markers = recording.turn_of(number), recording.own_markers(number)
         mine = np.where(markers, force, 0.0)
         origin = recording.pose[number][:, None, :3, 3]
-        unit[:2] = -slid_response(forward, recording, number)
+        unit[:2] = -slid_response(model, recording, number)
         for k in range(2):
             shift[k] = np.where(markers, axes[:, k], 0.0)
             balance[k, :, 3:] = np.cross(axes[:, k], mine.sum(axis=1)) / ARM_MM
         degree = np.pi / 180
         turned = np.where(markers, np.cross(axes[:, 0], recording.patterns), 0.0)
-        unit[2] = -degree * recording.over_time(response_to(forward, recording, turned))
+        unit[2] = -degree * recording.over_time(recording.response_to(turned))
         arm = np.where(markers, np.cross(axes[:, 0], position - origin), 0.0)
         shift[2] = degree * arm
         aside = np.cross(axes[:, 0], recording.tracks.place_mm - origin[-1])
         turns = _turns(
-            forward, recording, recording.tracks.place_mm, position, recording.tracks.unit_displacement
+            model, recording, recording.tracks.place_mm, position, recording.tracks.unit_displacement
         )
         for k, way in enumerate((axes[:, 0], axes[:, 1], degree * aside)):
             shift[k] += _ridden(turns, np.where(markers[0], -way, 0.0))
-        centre = position.mean(axis=(0, 1))
-        balance[2] = degree * wrench(np.cross(axes[:, 0], mine), position, centre_mm=centre)
+        balance[2] = degree * recording.wrench(np.cross(axes[:, 0], mine))
         balance[2, :, 3:] += degree * np.cross(arm, mine).sum(axis=1) / ARM_MM
         return unit, shift, balance
 
-    return forward.memoised(("pose", recording.case.name, pad, forward.compliance), compute)
+    return model.memoised(("pose", recording.case.name, pad, model.compliance), compute)
 
 
 def _exact(
-    forward: ForwardModel, recording: GraspResponse, pad: str, theta: Float[np.ndarray, "3"]
+    model: CaseModel, recording: GraspResponse, pad: str, theta: Float[np.ndarray, "3"]
 ) -> list[np.ndarray]:
     """Unit displacement, shift of positions and imbalance with the pad where it truly was."""
     position, force = recording.tracks.position_mm, recording.force_N
@@ -200,7 +187,7 @@ def _exact(
     markers = recording.pad_of_marker == number
     cos, sin = np.cos(np.radians(theta[2])), np.sin(np.radians(theta[2]))
     back = np.array([[1.0, 0.0, 0.0], [0.0, cos, sin], [0.0, -sin, cos]])
-    axes = turn_of(recording, number)
+    axes = recording.turn_of(number)
     turn = axes @ back @ axes.T
     shift = turn @ axes[:, :2] @ theta[:2]
     origin = recording.pose[number][:, None, :3, 3]
@@ -210,32 +197,31 @@ def _exact(
     pushed[:, markers] = force[:, markers] @ turn.T
     history = recording.case.history.pads[number]
     where = (history.surface_mm - origin[-1]) @ turn.T + origin[-1] - shift
-    link = pad_link(replace(history, surface_mm=where), forward.base.solid_of(recording))
+    link = pad_link(replace(history, surface_mm=where), recording.solid)
     links = tuple(link if k == number else other for k, other in enumerate(recording.links))
     patterns = recording.patterns.copy()
     patterns[:, markers] = recording.patterns[:, markers] @ turn.T
     there = replace(recording, links=links, patterns=patterns)
-    unit = recording.over_time(response_to(forward, there, patterns))
-    centre = position.mean(axis=(0, 1))
-    balance = wrench(force, position, centre_mm=centre) - wrench(pushed, truly, centre_mm=centre)
+    unit = recording.over_time(there.response_to(patterns))
+    balance = recording.wrench(force) - recording.wrench(pushed, truly)
     elsewhere = np.zeros_like(recording.tracks.place_mm)
     elsewhere[markers] = where - history.surface_mm
     place = recording.tracks.place_mm + elsewhere
-    turns = _turns(forward, recording, place, truly, unit)
+    turns = _turns(model, recording, place, truly, unit)
     # the equations turn the markers where they seem to sit: once more without what that leaves out
-    turns = _turns(forward, recording, place, truly - _ridden(turns, elsewhere), unit)
+    turns = _turns(model, recording, place, truly - _ridden(turns, elsewhere), unit)
     return [unit, position - truly + _ridden(turns, elsewhere), balance]
 
 
 def _turns(
-    forward: ForwardModel,
+    model: CaseModel,
     recording: GraspResponse,
     place_mm: Float[np.ndarray, "n 3"],
     position_mm: Float[np.ndarray, "f n 3"],
     unit: Float[np.ndarray, "f n 3"],
 ) -> Float[np.ndarray, "f 3"]:
     """w of the markers at these places, but for a part that is the same in all frames of a contact."""
-    return marker_equations(forward, recording).turns(position_mm - place_mm - forward.compliance * unit)
+    return model.marker_equations(recording).turns(position_mm - place_mm - model.compliance * unit)
 
 
 def _ridden(turns: Float[np.ndarray, "f 3"], elsewhere_mm: Float[np.ndarray, "n 3"]) -> np.ndarray:
@@ -243,4 +229,4 @@ def _ridden(turns: Float[np.ndarray, "f 3"], elsewhere_mm: Float[np.ndarray, "n 
     return np.cross(turns[:, None], elsewhere_mm)
 
 
-EFFECT: Effect = PoseError()
+EFFECT: Effect = PoseError(spec=SPEC)

@@ -5,20 +5,18 @@ force is the recorded one less the drift. What shows it best is the pad after it
 resting_force).
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import PAD, Correction, EffectSpec, EffectWords, Scope, number
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor, wrench
-from fem.mismatch.model.pads import own_markers, pads_of, response_to
-from fem.mismatch.signature_variant import OfPad, Variant, pad_of
+from fem.mismatch.effect import Effect, Parameters, Response, Signature
+from fem.mismatch.effect_spec import PAD, Correction, EffectParameter, EffectSpec, EffectWords, Scope
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.signature_variant import Variant, of_pad
 
+RATE = "newton_per_s"
 SPEC = EffectSpec(
     name="sensor_drift",
     rank=150,
@@ -32,8 +30,8 @@ SPEC = EffectSpec(
     ),
     parameters=(
         PAD,
-        number(
-            "newton_per_s",
+        EffectParameter(
+            RATE,
             "N/s",
             "growth of the reading per second",
             limits=(-1e3, 1e3),
@@ -48,35 +46,23 @@ SPEC = EffectSpec(
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-@dataclass(frozen=True)
-class SensorDrift:
+class SensorDrift(Effect):
     """One pad's drift; which pad is the signature's variant."""
 
-    spec: EffectSpec = SPEC
-
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
-        """Minus the response to a growing pressure, and the imbalance that it brings."""
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
+        """The response to a drift of 1 N/s, for each pad."""
         signatures = []
-        for pad in pads_of(forward):
-            fields = [
-                ObservationDelta(markers=-forward.compliance * alone, balance=balance, rest=rest)
-                for alone, balance, rest in _per_drift(forward, pad)
-            ]
-            column = Regressor(name=f"{pad} newton_per_s", sd=0.1, fields=fields)
-            signatures.append(Signature(variant=OfPad(pad=pad), columns=(column,)))
+        for pad in model.pads:
+            response = self.respond(model, {RATE: 1.0}, of_pad(pad))
+            column = response.column(model, f"{pad} {RATE}", sd=0.1)
+            signatures.append(Signature(variant=of_pad(pad), columns=(column,)))
         return signatures
 
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
-        """The amount is the drift."""
-        return self.spec.within_bounds(*amounts)
-
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The forces of that pad less the drift: exact and linear."""
-        rate, parts = parameters["newton_per_s"], _per_drift(forward, pad_of(variant))
+        rate, parts = parameters[RATE], _per_drift(model, variant.pad)
         return Response.plain(
-            forward,
+            model,
             [-rate * alone for alone, _, _ in parts],
             balance=[rate * balance for _, balance, _ in parts],
             rest=[rate * rest for _, _, rest in parts],
@@ -84,13 +70,13 @@ class SensorDrift:
 
 
 def _per_drift(
-    forward: ForwardModel, pad: str
+    model: CaseModel, pad: str
 ) -> list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"], Float[np.ndarray, " _p"]]]:
     """Of each recording the response (mm MPa), the imbalance (N) and the growth of each pad's force, per N/s
     of this pad's drift. Of that growth the force of markers that the fit leaves out lacks.
     """
     parts = []
-    for recording in forward.base.grasps:
+    for recording in model.grasps:
         history = recording.case.history
         air = [at for at, phase in zip(history.time_s, history.phase, strict=True) if phase == "air"]
         before = [at for at in air if at < recording.time_s[0]] or [history.time_s[0]]
@@ -99,18 +85,15 @@ def _per_drift(
         for k, motion in enumerate(recording.case.pads):
             if motion.name == pad:
                 normal = recording.pose[k][0, :3, 2]
-                pressed += np.where(own_markers(recording, k), normal / motion.markers, 0.0)
-        moved = forward.memoised(
-            ("drift", recording.case.name, pad), partial(response_to, forward, recording, pressed)
-        )
-        position = recording.tracks.position_mm
-        balance = wrench(since * pressed, position, centre_mm=position.mean(axis=(0, 1)))
+                pressed += np.where(recording.own_markers(k), normal / motion.markers, 0.0)
+        moved = model.memoised(("drift", recording.case.name, pad), partial(recording.response_to, pressed))
+        balance = recording.wrench(since * pressed)
         rest = [
-            own_markers(recording, k).sum() / motion.markers if motion.name == pad else 0.0
+            recording.own_markers(k).sum() / motion.markers if motion.name == pad else 0.0
             for k, motion in enumerate(recording.case.pads)
         ]
         parts.append((since * moved[0], balance, np.array(rest)))
     return parts
 
 
-EFFECT: Effect = SensorDrift()
+EFFECT: Effect = SensorDrift(spec=SPEC)

@@ -6,23 +6,20 @@ gain is E too, but for the gel: a pad's force over its gel's displacement, again
 calibration says of it, grows by the gain.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import PAD, Correction, EffectSpec, EffectWords, Scope, number
-from fem.mismatch.evidence.equation_cache import balance_equations
+from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect_spec import PAD, Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.evidence.friction_cone import NO_SPRING, normal_stiffness
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.force_products import OfSomeForces
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.observation_delta import ObservationDelta, Regressor, wrench
-from fem.mismatch.model.pads import own_markers, pads_of, response_to
-from fem.mismatch.signature_variant import OfPad, Variant, pad_of
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.force_noise import OfSomeForces
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.model.plain_model import GraspResponse
+from fem.mismatch.signature_variant import Variant, of_pad
 
 GEL_SD, COMMON_GEL_SD = 0.04, 0.07
 """Relative standard deviation of what is said of a gel's stiffness: of one pad's, and of all alike."""
@@ -42,7 +39,7 @@ SPEC = EffectSpec(
     ),
     parameters=(
         PAD,
-        number(
+        EffectParameter(
             "gain",
             "1",
             "recorded force over true force",
@@ -57,99 +54,91 @@ SPEC = EffectSpec(
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-@dataclass(frozen=True)
-class SensorGain:
+class SensorGain(Effect):
     """One pad's gain; which pad is the signature's variant."""
 
-    spec: EffectSpec = SPEC
+    says_more = True
 
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
         """Minus the response to that pad's forces, and the imbalance that they leave: the slope of `respond`.
 
         The noise's scale belongs to it: equal gains of both pads leave the sums of forces as they are.
         """
-        return [self._signature(forward, pad) for pad in pads_of(forward)]
+        return [self._signature(model, pad) for pad in model.pads]
 
-    def _signature(self, forward: ForwardModel, pad: str) -> Signature:
+    def _signature(self, model: CaseModel, pad: str) -> Signature:
         fields = []
-        for recording, (alone, balance) in zip(forward.base.grasps, _of_pad(forward, pad), strict=True):
-            scaled = own_markers(recording, pad).mean() * _sums(forward, recording)
-            fields.append(ObservationDelta(markers=-forward.compliance * alone, balance=balance - scaled))
+        for recording, (alone, balance) in zip(model.grasps, _of_pad(model, pad), strict=True):
+            scaled = recording.own_markers(pad).mean() * _sums(model, recording)
+            fields.append(ObservationDelta(markers=-model.compliance * alone, balance=balance - scaled))
         minus_its_forces = OfSomeForces(
-            lambda recording, force_N: np.where(own_markers(recording, pad), -force_N, 0.0)
+            lambda recording, force_N: np.where(recording.own_markers(pad), -force_N, 0.0)
         )
         column = Regressor(name=f"{pad} gain", sd=0.15, fields=fields, of_forces=minus_its_forces)
-        return Signature(variant=OfPad(pad=pad), columns=(column,))
+        return Signature(variant=of_pad(pad), columns=(column,))
 
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
+    def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The amount is the gain less one, as 1 - 1/gain."""
         return self.spec.within_bounds(1 / max(1 - float(amounts[0]), 1e-3))
 
-    def auxiliary_log_likelihood(
-        self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant
-    ) -> float:
+    def auxiliary_log_likelihood(self, model: CaseModel, parameters: Parameters, variant: Variant) -> float:
         """ln of the pads' stiffness being as said with this gain, over that without."""
-        stiffer = [(pad, _stiffer(forward, pad)) for pad in pads_of(forward)]
+        stiffer = [(pad, _stiffer(model, pad)) for pad in model.pads]
         known = [(pad, z) for pad, z in stiffer if z is not None]
         if not known:
             return 0.0
         z = np.array([z for _, z in known])
-        gained = np.array([np.log(parameters["gain"]) if pad == pad_of(variant) else 0.0 for pad, _ in known])
+        gained = np.array([np.log(parameters["gain"]) if pad == variant.pad else 0.0 for pad, _ in known])
         weight = np.linalg.inv(GEL_SD**2 * np.eye(len(z)) + COMMON_GEL_SD**2)
         log_ratio = (z @ weight @ z - (z - gained) @ weight @ (z - gained)) / 2
         return float(np.clip(log_ratio, -MOST_AUXILIARY, MOST_AUXILIARY))
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The forces of that pad divided by the gain, and the sums with them on the scale of their noise.
 
         Forces of one pad over the gain balance those of the other as well as forces of the other times the
         gain, but all of them are smaller and so is what noise leaves of their sums: without this scale a pad
         that reads too high would always explain recordings better than the other reading too low.
         """
-        gain, pad = parameters["gain"], pad_of(variant)
-        share, parts, balances = 1 - 1 / gain, _of_pad(forward, pad), []
-        for recording, (_, balance) in zip(forward.base.grasps, parts, strict=True):
-            pad_share, sums = float(own_markers(recording, pad).mean()), _sums(forward, recording)
+        gain, pad = parameters["gain"], variant.pad
+        share, parts, balances = 1 - 1 / gain, _of_pad(model, pad), []
+        for recording, (_, balance) in zip(model.grasps, parts, strict=True):
+            pad_share, sums = float(recording.own_markers(pad).mean()), _sums(model, recording)
             scale = (pad_share / gain**2 + 1 - pad_share) ** -0.5
             balances.append(scale * share * balance + (1 - scale) * sums)
-        return Response.plain(forward, [-share * alone for alone, _ in parts], balance=balances)
+        return Response.plain(model, [-share * alone for alone, _ in parts], balance=balances)
 
 
-def _sums(forward: ForwardModel, recording: GraspResponse) -> Float[np.ndarray, "f 6"]:
+def _sums(model: CaseModel, recording: GraspResponse) -> Float[np.ndarray, "f 6"]:
     """Sums of the recorded forces and moments, N; zero where they need not balance."""
-    equations = balance_equations(forward, recording)
+    equations = model.balance_equations(recording)
     return np.zeros((len(recording.force_N), 6)) if equations is None else equations.measured
 
 
-def _stiffer(forward: ForwardModel, pad: str) -> float | None:
+def _stiffer(model: CaseModel, pad: str) -> float | None:
     """ln of a pad's normal force per displacement over what is said of its gel; None where nothing is."""
     said = [
         motion.gel_N_per_mm
-        for recording in forward.base.grasps
+        for recording in model.grasps
         for motion in recording.case.pads
         if motion.name == pad and motion.gel_N_per_mm is not None
     ]
-    felt = normal_stiffness(forward, pad)
+    felt = normal_stiffness(model, pad)
     return float(np.log(felt / np.mean(said))) if said and felt > NO_SPRING else None
 
 
 def _of_pad(
-    forward: ForwardModel, pad: str
+    model: CaseModel, pad: str
 ) -> list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]]]:
     """Response to one pad's forces alone, mm MPa, and their own sums; zero where it takes no part."""
     parts = []
-    for recording in forward.base.grasps:
-        mine, position = own_markers(recording, pad), recording.tracks.position_mm
+    for recording in model.grasps:
+        mine = recording.own_markers(pad)
         patterns = np.where(mine, recording.patterns, 0.0)
-        alone = forward.memoised(
-            ("alone", recording.case.name, pad), partial(response_to, forward, recording, patterns)
-        )
+        alone = model.memoised(("alone", recording.case.name, pad), partial(recording.response_to, patterns))
         force_N = np.where(mine, recording.force_N, 0.0)
-        balance = wrench(force_N, position, centre_mm=position.mean(axis=(0, 1)))
-        parts.append((recording.over_time(alone), balance))
+        parts.append((recording.over_time(alone), recording.wrench(force_N)))
     return parts
 
 
-EFFECT: Effect = SensorGain()
+EFFECT: Effect = SensorGain(spec=SPEC)

@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.evidence.gel_relation import GelRecord
 from fem.mismatch.gel_fault import GelFault
 
@@ -41,7 +41,7 @@ SPEC = EffectSpec(
         "forces of the whole batch are corrected.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             AMOUNT,
             "1",
             "how much the reading at the largest force exceeds that force, as a share",

@@ -5,15 +5,9 @@ Its stiffness is Et, Young's modulus times thickness (N/mm), its Poisson's ratio
 """
 
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import (
-    EffectParameter,
-    EffectSpec,
-    EffectWords,
-    ParameterSpec,
-    Scope,
-)
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.linear_law import LinearLaw, matrix_operator
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.reduced_law import Operator
 from fem.solid.membrane import membrane_stiffness
 
@@ -29,20 +23,23 @@ SPEC = EffectSpec(
     ),
     parameters=(
         EffectParameter(
-            name="Et_N_per_mm",
-            unit="N/mm",
-            words="stiffness of the skin",
+            "Et_N_per_mm",
+            "N/mm",
+            "stiffness of the skin",
             limits=(0.0, 1e4),
-            searched=(ParameterSpec(name="Et_over_E_mm", unit="mm", low=0.0, high=60.0, model_share=0.1),),
+            low=0.0,
+            high=60.0,
+            searched_as="Et_over_E_mm",
             modulus_power=1.0,
+            model_share=0.1,
         ),
     ),
 )
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-def _stretched(forward: ForwardModel) -> Operator:
-    return matrix_operator(membrane_stiffness(forward.base.mesh, poisson_ratio=forward.poisson_ratio))
+def _stretched(model: CaseModel) -> Operator:
+    return matrix_operator(membrane_stiffness(model.mesh, poisson_ratio=model.poisson_ratio))
 
 
 EFFECT: Effect = LinearLaw(spec=SPEC, sd=4.0, positive=True, derivative=_stretched)

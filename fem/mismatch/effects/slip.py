@@ -1,7 +1,7 @@
 """`slip`: the skin slides over a pad where the shear would exceed Coulomb's cone, |f_t| <= mu f_n.
 
 The recorded forces are what the friction lets through, so s c is right for the skin; but a marker, which is
-gel, stays behind the skin by the path w that the skin has slid over it (fem.mismatch.model.slip_path):
+gel, stays behind the skin by the path w that the skin has slid over it (fem.mismatch.effects.slip):
 
     y(t) = X + s c(t) + R q(t) - w(t; mu) + noise
 
@@ -10,21 +10,19 @@ left out (fem.mismatch.evidence.friction_cone): whatever else the plain model la
 Coulomb's law: Johnson 1985, Contact Mechanics, chapter 7.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 from jaxtyping import Float
 
-from fem.fem_failure import FemFailure
-from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
-from fem.mismatch.evidence.equation_cache import marker_equations
+from fem.fem_failure import FemFailure, FemProblem
+from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.evidence.friction_cone import ShearRatios, least_mu, shear_ratios, spring_ratio
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.pads import pads_of
-from fem.mismatch.model.slip_path import slip_path
-from fem.mismatch.signature_variant import AtValue, Variant, value_of
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.marker_equations import MarkerEquations
+from fem.mismatch.model.plain_model import Fields, GraspResponse
+from fem.mismatch.signature_variant import Variant, at_value
 
 MU = "mu"
 STEPS = (1.05, 1.3, 1.6, 2.0, 2.5, 3.1)
@@ -49,7 +47,7 @@ SPEC = EffectSpec(
         advice="Wipe fruit and pads dry, close the gripper a little further and slower, and record again.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             MU,
             "1",
             "friction between pad and skin",
@@ -64,20 +62,19 @@ SPEC = EffectSpec(
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-@dataclass(frozen=True)
-class Slip:
+class Slip(Effect):
     """The effect; see the module."""
 
-    spec: EffectSpec = SPEC
+    says_more = True
 
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
         """One for each mu at which something slips."""
-        least = least_mu(_ratios(forward))
+        least = least_mu(_ratios(model))
         signatures = []
         for mu in (step * least for step in STEPS if step * least < HIGHEST):
-            variant = AtValue(symbol="mu", value=round(mu, 4))
+            variant = at_value("mu", round(mu, 4))
             try:
-                paths = _paths(forward, mu)
+                paths = _paths(model, mu)
             except FemFailure as failure:
                 signatures.append(Signature(variant=variant, columns=(), untried=failure.detail))
                 continue
@@ -90,48 +87,151 @@ class Slip:
                 )
         return signatures
 
-    def start(
-        self,
-        forward: ForwardModel,
-        signature: Signature,
-        amounts: Float[np.ndarray, " k"],
-    ) -> dict[str, float]:
+    def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The signature's own mu: its amount is one."""
-        return self.spec.within_bounds(value_of(signature.variant))
+        return self.spec.within_bounds(signature.variant.values[0])
 
-    def auxiliary_log_likelihood(
-        self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant
-    ) -> float:
+    def auxiliary_log_likelihood(self, model: CaseModel, parameters: Parameters, variant: Variant) -> float:
         """Markers piled up on this cone."""
-        return max(_ratios(forward).log_ratio(parameters[MU]), 0.0)
+        return max(_ratios(model).log_ratio(parameters[MU]), 0.0)
 
-    def respond(
-        self,
-        forward: ForwardModel,
-        parameters: Mapping[str, float],
-        variant: Variant,
-    ) -> Response:
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The markers behind the skin by the path slid."""
-        return Response.plain(forward, shift_mm=[-path for path in _paths(forward, parameters[MU])])
+        return Response.plain(model, shift_mm=[-path for path in _paths(model, parameters[MU])])
 
 
-EFFECT: Effect = Slip()
+EFFECT: Effect = Slip(spec=SPEC)
 
 
-def _ratios(forward: ForwardModel) -> ShearRatios:
-    return forward.memoised("shear ratios", lambda: shear_ratios(forward))
+def _ratios(model: CaseModel) -> ShearRatios:
+    return model.memoised("shear ratios", lambda: shear_ratios(model))
 
 
-def _paths(forward: ForwardModel, mu: float) -> list[Float[np.ndarray, "_f _n 3"]]:
+def _paths(model: CaseModel, mu: float) -> Fields:
     """Displacement of every recording's markers with Coulomb friction `mu` on the pads."""
-    stiffness = {name: spring_ratio(forward, name) for name in pads_of(forward)}
+    stiffness = {name: spring_ratio(model, name) for name in model.pads}
     return [
         slip_path(
             recording,
-            marker_equations(forward, recording),
-            compliance=forward.compliance,
+            model.marker_equations(recording),
+            compliance=model.compliance,
             mu=mu,
             spring_ratio=np.array([stiffness[name] for name in recording.pad_names])[recording.pad_of_marker],
         )
-        for recording in forward.base.grasps
+        for recording in model.grasps
     ]
+
+
+LEVEL_MM = 0.016
+"""Twice the spread of D's level at the touch on sound recordings (7-9 um)."""
+WHOLE_STEPS, HALF_STEPS, STILL_MM = 8, 100, 5e-4
+"""Rounds end when no path asks to change by more than this: it shows in no marker. Half steps follow the
+whole ones: a marker may go to and fro between touching and not (as on open-04 of the mismatch cases)."""
+FIRM = 4.0
+"""A marker touches where it is pressed in by so many standard deviations of its noise."""
+FAR_OFF = 2.0
+"""The model's own depth is used, which noise does not reach, unless so many standard deviations too small."""
+SHORTEST_STEP_MM = 0.004
+"""A smaller rise of depth between two frames is noise (that of one frame of the samples' sensor), and no line
+to follow back."""
+FARTHEST_BACK = 1.2
+"""The touch is sought in a line through the first two frames, at most so many frames back."""
+
+
+def slip_path(
+    recording: GraspResponse,
+    equations: MarkerEquations,
+    *,
+    compliance: float,
+    mu: float,
+    spring_ratio: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, "f n 3"]:
+    """w, mm, in the fruit frame: how far the skin has slid ahead of each marker, zero out of contact.
+
+    `spring_ratio`: k_t / k_n of each marker's gel. Raises FemFailure (NOT_CONVERGED) where the paths still
+    change after all rounds.
+    """
+    tracks = recording.tracks
+    pressed = -_in_pad_axes(recording, tracks.gel_displacement_mm)[..., 2]
+    firm = (tracks.episode >= 0) & (pressed > FIRM * tracks.sd_mm)
+    at_least = pressed - FAR_OFF * tracks.sd_mm
+    path = np.zeros_like(tracks.position_mm)
+    excess = tracks.position_mm - tracks.place_mm - compliance * tracks.unit_displacement
+    for taken in (*[1.0] * WHOLE_STEPS, *[0.5] * HALF_STEPS):
+        stuck = tracks.gel_displacement_mm - equations.residual(excess + path) + path
+        local = _in_pad_axes(recording, stuck)
+        depth = np.maximum(-local[..., 2], at_least)
+        slid = _returned(local[..., :2], depth, firm, tracks.episode, mu / spring_ratio)
+        change = _in_fruit_axes(recording, slid) - path
+        path = path + taken * change
+        changed_mm = float(np.abs(change).max())
+        if changed_mm < STILL_MM:
+            return np.asarray(path)
+    raise FemFailure(
+        FemProblem.NOT_CONVERGED,
+        f"the slid path at a friction of {mu:.3g} still changes by {1e3 * changed_mm:.2g} µm after "
+        f"{WHOLE_STEPS + HALF_STEPS} rounds, expected {1e3 * STILL_MM:.2g} µm at most",
+    )
+
+
+def _in_pad_axes(recording: GraspResponse, vectors: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+    """Markers' vectors of the fruit frame, each in its own pad's axes."""
+    in_pad_axes = np.empty_like(vectors)
+    for pad, pose in enumerate(recording.pose):
+        markers = recording.pad_of_marker == pad
+        in_pad_axes[:, markers] = vectors[:, markers] @ pose[:, :3, :3]
+    return in_pad_axes
+
+
+def _in_fruit_axes(
+    recording: GraspResponse, along_pad: Float[np.ndarray, "f n 2"]
+) -> Float[np.ndarray, "f n 3"]:
+    """Markers' vectors along their own pad's x and y, in the fruit frame."""
+    in_fruit_axes = np.empty((*along_pad.shape[:2], 3))
+    for pad, pose in enumerate(recording.pose):
+        markers = recording.pad_of_marker == pad
+        in_fruit_axes[:, markers] = along_pad[:, markers] @ np.swapaxes(pose[:, :3, :2], 1, 2)
+    return in_fruit_axes
+
+
+def _returned(
+    shear: Float[np.ndarray, "f n 2"],
+    depth: Float[np.ndarray, "f n"],
+    firm: np.ndarray,
+    episode: np.ndarray,
+    slope: Float[np.ndarray, " n"],
+) -> Float[np.ndarray, "f n 2"]:
+    """The return mapping, frame by frame, each contact beginning without slip."""
+    count = shear.shape[1]
+    level, slid, contact = np.zeros((count, 2)), np.zeros((count, 2)), np.full(count, -1)
+    path = np.zeros_like(shear)
+    for frame in range(len(shear)):
+        fresh = firm[frame] & (episode[frame] != contact)
+        if fresh.any():
+            level[fresh] = _excess_of_level(_at_touch(shear[:, fresh], depth[:, fresh], frame))
+            slid[fresh], contact[fresh] = 0.0, episode[frame][fresh]
+        asked = shear[frame] - level - slid
+        size = np.linalg.norm(asked, axis=1)
+        over = np.where(firm[frame], np.maximum(size - slope * depth[frame], 0.0), 0.0)
+        slid = slid + asked * (over / np.maximum(size, 1e-12))[:, None]
+        path[frame] = np.where(
+            (episode[frame] >= 0)[:, None] & (episode[frame] == contact)[:, None], slid, 0.0
+        )
+    return path
+
+
+def _at_touch(
+    shear: Float[np.ndarray, "f n 2"], depth: Float[np.ndarray, "f n"], frame: int
+) -> Float[np.ndarray, "n 2"]:
+    """D where the depth was zero, in a line through this frame and the next."""
+    after = min(frame + 1, len(shear) - 1)
+    rise = depth[after] - depth[frame]
+    back = np.clip(depth[frame] / np.maximum(rise, SHORTEST_STEP_MM), 0.0, FARTHEST_BACK)
+    back = np.where(rise > SHORTEST_STEP_MM, back, 0.0)
+    return np.asarray(shear[frame] - back[:, None] * (shear[after] - shear[frame]))
+
+
+def _excess_of_level(level_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    """What of a level exceeds its own error."""
+    size = np.linalg.norm(level_mm, axis=1, keepdims=True)
+    return np.asarray(level_mm * np.maximum(1 - LEVEL_MM / np.maximum(size, 1e-12), 0.0))

@@ -7,21 +7,22 @@ explains best what the plain model leaves (fem.mismatch.localisation.spot_search
 1 - ratio (drop_of).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number, vector
+from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.kinds.linear_law import matrix_operator
 from fem.mismatch.localisation.spot_search import OTHERS, RADII_MM, Spot, best_spots
-from fem.mismatch.model.force_products import OfFlesh
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.force_noise import OfFlesh
+from fem.mismatch.model.plain_model import Fields
 from fem.mismatch.model.reduced_law import Operator, ReducedLaw, first_changes, reduced_laws
 from fem.mismatch.result import Where
-from fem.mismatch.signature_variant import AtPlace, Variant
+from fem.mismatch.signature_variant import Variant, at_place
 from fem.solid.inclusion import ball_stiffness, drop_of
 
 CENTRE = ("centre_mm.0", "centre_mm.1", "centre_mm.2")
@@ -45,18 +46,19 @@ SPEC = EffectSpec(
         "afterwards is that of the sound flesh.",
     ),
     parameters=(
-        vector(
+        EffectParameter(
             "centre_mm",
             "mm",
             "centre of the spot",
             components=3,
+            model_share=0.0,
             limits=(-1e3, 1e3),
             low=-500.0,
             high=500.0,
             spread=40.0,
             model_sd=0.5,
         ),
-        number(
+        EffectParameter(
             RADIUS,
             "mm",
             "radius of the spot",
@@ -66,7 +68,7 @@ SPEC = EffectSpec(
             log=True,
             model_share=0.08,
         ),
-        number(
+        EffectParameter(
             RATIO,
             "1",
             "firmness of the spot over that of the flesh",
@@ -80,99 +82,85 @@ SPEC = EffectSpec(
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-@dataclass(frozen=True)
-class SoftSpot:
+@dataclass(frozen=True, kw_only=True)
+class SoftSpot(Effect):
     """The effect; see the module. `radii_mm` and `others`: which signatures it has
     (fem.mismatch.localisation.spot_search).
     """
 
-    spec: EffectSpec = SPEC
     radii_mm: tuple[float, ...] = RADII_MM
     others: int = OTHERS
 
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
         """One for each of the best places."""
         spots = best_spots(
-            forward,
-            forward.adjoint_basis.observed(_residual(forward)),
+            model,
+            model.adjoint_basis.observed(_residual(model)),
             radii_mm=self.radii_mm,
             others=self.others,
         )
-        return [_signature(forward, spot) for spot in spots]
+        return [_signature(model, spot) for spot in spots]
 
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
+    def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The signature's own ball, with whichever of a few ratios explains most of what is left.
 
         Where the drop is more than such a ball can give, a larger one.
         """
-        place = signature.variant
-        if not isinstance(place, AtPlace):
-            raise TypeError(f"{place!r} is no place in the flesh")
-        largest = drop_of(RATIOS[0], forward.poisson_ratio)
-        radius_mm = min(10.0, place.radius_mm * max(1.0, float(amounts[0]) / largest) ** (1 / 3))
-        laws = _laws(forward, np.array(place.centre_mm), radius_mm)
-        residual = forward.adjoint_basis.observed(_residual(forward))
+        *centre_mm, radius_mm = signature.variant.values
+        largest = drop_of(RATIOS[0], model.poisson_ratio)
+        radius_mm = min(10.0, radius_mm * max(1.0, float(amounts[0]) / largest) ** (1 / 3))
+        laws = _laws(model, np.array(centre_mm), radius_mm)
+        residual = model.adjoint_basis.observed(_residual(model))
         lost = []
         for ratio in RATIOS:
             more = [
                 law.response((1.0, ratio - 1)) - recording.tracks.unit_displacement
-                for law, recording in zip(laws, forward.base.grasps, strict=True)
+                for law, recording in zip(laws, model.grasps, strict=True)
             ]
-            remaining = residual - forward.compliance * forward.adjoint_basis.observed(more)
+            remaining = residual - model.compliance * model.adjoint_basis.observed(more)
             lost.append(float(remaining @ remaining))
-        return self.spec.within_bounds(*place.centre_mm, radius_mm, RATIOS[int(np.argmin(lost))])
+        return self.spec.within_bounds(*centre_mm, radius_mm, RATIOS[int(np.argmin(lost))])
 
-    def where(self, parameters: Mapping[str, float]) -> Where:
+    def where(self, parameters: Parameters) -> Where:
         """The ball."""
         x, y, z = (parameters[name] for name in CENTRE)
         return Where(region="flesh", centre_mm=(x, y, z), radius_mm=parameters[RADIUS])
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """Every recording's markers above flesh with such a ball in it."""
         centre_mm = np.array([parameters[name] for name in CENTRE])
-        laws = _laws(forward, centre_mm, parameters[RADIUS])
+        laws = _laws(model, centre_mm, parameters[RADIUS])
         return Response(unit=[law.response((1.0, parameters[RATIO] - 1)) for law in laws])
 
 
-EFFECT: Effect = SoftSpot()
+EFFECT: Effect = SoftSpot(spec=SPEC)
 
 
-def variant_of(spot: Spot) -> AtPlace:
-    """The place, to a hundredth of a millimetre."""
-    x, y, z = (round(float(component), 2) for component in spot.centre_mm)
-    return AtPlace(centre_mm=(x, y, z), radius_mm=round(float(spot.radius_mm), 2))
-
-
-def _signature(forward: ForwardModel, spot: Spot) -> Signature:
-    inside = _inside(forward, spot.centre_mm, spot.radius_mm)
-    changes = first_changes(forward, lambda moved: -inside(moved))
+def _signature(model: CaseModel, spot: Spot) -> Signature:
+    inside = _inside(model, spot.centre_mm, spot.radius_mm)
+    changes = first_changes(model, lambda moved: -inside(moved))
     return Signature.of_markers(
         "drop",
-        [forward.compliance * change for change in changes],
-        sd=drop_of(MIDDLE_RATIO, forward.poisson_ratio),
-        variant=variant_of(spot),
+        [model.compliance * change for change in changes],
+        sd=drop_of(MIDDLE_RATIO, model.poisson_ratio),
+        variant=at_place(spot.centre_mm, spot.radius_mm),
         positive=True,
         of_forces=OfFlesh(lambda recording, moved: inside(moved)),
     )
 
 
-def _laws(forward: ForwardModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> list[ReducedLaw]:
-    inside = _inside(forward, centre_mm, radius_mm)
-    parts = (matrix_operator(forward.stiffness), inside)
-    return reduced_laws(forward, derivative=inside, parts=parts, corrections=CORRECTIONS)
+def _laws(model: CaseModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> list[ReducedLaw]:
+    inside = _inside(model, centre_mm, radius_mm)
+    parts = (matrix_operator(model.stiffness), inside)
+    return reduced_laws(model, derivative=inside, parts=parts, corrections=CORRECTIONS)
 
 
-def _inside(forward: ForwardModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> Operator:
+def _inside(model: CaseModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> Operator:
     """K1 of the ball."""
-    mesh, nu = forward.base.mesh, forward.poisson_ratio
+    mesh, nu = model.mesh, model.poisson_ratio
     return matrix_operator(ball_stiffness(mesh, centre_mm=centre_mm, radius_mm=radius_mm, poisson_ratio=nu))
 
 
-def _residual(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]]:
+def _residual(model: CaseModel) -> Fields:
     """What the plain model leaves of the markers' positions (their places and the fruit's motion in it)."""
-    tracks = [recording.tracks for recording in forward.base.grasps]
-    return [
-        track.position_mm - track.place_mm - forward.compliance * track.unit_displacement for track in tracks
-    ]
+    return [recording.excess(model.compliance) for recording in model.grasps]

@@ -9,18 +9,13 @@ as a whole, does the same work. Large deformation is part of the plain model
 (fem.mismatch.evidence.beyond_small_strain), and of this law: refits go without the former.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-
-import numpy as np
-from jaxtyping import Float
+from collections.abc import Sequence
 
 from fem.materials.fung_neo_hookean import fung_at_small_strain
-from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.stiffening_flesh import beyond_linear, stiffening_path
-from fem.mismatch.model.stress_history import whole_response
+from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.stress_history import beyond_linear, stiffening_path, whole_response
 from fem.mismatch.signature_variant import Variant
 
 B = "b"
@@ -40,7 +35,7 @@ SPEC = EffectSpec(
         "the first touch.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             B,
             "1",
             "how fast the flesh stiffens",
@@ -58,33 +53,25 @@ SPEC = EffectSpec(
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-@dataclass(frozen=True)
-class Stiffening:
+class Stiffening(Effect):
     """The effect; see the module."""
 
-    spec: EffectSpec = SPEC
-
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
         """The exponential's, its amount b."""
-        state = stiffening_path(forward)
-        nu, s = forward.poisson_ratio, forward.compliance
-        forces = forward.pieces.forces(s * state.linear, fung_at_small_strain(poisson_ratio=nu))
+        state = stiffening_path(model)
+        nu, s = model.poisson_ratio, model.compliance
+        forces = model.pieces.forces(s * state.linear, fung_at_small_strain(poisson_ratio=nu))
         moved = [-displacement for displacement in state.marker_responses([forces])[0]]
         return [Signature.of_markers(B, moved, sd=PRIOR_SD, positive=True)]
 
-    def start(
-        self,
-        forward: ForwardModel,
-        signature: Signature,
-        amounts: Float[np.ndarray, " k"],
-    ) -> dict[str, float]:
+    def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The amount within the bounds: about the modulus that fits best, both halves of the error cancel."""
         return self.spec.within_bounds(max(float(amounts[0]), 1.0))
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """Neo-Hookean flesh with Fung's factor; finite strain, dead loads on the unloaded skin."""
-        more = beyond_linear(forward, parameters[B])
-        return Response(unit=whole_response(stiffening_path(forward), more))
+        more = beyond_linear(model, parameters[B])
+        return Response(unit=whole_response(stiffening_path(model), more))
 
 
-EFFECT: Effect = Stiffening()
+EFFECT: Effect = Stiffening(spec=SPEC)

@@ -18,10 +18,10 @@ from jaxtyping import Float
 
 from fem.estimation.coloured_noise import variance_inflation
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import Correction, EffectSpec, EffectWords, Scope, number
+from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, EffectWords, Scope
 from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit, gel_records
 from fem.mismatch.gel_fault import GelFault, drift_between
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 
 STRAIN, FORCE = "strain_per_root_s", "N_per_root_s"
 PRIOR_SD = {STRAIN: 2e-3, FORCE: 0.3}
@@ -48,7 +48,7 @@ SPEC = EffectSpec(
         "the recordings made so far.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             STRAIN,
             "1/√s",
             "strain of the gel's face over the square root of time",
@@ -57,7 +57,7 @@ SPEC = EffectSpec(
             high=0.02,
             model_share=0.02,
         ),
-        number(
+        EffectParameter(
             FORCE,
             "N/√s",
             "growth of each pad's normal force over the square root of time",
@@ -119,11 +119,11 @@ class ThermalDrift(GelFault):
         """No: it shows where nothing touches."""
         return False
 
-    def records(self, forward: ForwardModel) -> tuple[GelRecord, ...]:
+    def records(self, model: CaseModel) -> tuple[GelRecord, ...]:
         """As recorded: the drift of the force is its own."""
-        return gel_records(forward)
+        return gel_records(model)
 
-    def fitted(self, forward: ForwardModel, records: Sequence[GelRecord]) -> RelationFit | None:
+    def fitted(self, model: CaseModel, records: Sequence[GelRecord]) -> RelationFit | None:
         """Both rates, by `still_pads`."""
         return still_pads(records)
 

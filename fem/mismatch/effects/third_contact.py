@@ -27,7 +27,7 @@ standard deviation is FRICTION of that along the normal. A contact that pulls is
 CONE of friction, or where a pad itself touches.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -37,15 +37,14 @@ from scipy.special import logsumexp
 
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mesh.surface_points import SurfacePoints, locate, spread_out
-from fem.mismatch.effect import Effect, Response, Signature
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number, vector
-from fem.mismatch.evidence.equation_cache import balance_equations
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.marker_equations import BalanceEquations
-from fem.mismatch.model.observation_delta import ARM_MM, ObservationDelta, Regressor, wrench
+from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
+from fem.mismatch.model.plain_model import ARM_MM, GraspResponse
 from fem.mismatch.result import Where
-from fem.mismatch.signature_variant import AtPlace, Variant
+from fem.mismatch.signature_variant import Variant, at_place
 
 CENTRE = ("centre_mm.0", "centre_mm.1", "centre_mm.2")
 FORCE = "force_N"
@@ -98,18 +97,19 @@ SPEC = EffectSpec(
         "recordings made so far: the push is then taken from the pads' own forces.",
     ),
     parameters=(
-        vector(
+        EffectParameter(
             "centre_mm",
             "mm",
             "place of the contact on the skin",
             components=3,
+            model_share=0.0,
             limits=(-1e3, 1e3),
             low=-500.0,
             high=500.0,
             spread=PLACE_SD_MM,
             model_sd=1.0,
         ),
-        number(
+        EffectParameter(
             FORCE,
             "N",
             "its greatest push",
@@ -198,7 +198,7 @@ class ForceBalance:
         if _is_under_a_pad(self.recording, place_mm):
             return None
         axes = _axes(inward)
-        arms = np.vstack([axes, np.cross(place_mm - _centre_mm(self.recording), axes.T).T / ARM_MM])
+        arms = np.vstack([axes, np.cross(place_mm - self.recording.centre_mm, axes.T).T / ARM_MM])
         count = 3 * len(self.courses)
         half = (self.normal @ arms).reshape(-1, 6, count)
         normal = (arms.T @ half).reshape(count, count)
@@ -242,121 +242,118 @@ class PlacedContact:
         return max(value, LEAST_N), sd
 
     def changes(
-        self, forward: ForwardModel
+        self, model: CaseModel
     ) -> list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]] | None]:
         """Of every recording's unit displacement and of its sums of force; None without a force."""
         changes: list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]] | None] = []
         place = self.seat.place_mm
-        for recording, force in zip(forward.base.grasps, self.forces, strict=True):
+        for recording, force in zip(model.grasps, self.forces, strict=True):
             if force is None:
                 changes.append(None)
                 continue
-            at_markers = forward.memoised(
+            at_markers = model.memoised(
                 ("third contact", recording.case.name, tuple(np.round(place, 6))),
-                partial(forward.base.marker_response, recording, self.seat.unit_loads()),
+                partial(_pushed, recording, self.seat.unit_loads()),
             )
             at_place = np.broadcast_to(place, (len(force.force_N), 1, 3))
-            sums = wrench(force.force_N[:, None], at_place, centre_mm=_centre_mm(recording))
+            sums = recording.wrench(force.force_N[:, None], at_place)
             changes.append((np.tensordot(force.force_N, at_markers, axes=1), -sums))
         return changes
 
 
-@dataclass(frozen=True)
-class ThirdContact:
+def _pushed(recording: GraspResponse, loads: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r n 3"]:
+    return recording.at_markers(recording.solid.displacement(loads))
+
+
+class ThirdContact(Effect):
     """The effect; see the module."""
 
-    spec: EffectSpec = SPEC
+    seen_directly = True
 
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
         """The force at the place that balances best, where one does; the amount is its greatest value as a
         share of what a pad pushes.
         """
-        contact = best_contact(forward)
+        contact = best_contact(model)
         if contact is None:
             return []
-        share = contact.greatest_N[0] / max(_peak_N(recording) for recording in forward.base.grasps)
+        share = contact.greatest_N[0] / max(_peak_N(recording) for recording in model.grasps)
         fields = [
             None
             if change is None
-            else ObservationDelta(markers=forward.compliance * change[0] / share, balance=change[1] / share)
-            for change in contact.changes(forward)
+            else ObservationDelta(markers=model.compliance * change[0] / share, balance=change[1] / share)
+            for change in contact.changes(model)
         ]
-        x, y, z = (round(float(component), 2) for component in contact.seat.place_mm)
         column = Regressor(name="push", sd=SCALES[-1], fields=fields, positive=True)
-        return [Signature(variant=AtPlace(centre_mm=(x, y, z), radius_mm=SEAT_MM), columns=(column,))]
+        return [Signature(variant=at_place(contact.seat.place_mm, SEAT_MM), columns=(column,))]
 
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
+    def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The place that balances best, the force as measured."""
-        place, contact = signature.variant, best_contact(forward)
-        if not isinstance(place, AtPlace):
-            raise TypeError(f"{place!r} is no place on the skin")
-        return self.spec.within_bounds(
-            *place.centre_mm, LEAST_N if contact is None else contact.greatest_N[0]
-        )
+        contact = best_contact(model)
+        push_N = LEAST_N if contact is None else contact.greatest_N[0]
+        return self.spec.within_bounds(*signature.variant.values[:3], push_N)
 
-    def direct_evidence(self, forward: ForwardModel) -> float:
+    def direct_evidence(self, model: CaseModel) -> float:
         """What it costs that force and place are taken from the balance: negative."""
-        contact = best_contact(forward)
+        contact = best_contact(model)
         if contact is None:
             return 0.0
         return contact.search + sum(force.volume for force in contact.forces if force is not None)
 
-    def measured_sd(self, forward: ForwardModel) -> dict[str, float]:
+    def measured_sd(self, model: CaseModel) -> dict[str, float]:
         """Of the place about the start; of the force as measured."""
-        contact = best_contact(forward)
+        contact = best_contact(model)
         value, sd = (LEAST_N, LEAST_N) if contact is None else contact.greatest_N
         return {**dict.fromkeys(CENTRE, PLACE_SD_MM), FORCE: sd / value}
 
-    def where(self, parameters: Mapping[str, float]) -> Where:
+    def where(self, parameters: Parameters) -> Where:
         """The place on the skin."""
         x, y, z = (parameters[name] for name in CENTRE)
         return Where(region="skin", centre_mm=(x, y, z), radius_mm=SEAT_MM)
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """Every recording with the force at this place that balances it."""
-        seat = Seat.at(forward.base.mesh, np.array([parameters[name] for name in CENTRE]))
-        contact = PlacedContact(seat=seat, forces=_forces(forward, seat.place_mm, seat.inward))
+        seat = Seat.at(model.mesh, np.array([parameters[name] for name in CENTRE]))
+        contact = PlacedContact(seat=seat, forces=_forces(model, seat.place_mm, seat.inward))
         unit, balance = [], []
-        for recording, change in zip(forward.base.grasps, contact.changes(forward), strict=True):
+        for recording, change in zip(model.grasps, contact.changes(model), strict=True):
             plain = recording.tracks.unit_displacement
             unit.append(plain if change is None else plain + change[0])
             balance.append(np.zeros((len(plain), 6)) if change is None else change[1])
         return Response(unit=unit, balance=balance)
 
 
-EFFECT: Effect = ThirdContact()
+EFFECT: Effect = ThirdContact(spec=SPEC)
 
 
-def best_contact(forward: ForwardModel) -> PlacedContact | None:
+def best_contact(model: CaseModel) -> PlacedContact | None:
     """The place whose force balances best, kept for the case; None where none is worth a look."""
-    return forward.memoised("third contact", lambda: _searched(forward))
+    return model.memoised("third contact", lambda: _searched(model))
 
 
-def _searched(forward: ForwardModel) -> PlacedContact | None:
-    if _most_evidence(forward) < LEAST_EVIDENCE:
+def _searched(model: CaseModel) -> PlacedContact | None:
+    if _most_evidence(model) < LEAST_EVIDENCE:
         return None
-    mesh = forward.base.mesh
+    mesh = model.mesh
     skin_mm = mesh.nodes_mm[mesh.outer_nodes]
-    places, evidence = _evidence(forward, skin_mm[spread_out(skin_mm, apart_mm=SPACING_MM)])
+    places, evidence = _evidence(model, skin_mm[spread_out(skin_mm, apart_mm=SPACING_MM)])
     mean = float(logsumexp(evidence) - np.log(len(evidence)))
     best = places[int(np.argmax(evidence))]
     along = _axes(Seat.at(mesh, best).inward)[:, 1:]
     step = np.arange(-SPACING_MM, SPACING_MM + FINE_MM, FINE_MM)
     offsets = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
-    finer, finer_evidence = _evidence(forward, best + offsets @ along.T)
+    finer, finer_evidence = _evidence(model, best + offsets @ along.T)
     seat = Seat.at(mesh, finer[int(np.argmax(finer_evidence))])
-    forces = _forces(forward, seat.place_mm, seat.inward)
+    forces = _forces(model, seat.place_mm, seat.inward)
     greatest = sum(force.evidence for force in forces if force is not None)
     if greatest <= LEAST_EVIDENCE:
         return None
     return PlacedContact(seat=seat, forces=forces, search=mean - max(*evidence, greatest))
 
 
-def _most_evidence(forward: ForwardModel) -> float:
+def _most_evidence(model: CaseModel) -> float:
     """Half of the imbalance's chi-square: more no force can gain."""
-    balances = [balance_equations(forward, recording) for recording in forward.base.grasps]
+    balances = [model.balance_equations(recording) for recording in model.grasps]
     return sum(
         float((balance.measured * balance.weighed(balance.measured)).sum()) / 2
         for balance in balances
@@ -365,33 +362,33 @@ def _most_evidence(forward: ForwardModel) -> float:
 
 
 def _evidence(
-    forward: ForwardModel, places_mm: Float[np.ndarray, "p 3"]
+    model: CaseModel, places_mm: Float[np.ndarray, "p 3"]
 ) -> tuple[Float[np.ndarray, "p 3"], list[float]]:
     """The points of the skin nearest to these places, and ln evidence of a force at each."""
-    skin = locate(forward.base.mesh, places_mm)
+    skin = locate(model.mesh, places_mm)
     evidence = [
-        sum(force.evidence for force in _forces(forward, place, -normal) if force is not None)
+        sum(force.evidence for force in _forces(model, place, -normal) if force is not None)
         for place, normal in zip(skin.point_mm, skin.normal, strict=True)
     ]
     return skin.point_mm, evidence
 
 
 def _forces(
-    forward: ForwardModel, place_mm: Float[np.ndarray, "3"], inward: Float[np.ndarray, "3"]
+    model: CaseModel, place_mm: Float[np.ndarray, "3"], inward: Float[np.ndarray, "3"]
 ) -> tuple[ThirdForce | None, ...]:
     """Of every recording; None where it has none, or is not held by pads alone."""
 
     def balance(recording: GraspResponse) -> ForceBalance | None:
-        equations = balance_equations(forward, recording)
+        equations = model.balance_equations(recording)
         return None if equations is None else ForceBalance.of(recording, equations)
 
-    balances = forward.memoised("third contact's balances", lambda: forward.each(balance))
+    balances = model.memoised("third contact's balances", lambda: model.each(balance))
     return tuple(None if known is None else known.force(place_mm, inward) for known in balances)
 
 
 def _is_under_a_pad(recording: GraspResponse, place_mm: Float[np.ndarray, "3"]) -> bool:
     """Whether a pad touches there at some time."""
-    touched = (recording.tracks.episode >= 0).any(axis=0)
+    touched = (recording.touching).any(axis=0)
     away = np.linalg.norm(recording.tracks.place_mm[touched] - place_mm, axis=1)
     return bool((away < CLEAR_MM).any())
 
@@ -435,8 +432,3 @@ def _axes(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
     first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     first /= np.linalg.norm(first)
     return np.column_stack([normal, first, np.cross(normal, first)])
-
-
-def _centre_mm(recording: GraspResponse) -> Float[np.ndarray, "3"]:
-    """About which BalanceEquations takes moments."""
-    return np.asarray(recording.tracks.position_mm.mean(axis=(0, 1)))

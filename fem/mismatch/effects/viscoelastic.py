@@ -9,9 +9,10 @@ s = 1/E of the first instant.
 
 from fem.materials.relaxing_arm import RelaxingArm
 from fem.mismatch.effect import Effect
-from fem.mismatch.effect_spec import EffectSpec, EffectWords, Scope, number
-from fem.mismatch.kinds.fading_law import FadingLaw, Fields, lagged
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
+from fem.mismatch.kinds.fading_law import FadingLaw, lagged
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import Fields
 
 SPEC = EffectSpec(
     name="viscoelastic",
@@ -26,7 +27,7 @@ SPEC = EffectSpec(
         "modulus is the one at the first instant.",
     ),
     parameters=(
-        number(
+        EffectParameter(
             "g",
             "1",
             "share of the resistance that fades",
@@ -36,7 +37,7 @@ SPEC = EffectSpec(
             model_share=0.03,
             numbered=True,
         ),
-        number(
+        EffectParameter(
             "tau_s",
             "s",
             "time over which it fades",
@@ -53,15 +54,15 @@ SPEC = EffectSpec(
 """By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
 
 
-def _at_once(forward: ForwardModel) -> Fields:
-    return [recording.tracks.unit_displacement for recording in forward.base.grasps]
+def _at_once(model: CaseModel) -> Fields:
+    return model.plain
 
 
-def _crept(forward: ForwardModel, g: float, tau_s: float) -> Fields:
+def _crept(model: CaseModel, g: float, tau_s: float) -> Fields:
     arm = RelaxingArm(g=g, tau_s=tau_s)
     return [
         arm.creep_share * lagged(recording, recording.tracks.unit_displacement, arm.retardation_s)
-        for recording in forward.base.grasps
+        for recording in model.grasps
     ]
 
 

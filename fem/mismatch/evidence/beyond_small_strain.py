@@ -22,13 +22,11 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.evidence.equation_cache import marker_equations
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.inner_changes import LEADING
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.pads import response_to
-from fem.mismatch.model.stiffening_flesh import HARDLY_ANY, beyond_linear, stiffening_path
+from fem.mismatch.model.plain_model import Fields, GraspResponse
+from fem.mismatch.model.stress_history import HARDLY_ANY, beyond_linear, stiffening_path
 
 LARGE_DEFORMATION, TURNED_FRUIT = "large deformation", "turned fruit"
 """Names of the columns."""
@@ -45,14 +43,14 @@ FIRST_LOADING = 0.5
 load: a fruit turns as it is sheared, hardly as pads close. Set by hand."""
 
 
-def beyond_small_strain(forward: ForwardModel) -> list[Regressor]:
+def beyond_small_strain(model: CaseModel) -> list[Regressor]:
     """The columns: those that can be computed and add something; none where the response holds finite strain
-    already (ForwardModel.beyond_small_strain).
+    already (CaseModel.beyond_small_strain).
     """
-    if not forward.beyond_small_strain:
+    if not model.beyond_small_strain:
         return []
-    large = large_deformation(forward)
-    flesh = [forward.compliance * unit for unit in large] if isinstance(large, list) else []
+    large = large_deformation(model)
+    flesh = [model.compliance * unit for unit in large] if isinstance(large, list) else []
     return [
         Regressor(
             name=name,
@@ -60,20 +58,18 @@ def beyond_small_strain(forward: ForwardModel) -> list[Regressor]:
             sd=SD,
             fields=[None if field is None else ObservationDelta(markers=field) for field in fields],
         )
-        for name, fields in ((LARGE_DEFORMATION, flesh), (TURNED_FRUIT, turned_fruits(forward)))
+        for name, fields in ((LARGE_DEFORMATION, flesh), (TURNED_FRUIT, turned_fruits(model)))
         if any(field is not None for field in fields)
     ]
 
 
-def displacement_beyond(
-    forward: ForwardModel, *, large_deformation: bool = True
-) -> list[Float[np.ndarray, "_f _n 3"]]:
+def displacement_beyond(model: CaseModel, *, large_deformation: bool = True) -> Fields:
     """Displacement of every recording's markers by these columns at their mean, mm.
 
     `large_deformation`: False where the law of an effect holds it.
     """
-    moved = [np.zeros_like(recording.tracks.unit_displacement) for recording in forward.base.grasps]
-    for column in beyond_small_strain(forward):
+    moved = [np.zeros_like(recording.tracks.unit_displacement) for recording in model.grasps]
+    for column in beyond_small_strain(model):
         if large_deformation or column.name != LARGE_DEFORMATION:
             for k, field in enumerate(column.fields):
                 if field is not None and field.markers is not None:
@@ -81,33 +77,32 @@ def displacement_beyond(
     return moved
 
 
-def large_deformation(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"]] | FemFailure:
+def large_deformation(model: CaseModel) -> Fields | FemFailure:
     """What it adds to the unit response at the markers of every recording, mm MPa.
 
     The failure where flesh is so soft that the search from the linear answer does not settle.
     """
 
-    def compute() -> list[Float[np.ndarray, "_f _n 3"]] | FemFailure:
+    def compute() -> Fields | FemFailure:
         try:
-            return stiffening_path(forward).at_markers(beyond_linear(forward, HARDLY_ANY))
+            return stiffening_path(model).at_markers(beyond_linear(model, HARDLY_ANY))
         except FemFailure as failure:
             return failure
 
-    return forward.memoised(LARGE_DEFORMATION, compute)
+    return model.memoised(LARGE_DEFORMATION, compute)
 
 
-def turned_fruits(forward: ForwardModel) -> list[Float[np.ndarray, "_f _n 3"] | None]:
+def turned_fruits(model: CaseModel) -> list[Float[np.ndarray, "_f _n 3"] | None]:
     """`turned_fruit` of every recording, at the 1/E at which it is asked for first."""
-    return forward.memoised(
-        TURNED_FRUIT, lambda: [turned_fruit(forward, recording) for recording in forward.base.grasps]
+    return model.memoised(
+        TURNED_FRUIT, lambda: [turned_fruit(model, recording) for recording in model.grasps]
     )
 
 
-def turned_fruit(forward: ForwardModel, recording: GraspResponse) -> Float[np.ndarray, "f n 3"] | None:
+def turned_fruit(model: CaseModel, recording: GraspResponse) -> Float[np.ndarray, "f n 3"] | None:
     """What the turn seen in a recording adds at its markers, mm; None where it is held or hardly turns."""
-    tracks, s = recording.tracks, forward.compliance
-    excess = tracks.position_mm - tracks.place_mm - s * tracks.unit_displacement
-    seen = marker_equations(forward, recording).turns(excess)
+    tracks, s = recording.tracks, model.compliance
+    seen = model.marker_equations(recording).turns(recording.excess(s))
     turn = from_first_loading(seen, recording.load, tracks.episode.max(axis=1))
     loaded = recording.load > LOADED
     if np.linalg.norm(turn[loaded], axis=1).max(initial=0.0) < HARDLY_RAD:
@@ -115,7 +110,7 @@ def turned_fruit(forward: ForwardModel, recording: GraspResponse) -> Float[np.nd
     arm = tracks.place_mm - tracks.place_mm.mean(axis=0)
     w = turn[:, None]
     shortened = np.cross(w, np.cross(w, arm)) / 2
-    turned_compliance = np.cross(w, tracks.unit_displacement) - _under_turned_forces(forward, recording, turn)
+    turned_compliance = np.cross(w, tracks.unit_displacement) - _under_turned_forces(model, recording, turn)
     return np.asarray(shortened + s * turned_compliance)
 
 
@@ -132,15 +127,15 @@ def from_first_loading(
 
 
 def _under_turned_forces(
-    forward: ForwardModel, recording: GraspResponse, turn: Float[np.ndarray, "f 3"]
+    model: CaseModel, recording: GraspResponse, turn: Float[np.ndarray, "f 3"]
 ) -> Float[np.ndarray, "f n 3"]:
     """C W f at the markers, mm MPa: the leading patterns turned about each axis, solved for once."""
     patterns = recording.patterns[:LEADING]
 
     def compute() -> Float[np.ndarray, "3 r n 3"]:
         turned = np.cross(np.eye(3)[:, None, None], patterns[None]).reshape(-1, *patterns.shape[1:])
-        return response_to(forward, recording, turned).reshape(3, *patterns.shape)
+        return recording.response_to(turned).reshape(3, *patterns.shape)
 
-    response = forward.memoised(("turned forces", recording.case.name), compute)
+    response = model.memoised(("turned forces", recording.case.name), compute)
     shares = recording.shares[:, : len(patterns)]
     return np.asarray(np.einsum("fa,fr,arnx->fnx", turn, shares, response, optimize=True))

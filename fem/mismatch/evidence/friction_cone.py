@@ -24,8 +24,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import GraspResponse
 
 FIRM = 4.0
 """A marker's pressure counts from so many standard deviations of its noise."""
@@ -78,13 +78,13 @@ class ShearRatios:
         return self.pile_up(mu) - self.loss(mu) - float(np.log(len(TRIED)))
 
 
-def shear_ratios(forward: ForwardModel) -> ShearRatios:
+def shear_ratios(model: CaseModel) -> ShearRatios:
     """Of all markers of all recordings."""
-    scale = np.sqrt(2) * forward.base.case.budget.force_scale_sd
-    names = {name for recording in forward.base.grasps for name in recording.pad_names}
-    springs = {name: _springs(forward, name) for name in names}
+    scale = np.sqrt(2) * model.case.budget.force_scale_sd
+    names = {name for recording in model.grasps for name in recording.pad_names}
+    springs = {name: _springs(model, name) for name in names}
     ratio, sd, marker, before = [], [], [], 0
-    for recording in forward.base.grasps:
+    for recording in model.grasps:
         for pad in range(len(recording.links)):
             normal, shear, normal_sd, shear_sd = _pressed(recording, pad, springs[recording.pad_names[pad]])
             frame, who = np.nonzero(normal > FIRM * normal_sd)
@@ -110,23 +110,23 @@ def in_pad_frame(
     return np.asarray(np.einsum("fji,fnj->fni", turn, values[:, recording.pad_of_marker == pad]))
 
 
-def spring_ratio(forward: ForwardModel, pad_name: str) -> float:
+def spring_ratio(model: CaseModel, pad_name: str) -> float:
     """k_t / k_n of one pad's gel, all recordings together: its forces per displacement along and across."""
-    normal, shear, _ = _springs(forward, pad_name)
+    normal, shear, _ = _springs(model, pad_name)
     return shear / normal
 
 
-def normal_stiffness(forward: ForwardModel, pad_name: str) -> float:
+def normal_stiffness(model: CaseModel, pad_name: str) -> float:
     """k_n of one marker of a pad's gel, N/mm, all recordings together."""
-    return _springs(forward, pad_name)[0]
+    return _springs(model, pad_name)[0]
 
 
-def _springs(forward: ForwardModel, pad_name: str) -> tuple[float, float, bool]:
+def _springs(model: CaseModel, pad_name: str) -> tuple[float, float, bool]:
     """Force per displacement along the normal and across, N/mm; whether that is all of the forces."""
-    return forward.memoised(("springs", pad_name), lambda: _fitted_springs(forward, pad_name))
+    return model.memoised(("springs", pad_name), lambda: _fitted_springs(model, pad_name))
 
 
-def _fitted_springs(forward: ForwardModel, pad_name: str) -> tuple[float, float, bool]:
+def _fitted_springs(model: CaseModel, pad_name: str) -> tuple[float, float, bool]:
     springs, local = [], True
     for part in (slice(2, 3), slice(0, 2)):
         work = moved = residual = noise = 0.0
@@ -136,7 +136,7 @@ def _fitted_springs(forward: ForwardModel, pad_name: str) -> tuple[float, float,
                 _gel(recording, pad)[..., part],
                 _noise(recording, pad),
             )
-            for recording in forward.base.grasps
+            for recording in model.grasps
             for pad in range(len(recording.links))
             if recording.pad_names[pad] == pad_name
         ]

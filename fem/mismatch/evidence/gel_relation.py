@@ -31,8 +31,8 @@ from scipy.spatial import cKDTree
 from fem.estimation.coloured_noise import variance_inflation
 from fem.estimation.zero_drift import zero_drift
 from fem.mismatch.mismatch_case import GraspCase
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import GraspResponse
 
 FIRM = 0.25
 """Share of a pad's largest marker force that a marker reaches, to count: those at the rim, where a layer is
@@ -122,9 +122,9 @@ class RelationFit:
     left: float
 
 
-def gel_records(forward: ForwardModel) -> tuple[GelRecord, ...]:
+def gel_records(model: CaseModel) -> tuple[GelRecord, ...]:
     """Of every pad of every recording, as recorded; kept for the case."""
-    return forward.memoised("gel records", lambda: tuple(chain(*map(_records, forward.base.grasps))))
+    return model.memoised("gel records", lambda: tuple(chain(*map(_records, model.grasps))))
 
 
 def _records(recording: GraspResponse) -> list[GelRecord]:

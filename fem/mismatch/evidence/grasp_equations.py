@@ -7,12 +7,11 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from fem.estimation.zero_drift import ZeroDrifts
-from fem.mismatch.evidence.equation_cache import balance_equations, marker_equations
 from fem.mismatch.evidence.nuisances import own_nuisances
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.marker_equations import BalanceEquations, MarkerEquations
 from fem.mismatch.model.observation_delta import ObservationDelta
+from fem.mismatch.model.plain_model import GraspResponse
 
 
 @dataclass(frozen=True)
@@ -33,12 +32,12 @@ class GraspEquations:
 
     @classmethod
     def of(
-        cls, forward: ForwardModel, recording: GraspResponse, *, markers: MarkerEquations | None = None
+        cls, model: CaseModel, recording: GraspResponse, *, markers: MarkerEquations | None = None
     ) -> "GraspEquations":
         """The recording's equations; `markers`: those of its markers, if not marker_equations."""
-        markers = marker_equations(forward, recording) if markers is None else markers
+        markers = model.marker_equations(recording) if markers is None else markers
         none = np.zeros((0, 0))
-        balance = balance_equations(forward, recording)
+        balance = model.balance_equations(recording)
         bare = cls(
             recording,
             markers,
@@ -48,7 +47,7 @@ class GraspEquations:
             none,
             none,
         )
-        nuisances = own_nuisances(forward, recording)
+        nuisances = own_nuisances(model, recording)
         plain, weighed = bare.rows([field for _, _, field in nuisances])
         normal = weighed @ plain.T + np.diag([sd**-2.0 for _, sd, _ in nuisances])
         return replace(bare, nuisances=plain, nuisances_weighed=weighed, inverse=np.linalg.inv(normal))
@@ -67,7 +66,7 @@ class GraspEquations:
 
     def _ends(self) -> tuple[Bool[np.ndarray, "f n"], int, int]:
         """Which markers touch, and where they and the sums of force end in a flat field."""
-        touching = self.recording.tracks.episode >= 0
+        touching = self.recording.touching
         cut = 3 * int(touching.sum())
         return touching, cut, cut + (0 if self.balance is None else self.balance.measured.size)
 
@@ -89,7 +88,7 @@ class GraspEquations:
 
     def weighed_markers(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """The W-image of a field of the markers, at the markers; zero out of contact."""
-        touching = self.recording.tracks.episode >= 0
+        touching = self.recording.touching
         _, weighed = self.rows([ObservationDelta(markers=field)])
         weighed_field = np.zeros_like(field)
         weighed_field[touching] = weighed[0, : 3 * int(touching.sum())].reshape(-1, 3)

@@ -20,9 +20,8 @@ from jaxtyping import Float, Int
 
 from fem.mismatch.effect import Response
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.evidence.noise_of_change import noise_of_change, noise_products
-from fem.mismatch.model.force_products import ForceNoise, OfAll
-from fem.mismatch.model.forward_model import ForwardModel, MemoTable
+from fem.mismatch.model.case_model import CaseModel, MemoTable
+from fem.mismatch.model.force_noise import ALL, ForceNoise, noise_of_change, noise_products
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.parallel_map import parallel_map
 
@@ -30,11 +29,11 @@ PLAIN_SD = 3.0
 """Prior of how far 1/E is from what the plain fit found, as a share of it: flat."""
 
 
-def plain_data(forward: ForwardModel, recorded: GraspEquations) -> ObservationDelta:
+def plain_data(model: CaseModel, recorded: GraspEquations) -> ObservationDelta:
     """A recording's excess over s c: positions of markers, mm, imbalance of forces, N, and zero drifts."""
     tracks = recorded.recording.tracks
     return ObservationDelta(
-        markers=tracks.position_mm - tracks.place_mm - forward.compliance * tracks.unit_displacement,
+        markers=tracks.position_mm - tracks.place_mm - model.compliance * tracks.unit_displacement,
         balance=None if recorded.balance is None else recorded.balance.measured,
         rest=recorded.rest.measured,
     )
@@ -62,31 +61,31 @@ class GramMatrix:
     Row 0 is the data (less prior means), row 1 the plain model (its response s c), then the
     columns in the order given. Column 0 is the plain model's, so that `columns[j]` is the j-th of those
     given, counted from one. Products with the data are corrected by what the forces' noise adds to them
-    (fem.mismatch.model.force_products) and by `surface`, what the error of the scanned surface does
+    (fem.mismatch.model.force_noise) and by `surface`, what the error of the scanned surface does
     (fem.mismatch.evidence.surface_bias): `bias` by recording and column.
     """
 
     def __init__(
         self,
-        forward: ForwardModel,
+        model: CaseModel,
         recorded: Sequence[GraspEquations],
         columns: Sequence[Regressor],
         *,
         noise: Sequence[ForceNoise] = (),
         surface: Float[np.ndarray, "g c"] | None = None,
     ) -> None:
-        self._noise, self._workers = tuple(noise), forward.workers
+        self._noise, self._workers = tuple(noise), model.workers
         self._noise_products = MemoTable()
-        plain_fields = [_plain(forward, equations) for equations in recorded]
+        plain_fields = [_plain(model, equations) for equations in recorded]
         self.columns = [
-            Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields, of_forces=OfAll()),
+            Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields, of_forces=ALL),
             *columns,
         ]
         self.bias = np.array(
             parallel_map(
                 lambda k: [_bias(column, noise[k], k) for column in self.columns],
                 range(len(noise)),
-                workers=forward.workers,
+                workers=model.workers,
             )
         ).reshape(len(noise), len(self.columns))
         if not len(noise):
@@ -100,7 +99,7 @@ class GramMatrix:
         self.products: list[np.ndarray] = []
         self.weighed: list[np.ndarray] = []
         self.data = [
-            _less_prior_means(plain_data(forward, equations), self.columns, k)
+            _less_prior_means(plain_data(model, equations), self.columns, k)
             for k, equations in enumerate(recorded)
         ]
 
@@ -112,7 +111,7 @@ class GramMatrix:
             at = [0, *(place[j if (same := self.columns[j].same_as) is None else same] for j in known)]
             return known, (heavy @ plain.T)[np.ix_(at, at)], heavy[at]
 
-        for known, products, heavy in parallel_map(rows, range(len(recorded)), workers=forward.workers):
+        for known, products, heavy in parallel_map(rows, range(len(recorded)), workers=model.workers):
             self.rows.append(np.array(known, dtype=np.int64))
             self.products.append(_corrected(products, self.bias[len(self.rows) - 1, known]))
             self.weighed.append(heavy)
@@ -139,7 +138,7 @@ class GramMatrix:
 
     def about(
         self,
-        forward: ForwardModel,
+        model: CaseModel,
         response: Response,
         chosen: Sequence[int],
         more: Sequence[Regressor] = (),
@@ -151,13 +150,13 @@ class GramMatrix:
 
         `signatures`: columns that the model is like while it is small. The noise of forces in it, and in
         `more`, is taken for theirs, in the amounts in which the model and `more` are like them
-        (fem.mismatch.evidence.noise_of_change).
+        (fem.mismatch.model.force_noise).
         """
         other = copy(self)
         biased = [j for j in signatures if self.bias[:, j].any()]
         moved = replace(response, shift_mm=None)  # no noise of forces reaches the shift of markers
         changes = [
-            [moved.change(forward, k) for k in range(len(self._recorded))],
+            [moved.change(model, k) for k in range(len(self._recorded))],
             *(column.fields for column in more),
         ]
         like_signatures = self._amounts_of(biased, changes)
@@ -168,12 +167,12 @@ class GramMatrix:
             [noise.plain, self.bias[:, list(chosen)], noise.signatures @ like_signatures[1:].T]
         )
         old = [self.columns[j] for j in chosen]
-        plain_fields = [ObservationDelta(markers=forward.compliance * unit) for unit in response.unit]
+        plain_fields = [ObservationDelta(markers=model.compliance * unit) for unit in response.unit]
         plain_column = Regressor(name="1/E", sd=PLAIN_SD, fields=plain_fields)
         other.columns = [plain_column, *old, *more]
         other.rows, other.products, other.weighed, other.data = [], [], [], []
         for k, equations in enumerate(self._recorded):
-            data = plain_data(forward, equations).plus(-1.0, response.change(forward, k))
+            data = plain_data(model, equations).plus(-1.0, response.change(model, k))
             data = _less_prior_means(data, old, k)
             other.data.append(data)
             fresh = [data, plain_fields[k], *(column.fields[k] for column in more)]
@@ -310,5 +309,5 @@ def _corrected(products: Float[np.ndarray, "k k"], bias: Float[np.ndarray, " c"]
     return corrected
 
 
-def _plain(forward: ForwardModel, equations: GraspEquations) -> ObservationDelta:
-    return ObservationDelta(markers=forward.compliance * equations.recording.tracks.unit_displacement)
+def _plain(model: CaseModel, equations: GraspEquations) -> ObservationDelta:
+    return ObservationDelta(markers=model.compliance * equations.recording.tracks.unit_displacement)

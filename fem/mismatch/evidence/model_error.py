@@ -34,7 +34,6 @@ from scipy.linalg import cho_factor, cho_solve
 from fem.mismatch.effect import Effect, Signature
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.model.observation_delta import Regressor
-from fem.mismatch.signature_variant import OfPad
 
 FILE = "model_error.csv"
 
@@ -108,18 +107,14 @@ def model_error_columns(
     `signatures`: of a case, with the numbers of their columns.
     """
 
-    def place(effect: Effect, signature: Signature) -> tuple[str, str]:
-        variant = signature.variant
-        return effect.spec.name, variant.pad if isinstance(variant, OfPad) else ""
-
     known = model_error_shares() if shares is None else shares
-    count = Counter(place(effect, signature) for effect, signature, _ in signatures)
+    count = Counter((effect.spec.name, signature.variant.pad) for effect, signature, _ in signatures)
     return [
         replace(
             column,
             name=f"model error {effect.spec.name}",
             mean=0.0,
-            sd=share * compliance_ratio * column.sd / np.sqrt(count[place(effect, signature)]),
+            sd=share * compliance_ratio * column.sd / np.sqrt(count[effect.spec.name, signature.variant.pad]),
             positive=False,
             of_forces=None,
             same_as=number,

@@ -15,12 +15,11 @@ from fem.estimation.compliance_fit import rigid_part
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.sensitivity import POISSON_RATIO, SURFACE, mean_normal, tangents
 from fem.mismatch.evidence.beyond_small_strain import beyond_small_strain
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.force_products import OfResponse
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.inner_changes import OfInnerChange, inner_changes
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.force_noise import OfInnerChange, OfResponse
+from fem.mismatch.model.inner_changes import inner_changes, slid_response
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.pads import own_markers, slid_response
+from fem.mismatch.model.plain_model import GraspResponse
 
 NORMAL_DISCREPANCY, TANGENTIAL_DISCREPANCY = 0.005, 0.003
 """Standard deviations of a pad's own discrepancies along its normal and along the skin, as shares of its
@@ -41,10 +40,10 @@ FEWEST = 8
 motion."""
 
 
-def common_nuisances(forward: ForwardModel) -> list[Regressor]:
+def common_nuisances(model: CaseModel) -> list[Regressor]:
     """Those that all recordings share."""
-    budget = forward.base.case.budget
-    inner = [_inner(forward, recording) for recording in forward.base.grasps]
+    budget = model.case.budget
+    inner = [_inner(model, recording) for recording in model.grasps]
     names = dict.fromkeys(name for changes in inner for name in changes if name not in SURFACE)
     columns = [
         Regressor(
@@ -56,25 +55,23 @@ def common_nuisances(forward: ForwardModel) -> list[Regressor]:
         for name in names
     ]
     dents = [
-        ObservationDelta(markers=forward.compliance * _dent(recording, recording.tracks.unit_displacement))
-        for recording in forward.base.grasps
+        ObservationDelta(markers=model.compliance * _dent(recording, recording.tracks.unit_displacement))
+        for recording in model.grasps
     ]
     columns.append(Regressor(name="dent", sd=DENT, fields=dents, of_forces=OfResponse(_dent)))
-    return [*columns, *beyond_small_strain(forward)]
+    return [*columns, *beyond_small_strain(model)]
 
 
-def own_nuisances(
-    forward: ForwardModel, recording: GraspResponse
-) -> list[tuple[str, float, ObservationDelta]]:
+def own_nuisances(model: CaseModel, recording: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
     """Those of one recording: name, prior standard deviation, field."""
-    budget = forward.base.case.budget
+    budget = model.case.budget
     nuisances = [
         (name, budget.sd_of(name, history=recording.case.history), field)
-        for name, field in _inner(forward, recording).items()
+        for name, field in _inner(model, recording).items()
         if name in SURFACE
     ]
-    nuisances += [(name, budget.pose_sd_mm, field) for name, field in _places(forward, recording)]
-    return nuisances + _discrepancies(forward, recording) + _approaches(forward, recording)
+    nuisances += [(name, budget.pose_sd_mm, field) for name, field in _places(model, recording)]
+    return nuisances + _discrepancies(model, recording) + _approaches(model, recording)
 
 
 def _sd(name: str, budget: ErrorBudget) -> float:
@@ -82,19 +79,19 @@ def _sd(name: str, budget: ErrorBudget) -> float:
     return max(sd, SMALLEST_POISSON_SD) if name == POISSON_RATIO else sd
 
 
-def _inner(forward: ForwardModel, recording: GraspResponse) -> dict[str, ObservationDelta]:
+def _inner(model: CaseModel, recording: GraspResponse) -> dict[str, ObservationDelta]:
     return {
-        cause: ObservationDelta(markers=forward.compliance * change)
-        for cause, change in inner_changes(forward, recording).items()
+        cause: ObservationDelta(markers=model.compliance * change)
+        for cause, change in inner_changes(model, recording).items()
     }
 
 
-def _places(forward: ForwardModel, recording: GraspResponse) -> list[tuple[str, ObservationDelta]]:
+def _places(model: CaseModel, recording: GraspResponse) -> list[tuple[str, ObservationDelta]]:
     """Each pad along its own x and y over the skin."""
     return [
-        (f"{name} {axis}", ObservationDelta(markers=forward.compliance * moved))
+        (f"{name} {axis}", ObservationDelta(markers=model.compliance * moved))
         for pad, name in enumerate(recording.pad_names)
-        for axis, moved in zip("xy", slid_response(forward, recording, pad), strict=True)
+        for axis, moved in zip("xy", slid_response(model, recording, pad), strict=True)
     ]
 
 
@@ -110,16 +107,14 @@ def _dent(recording: GraspResponse, response: Float[np.ndarray, "f n 3"]) -> Flo
     return dent
 
 
-def _discrepancies(
-    forward: ForwardModel, recording: GraspResponse
-) -> list[tuple[str, float, ObservationDelta]]:
+def _discrepancies(model: CaseModel, recording: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
     """Polynomials of second degree over each patch, along three directions, times load and its square."""
     discrepancies = []
     for pad, name in enumerate(recording.pad_names):
-        mine = own_markers(recording, pad)[0, :, 0]
+        mine = recording.own_markers(pad)[0, :, 0]
         normal = mean_normal(recording.links[pad].place.normal)
         axes = np.vstack([tangents(recording.links[pad].place.normal), normal])
-        size = _greatest_response(forward, recording, pad)
+        size = _greatest_response(model, recording, pad)
         x, y = ((recording.tracks.place_mm - recording.tracks.place_mm[mine].mean(axis=0)) @ axes[:2].T).T
         x, y = x / np.abs(x[mine]).max(), y / np.abs(y[mine]).max()
         shapes = np.stack([np.ones_like(x), x, y, x**2 - 1 / 3, x * y, y**2 - 1 / 3]) * mine
@@ -134,21 +129,21 @@ def _discrepancies(
     return discrepancies
 
 
-def _greatest_response(forward: ForwardModel, recording: GraspResponse, pad: int) -> float:
+def _greatest_response(model: CaseModel, recording: GraspResponse, pad: int) -> float:
     """Root mean square over a pad's markers of their response at the greatest load, mm."""
-    mine = own_markers(recording, pad)[0, :, 0]
-    response = forward.compliance * recording.tracks.unit_displacement[int(np.argmax(recording.load)), mine]
+    mine = recording.own_markers(pad)[0, :, 0]
+    response = model.compliance * recording.tracks.unit_displacement[int(np.argmax(recording.load)), mine]
     return float(np.sqrt((response**2).sum(axis=1).mean()))
 
 
-def _approaches(forward: ForwardModel, recording: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
+def _approaches(model: CaseModel, recording: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
     """Each pad along its normal, near each of LOADS, loading and unloading alike."""
     approaches = []
     near = [np.interp(recording.load, LOADS, unit) for unit in np.eye(len(LOADS))]
     for pad, name in enumerate(recording.pad_names):
-        mine = own_markers(recording, pad)[0, :, 0]
+        mine = recording.own_markers(pad)[0, :, 0]
         normal = mean_normal(recording.links[pad].place.normal)
-        sd = APPROACH * _greatest_response(forward, recording, pad)
+        sd = APPROACH * _greatest_response(model, recording, pad)
         for k, share in enumerate(near):
             field = share[:, None, None] * (mine[:, None] * normal)
             approaches.append((f"{name} approach {k}", sd, ObservationDelta(markers=field)))

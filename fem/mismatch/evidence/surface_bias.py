@@ -6,7 +6,7 @@ without any effect,
 
     n = E[dphi . W (-s dc)],
 
-as it has by the noise of the forces (fem.mismatch.evidence.force_noise). Uncorrected, a smooth error of
+as it has by the noise of the forces (fem.mismatch.model.force_noise). Uncorrected, a smooth error of
 0.1 mm looks like a skin of 0.3 mm. n is estimated from one drawn error, for which all patterns and the
 laws that are linear in the flesh's stiffness are solved again. n is of second order: the opposite error has
 the same.
@@ -21,11 +21,11 @@ from jaxtyping import Float
 
 from fem.elements.assembly import assemble
 from fem.estimation.sensitivity import mean_normal
-from fem.mismatch.effect import Effect, LinearInStiffness, Signature
+from fem.mismatch.effect import Effect, Signature
 from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.model.baseline import Baseline, GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.observation_delta import ObservationDelta
+from fem.mismatch.model.plain_model import GraspResponse, PlainModel
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.shape_derivative import with_surface_error
 
@@ -37,28 +37,28 @@ small one turns no element inside out."""
 
 
 def surface_products(
-    forward: ForwardModel,
+    model: CaseModel,
     recorded: Sequence[GraspEquations],
     signatures: Sequence[tuple[Effect, Signature, tuple[int, ...]]],
     *,
     columns: int,
 ) -> Float[np.ndarray, "g c"]:
-    """n of each recording and column (zero where it is not a signature of a LinearInStiffness).
+    """n of each recording and column (zero where it is not a signature of an effect linear in the stiffness).
 
     `signatures`: with the numbers of their columns, which count from one. Column 0 is the plain model's.
     Raises FemFailure (INVERTED_ELEMENTS) where an element is nearly folded already.
     """
     products = np.zeros((len(recorded), columns))
-    linear = [(effect, numbers) for effect, _, numbers in signatures if isinstance(effect, LinearInStiffness)]
+    linear = [(effect, numbers) for effect, _, numbers in signatures if effect.linear_in_stiffness]
     if not linear:
         return products
-    drawn = with_drawn_surface(forward)
+    drawn = with_drawn_surface(model)
     weighed = []
-    for equations, recording in zip(recorded, drawn.base.grasps, strict=True):
+    for equations, recording in zip(recorded, drawn.grasps, strict=True):
         change = recording.tracks.unit_displacement - equations.recording.tracks.unit_displacement
-        weighed.append(equations.rows([ObservationDelta(markers=-forward.compliance * change)])[1][0])
+        weighed.append(equations.rows([ObservationDelta(markers=-model.compliance * change)])[1][0])
     for effect, numbers in linear:
-        before, after = (effect.signatures(model)[0].columns for model in (forward, drawn))
+        before, after = (effect.signatures(of)[0].columns for of in (model, drawn))
         for column, moved, number in zip(before, after, numbers, strict=True):
             for k, equations in enumerate(recorded):
                 change = equations.flat(moved.fields[k]) - equations.flat(column.fields[k])
@@ -85,12 +85,12 @@ def _nearby(solid: UnitModulusSolid, **moved: Any) -> NearbySolid:
     return NearbySolid(**{field.name: getattr(solid, field.name) for field in fields(solid)} | moved)
 
 
-def with_drawn_surface(forward: ForwardModel) -> ForwardModel:
+def with_drawn_surface(model: CaseModel) -> CaseModel:
     """The model of the same recordings on a mesh with one more error of the surface, STEP of the budget's.
 
     Markers stay where they are on their elements. Raises FemFailure (INVERTED_ELEMENTS).
     """
-    base, case = forward.base, forward.base.case
+    base, case = model.base, model.case
     pads = [
         (link.place.point_mm, mean_normal(link.place.normal))
         for recording in base.grasps
@@ -98,22 +98,20 @@ def with_drawn_surface(forward: ForwardModel) -> ForwardModel:
     ]
     variances = [case.budget.surface_under_pads_mm(grasp.history) ** 2 for grasp in case.grasps]
     sd_mm = float(np.sqrt(np.mean(np.concatenate(variances))))
-    mesh = with_surface_error(base.mesh, pads, sd_mm=STEP * sd_mm, rng=np.random.default_rng(SEED))
+    mesh = with_surface_error(case.mesh, pads, sd_mm=STEP * sd_mm, rng=np.random.default_rng(SEED))
     parts = assemble(mesh.nodes_mm, mesh.tets)
-    stiffness = parts.for_unit_modulus(poisson_ratio=forward.poisson_ratio)
+    stiffness = parts.for_unit_modulus(poisson_ratio=model.poisson_ratio)
     solids: dict[Support, UnitModulusSolid] = {
         support: _nearby(solid, mesh=mesh, parts=parts, stiffness=stiffness)
         for support, solid in base.solids.items()
     }
 
     def again(recording: GraspResponse) -> GraspResponse:
-        skin = base.solid_of(recording).contact_nodes
-        loads = np.zeros((len(recording.patterns), len(mesh.nodes_mm), 3))
-        loads[:, skin] = recording.nodal_of(recording.patterns)
-        moved = solids[recording.case.support].displacement(loads)
-        response = recording.at_markers(moved[:, skin])
+        solid = solids[recording.case.support]
+        moved = solid.displacement(recording.loads(recording.patterns))
+        response = recording.at_markers(moved)
         tracks = replace(recording.tracks, unit_displacement=recording.over_time(response))
-        return replace(recording, moved=moved, response=response, tracks=tracks)
+        return replace(recording, solid=solid, moved=moved, response=response, tracks=tracks)
 
-    moved_base = Baseline(case=replace(case, mesh=mesh), solids=solids, grasps=tuple(forward.each(again)))
-    return ForwardModel(base=moved_base, compliance=forward.compliance, workers=forward.workers)
+    moved_base = PlainModel(case=replace(case, mesh=mesh), solids=solids, grasps=tuple(model.each(again)))
+    return CaseModel(base=moved_base, compliance=model.compliance, workers=model.workers)

@@ -4,72 +4,66 @@ What has faded follows the elastic response with a lag (fem.materials.relaxing_a
 in the share at none, for a row of times.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.materials.relaxing_arm import RelaxingArm, lagging
-from fem.mismatch.effect import Response, Signature
-from fem.mismatch.effect_spec import EffectSpec
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel, over_all_frames
-from fem.mismatch.signature_variant import AtValue, Variant, value_of
+from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import Fields, GraspResponse
+from fem.mismatch.signature_variant import Variant, at_value
 
 TAUS_S = (0.3, 1.0, 3.0, 10.0, 30.0)
 """Times of the signatures, s: threefold apart, from the shortest press to beyond the hold. Set by hand."""
 PRIOR_SD = 0.5
 """Of the share: half of the resistance. Set by hand."""
 
-Fields = list[Float[np.ndarray, "_f _n 3"]]
-
 
 @dataclass(frozen=True, kw_only=True)
-class FadingLaw:
+class FadingLaw(Effect):
     """The parameters of `spec` are the share and the time, s.
 
-    `at_once(forward)`: dc/d(share) of every recording where the share is gone at once, mm MPa.
-    `response(forward, share, tau_s)`: what fading adds to c. `weight(forward)`: how much of a mode's
+    `at_once(model)`: dc/d(share) of every recording where the share is gone at once, mm MPa.
+    `response(model, share, tau_s)`: what fading adds to c. `weight(model)`: how much of a mode's
     resistance is of the kind that fades, on average.
     """
 
-    spec: EffectSpec
-    at_once: Callable[[ForwardModel], Fields]
-    response: Callable[[ForwardModel, float, float], Fields]
-    weight: Callable[[ForwardModel], float] = lambda forward: 1.0
+    at_once: Callable[[CaseModel], Fields]
+    response: Callable[[CaseModel, float, float], Fields]
+    weight: Callable[[CaseModel], float] = lambda model: 1.0
 
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
         """One for each tau: at once nothing, in time that of the elastic law."""
         name = self.spec.searched[0].name
-        changes = forward.memoised((self.spec.name, "at once"), lambda: self.at_once(forward))
+        changes = model.memoised((self.spec.name, "at once"), lambda: self.at_once(model))
         return [
             Signature.of_markers(
                 f"{name}, tau {tau:g} s",
                 [
-                    forward.compliance * lagged(recording, change, tau)
-                    for recording, change in zip(forward.base.grasps, changes, strict=True)
+                    model.compliance * lagged(recording, change, tau)
+                    for recording, change in zip(model.grasps, changes, strict=True)
                 ],
                 sd=PRIOR_SD,
-                variant=AtValue(symbol="tau", value=tau, unit="s"),
+                variant=at_value("tau", tau, "s"),
                 positive=True,
             )
             for tau in TAUS_S
         ]
 
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
+    def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The amount a counts fading in proportion: of a mode of weight b, s b / (1 - s b) = a b; tau is as
         much shorter than its retardation time."""
-        weight = self.weight(forward)
-        arm = RelaxingArm.of_creep(weight * max(float(amounts[0]), 0.0), value_of(signature.variant))
+        weight = self.weight(model)
+        arm = RelaxingArm.of_creep(weight * max(float(amounts[0]), 0.0), signature.variant.values[0])
         return self.spec.within_bounds(arm.g / weight, arm.tau_s)
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """Exact for force histories that run straight between frames."""
         share, tau_s = (parameters[spec.name] for spec in self.spec.searched)
-        return Response.plain(forward, self.response(forward, share, tau_s))
+        return Response.plain(model, self.response(model, share, tau_s))
 
 
 def lagged(
@@ -78,5 +72,5 @@ def lagged(
     retardation_s: float | Float[np.ndarray, "..."],
 ) -> Float[np.ndarray, "f ..."]:
     """h of fem.materials.relaxing_arm, in the frames used."""
-    whole = over_all_frames(recording, values)
+    whole = recording.over_all_frames(values)
     return np.asarray(lagging(whole, recording.case.history.time_s, retardation_s)[recording.used])

@@ -1,70 +1,67 @@
 """An effect that makes the flesh's law another linear one: one parameter, stiffness sum_i a_i(theta) K_i."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 from scipy.sparse import bsr_array, csr_array
 
-from fem.mismatch.effect import Response, Signature
-from fem.mismatch.effect_spec import EffectSpec
-from fem.mismatch.model.force_products import OfFlesh
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.force_noise import OfFlesh
 from fem.mismatch.model.reduced_law import Operator, ReducedLaw, first_changes, reduced_laws
 from fem.mismatch.signature_variant import Variant
 
 
 @dataclass(frozen=True, kw_only=True)
-class LinearLaw:
+class LinearLaw(Effect):
     """The law of flesh whose stiffness is sum_i a_i(theta) K_i; theta is the effect's one parameter.
 
-    `derivative(forward)`: dK/dtheta at the plain law. `parts(forward)` and `amounts(theta)`: the K_i and a_i;
-    K0 and dK/dtheta with 1 and theta unless given. `null(forward)`: the theta of the plain law. `sd`: prior
+    `derivative(model)`: dK/dtheta at the plain law. `parts(model)` and `amounts(theta)`: the K_i and a_i;
+    K0 and dK/dtheta with 1 and theta unless given. `null(model)`: the theta of the plain law. `sd`: prior
     standard deviation of theta about it. `positive`: theta is never below it. A law `of_the_depth` needs a
     pit.
     """
 
-    spec: EffectSpec
+    linear_in_stiffness = True
     sd: float
-    derivative: Callable[[ForwardModel], Operator]
-    parts: Callable[[ForwardModel], Sequence[Operator]] | None = None
+    derivative: Callable[[CaseModel], Operator]
+    parts: Callable[[CaseModel], Sequence[Operator]] | None = None
     amounts: Callable[[float], Sequence[float]] = lambda theta: (1.0, theta)
-    null: Callable[[ForwardModel], float] = lambda forward: 0.0
+    null: Callable[[CaseModel], float] = lambda model: 0.0
     positive: bool = False
     of_the_depth: bool = False
 
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
         """dc/dtheta at the plain law, which follows from the forces as -K0^-1 (dK/dtheta) U."""
-        if self.of_the_depth and not len(forward.base.mesh.pit_nodes):
+        if self.of_the_depth and not len(model.mesh.pit_nodes):
             return []
-        derivative = self.derivative(forward)
+        derivative = self.derivative(model)
         signature = Signature.of_markers(
             self.spec.searched[0].name,
-            [forward.compliance * change for change in first_changes(forward, derivative)],
+            [model.compliance * change for change in first_changes(model, derivative)],
             sd=self.sd,
             positive=self.positive,
             of_forces=OfFlesh(lambda recording, moved: -derivative(moved)),
         )
         return [signature]
 
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
+    def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The amount counts from the plain law."""
-        return self.spec.within_bounds(self.null(forward) + amounts[0])
+        return self.spec.within_bounds(self.null(model) + amounts[0])
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The law of this parameter, in the reduced space."""
         theta = parameters[self.spec.searched[0].name]
-        laws = forward.memoised(self.spec.name, lambda: self._laws(forward))
+        laws = model.memoised(self.spec.name, lambda: self._laws(model))
         return Response(unit=[law.response(self.amounts(theta)) for law in laws])
 
-    def _laws(self, forward: ForwardModel) -> list[ReducedLaw]:
-        derivative = self.derivative(forward)
-        parts = (matrix_operator(forward.stiffness), derivative)
+    def _laws(self, model: CaseModel) -> list[ReducedLaw]:
+        derivative = self.derivative(model)
+        parts = (matrix_operator(model.stiffness), derivative)
         return reduced_laws(
-            forward, derivative=derivative, parts=parts if self.parts is None else self.parts(forward)
+            model, derivative=derivative, parts=parts if self.parts is None else self.parts(model)
         )
 
 
@@ -79,7 +76,7 @@ def matrix_operator(matrix: csr_array | bsr_array) -> Operator:
 
 
 def stress_operator(
-    forward: ForwardModel, stress: Callable[[Float[np.ndarray, "f m 4 6"]], Float[np.ndarray, "f m 4 6"]]
+    model: CaseModel, stress: Callable[[Float[np.ndarray, "f m 4 6"]], Float[np.ndarray, "f m 4 6"]]
 ) -> Operator:
     """B' sigma(eps) of a law of stress that is linear in the strain."""
-    return lambda displacement: forward.points.forces(stress(forward.points.strain(displacement)))
+    return lambda displacement: model.points.forces(stress(model.points.strain(displacement)))

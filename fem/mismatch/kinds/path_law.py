@@ -5,24 +5,23 @@ made, and a marker is compared with its own first touch in each. Signatures: wha
 model's field, one for each of a few levels at which it sets in, relative to what the plain model sees.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.materials.strain_path import PathLaw, Points, Tensors
-from fem.mismatch.effect import Response, Signature
-from fem.mismatch.effect_spec import EffectSpec
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.stress_history import PathState, fixed_point, path_state, whole_response
-from fem.mismatch.signature_variant import AtValue, Variant, significant, value_of
+from fem.mismatch.signature_variant import Variant, at_value, significant
 from fem.solid.flesh_pieces import exceeded_by
 from fem.solid.initial_stress import bounded
 
 
 @dataclass(frozen=True, kw_only=True)
-class PathLawEffect:
+class PathLawEffect(Effect):
     """`spec`: its last parameter is the level, over E.
 
     `law(parameters, nu)`: of the flesh. `seen(gradient, nu)`: what is held against the level. `symbol` of the
@@ -32,8 +31,7 @@ class PathLawEffect:
     followed, of all recordings together.
     """
 
-    spec: EffectSpec
-    law: Callable[[Mapping[str, float], float], PathLaw]
+    law: Callable[[Parameters, float], PathLaw]
     seen: Callable[[Tensors, float], Points]
     symbol: str
     relative: tuple[float, ...]
@@ -44,13 +42,13 @@ class PathLawEffect:
     from_amount: Callable[[float], tuple[float, ...]] = lambda amount: ()
     frames: int
 
-    def signatures(self, forward: ForwardModel) -> Sequence[Signature]:
+    def signatures(self, model: CaseModel) -> Sequence[Signature]:
         """One for each level."""
-        state, s = self._state(forward), forward.compliance
-        _, level = self.largest_seen(forward)
+        state, s = self._state(model), model.compliance
+        _, level = self.largest_seen(model)
         levels = [relative * level for relative in self.relative]
         forces = [
-            bounded(forward.pieces.forces(s * state.linear, self.unit_law(at, forward.poisson_ratio)), s)
+            bounded(model.pieces.forces(s * state.linear, self.unit_law(at, model.poisson_ratio)), s)
             for at in levels
         ]
         return [
@@ -58,41 +56,39 @@ class PathLawEffect:
                 self.name,
                 [-displacement for displacement in moved],
                 sd=self.sd,
-                variant=AtValue(symbol=self.symbol, value=significant(at, 4)),
+                variant=at_value(self.symbol, significant(at, 4)),
                 positive=True,
             )
             for at, moved in zip(levels, state.marker_responses(forces), strict=True)
         ]
 
-    def start(
-        self, forward: ForwardModel, signature: Signature, amounts: Float[np.ndarray, " k"]
-    ) -> dict[str, float]:
+    def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The signature's level."""
         before = self.from_amount(max(float(amounts[0]), 0.0))
-        return self.spec.within_bounds(*before, value_of(signature.variant))
+        return self.spec.within_bounds(*before, signature.variant.values[0])
 
-    def respond(self, forward: ForwardModel, parameters: Mapping[str, float], variant: Variant) -> Response:
+    def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The law in the field that it itself brings. Raises FemFailure (NOT_CONVERGED)."""
-        state = self._state(forward)
+        state = self._state(model)
         *others, level = (parameters[spec.name] for spec in self.spec.searched)
-        as_seen = level / forward.compliance ** self.spec.searched[-1].strain_power
+        as_seen = level / model.compliance ** self.spec.searched[-1].strain_power
         more = fixed_point(
-            forward,
+            model,
             state,
-            self.law(parameters, forward.poisson_ratio),
+            self.law(parameters, model.poisson_ratio),
             name=self.spec.name,
             place=np.array([*others, np.log(as_seen)]),
             together=True,
         )
         return Response(unit=whole_response(state, more))
 
-    def largest_seen(self, forward: ForwardModel) -> tuple[Float[np.ndarray, "m 4"], float]:
+    def largest_seen(self, model: CaseModel) -> tuple[Float[np.ndarray, "m 4"], float]:
         """The largest that each point sees in the plain model; what `exceeding` of the flesh exceeds."""
-        largest = forward.pieces.measured(
-            forward.compliance * self._state(forward).linear,
-            lambda gradient: self.seen(gradient, forward.poisson_ratio),
+        largest = model.pieces.measured(
+            model.compliance * self._state(model).linear,
+            lambda gradient: self.seen(gradient, model.poisson_ratio),
         ).max(axis=-1)
-        return largest, exceeded_by(self.exceeding, largest, forward.pieces.volume_mm3)
+        return largest, exceeded_by(self.exceeding, largest, model.pieces.volume_mm3)
 
-    def _state(self, forward: ForwardModel) -> PathState:
-        return path_state(forward, frames=self.frames, remembers=True)
+    def _state(self, model: CaseModel) -> PathState:
+        return path_state(model, frames=self.frames, remembers=True)

@@ -3,49 +3,35 @@
 The residual of every marker, frame and component is squared, in units of its noise variance. The excess over
 MARKER_VARIANCE_INFLATION, which null recordings leave too, is added up by pad, phase and component. Each
 pad's own rigid motion is taken out first, else what one pad shows is shared with the other by the fruit's.
-One place in the flesh is named where a single softer ball explains most of the residual
-(fem.mismatch.localisation.spot_search).
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float
 
 from fem.estimation.compliance_fit import CompliantFit, rigid_part
 from fem.estimation.modulus_by_frame import modulus_per_frame
-from fem.mismatch.localisation.spot_search import best_spots, fruit_map
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.marker_equations import MARKER_VARIANCE_INFLATION
-from fem.mismatch.model.pads import pads_of
-from fem.mismatch.result import FruitMap, ModulusCell, Where
+from fem.mismatch.model.plain_model import Fields
+from fem.mismatch.result import ModulusCell
 
 PHASES = ("load", "hold", "unload")
 PLACE_SHARE = 0.7
-"""Share of the excess above which one pad, place, phase or component has it. Set by hand: well over half."""
+"""Share of the excess above which one pad, phase or component has it. Set by hand: well over half."""
 PLACE_EXCESS = 0.05
 """Excess, as a share of noise, below which none of pads, phases and components is told from the others. Set
 by hand."""
-SPOT_SCORE = 20.0
-"""Least standard score of a place in the flesh that is named. Set by hand, high: it is the best of many
-places, and model errors score too."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class Located:
-    """The words of an answer's `where`, `when` and `component`, and the map."""
+def located(model: CaseModel, residual: Fields) -> tuple[str, str, str]:
+    """The words of an answer's region, `when` and `component`.
 
-    where: Where
-    when: str
-    component: str
-    maps: FruitMap
-
-
-def located(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "_f _n 3"]]) -> Located:
-    """`residual`: of a fit at the markers' positions per recording, mm; rigid motions may be in it."""
-    names = pads_of(forward)
-    amount, count = _excess(forward, residual, names)
+    `residual`: of a fit at the markers' positions per recording, mm; rigid motions may be in it.
+    """
+    names = model.pads
+    amount, count = _excess(model, residual, names)
     enough = amount.sum() > PLACE_EXCESS * count.sum()
 
     def most(share: Float[np.ndarray, " k"]) -> int | None:
@@ -57,26 +43,22 @@ def located(forward: ForwardModel, residual: Sequence[Float[np.ndarray, "_f _n 3
     phase = most(amount.sum(axis=(0, 2)) / np.maximum(count.sum(axis=(0, 2)), 1.0))
     component = most(amount.sum(axis=(0, 1)))
     pad = 0 if len(names) == 1 else most(amount.sum(axis=(1, 2)))
-    numbers = forward.adjoint_basis.observed(residual)
-    return Located(
-        where=_soft_ball(forward, numbers) or Where(region="both" if pad is None else f"pad {names[pad]}"),
-        when="all" if phase is None else PHASES[phase],
-        component="both" if component is None else ("normal", "shear")[component],
-        maps=fruit_map(forward, numbers),
+    return (
+        "both" if pad is None else f"pad {names[pad]}",
+        "all" if phase is None else PHASES[phase],
+        "both" if component is None else ("normal", "shear")[component],
     )
 
 
 def _excess(
-    forward: ForwardModel, residual: Sequence[Float[np.ndarray, "_f _n 3"]], names: Sequence[str]
+    model: CaseModel, residual: Fields, names: Sequence[str]
 ) -> tuple[Float[np.ndarray, "p 3 2"], Float[np.ndarray, "p 3 2"]]:
     """Residual in excess of noise, in units of its variance, by pad, phase, and normal and shear; over how
     many numbers each is the sum.
     """
     amount, count = np.zeros((len(names), len(PHASES), 2)), np.zeros((len(names), len(PHASES), 2))
-    for recording, basis, field in zip(
-        forward.base.grasps, forward.adjoint_basis.grasps, residual, strict=True
-    ):
-        touching = recording.tracks.episode >= 0
+    for recording, basis, field in zip(model.grasps, model.adjoint_basis.grasps, residual, strict=True):
+        touching = recording.touching
         scaled = basis.equations.residual(field)
         for pad in range(len(recording.links)):
             markers = np.flatnonzero(recording.pad_of_marker == pad)
@@ -98,16 +80,7 @@ def _excess(
     return amount, count
 
 
-def _soft_ball(forward: ForwardModel, numbers: Float[np.ndarray, " k"]) -> Where | None:
-    """The ball of flesh that explains most of the residual, if one does."""
-    best = max(best_spots(forward, numbers), key=lambda spot: spot.score, default=None)
-    if best is None or best.score < SPOT_SCORE or best.score**2 < PLACE_SHARE * float(numbers @ numbers):
-        return None
-    x, y, z = map(float, best.centre_mm)
-    return Where(region="flesh", centre_mm=(x, y, z), radius_mm=best.radius_mm)
-
-
-def modulus_cells(forward: ForwardModel, fits: Sequence[CompliantFit]) -> tuple[ModulusCell, ...]:
+def modulus_cells(model: CaseModel, fits: Sequence[CompliantFit]) -> tuple[ModulusCell, ...]:
     """E per frame, pad (and all pads together) and grasp; `fits`: the plain fit of each recording."""
     return tuple(
         ModulusCell(
@@ -118,7 +91,7 @@ def modulus_cells(forward: ForwardModel, fits: Sequence[CompliantFit]) -> tuple[
             E_MPa=row.E_MPa,
             E_sd_MPa=row.E_sd_MPa,
         )
-        for recording, fit in zip(forward.base.grasps, fits, strict=True)
+        for recording, fit in zip(model.grasps, fits, strict=True)
         for row in modulus_per_frame(recording.case.history, recording.tracks, fit, recording.used)
         if np.isfinite(row.E_MPa)
     )

@@ -20,9 +20,9 @@ from scipy.sparse import coo_array, csr_array
 from scipy.spatial import cKDTree
 
 from fem.mesh.flesh_mesh import FleshMesh
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.marker_equations import DESIGN_EFFECT, MARKER_VARIANCE_INFLATION
+from fem.mismatch.model.plain_model import GraspResponse
 from fem.mismatch.result import FruitMap
 from fem.solid.inclusion import drop_of, fading
 
@@ -58,44 +58,44 @@ class Spot:
 
 
 def best_spots(
-    forward: ForwardModel,
+    model: CaseModel,
     numbers: Float[np.ndarray, " k"],
     *,
-    radii_mm: Sequence[float] = RADII_MM,
-    others: int = OTHERS,
+    radii_mm: Sequence[float],
+    others: int,
 ) -> tuple[Spot, ...]:
     """The best ball of softer flesh in each of the radii, then the best at up to so many other places.
 
     Depth and radius stand for each other to first order, hence the several radii at one place. `numbers`: as
     of AdjointBasis.observed.
     """
-    centres = candidate_centres(forward)
-    balls_seen = forward.adjoint_basis.without_modulus(
-        balls(forward, centres, RADIUS_MM) @ forward.adjoint_basis.cells
+    centres = candidate_centres(model)
+    balls_seen = model.adjoint_basis.without_modulus(
+        balls(model, centres, RADIUS_MM) @ model.adjoint_basis.cells
     )
     score, _ = bounded_score(balls_seen, numbers)
     best = centres[int(score.argmax())]
-    spots = [polished(forward, numbers, best, radius_mm=radius) for radius in radii_mm]
+    spots = [polished(model, numbers, best, radius_mm=radius) for radius in radii_mm]
     places = [best]
     for number in np.argsort(-score):
         if len(places) > others or score[number] <= 0:
             break
         if min(np.linalg.norm(centres[number] - place) for place in places) > APART_MM:
             places.append(centres[number])
-            spots.append(polished(forward, numbers, centres[number], radius_mm=RADIUS_MM))
+            spots.append(polished(model, numbers, centres[number], radius_mm=RADIUS_MM))
     return tuple(spot for spot in spots if spot.score > 0)
 
 
-def candidate_centres(forward: ForwardModel) -> Float[np.ndarray, "c 3"]:
+def candidate_centres(model: CaseModel) -> Float[np.ndarray, "c 3"]:
     """A grid of places in the flesh within CONE_DEG of some patch, seen from the fruit's middle."""
-    points = forward.points.point_mm.reshape(-1, 3)
+    points = model.points.point_mm.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     axes = [np.arange(a, b, GRID_MM) for a, b in zip(low, high, strict=True)]
     grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
     grid = grid[cKDTree(points).query(grid)[0] < GRID_MM / 2]
     middle = (low + high) / 2
     way = (grid - middle) / np.maximum(np.linalg.norm(grid - middle, axis=1, keepdims=True), 1e-9)
-    patches = np.vstack([patch_centres(recording) for recording in forward.base.grasps]) - middle
+    patches = np.vstack([patch_centres(recording) for recording in model.grasps]) - middle
     patches /= np.linalg.norm(patches, axis=1, keepdims=True)
     return np.asarray(grid[(way @ patches.T).max(axis=1) > np.cos(np.deg2rad(CONE_DEG))])
 
@@ -107,25 +107,25 @@ def patch_centres(recording: GraspResponse) -> Float[np.ndarray, "p 3"]:
     return np.stack([weight @ recording.tracks.place_mm / weight.sum() for weight in weights])
 
 
-def balls(forward: ForwardModel, centres: Float[np.ndarray, "c 3"], radius_mm: float) -> csr_array:
+def balls(model: CaseModel, centres: Float[np.ndarray, "c 3"], radius_mm: float) -> csr_array:
     """How much of each of the flesh's points lies in each ball: (c, points)."""
-    points = forward.points.point_mm.reshape(-1, 3)
+    points = model.points.point_mm.reshape(-1, 3)
     near = cKDTree(centres).sparse_distance_matrix(cKDTree(points), radius_mm + 0.5, output_type="coo_matrix")
     weight = fading(near.data, radius_mm)
     return csr_array(coo_array((weight, (near.row, near.col)), shape=(len(centres), len(points))).tocsr())
 
 
 def polished(
-    forward: ForwardModel,
+    model: CaseModel,
     numbers: Float[np.ndarray, " k"],
     centre_mm: Float[np.ndarray, "3"],
     *,
     radius_mm: float,
 ) -> Spot:
     """The ball of this radius that explains most among those within APART_MM / 2 of this place."""
-    points = forward.points.point_mm.reshape(-1, 3)
+    points = model.points.point_mm.reshape(-1, 3)
     near = np.linalg.norm(points - centre_mm, axis=1) < radius_mm + 1.5 * APART_MM
-    points, cells = points[near], forward.adjoint_basis.without_modulus(forward.adjoint_basis.cells[near])
+    points, cells = points[near], model.adjoint_basis.without_modulus(model.adjoint_basis.cells[near])
 
     def observed_at(place: Float[np.ndarray, "3"]) -> Float[np.ndarray, " k"]:
         return np.asarray(fading(np.linalg.norm(points - place, axis=1), radius_mm) @ cells)
@@ -158,13 +158,13 @@ def bounded_score(
     return np.asarray(np.sign(drop) * np.sqrt(gain)), np.asarray(drop)
 
 
-def fruit_map(forward: ForwardModel, numbers: Float[np.ndarray, " k"]) -> FruitMap:
+def fruit_map(model: CaseModel, numbers: Float[np.ndarray, " k"]) -> FruitMap:
     """Scores of a ball under each of the skin's corner nodes; `numbers`: as of AdjointBasis.observed."""
-    vertices, triangles = _skin_triangles(forward.base.mesh)
-    basis, below = forward.adjoint_basis, vertices - BELOW_MM * _normals(vertices, triangles)
-    shown = basis.without_modulus(balls(forward, below, MAP_RADIUS_MM) @ basis.cells)
+    vertices, triangles = _skin_triangles(model.mesh)
+    basis, below = model.adjoint_basis, vertices - BELOW_MM * _normals(vertices, triangles)
+    shown = basis.without_modulus(balls(model, below, MAP_RADIUS_MM) @ basis.cells)
     thinned = np.sqrt(DESIGN_EFFECT * MARKER_VARIANCE_INFLATION)
-    drop = drop_of(STANDARD_RATIO, forward.poisson_ratio)
+    drop = drop_of(STANDARD_RATIO, model.poisson_ratio)
     return FruitMap(
         vertices_mm=vertices,
         triangles=triangles,

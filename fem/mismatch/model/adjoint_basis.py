@@ -15,7 +15,6 @@ Projections are stored whitened: of unit variance, and independent. What the bas
 neither in the score of a piece nor in its Fisher information.
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,8 +22,8 @@ from jaxtyping import Float
 from numpy.polynomial.legendre import legvander2d
 from scipy.sparse import csr_array
 
-from fem.mismatch.model.baseline import Baseline, GraspResponse
 from fem.mismatch.model.marker_equations import MarkerEquations
+from fem.mismatch.model.plain_model import Fields, GraspResponse, PlainModel
 from fem.parallel_map import parallel_map
 from fem.solid.strain_field import PLACE, FleshStrain, elastic_stress
 
@@ -68,7 +67,7 @@ class AdjointBasis:
 
     @classmethod
     def of(
-        cls, base: Baseline, points: FleshStrain, *, compliance: float, workers: int = 1
+        cls, base: PlainModel, points: FleshStrain, *, compliance: float, workers: int = 1
     ) -> "AdjointBasis":
         """`compliance`: s = 1/E of the plain model."""
         whitened = parallel_map(
@@ -80,7 +79,7 @@ class AdjointBasis:
         )
         cells = []
         for recording, adjoint in zip(base.grasps, moved, strict=True):
-            pushed = _push(points, recording.moved[0], base.solid_of(recording).poisson_ratio)
+            pushed = _push(points, recording.moved[0], recording.solid.poisson_ratio)
             cells.append(compliance * np.asarray(pushed @ adjoint.reshape(len(adjoint), -1).T))
         plain = np.concatenate([grasp.plain for grasp in grasps])
         return cls(
@@ -89,7 +88,7 @@ class AdjointBasis:
             plain=plain / np.linalg.norm(plain),
         )
 
-    def observed(self, fields: Sequence[Float[np.ndarray, "_f _n 3"]]) -> Float[np.ndarray, " k"]:
+    def observed(self, fields: Fields) -> Float[np.ndarray, " k"]:
         """The projections of one field per recording, the change of E removed."""
         together = [basis.observed(field) for basis, field in zip(self.grasps, fields, strict=True)]
         return self.without_modulus(np.concatenate(together))
@@ -100,19 +99,18 @@ class AdjointBasis:
 
 
 def _whitened(
-    base: Baseline, recording: GraspResponse, compliance: float
+    base: PlainModel, recording: GraspResponse, compliance: float
 ) -> tuple[GraspBasis, Float[np.ndarray, "k m 3"]]:
     """One recording's basis, its adjoint fields still to be solved for, and their loads."""
-    budget, solid = base.case.budget, base.solid_of(recording)
     equations = MarkerEquations.of(
         recording,
         compliance=compliance,
-        gel_scale_sd=budget.gel_scale_sd,
+        gel_scale_sd=base.case.budget.gel_scale_sd,
         design_effect=1.0,
     )
     shapes, share = _polynomials(recording), recording.shares[:, 0]
     basis_functions = share[:, None, None] * shapes[:, None]
-    touching = recording.tracks.episode >= 0
+    touching = recording.touching
     in_contact = basis_functions[:, touching].reshape(len(basis_functions), -1)
     heavy = equations.weighed_in_contact(in_contact)
     weighed = np.zeros_like(basis_functions)
@@ -124,8 +122,7 @@ def _whitened(
     keep = size > LEAST_INFORMATION
     whitening = scale[:, None] * way[:, keep] / np.sqrt(size[keep])
     forces = np.tensordot(whitening.T, np.tensordot(weighed, share, axes=([1], [0])), axes=1)
-    loads = np.zeros((len(forces), len(base.mesh.nodes_mm), 3))
-    loads[:, solid.contact_nodes] = recording.nodal_of(forces)
+    loads = recording.loads(forces)
     plain = recording.tracks.unit_displacement * compliance
     basis = GraspBasis(
         equations=equations,

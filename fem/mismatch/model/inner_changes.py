@@ -1,51 +1,51 @@
-"""How a recording's response changes with what is inside the fruit and with its surface, to first order."""
-
-from dataclasses import dataclass
+"""First-order changes of a recording's response: with the fruit's inside, its surface, pads' places."""
 
 import numpy as np
 from jaxtyping import Float
 
-from fem.estimation.sensitivity import inner_forces
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.force_products import ForceNoise
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.estimation.sensitivity import SLIDE_MM, inner_forces
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import GraspResponse, nodal_loads, seen
+from fem.solid.pad_link import slid
 
 LEADING = 4
 """Force patterns whose response is followed: the others are hundredths of the first."""
 
 
-def inner_changes(forward: ForwardModel, recording: GraspResponse) -> dict[str, Float[np.ndarray, "f n 3"]]:
+def inner_changes(model: CaseModel, recording: GraspResponse) -> dict[str, Float[np.ndarray, "f n 3"]]:
     """dc/dp, mm MPa, for what moves no pad in fem.estimation.sensitivity: pit, surface, Poisson's ratio."""
 
     def compute() -> dict[str, Float[np.ndarray, "f n 3"]]:
-        chosen = recording.moved[:LEADING]
-        causes, forces = inner_forces(forward.base.solid_of(recording), chosen, list(recording.links))
-        moved = forward.base.marker_response(recording, forces.reshape(-1, *forces.shape[2:]))
-        moved = moved.reshape(len(causes), len(chosen), *moved.shape[1:])
-        shares = recording.shares[:, :LEADING]
-        return {
-            cause: np.asarray(np.tensordot(shares, pattern_changes, axes=(1, 0)))
-            for cause, pattern_changes in zip(causes, moved, strict=True)
-        }
+        solid, chosen = recording.solid, recording.moved[:LEADING]
+        causes, forces = inner_forces(solid, chosen, list(recording.links))
+        moved = recording.at_markers(solid.displacement(forces.reshape(-1, *forces.shape[2:])))
+        by_cause = moved.reshape(len(causes), len(chosen), *moved.shape[1:])
+        return {cause: recording.over_time(change) for cause, change in zip(causes, by_cause, strict=True)}
 
-    return forward.memoised(("inner", recording.case.name), compute)
+    return model.memoised(("inner", recording.case.name), compute)
 
 
-@dataclass(frozen=True)
-class OfInnerChange:
-    """How s dc/dp of a cause inside the fruit follows from forces (fem.mismatch.model.force_products)."""
+def slid_response(model: CaseModel, recording: GraspResponse, pad: int) -> Float[np.ndarray, "2 f n 3"]:
+    """Change of c per mm by which the pad is moved along its own x and y over the skin, mm MPa / mm.
 
-    cause: str
+    By central differences; of all pads at once, kept.
+    """
 
-    def product(self, noise: ForceNoise) -> float:
-        """n of the cause; zero where the fruit has no such one."""
-        return noise.compliance * noise.inner_products.get(self.cause, 0.0)
+    def compute() -> Float[np.ndarray, "p 2 f n 3"]:
+        solid, links, loads = recording.solid, [], []
+        for k, link in enumerate(recording.links):
+            for way in recording.turn_of(k).T[:2]:
+                for step in (SLIDE_MM, -SLIDE_MM):
+                    moved = (*recording.links[:k], slid(link, solid, step * way), *recording.links[k + 1 :])
+                    links.append(moved)
+                    loads.append(nodal_loads(moved, solid, recording.patterns))
+        on_skin = solid.displacement(np.concatenate(loads))[:, solid.contact_nodes]
+        answers = np.split(on_skin, len(links))
+        ends = [seen(moved, answer) for moved, answer in zip(links, answers, strict=True)]
+        changes = [
+            recording.over_time((ahead - back) / (2 * SLIDE_MM))
+            for ahead, back in zip(ends[::2], ends[1::2], strict=True)
+        ]
+        return np.stack(changes).reshape(len(recording.links), 2, *changes[0].shape)
 
-    def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
-        """One solve for each draw and pattern; zero where the fruit has no such cause."""
-        draws, patterns, nodes = len(noise.moved), noise.recording.finer.first, noise.moved.shape[2]
-        moved = noise.moved[:, :patterns].reshape(draws * patterns, nodes, 3)
-        causes, loads = inner_forces(noise.solid, moved, list(noise.recording.links), with_surface=False)
-        if self.cause not in causes:
-            return np.zeros_like(noise.weighed)
-        return noise.solved(loads[list(causes).index(self.cause)].reshape(draws, patterns, nodes, 3))
+    return np.asarray(model.memoised(("slid", recording.case.name), compute)[pad])

@@ -27,8 +27,7 @@ from fem.estimation.compliance_fit import (
     motion_equations,
     rigid_motion,
 )
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.observation_delta import ARM_MM, wrench
+from fem.mismatch.model.plain_model import ARM_MM, GraspResponse
 from fem.mismatch.model.pulling_markers import pull_N
 
 MARKER_VARIANCE_INFLATION = 1.15
@@ -250,14 +249,14 @@ class BalanceEquations:
     ) -> "BalanceEquations":
         """From the recording's own forces; the fruit's weight pulls in a direction that nobody says."""
         position, force = recording.tracks.position_mm, recording.force_N
-        centre = position.mean(axis=(0, 1))
+        centre = recording.centre_mm
         columns, spreads = [], []
         for pad in range(len(recording.links)):
-            pad_force_N = np.where((recording.pad_of_marker == pad)[None, :, None], force, 0.0)
+            pad_force_N = np.where(recording.own_markers(pad), force, 0.0)
             total = pad_force_N.sum(axis=1)
             for way in np.eye(3):
                 columns.append(np.hstack([np.zeros_like(total), np.cross(way, total) / ARM_MM]))
-                columns.append(wrench(np.cross(way, pad_force_N), position, centre_mm=centre) * np.pi / 180)
+                columns.append(recording.wrench(np.cross(way, pad_force_N)) * np.pi / 180)
                 spreads += [SHIFT_SD_MM, TURN_SD_DEG]
         load = np.linalg.norm(force, axis=2).sum(axis=1) / len(recording.links)
         for way in np.eye(6):
@@ -267,8 +266,7 @@ class BalanceEquations:
             columns.append(np.tile(way, (len(force), 1)))
             spreads.append(max(weight_N, NO_WEIGHT_N) * (1.0 if k < 3 else CENTRE_SD_MM / ARM_MM))
         at_rest = np.broadcast_to(recording.tracks.place_mm, position.shape)
-        moved = wrench(force, position, centre_mm=centre) - wrench(force, at_rest, centre_mm=centre)
-        columns.append(moved)
+        columns.append(recording.wrench(force) - recording.wrench(force, at_rest))
         spreads.append(AT_REST)
         noise = recording.force_sd_N
         around = np.abs(position - centre).reshape(-1, 3)
@@ -282,7 +280,7 @@ class BalanceEquations:
         flat = nuisances.reshape(len(columns), -1)
         weighted = (nuisances * weight).reshape(len(columns), -1)
         inverse = np.linalg.inv(weighted @ flat.T + np.diag(np.array(spreads) ** -2.0))
-        return cls(wrench(force, position, centre_mm=centre), weight, nuisances, inverse)
+        return cls(recording.wrench(force), weight, nuisances, inverse)
 
     def weighed(self, field: Float[np.ndarray, "f 6"]) -> Float[np.ndarray, "f 6"]:
         """W phi, 1/N for a field in N."""

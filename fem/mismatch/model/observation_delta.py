@@ -1,7 +1,7 @@
 """What one cause adds to a recording's observations, channel by channel.
 
 markers   displacement of every marker in every frame, mm (R2)
-balance   resultant of the pads' forces and moments, N and N mm over ARM_MM (R1)
+balance   resultant of the pads' forces and moments, N and N mm over ARM_MM of plain_model (R1)
 rest      zero drift of each pad's normal force from before the contact to after it, N/s (R4)
 """
 
@@ -11,10 +11,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.model.force_products import LinearInForces
-
-ARM_MM = 20.0
-"""Length by which moments are divided to compare with forces."""
+from fem.mismatch.model.force_noise import LinearInForces
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,7 +43,7 @@ class Regressor:
     `same_as`: the number of the column whose fields it has, among those of a case counted from one, for the
     model's own error (fem.mismatch.evidence.model_error).
     `of_forces`: how the fields follow from the forces, where they do linearly (None: they do not, or hardly),
-    from which the noise of the forces in them is known (fem.mismatch.evidence.force_noise).
+    from which the noise of the forces in them is known (fem.mismatch.model.force_noise).
     """
 
     name: str
@@ -57,14 +54,3 @@ class Regressor:
     mean: float = 0.0
     same_as: int | None = None
     of_forces: LinearInForces | None = None
-
-
-def wrench(
-    force_N: Float[np.ndarray, "f n 3"],
-    position_mm: Float[np.ndarray, "f n 3"],
-    *,
-    centre_mm: Float[np.ndarray, "3"],
-) -> Float[np.ndarray, "f 6"]:
-    """Sum of forces (N) and of their moments about the centre over ARM_MM (N)."""
-    moment = np.cross(position_mm - centre_mm, force_N).sum(axis=1)
-    return np.hstack([force_N.sum(axis=1), moment / ARM_MM])

@@ -16,8 +16,8 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import Fields, GraspResponse
 
 CORRECTIONS = 3
 """Powers of K0^-1 D beside U, as above; with three the tests hold reduced answers against full ones
@@ -47,16 +47,16 @@ class ReducedLaw:
         return np.asarray(np.tensordot(self.shares @ moved.T, self.recording, axes=(1, 0)) + self.unchanged)
 
 
-def first_changes(forward: ForwardModel, derivative: Operator) -> list[Float[np.ndarray, "_f _n 3"]]:
+def first_changes(model: CaseModel, derivative: Operator) -> Fields:
     """dc/dtheta of every recording at the plain law, mm MPa: -K0^-1 D U at the markers."""
-    grasps = forward.base.grasps
+    grasps = model.grasps
     cuts = np.cumsum([len(recording.leading) for recording in grasps])[:-1]
     patterns = np.concatenate([recording.moved[recording.leading] for recording in grasps])
-    moved = forward.base.displacements(np.split(-derivative(patterns), cuts))
+    moved = model.base.displacements(np.split(-derivative(patterns), cuts))
     return [
         np.tensordot(
             recording.shares[:, recording.leading],
-            recording.at_markers(displacement[:, forward.base.solid_of(recording).contact_nodes]),
+            recording.at_markers(displacement),
             axes=1,
         )
         for recording, displacement in zip(grasps, moved, strict=True)
@@ -64,23 +64,22 @@ def first_changes(forward: ForwardModel, derivative: Operator) -> list[Float[np.
 
 
 def reduced_laws(
-    forward: ForwardModel,
+    model: CaseModel,
     *,
     derivative: Operator,
     parts: Sequence[Operator],
     corrections: int = CORRECTIONS,
 ) -> list[ReducedLaw]:
     """Of every recording; the first of `parts` is positive on every strain (it sets the scale)."""
-    grasps = forward.base.grasps
+    grasps = model.grasps
     first = np.cumsum([0, *(len(recording.leading) for recording in grasps)])
     steps = [np.concatenate([recording.moved[recording.leading] for recording in grasps])]
     for _ in range(corrections):
         cost = np.split(derivative(steps[-1]), first[1:-1])
-        steps.append(-np.concatenate(forward.base.displacements(cost)))
+        steps.append(-np.concatenate(model.base.displacements(cost)))
     pulled = [[part(step) for step in steps] for part in parts]
     return [
         _of_recording(
-            forward,
             recording,
             np.concatenate([step[a:b] for step in steps]),
             [np.concatenate([step[a:b] for step in part_forces]) for part_forces in pulled],
@@ -90,13 +89,12 @@ def reduced_laws(
 
 
 def _of_recording(
-    forward: ForwardModel,
     recording: GraspResponse,
     space: Float[np.ndarray, "q m 3"],
     pulled: Sequence[np.ndarray],
 ) -> ReducedLaw:
     """`pulled`: what each part's law costs of each field of the space."""
-    solid, leading = forward.base.solid_of(recording), recording.leading
+    solid, leading = recording.solid, recording.leading
     count = len(leading)
     flat = space.reshape(len(space), -1)
     projected = []
@@ -104,7 +102,7 @@ def _of_recording(
         product = flat @ force.reshape(len(space), -1).T
         projected.append((product + product.T) / 2)
     load = flat @ (solid.stiffness @ recording.moved[leading].reshape(count, -1).T)
-    at_markers = recording.at_markers(space[:, solid.contact_nodes])
+    at_markers = recording.at_markers(space)
     return ReducedLaw(
         np.stack(projected),
         load,

@@ -2,6 +2,14 @@
 
 The law's equation and its solution are those of fem.solid.initial_stress; here are the recordings' chosen
 frames one after the other, what of a solution their markers see, and where a search starts from.
+
+A few representative frames of a recording stand for all others. The excess over the linear law depends on the
+forces, and for history-dependent laws also on the largest so far, not on time: a frame's state is its shares
+a of the recording's force patterns, and max |a| up to then, over the recording's greatest. Between states it
+changes smoothly, as a Gaussian process with Matern's kernel 5/2 would (Rasmussen and Williams 2006, "Gaussian
+Processes for Machine Learning", eq. 4.17): every frame is the prediction of such a process from the chosen
+ones, and the next frame chosen is that of greatest variance. A chosen frame brings along the one at which its
+own peak was reached, on which its history depends.
 """
 
 from collections.abc import Sequence
@@ -9,13 +17,91 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.spatial.distance import cdist
 
-from fem.materials.strain_path import PathLaw
-from fem.mismatch.model.baseline import Baseline, GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.model.path_frames import PathFrames, path_frames
+from fem.materials.fung_neo_hookean import fung_neo_hookean, shrunk_as_a_whole
+from fem.materials.strain_path import PathLaw, strain_energy
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import Fields, GraspResponse, PlainModel
 from fem.solid.initial_stress import AddedStress
 from fem.solid.linear_solid import Support
+
+REACH = 2.0
+"""Length of the kernel, in a recording's greatest load."""
+NUGGET = 1e-6
+"""On the kernel's diagonal, of a variance of 1: keeps frames that are alike from making it singular."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathFrames:
+    """`chosen`: numbers of the frames (of those used), rising; `mix`: every frame from the chosen ones."""
+
+    chosen: Int[np.ndarray, " k"]
+    mix: Float[np.ndarray, "f k"]
+
+
+def path_frames(grasps: Sequence[GraspResponse], count: int, *, remembers: bool) -> tuple[PathFrames, ...]:
+    """About `count` frames in all, of every recording as many as its path needs.
+
+    A law that does not depend on history has no excess without load.
+    """
+    paths = [_Path.of(recording.shares, remembers=remembers) for recording in grasps]
+    count = min(count, sum(len(path.states) for path in paths))
+    while sum(len(path.chosen) for path in paths) < count:
+        path = max(paths, key=lambda path: path.unknown.max())
+        path.learn(int(path.unknown.argmax()))
+    return tuple(PathFrames(chosen=path.chosen, mix=path.mix) for path in paths)
+
+
+@dataclass
+class _Path:
+    """One recording while its frames are chosen. `unknown`: variance left of each frame, chosen ones -1."""
+
+    states: Float[np.ndarray, "f d"]
+    brought: Int[np.ndarray, " f"]
+    known: Float[np.ndarray, "e d"]
+    chosen: Int[np.ndarray, " k"]
+    mix: Float[np.ndarray, "f k"]
+    unknown: Float[np.ndarray, " f"]
+
+    @classmethod
+    def of(cls, shares: Float[np.ndarray, "f r"], *, remembers: bool) -> "_Path":
+        """With the frame of greatest load chosen."""
+        size = np.linalg.norm(shares, axis=1)
+        peak = np.maximum.accumulate(size)
+        states = np.column_stack([shares, peak * remembers]) / max(float(size.max()), 1e-300)
+        path = cls(
+            states=states,
+            brought=np.searchsorted(peak, peak) if remembers else np.arange(len(states)),
+            known=np.zeros((0 if remembers else 1, states.shape[1])),
+            chosen=np.zeros(0, dtype=np.int64),
+            mix=np.zeros((len(states), 0)),
+            unknown=np.ones(len(states)),
+        )
+        path.learn(int(size.argmax()))
+        return path
+
+    def learn(self, frame: int) -> None:
+        """Chooses one more frame, and the one at which its peak was reached."""
+        self.chosen = np.union1d(self.chosen, [frame, self.brought[frame]])
+        mix, self.unknown = _process(self.states, np.vstack([self.states[self.chosen], self.known]))
+        self.mix = mix[:, : len(self.chosen)]
+        self.unknown[self.chosen] = -1.0
+
+
+def _process(
+    states: Float[np.ndarray, "f d"], known: Float[np.ndarray, "k d"]
+) -> tuple[Float[np.ndarray, "f k"], Float[np.ndarray, " f"]]:
+    """Weights of the known states in each, and the variance that is left of each."""
+    across = _matern(states, known)
+    mix = np.linalg.solve(_matern(known, known) + NUGGET * np.eye(len(known)), across.T).T
+    return mix, 1 - (mix * across).sum(axis=1)
+
+
+def _matern(a: Float[np.ndarray, "f d"], b: Float[np.ndarray, "k d"]) -> Float[np.ndarray, "f k"]:
+    x = np.sqrt(5) / REACH * cdist(a, b)
+    return np.asarray((1 + x + x**2 / 3) * np.exp(-x))
+
 
 MOST_ROUNDS = 40
 """Searches of cases with these effects end after 1 to 10 rounds."""
@@ -30,12 +116,12 @@ SMALL_SHARE = 1e-4
 class PathState:
     """The chosen frames of all recordings one after the other. `linear`: v0; `first` of each recording."""
 
-    base: Baseline
+    base: PlainModel
     frames: tuple[PathFrames, ...]
     linear: Float[np.ndarray, "f n 3"]
 
     @classmethod
-    def of(cls, base: Baseline, frames: tuple[PathFrames, ...]) -> "PathState":
+    def of(cls, base: PlainModel, frames: tuple[PathFrames, ...]) -> "PathState":
         """Under the recordings' forces."""
         fields = [
             _combined(recording, chosen_frames)
@@ -72,18 +158,18 @@ class PathState:
                 for recording, frames in zip(self.base.grasps, self.frames, strict=True):
                     if recording.case.support == support:
                         after = first + len(frames.chosen)
-                        seen_at = recording.at_markers(moved[first:after])
+                        seen_at = recording.seen(moved[first:after])
                         responses[recording.case.name] = np.tensordot(frames.mix, seen_at, axes=1)
                         first = after
         return [[responses[recording.case.name] for recording in self.base.grasps] for responses in by_law]
 
-    def at_markers(self, field: Float[np.ndarray, "f m 3"]) -> list[Float[np.ndarray, "_f _n 3"]]:
+    def at_markers(self, field: Float[np.ndarray, "f m 3"]) -> Fields:
         """Of every recording, in all frames used."""
         responses = []
         for recording, chosen_frames, a, b in zip(
             self.base.grasps, self.frames, self.first, self.first[1:], strict=False
         ):
-            seen_at = recording.at_markers(field[a:b][:, self.base.solid_of(recording).contact_nodes])
+            seen_at = recording.at_markers(field[a:b])
             responses.append(np.tensordot(chosen_frames.mix, seen_at, axes=1))
         return responses
 
@@ -110,18 +196,18 @@ def _combined(recording: GraspResponse, chosen_frames: PathFrames) -> Float[np.n
     return np.asarray(np.tensordot(recording.shares[chosen_frames.chosen], recording.moved, axes=1))
 
 
-def path_state(forward: ForwardModel, *, frames: int, remembers: bool) -> PathState:
+def path_state(model: CaseModel, *, frames: int, remembers: bool) -> PathState:
     """The model's recordings by about so many frames (times its path_share), chosen once."""
 
     def compute() -> PathState:
-        count = max(round(forward.path_share * frames), len(forward.base.grasps))
-        return PathState.of(forward.base, path_frames(forward.base.grasps, count, remembers=remembers))
+        count = max(round(model.path_share * frames), len(model.grasps))
+        return PathState.of(model.base, path_frames(model.grasps, count, remembers=remembers))
 
-    return forward.memoised(("path", frames, remembers), compute)
+    return model.memoised(("path", frames, remembers), compute)
 
 
 def fixed_point(
-    forward: ForwardModel,
+    model: CaseModel,
     state: PathState,
     law: PathLaw,
     *,
@@ -138,27 +224,60 @@ def fixed_point(
     """
     problem = AddedStress(
         linear=state.linear,
-        added_force=lambda moved: forward.pieces.forces(moved, law),
+        added_force=lambda moved: model.pieces.forces(moved, law),
         response=state.response,
-        compliance=forward.compliance,
+        compliance=model.compliance,
         stiffer=np.ones(len(state.linear)) if stiffer is None else stiffer,
-        skin=state.base.mesh.outer_nodes,
+        skin=state.base.case.mesh.outer_nodes,
     )
-    known = None if forward.warm_starts is None else forward.warm_starts.nearest(name, place)
+    known = None if model.warm_starts is None else model.warm_starts.nearest(name, place)
     more = problem.beyond_linear(
         start=start if known is None else known[1],
         together=together,
         tolerance_mm=CLOSE_MM,
         rounds=MOST_ROUNDS,
     )
-    if forward.warm_starts is not None:
-        forward.warm_starts.keep(name, place, more.astype(np.float32))
+    if model.warm_starts is not None:
+        model.warm_starts.keep(name, place, more.astype(np.float32))
     return more
 
 
-def whole_response(state: PathState, more: Float[np.ndarray, "f m 3"]) -> list[Float[np.ndarray, "_f _n 3"]]:
+def whole_response(state: PathState, more: Float[np.ndarray, "f m 3"]) -> Fields:
     """The markers' displacement with v - v0 = `more` added to the linear one, of every recording."""
     return [
         recording.tracks.unit_displacement + displacement
         for recording, displacement in zip(state.base.grasps, state.at_markers(more), strict=True)
     ]
+
+
+FRAMES = 24
+"""Frames of all recordings together."""
+HARDLY_ANY = 0.1
+"""A b that hardly stiffens: W/mu is a hundredth where strains are a tenth, and flesh by the law is then
+Neo-Hookean."""
+
+
+def stiffening_path(model: CaseModel) -> PathState:
+    """The frames on which the law is followed."""
+    return path_state(model, frames=FRAMES, remembers=False)
+
+
+def beyond_linear(model: CaseModel, b: float) -> Float[np.ndarray, "f n 3"]:
+    """v - v0 (fem.solid.initial_stress), from the linear field shrunk as a whole or a search's own solution.
+
+    Finite strain, dead loads on the unloaded skin. Raises FemFailure (NOT_CONVERGED).
+    """
+    nu, s = model.poisson_ratio, model.compliance
+    state, pieces = stiffening_path(model), model.pieces
+    energy = pieces.measured(s * state.linear, lambda gradient: strain_energy(gradient, poisson_ratio=nu))
+    shrunk, steepest = shrunk_as_a_whole(energy, pieces.volume_mm3, b, poisson_ratio=nu)
+    return fixed_point(
+        model,
+        state,
+        fung_neo_hookean(b, poisson_ratio=nu),
+        name="stiffening",
+        place=np.log([b * s**2, s]),
+        together=False,
+        start=(shrunk - 1)[:, None, None] * state.linear,
+        stiffer=steepest,
+    )

@@ -18,7 +18,7 @@ from fem.estimation.compliance_fit import rigid_motion
 from fem.estimation.sensitivity import mean_normal
 from fem.grasp_history import GraspHistory
 from fem.mismatch.mismatch_case import GraspCase
-from fem.mismatch.model.baseline import Baseline, GraspResponse, project_recording
+from fem.mismatch.model.plain_model import GraspResponse, PlainModel, project_recording
 from fem.parallel_map import parallel_map
 
 FEWEST = 8
@@ -26,8 +26,8 @@ FEWEST = 8
 
 
 def with_touched_skin(
-    base: Baseline, *, compliance: float, most_frames: int | None = None, workers: int = 1
-) -> Baseline:
+    base: PlainModel, *, compliance: float, most_frames: int | None = None, workers: int = 1
+) -> PlainModel:
     """The same recordings on the places where their markers touched, for 1/E = `compliance`; `most_frames` of
     each (project_recording).
     """
@@ -40,9 +40,7 @@ def with_touched_skin(
             moved_mm=compliance * recording.tracks.unit_displacement,
             normal=recording.tracks.normal,
         )
-        return project_recording(
-            case, base.solid_of(recording), force_scale_sd=scale_sd, most_frames=most_frames
-        )
+        return project_recording(case, recording.solid, force_scale_sd=scale_sd, most_frames=most_frames)
 
     return replace(base, grasps=tuple(parallel_map(again, base.grasps, workers=workers)))
 

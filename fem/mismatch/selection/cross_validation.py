@@ -9,45 +9,77 @@ from fem.estimation.coloured_noise import drawn_coloured_noise
 from fem.estimation.compliance_fit import about_episode_mean
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import GramMatrix
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.marker_equations import MarkerEquations
-from fem.mismatch.result import HeldOut
+from fem.mismatch.model.plain_model import GraspResponse
+from fem.mismatch.result import GraspTrace, HeldOut
 from fem.parallel_map import parallel_map
 
 NOISE_DRAWS = 8
 """Draws of the markers' noise, by which what it leaves is known to a percent (some thousand numbers each)."""
 
 
-def held_out(
-    forward: ForwardModel,
+def cross_validated(
+    model: CaseModel,
     recorded: Sequence[GraspEquations],
     before: tuple[GramMatrix, Sequence[int]],
     after: tuple[GramMatrix, Sequence[int]],
-) -> HeldOut | None:
-    """Each recording in turn left out of both fits, and predicted; None where there is only one.
+) -> tuple[HeldOut | None, tuple[GraspTrace, ...]]:
+    """Each recording through both fits to the others, a single one through its own.
 
     Residual of the markers' motion over the response, root mean square: as forces are proportional to
-    displacements, the normalised force residual. `noise_rms`: the same by the markers' noise alone, of which
-    places, scales and motions take their part as well.
+    displacements, the normalised force residual; None where there is only one recording. `noise_rms`: the
+    same by the markers' noise alone, of which places, scales and motions take their part as well.
     """
     count = len(recorded)
+
+    def left(case: tuple[tuple[GramMatrix, Sequence[int]], int]) -> Float[np.ndarray, "_f _n 3"]:
+        """Residual of a recording, mm."""
+        (products, columns), k = case
+        others = [j for j in range(count) if j != k] or [k]
+        return products.marker_residual(k, products.fit(columns, keep=others))
+
+    cases = [(fitted, k) for fitted in (before, after) for k in range(count)]
+    residuals = parallel_map(left, cases, workers=model.workers)
+    pairs = list(zip(residuals[:count], residuals[count:], strict=True))
+    traces = tuple(_trace(model, equations, *pair) for equations, pair in zip(recorded, pairs, strict=True))
     if count < 2:
-        return None
-    models = [(model, k) for model in (before, after) for k in range(count)]
-    left_out = parallel_map(
-        lambda model_and_grasp: _residual_squares(*model_and_grasp[0], model_and_grasp[1], count),
-        models,
-        workers=forward.workers,
-    )
-    lost = [sum(left_out[:count]), sum(left_out[count:])]
-    whole = sum(_size(forward, equations) for equations in recorded)
+        return None, traces
+    lost = np.sum([[(residual**2).sum() for residual in pair] for pair in pairs], axis=0)
+    whole = sum(_size(model, equations) for equations in recorded)
     rng = np.random.default_rng(0)
     noise = sum(noise_left_mm2(equations.markers, rng) for equations in recorded)
-    return HeldOut(
-        rms_before=float(np.sqrt(lost[0] / whole)),
-        rms_after=float(np.sqrt(lost[1] / whole)),
-        noise_rms=float(np.sqrt(noise / whole)),
+    rms_before, rms_after, noise_rms = (float(np.sqrt(part / whole)) for part in (*lost, noise))
+    return HeldOut(rms_before=rms_before, rms_after=rms_after, noise_rms=noise_rms), traces
+
+
+def _trace(
+    model: CaseModel,
+    equations: GraspEquations,
+    before: Float[np.ndarray, "f n 3"],
+    after: Float[np.ndarray, "f n 3"],
+) -> GraspTrace:
+    """Force over approach, by what the fits before and after leave of it."""
+    recording = equations.recording
+    plain = _approach(recording, model.compliance * recording.tracks.unit_displacement)
+    given = plain + _approach(recording, before)
+    forces = [np.linalg.norm(recording.pad_force(pad), axis=1) for pad in range(len(recording.links))]
+    return GraspTrace(
+        grasp=recording.case.name,
+        time_s=recording.time_s,
+        phase=tuple(np.array(recording.case.history.phase)[recording.used].tolist()),
+        force_N=np.mean(forces, axis=0),
+        given_mm=given,
+        before_mm=plain,
+        after_mm=given - _approach(recording, after),
     )
+
+
+def _approach(recording: GraspResponse, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, " f"]:
+    """Mean of a field along the pads' normals over the markers that touch."""
+    normals = recording.pose[:, 0, :3, 2][recording.pad_of_marker]
+    weight = recording.touching / np.maximum(recording.touching.sum(axis=1, keepdims=True), 1)
+    return np.asarray(np.einsum("fnx,nx,fn->f", field, normals, weight))
 
 
 def noise_left_mm2(markers: MarkerEquations, rng: np.random.Generator) -> float:
@@ -83,13 +115,7 @@ def predictive_gain(
     return float(gain.sum()), float(np.sqrt(len(gain)) * gain.std(ddof=1))
 
 
-def _residual_squares(products: GramMatrix, columns: Sequence[int], k: int, count: int) -> float:
-    """Residual sum of squares, mm2, of recording k in the fit to the others."""
-    others = products.fit(columns, keep=[j for j in range(count) if j != k])
-    return float((products.marker_residual(k, others) ** 2).sum())
-
-
-def _size(forward: ForwardModel, equations: GraspEquations) -> float:
+def _size(model: CaseModel, equations: GraspEquations) -> float:
     tracks = equations.recording.tracks
-    response = about_episode_mean(forward.compliance * tracks.unit_displacement, tracks.episode)
+    response = about_episode_mean(model.compliance * tracks.unit_displacement, tracks.episode)
     return float((response**2).sum())

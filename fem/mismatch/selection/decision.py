@@ -156,7 +156,24 @@ def verdict_of(probability: Mapping[str, float], *, p_value: float) -> tuple[str
     return names if detected or NONE in names else (*names, NONE)
 
 
-def p_values(
+@dataclass(frozen=True, kw_only=True)
+class Detection:
+    """Is there a mismatch: each statistic's own p-value."""
+
+    p_values: dict[str, float]
+
+    @property
+    def p_value(self) -> float:
+        """The smallest, corrected for their number (Sidak)."""
+        return float(-np.expm1(len(self.p_values) * np.log1p(-min(min(self.p_values.values()), 1 - 1e-12))))
+
+    @property
+    def mismatch(self) -> bool:
+        """Whether there is one."""
+        return self.p_value < DETECTION_P
+
+
+def detection(
     equations: SignatureEquations,
     null_draws: NullDraws,
     *,
@@ -164,14 +181,13 @@ def p_values(
     direct: float,
     against: Mapping[str, Sequence[float]] | None = None,
     rng: np.random.Generator,
-) -> tuple[float, dict[str, float]]:
-    """The p-value, and that of each statistic.
+) -> Detection:
+    """By the recordings of a case.
 
     "effects": the mean Bayes factor over the catalogue; `against`: what else the recordings say against each
     signature, ln likelihood by effect. The draws lack it, as it has no known distribution: p is too large, if
     anything. "misfit": x of the plain model. "gel": `direct`, the log Bayes factor of what gels show by
-    themselves; a Bayes factor above c has a probability of at most 1/c without mismatch (Markov). The
-    smallest counts, corrected for their number (Sidak).
+    themselves; a Bayes factor above c has a probability of at most 1/c without mismatch (Markov).
     """
     each = {"misfit": misfit_p_value(misfit)}
     if any(len(ways) for ways in equations.ways.values()):
@@ -180,17 +196,12 @@ def p_values(
         each["effects"] = float((1 + (drawn >= observed).sum()) / (DRAWS + 1))
     if direct > 0:
         each["gel"] = float(np.exp(-direct))
-    return smallest_p_value(each), each
+    return Detection(p_values=each)
 
 
 def misfit_p_value(misfit: float) -> float:
     """Probability that the plain model leaves so much where there is no mismatch."""
     return float(gammaincc(FREEDOM / 2, FREEDOM / 2 * max(misfit, 0.0) / MISFIT))
-
-
-def smallest_p_value(each: Mapping[str, float]) -> float:
-    """The smallest of several statistics' p-values, corrected for their number (Sidak)."""
-    return float(-np.expm1(len(each) * np.log1p(-min(min(each.values()), 1 - 1e-12))))
 
 
 def _catalogue(

@@ -12,14 +12,12 @@ from itertools import product
 import numpy as np
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import AuxiliaryLikelihood, SeenDirectly
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.decision import TEMPERATURE, verdict_of
 from fem.mismatch.selection.linear_explanations import Hypothesis, linear_explanations, ranked
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
-from fem.mismatch.signature_variant import OfPad
 from fem.parallel_map import parallel_map
 
 MOST_REFITS = 4
@@ -52,7 +50,7 @@ class ModelSelection:
         return (self.verdict,) if isinstance(self.verdict, str) else self.verdict
 
 
-def select_model(forward: ForwardModel, linear: LinearRound, *, p_value: float) -> ModelSelection:
+def select_model(model: CaseModel, linear: LinearRound, *, p_value: float) -> ModelSelection:
     """Ranking and verdict, with the full models of what the verdict holds."""
     hypotheses = {hypothesis.name: hypothesis for hypothesis in linear_explanations(linear)}
     tried, without = set[str](), dict[str, str]()
@@ -67,7 +65,7 @@ def select_model(forward: ForwardModel, linear: LinearRound, *, p_value: float) 
         if not due:
             break
         in_full = parallel_map(
-            lambda hypothesis: _in_full(forward, linear, hypothesis), due, workers=forward.workers
+            lambda hypothesis: _in_full(model, linear, hypothesis), due, workers=model.workers
         )
         for hypothesis, failed in in_full:
             tried.add(hypothesis.name)
@@ -83,14 +81,14 @@ def select_model(forward: ForwardModel, linear: LinearRound, *, p_value: float) 
     return ModelSelection(ranking=tuple(listed), verdict=verdict, without=without)
 
 
-def _in_full(forward: ForwardModel, linear: LinearRound, hypothesis: Hypothesis) -> tuple[Hypothesis, str]:
+def _in_full(model: CaseModel, linear: LinearRound, hypothesis: Hypothesis) -> tuple[Hypothesis, str]:
     """With its full models over the pads in question, and what they leave of the misfit; else untenable, and
     why.
     """
     refits, failed = list[tuple[float, Refit]](), ""
     for fits in product(*(_pads_that_may_be(linear, fit) for fit in hypothesis.linear_fits)):
         try:
-            again = refit(forward, linear, fits)
+            again = refit(model, linear, fits)
         except FemFailure as failure:
             failed = failure.detail
             continue
@@ -117,7 +115,7 @@ def _pads_that_may_be(linear: LinearRound, chosen: LinearFit) -> list[LinearFit]
 
     One pad moved and the other turned leave the forces balanced alike: only the full model parts them.
     """
-    if not isinstance(chosen.signature.variant, OfPad):
+    if not chosen.signature.variant.pad:
         return [chosen]
     same = [fit for fit in linear.linear_fits if fit.name == chosen.name]
     most = max(fit.gain for fit in same)
@@ -132,12 +130,9 @@ def _pads_that_may_be(linear: LinearRound, chosen: LinearFit) -> list[LinearFit]
 def _gain(linear: LinearRound, again: Refit) -> float:
     """Log Bayes factor of a full model over the plain model, all channels."""
     said = sum(
-        effect.auxiliary_log_likelihood(again.forward, values, variant)
+        effect.auxiliary_log_likelihood(again.model, values, variant)
         for effect, values, variant in zip(again.effects, again.parameters, again.variants, strict=True)
-        if isinstance(effect, AuxiliaryLikelihood)
     )
     moved = again.log_evidence - linear.null.log_evidence
-    direct = sum(
-        effect.direct_evidence(again.forward) for effect in again.effects if isinstance(effect, SeenDirectly)
-    )
+    direct = sum(effect.direct_evidence(again.model) for effect in again.effects)
     return moved + min(said, max(moved, 0.0)) + direct

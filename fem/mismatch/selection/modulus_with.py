@@ -9,7 +9,6 @@ that inference and the finder's own evidence disagree.
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -23,8 +22,8 @@ from fem.mismatch.effect import Effect, Response
 from fem.mismatch.effect_spec import Correction
 from fem.mismatch.evidence.beyond_small_strain import displacement_beyond
 from fem.mismatch.gel_fault import GelFault
-from fem.mismatch.model.baseline import GraspResponse
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import Fields, GraspResponse
 from fem.mismatch.result import Modulus
 from fem.mismatch.selection.refinement import Refit
 
@@ -46,53 +45,49 @@ SYSTEMATIC = 1.5
 (fem.mismatch.model.marker_equations)."""
 
 
-def modulus_of(forward: ForwardModel, response: Response | None = None) -> Modulus:
+def modulus_of(model: CaseModel, response: Response | None = None) -> Modulus:
     """E of all recordings, by grading's own inference with an effect's response in the plain one's place.
 
     Without grading's models, or where that inference has no E: the mean of the recordings' own fits. Markers
     move by what large deformation adds, too.
     """
-    plain = Response(unit=[recording.tracks.unit_displacement for recording in forward.base.grasps])
-    beyond = displacement_beyond(forward)
-    return _moduli(forward, [response or plain], forward.base.case.budget, beyond=beyond)[0]
-
-
-Fields: TypeAlias = Sequence[Float[np.ndarray, "_f _n 3"]]
-"""One field of the markers, mm, for each recording."""
+    plain = Response(unit=model.plain)
+    beyond = displacement_beyond(model)
+    return _moduli(model, [response or plain], model.case.budget, beyond=beyond)[0]
 
 
 def _moduli(
-    forward: ForwardModel, responses: Sequence[Response], budget: ErrorBudget, *, beyond: Fields
+    model: CaseModel, responses: Sequence[Response], budget: ErrorBudget, *, beyond: Fields
 ) -> list[Modulus]:
     """E with each of the responses, all by one estimator: differences between them are the responses' own."""
-    if any(forward.graded):
+    if any(model.graded):
         with suppress(FemFailure):
-            return [_inferred(forward, response, budget, beyond=beyond) for response in responses]
-    return [_mean_of_fits(forward, response, beyond=beyond) for response in responses]
+            return [_inferred(model, response, budget, beyond=beyond) for response in responses]
+    return [_mean_of_fits(model, response, beyond=beyond) for response in responses]
 
 
 def _fits(
-    forward: ForwardModel, response: Response, *, beyond: Fields
+    model: CaseModel, response: Response, *, beyond: Fields
 ) -> list[tuple[GraspResponse, MarkerTracks, CompliantFit]]:
     """Every recording with the effect's response, and its own fit."""
     fits = []
-    for k, recording in enumerate(forward.base.grasps):
+    for k, recording in enumerate(model.grasps):
         tracks = replace(
             recording.tracks,
-            unit_displacement=response.unit[k] + beyond[k] / forward.compliance,
+            unit_displacement=response.unit[k] + beyond[k] / model.compliance,
             position_mm=recording.tracks.position_mm
             - (0.0 if response.shift_mm is None else response.shift_mm[k]),
         )
         fit = fit_compliance(
             tracks,
-            scale_sd=forward.base.case.budget.gel_scale_sd,
+            scale_sd=model.case.budget.gel_scale_sd,
             fruit_moves=recording.case.support == "free",
         )
         fits.append((recording, tracks, fit))
     return fits
 
 
-def _inferred(forward: ForwardModel, response: Response, budget: ErrorBudget, *, beyond: Fields) -> Modulus:
+def _inferred(model: CaseModel, response: Response, budget: ErrorBudget, *, beyond: Fields) -> Modulus:
     """By fem.estimation.joint_inference, of the recordings that grading has a model of; raises FemFailure."""
     evidence = [
         first_touch_evidence(
@@ -100,26 +95,26 @@ def _inferred(forward: ForwardModel, response: Response, budget: ErrorBudget, *,
             recording.over_time(recording.patterns),
             fit,
             history=recording.prepared,
-            model=model,
+            model=graded,
             budget=budget,
         )[0]
-        for (recording, tracks, fit), model in zip(
-            _fits(forward, response, beyond=beyond), forward.graded, strict=True
+        for (recording, tracks, fit), graded in zip(
+            _fits(model, response, beyond=beyond), model.graded, strict=True
         )
-        if model is not None
+        if graded is not None
     ]
     joint = joint_modulus(evidence, budget=budget, infer_pit=len(evidence) > 1)
-    return Modulus(value=forward.modulus_scale * joint.E_MPa, sd=forward.modulus_scale * joint.E_sd_MPa)
+    return Modulus(value=model.modulus_scale * joint.E_MPa, sd=model.modulus_scale * joint.E_sd_MPa)
 
 
-def _mean_of_fits(forward: ForwardModel, response: Response, *, beyond: Fields) -> Modulus:
+def _mean_of_fits(model: CaseModel, response: Response, *, beyond: Fields) -> Modulus:
     """The mean of the recordings' own E; its standard deviation by their scatter, and LEAST_RELATIVE_SD for
     what they have in common.
     """
     logs = -np.log(
-        [max(fit.compliance, LEAST_COMPLIANCE) for _, _, fit in _fits(forward, response, beyond=beyond)]
+        [max(fit.compliance, LEAST_COMPLIANCE) for _, _, fit in _fits(model, response, beyond=beyond)]
     )
-    value = forward.modulus_scale * float(np.exp(logs.mean()))
+    value = model.modulus_scale * float(np.exp(logs.mean()))
     scatter = float(logs.std(ddof=1) / np.sqrt(len(logs))) if len(logs) > 1 else SCATTER
     return Modulus(value=value, sd=value * float(np.hypot(scatter, LEAST_RELATIVE_SD)))
 
@@ -144,10 +139,10 @@ def modulus_with(again: Refit) -> ModulusWith:
     responses = [again.response, *(ahead for _, ahead in again.ahead)]
     holds_it = any(effect.spec.holds_large_deformation for effect in again.effects)
     plain, *changed = _moduli(
-        again.forward,
+        again.model,
         responses,
-        _without(again.forward.base.case.budget, again.effects),
-        beyond=displacement_beyond(again.forward, large_deformation=not holds_it),
+        _without(again.model.case.budget, again.effects),
+        beyond=displacement_beyond(again.model, large_deformation=not holds_it),
     )
     model_sd = _own_error(again)
     laws = SYSTEMATIC**2 * again.fit.covariance[-len(model_sd) :, -len(model_sd) :] + np.diag(model_sd**2)
@@ -173,10 +168,10 @@ def _apart(again: Refit, modulus: Modulus) -> float:
     Both are of the same recordings and model and weigh them otherwise: what the model lacks moves them apart.
     That they agree proves nothing, so that this only ever widens an error bar.
     """
-    compliance = again.forward.compliance * (1 + float(again.fit.amounts[0]))
+    compliance = again.model.compliance * (1 + float(again.fit.amounts[0]))
     if compliance <= 0:
         return 0.0
-    return abs(float(np.log(modulus.value * compliance / again.forward.modulus_scale))) / 2
+    return abs(float(np.log(modulus.value * compliance / again.model.modulus_scale))) / 2
 
 
 def _without(budget: ErrorBudget, effects: Sequence[Effect]) -> ErrorBudget:
@@ -193,7 +188,7 @@ def _own_error(again: Refit) -> Float[np.ndarray, " p"]:
     """
     model_sd = []
     for effect, values in zip(again.effects, again.parameters, strict=True):
-        relation = effect.relation_sd(again.forward) if isinstance(effect, GelFault) else {}
+        relation = effect.relation_sd(again.model) if isinstance(effect, GelFault) else {}
         for spec in effect.spec.searched:
             value = values[spec.name]
             by_model = np.hypot(spec.model_sd, spec.model_share * value) / (value if spec.log else 1.0)

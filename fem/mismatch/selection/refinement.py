@@ -1,6 +1,6 @@
 """One effect, or two at once, fitted with the full nonlinear model: Gauss-Newton on evidence.
 
-Parameters are searched on the scale of their ParameterSpec. About a guess the responses' slopes, by
+Parameters are searched on the scale of their EffectParameter. About a guess the responses' slopes, by
 differences, are columns like any other; their amounts are the step, their covariance the parameters'. The
 evidence is that of the linearised model at the end (Laplace), with a prior as wide as the bounds allow.
 """
@@ -15,11 +15,11 @@ import numpy as np
 from jaxtyping import Float
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import Effect, Response, SeenDirectly, StartsElsewhere, superposed
-from fem.mismatch.effect_spec import ParameterSpec
+from fem.mismatch.effect import Effect, Response, superposed
+from fem.mismatch.effect_spec import EffectParameter
 from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.warm_start import WarmStarts
 from fem.mismatch.selection.screening import LinearFit, LinearRound
@@ -56,7 +56,7 @@ class Refit:
 
     `ahead`: of each parameter a step on the scale searched, and the response so far on.
     `products`: the linearised model at the end, its columns `nuisances` and `slopes`, `fit` of all of them.
-    `forward`: with this model's own 1/E, from which `fit`'s first amount counts, and what the search found,
+    `model`: with this model's own 1/E, from which `fit`'s first amount counts, and what the search found,
     from which another may start. `at_an_end`: of each effect, whether a parameter is at the end of its
     bounds, where it stands for something else. `last_gain`: ln evidence that the last round gained.
     """
@@ -72,7 +72,7 @@ class Refit:
     slopes: tuple[int, ...]
     fit: Fit
     log_evidence: float
-    forward: ForwardModel
+    model: CaseModel
     at_an_end: tuple[bool, ...]
     last_gain: float
 
@@ -100,14 +100,14 @@ class Refit:
         return "+".join(sorted(effect.spec.name for effect in self.effects))
 
 
-def refit(forward: ForwardModel, linear: LinearRound, linear_fits: Sequence[LinearFit]) -> Refit:
+def refit(model: CaseModel, linear: LinearRound, linear_fits: Sequence[LinearFit]) -> Refit:
     """The effects of these signatures, refitted.
 
     Raises FemFailure where their model cannot be computed from any start, or no longer on the way.
     """
     specs = [spec for fit in linear_fits for spec in fit.effect.spec.searched]
-    search = _Search(forward, linear, tuple(linear_fits), specs)
-    now, _ = search.followed(search.begun(forward))
+    search = _Search(model, linear, tuple(linear_fits), specs)
+    now, _ = search.followed(search.begun(model))
     gained = float("inf")
     for _ in range(ROUNDS):
         step = now.fit.amounts[-len(specs) :]
@@ -130,7 +130,7 @@ def refit(forward: ForwardModel, linear: LinearRound, linear_fits: Sequence[Line
         elif gained < LAST_ROUND_GAIN:
             break
     count = len(specs)
-    # slopes are at a given law in its own terms, parameters follow 1/E beside it (ParameterSpec.strain_power)
+    # slopes are at a given law in its own terms, parameters follow 1/E beside it (strain_power)
     along = np.eye(len(now.fit.amounts))[-count:]
     along[:, 0] = search.power
     return Refit(
@@ -145,7 +145,7 @@ def refit(forward: ForwardModel, linear: LinearRound, linear_fits: Sequence[Line
         slopes=now.chosen[len(now.chosen) - count :],
         fit=now.fit,
         log_evidence=now.log_evidence,
-        forward=search.forward,
+        model=search.model,
         at_an_end=search.at_an_end(now.at),
         last_gain=gained,
     )
@@ -170,13 +170,13 @@ class _Search:
 
     def __init__(
         self,
-        forward: ForwardModel,
+        model: CaseModel,
         linear: LinearRound,
         linear_fits: tuple[LinearFit, ...],
-        specs: Sequence[ParameterSpec],
+        specs: Sequence[EffectParameter],
     ) -> None:
-        warm_start = forward.warm_starts or WarmStarts()
-        self.forward = replace(forward, warm_starts=warm_start.copy())
+        warm_start = model.warm_starts or WarmStarts()
+        self.model = replace(model, warm_starts=warm_start.copy())
         self.linear, self.linear_fits = linear, linear_fits
         holds_it = any(fit.effect.spec.holds_large_deformation for fit in linear_fits)
         self.nuisances = tuple(
@@ -190,12 +190,9 @@ class _Search:
         self.low, self.high = self._scale(low), self._scale(high)
         quarter = (self.high - self.low) / 4
         spreads = [
-            (
-                fit.effect.measured_sd(forward)[spec.name]
-                if isinstance(fit.effect, SeenDirectly)
-                else spec.spread
-            )
+            measured.get(spec.name, spec.spread)
             for fit in linear_fits
+            for measured in [fit.effect.measured_sd(model)]
             for spec in fit.effect.spec.searched
         ]
         self.spread = np.array([a if b is None else b for a, b in zip(quarter, spreads, strict=True)])
@@ -210,7 +207,7 @@ class _Search:
             np.where(self.log, np.log(np.where(self.log, np.maximum(values, 1e-9), 1.0)), values)
         )
 
-    def begun(self, forward: ForwardModel) -> _Linearised:
+    def begun(self, model: CaseModel) -> _Linearised:
         """The model at the start; where it has none, as with a pit that pokes out, nearer to nothing.
 
         Where an effect knows another start that gains about as much, at that one.
@@ -219,9 +216,7 @@ class _Search:
         """
         share, before = 1.0, None
         while True:
-            starts = [
-                fit.effect.start(forward, fit.signature, share * fit.amounts) for fit in self.linear_fits
-            ]
+            starts = [fit.effect.start(model, fit.signature, share * fit.amounts) for fit in self.linear_fits]
             try:
                 now = self.linearised(self.scaled(starts))
                 break
@@ -232,9 +227,7 @@ class _Search:
                 before = starts
         plain = self.linear.null.log_evidence
         for k, fit in enumerate(self.linear_fits):
-            if not isinstance(fit.effect, StartsElsewhere):
-                continue
-            other = fit.effect.other_start(forward, fit.signature.variant)
+            other = fit.effect.other_start(model, fit.signature.variant)
             if other is not None:
                 tried = [*starts[:k], other, *starts[k + 1 :]]
                 if self.merit(self.scaled(tried)) - plain > OTHER_START_SHARE * (now.merit - plain):
@@ -269,22 +262,22 @@ class _Search:
     def respond(self, at: Float[np.ndarray, " p"]) -> Response:
         """The responses of the effects, their changes of the plain model added up."""
         responses = [
-            self.single_response(k, tuple(parameters.items()), self.forward.compliance)
+            self.single_response(k, tuple(parameters.items()), self.model.compliance)
             for k, parameters in enumerate(self.by_effect(at))
         ]
-        return responses[0] if len(responses) == 1 else superposed(self.forward, responses)
+        return responses[0] if len(responses) == 1 else superposed(self.model, responses)
 
     def _single_response(
         self, number: int, parameters: tuple[tuple[str, float], ...], _compliance: float
     ) -> Response:
         fit = self.linear_fits[number]
-        return fit.effect.respond(self.forward, dict(parameters), fit.signature.variant)
+        return fit.effect.respond(self.model, dict(parameters), fit.signature.variant)
 
     def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
         """The model with the fit's 1/E taken up where the response depends on it; whether it was.
 
-        Parameters follow it so that the law sees the same (ParameterSpec.strain_power). In soft flesh 1/E and
-        the model's own error stand for each other: its columns are left out of that fit.
+        Parameters follow it so that the law sees the same (EffectParameter.strain_power). In soft flesh 1/E
+        and the model's own error stand for each other: its columns are left out of that fit.
         """
         if not self.power.any():
             return now, False
@@ -292,7 +285,7 @@ class _Search:
         share = 1 + float(now.products.fit(firm).amounts[0])
         if abs(share - 1) < SAME_E or share <= 0:
             return now, False
-        self.forward = replace(self.forward, compliance=self.forward.compliance * share)
+        self.model = replace(self.model, compliance=self.model.compliance * share)
         self.known = {}
         return self.linearised(self.bounded(now.at + self.power * np.log(share))), True
 
@@ -308,7 +301,7 @@ class _Search:
         if key not in self.known:
             response = self.respond(at)
             products, chosen = self.linear.products.about(
-                self.forward, response, self.nuisances, signatures=self.signatures
+                self.model, response, self.nuisances, signatures=self.signatures
             )
             self.known = {key: (response, products.fit(chosen).log_evidence)}
         return self.known[key]
@@ -335,14 +328,14 @@ class _Search:
                     sd=float(spread),
                     fields=[
                         ObservationDelta()
-                        .plus(1 / step, ahead.change(self.forward, k))
-                        .plus(-1 / step, response.change(self.forward, k))
+                        .plus(1 / step, ahead.change(self.model, k))
+                        .plus(-1 / step, response.change(self.model, k))
                         for k in range(len(response.unit))
                     ],
                 )
             )
         products, chosen = self.linear.products.about(
-            self.forward, response, self.nuisances, slopes, signatures=self.signatures
+            self.model, response, self.nuisances, slopes, signatures=self.signatures
         )
         fit = products.fit(chosen)
         slope_columns = slice(len(fit.amounts) - len(slopes), None)

@@ -5,16 +5,15 @@ An explanation that was refitted has an E of its own; one that was not has that 
 effects widen the error bar and do not move E.
 """
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
 
 import numpy as np
 from scipy.special import expit
 
 from fem.mismatch.effect import Effect
 from fem.mismatch.gel_fault import is_of_relation
-from fem.mismatch.model.forward_model import ForwardModel
-from fem.mismatch.result import NONE, UNKNOWN, Candidate, HeldOut, Modulus, mixture
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.result import NONE, UNKNOWN, HeldOut, Modulus, mixture
 from fem.mismatch.selection.linear_explanations import Hypothesis
 from fem.mismatch.selection.refinement import Refit
 
@@ -28,41 +27,37 @@ the plain model's errors on labelled cases with an effect lie within 1.645 of it
 
 def reported_modulus(
     verdict: str | tuple[str, ...],
-    ranking: Sequence[Hypothesis],
-    candidates: Sequence[Candidate],
+    weighed: Sequence[tuple[float, Modulus | None]],
     plain: Modulus,
     *,
     hidden: float = 0.0,
-    heldout: HeldOut | None = None,
 ) -> Modulus:
     """E as the module's docstring says; the plain model's where no explanation has an E.
 
-    `candidates`: the same ranking with the refits' E. `hidden`: relative spread by faults of the gel that are
-    not in the ranking. `heldout`: how the plain model predicts recordings left out.
+    `weighed`: of each explanation its probability, and E by it. `hidden`: relative spread by faults of the
+    gel that are not among them.
     """
-    weights, moduli = [], []
-    for hypothesis, candidate in zip(ranking, candidates, strict=True):
-        modulus = _modulus_by(hypothesis, candidate, plain, heldout)
-        if modulus is not None:
-            weights.append(hypothesis.probability)
-            moduli.append(modulus)
-    if not sum(weights) > 0:
-        return _widened(plain, hidden)
+    known = [(weight, modulus) for weight, modulus in weighed if modulus is not None]
+    if not sum(weight for weight, _ in known) > 0:
+        return plain.widened(hidden)
     about = plain.value if verdict == NONE else None
-    return _widened(mixture(weights, moduli, about=about), hidden)
+    return mixture(*zip(*known, strict=True), about=about).widened(hidden)
 
 
-def _modulus_by(
-    hypothesis: Hypothesis, candidate: Candidate, plain: Modulus, heldout: HeldOut | None
+def modulus_by(
+    hypothesis: Hypothesis, refitted: Modulus | None, plain: Modulus, heldout: HeldOut | None
 ) -> Modulus | None:
+    """E by one explanation. `refitted`: that of its refit, where it has one; `heldout`: how the plain model
+    predicts recordings left out.
+    """
     if hypothesis.name == NONE:
         return plain
     if hypothesis.name == UNKNOWN:
-        return _widened(plain, unknown_spread(heldout))
+        return plain.widened(unknown_spread(heldout))
     if hypothesis.refit is not None or hypothesis.modulus_change is None:
-        return candidate.modulus
+        return refitted
     ratio, added = hypothesis.modulus_change
-    return _widened(Modulus(value=ratio * plain.value, sd=ratio * plain.sd), added)
+    return Modulus(value=ratio * plain.value, sd=ratio * plain.sd).widened(added)
 
 
 def unknown_spread(heldout: HeldOut | None) -> float:
@@ -71,45 +66,19 @@ def unknown_spread(heldout: HeldOut | None) -> float:
     return LARGE_MISFIT_MODULUS_SD if large else UNKNOWN_MODULUS_SD
 
 
-def _widened(modulus: Modulus, relative_sd: float) -> Modulus:
-    return replace(modulus, sd=float(np.hypot(modulus.sd, relative_sd * modulus.value)))
-
-
-@dataclass(frozen=True, kw_only=True)
-class HiddenGelFault:
-    """A fault of the gel that is not named and that force against displacement does not exclude: its
-    parameters as measured, its probability, and the relative change of E by it.
-    """
-
-    name: str
-    values: Mapping[str, float]
-    probability: float
-    modulus_change: float
-
-    @property
-    def spread(self) -> float:
-        """Relative spread of E, which is without it: root mean square."""
-        return float(np.sqrt(self.probability) * abs(self.modulus_change))
-
-
-def hidden_gel_faults(
-    forward: ForwardModel, effects: Sequence[Effect], named: Refit | None
-) -> list[HiddenGelFault]:
-    """Those of `effects` with which the flesh's equations fit better.
+def hidden_gel_spread(model: CaseModel, effects: Sequence[Effect], named: Refit | None) -> float:
+    """Relative spread of E by faults of the gel that are not named and that force against displacement does
+    not exclude: root mean square over those of `effects` with which the flesh's equations fit better.
 
     At even odds beforehand one is there with probability 1 / (1 + exp(-ln evidence)). None beside a named one
     of the same relation: each shows in part as another.
     """
     if named is not None and any(map(is_of_relation, named.effects)):
-        return []
-    measured = [(fault, fault.measured(forward)) for fault in effects if is_of_relation(fault)]
-    return [
-        HiddenGelFault(
-            name=fault.spec.name,
-            values=known.values,
-            probability=float(expit(known.evidence)),
-            modulus_change=fault.modulus_change(forward),
-        )
+        return 0.0
+    measured = [(fault, fault.measured(model)) for fault in effects if is_of_relation(fault)]
+    spreads = [
+        float(np.sqrt(expit(known.evidence))) * fault.modulus_change(model)
         for fault, known in measured
-        if known is not None and fault.flesh_gain(forward) > 0
+        if known is not None and fault.flesh_gain(model) > 0
     ]
+    return float(np.linalg.norm(spreads))

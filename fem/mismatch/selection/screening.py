@@ -9,16 +9,16 @@ from jaxtyping import Float
 from scipy.special import log_ndtr
 
 from fem.fem_failure import FemFailure
-from fem.mismatch.effect import AuxiliaryLikelihood, Effect, SeenDirectly, Signature
+from fem.mismatch.effect import Effect, Signature
 from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION, large_deformation
-from fem.mismatch.evidence.force_noise import DRAWS, drawn_force_noise
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
 from fem.mismatch.evidence.model_error import NullDraws, model_error_columns, scale_prior
 from fem.mismatch.evidence.nuisances import common_nuisances
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.evidence.surface_bias import surface_products
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.force_noise import DRAWS, drawn_force_noise
 from fem.mismatch.model.observation_delta import Regressor
 from fem.parallel_map import parallel_map
 
@@ -79,7 +79,7 @@ class LinearRound:
 
 
 def screened(
-    forward: ForwardModel,
+    model: CaseModel,
     recorded: Sequence[GraspEquations],
     effects: Sequence[Effect],
     *,
@@ -87,40 +87,46 @@ def screened(
 ) -> LinearRound:
     """Signatures of all effects, their products, and the evidence of each alone.
 
-    `noise_draws`: of the noise of forces (fem.mismatch.evidence.force_noise).
+    `noise_draws`: of the noise of forces (fem.mismatch.model.force_noise).
     """
     recording: list[tuple[Effect, Signature]] = []
     without: dict[str, str] = {}
-    answers = parallel_map(lambda effect: _signatures(forward, effect), effects, workers=forward.workers)
+    answers = parallel_map(lambda effect: _signatures(model, effect), effects, workers=model.workers)
     for effect, answer in zip(effects, answers, strict=True):
         if isinstance(answer, FemFailure):
             without[effect.spec.name] = answer.detail
         else:
             recording += [(effect, signature) for signature in answer if not signature.untried]
-            without |= {f"{effect.spec.name} ({s.label})": s.untried for s in answer if s.untried}
-    if forward.beyond_small_strain and isinstance(large := large_deformation(forward), FemFailure):
+            without |= {f"{effect.spec.name} ({s.variant.label})": s.untried for s in answer if s.untried}
+    if model.beyond_small_strain and isinstance(large := large_deformation(model), FemFailure):
         without[LARGE_DEFORMATION] = large.detail
-    known = common_nuisances(forward)
+    known = common_nuisances(model)
     columns = list[Regressor](known)
     signatures: list[tuple[Effect, Signature, tuple[int, ...]]] = []
     for effect, signature in recording:
         first = len(columns) + 1
         columns += signature.columns
         signatures.append((effect, signature, tuple(range(first, len(columns) + 1))))
-    errors = model_error_columns(signatures, compliance_ratio=forward.compliance_ratio)
+    errors = model_error_columns(signatures, compliance_ratio=model.compliance_ratio)
     of_errors = range(len(columns) + 1, len(columns) + len(errors) + 1)
     columns += errors
-    noise = drawn_force_noise(forward, recorded, draws=noise_draws)
+    noise = drawn_force_noise(
+        model.base,
+        [equations.weighed_markers for equations in recorded],
+        compliance=model.compliance,
+        draws=noise_draws,
+        workers=model.workers,
+    )
     surface = None
     try:
-        surface = surface_products(forward, recorded, signatures, columns=len(columns) + 1)
+        surface = surface_products(model, recorded, signatures, columns=len(columns) + 1)
     except FemFailure as failure:
         without["the error of the surface"] = failure.detail
     return linear_round(
-        GramMatrix(forward, recorded, columns, noise=noise, surface=surface),
+        GramMatrix(model, recorded, columns, noise=noise, surface=surface),
         (*range(1, len(known) + 1), *of_errors),
         signatures,
-        auxiliary=lambda *signature_at_amounts: _auxiliary(forward, *signature_at_amounts),
+        auxiliary=lambda *signature_at_amounts: _auxiliary(model, *signature_at_amounts),
         without=without,
         numbers=sum(equations.nuisances.shape[1] / equations.recording.kept for equations in recorded),
     )
@@ -171,23 +177,23 @@ def without_model_error(products: GramMatrix, nuisances: Sequence[int]) -> list[
     return [j for j in nuisances if products.columns[j].same_as is None]
 
 
-def _signatures(forward: ForwardModel, effect: Effect) -> Sequence[Signature] | FemFailure:
+def _signatures(model: CaseModel, effect: Effect) -> Sequence[Signature] | FemFailure:
     try:
-        return effect.signatures(forward)
+        return effect.signatures(model)
     except FemFailure as failure:
         return failure
 
 
 def _auxiliary(
-    forward: ForwardModel, effect: Effect, signature: Signature, amounts: Float[np.ndarray, " k"]
+    model: CaseModel, effect: Effect, signature: Signature, amounts: Float[np.ndarray, " k"]
 ) -> tuple[float, float]:
     """ln likelihood of what else is known of a signature at these amounts, and of its direct marks."""
     said = 0.0
-    if isinstance(effect, AuxiliaryLikelihood):
+    if effect.says_more:
         said = effect.auxiliary_log_likelihood(
-            forward, effect.start(forward, signature, amounts), signature.variant
+            model, effect.start(model, signature, amounts), signature.variant
         )
-    return said, effect.direct_evidence(forward) if isinstance(effect, SeenDirectly) else 0.0
+    return said, effect.direct_evidence(model)
 
 
 def _linear_fit(
@@ -199,7 +205,7 @@ def _linear_fit(
     signature: Signature,
     columns: tuple[int, ...],
 ) -> LinearFit:
-    """One signature fitted beside the nuisances; it gains nothing with an amount that has no meaning."""
+    """One signature fitted with the nuisances; it gains nothing with an amount that has no meaning."""
     fit = products.fit([*nuisances, *columns])
     amounts = fit.amounts[len(fit.amounts) - len(columns) :]
     wrong = violates_sign_constraint(products, columns, amounts)
@@ -229,18 +235,18 @@ def modulus_change(
     doubles. `fit`: with the model's own error, the effects' `columns` last; `nuisances`: of the plain model.
 
     The model's own error is known at a fixed E: it limits what the effects' amounts a are known to, and
-    leaves E beside given amounts as it is. With B the fit with the effects and without that error,
+    leaves E at given amounts as it is. With B the fit with the effects and without that error,
 
-    1/E beside a = (1/E)_B + d (a - a_B),      d = cov_B(1/E, a) cov_B(a)^-1
+    1/E at a = (1/E)_B + d (a - a_B),      d = cov_B(1/E, a) cov_B(a)^-1
     """
     if not columns:
         return 1.0, 0.0
-    without, beside = products.fit(nuisances), products.fit([*nuisances, *columns])
-    last = slice(len(beside.amounts) - len(columns), None)
-    slope = np.linalg.solve(beside.covariance[last, last], beside.covariance[last, 0])
+    without, with_effects = products.fit(nuisances), products.fit([*nuisances, *columns])
+    last = slice(len(with_effects.amounts) - len(columns), None)
+    slope = np.linalg.solve(with_effects.covariance[last, last], with_effects.covariance[last, 0])
     last_of_fit = slice(len(fit.amounts) - len(columns), None)
     amounts, covariance = fit.amounts[last_of_fit], fit.covariance[last_of_fit, last_of_fit]
-    changed = max(1 + beside.amounts[0] + slope @ (amounts - beside.amounts[last]), 0.5)
+    changed = max(1 + with_effects.amounts[0] + slope @ (amounts - with_effects.amounts[last]), 0.5)
     return (
         float((1 + without.amounts[0]) / changed),
         float(np.sqrt(slope @ covariance @ slope) / changed),

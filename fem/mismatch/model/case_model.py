@@ -1,4 +1,4 @@
-"""The forward model that effects build on: the plain model at its 1/E, and strains of the whole flesh."""
+"""The model that effects build on: the plain model of a case at its 1/E, and what is computed of it once."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,8 +13,12 @@ from scipy.spatial import cKDTree
 
 from fem.elements.assembly import Stiffness
 from fem.estimation.grasp_model import GraspModel
+from fem.mesh.flesh_mesh import FleshMesh
+from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.adjoint_basis import AdjointBasis
-from fem.mismatch.model.baseline import Baseline, GraspResponse
+from fem.mismatch.model.marker_equations import DESIGN_EFFECT, BalanceEquations, MarkerEquations
+from fem.mismatch.model.plain_model import Fields, GraspResponse, PlainModel
+from fem.mismatch.model.pulling_markers import LEAST_EVIDENCE, Pull
 from fem.mismatch.model.warm_start import WarmStarts
 from fem.parallel_map import parallel_map
 from fem.solid.flesh_pieces import FleshPieces
@@ -23,6 +27,8 @@ from fem.solid.strain_field import FleshStrain
 T = TypeVar("T")
 SOFT = 1.5
 """Compliance ratio of flesh to gel from which on flesh counts as soft."""
+NEWTON_PER_MM3 = 9.81e-6
+"""Weight of flesh, which floats or just sinks in water."""
 
 
 @dataclass(frozen=True)
@@ -45,7 +51,7 @@ class MemoTable:
 
 
 @dataclass(frozen=True, kw_only=True)
-class ForwardModel:
+class CaseModel:
     """`compliance` is s = 1/E (1/MPa) of the plain model. `memo`: values computed for it once.
 
     `graded`: of each recording the model by which grading infers E, about the prior's pit; None where it has
@@ -57,7 +63,7 @@ class ForwardModel:
     model is used in, None outside of a search.
     """
 
-    base: Baseline
+    base: PlainModel
     compliance: float
     graded: tuple[GraspModel | None, ...] = field(default=(), repr=False, compare=False)
     modulus_scale: float = 1.0
@@ -73,7 +79,84 @@ class ForwardModel:
 
     def each(self, call: Callable[[GraspResponse], T]) -> list[T]:
         """`call` of every recording, in their order, in parallel."""
-        return parallel_map(call, self.base.grasps, workers=self.workers)
+        return parallel_map(call, self.grasps, workers=self.workers)
+
+    @property
+    def case(self) -> MismatchCase:
+        """The recordings of one fruit, and what is assumed of them."""
+        return self.base.case
+
+    @property
+    def mesh(self) -> FleshMesh:
+        """The flesh round the prior's pit."""
+        return self.case.mesh
+
+    @property
+    def grasps(self) -> tuple[GraspResponse, ...]:
+        """The recordings projected on the plain model."""
+        return self.base.grasps
+
+    @property
+    def plain(self) -> Fields:
+        """The plain model's displacement of every recording's markers, for E = 1 MPa."""
+        return [recording.tracks.unit_displacement for recording in self.grasps]
+
+    @property
+    def pads(self) -> list[str]:
+        """Names of all pads of the recordings."""
+        return list(dict.fromkeys(pad for recording in self.grasps for pad in recording.pad_names))
+
+    def marker_equations(self, recording: GraspResponse) -> MarkerEquations:
+        """Those of its markers, with the case's own spread of marker scales.
+
+        A frame of a thinned recording stands for those left out beside it: with it fewer numbers count as
+        one.
+        """
+
+        def compute() -> MarkerEquations:
+            return MarkerEquations.of(
+                recording,
+                compliance=self.compliance,
+                gel_scale_sd=self.case.budget.gel_scale_sd,
+                design_effect=max(DESIGN_EFFECT * recording.kept, 1.0),
+            )
+
+        return self.memoised(("marker equations", recording.case.name, self.compliance), compute)
+
+    def balance_equations(self, recording: GraspResponse) -> BalanceEquations | None:
+        """Those of its forces, where nothing but several pads holds the fruit; its weight is a nuisance."""
+
+        def compute() -> BalanceEquations | None:
+            if recording.case.support != "free" or len(recording.links) < 2:
+                return None
+            weight_N = NEWTON_PER_MM3 * float(self.points.volume_mm3.sum())
+            return BalanceEquations.of(recording, weight_N=weight_N, gels_stick=self.gels_stick)
+
+        return self.memoised(("balance equations", recording.case.name), compute)
+
+    def compliance_products(self, unit: Fields, shift_mm: Fields | None = None) -> tuple[float, float, float]:
+        """y' W y, u' W y and u' W u of all recordings where the markers move by u per MPa of 1/E, and y is
+        their way less any shift: the best 1/E is the second over the third.
+        """
+        data = along = plain = 0.0
+        for k, recording in enumerate(self.grasps):
+            tracks, equations = recording.tracks, self.marker_equations(recording)
+            seen = tracks.position_mm - tracks.place_mm - (0.0 if shift_mm is None else shift_mm[k])
+            heavy, driven = equations.weighed(seen), equations.weighed(unit[k])
+            data += float((seen * heavy).sum())
+            along += float((unit[k] * heavy).sum())
+            plain += float((unit[k] * driven).sum())
+        return data, along, plain
+
+    @property
+    def pull(self) -> Pull:
+        """How far gels are pulled away from the skin, all recordings of the fruit together."""
+        return self.memoised("pulling markers", lambda: Pull.of([each.case for each in self.grasps]))
+
+    @property
+    def gels_stick(self) -> bool:
+        """Whether they stick to the fruit, by all its recordings: one alone may have few that pull."""
+        return self.pull.evidence > LEAST_EVIDENCE
 
     @property
     def stiffness(self) -> csr_array:
@@ -88,12 +171,12 @@ class ForwardModel:
     @property
     def poisson_ratio(self) -> float:
         """As the case assumes it."""
-        return self.base.case.poisson_ratio
+        return self.case.poisson_ratio
 
     @property
     def points(self) -> FleshStrain:
         """The points in the flesh at which strains are taken."""
-        return self.memoised("points", lambda: FleshStrain.of(self.base.mesh))
+        return self.memoised("points", lambda: FleshStrain.of(self.mesh))
 
     @property
     def pieces(self) -> FleshPieces:
@@ -106,7 +189,7 @@ class ForwardModel:
         return self.memoised("depth", self._depth)
 
     def _depth(self) -> Float[np.ndarray, "m 4"]:
-        mesh = self.base.mesh
+        mesh = self.mesh
         to_skin = cKDTree(mesh.nodes_mm[mesh.outer_nodes]).query(self.points.point_mm)[0]
         if not len(mesh.pit_nodes):
             return np.zeros_like(to_skin)
@@ -129,33 +212,10 @@ class ForwardModel:
         moves, and the larger the residual of any model.
         """
         ratio = []
-        for recording in self.base.grasps:
-            tracks = recording.tracks
-            touching = tracks.episode >= 0
+        for recording in self.grasps:
+            tracks, touching = recording.tracks, recording.touching
             flesh = float((self.compliance * tracks.unit_displacement[touching]).std())
             gel = float(np.sqrt((tracks.gel_displacement_mm[touching] ** 2).sum(axis=1).mean()))
             if gel > 0:
                 ratio.append(flesh / gel)
         return max(1.0, float(np.median(ratio)) / SOFT) if ratio else 1.0
-
-
-def over_all_frames(
-    recording: GraspResponse, values: Float[np.ndarray, "f ..."]
-) -> Float[np.ndarray, "t ..."]:
-    """Values of the frames used, in all frames of the recording: zero without contact, linear in between, and
-    held before the first and after the last of these.
-
-    For laws that depend on the history.
-    """
-    time = recording.case.history.time_s
-    touching = np.any([(pad.episode >= 0).any(axis=1) for pad in recording.case.history.pads], axis=0)
-    known = recording.used | ~touching
-    whole = np.zeros((len(time), *values.shape[1:]))
-    whole[recording.used] = values
-    at = np.flatnonzero(known)
-    for frame in np.flatnonzero(~known):
-        after = int(np.searchsorted(at, frame))
-        a, b = at[max(after - 1, 0)], at[min(after, len(at) - 1)]
-        share = (time[frame] - time[a]) / (time[b] - time[a]) if b > a else 0.0
-        whole[frame] = (1 - share) * whole[a] + share * whole[b]
-    return whole

@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 
-from fem.mismatch.model.quadratic_surrogate import NEAR, quadratic_surrogate
-from fem.mismatch.model.warm_start import WarmStarts
+from fem.mismatch.model.warm_start import MOST, NEAR, WarmStarts, quadratic_surrogate
 
 
 def curved(calls: list[np.ndarray], bend: float = 0.7):
@@ -47,3 +46,13 @@ def test_far_from_every_anchor_the_model_is_computed_anew():
     assert len(calls) == 2
     assert asked(search, [0.4, 0.0], calls) == pytest.approx(0.8 + 0.7 * 0.16)
     assert len(calls) == 2
+
+
+def test_a_search_starts_from_the_nearest_of_its_last_solutions():
+    search = WarmStarts()
+    assert search.nearest("law", np.zeros(1)) is None
+    for k in range(MOST + 2):
+        search.keep("law", np.array([float(k)]), k)
+    assert search.nearest("law", np.array([4.2])) == (np.array([4.0]), 4)
+    assert search.nearest("law", np.zeros(1)) == (np.array([2.0]), 2)
+    assert search.nearest("other", np.zeros(1)) is None

@@ -9,8 +9,8 @@ from coarse_fruit import NU, fruit_mesh, pinch
 from fem.estimation.error_budget import ErrorBudget
 from fem.grasp_history import GraspHistory
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase, PadMotion
-from fem.mismatch.model.baseline import Baseline, baseline
-from fem.mismatch.model.forward_model import ForwardModel
+from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.plain_model import PlainModel, plain_model
 from fem.solid.linear_solid import UnitModulusSolid
 
 COMPLIANCE = 4.0
@@ -65,12 +65,12 @@ def as_case(history: GraspHistory) -> MismatchCase:
 
 
 @cache
-def pinched() -> Baseline:
+def pinched() -> PlainModel:
     """The plain model; the markers' positions are those of a fruit that nothing moves."""
-    return baseline(as_case(long_pinch()))
+    return plain_model(as_case(long_pinch()))
 
 
-def forward_of(moved_mm: np.ndarray | None = None) -> ForwardModel:
+def model_of(moved_mm: np.ndarray | None = None) -> CaseModel:
     """The ground on which effects stand, where the markers have moved so beyond the plain model."""
     base = pinched()
     recording = base.grasps[0]
@@ -78,15 +78,10 @@ def forward_of(moved_mm: np.ndarray | None = None) -> ForwardModel:
     beyond = np.zeros_like(response) if moved_mm is None else moved_mm
     position = recording.tracks.place_mm + response + beyond
     tracks = replace(recording.tracks, position_mm=position)
-    return ForwardModel(
-        base=replace(base, grasps=(replace(recording, tracks=tracks),)), compliance=COMPLIANCE
-    )
+    return CaseModel(base=replace(base, grasps=(replace(recording, tracks=tracks),)), compliance=COMPLIANCE)
 
 
-def in_full(forward: ForwardModel, solid: UnitModulusSolid) -> np.ndarray:
+def in_full(model: CaseModel, solid: UnitModulusSolid) -> np.ndarray:
     """c(t) of the recording on a solid of any law, its nodes numbered as those of the plain model."""
-    recording = forward.base.grasps[0]
-    skin = forward.base.solid_of(recording).contact_nodes
-    loads = np.zeros_like(recording.moved)
-    loads[:, skin] = recording.nodal_of(recording.patterns)
-    return recording.over_time(recording.at_markers(solid.displacement(loads)[:, skin]))
+    recording = model.grasps[0]
+    return recording.over_time(recording.at_markers(solid.displacement(recording.loads(recording.patterns))))

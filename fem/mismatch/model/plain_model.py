@@ -11,6 +11,7 @@ which every effect inside the fruit is a function.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -23,7 +24,6 @@ from fem.estimation.prepared_grasp import FEWEST_PRESSED, prepared_grasp, thinne
 from fem.estimation.unit_response import tracks_of
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory
-from fem.mesh.flesh_mesh import FleshMesh
 from fem.mismatch.mismatch_case import GraspCase, MismatchCase
 from fem.parallel_map import parallel_map
 from fem.solid.linear_solid import Support, UnitModulusSolid
@@ -31,24 +31,29 @@ from fem.solid.pad_link import PadLink, pad_link
 
 PROBES = 8
 """Random draws of errors of single markers' forces, from which the unevenness by them is estimated."""
+ARM_MM = 20.0
+"""Length by which moments are divided to compare with forces."""
+Fields: TypeAlias = Sequence[Float[np.ndarray, "_f _n 3"]]
+"""One field of the markers for each recording."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GraspResponse:
     """One recording projected on the plain model, frames `used` of it.
 
-    `prepared`: the recording with the forces and contacts that drive the model.
-    `tracks`: markers of all pads side by side, with c(t) as `unit_displacement`. `force_N`: their forces
-    (fem.estimation.denoised_force), `force_sd_N` what noise is left in one component, `patterns` and
-    `shares` (f r) the patterns that they are brought to. `moved`: U_r of the whole flesh, mm MPa,
-    `response`: L' U_r, the markers'. `pose`: of each pad in these frames. `load`: total force over its
-    greatest, frame by frame; `uneven`: standard deviation of each marker's displacement (times E, mm MPa) at
-    the greatest load by errors of single markers' forces: their scales, and the noise that remains in the
-    patterns. `kept`: the share of the loaded frames that are used. `denoised`: how each pad's forces were
-    denoised; `finer`: which of the patterns are smoothed, and how.
+    `solid`: the flesh, held as this recording's fruit was. `prepared`: the recording with the forces and
+    contacts that drive the model. `tracks`: markers of all pads side by side, with c(t) as
+    `unit_displacement`. `force_N`: their forces (fem.estimation.denoised_force), `force_sd_N` what noise is
+    left in one component, `patterns` and `shares` (f r) the patterns that they are brought to. `moved`: U_r
+    of the whole flesh, mm MPa, `response`: L' U_r, the markers'. `pose`: of each pad in these frames. `load`:
+    total force over its greatest, frame by frame. `uneven`: standard deviation of each marker's displacement
+    (times E, mm MPa) at the greatest load by errors of single markers' forces: their scales, and the noise
+    that remains in the patterns. `kept`: the share of the loaded frames that are used. `denoised`: how each
+    pad's forces were denoised. `finer`: which of the patterns are smoothed, and how.
     """
 
     case: GraspCase
+    solid: UnitModulusSolid
     prepared: GraspHistory
     used: Bool[np.ndarray, " t"]
     links: tuple[PadLink, ...]
@@ -87,35 +92,113 @@ class GraspResponse:
         after = self.finer.first + self.finer.count
         return np.asarray(np.r_[: self.finer.first, after : len(self.patterns)])
 
-    def nodal_of(self, force_N: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r c 3"]:
-        """Forces on the markers as forces on the skin's nodes."""
-        return _nodal(self.links, self.case, force_N)
+    @property
+    def touching(self) -> Bool[np.ndarray, "f n"]:
+        """Which markers touch, in the frames used."""
+        return self.tracks.episode >= 0
 
-    def at_markers(self, moved: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "r n 3"]:
-        """Displacement of the markers where the skin's nodes move so."""
-        return np.concatenate([link.at_markers(moved) for link in self.links], axis=1)
+    def excess(
+        self, compliance: float, unit: Float[np.ndarray, "f n 3"] | None = None
+    ) -> Float[np.ndarray, "f n 3"]:
+        """How far the markers are beyond their places and s c, mm; `unit`: c, the plain model's if not given.
+
+        The fruit's motion is still in it.
+        """
+        moved = compliance * (self.tracks.unit_displacement if unit is None else unit)
+        return np.asarray(self.tracks.position_mm - self.tracks.place_mm - moved)
+
+    def loads(self, force_N: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r m 3"]:
+        """Forces on the markers as forces on all nodes of the flesh."""
+        return nodal_loads(self.links, self.solid, force_N)
+
+    def at_markers(self, moved: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r n 3"]:
+        """Displacement of the markers where the whole flesh moves so."""
+        return self.seen(moved[:, self.solid.contact_nodes])
+
+    def seen(self, on_skin: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "r n 3"]:
+        """Displacement of the markers where the contact nodes move so."""
+        return seen(self.links, on_skin)
+
+    def response_to(self, force_N: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r n 3"]:
+        """Displacement (times E) of all markers under any forces on the markers."""
+        return self.at_markers(self.solid.displacement(self.loads(force_N)))
 
     def over_time(self, by_pattern: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "f n 3"]:
-        """Responses to the patterns, combined frame by frame as the recording combines the patterns."""
-        return np.asarray(np.tensordot(self.shares, by_pattern, axes=(1, 0)))
+        """Responses to the first patterns, combined frame by frame as the recording combines them."""
+        return np.asarray(np.tensordot(self.shares[:, : len(by_pattern)], by_pattern, axes=(1, 0)))
+
+    def over_all_frames(self, values: Float[np.ndarray, "f ..."]) -> Float[np.ndarray, "t ..."]:
+        """Values of the frames used, in all frames, for laws that depend on the history: zero without
+        contact, linear in between, held before the first and after the last of these.
+        """
+        time = self.case.history.time_s
+        touching = np.any([(pad.episode >= 0).any(axis=1) for pad in self.case.history.pads], axis=0)
+        known = self.used | ~touching
+        whole = np.zeros((len(time), *values.shape[1:]))
+        whole[self.used] = values
+        at = np.flatnonzero(known)
+        for frame in np.flatnonzero(~known):
+            after = int(np.searchsorted(at, frame))
+            a, b = at[max(after - 1, 0)], at[min(after, len(at) - 1)]
+            share = (time[frame] - time[a]) / (time[b] - time[a]) if b > a else 0.0
+            whole[frame] = (1 - share) * whole[a] + share * whole[b]
+        return whole
+
+    def own_markers(self, pad: int | str) -> Bool[np.ndarray, "1 n 1"]:
+        """Which markers are this pad's, by number or name, ready to mask fields; none of an absent pad."""
+        names = np.array(self.pad_names)[self.pad_of_marker]
+        mine = names == pad if isinstance(pad, str) else self.pad_of_marker == pad
+        return np.asarray(mine)[None, :, None]
+
+    def turn_of(self, pad: int) -> Float[np.ndarray, "3 3"]:
+        """Pad axes in the fruit frame, as columns, at the greatest force."""
+        greatest = int(np.argmax(np.linalg.norm(self.force_N, axis=2).sum(axis=1)))
+        return np.asarray(self.pose[pad, greatest, :3, :3])
+
+    def pad_force(self, pad: int) -> Float[np.ndarray, "f 3"]:
+        """Total force of one pad on the fruit, N."""
+        return np.asarray(self.force_N[:, self.pad_of_marker == pad].sum(axis=1))
+
+    @property
+    def centre_mm(self) -> Float[np.ndarray, "3"]:
+        """The markers' mean position, about which moments are taken."""
+        return np.asarray(self.tracks.position_mm.mean(axis=(0, 1)))
+
+    def wrench(
+        self, force_N: Float[np.ndarray, "f n 3"], position_mm: Float[np.ndarray, "*f n 3"] | None = None
+    ) -> Float[np.ndarray, "f 6"]:
+        """Sums of forces (N) and of their moments about `centre_mm` over ARM_MM (N); at the markers' own
+        positions unless given.
+        """
+        position = self.tracks.position_mm if position_mm is None else position_mm
+        moment = np.cross(position - self.centre_mm, force_N).sum(axis=1)
+        return np.hstack([force_N.sum(axis=1), moment / ARM_MM])
+
+
+def nodal_loads(
+    links: Sequence[PadLink], solid: UnitModulusSolid, force_N: Float[np.ndarray, "r n 3"]
+) -> Float[np.ndarray, "r m 3"]:
+    """Forces on the markers of several pads as forces on all nodes of a solid."""
+    parts = np.split(force_N, np.cumsum([len(link.place.point_mm) for link in links])[:-1], axis=1)
+    loads = np.zeros((len(force_N), len(solid.mesh.nodes_mm), 3))
+    loads[:, solid.contact_nodes] = sum(
+        link.nodal_force(part) for link, part in zip(links, parts, strict=True)
+    )
+    return loads
+
+
+def seen(links: Sequence[PadLink], on_skin: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "r n 3"]:
+    """Displacement of the markers of several pads where the contact nodes move so."""
+    return np.concatenate([link.at_markers(on_skin) for link in links], axis=1)
 
 
 @dataclass(frozen=True, kw_only=True)
-class Baseline:
-    """The solid for each kind of support, and the recordings projected on it. `solids` by support."""
+class PlainModel:
+    """The solid for each kind of support, and the recordings projected on it."""
 
     case: MismatchCase
     solids: dict[Support, UnitModulusSolid]
     grasps: tuple[GraspResponse, ...]
-
-    @property
-    def mesh(self) -> FleshMesh:
-        """The flesh round the prior's pit."""
-        return self.case.mesh
-
-    def solid_of(self, recording: GraspResponse) -> UnitModulusSolid:
-        """The solid held as this recording's fruit was."""
-        return self.solids[recording.case.support]
 
     def displacements(
         self, nodal_N: Sequence[Float[np.ndarray, "_ m 3"]]
@@ -133,22 +216,15 @@ class Baseline:
                 displacements[k] = part
         return displacements
 
-    def marker_response(
-        self, recording: GraspResponse, nodal_N: Float[np.ndarray, "r m 3"]
-    ) -> Float[np.ndarray, "r n 3"]:
-        """Displacement (times E) of the recording's markers under forces on any nodes of the flesh."""
-        solid = self.solid_of(recording)
-        return recording.at_markers(solid.displacement(nodal_N)[:, solid.contact_nodes])
 
-
-def baseline(
+def plain_model(
     case: MismatchCase, *, solids: Mapping[Support, UnitModulusSolid] | None = None, workers: int = 1
-) -> Baseline:
+) -> PlainModel:
     """Solves for the patterns; `solids`: factorised before, as in `solids_of`. Raises FemFailure as its parts
     do.
     """
     held = solids_of(case, solids or {})
-    return Baseline(
+    return PlainModel(
         case=case,
         solids=held,
         grasps=tuple(
@@ -216,13 +292,12 @@ def project_recording(
     uneven += (
         prepared.coloured_sd_N * _noise_of_patterns(shares, size.argmax()) * rng.normal(size=uneven.shape)
     )
-    loads = np.zeros((len(patterns) + PROBES, len(solid.mesh.nodes_mm), 3))
-    loads[:, solid.contact_nodes] = _nodal(links, case, np.concatenate([patterns, uneven]))
+    loads = nodal_loads(links, solid, np.concatenate([patterns, uneven]))
     moved, probed = np.split(solid.displacement(loads), [len(patterns)])
-    on_skin = moved[:, solid.contact_nodes]
-    response = np.concatenate([link.at_markers(on_skin) for link in links], axis=1)
+    response = seen(links, moved[:, solid.contact_nodes])
     return GraspResponse(
         case=case,
+        solid=solid,
         prepared=prepared.history,
         used=used,
         links=links,
@@ -264,11 +339,3 @@ def _spread(links: Sequence[PadLink], moved: Float[np.ndarray, "r c 3"]) -> Floa
         deviation = recording - recording.mean(axis=1, keepdims=True)
         spreads.append(np.broadcast_to(np.sqrt((deviation**2).mean(axis=(0, 1))), deviation.shape[1:]))
     return np.concatenate(spreads)
-
-
-def _nodal(
-    links: Sequence[PadLink], case: GraspCase, patterns: Float[np.ndarray, "r n 3"]
-) -> Float[np.ndarray, "r c 3"]:
-    split = np.cumsum([len(pad.rest_mm) for pad in case.history.pads])[:-1]
-    parts = np.split(patterns, split, axis=1)
-    return np.asarray(sum(link.nodal_force(part) for link, part in zip(links, parts, strict=True)))

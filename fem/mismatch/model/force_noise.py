@@ -1,0 +1,339 @@
+"""Errors in variables: draws of the noise that is left in a recording's forces, and what is linear in these.
+
+A regression on a noisy regressor is biased, and not only attenuated: noise that differs from marker to
+marker is of short waves, and a model that answers less to those, as a stiff surface does, fits better.
+Uncorrected, markers' noise of 4 um on soft sound fruit looks like a skin of 0.3 to 0.5 mm, worth 3 to 27
+nats, and like flesh that is firmer outside.
+
+The model's response c = C f holds the noise of the forces, and where these come from the gel's springs
+(fem.estimation.denoised_force) that is the noise of the markers' own displacement. Whatever field phi is
+linear in the forces holds it too, so that its product with the data has an expected value by noise alone:
+
+    n = E[phi(df) . W e],        e = dy - s C df
+
+dy, df: noise of the markers' places, and of the forces after they were brought to their patterns. The normal
+equations are corrected by it: b_i - n_i for b_i = phi_i . W y (corrected score: Nakamura 1990, Biometrika 77;
+Fuller 1987, Measurement Error Models, section 2.2). W e, brought back to the forces,
+g_r = sum_t a_r(t) (W e)(t), and its adjoint field of the flesh K0^-1 L g_r serve every phi: where phi is a
+change of the flesh's law, phi(t) = s sum_r a_r(t) L' K0^-1 b(U_r),
+
+    phi(df) . W e = s sum_r (K0^-1 L g_r) . b(dU_r)
+
+An effect in the model that is like its signatures phi in the amounts a has noise of its own. With
+Q = E[phi(df) . W phi(df)] the square of the noise beside the plain model becomes less by
+
+    2 a.n - a.Q a,        and the products of columns phi_j with it are n_j - Q_j a
+
+Noise is of short waves, on which an effect that stiffens the surface soon has done what it can: beyond the
+amounts t a, t = a.n / a.Q a, where the square is least, it stays as it is there.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Protocol, TypeAlias
+
+import numpy as np
+from jaxtyping import Bool, Float
+
+from fem.cached_value import cached_value
+from fem.estimation.coloured_noise import drawn_coloured_noise
+from fem.estimation.denoised_force import DenoisedForce
+from fem.estimation.error_budget import ErrorBudget
+from fem.estimation.frame_thinning import spacing
+from fem.estimation.sensitivity import inner_forces, inner_work
+from fem.grasp_history import PadHistory
+from fem.mismatch.model.plain_model import GraspResponse, PlainModel
+from fem.parallel_map import parallel_map
+
+DRAWS = 2
+"""Draws of a recording's noise. Each holds some thousand independent numbers: from one to the next n changes
+by a tenth, and what is corrected is of the size of the amounts' standard deviations."""
+WeighedMarkers: TypeAlias = Callable[[Float[np.ndarray, "f n 3"]], Float[np.ndarray, "f n 3"]]
+"""W of a recording: from a field of its markers to the W-image."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceNoise:
+    """p draws of one recording's noise, each by patterns r; s is the plain model's 1/E.
+
+    `force_N`: df_r on the markers. `moved`: dU_r = K0^-1 L df_r of the whole flesh (E = 1 MPa), `response`
+    the markers'. `weighed`: W e. `adjoint`: K0^-1 L g_r of the whole flesh, `adjoint_response` the markers'.
+    """
+
+    compliance: float
+    recording: GraspResponse
+    force_N: Float[np.ndarray, "p r n 3"]
+    moved: Float[np.ndarray, "p r m 3"]
+    response: Float[np.ndarray, "p r n 3"]
+    weighed: Float[np.ndarray, "p f n 3"]
+    adjoint: Float[np.ndarray, "p r m 3"]
+    adjoint_response: Float[np.ndarray, "p r n 3"]
+
+    def of_draws(self, products: Float[np.ndarray, " p"]) -> float:
+        """Their mean, for the recording as it is thinned: a frame left out has its share in the patterns."""
+        return float(products.mean()) * self.recording.kept
+
+    def solved(self, loads: Float[np.ndarray, "p r m 3"]) -> Float[np.ndarray, "p f n 3"]:
+        """s sum_r a_r(t) L' K0^-1 b_r at the markers, of loads on the whole flesh by the first patterns."""
+        moved = self.recording.solid.displacement(loads.reshape(-1, *loads.shape[2:]))
+        seen = self.recording.at_markers(moved)
+        return self.over_time(seen.reshape(*loads.shape[:2], *seen.shape[1:]))
+
+    @property
+    def leading(self) -> Float[np.ndarray, "p r m 3"]:
+        """`moved` by the patterns that laws of the flesh follow (GraspResponse.leading)."""
+        return self.moved[:, : self.recording.finer.first]
+
+    def over_time(self, response: Float[np.ndarray, "p r n 3"]) -> Float[np.ndarray, "p f n 3"]:
+        """s sum_r a_r(t) c_r of responses by the first patterns."""
+        shares = self.recording.shares[:, : response.shape[1]]
+        return np.asarray(self.compliance * np.einsum("fr,prnx->pfnx", shares, response))
+
+    @cached_value
+    def inner_products(self) -> dict[str, float]:
+        """n / s of pit and Poisson's ratio, cause by cause (fem.estimation.sensitivity).
+
+        The surface's undulations are each recording's own, and eliminated without them.
+        """
+        moved, adjoint = self.leading, self.adjoint[:, : self.leading.shape[1]]
+        flat = (-1, *moved.shape[2:])
+        work = inner_work(self.recording.solid, moved.reshape(flat), adjoint.reshape(flat))
+        return {
+            cause: self.of_draws(cause_work.reshape(moved.shape[:2]).sum(axis=1))
+            for cause, cause_work in work.items()
+        }
+
+
+class LinearInForces(Protocol):
+    """How a field follows from the forces."""
+
+    def product(self, noise: ForceNoise) -> float:
+        """n of the module's docstring for one recording."""
+        ...
+
+    def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
+        """phi(df) of each draw at the markers, mm in the column's unit."""
+        ...
+
+
+@dataclass(frozen=True)
+class OfFlesh:
+    """phi(t) = s sum_r a_r(t) L' K0^-1 b(U_r), r the leading patterns (GraspResponse.leading).
+
+    `load`: b of fields of a recording's flesh, nodal forces.
+    """
+
+    load: Callable[[GraspResponse, Float[np.ndarray, "q m 3"]], Float[np.ndarray, "q m 3"]]
+
+    def product(self, noise: ForceNoise) -> float:
+        """By the adjoint fields: no solve."""
+        loads = self._loads(noise)
+        work = np.einsum("prmx,prmx->p", noise.adjoint[:, : loads.shape[1]], loads, optimize=True)
+        return noise.compliance * noise.of_draws(work)
+
+    def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
+        """One solve for each draw and pattern."""
+        return noise.solved(self._loads(noise))
+
+    def _loads(self, noise: ForceNoise) -> Float[np.ndarray, "p r m 3"]:
+        moved = noise.leading
+        return self.load(noise.recording, moved.reshape(-1, *moved.shape[2:])).reshape(moved.shape)
+
+
+@dataclass(frozen=True)
+class OfResponse:
+    """phi = s part(c): `part` of a recording's response c(t)."""
+
+    part: Callable[[GraspResponse, Float[np.ndarray, "f n 3"]], Float[np.ndarray, "f n 3"]]
+
+    def product(self, noise: ForceNoise) -> float:
+        """Directly."""
+        return noise.of_draws(np.einsum("pfnx,pfnx->p", self.fields(noise), noise.weighed))
+
+    def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
+        """Without a solve."""
+        return np.stack([self.part(noise.recording, draw) for draw in noise.over_time(noise.response)])
+
+
+@dataclass(frozen=True)
+class OfSomeForces:
+    """phi = s C g(f): `part`: g of forces on a recording's markers, as the response to some of them alone."""
+
+    part: Callable[[GraspResponse, Float[np.ndarray, "q n 3"]], Float[np.ndarray, "q n 3"]]
+
+    def product(self, noise: ForceNoise) -> float:
+        """By the adjoint fields at the markers."""
+        force_N = self._forces(noise)
+        return noise.compliance * noise.of_draws(np.einsum("prnx,prnx->p", noise.adjoint_response, force_N))
+
+    def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
+        """One solve for each draw and pattern."""
+        force_N = self._forces(noise)
+        loads = noise.recording.loads(force_N.reshape(-1, *force_N.shape[2:]))
+        return noise.solved(loads.reshape(*force_N.shape[:2], *loads.shape[1:]))
+
+    def _forces(self, noise: ForceNoise) -> Float[np.ndarray, "p r n 3"]:
+        flat = noise.force_N.reshape(-1, *noise.force_N.shape[2:])
+        return self.part(noise.recording, flat).reshape(noise.force_N.shape)
+
+
+ALL = OfResponse(lambda _, response: response)
+"""phi = s c: the response itself."""
+
+
+@dataclass(frozen=True)
+class OfInnerChange:
+    """phi = s dc/dp of a cause inside the fruit (fem.estimation.sensitivity); zero where it has none."""
+
+    cause: str
+
+    def product(self, noise: ForceNoise) -> float:
+        """By the work of the adjoint fields."""
+        return noise.compliance * noise.inner_products.get(self.cause, 0.0)
+
+    def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
+        """One solve for each draw and pattern."""
+        recording, moved = noise.recording, noise.leading
+        causes, loads = inner_forces(
+            recording.solid, moved.reshape(-1, *moved.shape[2:]), list(recording.links), with_surface=False
+        )
+        if self.cause not in causes:
+            return np.zeros_like(noise.weighed)
+        return noise.solved(loads[list(causes).index(self.cause)].reshape(moved.shape))
+
+
+def drawn_force_noise(
+    base: PlainModel,
+    weighed_markers: Sequence[WeighedMarkers],
+    *,
+    compliance: float,
+    draws: int = DRAWS,
+    workers: int = 1,
+) -> list[ForceNoise]:
+    """Draws of each recording's noise, as its own frames without contact show it, and their adjoint fields.
+
+    The fields of all recordings are solved for together.
+    """
+    drawn = parallel_map(
+        lambda recording: _drawn(recording, base.case.budget, draws), base.grasps, workers=workers
+    )
+    forces = [force_N for _, force_N in drawn]
+    solved = _solved(base, forces)
+    weighed, pulled = [], []
+    for recording, weigh, (places, _), (_, response) in zip(
+        base.grasps, weighed_markers, drawn, solved, strict=True
+    ):
+        share = _shares(recording)
+        excess = places - compliance * np.einsum("fr,prnx->pfnx", share, response)
+        weighed.append(np.stack([weigh(draw) for draw in excess]))
+        pulled.append(np.einsum("fr,pfnx->prnx", share, weighed[-1]))
+    adjoint = _solved(base, pulled)
+    return [
+        ForceNoise(
+            compliance=compliance,
+            recording=recording,
+            force_N=forces[k],
+            moved=solved[k][0],
+            response=solved[k][1],
+            weighed=weighed[k],
+            adjoint=adjoint[k][0],
+            adjoint_response=adjoint[k][1],
+        )
+        for k, recording in enumerate(base.grasps)
+    ]
+
+
+def _shares(recording: GraspResponse) -> Float[np.ndarray, "f r"]:
+    """Of the patterns that hold the forces' own noise."""
+    return recording.shares[:, : recording.finer.first + recording.finer.count]
+
+
+def _drawn(
+    recording: GraspResponse, budget: ErrorBudget, draws: int
+) -> tuple[Float[np.ndarray, "p f n 3"], Float[np.ndarray, "p r n 3"]]:
+    """Noise of the markers' places, and of the forces by pattern."""
+    rng = np.random.default_rng(0)
+    drawn = [
+        _of_pad(pad, denoised, recording.used, budget, draws, rng)
+        for pad, denoised in zip(recording.case.history.pads, recording.denoised, strict=True)
+    ]
+    places, forces = (np.concatenate(parts, axis=2) for parts in zip(*drawn, strict=True))
+    shares = _shares(recording)
+    return places, recording.finer.of_noise(
+        np.einsum("fr,pfnx->prnx", shares / (shares**2).sum(axis=0), forces)
+    )
+
+
+def _of_pad(
+    pad: PadHistory,
+    denoised: DenoisedForce,
+    used: Bool[np.ndarray, " t"],
+    budget: ErrorBudget,
+    draws: int,
+    rng: np.random.Generator,
+) -> tuple[Float[np.ndarray, "p f n 3"], Float[np.ndarray, "p f n 3"]]:
+    """Noise of the markers' places and of the denoised forces: of frames, and of the markers' scales."""
+    moved, force = pad.gel_displacement_mm[used], pad.force_N[used]
+    shape, lag1 = (draws, *moved.shape), pad.lag1 ** spacing(used)
+    one_each = (draws, 1, moved.shape[1], 1)
+    places = pad.displacement_sd_mm * drawn_coloured_noise(shape, lag1, rng)
+    places += budget.gel_scale_sd * rng.normal(size=one_each) * moved
+    felt = pad.force_sd_N * drawn_coloured_noise(shape, lag1, rng)
+    felt += budget.force_scale_sd * rng.normal(size=one_each) * force
+    flat = (-1, *moved.shape[1:])
+    return places, denoised.noise(places.reshape(flat), felt.reshape(flat)).reshape(shape)
+
+
+def _solved(
+    base: PlainModel, force_N: Sequence[Float[np.ndarray, "_p _r _n 3"]]
+) -> list[tuple[Float[np.ndarray, "_p _r _m 3"], Float[np.ndarray, "_p _r _n 3"]]]:
+    """K0^-1 L f of the whole flesh and at the markers (E = 1 MPa), recording by recording."""
+    loads = [
+        recording.loads(forces.reshape(-1, *forces.shape[2:]))
+        for recording, forces in zip(base.grasps, force_N, strict=True)
+    ]
+    return [
+        (
+            moved.reshape(*forces.shape[:2], *moved.shape[1:]),
+            recording.at_markers(moved).reshape(forces.shape),
+        )
+        for recording, forces, moved in zip(base.grasps, force_N, base.displacements(loads), strict=True)
+    ]
+
+
+@dataclass(frozen=True, kw_only=True)
+class NoiseOfChange:
+    """By recording: `square`: what the effect takes off the noise's square; `plain`: n of the plain model's
+    column with it; `signatures`: n of each of its signatures."""
+
+    square: Float[np.ndarray, " k"]
+    plain: Float[np.ndarray, " k"]
+    signatures: Float[np.ndarray, "k c"]
+
+
+def noise_of_change(
+    bias: Float[np.ndarray, "k c1"], products: Float[np.ndarray, "k c1 c1"], amounts: Float[np.ndarray, " c"]
+) -> NoiseOfChange:
+    """n and Q of the plain model's column and of the signatures, of which so much is there."""
+    of_signatures, across, plain = products[:, 1:, 1:], products[:, 0, 1:], bias[:, 0]
+    gained, lost = float((bias[:, 1:] @ amounts).sum()), float((of_signatures @ amounts @ amounts).sum())
+    reached = amounts * (gained / lost if 0 < gained < lost else 1.0)
+    signatures = bias[:, 1:] - of_signatures @ reached
+    return NoiseOfChange(
+        square=(bias[:, 1:] + signatures) @ reached,
+        plain=plain + (signatures - across) @ reached,
+        signatures=signatures,
+    )
+
+
+def noise_products(
+    columns: Sequence[LinearInForces | None], noise: ForceNoise, weighed_markers: WeighedMarkers
+) -> Float[np.ndarray, "c c"]:
+    """Q of one recording; zero for what does not follow from the forces."""
+    products = np.zeros((len(columns),) * 2)
+    fields = {j: column.fields(noise) for j, column in enumerate(columns) if column is not None}
+    weighed = {j: np.stack([weighed_markers(draw) for draw in draws]) for j, draws in fields.items()}
+    for i, field in fields.items():
+        for j, other in weighed.items():
+            products[i, j] = noise.of_draws(np.einsum("pfnx,pfnx->p", field, other))
+    return products
