@@ -209,8 +209,9 @@ def _rows(text: str, separator: str) -> list[tuple[int, list[str]]]:
             names = [name.strip() for name in cells]
             columns = 0 if rows else sum(map(bool, names))
             if columns > MOST_COLUMNS:
-                known = f"expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
-                raise ValueError(f"has {columns} columns, {known}")
+                raise ValueError(
+                    f"has {columns} columns, expected at most {MOST_COLUMNS}; keep those of docs/formats.md."
+                )
             twice = "" if rows else next((name for name in names if name and names.count(name) > 1), "")
             if twice:
                 raise ValueError(f'has the column "{twice[:80]}" twice; remove one of them.')

@@ -41,10 +41,10 @@ displacement made E 47 % too small on one fruit (benchmarks/field_mistakes.py)."
 
 def value_findings(pressings: Sequence[Pressing]) -> list[Finding]:
     """What is wrong with single markers, values and frames, pad by pad."""
-    findings: list[Finding] = []
+    dead = [finding for press in pressings for finding in _dead_field(press)]
+    findings = shared(dead)
     for press in pressings:
-        if dead := list(_dead_field(press)):
-            findings += dead
+        if any(press.pad.name in finding.pads for finding in dead):
             continue
         findings += _clipped(press)
         fields = (press.pad.displacement_mm, press.pad.force_N)

@@ -86,11 +86,11 @@ CAUSES = {
     Kind.OTHER_MARKERS: "one of them has another marker order (permuted), or other axes; write both in one "
     "order",
     Kind.AXES: "its axes are exchanged or rotated; z points out of the gel into the fruit",
-    Kind.MARKERS_UNIT: "write the positions of the markers on the gel in millimetres",
+    Kind.MARKERS_UNIT: "another unit; write the positions of the markers on the gel in millimetres",
     Kind.MARKERS_ORDER: "markers are in another order (permuted) in rest_mm than in displacement and force; "
     "write all three in one order",
-    Kind.STIFFNESS_NOT_OF_SENSOR: "E has the same relative error if the forces use this value. Correct it, "
-    "or state the gel's own under [sensor] in batch.toml",
+    Kind.STIFFNESS_NOT_OF_SENSOR: "a wrong value, or another gel. E has the same relative error if the "
+    "forces use this value. Correct it, or state the gel's own under [sensor] in batch.toml",
     Kind.PITCH_NOT_OF_SENSOR: "the scale of the gel's pictures is wrong (in displacement and forces), or the "
     "sensor has another gel. Calibrate the sensor's camera",
     Kind.TOO_DEEP: "displacement or poses are scaled, or from another recording",
@@ -98,9 +98,9 @@ CAUSES = {
     Kind.GEL_FRAMES_SHUFFLED: "its frames are out of order (shuffled) relative to the jaws' log",
     Kind.CLOCKS_APART: "the two clocks disagree (lag); give gel and jaws one clock",
     Kind.POSES_TURNED: "rotations are transposed, or the poses are from another day; record the poses again",
-    Kind.POSE_AWAY: "z must point out of the gel into the fruit",
+    Kind.POSE_AWAY: "a wrong pose; z must point out of the gel into the fruit",
     Kind.APERTURE: "aperture and poses disagree (from another recording, or with another clock)",
-    Kind.POSES_UNIT: "poses or mesh have another unit",
+    Kind.POSES_UNIT: "poses or mesh have another unit; write millimetres",
     Kind.WIDTH: "the recording is of another fruit, the mesh is scaled, rotated or of another fruit, or the "
     "poses are wrong",
     Kind.ASIDE: WRONG_MESH,

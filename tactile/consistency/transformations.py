@@ -135,14 +135,14 @@ def of_signals(situation: Situation, names: Sequence[str]) -> Iterator[Transform
 
 def _factors(situation: Situation, names: Sequence[str]) -> Iterator[tuple[Field, str, float, str, float]]:
     """Field, cause, factor, unit and log prior of each factor that the fields may have."""
-    units: tuple[tuple[Field, str, dict[float, str], str], ...] = (
-        ("force", "forces look", FORCE, "record newtons, or convert force_N"),
-        ("displacement", "displacement looks", LENGTH, "record millimetres, or convert it"),
-        ("stiffness", "gel_kn_MPa_per_mm looks", STIFFNESS, "state it in MPa per mm"),
+    units: tuple[tuple[Field, str, dict[float, str]], ...] = (
+        ("force", "forces look like {}; record newtons, or convert force_N", FORCE),
+        ("displacement", "displacement looks like {}; record millimetres, or convert it", LENGTH),
+        ("stiffness", "gel_kn_MPa_per_mm looks like {}; state it in MPa per mm", STIFFNESS),
     )
-    for field, looks, known, advice in units:
+    for field, cause, known in units:
         for factor, unit in known.items():
-            yield field, f"{looks} like {unit}; {advice}", factor, unit, 0.0
+            yield field, cause.format(unit), factor, unit, 0.0
     gains = [gain for press in situation.pressings if press.pad.name in names and (gain := gain_of(press))]
     if not gains:
         return

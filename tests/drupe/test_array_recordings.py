@@ -100,7 +100,7 @@ def refusal(mesh, recordings, **options):
 @pytest.mark.parametrize(
     ("names", "factor", "sentence"),
     [
-        (("rest_mm", "displacement_mm"), 1e-3, "rest_mm spans 0.019 mm, as if in metres"),
+        (("rest_mm", "displacement_mm"), 1e-3, "rest_mm looks like metres"),
         (("displacement_mm",), 1e-3, "displacement looks like metres"),
         (("force_N",), 1e3, "forces look like millinewtons"),
     ],

@@ -21,7 +21,7 @@ def task(tmp_path):
 
 def test_the_fruits_own_files_are_named_from_the_batchs_folder_on(task):
     reason = grade_fruit(task, lambda _: None).reason
-    assert reason.startswith("fruits/A (photos/: does not exist")
+    assert reason.startswith("fruits/A holds neither photos nor fruit.ply")
     task.folder.fruit_ply.write_text("ply of nothing")
     assert grade_fruit(task, lambda _: None).reason.startswith("fruits/A/fruit.ply is broken")
 

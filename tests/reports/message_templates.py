@@ -23,7 +23,7 @@ NO_SENTENCE = (
 warnings of other libraries are known.
 """
 HELP = frozenset({"help", "short_help", "metavar", "epilog", "show_default"})
-"""Arguments with the manual of a command, which is English."""
+"""Arguments with the manual of a command, which is English, as the first lines in COMMANDS are."""
 
 
 def modules() -> list[Path]:
@@ -58,6 +58,10 @@ def _no_sentences(node: ast.AST) -> Iterator[ast.AST]:
         yield node.value
     elif isinstance(node, ast.keyword) and node.arg in HELP:
         yield from ast.walk(node.value)
+    elif (
+        isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name) and node.target.id == "COMMANDS"
+    ):
+        yield from ast.walk(node)
 
 
 def _template(node: ast.Constant | ast.JoinedStr) -> str:

@@ -209,8 +209,8 @@ def _read(path: Path) -> PitPrior:
         raise ReconProblem.BAD_PRIOR.failure(f"{path} {error}; copy a shipped prior and edit it.") from error
     category = table.get("category", path.stem)
     if not isinstance(category, str) or not 0 < len(printable(category).strip()) <= 200:
-        expected = "a name in quotes of at most 200 characters"
-        raise _bad(path, f"category is {_shown(category)}; expected {expected}.")
+        shown = _shown(category)
+        raise _bad(path, f"category is {shown}; expected a name in quotes of at most 200 characters.")
     left = _left_to_batch(path, table)
     wanted = {name: kind for name, kind in _FIELDS.items() if name not in left}
     given = {name: kind for name, kind in _OPTIONAL.items() if name in table}
@@ -221,8 +221,11 @@ def _read(path: Path) -> PitPrior:
         source, values[name] = said.get("source"), read(said.get("value"))
         if values[name] is None or not (isinstance(source, str) and source):
             advice = "" if name in table else " Add it; shipped categories show how."
-            field_of = f'{{ value = {expected}, source = "where it comes from" }}'
-            raise _bad(path, f"{name} is {_shown(entry)}; expected {field_of}.{advice}")
+            message = (
+                f"{name} is {_shown(entry)}; "
+                f'expected {{ value = {expected}, source = "where it comes from" }}.{advice}'
+            )
+            raise _bad(path, message)
         sources[name] = printable(source)
     known = {*_FIELDS, *_OPTIONAL, "category", "plausible", LEFT}
     for key in table.keys() - known:  # others are notes of the file's owner
@@ -246,8 +249,8 @@ def _left_to_batch(path: Path, table: Mapping[str, Any]) -> set[str]:
         raise _bad(path, f"{LEFT} is {_shown(named)}; expected a list of {choice}, or no such key.")
     for group in named:
         for name in (name for name in MAY_BE_LEFT[group] if name in table):
-            fault = f'{name} is given, but {LEFT} leaves "{group}" to the batch'
-            raise _bad(path, f"{fault}; remove one of the two.")
+            message = f'{name} is given, but {LEFT} leaves "{group}" to the batch; remove one of the two.'
+            raise _bad(path, message)
     return {name for group in named for name in MAY_BE_LEFT[group]}
 
 
@@ -256,8 +259,8 @@ def _plausible(path: Path, table: object) -> Plausible | None:
     if table is None:
         return None
     if not isinstance(table, dict):
-        fault = f"plausible is {_shown(table)}"
-        raise _bad(path, f"{fault}; expected a table [plausible] of ranges [low, high].")
+        shown = _shown(table)
+        raise _bad(path, f"plausible is {shown}; expected a table [plausible] of ranges [low, high].")
     known = [each.name for each in fields(Plausible)]
     ranges = {}
     for key, value in table.items():
