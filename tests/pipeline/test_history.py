@@ -405,7 +405,7 @@ def test_no_flipped_bit_of_a_store_is_used_and_a_damaged_batch_is_named_and_forg
     drupe("history", *outs, "--store", store)
     expected = kept_in(store)
     data, refusals = store.read_bytes(), 0
-    for place in np.random.default_rng(2).integers(0, 8 * len(data), 30):
+    for place in np.random.default_rng(2).integers(0, 8 * len(data), 60):
         flipped(store, int(place))
         try:
             assert kept_in(store) == expected
@@ -413,7 +413,7 @@ def test_no_flipped_bit_of_a_store_is_used_and_a_damaged_batch_is_named_and_forg
             assert str(store) in str(refused.problems[0])  # noqa: PT017 - one of two right endings
             refusals += 1
         store.write_bytes(data)
-    assert refusals > 1  # most of the file is not in use
+    assert refusals > 3  # most of the file is not in use
     key = next(batch.key for batch in expected if batch.lot == "7")
     with sqlite3.connect(store) as other:
         other.execute("UPDATE fruit SET E_MPa = 0.8 WHERE fruit_id = 'B'")
