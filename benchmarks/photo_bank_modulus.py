@@ -8,9 +8,9 @@ scene.json (shape, pit, modulus) in a simulation with hexahedra and a contact la
 nothing with the tetrahedra that grading makes from the photos. The recordings, the set's photos and its
 mat.json become a batch folder, on which `drupe grade` runs as a process of its own: cameras, mesh, pit and
 modulus all come from what a user would hand in, but for Poisson's ratio: batch.toml states the true one.
-The pit that grading assumes is the prior of the kind of fruit (recon/priors), not the true pit. The bank's
-pits scatter (samples/scenes/scene_fruit.py; 1 % of the half box per axis, 4 % in size) exactly about the
-prior's proportions for nectarines and within about 3 % of them for peaches, only 1 to 2 % of the half box
+The pit that grading assumes is the prior of the kind of fruit (recon/pit/priors), not the true pit. The
+bank's pits scatter (samples/scenes/scene_fruit.py; 1 % of the half box per axis, 4 % in size) exactly about
+the prior's proportions for nectarines and within about 3 % of them for peaches, only 1 to 2 % of the half box
 from the prior's place; for apricots, plums and cherries they are drawn 2 to 25 % larger than the prior. So
 for nectarines and peaches the errors tell of photos, grasps and a small scatter of the pit, and for no
 kind of a wrong Poisson's ratio: they are lower bounds of what real fruit will show. With `--pits true` the

@@ -1,7 +1,5 @@
 """The `drupe` command: its parts (pipeline/commands), and how every error ends."""
 
-from collections.abc import Callable
-
 import pipeline.safe_start  # noqa: F401 - first of all: the current folder may be a stranger's
 
 # isort: split
@@ -9,6 +7,7 @@ import errno
 import os
 import sys
 import traceback
+from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated

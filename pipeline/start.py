@@ -14,6 +14,7 @@ if sys.platform == "win32":
 
 signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # until the command handles it
 
+import pipeline.safe_start  # noqa: E402, F401 - before all others: the current folder may be a stranger's
 
 # isort: split
 from pipeline.lack_of_memory import is_lack_of_memory, too_little_memory  # noqa: E402

@@ -146,7 +146,7 @@ def numbered(batch: BatchEntry) -> list[Indexed]:
 def correlation_words(shore: ShoreCorrelation) -> str:
     """The correlation in one line."""
     words = (
-        f"{shore.n} fruits with both: Spearman rank correlation {shore.spearman:.2f}, "
+        f"{shore.n} fruit with both: Spearman rank correlation {shore.spearman:.2f}, "
         f"Pearson correlation {shore.pearson:.2f}"
     )
     if shore.p is None:

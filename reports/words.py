@@ -247,14 +247,14 @@ def verdict(fruits: tuple[FruitEntry, ...], *, waiting: int = 0) -> str:
     failed = sum(not fruit.ok for fruit in fruits)
     total = len(fruits) + waiting
     if waiting and not graded:
-        return say("{count} of {total} fruits graded", count=0, total=total) + "."
+        return say("{count} of {total} fruit graded", count=0, total=total) + "."
     if not graded:
         if len(fruits) < 2:
-            return say("The only fruit is not graded.") if fruits else say("The batch holds no fruits.")
-        return say("None of the {total} fruits is graded.", total=len(fruits))
-    lead = say("All {total} fruits graded", total=len(fruits))
+            return say("The only fruit is not graded.") if fruits else say("The batch holds no fruit.")
+        return say("None of the {total} fruit is graded.", total=len(fruits))
+    lead = say("All {total} fruit graded", total=len(fruits))
     if failed or waiting:
-        lead = say("{count} of {total} fruits graded", count=len(graded), total=total)
+        lead = say("{count} of {total} fruit graded", count=len(graded), total=total)
     if total == 1:
         lead = say("The only fruit is graded")
     softest, firmest = graded[0], graded[-1]

@@ -131,8 +131,13 @@ def _known_column(written: str, known: Sequence[str]) -> str:
     declare = f'To keep a column of your own, write "{written[:80]}" = "" under [columns] in batch.toml.'
     lower = {name.lower(): name for name in known}
     near = difflib.get_close_matches(plain, lower, n=1, cutoff=0.75)
-    hint = f'did you mean "{lower[near[0]]}"?' if near else f"known columns: {', '.join(known)}."
-    return f"{hint} {declare}"
+    if not near:
+        return f"known columns: {', '.join(known)}. {declare}"
+    likely = lower[near[0]]
+    unit = re.search(r"_(mm|g|N|MPa)$", likely) if likely in COLUMNS else None
+    if unit is None:
+        return f"if you mean it, write {likely}. {declare}"
+    return f"if you mean it, write {likely} with its values in {unit[1]}. {declare}"
 
 
 def canonical(column: str, known: Sequence[str] = COLUMNS) -> str:

@@ -15,8 +15,6 @@ from recon.cameras.unused_photos import unused_photos
 from tactile.readers.raw_grasp import files_of
 from tactile.readers.recording import is_of_bare_indenter
 
-"""What stages keep."""
-
 
 @dataclass(frozen=True)
 class ResultPath:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.batch.cache import ROOMS, code_version, file_hash, library_versions
-from pipeline.batch.layout import Results, write_whole
+from pipeline.batch.layout import BatchFolder, Results, write_whole
 from pipeline.files.manifest import json_in
 from pipeline.problem import refused
 
@@ -88,9 +88,12 @@ def require_provenance(results: Results) -> dict[str, Any]:
     if (said := read_provenance(results)) is not None:
         return said
     inside = results.root / "results"
-    hint = (
-        f"did you mean {inside}?" if Results(inside).provenance.is_file() else "give the folder from --out."
-    )
+    if Results(inside).provenance.is_file():
+        hint = f"did you mean {inside}?"
+    elif BatchFolder(results.root).settings.is_file():
+        hint = "it is a batch that is not graded yet: run drupe grade on it first."
+    else:
+        hint = "give the folder from --out."
     raise refused(results.root, f"contains no results of drupe grade (batch.json); {hint}")
 
 

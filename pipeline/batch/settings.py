@@ -361,7 +361,8 @@ def require_folder(root: Path) -> None:
     if root.exists() and not root.is_dir():
         raise refused(root, "is a file; give the batch folder.")
     if not root.is_dir():
-        raise refused(root, "does not exist; give an existing batch folder.")
+        names = [folder.name for folder in root.parent.glob("*/") if (folder / "batch.toml").is_file()]
+        raise refused(root, f"does not exist; {nearest(root.name, names, 'give an existing batch folder.')}")
 
 
 def require_settings_file(path: Path) -> None:

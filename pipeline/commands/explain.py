@@ -23,8 +23,9 @@ def explain(
     case: Annotated[
         Path,
         typer.Argument(
-            metavar="CASE",
-            help="A case (case.toml, fruit.ply, pit.ply, *.h5), a fruit's folder in a batch, or a batch.",
+            metavar="BATCH",
+            help="A batch (with --fruit), a fruit's folder in it, or a case (case.toml, fruit.ply, pit.ply, "
+            "*.h5).",
         ),
     ],
     fruit: Annotated[

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from pipeline.commands.shared_options import ResultsArgument, chosen_language
+from pipeline.commands.shared_options import MovedBatchOption, ResultsArgument, chosen_language
 from pipeline.problem import refused
 from pipeline.safe_start import elsewhere
 
@@ -27,12 +27,14 @@ def firmness(
             help="A limit in a test's unit: drupe states the E at which these fruit read it. Repeatable.",
         ),
     ] = None,
+    batch: MovedBatchOption = None,
 ) -> None:
     """Simulate standard firmness tests on each graded fruit: plates, FirmTech, a 5 mm ball, ASAE S368.4.
 
     drupe presses the fruit's own mesh and pit with its E, and states each reading with its error. It writes
     OUT/firmness.csv and OUT/firmness.html after each fruit. At the end the readings become columns of the
-    ranking and of the report. It takes about 10 s of CPU per fruit.
+    ranking and of the report, which drupe writes again with the batch's present settings. It takes about
+    10 s of CPU per fruit.
 
     Exit status: 0 done; 1 internal error; 2 usage or unreadable results; 130 interrupted.
 
@@ -51,5 +53,5 @@ def firmness(
     for line in trade_numbers(out, tests, limit or [], now=datetime.now(UTC)):
         typer.echo(line)
     language = language_of(Results(out).report, chosen_language(None))
-    for line in with_report(out, None, language=language):
+    for line in with_report(out, batch, language=language):
         typer.echo(line, err=True)

@@ -18,7 +18,7 @@ def new(
             metavar="FOLDER",
             help="Photos of one fruit, or a folder with one subfolder per fruit. Repeat the option "
             "for more folders.",
-            show_default="no fruit yet; needs --like",
+            show_default="required without --like",
         ),
     ] = None,
     category: Annotated[

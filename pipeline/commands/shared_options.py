@@ -30,7 +30,7 @@ QuietOption = Annotated[
     bool, Option("--quiet", "-q", help="Print only errors; the exit status shows the outcome.")
 ]
 VerboseOption = Annotated[
-    bool, Option("--verbose", "-v", help="Print a line for every stage of every fruit.")
+    bool, Option("--verbose", "-v", help="Also print the messages of libraries, with fruit and stage.")
 ]
 SheetOption = Annotated[str | None, Option(metavar="NAME", help="The sheet to read from a spreadsheet.")]
 ColumnsOption = Annotated[

@@ -23,7 +23,8 @@ MANIFEST = ".written.json"
 LIST_LOCK = ".written.lock"
 FORMAT = "drupe-written"
 MOST_BYTES = 20_000_000
-"""Of a JSON file or page: batch.json of 2000 fruit with 72 photos each, at 110 bytes a photo, is 16 MB."""
+"""Of a JSON file or page that is not on the list of what drupe wrote: batch.json of 2000 fruit with 72 photos
+each, at 110 bytes a photo, is 16 MB."""
 
 
 class NotOurs(NotWritten):
@@ -68,10 +69,19 @@ def _stands(path: Path) -> bool:
 def json_in(path: Path) -> Any:
     """What a JSON file that drupe wrote holds; None where it is no plain file, a link, or broken.
 
-    Nothing is waited for: a named pipe or a device in its place is not opened.
+    Nothing is waited for: a named pipe or a device in its place is not opened. What is listed as drupe's and
+    unchanged since is read whatever its size: frames of raw grasps may be millions of inputs.
     """
+    most_bytes = MOST_BYTES
+    with suppress(OSError):
+        if (length := path.lstat().st_size) > MOST_BYTES and is_ours(path):
+            most_bytes = length
+    return _json(path, most_bytes=most_bytes)
+
+
+def _json(path: Path, *, most_bytes: int) -> Any:
     try:
-        return json_of(read_text(path, most_bytes=MOST_BYTES)) if _is_plain(path) else None
+        return json_of(read_text(path, most_bytes=most_bytes)) if _is_plain(path) else None
     except NotReadable:
         return None
 
@@ -154,7 +164,7 @@ def remove(path: Path) -> None:
 
 
 def _read(folder: Path) -> dict[str, list[str]] | None:
-    said = json_in(folder / MANIFEST)
+    said = _json(folder / MANIFEST, most_bytes=MOST_BYTES)
     try:
         if said["format"] != FORMAT:
             return None

@@ -3,6 +3,7 @@
 import errno
 import json
 import os
+import re
 import stat
 import tomllib
 import unicodedata
@@ -11,6 +12,17 @@ from typing import Any, BinaryIO
 
 DEEPEST = 20
 """Lists and tables within one another: what is read here needs 4; a reader's stack ends near 1000."""
+_KEY_PART = r"""(?:"(?:[^"\\\n]|\\.)*+"?|'[^'\n]*+'?|[\w-]++)"""
+_TOML_TOKEN = re.compile(
+    r'''"""(?:[^"\\]|\\.|"(?!""))*+(?:"{3,5}|\Z)|#[^\n]*+|[^"'#\w-]++|'''
+    r"""'''(?:[^']|'(?!''))*+(?:'{3,5}|\Z)|"""
+    rf"(?P<deep_key>{_KEY_PART}(?:[ \t]*+\.[ \t]*+{_KEY_PART}){{{DEEPEST}}})|{_KEY_PART}",
+    re.DOTALL,
+)
+"""A text over several lines, a comment, punctuation, a key of more than DEEPEST parts, or one part of a key,
+a word or a text (TOML 1.0). Every character is in one token: the search takes time in proportion to the text.
+A text without an end goes to the end of the line or file; the TOML reader stops there."""
+
 LFS_POINTER = b"version https://git-lfs.github.com/spec/"
 """How a file begins that Git LFS puts in the place of a large one (its specification, v1)."""
 NO_LFS_FILE = "is a Git LFS pointer, not the file itself: fetch the file with `git lfs pull`"
@@ -111,6 +123,8 @@ def text_or_empty(path: Path, *, most_bytes: int) -> str:
 
 def toml_of(text: str) -> dict[str, Any]:
     """The table that a TOML text holds; raises NotReadable with the line of the fault."""
+    if line := _line_of_deep_key(text):
+        raise NotReadable(f"is nested too deep: line {line} holds a key of more than {DEEPEST} parts")
     try:
         held = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -136,6 +150,15 @@ def json_of(text: str) -> Any:
         raise NotReadable("is not valid JSON (a number of thousands of digits)") from error
     _require_shallow(held)
     return held
+
+
+def _line_of_deep_key(text: str) -> int:
+    """The line of the first dotted key of more than DEEPEST parts; 0 where there is none.
+
+    The TOML reader's time and memory grow with the square of the number of parts: 25,000 take 4 GB.
+    """
+    deep = next((token for token in _TOML_TOKEN.finditer(text) if token["deep_key"]), None)
+    return 0 if deep is None else text.count("\n", 0, deep.start()) + 1
 
 
 def _require_shallow(held: Any) -> None:

@@ -3,7 +3,7 @@
 Three scales are not the same. *Common*: a factor on forces and gel stiffness alike, which no recording shows.
 *Pictures*: a factor on the gel's lengths and the forces computed from them. The markers' pitch does not
 exclude it: rest positions may be as designed, or measured with another camera, and no recording says which.
-*Gain*: a factor on forces alone, which the gel's law shows (tactile/consistency.gain.py).
+*Gain*: a factor on forces alone, which the gel's law shows (tactile/consistency/gain.py).
 """
 
 from collections.abc import Sequence

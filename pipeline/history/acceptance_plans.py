@@ -25,8 +25,8 @@ from scipy.stats import binom, hypergeom, nct, norm
 LEVELS = ("S-1", "S-2", "S-3", "S-4", "I", "II", "III")
 """Inspection levels, special ones first."""
 SWITCHING = {
-    "normal": "Change to tightened inspection after 2 rejected lots in 5; reduced inspection needs 10 "
-    "accepted lots in a row and steady production",
+    "normal": "Change to tightened inspection after 2 rejected lots among 5 in a row; reduced inspection "
+    "needs 10 accepted lots in a row and steady production",
     "tightened": "Return to normal inspection after 5 accepted lots in a row; stop inspection after 5 "
     "rejected lots in all",
     "reduced": "Return to normal inspection after a lot that is rejected or between Ac and Re",

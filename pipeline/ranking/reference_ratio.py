@@ -35,8 +35,8 @@ MOST_RATIO = 1.5
 """A ratio beyond this, either way, is no gain of a gripper, and nothing is divided by it. What a gripper may
 get wrong (assumed): calibrated force and displacement by 10 % each, and a gel that wear, warmth or creep made
 softer by 30 %, together 1.1 * 1.1 * 1.3 = 1.57 in force over displacement, which is 1.57**0.7 = 1.37 in E
-(E_PER_GAIN, tactile/consistency/relation.py; more is refused there: GAIN_REFUSED). Slips of the pen are
-larger: a factor of 10, or 1.5 to 1.8 for the next body of a set in steps of Shore A 10 (Gent 1958)."""
+(E_PER_GAIN, tactile/consistency/relations.py; more is refused: REFUSED_SD of finding.py). Slips of the pen
+are larger: a factor of 10, or 1.5 to 1.8 for the next body of a set in steps of Shore A 10 (Gent 1958)."""
 PART = "reference body"
 """The part of a corrected error bar that comes from the ratio's own."""
 _SCALED = (

@@ -4,6 +4,7 @@ import multiprocessing
 import pickle
 import platform
 import sys
+import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
@@ -28,12 +29,13 @@ WORKING = (Status.running, Status.paused, Status.closing_gracefully)
 
 @dataclass(frozen=True, kw_only=True)
 class RunNeeds:
-    """What a run needs of its workers: drupe as it is here, its results at the same path, memory.
+    """What a run needs of its workers: drupe as it is here, its batch and results at the same paths, memory.
 
     `drupe`: `this_drupe`; `mark`: what the run wrote into its list of fruit (`run`).
     """
 
     drupe: str
+    settings: Path
     run: Path
     mark: str
     per_fruit_MiB: float
@@ -81,12 +83,16 @@ def unfit(needs: RunNeeds, *, threads: int, most_MiB: float | None) -> str:
             f"runs {this_drupe()}, but this command runs {needs.drupe}. Install the same on both; best is "
             "one environment on the shared file system."
         )
+    if not needs.settings.is_file():
+        return f"does not find {needs.settings}: BATCH must lie on a file system that all machines share."
+    shared = "OUT must lie on a file system that all machines share and can write to."
     if not is_marked(needs.run, needs.mark):
-        return (
-            f"does not see {needs.run.parent} as this command does: BATCH and OUT must lie on a file system "
-            "that all machines share and can write to."
-        )
-    return ""
+        return f"does not see {needs.run.parent} as this command does: {shared}"
+    try:
+        with tempfile.TemporaryFile(dir=needs.run.parent):
+            return ""
+    except OSError as error:
+        return f"cannot write into {needs.run.parent} ({error.strerror}): {shared}"
 
 
 def fruit_here(

@@ -49,9 +49,10 @@ class WorkPlace:
         wanted = (
             () if self.here else ("distributed", *(("dask_jobqueue", "cryptography") if self.slurm else ()))
         )
-        if any(importlib.util.find_spec(name) is None for name in wanted):
-            sentence = "needs dask.distributed; install it with: pip install 'drupe[cluster]'."
-            raise refused(option, sentence)
+        for name in wanted:
+            if importlib.util.find_spec(name) is None:
+                sentence = f"needs the package {name}; install it with: pip install 'drupe[cluster]'."
+                raise refused(option, sentence)
 
 
 def cluster_of(
@@ -70,6 +71,7 @@ def cluster_of(
 
     needs = RunNeeds(
         drupe=this_drupe(),
+        settings=run.batch.folder.settings.absolute(),
         run=run.results.run.absolute(),
         mark=place.mark,
         per_fruit_MiB=per_fruit_MiB,

@@ -48,25 +48,30 @@ def _of_machine(meminfo: Path) -> Iterator[float]:
 
 
 def _of_groups(cgroup_file: Path, groups: Path) -> Iterator[float]:
-    """What each control group (version 2) around this process leaves; file cache can be given back."""
+    """What each control group around this process leaves (versions 2 and 1); file cache can be given back."""
     try:
         lines = cgroup_file.read_text().splitlines()
     except OSError:
         return
-    for path in (line.removeprefix("0::/") for line in lines if line.startswith("0::/")):
-        place = groups / path
-        for folder in (place, *place.parents):
-            if not folder.is_relative_to(groups):
-                break
-            yield from _left(folder)
+    for line in lines:
+        _, kinds, path = line.split(":", 2)
+        if kinds == "" or "memory" in kinds.split(","):
+            root = groups if kinds == "" else groups / "memory"
+            place = root / path.lstrip("/")
+            for folder in (place, *place.parents):
+                if not folder.is_relative_to(root):
+                    break
+                yield from _left(folder, "memory.max", "memory.current", "inactive_file")
+                yield from _left(
+                    folder, "memory.limit_in_bytes", "memory.usage_in_bytes", "total_inactive_file"
+                )
 
 
-def _left(group: Path) -> Iterator[float]:
+def _left(folder: Path, limit: str, usage: str, cache: str) -> Iterator[float]:
     try:
-        most = (group / "memory.max").read_text().strip()
-        used = float((group / "memory.current").read_text())
-        counters = dict(line.split() for line in (group / "memory.stat").read_text().splitlines())
+        most, used = (folder / limit).read_text().strip(), float((folder / usage).read_text())
+        counters = dict(line.split() for line in (folder / "memory.stat").read_text().splitlines())
     except (OSError, ValueError):
         return
-    if most.isdigit():
-        yield max(0.0, int(most) - used + float(counters.get("inactive_file", 0)))
+    if most.isdigit() and int(most) < 2**60:
+        yield max(0.0, int(most) - used + float(counters.get(cache, 0)))

@@ -44,6 +44,10 @@ LOOK_S = 0.1
 """Seconds between two looks at what fruit's processes say."""
 LAST_LINES = 5
 """Of libraries, in which the cause of an end is looked for: they report one in one to three lines."""
+MOST_BYTES = 2**20
+"""Of what a fruit's libraries write: more is dropped, and their file is emptied when it is larger."""
+LEFT_OUT = f"libraries wrote more than {MOST_BYTES / 2**20:g} MiB; drupe left out the rest"
+"""The last line that is passed on of a fruit's libraries, in place of all that follow."""
 
 
 class LocalPool:
@@ -167,6 +171,7 @@ class _Running:
         self.since_s: float | None = None
         self._stages, self._lines = LinesOf(self.log), LinesOf(self.output)
         self._last: deque[str] = deque(maxlen=LAST_LINES)
+        self._noted = 0
 
     @property
     def lacked_memory(self) -> str:
@@ -180,8 +185,15 @@ class _Running:
         self._last.extend(lines)
         return [
             *(Progressed(self.fruit_id, stage) for stage in stages),
-            *(Noted(self.fruit_id, line) for line in lines),
+            *(Noted(self.fruit_id, line) for line in self._within_limit(lines)),
         ]
+
+    def _within_limit(self, lines: list[str]) -> Iterator[str]:
+        """The lines until all of the fruit together have MOST_BYTES, and then once LEFT_OUT."""
+        for line in lines:
+            if self._noted <= MOST_BYTES:
+                self._noted += len(line)
+                yield line if self._noted <= MOST_BYTES else LEFT_OUT
 
     def out_of_time(self, limit_s: float) -> bool:
         """Whether it has been running for longer than `limit_s`, since this was first asked."""
@@ -191,21 +203,25 @@ class _Running:
 
 
 class LinesOf:
-    """Whole lines that another process adds to a file."""
+    """Lines that another process adds to a file, which is emptied as soon as it is larger than MOST_BYTES."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._at = path, 0
 
     def new(self) -> list[str]:
-        """Those since the last call; none where there is no file."""
+        """The whole lines since the last call, from the last MOST_BYTES; none where there is no file."""
         try:
-            with self.path.open("rb") as file:
-                file.seek(self._at)
-                said = file.read()
+            with self.path.open("r+b") as file:
+                end = file.seek(0, os.SEEK_END)
+                self._at = file.seek(max(self._at, end - MOST_BYTES))
+                said = file.read(MOST_BYTES)
+                whole = said[: said.rfind(b"\n") + 1]
+                self._at += len(whole)
+                if self._at > MOST_BYTES:
+                    file.truncate(0)  # the other process adds to the end, wherever that is
+                    self._at = 0
         except FileNotFoundError:
             return []
-        whole = said[: said.rfind(b"\n") + 1]
-        self._at += len(whole)
         return whole.decode(errors="replace").splitlines()
 
 

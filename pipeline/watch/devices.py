@@ -6,15 +6,17 @@ A token has 256 random bits, so that its SHA-256 needs neither salt nor stretchi
 import hashlib
 import hmac
 import secrets
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from pipeline.files.lock_file import lock_of
 from pipeline.files.plain_file import NotReadable, printable, read_text
-from pipeline.files.whole_file import put
+from pipeline.files.whole_file import NotWritten, put
 from pipeline.problem import nearest, refused
 
 MOST_BYTES = 1_000_000
@@ -53,22 +55,25 @@ def add_device(path: Path, name: str, *, now: datetime) -> str:
     """Adds a device, also to a new file that its owner alone may read; its token, which no file has."""
     if not 0 < len(name) <= MOST_NAME or printable(name) != name:
         raise refused("NAME", f"must have 1 to {MOST_NAME} printable characters.")
-    devices = read_devices(path) if path.is_symlink() or path.exists() else ()
-    if any(device.name == name for device in devices):
-        raise refused("NAME", f'"{name}" has a token already; revoke it, or choose another name.')
     token = secrets.token_urlsafe(32)
-    _write(path, (*devices, KnownDevice(name=name, sha256=hash_of(token), added_utc=now)))
+    with _alone(path):
+        devices = read_devices(path) if path.is_symlink() or path.exists() else ()
+        if any(device.name == name for device in devices):
+            raise refused("NAME", f'"{name}" has a token already; revoke it, or choose another name.')
+        _write(path, (*devices, KnownDevice(name=name, sha256=hash_of(token), added_utc=now)))
     return token
 
 
 def revoke_device(path: Path, name: str) -> None:
     """Removes a device; its token and its sessions end at once."""
-    devices = read_devices(path)
-    left = tuple(device for device in devices if device.name != name)
-    if len(left) == len(devices):
-        names = [device.name for device in devices]
-        raise refused("NAME", f'found "{name}"; {nearest(name, names, "the file has no such device.")}')
-    _write(path, left)
+    read_devices(path)  # refused before the folder is made
+    with _alone(path):
+        devices = read_devices(path)
+        left = tuple(device for device in devices if device.name != name)
+        if len(left) == len(devices):
+            names = [device.name for device in devices]
+            raise refused("NAME", f'found "{name}"; {nearest(name, names, "the file has no such device.")}')
+        _write(path, left)
 
 
 def device_with(devices: Sequence[KnownDevice], token: str) -> KnownDevice | None:
@@ -85,8 +90,22 @@ def hash_of(token: str) -> str:
     return hashlib.sha256(token.encode()).hexdigest()
 
 
+@contextmanager
+def _alone(path: Path) -> Iterator[None]:
+    """While no other process changes the file; raises BatchRefused where one holds its lock, NotWritten."""
+    lock = path.with_name(f".{path.name}.lock")
+    with ExitStack() as stack:
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            held = stack.enter_context(lock_of(lock))
+        except OSError as fault:
+            raise NotWritten(path, fault) from fault
+        if not held:
+            raise refused(path, f"another process holds {lock.name}; end it, and try again.")
+        yield
+
+
 def _write(path: Path, devices: tuple[KnownDevice, ...]) -> None:
     """A new file is its owner's alone; another keeps its mode, and its owner where root changes it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     text = _Devices(devices=devices).model_dump_json(indent=1) + "\n"
     put(path, text.encode(), like=path.stat() if path.exists() else None, mode=0o600)

@@ -151,7 +151,7 @@ def _whole_frames(press: Pressing) -> Iterator[Finding]:
     if press.felt_sd_mm > 0 and copied.sum() > 1:
         says = (
             f"frames are duplicated: {int(copied.sum())} in the contact repeat the frame before (first: "
-            f"frame {int(np.argmax(copied)) + 1}); E loses no value, but only their time"
+            f"frame {int(np.argmax(copied)) + 1}); E does not depend on them"
         )
         yield Finding(FindingKind.COPIED_FRAMES, says, pads=(press.pad.name,), remark=True)
 

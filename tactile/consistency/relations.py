@@ -30,6 +30,8 @@ from tactile.readers.sensor_model import PublishedGel
 LIMIT = 5.0
 """Log Bayes factor from which a transformation is named, and loss from which a relation fails: odds of 150,
 as many as there are relations and transformations; a distance of 3.9 standard deviations."""
+FAILS_AT = 3.0 * float(np.sqrt(np.expm1(LIMIT / 5.0)))
+"""The same in standard deviations."""
 GAIN, OVER_TIME, OVER_MARKERS = 0.02, 0.018, 0.1
 """Of a gel's law: ln of the forces over what the law gives; 1 less the correlations over frames and
 markers."""
@@ -90,7 +92,7 @@ CAUSES = {
     Kind.MARKERS_ORDER: "markers are in another order (permuted) in rest_mm than in displacement and force; "
     "write all three in one order",
     Kind.STIFFNESS_NOT_OF_SENSOR: "a wrong value, or another gel. E has the same relative error if the "
-    "forces use this value. Correct it, or state the gel's own under [sensor] in batch.toml",
+    "forces use this value. Correct the stiffness, or state the gel's own under [sensor] in batch.toml",
     Kind.PITCH_NOT_OF_SENSOR: "the scale of the gel's pictures is wrong (in displacement and forces), or the "
     "sensor has another gel. Calibrate the sensor's camera",
     Kind.TOO_DEEP: "displacement or poses are scaled, or from another recording",
@@ -245,7 +247,11 @@ def _law(press: Pressing) -> Iterator[Misfit]:
     gain, totals = gain_of(press), _totals(press)
     if gain is None or totals is None or press.gel_mm is None:
         return
-    says = f"force is {times_said(gain)} the value from this gel's stiffness and displacement"
+    most = float(np.exp(FAILS_AT * GAIN))
+    says = (
+        f"force is {times_said(gain)} the value from this gel's stiffness and displacement (expected "
+        f"{1 / most:.2f} to {most:.2f} times)"
+    )
     yield Misfit(Kind.SCALE, _ln(gain) / GAIN, says, relative_sd=E_PER_GAIN * _ln(gain))
     in_time = correlation(*totals[0]) / float(np.sqrt(np.prod(totals[1])))
     says = f"force and displacement do not agree over time (correlation {in_time:.2f}, expected above 0.93)"
@@ -338,7 +344,11 @@ def _closing(press: Pressing, E_range_MPa: tuple[float, float] | None) -> Iterat
     felt = float(np.quantile(np.abs(press.felt_mm[:, :, 2]).max(axis=0), 0.98))
     share = felt / (closing + STEP_MM)
     if share > IN_GEL or gives_way(press):
-        says = f"gel is indented by {felt:.2g} mm while its jaw moves {closing:.2g} mm past first contact"
+        most = IN_GEL * float(np.exp(FAILS_AT * IN_GEL_SD)) * (closing + STEP_MM)
+        says = (
+            f"gel is indented by {felt:.2g} mm while its jaw moves {closing:.2g} mm past first contact "
+            f"(expected at most {most:.2g} mm)"
+        )
         yield Misfit(Kind.TOO_DEEP, _ln(share / IN_GEL) / IN_GEL_SD, says)
     if E_range_MPa is not None:
         total_N = float(np.abs(press.force_N[:, :, 2].sum(axis=1)).max())
@@ -442,11 +452,11 @@ def _jaws(situation: Situation, size_mm: float) -> Iterator[Misfit]:
     between = (second[:, :3, 3] - first[:, :3, 3]) @ first[0, :3, 2]
     stated = situation.recording.aperture_mm
     moved, closed, differ = (float(np.ptp(values)) for values in (between, stated, stated - between))
+    sd_mm = max(OPENING_SD_MM, OPENING_SHARE * closed)
     says = (
         f"the pads' poses close by {moved:.3g} mm, the aperture by {closed:.3g} mm, and they differ by up to "
-        f"{differ:.3g} mm"
+        f"{differ:.3g} mm (expected at most {FAILS_AT * sd_mm:.2g} mm)"
     )
-    sd_mm = max(OPENING_SD_MM, OPENING_SHARE * closed)
     yield Misfit(Kind.APERTURE, differ / sd_mm, says, relative_sd=E_OF_APERTURE)
     apart = float(np.abs(between).max())
     says = f"the poses place the pads {apart:.3g} mm apart, around a fruit of {size_mm:.0f} mm"

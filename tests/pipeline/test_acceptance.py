@@ -362,7 +362,7 @@ def test_the_command_prints_draws_and_writes(drupe, results, tmp_path):
     assert again.status == 2
     alone = drupe("plan", "--lot-size", "150", "--oc", tmp_path / "p.json")
     assert "n = 20, Ac = 2, Re = 3" in alone.out
-    assert "Change to tightened inspection after 2 rejected lots in 5" in alone.out
+    assert "Change to tightened inspection after 2 rejected lots among 5 in a row" in alone.out
     assert 2 < len(json.loads((tmp_path / "p.json").read_text())) <= 101
 
 

@@ -9,10 +9,10 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 ROOMS = ("fem/estimation", "fem/mesh", "pipeline", "recon", "tactile")
 ENGLISH_ALONE = (
-    "pipeline/batch/batch_template.py", "pipeline/commands/explain.py", "pipeline/diagnosis",
+    "pipeline/commands/explain.py", "pipeline/diagnosis",
     "pipeline/history/migrations", "pipeline/start.py",
 )  # fmt: skip
-"""The settings of a new batch, the answers of `drupe explain`, statements of SQL, and the words of a computer
+"""The answers of `drupe explain`, statements of SQL, and the words of a computer
 on which drupe cannot start.
 """
 NO_SENTENCE = (

@@ -153,7 +153,7 @@ def test_the_embedded_rows_are_those_of_the_ranking_and_in_its_order(awkward_bat
 
 def test_failures_come_first_with_reason_and_what_to_do(awkward_batch):
     shown = text_of(awkward_batch)
-    order = ["4 of 6 fruits graded", "Not graded: 2 of 6", "were given, with, commas"]
+    order = ["4 of 6 fruit graded", "Not graded: 2 of 6", "were given, with, commas"]
     places = [shown.index(words) for words in [*order, "Ranking, softest first", "Fruit by fruit"]]
     assert places == sorted(places)
 
@@ -194,7 +194,7 @@ def test_a_mismatch_that_nothing_explains_or_several_do_is_told_as_that(empty_ba
 
 
 @pytest.mark.parametrize(
-    ("count", "words"), [(0, "holds no fruits"), (1, "The only fruit is not"), (2, "None of the 2")]
+    ("count", "words"), [(0, "holds no fruit"), (1, "The only fruit is not"), (2, "None of the 2")]
 )
 def test_verdict_of_a_batch_without_a_graded_fruit(count, words, empty_batch):
     lost = tuple(FruitEntry(fruit_id=str(k), ok=False, outcome="crashed") for k in range(count))

@@ -27,9 +27,9 @@ def test_no_probability_is_told_as_certain(probability):
 
 def test_fruit_that_wait_in_an_unfinished_run_are_counted():
     done = FruitEntry(fruit_id="a", ok=True, outcome="graded", E_MPa=0.4)
-    assert verdict((done,), waiting=3).startswith("1 of 4 fruits graded: a has E")
+    assert verdict((done,), waiting=3).startswith("1 of 4 fruit graded: a has E")
     lost = FruitEntry(fruit_id="b", ok=False, outcome="no-fruit")
-    assert verdict((lost,), waiting=3) == "0 of 4 fruits graded."
+    assert verdict((lost,), waiting=3) == "0 of 4 fruit graded."
 
 
 def test_a_doubt_about_E_stands_before_the_warnings():

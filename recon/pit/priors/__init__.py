@@ -198,7 +198,7 @@ _OF_BODY: dict[str, Kind] = {
 """Fields of PitBody, of stone fruit if not stated; wide of any fruit and phantom."""
 _OPTIONAL = {**_OF_BODY, "fruit_mm": _numbers(5.0, 200.0, 2, rising=True)}
 """These and the usual size of a whole fruit, mm."""
-_PLAUSIBLE = _numbers(0.0, 1e9, 2, rising=True)
+_PLAUSIBLE = "two numbers of 0 or above, the smaller first", _numbers(0.0, 1e9, 2, rising=True)[1]
 """Of any range of Plausible, in its unit; larger numbers are slips."""
 
 
