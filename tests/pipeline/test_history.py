@@ -1,22 +1,26 @@
 """Lots over days: the fitted law against simulated lots and closed forms; store, page and table."""
 
 import csv
+import io
 import math
 import sqlite3
 from dataclasses import replace
 from datetime import UTC, date, datetime
 
 import numpy as np
+import pandas as pd
 import pytest
 from graded_results import graded, results_of
 from scipy.stats import linregress
 
 from pipeline.batch.fruits_table import Given
 from pipeline.batch.records import FruitRecord
+from pipeline.history.history_table import fruit_table
 from pipeline.history.lot_database import history_store
 from pipeline.history.lot_history import history_entry
 from pipeline.history.softening import DAY_SD, reached, softening_of
 from pipeline.history.stored_batch import stored_batch
+from pipeline.history.table_file import table_bytes
 from pipeline.problem import BatchRefused
 
 NOW = datetime(2026, 8, 20, 12, tzinfo=UTC)
@@ -155,6 +159,7 @@ def test_the_command_keeps_days_and_says_them_again(drupe, three_days, tmp_path)
         (("OUT", "--store", "notes.txt"), "is not a store of drupe history; drupe does not overwrite it"),
         (("OUT", "--store", "other.sqlite"), "belongs to another program; drupe does not write to it"),
         (("OUT", "--store", "link"), "is a link, and drupe does not write through links"),
+        (("OUT", "--store", "OUT/lots.sqlite"), "lies in"),
         (("OUT", "--html", "notes.txt"), "exists and is not a page of drupe history"),
         (("OUT", "--csv", "none/h.csv"), "does not exist; create the folder first"),
         (("running",), "belongs to an unfinished run"),
@@ -317,6 +322,24 @@ def test_a_renamed_fruit_is_counted_once_and_forgotten_with_its_former_id(drupe,
     assert {f.fruit_id for f in batch.fruit} == {ids.get(n, n) for n in "ABC"}
 
 
+def test_a_fruit_renamed_and_back_has_its_first_id_and_a_copied_recording_replaces_no_fruit(tmp_path):
+    first = stored_batch(day_of(tmp_path / "b" / "results", DAY))
+    other = stored_batch(renamed_day(tmp_path / "b" / "other", {"D": "X"}, day="2026-08-11"))
+    with history_store(None) as store:
+        for revision in (first, other, replace(first, graded_utc="2026-08-12T08:00:00+00:00")):
+            store.add(revision)
+        (batch,) = store.batches()
+        assert [f.fruit_id for f in batch.fruit] == [*"ABCD"]
+    copy = replace(other.fruit[-1], grasps=first.fruit[0].grasps)
+    assert copy.fruit_id == "X"
+    both = replace(other, fruit=(*first.fruit, copy), listed=(*"ABCD", "X"))
+    with history_store(None) as store:
+        for revision in (first, both):
+            store.add(revision)
+        (batch,) = store.batches()
+    assert [f.fruit_id for f in batch.fruit] == [*"ABCDX"]
+
+
 def test_a_fruit_that_the_latest_results_lack_counts_and_is_named_until_it_is_forgotten(drupe, tmp_path):
     store, page = tmp_path / "s", tmp_path / "h.html"
     drupe("history", day_of(tmp_path / "b" / "results", DAY), "--store", store)
@@ -359,7 +382,9 @@ def test_what_is_named_is_forgotten_and_nothing_else(drupe, tmp_path, named, lef
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
+        (("--store", "s", "--forget", "9"), 'contains no batch, lot or fruit "9"'),
         (("--store", "s", "--forget", "7/Z"), 'contains no batch, lot or fruit "7/Z"'),
+        (("--forget", "7"), "--forget needs a store"),
         (("--store", "none", "--forget", "7"), "--forget needs a store"),
         (("b/results", "--store", "s", "--forget", "7"), "--forget allows only --store and --dry-run"),
         (("--store", "s", "--dry-run"), "--dry-run shows the effect of --forget"),
@@ -382,13 +407,15 @@ def flipped(path, place):
     path.write_bytes(bytes(data))
 
 
-@pytest.mark.parametrize("damaged", ["batch.json", "fruits/A/record.json", ".written.json"])
+@pytest.mark.parametrize(
+    "damaged", ["batch.json", "fruits/A/record.json", ".written.json", "fruits/B/.written.json"]
+)
 def test_no_flipped_bit_of_results_is_used(tmp_path, damaged):
     """What `damaged` names is refused by its name, or is read as it was written."""
     sound = day_of(tmp_path / "b" / "results", DAY)
     expected, path = stored_batch(sound), sound / damaged
     data = path.read_bytes()
-    for place in np.random.default_rng(1).integers(0, 8 * len(data), 8):
+    for place in np.random.default_rng(1).integers(0, 8 * len(data), 25):
         flipped(path, int(place))
         try:
             assert stored_batch(sound) == expected
@@ -426,3 +453,11 @@ def test_no_flipped_bit_of_a_store_is_used_and_a_damaged_batch_is_named_and_forg
         assert "fruit A, B, C, D" in drupe("history", "--store", store, "--forget", batch.key).out
     assert drupe("history", *outs, "--store", store).status == 0
     assert kept_in(store) == expected
+
+
+@pytest.mark.parametrize("ending", [".csv", ".xlsx"])
+def test_a_lot_that_is_a_formula_has_a_cell_that_is_none(tmp_path, ending):
+    batch = stored_batch(day_of(tmp_path / "b" / "results", DAY, lot="7;=cmd|' /C calc'!A0"))
+    file = io.BytesIO(table_bytes(fruit_table([batch]), ending))
+    table = pd.read_csv(file) if ending == ".csv" else pd.read_excel(file, engine="openpyxl")
+    assert set(table["lot"]) == {"7;'=cmd|' /C calc'!A0"}

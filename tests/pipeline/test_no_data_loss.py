@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from pipeline.batch.layout import FruitResults, Results, write_whole
-from pipeline.files.manifest import NotOurs, in_the_way
+from pipeline.files.manifest import NotOurs, in_the_way, json_in
 
 SHIPPED = Path(__file__).parents[2] / "samples" / "data" / "nectarines"
 SETTINGS = 'category = "nectarine"\npoisson_ratio = 0.45\n'
@@ -60,11 +60,14 @@ def refused_untouched(drupe, root, *arguments):
     "out",
     [
         "batch",
+        "batch/../batch",
         ".",
         "batch/fruits",
+        "batch/fruits/N01",
         "batch/fruits/N01/results",
         "batch/fruits/N02/photos/a/b",
         "other/fruits/new",
+        "link-to-batch/fruits/new",
         "link-to-batch",
         "link-to-fruits",
         "other",
@@ -79,6 +82,14 @@ def test_results_never_go_onto_into_or_above_a_batch(drupe, batch, out):
         said = refused_untouched(drupe, season, *command, "--out", season / out)
         assert f"drupe: {season / out}: " in said
         assert "with --out" in said
+
+
+@pytest.mark.parametrize("place", ["fruits", "fruits/new/results", "fruits/N01", "fruits/N01/photos"])
+def test_results_never_go_among_the_files_of_another_batchs_fruit(drupe, batch, tmp_path, place):
+    other = make_batch(tmp_path / "other")
+    (other / "fruits" / "N01" / "photos" / "1.jpg").write_bytes(PRECIOUS)
+    said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", other / place)
+    assert "fruits, which is read and never written into" in said
 
 
 def test_a_link_inside_the_results_is_never_written_through(drupe, batch, tmp_path):
@@ -107,7 +118,7 @@ def test_writing_replaces_a_link_and_not_what_it_leads_to(tmp_path):
     assert (tmp_path / "file").read_text() == "new"
 
 
-@pytest.mark.parametrize("name", ["fruit.ply", "mismatch.json"])
+@pytest.mark.parametrize("name", ["fruit.ply", "pit.ply", "record.json", "photo.jpg", "mismatch.json"])
 def test_a_strangers_file_among_the_results_is_refused_by_name(drupe, batch, tmp_path, name):
     theirs = tmp_path / "out" / "fruits" / "N02" / name
     theirs.parent.mkdir(parents=True)
@@ -118,7 +129,7 @@ def test_a_strangers_file_among_the_results_is_refused_by_name(drupe, batch, tmp
     assert "move it away" in said
 
 
-@pytest.mark.parametrize("name", ["ranking.json", ".run.json"])
+@pytest.mark.parametrize("name", ["ranking.json", "ranking.csv", ".run.json"])
 def test_a_file_in_the_way_is_found_before_fruit_are_worked_on(drupe, batch, tmp_path, name):
     out = tmp_path / "out"
     Results(out).claim()
@@ -128,7 +139,7 @@ def test_a_file_in_the_way_is_found_before_fruit_are_worked_on(drupe, batch, tmp
     assert f"{out / name}: was changed since drupe wrote it" in said
 
 
-@pytest.mark.parametrize("name", ["notes.txt", "fruits/N01/x"])
+@pytest.mark.parametrize("name", ["batch.toml", "grasp-1.h5", "notes.txt", "ranking.csv", "fruits/N01/x"])
 def test_a_folder_that_drupe_did_not_make_is_no_folder_of_results(drupe, batch, tmp_path, name):
     (tmp_path / "out" / name).parent.mkdir(parents=True)
     (tmp_path / "out" / name).write_bytes(PRECIOUS)
@@ -184,6 +195,19 @@ def test_what_stands_in_place_of_a_list_or_record_is_neither_waited_for_nor_repl
     said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", tmp_path / "out")
     other = f"holds {name} and was not made by drupe"
     assert f"{path}: was not written by drupe" in said or f"{path}: is a link" in said or other in said
+
+
+def test_a_list_that_names_other_places_gives_no_right_to_them(drupe, batch, tmp_path):
+    out = tmp_path / "out"
+    out.mkdir()
+    (tmp_path / "precious.csv").write_bytes(PRECIOUS)
+    (out / "ranking.csv").write_bytes(PRECIOUS)
+    digest = hashlib.sha256(PRECIOUS).hexdigest()
+    for names in (["../precious.csv", str(tmp_path / "precious.csv")], ["ranking.csv"]):
+        listed = {name: [digest] if name[0] in "./" else 5 for name in names}
+        (out / ".written.json").write_text(json.dumps({"format": "drupe-written", "files": listed}))
+        said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", out)
+        assert "was not written by drupe" in said or "was not made by drupe" in said
 
 
 @pytest.fixture
@@ -322,3 +346,15 @@ def _disk_full_after_one_file(source, target, **_):
     Path(target).mkdir()
     shutil.copyfile(Path(source) / "batch.toml", Path(target) / "batch.toml")
     raise OSError(28, "No space left on device", str(target))
+
+
+def test_what_drupe_wrote_is_read_whatever_its_size(tmp_path, monkeypatch):
+    """batch.json of a large batch, without which nobody knows whose results these are."""
+    monkeypatch.setattr("pipeline.files.manifest.MOST_BYTES", 1000)
+    results = Results(tmp_path)
+    results.claim()
+    content = {"format": "drupe-batch-result", "inputs": {f"photo-{k}.jpg": "0" * 64 for k in range(100)}}
+    write_whole(results.provenance, json.dumps(content))
+    assert json_in(results.provenance) == content
+    results.provenance.write_text(json.dumps({**content, "batch": "elsewhere"}))
+    assert json_in(results.provenance) is None

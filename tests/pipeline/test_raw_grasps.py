@@ -99,6 +99,14 @@ def test_a_name_longer_than_any_file_has_is_refused(folder):
         read_raw_grasp(folder)
 
 
+def test_another_grasps_kept_recording_stays(folder, readings, tmp_path):
+    other = folder.with_name("grasp")
+    (other / "left").mkdir(parents=True)
+    path, _ = kept_recording(folder, tmp_path / "cache", print)
+    kept_recording(other, tmp_path / "cache", print)
+    assert path.is_file()
+
+
 def test_frames_that_cannot_be_read_leave_nothing_behind(folder, monkeypatch, tmp_path):
     def refused(path):
         raise TactileFailure(TactileProblem.UNREADABLE_FRAMES, "left: found no frames")
@@ -121,12 +129,13 @@ def test_a_folder_counts_as_a_grasp_until_a_recording_of_its_name_stands_for_it(
 
 def test_a_kept_recording_with_a_flipped_bit_is_made_again(folder, readings, tmp_path):
     path, notes = kept_recording(folder, tmp_path / "cache", print)
-    sound = path.read_bytes()
-    kept = path.with_suffix(".npz")
-    spoilt = bytearray(kept.read_bytes())
-    spoilt[len(spoilt) // 2] ^= 1
-    kept.write_bytes(spoilt)
-    path.write_bytes(sound[:-1])
-    assert kept_recording(folder, tmp_path / "cache", print) == (path, notes)
-    assert path.read_bytes() == sound
-    assert len(readings) == 2
+    recording, kept = path.read_bytes(), path.with_suffix(".npz")
+    for file in (kept, path):
+        sound = file.read_bytes()
+        for bit in np.random.default_rng(7).integers(0, 8 * len(sound), 60):
+            spoilt = bytearray(sound)
+            spoilt[bit // 8] ^= 1 << (bit % 8)
+            file.write_bytes(spoilt)
+            assert kept_recording(folder, tmp_path / "cache", print) == (path, notes)
+            assert path.read_bytes() == recording
+    assert len(readings) > 50
