@@ -24,6 +24,8 @@ from fem.mismatch.selection.linear_explanations import linear_explanations  # no
 CASES = {path.stem: path for path in sorted((Path(__file__).parent / "cases").glob("*.npz"))}
 CLEAR = 3.0
 """Log Bayes factor: below it a changed signature of the same weak effect changes hardly anything."""
+WEAK = ("open-21", "open-22", "open-25", "open-26")
+"""Cases whose likeliest effect is below CLEAR: two without a mismatch, little slip, and a skin."""
 MISSED = {
     "open-24": "loose_pit",
     "open-25": NONE,
@@ -58,9 +60,12 @@ def test_a_case_replays_to_the_gains_it_had(name):
     assert gains == pytest.approx(case.facts["gains"], abs=1e-3, rel=1e-4)
 
 
-@pytest.mark.parametrize(
-    "name", [name for name, path in CASES.items() if max(stored(path).facts["gains"].values()) > CLEAR]
-)
+def test_cases_without_a_clear_effect_are_the_known_ones():
+    gains = {name: stored(path).facts["gains"].values() for name, path in CASES.items()}
+    assert tuple(name for name in CASES if max(gains[name]) <= CLEAR) == WEAK
+
+
+@pytest.mark.parametrize("name", [name for name in CASES if name not in WEAK])
 def test_a_signature_that_is_5_percent_off_does_not_replay(name):
     """That of the likeliest effect of a case with a clear one, turned by 5 % of the response."""
     case = stored(CASES[name])

@@ -209,6 +209,16 @@ def test_any_start_leads_to_the_same_place(free, pinch):
     assert np.abs(again - good).max() < 1e-6
 
 
+def test_a_fruit_and_its_load_turned_together_move_alike(free, small_fruit, pinch):
+    turn = Rotation.from_rotvec([0.4, 1.1, -0.7]).as_matrix()
+    there = FleshMesh(
+        small_fruit.nodes_mm @ turn.T, small_fruit.tets, small_fruit.outer_faces, small_fruit.pit_nodes
+    )
+    solid = UnitModulusSolid.factorise(there, poisson_ratio=NU, support="free")
+    moved = finite_displacement(solid, free.law, pinch @ turn.T)
+    assert np.abs(moved @ turn - free.displacement(pinch)).max() < 1e-6
+
+
 def test_a_load_that_no_flesh_can_bear_is_reported_with_what_was_borne():
     """Dead tension on all sides: P = mu (l - 1/l) + 3 lambda ln(l)/l cannot pass its first maximum.
 

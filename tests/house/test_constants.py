@@ -8,6 +8,8 @@ from collections.abc import Iterator
 from itertools import pairwise
 from pathlib import Path
 
+import pytest
+
 ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples", "drupe")
 ROOT = Path(__file__).resolve().parents[2]
 DIRECTIVE = re.compile(r"#\s*(noqa|fmt:|type:|ruff:|pragma|mypy:|isort:)")
@@ -85,3 +87,18 @@ def test_every_constant_made_of_numbers_has_words_beside_it():
     assert not missing, f"{len(missing)} constants have no unit and reason beside them:\n" + "\n".join(
         missing
     )
+
+
+@pytest.mark.parametrize(
+    ("source", "has"),
+    [
+        ("A = 1\n", [False]),
+        ("B = 2  # mm, of another\nA = 1  # noqa: E501\n", [True, False]),
+        ('A = 1\n\n"""Not right below."""\n', [False]),
+        ("A = 1  # mm, by hand\n", [True]),
+        ('A = 1\nB, C = 2, 3\n"""These are mm, by hand."""\n', [True, True]),
+        ('A = "3"\nB = True\ndef f():\n    a = 1\n', []),
+    ],
+)
+def test_words_beside_a_constant_are_its_own_and_only_numbers_need_them(source, has):
+    assert [said for _, _, said in constants(source)] == has

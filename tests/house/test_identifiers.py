@@ -135,3 +135,24 @@ def test_no_identifier_is_home_made(room):
 @pytest.mark.parametrize("room", ROOMS)
 def test_no_identifier_is_a_pronoun(room):
     assert refused_names(room, pronouns) == {}
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [
+        ("class StanceRecord: ...", ["StanceRecord"]),
+        ("class Seen: ...", ["Seen"]),
+        ("first_odds = log_odds(BackgroundPlate, 'settled')", ["first_odds"]),
+        ("def test_it_is_told(seen): resistance = platelet", []),
+    ],
+)
+def test_words_are_found_whole_and_allowed_terms_are_not(source, expected):
+    assert home_made(source) == expected
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [("watch.own = f(found=1)", ["own", "found"]), ("as_ones = 'one'  # own, found", [])],
+)
+def test_pronouns_are_found_whole_and_outside_of_prose(source, expected):
+    assert pronouns(source) == expected

@@ -117,3 +117,20 @@ def test_every_entry_of_the_glossary_is_one_short_sentence():
     assert [
         term for term, meaning in rows if len(sentences(meaning)) > 1 or words(meaning) > MOST_WORDS
     ] == []
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("Where the rig gives\nway.", ["'gives way': machine compliance"]),
+        ("The command prints `a trace` of [E](#sealed-proof).", []),
+    ],
+)
+def test_banned_terms_are_found_across_lines_and_not_in_code(text, expected):
+    assert banned(text) == expected
+
+
+@pytest.mark.parametrize(("count", "long"), [(MOST_WORDS, 0), (MOST_WORDS + 1, 1)])
+def test_a_sentence_is_long_by_its_words_alone(count, long):
+    text = "One. " + "\n".join(["Word -"] * count) + ".\n"
+    assert sum(words(sentence) > MOST_WORDS for sentence in sentences(text)) == long

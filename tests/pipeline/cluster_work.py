@@ -48,12 +48,14 @@ def patient(task, report):
 
 def needs_of(folder, *, mark="this run", **changed):
     """What a run in `folder` needs of a worker."""
-    results = Results(folder / "results")
+    settings, results = folder / "batch.toml", Results(folder / "results")
+    settings.write_text('category = "nectarine"\n')
     results.root.mkdir(exist_ok=True)
     results.claim()
     write_run(results, mark="this run")
     known = {
         "drupe": this_drupe(),
+        "settings": settings,
         "run": results.run,
         "mark": mark,
         "per_fruit_MiB": 100.0,

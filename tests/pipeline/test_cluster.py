@@ -128,7 +128,7 @@ def test_a_run_whose_folder_the_workers_do_not_see_is_refused(address, tmp_path)
     with pytest.raises(BatchRefused) as refused:
         list(run_on(engine(address, tmp_path, mark="another run"), work, [("a", "fine")]))
     assert str(refused.value).startswith("worker tcp://")
-    assert "results as this command does: BATCH and OUT must lie on a file system" in str(refused.value)
+    assert "results as this command does: OUT must lie on a file system" in str(refused.value)
 
 
 def test_a_batch_begun_on_this_machine_ends_on_a_cluster(address, tmp_path, monkeypatch):

@@ -22,17 +22,28 @@ def test_one_that_is_as_this_machine_is_fit(tmp_path):
     ("changed", "sentence"),
     [
         ({"drupe": "drupe 9.9"}, "but this command runs drupe 9.9. Install the same on both"),
-        ({"mark": "another run"}, "as this command does: BATCH and OUT must lie on a file system"),
+        ({"mark": "another run"}, "as this command does: OUT must lie on a file system that all machines"),
     ],
 )
 def test_what_differs_is_named(tmp_path, changed, sentence):
     assert sentence in said(needs_of(tmp_path, **changed))
 
 
-def test_results_that_are_not_there_are_named(tmp_path):
-    assert "nowhere as this command does: BATCH and OUT must lie" in said(
+def test_a_batch_and_results_that_are_not_there_are_named(tmp_path):
+    missing = tmp_path / "nowhere" / "batch.toml"
+    expected = f"does not find {missing}: BATCH must lie on a file system"
+    assert expected in said(needs_of(tmp_path, settings=missing))
+    assert "nowhere as this command does: OUT must lie" in said(
         needs_of(tmp_path, run=tmp_path / "nowhere" / ".run.json")
     )
+
+
+def test_results_that_cannot_be_written_to_are_named(tmp_path, monkeypatch):
+    def refused(**_):
+        raise PermissionError(13, "Permission denied")
+
+    monkeypatch.setattr("pipeline.run.cluster_worker.tempfile.TemporaryFile", refused)
+    assert "(Permission denied): OUT must lie" in said(needs_of(tmp_path))
 
 
 def test_threads_and_memory_are_named_with_what_to_start_it_with(tmp_path):

@@ -186,6 +186,14 @@ def test_free_memory_is_the_machines_or_less_where_a_group_has_a_limit(tmp_path)
     write(groups / "job" / "step" / "memory.current", "1\n")
     write(groups / "job" / "step" / "memory.stat", "anon 1\n")
     assert free_memory_MiB(proc, groups) == 1536
+    write(proc / "self" / "cgroup", "4:cpu:/\n3:memory:/job\n")  # version 1
+    write(groups / "memory" / "memory.limit_in_bytes", f"{2**63 - 4096}\n")
+    write(groups / "memory" / "memory.usage_in_bytes", "1\n")
+    write(groups / "memory" / "memory.stat", "total_inactive_file 1\n")
+    write(groups / "memory" / "job" / "memory.limit_in_bytes", f"{2 * 2**30}\n")
+    write(groups / "memory" / "job" / "memory.usage_in_bytes", f"{2**30}\n")
+    write(groups / "memory" / "job" / "memory.stat", f"total_inactive_file {2**28}\n")
+    assert free_memory_MiB(proc, groups) == 1280
 
 
 def test_so_many_fruit_at_once_as_memory_holds(monkeypatch):

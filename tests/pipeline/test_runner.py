@@ -3,6 +3,7 @@
 import logging
 import multiprocessing
 import os
+import pickle
 import signal
 import subprocess
 import sys
@@ -281,3 +282,33 @@ def test_what_libraries_log_warn_and_print_is_told_of_their_fruit_and_not_shown(
     assert "UserWarning: deprecated" in lines["warns"][0]
     assert lines["native"] == ["[Open3D WARNING] no normals", "ERROR: In vtkPolyData.cxx, line 7"]
     assert sorted(e.result for e in events if isinstance(e, Finished)) == ["done"] * 3
+
+
+def endless(size, report):
+    for _ in range(size // 2**20):
+        os.write(1, b"%s\n" % (b"x" * (2**20 - 1)))
+        time.sleep(0.02)
+    os.write(1, b"the end\n")
+    return "done"
+
+
+def test_what_libraries_write_without_end_is_cut(tmp_path):
+    with LocalPool(jobs=1, time_limit_s=60) as pool:
+        pool.begin("a", pickle.dumps((endless, 64 * 2**20)))
+        events, held = [], 0
+        while not any(isinstance(event, Finished) for event in events):
+            events += pool.happened()
+            held = max(
+                [
+                    held,
+                    *(
+                        fruit_process.output.stat().st_size
+                        for fruit_process in pool._pending.values()
+                        if fruit_process.output.exists()
+                    ),
+                ]
+            )
+    lines = [event.line for event in events if isinstance(event, Noted)]
+    assert sum(map(len, lines)) < 2**20 + 100
+    assert lines[-1] == "libraries wrote more than 1 MiB; drupe left out the rest"
+    assert held < 32 * 2**20

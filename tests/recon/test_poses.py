@@ -32,6 +32,11 @@ def test_focal_length_distortion_and_places_come_back_without_exif(bent, poses):
     assert poses.reprojection_px < 0.5
 
 
+def test_same_photos_give_the_same_poses(bent, poses):
+    again = cameras_from_mat(bent[1], standard_mat())
+    assert np.array_equal(again.cameras[2].cam_from_world, poses.cameras[2].cam_from_world)
+
+
 def test_error_bars_cover_the_truth(bent, poses):
     cameras, _ = bent
     assert abs(poses.cameras[0].focal_px - cameras[0].focal_px) < 4 * poses.focal_sd_px

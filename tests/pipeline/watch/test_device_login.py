@@ -7,9 +7,10 @@ import json
 import select
 import socket
 import ssl
+import subprocess
 import sys
 import time
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack, closing, nullcontext, suppress
 from pathlib import Path
 from urllib.parse import urlencode, urlsplit
 
@@ -25,6 +26,7 @@ from pipeline.batch.layout import Results, write_whole
 from pipeline.cli import app
 from pipeline.problem import BatchRefused
 from pipeline.watch import device_login
+from pipeline.watch import devices as device_file
 from pipeline.watch.connections import MOST_CONNECTIONS, MOST_OF_ADDRESS
 from pipeline.watch.device_login import network_of
 from pipeline.watch.devices import add_device, read_devices, revoke_device
@@ -311,6 +313,26 @@ def test_the_file_of_devices_has_no_token_and_is_its_owner_s(devices):
         revoke_device(devices, "bellt 2")
     assert CliRunner().invoke(app, ["device", "revoke", str(devices), "belt 2"]).exit_code == 0
     assert read_devices(devices) == ()
+
+
+ADDING = """
+import datetime, pathlib, sys
+from pipeline.watch.devices import add_device
+add_device(pathlib.Path(sys.argv[1]), sys.argv[2], now=datetime.datetime.now(datetime.UTC))
+"""
+
+
+def test_devices_that_are_added_at_once_are_all_kept(devices):
+    running = [subprocess.Popen([sys.executable, "-c", ADDING, devices, f"belt {k}"]) for k in range(8)]
+    assert [each.wait(60) for each in running] == 8 * [0]
+    assert {device.name for device in read_devices(devices)} == {f"belt {k}" for k in range(8)}
+
+
+def test_a_file_that_another_process_keeps_is_waited_for_no_longer(devices, monkeypatch):
+    monkeypatch.setattr(device_file, "lock_of", lambda _: nullcontext(False))
+    with pytest.raises(BatchRefused, match=r"another process holds"):
+        add_device(devices, "belt 2", now=NOW)
+    assert not devices.exists()
 
 
 def test_a_file_of_devices_keeps_its_mode_and_its_owner_where_root_changes_it(devices, monkeypatch):
