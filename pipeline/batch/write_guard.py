@@ -13,7 +13,7 @@ from pipeline.batch.results_lock import LOCK
 from pipeline.files.manifest import LIST_LOCK, in_the_way, is_claimed, was_ours
 from pipeline.files.plain_file import not_plain
 from pipeline.files.whole_file import MARK
-from pipeline.problem import BatchRefused, Problem, refused
+from pipeline.problem import BatchRefused, Problem, listed, refused
 
 MOVE = "choose another place"
 
@@ -40,8 +40,8 @@ def require_made_by_drupe(root: Path, option: str, *, outside: Iterable[Path] = 
     )
     if strange:
         sentence = (
-            f"holds {strange[0]} and was not made by drupe, so it is no folder of results; {MOVE} with "
-            f"{option}, or move its files away."
+            f"holds {listed(strange, 3)} and was not made by drupe, so it is no folder of results; {MOVE} "
+            f"with {option}, or move its files away."
         )
         raise refused(root, sentence)
 

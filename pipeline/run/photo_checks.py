@@ -9,6 +9,7 @@ from pathlib import Path
 from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.layout import FruitFolder
 from pipeline.batch.opening import Batch
+from pipeline.batch.outcome import Outcome
 from pipeline.problem import Problem
 from pipeline.run.file_problems import at, tried
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, read_photo, require_enough
@@ -30,7 +31,11 @@ def photo_problems(batch: Batch, row: FruitRow, folder: FruitFolder, *, quick: b
         yield at(row, batch.folder.table, sentence)
     quick = quick or (batch.mat is None and batch.folder.mat.exists())  # the mat's own fault is said already
     look = partial(_set_problems, row, mat=batch.mat, quick=quick)
-    yield from look(folder.photos, folder.photo_files(), "The folder")
+    if folder.photo_files():
+        yield from look(folder.photos, folder.photo_files(), "The folder")
+    else:
+        yield from (_remark(row, folder.photos, sentence) for sentence in unused_photos(folder.photos))
+        yield at(row, folder.root, Outcome.NO_SHAPE.sentence("The folder"))
     if folder.photos_flipped.is_dir():
         yield from look(
             folder.photos_flipped, folder.flipped_files(), "The folder of photos of the upside-down fruit"

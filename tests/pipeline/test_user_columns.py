@@ -126,8 +126,8 @@ def test_a_note_or_column_edited_after_grading_is_in_the_next_report(drupe, batc
 def test_a_misspelt_column_is_named_and_an_unlisted_one_is_told_how_to_be_listed(tmp_path):
     units = {"Brix": "°Brix", "grower": ""}
     said = said_of(tmp_path, "fruit_id,hight_mm,Brx,colour\nA,60,12,red\n", units)
-    assert 'unknown column "hight_mm"; did you mean "height_mm"?' in said
-    assert 'unknown column "Brx"; did you mean "Brix"?' in said
+    assert 'unknown column "hight_mm"; if you mean it, write height_mm with its values in mm.' in said
+    assert 'unknown column "Brx"; if you mean it, write Brix.' in said
     assert 'write "colour" = "" under [columns] in batch.toml' in said
     assert 'unknown column "GROWER"; write grower.' in said_of(tmp_path, "fruit_id,GROWER\nA,x\n", units)
 
