@@ -19,8 +19,8 @@ from field_fruit import Fruit, cheap_fruit, fruits_in
 from pipeline.fruit.input_doubts import against_category
 from pipeline.fruit.sensor_scale import known_gels
 from recon.pit.priors import load_prior
+from tactile.consistency.misfit import LIMIT
 from tactile.consistency.of_recording import misfits_of
-from tactile.consistency.relations import LIMIT
 
 
 def of_pit(fruit: Fruit) -> Iterator[tuple[str, float]]:

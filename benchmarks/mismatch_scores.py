@@ -342,7 +342,7 @@ def _point(axes: Any, x: float, truths: Sequence[bool], colour: str) -> None:
 
 
 def loaded(folder: Path) -> dict[str, ReducedCase]:
-    """Stored rounds by name. Exits where there is none."""
+    """Stored rounds by name. Exits if there are no rounds."""
     paths = sorted(path for path in folder.glob("*.npz") if not path.name.endswith(".partial.npz"))
     if not paths:
         raise SystemExit(f"{folder} has no stored round (*.npz): write them with mismatch_bank.py reduce")

@@ -11,7 +11,7 @@ HANDLERS: dict[signal.Signals, Any] = {
     signal.SIGHUP: signal.SIG_DFL,
     signal.SIGINT: signal.default_int_handler,
 }
-"""Signals that interrupt, and what they do in a Python that nobody changed."""
+"""Signals that interrupt, and their default handlers in Python."""
 
 
 @contextmanager

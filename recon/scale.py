@@ -17,11 +17,11 @@ from recon.recon_failure import ReconFailure
 from recon.silhouettes.all_views import FIT_LEVEL, OUTLIER_SHARE
 from recon.silhouettes.hull import Silhouette, visual_hull
 from recon.silhouettes.mask import Window
-from recon.silhouettes.outline import Outline, silhouette_of_outline
+from recon.silhouettes.outline import SAMPLES, Outline, silhouette_of_outline
 from recon.silhouettes.tangent import fitted_to_outlines
 
-SAMPLES, WAVE = 1024, 8
-"""Of an outline, as in recon.silhouettes.outline, and over how many of them its errors are alike."""
+WAVE = 8
+"""Standard deviation of the filter that correlates the errors of an outline's samples, in samples."""
 MARGIN_PX = 16
 """px about an outline: enough for its errors."""
 NOISE_PX, SEED = 0.5, 1

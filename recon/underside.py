@@ -106,7 +106,7 @@ def both_sides(upright: ScannedSide, over: ScannedSide, *, on_mat: bool = True) 
     weights, from TURNS turns about the vertical; then each vertex goes to the mean of both skins, weighted by
     how well each saw it. `on_mat`: both are to scale, and a turn that the shape leaves open is that about the
     mat's arrow; else the second's scale follows the first's. Raises ReconFailure (no-overlap): another fruit,
-    another scale, or a turn that cannot be told.
+    another scale, or an ambiguous rotation.
     """
     skin = _Skin(upright)
     size = float(np.ptp(upright.vertices, axis=0).max())

@@ -45,7 +45,7 @@ class Balance(Protocol[State]):
     def primal(self) -> int: ...  # noqa: D102
 
     def residual(self, state: State) -> Float[np.ndarray, " d"]:
-        """Forces out of balance; NaN where the state is none that matter can take."""
+        """Residual forces; NaN if the state has an element with a volume of zero or below."""
         ...
 
     def size(self, residual: Float[np.ndarray, " d"]) -> float:

@@ -163,7 +163,7 @@ def cached(folder: Path, stage: str, key: str, compute: Callable[[], Kept], *, r
 
 
 def _load(path: Path, key: str, record: type[Kept]) -> Kept | None:
-    """The stored record; None where there is none of this key that can be read."""
+    """The stored record; None if no readable record has this key."""
     if not_plain(path):
         return None
     try:

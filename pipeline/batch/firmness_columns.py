@@ -14,7 +14,7 @@ from pipeline.files.plain_file import text_or_empty
 MOST_BYTES = 20_000_000
 """Of a table that is read: a hundred thousand fruit."""
 SAME_E = 1e-3
-"""Relative difference of E up to which a reading is of today's E; the table has four figures."""
+"""A reading counts for the present E if both E differ by less than this share (four figures are stored)."""
 
 
 @dataclass(frozen=True, kw_only=True)

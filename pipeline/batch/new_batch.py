@@ -36,7 +36,7 @@ SHOWN = 5
 OF_THE_DAY = frozenset(
     {"harvest_date", "lot", "measured_on", "mismatch", "notes", "pulp_temperature_C", "temperature"}
 )
-"""Settings of the earlier day. Confirmed effects are of its fruit, or of its sensors on that day.
+"""Settings of the earlier day. Confirmed effects belong to its fruit, or to its sensors on that day.
 [temperature] needs the new day's temperature; `left_out` names it."""
 
 

@@ -44,8 +44,8 @@ class Batch:
     """A batch as far as its files could be read, and every problem of the batch as a whole (`problems`).
 
     `rows`: of fruits.csv, or of the folders of fruit where the table cannot be read (not `listed`). `known`:
-    what is known of the category. `prior`: None where no fruit needs its pit and the settings hold Poisson's
-    ratio, or where a problem says why there is none. `without_scale`: no photographed fruit has a scale, and
+    values of the category. `prior`: None if no fruit needs its pit and the settings hold Poisson's ratio, or
+    if a problem states why it is missing. `without_scale`: no photographed fruit has a scale, and
     a problem says so.
     """
 

@@ -55,7 +55,7 @@ def free_bytes() -> int:
 
 
 def return_freed_memory() -> None:
-    """glibc keeps what lies below its last block in use, after photos some 400 MiB; elsewhere nothing."""
+    """Gives freed memory back to the system; only glibc keeps some 400 MiB of it after photos."""
     if sys.platform == "linux":
         with suppress(OSError, AttributeError):
             ctypes.CDLL(None).malloc_trim(0)

@@ -61,7 +61,7 @@ class GraspedFruit:
 
 
 def grasped_fruit(task: FruitTask, log: StageLog, *, explains: bool = False) -> GraspedFruit:
-    """Photos or a ready mesh to elements, in stages told to `log`.
+    """Photos or a ready mesh to elements; `log` gets each stage.
 
     `explains`: for the mismatch finder (pipeline.fruit.placed_grasp.Checked).
 

@@ -64,7 +64,7 @@ class PlacedGrasp:
 
 @dataclass(frozen=True, kw_only=True)
 class Checked:
-    """What the checks of a recording are told: moduli that the category can have, the mesh's error, and what
+    """Inputs of the checks of a recording: range of moduli of the category, the mesh's error, and what
     the jaws give, where a rig was taken out of the recording; `sensor`: what batch.toml states of the sensor.
     `explains`: for the mismatch finder, which takes recordings with a fault that it has an effect for
     (Finding.has_effect).

@@ -1,6 +1,6 @@
 """What one run of `drupe grade` knows of its batch and of its places.
 
-A folder of results belongs to the batch whose photos and recordings it is of: one of them must be the same.
+A folder of results belongs to a batch if at least one photo or recording is the same.
 Where all were replaced, folder, label and the id of a fruit must be the same. Ids alone do not tell: many
 people number their fruit from 1 every day.
 """
@@ -25,7 +25,7 @@ from reports.language import ENGLISH
 LABEL = ("lot", "harvest_date", "cultivar", "category")
 """Settings by which people tell batches apart."""
 SHARED_KINDS = frozenset({".toml", ".json", ".csv", ".ply"})
-"""Files that different batches may have alike byte by byte: descriptions of sensors, protocols of the
+"""Files that may be identical in different batches: descriptions of sensors, protocols of the
 gripper, the mould of a cast body. Photos and recordings are of one fruit."""
 SHOWN = 3
 """Ids that a sentence names."""

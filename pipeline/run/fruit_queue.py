@@ -121,7 +121,7 @@ def with_forced(record: FruitRecord, forced: Sequence[str], results: Results) ->
 
 
 def ended_record(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRecord:
-    """The record of a fruit whose process wrote none; where none can be written, it is told only."""
+    """The record of a fruit whose process wrote no record. If it cannot be written, it is only printed."""
     record = FruitRecord(
         fruit_id=task.fruit_id,
         outcome=outcome.code,

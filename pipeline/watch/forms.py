@@ -23,7 +23,7 @@ MOST_FORM_BYTES, FORM_S = 20_000, 10.0
 async def form_of(request: Request) -> dict[str, str] | None:
     """The fields of a form of this page; None of one from another site, too long, or too slow.
 
-    The browser must say that the form is of this page (Sec-Fetch-Site, else Origin).
+    The browser must state that this page sent the form (Sec-Fetch-Site, else Origin).
     """
     page_origin = f"{request.url.scheme}://{request.headers.get('host', '')}"
     site, origin = request.headers.get("sec-fetch-site"), request.headers.get("origin")

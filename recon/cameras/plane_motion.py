@@ -47,7 +47,7 @@ LEAST_LIKE = 0.5
 FLOOR_PX = 0.05
 """What a parabola through the correlation is off by itself."""
 FEWEST_VIEWS = 3
-"""Photos that show a point, at least: a median of fewer is none."""
+"""Least number of photos that show a point; its place is their median."""
 
 
 def _from_above(

@@ -88,7 +88,7 @@ def ground_features(photo: Photo, *, most: int) -> GroundFeatures:
 
 
 def _ahead(H: Float[np.ndarray, "3 3"], size: tuple[int, int]) -> Bool[np.ndarray, "h w"]:
-    """Where the picture from above is of rays ahead of the camera."""
+    """Mask of the pixels of the top view that lie in front of the camera."""
     x, y = np.meshgrid(np.arange(size[0]), np.arange(size[1]))
     back = np.linalg.inv(H)
     return np.asarray((back[2, 0] * x + back[2, 1] * y + back[2, 2]) * np.sign(back[2, 2]) > 0)

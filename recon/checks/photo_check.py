@@ -21,7 +21,7 @@ STEPS = 33
 ROWS = 9
 """Profiles along the middle half of an edge that are averaged against noise. Set by hand."""
 LEAST_CONTRAST = 10.0
-"""Grey levels between paper and print, of 255, from which an edge's width can be told. Set by hand."""
+"""Grey levels between paper and print, of 255, from which an edge's width can be measured. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -103,7 +103,7 @@ def surface_doubts(
 
 
 def moved_doubts(evidence: RimEvidence, names: Sequence[str], diameter_mm: float) -> tuple[str, ...]:
-    """A sentence that names the photos whose fruit lies elsewhere, or is of another size, than the mesh.
+    """A sentence that names the photos in which the fruit has another place or size than the mesh.
 
     The offsets o of a photo's rim samples at directions a are fitted by o = x cos a + y sin a + growth, with
     Cauchy's weights. What counts is a shift, or a change of the diameter, of more than APART diameters.

@@ -23,8 +23,9 @@ from recon.surface.photo_consistency import (
 from recon.triangle_mesh import neighbour_mean, parts_of, sides_of, smoothed, vertex_normals
 
 FLAT, ROUND = 0.45, 0.85
-"""Convexity (mean curvature times radius) up to where a surface may be a bridge, and from where it is none:
-0.0 to 0.56 (10 to 90 %) where true skin lies over 0.5 mm deeper, 0.83 to 1.2 where it lies within 0.1 mm."""
+"""Convexity (mean curvature times radius) below which a surface may be a bridge over a hollow, and
+above which it is true skin: 0.0 to 0.56 (10 to 90 %) where true skin lies over 0.5 mm deeper, 0.83 to 1.2
+where it lies within 0.1 mm."""
 CURVATURE_ROUNDS = 6
 """Times that curvature is averaged with the neighbours': over a fifth of the radius."""
 MOST_CURVATURE = 3.0

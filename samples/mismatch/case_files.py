@@ -47,7 +47,7 @@ def stored_truths(path: Path) -> tuple[TrueRecording, ...]:
     with np.load(path, allow_pickle=False) as file:
         words = json.loads(str(file["words"]))
         if words["format"] != FORMAT:
-            raise ValueError(f"{path} is of another format: simulate the fruit anew")
+            raise ValueError(f"{path} has another format; simulate the fruit anew")
         truths = []
         for k, grasp in enumerate(words["grasps"]):
             left, right = (

@@ -74,7 +74,7 @@ class SofteningGelBody:
     def advance(
         self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float
     ) -> Instant:
-        """Equilibrium with the gel as soft as it is now."""
+        """Equilibrium with the softened gel."""
         self._pressed_s = self._pressed_s + pause_s if np.any(before.force_N) else 0.0
         left, right = grip.gels
         soft = replace(grip, gels=(self._softened(left), self._softened(right)))

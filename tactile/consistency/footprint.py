@@ -16,8 +16,8 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from tactile.consistency.finding import E_OF_ANOTHER_FRUIT, FindingKind
+from tactile.consistency.misfit import Misfit, Situation
 from tactile.consistency.pressing import Pressing, clearer
-from tactile.consistency.relations import Misfit, Situation
 from tactile.registration import depth_along
 
 AHEAD_SD_MM = 0.15

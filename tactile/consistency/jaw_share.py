@@ -3,6 +3,7 @@
 import numpy as np
 
 from tactile.consistency.finding import Finding, FindingKind
+from tactile.consistency.pressing import DEEPEST
 from tactile.readers.recording import GelPad, Recording
 from tactile.rig.rig_curve import RigCurve
 
@@ -11,9 +12,6 @@ UNSURE = 0.3
 bare trace (fem.indentation.rig_share.UNSURE). Set by hand."""
 TOUCHED = 0.05
 """Share of the largest force from which the pads are in contact. Set by hand."""
-DEEPEST = 0.98
-"""Quantile of the markers' indentation that stands for the gel's: the last 2 % may be outliers. Set by hand,
-as in tactile.consistency.relations."""
 
 
 def jaw_share_findings(recording: Recording, rig: RigCurve) -> list[Finding]:

@@ -18,9 +18,10 @@ from jaxtyping import Float, Int
 from tactile.consistency.faults import edge_findings, missing_findings, noise_findings, value_findings
 from tactile.consistency.finding import Finding, FindingKind, doubted
 from tactile.consistency.footprint import mesh_misfits
+from tactile.consistency.misfit import CAUSES, LIMIT, Misfit, Situation
 from tactile.consistency.pressing import pressing_of
 from tactile.consistency.reference_findings import reference_findings
-from tactile.consistency.relations import CAUSES, LIMIT, Misfit, Situation, signal_misfits
+from tactile.consistency.relations import signal_misfits
 from tactile.consistency.time_findings import time_findings
 from tactile.consistency.transformations import Transformation, of_machine, of_mesh, of_signals
 from tactile.readers.recording import GelPad, Recording
@@ -47,8 +48,8 @@ def recording_findings(
 
     A bare indenter's trace is not checked. Without a mesh (None) only the recording itself is.
 
-    `E_range_MPa`: moduli that the category can have; `surface_sd_mm`: the mesh's error; `gels`: what is known
-    of the sensor's gels.
+    `E_range_MPa`: range of moduli of the category; `surface_sd_mm`: the mesh's error; `gels`: published
+    values of the sensor's gels.
     """
     pads = [pad for pad in recording.pads if isinstance(pad, GelPad)]
     if len(pads) != len(recording.pads):
@@ -172,7 +173,7 @@ def _losses(misfits: Sequence[Misfit]) -> Losses:
 
 
 def _compared(before: Losses, after: Losses, transformation: Transformation) -> _Comparison:
-    """A relation that can no longer be told counts as it did; one that can be told now counts."""
+    """A relation that cannot be computed afterwards keeps its loss; a new relation adds its loss."""
     improvement = {key: loss - after.get(key, loss) for key, loss in before.items()}
     new = sum(loss for key, loss in after.items() if key not in before)
     factor = sum(improvement.values()) - new + transformation.log_prior

@@ -40,6 +40,8 @@ HEAVIEST = 5
 """Frames of the greatest pressing, whose mean the checks look at: it has a little over half of one frame's
 noise, and sound recordings have 3 to 14 frames above 90 % of the peak (benchmarks/field_spreads.py), so that
 all five are near it."""
+DEEPEST = 0.98
+"""Quantile of the markers' indentation that is the gel's: the last 2 % may be outliers. Set by hand."""
 FRAMES_SIMILAR = 1.5
 """Variance of a mean over the heaviest frames, over that of independent noise: frames that follow each other
 share some (a correlation of 0.3 in samples/mismatch/marker_sensor.py makes 1.3 for two, 1.6 for five)."""
@@ -192,7 +194,7 @@ def gives_way(press: Pressing) -> bool:
     top = press.heaviest
     fields = [press.felt_mm, *([] if press.gel_mm is None else [press.gel_mm])]
     least = LEAST_OVER_NOISE * press.felt_sd_mm
-    return any(float(np.quantile(np.abs(f[top, :, 2].mean(axis=0)), 0.98)) >= least for f in fields)
+    return any(float(np.quantile(np.abs(f[top, :, 2].mean(axis=0)), DEEPEST)) >= least for f in fields)
 
 
 def noise_shares(press: Pressing) -> tuple[float, float]:

@@ -14,7 +14,8 @@ from jaxtyping import Float
 
 from tactile.consistency.finding import MEANINGLESS, Field, FindingKind
 from tactile.consistency.footprint import E_OF_A_TURN
-from tactile.consistency.relations import CAUSES, E_PER_GAIN, Misfit, Situation, correlation, gain_of
+from tactile.consistency.misfit import CAUSES, Misfit, Situation
+from tactile.consistency.relations import E_PER_GAIN, correlation, gain_of
 from tactile.readers.recording import GelPad
 
 FORCE = {

@@ -169,7 +169,7 @@ FIRMNESS = (
 
 
 def test_readings_of_firmness_are_columns_until_another_E_is_graded(drupe, batch, results, tmp_path):
-    """Those of B are of E = 0.5 MPa, and its E is 0.8 MPa."""
+    """The readings of B were made at E = 0.5 MPa, and its E is now 0.8 MPa."""
     write_whole(Results(results).firmness, FIRMNESS)
     assert drupe("report", results, "--lang", "de").status == 0
     of_tests = ["plates_5pct_N", "plates_5pct_N_sd"]
