@@ -4,10 +4,7 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import numpy as np
-from jaxtyping import UInt8
-
-from pipeline.batch.cache import cached, stage_key
+from pipeline.batch.cache import cached, file_hash, stage_key
 from pipeline.batch.layout import raw_grasp_files
 from pipeline.batch.stage_record import StageRecord
 from pipeline.files.whole_file import put
@@ -17,9 +14,9 @@ from tactile.readers.recording import write_recording
 
 
 class KeptRecording(StageRecord):
-    """The stage "frames of NAME": the bytes of the `.h5` made of a raw grasp, and notes on how."""
+    """The stage "frames of NAME": SHA-256 of the `.h5` beside it, made of a raw grasp, and notes on how."""
 
-    recording: UInt8[np.ndarray, " b"]
+    sha256: str
     notes: tuple[str, ...]
 
 
@@ -32,17 +29,20 @@ def kept_recording(folder: Path, cache: Path, report: Callable[[str], None]) -> 
         "raw grasp", files=raw_grasp_files(folder), settings=None, rooms=("tactile", "pipeline/files")
     )
 
+    name = f"frames of {folder.name}"
+    path = cache / f"{name}.h5"
+
     def compute() -> KeptRecording:
         made = recording_of(read_raw_grasp(folder), progress=_in_quarters(folder.name, report))
         with TemporaryDirectory() as scratch:
-            path = Path(scratch) / "grasp.h5"
-            write_recording(path, made.recording)
-            return KeptRecording(recording=np.frombuffer(path.read_bytes(), np.uint8), notes=made.notes)
+            draft = Path(scratch) / "grasp.h5"
+            write_recording(draft, made.recording)
+            put(path, draft.read_bytes())
+        return KeptRecording(sha256=file_hash(path), notes=made.notes)
 
-    name = f"frames of {folder.name}"
     kept = cached(cache, name, key, compute, record=KeptRecording)
-    path = cache / f"{name}.h5"
-    put(path, kept.recording.tobytes())
+    if file_hash(path) != kept.sha256:  # removed or changed since
+        kept = compute()
     return path, kept.notes
 
 
