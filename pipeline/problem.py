@@ -25,8 +25,9 @@ class Problem:
     remark: bool = False
 
     def __str__(self) -> str:
-        """One line: file first; without control characters, which names of files can hold."""
-        return printable(f"{self.file}: {' '.join(self.sentence.split())}")
+        """One line: file first, and once; without control characters, which names of files can hold."""
+        sentence = " ".join(self.sentence.split()).removeprefix(f"{Path(self.file).name}: ")
+        return printable(f"{self.file}: {sentence}")
 
 
 class BatchRefused(Exception):

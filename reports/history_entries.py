@@ -49,9 +49,8 @@ class LimitEntry:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SofteningEntry:
-    """The fitted exponential: what it says, and its band (90 %) over days since the first."""
+    """The fitted exponential and its band (90 %) over days since the first."""
 
-    words: str
     day: Float[np.ndarray, " t"]
     E_MPa: Float[np.ndarray, " t"]
     E_low_MPa: Float[np.ndarray, " t"]
@@ -66,8 +65,8 @@ class SeriesEntry:
     cultivar: str
     lot: str
     days: tuple[DayEntry, ...]
-    softening: SofteningEntry | None
-    why_no_softening: str = ""
+    softening: SofteningEntry | None = None
+    softening_words: str = ""
     limits: tuple[LimitEntry, ...] = ()
     notes: tuple[str, ...] = ()
 
@@ -75,7 +74,7 @@ class SeriesEntry:
     def name(self) -> str:
         """As headings have it.
 
-        >>> SeriesEntry(category="plum", cultivar="", lot="7", days=(), softening=None).name
+        >>> SeriesEntry(category="plum", cultivar="", lot="7", days=()).name
         'plum, lot 7'
         """
         lot = f"lot {self.lot}" if self.lot else "without a lot"

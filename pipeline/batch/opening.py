@@ -16,7 +16,15 @@ from pipeline.batch.layout import BatchFolder, FruitFolder
 from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doubts
 from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import rig_problems
-from pipeline.batch.settings import MOST_BYTES, NO_PIT, Grading, Recon, Settings, read_settings
+from pipeline.batch.settings import (
+    MOST_BYTES,
+    NO_PIT,
+    Grading,
+    Recon,
+    Settings,
+    batch_around,
+    read_settings,
+)
 from pipeline.files.plain_file import NO_LFS_FILE, NotReadable, json_of, not_plain, read_text, toml_of
 from pipeline.problem import BatchRefused, Problem, listed, nearest, refused
 from pipeline.safe_start import elsewhere
@@ -100,7 +108,8 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Batch:
     problems: list[Problem] = []
     read = _gather(problems, lambda: read_settings(folder.settings))
     settings = _salvaged(folder) if read is None else read
-    rows, mat, listed, unscaled = tuple[FruitRow, ...](), None, root.is_dir(), list[Problem]()
+    rows, mat, unscaled = tuple[FruitRow, ...](), None, list[Problem]()
+    listed = root.is_dir() and batch_around(root) is None
     if listed:
         if choose is None or _stands(folder.table):
             units, empty = settings.columns, choose is not None

@@ -4,6 +4,7 @@ import datetime
 import itertools
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar, get_args
 
@@ -357,12 +358,22 @@ def read_settings(path: Path) -> Settings:
 
 
 def require_folder(root: Path) -> None:
-    """Raises BatchRefused where the batch's folder is not there, or is no folder."""
+    """Raises BatchRefused where the batch's folder is not there, is no folder, or is that of one fruit."""
     if root.exists() and not root.is_dir():
         raise refused(root, "is a file; give the batch folder.")
+    if (batch := batch_around(root)) is not None:
+        raise refused(root, f"is the folder of one fruit; give the batch, {batch}.")
     if not root.is_dir():
         names = [folder.name for folder in root.parent.glob("*/") if (folder / "batch.toml").is_file()]
         raise refused(root, f"does not exist; {nearest(root.name, names, 'give an existing batch folder.')}")
+
+
+def batch_around(fruit: Path) -> Path | None:
+    """The batch in which a folder is that of one fruit; None where it is not."""
+    place = fruit.resolve()
+    if place.parent.name.lower() != "fruits" or (place / "batch.toml").is_file():
+        return None
+    return place.parents[1] if (place.parents[1] / "batch.toml").is_file() else None
 
 
 def require_settings_file(path: Path) -> None:
@@ -392,7 +403,7 @@ def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
         fault = _decimal_comma(text, str(error)) or f"{error}{_remedy(str(error))}"
         raise refused(path, f"{fault}.") from None
     except ValidationError as error:
-        said = dict.fromkeys(_sentence(e, model) for e in error.errors())
+        said = dict.fromkeys(_sentence(e, model, text) for e in error.errors())
         raise BatchRefused([Problem(str(path), sentence) for sentence in said]) from None
 
 
@@ -421,19 +432,35 @@ def _remedy(fault: str) -> str:
     return "; save it again as UTF-8 text" if "text" in fault else ""
 
 
-def _sentence(error: Any, model: type[BaseModel]) -> str:
+def _sentence(error: Any, model: type[BaseModel], text: str) -> str:
     """One validation error as a sentence that names the key, what was found and what was expected."""
     location = [part for part in error["loc"] if isinstance(part, str | int)]
-    key = ".".join(map(str, location))
+    key = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in location)[1:]
+    where = _entry_named(location, text)
     if error["type"] == "missing":
         example = ', for example category = "nectarine"' if key == "category" else ""
-        return f'the required key "{key}" is missing; add it{example}.'
+        return f'the required key "{key}"{where} is missing; add it{example}.'
     if error["type"] == "extra_forbidden":
         known = _known_keys(location[:-1], model)
         hint = f"known keys here: {', '.join(known)}."
-        return f'unknown key "{key}"; {nearest(str(location[-1]), known, hint)}'
+        return f'unknown key "{key}"{where}; {nearest(str(location[-1]), known, hint)}'
     slip = _likely_slip(str(location[-1]), error["input"])
-    return f'"{key}": {_expected(error)}{slip or "."}'
+    return f'"{key}"{where}: {_expected(error)}{slip or "."}'
+
+
+def _entry_named(location: Sequence[str | int], text: str) -> str:
+    """Which table of a list a key is in: its name, and the line on which it begins; empty outside of one."""
+    place = next((k for k, part in enumerate(location) if isinstance(part, int)), len(location))
+    header = r"\.".join(re.escape(str(part)) for part in location[:place])
+    begins = list(re.finditer(rf"^[ \t]*\[\[[ \t]*{header}[ \t]*\]\]", text, re.MULTILINE))
+    if place == len(location) or int(location[place]) >= len(begins):
+        return ""
+    entry: Any = toml_of(text)
+    for part in location[: place + 1]:
+        entry = entry[part]
+    name = printable(str(entry.get("name", entry.get("effect", ""))))[:40]
+    line = text.count("\n", 0, begins[int(location[place])].start()) + 1
+    return f' ("{name}", line {line})' if name else f" (line {line})"
 
 
 def shown(value: object) -> str:

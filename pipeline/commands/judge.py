@@ -31,6 +31,8 @@ def judge(
     time. drupe only adds to this file. A later grading keeps the verdicts and marks them as earlier. drupe
     then writes ranking.csv and report.html again.
 
+    Exit status: 0 kept; 1 internal error; 2 usage or unreadable results; 130 interrupted.
+
     Example: drupe judge monday/results N01 --class firm --by "A. Huber" --why "hard at the suture"
     """
     language = chosen_language(lang)

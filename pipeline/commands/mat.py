@@ -38,6 +38,8 @@ def mat(
 
     Print mat.pdf at 100 %, and copy mat.json beside batch.toml.
 
+    Exit status: 0 written; 1 internal error; 2 usage; 130 interrupted.
+
     Example: drupe mat monday --paper a4
     """
     with elsewhere():

@@ -42,6 +42,8 @@ def new(
     The folder's name becomes the fruit's id. drupe copies photos, fruit.ply, pit.ply and recordings (*.h5,
     in the folder or its grasps/). Your own folders do not change. At the end drupe lists missing inputs.
 
+    Exit status: 0 created; 1 internal error; 2 usage or unusable folders; 130 interrupted.
+
     Example: drupe new tuesday --like monday --lot H-08 --photos ~/pictures/2026-08-15
     """
     with elsewhere():

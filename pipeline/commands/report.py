@@ -20,8 +20,9 @@ def report(
 ) -> None:
     """Rebuild ranking.csv and report.html from stored results, for example after you change the classes.
 
-    drupe computes no fruit. After an interrupted run the page shows the number of finished fruit, and the
-    exit status is 3.
+    drupe computes no fruit. After an interrupted run the page shows the number of finished fruit.
+
+    Exit status: 0 written; 1 internal error; 2 usage or unreadable results; 3 some fruit not graded yet.
 
     Example: drupe report monday/results --lang de
     """

@@ -34,6 +34,8 @@ def sample(
 
     True moduli are in answers.json.
 
+    Exit status: 0 written; 1 internal error; 2 usage; 130 interrupted.
+
     Example: drupe sample demo --seed 7 --fruits 6
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):

@@ -13,6 +13,8 @@ def schema() -> None:
     The schema holds the limits and types of each key. `drupe check` also tests rules that combine several
     keys.
 
+    Exit status: 0 printed; 1 internal error; 2 usage.
+
     Example: drupe schema > batch.schema.json
     """
     with elsewhere():

@@ -64,6 +64,10 @@ def watch(
     devices on the network open it over TLS, each with its own token. Ranking and report follow at intervals
     that keep their cost near 1 % of the time, and at the end. Press Ctrl-C to stop.
 
+    Exit status, of the last report: 0 all graded; 1 internal error; 2 usage or settings; 3 some fruit not
+    graded; 4 all graded but some E in doubt or a reference body failed its check; 130 stopped with fruit
+    unfinished.
+
     Example: drupe watch monday --port 8000
     """
     require_libraries()

@@ -316,9 +316,7 @@ def grasp_record(grasp: PlacedGrasp, estimate: ModulusEstimate | FemFailure) -> 
         markers_used=int(sum((pad.onset >= 0).sum() for pad in grasp.contact.pads)),
         peak_force_N=max(max(c.force_N) for c in curves),
         travel_mm=max(max(c.travel_mm) for c in curves),
-        contact_mm={
-            pad: [tuple(p) for p in np.round(points, 3).tolist()] for pad, points in grasp.touched_mm.items()
-        },
+        contact_mm={pad: np.round(points, 3).tolist() for pad, points in grasp.touched_mm.items()},
         curves=curves,
         frames=frames,
     )

@@ -172,7 +172,7 @@ def _series_lines(series: SeriesEntry) -> Iterator[str]:
         f"{printable(series.name)}: {days}, {last.fruit} fruit on {last.day}, "
         f"E {last.E_MPa:.3g} MPa ({last.E_low_MPa:.3g} to {last.E_high_MPa:.3g})"
     )
-    yield f"  {series.softening.words if series.softening else series.why_no_softening + '.'}"
+    yield f"  {series.softening_words}"
     for limit in series.limits:
         yield f"  {printable(limit.name)} (up to {limit.E_max_MPa:g} MPa): {limit.words}"
         yield f"    10 % of the fruit: {limit.tenth_words}"

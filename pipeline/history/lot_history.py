@@ -105,9 +105,7 @@ def series_entry(batches: Sequence[StoredBatch], *, precision: float) -> SeriesE
             if _fitted(of_day)
         ),
         softening=None if law is None else _softening_entry(law),
-        why_no_softening=""
-        if law is not None
-        else "one day is available; a second day shows how fast the lot softens",
+        softening_words=_softening_words(law),
         limits=tuple(_limits(limits[-1], law, first, E_MPa)) if limits else (),
         notes=tuple(_notes(batches, several_limits=len(set(limits)) > 1)),
     )
@@ -165,6 +163,17 @@ def _day_entry(
 def _softening_entry(law: Softening) -> SofteningEntry:
     end = law.farthest_day if law.softens else law.last
     days = np.linspace(law.first, end, BAND_POINTS)
+    return SofteningEntry(
+        day=days,
+        E_MPa=np.exp(law.ln_E(days)),
+        E_low_MPa=np.exp(law.ln_E(days, LOW)),
+        E_high_MPa=np.exp(law.ln_E(days, HIGH)),
+    )
+
+
+def _softening_words(law: Softening | None) -> str:
+    if law is None:
+        return "Only one day is measured; measure a second day to see how fast the lot softens."
     rate, low, high = law.rate(), law.rate(LOW), law.rate(HIGH)
     if not law.softens:
         changes = f"{_per_day(-rate):+.1f} % a day ({_per_day(-high):+.1f} to {_per_day(-low):+.1f} %, 90 %)"
@@ -179,13 +188,7 @@ def _softening_entry(law: Softening) -> SofteningEntry:
             f" Days deviate from the law by {100 * law.day_sd:.0f} %, more than single fruit of one "
             "day. Check temperature, sampling and sensor."
         )
-    return SofteningEntry(
-        words=words,
-        day=days,
-        E_MPa=np.exp(law.ln_E(days)),
-        E_low_MPa=np.exp(law.ln_E(days, LOW)),
-        E_high_MPa=np.exp(law.ln_E(days, HIGH)),
-    )
+    return words
 
 
 def _per_day(rate: float) -> float:
@@ -212,9 +215,9 @@ def _limits(
         below = float(np.mean(np.array(latest) <= limit))
         unknown = ""
         if law is None:
-            unknown = "Unknown yet: a second day is needed."
+            unknown = "Not known yet; measure a second day."
         elif not law.softens:
-            unknown = "Unknown yet: no softening is visible."
+            unknown = "Not known yet; no softening is visible."
         words = "The mean is in this class already." if mean <= math.log(limit) else unknown
         tenth_words = f"{100 * below:.0f} % are there already." if below >= TENTH else unknown
         yield LimitEntry(

@@ -124,7 +124,7 @@ def test_settings_give_each_fruit_its_effects_and_the_jaws_faults_to_all(tmp_pat
         ('effect = "sensor_gain"\nparameters = {pad = "left", gain = 0}', "expected 0.01 to 100"),
         ('effect = "pit_offset"\nparameters = {offset_mm = [1, 2]}', "expected 3 numbers"),
         ('effect = "slip"\nparameters = {mu = 0.2}\nsd = {b = 1}', 'sd has the key "b"'),
-        ("parameters = {mu = 0.2}", 'the required key "mismatch.0.effect" is missing'),
+        ("parameters = {mu = 0.2}", 'the required key "mismatch[1].effect" (line 10) is missing'),
     ],
 )
 def test_a_faulty_entry_is_said_with_its_key(tmp_path, entry, said):
@@ -132,7 +132,7 @@ def test_a_faulty_entry_is_said_with_its_key(tmp_path, entry, said):
         settings(tmp_path, f"\n[[mismatch]]\n{entry}\n")
     (line,) = map(str, caught.value.problems)
     assert "batch.toml" in line
-    assert "mismatch.0" in line
+    assert '"mismatch[1]' in line
     assert said in line
 
 

@@ -36,7 +36,7 @@ def test_markers_on_a_line_are_said_and_hide_no_other_problem(batch):
     on_one_line(batch / "fruits" / "A" / "grasps" / "grasp-1.h5")
     (batch / "fruits" / "B" / "fruit.ply").write_bytes(b"no mesh")
     first, second = said(batch)
-    assert first.startswith("fruits/A/grasps/grasp-1.h5: grasp-1.h5: pads/left/rest_mm: found")
+    assert first.startswith("fruits/A/grasps/grasp-1.h5: pads/left/rest_mm: found")
     assert "on one line" in first
     assert second.startswith("fruits/B/fruit.ply")
 
@@ -137,8 +137,13 @@ def test_a_gain_that_grading_doubts_is_said(batch):
     status, text = checked(batch)
     assert status == 4
     line, _ = text.splitlines()
-    assert line.startswith("fruits/B/grasps/grasp-1.h5: grasp-1.h5: ")
+    assert line.startswith("fruits/B/grasps/grasp-1.h5: ")
     assert "1.4" in line
     assert line.endswith("E will be in doubt.")
     (batch / "fruits" / "A" / "fruit.ply").write_bytes(b"no mesh")
     assert checked(batch)[0] == 2
+
+
+def test_a_fruits_own_folder_leads_to_its_batch(batch):
+    (problem,) = check(batch / "fruits" / "A")
+    assert problem.sentence == f"is the folder of one fruit; give the batch, {batch}."

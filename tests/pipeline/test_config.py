@@ -186,3 +186,13 @@ def test_text_reaches_nobody_with_control_characters(tmp_path):
     path = tmp_path / "batch.toml"
     path.write_text('category = "plum"\nlot = "a\\u001b[31mb\\u202ec"\n')
     assert read_settings(path).lot == "a[31mbc"
+
+
+def test_a_fault_in_a_list_of_tables_names_the_entry_and_its_line(tmp_path):
+    classes = 'category = "plum"\n\n[[grading.classes]]\nname = "ripe"\nE_max_MPa = -1\n'
+    (negative,) = refusals(tmp_path, f"{classes}[[grading.classes]]\nname = 'firm'\n")
+    assert '"grading.classes[1].E_max_MPa" ("ripe", line 3): found -1' in negative
+    (nameless,) = refusals(tmp_path, 'category = "plum"\n[[grading.classes]]\nship = true\n')
+    assert 'the required key "grading.classes[1].name" (line 2) is missing' in nameless
+    (inline,) = refusals(tmp_path, 'category = "plum"\n[grading]\nclasses = [{name = "a", x = 1}]\n')
+    assert 'unknown key "grading.classes[1].x";' in inline

@@ -221,6 +221,6 @@ def test_the_order_of_days_in_the_store_changes_nothing(season):
     with history_store(season.store) as stored:
         batches = stored.batches()
     forth, back = (history_entry(order, now=NOW) for order in (batches, batches[::-1]))
-    assert [lot.softening.words for lot in forth.series] == [lot.softening.words for lot in back.series]
+    assert [lot.softening_words for lot in forth.series] == [lot.softening_words for lot in back.series]
     assert sorted(forth.groups[0].rates) == ["A", "B", "C"]
     assert forth.groups[0].rates == pytest.approx(back.groups[0].rates, rel=1e-4)

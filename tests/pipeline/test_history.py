@@ -120,7 +120,7 @@ def test_results_become_days_of_a_lot(three_days):
     assert [day.day for day in series.days] == [date(2026, 8, 10), date(2026, 8, 12), date(2026, 8, 15)]
     assert [(day.fruit, day.left_out) for day in series.days] == [(6, 2)] * 3
     assert series.days[-1].E_MPa < 0.8
-    assert "E falls by" in series.softening.words
+    assert "E falls by" in series.softening_words
     (ready,) = series.limits
     assert "2026-08-" in ready.words
     assert len(entry.alarms) == 1
