@@ -13,24 +13,37 @@ from reports.entries import ReferenceBodyEntry
 
 
 @dataclass(frozen=True, kw_only=True)
+class LotStatistics:
+    """Of n fruit, E in MPa: percentiles are of 10, 25, 50, 75 and 90 %; `sd_MPa` and `needed` are None of one
+    fruit. `needed`: fruit from which the half-width of the mean's 90 % interval is at most the stated share
+    of the mean, if their spread is this one; None where that is out of reach.
+    """
+
+    n: int
+    mean_MPa: float
+    sd_MPa: float | None
+    percentiles_MPa: tuple[float, ...]
+    needed: int | None
+
+
+@dataclass(frozen=True, kw_only=True)
 class DayEntry:
     """One lot on one day: its fruit, their geometric mean, and the interval of that mean (90 %, MPa)."""
 
     day: date
-    fruit: int
     left_out: int
     """Fruit that are not graded, or in doubt."""
     E_MPa: float
     E_low_MPa: float
     E_high_MPa: float
-    single_E_MPa: tuple[float, ...] = ()
-    temperature_C: float | None = None
-    mean_MPa: float | None = None
-    sd_MPa: float | None = None
-    percentiles_MPa: tuple[float, ...] = ()
-    """10, 25, 50, 75 and 90 %."""
-    needed: int | None = None
-    """Fruit that the mean needs for the stated precision."""
+    single_E_MPa: tuple[float, ...]
+    temperature_C: float | None
+    statistics: LotStatistics
+
+    @property
+    def fruit(self) -> int:
+        """How many count."""
+        return self.statistics.n
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -9,6 +9,7 @@ from typing import Any
 
 from pipeline.batch.input_names import RECORDINGS, is_of_the_system, names_in, ready_mesh, reserved
 from pipeline.files.manifest import claim, enter, remove, writing_alone
+from pipeline.files.plain_file import stands
 from pipeline.files.whole_file import put, sweep
 from recon.cameras.photos import photo_paths
 from recon.cameras.unused_photos import unused_photos
@@ -69,7 +70,7 @@ class FruitFolder:
 
     def unused_photos(self) -> list[str]:
         """Sentences on files in the folders of photos that are not used; none where a mesh is their shape."""
-        if _stands(self.fruit_ply):
+        if stands(self.fruit_ply):
             return []
         places = (self.photos, self.photos_flipped)
         return [f"{place.name}/: {said}" for place in places for said in unused_photos(place)]
@@ -97,7 +98,7 @@ class FruitFolder:
 
     def without_shape(self) -> bool:
         """Whether there is no mesh and no photo, and bare plates squeezed it: its diameters are its shape."""
-        if _stands(self.fruit_ply) or _stands(self.photos) or self.raw_grasp_folders():
+        if stands(self.fruit_ply) or stands(self.photos) or self.raw_grasp_folders():
             return False
         files = self.grasp_files()
         named = [path for path in files if path.suffix.lower() == ".h5"]
@@ -268,7 +269,3 @@ def write_whole(path: Path, content: bytes | str) -> None:
     with writing_alone(path.parent):
         enter(path, data)
         put(path, data)
-
-
-def _stands(path: Path) -> bool:
-    return path.is_symlink() or path.exists()

@@ -25,7 +25,15 @@ from pipeline.batch.settings import (
     batch_around,
     read_settings,
 )
-from pipeline.files.plain_file import NO_LFS_FILE, NotReadable, json_of, not_plain, read_text, toml_of
+from pipeline.files.plain_file import (
+    NO_LFS_FILE,
+    NotReadable,
+    json_of,
+    not_plain,
+    read_text,
+    stands,
+    toml_of,
+)
 from pipeline.problem import BatchRefused, Problem, listed, nearest, refused
 from pipeline.safe_start import elsewhere
 from recon.cameras.printed_mat import Mat, parse_mat
@@ -111,7 +119,7 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Batch:
     rows, mat, unscaled = tuple[FruitRow, ...](), None, list[Problem]()
     listed = root.is_dir() and batch_around(root) is None
     if listed:
-        if choose is None or _stands(folder.table):
+        if choose is None or stands(folder.table):
             units, empty = settings.columns, choose is not None
             table = _gather(problems, lambda: read_fruits(folder.table, units=units, may_be_empty=empty))
             listed = table is not None
@@ -119,7 +127,7 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Batch:
             problems += faults
         if choose is not None and listed:
             rows = choose(folder, rows)
-        if _stands(folder.mat):
+        if stands(folder.mat):
             mat = _gather(problems, lambda: read_mat(folder.mat))
         elif rows:
             unscaled = _without_scale(folder, rows)
@@ -170,10 +178,6 @@ def unlisted_fruit(folder: BatchFolder, rows: Sequence[FruitRow]) -> list[FruitR
     """Of folders in fruits/ that the table does not name, in the order of their names."""
     known = {row.fruit_id for row in rows}
     return [FruitRow(fruit_id=name) for name in fruit_folders(folder) if name not in known]
-
-
-def _stands(path: Path) -> bool:
-    return path.is_symlink() or path.exists()
 
 
 def _implausible(
@@ -350,7 +354,7 @@ def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, .
             if effect.spec.of_the_pit and row.fruit_id in (effect.fruits or ())
         ]
         pit = folder.fruit(row.fruit_id).pit_ply
-        if _stands(pit):
+        if stands(pit):
             sentence = (
                 "gives a pit for a reference body, which must be solid; remove the file, or use another body."
             )

@@ -2,7 +2,7 @@
 
 import json
 import platform
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
 from importlib import metadata
 from pathlib import Path
@@ -38,43 +38,10 @@ def _inside(path: Path, root: Path) -> str:
     return (path.absolute() if around is None else path.relative_to(around)).as_posix()
 
 
-def write_provenance(
-    path: Path,
-    *,
-    batch: str,
-    settings: Mapping[str, Any],
-    inputs: Mapping[str, str],
-    started: datetime,
-    finished: datetime | None,
-    exit_status: int | None,
-    outcomes: Mapping[str, str],
-    reference: Mapping[str, Any] | None = None,
-    force: bool = False,
-    screened: bool = True,
-    faults: Sequence[Mapping[str, Any]] = (),
-) -> None:
-    """Writes batch.json; times are UTC in ISO 8601. `batch`: its folder; `finished` and `exit_status` are
-    None while the run goes on; `reference`: what the reference bodies say, if any; `force`: whether numbers
-    that no fruit has were graded all the same; `screened`: whether fruit were screened for missing physics;
-    `faults`: what sensors or jaws have wrong in the whole batch.
-    """
-    content = {
-        "format": FORMAT,
-        "version": 1,
-        "batch": batch,
-        "versions": versions(),
-        "settings": settings,
-        "inputs": inputs,
-        "started_utc": utc_text(started),
-        "finished_utc": None if finished is None else utc_text(finished),
-        "exit_status": exit_status,
-        "force": force,
-        "screened": screened,
-        "faults": list(faults),
-        "outcomes": outcomes,
-        **({} if reference is None else {"reference": reference}),
-    }
-    write_whole(path, json.dumps(content, indent=1, default=str) + "\n")
+def write_provenance(path: Path, content: Mapping[str, Any]) -> None:
+    """Writes batch.json: this content (docs/formats.md) and the versions that made it."""
+    whole = {"format": FORMAT, "version": 1, "versions": versions(), **content}
+    write_whole(path, json.dumps(whole, indent=1, default=str) + "\n")
 
 
 def read_provenance(results: Results) -> dict[str, Any] | None:

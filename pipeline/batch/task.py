@@ -99,7 +99,7 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results, *, screen: bool = 
             row.height_mm,
             *([row.diameters, row.axis, row.pit_share] if folder.without_shape() else []),
             *folder.unused_photos(),
-            *[unused_file.sentence for unused_file in unused_of_fruit(folder)],
+            *[problem.sentence for problem in unused_of_fruit(folder)],
             category,
             repr(body),
             repr(prior),

@@ -7,14 +7,13 @@ import os
 import unicodedata
 from collections import defaultdict
 from collections.abc import Collection, Iterable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.input_names import MESHES, RECORDINGS, is_of_the_system, names_in
 from pipeline.batch.layout import BatchFolder, FruitFolder, raw_grasp_files
 from pipeline.files.plain_file import not_plain
-from pipeline.problem import listed
+from pipeline.problem import Problem, listed
 from recon.cameras.photos import SUFFIXES as PHOTOS
 
 ADVICE = {
@@ -48,16 +47,8 @@ MOST_NAMED = 3
 """Files that one sentence names."""
 
 
-@dataclass(frozen=True)
-class UnusedFile:
-    """The place of the first of some files that nothing reads, and the sentence on all of them."""
-
-    path: Path
-    sentence: str
-
-
-def unused_of_fruit(folder: FruitFolder) -> list[UnusedFile]:
-    """Files of a fruit's folder that look like inputs and are not used."""
+def unused_of_fruit(folder: FruitFolder) -> list[Problem]:
+    """Remarks on files of a fruit's folder that look like inputs and are not used; each names the first."""
     unused = [(path, why) for path in _files_in(folder.root) if (why := _why(path))]
     if folder.fruit_ply.suffix.lower() == ".obj":  # its texture
         unused = [(path, why) for path, why in unused if path.suffix.lower() not in PHOTOS]
@@ -75,7 +66,7 @@ def unused_of_fruit(folder: FruitFolder) -> list[UnusedFile]:
     return _in_sentences(unused, folder.input_files()) if unused else []
 
 
-def unused_of_batch(folder: BatchFolder, used: Collection[Path]) -> list[UnusedFile]:
+def unused_of_batch(folder: BatchFolder, used: Collection[Path]) -> list[Problem]:
     """The same of the batch's own folder and of fruits/, outside the folders of single fruit. `used`: files
     that the settings name.
     """
@@ -92,29 +83,23 @@ def unused_of_batch(folder: BatchFolder, used: Collection[Path]) -> list[UnusedF
     return _in_sentences(unused, [*used, *_of_raw_grasps(folder)]) if unused else []
 
 
-def unused_inputs(folder: BatchFolder, fruit_ids: Iterable[str], used: Collection[Path]) -> list[UnusedFile]:
-    """The same of the batch and of all its fruit."""
-    fruit = [unused_file for fruit_id in fruit_ids for unused_file in unused_of_fruit(folder.fruit(fruit_id))]
-    return [*unused_of_batch(folder, used), *fruit]
-
-
 def _why(path: Path) -> str:
     return ADVICE.get(path.suffix.lower(), "")
 
 
-def _in_sentences(unused: Iterable[tuple[Path, str]], used: Iterable[Path]) -> list[UnusedFile]:
+def _in_sentences(unused: Iterable[tuple[Path, str]], used: Iterable[Path]) -> list[Problem]:
     """One sentence for all files of a folder with one cause."""
     known = {os.path.realpath(path) for path in used}
     causes: dict[tuple[Path, str], list[Path]] = defaultdict(list)
     for path, why in unused:
         if os.path.realpath(path) not in known:
             causes[path.parent, why].append(path)
-    return [UnusedFile(paths[0], _sentence(paths, why)) for (_, why), paths in causes.items()]
-
-
-def _sentence(paths: list[Path], why: str) -> str:
-    names = listed([path.name for path in paths], MOST_NAMED)
-    return f"{names} {'is' if len(paths) == 1 else 'are'} not used: {why}."
+    problems = []
+    for (_, why), paths in causes.items():
+        names = listed([path.name for path in paths], MOST_NAMED)
+        sentence = f"{names} {'is' if len(paths) == 1 else 'are'} not used: {why}."
+        problems.append(Problem(str(paths[0]), sentence, remark=True))
+    return problems
 
 
 def _files_in(folder: Path) -> Iterator[Path]:

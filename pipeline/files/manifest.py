@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.files.lock_file import WAIT_S, lock_of
-from pipeline.files.plain_file import NotReadable, json_of, read_text
+from pipeline.files.plain_file import NotReadable, json_of, read_text, stands
 from pipeline.files.whole_file import NotWritten, put
 
 MANIFEST = ".written.json"
@@ -57,13 +57,9 @@ def in_the_way(targets: Iterable[Path]) -> Iterator[Path]:
         if folder.is_symlink():
             yield folder
             continue
-        if not is_claimed(folder) and _stands(folder / MANIFEST):
+        if not is_claimed(folder) and stands(folder / MANIFEST):
             yield folder / MANIFEST
-        yield from (path for path in paths if _stands(path) and not is_ours(path))
-
-
-def _stands(path: Path) -> bool:
-    return path.is_symlink() or path.exists()
+        yield from (path for path in paths if stands(path) and not is_ours(path))
 
 
 def json_in(path: Path) -> Any:
@@ -131,7 +127,7 @@ def why_damaged(path: Path) -> str:
     """Why a file in a folder with a list does not hold what drupe wrote there, a sentence without its end;
     empty where it does, and where the folder has no list (of an earlier version, or copied without it).
     """
-    if not is_claimed(path.parent) and _stands(path.parent / MANIFEST):
+    if not is_claimed(path.parent) and stands(path.parent / MANIFEST):
         return f"cannot be checked: {MANIFEST} beside it, with the SHA-256 of what drupe wrote, is damaged"
     listed = _read(path.parent)
     if listed is None or (_is_plain(path) and _hash(path) in listed.get(path.name, [])):
@@ -147,7 +143,7 @@ def enter(path: Path, data: bytes) -> None:
     if listed is None:
         return
     present = []
-    if _stands(path):
+    if stands(path):
         if not is_ours(path):
             raise NotOurs(path, OSError(errno.EEXIST, os.strerror(errno.EEXIST)))
         present = [_hash(path)]

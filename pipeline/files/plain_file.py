@@ -59,6 +59,11 @@ def not_plain(path: Path) -> str:
     return _kind(mode)
 
 
+def stands(path: Path) -> bool:
+    """Whether anything has this name, a link that leads nowhere among it."""
+    return path.is_symlink() or path.exists()
+
+
 def named_in_utf8(path: Path) -> bool:
     """Whether a file's own name is text: on Linux it can be any bytes, which tables and pages cannot hold."""
     return not any(_undecoded(c) for c in path.name)

@@ -53,7 +53,7 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
     outcome, reason = Outcome.GRADED.code, ""
     task.results.claim()
     task.results.forget()
-    log.warnings += [printable(unused_file.sentence) for unused_file in unused_of_fruit(task.folder)]
+    log.warnings += [printable(problem.sentence) for problem in unused_of_fruit(task.folder)]
     with threadpool_limits(1):
         try:
             if task.folder.without_shape():

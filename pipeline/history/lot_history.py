@@ -137,7 +137,6 @@ def _day_entry(
     day: date, batches: Sequence[StoredBatch], law: Softening | None, *, precision: float
 ) -> DayEntry:
     E_MPa = [fruit.E_MPa for fruit in _fitted(batches)]
-    statistics = lot_statistics(E_MPa, precision=precision)
     logs = np.log(E_MPa)
     single_sd = law.fruit_sd if law else (float(logs.std(ddof=1)) if len(logs) > 1 else UNKNOWN_SPREAD)
     half = QUANTILE * single_sd / math.sqrt(len(logs))
@@ -146,17 +145,13 @@ def _day_entry(
     temperatures = [batch.temperature_C for batch in batches if batch.temperature_C is not None]
     return DayEntry(
         day=day,
-        fruit=len(E_MPa),
         left_out=graded + sum(len(batch.lost) for batch in batches) - len(E_MPa),
         E_MPa=mean,
         E_low_MPa=low,
         E_high_MPa=high,
         single_E_MPa=tuple(E_MPa),
         temperature_C=float(np.mean(temperatures)) if temperatures else None,
-        mean_MPa=statistics.mean_MPa,
-        sd_MPa=statistics.sd_MPa,
-        percentiles_MPa=statistics.percentiles_MPa,
-        needed=statistics.needed,
+        statistics=lot_statistics(E_MPa, precision=precision),
     )
 
 

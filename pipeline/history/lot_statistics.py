@@ -8,7 +8,6 @@ interval of Clopper and Pearson (Biometrika 26, 1934, 404). Two lots are compare
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
@@ -17,7 +16,7 @@ from scipy.stats import binomtest, ttest_ind
 from scipy.stats import t as student
 
 from pipeline.history.softening import COVERAGE
-from reports.history_entries import DifferenceEntry
+from reports.history_entries import DifferenceEntry, LotStatistics
 
 PERCENTILES = (10, 25, 50, 75, 90)
 """Of the fruit of a lot, in per cent: a tenth at either end, quartiles and the median."""
@@ -25,20 +24,6 @@ FAR_SD, NEAR_SD = 3.0, 2.0
 """Action and warning limits of a Shewhart chart (Montgomery, Introduction to Statistical Quality Control)."""
 MOST_FRUIT = 10_000
 """Beyond which no number of fruit is stated: it says that the precision is out of reach."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class LotStatistics:
-    """E in MPa; `sd_MPa` and `needed` are None of one fruit. `needed`: fruit from which the half-width of the
-    mean's 90 % interval is at most the stated share of the mean, if their spread is this one; None beyond
-    MOST_FRUIT.
-    """
-
-    n: int
-    mean_MPa: float
-    sd_MPa: float | None
-    percentiles_MPa: tuple[float, ...]
-    needed: int | None
 
 
 def lot_statistics(E_MPa: Sequence[float], *, precision: float) -> LotStatistics:
@@ -88,25 +73,21 @@ def class_ranges(
 
 def lot_differences(E_MPa: Mapping[str, Sequence[float]]) -> list[DifferenceEntry]:
     """All pairs of lots with at least two fruit each, with 90 % intervals, and p by Holm's method."""
+    from statsmodels.stats.multitest import multipletests  # slow to import
+
     pairs = []
     for first, second in combinations([name for name, E in E_MPa.items() if len(E) > 1], 2):
         welch = ttest_ind(E_MPa[first], E_MPa[second], equal_var=False)
         interval = welch.confidence_interval(COVERAGE)
         difference = float(np.mean(E_MPa[first]) - np.mean(E_MPa[second]))
         pairs.append((first, second, difference, interval.low, interval.high, float(welch.pvalue)))
-    adjusted = _holm([pair[-1] for pair in pairs])
+    if not pairs:
+        return []
+    adjusted = multipletests([pair[-1] for pair in pairs], method="holm")[1].tolist()
     return [
         DifferenceEntry(first=a, second=b, difference_MPa=d, low_MPa=float(low), high_MPa=float(high), p=p)
         for (a, b, d, low, high, _), p in zip(pairs, adjusted, strict=True)
     ]
-
-
-def _holm(p: Sequence[float]) -> list[float]:
-    order = np.argsort(p)
-    steps = np.maximum.accumulate(np.asarray(p)[order] * np.arange(len(p), 0, -1))
-    adjusted = np.empty(len(p))
-    adjusted[order] = np.minimum(steps, 1.0)
-    return [float(p_value) for p_value in adjusted]
 
 
 def out_of_control(z: Float[np.ndarray, " n"]) -> str:

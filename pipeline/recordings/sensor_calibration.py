@@ -8,10 +8,8 @@ from typing import Any
 import numpy as np
 
 from pipeline.batch.scratch import scratch
-from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
 from pipeline.files.plain_file import NotReadable, read_text, toml_of
 from pipeline.files.toml_text import as_toml
-from pipeline.files.whole_file import put
 from pipeline.problem import refused
 from pipeline.recordings.description_file import MOST_BYTES, DescriptionKind, frame_progress
 from tactile.from_frames import recording_of
@@ -42,28 +40,18 @@ def calibrate(
         raise refused(sensor, what)
     described = _described(sensor)
     described["calibrated_on"] = today.isoformat()
-    _require_apart(sensor, out, load_cell)
+    folders = [load_cell] if load_cell.is_dir() else []
+    CALIBRATED.require_place(out, inputs=[sensor, load_cell], folders=folders)
     with scratch() as folder:
         stage = folder / out.name
         stage.write_text(as_toml(described), encoding="utf-8")
         said = _stiffness(stage, described, load_cell, report)
-        stage.write_text(as_toml(described), encoding="utf-8")
-        read_sensor(stage)
-        put(out, f"{CALIBRATED.first_line}\n{stage.read_text(encoding='utf-8')}".encode())
+    CALIBRATED.put(out, described, read_sensor)
     dated = (
         f"dated {today}: write calibrated_on = {today} under [sensor] in batch.toml, where calibration_days "
         "limits its age"
     )
     return said, dated
-
-
-def _require_apart(sensor: Path, out: Path, load_cell: Path) -> None:
-    """What is read stays as it is, and so does what somebody else wrote."""
-    if out.is_dir():
-        raise refused(out, "is a folder; give the name of a file that ends in .toml.")
-    folders = [load_cell] if load_cell.is_dir() else []
-    require_file_apart(out, inputs=[sensor, load_cell], folders=folders)
-    require_new_or_ours(out, CALIBRATED.is_ours, CALIBRATED.called)
 
 
 def _described(sensor: Path) -> dict[str, Any]:

@@ -14,7 +14,7 @@ from typing import Any
 
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import Batch
-from pipeline.batch.provenance import read_provenance, write_provenance
+from pipeline.batch.provenance import read_provenance, utc_text, write_provenance
 from pipeline.batch.write_guard import require_free
 from pipeline.files.plain_file import printable
 from pipeline.problem import listed, refused
@@ -84,21 +84,23 @@ class BatchRun:
         finding: ReferenceFinding | None = None,
         faults: Sequence[BatchFault] = (),
     ) -> None:
-        """batch.json, with what fruit came to so far; `status` is None before the end. Raises NotWritten."""
-        write_provenance(
-            self.results.provenance,
-            batch=batch_folder(self.batch),
-            settings=self.batch.settings.model_dump(mode="json"),
-            inputs=self.inputs,
-            started=self.started,
-            finished=None if status is None else self.until_now(),
-            exit_status=status,
-            outcomes=outcomes,
-            reference=None if finding is None else asdict(finding),
-            force=self.force,
-            screened=self.screen,
-            faults=[asdict(fault) for fault in faults],
-        )
+        """batch.json, with what fruit came to so far; `status` is None before the end. Times are UTC in ISO
+        8601. Raises NotWritten.
+        """
+        content = {
+            "batch": batch_folder(self.batch),
+            "settings": self.batch.settings.model_dump(mode="json"),
+            "inputs": self.inputs,
+            "started_utc": utc_text(self.started),
+            "finished_utc": None if status is None else utc_text(self.until_now()),
+            "exit_status": status,
+            "force": self.force,
+            "screened": self.screen,
+            "faults": [asdict(fault) for fault in faults],
+            "outcomes": outcomes,
+        }
+        reference = {} if finding is None else {"reference": asdict(finding)}
+        write_provenance(self.results.provenance, content | reference)
 
 
 def batch_folder(batch: Batch) -> str:

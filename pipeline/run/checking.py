@@ -23,7 +23,7 @@ from pipeline.batch.plausible_numbers import (
 )
 from pipeline.batch.reference_body import category_of
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
-from pipeline.batch.unused_files import unused_inputs
+from pipeline.batch.unused_files import unused_of_batch, unused_of_fruit
 from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories, size_doubts
 from pipeline.fruit.fruit_shape import measured
 from pipeline.fruit.input_doubts import of_a_given_pit
@@ -62,7 +62,10 @@ def check(root: Path, *, quick: bool = False) -> tuple[Problem, ...]:
     fruit = [problem for checked_fruit in each for problem in checked_fruit.problems(quick=quick)]
     if not batch.listed:
         return (*batch.problems, *fruit)
-    of_batch = [*_of_settings(batch), *_strays(batch), *_unused(batch)]
+    folder = batch.folder
+    unused = unused_of_batch(folder, named_files(folder, batch.settings))
+    unused += [problem for name in batch.row_of for problem in unused_of_fruit(folder.fruit(name))]
+    of_batch = [*_of_settings(batch), *_strays(batch), *unused]
     return (*batch.problems, *of_batch, *fruit, *_in_two_fruit(batch, read))
 
 
@@ -314,8 +317,3 @@ def _strays(batch: Batch) -> tuple[Problem, ...]:
         for name in fruit_folders(batch.folder)
         if name not in batch.row_of
     )
-
-
-def _unused(batch: Batch) -> list[Problem]:
-    unused = unused_inputs(batch.folder, batch.row_of, named_files(batch.folder, batch.settings))
-    return [Problem(str(unused_file.path), unused_file.sentence, remark=True) for unused_file in unused]

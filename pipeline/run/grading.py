@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable, Collection
 from contextlib import closing, suppress
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from pipeline.batch.unused_files import unused_of_batch
 from pipeline.batch.write_guard import require_results_place
 from pipeline.exit_status import INTERRUPTED, USAGE
 from pipeline.files.whole_file import NotWritten, sweep
-from pipeline.problem import BatchRefused, Problem, refused
+from pipeline.problem import BatchRefused, refused
 from pipeline.ranking.run_summary import decimals
 from pipeline.run.batch_run import BatchRun, GradeOptions, utc_now
 from pipeline.run.engines import WorkPlace, cluster_of
@@ -159,10 +160,8 @@ def say_begun(queue: FruitQueue, run: BatchRun, console: Console) -> None:
         kept = f"{len(queue.kept)} of {len(batch.rows)} fruit unchanged since the last run"
         console.print(kept, highlight=False)
     unused = unused_of_batch(batch.folder, named_files(batch.folder, batch.settings))
-    lines = [
-        str(Problem(str(unused_file.path.relative_to(batch.folder.root)), unused_file.sentence))
-        for unused_file in unused
-    ]
+    root = f"{batch.folder.root}/"
+    lines = [str(replace(problem, file=problem.file.removeprefix(root))) for problem in unused]
     more = len(lines) - MOST_UNUSED_SAID
     lines[MOST_UNUSED_SAID:] = [f"and {more} more: `drupe check` lists all"] if more > 0 else []
     for line in lines:
@@ -185,30 +184,20 @@ def _engine(
     )
 
 
-def _processes(todo: Collection[FruitFolder], options: GradeOptions, console: Console) -> Engine:
+def _processes(todo: Collection[FruitFolder], options: GradeOptions, console: Console) -> LocalPool:
     """Processes of this machine, each with its share of the memory that is free now as its limit; raises
     BatchRefused where memory holds no fruit.
     """
-    need_MiB = _per_fruit_MiB(todo)
-    fit = _jobs(todo, options.jobs, console)
-    free_MiB = free_memory_MiB()
-    most_MiB = None if free_MiB is None else share_MiB(min(fit, len(todo)), need_MiB, free_MiB=free_MiB)
-    return LocalPool(jobs=fit, time_limit_s=options.time_limit_s, most_MiB=most_MiB)
-
-
-def _jobs(todo: Collection[FruitFolder], jobs: int, console: Console) -> int:
-    """As many fruit at once as asked for, or as memory holds; raises BatchRefused where it holds none."""
-    free_MiB = free_memory_MiB()
+    free_MiB, need_MiB = free_memory_MiB(), _per_fruit_MiB(todo)
     if free_MiB is None:
-        return jobs
-    need_MiB = _per_fruit_MiB(todo)
+        return LocalPool(jobs=options.jobs, time_limit_s=options.time_limit_s)
     if free_MiB < LEAST_MIB:
         sentence = (
             f"has {free_MiB:.0f} MiB of free memory, but one fruit needs about {need_MiB:.0f} MiB; "
             "close other programs, or raise the container's limit."
         )
         raise refused("this machine", sentence)
-    wanted = min(jobs, len(todo))
+    wanted = min(options.jobs, len(todo))
     fit = jobs_that_fit(wanted, per_fruit_MiB=need_MiB, free_MiB=free_MiB)
     if fit < wanted:
         console.print(
@@ -216,7 +205,8 @@ def _jobs(todo: Collection[FruitFolder], jobs: int, console: Console) -> int:
             f"one fruit needs about {need_MiB:.0f} MiB",
             highlight=False,
         )
-    return fit
+    most_MiB = share_MiB(fit, need_MiB, free_MiB=free_MiB)
+    return LocalPool(jobs=fit, time_limit_s=options.time_limit_s, most_MiB=most_MiB)
 
 
 def _per_fruit_MiB(todo: Collection[FruitFolder]) -> float:

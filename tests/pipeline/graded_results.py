@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 
 from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import Results
-from pipeline.batch.provenance import write_provenance
+from pipeline.batch.provenance import utc_text, write_provenance
 from pipeline.batch.records import FruitRecord, ModulusRecord, write_record
 
 
@@ -53,18 +53,18 @@ def results_of(out, records, *, day="2026-08-10", status=0, inputs=None, **setti
         folder.claim()
         write_record(folder.record, record)
     at = datetime.fromisoformat(f"{day}T12:00:00").replace(tzinfo=UTC)
-    write_provenance(
-        results.provenance,
-        batch=str(out.parent),
-        settings={"category": "nectarine", **settings},
-        inputs=inputs
+    content = {
+        "batch": str(out.parent),
+        "settings": {"category": "nectarine", **settings},
+        "inputs": inputs
         or {
             f"fruits/{fruit_record.fruit_id}/grasps/a.h5": f"{day}{out}{fruit_record.fruit_id}"
             for fruit_record in records
         },
-        started=at,
-        finished=at,
-        exit_status=status,
-        outcomes={fruit_record.fruit_id: fruit_record.outcome for fruit_record in records},
-    )
+        "started_utc": utc_text(at),
+        "finished_utc": utc_text(at),
+        "exit_status": status,
+        "outcomes": {fruit_record.fruit_id: fruit_record.outcome for fruit_record in records},
+    }
+    write_provenance(results.provenance, content)
     return out

@@ -21,6 +21,7 @@ from pipeline.batch.scratch import PREFIX, scratch
 from pipeline.files.whole_file import MARK, NotWritten, put, sweep
 from pipeline.problem import BatchRefused
 from pipeline.run import grading, runner
+from pipeline.run.batch_run import GradeOptions
 from pipeline.run.memory import free_memory_MiB, jobs_that_fit
 
 
@@ -205,11 +206,12 @@ def test_so_many_fruit_at_once_as_memory_holds(monkeypatch):
     said = []
     console = SimpleNamespace(print=lambda text, **_: said.append(text))
     monkeypatch.setattr(grading, "free_memory_MiB", lambda: 3200.0)
-    assert grading._jobs([photos] * 4, 4, console) == 2
+    four = GradeOptions(jobs=4, time_limit_s=600)
+    assert grading._processes([photos] * 4, four, console).at_once == 2
     assert said[0].startswith("2 fruit at a time instead of 4: 3200 MiB of memory are free")
     monkeypatch.setattr(grading, "free_memory_MiB", lambda: 200.0)
     with pytest.raises(BatchRefused, match=r"has 200 MiB of free memory, but one fruit needs about 1500 MiB"):
-        grading._jobs([photos], 1, console)
+        grading._processes([photos], four, console)
 
 
 def test_a_folder_of_a_file_system_without_locks_is_written_into(tmp_path, monkeypatch):

@@ -112,7 +112,8 @@ def test_what_settings_and_raw_grasps_name_is_used(tmp_path):
     (raw / "grasp.toml").write_text('[pads.left]\nframes = "../../../../left.avi"\n')
     for name in ("left.avi", "pit.stl", "right.avi"):
         (tmp_path / name).touch()
-    said = [unused.path.name for unused in unused_of_batch(BatchFolder(tmp_path), {tmp_path / "pit.stl"})]
+    unused = unused_of_batch(BatchFolder(tmp_path), {tmp_path / "pit.stl"})
+    said = [Path(problem.file).name for problem in unused]
     assert said == ["right.avi"]
 
 
@@ -121,7 +122,7 @@ def test_the_exact_name_comes_before_others_and_ply_before_stl(tmp_path):
         (tmp_path / name).touch()
     folder = FruitFolder(tmp_path)
     assert folder.fruit_ply.name == "Fruit.PLY"
-    assert [unused.path.name for unused in unused_of_fruit(folder)] == ["FRUIT.obj"]
+    assert [Path(unused.file).name for unused in unused_of_fruit(folder)] == ["FRUIT.obj"]
     (tmp_path / "fruit.ply").touch()
     assert folder.fruit_ply.name == "fruit.ply"
     (said,) = unused_of_fruit(folder)
