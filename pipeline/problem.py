@@ -1,11 +1,14 @@
 """What is wrong with a batch, said so that staff can mend it."""
 
 import difflib
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from pipeline.files.plain_file import printable
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -41,6 +44,15 @@ class BatchRefused(Exception):
 def refused(place: Path | str, sentence: str) -> BatchRefused:
     """The refusal for one problem, of a file or an option."""
     return BatchRefused([Problem(str(place), sentence)])
+
+
+def gathered(problems: list[Problem], read: Callable[[], T]) -> T | None:
+    """What `read` gives; where it is refused None, and its problems are added to the others."""
+    try:
+        return read()
+    except BatchRefused as refusal:
+        problems.extend(refusal.problems)
+        return None
 
 
 def nearest(written: str, known: Iterable[str], otherwise: str, *, cutoff: float = 0.6) -> str:

@@ -176,36 +176,27 @@ def effects_on(effects: Iterable[ConfirmedEffect], fruit_id: str) -> tuple[Confi
 
 def faults(effects: Iterable[ConfirmedEffect]) -> tuple[Fault, ...]:
     """What is wrong with the recordings of the jaws, to be taken out of every one of them."""
-    return tuple(
-        _FAULTS[effect.spec.correction](effect)
-        for effect in effects
-        if effect.spec.enters is Entry.RECORDING and effect.spec.correction is not None
-    )
+    jaw_faults = []
+    for effect in effects:
+        if effect.spec.enters is Entry.RECORDING and effect.spec.correction is not None:
+            names = [parameter.name for parameter in effect.spec.parameters]
+            fields = {name.removeprefix("creep_"): effect.parameters[name] for name in names}
+            jaw_faults.append(_FAULTS[effect.spec.correction](**fields))
+    return tuple(jaw_faults)
 
 
-def _pose_fault(effect: ConfirmedEffect) -> PoseFault:
-    x, y = effect.vector("shift_mm")
-    return PoseFault(pad=effect.pad, shift_mm=(x, y), tilt_deg=effect.number("tilt_deg"))
-
-
-_FAULTS: dict[Correction, Callable[[ConfirmedEffect], Fault]] = {
-    Correction.FORCE_GAIN: lambda effect: GainFault(pad=effect.pad, gain=effect.number("gain")),
-    Correction.FORCE_DRIFT: lambda effect: DriftFault(
-        pad=effect.pad, newton_per_s=effect.number("newton_per_s")
-    ),
-    Correction.JAW_COMPLIANCE: lambda effect: ComplianceFault(mm_per_N=effect.number("mm_per_N")),
-    Correction.CLOCK_LAG: lambda effect: LagFault(lag_s=effect.number("lag_s")),
-    Correction.PAD_POSE: _pose_fault,
-    Correction.FORCE_LAW: lambda effect: ForceLawFault(a=effect.number("a")),
-    Correction.GEL_CREEP: lambda effect: GelCreepFault(
-        creep=effect.number("creep"), tau_s=effect.number("creep_tau_s")
-    ),
-    Correction.GEL_HYSTERESIS: lambda effect: GelHysteresisFault(share=effect.number("share")),
-    Correction.THERMAL_DRIFT: lambda effect: ThermalFault(
-        strain_per_root_s=effect.number("strain_per_root_s"), N_per_root_s=effect.number("N_per_root_s")
-    ),
+_FAULTS: dict[Correction, Callable[..., Fault]] = {
+    Correction.FORCE_GAIN: GainFault,
+    Correction.FORCE_DRIFT: DriftFault,
+    Correction.JAW_COMPLIANCE: ComplianceFault,
+    Correction.CLOCK_LAG: LagFault,
+    Correction.PAD_POSE: PoseFault,
+    Correction.FORCE_LAW: ForceLawFault,
+    Correction.GEL_CREEP: GelCreepFault,
+    Correction.GEL_HYSTERESIS: GelHysteresisFault,
+    Correction.THERMAL_DRIFT: ThermalFault,
 }
-"""How a recording is put right for each correction that enters there."""
+"""What is taken out of a recording for each correction; its fields are the parameters of the effect."""
 
 
 def in_words(effects: Iterable[ConfirmedEffect]) -> str:

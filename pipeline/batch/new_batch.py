@@ -11,9 +11,10 @@ from pathlib import Path
 
 from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.layout import BatchFolder, CaseFolder, FruitFolder, in_order
-from pipeline.batch.opening import own_files
+from pipeline.batch.named_priors import own_files
 from pipeline.batch.scratch import moved_in, scratch
-from pipeline.batch.settings import Settings, read_settings
+from pipeline.batch.settings import Settings
+from pipeline.batch.settings_file import read_settings
 from pipeline.files.plain_file import not_plain
 from pipeline.files.toml_text import as_toml, toml_value
 from pipeline.files.whole_file import NotWritten

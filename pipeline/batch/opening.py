@@ -6,25 +6,18 @@ from contextlib import suppress
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TypeVar
 
 from pydantic import ValidationError
 
 from pipeline.batch.fruits_table import SAFE_ID, FruitRow, read_fruits
 from pipeline.batch.input_names import is_of_the_system
 from pipeline.batch.layout import BatchFolder, FruitFolder
+from pipeline.batch.named_priors import as_named, read_priors, without_pit
 from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doubts
 from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import rig_problems
-from pipeline.batch.settings import (
-    MOST_BYTES,
-    NO_PIT,
-    Grading,
-    Recon,
-    Settings,
-    batch_around,
-    read_settings,
-)
+from pipeline.batch.settings import Grading, Recon, Settings
+from pipeline.batch.settings_file import MOST_BYTES, batch_around, read_settings
 from pipeline.files.plain_file import (
     NO_LFS_FILE,
     NotReadable,
@@ -34,25 +27,12 @@ from pipeline.files.plain_file import (
     stands,
     toml_of,
 )
-from pipeline.problem import BatchRefused, Problem, listed, nearest, refused
+from pipeline.problem import BatchRefused, Problem, gathered, nearest, refused
 from pipeline.safe_start import elsewhere
 from recon.cameras.printed_mat import Mat, parse_mat
 from recon.learned.onnx_file import require_onnx
-from recon.pit.placement import load_pit
-from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior, known_categories, load_prior
+from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior, load_prior
 from recon.recon_failure import ReconFailure
-from recon.surface.mesh_file import SUFFIXES
-
-T = TypeVar("T")
-_NO_POISSON_RATIO = (
-    'Poisson\'s ratio of the flesh is unknown for the category "{}"; add poisson_ratio to '
-    "batch.toml, for example poisson_ratio = 0.45."
-)
-_NO_PITS = (
-    'the category "{}" has no default pit, and {} no pit.ply. Add pit.ply beside fruit.ply, or '
-    'set [pit] prior to a file such as "core.toml" (or STL, PLY, OBJ in mm). For fruit without a '
-    'pit, set prior = "none".'
-)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,21 +94,21 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Batch:
     """
     folder = BatchFolder(root)
     problems: list[Problem] = []
-    read = _gather(problems, lambda: read_settings(folder.settings))
+    read = gathered(problems, lambda: read_settings(folder.settings))
     settings = _salvaged(folder) if read is None else read
     rows, mat, unscaled = tuple[FruitRow, ...](), None, list[Problem]()
     listed = root.is_dir() and batch_around(root) is None
     if listed:
         if choose is None or stands(folder.table):
             units, empty = settings.columns, choose is not None
-            table = _gather(problems, lambda: read_fruits(folder.table, units=units, may_be_empty=empty))
+            table = gathered(problems, lambda: read_fruits(folder.table, units=units, may_be_empty=empty))
             listed = table is not None
             rows, faults = table or ((), [])
             problems += faults
         if choose is not None and listed:
             rows = choose(folder, rows)
         if stands(folder.mat):
-            mat = _gather(problems, lambda: read_mat(folder.mat))
+            mat = gathered(problems, lambda: read_mat(folder.mat))
         elif rows:
             unscaled = _without_scale(folder, rows)
             problems += unscaled
@@ -137,7 +117,7 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Batch:
         with suppress(ReconFailure):
             known = load_prior(as_named(folder.root, settings.category))
     else:
-        known, prior, wrong = _read_priors(folder, settings, rows if listed else None)
+        known, prior, wrong = read_priors(folder, settings, rows if listed else None)
         problems += wrong
         problems += rig_problems(folder, settings)
         problems += _references(folder, settings, rows)
@@ -223,100 +203,10 @@ def read_mat(path: Path) -> Mat:
         raise refused(path, failure.detail) from None
 
 
-def read_category(folder: BatchFolder, settings: Settings) -> PitPrior:
-    """What the settings' category says, a shipped one or the batch's own file; raises BatchRefused."""
-    try:
-        return load_prior(as_named(folder.root, settings.category))
-    except ReconFailure as failure:
-        raise _refused(folder, "category", settings.category, failure, known_categories()) from None
-
-
-def read_prior(folder: BatchFolder, settings: Settings) -> PitPrior:
-    """The pit prior that the settings ask for; raises BatchRefused where there is none."""
-    named = settings.pit.prior
-    if named is None or settings.pit.none:
-        return read_category(folder, settings)
-    try:
-        return load_pit(as_named(folder.root, named), category=as_named(folder.root, settings.category))
-    except ReconFailure as failure:
-        raise _refused(folder, "pit.prior", named, failure, (*known_categories(), NO_PIT)) from None
-
-
-def own_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
-    """The files of category, pit and rig that the settings name, those inside the batch."""
-    named = [
-        folder.root / name
-        for name in (settings.category, settings.pit.prior, settings.rig)
-        if name and _is_file(name)
-    ]
-    return tuple(path for path in dict.fromkeys(named) if path.is_file() and path.is_relative_to(folder.root))
-
-
-def named_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
-    """Every file that the settings name: category, pit, rig, model of the geometry."""
-    model = settings.recon.geometry_model
-    return (*own_files(folder, settings), *([folder.root / model] if model else []))
-
-
-def _is_file(named: str) -> bool:
-    return Path(named).suffix.lower() in (".toml", *SUFFIXES)
-
-
-def as_named(root: Path, named: str) -> str:
-    """A category's name as it is; a file's path, which is relative to `root`."""
-    return str(root / named) if _is_file(named) else named
-
-
-def _refused(
-    folder: BatchFolder, key: str, named: str, failure: ReconFailure, known: Sequence[str]
-) -> BatchRefused:
-    near = "" if _is_file(named) else nearest(named.lower(), known, "", cutoff=0.75)
-    sentence = f'found "{named}"; {near}' if near else failure.detail
-    return refused(folder.settings, f'"{key}": {sentence}')
-
-
-def _read_priors(
-    folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None
-) -> tuple[PitPrior | None, PitPrior | None, list[Problem]]:
-    """What the category says, the pit prior in force, and what is wrong with the two or not said by either.
-
-    A category that nobody knows is in order where no fruit needs its pit; a file that cannot be used is not.
-    """
-    unknown: list[Problem] = []
-    missing: list[Problem] = []
-    category = _gather(unknown, lambda: read_category(folder, settings))
-    prior = _gather(missing, lambda: read_prior(folder, settings))
-    bare = _without_pit(folder, rows)
-    problems = unknown if _is_file(settings.category) else []
-    if prior is None and (bare or not rows) and not settings.pit.none:
-        problems = list(dict.fromkeys([*problems, *missing]))
-    elif settings.poisson_ratio is None and not problems and not _know_the_ratio(prior, category):
-        name = settings.category if category is None else category.category
-        problems.append(Problem(str(folder.settings), _NO_POISSON_RATIO.format(name)))
-    if prior is not None and not prior.has_pit and bare and not settings.pit.none:
-        lack = f"{listed(bare, 6)} {'has' if len(bare) == 1 else 'have'}"
-        problems.append(Problem(str(folder.settings), _NO_PITS.format(prior.category, lack)))
-    return category, prior, problems
-
-
-def _know_the_ratio(prior: PitPrior | None, category: PitPrior | None) -> bool:
-    """The prior in force says it, and the category does not leave it to the batch: a core knows no flesh."""
-    left = category is not None and category.poisson_ratio is None
-    return prior is not None and prior.poisson_ratio is not None and not left
-
-
-def _without_pit(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> list[str]:
-    """Fruit that bring no pit of their own and need one; reference bodies have none, and of a fruit without a
-    mesh its size alone is assumed.
-    """
-    fruits = [folder.fruit(row.fruit_id) for row in rows or () if not row.reference]
-    return [fruit.root.name for fruit in fruits if not fruit.pit_ply.is_file() and not fruit.without_shape()]
-
-
 def _effects_without_pit(
     folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...]
 ) -> Iterator[str]:
-    bare = _without_pit(folder, rows) if settings.pit.none else []
+    bare = without_pit(folder, rows) if settings.pit.none else []
     for effect in settings.mismatch:
         for fruit_id in bare if effect.spec.of_the_pit else ():
             if effect.fruits is None or fruit_id in effect.fruits:
@@ -430,11 +320,3 @@ def _without_provider(settings: Settings) -> Iterator[str]:
         from recon.learned.onnx_session import providers_fault
     if fault := providers_fault(settings.recon.providers):
         yield f'"recon.providers": {fault}'
-
-
-def _gather(problems: list[Problem], read: Callable[[], T]) -> T | None:
-    try:
-        return read()
-    except BatchRefused as refusal:
-        problems.extend(refusal.problems)
-        return None

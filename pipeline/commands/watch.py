@@ -76,7 +76,7 @@ def watch(
         from rich.console import Console
 
         from pipeline.batch.layout import BatchFolder, Results
-        from pipeline.batch.settings import require_settings_file
+        from pipeline.batch.settings_file import require_settings_file
         from pipeline.ranking.run_summary import print_summary
         from pipeline.run.batch_run import GradeOptions
         from pipeline.run.progress import RunConsole

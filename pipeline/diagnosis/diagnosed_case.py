@@ -10,8 +10,10 @@ from fem.elements.assembly import LARGEST_POISSON_RATIO
 from fem.indentation.compressed_ellipsoid import LARGEST_PIT
 from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import BatchFolder, CaseFolder, FruitResults, Results
-from pipeline.batch.opening import Batch, as_named, open_batch
-from pipeline.batch.settings import Name, PitSettings, Relative, Settings, Shift, Strict, read_toml
+from pipeline.batch.named_priors import as_named
+from pipeline.batch.opening import Batch, open_batch
+from pipeline.batch.settings import Name, PitSettings, Relative, Settings, Shift, Strict
+from pipeline.batch.settings_file import read_toml
 from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.fruit.trace_geometry import KEYS, Stated, stated_in_table
 from pipeline.problem import BatchRefused, Problem, listed, nearest, refused

@@ -143,7 +143,7 @@ def _batch(out: Path, results: Results, said: Mapping[str, Any]) -> StoredBatch:
     fruit = [
         _fruit(record, recordings.get(record.fruit_id, {}), firmness.of(record))
         for record in records
-        if _has_modulus(record)
+        if record.graded and record.modulus is not None and 0 < record.modulus.E_MPa < math.inf
     ]
     graded = {specimen.fruit_id for specimen in fruit}
     classes = (settings.get("grading") or {}).get("classes") or ()
@@ -191,22 +191,12 @@ def _recordings(inputs: Mapping[str, str]) -> dict[str, dict[str, str]]:
 def _grasps(record: FruitRecord, recordings: Mapping[str, str]) -> tuple[StoredGrasp, ...]:
     """The fruit's recordings, each with its record, which has the name of the file or its stem."""
     by_name = {grasp.grasp: grasp for grasp in record.grasps}
-    grasps = [
-        StoredGrasp(
-            grasp=name,
-            recording=digest,
-            E_MPa=None if known is None else known.E_MPa,
-            E_sd_MPa=None if known is None else known.E_sd_MPa,
-            peak_force_N=None if known is None else known.peak_force_N,
-        )
-        for name, digest in recordings.items()
-        for known in [by_name.get(name, by_name.get(PurePosixPath(name).stem))]
-    ]
+    grasps = []
+    for name, digest in recordings.items():
+        known = by_name.get(name, by_name.get(PurePosixPath(name).stem))
+        numbers = {} if known is None else known.model_dump(include={"E_MPa", "E_sd_MPa", "peak_force_N"})
+        grasps.append(StoredGrasp(grasp=name, recording=digest, **numbers))
     return tuple(sorted(grasps, key=lambda grasp: (grasp.recording, grasp.grasp)))
-
-
-def _has_modulus(record: FruitRecord) -> bool:
-    return record.graded and record.modulus is not None and 0 < record.modulus.E_MPa < math.inf
 
 
 def _fruit(record: FruitRecord, recordings: Mapping[str, str], readings: Mapping[str, float]) -> StoredFruit:

@@ -11,7 +11,8 @@ from jaxtyping import Float, Int
 from pipeline.batch.confirmed_effects import ConfirmedEffect, effects_on, pit_found
 from pipeline.batch.fruits_table import FruitRow, given_of
 from pipeline.batch.layout import FruitFolder
-from pipeline.batch.opening import Batch, fruit_folders, named_files, shape_from_photos, survey
+from pipeline.batch.named_priors import named_files
+from pipeline.batch.opening import Batch, fruit_folders, shape_from_photos, survey
 from pipeline.batch.outcome import Outcome
 from pipeline.batch.plausible_numbers import (
     PlausibleRange,

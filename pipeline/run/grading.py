@@ -10,7 +10,8 @@ from pathlib import Path
 from rich.console import Console
 
 from pipeline.batch.layout import FruitFolder, Results, write_whole
-from pipeline.batch.opening import Batch, named_files, open_batch, own_files
+from pipeline.batch.named_priors import named_files, own_files
+from pipeline.batch.opening import Batch, open_batch
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.provenance import input_hashes, write_run
 from pipeline.batch.records import FruitRecord

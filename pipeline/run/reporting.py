@@ -91,14 +91,10 @@ def report_so_far(
     measured = [records[row.fruit_id] for row in run.batch.rows if row.fruit_id in records]
     if not measured:
         return None
+    unfinished = Unfinished(done=len(measured), total=len(run.batch.rows), interrupted=interrupted)
     in_order, finding = compared(copies_doubted(measured, run.batch.folder), run.batch.settings)
-    entry = entry_of(run)(
-        in_order,
-        exit_status=None,
-        finding=finding,
-        faults=batch_faults(in_order),
-        unfinished=Unfinished(done=len(measured), total=len(run.batch.rows), interrupted=interrupted),
-    )
+    faults = batch_faults(in_order)
+    entry = entry_of(run)(in_order, exit_status=None, finding=finding, faults=faults, unfinished=unfinished)
     with suppress(NotWritten):
         _write(entry, run)
     return entry
@@ -149,10 +145,10 @@ def _keep_comparisons(
     other fruit have too, beside what was measured. The records of those that said otherwise, as they are now.
     """
     kept = {}
-    for record, compared_record in zip(measured, in_order, strict=True):
-        if with_copies(as_measured(record, compared_record), compared_record.copied) != record:
-            kept[record.fruit_id] = with_copies(as_measured(record, compared_record), compared_record.copied)
-            write_record(results.fruit(record.fruit_id).record, kept[record.fruit_id])
+    for record, reported in zip(measured, in_order, strict=True):
+        if (now := with_copies(as_measured(record, reported), reported.copied)) != record:
+            kept[record.fruit_id] = now
+            write_record(results.fruit(record.fruit_id).record, now)
     return kept
 
 

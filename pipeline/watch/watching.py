@@ -73,10 +73,8 @@ class BatchWatch:
     """With the fruit that are done or at work."""
     working: tuple[str, ...] = ()
     """Fruit that are being graded, or were when Ctrl-C came."""
-    recent: list[str] = field(default_factory=list)
-    """Fruit in the order in which their files were graded, the last first."""
-    newest: dict[str, State] = field(default_factory=dict)
-    """The files of each with which it became the last."""
+    recent: dict[str, State] = field(default_factory=dict)
+    """Fruit in the order in which their files were graded, the last at the end, with these files."""
     entry: BatchEntry | None = None
     """What the last report says, with the fruit that have ended since."""
     unreported: bool = False
@@ -253,9 +251,9 @@ class BatchWatch:
         self.graded[name] = run.batch.row_of[name], state
         self.working = tuple(fruit_id for fruit_id in self.working if fruit_id != name)
         self.unreported = True
-        if self.newest.get(name) != state:
-            self.newest[name] = state
-            self.recent = [name, *(fruit_id for fruit_id in self.recent if fruit_id != name)]
+        if self.recent.get(name) != state:
+            self.recent.pop(name, None)
+            self.recent[name] = state
         if shown and self.entry is not None:
             self.entry = self._with_newcomer(run, self.entry, record)
             self._tell(())
@@ -332,7 +330,7 @@ class BatchWatch:
             KioskEntry(
                 name=self.root.absolute().name,
                 batch=self.entry,
-                recent=tuple(self.recent),
+                recent=tuple(reversed(self.recent)),
                 working=self.working,
                 waiting=self.arrivals.lacking,
                 expected=self.arrivals.expected,

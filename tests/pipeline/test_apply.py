@@ -8,7 +8,7 @@ from fake_explanation import GAIN, candidate, fake_explanation
 
 from fem.mismatch.result import HeldOut
 from pipeline.batch.confirmed_effects import effects_on, faults, keyed
-from pipeline.batch.settings import read_settings
+from pipeline.batch.settings_file import read_settings
 from pipeline.diagnosis.apply_to_settings import confirmed_effects, why_not, with_effects
 from pipeline.problem import BatchRefused
 from tactile.correction import GainFault

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from pipeline.batch.settings import MOST_BYTES, read_settings
+from pipeline.batch.settings_file import MOST_BYTES, read_settings
 from pipeline.problem import BatchRefused
 
 

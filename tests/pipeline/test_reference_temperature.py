@@ -10,7 +10,7 @@ from small_batches import batch_of_balls
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
 from pipeline.batch.records import read_record
-from pipeline.batch.settings import read_settings
+from pipeline.batch.settings_file import read_settings
 from pipeline.batch.task import fruit_task
 from pipeline.history.stored_batch import stored_batch
 from pipeline.problem import BatchRefused

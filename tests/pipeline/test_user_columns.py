@@ -17,7 +17,7 @@ from pipeline.batch.fruits_table import read_fruits
 from pipeline.batch.layout import Results, write_whole
 from pipeline.batch.opening import survey
 from pipeline.batch.records import read_record
-from pipeline.batch.settings import read_settings
+from pipeline.batch.settings_file import read_settings
 from pipeline.history.history_table import COLUMNS, MORE_COLUMNS, fruit_table
 from pipeline.history.stored_batch import stored_batch
 from pipeline.history.table_file import table_bytes

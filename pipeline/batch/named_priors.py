@@ -1,0 +1,113 @@
+"""What a batch's settings say of category and pit: the priors in force, and files that the settings name."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from pipeline.batch.fruits_table import FruitRow
+from pipeline.batch.layout import BatchFolder
+from pipeline.batch.settings import NO_PIT, Settings
+from pipeline.problem import BatchRefused, Problem, gathered, listed, nearest, refused
+from recon.pit.placement import load_pit
+from recon.pit.priors import PitPrior, known_categories, load_prior
+from recon.recon_failure import ReconFailure
+from recon.surface.mesh_file import SUFFIXES
+
+_NO_POISSON_RATIO = (
+    'Poisson\'s ratio of the flesh is unknown for the category "{}"; add poisson_ratio to '
+    "batch.toml, for example poisson_ratio = 0.45."
+)
+_NO_PITS = (
+    'the category "{}" has no default pit, and {} no pit.ply. Add pit.ply beside fruit.ply, or '
+    'set [pit] prior to a file such as "core.toml" (or STL, PLY, OBJ in mm). For fruit without a '
+    'pit, set prior = "none".'
+)
+
+
+def read_category(folder: BatchFolder, settings: Settings) -> PitPrior:
+    """What the settings' category says, a shipped one or the batch's own file; raises BatchRefused."""
+    try:
+        return load_prior(as_named(folder.root, settings.category))
+    except ReconFailure as failure:
+        raise _refused(folder, "category", settings.category, failure, known_categories()) from None
+
+
+def read_prior(folder: BatchFolder, settings: Settings) -> PitPrior:
+    """The pit prior that the settings ask for; raises BatchRefused where there is none."""
+    named = settings.pit.prior
+    if named is None or settings.pit.none:
+        return read_category(folder, settings)
+    try:
+        return load_pit(as_named(folder.root, named), category=as_named(folder.root, settings.category))
+    except ReconFailure as failure:
+        raise _refused(folder, "pit.prior", named, failure, (*known_categories(), NO_PIT)) from None
+
+
+def own_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
+    """The files of category, pit and rig that the settings name, those inside the batch."""
+    named = [
+        folder.root / name
+        for name in (settings.category, settings.pit.prior, settings.rig)
+        if name and _is_file(name)
+    ]
+    return tuple(path for path in dict.fromkeys(named) if path.is_file() and path.is_relative_to(folder.root))
+
+
+def named_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
+    """Every file that the settings name: category, pit, rig, model of the geometry."""
+    model = settings.recon.geometry_model
+    return (*own_files(folder, settings), *([folder.root / model] if model else []))
+
+
+def _is_file(named: str) -> bool:
+    return Path(named).suffix.lower() in (".toml", *SUFFIXES)
+
+
+def as_named(root: Path, named: str) -> str:
+    """A category's name as it is; a file's path, which is relative to `root`."""
+    return str(root / named) if _is_file(named) else named
+
+
+def _refused(
+    folder: BatchFolder, key: str, named: str, failure: ReconFailure, known: Sequence[str]
+) -> BatchRefused:
+    near = "" if _is_file(named) else nearest(named.lower(), known, "", cutoff=0.75)
+    sentence = f'found "{named}"; {near}' if near else failure.detail
+    return refused(folder.settings, f'"{key}": {sentence}')
+
+
+def read_priors(
+    folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None
+) -> tuple[PitPrior | None, PitPrior | None, list[Problem]]:
+    """What the category says, the pit prior in force, and what is wrong with the two or not said by either.
+
+    A category that nobody knows is in order where no fruit needs its pit; a file that cannot be used is not.
+    """
+    unknown: list[Problem] = []
+    missing: list[Problem] = []
+    category = gathered(unknown, lambda: read_category(folder, settings))
+    prior = gathered(missing, lambda: read_prior(folder, settings))
+    bare = without_pit(folder, rows)
+    problems = unknown if _is_file(settings.category) else []
+    if prior is None and (bare or not rows) and not settings.pit.none:
+        problems = list(dict.fromkeys([*problems, *missing]))
+    elif settings.poisson_ratio is None and not problems and not _know_the_ratio(prior, category):
+        name = settings.category if category is None else category.category
+        problems.append(Problem(str(folder.settings), _NO_POISSON_RATIO.format(name)))
+    if prior is not None and not prior.has_pit and bare and not settings.pit.none:
+        lack = f"{listed(bare, 6)} {'has' if len(bare) == 1 else 'have'}"
+        problems.append(Problem(str(folder.settings), _NO_PITS.format(prior.category, lack)))
+    return category, prior, problems
+
+
+def _know_the_ratio(prior: PitPrior | None, category: PitPrior | None) -> bool:
+    """The prior in force says it, and the category does not leave it to the batch: a core knows no flesh."""
+    left = category is not None and category.poisson_ratio is None
+    return prior is not None and prior.poisson_ratio is not None and not left
+
+
+def without_pit(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> list[str]:
+    """Fruit that bring no pit of their own and need one; reference bodies have none, and of a fruit without a
+    mesh its size alone is assumed.
+    """
+    fruits = [folder.fruit(row.fruit_id) for row in rows or () if not row.reference]
+    return [fruit.root.name for fruit in fruits if not fruit.pit_ply.is_file() and not fruit.without_shape()]

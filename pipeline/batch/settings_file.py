@@ -1,0 +1,212 @@
+"""A file of settings, read strictly: every fault is named with its key, what was found and expected."""
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any, TypeVar, get_args
+
+from pydantic import BaseModel, ValidationError
+
+from pipeline.batch.settings import Settings
+from pipeline.files.plain_file import NotReadable, printable, read_text, toml_of
+from pipeline.problem import BatchRefused, Problem, nearest, refused
+from recon.cameras.photos import photo_paths
+from tactile.readers.decimal_number import meant
+
+MOST_BYTES = 1_000_000
+"""Of a file of settings: the longest that batches have is 4 kB; 1 MB is read in 0.1 s."""
+Model = TypeVar("Model", bound=BaseModel)
+_AT_LINE = re.compile(r"\(at line (\d+), column \d+\)")
+_DECIMAL_COMMA = re.compile(r"(?:^|[{,])[ \t]*[\w.-]+[ \t]*=[ \t]*([+-]?\d*),(\d+)\b(?!\.)")
+"""A value with a comma where its point should be; in a list (`[0,45]`) there is no = before it."""
+
+
+def read_settings(path: Path) -> Settings:
+    """The settings in `path`; raises BatchRefused with every wrong key and value at once."""
+    require_folder(path.parent)
+    if path.with_name("case.toml").is_file():
+        return read_toml(path, Settings, missing=_A_CASE)
+    photos = _PHOTOS if photo_paths(path.parent) or any(map(photo_paths, _folders(path.parent))) else ""
+    return read_toml(path, Settings, missing=photos.format(folder=path.parent) or _MISSING)
+
+
+def require_folder(root: Path) -> None:
+    """Raises BatchRefused where the batch's folder is not there, is no folder, or is that of one fruit."""
+    if root.exists() and not root.is_dir():
+        raise refused(root, "is a file; give the batch folder.")
+    if (batch := batch_around(root)) is not None:
+        raise refused(root, f"is the folder of one fruit; give the batch, {batch}.")
+    if not root.is_dir():
+        names = [folder.name for folder in root.parent.glob("*/") if (folder / "batch.toml").is_file()]
+        raise refused(root, f"does not exist; {nearest(root.name, names, 'give an existing batch folder.')}")
+
+
+def batch_around(fruit: Path) -> Path | None:
+    """The batch in which a folder is that of one fruit; None where it is not."""
+    place = fruit.resolve()
+    if place.parent.name.lower() != "fruits" or (place / "batch.toml").is_file():
+        return None
+    return place.parents[1] if (place.parents[1] / "batch.toml").is_file() else None
+
+
+def require_settings_file(path: Path) -> None:
+    """Raises BatchRefused where the file is missing or cannot be read as text. Keys are not checked."""
+    require_folder(path.parent)
+    if not path.exists():
+        read_settings(path)
+    try:
+        read_text(path, most_bytes=MOST_BYTES)
+    except NotReadable as error:
+        raise refused(path, f"{error}; put the batch's settings there.") from None
+
+
+def _folders(root: Path) -> list[Path]:
+    return [place for path in root.iterdir() if path.is_dir() for place in (path, path / "photos")]
+
+
+def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
+    """The file at `path` as `model`; raises BatchRefused with every fault, or `missing` if there is none."""
+    if not path.is_symlink() and not path.exists():
+        raise refused(path, missing)
+    text = ""
+    try:
+        text = read_text(path, most_bytes=MOST_BYTES)
+        return model.model_validate(toml_of(text))
+    except NotReadable as error:
+        fault = _decimal_comma(text, str(error)) or f"{error}{_remedy(str(error))}"
+        raise refused(path, f"{fault}.") from None
+    except ValidationError as error:
+        said = dict.fromkeys(_sentence(e, model, text) for e in error.errors())
+        raise BatchRefused([Problem(str(path), sentence) for sentence in said]) from None
+
+
+_MISSING = (
+    'does not exist. Write one with at least the line category = "nectarine", or create an '
+    "example with `drupe sample DIR`."
+)
+_PHOTOS = (
+    "does not exist, but this folder has photos. Create a batch with `drupe new BATCH --photos "
+    "{folder}`, then grade that batch."
+)
+_A_CASE = "does not exist, but a case.toml does: this is a single case; use `drupe explain`."
+
+
+def _decimal_comma(text: str, fault: str) -> str:
+    """The fault in words, where the line that it names has a decimal comma; empty where it has none."""
+    at = _AT_LINE.search(fault)
+    comma = at and _DECIMAL_COMMA.search(text.split("\n")[int(at[1]) - 1])
+    return f"line {at[1]} has a decimal comma: write {comma[1] or 0}.{comma[2]}" if at and comma else ""
+
+
+def _remedy(fault: str) -> str:
+    """What to do about a file whose bytes are no text, or whose text is no TOML."""
+    if "TOML" in fault:
+        return "; correct it there"
+    return "; save it again as UTF-8 text" if "text" in fault else ""
+
+
+def _sentence(error: Any, model: type[BaseModel], text: str) -> str:
+    """One validation error as a sentence that names the key, what was found and what was expected."""
+    location = [part for part in error["loc"] if isinstance(part, str | int)]
+    key = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in location)[1:]
+    where = _entry_named(location, text)
+    if error["type"] == "missing":
+        example = ', for example category = "nectarine"' if key == "category" else ""
+        return f'the required key "{key}"{where} is missing; add it{example}.'
+    if error["type"] == "extra_forbidden":
+        known = _known_keys(location[:-1], model)
+        hint = f"known keys here: {', '.join(known)}."
+        return f'unknown key "{key}"{where}; {nearest(str(location[-1]), known, hint)}'
+    slip = _likely_slip(str(location[-1]), error["input"])
+    return f'"{key}"{where}: {_expected(error)}{slip or "."}'
+
+
+def _entry_named(location: Sequence[str | int], text: str) -> str:
+    """Which table of a list a key is in: its name, and the line on which it begins; empty outside of one."""
+    place = next((k for k, part in enumerate(location) if isinstance(part, int)), len(location))
+    header = r"\.".join(re.escape(str(part)) for part in location[:place])
+    begins = list(re.finditer(rf"^[ \t]*\[\[[ \t]*{header}[ \t]*\]\]", text, re.MULTILINE))
+    if place == len(location) or int(location[place]) >= len(begins):
+        return ""
+    entry: Any = toml_of(text)
+    for part in location[: place + 1]:
+        entry = entry[part]
+    name = printable(str(entry.get("name", entry.get("effect", ""))))[:40]
+    line = text.count("\n", 0, begins[int(location[place])].start()) + 1
+    return f' ("{name}", line {line})' if name else f" (line {line})"
+
+
+def shown(value: object) -> str:
+    """A value as it stood in the file, not too long to read."""
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:77]}..."
+
+
+WORDS = {
+    "bool": "true or false",
+    "date": "a date like 2026-08-14",
+    "dict": "a table",
+    "float": "a number (with a decimal point)",
+    "int": "a whole number",
+    "model": "a table",
+    "string": "a text in quotes",
+    "tuple": "a list in [ ]",
+}
+"""What is expected, by the first word of a pydantic error's type."""
+LIMITS = {"ge": "{} or more", "gt": "more than {}", "le": "at most {}", "lt": "less than {}"}
+"""The same of a number or date out of its limits."""
+
+
+def _expected(error: Any) -> str:
+    """What was found and what was expected, in plain words."""
+    kind, limits, value = error["type"], error.get("ctx", {}), error["input"]
+    plain = str(error["msg"]).removeprefix("Value error, ").replace("Input should be", "expected")
+    message = plain[:1].lower() + plain[1:]
+    if kind == "value_error" and isinstance(value, dict | list):
+        return plain
+    if kind == "too_long":
+        return f"holds {limits['actual_length']} entries; expected at most {limits['max_length']}"
+    if kind == "string_too_long":
+        return f"is longer than {limits['max_length']} characters; shorten it"
+    if kind == "string_too_short":
+        message = "expected a non-empty text"
+    elif kind.startswith("float") and isinstance(value, str):
+        message = f"expected a number, without quotes{meant(value)}"
+    elif (word := kind.partition("_")[0]) in WORDS:
+        message = f"expected {WORDS[word]}"
+    for name, words in LIMITS.items():
+        if name in limits:
+            limit = limits[name]
+            message = f"expected {words.format(f'{limit:g}' if isinstance(limit, float) else limit)}"
+    return f"found {shown(value)}; {message}"
+
+
+def _likely_slip(key: str, value: Any) -> str:
+    """What a number out of its limits may have been meant to be."""
+    if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
+        return ""
+    if key == "pulp_temperature_C":
+        if 263 <= value <= 323:
+            return f": is it in kelvin ({value - 273.15:.1f} C)?"
+        return f": is it in Fahrenheit ({(value - 32) / 1.8:.1f} C)?" if 50 < value <= 122 else ""
+    if key in {"certainty", "inspect_below_p"}:
+        return f": is it in per cent ({value / 100:g})?" if 1 < value <= 100 else ""
+    shares = {"poisson_ratio", "poisson_ratio_sd", "size_sd", "common_scale_sd", "picture_scale_sd"}
+    if key in shares | {"gel_scale_sd", "force_scale_sd", "gel_stiffness_sd"}:
+        return f": is it in per cent ({value / 100:g})?" if 0.5 < value <= 50 else ""
+    return ""
+
+
+def _known_keys(location: list[str | int], model: type[BaseModel]) -> list[str]:
+    for part in location:
+        if isinstance(part, str):
+            model = _table(model.model_fields[part].annotation)
+    return sorted(model.model_fields)
+
+
+def _table(annotation: Any) -> type[BaseModel]:
+    """The model in a field's type: `PitSettings`, `Sensor | None`, `tuple[GradingClass, ...]`."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        return annotation
+    return next(_table(part) for part in get_args(annotation) if part not in (type(None), Ellipsis))
