@@ -29,13 +29,12 @@ def mat_sheet_pdf(
     *,
     sheet_mm: tuple[float, float],
     title: str,
-    blank_radius_mm: float | None = None,
 ) -> bytes:
     """PDF of one page, ``sheet_mm`` wide and high, the mat's origin at the page's centre, x right, y up.
 
     ``corners_mm`` holds each tag's outer corners as seen from above, top-left first, clockwise (z is
     left out); ``bits`` its printed cells, True where white, black border included. The circle that shows
-    where the fruit stands has ``blank_radius_mm``, or the largest that leaves 3 mm to the tags. Bar and
+    where the fruit stands has the largest radius that leaves 3 mm to the tags. Bar and
     words stand in the strip below the tags. The same arguments give the same bytes.
 
     Raises ValueError where a tag lacks its cells, or a tag or the 100 mm bar does not fit on the sheet.
@@ -52,10 +51,7 @@ def mat_sheet_pdf(
         for tag, corners in sorted(corners_mm.items()):
             axes.add_patch(PathPatch(tag_outline(corners, bits[tag]), facecolor=_INK, linewidth=0))
         everything = np.concatenate([corners[:, :2] for corners in corners_mm.values()])
-        radius = blank_radius_mm
-        if radius is None:
-            radius = max(_nearest_mm(corners_mm) - 3.0, 2.0)
-        _centre(axes, radius)
+        _centre(axes, max(_nearest_mm(corners_mm) - 3.0, 2.0))
         _bar_and_words(axes, lowest=float(everything[:, 1].min()), bottom=-height / 2, title=title)
         out = io.BytesIO()
         unsigned = {"Title": title, "Creator": None, "Producer": None, "CreationDate": None}

@@ -1,7 +1,8 @@
 """What one fruit's `record.json` holds: everything known of the fruit, schema versioned."""
 
+import math
 from pathlib import Path
-from typing import Literal, TypeVar
+from typing import Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -111,6 +112,26 @@ class ModulusRecord(_Record):
     """Beside E_sd_MPa, by a common factor on force and gel stiffness, which no recording shows."""
     parts_sd_MPa: dict[str, float] = {}
     pit_found: PitFoundRecord | None = None
+
+    def scaled(self, factor: float) -> Self:
+        """E, its error and all parts of that times a factor."""
+        names = ("E_MPa", "E_sd_MPa", "common_sd_MPa", "scale_sd_MPa")
+        numbers = {name: factor * getattr(self, name) for name in names}
+        parts = {name: factor * sd for name, sd in self.parts_sd_MPa.items()}
+        return self.model_copy(update={**numbers, "parts_sd_MPa": parts})
+
+    def widened(self, part: str, sd_MPa: float, *, shared: bool) -> Self:
+        """The same E, a part of whose error is wider by a standard deviation; `shared`: by one that all fruit
+        of the batch have in common, so that it does not touch their order.
+        """
+        parts = self.parts_sd_MPa
+        return self.model_copy(
+            update={
+                "E_sd_MPa": math.hypot(self.E_sd_MPa, sd_MPa),
+                "common_sd_MPa": math.hypot(self.common_sd_MPa, sd_MPa if shared else 0.0),
+                "parts_sd_MPa": parts | {part: math.hypot(parts.get(part, 0.0), sd_MPa)},
+            }
+        )
 
 
 class ReferenceRecord(_Record):

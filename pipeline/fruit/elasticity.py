@@ -1,7 +1,6 @@
 """From placed grasps and the flesh's mesh to the modulus; the dense responses are kept on disk."""
 
 import itertools
-import math
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
@@ -183,22 +182,6 @@ def at_small_strain(grasps: Sequence[PlacedGrasp], inference: FruitInference) ->
         for grasp, model in zip(grasps, inference.final_models, strict=True)
         if isinstance(model, GraspModel) and model.small_strain_alone
     ]
-
-
-def doubted_modulus(modulus: ModulusRecord, relative_sd: float, *, shared: bool) -> ModulusRecord:
-    """The same E with an error bar wider by `relative_sd`.
-
-    `shared`: all fruit of the batch have that error in common, so that it does not touch their order.
-    """
-    more = relative_sd * modulus.E_MPa
-    doubted = math.hypot(modulus.parts_sd_MPa.get(DOUBTED, 0.0), more)
-    return modulus.model_copy(
-        update={
-            "E_sd_MPa": math.hypot(modulus.E_sd_MPa, more),
-            "common_sd_MPa": math.hypot(modulus.common_sd_MPa, more if shared else 0.0),
-            "parts_sd_MPa": modulus.parts_sd_MPa | {DOUBTED: doubted},
-        }
-    )
 
 
 def responses(

@@ -7,7 +7,7 @@ from pathlib import Path
 from pipeline.batch.layout import BatchFolder
 from pipeline.batch.records import FruitRecord
 from pipeline.files.plain_file import printable
-from pipeline.fruit.elasticity import doubted_modulus
+from pipeline.fruit.elasticity import DOUBTED
 from tactile.consistency.finding import E_OF_ANOTHER_FRUIT
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -56,7 +56,8 @@ def _doubted(
     marked = with_copies(record, said)
     if not said or record.modulus is None:
         return marked
-    modulus = doubted_modulus(record.modulus, E_OF_ANOTHER_FRUIT * len(said) / len(used), shared=False)
+    sd_MPa = E_OF_ANOTHER_FRUIT * len(said) / len(used) * record.modulus.E_MPa
+    modulus = record.modulus.widened(DOUBTED, sd_MPa, shared=False)
     return marked.model_copy(update={"modulus": modulus})
 
 

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.special import chdtrc
 
 from pipeline.batch.records import FruitRecord, ModulusRecord, ReferenceRecord
-from pipeline.fruit.elasticity import doubted_modulus
+from pipeline.fruit.elasticity import DOUBTED
 from pipeline.ranking.verified_scale import (
     sd_of_fruit_MPa,
     shared_gain,
@@ -296,7 +296,7 @@ def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitReco
             off = max(abs(math.log(body.ratio)) for body in finding.bodies)
         if not (ratio.disagree or ratio.implausible):
             modulus = verified(modulus, 0.0, ratio.ln_sd)  # |ln r| itself is the doubt's
-        modulus = doubted_modulus(modulus, off, shared=True)
+        modulus = modulus.widened(DOUBTED, off * modulus.E_MPa, shared=True)
         changed["doubts"] = (*record.doubts, sentence)
         changed["warnings"] = (sentence, *record.warnings)
     else:
@@ -330,18 +330,8 @@ def corrected_modulus(modulus: ModulusRecord, ratio: Ratio) -> ModulusRecord:
 
     The ratio takes the place of what all fruit share of the sensor's error (verified_scale.SHARED).
     """
-    modulus = with_sensor(modulus, 0.0)
-    E_MPa = modulus.E_MPa / ratio.ratio
-    of_ratio = E_MPa * ratio.ln_sd
-    parts = {name: sd / ratio.ratio for name, sd in modulus.parts_sd_MPa.items()}
-    return modulus.model_copy(
-        update={
-            "E_MPa": E_MPa,
-            "E_sd_MPa": math.hypot(modulus.E_sd_MPa / ratio.ratio, of_ratio),
-            "common_sd_MPa": math.hypot(modulus.common_sd_MPa / ratio.ratio, of_ratio),
-            "parts_sd_MPa": parts | {PART: of_ratio},
-        }
-    )
+    corrected = with_sensor(modulus, 0.0).scaled(1 / ratio.ratio)
+    return corrected.widened(PART, corrected.E_MPa * ratio.ln_sd, shared=True)
 
 
 def scaled_grasp(grasp: GraspRecord, ratio: float) -> GraspRecord:

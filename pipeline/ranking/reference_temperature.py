@@ -32,16 +32,7 @@ def at_reference_temperature(record: FruitRecord, settings: Settings) -> FruitRe
     warmer_C = wanted.reference_C - pulp_C
     factor = math.exp(wanted.E_per_C * warmer_C)
     of_coefficient = factor * modulus.E_MPa * wanted.E_per_C_sd * abs(warmer_C)
-    parts = {name: factor * sd for name, sd in modulus.parts_sd_MPa.items()}
-    changed = modulus.model_copy(
-        update={
-            "E_MPa": factor * modulus.E_MPa,
-            "E_sd_MPa": math.hypot(factor * modulus.E_sd_MPa, of_coefficient),
-            "common_sd_MPa": math.hypot(factor * modulus.common_sd_MPa, of_coefficient),
-            "scale_sd_MPa": factor * modulus.scale_sd_MPa,
-            "parts_sd_MPa": parts | {PART: of_coefficient},
-        }
-    )
+    changed = modulus.scaled(factor).widened(PART, of_coefficient, shared=True)
     temperature = TemperatureRecord(
         pulp_C=pulp_C,
         reference_C=wanted.reference_C,
