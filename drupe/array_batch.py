@@ -18,7 +18,7 @@ from pipeline.batch.scratch import scratch
 from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.files.toml_text import as_toml
 from pipeline.problem import refused
-from pipeline.run.checking import ImplausibleNumbers
+from pipeline.run.checking import implausible
 from recon.surface.mesh_file import write_mesh
 from tactile.readers.recording import Recording, write_recording
 
@@ -94,7 +94,7 @@ def array_batch(
 def array_task(root: Path) -> FruitTask:
     """The task of the batch's fruit; raises BatchRefused for settings and sizes that no fruit has."""
     batch = open_batch(root)
-    if said := ImplausibleNumbers(batch).said(batch.row_of[FRUIT_ID]):
+    if said := implausible(batch, batch.row_of[FRUIT_ID]):
         raise refused("mesh", said)
     task = fruit_task(batch, FRUIT_ID, Results(root / "results"), screen=False)
     task.results.claim()

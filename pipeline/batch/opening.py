@@ -70,6 +70,11 @@ class Batch:
         """The rows by fruit_id."""
         return {row.fruit_id: row for row in self.rows}
 
+    @cached_property
+    def column_doubts(self) -> dict[str, str]:
+        """Sentences on columns of fruits.csv that are out of the category's range in every row."""
+        return table_doubts(self.rows, kind_of(self.known))
+
 
 RowChoice = Callable[[BatchFolder, tuple[FruitRow, ...]], tuple[FruitRow, ...]]
 """From the rows of fruits.csv to those that are looked at."""

@@ -142,8 +142,7 @@ def _last_days(batches: Sequence[StoredBatch]) -> Iterator[list[StoredBatch]]:
 
 
 def _name(batch: StoredBatch) -> str:
-    lot = f"lot {batch.lot}" if batch.lot else "without a lot"
-    return f"{batch.group}, {lot}, {batch.measured}"
+    return f"{batch.group}, {batch.lot_words}, {batch.measured}"
 
 
 def _decision(on_day: Sequence[StoredBatch], class_name: str, plan: SamplingPlan) -> LotDecisionEntry:

@@ -4,13 +4,13 @@ OECD Fruit and Vegetables Scheme, Guidelines on objective tests (2018): at least
 at random, and firmness on two opposite sides of each fruit. E takes the place of the penetrometer's reading.
 """
 
-import math
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 
 import numpy as np
 
 from pipeline.history.merged_fruit import MergedFruit, merged_fruit
+from pipeline.history.softening import pooled_sd
 from pipeline.history.stored_batch import StoredBatch
 from reports.history_entries import ObjectiveSampleEntry
 
@@ -31,8 +31,7 @@ def objective_samples(
         batch = fruit.batch
         stated = [str(row.columns[size_column]) for row in fruit.rows if size_column in row.columns]
         size = [*stated, "not stated"][0] if size_column else ""
-        lot = f"lot {batch.lot}" if batch.lot else "without a lot"
-        return batch.group, lot, f"{batch.measured}", size
+        return batch.group, batch.lot_words, f"{batch.measured}", size
 
     for key, group in groupby(sorted(merged_fruit(batches), key=of_one), key=of_one):
         name = ", ".join([*key[:3], *([f"size {key[3]}"] if size_column else [])])
@@ -66,7 +65,5 @@ def _difference(E_MPa: Sequence[Sequence[float]]) -> str:
     """How far recordings of one fruit lie apart, in words: the pooled standard deviation of ln E."""
     if not E_MPa:
         return ""
-    squares = sum(float(((np.log(E) - np.log(E).mean()) ** 2).sum()) for E in E_MPa)
-    degrees = sum(len(E) - 1 for E in E_MPa)
-    sd = 100 * math.sqrt(squares / degrees)
+    sd = 100 * pooled_sd([np.log(E) for E in E_MPa])
     return f"; E of single recordings of {len(E_MPa)} fruit differs within a fruit by {sd:.1f} % (sd)"

@@ -87,7 +87,7 @@ def softening_of(E_MPa: Mapping[float, Sequence[float]], *, single_sd: float) ->
     if len(days) < 2:
         return None
     logs = [np.log(np.asarray(E_MPa[day], dtype=float)) for day in days]
-    fruit_sd = _pooled_sd(logs) or single_sd
+    fruit_sd = pooled_sd(logs) or single_sd
     t, means = np.array(days), np.array([of_day.mean() for of_day in logs])
     variance = fruit_sd**2 / np.array([len(of_day) for of_day in logs])
     coefficients, covariance, ln_likelihood = _weighted(t, means, variance + _TAU[:, None] ** 2)
@@ -125,8 +125,8 @@ def reached(
     return by(0.5 - COVERAGE / 2), by(0.5), by(0.5 + COVERAGE / 2)
 
 
-def _pooled_sd(logs: Sequence[Float[np.ndarray, " n"]]) -> float:
-    """Standard deviation of single fruit within their days; 0 where no day has two."""
+def pooled_sd(logs: Sequence[Float[np.ndarray, " n"]]) -> float:
+    """Standard deviation within groups, all groups together; 0 where none has two values."""
     degrees = sum(len(of_day) - 1 for of_day in logs)
     squares = sum(float(((of_day - of_day.mean()) ** 2).sum()) for of_day in logs)
     return math.sqrt(squares / degrees) if degrees else 0.0

@@ -109,6 +109,11 @@ class StoredBatch:
         return f"{self.category} {self.cultivar}".strip()
 
     @property
+    def lot_words(self) -> str:
+        """The lot as sentences name it."""
+        return f"lot {self.lot}" if self.lot else "without a lot"
+
+    @property
     def series(self) -> tuple[str, str, str]:
         """Category, cultivar and lot, whose days belong together."""
         return self.category, self.cultivar, self.lot

@@ -20,7 +20,6 @@ from pipeline.batch.plausible_numbers import (
     kind_of,
     mesh_doubt,
     row_doubts,
-    table_doubts,
 )
 from pipeline.batch.reference_body import category_of
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
@@ -58,8 +57,7 @@ def check(root: Path, *, quick: bool = False) -> tuple[Problem, ...]:
     the mat, sides without a photo), which takes seconds for each fruit.
     """
     batch, read = survey(root), Read()
-    columns = frozenset(table_doubts(batch.rows, kind_of(batch.known)))
-    each = (_CheckedFruit(batch=batch, row=row, columns=columns, read=read) for row in batch.rows)
+    each = (_CheckedFruit(batch=batch, row=row, read=read) for row in batch.rows)
     fruit = [problem for checked_fruit in each for problem in checked_fruit.problems(quick=quick)]
     if not batch.listed:
         return (*batch.problems, *fruit)
@@ -76,37 +74,31 @@ def _of_settings(batch: Batch) -> Iterator[Problem]:
         yield Problem(str(batch.folder.settings), sentence, doubtful=True)
 
 
-class ImplausibleNumbers:
-    """Says of fruit of a batch, one by one, whether its own numbers are those of no fruit of the category."""
+def implausible(batch: Batch, row: FruitRow, *, box_mm: Sequence[float] | None = None) -> str:
+    """The sentences on what was measured of one fruit, and on the size of its ready mesh, where no fruit of
+    the category is so; empty: none.
 
-    def __init__(self, batch: Batch) -> None:
-        self._batch, self._columns = batch, frozenset(table_doubts(batch.rows, kind_of(batch.known)))
-
-    def said(self, row: FruitRow, *, box_mm: Sequence[float] | None = None) -> str:
-        """The sentences on what was measured of it and on the size of its ready mesh; empty: none.
-
-        `box_mm`: the mesh's sides, where they are known; it is read otherwise.
-        """
-        kind = kind_of(category_of(row, self._batch.known))
-        doubts = list(row_doubts(row, kind, said=self._columns))
-        if box_mm is None:
-            path = self._batch.folder.fruit(row.fruit_id).fruit_ply
-            mesh, _ = _closed_mesh(row, path)  # the fruit's own work says what is wrong with it
-            box_mm = None if mesh is None else np.ptp(mesh[0], axis=0).tolist()
-        if box_mm is not None and (doubt := mesh_doubt(box_mm, kind)):
-            doubts.append(doubt)
-        return " ".join(doubts)
+    `box_mm`: the mesh's sides, where they are known; it is read otherwise.
+    """
+    kind = kind_of(category_of(row, batch.known))
+    doubts = list(row_doubts(row, kind, said=batch.column_doubts))
+    if box_mm is None:
+        mesh, _ = _closed_mesh(row, batch.folder.fruit(row.fruit_id).fruit_ply)
+        # what is wrong with the mesh, the fruit's own work says
+        box_mm = None if mesh is None else np.ptp(mesh[0], axis=0).tolist()
+    if box_mm is not None and (doubt := mesh_doubt(box_mm, kind)):
+        doubts.append(doubt)
+    return " ".join(doubts)
 
 
 def implausible_batch(batch: Batch) -> dict[str, list[str]]:
     """For each fruit, the sentences on numbers of the whole batch that no fruit of the category has and that
     touch it: limits of classes, and columns in which it has a number.
     """
-    kind = kind_of(batch.known)
-    classes = list(grading_doubts(batch.settings.grading, kind))
-    columns = table_doubts(batch.rows, kind)
+    classes = list(grading_doubts(batch.settings.grading, kind_of(batch.known)))
+    columns = batch.column_doubts.items()
     return {
-        row.fruit_id: [*classes, *(said for name, said in columns.items() if getattr(row, name) is not None)]
+        row.fruit_id: [*classes, *(said for name, said in columns if getattr(row, name) is not None)]
         for row in batch.rows
         if not row.reference
     }
@@ -118,7 +110,6 @@ class _CheckedFruit:
 
     batch: Batch
     row: FruitRow
-    columns: frozenset[str]
     read: Read
 
     @cached_property
@@ -138,7 +129,7 @@ class _CheckedFruit:
     def problems(self, *, quick: bool) -> Iterator[Problem]:
         """What stops the grading of the fruit, and what puts its E in doubt; `quick` as in `check`."""
         batch, row, folder = self.batch, self.row, self.folder
-        implausible = list(row_doubts(row, self.kind, said=self.columns))
+        implausible = list(row_doubts(row, self.kind, said=batch.column_doubts))
         for sentence in implausible:
             named = f"{row.fruit_id}: {sentence}"
             yield Problem(str(batch.folder.table), named, fruit_id=row.fruit_id, implausible=True)

@@ -15,7 +15,7 @@ from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.files.whole_file import NotWritten
 from pipeline.fruit.recording_owner import named_row
 from pipeline.run.batch_run import BatchRun
-from pipeline.run.checking import ImplausibleNumbers, implausible_batch
+from pipeline.run.checking import implausible, implausible_batch
 
 GRADED_ALL_THE_SAME = "drupe grades the fruit anyway (--force)."
 RETRIED = frozenset(
@@ -42,7 +42,6 @@ class FruitQueue:
         self, run: BatchRun, chosen: Collection[str], records: dict[str, FruitRecord], console: Console
     ) -> None:
         self._run, self._console = run, console
-        self._numbers = ImplausibleNumbers(run.batch)
         self._going: dict[str, FruitTask] = {}
         self._forced: dict[str, list[str]] = (
             {name: [*said] for name, said in implausible_batch(run.batch).items()} if run.force else {}
@@ -65,7 +64,7 @@ class FruitQueue:
         if kept is None:
             return False
         size = kept.mesh.box_mm if kept.graded and kept.mesh is not None else None
-        if sentence := self._numbers.said(self._run.batch.row_of[fruit_id], box_mm=size):
+        if sentence := implausible(self._run.batch, self._run.batch.row_of[fruit_id], box_mm=size):
             if not self._run.force:
                 return False
             self._force(fruit_id, sentence)
@@ -76,7 +75,7 @@ class FruitQueue:
         """Fruit and tasks in their order."""
         for fruit_id in self.todo:
             task = self._task(fruit_id)
-            if sentence := self._numbers.said(self._run.batch.row_of[fruit_id]):
+            if sentence := implausible(self._run.batch, self._run.batch.row_of[fruit_id]):
                 if not self._run.force:
                     record = ended_record(task, Outcome.IMPLAUSIBLE_INPUT, sentence)
                     self.records[fruit_id] = record

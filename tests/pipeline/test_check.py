@@ -7,7 +7,7 @@ from small_batches import DATA, batch_of_nectarines, run
 
 from pipeline.batch.opening import open_batch
 from pipeline.run import checking as checking
-from pipeline.run.checking import ImplausibleNumbers, check
+from pipeline.run.checking import check, implausible
 from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh, write_mesh
@@ -78,7 +78,7 @@ def test_grade_ends_by_the_rules_that_check_says(batch):
     vertices, faces = read_mesh(DATA / "fruit.ply")
     write_mesh(batch / "fruits" / "B" / "fruit.ply", 0.001 * vertices, faces)
     opened = open_batch(batch)
-    ended = [ImplausibleNumbers(opened).said(row) for row in opened.rows]
+    ended = [implausible(opened, row) for row in opened.rows]
     assert all(ended)
     checked = [problem.sentence.removeprefix("A: ") for problem in check(batch) if problem.implausible]
     assert checked == ended

@@ -8,7 +8,7 @@ from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
 from pipeline.batch.task import fruit_task
 from pipeline.problem import BatchRefused
-from pipeline.run.checking import ImplausibleNumbers, check
+from pipeline.run.checking import check, implausible
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
 
@@ -106,9 +106,9 @@ def test_the_known_modulus_is_no_part_of_what_is_computed(made):
 
 def test_neither_fruit_nor_reference_is_held_against_the_other(made):
     sound = open_batch(made())
-    assert {ImplausibleNumbers(sound).said(row) for row in sound.rows} == {""}
+    assert {implausible(sound, row) for row in sound.rows} == {""}
     as_fruit = open_batch(made(FRUITS + "ball,9,,,,\n"))
-    assert "a nectarine is 18 to 650 g" in ImplausibleNumbers(as_fruit).said(as_fruit.row_of["ball"])
+    assert "a nectarine is 18 to 650 g" in implausible(as_fruit, as_fruit.row_of["ball"])
 
 
 def test_a_reference_without_a_ratio_or_with_a_pit_is_refused(made):
