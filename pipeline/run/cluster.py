@@ -7,6 +7,7 @@ and dask-jobqueue replaces jobs of Slurm that end. Only this file and pipeline.r
 """
 
 import logging
+import os
 import pickle
 import shlex
 import shutil
@@ -16,6 +17,7 @@ import time
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 from queue import Empty, SimpleQueue
 from typing import Any, Self
 
@@ -207,8 +209,7 @@ def slurm_jobs(workers: int, needs: RunNeeds, tell: Callable[[str], None]) -> It
         try:
             cluster = jobqueue.SLURMCluster(
                 job_cls=_job_class(jobqueue, answers),
-                security=Security.temporary(),
-                shared_temp_directory=str(folder),
+                security=_certified(folder),
                 cores=1,
                 processes=1,
                 memory=f"{ROUNDED * (needs.per_fruit_MiB + OWN_MIB):.0f} MiB",
@@ -234,6 +235,21 @@ def slurm_jobs(workers: int, needs: RunNeeds, tell: Callable[[str], None]) -> It
         if said:
             tell(f"Slurm accepted {taken} of {workers} jobs ({said}); drupe works with these")
         yield cluster
+
+
+def _certified(folder: Path) -> Security:
+    """A new key and its certificate, in two files of mode 0600, for scheduler, workers and client alike."""
+    made = Security.temporary()
+    files = {"cert": made.tls_ca_file, "key": made.tls_worker_key}
+    for name, content in files.items():
+        with os.fdopen(os.open(folder / name, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
+            file.write(content)
+    of_roles = {
+        f"tls_{role}_{name}": str(folder / name)
+        for role in ("client", "scheduler", "worker")
+        for name in files
+    }
+    return Security(require_encryption=True, tls_ca_file=str(folder / "cert"), **of_roles)
 
 
 def _jobqueue() -> Any:
