@@ -2,7 +2,8 @@
 
 import math
 import re
-from collections.abc import Sequence
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_args
 
@@ -18,6 +19,7 @@ MOST_BYTES = 1_000_000
 """Of a file of settings: the longest that batches have is 4 kB; 1 MB is read in 0.1 s."""
 Model = TypeVar("Model", bound=BaseModel)
 _AT_LINE = re.compile(r"\(at line (\d+), column \d+\)")
+_LIST_HEADER = re.compile(r"[ \t]*\[\[([^\]]*)\]\]")
 _DECIMAL_COMMA = re.compile(r"(?:^|[{,])[ \t]*[\w.-]+[ \t]*=[ \t]*([+-]?\d*),(\d+)\b(?!\.)")
 """A value with a comma where its point should be; in a list (`[0,45]`) there is no = before it."""
 
@@ -77,7 +79,8 @@ def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
         fault = _decimal_comma(text, str(error)) or f"{error}{_remedy(str(error))}"
         raise refused(path, f"{fault}.") from None
     except ValidationError as error:
-        said = dict.fromkeys(_sentence(e, model, text) for e in error.errors())
+        table, headers = toml_of(text), _list_headers(text)
+        said = dict.fromkeys(_sentence(e, model, table, headers) for e in error.errors())
         raise BatchRefused([Problem(str(path), sentence) for sentence in said]) from None
 
 
@@ -106,11 +109,11 @@ def _remedy(fault: str) -> str:
     return "; save it again as UTF-8 text" if "text" in fault else ""
 
 
-def _sentence(error: Any, model: type[BaseModel], text: str) -> str:
+def _sentence(error: Any, model: type[BaseModel], table: Any, headers: Mapping[str, Sequence[int]]) -> str:
     """One validation error as a sentence that names the key, what was found and what was expected."""
     location = [part for part in error["loc"] if isinstance(part, str | int)]
     key = "".join(f"[{part + 1}]" if isinstance(part, int) else f".{part}" for part in location)[1:]
-    where = _entry_named(location, text)
+    where = _entry_named(location, table, headers)
     if error["type"] == "missing":
         example = ', for example category = "nectarine"' if key == "category" else ""
         return f'the required key "{key}"{where} is missing; add it{example}.'
@@ -122,19 +125,27 @@ def _sentence(error: Any, model: type[BaseModel], text: str) -> str:
     return f'"{key}"{where}: {_expected(error)}{slip or "."}'
 
 
-def _entry_named(location: Sequence[str | int], text: str) -> str:
+def _entry_named(location: Sequence[str | int], table: Any, headers: Mapping[str, Sequence[int]]) -> str:
     """Which table of a list a key is in: its name, and the line on which it begins; empty outside of one."""
     place = next((k for k, part in enumerate(location) if isinstance(part, int)), len(location))
-    header = r"\.".join(re.escape(str(part)) for part in location[:place])
-    begins = list(re.finditer(rf"^[ \t]*\[\[[ \t]*{header}[ \t]*\]\]", text, re.MULTILINE))
-    if place == len(location) or int(location[place]) >= len(begins):
+    lines = headers.get(".".join(map(str, location[:place])), ())
+    if place == len(location) or int(location[place]) >= len(lines):
         return ""
-    entry: Any = toml_of(text)
     for part in location[: place + 1]:
-        entry = entry[part]
-    name = printable(str(entry.get("name", entry.get("effect", ""))))[:40]
-    line = text.count("\n", 0, begins[int(location[place])].start()) + 1
+        table = table[part]
+    if not isinstance(table, dict):  # the header stands in a text
+        return ""
+    name, line = printable(str(table.get("name", table.get("effect", ""))))[:40], lines[int(location[place])]
     return f' ("{name}", line {line})' if name else f" (line {line})"
+
+
+def _list_headers(text: str) -> dict[str, list[int]]:
+    """Lines on which the tables of each list begin, by the list's name."""
+    headers = defaultdict[str, list[int]](list)
+    for number, line in enumerate(text.split("\n"), 1):
+        if header := _LIST_HEADER.match(line):
+            headers["".join(header[1].split())].append(number)
+    return headers
 
 
 def shown(value: object) -> str:

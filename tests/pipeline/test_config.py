@@ -196,3 +196,6 @@ def test_a_fault_in_a_list_of_tables_names_the_entry_and_its_line(tmp_path):
     assert 'the required key "grading.classes[1].name" (line 2) is missing' in nameless
     (inline,) = refusals(tmp_path, 'category = "plum"\n[grading]\nclasses = [{name = "a", x = 1}]\n')
     assert 'unknown key "grading.classes[1].x";' in inline
+    text = 'notes = """\n[[grading.classes]]\n"""'
+    (no_table,) = refusals(tmp_path, f'category = "plum"\n{text}\n[grading]\nclasses = [5]\n')
+    assert '"grading.classes[1]": found 5; expected a table' in no_table
