@@ -34,8 +34,9 @@ def has_array(hint: object) -> bool:
 
 
 def only_with_arrays(jaxtyped: Callable[..., Any]) -> Callable[..., Any]:
-    """jaxtyping's decorator, which leaves functions alone whose annotations name no array: nothing of them would
-    be checked, but each call would be bound to its signature all the same.
+    """jaxtyping's decorator, which leaves functions alone whose annotations name no array.
+
+    Nothing of them would be checked, but each call would be bound to its signature all the same.
     """
 
     def decorated(*context: Any, **options: Any) -> Any:
