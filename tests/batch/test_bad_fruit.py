@@ -96,30 +96,16 @@ def foreign_name(where):
     path.rename(path.with_name(b"grasp-\xff1.h5".decode(errors="surrogateescape")))
 
 
+IN_AIR = {"force_N": 0.008, "displacement_mm": 0.004}
 SPOILED = {
     "corrupt-jpeg": (corrupt_jpeg, "unreadable-photo", ".jpg", True),
     "two-photos": (two_photos, "too-few-views", "2 ", True),
     "no-fruit-in-photos": (photos_without_fruit, "mat-not-found", "mat", False),
     "truncated": (truncated, "unreadable-recording", "grasp-1.h5", True),
-    "wrong-version": (
-        change_recording(lambda file: file.attrs.modify("version", 7)),
-        "unreadable-recording",
-        "version",
-        True,
-    ),
+    "wrong-version": (wrong_version, "unreadable-recording", "version", True),
     "nan-force": (nan_in_force, "unreadable-recording", "force_N", True),
-    "never-touches": (
-        change_recording(noise_alone(force_N=0.008, displacement_mm=0.004)),
-        "never-touches",
-        "never touches",
-        False,
-    ),
-    "dead-force": (
-        change_recording(noise_alone(force_N=0.008)),
-        "implausible-recording",
-        "force is dead",
-        True,
-    ),
+    "never-touches": (noise_alone(**IN_AIR), "never-touches", "never touches", False),
+    "dead-force": (noise_alone(force_N=0.008), "implausible-recording", "force is dead", True),
     "open-mesh": (open_mesh, "not-watertight", "fruit.ply", True),
     "large-pit": (pit_too_large, "pit-outside-fruit", "pit", False),
     "foreign-name": (foreign_name, "unreadable-recording", r"grasp-\xff1.h5", True),
