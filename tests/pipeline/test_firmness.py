@@ -48,16 +48,9 @@ CHANGES = {"mesh": MESH, "flesh": FLESH}
 def out(tmp_path_factory):
     """A ball without a pit, one that failed, and one whose mesh is gone."""
     root = tmp_path_factory.mktemp("monday") / "results"
-    changes = {"mesh": MESH, "flesh": FLESH}
     lost = {"outcome": "no-contact", "reason": "no contact", "modulus": None}
-    results_of(
-        root,
-        [
-            graded("A", E_MPa, changes=changes),
-            graded("B", E_MPa, changes=lost),
-            graded("C", E_MPa, changes=changes),
-        ],
-    )
+    changes = {"A": CHANGES, "B": lost, "C": CHANGES}
+    results_of(root, [graded(name, E_MPa, changes=changed) for name, changed in changes.items()])
     write_ball(root / "ball.ply", radius_mm=RADIUS_MM, finer=4)
     write_whole(Results(root).fruit("A").fruit_ply, mesh_bytes(*read_mesh(root / "ball.ply")))
     (root / "ball.ply").unlink()
