@@ -111,12 +111,10 @@ def test_E_is_averaged_over_the_pads_that_may_have_the_gain():
     linear = screened_effects(model, [sensor_gain.EFFECT])
     selected = select_model(model, linear, p_value=0.0)
     first = selected.ranking[0]
-    assert first.refit is not None
     ((share, other),) = first.alternatives
     assert 0.35 < share <= 0.5
     assert {fit.variants[0].label for fit in (first.refit, other)} == {"left", "right"}
     said = candidates(selected, linear)[0].modulus
-    assert said is not None
     of_right, of_left = E_MPA, 0.8 * E_MPA
     E_MPa = of_left if first.refit.variants[0].label == "left" else of_right
     mean = (1 - share) * E_MPa + share * (of_right + of_left - E_MPa)
@@ -222,7 +220,6 @@ def test_which_pad_is_misplaced_is_told_in_full_where_the_linear_round_takes_the
     ]
     linear = replace(linear, linear_fits=tuple(right_first))
     best = select_model(model, linear, p_value=0.0).ranking[0].refit
-    assert best is not None
     assert best.variants == (of_pad("left"),)
     # the mesh differs between machines, and the estimate with it: within what the search says of itself
     sd = np.sqrt(np.diag(best.covariance))
@@ -259,7 +256,6 @@ def test_the_weight_of_an_unaltered_fruit_starts_no_search_for_a_tilt():
     model, _ = case_model(injected_case(weighs, noise=0.0))
     for pad in ("left", "right"):
         start = pose_error.EFFECT.other_start(model, of_pad(pad))
-        assert start is not None
         assert abs(start["tilt_deg"]) < 1.0
 
 

@@ -193,7 +193,6 @@ def test_of_a_squeeze_between_gels_the_jaws_part_is_told_from_the_gels(tmp_path:
     assert code == 0, said
     assert "mm belong to the gels, as their markers show" in said
     rig = read_rig(out)
-    assert rig.jaws is not None
     force = np.linspace(2, 14, 7)
     np.testing.assert_allclose(rig.jaws.give(force), force / 10.0, atol=0.02)
     np.testing.assert_allclose(rig.travel.give(force), force / 5.0, atol=0.03)

@@ -196,17 +196,12 @@ def kept_in(store):
         return opened.batches()
 
 
-def day_of(out, E, *, lot="7", day="2026-08-10", scale="a", extra=(), **settings):
-    """Results of a day; `scale`: of recordings, whose files change with it."""
-    inputs = {f"fruits/{name}/grasps/g.h5": f"{name}{scale}" for name in E}
-    return results_of(
-        out,
-        [*(graded(name, E_MPa) for name, E_MPa in E.items()), *extra],
-        day=day,
-        lot=lot,
-        inputs=inputs,
-        **settings,
-    )
+def day_of(out, E, *, lot="7", scale="a", extra=(), ids=None, **settings):
+    """Results of a day; `scale`: of recordings, whose files change with it; `ids`: others than the files'."""
+    ids = {name: name for name in E} | (ids or {})
+    inputs = {f"fruits/{ids[name]}/grasps/g.h5": f"{name}{scale}" for name in E}
+    fruit = [graded(ids[name], E_MPa) for name, E_MPa in E.items()]
+    return results_of(out, [*fruit, *extra], lot=lot, inputs=inputs, **settings)
 
 
 def two_lots(root):
@@ -285,15 +280,6 @@ def test_a_fruit_that_is_lost_when_graded_again_no_longer_counts(tmp_path):
     assert ([f.fruit_id for f in batch.fruit], batch.lost) == (["A", "B", "C"], ("D",))
 
 
-def renamed_day(out, ids, **settings):
-    """Results of a day whose fruit A to D have other ids, with the same recordings."""
-    E = {ids.get(name, name): E_MPa for name, E_MPa in DAY.items()}
-    inputs = {f"fruits/{ids.get(name, name)}/grasps/g.h5": f"{name}a" for name in DAY}
-    return results_of(
-        out, [graded(name, E_MPa) for name, E_MPa in E.items()], lot="7", inputs=inputs, **settings
-    )
-
-
 @pytest.mark.parametrize(
     ("place", "ids"),
     [
@@ -308,7 +294,7 @@ def renamed_day(out, ids, **settings):
 def test_a_renamed_fruit_is_counted_once_and_forgotten_with_its_former_id(drupe, tmp_path, place, ids):
     store, first = tmp_path / "s", day_of(tmp_path / "b" / "results", DAY)
     dated = {"measured_on": "2026-08-11"} if place == "dated" else {}
-    later = renamed_day(tmp_path / place / "again", ids, day="2026-08-11", **dated)
+    later = day_of(tmp_path / place / "again", DAY, ids=ids, day="2026-08-11", **dated)
     for outs in ((first, later), (later, first), (first,)):  # in either order, and once more
         done = drupe("history", *outs, "--store", store)
         assert "1 batch (" in done.out
@@ -324,7 +310,7 @@ def test_a_renamed_fruit_is_counted_once_and_forgotten_with_its_former_id(drupe,
 
 def test_a_fruit_renamed_and_back_has_its_first_id_and_a_copied_recording_replaces_no_fruit(tmp_path):
     first = stored_batch(day_of(tmp_path / "b" / "results", DAY))
-    other = stored_batch(renamed_day(tmp_path / "b" / "other", {"D": "X"}, day="2026-08-11"))
+    other = stored_batch(day_of(tmp_path / "b" / "other", DAY, ids={"D": "X"}, day="2026-08-11"))
     with history_store(None) as store:
         for revision in (first, other, replace(first, graded_utc="2026-08-12T08:00:00+00:00")):
             store.add(revision)

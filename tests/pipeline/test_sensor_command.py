@@ -49,8 +49,6 @@ def test_a_picture_of_the_dots_makes_a_mini_of_ones_own(tmp_path: Path, empty: P
     assert code == 0, said
     assert "63 dots of a grid of 7 x 9" in said
     sensor = read_sensor(out)
-    assert sensor.camera is not None
-    assert sensor.rest_mm is not None
     assert sensor.camera.focal_px[0] == pytest.approx(222.0, rel=0.01)
     assert sensor.force_sd == pytest.approx(np.linalg.norm([0.09 / 0.435, 0.1 / 4, 0.45 * 4 / 16]), abs=0.02)
     assert sensor.rest_mm[0, 2] < -0.2
