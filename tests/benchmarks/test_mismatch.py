@@ -84,20 +84,6 @@ def proof(tmp_path):
     return tmp_path
 
 
-def relabel(proof, change):
-    labels = json.loads((proof / "labels.json").read_text())
-    change(labels)
-    (proof / "labels.json").write_text(json.dumps(labels))
-
-
-def rerun(proof, **second):
-    """Other facts of the second case's run."""
-    path = proof / "answers" / "runs.jsonl"
-    runs = [json.loads(line) for line in path.read_text().splitlines()]
-    runs[1] |= second
-    path.write_text("".join(json.dumps(run) + "\n" for run in runs))
-
-
 def scored(proof, monkeypatch, capsys, *more):
     answers, labels, manifest = (str(proof / name) for name in ("answers", "labels.json", "manifest.json"))
     monkeypatch.setattr("sys.argv", ["x", "score", answers, labels, "--manifest", manifest, *more])
@@ -126,14 +112,18 @@ def test_right_labels_are_scored(proof, monkeypatch, capsys):
 
 
 def test_a_changed_label_is_named(proof, monkeypatch, capsys):
-    relabel(proof, lambda labels: labels["a-2"]["label"].update(E_MPa=0.51))
+    labels = json.loads((proof / "labels.json").read_text())
+    labels["a-2"]["label"]["E_MPa"] = 0.51
+    (proof / "labels.json").write_text(json.dumps(labels))
     status, said = scored(proof, monkeypatch, capsys)
     assert status == 1
     assert said.startswith("a-2: the label is not the one that was sealed\n")
 
 
 def test_a_label_that_is_missing_or_was_never_sealed_is_named(proof, monkeypatch, capsys):
-    relabel(proof, lambda labels: labels.update({"b-1": labels.pop("a-1")}))
+    labels = json.loads((proof / "labels.json").read_text())
+    labels["b-1"] = labels.pop("a-1")
+    (proof / "labels.json").write_text(json.dumps(labels))
     status, said = scored(proof, monkeypatch, capsys)
     assert status == 1
     assert said.splitlines()[:3] == ["a-1: no label", "b-1: a label without a seal", "b-1: no answer"]
@@ -141,7 +131,9 @@ def test_a_label_that_is_missing_or_was_never_sealed_is_named(proof, monkeypatch
 
 def test_a_refusal_counts_as_an_answer_with_its_reason(proof, monkeypatch, capsys):
     (proof / "answers" / "a-2.json").unlink()
-    rerun(proof, exit_status=3, said="drupe: a-2: no contact")
+    runs = [json.loads(line) for line in (proof / "answers" / "runs.jsonl").read_text().splitlines()]
+    runs[1] |= {"exit_status": 3, "said": "drupe: a-2: no contact"}
+    (proof / "answers" / "runs.jsonl").write_text("".join(json.dumps(run) + "\n" for run in runs))
     status, said = scored(proof, monkeypatch, capsys)
     assert status == 0
     assert "4 answers, 1 cases without one" in said
@@ -149,7 +141,9 @@ def test_a_refusal_counts_as_an_answer_with_its_reason(proof, monkeypatch, capsy
 
 
 def test_answers_of_two_states_of_the_code_are_refused(proof, monkeypatch, capsys):
-    rerun(proof, code="d")
+    runs = [json.loads(line) for line in (proof / "answers" / "runs.jsonl").read_text().splitlines()]
+    runs[1]["code"] = "d"
+    (proof / "answers" / "runs.jsonl").write_text("".join(json.dumps(run) + "\n" for run in runs))
     status, said = scored(proof, monkeypatch, capsys)
     assert status == 1
     assert "several states of the code: c, d" in said

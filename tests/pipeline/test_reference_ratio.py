@@ -8,13 +8,13 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
+from graded_results import graded
 from rich.console import Console
 from small_batches import batch_of_balls
 
-from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.records import FruitRecord, ModulusRecord
+from pipeline.batch.records import ModulusRecord
 from pipeline.problem import BatchRefused
 from pipeline.ranking.reference_ratio import (
     Ratio,
@@ -39,15 +39,10 @@ def record(name, E_MPa, *, sd=0.02, common=0.01, known=None, outcome="graded"):
     modulus = ModulusRecord(
         E_MPa=E_MPa, E_sd_MPa=sd * E_MPa, common_sd_MPa=common * E_MPa, parts_sd_MPa={"noise": sd * E_MPa}
     )
-    return FruitRecord(
-        fruit_id=name,
-        outcome=outcome,
-        key="k",
-        given=Given(reference=known is not None, **given),
-        modulus=modulus if outcome == "graded" else None,
-        grasps=(GraspRecord(grasp="g", E_MPa=E_MPa, E_energy_MPa=1.01 * E_MPa, E_energy_sd_MPa=0.02),),
-        warnings=("w",),
-    )
+    grasps = (GraspRecord(grasp="g", E_MPa=E_MPa, E_energy_MPa=1.01 * E_MPa, E_energy_sd_MPa=0.02),)
+    changes = {"outcome": outcome, "modulus": modulus if outcome == "graded" else None}
+    changes |= {"grasps": grasps, "warnings": ("w",)}
+    return graded(name, E_MPa, changes=changes, reference=known is not None, **given)
 
 
 def batch_read_with(gain):
