@@ -100,16 +100,8 @@ def three_days(tmp_path):
         body = graded("ball", 0.9 * (1, 1, 1.5)[k], sd=0.04, reference=True, reference_E_MPa=0.9)
         odd = graded("odd", 40.0, doubts=["a gram for a newton"])
         lost = FruitRecord(fruit_id="lost", outcome="no-photos", key="k", given=Given())
-        outs.append(
-            results_of(
-                tmp_path / day,
-                [*fruit, body, odd, lost],
-                day=day,
-                cultivar="Big Top",
-                lot="<script>alert(1)</script>",
-                grading=CLASSES,
-            )
-        )
+        described = {"cultivar": "Big Top", "lot": "<script>alert(1)</script>", "grading": CLASSES}
+        outs.append(results_of(tmp_path / day, [*fruit, body, odd, lost], day=day, **described))
     return outs
 
 
