@@ -55,13 +55,7 @@ def ball(path, indenter="ball"):
     force = force + np.random.default_rng(1).normal(0, 0.004, len(TRAVEL))
     pose = np.tile(np.eye(4), (len(TRAVEL), 1, 1))
     pad = IndenterPad(name="tip", pose=pose, force_z_N=force, indenter=indenter, radius_mm=5.0)
-    what = {
-        "fruit_id": "slab",
-        "category": "silicone",
-        "loading": "press",
-        "support": "base",
-        "sensor": "rig",
-    }
+    what = {"fruit_id": "slab", "category": "silicone", "loading": "press", "support": "base"}
     time_s = np.linspace(0.0, 20.0, len(TRAVEL))
     write_recording(path, Recording(**what, sensor="rig", time_s=time_s, aperture_mm=TRAVEL, pads=(pad,)))
 

@@ -134,10 +134,10 @@ def test_the_common_scale_is_stated_by_the_recording_or_by_the_batch_or_assumed(
 def test_stiffness_and_forces_off_together_are_doubted_by_the_sensors_model(sound, factor):
     scaled = changed(sound, force_N=factor, gel_kn_MPa_per_mm=factor, gel_kt_MPa_per_mm=factor)
     assert kinds(scaled) == {FindingKind.STIFFNESS_NOT_OF_SENSOR}
-    own = [replace(recording, sensor="own gel") for recording in scaled]
-    assert kinds(own) == set()
+    unknown = [replace(recording, sensor="own gel") for recording in scaled]
+    assert kinds(unknown) == set()
     settings = SensorSettings(name="own gel", gel_kn_MPa_per_mm=0.22)
-    assert kinds(own, settings) == {FindingKind.STIFFNESS_NOT_OF_SENSOR}
+    assert kinds(unknown, settings) == {FindingKind.STIFFNESS_NOT_OF_SENSOR}
 
 
 def test_no_check_of_a_recording_by_itself_sees_stiffness_and_forces_off_together(sound):
