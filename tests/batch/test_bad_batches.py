@@ -21,38 +21,60 @@ def refused(batch):
     return line
 
 
-@pytest.mark.slow
-def test_missing_batch_toml(batch):
-    (batch / "batch.toml").unlink()
-    assert "batch.toml: does not exist. Write one" in refused(batch)
+def settings(text, mode="w"):
+    """A change that writes the settings anew, or adds to them."""
+
+    def change(batch):
+        with (batch / "batch.toml").open(mode) as file:
+            file.write(text)
+
+    return change
+
+
+def row_twice(batch):
+    table = batch / "fruits.csv"
+    table.write_text(table.read_text() + table.read_text().splitlines()[1] + "\n")
+
+
+def mat(content):
+    return lambda batch: (batch / "mat.json").write_text(content)
+
+
+MODEL = '[recon]\ngeometry_model = "vggt.onnx"\n'
+BROKEN = {
+    "no settings": (lambda b: (b / "batch.toml").unlink(), ["batch.toml: does not exist. Write one"]),
+    "a case": (
+        lambda b: (b / "batch.toml").rename(b / "case.toml"),
+        ["this is a single case; use `drupe explain`"],
+    ),
+    "unknown key": (
+        settings("pad_edge = 2\n", "a"),
+        ['batch.toml: unknown key "mesh.pad_edge"; did you mean "pad_edge_mm"?'],
+    ),
+    "category without a prior": (settings('category = "mango"\n'), ["batch.toml", "mango", "nectarine"]),
+    "a fruit twice": (row_twice, ["fruits.csv", "appears on lines 2, 4"]),
+    "cut mat": (mat("{"), ["mat.json"]),
+    "mat without tags": (mat(json.dumps({"dict": "APRILTAG_36h11"})), ["mat.json"]),
+    "absent model": (
+        settings(MODEL, "a"),
+        ['batch.toml: "recon.learned.geometry_model": found "vggt.onnx"'],
+    ),
+}
 
 
 @pytest.mark.slow
-def test_a_case_is_no_batch(batch):
-    (batch / "batch.toml").rename(batch / "case.toml")
-    assert "this is a single case; use `drupe explain`" in refused(batch)
+@pytest.mark.parametrize("name", BROKEN)
+def test_a_broken_batch_is_refused_by_grade_and_check(batch, name):
+    change, said = BROKEN[name]
+    change(batch)
+    line = refused(batch)
+    assert [words for words in said if words not in line] == []
 
 
 def test_missing_folder(tmp_path):
     ran = drupe("grade", tmp_path / "nowhere")
     assert ran.status == 2
     assert "does not exist; give an existing batch folder" in ran.one_line_error()
-
-
-@pytest.mark.slow
-def test_unknown_key(batch):
-    with (batch / "batch.toml").open("a") as file:
-        file.write("pad_edge = 2\n")
-    assert 'batch.toml: unknown key "mesh.pad_edge"; did you mean "pad_edge_mm"?' in refused(batch)
-
-
-@pytest.mark.slow
-def test_category_without_a_prior(batch):
-    (batch / "batch.toml").write_text('category = "mango"\n')
-    line = refused(batch)
-    assert "batch.toml" in line
-    assert "mango" in line
-    assert "nectarine" in line
 
 
 @pytest.mark.slow
@@ -76,29 +98,6 @@ def test_no_height_and_no_mat(batch):
     checked = drupe("check", batch)
     assert (checked.out + checked.err).count("height_mm and") == 1, "said once, not of every fruit again"
     assert "has no height_mm," not in checked.out + checked.err
-
-
-@pytest.mark.slow
-def test_duplicate_fruit_id(batch):
-    table = batch / "fruits.csv"
-    table.write_text(table.read_text() + table.read_text().splitlines()[1] + "\n")
-    line = refused(batch)
-    assert "fruits.csv" in line
-    assert "appears on lines 2, 4" in line
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("content", ["{", json.dumps({"dict": "APRILTAG_36h11"})])
-def test_broken_mat(batch, content):
-    (batch / "mat.json").write_text(content)
-    assert "mat.json" in refused(batch)
-
-
-@pytest.mark.slow
-def test_geometry_model_that_is_not_there(batch):
-    with (batch / "batch.toml").open("a") as file:
-        file.write('[recon]\ngeometry_model = "vggt.onnx"\n')
-    assert 'batch.toml: "recon.learned.geometry_model": found "vggt.onnx"' in refused(batch)
 
 
 def test_wrong_usage_is_status_two_without_a_traceback():

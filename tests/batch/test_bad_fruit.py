@@ -52,30 +52,32 @@ def change_recording(change):
     return spoil
 
 
+@change_recording
+def wrong_version(file):
+    file.attrs["version"] = 7
+
+
+@change_recording
+def nan_in_force(file):
+    file["pads/left/force_N"][3, 5, 2] = np.nan
+
+
 def truncated(where):
     path = where / "grasps" / "grasp-1.h5"
     path.write_bytes(path.read_bytes()[:20_000])
 
 
-def wrong_version(file):
-    file.attrs["version"] = 7
+def noise_alone(**sd):
+    """A change that leaves noise of this standard deviation in the named fields of both pads."""
 
+    @change_recording
+    def change(file):
+        for pad in ("left", "right"):
+            for name, noise in sd.items():
+                field = file[f"pads/{pad}/{name}"]
+                field[:] = np.random.default_rng(2).normal(0, noise, field.shape)
 
-def nan_in_force(file):
-    file["pads/left/force_N"][3, 5, 2] = np.nan
-
-
-def never_touches(file):
-    for pad in ("left", "right"):
-        for name, noise in (("force_N", 0.008), ("displacement_mm", 0.004)):
-            field = file[f"pads/{pad}/{name}"]
-            field[:] = np.random.default_rng(2).normal(0, noise, field.shape)
-
-
-def dead_force(file):
-    for pad in ("left", "right"):
-        force = file[f"pads/{pad}/force_N"]
-        force[:] = np.random.default_rng(2).normal(0, 0.008, force.shape)
+    return change
 
 
 def open_mesh(where):
@@ -89,33 +91,26 @@ def pit_too_large(where):
     write_mesh(where / "pit.ply", centre + 1.1 * (vertices - centre), faces)
 
 
-def no_folder(where):
-    shutil.rmtree(where)
-
-
-def no_grasp(where):
-    shutil.rmtree(where / "grasps")
-
-
 def foreign_name(where):
     path = where / "grasps" / "grasp-1.h5"
     path.rename(path.with_name(b"grasp-\xff1.h5".decode(errors="surrogateescape")))
 
 
+IN_AIR = {"force_N": 0.008, "displacement_mm": 0.004}
 SPOILED = {
     "corrupt-jpeg": (corrupt_jpeg, "unreadable-photo", ".jpg", True),
     "two-photos": (two_photos, "too-few-views", "2 ", True),
     "no-fruit-in-photos": (photos_without_fruit, "mat-not-found", "mat", False),
     "truncated": (truncated, "unreadable-recording", "grasp-1.h5", True),
-    "wrong-version": (change_recording(wrong_version), "unreadable-recording", "version", True),
-    "nan-force": (change_recording(nan_in_force), "unreadable-recording", "force_N", True),
-    "never-touches": (change_recording(never_touches), "never-touches", "never touches", False),
-    "dead-force": (change_recording(dead_force), "implausible-recording", "force is dead", True),
+    "wrong-version": (wrong_version, "unreadable-recording", "version", True),
+    "nan-force": (nan_in_force, "unreadable-recording", "force_N", True),
+    "never-touches": (noise_alone(**IN_AIR), "never-touches", "never touches", False),
+    "dead-force": (noise_alone(force_N=0.008), "implausible-recording", "force is dead", True),
     "open-mesh": (open_mesh, "not-watertight", "fruit.ply", True),
     "large-pit": (pit_too_large, "pit-outside-fruit", "pit", False),
     "foreign-name": (foreign_name, "unreadable-recording", r"grasp-\xff1.h5", True),
-    "no-folder": (no_folder, "no-shape", "no-folder", True),
-    "no-grasp": (no_grasp, "no-grasp", "grasps", True),
+    "no-folder": (shutil.rmtree, "no-shape", "no-folder", True),
+    "no-grasp": (lambda where: shutil.rmtree(where / "grasps"), "no-grasp", "grasps", True),
 }
 """Name -> (what is done to the fruit, its outcome, what its reason names, whether reading files shows it)."""
 

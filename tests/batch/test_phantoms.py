@@ -87,47 +87,18 @@ def test_soft_bodies_are_printed_with_digits_enough(graded):
 
 @pytest.fixture
 def one_cube(tmp_path):
-    """A batch of one cube, its recording a press; the settings are the test's own."""
+    """A batch of one cube without a core, its recording a press; the settings are the test's own."""
 
-    def make(settings, *, core=True):
-        skin, inner, recording = cube(np.random.default_rng(1))
-        return phantom_batch(
-            tmp_path / "batch", settings, {"cube": (skin, inner if core else None, recording)}
-        )
+    def make(settings):
+        skin, _, recording = cube(np.random.default_rng(1))
+        return phantom_batch(tmp_path / "batch", settings, {"cube": (skin, None, recording)})
 
     return make
 
 
-def refused(batch):
-    ran = drupe("grade", "--no-screen", batch)
-    assert ran.status == 2
-    assert not (batch / "results").exists()
-    return ran.one_line_error()
-
-
-def test_a_phantom_without_poissons_ratio_is_refused(one_cube):
-    line = refused(one_cube('category = "phantom"\n'))
-    assert 'unknown for the category "phantom"; add poisson_ratio to batch.toml' in line
-
-
-def test_a_phantom_without_a_pit_is_refused(one_cube):
-    line = refused(one_cube(HEADER, core=False))
-    assert 'batch.toml: the category "phantom" has no default pit, and cube has no pit.ply' in line
-    assert 'prior = "none"' in line
-
-
-def test_an_own_category_that_lacks_a_field_is_refused(one_cube):
-    batch = one_cube('category = "kaki.toml"\n')
-    (batch / "kaki.toml").write_text('axis_ratios = { value = [0.4, 0.4, 0.4], source = "own" }\n')
-    line = refused(batch)
-    assert 'batch.toml: "category": ' in line
-    assert "kaki.toml: raised is None; expected { value = 3 numbers from -0.5 to 0.5" in line
-    assert "Add it" in line
-
-
 @pytest.mark.parametrize("prior", ["core.stl", "none"])
 def test_check_finds_a_measured_core_for_all_and_none_at_all_in_order(one_cube, prior):
-    batch = one_cube(HEADER + f'[pit]\nprior = "{prior}"\n', core=False)
+    batch = one_cube(HEADER + f'[pit]\nprior = "{prior}"\n')
     if prior == "core.stl":
         trimesh.creation.box(3 * [CUBE_CORE_MM]).export(batch / prior)
         assert read_mesh(batch / prior)[1].shape == (12, 3)

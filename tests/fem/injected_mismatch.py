@@ -31,6 +31,7 @@ from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes, pad_link
 
 STORED = Path(__file__).parents[1] / "data" / "injected-fruit"
+NUMBERS = ("tets", "outer_faces", "pit_nodes")
 E_MPA = 0.25
 AXIS = np.linspace(-3.6, 3.6, 7)
 FLAT = np.column_stack(
@@ -84,18 +85,13 @@ def store_meshes() -> None:
     what these tests compare moves by up to a fifth.
     """
     for name, mesh in (("finders", meshed(10.0, 2.8, 1000)), ("true", meshed(9.0, 2.0, 2000))):
-        np.savez_compressed(
-            STORED / f"{name}.npz",
-            nodes_mm=mesh.nodes_mm.astype(np.float32),
-            tets=mesh.tets.astype(np.int32),
-            outer_faces=mesh.outer_faces.astype(np.int32),
-            pit_nodes=mesh.pit_nodes.astype(np.int32),
-        )
+        numbers = {key: getattr(mesh, key).astype(np.int32) for key in NUMBERS}
+        np.savez_compressed(STORED / f"{name}.npz", nodes_mm=mesh.nodes_mm.astype(np.float32), **numbers)
 
 
 def _stored(name: str) -> FleshMesh:
     with np.load(STORED / f"{name}.npz", allow_pickle=False) as archive:
-        numbers = {key: archive[key].astype(np.int64) for key in ("tets", "outer_faces", "pit_nodes")}
+        numbers = {key: archive[key].astype(np.int64) for key in NUMBERS}
         return FleshMesh(nodes_mm=archive["nodes_mm"].astype(float), **numbers)
 
 
@@ -135,7 +131,7 @@ class TruePad:
     force_N: np.ndarray
     gel_mm: np.ndarray
 
-    def position_mm(self, unit: np.ndarray, motion_mm: np.ndarray) -> np.ndarray:
+    def moved_mm(self, unit: np.ndarray, motion_mm: np.ndarray) -> np.ndarray:
         """Where the markers are, the fruit having moved."""
         return self.place_mm + unit / E_MPA + motion_mm[:, None]
 
@@ -201,15 +197,10 @@ def pads_under(changed: Callable[[np.ndarray], np.ndarray]) -> tuple[tuple[TrueP
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recording:
+class Recording(TruePad):
     """What one pad's sensors and machine say in all frames, fruit frame; `origin_mm` of its pose."""
 
-    name: str
-    axes: np.ndarray
-    place_mm: np.ndarray
     position_mm: np.ndarray
-    force_N: np.ndarray
-    gel_mm: np.ndarray
     origin_mm: np.ndarray
 
     @property
@@ -237,20 +228,10 @@ def injected_case(
         motion = 0.1 * np.sin(TIME_S[:, None] * [1.0, 1.3, 0.7])
         histories, motions = [], []
         for true in pads:
-            position = true.position_mm(crept(true.unit), motion)
+            position = true.moved_mm(crept(true.unit), motion)
             origin = (position - FLAT @ true.axes.T - true.gel_mm).mean(axis=1)
             touching = true.force_N.any(axis=2)
-            pad = altered(
-                Recording(
-                    name=true.name,
-                    axes=true.axes,
-                    place_mm=true.place_mm,
-                    position_mm=position,
-                    force_N=true.force_N,
-                    gel_mm=true.gel_mm,
-                    origin_mm=origin,
-                )
-            )
+            pad = altered(Recording(**vars(true), position_mm=position, origin_mm=origin))
             blur = [noise * rng.normal(size=position.shape) for _ in range(2)]
             force = pad.force_N + NOISE_N * blur[1]
             pose = np.tile(np.eye(4), (len(TIME_S), 1, 1))
@@ -268,22 +249,10 @@ def injected_case(
                     gel_mm=pad.gel_mm + NOISE_MM * blur[0],
                 )
             )
-            motions.append(
-                PadMotion(
-                    name=pad.name,
-                    pose=pose,
-                    normal_N=(force @ pad.axes[:, 2]).sum(axis=1),
-                    markers=len(FLAT),
-                )
-            )
-        grasps.append(
-            GraspCase(
-                name=f"grasp-{grasp + 1}",
-                history=_history(histories),
-                pads=tuple(motions),
-                support="free",
-            )
-        )
+            normal = (force @ pad.axes[:, 2]).sum(axis=1)
+            motions.append(PadMotion(name=pad.name, pose=pose, normal_N=normal, markers=len(FLAT)))
+        history, name = _history(histories), f"grasp-{grasp + 1}"
+        grasps.append(GraspCase(name=name, history=history, pads=tuple(motions), support="free"))
     return MismatchCase(mesh=fruit, grasps=tuple(grasps), poisson_ratio=NU, budget=ErrorBudget())
 
 

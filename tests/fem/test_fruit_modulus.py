@@ -211,6 +211,5 @@ def test_a_pit_that_the_mesh_cannot_hold_leaves_the_answer_of_the_last_mesh(monk
     inference = infer_modulus(recorded(), prior_mesh(), respond(recorded()), budget=WIDE)
     assert inference.moves == 0
     pit = inference.modulus.pit
-    assert pit is not None
     known = pit.learnt * np.append(pit.offset_mm, pit.ln_size)
     np.testing.assert_allclose(asked, [known, known / 2, known / 4], rtol=1e-9)

@@ -1,15 +1,22 @@
 import numpy as np
 import pytest
-from injected_presses import DEEPEST_MM, NU, THICK_MM, Press, injected
-from press_trace import ball_trace
+from injected_presses import DEEPEST_MM, NU, RADIUS_MM, THICK_MM, Press, injected
 
 from fem.indentation import fit as indenter_fit
+from fem.indentation.ball import Ball
 from fem.indentation.contact_law import Law, linear_law
 from fem.indentation.effects.trace_viscoelastic import viscoelastic
 from fem.indentation.explanations import parameters_of
 from fem.indentation.fit import fit, future_frames, predicted_N, share_missed
 from fem.indentation.no_contact import NoContactNoise, first_touch, no_contact_noise
+from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_noise import TraceNoise, model_clock
+
+
+def ball_trace(time_s, force_N, travel_mm):
+    """A press of the injected presses' ball as the product reads it."""
+    ball = Ball(radius_mm=RADIUS_MM)
+    return IndenterTrace(time_s=time_s, force_N=force_N, travel_mm=travel_mm, geometry=ball)
 
 
 def fitted(trace, *effects, rng):

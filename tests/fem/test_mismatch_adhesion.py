@@ -104,7 +104,6 @@ def test_a_gel_that_sticks_is_named_and_its_reach_is_where_it_lets_go(sticky):
     selection = chosen(sticky)
     assert selection.verdict == "adhesion"
     best = selection.ranking[0].refit
-    assert best is not None
     (parameters,) = best.parameters
     assert parameters[adhesion.REACH] == pytest.approx(REACH_MM, abs=3 * NOISE_MM + 0.01)
     # the forces hold the pull: the response is the plain model's
@@ -121,7 +120,6 @@ def test_what_a_gel_pulls_with_is_noise_of_the_balance(sticky):
     pulls = 0
     for recording in sticky.grasps:
         equations = sticky.balance_equations(recording)
-        assert equations is not None
         variance = (1 / equations.weight[:, :3]).sum(axis=1)
         added = variance - variance.min()
         held = np.zeros(len(variance))
@@ -150,17 +148,12 @@ def test_a_gel_that_bulges_beside_the_contact_adds_no_noise():
     model = model_of(BULGES)
     for recording in model.grasps:
         equations = model.balance_equations(recording)
-        assert equations is not None
         assert (equations.weight == equations.weight[0]).all()
 
 
 @pytest.mark.parametrize(
     "altered",
-    [
-        unaltered,
-        BULGES,
-        drifting(-0.3),
-    ],
+    [unaltered, BULGES, drifting(-0.3)],
     ids=["null case", "a gel that bulges beside the contact", "a force that drifts to a pull"],
 )
 def test_what_only_looks_like_a_pull_has_no_signature(altered):

@@ -15,15 +15,11 @@ from fem.mismatch.signature_variant import ONE_WAY
 UNEVEN_S = np.concatenate([[0.0, 0.02, 0.1], np.linspace(0.3, 9.0, 25), [12.0, 20.0, 60.0]])
 
 
-def as_field(series: np.ndarray) -> np.ndarray:
-    return series[:, None, None] * np.ones((1, 1, 3))
-
-
 def test_what_lags_behind_a_ramp_and_a_hold_is_their_closed_form_at_any_steps():
     T, end = 1.7, 3.0
     time = np.unique(np.append(UNEVEN_S, end))
     ramp = np.minimum(time, end)
-    lag = lagging(as_field(ramp), time, T)[:, 0, 0]
+    lag = lagging((ramp[:, None, None] * np.ones((1, 1, 3))), time, T)[:, 0, 0]
     during = time - T * -np.expm1(-time / T)
     at_end = end - T * -np.expm1(-end / T)
     after = end + (at_end - end) * np.exp(-(time - end) / T)

@@ -126,7 +126,6 @@ def test_draining_flesh_is_found_with_its_share_its_time_and_the_modulus(
     assert best.effect is drainage.EFFECT
     assert best.gain > max(least_gain, second.gain + 50)
     again = refit(model, linear, [best])
-    assert again is not None
     (parameters,) = again.parameters
     assert parameters["volume_share"] == pytest.approx(share, abs=share_off)
     assert parameters["tau_s"] == pytest.approx(tau_s, rel=tau_off)

@@ -90,7 +90,6 @@ def bent_reading() -> CaseModel:
 
 def measured(effect: GelFault, model: CaseModel) -> dict[str, float]:
     relation = effect.measured(model)
-    assert relation is not None
     return relation.values
 
 
@@ -118,7 +117,6 @@ def test_a_sound_gel_shows_none_of_them(unaltered, effect):
     assert effect.direct_evidence(unaltered) == 0.0
     assert not effect.signatures(unaltered)
     relation = effect.measured(unaltered)
-    assert relation is not None
     name = effect.amounts[0]
     assert abs(relation.values[name]) < max(4 * relation.sd[name], 0.02)
     assert hidden_gel_spread(unaltered, FAULTS, None) < 0.005
@@ -127,7 +125,6 @@ def test_a_sound_gel_shows_none_of_them(unaltered, effect):
 def test_a_gel_that_bends_and_is_read_rightly_is_no_fault_of_the_reading():
     model, effect = model_of(bending_gel(0.5)), sensor_nonlinear.EFFECT
     relation = effect.measured(model)
-    assert relation is not None
     assert relation.evidence > 20  # the relation alone would have it
     assert effect.flesh_gain(model) < 0
     assert not effect.signatures(model)
@@ -208,7 +205,6 @@ def warmed(monkeypatch, *records: GelRecord) -> RelationFit | None:
 
 def test_a_warming_gel_is_measured_where_it_touches_nothing(monkeypatch):
     relation = warmed(monkeypatch, still(1e-3, 0.3), still(1e-3, 0.3, seed=1))
-    assert relation is not None
     assert relation.values["strain_per_root_s"] == pytest.approx(1e-3, rel=0.05)
     assert relation.values["N_per_root_s"] == pytest.approx(0.3, rel=0.15)
     assert relation.evidence > 100

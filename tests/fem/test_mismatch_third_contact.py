@@ -108,7 +108,6 @@ def palm() -> CaseModel:
 
 def normal_N(model: CaseModel) -> list[np.ndarray]:
     contact = best_contact(model)
-    assert contact is not None
     return [np.zeros(1) if force is None else force.force_N @ contact.seat.inward for force in contact.forces]
 
 
@@ -145,7 +144,6 @@ def test_the_balance_with_a_force_at_another_place_explains_less(palm: CaseModel
     assert equations is not None
     balance = ForceBalance.of(recording, equations)
     here = balance.force(PLACE_MM, UPWARDS)
-    assert here is not None
     aside = np.array([0.0, 13.0, -13.0])
     elsewhere = balance.force(aside, -aside / np.linalg.norm(aside))
     assert here.evidence > (0.0 if elsewhere is None else elsewhere.evidence) + 100

@@ -20,13 +20,8 @@ def explanation(
 ) -> tuple[Hypothesis, Modulus | None]:
     """`E` by a refit; `change` (ratio, added spread) by a linear signature."""
     refit = None if E is None else SimpleNamespace()
-    hypothesis = Hypothesis(
-        name=name,
-        gain=0.0,
-        probability=probability,
-        refit=refit,  # type: ignore[arg-type]
-        modulus_change=change,
-    )
+    known = {"refit": refit, "modulus_change": change}
+    hypothesis = Hypothesis(name=name, gain=0.0, probability=probability, **known)
     return hypothesis, None if E is None else Modulus(value=E, sd=0.01)
 
 
@@ -67,15 +62,10 @@ def test_an_explanation_of_little_weight_hardly_widens_E() -> None:
 
 def test_an_interval_holds_nine_tenths_of_draws() -> None:
     rng = np.random.default_rng(1)
-    weights, moduli = (
-        [0.5, 0.3, 0.2],
-        [Modulus(value=v, sd=s) for v, s in ((1, 0.1), (1.3, 0.2), (0.6, 0.05))],
-    )
+    weights, values, sds = [0.5, 0.3, 0.2], np.array([1, 1.3, 0.6]), np.array([0.1, 0.2, 0.05])
     component = rng.choice(3, size=100_000, p=weights)
-    drawn = np.array([m.value for m in moduli])[component] + np.array([m.sd for m in moduli])[
-        component
-    ] * rng.normal(size=len(component))
-    modulus = mixture(weights, moduli)
+    drawn = values[component] + sds[component] * rng.normal(size=len(component))
+    modulus = mixture(weights, [Modulus(value=v, sd=s) for v, s in zip(values, sds, strict=True)])
     low, high = np.quantile(drawn, [0.05, 0.95])
     assert modulus.value == pytest.approx(drawn.mean(), abs=3e-3)
     assert modulus.sd * Z == pytest.approx(max(high - modulus.value, modulus.value - low), rel=0.01)
@@ -100,10 +90,8 @@ def test_unknown_physics_makes_E_uncertain_and_does_not_move_it(rms, spread) -> 
 
 def test_a_hidden_fault_of_a_gel_widens_E() -> None:
     modulus = reported(explanation(NONE, 1.0), hidden=0.03)
-    assert (modulus.value, modulus.sd) == (
-        PLAIN.value,
-        pytest.approx(math.hypot(PLAIN.sd, 0.03 * PLAIN.value)),
-    )
+    assert modulus.value == PLAIN.value
+    assert modulus.sd == pytest.approx(math.hypot(PLAIN.sd, 0.03 * PLAIN.value))
 
 
 def test_an_explanation_without_an_E_leaves_the_plain_models() -> None:

@@ -7,6 +7,7 @@ from functools import partial
 import pytest
 from explain_runs import DATA, GRADED, NO_MESH, SETTINGS, Ran, change, stronger
 from fake_explanation import fake_explanation
+from small_batches import batch_of_nectarines
 from threadpoolctl import threadpool_info
 
 import pipeline.diagnosis.diagnosis
@@ -74,15 +75,9 @@ def case(tmp_path):
 @pytest.fixture
 def batch(tmp_path):
     """A batch of one fruit."""
-    root = tmp_path / "batch"
+    root = batch_of_nectarines(tmp_path / "batch", "N01", pit=True)
     grasps = root / "fruits" / "N01" / "grasps"
-    grasps.mkdir(parents=True)
-    for name in ("fruit.ply", "pit.ply"):
-        shutil.copy(DATA / name, grasps.parent)
-    for k in (1, 2):
-        shutil.copy(DATA / "grasp.h5", grasps / f"grasp-{k}.h5")
-        change(grasps / f"grasp-{k}.h5", lambda file: file.attrs.modify("fruit_id", "N01"))
+    shutil.copy(grasps / "grasp-1.h5", grasps / "grasp-2.h5")
     change(grasps / "grasp-2.h5", stronger)
     (root / "batch.toml").write_text('# ours\ncategory = "nectarine"\npoisson_ratio = 0.45\n')
-    (root / "fruits.csv").write_text("fruit_id\nN01\n")
     return root

@@ -26,9 +26,8 @@ def candidate(effect, probability, **parameters):
         elif isinstance(value, tuple):
             made[name] = Parameter(value=value, sd=tuple(0.1 for _ in value), unit="mm")
         else:
-            made[name] = Parameter(
-                value=value, sd=0.05 * abs(value), unit="1", interval=(0.92 * value, 1.08 * value)
-            )
+            interval = (0.92 * value, 1.08 * value)
+            made[name] = Parameter(value=value, sd=0.05 * abs(value), unit="1", interval=interval)
     return Candidate(
         effect=effect,
         probability=probability,
@@ -51,18 +50,14 @@ def fake_map(rng):
     vertices = direction * [30, 29, 28] + [0, 0, 28]
     spot = np.exp(-((np.linalg.norm(direction - [0.96, 0.27, 0], axis=1) / 0.35) ** 2))
     seen = np.maximum(np.exp(-((np.arccos(abs(direction[:, 0]).clip(0, 1)) / 0.6) ** 2)) * 60, 0.1)
-    return FruitMap(
-        vertices_mm=vertices,
-        triangles=triangles,
-        modulus_score=-9 * spot + rng.normal(0, 0.4, len(direction)),
-        visible=seen,
-    )
+    score = -9 * spot + rng.normal(0, 0.4, len(direction))
+    return FruitMap(vertices_mm=vertices, triangles=triangles, modulus_score=score, visible=seen)
 
 
 def fake_explanation(**changes):
     rng = np.random.default_rng(5)
     cells, traces = [], []
-    for k in range(1, 5):
+    for grasp in ("grasp-1", "grasp-2", "grasp-3", "grasp-4"):
         t = np.linspace(1.0, 9.0, 60)
         phase = np.where(t < 3, "load", np.where(t < 7, "hold", "unload"))
         depth = np.interp(t, [1, 3, 7, 9], [0, 1.2, 1.2, 0])
@@ -70,27 +65,11 @@ def fake_explanation(**changes):
         for pad in ("left", "right"):
             for i in range(4, 58, 2):
                 E = 0.33 * (1 - 0.3 * (1 - np.exp(-(t[i] - 1) / 3))) + rng.normal(0, 0.004)
-                cells.append(
-                    ModulusCell(
-                        grasp=f"grasp-{k}",
-                        pad=pad,
-                        time_s=float(t[i]),
-                        phase=str(phase[i]),
-                        E_MPa=float(E),
-                        E_sd_MPa=0.004,
-                    )
-                )
-        traces.append(
-            GraspTrace(
-                grasp=f"grasp-{k}",
-                time_s=t,
-                phase=tuple(map(str, phase)),
-                force_N=force,
-                given_mm=depth + rng.normal(0, 0.004, len(t)),
-                before_mm=0.9 * depth,
-                after_mm=depth,
-            )
-        )
+                frame = {"time_s": float(t[i]), "phase": str(phase[i]), "E_MPa": float(E)}
+                cells.append(ModulusCell(grasp=grasp, pad=pad, E_sd_MPa=0.004, **frame))
+        recorded = {"time_s": t, "phase": tuple(map(str, phase)), "force_N": force}
+        travel = {"given_mm": depth + rng.normal(0, 0.004, len(t)), "before_mm": 0.9 * depth}
+        traces.append(GraspTrace(grasp=grasp, **recorded, **travel, after_mm=depth))
     explanation = Explanation(
         detected=True,
         p_value=0.002,

@@ -1,5 +1,6 @@
 """Folders of results as `drupe grade` leaves them, made of numbers alone."""
 
+import csv
 from datetime import UTC, datetime
 
 from pipeline.batch.fruits_table import Given
@@ -52,19 +53,22 @@ def results_of(out, records, *, day="2026-08-10", status=0, inputs=None, **setti
         folder.root.mkdir(parents=True, exist_ok=True)
         folder.claim()
         write_record(folder.record, record)
+    outcomes = {record.fruit_id: record.outcome for record in records}
     at = datetime.fromisoformat(f"{day}T12:00:00").replace(tzinfo=UTC)
     content = {
         "batch": str(out.parent),
         "settings": {"category": "nectarine", **settings},
-        "inputs": inputs
-        or {
-            f"fruits/{fruit_record.fruit_id}/grasps/a.h5": f"{day}{out}{fruit_record.fruit_id}"
-            for fruit_record in records
-        },
+        "inputs": inputs or {f"fruits/{name}/grasps/a.h5": f"{day}{out}{name}" for name in outcomes},
         "started_utc": utc_text(at),
         "finished_utc": utc_text(at),
         "exit_status": status,
-        "outcomes": {fruit_record.fruit_id: fruit_record.outcome for fruit_record in records},
+        "outcomes": outcomes,
     }
     write_provenance(results.provenance, content)
     return out
+
+
+def rows(results, table="ranking.csv"):
+    """A table's rows by fruit."""
+    lines = (results / table).read_text("utf-8").splitlines()
+    return {row["fruit_id"]: row for row in csv.DictReader(lines)}

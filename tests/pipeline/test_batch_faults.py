@@ -5,9 +5,9 @@ import re
 
 import numpy as np
 import pytest
+from graded_results import graded
 
-from pipeline.batch.fruits_table import Given
-from pipeline.batch.records import AmountRecord, FruitRecord, ScreenRecord
+from pipeline.batch.records import AmountRecord, ScreenRecord
 from pipeline.ranking.batch_faults import FALSE_ALARM, FLOOR, batch_faults, combined
 
 OWN_SD = {"gain": 0.003, "newton_per_s": 0.005}
@@ -16,25 +16,12 @@ EFFECT = {"gain": "sensor_gain", "newton_per_s": "sensor_drift"}
 
 def fruit(name, **amounts):
     """A fruit whose screen found these amounts, keyed PAD__PARAMETER."""
-    return FruitRecord(
-        fruit_id=name,
-        outcome="graded",
-        key="k",
-        given=Given(),
-        screen=ScreenRecord(
-            p_value=0.5,
-            amounts=tuple(
-                AmountRecord(
-                    effect=EFFECT[key.partition("__")[2]],
-                    pad=key.partition("__")[0],
-                    parameter=key.partition("__")[2],
-                    value=value,
-                    sd=OWN_SD[key.partition("__")[2]],
-                )
-                for key, value in amounts.items()
-            ),
-        ),
-    )
+    records = []
+    for key, value in amounts.items():
+        pad, _, parameter = key.partition("__")
+        effect, sd = EFFECT[parameter], OWN_SD[parameter]
+        records.append(AmountRecord(effect=effect, pad=pad, parameter=parameter, value=value, sd=sd))
+    return graded(name, 0.5, changes={"screen": ScreenRecord(p_value=0.5, amounts=tuple(records))})
 
 
 def batch_of(count, rng, *, gain=0.0, between=0.0):
@@ -43,15 +30,8 @@ def batch_of(count, rng, *, gain=0.0, between=0.0):
     for k in range(count):
         left = gain + between * rng.normal() + OWN_SD["gain"] * rng.normal()
         drift = OWN_SD["newton_per_s"] * rng.normal(size=2)
-        fruits.append(
-            fruit(
-                f"N{k}",
-                left__gain=left,
-                right__gain=-left,
-                left__newton_per_s=drift[0],
-                right__newton_per_s=drift[1],
-            )
-        )
+        drifts = {"left__newton_per_s": drift[0], "right__newton_per_s": drift[1]}
+        fruits.append(fruit(f"N{k}", left__gain=left, right__gain=-left, **drifts))
     return fruits
 
 

@@ -1,5 +1,6 @@
 """`drupe calibrate --rigid` and `drupe convert --rig`: a rig measured by closed forms is taken off again."""
 
+import json
 import sys
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from tactile.tactile_failure import TactileFailure
 
 RIG = SeriesRig(spring_N_per_mm=6.0, pads=12.0)
 BALL_MM, NU = 5.0, 0.45
+RIGID = ("--rigid", "ball", "--size-mm", "40")
 
 
 def hertz_mm(E_MPa: float):
@@ -35,7 +37,7 @@ def write_trace(path: Path, seed: int, *, rig=RIG, **how) -> Path:
 def calibrated(folder: Path, *more: str) -> tuple[int, str]:
     first, second, third = (write_trace(folder / f"s{k}.csv", k, scale=1 + 0.01 * k) for k in (0, 1, 2))
     again = ("--squeeze", second, "--squeeze", third)
-    return run("calibrate", first, folder / "rig.toml", "--rigid", "ball", "--size-mm", "40", *again, *more)
+    return run("calibrate", first, folder / "rig.toml", *RIGID, *again, *more)
 
 
 def test_squeezes_become_a_rig_that_says_what_was_squeezed(tmp_path: Path) -> None:
@@ -60,10 +62,7 @@ def test_a_rig_is_written_again_and_nobody_elses_file_is(tmp_path: Path) -> None
     assert code != 0
     assert "is not a rig that drupe calibrate wrote" in said
     assert (tmp_path / "rig.toml").read_text() == other_text
-    code, said = run(
-        "calibrate", tmp_path / "s0.csv", tmp_path / "s0.csv", "--rigid", "ball", "--size-mm", "40"
-    )
-    assert code != 0
+    assert run("calibrate", tmp_path / "s0.csv", tmp_path / "s0.csv", *RIGID)[0] != 0
 
 
 @pytest.mark.parametrize(
@@ -71,7 +70,7 @@ def test_a_rig_is_written_again_and_nobody_elses_file_is(tmp_path: Path) -> None
     [
         (("--rigid", "ball"), "--rigid calibrates a rig and needs --size-mm"),
         (("--size-mm", "40"), "add --rigid ball"),
-        (("--rigid", "ball", "--size-mm", "40", "--load-cell", "press"), "which calibrates a sensor"),
+        ((*RIGID, "--load-cell", "press"), "which calibrates a sensor"),
     ],
 )
 def test_options_of_rig_and_sensor_do_not_mix(tmp_path: Path, words: tuple[str, ...], said: str) -> None:
@@ -82,34 +81,28 @@ def test_options_of_rig_and_sensor_do_not_mix(tmp_path: Path, words: tuple[str, 
 
 def test_a_soft_object_is_no_rig(tmp_path: Path) -> None:
     trace = write_trace(tmp_path / "s.csv", 0, relaxes=0.4, hold=200)
-    code, said = run("calibrate", trace, tmp_path / "rig.toml", "--rigid", "ball", "--size-mm", "40")
+    code, said = run("calibrate", trace, tmp_path / "rig.toml", *RIGID)
     assert code == 3
     assert "no squeeze of a rigid object" in said
     assert not (tmp_path / "rig.toml").exists()
 
 
 @pytest.mark.parametrize(
-    ("wrong", "said"),
+    ("right", "wrong", "said"),
     [
-        ('format = "drupe-rig"', "format: found 'drupe-rigs'"),
-        ("version = 1", "version: found 2"),
-        ("give_mm = [0.0,", "found a give that falls, or is not 0 without force"),
-        ("force_N = [0.0,", "forces that grow from 0"),
-        ('shape = "ball"', "ball or block"),
+        ('"drupe-rig"', '"drupe-rigs"', "format: found 'drupe-rigs'"),
+        ("version = 1", "version = 2", "version: found 2"),
+        ("give_mm = [0.0,", "give_mm = [1.0,", "found a give that falls, or is not 0 without force"),
+        ("force_N = [0.0,", "force_N = [9.0,", "forces that grow from 0"),
+        ('shape = "ball"', 'shape = "egg"', "ball or block"),
     ],
 )
-def test_a_rig_that_was_edited_wrongly_is_refused_by_its_field(tmp_path: Path, wrong: str, said: str) -> None:
+def test_a_rig_that_was_edited_wrongly_is_refused_by_its_field(
+    tmp_path: Path, right: str, wrong: str, said: str
+) -> None:
     calibrated(tmp_path)
     path = tmp_path / "rig.toml"
-    right = path.read_text()
-    ways = {
-        "format": '"drupe-rigs"',
-        "version": "2",
-        "give_mm": "[1.0,",
-        "force_N": "[9.0,",
-        "shape": '"egg"',
-    }
-    path.write_text(right.replace(wrong, f"{wrong.split()[0]} = {ways[wrong.split()[0]]}"))
+    path.write_text(path.read_text().replace(right, wrong))
     with pytest.raises(TactileFailure) as failure:
         read_rig(path)
     assert said in str(failure.value)
@@ -133,8 +126,6 @@ def converted(folder: Path, trace: Path, *more: str | Path) -> str:
 
 
 def modulus(path: Path) -> dict[str, float]:
-    import json
-
     return json.loads(path.read_text())["E_MPa"]["after"]
 
 
@@ -187,56 +178,26 @@ def gel_squeeze(path: Path, seed: int) -> Path:
     under = moved[:, :, 2] < 0
     pushed[:, :, 2] = under * (force / np.maximum(under.sum(axis=1), 1))[:, None]
     pose = np.broadcast_to(np.eye(4), (len(time), 4, 4)).copy()
-    pads = tuple(
-        GelPad(
-            name=name,
-            pose=pose,
-            rest_mm=rest,
-            displacement_mm=moved,
-            force_N=pushed,
-            gel_kn_MPa_per_mm=0.1,
-            gel_kt_MPa_per_mm=0.1,
-        )
-        for name in ("left", "right")
-    )
-    write_recording(
-        path,
-        Recording(
-            fruit_id="ball",
-            category="phantom",
-            loading="grasp",
-            support="free",
-            sensor="gel",
-            time_s=time,
-            aperture_mm=42.0 - travel,
-            pads=pads,
-        ),
-    )
+    motion = {"pose": pose, "rest_mm": rest, "displacement_mm": moved, "force_N": pushed}
+    springs = {"gel_kn_MPa_per_mm": 0.1, "gel_kt_MPa_per_mm": 0.1}
+    pads = tuple(GelPad(name=name, **motion, **springs) for name in ("left", "right"))
+    how = {"fruit_id": "ball", "category": "phantom", "loading": "grasp", "support": "free", "sensor": "gel"}
+    write_recording(path, Recording(**how, time_s=time, aperture_mm=42.0 - travel, pads=pads))
     return path
 
 
 def test_of_a_squeeze_between_gels_the_jaws_part_is_told_from_the_gels(tmp_path: Path) -> None:
     first, second = gel_squeeze(tmp_path / "a.h5", 1), gel_squeeze(tmp_path / "b.h5", 2)
     out = tmp_path / "rig.toml"
-    code, said = run("calibrate", first, out, "--squeeze", second, "--rigid", "ball", "--size-mm", "40")
+    code, said = run("calibrate", first, out, "--squeeze", second, *RIGID)
     assert code == 0, said
     assert "mm belong to the gels, as their markers show" in said
     rig = read_rig(out)
-    assert rig.jaws is not None
     force = np.linspace(2, 14, 7)
     np.testing.assert_allclose(rig.jaws.give(force), force / 10.0, atol=0.02)
     np.testing.assert_allclose(rig.travel.give(force), force / 5.0, atol=0.03)
-    code, said = run(
-        "calibrate",
-        first,
-        tmp_path / "mixed.toml",
-        "--squeeze",
-        write_trace(tmp_path / "s.csv", 0),
-        "--rigid",
-        "ball",
-        "--size-mm",
-        "40",
-    )
+    bare = write_trace(tmp_path / "s.csv", 0)
+    code, said = run("calibrate", first, tmp_path / "mixed.toml", "--squeeze", bare, *RIGID)
     assert code != 0
     assert "calibrate each kind" in said
 

@@ -73,8 +73,10 @@ def tasks(root):
 def test_what_a_phantom_lacks_is_named_with_the_fruit_that_lack_it(made):
     (line,) = problems(made(PHANTOM))
     assert line.startswith('batch.toml: the category "phantom" has no default pit, and B has no pit.ply')
+    assert 'prior = "none"' in line
     both = problems(made('category = "phantom"\n'))
-    assert any("add poisson_ratio to batch.toml" in sentence for sentence in both)
+    unknown = 'unknown for the category "phantom"; add poisson_ratio to batch.toml'
+    assert any(unknown in sentence for sentence in both)
     assert len(both) == 2
 
 
@@ -139,6 +141,10 @@ def test_limits_are_the_categorys_where_the_pit_is_another_files(made):
     ("change", "says"),
     [
         (("offset_sd_mm", "# "), "mine.toml: offset_sd_mm is None; expected { value = a number from 0 to 20"),
+        (
+            ('given_by_batch = ["pit"]', 'axis_ratios = { value = [0.4, 0.4, 0.4], source = "own" }'),
+            "mine.toml: raised is None; expected { value = 3 numbers from -0.5 to 0.5",
+        ),
         (("0.44", "0.7"), "mine.toml: poisson_ratio is {'value': 0.7"),
         (('["pit"]', '["pips"]'), "mine.toml: given_by_batch is ['pips']; expected a list of"),
         (

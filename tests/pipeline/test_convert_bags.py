@@ -126,15 +126,8 @@ def planar(messages: list) -> list:
     made = []
     for time_s, (kind, message) in messages:
         dim = [SimpleNamespace(label="", size=n, stride=0) for n in (3, MARKERS)]
-        made.append(
-            (
-                time_s,
-                (
-                    kind,
-                    SimpleNamespace(**{**vars(message), "layout": SimpleNamespace(dim=dim, data_offset=0)}),
-                ),
-            )
-        )
+        layout = SimpleNamespace(dim=dim, data_offset=0)
+        made.append((time_s, (kind, SimpleNamespace(**{**vars(message), "layout": layout}))))
     return made
 
 
@@ -156,10 +149,6 @@ def test_options_that_would_be_ignored_are_refused(tmp_path):
     assert "--closing and --up need --jaws-centre-mm" in run(table, out, "--closing", 0, 1, 0)[1]
     both = "--robot", tmp_path / "robot.toml", "--flange", tmp_path / "flange.csv"
     assert "remove one of them" in run(table, out, *both, *JAWS)[1]
-
-
-def cut(path: Path) -> None:
-    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
 
 
 @pytest.mark.parametrize(
@@ -190,12 +179,12 @@ def test_a_wrong_bag_is_named_and_leaves_nothing(tmp_path, truth, change, senten
 
 def test_a_cut_bag_and_another_file_are_refused(tmp_path, truth):
     write_bag(tmp_path / "grasp.mcap", truth[1])
-    cut(tmp_path / "grasp.mcap")
-    code, said = convert(tmp_path, TOPICS)
-    assert (code, (tmp_path / "out.h5").exists()) == (3, False)
-    assert "found a damaged bag" in said
-    (tmp_path / "grasp.mcap").write_text("no bag")
-    assert "found a damaged bag" in convert(tmp_path, TOPICS)[1]
+    whole = (tmp_path / "grasp.mcap").read_bytes()
+    for content in (whole[: len(whole) // 2], b"no bag"):
+        (tmp_path / "grasp.mcap").write_bytes(content)
+        code, said = convert(tmp_path, TOPICS)
+        assert (code, (tmp_path / "out.h5").exists()) == (3, False)
+        assert "found a damaged bag" in said
 
 
 def test_a_small_bag_that_unpacks_to_too_much_is_given_up(tmp_path):

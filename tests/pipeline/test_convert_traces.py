@@ -17,6 +17,7 @@ PRESSED = 0.02 * np.arange(30) ** 1.5
 GONE = 0.05 * np.arange(30)
 XLS = Path(__file__).parents[1] / "data" / "press.xls"
 """Two steps of a rheometer, 30 rows each: names, a row of units, s, N and um; written once with xlwt 1.3."""
+HEADER = "time_s,travel_mm,force_N"
 NAMES = "time=Time,force=Force,travel=Pos"
 run = partial(command, "convert")
 
@@ -25,6 +26,14 @@ def table(header: str, *columns: np.ndarray, mark: str = ",", comma: bool = Fals
     rows = [mark.join(form % value for value in row) for row in np.stack(columns, axis=1)]
     text = "\n".join(rows).replace(".", ",") if comma else "\n".join(rows)
     return f"{header}\n{text}\n"
+
+
+def written(
+    folder: Path, *columns: np.ndarray, name: str = "t.csv", header: str = HEADER, **how: object
+) -> Path:
+    """The table in a file."""
+    (folder / name).write_text(table(header, *(columns or (TIMES, GONE, PRESSED)), **how))
+    return folder / name
 
 
 def read_back(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -41,6 +50,7 @@ def converted(folder: Path, source: Path, *options: str) -> str:
     np.testing.assert_allclose(time_s, TIMES, atol=1e-6)
     np.testing.assert_allclose(travel_mm, GONE, atol=1e-6)
     np.testing.assert_allclose(force_N, PRESSED, atol=1e-6)
+    (folder / "out.h5").unlink()
     return said
 
 
@@ -53,8 +63,7 @@ def refused(folder: Path, source: Path, *options: str) -> str:
 
 
 def test_names_that_are_not_known_are_asked_back_with_the_option_that_names_them(tmp_path: Path) -> None:
-    source = tmp_path / "t.csv"
-    source.write_text(table("Time,Force,GoalForce,Pos", TIMES, PRESSED, PRESSED, GONE))
+    source = written(tmp_path, TIMES, PRESSED, PRESSED, GONE, header="Time,Force,GoalForce,Pos")
     said = refused(tmp_path, source)
     assert "found the columns Time, Force, GoalForce, Pos" in said
     assert "give --columns time=Time,force=Force,travel=Pos." in said
@@ -76,9 +85,8 @@ def test_names_that_are_not_known_are_asked_back_with_the_option_that_names_them
 def test_every_unit_comes_out_in_seconds_newtons_and_millimetres(
     tmp_path: Path, units: str, factors: tuple[float, float, float]
 ) -> None:
-    source = tmp_path / "t.csv"
     values = [v * factor for v, factor in zip((TIMES, PRESSED, GONE), factors, strict=True)]
-    source.write_text(table("Time,Force,Pos", *values, form="%.12g"))
+    source = written(tmp_path, *values, header="Time,Force,Pos", form="%.12g")
     converted(tmp_path, source, "--columns", NAMES, "--units", units)
 
 
@@ -124,7 +132,6 @@ def test_a_spreadsheet_of_old_asks_for_its_sheet_and_reads_the_row_of_units(tmp_
     assert '--sheet "Axial - 1"' in said
     converted(tmp_path, XLS, "--columns", columns, "--sheet", "Axial - 1")
     wrong = ("--columns", columns, "--sheet", "Axial - 9")
-    (tmp_path / "out.h5").unlink()
     assert "(Details, Axial - 1, Axial - 2)" in refused(tmp_path, XLS, *wrong)
     other = ("--columns", columns, "--sheet", "Axial - 1", "--units", "gap=mm")
     assert "in µm by the row of units and in mm by --units" in refused(tmp_path, XLS, *other)
@@ -135,7 +142,6 @@ def test_a_new_spreadsheet_is_read(tmp_path: Path) -> None:
     table = pd.DataFrame({"time_s": TIMES, "travel_mm": GONE, "force_N": PRESSED})
     table.to_excel(tmp_path / "t.xlsx", index=False)
     converted(tmp_path, tmp_path / "t.xlsx")
-    (tmp_path / "out.h5").unlink()
     (tmp_path / "broken.xlsx").write_bytes((tmp_path / "t.xlsx").read_bytes()[:300])
     assert "found a damaged or locked spreadsheet" in refused(tmp_path, tmp_path / "broken.xlsx")
 
@@ -178,24 +184,20 @@ def test_a_bad_table_is_refused_with_its_row_or_column(
     ],
 )
 def test_an_option_that_says_nothing_is_refused(tmp_path: Path, options: tuple[str, str], words: str) -> None:
-    (tmp_path / "t.csv").write_text(table("time_s,travel_mm,force_N", TIMES, GONE, PRESSED))
-    assert words in refused(tmp_path, tmp_path / "t.csv", *options)
+    assert words in refused(tmp_path, written(tmp_path), *options)
 
 
 def test_names_and_numbers_that_spaces_part_are_counted(tmp_path: Path) -> None:
-    source = tmp_path / "t.txt"
-    source.write_text(table("Time (s)  Force (N)  Pos (mm)", TIMES, PRESSED, GONE, mark="  "))
+    columns = (TIMES, PRESSED, GONE)
+    source = written(tmp_path, *columns, header="Time (s)  Force (N)  Pos (mm)", mark="  ", name="t.txt")
     converted(tmp_path, source, "--columns", "time=Time (s),force=Force (N),travel=Pos (mm)")
-    (tmp_path / "out.h5").unlink()
-    source.write_text(table("Time Axial Force Pos", TIMES, PRESSED, GONE, mark=" "))
+    written(tmp_path, *columns, header="Time Axial Force Pos", mark=" ", name="t.txt")
     said = refused(tmp_path, source, "--columns", NAMES, "--units", "time=s,force=N,travel=mm")
     assert "4 names above 3 columns of numbers, apart by spaces" in said
 
 
 def test_a_unit_of_what_is_not_read_is_refused(tmp_path: Path) -> None:
-    source = tmp_path / "t.csv"
-    source.write_text(table("time_s,force_N,travel_mm", TIMES, PRESSED, GONE))
-    said = refused(tmp_path, source, "--units", "gap=um")
+    said = refused(tmp_path, written(tmp_path), "--units", "gap=um")
     assert "--units of gap, where" in said
     assert 'travel ("travel_mm")' in said
 
@@ -206,8 +208,8 @@ def test_columns_of_what_is_no_table_are_refused(tmp_path: Path) -> None:
 
 
 def test_a_last_row_cut_short_and_a_clock_of_the_day_are_said(tmp_path: Path) -> None:
-    source = tmp_path / "t.csv"
-    source.write_text(table("time_s,travel_mm,force_N", 1.75e9 + TIMES, GONE, PRESSED, form="%.12g") + "17\n")
+    source = written(tmp_path, 1.75e9 + TIMES, GONE, PRESSED, form="%.12g")
+    source.write_text(source.read_text() + "17\n")
     said = " ".join(converted(tmp_path, source).split())
     assert "1 row at the end, from row 32 on, not whole; drupe left out" in said
     assert "time starts at 1750000000 s; drupe counts from the first frame" in said
@@ -224,10 +226,8 @@ def test_a_quotation_mark_that_does_not_end_is_refused_and_no_row_is_lost(tmp_pa
 
 
 def test_a_cell_that_was_not_tared_keeps_its_sign(tmp_path: Path) -> None:
-    source = tmp_path / "t.csv"
     offset = 2 * float(PRESSED.max())
-    source.write_text(table("time_s,travel_mm,force_N", TIMES, GONE, PRESSED - offset))
-    code, said = run(source, tmp_path / "out.h5", *BALL)
+    code, said = run(written(tmp_path, TIMES, GONE, PRESSED - offset), tmp_path / "out.h5", *BALL)
     assert code == 0
     assert "reversed its sign" not in said
     np.testing.assert_allclose(read_back(tmp_path / "out.h5")[2], PRESSED - offset, atol=1e-6)
@@ -235,16 +235,14 @@ def test_a_cell_that_was_not_tared_keeps_its_sign(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("rows", [3, 20])
 def test_rows_at_the_end_that_were_never_written_are_one_note(tmp_path: Path, rows: int) -> None:
-    source = tmp_path / "t.csv"
-    source.write_text(table("time_s,travel_mm,force_N", TIMES, GONE, PRESSED) + "9.0,1.0,\n" * rows)
+    source = written(tmp_path)
+    source.write_text(source.read_text() + "9.0,1.0,\n" * rows)
     assert f"{rows} rows at the end" in converted(tmp_path, source)
 
 
 def test_one_column_is_not_two_quantities_and_text_may_be_called_xls(tmp_path: Path) -> None:
-    source = tmp_path / "t.xls"
-    source.write_text(table("time_s\ttravel_mm\tforce_N", TIMES, GONE, PRESSED, mark="\t"))
+    source = written(tmp_path, name="t.xls", header=HEADER.replace(",", "\t"), mark="\t")
     converted(tmp_path, source)
-    (tmp_path / "out.h5").unlink()
     said = refused(tmp_path, source, "--columns", "time=time_s,force=time_s,travel=travel_mm")
     assert "one column named for two quantities" in said
 
@@ -271,15 +269,14 @@ def test_a_line_on_the_separator_says_what_parts_the_cells(tmp_path: Path, mark:
 def test_a_unit_in_a_name_is_taken_and_what_must_be_known_of_it_is_said(
     tmp_path: Path, name: str, unit_N: float, options: tuple[str, ...], words: str
 ) -> None:
-    source = tmp_path / "t.csv"
-    source.write_text(table(f"Time (s),{name},Pos (mm)", TIMES, PRESSED / unit_N, GONE, form="%.12g"))
+    header = f"Time (s),{name},Pos (mm)"
+    source = written(tmp_path, TIMES, PRESSED / unit_N, GONE, header=header, form="%.12g")
     columns = f"time=Time (s),force={name},travel=Pos (mm)"
     assert words in converted(tmp_path, source, "--columns", columns, *options)
 
 
 def test_a_unit_that_is_not_known_is_never_proposed_as_ours(tmp_path: Path) -> None:
-    source = tmp_path / "t.csv"
-    source.write_text(table("Time (s),Load (klumps),Pos (mm)", TIMES, PRESSED, GONE))
+    source = written(tmp_path, TIMES, PRESSED, GONE, header="Time (s),Load (klumps),Pos (mm)")
     columns = "time=Time (s),force=Load (klumps),travel=Pos (mm)"
     said = refused(tmp_path, source, "--columns", columns)
     assert "--units force=UNIT" in said
@@ -311,5 +308,4 @@ def test_runs_one_below_the_other_are_refused_by_number_or_converted_one_by_one(
 
 @pytest.mark.parametrize("text", ["0", "x", "-1", "1.5"])
 def test_a_run_is_a_number_or_all(tmp_path: Path, text: str) -> None:
-    (tmp_path / "t.csv").write_text(table("time_s,travel_mm,force_N", TIMES, GONE, PRESSED))
-    assert "the number of a run (from 1), or all" in refused(tmp_path, tmp_path / "t.csv", f"--run={text}")
+    assert "the number of a run (from 1), or all" in refused(tmp_path, written(tmp_path), f"--run={text}")

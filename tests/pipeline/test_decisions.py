@@ -26,13 +26,8 @@ def said(**ship):
 
 
 def decided(E_MPa, sd_MPa, grading=DEFAULT, *, mismatch=None, explained=None, **changes):
-    (place,) = standings(
-        np.array([E_MPa]),
-        np.array([sd_MPa]),
-        np.zeros(1),
-        classes=grading.classes,
-        rng=np.random.default_rng(0),
-    )
+    moduli = np.array([E_MPa]), np.array([sd_MPa]), np.zeros(1)
+    (place,) = standings(*moduli, classes=grading.classes, rng=np.random.default_rng(0))
     record = graded("A", E_MPa, sd=sd_MPa / E_MPa, changes=changes)
     return decide(record, place, grading, mismatch=mismatch, explained=explained)
 
@@ -147,12 +142,8 @@ def test_a_fruit_whose_class_the_suspected_effect_changes_is_inspected(E_MPa, ra
 
 
 def explanation(after, verdict="skin"):
-    return DiagnosisRecord(
-        key="k",
-        verdict=verdict,
-        ranking=(),
-        E_MPa={"before": {"value": 0.4, "sd": 0.02}, "after": {"value": after, "sd": 0.03}},
-    )
+    E_MPa = {"before": {"value": 0.4, "sd": 0.02}, "after": {"value": after, "sd": 0.03}}
+    return DiagnosisRecord(key="k", verdict=verdict, ranking=(), E_MPa=E_MPa)
 
 
 @pytest.mark.parametrize(

@@ -32,14 +32,6 @@ def mesh():
     return tetrahedralise(*surfaces, *inner, edge_mm=5.0)
 
 
-def placed(axis, side):
-    """Markers of a pad at the end of an axis."""
-    point = np.zeros((len(FLAT_MM), 3))
-    point[:, [k for k in range(3) if k != axis]] = FLAT_MM
-    point[:, axis] = side * np.sqrt(RADIUS_MM**2 - (FLAT_MM**2).sum(axis=1))
-    return point
-
-
 def pressed(mesh, axis):
     """A grasp along an axis, as a fruit of this mesh and of E_MPA would answer it."""
     bowl = 0.03 * np.exp(-(FLAT_MM**2).sum(axis=1) / 8)
@@ -47,7 +39,7 @@ def pressed(mesh, axis):
     for name, side in (("left", -1.0), ("right", 1.0)):
         force = np.zeros((len(LOAD), len(FLAT_MM), 3))
         force[:, :, axis] = -side * np.outer(LOAD, bowl)
-        place = placed(axis, side)
+        place = np.insert(FLAT_MM, axis, side * np.sqrt(RADIUS_MM**2 - (FLAT_MM**2).sum(axis=1)), axis=1)
         pads.append(
             PadHistory(
                 name=name,
@@ -121,9 +113,15 @@ def grasps(*names):
 
 
 def modulus(task, mesh, *names, poisson_ratio=NU):
-    return elasticity.fruit_modulus(
-        task, grasps(*names), mesh, poisson_ratio=poisson_ratio, budget=ErrorBudget()
-    )
+    how = {"poisson_ratio": poisson_ratio, "budget": ErrorBudget()}
+    return elasticity.fruit_modulus(task, grasps(*names), mesh, **how)
+
+
+def kept_models(task, mesh, histories, *names, workers=1):
+    """The models of these grasps, as they are stored under a key of their own."""
+    prepared = [prepared_grasp(histories[name], turns_of(name)) for name in names]
+    how = {"poisson_ratio": NU, "budget": ErrorBudget(), "workers": workers}
+    return elasticity.responses(task, f"response-{workers}", grasps(*names), prepared, mesh, **how)
 
 
 @pytest.mark.slow
@@ -142,16 +140,8 @@ def test_a_second_run_with_the_same_content_factorises_nothing(workplace, mesh):
 
 def test_what_is_kept_is_what_was_computed_to_single_precision(workplace, mesh, histories):
     task, _ = workplace
+    (kept,) = kept_models(task, mesh, histories, "along-x")
     prepared = prepared_grasp(histories["along-x"], turns_of("along-x"))
-    (kept,) = elasticity.responses(
-        task,
-        "response-0",
-        grasps("along-x"),
-        [prepared],
-        mesh,
-        poisson_ratio=NU,
-        budget=ErrorBudget(),
-    )
     solid = UnitModulusSolid.factorise(
         mesh, poisson_ratio=NU, support="free", contact_nodes=contact_nodes(mesh, [histories["along-x"]])
     )
@@ -167,19 +157,8 @@ def test_what_is_kept_is_what_was_computed_to_single_precision(workplace, mesh, 
 @pytest.mark.slow
 def test_two_threads_give_the_same_models(workplace, mesh, histories):
     task, _ = workplace
-    names = ("along-x", "along-y")
     serial, parallel = (
-        elasticity.responses(
-            task,
-            f"response-{workers}",
-            grasps(*names),
-            [prepared_grasp(histories[name], turns_of(name)) for name in names],
-            mesh,
-            poisson_ratio=NU,
-            budget=ErrorBudget(),
-            workers=workers,
-        )
-        for workers in (1, 2)
+        kept_models(task, mesh, histories, "along-x", "along-y", workers=workers) for workers in (1, 2)
     )
     for model, other in zip(serial, parallel, strict=True):
         np.testing.assert_array_equal(model.compliance, other.compliance)

@@ -4,6 +4,7 @@ import json
 from types import SimpleNamespace
 
 import numpy as np
+import pytest
 from fake_explanation import GAIN, OTHERS, fake_explanation
 
 import pipeline.diagnosis.diagnosis
@@ -46,38 +47,22 @@ def test_an_effect_of_a_fruit_that_is_not_there_is_refused(drupe, batch):
     assert 'pit_size names fruit "N1", which is not in fruits.csv; did you mean "N01"?' in line
 
 
-def ball(path, travel, **attributes):
-    time_s = np.linspace(0.0, 20.0, len(travel))
-    depth = np.maximum(travel - 0.4, 0.0)
-    rng = np.random.default_rng(1)
-    pad = IndenterPad(
-        name="tip",
-        pose=np.tile(np.eye(4), (len(travel), 1, 1)),
-        force_z_N=1.2 * depth**1.5 + rng.normal(0, 0.004, len(travel)),
-        indenter=attributes.get("indenter", "ball"),
-        radius_mm=5.0,
-    )
-    recording = Recording(
-        fruit_id="slab",
-        category="silicone",
-        loading="press",
-        support="base",
-        sensor="rig",
-        time_s=time_s,
-        aperture_mm=travel,
-        pads=(pad,),
-    )
-    write_recording(path, recording)
-
-
 TRAVEL = np.concatenate([np.zeros(20), np.linspace(0, 3, 80), np.full(60, 3.0)])
 
 
-def test_the_trace_of_a_bare_ball_is_explained_without_any_mesh(drupe, tmp_path, monkeypatch):
-    folder = tmp_path / "slab"
-    folder.mkdir()
-    (folder / "case.toml").write_text('category = "silicone"\npoisson_ratio = 0.45\nthickness_mm = 12.0\n')
-    ball(folder / "press.h5", TRAVEL)
+def ball(path, indenter="ball"):
+    force = 1.2 * np.maximum(TRAVEL - 0.4, 0.0) ** 1.5
+    force = force + np.random.default_rng(1).normal(0, 0.004, len(TRAVEL))
+    pose = np.tile(np.eye(4), (len(TRAVEL), 1, 1))
+    pad = IndenterPad(name="tip", pose=pose, force_z_N=force, indenter=indenter, radius_mm=5.0)
+    what = {"fruit_id": "slab", "category": "silicone", "loading": "press", "support": "base"}
+    time_s = np.linspace(0.0, 20.0, len(TRAVEL))
+    write_recording(path, Recording(**what, sensor="rig", time_s=time_s, aperture_mm=TRAVEL, pads=(pad,)))
+
+
+@pytest.fixture
+def handed(monkeypatch):
+    """What is handed to the finder of curves, whose place is taken."""
     handed = {}
 
     def explain_trace(trace, **rest):
@@ -85,38 +70,36 @@ def test_the_trace_of_a_bare_ball_is_explained_without_any_mesh(drupe, tmp_path,
         return SimpleNamespace(explanation=fake_explanation(maps=None, traces=(), cells=()))
 
     monkeypatch.setattr(pipeline.diagnosis.diagnosis, "explain_trace", explain_trace)
+    return handed
+
+
+def test_the_trace_of_a_bare_ball_is_explained_without_any_mesh(drupe, handed, tmp_path):
+    folder = tmp_path / "slab"
+    folder.mkdir()
+    (folder / "case.toml").write_text('category = "silicone"\npoisson_ratio = 0.45\nthickness_mm = 12.0\n')
+    ball(folder / "press.h5")
     ran = drupe("explain", folder, "--json", tmp_path / "a.json", "--html", tmp_path / "a.html")
     assert ran.status == 0, ran.err
-    assert (handed["thickness_mm"], handed["poisson_ratio"], handed["trace"].geometry.radius_mm) == (
-        12.0,
-        0.45,
-        5.0,
-    )
+    assert (handed["thickness_mm"], handed["poisson_ratio"]) == (12.0, 0.45)
+    assert handed["trace"].geometry.radius_mm == 5.0
     assert handed["trace"].travel_mm[-1] == 3.0
-    ball(folder / "second.h5", TRAVEL)
+    ball(folder / "second.h5")
     assert drupe("explain", folder).status == 0
     assert len(handed["trace"].parts) == 2
     assert handed["trace"].parts[1].travel_mm[-1] == 3.0
-    ball(folder / "second.h5", TRAVEL, indenter="flat")
+    ball(folder / "second.h5", "flat")
     said = drupe("explain", folder).one_line()
     assert (
         "second.h5: has the geometry flat punch of radius 5 mm, but press.h5 has ball of radius 5 mm" in said
     )
 
 
-def test_a_trace_that_names_a_fruit_which_the_batch_does_not_have_is_said(
-    drupe, batch, monkeypatch, tmp_path
-):
+def test_a_trace_that_names_a_fruit_which_the_batch_does_not_have_is_said(drupe, batch, handed, tmp_path):
     """As of a grasp: its fruit's E would be in doubt."""
     grasps = batch / "fruits" / "N01" / "grasps"
     for path in grasps.iterdir():
         path.unlink()
-    ball(grasps / "press.h5", TRAVEL)
-    monkeypatch.setattr(
-        pipeline.diagnosis.diagnosis,
-        "explain_trace",
-        lambda *_, **__: SimpleNamespace(explanation=fake_explanation(maps=None, traces=(), cells=())),
-    )
+    ball(grasps / "press.h5")
     ran = drupe("explain", batch, "--fruit", "N01", "--json", tmp_path / "a.json")
     assert ran.status == 0, ran.err
     said = 'press.h5: attribute fruit_id: found "slab", expected "N01", and fruits.csv has no "slab"'

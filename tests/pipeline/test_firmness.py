@@ -1,12 +1,11 @@
 """`drupe firmness` reads results alone, presses each fruit's own mesh, and changes nothing else."""
 
-import csv
 import json
 
 import numpy as np
 import pytest
 from explain_runs import NO_MESH
-from graded_results import graded, results_of
+from graded_results import graded, results_of, rows
 from small_batches import batch_of_nectarines, write_ball
 
 import pipeline.fruit.grasped
@@ -49,32 +48,20 @@ CHANGES = {"mesh": MESH, "flesh": FLESH}
 def out(tmp_path_factory):
     """A ball without a pit, one that failed, and one whose mesh is gone."""
     root = tmp_path_factory.mktemp("monday") / "results"
-    changes = {"mesh": MESH, "flesh": FLESH}
     lost = {"outcome": "no-contact", "reason": "no contact", "modulus": None}
-    results_of(
-        root,
-        [
-            graded("A", E_MPa, changes=changes),
-            graded("B", E_MPa, changes=lost),
-            graded("C", E_MPa, changes=changes),
-        ],
-    )
+    changes = {"A": CHANGES, "B": lost, "C": CHANGES}
+    results_of(root, [graded(name, E_MPa, changes=changed) for name, changed in changes.items()])
     write_ball(root / "ball.ply", radius_mm=RADIUS_MM, finer=4)
     write_whole(Results(root).fruit("A").fruit_ply, mesh_bytes(*read_mesh(root / "ball.ply")))
     (root / "ball.ply").unlink()
     return root
 
 
-def rows(out):
-    lines = (out / "firmness.csv").read_text("utf-8").splitlines()
-    return {row["fruit_id"]: row for row in csv.DictReader(lines)}
-
-
 def test_a_ball_reads_what_the_table_of_spheroids_says(drupe, out):
     before = {path: path.read_bytes() for path in out.rglob("record.json")}
     done = drupe("firmness", out, "--chord", 20, 200, "--limit", "plates_5pct_N=10")
     assert done.status == 0, done.err
-    table = rows(out)
+    table = rows(out, "firmness.csv")
     curve = Ellipsoid(diameters_mm=(56.0,) * 3, axis=0, pit_share=0.0).curve(
         thickness_mm=None, poisson_ratio=0.45
     )
@@ -160,7 +147,7 @@ def test_every_fruit_has_a_row_and_only_fruit_without_doubt_make_a_limit(drupe, 
     Results(out).fruit("E").record.write_text("{}")
     done = drupe("firmness", out, "--limit", "chord_50_350gf_gf_per_mm=300", "--limit", "plates_5pct_N=10")
     assert done.status == 0, done.err
-    table = rows(out)
+    table = rows(out, "firmness.csv")
     assert list(table) == ["A", "B", "C", "D", "E"]
     assert by_table == ["A", "B"]
     assert "reference body" in table["C"]["reason"]
@@ -197,7 +184,7 @@ def test_the_scale_is_as_uncertain_as_reference_bodies_leave_it(drupe, tmp_path,
     out = results_of(tmp_path / "results", [graded("A", 0.5, changes=changes)])
     assert drupe("firmness", out).status == 0
     expected = (factor or 1) * np.hypot(0.016, 0.004)
-    assert float(rows(out)["A"]["E_sd_MPa"]) == pytest.approx(expected, rel=1e-3)
+    assert float(rows(out, "firmness.csv")["A"]["E_sd_MPa"]) == pytest.approx(expected, rel=1e-3)
 
 
 def test_what_is_done_stays_when_it_is_interrupted(drupe, tmp_path, monkeypatch):
@@ -209,7 +196,7 @@ def test_what_is_done_stays_when_it_is_interrupted(drupe, tmp_path, monkeypatch)
     monkeypatch.setattr(trade_numbers, "fruit_presses", presses)
     out = results_of(tmp_path / "results", [graded(name, E_MPa, changes=CHANGES) for name in "ABC"])
     assert drupe("firmness", out).status == 130
-    table = rows(out)
+    table = rows(out, "firmness.csv")
     assert float(table["A"]["plates_5pct_N"]) > 0
     assert [table[name]["reason"] for name in "BC"] == [trade_numbers.PENDING] * 2
     assert trade_numbers.PENDING in (out / "firmness.html").read_text("utf-8")

@@ -7,7 +7,7 @@ import math
 from datetime import UTC, datetime
 
 import pytest
-from graded_results import graded, work_at_once, written
+from graded_results import graded, rows, work_at_once, written
 from rich.console import Console
 from small_batches import batch_of_balls, write_ball
 
@@ -58,9 +58,7 @@ def run(batch, monkeypatch):
         console = Console(quiet=True)
         how = GradeOptions(jobs=1, time_limit_s=60, **options)
         status, _ = grading.grade(batch, None, how, console=console)
-        with (batch / "results" / "ranking.csv").open() as file:
-            rows = {row["fruit_id"]: row for row in csv.DictReader(file)}
-        return status, "".join(worked), rows
+        return status, "".join(worked), rows(batch / "results")
 
     return grade
 
@@ -148,6 +146,9 @@ def test_a_fruit_whose_numbers_no_fruit_has_is_graded_when_forced_and_refused_ot
     status, worked, rows = run(ONE_IN_KG)
     assert (status, worked) == (3, "")
     assert (rows["A"]["outcome"], rows["A"]["E_MPa"]) == ("implausible-input", "")
+    reason = rows["A"]["reason"]
+    assert reason.startswith("mass_g 0.09: a nectarine is 18 to 650 g in mass; is it in kg (90 g)?")
+    assert "--force" in reason
     _, worked, rows = run()
     assert (worked, rows["A"]["outcome"], rows["A"]["doubts"]) == ("A", "graded", "")
 

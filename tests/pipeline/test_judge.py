@@ -1,12 +1,11 @@
 """A person's verdict is kept beside E, never in its place, and nobody changes one unnoticed."""
 
-import csv
 import hashlib
 import json
 import re
 
 import pytest
-from graded_results import graded, results_of
+from graded_results import graded, results_of, rows
 from small_batches import batch_of_balls
 
 from pipeline.batch.layout import Results
@@ -37,11 +36,6 @@ def judge(drupe, results):
         return drupe("judge", out, fruit, "--class", judged, "--by", by, "--why", why)
 
     return run
-
-
-def rows(results):
-    lines = (results / "ranking.csv").read_text("utf-8").splitlines()
-    return {row["fruit_id"]: row for row in csv.DictReader(lines)}
 
 
 def page_of(results):

@@ -47,8 +47,7 @@ SAID = Screened(
 
 def estimate(E_MPa=0.5):
     modulus = object.__new__(ModulusEstimate)
-    for name, value in (("E_MPa", E_MPa),):
-        object.__setattr__(modulus, name, value)
+    object.__setattr__(modulus, "E_MPa", E_MPa)
     return modulus
 
 

@@ -109,6 +109,16 @@ def test_without_a_mat_nothing_is_said_of_the_views(batch):
     assert said(batch) == []
 
 
+def kept_ball(mesh_from_fruit, *warnings):
+    """A mesh of photos as it is stored."""
+    directions, faces = ball(3)
+    return KeptMesh(
+        vertices=28.0 * directions, faces=faces, mesh_from_fruit=mesh_from_fruit, views=None, sd_mm=None,
+        photo=np.zeros(1, np.uint8), outlines=np.zeros(0, np.uint8), skin=np.zeros(0, np.uint8),
+        scale_sd=0.001, surface_sd_mm=0.1, quality={"views_used": 0}, warnings=warnings,
+    )  # fmt: skip
+
+
 def test_grading_warns_of_photos_that_are_not_used_and_grades_anew_when_they_change(batch):
     """The mesh is a ball: the photos are not what is tested."""
     place = batch / "fruits" / "N01" / "photos"
@@ -120,13 +130,7 @@ def test_grading_warns_of_photos_that_are_not_used_and_grades_anew_when_they_cha
     task = fruit_task(open_batch(batch), "N01", results)
     assert task.key != before.key
     task.results.claim()
-    directions, faces = ball(3)
-    mesh = KeptMesh(
-        vertices=28.0 * directions, faces=faces, mesh_from_fruit=np.eye(4), views=None, sd_mm=None,
-        photo=np.zeros(1, np.uint8), outlines=np.zeros(0, np.uint8), skin=np.zeros(0, np.uint8),
-        scale_sd=0.001, surface_sd_mm=0.1,
-        quality={"views_used": 0}, warnings=("as before.",),
-    )  # fmt: skip
+    mesh = kept_ball(np.eye(4), "as before.")
     with mock.patch.object(pipeline.fruit.fruit_shape, "photographed", return_value=mesh):
         webp, link, *rest = fruit_shape(task).warnings
     assert webp.startswith("photos/: 100.webp is not used: drupe does not read WebP pictures")
@@ -135,15 +139,9 @@ def test_grading_warns_of_photos_that_are_not_used_and_grades_anew_when_they_cha
 
 
 def test_a_photographed_fruit_knows_its_place_on_the_mat_alone(batch):
-    directions, faces = ball(3)
     place = np.eye(4)
     place[:3, 3] = 3.0, -2.0, 0.4
-    mesh = KeptMesh(
-        vertices=28.0 * directions, faces=faces, mesh_from_fruit=place, views=None, sd_mm=None,
-        photo=np.zeros(1, np.uint8), outlines=np.zeros(0, np.uint8), skin=np.zeros(0, np.uint8),
-        scale_sd=0.001, surface_sd_mm=0.1,
-        quality={"views_used": 0}, warnings=(),
-    )  # fmt: skip
+    mesh = kept_ball(place)
     with mock.patch.object(pipeline.fruit.fruit_shape, "photographed", return_value=mesh):
         task = fruit_task(open_batch(batch), "N01", Results(batch / "results"))
         task.results.claim()

@@ -2,13 +2,10 @@
 
 import numpy as np
 import pytest
-from graded_results import work_at_once
-from rich.console import Console
 from small_batches import batch_of_balls, write_ball
 
 from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.opening import open_batch, survey
-from pipeline.batch.outcome import Outcome
 from pipeline.batch.plausible_numbers import (
     grading_doubts,
     kind_of,
@@ -18,10 +15,7 @@ from pipeline.batch.plausible_numbers import (
 )
 from pipeline.batch.settings import Grading, GradingClass
 from pipeline.problem import BatchRefused
-from pipeline.run import grading
-from pipeline.run.batch_run import GradeOptions
 from pipeline.run.checking import check, implausible
-from pipeline.run.fruit_queue import ended_record
 from recon.pit.priors import load_prior
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import write_mesh
@@ -168,32 +162,3 @@ def test_numbers_are_never_said_twice(batch):
     (batch / "fruits.csv").write_text("fruit_id,height_mm,mass_g\nA,5.59,90\nB,55.9,90\n")
     assert said(batch).count("5.59") == 1
     assert survey(batch).problems == ()
-
-
-def test_grade_ends_the_fruit_with_its_reason_and_goes_on_when_forced(batch, monkeypatch):
-    """What the work itself does is not asked here: it is replaced by a failure that says it was reached."""
-    reached = []
-
-    def record(fruit_id, task):
-        reached.append(fruit_id)
-        return ended_record(task, Outcome.NO_GRASP, "")
-
-    monkeypatch.setattr(grading, "_work", work_at_once(record))
-    (batch / "fruits.csv").write_text("fruit_id,height_mm,mass_g\nA,5.59,90\nB,55.9,90\n")
-
-    def run(**options):
-        reached.clear()
-        console = Console(quiet=True)
-        how = GradeOptions(jobs=1, time_limit_s=60, **options)
-        status, entry = grading.grade(batch, None, how, console=console)
-        reasons = {fruit.fruit_id: fruit.reason for fruit in entry.fruits}
-        return status, list(reached), reasons
-
-    status, worked, reasons = run()
-    assert (status, worked) == (3, ["B"])
-    assert reasons["A"].startswith("height_mm 5.59: a nectarine is 25 to 105 mm high; is it in cm (55.9 mm)?")
-    assert "--force" in reasons["A"]
-    assert run(force=True)[1] == ["A"]
-    (batch / "fruits.csv").write_text("fruit_id,height_mm,mass_g\nA,55.9,90\nB,55.9,0.09\n")
-    status, worked, reasons = run()
-    assert "is it in kg (90 g)?" in reasons["B"]

@@ -8,13 +8,13 @@ from datetime import UTC, datetime
 
 import numpy as np
 import pytest
+from graded_results import graded
 from rich.console import Console
 from small_batches import batch_of_balls
 
-from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
-from pipeline.batch.records import FruitRecord, ModulusRecord
+from pipeline.batch.records import ModulusRecord
 from pipeline.problem import BatchRefused
 from pipeline.ranking.reference_ratio import (
     Ratio,
@@ -39,15 +39,10 @@ def record(name, E_MPa, *, sd=0.02, common=0.01, known=None, outcome="graded"):
     modulus = ModulusRecord(
         E_MPa=E_MPa, E_sd_MPa=sd * E_MPa, common_sd_MPa=common * E_MPa, parts_sd_MPa={"noise": sd * E_MPa}
     )
-    return FruitRecord(
-        fruit_id=name,
-        outcome=outcome,
-        key="k",
-        given=Given(reference=known is not None, **given),
-        modulus=modulus if outcome == "graded" else None,
-        grasps=(GraspRecord(grasp="g", E_MPa=E_MPa, E_energy_MPa=1.01 * E_MPa, E_energy_sd_MPa=0.02),),
-        warnings=("w",),
-    )
+    grasps = (GraspRecord(grasp="g", E_MPa=E_MPa, E_energy_MPa=1.01 * E_MPa, E_energy_sd_MPa=0.02),)
+    changes = {"outcome": outcome, "modulus": modulus if outcome == "graded" else None}
+    changes |= {"grasps": grasps, "warnings": ("w",)}
+    return graded(name, E_MPa, changes=changes, reference=known is not None, **given)
 
 
 def batch_read_with(gain):
@@ -57,6 +52,18 @@ def batch_read_with(gain):
 
 def arrays(*values):
     return (np.array(row, dtype=float) for row in values)
+
+
+def doubt_of_widened(before, after, gain):
+    """The only doubt of a fruit whose modulus stays as it was and has ln `gain` in its error bar."""
+    E = before.modulus.E_MPa
+    assert after.modulus.E_MPa == E
+    assert after.modulus.E_sd_MPa == pytest.approx(E * math.hypot(0.02, math.log(gain)))
+    assert after.modulus.common_sd_MPa == pytest.approx(E * math.hypot(0.01, math.log(gain)))
+    assert after.grasps == before.grasps
+    (doubt,) = after.doubts
+    assert after.warnings == (doubt, "w")
+    return doubt
 
 
 def test_the_mean_is_weighted_by_both_errors():
@@ -107,9 +114,8 @@ def test_a_sound_gripper_changes_nothing(correct):
     assert not finding.alarm
     assert "1.01 ± 0.02 times" in finding.sentences[0]
     assert "(ball): within 2 standard deviations" in finding.sentences[0]
-    assert [
-        (fruit_record.modulus, fruit_record.doubts, fruit_record.grasps) for fruit_record in checked_records
-    ] == [(fruit_record.modulus, fruit_record.doubts, fruit_record.grasps) for fruit_record in records]
+    for before, after in zip(records, checked_records, strict=True):
+        assert (after.modulus, after.doubts, after.grasps) == (before.modulus, before.doubts, before.grasps)
 
 
 def test_a_gain_puts_every_fruit_in_doubt_and_widens_its_error_by_the_gain():
@@ -118,13 +124,7 @@ def test_a_gain_puts_every_fruit_in_doubt_and_widens_its_error_by_the_gain():
     assert finding.alarm
     assert READS in finding.sentences[0]
     for before, after in zip(records[:2], checked_records[:2], strict=True):
-        E = before.modulus.E_MPa
-        assert after.modulus.E_MPa == E
-        assert after.modulus.E_sd_MPa == pytest.approx(E * math.hypot(0.02, math.log(GAIN)))
-        assert after.modulus.common_sd_MPa == pytest.approx(E * math.hypot(0.01, math.log(GAIN)))
-        (doubt,) = after.doubts
-        assert "gripper reads 1.12 ± 0.03" in doubt
-        assert after.warnings == (doubt, "w")
+        assert "gripper reads 1.12 ± 0.03" in doubt_of_widened(before, after, GAIN)
     assert (checked_records[2].modulus, checked_records[2].doubts) == (records[2].modulus, ())
 
 
@@ -155,25 +155,16 @@ def test_a_ratio_that_no_gripper_has_corrects_nothing_and_names_the_number_that_
     assert "Check reference_E_MPa = 0.5 MPa of ball for typing errors" in finding.sentences[0]
     assert "drupe corrects none" in finding.sentences[0]
     for before, after in zip(records[:2], checked_records[:2], strict=True):
-        E = before.modulus.E_MPa
-        assert after.modulus.E_MPa == E
-        assert after.modulus.E_sd_MPa == pytest.approx(E * math.hypot(0.02, math.log(gain)))
-        (doubt,) = after.doubts
+        doubt = doubt_of_widened(before, after, gain)
         assert "Check reference_E_MPa = 0.5 MPa of ball for typing errors" in doubt
-        assert after.grasps == before.grasps
     assert _status(checked_records, finding) == 4
 
 
 def test_what_is_kept_stays_as_measured_so_that_a_second_run_corrects_once():
     records = batch_read_with(GAIN)
     corrected_records, _ = against_references(records, correct=True)
-    kept = [
-        as_measured(record, corrected_record)
-        for record, corrected_record in zip(records, corrected_records, strict=True)
-    ]
-    assert [fruit_record.modulus for fruit_record in kept] == [
-        fruit_record.modulus for fruit_record in records
-    ]
+    kept = [as_measured(*pair) for pair in zip(records, corrected_records, strict=True)]
+    assert [kept_record.modulus for kept_record in kept] == [record.modulus for record in records]
     assert kept[0].reference.E_MPa == pytest.approx(0.4)
     assert kept[0].reference.corrected
     again, _ = against_references(kept, correct=True)
@@ -197,14 +188,10 @@ def test_bodies_that_contradict_each_other_judge_nothing_and_doubt_every_fruit(c
     checked_records, finding = against_references(records, correct=correct)
     assert finding.alarm
     assert not finding.corrected
-    said = "drupe cannot judge the gripper, because the reference bodies contradict each other"
-    assert said in finding.sentences[0]
+    assert "because the reference bodies contradict each other" in finding.sentences[0]
     assert "as expected" not in " ".join(finding.sentences)
     for before, after in zip(records[:2], checked_records[:2], strict=True):
-        E = before.modulus.E_MPa
-        assert after.modulus.E_MPa == E
-        assert after.modulus.E_sd_MPa == pytest.approx(E * math.hypot(0.02, math.log(3)))
-        (doubt,) = after.doubts
+        doubt = doubt_of_widened(before, after, 3)
         assert "contradict each other (ball 1.00 ± 0.02, other 3.00 ± 0.07)" in doubt
     assert [fruit_record.doubts for fruit_record in checked_records[2:]] == [(), ()]
     assert _status(checked_records, finding) == 4
@@ -215,9 +202,7 @@ def test_a_reference_that_was_not_graded_checks_nothing_and_says_so():
     checked_records, finding = against_references(records, correct=True)
     assert finding.alarm
     assert "No reference body is graded (ball: never-touches)" in finding.sentences[0]
-    assert [fruit_record.modulus for fruit_record in checked_records[:2]] == [
-        fruit_record.modulus for fruit_record in records[:2]
-    ]
+    assert [record.modulus for record in checked_records[:2]] == [record.modulus for record in records[:2]]
 
 
 def test_parts_of_a_corrected_error_add_up():

@@ -1,10 +1,9 @@
 """E at a reference temperature by the user's coefficient, and calibrations that are too old."""
 
-import csv
 import math
 
 import pytest
-from graded_results import graded, results_of
+from graded_results import graded, results_of, rows
 from small_batches import batch_of_balls
 
 from pipeline.batch.layout import Results
@@ -41,11 +40,6 @@ def results(drupe, batch):
     out = results_of(batch / "results", [graded("A", 0.3), graded("B", 0.8), body])
     assert drupe("report", out).status == 0
     return out
-
-
-def rows(results):
-    lines = (results / "ranking.csv").read_text("utf-8").splitlines()
-    return {row["fruit_id"]: row for row in csv.DictReader(lines)}
 
 
 def test_e_is_that_of_the_closed_form_and_the_measured_e_is_beside_it(results):

@@ -1,10 +1,9 @@
 """Reports anew from what a run kept."""
 
-import csv
 import json
 
 import pytest
-from graded_results import graded, results_of
+from graded_results import graded, results_of, rows
 from small_batches import batch_of_balls
 
 from pipeline.batch.records import ScreenRecord
@@ -18,12 +17,6 @@ def batch(tmp_path):
 @pytest.fixture
 def results(batch):
     return results_of(batch / "results", [graded("A", 0.3), graded("B", 0.8)])
-
-
-def rows(results):
-    return {
-        row["fruit_id"]: row for row in csv.DictReader((results / "ranking.csv").read_text().splitlines())
-    }
 
 
 def test_classes_of_now_are_in_the_report_anew(drupe, batch, results):

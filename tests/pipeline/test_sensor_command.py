@@ -49,8 +49,6 @@ def test_a_picture_of_the_dots_makes_a_mini_of_ones_own(tmp_path: Path, empty: P
     assert code == 0, said
     assert "63 dots of a grid of 7 x 9" in said
     sensor = read_sensor(out)
-    assert sensor.camera is not None
-    assert sensor.rest_mm is not None
     assert sensor.camera.focal_px[0] == pytest.approx(222.0, rel=0.01)
     assert sensor.force_sd == pytest.approx(np.linalg.norm([0.09 / 0.435, 0.1 / 4, 0.45 * 4 / 16]), abs=0.02)
     assert sensor.rest_mm[0, 2] < -0.2
@@ -113,20 +111,11 @@ def grasp(force_sd: float, displacement_sd: float) -> Recording:
     time_s = np.arange(5.0)
     share = np.linspace(0, 1, 5)
     rest = np.column_stack([*(axis.ravel() for axis in np.meshgrid([-1.0, 0, 1], [-1.0, 0, 1])), np.zeros(9)])
-    pads = tuple(
-        GelPad(
-            name=name,
-            pose=np.broadcast_to(np.eye(4), (5, 4, 4)).copy(),
-            rest_mm=rest,
-            displacement_mm=-0.25 * share[:, None, None] * np.tile([0, 0, 1.0], (9, 1)),
-            force_N=share[:, None, None] * np.tile([0, 0, 0.5], (9, 1)),
-            gel_kn_MPa_per_mm=1.0,
-            gel_kt_MPa_per_mm=0.1,
-            force_scale_sd=force_sd,
-            displacement_scale_sd=displacement_sd,
-        )
-        for name in ("left", "right")
-    )
+    pressed = share[:, None, None] * np.tile([0, 0, 1.0], (9, 1))
+    fields = {"rest_mm": rest, "displacement_mm": -0.25 * pressed, "force_N": 0.5 * pressed}
+    known = {"pose": np.tile(np.eye(4), (5, 1, 1)), "gel_kn_MPa_per_mm": 1.0, "gel_kt_MPa_per_mm": 0.1}
+    spread = {"force_scale_sd": force_sd, "displacement_scale_sd": displacement_sd}
+    pads = tuple(GelPad(name=name, **fields, **known, **spread) for name in ("left", "right"))
     return Recording(
         fruit_id="f", category="nectarine", loading="grasp", support="free", sensor="s", time_s=time_s,
         aperture_mm=60.0 - np.r_[0, np.linspace(0, 2, 4)], pads=pads,
@@ -147,10 +136,8 @@ def test_the_common_scale_is_beside_the_error_bar_and_all_fruit_share_that_of_pi
     modulus = FruitModulus(
         E_MPa=0.5, E_sd_MPa=0.02, parts_sd_MPa={"tactile noise": 0.02}, pit=None, grasps=1, warnings=()
     )
-    plain, wide = (
-        modulus_record(modulus),
-        modulus_record(modulus, sensor=SensorScale(common=0.1, pictures=0.2)),
-    )
+    plain = modulus_record(modulus)
+    wide = modulus_record(modulus, sensor=SensorScale(common=0.1, pictures=0.2))
     gained = modulus_record(modulus, sensor=SensorScale(gain=0.2, own_gain=0.1))
     assert gained.common_sd_MPa == pytest.approx(np.hypot(plain.common_sd_MPa, 0.2 * plain.E_MPa))
     assert gained.E_sd_MPa == pytest.approx(np.hypot(gained.common_sd_MPa, np.hypot(0.02, 0.1 * plain.E_MPa)))

@@ -28,21 +28,12 @@ def sound():
 def changed(sound, *, only="", **factors):
     """Fields of the pads times factors."""
 
-    def pad(gel_pad):
-        return replace(gel_pad, **{name: getattr(gel_pad, name) * by for name, by in factors.items()})
+    def scaled(pad):
+        if only not in pad.name or not isinstance(pad, GelPad):
+            return pad
+        return replace(pad, **{name: getattr(pad, name) * by for name, by in factors.items()})
 
-    return [
-        replace(
-            r,
-            pads=tuple(
-                pad(recorded_pad)
-                if only in recorded_pad.name and isinstance(recorded_pad, GelPad)
-                else recorded_pad
-                for recorded_pad in r.pads
-            ),
-        )
-        for r in sound
-    ]
+    return [replace(recording, pads=tuple(map(scaled, recording.pads))) for recording in sound]
 
 
 def kinds(recordings, settings=None):
@@ -143,11 +134,10 @@ def test_the_common_scale_is_stated_by_the_recording_or_by_the_batch_or_assumed(
 def test_stiffness_and_forces_off_together_are_doubted_by_the_sensors_model(sound, factor):
     scaled = changed(sound, force_N=factor, gel_kn_MPa_per_mm=factor, gel_kt_MPa_per_mm=factor)
     assert kinds(scaled) == {FindingKind.STIFFNESS_NOT_OF_SENSOR}
-    assert kinds([replace(recording, sensor="own gel") for recording in scaled]) == set()
+    unknown = [replace(recording, sensor="own gel") for recording in scaled]
+    assert kinds(unknown) == set()
     settings = SensorSettings(name="own gel", gel_kn_MPa_per_mm=0.22)
-    assert kinds([replace(recording, sensor="own gel") for recording in scaled], settings) == {
-        FindingKind.STIFFNESS_NOT_OF_SENSOR
-    }
+    assert kinds(unknown, settings) == {FindingKind.STIFFNESS_NOT_OF_SENSOR}
 
 
 def test_no_check_of_a_recording_by_itself_sees_stiffness_and_forces_off_together(sound):

@@ -12,6 +12,8 @@ from tactile.readers.recording import IndenterPad, read_recording, write_recordi
 
 CYLINDER = ("--indenter", "plates", "--specimen", "cylinder", "--height-mm", "12", "--diameter-mm", "15")
 FRUIT = ("--indenter", "plates", "--diameters-mm", "61", "60", "58", "--axis", "c")
+OILED = (*CYLINDER, "--ends", "lubricated")
+RUBBER = 'category = "rubber"\npoisson_ratio = 0.499\n'
 E_MPA = 0.4
 
 
@@ -23,6 +25,17 @@ def pressed(path, force_of, deepest_mm, *, noise=0.001):
     rows = np.column_stack([np.arange(len(travel)) / 10, travel, force])
     np.savetxt(path, rows, delimiter=",", header="time_s,travel_mm,force_N", comments="")
     return path
+
+
+@pytest.fixture
+def source(tmp_path):
+    return pressed(tmp_path / "t.csv", sliding_N, 3.0)
+
+
+@pytest.fixture
+def case(tmp_path):
+    (tmp_path / "case").mkdir()
+    return tmp_path / "case"
 
 
 def tip_of(path):
@@ -49,14 +62,8 @@ def sliding_N(depth):
     return E_MPA * np.pi * 15**2 / 4 * (left**-2 - left) / 3
 
 
-def test_a_cylinder_between_oiled_plates_gives_its_modulus(tmp_path):
-    source = pressed(tmp_path / "t.csv", sliding_N, 3.0)
-    answer = explained(
-        tmp_path,
-        'category = "rubber"\npoisson_ratio = 0.499\n',
-        source,
-        options=(*CYLINDER, "--ends", "lubricated"),
-    )
+def test_a_cylinder_between_oiled_plates_gives_its_modulus(source, tmp_path):
+    answer = explained(tmp_path, RUBBER, source, options=OILED)
     assert answer["verdict"] == "none"
     assert answer["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
     assert any("taken as sliding" in note for note in answer["notes"])
@@ -65,31 +72,22 @@ def test_a_cylinder_between_oiled_plates_gives_its_modulus(tmp_path):
 
 def test_a_punch_gives_boussinesqs_modulus_and_says_what_it_cannot_look_for(tmp_path):
     source = pressed(tmp_path / "t.csv", lambda d: 2 * 3.0 * E_MPA / (1 - 0.45**2) * d, 0.5)
-    answer = explained(
-        tmp_path,
-        'category = "silicone"\npoisson_ratio = 0.45\n',
-        source,
-        options=("--indenter", "flat", "--radius-mm", "3"),
-    )
+    punch = ("--indenter", "flat", "--radius-mm", "3")
+    answer = explained(tmp_path, 'category = "silicone"\npoisson_ratio = 0.45\n', source, options=punch)
     assert answer["verdict"] == "none"
     assert answer["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
     assert any(note.startswith("Stiffening was not looked for") for note in answer["notes"])
     assert {"stiffening", "damage"}.isdisjoint(hypothesis["effect"] for hypothesis in answer["ranking"])
 
 
-def test_the_specimen_is_kept_in_the_recording(tmp_path):
-    source = pressed(tmp_path / "t.csv", sliding_N, 3.0)
+def test_the_specimen_is_kept_in_the_recording(source, tmp_path):
     for k, options in enumerate(((*FRUIT, "--pit-share", "0"), (*CYLINDER, "--ends", "bonded"))):
         assert run("convert", source, tmp_path / f"{k}.h5", *options)[0] == 0
     fruit, cylinder = (tip_of(tmp_path / f"{k}.h5") for k in range(2))
     assert (fruit.indenter, fruit.radius_mm) == ("plate", None)
     assert fruit.specimen.stated == {"diameters_mm": (61.0, 60.0, 58.0), "axis": "c", "pit_share": 0.0}
-    assert cylinder.specimen.stated == {
-        "kind": "cylinder",
-        "height_mm": 12.0,
-        "diameter_mm": 15.0,
-        "ends": "bonded",
-    }
+    sizes = {"height_mm": 12.0, "diameter_mm": 15.0}
+    assert cylinder.specimen.stated == {"kind": "cylinder", **sizes, "ends": "bonded"}
 
 
 @pytest.mark.parametrize(
@@ -106,8 +104,7 @@ def test_the_specimen_is_kept_in_the_recording(tmp_path):
         (("--indenter", "plates", "--diameters-mm", "90", "60", "40", "--axis", "c"), "more than 1.6 times"),
     ],
 )
-def test_what_is_missing_or_strange_is_asked_for_before_a_file_is_written(tmp_path, options, words):
-    source = pressed(tmp_path / "t.csv", sliding_N, 3.0)
+def test_what_is_missing_or_strange_is_asked_for_before_a_file_is_written(source, tmp_path, options, words):
     code, said = run("convert", source, tmp_path / "out.h5", *options)
     assert code == 1
     assert words in " ".join(said.split())
@@ -115,12 +112,9 @@ def test_what_is_missing_or_strange_is_asked_for_before_a_file_is_written(tmp_pa
 
 
 @pytest.mark.proof
-def test_an_older_files_plate_is_explained_once_the_case_says_what_was_between(tmp_path):
+def test_an_older_files_plate_is_explained_once_the_case_says_what_was_between(source, case):
     """Files of before have a radius and no specimen."""
-    source = pressed(tmp_path / "t.csv", sliding_N, 3.0)
-    case = tmp_path / "case"
-    case.mkdir()
-    assert run("convert", source, case / "old.h5", *CYLINDER, "--ends", "lubricated")[0] == 0
+    assert run("convert", source, case / "old.h5", *OILED)[0] == 0
     with h5py.File(case / "old.h5", "a") as file:
         pad = file["pads/tip"].attrs
         for name in ("specimen", "height_mm", "diameter_mm", "ends"):
@@ -160,12 +154,7 @@ def test_a_curve_of_another_specimen_is_named_by_its_file_and_left_out(tmp_path)
         pressed(tmp_path / f"{k}.csv", lambda d, times=times: times * sliding_N(d), 2.0)
         for k, times in enumerate(stiffer)
     ]
-    answer = explained(
-        tmp_path,
-        'category = "rubber"\npoisson_ratio = 0.499\n',
-        *sources,
-        options=(*CYLINDER, "--ends", "lubricated"),
-    )
+    answer = explained(tmp_path, RUBBER, *sources, options=OILED)
     assert answer["left_out"] == ["press-3"]
     said = "Recording 3 (press-3) does not belong to the others"
     assert answer["notes"][0].startswith(said)
@@ -179,24 +168,16 @@ def test_a_curve_of_another_specimen_is_named_by_its_file_and_left_out(tmp_path)
 @pytest.mark.proof
 def test_three_recordings_of_one_specimen_have_one_modulus_and_their_own_first_touch(tmp_path):
     sources = [pressed(tmp_path / f"{k}.csv", sliding_N, 2.0 + 0.5 * k) for k in range(3)]
-    answer = explained(
-        tmp_path,
-        'category = "rubber"\npoisson_ratio = 0.499\n',
-        *sources,
-        options=(*CYLINDER, "--ends", "lubricated"),
-    )
+    answer = explained(tmp_path, RUBBER, *sources, options=OILED)
     assert answer["verdict"] == "none"
     assert answer["E_MPa"]["after"]["value"] == pytest.approx(E_MPA, rel=0.02)
     assert {f"onset_mm{end}" for end in ("", "_2", "_3")} <= answer["ranking"][0]["parameters"].keys()
     assert any(note.startswith("Recording 3 (press-3): First touch 0.099") for note in answer["notes"])
 
 
-def test_two_bare_jaws_are_two_plates_with_the_mean_of_their_forces(tmp_path):
-    source = pressed(tmp_path / "t.csv", sliding_N, 3.0)
-    case = tmp_path / "case"
-    case.mkdir()
-    (case / "case.toml").write_text('category = "rubber"\npoisson_ratio = 0.499\n')
-    assert run("convert", source, case / "one.h5", *CYLINDER, "--ends", "lubricated")[0] == 0
+def test_two_bare_jaws_are_two_plates_with_the_mean_of_their_forces(source, case, tmp_path):
+    (case / "case.toml").write_text(RUBBER)
+    assert run("convert", source, case / "one.h5", *OILED)[0] == 0
     press = read_recording(case / "one.h5")
     tip = tip_of(case / "one.h5")
     jaws = [
@@ -216,10 +197,7 @@ def test_two_bare_jaws_are_two_plates_with_the_mean_of_their_forces(tmp_path):
     assert "has two bare pads, plate and flat" in run("explain", case)[1]
 
 
-def test_a_shape_without_a_law_is_refused_by_explain_as_well(tmp_path):
-    source = pressed(tmp_path / "t.csv", sliding_N, 3.0)
-    case = tmp_path / "case"
-    case.mkdir()
+def test_a_shape_without_a_law_is_refused_by_explain_as_well(source, case):
     (case / "case.toml").write_text('category = "rubber"\npoisson_ratio = 0.45\nheight_mm = 1.5\n')
     assert run("convert", source, case / "one.h5", *CYLINDER, "--ends", "bonded")[0] == 0
     code, said = run("explain", case)

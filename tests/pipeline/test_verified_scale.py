@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from graded_results import graded
 
-from pipeline.batch.fruits_table import Given
-from pipeline.batch.records import FruitRecord, ModulusRecord
+from pipeline.batch.records import ModulusRecord
 from pipeline.fruit.elasticity import GAIN, OWN_GAIN, SENSOR
 from pipeline.fruit.sensor_scale import E_PER_GAIN
 from pipeline.ranking.error_parts import COMMON_SCALE, about_error
@@ -33,13 +33,8 @@ def record(name, E_MPa, *, known=None, outcome="graded", gain=HIDDEN_GAIN):
         parts_sd_MPa=parts,
     )
     given = {} if known is None else {"reference_E_MPa": known, "reference_E_sd_MPa": 0.01 * known}
-    return FruitRecord(
-        fruit_id=name,
-        outcome=outcome,
-        key="k",
-        given=Given(reference=known is not None, **given),
-        modulus=modulus if outcome == "graded" else None,
-    )
+    changes = {"outcome": outcome, "modulus": modulus if outcome == "graded" else None}
+    return graded(name, E_MPa, changes=changes, reference=known is not None, **given)
 
 
 def after(read, *, correct):

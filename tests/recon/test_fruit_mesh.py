@@ -32,7 +32,7 @@ def on_the_mat():
     )
 
 
-def test_mesh_is_closed_and_of_the_right_volume():
+def test_mesh_is_closed_within_a_pixel_of_the_skin_and_its_quality_is_told():
     reconstruction = on_the_mat()
     assert open_edges(reconstruction.faces) == 0
     assert len(reconstruction.faces) <= 3000
@@ -40,19 +40,11 @@ def test_mesh_is_closed_and_of_the_right_volume():
         EGG.volume_mm3, rel=0.02
     )
     assert reconstruction.frame == "mat"
-
-
-def test_skin_lies_within_a_pixel_and_the_error_bar_says_so():
-    reconstruction = on_the_mat()
     misses = EGG.misses_mm(reconstruction.vertices)
     skin = misses[reconstruction.vertices[:, 2] > 6]
     assert np.sqrt(np.mean(skin**2)) < 0.3
     assert 0.3 < reconstruction.surface_sd_mm / np.sqrt(np.mean(misses**2)) < 3
     assert reconstruction.vertices[:, 2].min() > -0.5
-
-
-def test_quality_is_told():
-    reconstruction = on_the_mat()
     assert reconstruction.quality.views_given == 12
     assert reconstruction.quality.views_used >= 10
     assert reconstruction.quality.silhouette_iou > 0.95

@@ -9,7 +9,6 @@ from mat_scene import photographed, ring
 from refusals import refused
 
 from recon.cameras.mat_poses import FEWEST_TAGS, cameras_from_mat
-from recon.cameras.photos import Photo
 from recon.cameras.printed_mat import Mat, detect_tags, mat_mapping, parse_mat, standard_mat, tag_bits
 from recon.recon_failure import ReconProblem
 
@@ -82,10 +81,6 @@ BOARDS = {
 CAMERAS = ring(4, width=640, height=480, k1=-0.06)
 
 
-def seen(board: Board) -> list[Photo]:
-    return photographed(CAMERAS, egg=None, mat=board.mat, page=board.page())
-
-
 def test_official_images_are_turned_by_half_a_turn_against_opencvs():
     official = np.array([[cell == "." for cell in row] for row in OFFICIAL_TAG_0.split()])
     assert (np.rot90(tag_bits("APRILTAG_36h11", 0), BOARDS["AprilTag's own images"].turns) == official).all()
@@ -93,7 +88,7 @@ def test_official_images_are_turned_by_half_a_turn_against_opencvs():
 
 @pytest.mark.parametrize("board", BOARDS.values(), ids=BOARDS)
 def test_tags_of_other_prints_are_read_with_the_mats_corners(board: Board):
-    photos = seen(board)
+    photos = photographed(CAMERAS, egg=None, mat=board.mat, page=board.page())
     for camera, photo in zip(CAMERAS, photos, strict=True):
         tags, corners = detect_tags(photo.image, board.mat)
         true = np.stack([camera.project(board.mat.corners_mm[t]) for t in tags.tolist()])

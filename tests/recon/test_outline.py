@@ -36,17 +36,13 @@ def painted(mask: Bool[np.ndarray, "h w"], rng: np.random.Generator) -> Float[np
     return cv2.GaussianBlur(colours.astype(np.float32), (0, 0), 0.8)
 
 
-def overlap(a: Bool[np.ndarray, "h w"], b: Bool[np.ndarray, "h w"]) -> float:
-    return float((a & b).sum() / (a | b).sum())
-
-
 def test_a_highlight_that_looks_like_ground_takes_no_bite_out_of_the_fruit():
     rng = np.random.default_rng(0)
     truth = disc(70)
     log_odds = np.where(truth, 3.0, -3.0).astype(np.float32)
     log_odds[105:125, 80:98] = -3.0
     (cut,) = star_cuts([log_odds], [painted(truth, rng)], [CENTRE + np.array([5.0, -4.0])])
-    assert overlap(cut, truth) > 0.975
+    assert float((cut & truth).sum() / (cut | truth).sum()) > 0.975
 
 
 def test_the_path_is_the_best_of_all_closed_ones():

@@ -113,10 +113,6 @@ def truth(view: CutPhoto) -> np.ndarray:
     return EGG.covers(view.camera, pixels).reshape(rows, columns)
 
 
-def overlap(a: np.ndarray, b: np.ndarray) -> float:
-    return float((a & b).sum() / (a | b).sum())
-
-
 def ball_block(radius_cells: int = 12, cell_mm: float = 2.0) -> Block:
     """A ball of cells about (0, 0, 30) mm."""
     side = 2 * radius_cells + 6
@@ -159,7 +155,7 @@ def test_learned_odds_and_their_masks_part_the_egg_from_its_ground():
     for view, view_log_odds, mask in zip(views, log_odds, masks, strict=True):
         egg = truth(view)
         edge = binary_dilation(egg, iterations=2) & ~binary_dilation(egg, iterations=1)
-        assert overlap(mask, egg) > 0.95
+        assert float((mask & egg).sum() / (mask | egg).sum()) > 0.95
         assert ((view_log_odds > 0) == egg)[~edge].mean() > 0.95
 
 

@@ -67,6 +67,22 @@ def browser():
         yield opened
 
 
+VERDICT = VerdictEntry(
+    judged_class="firm", by="A. Huber", why="hard at the suture", E_MPa=0.2, E_sd_MPa=0.01,
+    at_utc=datetime(2026, 11, 28, 9, 30, tzinfo=UTC),
+)  # fmt: skip
+
+
+def opened(browser, folder, batch, **context):
+    """The report of a batch in a page of its own."""
+    path = folder / "report.html"
+    path.write_text(report_html(batch), encoding="utf-8")
+    page = browser.new_page(**context)
+    page.set_default_timeout(TIMEOUT_MS)
+    page.goto(path.as_uri())
+    return page
+
+
 @pytest.fixture
 def shown(browser, tmp_path, awkward_batch, graded):
     """Opens the report of a lot at an address; fails on any message of the browser."""
@@ -118,23 +134,15 @@ def test_five_hundred_fruit_load_fast_and_are_few_nodes_wherever_a_reader_scroll
 def test_verdict_both_moduli_and_own_columns_are_in_table_and_fruit(browser, tmp_path, awkward_batch, graded):
     batch = lot(graded, awkward_batch, 3)
     first, *others = batch.fruits
-    at_utc = datetime(2026, 11, 28, 9, 30, tzinfo=UTC)
-    judged = VerdictEntry(
-        judged_class="firm", by="A. Huber", why="hard at the suture", at_utc=at_utc, E_MPa=0.2, E_sd_MPa=0.01
-    )
     first = replace(
         first,
-        verdicts=(judged,),
+        verdicts=(VERDICT,),
         E_at_pulp_MPa=0.231,
         E_at_pulp_sd_MPa=0.012,
         columns={"Brix": 12.5625, "grower": "Mayr"},
     )
     batch = replace(batch, fruits=(first, *others), columns=(("Brix", "°Brix"), ("grower", "")))
-    path = tmp_path / "report.html"
-    path.write_text(report_html(batch), encoding="utf-8")
-    page = browser.new_page()
-    page.set_default_timeout(TIMEOUT_MS)
-    page.goto(path.as_uri())
+    page = opened(browser, tmp_path, batch)
     heads = page.locator("table.fruit thead th").all_inner_texts()
     rows = page.locator("table.fruit tbody tr:not(.space)")
     cells = [rows.nth(k).locator("th, td").all_inner_texts() for k in range(2)]
@@ -190,15 +198,7 @@ def test_a_sheet_is_one_page_with_a_code_that_another_reader_finds(
     said = tuple(
         f"Warning {k}: {'the photos do not show the underside of this fruit; ' * 6}" for k in range(20)
     )
-    at_utc = datetime(2026, 11, 28, 9, 30, tzinfo=UTC)
-    verdict = VerdictEntry(
-        judged_class="firm",
-        by="A. Meier",
-        why="hard at the suture " * 9,
-        at_utc=at_utc,
-        E_MPa=0.2,
-        E_sd_MPa=0.01,
-    )
+    verdict = replace(VERDICT, why="hard at the suture " * 9)
     large = Picture(
         content=cv2.imencode(".webp", np.full((1200, 900, 3), 90, np.uint8))[1].tobytes(), file="a.jpg"
     )
@@ -210,11 +210,8 @@ def test_a_sheet_is_one_page_with_a_code_that_another_reader_finds(
     batch = replace(
         batch, fruits=(first, *batch.fruits[1:]), lot="H/07", cultivar="Big Top", packer="Huber Obst"
     )
-    path = tmp_path / "report.html"
-    path.write_text(report_html(batch), encoding="utf-8")
-    page = browser.new_page(viewport={"width": 690, "height": 1017}, device_scale_factor=3)
-    page.set_default_timeout(TIMEOUT_MS)
-    page.goto(path.as_uri())
+    sheet = {"viewport": {"width": 690, "height": 1017}, "device_scale_factor": 3}
+    page = opened(browser, tmp_path, batch, **sheet)
     page.evaluate("window.print = () => { window.sheet = document.body.className; }")
     page.locator(f"button.alone[data-part={part}]").first.click()
     assert page.evaluate("window.sheet") == part

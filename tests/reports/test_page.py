@@ -64,6 +64,11 @@ def opened(text):
     return bare.replace('<div id="card"></div>', parts)
 
 
+def ranked(fruit_id, rank=1, **facts):
+    """A graded fruit of 0.3 MPa."""
+    return FruitEntry(fruit_id=fruit_id, ok=True, outcome="graded", rank=rank, E_MPa=0.3, **facts)
+
+
 def text_of(batch):
     """What the page shows, without its breakless spaces."""
     return "".join(Page(opened(report_html(batch))).text).replace("\u00a0", " ")
@@ -134,8 +139,7 @@ def test_the_library_of_the_charts_is_the_published_one():
 
 def test_no_text_of_a_batch_ends_the_script_that_holds_it(empty_batch):
     name = "</script><!--<script>alert(1)"
-    fruit = FruitEntry(fruit_id=name, ok=True, outcome="graded", rank=1, E_MPa=0.3)
-    text = report_html(replace(empty_batch, fruits=(fruit,)))
+    text = report_html(replace(empty_batch, fruits=(ranked(name),)))
     held = re.search(r'id="lot">(.*?)</script>', text, re.DOTALL)[1]
     assert json.loads(held)["fruits"][0]["id"] == name
     assert "<!--<script" not in text
@@ -183,7 +187,7 @@ def test_same_records_give_the_same_page(awkward_batch):
 
 def test_a_mismatch_that_nothing_explains_or_several_do_is_told_as_that(empty_batch):
     fruits = tuple(
-        FruitEntry(fruit_id=mismatch, ok=True, outcome="graded", rank=rank, E_MPa=0.3, mismatch=mismatch)
+        ranked(mismatch, rank, mismatch=mismatch)
         for rank, mismatch in enumerate(("unknown", "skin|graded_modulus"), start=1)
     )
     shown = text_of(replace(empty_batch, fruits=fruits))
@@ -215,7 +219,7 @@ def test_a_fruit_of_photos_shows_what_they_saw_of_it_and_one_of_a_mesh_does_not(
 
 def test_a_body_without_a_pit_is_drawn_without_one(empty_batch):
     pictures = FruitPictures(mesh=Picture(content=b"webp"))
-    fruit = FruitEntry(fruit_id="ball", ok=True, outcome="graded", rank=1, E_MPa=0.3, pictures=pictures)
+    fruit = ranked("ball", pictures=pictures)
     for has_pit in (False, True):
         page = report_html(replace(empty_batch, fruits=(replace(fruit, has_pit=has_pit),)))
         assert ("the assumed pit inside" in page) == has_pit
@@ -232,10 +236,7 @@ def test_what_the_screen_says_of_a_fruit_stands_in_table_and_details(empty_batch
         ScreenEntry(p_value=0.0123, suspects=(UNEXPLAINED, SKIN)),
         ScreenEntry(why_not="one recording alone tells too little"),
     )
-    fruits = tuple(
-        FruitEntry(fruit_id=f"f{k}", ok=True, outcome="graded", rank=k, E_MPa=0.3, screen=screen)
-        for k, screen in enumerate(screens, start=1)
-    )
+    fruits = tuple(ranked(f"f{k}", k, screen=screen) for k, screen in enumerate(screens, start=1))
     shown = text_of(replace(empty_batch, fruits=fruits, screened=True))
     assert "none found (p = 0.40)" in shown
     assert "unknown? (p = 0.012)" in shown
@@ -247,10 +248,8 @@ def test_what_the_screen_says_of_a_fruit_stands_in_table_and_details(empty_batch
 
 
 def test_the_screen_of_a_fruit_with_a_confirmed_effect_speaks_of_what_is_left(empty_batch):
-    fruit = FruitEntry(
-        fruit_id="a", ok=True, outcome="graded", rank=1, E_MPa=0.3,
-        mismatch="viscoelastic", mismatch_taken=True, screen=ScreenEntry(p_value=0.4),
-    )  # fmt: skip
+    known = {"mismatch": "viscoelastic", "mismatch_taken": True}
+    fruit = ranked("a", **known, screen=ScreenEntry(p_value=0.4))
     shown = text_of(replace(empty_batch, fruits=(fruit,), screened=True))
     assert "Taken into account: viscoelastic" in shown
     assert "Missing physics: none found beyond that (p = 0.40)." in shown

@@ -45,6 +45,15 @@ def truth() -> TrueRecording:
     )  # fmt: skip
 
 
+def taken(truth: TrueRecording, frames: np.ndarray, **changes: np.ndarray) -> TrueRecording:
+    """The recording with these frames of its pads, in this order."""
+    left, right = (
+        PadTruth(pose=p.pose[frames], displacement_mm=p.displacement_mm[frames], force_N=p.force_N[frames])
+        for p in truth.pads
+    )
+    return replace(truth, pads=(left, right), **changes)
+
+
 def total_N(pad: PadTruth) -> np.ndarray:
     return np.asarray(pad.force_N.sum(axis=1)[:, 2])
 
@@ -105,16 +114,7 @@ def test_more_instants_lie_on_the_same_way() -> None:
 
 
 def test_hysteresis_spares_the_load_and_the_peak(truth: TrueRecording) -> None:
-    there_and_back = np.r_[0:9, 8:-1:-1]
-    pads = [
-        PadTruth(
-            pose=p.pose[there_and_back],
-            displacement_mm=p.displacement_mm[there_and_back],
-            force_N=p.force_N[there_and_back],
-        )
-        for p in truth.pads
-    ]
-    back = replace(truth, pads=(pads[0], pads[1]))
+    back = taken(truth, np.r_[0:9, 8:-1:-1])
     force_N, was = total_N(with_hysteresis(back, share=0.1).pads[0]), total_N(back.pads[0])
     assert force_N[:9] == pytest.approx(was[:9])
     assert np.all(force_N[10:17] < was[10:17])
@@ -142,16 +142,7 @@ def test_a_bent_reading_is_off_by_its_share_at_the_largest_force_and_by_half_at_
 
 def test_a_gel_face_creeps_on_under_a_steady_load(truth: TrueRecording) -> None:
     held = np.r_[0:9, [8] * 40]
-    pads = [
-        PadTruth(pose=p.pose[held], displacement_mm=p.displacement_mm[held], force_N=p.force_N[held])
-        for p in truth.pads
-    ]
-    still = replace(
-        truth,
-        time_s=np.arange(len(held)) * 0.25,
-        aperture_mm=truth.aperture_mm[held],
-        pads=(pads[0], pads[1]),
-    )
+    still = taken(truth, held, time_s=np.arange(len(held)) * 0.25, aperture_mm=truth.aperture_mm[held])
     crept = with_gel_creep(still, creep=0.2, creep_tau_s=1.0)
     more = crept.pads[0].displacement_mm[:, 0, 2] / still.pads[0].displacement_mm[-1, 0, 2]
     assert more[8] < 1.15

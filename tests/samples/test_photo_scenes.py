@@ -279,7 +279,6 @@ def test_before_a_turntable_the_camera_stands_still_and_the_fruit_makes_one_turn
         ]
         assert np.ptp(rays, axis=0).max() < 1e-9
         assert np.diff(np.degrees(np.unwrap(np.radians(turns)))) == pytest.approx(60.0, abs=8.0)
-        assert scene.turntable is not None
         assert scene.turntable.card_mm > scene.turntable.radius_mm > 150.0
 
 

@@ -122,10 +122,6 @@ def swapped_unlike(folder: Path) -> None:
     swapped(folder)
 
 
-def dark_from(frame: int) -> Callable[[Path], None]:
-    return painted(f"left/frame_{frame:06d}.png", drawn(grid()[:20], noise=1.0))
-
-
 WHITE = np.full((240, 320, 3), 255, dtype=np.uint8)
 FAULTS: list[tuple[str, Callable[[Path], None], TactileProblem, str]] = [
     ("no reference", without("left/reference.png"), P.UNREADABLE_FRAMES,
@@ -134,7 +130,7 @@ FAULTS: list[tuple[str, Callable[[Path], None], TactileProblem, str]] = [
      "left: reference: found 100%"),
     ("white frame", painted("right/frame_000005.png", WHITE), P.SATURATED,
      "right: frame 5: found 100%"),
-    ("markers gone", dark_from(6), P.MARKERS_LOST,
+    ("markers gone", painted(f'left/frame_{6:06d}.png', drawn(grid()[:20], noise=1.0)), P.MARKERS_LOST,
      "left: frame 6: found 3"),
     ("frames dropped", without("left/frame_000003.png"), P.UNREADABLE_FRAMES,
      "left: found 7 frames, expected 8"),

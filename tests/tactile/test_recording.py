@@ -5,13 +5,12 @@ A recording reads no other file, asks for no more memory than there is, and hold
 
 import os
 from dataclasses import replace
-from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
 
-from tactile.readers.recording import GelPad, IndenterPad, Recording, read_recording, write_recording
+from tactile.readers.recording import GelPad, IndenterPad, read_recording, write_recording
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
@@ -48,33 +47,34 @@ def test_optional_fields_come_back_too(injected, tmp_path):
     assert_same(full, read_recording(tmp_path / "a.h5"))
 
 
+def pressed(recording):
+    """A press by a bare ball."""
+    pose = recording.pads[0].pose
+    force_N = np.linspace(0, 1, len(pose))
+    tip = IndenterPad(name="tip", pose=pose, force_z_N=force_N, indenter="ball", radius_mm=3.0)
+    return replace(recording, loading="press", support="base", pads=(tip,))
+
+
 def test_a_bare_indenter_is_a_legal_pad(injected, tmp_path):
-    frames = len(injected.recording.time_s)
-    tip = IndenterPad(
-        name="tip",
-        pose=injected.recording.pads[0].pose,
-        force_z_N=np.linspace(0, 1, frames),
-        indenter="ball",
-        radius_mm=3.0,
-    )
-    press = replace(injected.recording, loading="press", support="base", pads=(tip,))
+    press = pressed(injected.recording)
     write_recording(tmp_path / "a.h5", press)
     assert_same(press, read_recording(tmp_path / "a.h5"))
 
 
 def test_a_press_stands_on_its_base_unless_it_says_otherwise(injected, tmp_path):
-    press = replace(
-        injected.recording, loading="press", pads=(replace(injected.recording.pads[0], name="tip"),)
-    )
-    write_recording(tmp_path / "a.h5", press)
+    tip = replace(injected.recording.pads[0], name="tip")
+    write_recording(tmp_path / "a.h5", replace(injected.recording, loading="press", pads=(tip,)))
     with h5py.File(tmp_path / "a.h5", "a") as file:
         del file.attrs["support"]
     assert read_recording(tmp_path / "a.h5").support == "base"
 
 
-def drop(name):
+def instead(name, make=lambda file: None):
+    """A change that removes `name` and lets `make` put something in its place."""
+
     def change(file):
         del file[name]
+        make(file)
 
     return change
 
@@ -98,60 +98,11 @@ def attribute(name, held, of="/", dtype=None):
     return change
 
 
-def poke(index, value):
-    def change_values(values):
-        values[index] = value
-        return values
-
-    return change_values
-
-
-def hollow(name):
-    """A null dataspace: a type and no values."""
-
+def value(name, number, at=None):
     def change(file):
-        del file[name]
-        file[name] = h5py.Empty("f8")
+        file[name][at or (0,) * file[name].ndim] = number
 
     return change
-
-
-def clock(name):
-    """HDF5's own time type, which no array can hold."""
-
-    def change(file):
-        del file[name]
-        space = h5py.h5s.create_simple((60,))
-        h5py.h5d.create(file.id, name.encode(), h5py.h5t.UNIX_D32LE, space)
-
-    return change
-
-
-def datatype(name):
-    """A stored type under a field's name."""
-
-    def change(file):
-        del file[name]
-        file[name] = np.dtype("f8")
-
-    return change
-
-
-def value(name, number):
-    def change(file):
-        file[name][(0,) * file[name].ndim] = number
-
-    return change
-
-
-def external_link(file):
-    del file["time_s"]
-    file["time_s"] = h5py.ExternalLink("other.h5", "/time_s")
-
-
-def external_group(file):
-    del file["pads/left"]
-    file["pads/left"] = h5py.ExternalLink("/dev/zero", "/")
 
 
 def soft_link(file):
@@ -165,23 +116,6 @@ def virtual(file):
     layout[:] = h5py.VirtualSource("other.h5", "time_s", shape=(frames,))
     del file["aperture_mm"]
     file.create_virtual_dataset("aperture_mm", layout)
-
-
-def raw_storage(file):
-    frames = len(file["time_s"])
-    del file["aperture_mm"]
-    file.create_dataset("aperture_mm", (frames,), "f8", external=[("/etc/passwd", 0, 8 * frames)])
-
-
-def claimed(file):
-    del file["time_s"]
-    file.create_dataset("time_s", (10**9,), "f8", chunks=(1024,))
-
-
-def chunked(file):
-    frames = len(file["time_s"])
-    del file["time_s"]
-    file.create_dataset("time_s", (frames,), "f8", chunks=(10**9,), maxshape=(None,))
 
 
 def markers_at(places):
@@ -206,12 +140,24 @@ NEEDED = (
     "pads/right/displacement_mm",
 )
 REFUSALS = {
-    **{f"no {name}": (drop(name), name) for name in NEEDED},
+    **{f"no {name}": (instead(name), name) for name in NEEDED},
     **{f"no {name}": (attribute(name, None), f"attribute {name}") for name in ("fruit_id", "version")},
-    "a type for a field": (datatype("aperture_mm"), "aperture_mm"),
-    "empty time": (hollow("time_s"), "time_s"),
+    "a type for a field": (
+        instead("aperture_mm", lambda f: f.update({"aperture_mm": np.dtype("f8")})),
+        "aperture_mm",
+    ),
+    "empty time": (
+        instead("time_s", lambda f: f.create_dataset("time_s", data=h5py.Empty("f8"))),
+        "time_s",
+    ),
     "an empty text": (attribute("sensor", h5py.Empty("S1")), "attribute sensor"),
-    "time in HDF5's time type": (clock("time_s"), "time_s"),
+    "time in HDF5's time type, which no array can hold": (
+        instead(
+            "time_s",
+            lambda f: h5py.h5d.create(f.id, b"time_s", h5py.h5t.UNIX_D32LE, h5py.h5s.create_simple((60,))),
+        ),
+        "time_s",
+    ),
     "no format": (attribute("format", None), "attribute format"),
     "another format": (attribute("format", "something-else"), "attribute format"),
     "a later version": (attribute("version", 2), "attribute version"),
@@ -231,23 +177,41 @@ REFUSALS = {
     "rest in the plane": (put("pads/left/rest_mm", lambda v: v[:, :2]), "pads/left/rest_mm"),
     "a marker less": (put("pads/left/displacement_mm", lambda v: v[:, 1:]), "pads/left/displacement_mm"),
     "infinite displacement": (
-        put("pads/left/displacement_mm", poke((0, 0, 0), np.inf)),
+        value("pads/left/displacement_mm", np.inf),
         "pads/left/displacement_mm",
     ),
     "a soft gel below zero": (
         attribute("gel_kt_MPa_per_mm", -1.0, "pads/left"),
         "attribute gel_kt_MPa_per_mm of /pads/left",
     ),
-    "a link to another file": (external_link, "time_s: found a link"),
-    "a linked group": (external_group, "pads/left: found a link"),
+    "a link to another file": (
+        instead("time_s", lambda f: f.update({"time_s": h5py.ExternalLink("other.h5", "/time_s")})),
+        "time_s: found a link",
+    ),
+    "a linked group": (
+        instead("pads/left", lambda f: f.update({"pads/left": h5py.ExternalLink("/dev/zero", "/")})),
+        "pads/left: found a link",
+    ),
     "a link inside": (soft_link, "time_s: found a link"),
     "values of another recording": (virtual, "aperture_mm: found values kept in another file"),
-    "values of another file": (raw_storage, "aperture_mm: found values kept in another file"),
+    "values of another file": (
+        instead(
+            "aperture_mm",
+            lambda f: f.create_dataset("aperture_mm", (58,), "f8", external=[("/etc/passwd", 0, 8 * 58)]),
+        ),
+        "aperture_mm: found values kept in another file",
+    ),
     "more values than memory": (
-        claimed,
+        instead("time_s", lambda f: f.create_dataset("time_s", (10**9,), "f8", chunks=(1024,))),
         "time_s: found contents that are damaged, or take more than 500 MB of memory to read, expected",
     ),
-    "a chunk larger than memory": (chunked, "time_s"),
+    "a chunk larger than memory": (
+        instead(
+            "time_s",
+            lambda f: f.create_dataset("time_s", (58,), "f8", chunks=(10**9,), maxshape=(None,)),
+        ),
+        "time_s",
+    ),
     "a place beyond use": (
         value("pads/left/rest_mm", 1e300),
         "pads/left/rest_mm: found 1e+300 at index (0, 0), expected at most 500 ",
@@ -291,7 +255,7 @@ REFUSALS = {
         "pads/left/rest_mm: found 2 markers, expected at least 3 that are not on one line; record all",
     ),
     "NaN in one place": (
-        put("pads/left/force_N", poke((3, 5, 1), np.nan)),
+        value("pads/left/force_N", np.nan, at=(3, 5, 1)),
         "pads/left/force_N: found 1 value(s) NaN or infinite, the first at index (3, 5, 1)",
     ),
 }
@@ -317,49 +281,28 @@ def test_refused_with_file_field_found_expected_and_advice(name, injected, tmp_p
     assert "\n" not in sentence
 
 
-def lost(frames, markers):
-    def change(values):
-        values = values.copy()
-        values[frames, markers] = np.nan
-        return values
-
-    return change
-
-
 def test_markers_without_values_are_counted(injected, tmp_path):
-    change = put("pads/left/force_N", lost(slice(None), slice(None, None, 2)))
+    change = put("pads/left/force_N", lambda v: np.where(np.arange(v.shape[1])[:, None] % 2, v, np.nan))
     sentence = refusal(tmp_path, injected.recording, change)
     assert "the first at index (0, 0, 0), in 113 of 225 markers" in sentence
     assert "take those markers out of rest_mm and of both fields alike" in sentence
 
 
-def broken_files(path: Path, recording: Recording) -> None:
-    write_recording(path / "whole.h5", recording)
-    whole = (path / "whole.h5").read_bytes()
-    (path / "half.h5").write_bytes(whole[: len(whole) // 2])
-    (path / "head.h5").write_bytes(whole[:100])
-    (path / "empty.h5").write_bytes(b"")
-    (path / "text.h5").write_text("not a recording")
-
-
 @pytest.mark.parametrize("name", ["half.h5", "head.h5", "empty.h5", "text.h5", "absent.h5"])
 def test_a_broken_or_absent_file_is_named(name, injected, tmp_path):
-    broken_files(tmp_path, injected.recording)
+    write_recording(tmp_path / "whole.h5", injected.recording)
+    whole = (tmp_path / "whole.h5").read_bytes()
+    held = {"half": whole[: len(whole) // 2], "head": whole[:100], "empty": b"", "text": b"not a recording"}
+    for stem, content in held.items():
+        (tmp_path / f"{stem}.h5").write_bytes(content)
     with pytest.raises(TactileFailure, match=rf"^{name}: the file: found ") as caught:
         read_recording(tmp_path / name)
     assert caught.value.problem is TactileProblem.UNREADABLE_RECORDING
 
 
 def test_an_indenter_needs_its_shape(injected, tmp_path):
-    pose = injected.recording.pads[0].pose
-    tip = IndenterPad(name="tip", pose=pose, force_z_N=np.zeros(len(pose)), indenter="ball", radius_mm=3.0)
-    write_recording(tmp_path / "a.h5", replace(injected.recording, loading="press", pads=(tip,)))
-    with h5py.File(tmp_path / "a.h5", "a") as file:
-        file["pads/tip"].attrs["indenter"] = "cone"
-    with pytest.raises(
-        TactileFailure, match="attribute indenter of /pads/tip: found 'cone', expected ball or"
-    ):
-        read_recording(tmp_path / "a.h5")
+    sentence = refusal(tmp_path, pressed(injected.recording), attribute("indenter", "cone", "pads/tip"))
+    assert "attribute indenter of /pads/tip: found 'cone', expected ball or" in sentence
 
 
 def test_poses_in_single_precision_pass(injected, tmp_path):

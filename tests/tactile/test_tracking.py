@@ -237,12 +237,8 @@ def test_names_wrong_between_two_jumps_are_set_right() -> None:
     assert both.mean() > 0.97 * np.isfinite(right).mean()
 
 
-def test_a_true_jump_is_left_alone() -> None:
+def test_true_jumps_there_and_back_are_left_alone() -> None:
     right = truth()
     np.testing.assert_array_equal(relabelled(LATTICE, right, blobs(right)), right)
-
-
-def test_a_patch_that_jumps_and_jumps_back_is_left_alone() -> None:
-    right = truth()
     right[HEALS_AT:] = right[:1]
     np.testing.assert_array_equal(relabelled(LATTICE, right, blobs(right)), right)

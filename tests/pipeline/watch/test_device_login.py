@@ -373,15 +373,25 @@ def test_a_network_without_certificate_key_or_devices_is_refused(tmp_path, devic
     assert "is no file of devices" in why(certificate=certificate, key=key, devices=devices)
 
 
+def page_address(server):
+    return f"https://127.0.0.1:{urlsplit(server.address).port}/"
+
+
+def logged_in(browser, server, requested=lambda request: None):
+    """A page of Chromium after the login's form was sent."""
+    page = browser.new_context(ignore_https_errors=True).new_page()
+    page.on("request", requested)
+    page.goto(page_address(server))
+    page.fill("input[name=token]", server.token)
+    page.click("button")
+    return page
+
+
 def test_chromium_s_forms_are_of_the_page_for_browsers_that_name_the_origin_alone(server):
     """The policy of the referrer decides about the origin that a form has."""
     with chromium() as browser:
-        page = browser.new_context(ignore_https_errors=True).new_page()
         forms = []
-        page.on("request", lambda request: forms.append(request) if request.method == "POST" else None)
-        page.goto(f"https://127.0.0.1:{urlsplit(server.address).port}/")
-        page.fill("input[name=token]", server.token)
-        page.click("button")
+        page = logged_in(browser, server, lambda request: request.method == "POST" and forms.append(request))
         page.wait_for_url("**/")
         origin = forms[0].all_headers()["origin"]
     assert ask(server, "/login", {"token": server.token}, Origin=origin)[0] == 303
@@ -391,10 +401,7 @@ def test_chromium_s_forms_are_of_the_page_for_browsers_that_name_the_origin_alon
 def test_a_page_whose_session_ends_shows_the_login(server, devices, time_s, ends):
     server.show(kiosk_html(KioskEntry(name="monday"), logout=True))
     with chromium() as browser:
-        page = browser.new_context(ignore_https_errors=True).new_page()
-        page.goto(f"https://127.0.0.1:{urlsplit(server.address).port}/")
-        page.fill("input[name=token]", server.token)
-        page.click("button")
+        page = logged_in(browser, server)
         page.wait_for_selector("#board")
         if ends == "revoked":
             revoke_device(devices, "belt 2")
@@ -407,12 +414,8 @@ def test_a_page_whose_session_ends_shows_the_login(server, devices, time_s, ends
 def test_a_device_logs_out_by_a_button(server):
     server.show(kiosk_html(KioskEntry(name="monday"), logout=True))
     with chromium() as browser:
-        page = browser.new_context(ignore_https_errors=True).new_page()
-        place = f"https://127.0.0.1:{urlsplit(server.address).port}/"
-        page.goto(place)
-        page.fill("input[name=token]", server.token)
-        page.click("button")
+        page = logged_in(browser, server)
         page.get_by_role("button", name="Log out").click()
         page.wait_for_url("**/login")
-        page.goto(place)
+        page.goto(page_address(server))
         assert page.url.endswith("/login")

@@ -4,8 +4,9 @@ import json
 from collections import Counter
 
 import pytest
+from graded_results import rows
 from rich.console import Console
-from watched_batch import QUIET, modulus_of, of_another, one_by_one, put, reports_take, rows, shown_first
+from watched_batch import QUIET, modulus_of, of_another, one_by_one, put, reports_take, shown_first
 
 from pipeline.batch import cache, provenance
 from pipeline.batch.records import read_record
@@ -70,7 +71,7 @@ def test_reports_between_take_a_bounded_share_of_the_time_and_the_last_is_of_all
     assert len(made) <= 3 + 0.01 * watched.time_s[0]  # the first, the last, and 1 % of the time between
     assert len(made) >= 3
     assert (made[0], made[-1]) == (1, 40)
-    assert len(rows(batch)) == 40
+    assert len(rows(batch / "results")) == 40
 
 
 def test_the_page_ranks_a_newcomer_among_all_before_any_report(batch, watched, monkeypatch):
@@ -82,7 +83,7 @@ def test_the_page_ranks_a_newcomer_among_all_before_any_report(batch, watched, m
             fruit = next(fruit for fruit in entry.batch.fruits if fruit.fruit_id == entry.recent[0])
             ranks.setdefault(fruit.fruit_id, (fruit.rank, len(entry.batch.fruits)))
     assert ranks == {"C": (1, 1), "E": (2, 2), "A": (1, 3), "D": (3, 4), "B": (2, 5)}
-    assert {name: row["rank"] for name, row in rows(batch).items()} == dict(
+    assert {name: row["rank"] for name, row in rows(batch / "results").items()} == dict(
         zip("ABCDE", "12345", strict=True)
     )
 
@@ -90,7 +91,7 @@ def test_the_page_ranks_a_newcomer_among_all_before_any_report(batch, watched, m
 def test_a_recording_that_two_fruit_have_is_said_of_both(batch, watched, monkeypatch):
     reports_take(monkeypatch, watched, 1000.0)
     assert watched(*one_by_one(batch, "C", "A"), lambda: of_another(batch, "B", "A")) == 4
-    assert [name for name, row in sorted(rows(batch).items()) if row["warnings"]] == ["A", "B"]
+    assert [name for name, row in sorted(rows(batch / "results").items()) if row["warnings"]] == ["A", "B"]
 
 
 def correct_by_a_body(batch, fruit):
@@ -109,7 +110,9 @@ def test_a_newcomer_is_corrected_by_the_reference_bodies_so_far(batch, watched, 
     watched(*one_by_one(batch, "body", "C", "A", "B"))
     for name in "ABC":
         assert shown_first(watched, name).E_MPa == pytest.approx(modulus_of(name) / 1.2)
-        assert float(rows(batch)[name]["E_MPa"]) == pytest.approx(modulus_of(name) / 1.2, rel=1e-3)
+        assert float(rows(batch / "results")[name]["E_MPa"]) == pytest.approx(
+            modulus_of(name) / 1.2, rel=1e-3
+        )
         assert read_record(batch / "results" / "fruits" / name / "record.json").reference.corrected
 
 

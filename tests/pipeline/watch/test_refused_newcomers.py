@@ -3,7 +3,8 @@
 import shutil
 
 import pytest
-from watched_batch import QUIET, of_another, one_by_one, put, rows
+from graded_results import rows
+from watched_batch import QUIET, of_another, one_by_one, put
 
 from pipeline.run import grading
 
@@ -34,12 +35,12 @@ def test_a_fruit_keeps_its_record_when_a_newcomer_that_it_names_is_refused(batch
         lambda: in_the_way(batch, "B"), *one_by_one(batch, "B"), lambda: taken_away(batch, "B"), *LATER
     )
     assert any("fruits/B/record.json" in problem for problem in problems(watched))
-    assert (status, sorted(rows(batch))) == (0, ["A", "D"])
+    assert (status, sorted(rows(batch / "results"))) == (0, ["A", "D"])
 
 
 def test_a_newcomer_that_is_still_refused_is_said_by_the_status(batch, watched):
     assert watched(*one_by_one(batch, "A"), lambda: in_the_way(batch, "N9"), *one_by_one(batch, "N9")) == 2
-    assert sorted(rows(batch)) == ["A"]
+    assert sorted(rows(batch / "results")) == ["A"]
 
 
 def changed(batch, name):
@@ -76,4 +77,4 @@ def test_a_changed_fruit_that_was_refused_and_is_as_before_or_gone_leaves_a_whol
     assert watched(*one_by_one(batch, "A", "B")) == 0
     status = watched(refused, *QUIET, restored, *LATER)
     assert problems(watched)
-    assert (status, sorted(rows(batch))) == (0, ["A", "B"] if then is as_before else ["A"])
+    assert (status, sorted(rows(batch / "results"))) == (0, ["A", "B"] if then is as_before else ["A"])

@@ -4,7 +4,8 @@ import errno
 import shutil
 
 import pytest
-from watched_batch import one_by_one, put, reports_take, rows
+from graded_results import rows
+from watched_batch import one_by_one, put, reports_take
 
 from pipeline.watch import watching
 from reports.kiosk_page import kiosk_html
@@ -14,7 +15,10 @@ def test_fruit_are_graded_as_they_come_and_shown_at_once(batch, watched):
     status = watched(lambda: put(batch, "B"), *[lambda: None] * 6, lambda: put(batch, "A"))
     assert status == 0
     assert watched.worked == ["B", "A"]
-    assert {name: row["maturity"] for name, row in rows(batch).items()} == {"A": "soft", "B": "soft"}
+    assert {name: row["maturity"] for name, row in rows(batch / "results").items()} == {
+        "A": "soft",
+        "B": "soft",
+    }
     assert [entry.recent for entry in watched.shown if entry.batch][-1] == ("A", "B")
     working = [entry.working for entry in watched.shown if entry.working]
     assert working == [("B",), ("A",)]
@@ -55,7 +59,7 @@ def test_a_fruit_that_changes_is_graded_again_and_one_that_does_not_is_not(batch
     assert sorted(watched.worked) == ["A", "B"]
     watched(lambda: (batch / "fruits" / "B" / "grasps" / "grasp-2.h5").write_text("again"))
     assert sorted(watched.worked) == ["A", "B", "B"]
-    assert len(rows(batch)) == 2
+    assert len(rows(batch / "results")) == 2
 
 
 def test_a_fruit_that_crashed_is_not_tried_at_each_newcomer(batch, watched):
@@ -97,14 +101,14 @@ def test_after_a_change_of_settings_all_fruit_are_taken_up_in_one_go(batch, watc
         ("C",),
         ("A", "B", "C"),
     ]
-    assert {row["maturity"] for row in rows(batch).values()} == {"soft", "firm"}
+    assert {row["maturity"] for row in rows(batch / "results").values()} == {"soft", "firm"}
 
 
 def test_a_deleted_fruit_costs_nothing(batch, watched):
     put(batch, "A")
     put(batch, "B")
     watched(*[lambda: None] * 12, lambda: shutil.rmtree(batch / "fruits" / "A"), lambda: put(batch, "C"))
-    assert sorted(rows(batch)) == ["B", "C"]
+    assert sorted(rows(batch / "results")) == ["B", "C"]
 
 
 def test_a_batch_that_is_out_of_reach_for_a_moment_is_shown_and_watched_on(batch, watched):
@@ -140,7 +144,7 @@ def test_so_is_a_file_that_cannot_be_reached_while_fruit_are_graded(batch, watch
     assert (status, sorted(set(watched.worked)), faults) == (0, ["A", "B"], [])
     problems = [problem for entry in watched.shown for problem in entry.problems]
     assert "a file: drupe cannot process it (Stale file handle) and tries again." in problems
-    assert sorted(rows(batch)) == ["A", "B"]
+    assert sorted(rows(batch / "results")) == ["A", "B"]
 
 
 def test_a_fault_that_ends_it_leaves_the_report_of_what_is_done(batch, watched, monkeypatch):
@@ -153,4 +157,4 @@ def test_a_fault_that_ends_it_leaves_the_report_of_what_is_done(batch, watched, 
     with pytest.raises(ValueError, match="of drupe"):
         watch.run()
     assert watched.worked == ["A", "B", "C"]
-    assert sorted(rows(batch)) == ["A", "B", "C"]
+    assert sorted(rows(batch / "results")) == ["A", "B", "C"]

@@ -3,7 +3,8 @@
 import json
 
 import pytest
-from watched_batch import QUIET, interrupted, one_by_one, reports_take, rows
+from graded_results import rows
+from watched_batch import QUIET, interrupted, one_by_one, reports_take
 
 from pipeline.run import grading
 from pipeline.watch.watching import BatchWatch
@@ -18,7 +19,7 @@ def said_of(batch):
 def left(watch, batch):
     """Unfinished fruit, the exit status, fruit in ranking.csv, and what batch.json has."""
     working, status = watch.working, watch.stop()
-    return working, status, sorted(rows(batch)), *said_of(batch)
+    return working, status, sorted(rows(batch / "results")), *said_of(batch)
 
 
 def whole(*names):
@@ -38,14 +39,10 @@ def without_memory(batch, monkeypatch):
     return changed
 
 
-def lacks_memory(watched):
-    return any("memory" in problem for entry in watched.shown for problem in entry.problems)
-
-
 def test_ctrl_c_between_fruit_leaves_ranking_and_report_of_all(batch, watched, monkeypatch):
     made = reports_take(monkeypatch, watched, 1000.0)
     watch = watched.until_ctrl_c(*one_by_one(batch, "A", "B", "C"), interrupted)
-    assert sorted(rows(batch)) == ["A"]
+    assert sorted(rows(batch / "results")) == ["A"]
     for _ in range(2):
         assert left(watch, batch) == whole("A", "B", "C")
         assert made == [1, 3]
@@ -72,7 +69,7 @@ def test_ctrl_c_in_the_middle_of_a_fruit_leaves_those_before_it_and_says_so(batc
     assert "Interrupted:</b> 3 of 4 fruit" in (batch / "results" / "report.html").read_text()
     assert watched() == 0
     assert watched.worked == ["A", "B", "C", "stop", "stop"]
-    assert sorted(rows(batch)) == ["A", "B", "C", "stop"]
+    assert sorted(rows(batch / "results")) == ["A", "B", "C", "stop"]
 
 
 def test_ctrl_c_when_a_fruit_has_just_ended_leaves_none_unfinished(batch, watched, monkeypatch):
@@ -99,7 +96,7 @@ def test_ctrl_c_after_a_comparison_that_was_refused_half_way_says_what_ranking_c
         (batch / "batch.toml").write_text(settings.replace("0.5", "0.15"))
 
     watch = watched.until_ctrl_c(*one_by_one(batch, "A", "B"), changed, *QUIET, interrupted)
-    assert lacks_memory(watched)
+    assert any("memory" in problem for entry in watched.shown for problem in entry.problems)
     assert watch.reported is None
     assert left(watch, batch)[1:] == (130, ["A"], 130, ["A"])
     assert [fruit.fruit_id for fruit in watch.reported.fruits] == ["A"]

@@ -1,7 +1,5 @@
 """Fruit as they come into a watched batch, the fake work that grades them, and what is left of them."""
 
-import csv
-
 from graded_results import written
 from small_batches import write_ball
 
@@ -47,11 +45,6 @@ def fake_record(fruit_id, task):
     doubts = [f"names {name}" for name, known in strangers.items() if known]
     changes = {"grasps": (grasp,), "strangers": strangers}
     return written(task, modulus_of(fruit_id), sd=0.01, doubts=doubts, changes=changes)
-
-
-def rows(batch):
-    with (batch / "results" / "ranking.csv").open() as file:
-        return {row["fruit_id"]: row for row in csv.DictReader(file)}
 
 
 def one_by_one(batch, *names):
