@@ -1,4 +1,4 @@
-"""Mat tags to camera poses and focal length: homographies for a start, then one bundle adjustment."""
+"""Mat tags to camera poses and focal length, by OpenCV's calibration from a plane."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -10,7 +10,6 @@ from jaxtyping import Bool, Float, Int
 
 from recon.cameras.camera import Camera, pinhole
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
-from recon.cameras.plane_bundle import RIGID, PlaneScene, Sightings, adjusted
 from recon.cameras.printed_mat import Mat, detect_tags
 from recon.cameras.similarity import affine, fitted_similarity
 from recon.recon_failure import ReconFailure, ReconProblem
@@ -20,8 +19,18 @@ FEWEST_TAGS = 4
 """Tags that place a photo, at least: sixteen corners. Set by hand."""
 LONGEST_ERROR_PX = 3.0
 """px by which a corner may miss the mat: sharp ones miss by fractions of a pixel. Set by hand."""
-UNKNOWN_FOCAL_SD = 1.0
-"""Of the logarithm of the focal length before the tags tell it: wide enough to count for nothing."""
+ROUGH_ERROR_PX = 8.0
+"""px by which a corner may miss its photo's homography of the mat before the lens is known. Set by hand."""
+ROUNDS = 3
+"""Of calibration, each without the corners that missed in the one before. Set by hand."""
+ONE_FOCAL_AND_K1 = (
+    cv2.CALIB_USE_INTRINSIC_GUESS
+    | cv2.CALIB_FIX_PRINCIPAL_POINT
+    | cv2.CALIB_FIX_ASPECT_RATIO
+    | cv2.CALIB_ZERO_TANGENT_DIST
+    | cv2.CALIB_FIX_K2
+    | cv2.CALIB_FIX_K3
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,13 +63,13 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
     """
     require_enough(len(photos), where="The set")
     sightings, size, warnings = _of_one_size(_sightings(photos, mat), photos)
-    known = [f for s in sightings if (f := photos[s.photo].focal_px) is not None]
-    focal_px = focal_from_homographies(sightings, size) or (
-        float(np.median(known)) if known else 1.2 * max(size)
-    )
-    start = [_first_pose(s, focal_px, size) for s in sightings]
-    for _ in range(2):
-        cameras, focal_sd_px = _adjusted(photos, sightings, start, focal_px)
+    good = [_rough_fit(s) for s in sightings]
+    for _ in range(ROUNDS):
+        sightings = [
+            _Sighting(sightings[i].photo, sightings[i].corners_mm[good[i]], sightings[i].corners_px[good[i]])
+            for i in _consistent(good)
+        ]
+        cameras, focal_sd_px = _calibrated(photos, sightings, size)
         errors = [
             np.linalg.norm(c.project(s.corners_mm) - s.corners_px, axis=1)
             for c, s in zip(cameras, sightings, strict=True)
@@ -68,15 +77,6 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
         good = [e < LONGEST_ERROR_PX for e in errors]
         if all(g.all() for g in good):
             break
-        kept = _consistent(good)
-        sightings = [
-            _Sighting(sightings[i].photo, sightings[i].corners_mm[good[i]], sightings[i].corners_px[good[i]])
-            for i in kept
-        ]
-        start, focal_px = [cameras[i].cam_from_world for i in kept], cameras[0].focal_px
-    else:
-        cameras = [cameras[i] for i in kept]
-        errors = [errors[i][good[i]] for i in kept]
     every = np.concatenate(errors)
     return Poses(
         cameras=tuple(cameras),
@@ -147,70 +147,33 @@ def _of_one_size(
     return kept, size, (f"{fault}, so drupe left them out; {advice}.",)
 
 
-def focal_from_homographies(sightings: Sequence[_Sighting], size: tuple[int, int]) -> float | None:
-    """Focal length that makes the mat's axes orthogonal and equally long in each view; weighted median.
-
-    With h1, h2 the first columns of a view's homography about the picture's middle: h1' w h2 = 0 and
-    h1' w h1 = h2' w h2, w = diag(1/f², 1/f², 1) (Zhang 2000, IEEE PAMI 22:1330, with c known and no skew).
-    """
-    middle = np.array([(size[1] - 1) / 2, (size[0] - 1) / 2])
-    squares, weights = [], []
-    for s in sightings:
-        H, _ = cv2.findHomography(s.corners_mm[:, :2], s.corners_px - middle, cv2.RANSAC, 4.0)
-        if H is None:
-            continue
-        h1, h2 = H[:, 0] / np.linalg.norm(H[:, 0]), H[:, 1] / np.linalg.norm(H[:, 0])
-        over = np.array([h1[:2] @ h2[:2], h1[:2] @ h1[:2] - h2[:2] @ h2[:2]])
-        under = -np.array([h1[2] * h2[2], h1[2] ** 2 - h2[2] ** 2])
-        weight = float(np.sum(under**2))
-        if weight > 0:
-            squares.append(float(over @ under) / weight)
-            weights.append(np.sqrt(weight))
-    if not squares:
-        return None
-    order = np.argsort(squares)
-    share = np.cumsum(np.array(weights)[order])
-    square = float(np.array(squares)[order][np.searchsorted(share, share[-1] / 2)])
-    longest = max(size)
-    return float(np.sqrt(square)) if (0.4 * longest) ** 2 < square < (20.0 * longest) ** 2 else None
+def _rough_fit(sighting: _Sighting) -> Bool[np.ndarray, " n"]:
+    """Corners within ROUGH_ERROR_PX of one homography of the mat: a lens bends it by less."""
+    flat = sighting.corners_mm[:, :2]
+    H, fits = cv2.findHomography(flat, sighting.corners_px, cv2.RANSAC, ROUGH_ERROR_PX)
+    return np.zeros(len(flat), bool) if H is None else fits[:, 0] > 0
 
 
-def _first_pose(sighting: _Sighting, focal_px: float, size: tuple[int, int]) -> Float[np.ndarray, "4 4"]:
-    _, turn, shift = cv2.solvePnP(
-        sighting.corners_mm, sighting.corners_px, pinhole(focal_px, size), None, flags=cv2.SOLVEPNP_IPPE
-    )
-    return affine(cv2.Rodrigues(turn)[0], np.ravel(shift))
-
-
-def _adjusted(
-    photos: Sequence[Photo],
-    sightings: Sequence[_Sighting],
-    start: Sequence[Float[np.ndarray, "4 4"]],
-    focal_px: float,
+def _calibrated(
+    photos: Sequence[Photo], sightings: Sequence[_Sighting], size: tuple[int, int]
 ) -> tuple[list[Camera], float]:
-    """One bundle adjustment with the corners held: the cameras, and the focal length's error (px)."""
-    corners, point = np.unique(np.concatenate([s.corners_mm for s in sightings]), axis=0, return_inverse=True)
-    seen = Sightings(
-        view=np.repeat(np.arange(len(sightings)), [len(s.corners_mm) for s in sightings]),
-        point=point,
-        places_px=np.concatenate([s.corners_px for s in sightings]),
-        whiten=np.broadcast_to(np.eye(2), (len(point), 2, 2)),
-    )
-    scene = PlaneScene(np.array(start), np.full(len(sightings), focal_px), 0.0, corners[:, :2])
-    best = adjusted(
-        scene,
-        seen,
-        photos[sightings[0].photo].image.shape[:2],
-        focal_prior=(float(np.log(focal_px)), UNKNOWN_FOCAL_SD),
-        breathing_sd=RIGID,
-        ground_held=True,
-    )
-    focal_px = float(np.mean(best.scene.focals_px))
-    cameras = [
-        Camera.of(photos[s.photo], focal_px, best.scene.k1, pose)
-        for s, pose in zip(sightings, best.scene.poses, strict=True)
+    """The cameras of least squared misses (OpenCV's calibration after Zhang 2000, IEEE PAMI 22:1330: focal
+    length, one radial term, poses), and the focal length's standard deviation (px).
+    """
+    corners = [
+        [getattr(s, kind).astype(np.float32) for s in sightings] for kind in ("corners_mm", "corners_px")
     ]
-    return cameras, best.focal_sd * focal_px
+    start = cv2.initCameraMatrix2D(*corners, size[::-1], 1.0)
+    start[:2, 2] = pinhole(1.0, size)[:2, 2]
+    _, K, bend, turns, shifts, sd, _, _ = cv2.calibrateCameraExtended(
+        *corners, size[::-1], start, np.zeros(5), flags=ONE_FOCAL_AND_K1
+    )
+    poses = [affine(cv2.Rodrigues(turn)[0], shift.ravel()) for turn, shift in zip(turns, shifts, strict=True)]
+    cameras = [
+        Camera.of(photos[s.photo], K[0, 0], np.ravel(bend)[0], pose)
+        for s, pose in zip(sightings, poses, strict=True)
+    ]
+    return cameras, float(np.max(sd[:2]))
 
 
 def _scale_error(sightings: Sequence[_Sighting], cameras: Sequence[Camera]) -> float:
