@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -11,7 +11,8 @@ from jaxtyping import Bool, Float, Int
 from recon.cameras.camera import Camera, pinhole
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
 from recon.cameras.printed_mat import Mat, detect_tags
-from recon.cameras.similarity import affine, fitted_similarity
+from recon.cameras.similarity import affine
+from recon.one_thread import one_thread
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import PRINT_SCALE_SD, Box, blank_box
 
@@ -53,13 +54,15 @@ class _Sighting:
     corners_px: Float[np.ndarray, "n 2"]
 
 
+@one_thread()
 def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
     """Cameras in the mat's frame (mm, z up) with one focal length and one radial term, without EXIF.
 
     Minimises the distance in pixels of seen and projected tag corners. Photos of another size than most are
-    left out, with a warning. `scale_sd`: relative standard error of the similarity from the print to freely
-    triangulated corners, and of the print. Raises ReconFailure: mat-not-found (no tag anywhere),
-    too-few-views (fewer than three photos of one size with four tags).
+    left out, with a warning. `scale_sd`: relative, of the print, and of a scale from the corners seen (their
+    miss over the root sum of squares of their distances from the middle of their photo's). Raises
+    ReconFailure: mat-not-found (no tag anywhere), too-few-views (fewer than three photos of one size with
+    four tags).
     """
     require_enough(len(photos), where="The set")
     sightings, size, warnings = _of_one_size(_sightings(photos, mat), photos)
@@ -77,12 +80,13 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
         good = [e < LONGEST_ERROR_PX for e in errors]
         if all(g.all() for g in good):
             break
-    every = np.concatenate(errors)
+    miss_px = float(np.sqrt(np.mean(np.concatenate(errors) ** 2) / 2))
+    spread_px = np.linalg.norm(np.concatenate([s.corners_px - s.corners_px.mean(axis=0) for s in sightings]))
     return Poses(
         cameras=tuple(cameras),
         used=np.array([s.photo for s in sightings], int),
-        reprojection_px=float(np.sqrt(np.mean(every**2) / 2)),
-        scale_sd=float(np.hypot(_scale_error(sightings, cameras), PRINT_SCALE_SD)),
+        reprojection_px=miss_px,
+        scale_sd=float(np.hypot(miss_px / spread_px, PRINT_SCALE_SD)),
         focal_sd_px=focal_sd_px,
         box=blank_box(mat),
         warnings=warnings,
@@ -160,13 +164,12 @@ def _calibrated(
     """The cameras of least squared misses (OpenCV's calibration after Zhang 2000, IEEE PAMI 22:1330: focal
     length, one radial term, poses), and the focal length's standard deviation (px).
     """
-    corners = [
-        [getattr(s, kind).astype(np.float32) for s in sightings] for kind in ("corners_mm", "corners_px")
-    ]
-    start = cv2.initCameraMatrix2D(*corners, size[::-1], 1.0)
+    printed = [s.corners_mm.astype(np.float32) for s in sightings]
+    seen = [s.corners_px.astype(np.float32) for s in sightings]
+    start = cv2.initCameraMatrix2D(printed, seen, size[::-1], 1.0)
     start[:2, 2] = pinhole(1.0, size)[:2, 2]
     _, K, bend, turns, shifts, sd, _, _ = cv2.calibrateCameraExtended(
-        *corners, size[::-1], start, np.zeros(5), flags=ONE_FOCAL_AND_K1
+        printed, seen, size[::-1], start, np.zeros(5), flags=ONE_FOCAL_AND_K1
     )
     poses = [affine(cv2.Rodrigues(turn)[0], shift.ravel()) for turn, shift in zip(turns, shifts, strict=True)]
     cameras = [
@@ -174,26 +177,3 @@ def _calibrated(
         for s, pose in zip(sightings, poses, strict=True)
     ]
     return cameras, float(np.max(sd[:2]))
-
-
-def _scale_error(sightings: Sequence[_Sighting], cameras: Sequence[Camera]) -> float:
-    """Relative standard error of scale: corners triangulated freely, against the print, by similarity."""
-    rays: dict[tuple[float, ...], list[Float[np.ndarray, "2 4"]]] = {}
-    for s, camera in zip(sightings, cameras, strict=True):
-        P = camera.intrinsics @ camera.cam_from_world[:3]
-        bent_px = camera.project(s.corners_mm) - replace(camera, k1=0.0).project(s.corners_mm)
-        plain = s.corners_px - bent_px
-        for corner, pixel in zip(s.corners_mm.tolist(), plain, strict=True):
-            rays.setdefault(tuple(corner), []).append(np.outer(pixel, P[2]) - P[:2])
-    printed = np.array([k for k, rows in rays.items() if len(rows) >= 3])
-    if len(printed) < 4:
-        return float("inf")
-    triangulated = np.empty_like(printed)
-    for i, key in enumerate(map(tuple, printed.tolist())):
-        A = np.concatenate(rays[key])
-        A /= np.linalg.norm(A[:, :3], axis=1, keepdims=True)
-        triangulated[i] = np.linalg.lstsq(A[:, :3], -A[:, 3], rcond=None)[0]
-    T, away = fitted_similarity(printed, triangulated)
-    scale = float(np.cbrt(np.linalg.det(T[:3, :3])))
-    variance = float(np.sum(away**2)) / max(3 * len(printed) - 7, 1)
-    return float(np.sqrt(variance / np.sum((printed - printed.mean(0)) ** 2) + (scale - 1) ** 2))
