@@ -121,11 +121,12 @@ def read_ply(data: bytes, header: PlyHeader) -> tuple[Float[np.ndarray, "n 3"], 
         raise NotPly("is broken (what follows its header is not what that says)") from cause
 
 
-Rows = dict[str, Mapping[str, Sequence[np.ndarray] | np.ndarray]]
+Values = Sequence[np.ndarray] | np.ndarray
+Rows = dict[str, Mapping[str, Values]]
 """Values by element and column: a number a row; of a list an array a row."""
 
 
-def _fans(polygons: Sequence[np.ndarray]) -> Int[np.ndarray, "m 3"]:
+def _fans(polygons: Values) -> Int[np.ndarray, "m 3"]:
     """Triangles (corner 0, k, k + 1) of each polygon; ValueError where one has fewer than 3 corners."""
     sizes = np.array([len(polygon) for polygon in polygons])
     if sizes.min() < 3:

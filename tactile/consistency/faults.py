@@ -28,7 +28,7 @@ FAINT, OF_PEAK, FAINT_SD = 0.25, 0.5, 8.0
 """So is one that carries less than this share of its neighbours' median where that is half the peak, and
 beyond so many standard deviations of noise; within sound contacts no marker there has less than
 0.48 (benchmarks/field_spreads.py)."""
-ALIKE = 0.3
+LEAST_CORRELATION = 0.3
 """Correlation of a field with its neighbours' median from which neighbours can tell of a marker. In chance
 order it is 0 within 0.16 (three standard deviations of 350 markers); sound contacts have 0.9 and more
 (benchmarks/field_spreads.py)."""
@@ -119,7 +119,7 @@ def dead_markers(press: Pressing) -> Bool[np.ndarray, " n"]:
         mean, sd = at_peak(press, values - np.median(values[press.quiet], axis=0))
         size = np.abs(mean[:, 2])
         around = np.median(size[press.near], axis=1)
-        if not size.std() * around.std() > 0 or np.corrcoef(size, around)[0, 1] <= ALIKE:
+        if not size.std() * around.std() > 0 or np.corrcoef(size, around)[0, 1] <= LEAST_CORRELATION:
             continue
         repeats = (values[1:] == values[:-1]).all(axis=2)
         asked = asked_where[1:] & (repeats.mean(axis=1) < 0.5)[:, None]
