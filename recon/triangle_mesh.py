@@ -3,6 +3,7 @@
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import sparse
+from scipy.sparse.linalg import splu
 
 
 def sides_of(faces: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, "m3 2"]:
@@ -158,3 +159,12 @@ def neighbour_mean(faces: Int[np.ndarray, "m 3"], count: int) -> sparse.csr_arra
     A = sparse.csr_array((np.ones(2 * len(i)), (np.r_[i, j], np.r_[j, i])), shape=(count, count))
     A.data[:] = 1.0
     return sparse.csr_array(sparse.diags(1 / np.asarray(A.sum(1)).ravel()) @ A)
+
+
+def solved(
+    matrix: sparse.sparray | sparse.spmatrix, right: Float[np.ndarray, " n"]
+) -> Float[np.ndarray, " n"]:
+    """matrix^-1 right of a symmetric positive definite matrix, eliminated in a minimum degree order."""
+    A, options = sparse.csc_array(matrix), {"SymmetricMode": True}
+    factor = splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
+    return np.asarray(factor.solve(right))

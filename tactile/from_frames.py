@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import Delaunay
 
 from tactile.gel.fields import fields_of
-from tactile.markers.gaps import at_times, filled
+from tactile.markers.gaps import at_times, filled, poses_at
 from tactile.markers.pad_frames import (
     Progress,
     camera_of,
@@ -162,16 +162,11 @@ def _least(first: TrackedMarkers, second: TrackedMarkers | None) -> Float[np.nda
 
 
 def _resampled(fields: _PadFields, when: Float[np.ndarray, " t"]) -> GelPad:
-    """One pad's fields at the grasp's common times (s); rotations are those of the nearest frame."""
+    """One pad's fields at the grasp's common times (s)."""
     pad = fields.pad
-    nearest = (
-        np.abs(fields.time_s[None] - when[:, None]).argmin(axis=1) if len(fields.time_s) else when.astype(int)
-    )
-    pose = pad.pose[nearest].copy()
-    pose[:, :3, 3] = at_times(when, fields.time_s, pad.pose[:, :3, 3])
     return replace(
         pad,
-        pose=pose,
+        pose=poses_at(when, fields.time_s, pad.pose),
         displacement_mm=at_times(when, fields.time_s, pad.displacement_mm),
         force_N=at_times(when, fields.time_s, pad.force_N),
         certainty=None if pad.certainty is None else at_times(when, fields.time_s, pad.certainty),

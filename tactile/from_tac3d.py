@@ -196,8 +196,7 @@ def _likeness(
     if within.sum() < len(time_a) / 2:
         return -1.0
     x, y = a[within], np.interp(time_a[within], time_b, b)
-    spread = float(x.std() * y.std())
-    return float(((x - x.mean()) * (y - y.mean())).mean() / spread) if spread > 0 else -1.0
+    return float(np.corrcoef(x, y)[0, 1]) if x.std() * y.std() > 0 else -1.0
 
 
 def _stiffness(sensor: Tac3D) -> tuple[float, float]:

@@ -58,10 +58,13 @@ def rays(
     return camera.gel_from_camera[:3, 3].copy(), turned / np.linalg.norm(turned, axis=1, keepdims=True)
 
 
-def on_face(camera: GelCamera, pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 3"]:
-    """Where each pixel's ray meets the plane z = 0 of the gel frame, the undeformed face."""
+def on_face(
+    camera: GelCamera, pixels: Float[np.ndarray, "n 2"], z_mm: float | Float[np.ndarray, " n"] = 0.0
+) -> Float[np.ndarray, "n 3"]:
+    """Where each pixel's ray meets a plane of height `z_mm` in the gel frame; 0 is the undeformed face's."""
     centre, direction = rays(camera, pixels)
-    return np.asarray(centre - centre[2] / direction[:, 2:] * direction)
+    reach = (z_mm - centre[2]) / direction[:, 2]
+    return np.asarray(centre + reach[:, None] * direction)
 
 
 def on_gel(
@@ -69,11 +72,9 @@ def on_gel(
 ) -> Float[np.ndarray, "n 3"]:
     """Where each pixel's ray meets the undeformed face, which may be domed."""
     points = on_face(camera, pixels)
-    centre = camera.gel_from_camera[:3, 3]
-    for _ in range(DOME_STEPS if outline is not None and outline.domed else 0):
-        height = outline.face_mm(points[:, 0], points[:, 1]) if outline is not None else 0.0
-        reach = (height - centre[2]) / (points[:, 2] - centre[2])
-        points = centre + reach[:, None] * (points - centre)
+    if outline is not None and outline.domed:
+        for _ in range(DOME_STEPS):
+            points = on_face(camera, pixels, outline.face_mm(points[:, 0], points[:, 1]))
     return points
 
 

@@ -225,7 +225,7 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
         "kind": model.kind,
         "name": model.name,
         "gel": {name: _plain(published) for name, published in model.gel.items()},
-        "camera": _camera_table(fit),
+        "camera": {name: np.asarray(held).tolist() for name, held in vars(fit.camera).items()},
         "markers": {"rows": fit.rows, "columns": fit.columns, "pitch_mm": list(_two(model.pitch_mm))},
         "spread": spread,
     }
@@ -305,17 +305,6 @@ def _said(model: SensorModel, causes: dict[str, float], spread: dict[str, float]
 
 def _words(published: Published) -> str:
     return f"{' x '.join(f'{value:g}' for value in published.value)} ± {published.sd:g}"
-
-
-def _camera_table(calibration: CameraFound) -> dict[str, Any]:
-    camera = calibration.camera
-    return {
-        "image_px": list(camera.image_px),
-        "focal_px": list(camera.focal_px),
-        "centre_px": list(camera.centre_px),
-        "distortion": list(camera.distortion),
-        "gel_from_camera": camera.gel_from_camera.tolist(),
-    }
 
 
 def _plain(published: Published) -> float | list[float]:

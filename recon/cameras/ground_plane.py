@@ -18,13 +18,13 @@ def ground_plane(
     points: Float[np.ndarray, "n 3"],
     *,
     tolerance: float,
-    above: Float[np.ndarray, "m 3"] | None,
+    above: Float[np.ndarray, "m 3"],
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
     """A point, and the upward unit normal, of the plane within `tolerance` of most points (RANSAC).
 
-    Up is where `above` (the cameras) is, all on one side; without it, where most of the remaining points are.
-    Raises ReconFailure (no-overlap) where fewer than fifteen points share a plane.
+    Up is where `above` (the cameras) is, all on one side. Raises ReconFailure (no-overlap) where fewer than
+    fifteen points share a plane.
     """
     best, count = np.zeros(len(points), bool), 0
     for _ in range(TRIALS if len(points) >= FEWEST_POINTS else 0):
@@ -37,7 +37,8 @@ def ground_plane(
         close = np.abs((points - a) @ normal) < tolerance
         if close.sum() <= count:
             continue
-        if above is not None and np.abs(np.sum(side := (above - a) @ normal)) < 0.95 * np.abs(side).sum():
+        side = (above - a) @ normal
+        if np.abs(side.sum()) < 0.95 * np.abs(side).sum():
             continue
         best, count = close, int(close.sum())
     if count < FEWEST_POINTS:
@@ -49,10 +50,8 @@ def ground_plane(
         middle = points[best].mean(0)
         normal = np.linalg.svd(points[best] - middle, full_matrices=False)[2][2]
         best = np.abs((points - middle) @ normal) < 0.7 * tolerance
-    off = (points if above is None else above) - middle
-    side = off @ normal
-    up = normal if np.sum(np.sign(side) * (np.abs(side) > tolerance)) >= 0 else -normal
-    return middle, up
+    side = (above - middle) @ normal
+    return middle, normal if np.sum(np.sign(side) * (np.abs(side) > tolerance)) >= 0 else -normal
 
 
 def upright(

@@ -14,10 +14,9 @@ from recon.cameras.camera import Camera, aim_of
 from recon.cameras.ground_plane import ground_plane, upright
 from recon.cameras.mat_poses import Poses
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
-from recon.cameras.plane_motion import cameras_from_ground
-from recon.cameras.similarity import affine, moved
+from recon.cameras.plane_motion import cameras_from_ground, placed
+from recon.cameras.similarity import affine
 from recon.recon_failure import ReconFailure, ReconProblem
-from recon.scale import Box, box_about_z
 
 # pycolmap, without its way with signals: a process that is told to end should end, not print its stack
 _before = signal.getsignal(signal.SIGTERM)
@@ -36,8 +35,6 @@ MOST_FEATURES = 4000
 """Of a photo: more take time (matching costs their square) and are fainter. Set by hand."""
 LONGEST_SIDE_PX = 1280
 """px to which photos are reduced for this: ground and fruit have detail enough there. Set by hand."""
-FEWEST_FRUIT_POINTS = 40
-"""Points above the ground that tell where the fruit is; with fewer, it is in the middle. Set by hand."""
 MOST_TRIALS = 1000
 """Of RANSAC for a pair of photos: bounds the time of pairs that share nothing. Set by hand."""
 SEED = 1
@@ -70,10 +67,10 @@ def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
 def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     """Cameras from SIFT features of all pairs and incremental mapping (Schönberger, Frahm 2016).
 
-    World: about millimetres (the points' height is taken for `height_mm`), z up from the support plane, fruit
-    near the z axis, x to where the first photo was taken. Writes PNG to a scratch folder, as pycolmap reads
-    only files. Raises ReconFailure: no-overlap (fewer than three photos or half of them, or not the first,
-    hang together, or the first looks straight down), no-fruit, missing-library.
+    World: about millimetres (what stands on the ground is taken to be `height_mm` tall), z up from the
+    support plane, fruit near the z axis, x to where the first photo was taken. Writes PNG to a scratch
+    folder, as pycolmap reads only files. Raises ReconFailure: no-overlap (fewer than three photos or half of
+    them, or not the first, hang together, or the first looks straight down), no-fruit, missing-library.
     """
     require_enough(len(photos), where="The set")
     if pycolmap is None:
@@ -102,7 +99,7 @@ def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses
     cloud = np.array([p.xyz for p in model.points3D.values() if p.track.length() >= 3])
     level = _level(cloud, cameras)
     cameras = [c.moved(level) for c in cameras]
-    world, box = _placed(moved(cloud, level), cameras, height_mm)
+    world, box = placed([photos[i] for i, _ in rows], cameras, height_mm)
     cameras = [c.moved(world) for c in cameras]
     focal = model.cameras[rows[0][1].camera_id]
     return Poses(
@@ -186,31 +183,3 @@ def _level(cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera]) -> Float[
     middle, up = ground_plane(near, tolerance=0.005 * distance, above=places, rng=np.random.default_rng(SEED))
     foot = aim - ((aim - middle) @ up) * up
     return upright(up, foot, places[0] - foot)
-
-
-def _placed(
-    cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera], height_mm: float
-) -> tuple[Float[np.ndarray, "4 4"], Box]:
-    """Shift and scale to about millimetres with the fruit on the z axis, and the box that it stands in.
-
-    Points well over the plane and near where the photos look are the fruit's; where its skin gave too few, a
-    fruit a fifth as tall as the cameras are far is looked for.
-    """
-    distance = float(np.median([np.linalg.norm(c.place) for c in cameras]))
-    flat = np.abs(cloud[:, 2]) < 0.03 * distance
-    noise = 1.5 * float(np.median(np.abs(cloud[flat, 2]))) if flat.any() else 0.0
-    over = cloud[
-        (cloud[:, 2] > max(0.02 * distance, 6 * noise))
-        & (np.hypot(cloud[:, 0], cloud[:, 1]) < 0.3 * distance)
-    ]
-    middle, tall, wide = np.zeros(2), 0.2 * distance, 0.1 * distance
-    if len(over) >= FEWEST_FRUIT_POINTS:
-        middle = np.median(over[:, :2], axis=0)
-        away = np.hypot(*(over[:, :2] - middle).T)
-        over = over[away < 3 * np.median(away)]
-        tall = float(np.percentile(over[:, 2], 98))
-        wide = float(np.percentile(np.hypot(*(over[:, :2] - middle).T), 95))
-    factor = height_mm / tall
-    world = affine(factor * np.eye(3), -factor * np.array([*middle, 0.0]))
-    half = 1.7 * factor * max(wide, 0.5 * tall)
-    return world, box_about_z(half, 1.7 * height_mm)

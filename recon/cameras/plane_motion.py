@@ -233,14 +233,14 @@ def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     adjustment = _refined(
         [photos[i] for i in members], _started(pairs, members, size, focal_px), size, focal_px
     )
-    scene, placed = adjustment.scene, [photos[m] for m in members]
+    scene, seen = adjustment.scene, [photos[m] for m in members]
     foot = aim_of(scene.poses) * [1.0, 1.0, 0.0]
     level = upright(np.array([0.0, 0.0, 1.0]), foot, place_of(scene.poses[0]) - foot)
     cameras = [
         Camera.of(photo, focal_px, scene.k1, pose).moved(level)
-        for photo, focal_px, pose in zip(placed, scene.focals_px, scene.poses, strict=True)
+        for photo, focal_px, pose in zip(seen, scene.focals_px, scene.poses, strict=True)
     ]
-    world, box = _placed(placed, cameras, height_mm)
+    world, box = placed(seen, cameras, height_mm)
     lost = len(photos) - len(members)
     lacking = _lacking(photos, members, [c.place for c in cameras], np.zeros(3))
     return Poses(
@@ -353,7 +353,7 @@ def _refined(
     return adjustment
 
 
-def _placed(
+def placed(
     photos: Sequence[Photo], cameras: Sequence[Camera], height_mm: float
 ) -> tuple[Float[np.ndarray, "4 4"], Box]:
     """Shift and scale to about millimetres with the fruit on the z axis, and the box that it stands in.

@@ -6,15 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float, Int
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from recon.silhouettes.hull import Silhouette
-from recon.triangle_mesh import neighbour_mean, rim_crossings, unique_edges, vertex_normals
-
-try:
-    import pymetis
-except ImportError:  # there is no wheel for Linux on ARM
-    pymetis = None
+from recon.triangle_mesh import neighbour_mean, rim_crossings, solved, unique_edges, vertex_normals
 
 ROUNDS, CAUTIOUS_ROUNDS = 8, 5
 """Of the fit; each looks for the rims anew. Set by hand."""
@@ -61,7 +55,6 @@ def fitted_to_outlines(
     x = vertices.copy()
     size = float(np.median(np.linalg.norm(x - x.mean(0), axis=1)))
     bending = sparse.csr_array(STIFFNESS * (L.T @ L))
-    order = _elimination_order(bending)
     held = np.zeros(len(x))
     for turn in range(ROUNDS):
         normals = vertex_normals(x, faces)
@@ -90,7 +83,7 @@ def fitted_to_outlines(
         lowest = int(x[:, 2].argmin())
         normal_of = normal_of + sparse.csr_array(([100.0], ([lowest], [lowest])), shape=normal_of.shape)
         right[lowest] += 100.0 * x[lowest, 2]
-        shift = _solved(sparse.csr_array(normal_of + 1e-6 * sparse.identity(len(x))), right, order)
+        shift = solved(normal_of + 1e-6 * sparse.identity(len(x)), right)
         limit = 0.1 * size
         x = x + np.clip(shift, -limit, limit)[:, None] * normals
         x[:, 2] = np.maximum(x[:, 2], 0.0)
@@ -98,35 +91,3 @@ def fitted_to_outlines(
     for _ in range(SPREADING):
         held = held + 0.5 * (L @ held)
     return FittedSurface(x, held)
-
-
-def _elimination_order(pattern: sparse.csr_array) -> Int[np.ndarray, " n"] | None:
-    """Nested dissection of a symmetric pattern (Karypis and Kumar 1998, METIS); None without pymetis.
-
-    Rims join neighbours, which `bending` joins too, so that one order serves all rounds of a fit.
-    """
-    if pymetis is None:
-        return None
-    apart = sparse.csr_array(pattern - sparse.diags(pattern.diagonal()))
-    apart.eliminate_zeros()
-    order, _ = pymetis.nested_dissection(
-        pymetis.CSRAdjacency(apart.indptr.astype(np.int32), apart.indices.astype(np.int32))
-    )
-    return np.asarray(order).astype(np.int64)  # METIS has another integer of 64 bits
-
-
-def _solved(
-    matrix: sparse.csr_array, right: Float[np.ndarray, " n"], order: Int[np.ndarray, " n"] | None
-) -> Float[np.ndarray, " n"]:
-    """matrix^-1 right, matrix symmetric positive definite, eliminated in this or a minimum degree order."""
-    place = np.arange(len(right)) if order is None else order
-    rows = matrix[place]
-    factor = splu(
-        sparse.csc_array(rows[:, place]),
-        permc_spec="MMD_AT_PLUS_A" if order is None else "NATURAL",
-        diag_pivot_thresh=0.0,
-        options={"SymmetricMode": True},
-    )
-    solution = np.empty_like(right)
-    solution[place] = factor.solve(right[place])
-    return solution

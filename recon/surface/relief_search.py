@@ -8,7 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Bool, Float, Int
 from scipy import sparse
-from scipy.sparse.linalg import splu
 
 from recon.silhouettes.hull import ball
 from recon.surface.photo_consistency import (
@@ -20,7 +19,7 @@ from recon.surface.photo_consistency import (
     agreement,
     best_offsets,
 )
-from recon.triangle_mesh import neighbour_mean, parts_of, sides_of, smoothed, vertex_normals
+from recon.triangle_mesh import neighbour_mean, parts_of, sides_of, smoothed, solved, vertex_normals
 
 FLAT, ROUND = 0.45, 0.85
 """Convexity (mean curvature times radius) below which a surface may be a bridge over a hollow, and
@@ -289,7 +288,6 @@ def _membrane(
     if not free.any():
         return out
     bend = sparse.csc_array(sparse.identity(len(offset)) - neighbour_mean(faces, len(offset)))[:, free]
-    A = sparse.csc_array(sparse.diags((weight + pull)[free]) + 4 * stiffness * (bend.T @ bend))
-    solver = splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    out[free] = solver.solve((weight * offset)[free])
+    A = sparse.diags((weight + pull)[free]) + 4 * stiffness * (bend.T @ bend)
+    out[free] = solved(A, (weight * offset)[free])
     return out

@@ -18,17 +18,23 @@ LOST_SAID, LOST_REFUSED, E_PER_LOST = 0.01, 0.05, 2.0
 1.0 of it: 30 % of the markers 27 to 28 %, a force clipped at half, which is 0.41 of the values, 34 %.
 Doubled, since what went is not known."""
 DEAD = 0.02
-"""Total of a dead field over what the other one says; sound fields have 0.94 to 1.06."""
+"""Total of a dead field over what the other one says; sound fields have 0.94 to 1.06
+(benchmarks/field_spreads.py)."""
 FROZEN_FRAMES, FROZEN_SHARE, AROUND = 3, 0.25, 0.75
 """A marker is dead that repeats itself exactly in so many frames, and in this share of those in which AROUND
 of its neighbours are pressed and most markers change: noise of 4 um in steps of 0.1 um does so once in
 1e5."""
 FAINT, OF_PEAK, FAINT_SD = 0.25, 0.5, 8.0
 """So is one that carries less than this share of its neighbours' median where that is half the peak, and
-beyond so many standard deviations of noise; within sound contacts no marker there has less than 0.6."""
+beyond so many standard deviations of noise; within sound contacts no marker there has less than
+0.48 (benchmarks/field_spreads.py)."""
+LEAST_CORRELATION = 0.3
+"""Correlation of a field with its neighbours' median from which neighbours can tell of a marker. In chance
+order it is 0 within 0.16 (three standard deviations of 350 markers); sound contacts have 0.9 and more
+(benchmarks/field_spreads.py)."""
 FEWEST_LEVELS, CLIPPED_SAMPLES = 12, 12
 """Different values of a field below which its steps repeat values; samples that share a field's greatest
-value exactly: sound recordings have one to three (benchmarks/field_spreads.py)."""
+value exactly: sound recordings have up to eight (benchmarks/field_spreads.py)."""
 NOISE: dict[Field, float] = {"displacement": 0.057, "force": 0.27}
 """Noise over what the most pressed markers show; sound recordings have up to 0.0545 and 0.249,
 on soft gels (benchmarks/field_spreads.py)."""
@@ -103,21 +109,24 @@ def _dead_field(press: Pressing) -> Iterator[Finding]:
 
 
 def dead_markers(press: Pressing) -> Bool[np.ndarray, " n"]:
-    """Markers in the contact that give nothing, or nothing new."""
+    """Markers in the contact that give nothing, or nothing new.
+
+    Both are told by the neighbours, and so only in a field in which neighbours are alike.
+    """
     asked_where = press.pressed[:, press.near].mean(axis=2) >= (AROUND if press.felt_sd_mm == 0 else 0.5)
     dead = np.zeros(len(press.touched), dtype=bool)
     for values in (press.pad.displacement_mm, press.pad.force_N):
+        mean, sd = at_peak(press, values - np.median(values[press.quiet], axis=0))
+        size = np.abs(mean[:, 2])
+        around = np.median(size[press.near], axis=1)
+        if not size.std() * around.std() > 0 or np.corrcoef(size, around)[0, 1] <= LEAST_CORRELATION:
+            continue
         repeats = (values[1:] == values[:-1]).all(axis=2)
         asked = asked_where[1:] & (repeats.mean(axis=1) < 0.5)[:, None]
         same = (repeats & asked).sum(axis=0)
         dead |= (same >= FROZEN_FRAMES) & (same >= FROZEN_SHARE * asked.sum(axis=0))
-        mean, sd = at_peak(press, values - np.median(values[press.quiet], axis=0))
-        size = np.abs(mean[:, 2])
-        around = np.median(size[press.near], axis=1)
-        smooth = np.corrcoef(size, around)[0, 1] > 0.3 if size.std() * around.std() > 0 else False
-        if smooth:  # else they are in chance order
-            strong = around > max(OF_PEAK * float(np.quantile(size, 0.99)), FAINT_SD * sd)
-            dead |= strong & (size < FAINT * around)
+        strong = around > max(OF_PEAK * float(np.quantile(size, 0.99)), FAINT_SD * sd)
+        dead |= strong & (size < FAINT * around)
     return dead
 
 
@@ -177,7 +186,7 @@ HOLE, UNEVEN, REGULAR = 1.6, 0.25, 0.7
 """Area of a triangle between nearest markers over half of a cell from which a marker is missing there (one
 left out of a grid makes 2); in a grid REGULAR of these areas are whole numbers but for UNEVEN."""
 AT_EDGE = 0.6
-"""Mean force of the outermost markers (the strongest tenth of them) over the peak; sound ones have up to 0.35
+"""Mean force of the outermost markers (the strongest tenth of them) over the peak; sound ones have up to 0.44
 (benchmarks/field_spreads.py)."""
 PUNCH = 0.3
 """A pad that is in contact all over presses as a flat punch: most of the outermost markers carry this share
@@ -249,16 +258,25 @@ def edge_findings(pressings: Sequence[Pressing]) -> list[Finding]:
     return shared([finding for press in pressings for finding in _edge(press)])
 
 
-def _edge(press: Pressing) -> Iterator[Finding]:
+def share_at_edge(press: Pressing) -> float:
+    """Mean force of the outermost markers (the strongest tenth of them) over the peak.
+
+    0 where the whole outline is pressed, as by a flat punch, and where nothing is.
+    """
     rest = press.pad.rest_mm[:, :2]
     hull = ConvexHull(rest).equations
     outermost = (rest @ hull[:, :2].T + hull[:, 2]).max(axis=1) > -OUTERMOST * press.spacing_mm
     force = at_peak(press, press.force_N)[0][:, 2]
     peak = float(np.quantile(force, 0.98))
-    if peak <= 0 or not outermost.any() or not press.touched.any():
-        return
-    share = float(np.sort(force[outermost])[-max(3, int(outermost.sum()) // 10) :].mean()) / peak
-    if share >= AT_EDGE and float((force[outermost] > PUNCH * peak).mean()) <= 0.7:
+    at_edge = np.sort(force[outermost])
+    if peak <= 0 or not len(at_edge) or not press.touched.any() or (at_edge > PUNCH * peak).mean() > 0.7:
+        return 0.0
+    return float(at_edge[-max(3, len(at_edge) // 10) :].mean()) / peak
+
+
+def _edge(press: Pressing) -> Iterator[Finding]:
+    share = share_at_edge(press)
+    if share >= AT_EDGE:
         says = (
             f"contact extends beyond the markers (the outermost carry {100 * share:.0f} % of the peak), so "
             "some force is missing; markers are missing, or the fruit was not in the pad's middle"

@@ -11,6 +11,7 @@ from collections import defaultdict
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
+from operator import attrgetter
 
 import numpy as np
 from jaxtyping import Float, Int
@@ -138,7 +139,7 @@ def _explained(
             _compared(before, _losses(judge(transformation.undone)), transformation)
             for transformation in candidates(situation, failing)
         ]
-        comparisons.sort(key=_log_factor, reverse=True)
+        comparisons.sort(key=attrgetter("log_factor"), reverse=True)
         if comparisons and (best := comparisons[0].log_factor) > LIMIT:
             ties = [comparison for comparison in comparisons if comparison.log_factor > best - LIMIT]
             findings.append(_named(failing, ties))
@@ -159,10 +160,6 @@ class _Comparison:
     transformation: Transformation
     log_factor: float
     improvement: Losses
-
-
-def _log_factor(comparison: _Comparison) -> float:
-    return comparison.log_factor
 
 
 def _losses(misfits: Sequence[Misfit]) -> Losses:

@@ -40,12 +40,11 @@ def _raw_totals(press: Pressing) -> tuple[Float[np.ndarray, " t"], Float[np.ndar
     return -press.pad.displacement_mm[:, use, 2].sum(axis=1), press.pad.force_N[:, use, 2].sum(axis=1)
 
 
-def _pressed_in(press: Pressing, frame: int) -> bool:
-    """Whether displacement and force are well above zero in a frame."""
-    totals = _raw_totals(press)
-    return bool(press.touched.any()) and all(
-        bool(total[frame] > IN_CONTACT * np.abs(total).max()) for total in totals
-    )
+def pressed_share(press: Pressing, frame: int) -> float:
+    """Indentation or force in a frame over its peak, the smaller of the two; 0 where nothing is pressed."""
+    if not press.touched.any():
+        return 0.0
+    return min(float(total[frame] / max(np.abs(total).max(), 1e-30)) for total in _raw_totals(press))
 
 
 def _start(press: Pressing) -> Iterator[Finding]:
@@ -55,7 +54,7 @@ def _start(press: Pressing) -> Iterator[Finding]:
     totals, pads = _raw_totals(press), (press.pad.name,)
     u, F = (max(float(np.abs(total).max()), 1e-30) for total in totals)
     rest_u, rest_F = (float(np.median(total[press.quiet])) for total in totals)
-    if _pressed_in(press, 0):
+    if pressed_share(press, 0) > IN_CONTACT:
         says = (
             f"recording starts in contact ({100 * totals[0][0] / u:.0f} % of its peak in the first frame): "
             "the frames before first contact are missing; start recording before the jaws touch"
@@ -109,7 +108,7 @@ def _drift(press: Pressing) -> Iterator[Finding]:
 
 def _remarks(recording: Recording, pressings: Sequence[Pressing]) -> Iterator[Finding]:
     """What puts nothing in doubt: no unloading, a clock in another unit."""
-    if pads := tuple(press.pad.name for press in pressings if _pressed_in(press, -1)):
+    if pads := tuple(press.pad.name for press in pressings if pressed_share(press, -1) > IN_CONTACT):
         says = (
             "recording ends under load (there is no unloading). E needs none, but without it drupe cannot "
             "detect clock lag, force drift, creep or yield"

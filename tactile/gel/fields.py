@@ -135,10 +135,7 @@ def frame_noise(values: Float[np.ndarray, "t n c"]) -> float:
 def _on_planes(
     camera: GelCamera, pixels: Float[np.ndarray, "n 2"], z_mm: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "n 3"]:
-    face = on_face(camera, np.nan_to_num(pixels))
-    centre = camera.gel_from_camera[:3, 3]
-    reach = (z_mm - centre[2]) / (face[:, 2] - centre[2])
-    points = centre + reach[:, None] * (face - centre)
+    points = on_face(camera, np.nan_to_num(pixels), z_mm)
     return np.where(np.isfinite(pixels).all(axis=1)[:, None], points, np.nan)
 
 

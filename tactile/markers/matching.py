@@ -17,6 +17,7 @@ it is corrected, and |d - p| + p >= d.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -168,7 +169,7 @@ def match(
         return Match(np.full(len(lattice.rest_px), -1), np.inf, margin=0.0)
     sought = _Sought(lattice, guesses, blobs_px, cKDTree(blobs_px))
     tried = [_matched(sought, guess) for guess in guesses]
-    best = min(tried, key=_cost_of)
+    best = min(tried, key=attrgetter("cost"))
     if best.cost < SURE:
         return best
     seeds = [_stayed(sought, trial.blob, guess) for trial, guess in zip(tried, guesses, strict=True)]
@@ -177,14 +178,10 @@ def match(
     if missing >= 2 and spare >= 2:
         jumps = (blobs_px[None] - (lattice.rest_px + guesses[0])[:, None]).reshape(-1, 2)
         tried += [_matched(sought, guesses[0] + jump) for jump in voted(jumps, lattice.spacing_px)]
-    best = min(tried, key=_cost_of)
+    best = min(tried, key=attrgetter("cost"))
     tried += list(_regrown(sought, best))
-    best = min(tried, key=_cost_of)
+    best = min(tried, key=attrgetter("cost"))
     return _against_shifts(sought, best)
-
-
-def _cost_of(candidate: Match) -> float:
-    return candidate.cost
 
 
 def _against_shifts(sought: _Sought, best: Match) -> Match:
@@ -192,7 +189,7 @@ def _against_shifts(sought: _Sought, best: Match) -> Match:
     for _ in range(STEPS_GONE):
         place = sought.displacement(best.blob)
         shifted = [_matched(sought, place + step) for step in sought.lattice.steps_px]
-        next_best = min([best, *shifted], key=_cost_of)
+        next_best = min([best, *shifted], key=attrgetter("cost"))
         if not np.isfinite(next_best.cost):
             return replace(best, margin=0.0)
         if next_best is best:

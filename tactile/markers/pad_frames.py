@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import tee
 
 import numpy as np
 from jaxtyping import Bool, Float
@@ -9,7 +10,7 @@ from jaxtyping import Bool, Float
 from tactile.markers.matching import UNSURE
 from tactile.markers.tracking import FrameMarkers, Places, TrackedMarkers, follow, labelled_places, places_of
 from tactile.pad_reference import pad_reference
-from tactile.readers.pictures import Watch
+from tactile.readers.pictures import checked
 from tactile.readers.raw_grasp import RawCamera, RawPad
 from tactile.reference_print import WHAT_TO_DO, ShownPrint, becomes_flatter, shown_print
 from tactile.sensors import GelCamera
@@ -55,16 +56,20 @@ def tracked_markers(
         source=source,
         outline=pad.sensor.outline,
     )
-    watch = Watch(source, reference.shape)
     count = len(view.pictures.numbers)
     rows: list[FrameMarkers] = []
     looked_at = set(np.linspace(0, count - 1, min(count, LOOKED_AT)).round().astype(int).tolist())
     shown: dict[int, ShownPrint] = {}
-    for t, markers in enumerate(follow(reference, watch.over(view.pictures.frames()))):
+    doubled: list[bool] = []
+    before = None
+    frames, followed = tee(checked(view.pictures.frames(), source, reference.shape))
+    for t, (markers, frame) in enumerate(zip(follow(reference, followed), frames, strict=True)):
         rows.append(markers)
-        if t in looked_at and watch.latest is not None and np.isfinite(markers.position_px[:, 0]).any():
+        doubled.append(before is not None and np.array_equal(frame, before))
+        before = frame
+        if t in looked_at and np.isfinite(markers.position_px[:, 0]).any():
             shown[t] = shown_print(
-                watch.latest,
+                frame,
                 reference,
                 camera=camera,
                 described_mm=pad.sensor.rest_mm,
@@ -112,7 +117,7 @@ def tracked_markers(
     )
     return PadMarkers(
         tracked=tracked,
-        doubled=np.array(watch.doubled, dtype=bool),
+        doubled=np.array(doubled, dtype=bool),
         places=places,
         notes=notes,
         reference_print=reference_print,

@@ -20,6 +20,7 @@ from tactile.preparation.logger_correction import (
 from tactile.preparation.readings import rhythm_of
 from tactile.preparation.resets import Ambiguous, resets
 from tactile.preparation.rows import runs, unwritten_blocks, unwritten_inside, wild, wild_times
+from tactile.readers.pictures import unusable
 
 Values: TypeAlias = Float[np.ndarray, " t"]
 
@@ -35,18 +36,10 @@ OVERLAP = 0.5
 """Share of the shorter topic's time that both topics must have in common."""
 
 
-class NotPrepared(Exception):
-    """A record that no step puts right: `fault` and `expected` as a reader's sentence needs them."""
-
-    def __init__(self, fault: str, expected: str) -> None:
-        super().__init__(fault, expected)
-        self.fault, self.expected = fault, expected
-
-
 @dataclass(frozen=True, kw_only=True)
 class LoggedTrace:
     """What a table holds: NaN for an empty cell. `travel`: or the gap (`quantity`); `rows`: numbers in the
-    file; `breaks`: rows (by index) before which the header stands again.
+    file, whose name is `source`; `breaks`: rows (by index) before which the header stands again.
     """
 
     time_s: Values
@@ -55,16 +48,12 @@ class LoggedTrace:
     rows: Int[np.ndarray, " t"]
     quantity: str = "travel"
     breaks: tuple[int, ...] = ()
+    source: str = "trace"
 
     def part(self, keep: Bool[np.ndarray, " t"] | slice | Int[np.ndarray, " k"]) -> "LoggedTrace":
         """Some of the rows, without the breaks."""
-        return LoggedTrace(
-            time_s=self.time_s[keep],
-            travel=self.travel[keep],
-            force_N=self.force_N[keep],
-            rows=self.rows[keep],
-            quantity=self.quantity,
-        )
+        names = ("time_s", "travel", "force_N", "rows")
+        return replace(self, **{name: getattr(self, name)[keep] for name in names}, breaks=())
 
     @property
     def columns(self) -> dict[str, Values]:
@@ -82,7 +71,8 @@ class LoggedTrace:
 def written_runs(logged: LoggedTrace) -> tuple[list[LoggedTrace], list[LoggerCorrection]]:
     """The runs that stand one below the other, without rows that were never written.
 
-    Raises NotPrepared for times that are out of order all over, and for a clock that was set back.
+    Raises TactileFailure (unreadable-frames) for times that are out of order all over, and for a clock that
+    was set back.
     """
     keep, notes = written(logged.time_s, logged.columns, logged.rows)
     breaks = np.unique(np.searchsorted(np.flatnonzero(keep), np.array(logged.breaks, dtype=int)))
@@ -99,10 +89,12 @@ def _refuse_disorder(before: LoggedTrace, after: LoggedTrace) -> None:
     row, last, first = after.rows[0], before.time_s[-1], after.time_s[0]
     back = f"{first:g} s in row {row} after {last:g} s"
     if len(after.rows) < FEWEST_IN_RUN or len(before.rows) < FEWEST_IN_RUN:
-        raise NotPrepared(back, "increasing times; leave out the rows whose times are out of order")
+        raise unusable(
+            after.source, back, "increasing times; leave out the rows whose times are out of order"
+        )
     if _goes_on(before, after):
         fault = f"{back}, while {before.quantity} and force go on: the clock was set back"
-        raise NotPrepared(fault, "one clock; add to the times behind it what it was set back by")
+        raise unusable(after.source, fault, "one clock; add to the times behind it what it was set back by")
 
 
 def _goes_on(before: LoggedTrace, after: LoggedTrace) -> bool:
@@ -123,8 +115,9 @@ def prepare(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
     """Rows of one run that hold all three quantities, of increasing times, and what was done: to wild times
     and readings, slow or joined readings, missing values, then resets.
 
-    Raises NotPrepared where more than MOST_CORRECTED of the rows would be left out one by one, two topics
-    have no time in common, times stand still, or a step of the force may be a reset or the specimen's.
+    Raises TactileFailure (unreadable-frames) where more than MOST_CORRECTED of the rows would be left out one
+    by one, two topics have no time in common, times stand still, or a step of the force may be a reset or the
+    specimen's.
     """
     total, joined = len(logged.rows), bool(logged.topics)
     logged, notes = _without_wild_times(logged)
@@ -150,7 +143,8 @@ def prepare(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
         spoilt |= {row for note in corrections if note.fault is LoggerFault.MISSING for row in note.rows}
     if len(spoilt) > MOST_CORRECTED * total:
         share = f"{len(spoilt)} of {total} rows ({len(spoilt) / total:.1%})"
-        raise NotPrepared(
+        raise unusable(
+            logged.source,
             f"{share} wild or missing ({spoilt_said(notes)})",
             f"at most {MOST_CORRECTED:.0%}; look for the loose contact or the lost data, and press again",
         )
@@ -158,7 +152,9 @@ def prepare(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
     if len(stands):
         k = int(stands[0])
         back = f"{logged.time_s[k + 1]:g} s in row {logged.rows[k + 1]} after {logged.time_s[k]:g} s"
-        raise NotPrepared(back, "increasing times; export more decimals of the time, or leave out one row")
+        raise unusable(
+            logged.source, back, "increasing times; export more decimals of the time, or leave out one row"
+        )
     logged, corrections = _without_resets(logged)
     return logged, [*notes, *corrections]
 
@@ -259,7 +255,7 @@ def _on_readings(logged: LoggedTrace, *, known: set[int]) -> tuple[LoggedTrace, 
 def _on_one_clock(logged: LoggedTrace) -> tuple[LoggedTrace, LoggerCorrection]:
     """The travel interpolated at the times of the force, where both were read.
 
-    Raises NotPrepared where the two topics have no time in common.
+    Raises TactileFailure (unreadable-frames) where the two topics have no time in common.
     """
     timed = np.isfinite(logged.time_s)
     parts = [logged.part(np.isfinite(values) & timed) for values in logged.columns.values()]
@@ -267,7 +263,9 @@ def _on_one_clock(logged: LoggedTrace) -> tuple[LoggedTrace, LoggerCorrection]:
     name = logged.quantity
     if min(b, d) - max(a, c) < OVERLAP * min(b - a, d - c):
         fault = f"two clocks: {name} from {a:.10g} to {b:.10g} s, force from {c:.10g} to {d:.10g} s"
-        raise NotPrepared(fault, "both on one clock; export them again with one time for all topics")
+        raise unusable(
+            logged.source, fault, "both on one clock; export them again with one time for all topics"
+        )
     m, n = (len(part.rows) for part in parts)
     says = (
         f"{name} ({m} readings, {m / (b - a):.3g} per second) and force ({n} readings, "
@@ -298,7 +296,7 @@ def _without_resets(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrec
             "one zero of the load cell throughout, and frames in air after the press; press again "
             "without zeroing it"
         )
-        raise NotPrepared(said, wanted) from None
+        raise unusable(logged.source, said, wanted) from None
     travel, force, notes = logged.travel.copy(), logged.force_N.copy(), []
     for reset in zero_resets:
         values, name = (force, "force") if reset.quantity == "force" else (travel, logged.quantity)

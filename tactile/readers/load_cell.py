@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 
 from pipeline.files.plain_file import not_plain
-from tactile.preparation.logged_trace import LoggedTrace, NotPrepared, prepare, written_runs
+from tactile.preparation.logged_trace import LoggedTrace, prepare, written_runs
 from tactile.readers.cell_rows import SPREADSHEETS, Cell, CellTable, Row, number_in, number_of, sheets_of
 from tactile.readers.field_tables import MOVED
 from tactile.readers.pictures import unusable
@@ -151,10 +151,7 @@ def runs_in(path: Path, *, words: TraceWords | None = None) -> int:
 def _runs(source: str, logged: LoggedTrace, notes: list[str]) -> list[LoggedTrace]:
     if np.isfinite(logged.time_s).sum() < FEWEST_FRAMES:
         raise unusable(source, "no rows", "a header and one row for each frame")
-    try:
-        runs, corrections = written_runs(logged)
-    except NotPrepared as cause:
-        raise unusable(source, cause.fault, cause.expected) from None
+    runs, corrections = written_runs(logged)
     notes += [f"{source}: {correction.says}" for correction in corrections]
     return runs
 
@@ -177,10 +174,7 @@ def _prepared(source: str, logged: LoggedTrace, run: int | None, notes: list[str
         notes.append(f"{source}: run {run} of {len(runs)}, rows {chosen.rows[0]} to {chosen.rows[-1]}.")
     if min(np.isfinite(column).sum() for column in (chosen.time_s, *chosen.columns.values())) < FEWEST_FRAMES:
         raise unusable(source, "no rows", "a header and one row for each frame")
-    try:
-        prepared, corrections = prepare(chosen)
-    except NotPrepared as cause:
-        raise unusable(source, cause.fault, cause.expected) from None
+    prepared, corrections = prepare(chosen)
     notes += [f"{source}: {correction.says}" for correction in corrections]
     return prepared
 
@@ -216,6 +210,7 @@ def _logged(path: Path, sheet: CellTable, columns: FoundColumns, notes: list[str
         rows=np.array([number for number, _ in rows], dtype=int),
         quantity=quantity,
         breaks=breaks,
+        source=path.name,
     )
 
 

@@ -5,7 +5,7 @@ while they pass by.
 import re
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -193,26 +193,16 @@ def _cut_short(data: bytes) -> bool:
     return (b"IEND" if data.startswith(PICTURES_BEGIN[0]) else b"\xff\xd9") not in tail
 
 
-@dataclass
-class Watch:
-    """Passes frames on and keeps, for each, whether it is the one before it written again; and the latest."""
-
-    source: str
-    shape: tuple[int, int]
-    doubled: list[bool] = field(default_factory=list)
-    latest: UInt8[np.ndarray, "h w 3"] | None = None
-
-    def over(self, frames: Iterable[UInt8[np.ndarray, "h w 3"]]) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-        """The same frames; raises TactileFailure for one that is over-exposed or of another size."""
-        before = None
-        for k, frame in enumerate(frames):
-            if frame.shape[:2] != self.shape:
-                fault = f"frame {k} of {frame.shape[1]} x {frame.shape[0]} pixels"
-                raise unusable(self.source, fault, f"{self.shape[1]} x {self.shape[0]} as the reference")
-            refuse_saturated(frame, f"{self.source}: frame {k}")
-            self.doubled.append(before is not None and np.array_equal(frame, before))
-            before = self.latest = frame
-            yield frame
+def checked(
+    frames: Iterable[UInt8[np.ndarray, "h w 3"]], source: str, shape: tuple[int, int]
+) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
+    """The same frames; raises TactileFailure for one that is over-exposed or of another size."""
+    for k, frame in enumerate(frames):
+        if frame.shape[:2] != shape:
+            fault = f"frame {k} of {frame.shape[1]} x {frame.shape[0]} pixels"
+            raise unusable(source, fault, f"{shape[1]} x {shape[0]} as the reference")
+        refuse_saturated(frame, f"{source}: frame {k}")
+        yield frame
 
 
 def refuse_saturated(frame: UInt8[np.ndarray, "h w 3"], source: str) -> None:

@@ -33,16 +33,11 @@ def array_fault(values: np.ndarray, shape: Shape, *, like: str = "") -> tuple[st
 
 def load_npy(path: Path) -> np.ndarray:
     """The array in an .npy file; numbers are converted to double precision. Raises NotReadable."""
-    return next(iter(_loaded(path).values()))
+    return next(iter(load_npz(path).values()))
 
 
 def load_npz(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of an .npz file by name, in double precision; raises NotReadable."""
-    return _loaded(path)
-
-
-def _loaded(path: Path) -> dict[str, np.ndarray]:
-    """The arrays by name; that of an .npy file has none."""
+    """The arrays of an .npz file by name (an .npy file's has none), in double precision; or NotReadable."""
     data = io.BytesIO(read_bytes(path, most_bytes=MOST_BYTES))
     try:
         with limited_memory(MOST_MEMORY):

@@ -85,7 +85,8 @@ def _units(
         fault = f"--units of {idle[0]}, where {read} are read"
         raise unusable(source, fault, f"units of these; leave out {idle[0]}={words.units[idle[0]]}")
     units: dict[str, Unit] = {}
-    notes, missing = [], []
+    missing: dict[str, list[Unit | NoUnit]] = {}
+    notes = []
     for q, name in chosen.items():
         in_name = unit_of_name(name, q)
         in_row = _in_row(row.get(q, ""), q)
@@ -102,7 +103,7 @@ def _units(
         if any(not math.isclose(unit.factor, every[0].factor, rel_tol=1e-6) for unit in every[1:]):
             raise _contradiction(source, named, in_row, in_name, stated)
         if not every:
-            missing.append(q)
+            missing[q] = [unit for unit in (in_row, in_name) if unit is not None]
             continue
         units[q] = every[0]
         unknown = next((unit for unit in (in_row, in_name) if isinstance(unit, NoUnit)), None)
@@ -112,7 +113,7 @@ def _units(
             weight = f"1 {every[0].text} = {every[0].factor:.6g} N"
             notes.append(f"{named} is in {every[0].text}, a mass: taken as its weight ({weight}).")
     if missing:
-        raise _no_unit(source, chosen, row, missing)
+        raise _no_unit(source, chosen, missing)
     return units, tuple(f"{source}: {note}" for note in notes)
 
 
@@ -122,11 +123,9 @@ def _contradiction(
     """Two units that are not equal, of the file or of the file and --units."""
     said = (("the row of units", in_row), ("its name", in_name), ("--units", stated))
     units = [f"{unit.text} by {where}" for where, unit in said if isinstance(unit, Unit)]
-    if stated is None:
-        return unusable(
-            source, f"{named} in {' and in '.join(units)}", "one unit: correct a copy of the table"
-        )
-    expected = "one unit: leave --units out for it, or correct the file in a copy"
+    expected = "one unit: correct a copy of the table"
+    if stated is not None:
+        expected = "one unit: leave --units out for it, or correct the file in a copy"
     return unusable(source, f"{named} in {' and in '.join(units)}", expected)
 
 
@@ -188,35 +187,24 @@ def _units_below(sheet: CellTable, k: int, place: Mapping[str, int]) -> tuple[di
 
 
 def _no_unit(
-    source: str, chosen: Mapping[str, str], row: Mapping[str, str], missing: Sequence[str]
+    source: str, chosen: Mapping[str, str], missing: Mapping[str, Sequence[Unit | NoUnit]]
 ) -> TactileFailure:
-    """No unit, or one that is not known: asks for it."""
-    q = missing[0]
-    stated = {quantity: _stated(chosen[quantity], row.get(quantity, ""), quantity) for quantity in missing}
-    unit = min(
-        stated[q], key=lambda reading: not (isinstance(reading, NoUnit) and reading.open), default=None
-    )
+    """No unit, or one that is not known: asks for it, and proposes none where the file states one.
+
+    `missing`: by quantity what the row of units and the column's name state, the row first.
+    """
+    q, stated = next(iter(missing.items()))
+    unit = min(stated, key=lambda reading: not (isinstance(reading, NoUnit) and reading.open), default=None)
     said = f'the unit "{unit.text}", which {unit.why},' if isinstance(unit, NoUnit) else "no unit"
-    whole = ",".join(_asked(quantity, stated[quantity]) for quantity in missing)
+    whole = ",".join(f"{name}={'UNIT' if held else EXAMPLES[name][0]}" for name, held in missing.items())
     ways = "; ".join(f"{quantity} in {', '.join(EXAMPLES[quantity])}, ..." for quantity in missing)
     fault = f'{said} of {q} ("{chosen[q]}") in the file'
     return unusable(source, fault, f"its unit: give --units {whole}, or what it is in ({ways})")
 
 
-def _stated(name: str, in_row: str, quantity: str) -> list[Unit | NoUnit]:
-    """What the row of units and the column's name state, the row first."""
-    units = [_in_row(in_row, quantity), unit_of_name(name, quantity)]
-    return [unit for unit in units if unit is not None]
-
-
 def _in_row(cell: str, quantity: str) -> Unit | NoUnit | None:
     """What a cell of the row of units states; an empty one nothing."""
     return with_factor(cell) or read_unit(cell, quantity) if cell else None
-
-
-def _asked(quantity: str, stated: Sequence[Unit | NoUnit]) -> str:
-    """The option's part for a quantity; no unit is proposed where the file states one that is not known."""
-    return f"{quantity}={'UNIT' if stated else EXAMPLES[quantity][0]}"
 
 
 def columns_wanted(source: str, sheets: Sequence[CellTable], words: TraceWords) -> TactileFailure:

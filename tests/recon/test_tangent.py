@@ -6,7 +6,6 @@ from mat_scene import Egg, ring
 from scipy.ndimage import gaussian_filter1d
 
 from recon.cameras.camera import Camera
-from recon.silhouettes import tangent
 from recon.silhouettes.hull import Silhouette, visual_hull
 from recon.silhouettes.mask import Window
 from recon.silhouettes.outline import Outline, silhouette_of_outline
@@ -84,12 +83,3 @@ def test_deep_shadows_taken_for_the_fruit_do_not_carry_its_bottom_out():
     hull, surface, faces = hull_and_fitted(24, noise_px=0.0, shadow_px=8.0)
     beyond = volume_mm3(hull, faces) / EGG.volume_mm3 - 1
     assert volume_mm3(surface.vertices, faces) / EGG.volume_mm3 - 1 < beyond / 3
-
-
-def test_without_pymetis_the_surface_is_the_same(monkeypatch):
-    if tangent.pymetis is None:
-        pytest.skip("pymetis is not installed: there is nothing to compare with")
-    with_metis = hull_and_fitted(6, noise_px=0.3)[1]
-    monkeypatch.setattr(tangent, "pymetis", None)
-    without = hull_and_fitted(6, noise_px=0.3)[1]
-    np.testing.assert_allclose(without.vertices, with_metis.vertices, atol=1e-8)

@@ -206,6 +206,8 @@ def test_markers_beside_a_patch_are_not_dead_where_nothing_is_noisy():
     stuck = pad.displacement_mm.copy()
     stuck[:, 210] = 0.0  # in the middle of the patch
     assert dead_markers(pressing_of(replace(pad, displacement_mm=stuck))).nonzero()[0].tolist() == [210]
+    out_of_order = rest[np.random.default_rng(4).permutation(len(rest))]
+    assert not dead_markers(pressing_of(replace(pad, rest_mm=out_of_order))).any()
 
 
 def test_a_block_of_dead_markers_is_found_where_there_is_noise(nectarine_grasp):

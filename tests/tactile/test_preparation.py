@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tactile.preparation.logged_trace import LoggedTrace, NotPrepared, prepare, written_runs
+from tactile.preparation.logged_trace import LoggedTrace, prepare, written_runs
+from tactile.tactile_failure import TactileFailure
 from tactile.trace_thinning import BOUND, MOST_FRAMES, thin
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
@@ -55,9 +56,9 @@ def test_rows_lost_inside_a_record_are_left_out_or_are_too_many(fill):
 
     _, (correction,) = prepare(lost(6))
     assert correction.rows == tuple(range(202, 208))
-    with pytest.raises(NotPrepared) as caught:
+    with pytest.raises(TactileFailure) as caught:
         prepare(lost(40))
-    assert "40 of 600 rows (6.7%) wild or missing" in caught.value.fault
+    assert "40 of 600 rows (6.7%) wild or missing" in caught.value.detail
 
 
 def test_each_block_of_rows_that_were_never_written_has_its_own_note():
@@ -77,9 +78,9 @@ def test_a_step_to_zero_without_air_behind_it_is_refused_with_both_causes(row):
     force = 6 * np.maximum(travel - 0.5, 0)
     force[row:] -= force[row]
     force += 0.01 * np.random.default_rng(0).standard_normal(300)
-    with pytest.raises(NotPrepared, match="zeroed under load, or the specimen broke") as caught:
+    with pytest.raises(TactileFailure, match="zeroed under load, or the specimen broke") as caught:
         prepare(logged(travel, force))
-    assert f"at row {row + 2}, and no frames in air" in caught.value.fault
+    assert f"at row {row + 2}, and no frames in air" in caught.value.detail
 
 
 def drawn(time_s, *, ramp_s, start_s, noise_N, rng, fall_s=None):
