@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import bsr_array, csr_array
 
-from fem.elements.gradients import gradient_products, inverse_3x3
+from fem.elements.gradients import gradient_products, slopes_and_volumes
 from fem.elements.shape_functions import t10_gradient, t10_shape, tet_quadrature
 from fem.fem_failure import FemFailure, FemProblem
 
@@ -137,8 +137,7 @@ def lumped_moments(
     points, weights = tet_quadrature()
     shape = t10_shape(points)
     x = nodes_mm[tets]
-    jacobian = (t10_gradient(points).reshape(-1, 10) @ x).reshape(len(x), len(weights), 3, 3)
-    volume = inverse_3x3(jacobian.transpose(2, 3, 0, 1))[1] * weights
+    volume = slopes_and_volumes(x, t10_gradient(points))[1] * weights
     place = np.concatenate([np.ones((*volume.shape, 1)), shape @ x], axis=2)
     load = (shape.T @ (volume[..., None] * place)).reshape(-1, 4)
     where = tets.ravel()

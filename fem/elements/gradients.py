@@ -68,6 +68,15 @@ class _CurvedElements:
         return np.asarray((self.measure * self.slope[i]).swapaxes(1, 2) @ self.slope[j])
 
 
+def slopes_and_volumes(
+    x: Float[np.ndarray, "m 10 3"], reference: Float[np.ndarray, "q 3 10"]
+) -> tuple[Float[np.ndarray, "m q 3 10"], Float[np.ndarray, "m q"]]:
+    """dN/dx and det(dx/dxi) at some points of elements with these nodes, from the derivatives to xi there."""
+    jacobian = (reference.reshape(-1, 10) @ x).reshape(len(x), len(reference), 3, 3)
+    inverse, det = inverse_3x3(jacobian.transpose(2, 3, 0, 1))
+    return inverse.transpose(2, 3, 0, 1) @ reference, det
+
+
 def inverse_3x3(
     matrix: Float[np.ndarray, "3 3 *m"],
 ) -> tuple[Float[np.ndarray, "3 3 *m"], Float[np.ndarray, "*m"]]:

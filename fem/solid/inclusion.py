@@ -11,7 +11,7 @@ from jaxtyping import Float
 from scipy.sparse import coo_array, csr_array
 
 from fem.elements.assembly import unit_lame_constants
-from fem.elements.gradients import inverse_3x3
+from fem.elements.gradients import slopes_and_volumes
 from fem.elements.shape_functions import TET_EDGES, t10_gradient, t10_shape
 from fem.mesh.flesh_mesh import FleshMesh
 
@@ -53,9 +53,7 @@ def ball_stiffness(
     weight = fading(np.linalg.norm(shape @ x - centre_mm, axis=2), radius_mm)
     inside = weight.any(axis=1)
     tets, x, weight = tets[inside], x[inside], weight[inside]
-    jacobian = (gradient.reshape(-1, 10) @ x).reshape(len(x), len(points), 3, 3)
-    inverse, det = inverse_3x3(jacobian.transpose(2, 3, 0, 1))
-    slope = inverse.transpose(2, 3, 0, 1) @ gradient  # (m, q, 3, 10)
+    slope, det = slopes_and_volumes(x, gradient)
     flat = slope.transpose(0, 1, 3, 2).reshape(len(x), len(points), 30)
     weighted = flat * (weight * det / (6 * len(points)))[..., None]
     products = (flat.transpose(0, 2, 1) @ weighted).reshape(-1, 10, 3, 10, 3)

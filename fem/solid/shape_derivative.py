@@ -18,7 +18,7 @@ from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from fem.elements.assembly import unit_lame_constants
-from fem.elements.gradients import inverse_3x3
+from fem.elements.gradients import slopes_and_volumes
 from fem.elements.shape_functions import TET_EDGES, t10_gradient
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mesh.boundary_fit import t10_jacobians
@@ -203,24 +203,15 @@ def _skin_motion(
 def _gradients(
     mesh: FleshMesh, nodal: Float[np.ndarray, "n d"], elements: slice
 ) -> tuple[Float[np.ndarray, "f 3 3 e"], Float[np.ndarray, "m q3 10"], Float[np.ndarray, "m q"]]:
-    """[i, x] of d(field)_i/dx at all points of some elements, of fields side by side; and `_slopes`."""
+    """[i, x] of d(field)_i/dx at all points of some elements, of fields side by side; dN/dx and
+    volumes of the points."""
     tets = mesh.tets[elements]
-    slope, measure = _slopes(mesh.nodes_mm[tets])
-    slope = slope.reshape(len(tets), -1, 10)
+    slope, det = slopes_and_volumes(mesh.nodes_mm[tets], t10_gradient(POINTS))
+    slope, measure = slope.reshape(len(tets), -1, 10), det * SHARES / 6
     values = nodal[tets]
     values -= values[:, :1]  # what moves as a whole has no gradient, to the last digit
     gradient = (slope @ values).reshape(measure.size, 3, -1, 3)
     return np.ascontiguousarray(gradient.transpose(2, 3, 1, 0)), slope, measure
-
-
-def _slopes(
-    x: Float[np.ndarray, "m 10 3"],
-) -> tuple[Float[np.ndarray, "m q 3 10"], Float[np.ndarray, "m q"]]:
-    """dN/dx and the volume at each point of each element."""
-    reference = t10_gradient(POINTS)
-    jacobian = (reference.reshape(-1, 10) @ x).reshape(len(x), -1, 3, 3)
-    inverse, det = inverse_3x3(jacobian.transpose(2, 3, 0, 1))
-    return inverse.transpose(2, 3, 0, 1) @ reference, det * SHARES / 6
 
 
 def _stress(gradient: Float[np.ndarray, "f 3 3 e"], mu: float, lame: float) -> Float[np.ndarray, "f 3 3 e"]:

@@ -12,7 +12,7 @@ from jaxtyping import Float
 from scipy.sparse import csr_array
 
 from fem.elements.assembly import unit_lame_constants
-from fem.elements.gradients import inverse_3x3
+from fem.elements.gradients import slopes_and_volumes
 from fem.elements.shape_functions import t10_gradient, t10_shape
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mesh.recovery import FOUR
@@ -43,15 +43,13 @@ class FleshStrain:
     def of(cls, mesh: FleshMesh) -> "FleshStrain":
         """The points of a mesh; exact for strains that are linear in straight elements."""
         x = mesh.nodes_mm[mesh.tets]
-        reference = t10_gradient(FOUR[:, 1:])
-        jacobian = (reference.reshape(12, 10) @ x).reshape(-1, 4, 3, 3)
-        inverse, det = inverse_3x3(jacobian.transpose(2, 3, 0, 1))
+        slope, det = slopes_and_volumes(x, t10_gradient(FOUR[:, 1:]))
         rows = mesh.tets.ravel()
         return cls(
             n_nodes=len(mesh.nodes_mm),
             point_mm=t10_shape(FOUR[:, 1:]) @ x,
             volume_mm3=det / 24,
-            slope=inverse.transpose(2, 3, 0, 1) @ reference,
+            slope=slope,
             mesh=mesh,
             gather=csr_array(
                 (np.ones(len(rows)), (rows, np.arange(len(rows)))), shape=(len(mesh.nodes_mm), len(rows))
