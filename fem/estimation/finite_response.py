@@ -20,21 +20,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
-from scipy.spatial.distance import cdist
-from scipy.spatial.transform import Rotation
 
 from fem.estimation.compliance_fit import CompliantFit, MarkerTracks, fit_compliance, rigid_motion
 from fem.estimation.frame_thinning import loaded_frames
+from fem.estimation.fruit_motion import FruitMotion, in_fruit_axes, refined_motion
 from fem.estimation.grasp_model import GraspModel
 from fem.estimation.modulus import require_markers, require_positive
+from fem.estimation.pad_loads import PadFrames, nodal_loads
 from fem.estimation.unit_response import marker_tracks, tracks_of
 from fem.fem_failure import FemFailure, FemProblem
-from fem.grasp_history import GraspHistory, PadHistory
+from fem.grasp_history import GraspHistory
 from fem.materials.neo_hookean import NeoHookean
 from fem.mesh.flesh_mesh import FleshMesh
 from fem.mesh.surface_points import SurfacePoints, locate
 from fem.solid.finite_strain import FiniteStrainSolid
-from fem.solid.gel_traction import GelField, GelFrame, nodal_force
 from fem.solid.linear_solid import UnitModulusSolid
 
 MOST_LEVELS = 8
@@ -53,23 +52,6 @@ SMALL_ROUNDS = 2
 ROUNDS, AGREED = 10, 1e-3
 """Rounds at finite strain, in the chosen frames, at most, and the relative change of E that ends them: each
 takes about nine tenths of the error, so that E is then within a tenth of it."""
-
-
-@dataclass(frozen=True)
-class _Motion:
-    """x = R X + c of the fruit in each frame."""
-
-    turn: Float[np.ndarray, "f 3 3"]
-    shift_mm: Float[np.ndarray, "f 3"]
-
-    def into_fruit(self, x: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
-        return self.turned(x - self.shift_mm[:, None])
-
-    def out_of_fruit(self, x: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
-        return np.asarray(x @ self.turn.swapaxes(1, 2) + self.shift_mm[:, None])
-
-    def turned(self, v: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
-        return np.asarray(v @ self.turn)
 
 
 def neo_hookean_solid(solid: UnitModulusSolid) -> FiniteStrainSolid:
@@ -144,12 +126,12 @@ def finite_response(
     solid, used = finite.solid, loaded_frames(driven)
     skin = np.sort(solid.mesh.outer_nodes)
     on_skin = replace(solid, contact_nodes=skin)
-    pads = [_PadFrames.of(*pair, used, force_sd_N) for pair in zip(recorded.pads, driven.pads, strict=True)]
+    pads = [PadFrames.of(*pair, used, force_sd_N) for pair in zip(recorded.pads, driven.pads, strict=True)]
     every = np.arange(int(used.sum()))
-    motion = _Motion(np.tile(np.eye(3), (len(every), 1, 1)), np.zeros((len(every), 3)))
+    motion = FruitMotion(np.tile(np.eye(3), (len(every), 1, 1)), np.zeros((len(every), 3)))
     unit = np.zeros((len(every), len(skin), 3))
     for _ in range(SMALL_ROUNDS):
-        load = _loads(pads, solid.mesh, skin, motion, unit / modulus_MPa, every)
+        load = nodal_loads(pads, solid.mesh, skin, motion, unit / modulus_MPa, every)
         if not load.any():
             raise FemFailure(
                 FemProblem.NO_LOAD,
@@ -164,7 +146,7 @@ def finite_response(
     tolerance = FIRST_TOLERANCE
     for _ in range(ROUNDS):
         before = modulus_MPa
-        load = _loads(pads, solid.mesh, skin, motion, unit / before, chosen)
+        load = nodal_loads(pads, solid.mesh, skin, motion, unit / before, chosen)
         moved_mm = finite.displacement(load / before, start=moved_mm, tolerance=tolerance)
         unit = linear + _predicted(kernel, chosen, before * moved_mm[:, skin] - linear[chosen])
         fitted = _fitted(solid, skin, driven, used, motion, unit, before, scale_sd=scale_sd)
@@ -197,21 +179,21 @@ class _Fitted:
     moved: Float[np.ndarray, "f n 3"]
     tracks: MarkerTracks
     fit: CompliantFit
-    motion: _Motion
+    motion: FruitMotion
 
 
 def _fitted(
     solid: UnitModulusSolid, skin: Int[np.ndarray, " c"], driven: GraspHistory, used: Bool[np.ndarray, " t"],
-    motion: _Motion, unit: Float[np.ndarray, "f c 3"], modulus_MPa: float, *, scale_sd: float,
+    motion: FruitMotion, unit: Float[np.ndarray, "f c 3"], modulus_MPa: float, *, scale_sd: float,
 ) -> _Fitted:  # fmt: skip
     """1/E and the fruit's motion by the markers, where E times the skin's displacement is `unit`."""
-    history = _in_fruit(driven, used, motion)
+    history = in_fruit_axes(driven, used, motion)
     places, moved = _at_markers(solid.mesh, skin, history, used, unit, modulus_MPa)
     tracks = tracks_of(history, used, normal=np.zeros_like(places[0]), unit_displacement=moved)
     fit = fit_compliance(tracks, scale_sd=scale_sd, fruit_moves=solid.support == "free")
     if solid.support == "free":
         modelled = places + moved / require_positive(fit.compliance)
-        motion = _motion(tracks, modelled, motion)
+        motion = refined_motion(tracks, modelled, motion)
     return _Fitted(places_mm=places, moved=moved, tracks=tracks, fit=fit, motion=motion)
 
 
@@ -229,98 +211,6 @@ def _without_rigid_motion(
     return left
 
 
-CLEAR = 3.0
-"""A denoised normal force counts as contact above this many standard deviations of its noise. Set by hand, at
-the usual level: noise alone exceeds it in one of 700 markers. Other levels were not tried."""
-OFF_CONTACT = 3.0
-"""Pitches from the markers that touch beyond which a marker bears noise alone: a rim that noise hides is one
-or two wide."""
-ON_A_LINE = 1e-3
-"""Width over length below which markers tell no turn."""
-HALF_TURN = np.array([1.0, -1.0, -1.0])
-"""About the x axis."""
-
-
-@dataclass(frozen=True)
-class _PadFrames:
-    """One pad in the frames used, its own axes (mm, N)."""
-
-    rest_mm: Float[np.ndarray, "n 3"]
-    turn: Float[np.ndarray, "f 3 3"]
-    origin_mm: Float[np.ndarray, "f 3"]
-    fields: tuple[GelField | None, ...]
-
-    @classmethod
-    def of(
-        cls, recorded: PadHistory, driven: PadHistory, used: Bool[np.ndarray, " t"], force_sd_N: float
-    ) -> "_PadFrames":
-        """Its pose brings the markers at rest to where their gel stood; z points into the fruit.
-
-        Noise hides the rim of the contact in what is recorded: a marker with a recorded force that a driving
-        force clearly pushes touches too.
-        """
-        rest, at = recorded.rest_mm, (recorded.position_mm - recorded.gel_displacement_mm)[used]
-        if not _span_a_plane(rest):
-            raise FemFailure(
-                FemProblem.TOO_FEW_MARKERS,
-                f"the {len(rest)} markers of pad {recorded.name} lie on a line, expected markers "
-                "beside it too",
-            )
-        middle = rest.mean(axis=0)
-        turn = np.stack(
-            [Rotation.align_vectors(x - x.mean(axis=0), rest - middle)[0].as_matrix() for x in at]
-        )
-        if float((driven.force_N[used].sum(axis=1) * turn[:, :, 2]).sum()) < 0:
-            rest, middle, turn = rest * HALF_TURN, middle * HALF_TURN, turn * HALF_TURN
-        forces, felt = driven.force_N[used] @ turn, recorded.episode[used] >= 0
-        noise_N = max(force_sd_N, _noise_off_contact_N(rest, forces[:, :, 2], felt))
-        pushes = (forces[:, :, 2] > CLEAR * noise_N) & recorded.force_N[used].any(axis=2)
-        touching = felt | pushes
-        return cls(
-            rest_mm=rest,
-            turn=turn,
-            origin_mm=at.mean(axis=1) - turn @ middle,
-            fields=tuple(
-                GelField.of(GelFrame(rest_mm=rest[:, :2], shear_mm=moved[:, :2], force_N=force, touching=on))
-                for moved, force, on in zip(
-                    recorded.gel_displacement_mm[used] @ turn, forces, touching, strict=True
-                )
-            ),
-        )
-
-
-def _noise_off_contact_N(
-    rest_mm: Float[np.ndarray, "n 3"], normal_N: Float[np.ndarray, "f n"], felt: Bool[np.ndarray, "f n"]
-) -> float:
-    """Root mean square of the normal forces at markers at least OFF_CONTACT pitches from those that touch.
-
-    Besides the noise of a frame it has the error of each marker's zero, which all frames share.
-    """
-    apart = cdist(rest_mm, rest_mm)
-    pitch = float(np.median(np.sort(apart, axis=1)[:, 1]))
-    near = np.asarray(felt @ (apart < OFF_CONTACT * pitch))
-    off = ~near & near.any(axis=1, keepdims=True)
-    return float(np.sqrt(np.mean(normal_N[off] ** 2))) if off.any() else 0.0
-
-
-def _loads(
-    pads: list[_PadFrames], mesh: FleshMesh, skin: Int[np.ndarray, " c"], motion: _Motion,
-    moved_mm: Float[np.ndarray, "f c 3"], frames: Int[np.ndarray, " k"],
-) -> Float[np.ndarray, "k n 3"]:  # fmt: skip
-    """What all pads put on the nodes in these frames, N, in the fruit's axes."""
-    faces = np.searchsorted(skin, mesh.outer_faces)
-    load = np.zeros((len(frames), *mesh.nodes_mm.shape))
-    for k, frame in enumerate(frames):
-        turn = motion.turn[frame]
-        here = (mesh.nodes_mm[skin] + moved_mm[frame]) @ turn.T + motion.shift_mm[frame]
-        for pad in pads:
-            field = pad.fields[frame]
-            if field is not None:
-                local = (here - pad.origin_mm[frame]) @ pad.turn[frame]
-                load[k, skin] += nodal_force(field, local, faces) @ pad.turn[frame].T @ turn
-    return load
-
-
 def _predicted(
     kernel: Float[np.ndarray, "f f"], chosen: Int[np.ndarray, " k"], values: Float[np.ndarray, "k c 3"]
 ) -> Float[np.ndarray, "f c 3"]:
@@ -328,19 +218,6 @@ def _predicted(
     among = kernel[np.ix_(chosen, chosen)]
     weights = np.linalg.solve(among + JITTER * np.trace(among) * np.eye(len(chosen)), kernel[chosen])
     return np.asarray(np.einsum("kt,kcx->tcx", weights, values, optimize=True))
-
-
-def _in_fruit(history: GraspHistory, used: Bool[np.ndarray, " t"], motion: _Motion) -> GraspHistory:
-    """The recording in the fruit's own axes; frames that are not used stay as they are."""
-    pads = []
-    for pad in history.pads:
-        position, gel, force = (
-            values.copy() for values in (pad.position_mm, pad.gel_displacement_mm, pad.force_N)
-        )
-        position[used] = motion.into_fruit(position[used])
-        gel[used], force[used] = motion.turned(gel[used]), motion.turned(force[used])
-        pads.append(replace(pad, position_mm=position, gel_displacement_mm=gel, force_N=force))
-    return replace(history, pads=tuple(pads))
 
 
 def _at_markers(
@@ -375,35 +252,6 @@ def _on_deformed(
     nodes = mesh.nodes_mm.copy()
     nodes[skin] += moved_mm
     return locate(FleshMesh(nodes, mesh.tets, mesh.outer_faces, mesh.pit_nodes), points_mm).among(skin)
-
-
-def _motion(tracks: MarkerTracks, modelled_mm: Float[np.ndarray, "f n 3"], motion: _Motion) -> _Motion:
-    """The fruit's motion by which the modelled markers come nearest to the measured ones, frame by frame.
-
-    `tracks`: in the axes of `motion`, which this refines. A frame whose markers tell no turn moves like the
-    nearest that has one. Source: Kabsch, Acta Crystallographica A 32, 1976.
-    """
-    turn, shift = motion.turn.copy(), motion.shift_mm.copy()
-    spanning = [
-        frame for frame, on in enumerate(tracks.episode >= 0) if _span_a_plane(modelled_mm[frame, on])
-    ]
-    for frame in spanning:
-        on = tracks.episode[frame] >= 0
-        here, there = modelled_mm[frame, on], tracks.position_mm[frame, on]
-        more = Rotation.align_vectors(there - there.mean(axis=0), here - here.mean(axis=0))[0].as_matrix()
-        shift[frame] += turn[frame] @ (there.mean(axis=0) - more @ here.mean(axis=0))
-        turn[frame] = turn[frame] @ more
-    for frame in np.setdiff1d(np.arange(len(turn)), spanning) if spanning else ():
-        nearest = spanning[int(np.abs(np.array(spanning) - frame).argmin())]
-        turn[frame], shift[frame] = turn[nearest], shift[nearest]
-    return _Motion(turn, shift)
-
-
-def _span_a_plane(places: Float[np.ndarray, "n 3"]) -> bool:
-    if len(places) < 3:
-        return False
-    size = np.linalg.svd(places - places.mean(axis=0), compute_uv=False)
-    return bool(size[1] > ON_A_LINE * size[0])
 
 
 def _kernel(work: Float[np.ndarray, "t t"]) -> Float[np.ndarray, "t t"]:

@@ -11,20 +11,6 @@ place of the skin, nearly along its normal, inwards. How stiff the support is ca
 contact 6 mm in radius gives way by some 1/(12 mm E), so that a ripe fruit on a palm of 5 N/mm and on a table
 behave in the same way.
 
-With m = sum of the pads' forces and moments and W of fem.mismatch.model.marker_equations, columns
-A = [1; (X - x0) x] phi_j(t) and amounts a = R u of them, u ~ N(0, 1) each,
-
-    u = -(1 + R' M R)^-1 R' A' W m,   M = A' W A,   ln evidence = (-u . R' A' W m - ln det(1 + R' M R)) / 2
-
-(linear Gaussian inference; Rasmussen and Williams 2006, eq. 2.11 and 5.8). R R' is the amounts' covariance.
-The course of F along the skin's normal is a smooth one that grows with the load l, of covariance
-
-    l l' (1 + g^2 (l l' + exp(-(t - t')^2 / 2 SMOOTH^2))) / (1 + 2 g^2),     t: share of the frames
-
-times the square of a scale; R R' is that, projected on phi_j, its leading functions at the last of FREEDOMS.
-Of SCALES and of FREEDOMS (g) that pair counts which explains most, recording by recording. Along the skin the
-standard deviation is FRICTION of that along the normal. A contact that pulls is none, nor is one beyond the
-CONE of friction, or where a pad itself touches.
 """
 
 from collections.abc import Sequence
@@ -39,10 +25,10 @@ from fem.mesh.flesh_mesh import FleshMesh
 from fem.mesh.surface_points import SurfacePoints, locate, spread_out
 from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
 from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
+from fem.mismatch.kinds.third_force import SCALES, ForceBalance, ThirdForce, axes_at, peak_N
 from fem.mismatch.model.case_model import CaseModel
-from fem.mismatch.model.marker_equations import BalanceEquations
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
-from fem.mismatch.model.plain_model import ARM_MM, GraspResponse
+from fem.mismatch.model.plain_model import GraspResponse
 from fem.mismatch.result import Where
 from fem.mismatch.signature_variant import Variant, at_place
 
@@ -62,28 +48,9 @@ the pads' push show more; cases with nothing of the kind 18.5 at most, but where
 two gels have faults."""
 LEAST_N = 1e-3
 """N: less than any sensor's noise."""
-SCALES = (0.005, 0.02, 0.08)
-"""Standard deviations of the normal force at the greatest load, as shares of what a pad pushes then: from
-hardly to be told from marker scales to a fruit that is pressed against a table. Set by hand."""
-FREEDOMS = (0.1, 1.0)
-"""Standard deviation of how the force's share of the load changes in a recording, over its mean: a support
-that is touched throughout takes nearly the same share, a stop that is met late any. Set by hand."""
-SMOOTH, COURSES = 0.2, 6
-"""Length over which the force's share of the load may change, as a share of a recording's frames: a leg of
-the motion; and how many functions hold all but a percent of that covariance. Set by hand."""
-FRICTION = 0.15
-"""Of the force along the skin over that along its normal: little, as the normal of a scanned skin is itself
-known to some degrees. Set by hand."""
-CONE = 0.3
-"""Force along the skin over that along its normal from which it is no contact's: some 17 degrees off the
-normal, as skin on a palm slips. A pad that reads too much leaves a force along each grasp's axis; with grasps
-45 degrees apart no place has two of them within its cone. Set by hand."""
 SEAT_MM = 4.0
 """Radius over which the force is spread and the normal taken; the pads are a few times as far away. Set by
 hand, of a contact as wide as a pad's."""
-CLEAR_MM = 4.0
-"""A place is a pad's own where one of its markers touches within this distance; two markers' pitch."""
-
 SPEC = EffectSpec(
     name="third_contact",
     rank=195,
@@ -137,7 +104,7 @@ class Seat:
     def at(cls, mesh: FleshMesh, place_mm: Float[np.ndarray, "3"]) -> "Seat":
         """At the point of the skin nearest to a place."""
         middle = locate(mesh, place_mm[None])
-        _, first, second = _axes(middle.normal[0]).T
+        _, first, second = axes_at(middle.normal[0]).T
         angle = np.arange(6) * np.pi / 3
         ring = SEAT_MM * (np.cos(angle)[:, None] * first + np.sin(angle)[:, None] * second)
         points = locate(mesh, middle.point_mm + np.vstack([np.zeros(3), ring]))
@@ -148,75 +115,6 @@ class Seat:
         """A newton along x, y and z, spread evenly over the points, on the nodes of the flesh."""
         count = len(self.points.point_mm)
         return self.points.point_load(np.repeat(np.eye(3)[:, None] / count, count, axis=1))
-
-
-@dataclass(frozen=True, kw_only=True)
-class ThirdForce:
-    """F(t) of one recording, `sd_N` of its normal part; ln `evidence` of it over none.
-
-    `volume`: the part of that evidence which is not in how well F balances: ln of the prior at F, and of the
-    width that is left of it. Negative.
-    """
-
-    force_N: Float[np.ndarray, "f 3"]
-    sd_N: Float[np.ndarray, " f"]
-    evidence: float
-    volume: float
-
-
-@dataclass(frozen=True, kw_only=True)
-class ForceBalance:
-    """One recording's balance in terms of its courses phi_j of a force or moment, all six components.
-
-    `roots`: for each of FREEDOMS a matrix whose product with its transpose is the amounts' covariance.
-    `normal`: (phi_j e_a) . W (phi_l e_b), 1/N2; `pushed`: -(phi_j e_a) . W m, 1/N.
-    """
-
-    recording: GraspResponse
-    courses: Float[np.ndarray, "j f"]
-    roots: tuple[Float[np.ndarray, "j j"], ...]
-    normal: Float[np.ndarray, "j 6 j 6"]
-    pushed: Float[np.ndarray, "j 6"]
-
-    @classmethod
-    def of(cls, recording: GraspResponse, balance: BalanceEquations) -> "ForceBalance":
-        """Those of a recording that nothing but its pads holds."""
-        courses, roots = _courses(recording)
-        white = np.einsum("jf,fa,lf,ab->jalb", courses, balance.weight, courses, np.eye(6))
-        across = np.einsum("kfa,fa,jf->kja", balance.nuisances, balance.weight, courses)
-        held = np.einsum("kja,km,mlb->jalb", across, balance.inverse, across, optimize=True)
-        return cls(
-            recording=recording,
-            courses=courses,
-            roots=roots,
-            normal=white - held,
-            pushed=-courses @ balance.weighed(balance.measured),
-        )
-
-    def force(self, place_mm: Float[np.ndarray, "3"], inward: Float[np.ndarray, "3"]) -> ThirdForce | None:
-        """The force at a place that best balances the recording; None where none does, or it would pull."""
-        if _is_under_a_pad(self.recording, place_mm):
-            return None
-        axes = _axes(inward)
-        arms = np.vstack([axes, np.cross(place_mm - self.recording.centre_mm, axes.T).T / ARM_MM])
-        count = 3 * len(self.courses)
-        half = (self.normal @ arms).reshape(-1, 6, count)
-        normal = (arms.T @ half).reshape(count, count)
-        pushed = (self.pushed @ arms).ravel()
-        shares = np.diag([1.0, FRICTION, FRICTION])
-        posteriors = [
-            _posterior(normal, pushed, scale * _peak_N(self.recording) * np.kron(root, shares))
-            for scale in SCALES
-            for root in self.roots
-        ]
-        amounts, covariance, evidence, volume = max(posteriors, key=lambda posterior: posterior[2])
-        local = self.courses.T @ amounts.reshape(-1, 3)
-        pulls = self.recording.load @ local[:, 0] <= 0
-        slides = np.linalg.norm(local[:, 1:]) > CONE * np.linalg.norm(local[:, 0])
-        if evidence <= 0 or pulls or slides:
-            return None
-        spread = np.einsum("jf,jl,lf->f", self.courses, covariance[::3, ::3], self.courses)
-        return ThirdForce(force_N=local @ axes.T, sd_N=np.sqrt(spread), evidence=evidence, volume=volume)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -277,7 +175,7 @@ class ThirdContact(Effect):
         contact = best_contact(model)
         if contact is None:
             return []
-        share = contact.greatest_N[0] / max(_peak_N(recording) for recording in model.grasps)
+        share = contact.greatest_N[0] / max(peak_N(recording) for recording in model.grasps)
         fields = [
             None
             if change is None
@@ -339,7 +237,7 @@ def _searched(model: CaseModel) -> PlacedContact | None:
     places, evidence = _evidence(model, skin_mm[spread_out(skin_mm, apart_mm=SPACING_MM)])
     mean = float(logsumexp(evidence) - np.log(len(evidence)))
     best = places[int(np.argmax(evidence))]
-    along = _axes(Seat.at(mesh, best).inward)[:, 1:]
+    along = axes_at(Seat.at(mesh, best).inward)[:, 1:]
     step = np.arange(-SPACING_MM, SPACING_MM + FINE_MM, FINE_MM)
     offsets = np.stack(np.meshgrid(step, step), axis=-1).reshape(-1, 2)
     finer, finer_evidence = _evidence(model, best + offsets @ along.T)
@@ -384,51 +282,3 @@ def _forces(
 
     balances = model.memoised("third contact's balances", lambda: model.each(balance))
     return tuple(None if known is None else known.force(place_mm, inward) for known in balances)
-
-
-def _is_under_a_pad(recording: GraspResponse, place_mm: Float[np.ndarray, "3"]) -> bool:
-    """Whether a pad touches there at some time."""
-    touched = (recording.touching).any(axis=0)
-    away = np.linalg.norm(recording.tracks.place_mm[touched] - place_mm, axis=1)
-    return bool((away < CLEAR_MM).any())
-
-
-def _posterior(
-    normal: Float[np.ndarray, "m m"], pushed: Float[np.ndarray, " m"], root_N: Float[np.ndarray, "m m"]
-) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"], float, float]:
-    """Amounts of the courses along normal and skin in turn, their covariance, ln evidence, its volume.
-
-    `root_N`: times its transpose, the covariance of the amounts a priori.
-    """
-    pushes = root_N.T @ pushed
-    precision = np.eye(len(pushes)) + root_N.T @ normal @ root_N
-    unit = np.linalg.solve(precision, pushes)
-    width = -np.linalg.slogdet(precision)[1]
-    covariance = root_N @ np.linalg.solve(precision, root_N.T)
-    return root_N @ unit, covariance, float((unit @ pushes + width) / 2), float((width - unit @ unit) / 2)
-
-
-def _courses(
-    recording: GraspResponse,
-) -> tuple[Float[np.ndarray, "j f"], tuple[Float[np.ndarray, "j j"], ...]]:
-    """phi_j, of the size of the force that an amount of one stands for; roots of FREEDOMS' covariances."""
-    load, share = recording.load, np.linspace(0.0, 1.0, len(recording.load))
-    both = np.outer(load, load)
-    change = both * (both + np.exp(-((share[:, None] - share) ** 2) / (2 * SMOOTH**2)))
-    priors = [(both + freedom**2 * change) / (1 + 2 * freedom**2) for freedom in FREEDOMS]
-    size, course = np.linalg.eigh(priors[-1])
-    scale = np.sqrt(size[-COURSES:])
-    courses, onto = (course[:, -COURSES:] * scale).T, (course[:, -COURSES:] / scale).T
-    return courses, tuple(np.linalg.cholesky(onto @ prior @ onto.T) for prior in priors)
-
-
-def _peak_N(recording: GraspResponse) -> float:
-    """What a pad pushes at the greatest load, N, mean over the pads."""
-    return float(np.linalg.norm(recording.force_N, axis=2).sum(axis=1).max()) / len(recording.links)
-
-
-def _axes(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """The normal and two directions along the skin, as columns."""
-    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-    first /= np.linalg.norm(first)
-    return np.column_stack([normal, first, np.cross(normal, first)])

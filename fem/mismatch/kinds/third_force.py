@@ -1,0 +1,161 @@
+"""The force at one place of the skin that balances a recording beside its pads: linear Gaussian inference.
+
+With m = sum of the pads' forces and moments and W of fem.mismatch.model.marker_equations, columns
+A = [1; (X - x0) x] phi_j(t) and amounts a = R u of them, u ~ N(0, 1) each,
+
+    u = -(1 + R' M R)^-1 R' A' W m,   M = A' W A,   ln evidence = (-u . R' A' W m - ln det(1 + R' M R)) / 2
+
+(linear Gaussian inference; Rasmussen and Williams 2006, eq. 2.11 and 5.8). R R' is the amounts' covariance.
+The course of F along the skin's normal is a smooth one that grows with the load l, of covariance
+
+    l l' (1 + g^2 (l l' + exp(-(t - t')^2 / 2 SMOOTH^2))) / (1 + 2 g^2),     t: share of the frames
+
+times the square of a scale; R R' is that, projected on phi_j, its leading functions at the last of FREEDOMS.
+Of SCALES and of FREEDOMS (g) that pair counts which explains most, recording by recording. Along the skin the
+standard deviation is FRICTION of that along the normal. A contact that pulls is none, nor is one beyond the
+CONE of friction, or where a pad itself touches.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from jaxtyping import Float
+
+from fem.mismatch.model.marker_equations import BalanceEquations
+from fem.mismatch.model.plain_model import ARM_MM, GraspResponse
+
+SCALES = (0.005, 0.02, 0.08)
+"""Standard deviations of the normal force at the greatest load, as shares of what a pad pushes then: from
+hardly to be told from marker scales to a fruit that is pressed against a table. Set by hand."""
+FREEDOMS = (0.1, 1.0)
+"""Standard deviation of how the force's share of the load changes in a recording, over its mean: a support
+that is touched throughout takes nearly the same share, a stop that is met late any. Set by hand."""
+SMOOTH, COURSES = 0.2, 6
+"""Length over which the force's share of the load may change, as a share of a recording's frames: a leg of
+the motion; and how many functions hold all but a percent of that covariance. Set by hand."""
+FRICTION = 0.15
+"""Of the force along the skin over that along its normal: little, as the normal of a scanned skin is itself
+known to some degrees. Set by hand."""
+CONE = 0.3
+"""Force along the skin over that along its normal from which it is no contact's: some 17 degrees off the
+normal, as skin on a palm slips. A pad that reads too much leaves a force along each grasp's axis; with grasps
+45 degrees apart no place has two of them within its cone. Set by hand."""
+CLEAR_MM = 4.0
+"""A place is a pad's own where one of its markers touches within this distance; two markers' pitch."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ThirdForce:
+    """F(t) of one recording, `sd_N` of its normal part; ln `evidence` of it over none.
+
+    `volume`: the part of that evidence which is not in how well F balances: ln of the prior at F, and of the
+    width that is left of it. Negative.
+    """
+
+    force_N: Float[np.ndarray, "f 3"]
+    sd_N: Float[np.ndarray, " f"]
+    evidence: float
+    volume: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class ForceBalance:
+    """One recording's balance in terms of its courses phi_j of a force or moment, all six components.
+
+    `roots`: for each of FREEDOMS a matrix whose product with its transpose is the amounts' covariance.
+    `normal`: (phi_j e_a) . W (phi_l e_b), 1/N2; `pushed`: -(phi_j e_a) . W m, 1/N.
+    """
+
+    recording: GraspResponse
+    courses: Float[np.ndarray, "j f"]
+    roots: tuple[Float[np.ndarray, "j j"], ...]
+    normal: Float[np.ndarray, "j 6 j 6"]
+    pushed: Float[np.ndarray, "j 6"]
+
+    @classmethod
+    def of(cls, recording: GraspResponse, balance: BalanceEquations) -> "ForceBalance":
+        """Those of a recording that nothing but its pads holds."""
+        courses, roots = _courses(recording)
+        white = np.einsum("jf,fa,lf,ab->jalb", courses, balance.weight, courses, np.eye(6))
+        across = np.einsum("kfa,fa,jf->kja", balance.nuisances, balance.weight, courses)
+        held = np.einsum("kja,km,mlb->jalb", across, balance.inverse, across, optimize=True)
+        return cls(
+            recording=recording,
+            courses=courses,
+            roots=roots,
+            normal=white - held,
+            pushed=-courses @ balance.weighed(balance.measured),
+        )
+
+    def force(self, place_mm: Float[np.ndarray, "3"], inward: Float[np.ndarray, "3"]) -> ThirdForce | None:
+        """The force at a place that best balances the recording; None where none does, or it would pull."""
+        if _is_under_a_pad(self.recording, place_mm):
+            return None
+        axes = axes_at(inward)
+        arms = np.vstack([axes, np.cross(place_mm - self.recording.centre_mm, axes.T).T / ARM_MM])
+        count = 3 * len(self.courses)
+        half = (self.normal @ arms).reshape(-1, 6, count)
+        normal = (arms.T @ half).reshape(count, count)
+        pushed = (self.pushed @ arms).ravel()
+        shares = np.diag([1.0, FRICTION, FRICTION])
+        posteriors = [
+            _posterior(normal, pushed, scale * peak_N(self.recording) * np.kron(root, shares))
+            for scale in SCALES
+            for root in self.roots
+        ]
+        amounts, covariance, evidence, volume = max(posteriors, key=lambda posterior: posterior[2])
+        local = self.courses.T @ amounts.reshape(-1, 3)
+        pulls = self.recording.load @ local[:, 0] <= 0
+        slides = np.linalg.norm(local[:, 1:]) > CONE * np.linalg.norm(local[:, 0])
+        if evidence <= 0 or pulls or slides:
+            return None
+        spread = np.einsum("jf,jl,lf->f", self.courses, covariance[::3, ::3], self.courses)
+        return ThirdForce(force_N=local @ axes.T, sd_N=np.sqrt(spread), evidence=evidence, volume=volume)
+
+
+def _is_under_a_pad(recording: GraspResponse, place_mm: Float[np.ndarray, "3"]) -> bool:
+    """Whether a pad touches there at some time."""
+    touched = (recording.touching).any(axis=0)
+    away = np.linalg.norm(recording.tracks.place_mm[touched] - place_mm, axis=1)
+    return bool((away < CLEAR_MM).any())
+
+
+def _posterior(
+    normal: Float[np.ndarray, "m m"], pushed: Float[np.ndarray, " m"], root_N: Float[np.ndarray, "m m"]
+) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"], float, float]:
+    """Amounts of the courses along normal and skin in turn, their covariance, ln evidence, its volume.
+
+    `root_N`: times its transpose, the covariance of the amounts a priori.
+    """
+    pushes = root_N.T @ pushed
+    precision = np.eye(len(pushes)) + root_N.T @ normal @ root_N
+    unit = np.linalg.solve(precision, pushes)
+    width = -np.linalg.slogdet(precision)[1]
+    covariance = root_N @ np.linalg.solve(precision, root_N.T)
+    return root_N @ unit, covariance, float((unit @ pushes + width) / 2), float((width - unit @ unit) / 2)
+
+
+def _courses(
+    recording: GraspResponse,
+) -> tuple[Float[np.ndarray, "j f"], tuple[Float[np.ndarray, "j j"], ...]]:
+    """phi_j, of the size of the force that an amount of one stands for; roots of FREEDOMS' covariances."""
+    load, share = recording.load, np.linspace(0.0, 1.0, len(recording.load))
+    both = np.outer(load, load)
+    change = both * (both + np.exp(-((share[:, None] - share) ** 2) / (2 * SMOOTH**2)))
+    priors = [(both + freedom**2 * change) / (1 + 2 * freedom**2) for freedom in FREEDOMS]
+    size, course = np.linalg.eigh(priors[-1])
+    scale = np.sqrt(size[-COURSES:])
+    courses, onto = (course[:, -COURSES:] * scale).T, (course[:, -COURSES:] / scale).T
+    return courses, tuple(np.linalg.cholesky(onto @ prior @ onto.T) for prior in priors)
+
+
+def peak_N(recording: GraspResponse) -> float:
+    """What a pad pushes at the greatest load, N, mean over the pads."""
+    return float(np.linalg.norm(recording.force_N, axis=2).sum(axis=1).max()) / len(recording.links)
+
+
+def axes_at(normal: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
+    """The normal and two directions along the skin, as columns."""
+    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+    first /= np.linalg.norm(first)
+    return np.column_stack([normal, first, np.cross(normal, first)])
