@@ -125,7 +125,7 @@ def reached(
     return by(0.5 - COVERAGE / 2), by(0.5), by(0.5 + COVERAGE / 2)
 
 
-def pooled_sd(logs: Sequence[Float[np.ndarray, " n"]]) -> float:
+def pooled_sd(logs: Sequence[Float[np.ndarray, " _n"]]) -> float:
     """Standard deviation within groups, all groups together; 0 where none has two values."""
     degrees = sum(len(of_day) - 1 for of_day in logs)
     squares = sum(float(((of_day - of_day.mean()) ** 2).sum()) for of_day in logs)
