@@ -1,12 +1,15 @@
 """The photo route on one page: photos -> cameras -> outlines -> hull -> depth -> closed, scaled mesh."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import cv2
 import numpy as np
 from jaxtyping import Float, Int, UInt8
 from scipy.spatial import cKDTree
+from threadpoolctl import threadpool_limits
 
 from recon.cameras.camera import Camera, straightened
 from recon.cameras.coin import Coin
@@ -21,7 +24,6 @@ from recon.checks.surface_error import surface_error
 from recon.checks.surface_verdict import moved_doubts, surface_doubts, surface_offset
 from recon.learned.fruit_model import SHIPPED, FruitModel, fruit_model, is_fruit_model
 from recon.learned.geometry_model import fruit_points
-from recon.one_thread import one_thread
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import Scale, scale_without_mat, top_share
 from recon.silhouettes.all_views import find_fruit
@@ -30,6 +32,20 @@ from recon.surface.ray_mesh import RayMesh, seeing_views, seen_and_unseen
 from recon.surface.relief import relief
 from recon.surface.repair import RepairedMesh, poisson_surface, repaired
 from recon.triangle_mesh import vertex_normals
+
+
+@contextmanager
+def one_thread() -> Iterator[None]:
+    """One thread for OpenCV and BLAS, and OpenCV's seed set, so that a run can be repeated."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    cv2.setRNGSeed(1)
+    try:
+        with threadpool_limits(limits=1):
+            yield
+    finally:
+        cv2.setNumThreads(before)
+
 
 LOOSE_AGREEMENT = 0.6
 """Share of the views that must take a cell of the first block for fruit, where AGREEMENT gave a mesh that the

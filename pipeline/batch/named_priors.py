@@ -78,7 +78,7 @@ def _refused(
 def read_priors(
     folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None
 ) -> tuple[PitPrior | None, PitPrior | None, list[Problem]]:
-    """What the category says, the pit prior in force, and what is wrong with the two or not said by either.
+    """The category, the pit prior in force, and what is wrong with either or missing in both.
 
     A category that nobody knows is in order where no fruit needs its pit; a file that cannot be used is not.
     """
@@ -106,8 +106,8 @@ def _know_the_ratio(prior: PitPrior | None, category: PitPrior | None) -> bool:
 
 
 def without_pit(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> list[str]:
-    """Fruit that bring no pit of their own and need one; reference bodies have none, and of a fruit without a
-    mesh its size alone is assumed.
+    """Fruit without a mesh of their pit that need one. Reference bodies have no pit, and of a fruit without
+    its own mesh only the size is assumed.
     """
     fruits = [folder.fruit(row.fruit_id) for row in rows or () if not row.reference]
     return [fruit.root.name for fruit in fruits if not fruit.pit_ply.is_file() and not fruit.without_shape()]

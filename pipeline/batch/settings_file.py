@@ -1,6 +1,7 @@
 """A file of settings, read strictly: every fault is named with its key, what was found and expected."""
 
 import math
+import os
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -46,8 +47,8 @@ def require_folder(root: Path) -> None:
 
 def batch_around(fruit: Path) -> Path | None:
     """The batch in which a folder is that of one fruit; None where it is not."""
-    place = fruit.resolve()
-    if place.parent.name.lower() != "fruits" or (place / "batch.toml").is_file():
+    place = Path(os.path.realpath(fruit))  # a loop of links has a real path, and is no folder
+    if not place.is_dir() or place.parent.name.lower() != "fruits" or (place / "batch.toml").is_file():
         return None
     return place.parents[1] if (place.parents[1] / "batch.toml").is_file() else None
 
@@ -129,13 +130,13 @@ def _entry_named(location: Sequence[str | int], table: Any, headers: Mapping[str
     """Which table of a list a key is in: its name, and the line on which it begins; empty outside of one."""
     place = next((k for k, part in enumerate(location) if isinstance(part, int)), len(location))
     lines = headers.get(".".join(map(str, location[:place])), ())
-    if place == len(location) or int(location[place]) >= len(lines):
+    if place == len(location):
         return ""
-    for part in location[: place + 1]:
+    for part in location[:place]:
         table = table[part]
-    if not isinstance(table, dict):  # the header stands in a text
-        return ""
-    name, line = printable(str(table.get("name", table.get("effect", ""))))[:40], lines[int(location[place])]
+    if len(table) != len(lines) or not isinstance(entry := table[int(location[place])], dict):
+        return ""  # written without headers, or a header stands in a text
+    name, line = printable(str(entry.get("name", entry.get("effect", ""))))[:40], lines[int(location[place])]
     return f' ("{name}", line {line})' if name else f" (line {line})"
 
 

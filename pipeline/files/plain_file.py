@@ -60,7 +60,7 @@ def not_plain(path: Path) -> str:
 
 
 def stands(path: Path) -> bool:
-    """Whether anything has this name, a link that leads nowhere among it."""
+    """Whether anything has this name; a broken link counts."""
     return path.is_symlink() or path.exists()
 
 

@@ -161,8 +161,8 @@ def say_begun(queue: FruitQueue, run: BatchRun, console: Console) -> None:
         kept = f"{len(queue.kept)} of {len(batch.rows)} fruit unchanged since the last run"
         console.print(kept, highlight=False)
     unused = unused_of_batch(batch.folder, named_files(batch.folder, batch.settings))
-    root = f"{batch.folder.root}/"
-    lines = [str(replace(problem, file=problem.file.removeprefix(root))) for problem in unused]
+    root = batch.folder.root
+    lines = [str(replace(problem, file=str(Path(problem.file).relative_to(root)))) for problem in unused]
     more = len(lines) - MOST_UNUSED_SAID
     lines[MOST_UNUSED_SAID:] = [f"and {more} more: `drupe check` lists all"] if more > 0 else []
     for line in lines:

@@ -1,8 +1,8 @@
-"""Mat tags to camera poses and focal length, by OpenCV's calibration from a plane."""
+"""Mat tags to camera poses and focal length: homographies for a start, then one bundle adjustment."""
 
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -10,9 +10,9 @@ from jaxtyping import Bool, Float, Int
 
 from recon.cameras.camera import Camera, pinhole
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
+from recon.cameras.plane_bundle import RIGID, PlaneScene, Sightings, adjusted
 from recon.cameras.printed_mat import Mat, detect_tags
-from recon.cameras.similarity import affine
-from recon.one_thread import one_thread
+from recon.cameras.similarity import affine, fitted_similarity
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import PRINT_SCALE_SD, Box, blank_box
 
@@ -20,18 +20,8 @@ FEWEST_TAGS = 4
 """Tags that place a photo, at least: sixteen corners. Set by hand."""
 LONGEST_ERROR_PX = 3.0
 """px by which a corner may miss the mat: sharp ones miss by fractions of a pixel. Set by hand."""
-ROUGH_ERROR_PX = 8.0
-"""px by which a corner may miss its photo's homography of the mat before the lens is known. Set by hand."""
-ROUNDS = 3
-"""Of calibration, each without the corners that missed in the one before. Set by hand."""
-ONE_FOCAL_AND_K1 = (
-    cv2.CALIB_USE_INTRINSIC_GUESS
-    | cv2.CALIB_FIX_PRINCIPAL_POINT
-    | cv2.CALIB_FIX_ASPECT_RATIO
-    | cv2.CALIB_ZERO_TANGENT_DIST
-    | cv2.CALIB_FIX_K2
-    | cv2.CALIB_FIX_K3
-)
+UNKNOWN_FOCAL_SD = 1.0
+"""Of the logarithm of the focal length before the tags tell it: wide enough to count for nothing."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -54,25 +44,23 @@ class _Sighting:
     corners_px: Float[np.ndarray, "n 2"]
 
 
-@one_thread()
 def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
     """Cameras in the mat's frame (mm, z up) with one focal length and one radial term, without EXIF.
 
     Minimises the distance in pixels of seen and projected tag corners. Photos of another size than most are
-    left out, with a warning. `scale_sd`: relative, of the print, and of a scale from the corners seen (their
-    miss over the root sum of squares of their distances from the middle of their photo's). Raises
-    ReconFailure: mat-not-found (no tag anywhere), too-few-views (fewer than three photos of one size with
-    four tags).
+    left out, with a warning. `scale_sd`: relative standard error of the similarity from the print to freely
+    triangulated corners, and of the print. Raises ReconFailure: mat-not-found (no tag anywhere),
+    too-few-views (fewer than three photos of one size with four tags).
     """
     require_enough(len(photos), where="The set")
     sightings, size, warnings = _of_one_size(_sightings(photos, mat), photos)
-    good = [_rough_fit(s) for s in sightings]
-    for _ in range(ROUNDS):
-        sightings = [
-            _Sighting(sightings[i].photo, sightings[i].corners_mm[good[i]], sightings[i].corners_px[good[i]])
-            for i in _consistent(good)
-        ]
-        cameras, focal_sd_px = _calibrated(photos, sightings, size)
+    known = [f for s in sightings if (f := photos[s.photo].focal_px) is not None]
+    focal_px = focal_from_homographies(sightings, size) or (
+        float(np.median(known)) if known else 1.2 * max(size)
+    )
+    start = [_first_pose(s, focal_px, size) for s in sightings]
+    for _ in range(2):
+        cameras, focal_sd_px = _adjusted(photos, sightings, start, focal_px)
         errors = [
             np.linalg.norm(c.project(s.corners_mm) - s.corners_px, axis=1)
             for c, s in zip(cameras, sightings, strict=True)
@@ -80,13 +68,21 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
         good = [e < LONGEST_ERROR_PX for e in errors]
         if all(g.all() for g in good):
             break
-    miss_px = float(np.sqrt(np.mean(np.concatenate(errors) ** 2) / 2))
-    spread_px = np.linalg.norm(np.concatenate([s.corners_px - s.corners_px.mean(axis=0) for s in sightings]))
+        kept = _consistent(good)
+        sightings = [
+            _Sighting(sightings[i].photo, sightings[i].corners_mm[good[i]], sightings[i].corners_px[good[i]])
+            for i in kept
+        ]
+        start, focal_px = [cameras[i].cam_from_world for i in kept], cameras[0].focal_px
+    else:
+        cameras = [cameras[i] for i in kept]
+        errors = [errors[i][good[i]] for i in kept]
+    every = np.concatenate(errors)
     return Poses(
         cameras=tuple(cameras),
         used=np.array([s.photo for s in sightings], int),
-        reprojection_px=miss_px,
-        scale_sd=float(np.hypot(miss_px / spread_px, PRINT_SCALE_SD)),
+        reprojection_px=float(np.sqrt(np.mean(every**2) / 2)),
+        scale_sd=float(np.hypot(_scale_error(sightings, cameras), PRINT_SCALE_SD)),
         focal_sd_px=focal_sd_px,
         box=blank_box(mat),
         warnings=warnings,
@@ -151,29 +147,90 @@ def _of_one_size(
     return kept, size, (f"{fault}, so drupe left them out; {advice}.",)
 
 
-def _rough_fit(sighting: _Sighting) -> Bool[np.ndarray, " n"]:
-    """Corners within ROUGH_ERROR_PX of one homography of the mat: a lens bends it by less."""
-    flat = sighting.corners_mm[:, :2]
-    H, fits = cv2.findHomography(flat, sighting.corners_px, cv2.RANSAC, ROUGH_ERROR_PX)
-    return np.zeros(len(flat), bool) if H is None else fits[:, 0] > 0
+def focal_from_homographies(sightings: Sequence[_Sighting], size: tuple[int, int]) -> float | None:
+    """Focal length that makes the mat's axes orthogonal and equally long in each view; weighted median.
 
-
-def _calibrated(
-    photos: Sequence[Photo], sightings: Sequence[_Sighting], size: tuple[int, int]
-) -> tuple[list[Camera], float]:
-    """The cameras of least squared misses (OpenCV's calibration after Zhang 2000, IEEE PAMI 22:1330: focal
-    length, one radial term, poses), and the focal length's standard deviation (px).
+    With h1, h2 the first columns of a view's homography about the picture's middle: h1' w h2 = 0 and
+    h1' w h1 = h2' w h2, w = diag(1/f², 1/f², 1) (Zhang 2000, IEEE PAMI 22:1330, with c known and no skew).
     """
-    printed = [s.corners_mm.astype(np.float32) for s in sightings]
-    seen = [s.corners_px.astype(np.float32) for s in sightings]
-    start = cv2.initCameraMatrix2D(printed, seen, size[::-1], 1.0)
-    start[:2, 2] = pinhole(1.0, size)[:2, 2]
-    _, K, bend, turns, shifts, sd, _, _ = cv2.calibrateCameraExtended(
-        printed, seen, size[::-1], start, np.zeros(5), flags=ONE_FOCAL_AND_K1
+    middle = np.array([(size[1] - 1) / 2, (size[0] - 1) / 2])
+    squares, weights = [], []
+    for s in sightings:
+        H, _ = cv2.findHomography(s.corners_mm[:, :2], s.corners_px - middle, cv2.RANSAC, 4.0)
+        if H is None:
+            continue
+        h1, h2 = H[:, 0] / np.linalg.norm(H[:, 0]), H[:, 1] / np.linalg.norm(H[:, 0])
+        over = np.array([h1[:2] @ h2[:2], h1[:2] @ h1[:2] - h2[:2] @ h2[:2]])
+        under = -np.array([h1[2] * h2[2], h1[2] ** 2 - h2[2] ** 2])
+        weight = float(np.sum(under**2))
+        if weight > 0:
+            squares.append(float(over @ under) / weight)
+            weights.append(np.sqrt(weight))
+    if not squares:
+        return None
+    order = np.argsort(squares)
+    share = np.cumsum(np.array(weights)[order])
+    square = float(np.array(squares)[order][np.searchsorted(share, share[-1] / 2)])
+    longest = max(size)
+    return float(np.sqrt(square)) if (0.4 * longest) ** 2 < square < (20.0 * longest) ** 2 else None
+
+
+def _first_pose(sighting: _Sighting, focal_px: float, size: tuple[int, int]) -> Float[np.ndarray, "4 4"]:
+    _, turn, shift = cv2.solvePnP(
+        sighting.corners_mm, sighting.corners_px, pinhole(focal_px, size), None, flags=cv2.SOLVEPNP_IPPE
     )
-    poses = [affine(cv2.Rodrigues(turn)[0], shift.ravel()) for turn, shift in zip(turns, shifts, strict=True)]
+    return affine(cv2.Rodrigues(turn)[0], np.ravel(shift))
+
+
+def _adjusted(
+    photos: Sequence[Photo],
+    sightings: Sequence[_Sighting],
+    start: Sequence[Float[np.ndarray, "4 4"]],
+    focal_px: float,
+) -> tuple[list[Camera], float]:
+    """One bundle adjustment with the corners held: the cameras, and the focal length's error (px)."""
+    corners, point = np.unique(np.concatenate([s.corners_mm for s in sightings]), axis=0, return_inverse=True)
+    seen = Sightings(
+        view=np.repeat(np.arange(len(sightings)), [len(s.corners_mm) for s in sightings]),
+        point=point,
+        places_px=np.concatenate([s.corners_px for s in sightings]),
+        whiten=np.broadcast_to(np.eye(2), (len(point), 2, 2)),
+    )
+    scene = PlaneScene(np.array(start), np.full(len(sightings), focal_px), 0.0, corners[:, :2])
+    best = adjusted(
+        scene,
+        seen,
+        photos[sightings[0].photo].image.shape[:2],
+        focal_prior=(float(np.log(focal_px)), UNKNOWN_FOCAL_SD),
+        breathing_sd=RIGID,
+        ground_held=True,
+    )
+    focal_px = float(np.mean(best.scene.focals_px))
     cameras = [
-        Camera.of(photos[s.photo], K[0, 0], np.ravel(bend)[0], pose)
-        for s, pose in zip(sightings, poses, strict=True)
+        Camera.of(photos[s.photo], focal_px, best.scene.k1, pose)
+        for s, pose in zip(sightings, best.scene.poses, strict=True)
     ]
-    return cameras, float(np.max(sd[:2]))
+    return cameras, best.focal_sd * focal_px
+
+
+def _scale_error(sightings: Sequence[_Sighting], cameras: Sequence[Camera]) -> float:
+    """Relative standard error of scale: corners triangulated freely, against the print, by similarity."""
+    rays: dict[tuple[float, ...], list[Float[np.ndarray, "2 4"]]] = {}
+    for s, camera in zip(sightings, cameras, strict=True):
+        P = camera.intrinsics @ camera.cam_from_world[:3]
+        bent_px = camera.project(s.corners_mm) - replace(camera, k1=0.0).project(s.corners_mm)
+        plain = s.corners_px - bent_px
+        for corner, pixel in zip(s.corners_mm.tolist(), plain, strict=True):
+            rays.setdefault(tuple(corner), []).append(np.outer(pixel, P[2]) - P[:2])
+    printed = np.array([k for k, rows in rays.items() if len(rows) >= 3])
+    if len(printed) < 4:
+        return float("inf")
+    triangulated = np.empty_like(printed)
+    for i, key in enumerate(map(tuple, printed.tolist())):
+        A = np.concatenate(rays[key])
+        A /= np.linalg.norm(A[:, :3], axis=1, keepdims=True)
+        triangulated[i] = np.linalg.lstsq(A[:, :3], -A[:, 3], rcond=None)[0]
+    T, away = fitted_similarity(printed, triangulated)
+    scale = float(np.cbrt(np.linalg.det(T[:3, :3])))
+    variance = float(np.sum(away**2)) / max(3 * len(printed) - 7, 1)
+    return float(np.sqrt(variance / np.sum((printed - printed.mean(0)) ** 2) + (scale - 1) ** 2))

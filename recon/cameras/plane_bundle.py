@@ -86,21 +86,22 @@ def adjusted(
     focal_prior: tuple[float, float],
     breathing_sd: float = BREATHING_SD,
     loss_px: float = LOSS_PX,
+    ground_held: bool = False,
 ) -> Adjusted:
     """Poses, focal lengths, k1 and points of the least misses, with Cauchy's weights, against their priors.
 
     The cost is the misses' over sigma² plus the priors' over their spreads squared; sigma, the misses' own
     spread (px), is told by their median, at the start and anew after each solution (ROUNDS). log f_i =
     log f + b_i with b_i of spread `breathing_sd` about 0, k1 of spread K1_SD about 0, and log f of (mean,
-    spread) `focal_prior`; `loss_px` is where a miss counts half. By SciPy's trust region with sparse
-    derivatives by differences; similarities of the ground are left to its shortest steps. `size`: (height,
-    width) of the photos.
+    spread) `focal_prior`; `loss_px` is where a miss counts half; `ground_held`: the points stay where they
+    start. By SciPy's trust region with sparse derivatives by differences; similarities of a ground that is
+    not held are left to its shortest steps. `size`: (height, width) of the photos.
     """
-    views, points = len(scene.poses), scene.ground.size
+    views, points = len(scene.poses), 0 if ground_held else scene.ground.size
     middle = np.array([(size[1] - 1) / 2, (size[0] - 1) / 2])
     common = float(np.mean(np.log(scene.focals_px)))
     x = np.zeros(points + 7 * views + 2)
-    x[:points] = scene.ground.ravel()
+    x[:points] = scene.ground.ravel()[:points]
     x[points + 6 : -2 : 7] = np.log(scene.focals_px) - common
     x[-2:] = common, scene.k1
 
@@ -110,7 +111,8 @@ def adjusted(
         poses, turn = scene.poses.copy(), Rotation.from_rotvec(of_views[:, :3]).as_matrix()
         poses[:, :3, :3] = turn @ scene.poses[:, :3, :3]
         poses[:, :3, 3] = np.einsum("vij,vj->vi", turn, scene.poses[:, :3, 3]) + of_views[:, 3:6]
-        return PlaneScene(poses, np.exp(x[-2] + of_views[:, 6]), float(x[-1]), x[:points].reshape(-1, 2))
+        ground = scene.ground if ground_held else x[:points].reshape(-1, 2)
+        return PlaneScene(poses, np.exp(x[-2] + of_views[:, 6]), float(x[-1]), ground)
 
     def misses_px(x: Float[np.ndarray, " u"]) -> Float[np.ndarray, "k 2"]:
         now = scene_at(x)
@@ -146,7 +148,7 @@ def _pattern(seen: Sightings, points: int, views: int) -> csr_array:
     count, unknowns = len(seen.view), points + 7 * views + 2
     of_view = points + 7 * seen.view[:, None] + np.arange(7)
     shared = np.full((count, 2), [unknowns - 2, unknowns - 1])
-    of_point = 2 * seen.point[:, None] + np.arange(2)
+    of_point = 2 * seen.point[:, None] + np.arange(2) if points else np.empty((count, 0), int)
     columns = np.repeat(np.hstack([of_point, of_view, shared]), 2, axis=0)
     rows = np.broadcast_to(np.arange(2 * count)[:, None], columns.shape)
     prior_columns = np.append(points + 6 + 7 * np.arange(views), [unknowns - 2, unknowns - 1])

@@ -6,19 +6,20 @@ from jaxtyping import Float
 
 def fitted_similarity(
     source: Float[np.ndarray, "n 3"], target: Float[np.ndarray, "n 3"]
-) -> Float[np.ndarray, "4 4"]:
-    """target_from_source of least sum |target - (s R source + t)|² (Umeyama 1991, PAMI 13:376).
+) -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, " n"]]:
+    """target_from_source of least sum |target - (s R source + t)|² (Umeyama 1991, PAMI 13:376); residuals.
 
-    >>> T = fitted_similarity(np.eye(3), 2 * np.eye(3) + 1)
-    >>> round(float(np.cbrt(np.linalg.det(T[:3, :3]))), 9)
-    2.0
+    >>> T, away = fitted_similarity(np.eye(3), 2 * np.eye(3) + 1)
+    >>> round(float(np.cbrt(np.linalg.det(T[:3, :3]))), 9), bool(away.max() < 1e-9)
+    (2.0, True)
     """
     a, b = source - source.mean(0), target - target.mean(0)
     U, singular, Vt = np.linalg.svd(b.T @ a)
     flip = np.array([1.0, 1.0, np.sign(np.linalg.det(U) * np.linalg.det(Vt))])
     turn = (U * flip) @ Vt
     scale = float(singular @ flip) / float(np.sum(a**2))
-    return affine(scale * turn, target.mean(0) - scale * turn @ source.mean(0))
+    T = affine(scale * turn, target.mean(0) - scale * turn @ source.mean(0))
+    return T, np.linalg.norm(source @ T[:3, :3].T + T[:3, 3] - target, axis=1)
 
 
 def robust_similarity(
@@ -27,8 +28,8 @@ def robust_similarity(
     """The same without pairs over three times the median residual off, and the other pairs' residuals."""
     keep = np.ones(len(source), bool)
     for _ in range(8):
-        T = fitted_similarity(source[keep], target[keep])
-        away = np.linalg.norm(moved(source, T) - target, axis=1)
+        T, _ = fitted_similarity(source[keep], target[keep])
+        away = np.linalg.norm(source @ T[:3, :3].T + T[:3, 3] - target, axis=1)
         keep = away <= 3 * float(np.median(away)) + 1e-12
     return T, away[keep]
 

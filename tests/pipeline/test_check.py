@@ -147,3 +147,11 @@ def test_a_gain_that_grading_doubts_is_said(batch):
 def test_a_fruits_own_folder_leads_to_its_batch(batch):
     (problem,) = check(batch / "fruits" / "A")
     assert problem.sentence == f"is the folder of one fruit; give the batch, {batch}."
+    (misspelt,) = check(batch / "fruits" / "AA")
+    assert "does not exist" in misspelt.sentence
+
+
+def test_a_link_that_leads_back_to_itself_is_no_batch(tmp_path):
+    (tmp_path / "loop").symlink_to("loop")
+    (problem,) = check(tmp_path / "loop")
+    assert "does not exist" in problem.sentence

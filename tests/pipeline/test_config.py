@@ -199,3 +199,5 @@ def test_a_fault_in_a_list_of_tables_names_the_entry_and_its_line(tmp_path):
     text = 'notes = """\n[[grading.classes]]\n"""'
     (no_table,) = refusals(tmp_path, f'category = "plum"\n{text}\n[grading]\nclasses = [5]\n')
     assert '"grading.classes[1]": found 5; expected a table' in no_table
+    (after_text,) = refusals(tmp_path, f"{text}\n{classes}")  # which of the two headers it is nobody knows
+    assert '"grading.classes[1].E_max_MPa": found -1' in after_text

@@ -9,8 +9,7 @@ forces leave unbalanced, so that springs, rigid stops that are touched late and 
 recordings alone are one effect. What makes it one is that the moments too are those of a force through one
 place of the skin, nearly along its normal, inwards. How stiff the support is cannot be said: flesh under a
 contact 6 mm in radius gives way by some 1/(12 mm E), so that a ripe fruit on a palm of 5 N/mm and on a table
-behave in the same way.
-
+behave in the same way. Places of the contact and its force: fem.mismatch.kinds.third_force.
 """
 
 from collections.abc import Sequence
