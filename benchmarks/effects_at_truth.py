@@ -43,7 +43,7 @@ SCALE_SD = 1e-6
 def with_true_pit(folder: Path, truth: Mapping[str, Any]) -> CaseModel:
     """The plain model of a case about its true pit."""
     with tempfile.TemporaryDirectory() as work:
-        case = Path(work) / "case"
+        case = Path(work) / "case"  # without truth.json, which is no file of a case
         case.mkdir()
         for name in ("case.toml", "fruit.ply", *(path.name for path in sorted(folder.glob("grasp-*.h5")))):
             shutil.copyfile(folder / name, case / name)
@@ -51,8 +51,8 @@ def with_true_pit(folder: Path, truth: Mapping[str, Any]) -> CaseModel:
         pit.apply_scale(truth["pit"])
         pit.apply_translation(truth["pit_centre"])
         pit.export(case / "pit.ply")
-        task = open_case(case, fruit_id=None, work=Path(work) / "work", out=None)
-        return case_model(mismatch_case(task, grasped_fruit(task.task, StageLog(lambda _: None))))[0]
+        opened = open_case(case, fruit_id=None, work=Path(work) / "work", out=None)
+        return case_model(mismatch_case(opened, grasped_fruit(opened.task, StageLog(lambda _: None))))[0]
 
 
 def as_searched(truth: Mapping[str, Any]) -> dict[str, float]:
@@ -100,8 +100,8 @@ def row(folder: Path) -> dict[str, Any]:
         tried = [
             fitted(model, effect.respond(model, as_searched(truth), way), truth["E"]) for way in ways.values()
         ]
-    known = min(tried, key=lambda pair: pair[1])
-    values = (folder.name, truth["effect"], *(f"{x:.4g}" for x in (*without, *known)))
+    best = min(tried, key=lambda pair: pair[1])
+    values = (folder.name, truth["effect"], *(f"{x:.4g}" for x in (*without, *best)))
     return dict(zip(COLUMNS, values, strict=True))
 
 

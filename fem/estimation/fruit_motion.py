@@ -25,7 +25,7 @@ class FruitMotion:
         return self.turned(x - self.shift_mm[:, None])
 
     def out_of_fruit(self, x: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
-        """The other way round."""
+        """Places in the axes of the fruit, in those of the recording."""
         return np.asarray(x @ self.turn.swapaxes(1, 2) + self.shift_mm[:, None])
 
     def turned(self, v: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:

@@ -84,8 +84,8 @@ class BatchRun:
         finding: ReferenceFinding | None = None,
         faults: Sequence[BatchFault] = (),
     ) -> None:
-        """batch.json, with what fruit came to so far; `status` is None before the end. Times are UTC in ISO
-        8601. Raises NotWritten.
+        """batch.json, with the outcomes of the fruit so far; `status` is None before the end. Times are UTC
+        in ISO 8601. Raises NotWritten.
         """
         content = {
             "batch": batch_folder(self.batch),

@@ -29,8 +29,8 @@ FAINT, OF_PEAK, FAINT_SD = 0.25, 0.5, 8.0
 beyond so many standard deviations of noise; within sound contacts no marker there has less than
 0.48 (benchmarks/field_spreads.py)."""
 LEAST_CORRELATION = 0.3
-"""Correlation of a field with its neighbours' median from which neighbours can tell of a marker. In chance
-order it is 0 within 0.16 (three standard deviations of 350 markers); sound contacts have 0.9 and more
+"""Correlation of a field with its neighbours' median from which neighbours predict a marker. In random order
+it is 0 within 0.16 (three standard deviations of 350 markers); sound contacts have 0.9 and more
 (benchmarks/field_spreads.py)."""
 FEWEST_LEVELS, CLIPPED_SAMPLES = 12, 12
 """Different values of a field below which its steps repeat values; samples that share a field's greatest
@@ -111,7 +111,7 @@ def _dead_field(press: Pressing) -> Iterator[Finding]:
 def dead_markers(press: Pressing) -> Bool[np.ndarray, " n"]:
     """Markers in the contact that give nothing, or nothing new.
 
-    Both are told by the neighbours, and so only in a field in which neighbours are alike.
+    Neighbours show both, and only in a field in which neighbours are correlated.
     """
     asked_where = press.pressed[:, press.near].mean(axis=2) >= (AROUND if press.felt_sd_mm == 0 else 0.5)
     dead = np.zeros(len(press.touched), dtype=bool)

@@ -27,8 +27,8 @@ FACING_DEG, AROUND, AWAY = 6.6, 0.18, 0.26
 """Angle between a pad's normal and the line to the other pad; ln of the fruit's size over the pads' distance,
 where that is smaller; 1 less the cosine between normal and the fruit's middle (all assumed)."""
 E_OF_APERTURE, E_PER_LATE = 0.2, 0.28
-"""Relative errors of E: assumed, because which of aperture and poses is wrong is not known; per share of the
-closing that a lag is, of which 3 of 3.5 mm make 0.01 to 0.25."""
+"""Relative errors of E. The first is assumed: aperture or poses may be wrong. The second is per lag over
+closing; a lag of 3 mm in a closing of 3.5 mm changes E by 0.01 to 0.25."""
 
 
 def machine_misfits(situation: Situation) -> Iterator[Misfit]:

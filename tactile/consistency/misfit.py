@@ -94,9 +94,8 @@ class Misfit:
 
 @dataclass(frozen=True, kw_only=True)
 class Situation:
-    """A recording with its pads made ready, and what it is held against: the fruit's mesh and that mesh's
-    error, moduli of its category, gels of its sensor. `touch_is_seen`: nothing hides where the pads meet the
-    fruit.
+    """A recording with its pads made ready, and what it is compared with: mesh of the fruit and its error,
+    moduli of the category, gels of the sensor. `touch_is_seen`: nothing hides where pads meet the fruit.
     """
 
     recording: Recording
