@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from functools import cache
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -59,16 +60,21 @@ def test_rounds_find_flesh_that_is_stiffer_or_softer_as_a_whole(stiffness, toget
 
 def test_a_few_frames_tell_all_others_what_a_smooth_law_of_the_load_does():
     load = np.concatenate([np.linspace(0, 1, 12), np.linspace(1, 0, 12)])
-    recording = type("Seen", (), {"shares": np.column_stack([load, 0.1 * load**2])})()
+    shares = np.column_stack([load, 0.1 * load**2])
+    patterns = np.zeros((2, 1, 3))
+    patterns[[0, 1], 0, [0, 1]] = 1.0
+    recording = SimpleNamespace(shares=shares, patterns=patterns, response=patterns)
     (frames,) = path_frames([recording], 6, remembers=False)
     assert len(frames.chosen) == 6
+    law = load**2 + 0.3 * load**3
+    np.testing.assert_allclose(frames.mix @ law[frames.chosen], law, atol=1e-5)
     law = load**2.5
     np.testing.assert_allclose(frames.mix @ law[frames.chosen], law, atol=5e-3)
 
 
 def test_a_law_that_remembers_is_told_apart_on_the_way_up_and_down():
     load = np.concatenate([np.linspace(0, 1, 12), np.linspace(1, 0, 12)])
-    recording = type("Seen", (), {"shares": load[:, None]})()
+    recording = SimpleNamespace(shares=load[:, None])
     (frames,) = path_frames([recording], 10, remembers=True)
     law = load * np.maximum.accumulate(load)
     np.testing.assert_allclose(frames.mix @ law[frames.chosen], law, atol=5e-3)

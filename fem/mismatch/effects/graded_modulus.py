@@ -1,6 +1,6 @@
 """`graded_modulus`: E (1 + gamma (2 d - 1)), d the relative depth, 0 at the skin and 1 at the pit.
 
-E is that halfway. d by the distances to both (fem.mismatch.model.case_model).
+E is that halfway. d: fem.mesh.relative_depth.
 """
 
 from fem.mismatch.effect import Effect

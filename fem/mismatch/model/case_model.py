@@ -9,11 +9,11 @@ from typing import Any, TypeVar
 import numpy as np
 from jaxtyping import Float
 from scipy.sparse import csr_array
-from scipy.spatial import cKDTree
 
 from fem.elements.assembly import Stiffness
 from fem.estimation.grasp_model import GraspModel
 from fem.mesh.flesh_mesh import FleshMesh
+from fem.mesh.relative_depth import relative_depth
 from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.model.adjoint_basis import AdjointBasis
 from fem.mismatch.model.marker_equations import DESIGN_EFFECT, BalanceEquations, MarkerEquations
@@ -186,15 +186,10 @@ class CaseModel:
     @property
     def depth(self) -> Float[np.ndarray, "m 4"]:
         """Relative depth of the points: 0 at the skin, 1 at the pit (0 without one)."""
-        return self.memoised("depth", self._depth)
-
-    def _depth(self) -> Float[np.ndarray, "m 4"]:
-        mesh = self.mesh
-        to_skin = cKDTree(mesh.nodes_mm[mesh.outer_nodes]).query(self.points.point_mm)[0]
-        if not len(mesh.pit_nodes):
-            return np.zeros_like(to_skin)
-        to_pit = cKDTree(mesh.nodes_mm[mesh.pit_nodes]).query(self.points.point_mm)[0]
-        return np.asarray(to_skin / (to_skin + to_pit))
+        points = self.points.point_mm
+        return self.memoised(
+            "depth", lambda: relative_depth(self.mesh, points.reshape(-1, 3)).reshape(points.shape[:2])
+        )
 
     @property
     def adjoint_basis(self) -> AdjointBasis:
