@@ -138,7 +138,7 @@ class _TimeLeft(ProgressColumn):
         super().__init__()
         self._left_s = left_s
 
-    def render(self, task: Task) -> Text:
+    def render(self, task: Task) -> Text:  # noqa: ARG002 - rich gives it
         """The time on the bar."""
         seconds = self._left_s()
         return Text("--:--" if seconds is None else _clock_face(seconds), style="progress.remaining")
