@@ -147,7 +147,8 @@ def _run() -> None:
         sys.exit(USAGE)
     except BatchRefused as refused:
         for problem in refused.problems:
-            sys.stderr.write(f"drupe: {problem}\n")
+            named = problem.file.startswith("drupe ")  # a command, such as drupe new
+            sys.stderr.write(f"{'' if named else 'drupe: '}{problem}\n")
         sys.exit(USAGE)
     except Exception as error:  # noqa: BLE001 - the last door: a fault of ours is said as one
         if came:
