@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from pipeline.cli import app
 
 ROOT = Path(__file__).parents[2]
@@ -27,3 +29,10 @@ def test_a_group_of_commands_is_a_file_of_its_name():
         for group in app.registered_groups
     }
     assert places == {name: {f"pipeline.commands.{name}"} for name in places}
+
+
+@pytest.mark.parametrize("arguments", [("mat", "--paper", "a3"), ("convert", "a", "b", "--indenter", "a3")])
+def test_a_wrong_choice_is_told_with_the_choices_alone(drupe, arguments):
+    ran = drupe(*arguments)
+    assert ran.status == 2
+    assert f"'{arguments[-2]}': 'a3' is not one of '" in ran.err
