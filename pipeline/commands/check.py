@@ -27,7 +27,8 @@ def check(
     A problem stops the batch or one of its fruit. A finding marked "E will be in doubt" widens the error bar
     of E. A remark names unused files, photos to retake and sides without a photo.
 
-    Exit status: 0 no findings; 2 problems; 4 findings that put E in doubt, or remarks.
+    Exit status: 0 no findings; 1 internal error; 2 problems; 4 findings that put E in doubt, or remarks; 130
+    interrupted.
 
     Example: drupe check monday --quick
     """

@@ -31,6 +31,14 @@ def test_a_group_of_commands_is_a_file_of_its_name():
     assert places == {name: {f"pipeline.commands.{name}"} for name in places}
 
 
+def test_every_command_states_its_exit_statuses_and_that_of_an_interruption():
+    grouped = [c for group in app.registered_groups for c in group.typer_instance.registered_commands]
+    for command in (*app.registered_commands, *grouped):
+        statuses = " ".join(command.callback.__doc__.partition("Exit status")[2].split())
+        for status in ("0 ", "1 ", "2 ", "130 "):
+            assert f" {status}" in statuses, command.callback.__name__
+
+
 @pytest.mark.parametrize("arguments", [("mat", "--paper", "a3"), ("convert", "a", "b", "--indenter", "a3")])
 def test_a_wrong_choice_is_told_with_the_choices_alone(drupe, arguments):
     ran = drupe(*arguments)
