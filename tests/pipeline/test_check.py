@@ -159,12 +159,12 @@ def test_a_link_that_leads_back_to_itself_is_no_batch(tmp_path):
 
 def test_problems_of_the_batch_come_before_any_fruit_is_read(batch):
     (batch / "fruits" / "stray" / "photos").mkdir(parents=True)
-    told = []
-    found = checks(batch, quick=True, report=told.append)
-    assert "is not in fruits.csv" in next(found).sentence
-    assert not told
-    list(found)
-    assert told == ["A (1 of 2)", "B (2 of 2)"]
+    stages = []
+    problems = checks(batch, quick=True, report=stages.append)
+    assert "is not in fruits.csv" in next(problems).sentence
+    assert not stages
+    list(problems)
+    assert stages == ["A (1 of 2)", "B (2 of 2)"]
 
 
 def test_a_slip_in_the_path_is_told_before_anything_else(batch, drupe):

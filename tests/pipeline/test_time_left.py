@@ -42,10 +42,10 @@ def test_two_workers_share_the_fruit_that_are_left():
             clock.now_s += 99 if fruit % 2 == 0 else 1  # fruit take 100 s, the second worker's 1 s later
             progress.done(str(fruit), "E = 1")
             progress.stage(str(fruit + 2), "mesh")
-    said = [line.split("E = 1 ")[1] for line in text.getvalue().splitlines() if "E = 1" in line]
-    assert said[0] == "(1 of 6)"
-    assert said[1] == "(2 of 6, about 03:18 left)"  # not the second between the first two ends
-    assert said[3] == "(4 of 6, about 01:39 left)"
+    notes = [line.split("E = 1 ")[1] for line in text.getvalue().splitlines() if "E = 1" in line]
+    assert notes[0] == "(1 of 6)"
+    assert notes[1] == "(2 of 6, about 03:18 left)"  # not the second between the first two ends
+    assert notes[3] == "(4 of 6, about 01:39 left)"
 
 
 def test_fruit_of_a_watched_batch_are_counted_among_those_that_have_come():
