@@ -10,9 +10,10 @@ import traceback
 from collections.abc import Callable
 from importlib import metadata
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
+from typer.core import TyperGroup
 
 from pipeline.batch.outcome import Outcome, ending_of
 from pipeline.batch.scratch import PREFIX
@@ -44,8 +45,22 @@ from pipeline.problem import BatchRefused
 from pipeline.run.memory import free_memory_MiB
 from pipeline.terminal_language import in_language_of_locale
 
+
+class _Commands(TyperGroup):
+    """The commands; a wrong choice of an option is told without the words of the library that checks it."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Runs the command. Raises typer.BadParameter."""
+        try:
+            return super().invoke(ctx)
+        except typer.BadParameter as error:
+            error.message = error.message.removeprefix("Value error, ")
+            raise
+
+
 app = typer.Typer(
     name="drupe",
+    cls=_Commands,
     help="Rank stone fruit by ripeness without cutting them. drupe computes the modulus E of the "
     "flesh from photos and a tactile grasp of each fruit.",
     no_args_is_help=True,
@@ -147,7 +162,8 @@ def _run() -> None:
         sys.exit(USAGE)
     except BatchRefused as refused:
         for problem in refused.problems:
-            sys.stderr.write(f"drupe: {problem}\n")
+            named = problem.file.startswith("drupe ")  # a command, such as drupe new
+            sys.stderr.write(f"{'' if named else 'drupe: '}{problem}\n")
         sys.exit(USAGE)
     except Exception as error:  # noqa: BLE001 - the last door: a fault of ours is said as one
         if came:

@@ -42,7 +42,13 @@ def in_short(effect: str, entry: ExplainEntry) -> str:
 
 
 def explain_verdict(entry: ExplainEntry) -> str:
-    """The whole answer in one sentence (two where E changes)."""
+    """The whole answer in one sentence (two where E changes), and what the ± of E excludes."""
+    if entry.withheld is not None or not entry.scale_sd:
+        return _answer(entry)
+    return f"{_answer(entry)} Each ± excludes the sensor's scales, {100 * entry.scale_sd:.1f} % of E."
+
+
+def _answer(entry: ExplainEntry) -> str:
     named = entry.verdict
     if named == (NOTHING,):
         spread = f"E = {_E(entry.after)}; its error bar includes effects too small to detect"

@@ -100,14 +100,14 @@ class ScreenEntry:
 
     @property
     def verdict(self) -> str:
-        """As the ranking has it.
+        """As the ranking has it; "none" as `drupe explain` says it.
 
         >>> ScreenEntry(p_value=0.4).verdict, ScreenEntry(why_not="no gel").verdict
-        ('none found', 'not screened: no gel')
+        ('none', 'not screened: no gel')
         """
         if self.why_not:
             return f"not screened: {self.why_not}"
-        return OR.join(suspect.name for suspect in self.suspects) or "none found"
+        return OR.join(suspect.name for suspect in self.suspects) or "none"
 
 
 @dataclass(frozen=True, kw_only=True)

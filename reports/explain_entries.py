@@ -43,7 +43,8 @@ class ExplainEntry:
     to the others. `heldout`: residuals on recordings that
     the fit did not see, None where there are none. `doubts`: why E cannot be right. `applied`: one sentence
     where the effect was written into a batch's settings, or
-    why it was not. `inputs`: SHA-256 in hex by file. Of the page alone: `cells`, `traces`, `maps`; `effects`,
+    why it was not. `inputs`: SHA-256 in hex by file. `scale_sd`: of ln E, by the sensors' scales, which no E
+    here includes. Of the page alone: `cells`, `traces`, `maps`; `effects`,
     words of the single effects in verdict and ranking; `parameter_words`, meanings by effect and parameter;
     `contacts_mm`, where each pad touched, all grasps together; `facts`, (label, value): Poisson's ratio,
     elements.
@@ -60,6 +61,7 @@ class ExplainEntry:
     after: Record
     withheld: str | None = None
     doubts: tuple[str, ...] = ()
+    scale_sd: float = 0.0
     heldout: Record | None = None
     next_grasp: str | None = None
     statistics: Mapping[str, float] = field(default_factory=dict)

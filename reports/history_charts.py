@@ -40,7 +40,7 @@ def softening_chart(series: SeriesEntry) -> Chart:
             shape="diamond",
             y_ends=[rounded((day.E_low_MPa, day.E_high_MPa)) for day in days],
             tips=[
-                f"{day.day}: mean {number(day.E_MPa)} MPa ({number(day.E_low_MPa)} to "
+                f"{day.day}: geometric mean {number(day.E_MPa)} MPa ({number(day.E_low_MPa)} to "
                 f"{number(day.E_high_MPa)}, 90 %) of {day.fruit} fruit"
                 for day in days
             ],
@@ -49,7 +49,7 @@ def softening_chart(series: SeriesEntry) -> Chart:
     last = "; ".join(f"{day.day} {number(day.E_MPa)} MPa of {day.fruit} fruit" for day in days[-10:])
     return {
         "title": f"Modulus over days, {series.name}",
-        "description": f"Means of the last days: {last}",
+        "description": f"Geometric means of the last days: {last}",
         "x": {"label": "", "limits": day_limits([*at_days, *along]), "dates": True},
         "y": {"label": "E, modulus of the flesh (MPa)", "limits": (max(low, 0.0), high)},
         "layers": layers,
@@ -70,10 +70,10 @@ def lots_chart(group: GroupEntry) -> Chart:
     )
     return {
         "title": f"Lots of {group.name} over days",
-        "description": f"Means of the last days: {last}",
+        "description": f"Geometric means of the last days: {last}",
         "x": {"label": "", "limits": day_limits(x for each in layers for x in each["x"]), "dates": True},
         "y": {
-            "label": "E, mean of each day (MPa)",
+            "label": "E, geometric mean of each day (MPa)",
             "limits": padded((y for each in layers for y in each["y"]), from_zero=True),
         },
         "layers": layers,

@@ -34,6 +34,8 @@ FEW = 12
 """Photos below which a fruit is asked for more: half of what the guide asks for."""
 SHOWN = 5
 """Ids that a sentence names."""
+PARTS = frozenset({"photos", "photos-flipped", "grasps"})
+"""Names of folders in a fruit's folder."""
 OF_THE_DAY = frozenset(
     {"harvest_date", "lot", "measured_on", "mismatch", "notes", "pulp_temperature_C", "temperature"}
 )
@@ -163,6 +165,12 @@ def make_batch(
             problems.append(Problem(str(folder), sentence))
         fruits += sources
     for source in fruits:
+        if source.fruit_id in PARTS:
+            sentence = (
+                f'the folder "{source.fruit_id}" does not name a fruit; give the folder above it, or '
+                "rename it after the fruit."
+            )
+            problems.append(Problem("--photos", sentence))
         if not SAFE_ID.fullmatch(source.fruit_id):
             sentence = (
                 f'"{source.fruit_id}" is not a valid fruit_id (letters, digits, . _ - and '

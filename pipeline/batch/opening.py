@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from pipeline.batch.batch_place import batch_around
 from pipeline.batch.fruits_table import SAFE_ID, FruitRow, read_fruits
 from pipeline.batch.input_names import is_of_the_system
 from pipeline.batch.layout import BatchFolder, FruitFolder
@@ -17,7 +18,7 @@ from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doub
 from pipeline.batch.reference_body import CATEGORY, reference_prior
 from pipeline.batch.rig_setting import rig_problems
 from pipeline.batch.settings import Grading, Recon, Settings
-from pipeline.batch.settings_file import MOST_BYTES, batch_around, read_settings
+from pipeline.batch.settings_file import MOST_BYTES, read_settings
 from pipeline.files.plain_file import (
     NO_LFS_FILE,
     NotReadable,

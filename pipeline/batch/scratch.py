@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from pipeline.files.whole_file import NotWritten
 from pipeline.problem import refused
 
 PREFIX = "drupe-run-"
@@ -19,7 +20,7 @@ def scratch(*, near: Path | None = None) -> Iterator[Path]:
     """A folder that is gone afterwards, in the temporary folder or as a hidden one beside `near`.
 
     It is locked while in use, whoever dies: the next call removes those that nobody holds. Raises
-    BatchRefused where none can be made.
+    BatchRefused or NotWritten where none can be made.
     """
     try:
         place = Path(tempfile.gettempdir()) if near is None else near.parent
@@ -28,10 +29,15 @@ def scratch(*, near: Path | None = None) -> Iterator[Path]:
         _sweep(place, prefix)
         folder, lock = _made(place, prefix)
     except OSError as error:
-        where = "set TMPDIR to a folder that can be written" if near is None else "choose another place"
-        sentence = f"no temporary folder can be made ({error.strerror}); free space there, or {where}."
-        at = str(error.filename or "the temporary folder" if near is None else near.parent)
-        raise refused(at, sentence) from None
+        if near is None:
+            sentence = (
+                f"no temporary folder can be made ({error.strerror}); free space there, or set TMPDIR to a "
+                "folder that can be written."
+            )
+            raise refused(str(error.filename or "the temporary folder"), sentence) from None
+        if isinstance(error, FileExistsError | NotADirectoryError):
+            raise refused(near.parent, "is or lies in a file, not a folder; choose another place.") from None
+        raise NotWritten(near, error) from None
     try:
         yield folder
     finally:

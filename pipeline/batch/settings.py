@@ -2,7 +2,6 @@
 
 import datetime
 import itertools
-import math
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
@@ -84,15 +83,19 @@ class Grading(Strict):
     @model_validator(mode="after")
     def _ordered(self) -> Self:
         """Raises ValueError unless the classes' limits grow and the last has none."""
-        limits = [math.inf if c.E_max_MPa is None else c.E_max_MPa for c in self.classes]
-        if any(a >= b for a, b in itertools.pairwise(limits)):
-            numbers = [limit for limit in limits if math.isfinite(limit)]
-            slip = ": is one of them in kPa?" if numbers and max(numbers) > 100 * min(numbers) else ""
-            raise ValueError(
-                "E_max_MPa must grow from class to class, and only the last may omit it; found "
-                f"{limits}{slip}"
-            )
-        if limits and limits[-1] != math.inf:
+        for softer, firmer in itertools.pairwise(self.classes):
+            if softer.E_max_MPa is None:
+                raise ValueError(
+                    f'E_max_MPa of class "{softer.name}" is missing; '
+                    "only the last (firmest) class may omit it"
+                )
+            if firmer.E_max_MPa is not None and firmer.E_max_MPa <= softer.E_max_MPa:
+                slip = ": is one of them in kPa?" if softer.E_max_MPa > 100 * firmer.E_max_MPa else ""
+                raise ValueError(
+                    f"E_max_MPa must grow from class to class; found {firmer.E_max_MPa:g} for "
+                    f'"{firmer.name}" after {softer.E_max_MPa:g} for "{softer.name}"{slip}'
+                )
+        if self.classes and self.classes[-1].E_max_MPa is not None:
             raise ValueError(
                 "the last (firmest) class must have no E_max_MPa, so that every fruit gets a class"
             )

@@ -1,7 +1,6 @@
 """A file of settings, read strictly: every fault is named with its key, what was found and expected."""
 
 import math
-import os
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -10,6 +9,7 @@ from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
+from pipeline.batch.batch_place import require_folder
 from pipeline.batch.settings import Settings
 from pipeline.files.plain_file import NotReadable, printable, read_text, toml_of
 from pipeline.problem import BatchRefused, Problem, nearest, refused
@@ -32,25 +32,6 @@ def read_settings(path: Path) -> Settings:
         return read_toml(path, Settings, missing=_A_CASE)
     photos = _PHOTOS if photo_paths(path.parent) or any(map(photo_paths, _folders(path.parent))) else ""
     return read_toml(path, Settings, missing=photos.format(folder=path.parent) or _MISSING)
-
-
-def require_folder(root: Path) -> None:
-    """Raises BatchRefused where the batch's folder is not there, is no folder, or is that of one fruit."""
-    if root.exists() and not root.is_dir():
-        raise refused(root, "is a file; give the batch folder.")
-    if (batch := batch_around(root)) is not None:
-        raise refused(root, f"is the folder of one fruit; give the batch, {batch}.")
-    if not root.is_dir():
-        names = [folder.name for folder in root.parent.glob("*/") if (folder / "batch.toml").is_file()]
-        raise refused(root, f"does not exist; {nearest(root.name, names, 'give an existing batch folder.')}")
-
-
-def batch_around(fruit: Path) -> Path | None:
-    """The batch in which a folder is that of one fruit; None where it is not."""
-    place = Path(os.path.realpath(fruit))  # a loop of links has a real path, and is no folder
-    if not place.is_dir() or place.parent.name.lower() != "fruits" or (place / "batch.toml").is_file():
-        return None
-    return place.parents[1] if (place.parents[1] / "batch.toml").is_file() else None
 
 
 def require_settings_file(path: Path) -> None:

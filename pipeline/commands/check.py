@@ -3,7 +3,9 @@
 from typing import Annotated
 
 import typer
+from rich.console import Console
 
+from pipeline.batch.batch_place import require_folder
 from pipeline.commands.endings import said_when_interrupted
 from pipeline.commands.machine import require_libraries
 from pipeline.commands.shared_options import BatchArgument
@@ -25,17 +27,24 @@ def check(
     A problem stops the batch or one of its fruit. A finding marked "E will be in doubt" widens the error bar
     of E. A remark names unused files, photos to retake and sides without a photo.
 
-    Exit status: 0 no findings; 2 problems; 4 findings that put E in doubt, or remarks.
+    Exit status: 0 no findings; 1 internal error; 2 problems; 4 findings that put E in doubt, or remarks; 130
+    interrupted.
 
     Example: drupe check monday --quick
     """
+    require_folder(batch)
     require_libraries()
     with elsewhere():
-        from pipeline.run.checking import check as check_batch
+        from pipeline.run.checking import checks
+        from pipeline.run.progress import StageLines
+    listed_problems = []
+    console = Console(stderr=True)
+    console.quiet = not console.is_terminal  # in a log the problems are enough
+    report = StageLines(console).stage
     with said_when_interrupted(""):
-        listed_problems = check_batch(batch, quick=quick)
-    for problem in listed_problems:
-        typer.echo(f"{problem}")
+        for problem in checks(batch, quick=quick, report=report):
+            typer.echo(f"{problem}")
+            listed_problems.append(problem)
     doubts = sum(problem.doubtful for problem in listed_problems)
     remarks = sum(problem.remark for problem in listed_problems)
     problems = len(listed_problems) - doubts - remarks

@@ -21,6 +21,8 @@ NameArgument = Annotated[str, typer.Argument(metavar="NAME", help="The device's 
 def add(file: FileArgument, name: NameArgument) -> None:
     """Add a device to FILE and print its token. FILE holds a hash of it, so no one can print it again.
 
+    Exit status: 0 added; 1 internal error; 2 usage or unusable FILE; 130 interrupted.
+
     Example: drupe device add devices.json "kiosk at belt 2"
     """
     with elsewhere():
@@ -31,6 +33,8 @@ def add(file: FileArgument, name: NameArgument) -> None:
 @device.command(short_help="Revoke a device's token.")
 def revoke(file: FileArgument, name: NameArgument) -> None:
     """Remove a device from FILE. Its token and its open pages stop working at once.
+
+    Exit status: 0 revoked; 1 internal error; 2 usage or unusable FILE; 130 interrupted.
 
     Example: drupe device revoke devices.json "kiosk at belt 2"
     """
@@ -43,6 +47,8 @@ def revoke(file: FileArgument, name: NameArgument) -> None:
 @device.command("list", short_help="List the devices.")
 def list_devices(file: FileArgument) -> None:
     """List the devices of FILE, each with the day on which it was added.
+
+    Exit status: 0 listed; 1 internal error; 2 usage or unusable FILE; 130 interrupted.
 
     Example: drupe device list devices.json
     """

@@ -23,7 +23,7 @@ def doctor(
 
     The test solves a problem with a known answer and takes a few seconds.
 
-    Exit status: 0 all well; 1 wrong result; 2 missing parts.
+    Exit status: 0 all well; 1 wrong result; 2 missing parts; 130 interrupted.
 
     Example: drupe doctor
     """

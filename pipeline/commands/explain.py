@@ -29,7 +29,7 @@ def explain(
         ),
     ],
     fruit: Annotated[
-        str | None, typer.Option("--fruit", metavar="ID", help="The fruit to explain, if CASE is a batch.")
+        str | None, typer.Option("--fruit", metavar="ID", help="The fruit to explain, if BATCH is a batch.")
     ] = None,
     json: Annotated[
         Path | None, typer.Option("--json", metavar="FILE", help="Write the answer as JSON to this file.")
@@ -74,7 +74,8 @@ def explain(
     several indistinguishable effects, or "unknown".
 
     drupe writes the files that you name. For a fruit of a batch it also writes mismatch.json into the
-    results, and missing shapes and pictures. The next `drupe grade` adds mismatch.json to its table.
+    results, and missing shapes and pictures. `drupe report` and the next `drupe grade` show its verdict in
+    their tables.
 
     Exit status: 0 answered; 1 internal error; 2 usage or settings; 3 unusable fruit or recordings; 4
     answered but E is in doubt; 130 interrupted.

@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 from rich.console import Console
 
+from pipeline.batch.batch_place import require_folder
 from pipeline.commands.endings import said_when_interrupted
 from pipeline.commands.machine import cores, require_libraries
 from pipeline.commands.shared_options import (
@@ -61,6 +62,7 @@ def grade(
 
     Example: drupe grade monday --jobs 4
     """
+    require_folder(batch)
     require_libraries()
     language = chosen_language(lang)
     with elsewhere():

@@ -125,7 +125,7 @@ def history(
     --forget removes rows from the store and changes no other file.
 
     Exit status: 0 done; 1 internal error; 2 usage or unreadable results; 4 done but a reference body failed
-    its check.
+    its check; 130 interrupted.
 
     Example: drupe history monday/results thursday/results --store lots.sqlite --html history.html
     """

@@ -20,7 +20,7 @@ def plan(
     inspection. Plans by variables are those of ANSI/ASQ Z1.9 (ISO 3951:1989), s method, one limit.
     drupe history --accept applies a plan to lots.
 
-    Exit status: 0 done; 1 internal error; 2 usage.
+    Exit status: 0 done; 1 internal error; 2 usage; 130 interrupted.
 
     Example: drupe plan --lot-size 5000 --aql 4 --oc curve.csv
     """

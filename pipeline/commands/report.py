@@ -22,7 +22,8 @@ def report(
 
     drupe computes no fruit. After an interrupted run the page shows the number of finished fruit.
 
-    Exit status: 0 written; 1 internal error; 2 usage or unreadable results; 3 some fruit not graded yet.
+    Exit status: 0 written; 1 internal error; 2 usage or unreadable results; 3 some fruit not graded yet;
+    130 interrupted.
 
     Example: drupe report monday/results --lang de
     """

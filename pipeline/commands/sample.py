@@ -38,7 +38,9 @@ def sample(
 
     Example: drupe sample demo --seed 7 --fruits 6
     """
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+    if folder.exists() and not folder.is_dir():
+        raise refused(folder, "is a file; give a new folder.")
+    if folder.exists() and any(folder.iterdir()):
         raise refused(folder, "is not empty; give a new folder.")
     if seed is None and (fruits is not None or not photos):
         raise refused("sample", "--fruits and --no-photos apply to new fruit only; add --seed.")

@@ -13,7 +13,7 @@ def schema() -> None:
     The schema holds the limits and types of each key. `drupe check` also tests rules that combine several
     keys.
 
-    Exit status: 0 printed; 1 internal error; 2 usage.
+    Exit status: 0 printed; 1 internal error; 2 usage; 130 interrupted.
 
     Example: drupe schema > batch.schema.json
     """

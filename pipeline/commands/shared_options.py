@@ -15,7 +15,7 @@ OutOption = Annotated[Path | None, Option(help="The folder for results.", show_d
 TimeLimitOption = Annotated[float, Option(min=1, help="Time limit per fruit, in seconds.")]
 """Seconds; at least one, as no fruit is graded in less."""
 ScreenOption = Annotated[
-    bool, Option(help="Test every fruit for physics that the model misses (about 10 s per fruit).")
+    bool, Option(help="Test every fruit for physics that the model misses (18 to 28 s per fruit).")
 ]
 LanguageOption = Annotated[
     str | None,

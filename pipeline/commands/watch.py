@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from pipeline.batch.batch_place import require_folder
 from pipeline.commands.machine import cores, require_libraries
 from pipeline.commands.shared_options import (
     BatchArgument,
@@ -70,6 +71,7 @@ def watch(
 
     Example: drupe watch monday --port 8000
     """
+    require_folder(batch)
     require_libraries()
     language = chosen_language(lang)
     with elsewhere():

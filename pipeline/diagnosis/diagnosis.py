@@ -34,7 +34,7 @@ TRACE_SEED = 20261120
 class Diagnosis:
     """The explanation, the names of its recordings, where the pads touched, and facts for the page.
 
-    `doubts`: why E cannot be right.
+    `doubts`: why E cannot be right. `scale_sd`: of ln E, by the sensors' scales, which no E here includes.
     """
 
     explanation: Explanation
@@ -42,6 +42,7 @@ class Diagnosis:
     contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] = field(default_factory=dict)
     facts: tuple[tuple[str, str], ...] = ()
     doubts: tuple[str, ...] = ()
+    scale_sd: float = 0.0
 
 
 def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
@@ -148,12 +149,13 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
         explanation = find(handed, graded, log, jobs=jobs)
     notes = dict.fromkeys([*of_grading, *explanation.notes, *notes_on(case, fruit, log.warnings)])
     budget, pit = handed.budget, fruit.pit.record
-    scale = sensor_scale([grasp.recording for grasp in fruit.placed], case.task.settings.sensor).common
+    scale = sensor_scale([grasp.recording for grasp in fruit.placed], case.task.settings.sensor)
     off = f"± {budget.pit_offset_sd_mm:g} mm, ± {100 * budget.pit_size_sd:g} %"
     return Diagnosis(
         explanation=replace(explanation, notes=tuple(notes)),
         grasps=tuple(grasp.name for grasp in fruit.placed),
         contacts_mm=touched_by_pad(fruit.placed),
+        scale_sd=scale.sd,
         facts=(
             ("Finite elements", f"{len(fruit.mesh.tets)} tetrahedra, {len(fruit.mesh.nodes_mm)} nodes"),
             ("Poisson's ratio", f"{fruit.poisson_ratio:g} ± {budget.poisson_ratio_sd:g}"),
@@ -162,7 +164,7 @@ def _of_grasps(case: Case, log: StageLog, jobs: int) -> Diagnosis:
             ("Surface", f"± {budget.surface_sd_mm:.2g} mm"),
             (
                 "Common scale of force and gel stiffness",
-                f"± {100 * scale:.2g} % of E, in addition to its error",
+                f"± {100 * scale.common:.2g} % of E, in addition to its error",
             ),
         ),
     )

@@ -60,6 +60,7 @@ def explain_entry(
             "contacts_mm": diagnosis.contacts_mm,
             "facts": diagnosis.facts,
             "doubts": diagnosis.doubts,
+            "scale_sd": diagnosis.scale_sd,
         }
     )
 

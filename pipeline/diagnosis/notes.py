@@ -3,8 +3,6 @@
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from fem.mismatch.result import NONE, Explanation
 from pipeline.batch.settings import SensorSettings
 from pipeline.diagnosis.diagnosed_case import Case
@@ -99,7 +97,7 @@ def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[s
 def _scale(placed: Sequence[PlacedGrasp], settings: SensorSettings | None) -> list[str]:
     """What the sensors' scales leave open."""
     scale = sensor_scale([grasp.recording for grasp in placed], settings)
-    share = float(np.linalg.norm([scale.common, scale.pictures, scale.gain]))
+    share = scale.sd
     if not share:
         return []
     return [

@@ -41,6 +41,11 @@ class SensorScale:
     gain: float = 0.0
     own_gain: float = 0.0
 
+    @property
+    def sd(self) -> float:
+        """Of what all recordings share: `common`, `pictures` and `gain` in squares."""
+        return float(np.linalg.norm([self.common, self.pictures, self.gain]))
+
 
 NO_SCALE = SensorScale()
 

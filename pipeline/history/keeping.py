@@ -170,7 +170,7 @@ def _series_lines(series: SeriesEntry) -> Iterator[str]:
     days = _counted(len(series.days), "day", "days")
     yield (
         f"{printable(series.name)}: {days}, {last.fruit} fruit on {last.day}, "
-        f"E {last.E_MPa:.3g} MPa ({last.E_low_MPa:.3g} to {last.E_high_MPa:.3g})"
+        f"geometric mean of E {last.E_MPa:.3g} MPa ({last.E_low_MPa:.3g} to {last.E_high_MPa:.3g}, 90 %)"
     )
     yield f"  {series.softening_words}"
     for limit in series.limits:

@@ -47,6 +47,7 @@ TENTH = 0.1
 """Share of fruit whose day is stated beside the mean's."""
 PRECISION = 0.05
 """Of the mean: half of its 90 % interval, by which the number of fruit is stated."""
+DAY_OF_GRADING = "batch.toml has no measured_on for {days}, so drupe takes the day of grading"
 SEVERAL_LIMITS = "the batches of this lot have different class limits; drupe uses those of the last day"
 
 
@@ -112,6 +113,8 @@ def series_entry(batches: Sequence[StoredBatch], *, precision: float) -> SeriesE
 
 
 def _notes(batches: Sequence[StoredBatch], *, several_limits: bool) -> Iterable[str]:
+    if undated := sorted({f"{batch.measured}" for batch in batches if not batch.dated}):
+        yield DAY_OF_GRADING.format(days=listed(undated, MOST_NAMED))
     if several_limits:
         yield SEVERAL_LIMITS
     if revised := [batch.revisions for batch in batches if batch.revisions]:
@@ -214,7 +217,8 @@ def _limits(
         elif not law.softens:
             unknown = "Not known yet; no softening is visible."
         words = "The mean is in this class already." if mean <= math.log(limit) else unknown
-        tenth_words = f"{100 * below:.0f} % are there already." if below >= TENTH else unknown
+        crossed = f"{100 * below:.0f} % of the fruit are at or below this limit already."
+        tenth_words = crossed if below >= TENTH else unknown
         yield LimitEntry(
             name=name,
             E_max_MPa=limit,

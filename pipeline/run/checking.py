@@ -1,6 +1,6 @@
 """`drupe check`: every problem of a batch at once, and what puts E in doubt, without computing anything."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 from pathlib import Path
@@ -56,16 +56,25 @@ def check(root: Path, *, quick: bool = False) -> tuple[Problem, ...]:
     as far as reading the files can tell. `quick`: photos are read, but not looked at (blur, light, tags of
     the mat, sides without a photo), which takes seconds for each fruit.
     """
+    return tuple(checks(root, quick=quick, report=lambda _: None))
+
+
+def checks(root: Path, *, quick: bool, report: Callable[[str], None]) -> Iterator[Problem]:
+    """What `check` gives, as it is found: the batch first, then each fruit, which is told to `report`."""
     batch, read = survey(root), Read()
-    each = (_CheckedFruit(batch=batch, row=row, read=read) for row in batch.rows)
-    fruit = [problem for checked_fruit in each for problem in checked_fruit.problems(quick=quick)]
-    if not batch.listed:
-        return (*batch.problems, *fruit)
-    folder = batch.folder
-    unused = unused_of_batch(folder, named_files(folder, batch.settings))
-    unused += [problem for name in batch.row_of for problem in unused_of_fruit(folder.fruit(name))]
-    of_batch = [*_of_settings(batch), *_strays(batch), *unused]
-    return (*batch.problems, *of_batch, *fruit, *_in_two_fruit(batch, read))
+    yield from batch.problems
+    if batch.listed:
+        folder = batch.folder
+        yield from _of_settings(batch)
+        yield from _strays(batch)
+        yield from unused_of_batch(folder, named_files(folder, batch.settings))
+        for name in batch.row_of:
+            yield from unused_of_fruit(folder.fruit(name))
+    for number, row in enumerate(batch.rows, 1):
+        report(f"{row.fruit_id} ({number} of {len(batch.rows)})")
+        yield from _CheckedFruit(batch=batch, row=row, read=read).problems(quick=quick)
+    if batch.listed:
+        yield from _in_two_fruit(batch, read)
 
 
 def _of_settings(batch: Batch) -> Iterator[Problem]:

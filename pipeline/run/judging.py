@@ -15,6 +15,9 @@ from pipeline.files.plain_file import printable, read_head
 from pipeline.problem import listed, nearest, refused
 from reports.language import LANGUAGES
 
+MOST_NAMED = 12
+"""Fruit or classes that a sentence names: a line of a terminal."""
+
 
 def judge_fruit(
     results: Results,
@@ -53,7 +56,8 @@ def _classes(said: dict[str, Any]) -> tuple[str, ...]:
 
 
 def _near(written: str, known: Sequence[str], what: str) -> str:
-    return nearest(written, known, f"known {what}: {printable(listed(known, 6))}.")
+    near = nearest(written, known, "")
+    return f"{near} known {what}: {printable(listed(known, MOST_NAMED))}.".lstrip()
 
 
 def language_of(report: Path, otherwise: str) -> str:

@@ -10,15 +10,17 @@ from rich.progress import (
     BarColumn,
     MofNCompleteColumn,
     Progress,
+    ProgressColumn,
+    Task,
     TextColumn,
     TimeElapsedColumn,
-    TimeRemainingColumn,
 )
+from rich.text import Text
 
 MOST_LINES = 8
 """Fruit at work whose stages are shown below the bar."""
-WHOLE_RUN_S = 1e9
-"""Seconds of a run from which the time left is reckoned: all."""
+LEAST_DONE = 2
+"""Fruit after which the time left is stated: one fruit does not show how long others take."""
 
 
 class RunConsole(Console):
@@ -53,15 +55,17 @@ class BatchProgress:
         self._what = "" if before is None else " that have come"
         self._clock, self._started = clock, clock()
         self._stage: dict[str, str] = {}
+        self._began: dict[str, float] = {}
+        self._took_s: list[float] = []
+        self._most_at_once = 1
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=None),
             MofNCompleteColumn(),
             TimeElapsedColumn(),
-            TimeRemainingColumn(compact=True),
+            _TimeLeft(self._left_s),
             console=console,
             transient=True,
-            speed_estimate_period=WHOLE_RUN_S,
             get_time=clock,
         )
         self._task = self._bar.add_task("graded", total=self._total, completed=self._done)
@@ -79,6 +83,8 @@ class BatchProgress:
     def stage(self, fruit_id: str, stage: str) -> None:
         """A fruit begins a stage."""
         self._stage[fruit_id] = stage
+        self._began.setdefault(fruit_id, self._clock())
+        self._most_at_once = max(self._most_at_once, len(self._began))
         self._bar.update(self._task, description=self._at_work())
         if self._lines:
             self._console.print(f"[{self._elapsed()}] {fruit_id}: {stage}", highlight=False, markup=False)
@@ -94,13 +100,24 @@ class BatchProgress:
         """A fruit has ended."""
         self._stage.pop(fruit_id, None)
         self._done += 1
+        now_s = self._clock()
+        self._took_s.append(now_s - self._began.pop(fruit_id, now_s))
         self._bar.update(self._task, completed=self._done, description=self._at_work())
-        seconds = self._bar.tasks[self._task].time_remaining
-        left = f", about {_clock_face(seconds)} left" if seconds and self._done < self._total else ""
+        seconds = self._left_s()
+        left = f", about {_clock_face(seconds)} left" if seconds else ""
         note = f" ({self._done} of {self._total}{self._what}{left})"
         self._console.print(
             f"[{self._elapsed()}] {fruit_id}: {sentence}{note}", highlight=False, markup=False, soft_wrap=True
         )
+
+    def _left_s(self) -> float | None:
+        """Seconds until the last fruit ends: the work left, by the mean fruit so far, over the workers."""
+        fruit_left = self._total - self._done
+        if len(self._took_s) < LEAST_DONE or not fruit_left:
+            return None
+        mean_s = sum(self._took_s) / len(self._took_s)
+        done_s = sum(min(self._clock() - began_s, mean_s) for began_s in self._began.values())
+        return (fruit_left * mean_s - done_s) / min(self._most_at_once, fruit_left)
 
     def _elapsed(self) -> str:
         return _clock_face(self._clock() - self._started)
@@ -110,6 +127,21 @@ class BatchProgress:
         more = len(lines) - MOST_LINES
         shown = lines if more <= 1 else [*lines[:MOST_LINES], f"and {more} more fruit"]
         return escape("\n".join(shown)) or "graded"
+
+
+class _TimeLeft(ProgressColumn):
+    """The bar's time left, in seconds by `left_s`; a line where it is not known."""
+
+    max_refresh = 0.5
+
+    def __init__(self, left_s: Callable[[], float | None]) -> None:
+        super().__init__()
+        self._left_s = left_s
+
+    def render(self, task: Task) -> Text:  # noqa: ARG002 - rich gives it
+        """The time on the bar."""
+        seconds = self._left_s()
+        return Text("--:--" if seconds is None else _clock_face(seconds), style="progress.remaining")
 
 
 class StageLines:

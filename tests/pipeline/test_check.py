@@ -7,7 +7,7 @@ from small_batches import DATA, batch_of_nectarines, run
 
 from pipeline.batch.opening import open_batch
 from pipeline.run import checking as checking
-from pipeline.run.checking import check, implausible
+from pipeline.run.checking import check, checks, implausible
 from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh, write_mesh
@@ -155,3 +155,19 @@ def test_a_link_that_leads_back_to_itself_is_no_batch(tmp_path):
     (tmp_path / "loop").symlink_to("loop")
     (problem,) = check(tmp_path / "loop")
     assert "does not exist" in problem.sentence
+
+
+def test_problems_of_the_batch_come_before_any_fruit_is_read(batch):
+    (batch / "fruits" / "stray" / "photos").mkdir(parents=True)
+    stages = []
+    problems = checks(batch, quick=True, report=stages.append)
+    assert "is not in fruits.csv" in next(problems).sentence
+    assert not stages
+    list(problems)
+    assert stages == ["A (1 of 2)", "B (2 of 2)"]
+
+
+def test_a_slip_in_the_path_is_told_before_anything_else(batch, drupe):
+    ran = drupe("check", batch.with_name("nowhere"))
+    assert (ran.status, ran.out) == (2, "")
+    assert "nowhere: does not exist; give an existing batch folder." in ran.err

@@ -2,6 +2,8 @@
 
 from pathlib import Path
 
+import pytest
+
 from pipeline.cli import app
 
 ROOT = Path(__file__).parents[2]
@@ -27,3 +29,18 @@ def test_a_group_of_commands_is_a_file_of_its_name():
         for group in app.registered_groups
     }
     assert places == {name: {f"pipeline.commands.{name}"} for name in places}
+
+
+def test_every_command_states_its_exit_statuses_and_that_of_an_interruption():
+    grouped = [c for group in app.registered_groups for c in group.typer_instance.registered_commands]
+    for command in (*app.registered_commands, *grouped):
+        statuses = " ".join(command.callback.__doc__.partition("Exit status")[2].split())
+        for status in ("0 ", "1 ", "2 ", "130 "):
+            assert f" {status}" in statuses, command.callback.__name__
+
+
+@pytest.mark.parametrize("arguments", [("mat", "--paper", "a3"), ("convert", "a", "b", "--indenter", "a3")])
+def test_a_wrong_choice_is_told_with_the_choices_alone(drupe, arguments):
+    ran = drupe(*arguments)
+    assert ran.status == 2
+    assert f"'{arguments[-2]}': 'a3' is not one of '" in ran.err

@@ -63,7 +63,11 @@ def test_all_faults_are_said_at_once(tmp_path):
         (
             'category = "plum"\n[[grading.classes]]\nname = "a"\nE_max_MPa = 1.0\n'
             '[[grading.classes]]\nname = "b"\nE_max_MPa = 0.5\n[[grading.classes]]\nname = "c"\n',
-            "must grow from class to class",
+            'must grow from class to class; found 0.5 for "b" after 1 for "a".',
+        ),
+        (
+            'category = "plum"\n[[grading.classes]]\nname = "a"\n[[grading.classes]]\nname = "b"\n',
+            'E_max_MPa of class "a" is missing; only the last (firmest) class may omit it',
         ),
     ],
 )

@@ -186,8 +186,8 @@ def test_a_fruit_that_was_not_screened_is_graded_anew_by_a_run_that_screens(batc
     assert (worked, rows["A"]["screen"], rows["A"]["mismatch"]) == ("AB", "", "")
     assert json.loads((batch / "results" / "batch.json").read_text())["screened"] is False
     _, worked, rows = run()
-    assert (worked, rows["A"]["screen"], rows["A"]["screen_p"]) == ("AB", "none found", "0.4")
-    assert (rows["A"]["mismatch"], rows["A"]["mismatch_by"]) == ("none found", "screen")
+    assert (worked, rows["A"]["screen"], rows["A"]["screen_p"]) == ("AB", "none", "0.4")
+    assert (rows["A"]["mismatch"], rows["A"]["mismatch_by"]) == ("none", "screen")
     assert run()[1] == ""
     _, worked, again = run(screen=False)
     assert (worked, again) == ("", rows)  # what is known stays

@@ -62,6 +62,18 @@ def test_results_become_days_of_a_lot(three_days):
 def test_measured_on_takes_the_place_of_the_day_of_grading(tmp_path):
     out = results_of(tmp_path / "late", [graded("A", 1.0)], day="2026-08-19", measured_on="2026-08-11")
     assert stored_batch(out).measured == date(2026, 8, 11)
+    (series,) = history_entry([stored_batch(out)], now=NOW).series
+    assert not series.notes
+
+
+def test_a_day_of_grading_and_the_kind_of_mean_are_stated(drupe, tmp_path):
+    out = results_of(
+        tmp_path / "day", [graded("A", 0.4), graded("B", 0.9)], day="2026-08-19", grading=CLASSES
+    )
+    shown = drupe("history", out).out
+    assert "geometric mean of E 0.6 MPa (" in shown
+    assert "10 % of the fruit: 50 % of the fruit are at or below this limit already." in shown
+    assert "batch.toml has no measured_on for 2026-08-19, so drupe takes the day of grading" in shown
 
 
 def test_the_command_keeps_days_and_says_them_again(drupe, three_days, tmp_path):

@@ -221,11 +221,12 @@ def test_a_folder_with_a_decomposed_name_is_found(photos, tmp_path, drupe):
         (("new", "--photos", "nothing"), "is not a folder; name a folder of photos"),
         (("new", "--photos", "empty"), "holds no photos (JPEG, PNG, HEIC), meshes or recordings"),
         (("new", "--photos", "taken", "--photos", "taken"), 'two folders have the name "N2"'),
+        (("new", "--photos", "photos"), '--photos: the folder "photos" does not name a fruit; give'),
         (
             ("new", "--photos", "taken", "--category", "pear"),
             'drupe knows no category "pear"; known: apricot',
         ),
-        (("new",), "needs --photos FOLDER, --like BATCH, or both."),
+        (("new",), "drupe new: needs --photos FOLDER, --like BATCH, or both."),
         (("new", "--like", "taken"), "does not exist, but this folder has photos"),
         (("new", "--photos", "odd"), '"-x" is not a valid fruit_id'),
     ],
@@ -236,9 +237,11 @@ def test_what_no_batch_can_be_made_of_is_said(drupe, photos, tmp_path, monkeypat
     (tmp_path / "full" / "mine.txt").write_text("mine")
     (tmp_path / "empty").mkdir()
     shutil.copytree(photos / "N2", tmp_path / "odd" / "-x")
+    shutil.copytree(photos / "N2", tmp_path / "photos")
     ran = drupe("new", *arguments)
     assert ran.status == 2
     assert said in ran.err
+    assert "drupe: drupe" not in ran.err
     assert not (tmp_path / "new").exists()
     assert [path.name for path in (tmp_path / "full").iterdir()] == ["mine.txt"]
 

@@ -328,6 +328,9 @@ def test_a_sample_appears_whole_and_only_in_an_empty_folder(drupe, tmp_path, mon
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "notes.txt").write_bytes(PRECIOUS)
     assert "is not empty" in refused_untouched(drupe, tmp_path, "sample", tmp_path / "taken")
+    file = tmp_path / "taken" / "notes.txt"
+    assert f"{file}: is a file; give a new" in refused_untouched(drupe, tmp_path, "sample", file)
+    assert f"{file}: is or lies in a file, not" in refused_untouched(drupe, tmp_path, "sample", file / "new")
     with monkeypatch.context() as full:
         full.setattr(shutil, "copytree", _disk_full_after_one_file)
         said = refused_untouched(drupe, tmp_path, "sample", tmp_path / "new", "--name", "two-fruits")

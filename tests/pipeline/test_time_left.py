@@ -33,6 +33,21 @@ def test_a_log_says_the_time_left_from_the_second_fruit_to_the_last_but_one():
     assert ends() == ["(1 of 4)", "(2 of 4, about 00:40 left)", "(3 of 4, about 00:20 left)", "(4 of 4)"]
 
 
+def test_two_workers_share_the_fruit_that_are_left():
+    clock, text = Clock(), io.StringIO()
+    with BatchProgress(Console(file=text, width=200), total=6, clock=clock) as progress:
+        progress.stage("0", "mesh")
+        progress.stage("1", "mesh")
+        for fruit in range(4):
+            clock.now_s += 99 if fruit % 2 == 0 else 1  # fruit take 100 s, the second worker's 1 s later
+            progress.done(str(fruit), "E = 1")
+            progress.stage(str(fruit + 2), "mesh")
+    notes = [line.split("E = 1 ")[1] for line in text.getvalue().splitlines() if "E = 1" in line]
+    assert notes[0] == "(1 of 6)"
+    assert notes[1] == "(2 of 6, about 03:18 left)"  # not the second between the first two ends
+    assert notes[3] == "(4 of 6, about 01:39 left)"
+
+
 def test_fruit_of_a_watched_batch_are_counted_among_those_that_have_come():
     assert ends(before=12, total=2) == ["(13 of 14 that have come)", "(14 of 14 that have come)"]
 

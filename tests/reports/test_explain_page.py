@@ -123,6 +123,13 @@ def test_every_kind_of_verdict_has_a_page_even_with_nothing_else_known(verdict):
     assert explain_verdict(full) in explain_html(full).replace("&#39;", "'")
 
 
+def test_the_verdict_states_the_scales_that_no_error_bar_of_it_includes():
+    scales = "Each ± excludes the sensor's scales, 8.0 % of E."
+    assert explain_verdict(entry(verdict=("none",), scale_sd=0.08)).endswith(scales)
+    assert "scales" not in explain_verdict(entry(verdict=("none",)))
+    assert "scales" not in explain_verdict(entry(scale_sd=0.08, withheld="no law holds"))
+
+
 def test_an_effect_without_words_is_told_by_its_name():
     pose = Candidate(effect="pose_error", probability=1.0, parameters={}, log_evidence=9.0, gain=20.0)
     pose_entry = entry(verdict=("pose_error",), effects={}, ranking=(pose,))

@@ -122,7 +122,7 @@ def test_a_reference_body_stands_last_without_rank_or_class():
     ("known", "cells"),
     [
         ({}, ("", "", "", "")),
-        ({"screen": ScreenEntry(p_value=0.43)}, ("none found", "screen", "none found", "0.43")),
+        ({"screen": ScreenEntry(p_value=0.43)}, ("none", "screen", "none", "0.43")),
         (
             {"screen": ScreenEntry(p_value=0.012, suspects=SUSPECTS)},
             ("skin|poisson_ratio", "screen", "skin|poisson_ratio", "0.012"),
@@ -133,11 +133,11 @@ def test_a_reference_body_stands_last_without_rank_or_class():
         ),
         (
             {"screen": ScreenEntry(p_value=0.43), "mismatch": "slip"},
-            ("slip", "explain", "none found", "0.43"),
+            ("slip", "explain", "none", "0.43"),
         ),
         (
             {"screen": ScreenEntry(p_value=0.43), "mismatch": "slip", "mismatch_taken": True},
-            ("slip", "settings", "none found", "0.43"),
+            ("slip", "settings", "none", "0.43"),
         ),
     ],
 )

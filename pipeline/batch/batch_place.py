@@ -1,0 +1,25 @@
+"""Whether a place can be a batch's folder; quick to import, so that a slip in a path is told at once."""
+
+import os
+from pathlib import Path
+
+from pipeline.problem import nearest, refused
+
+
+def require_folder(root: Path) -> None:
+    """Raises BatchRefused where the batch's folder is not there, is no folder, or is that of one fruit."""
+    if root.exists() and not root.is_dir():
+        raise refused(root, "is a file; give the batch folder.")
+    if (batch := batch_around(root)) is not None:
+        raise refused(root, f"is the folder of one fruit; give the batch, {batch}.")
+    if not root.is_dir():
+        names = [folder.name for folder in root.parent.glob("*/") if (folder / "batch.toml").is_file()]
+        raise refused(root, f"does not exist; {nearest(root.name, names, 'give an existing batch folder.')}")
+
+
+def batch_around(fruit: Path) -> Path | None:
+    """The batch in which a folder is that of one fruit; None where it is not."""
+    place = Path(os.path.realpath(fruit))  # a loop of links has a real path, and is no folder
+    if not place.is_dir() or place.parent.name.lower() != "fruits" or (place / "batch.toml").is_file():
+        return None
+    return place.parents[1] if (place.parents[1] / "batch.toml").is_file() else None
