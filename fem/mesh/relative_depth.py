@@ -14,9 +14,9 @@ from scipy.interpolate import RBFInterpolator
 
 from fem.mesh.flesh_mesh import FleshMesh
 
-NEIGHBOURS = 16
-"""Nodes of a surface from which its distance in a direction is interpolated. With 16 linear radial functions
-an ellipsoid of half axes 10, 15 and 20 mm has distances to 0.1 %."""
+NEIGHBOURS = 8
+"""Nodes of a surface from which its distance in a direction is interpolated. An ellipsoid of half axes 10, 15
+and 20 mm has distances to 0.3 % with 8 linear radial functions, to 0.1 % with 16 at 1.5 times the cost."""
 
 
 def relative_depth(mesh: FleshMesh, point_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:

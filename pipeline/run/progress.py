@@ -100,8 +100,8 @@ class BatchProgress:
         """A fruit has ended."""
         self._stage.pop(fruit_id, None)
         self._done += 1
-        now_s = self._clock()
-        self._took_s.append(now_s - self._began.pop(fruit_id, now_s))
+        if (began_s := self._began.pop(fruit_id, None)) is not None:
+            self._took_s.append(self._clock() - began_s)
         self._bar.update(self._task, completed=self._done, description=self._at_work())
         seconds = self._left_s()
         left = f", about {_clock_face(seconds)} left" if seconds else ""
@@ -116,7 +116,7 @@ class BatchProgress:
         if len(self._took_s) < LEAST_DONE or not fruit_left:
             return None
         mean_s = sum(self._took_s) / len(self._took_s)
-        done_s = sum(min(self._clock() - began_s, mean_s) for began_s in self._began.values())
+        done_s = sum(min(self._clock() - began_s, mean_s) for began_s in list(self._began.values()))
         return (fruit_left * mean_s - done_s) / min(self._most_at_once, fruit_left)
 
     def _elapsed(self) -> str:

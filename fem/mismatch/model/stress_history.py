@@ -46,12 +46,18 @@ class PathFrames:
 
 
 def path_frames(grasps: Sequence[GraspResponse], count: int, *, remembers: bool) -> tuple[PathFrames, ...]:
-    """About `count` frames in all, of every recording as many as its path needs."""
+    """About `count` frames in all, of every recording as many as its path needs.
+
+    Of an elastic law at least LEAST_FRAMES of each.
+    """
     paths = (
         [_Path.with_history(recording.shares) for recording in grasps]
         if remembers
         else _elastic_paths([_work(recording) for recording in grasps])
     )
+    for path in paths if not remembers else ():
+        while len(path.chosen) < min(LEAST_FRAMES, len(path.covariance)):
+            path.learn(int(path.unknown.argmax()))
     count = min(count, sum(len(path.covariance) for path in paths))
     while sum(len(path.chosen) for path in paths) < count:
         path = max(paths, key=lambda path: path.unknown.max())
@@ -219,13 +225,10 @@ def _combined(recording: GraspResponse, chosen_frames: PathFrames) -> Float[np.n
 
 
 def path_state(model: CaseModel, *, frames: int, remembers: bool) -> PathState:
-    """The model's recordings by about so many frames times its path_share, at least LEAST_FRAMES a recording.
-
-    They are chosen once.
-    """
+    """The model's recordings by about so many frames (times its path_share), chosen once."""
 
     def compute() -> PathState:
-        count = max(round(model.path_share * frames), LEAST_FRAMES * len(model.grasps))
+        count = max(round(model.path_share * frames), len(model.grasps))
         return PathState.of(model.base, path_frames(model.grasps, count, remembers=remembers))
 
     return model.memoised(("path", frames, remembers), compute)
