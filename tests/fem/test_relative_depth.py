@@ -45,3 +45,11 @@ def test_depth_between_ellipsoids_is_that_of_their_formula():
 def test_flesh_without_a_pit_is_nowhere_deep():
     flesh = flesh_between(ellipsoid(30.0), np.zeros((0, 3)))
     assert relative_depth(flesh, np.array([[0.0, 0.0, 1.0], [29.0, 0.0, 0.0]])) == pytest.approx(0.0)
+
+
+def test_two_nodes_in_one_direction_count_as_their_mean():
+    """Without smoothing, the interpolation has no solution there."""
+    folded = np.array([[29.9, 0.0, 0.0], [27.9, 0.0, 0.0]])
+    flesh = flesh_between(np.vstack([folded, ellipsoid(30.0)]), ellipsoid(10.0))
+    depth = relative_depth(flesh, np.array([[28.9, 0.0, 0.0]]))
+    assert depth == pytest.approx(0.0, abs=0.02)
