@@ -165,7 +165,7 @@ def make_batch(
             problems.append(Problem(str(folder), sentence))
         fruits += sources
     for source in fruits:
-        if source.fruit_id in PARTS:
+        if source.fruit_id.lower() in PARTS:
             sentence = (
                 f'the folder "{source.fruit_id}" does not name a fruit; give the folder above it, or '
                 "rename it after the fruit."

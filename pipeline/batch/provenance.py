@@ -11,7 +11,7 @@ from typing import Any
 from pipeline.batch.cache import ROOMS, code_version, file_hash, library_versions
 from pipeline.batch.layout import BatchFolder, Results, write_whole
 from pipeline.files.manifest import json_in
-from pipeline.problem import refused
+from pipeline.problem import nearest, refused
 
 FORMAT = "drupe-batch-result"
 RUN_FORMAT = "drupe-run"
@@ -54,6 +54,12 @@ def require_provenance(results: Results) -> dict[str, Any]:
     """The same; raises BatchRefused where there is none, with the folder that was likely meant."""
     if (said := read_provenance(results)) is not None:
         return said
+    if not results.root.is_dir():
+        near = [
+            folder.name for folder in results.root.parent.glob("*/") if Results(folder).provenance.is_file()
+        ]
+        hint = nearest(results.root.name, near, "give the folder from --out.")
+        raise refused(results.root, f"does not exist; {hint}")
     inside = results.root / "results"
     if Results(inside).provenance.is_file():
         hint = f"did you mean {inside}?"

@@ -217,7 +217,7 @@ def _limits(
         elif not law.softens:
             unknown = "Not known yet; no softening is visible."
         words = "The mean is in this class already." if mean <= math.log(limit) else unknown
-        crossed = f"{100 * below:.0f} % of the fruit are at or below this limit already."
+        crossed = f"Already; {100 * below:.0f} % of the fruit are at or below this limit."
         tenth_words = crossed if below >= TENTH else unknown
         yield LimitEntry(
             name=name,

@@ -45,7 +45,7 @@ def judged_record(results: Results, fruit_id: str) -> tuple[FruitRecord, tuple[s
     said = require_provenance(results)
     record = read_record(results.fruit(fruit_id).record) if SAFE_ID.fullmatch(fruit_id) else None
     if record is None:
-        known = [str(name) for name in said.get("outcomes") or ()]
+        known = sorted(str(name) for name in said.get("outcomes") or ())
         raise refused("FRUIT", f'found "{printable(fruit_id[:80])}"; {_near(fruit_id, known, "fruit")}')
     return record, _classes(said)
 

@@ -72,7 +72,7 @@ def test_a_day_of_grading_and_the_kind_of_mean_are_stated(drupe, tmp_path):
     )
     shown = drupe("history", out).out
     assert "geometric mean of E 0.6 MPa (" in shown
-    assert "10 % of the fruit: 50 % of the fruit are at or below this limit already." in shown
+    assert "10 % of the fruit: Already; 50 % of the fruit are at or below this limit." in shown
     assert "batch.toml has no measured_on for 2026-08-19, so drupe takes the day of grading" in shown
 
 
@@ -99,7 +99,7 @@ def test_the_command_keeps_days_and_says_them_again(drupe, three_days, tmp_path)
     ("arguments", "said"),
     [
         ((), "needs results folders, or a store with --store"),
-        (("nowhere",), "contains no results of drupe grade (batch.json); give the folder from --out."),
+        (("nowhere",), "nowhere: does not exist; give the folder from --out."),
         (("OUT", "--store", "notes.txt"), "is not a store of drupe history; drupe does not overwrite it"),
         (("OUT", "--store", "other.sqlite"), "belongs to another program; drupe does not write to it"),
         (("OUT", "--store", "link"), "is a link, and drupe does not write through links"),

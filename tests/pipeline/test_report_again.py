@@ -109,3 +109,9 @@ def test_what_is_no_result_is_refused(drupe, batch, results):
     ran = drupe("report", batch)
     assert ran.status == 2
     assert "contains no results of drupe grade (batch.json); did you mean" in ran.err
+
+
+def test_results_that_do_not_exist_are_those_that_were_likely_meant(drupe, results):
+    ran = drupe("report", results.with_name(f"{results.name}x"))
+    assert ran.status == 2
+    assert f'{results.name}x: does not exist; did you mean "{results.name}"?' in ran.err
