@@ -12,6 +12,8 @@ from reports.charts import Chart, layer, padded, rounded, rules
 from reports.explain_entries import ExplainEntry, Record
 from reports.words import effect_name, number, percent
 
+ALL_PADS = "all"
+"""The pad of what all pads show together."""
 _MARKS = ("circle", "square", "triangle", "diamond")
 MOST_BARS = 8
 """Explanations with a bar, set by hand: further ones would be bars of no length."""
@@ -58,7 +60,7 @@ def modulus_over_time(entry: ExplainEntry, *, with_effect: bool) -> list[Chart]:
     levels = [known for known in levels if math.isfinite(known[0])]  # E may be withheld
     common = np.quantile([cell.E_MPa for cell in sure], [0.02, 0.98]).tolist()
     limits = padded([*common, *(value for value, *_ in levels)])
-    pads = sorted({cell.pad for cell in sure})
+    pads = sorted({cell.pad for cell in sure}, key=lambda pad: (pad == ALL_PADS, pad))
     ordered = sorted(sure, key=lambda cell: (cell.grasp, cell.time_s))
     return [
         _cells_chart(grasp, list(cells), levels, limits=limits, pads=pads)
@@ -148,7 +150,7 @@ def force_and_residual(trace: Record, *, with_effect: bool) -> tuple[Chart, Char
 
 
 def _pad_words(pad: str) -> str:
-    return "all pads" if pad == "all" else f"pad {pad}"
+    return "all pads" if pad == ALL_PADS else f"pad {pad}"
 
 
 def _holds(frames: list[tuple[float, str]], limits: tuple[float, float]) -> Iterator[Chart]:

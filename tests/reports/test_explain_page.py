@@ -18,6 +18,7 @@ from pipeline.diagnosis.diagnosis import Diagnosis
 from pipeline.diagnosis.explain_entry import explain_entry
 from reports import explain_page
 from reports.effect_words import explain_verdict
+from reports.explain_charts import modulus_over_time
 from reports.explain_page import explain_html
 from reports.skin_picture import map_picture
 
@@ -147,3 +148,17 @@ def test_no_two_parts_of_the_page_have_one_name():
     labels = re.findall(r'<(?:section|div)[^>]*aria-label(?:ledby)?="([^"]*)"', page)
     assert len(labels) > 7
     assert len(set(labels)) == len(labels)
+
+
+def test_pads_have_the_colours_that_they_have_elsewhere():
+    """All pads together come last."""
+    cells = tuple(
+        ModulusCell(grasp="grasp-1", pad=pad, phase="loading", time_s=t, E_MPa=1.0 + 0.01 * t, E_sd_MPa=0.01)
+        for pad in ("all", "left", "right")
+        for t in (0.0, 1.0)
+    )
+    (chart,) = modulus_over_time(entry(cells=cells), with_effect=False)
+    marks = [layer for layer in chart["layers"] if layer["kind"] == "marks"]
+    named = [(layer["name"], layer["colour"], layer["shape"]) for layer in marks]
+    assert named[:2] == [("pad left", "pad0", "circle"), ("pad right", "pad1", "square")]
+    assert named[2][0] == "all pads"
