@@ -30,7 +30,7 @@ from scipy.special import expit, polygamma
 from scipy.stats import kstest
 
 sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
-from apparent_shares import ModelError, file_text, fruit_of, null_cases
+from apparent_shares import ModelError, file_text, fruit_of, large_deformation_line, null_cases
 from clustered_share import clustered_interval
 from ideal_confusion import ideal_names
 from psychometric import Curve, fitted_curve
@@ -383,6 +383,7 @@ def main() -> None:
     errors = errors_of_other_fruit(cases) if chosen.error_of_other_fruit else {}
     rounds = [scored_round(name, case, errors.get(fruit_of(name, case))) for name, case in cases.items()]
     print("\n".join(tables(rounds)))
+    print(large_deformation_line([case for case in cases.values() if is_null(case)]))
     if chosen.csv is not None:
         rows = [table_row(each) for each in rounds]
         with chosen.csv.open("w", encoding="utf-8", newline="") as file:

@@ -14,6 +14,7 @@ from scipy.optimize import minimize, minimize_scalar
 from scipy.special import logsumexp
 from scipy.stats import invgamma
 
+from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION
 from fem.mismatch.evidence.model_error import (
     FREEDOM,
     SIZE,
@@ -194,6 +195,25 @@ def likeliest_scale_prior(by_fruit: Float[np.ndarray, "n s"]) -> ScalePrior:
     least = min(fit.fun for fit in fits.values())
     freedom = max(freedom for freedom, fit in fits.items() if fit.fun <= least + 0.5)
     return ScalePrior(size=float(np.exp(fits[freedom].x)), freedom=float(freedom))
+
+
+def large_deformation_line(cases: Sequence[ReducedCase]) -> str:
+    """Amounts of large deformation in cases without mismatch, beside a plain model without an error of its
+    own, and their root mean square difference from 1, in words. Where it was not found, a case has no column.
+    """
+    amounts = list[float]()
+    for case in cases:
+        plain = [j for j, column in enumerate(case.columns) if column["role"] == "nuisance"]
+        fit = case.gram().fit(plain)
+        amounts += [
+            case.columns[j]["mean"] + float(fit.amounts[fit.chosen.index(j)])
+            for j in plain
+            if case.columns[j]["name"] == LARGE_DEFORMATION
+        ]
+    if not amounts:
+        return "large deformation: no case without mismatch has it"
+    off = float(np.sqrt(((np.array(amounts) - 1) ** 2).mean()))
+    return f"large deformation: {min(amounts):.2f} to {max(amounts):.2f}, {off:.3f} off 1 (rms)"
 
 
 def file_text(cases: Sequence[NullCase], error: ModelError, *, command: str, written: date) -> str:

@@ -7,10 +7,8 @@ A fruit of modulus E in the frame t has turned and shifted, x = R (X + u) + c, a
 with f the gel's traction over the deformed skin (fem.solid.gel_traction) in the fruit's own axes, C the
 linear compliance, and f_0 the traction over the skin as small strain deforms it. C f_0 is solved for in every
 frame. The bracket is of second order: it is solved for in a few frames, together with where the load acts,
-and predicted for the others by the kernel k(t, s) = a^2 + a^3, a(t, s) = f_0(t) . C f_0(s) (scaled), which
-is exact for maps of second and third degree where enough frames were computed. They are chosen greedily, each
-where the earlier ones predict least (pivoted Cholesky; Schaback and Wendland, "Kernel techniques", Acta
-Numerica 15, 2006, section 8).
+and predicted for the others (fem.estimation.frame_prediction), with a(t, s) = f_0(t) . C f_0(s). They are
+chosen greedily, each where the earlier ones predict least (pivoted Cholesky).
 
 A marker's material point X is where it meets the deformed skin in the first frame of its contact. Each
 marker's fitted place absorbs errors of scan and pose (fem.estimation.compliance_fit).
@@ -22,6 +20,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from fem.estimation.compliance_fit import CompliantFit, MarkerTracks, fit_compliance, rigid_motion
+from fem.estimation.frame_prediction import elastic_kernel, weights_of_known
 from fem.estimation.frame_thinning import loaded_frames
 from fem.estimation.fruit_motion import FruitMotion, in_fruit_axes, refined_motion
 from fem.estimation.grasp_model import GraspModel
@@ -140,7 +139,8 @@ def finite_response(
         unit = linear = on_skin.contact_displacement(load)
         fitted = _fitted(solid, skin, driven, used, motion, unit, modulus_MPa, scale_sd=scale_sd)
         motion, modulus_MPa = fitted.motion, require_positive(fitted.fit.compliance)
-    kernel = _kernel(np.einsum("tcx,scx->ts", load[:, skin], linear, optimize=True))
+    work = np.einsum("tcx,scx->ts", load[:, skin], linear, optimize=True)
+    kernel = elastic_kernel(work, float(np.diag(work).max()))
     chosen = _chosen(kernel)
     moved_mm: Float[np.ndarray, "k n 3"] | None = None
     tolerance = FIRST_TOLERANCE
@@ -215,8 +215,7 @@ def _predicted(
     kernel: Float[np.ndarray, "f f"], chosen: Int[np.ndarray, " k"], values: Float[np.ndarray, "k c 3"]
 ) -> Float[np.ndarray, "f c 3"]:
     """Of all frames, from the values of the chosen ones."""
-    among = kernel[np.ix_(chosen, chosen)]
-    weights = np.linalg.solve(among + JITTER * np.trace(among) * np.eye(len(chosen)), kernel[chosen])
+    weights = weights_of_known(kernel, chosen, JITTER * float(kernel[chosen, chosen].sum()))
     return np.asarray(np.einsum("kt,kcx->tcx", weights, values, optimize=True))
 
 
@@ -252,12 +251,6 @@ def _on_deformed(
     nodes = mesh.nodes_mm.copy()
     nodes[skin] += moved_mm
     return locate(FleshMesh(nodes, mesh.tets, mesh.outer_faces, mesh.pit_nodes), points_mm).among(skin)
-
-
-def _kernel(work: Float[np.ndarray, "t t"]) -> Float[np.ndarray, "t t"]:
-    """a^2 + a^3, a the work of the frames on each other as a share of the greatest frame's own."""
-    a = (work + work.T) / (2 * np.diag(work).max())
-    return np.asarray(a**2 + a**3)
 
 
 def _chosen(kernel: Float[np.ndarray, "t t"]) -> Int[np.ndarray, " k"]:

@@ -3,7 +3,7 @@
 import os
 from pathlib import Path
 
-from pipeline.problem import nearest, refused
+from pipeline.problem import BatchRefused, nearest, refused
 
 
 def require_folder(root: Path) -> None:
@@ -13,8 +13,13 @@ def require_folder(root: Path) -> None:
     if (batch := batch_around(root)) is not None:
         raise refused(root, f"is the folder of one fruit; give the batch, {batch}.")
     if not root.is_dir():
-        names = [folder.name for folder in root.parent.glob("*/") if (folder / "batch.toml").is_file()]
-        raise refused(root, f"does not exist; {nearest(root.name, names, 'give an existing batch folder.')}")
+        raise not_there(root, holding="batch.toml", otherwise="give an existing batch folder.")
+
+
+def not_there(root: Path, *, holding: str, otherwise: str) -> BatchRefused:
+    """That a folder does not exist, and which one beside it with the file `holding` was likely meant."""
+    names = [folder.name for folder in root.parent.glob("*/") if (folder / holding).is_file()]
+    return refused(root, f"does not exist; {nearest(root.name, names, otherwise)}")
 
 
 def batch_around(fruit: Path) -> Path | None:

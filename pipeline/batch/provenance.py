@@ -8,10 +8,11 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+from pipeline.batch.batch_place import not_there
 from pipeline.batch.cache import ROOMS, code_version, file_hash, library_versions
 from pipeline.batch.layout import BatchFolder, Results, write_whole
 from pipeline.files.manifest import json_in
-from pipeline.problem import nearest, refused
+from pipeline.problem import refused
 
 FORMAT = "drupe-batch-result"
 RUN_FORMAT = "drupe-run"
@@ -55,11 +56,9 @@ def require_provenance(results: Results) -> dict[str, Any]:
     if (said := read_provenance(results)) is not None:
         return said
     if not results.root.is_dir():
-        near = [
-            folder.name for folder in results.root.parent.glob("*/") if Results(folder).provenance.is_file()
-        ]
-        hint = nearest(results.root.name, near, "give the folder from --out.")
-        raise refused(results.root, f"does not exist; {hint}")
+        raise not_there(
+            results.root, holding=results.provenance.name, otherwise="give the folder from --out."
+        )
     inside = results.root / "results"
     if Results(inside).provenance.is_file():
         hint = f"did you mean {inside}?"

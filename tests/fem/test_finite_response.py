@@ -14,12 +14,12 @@ from scipy.spatial.transform import Rotation
 from fem.estimation.compliance_fit import fit_compliance
 from fem.estimation.finite_response import (
     _chosen,
-    _kernel,
     _predicted,
     finite_response,
     neo_hookean_solid,
     with_finite_strain,
 )
+from fem.estimation.frame_prediction import elastic_kernel
 from fem.estimation.frame_thinning import loaded_frames
 from fem.estimation.grasp_model import grasp_model
 from fem.estimation.unit_response import marker_tracks
@@ -135,7 +135,8 @@ def test_maps_of_second_and_third_degree_are_predicted_from_a_few_frames():
     quadratic, cubic = rng.normal(size=(2, 2, 6, 3)), rng.normal(size=(2, 2, 2, 6, 3))
     second = np.einsum("ta,tb,abcx->tcx", course, course, quadratic)
     third = np.einsum("ta,tb,td,abdcx->tcx", course, course, course, cubic)
-    kernel = _kernel(course @ np.diag([1.0, 0.5]) @ course.T)
+    work = course @ np.diag([1.0, 0.5]) @ course.T
+    kernel = elastic_kernel(work, float(np.diag(work).max()))
     chosen = _chosen(kernel)
     assert len(chosen) <= 7
     off = _predicted(kernel, chosen, (second + third)[chosen]) - (second + third)

@@ -35,7 +35,8 @@ MEAN = 1.0
 SD = {LARGE_DEFORMATION: 0.1, TURNED_FRUIT: 0.25}
 """Prior standard deviation of their amounts. Large deformation: the root mean square of the difference from 1
 in 28 records of fruit without mismatch (0.68 to 1.00, least in the softest fruit of 0.16 MPa), beside a model
-without error. Turned fruit: set by hand; its amount is 0.4 to 1.0 in these."""
+without error (`benchmarks/mismatch_scores.py`). 0.05 and 0.25 were tried on the same bank. Turned fruit: set
+by hand; its amount is 0.4 to 1.0 in these."""
 HARDLY_RAD = 0.002
 """Turn below which nothing is added. Set by hand: W C f is then below 1 um under half a millimetre of
 indentation, W^2 X / 2 below 0.1 um."""

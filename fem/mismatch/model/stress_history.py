@@ -7,8 +7,7 @@ A few frames of a recording are solved for. In the others the excess over the li
 Gaussian process (Rasmussen and Williams 2006, "Gaussian Processes for Machine Learning", section 2.2). The
 next frame chosen is that of greatest variance. The kernel of the process is
 
-- of an elastic law a^2 + a^3, a the work of one frame's forces on another's displacement: exact for an excess
-  of second and third degree in the forces, where enough frames are chosen;
+- of an elastic law that of fem.estimation.frame_prediction;
 - of a law with a history Matern's 5/2 (eq. 4.17) in the shares a of the recording's force patterns and in
   max |a| up to then. A chosen frame brings along the one at which its own peak was reached.
 """
@@ -20,6 +19,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial.distance import cdist
 
+from fem.estimation.frame_prediction import elastic_kernel, weights_of_known
 from fem.materials.fung_neo_hookean import fung_neo_hookean, shrunk_as_a_whole
 from fem.materials.strain_path import PathLaw, strain_energy
 from fem.mismatch.model.case_model import CaseModel
@@ -30,11 +30,11 @@ from fem.solid.linear_solid import Support
 REACH = 2.0
 """Length of Matern's kernel, in a recording's greatest load."""
 NUGGET = 1e-8
-"""On the kernel's diagonal, over its greatest value: keeps frames that are alike from making it singular."""
+"""On the kernel's diagonal, over its greatest value: nearly equal frames would make it singular."""
 
 LEAST_FRAMES = 3
-"""Of a recording. Three of each of four leave an error of 0.2 to 1.0 um in 30 um of large deformation,
-one or two 0.9 to 4 um."""
+"""Of a recording, under an elastic law. Set by hand: on one external case of four recordings three frames of
+each leave an error of 0.2 to 1.0 um in 30 um of large deformation, one or two frames 0.9 to 4 um."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,18 +46,12 @@ class PathFrames:
 
 
 def path_frames(grasps: Sequence[GraspResponse], count: int, *, remembers: bool) -> tuple[PathFrames, ...]:
-    """About `count` frames in all, of every recording as many as its path needs.
-
-    Of an elastic law at least LEAST_FRAMES of each.
-    """
+    """About `count` frames in all, of every recording as many as its path needs."""
     paths = (
         [_Path.with_history(recording.shares) for recording in grasps]
         if remembers
         else _elastic_paths([_work(recording) for recording in grasps])
     )
-    for path in paths if not remembers else ():
-        while len(path.chosen) < min(LEAST_FRAMES, len(path.covariance)):
-            path.learn(int(path.unknown.argmax()))
     count = min(count, sum(len(path.covariance) for path in paths))
     while sum(len(path.chosen) for path in paths) < count:
         path = max(paths, key=lambda path: path.unknown.max())
@@ -103,21 +97,21 @@ class _Path:
     def learn(self, frame: int) -> None:
         """Chooses one more frame, and the one that it brings along."""
         self.chosen = np.union1d(self.chosen, [frame, self.brought[frame]])
-        nugget = NUGGET * max(float(self.covariance.max()), 1e-300) * np.eye(len(self.chosen))
-        among = self.covariance[np.ix_(self.chosen, self.chosen)] + nugget
-        across = self.covariance[self.chosen]
-        self.mix = np.linalg.solve(among, across).T
-        self.unknown = np.diag(self.covariance) - (self.mix * across.T).sum(axis=1)
+        jitter = NUGGET * max(float(self.covariance.max()), 1e-300)
+        self.mix = weights_of_known(self.covariance, self.chosen, jitter).T
+        self.unknown = np.diag(self.covariance) - (self.mix * self.covariance[:, self.chosen]).sum(axis=1)
         self.unknown[self.chosen] = -1.0
 
 
 def _elastic_paths(work: Sequence[Float[np.ndarray, "_ _"]]) -> list[_Path]:
-    """Of laws without a history; the greatest work of all recordings is 1."""
+    """Of laws without a history: LEAST_FRAMES chosen of each. The greatest work of all recordings is 1."""
     greatest = max(max(float(np.diag(each).max()) for each in work), 1e-300)
     paths = []
     for each in work:
-        a = (each + each.T) / (2 * greatest)
-        paths.append(_Path.of(a**2 + a**3, np.arange(len(a)), int(np.diag(a).argmax())))
+        path = _Path.of(elastic_kernel(each, greatest), np.arange(len(each)), int(np.diag(each).argmax()))
+        while len(path.chosen) < min(LEAST_FRAMES, len(each)):
+            path.learn(int(path.unknown.argmax()))
+        paths.append(path)
     return paths
 
 
