@@ -44,8 +44,7 @@ class Stiffness:
         self, displacement: Float[np.ndarray, "d f"], *, poisson_ratio: float
     ) -> Float[np.ndarray, "d f"]:
         """(dK0/dnu) u, column by column."""
-        shear = -0.5 / (1 + poisson_ratio) ** 2
-        lame = (1 + 2 * poisson_ratio**2) / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio)) ** 2
+        shear, lame = lame_constants_slope(poisson_ratio)
         return np.asarray(shear * (self.k_mu @ displacement) + lame * (self.k_lambda @ displacement))
 
 
@@ -64,6 +63,12 @@ def unit_lame_constants(poisson_ratio: float) -> tuple[float, float]:
             f"{LARGEST_POISSON_RATIO:g}; wet flesh has 0.3 to 0.49",
         )
     return 0.5 / (1 + poisson_ratio), poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
+
+
+def lame_constants_slope(poisson_ratio: float) -> tuple[float, float]:
+    """Derivatives of both to Poisson's ratio."""
+    shear = -0.5 / (1 + poisson_ratio) ** 2
+    return shear, (1 + 2 * poisson_ratio**2) / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio)) ** 2
 
 
 @dataclass(frozen=True)

@@ -15,6 +15,7 @@ from fem.elements.assembly import unit_lame_constants
 from fem.materials.strain_path import (
     PathLaw,
     Points,
+    TangentLaw,
     Tensors,
     linear_stress,
     on_diagonal,
@@ -40,6 +41,27 @@ def fung_neo_hookean(b: float, *, poisson_ratio: float) -> PathLaw:
     return added
 
 
+def neo_hookean_tangent(*, poisson_ratio: float) -> TangentLaw:
+    """Derivative of P_nh along dF, less the linear stress of dF.
+
+    mu dF + lambda (G : dF) G + (mu - lambda ln J) G dF^T G,      G = F^-T
+    (the tangent of fem.materials.neo_hookean).
+    """
+    mu, lame = unit_lame_constants(poisson_ratio)
+
+    def added(gradient: Tensors, change: Tensors) -> Tensors:
+        cofactor, J, log_J = _cofactor(gradient)
+        G = cofactor / J[:, :, None, None]
+        turned = np.einsum("mqjlf,mqklf->mqjkf", G, change)
+        tangent = np.einsum("mqjkf,mqkif->mqjif", turned, G)
+        tangent *= (mu - lame * log_J)[:, :, None, None]
+        tangent += mu * change
+        tangent += (lame * (G * change).sum(axis=(2, 3)))[:, :, None, None] * G
+        return np.asarray(tangent - linear_stress(change, poisson_ratio=poisson_ratio))
+
+    return added
+
+
 def fung_at_small_strain(*, poisson_ratio: float) -> PathLaw:
     """W/mu times the linear stress: the law's derivative to b where strains are small."""
     mu = unit_lame_constants(poisson_ratio)[0]
@@ -55,19 +77,36 @@ def fung_at_small_strain(*, poisson_ratio: float) -> PathLaw:
 def first_piola_stress(gradient: Tensors, b: float, *, poisson_ratio: float) -> Tensors:
     """P for E = 1 MPa, [j, i] of it P_ij."""
     mu, lame = unit_lame_constants(poisson_ratio)
-    F = on_diagonal(gradient.copy(), np.ones_like(gradient[:, :, 0, 0]))
+    P = neo_hookean_stress(gradient, mu, lame)
+    _, log_J = _volume_ratio(gradient)
+    # F : F - 3 = 2 tr H + H : H, whose parts would cancel in single precision otherwise
+    energy = trace(gradient) + (gradient**2).sum(axis=(2, 3)) / 2 - log_J + lame / mu / 2 * log_J**2
+    P *= _exponential(b * energy)[:, :, None, None]
+    return P
+
+
+def neo_hookean_stress(gradient: Tensors, mu: float, lame: float) -> Tensors:
+    """P_nh of these constants, [j, i] of it P_ij; linear in both."""
+    cofactor, J, log_J = _cofactor(gradient)
+    P = mu * deformation_gradient(gradient)
+    P += ((lame * log_J - mu) / J)[:, :, None, None] * cofactor
+    return P
+
+
+def deformation_gradient(gradient: Tensors) -> Tensors:
+    """F = I + grad u."""
+    return on_diagonal(gradient.copy(), np.ones_like(gradient[:, :, 0, 0]))
+
+
+def _cofactor(gradient: Tensors) -> tuple[Tensors, Points, Points]:
+    """J F^-T, J and ln J."""
+    F = deformation_gradient(gradient)
     cofactor = np.empty_like(F)
     for j in range(3):
         for i in range(3):
             p, q, r, s = (j + 1) % 3, (j + 2) % 3, (i + 1) % 3, (i + 2) % 3
             cofactor[:, :, j, i] = F[:, :, p, r] * F[:, :, q, s] - F[:, :, p, s] * F[:, :, q, r]
-    J, log_J = _volume_ratio(gradient)
-    # F : F - 3 = 2 tr H + H : H, whose parts would cancel in single precision otherwise
-    energy = trace(gradient) + (gradient**2).sum(axis=(2, 3)) / 2 - log_J + lame / mu / 2 * log_J**2
-    factor = _exponential(b * energy)
-    F *= (mu * factor)[:, :, None, None]
-    F += (factor * (lame * log_J - mu) / J)[:, :, None, None] * cofactor
-    return F
+    return cofactor, *_volume_ratio(gradient)
 
 
 def shrunk_as_a_whole(

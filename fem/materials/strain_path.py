@@ -20,6 +20,9 @@ Points = Float[np.ndarray, "m 4 f"]
 PathLaw = Callable[[Tensors], Tensors]
 """Displacement gradients, frames in order of time, to the stress added (for E = 1 MPa)."""
 
+TangentLaw = Callable[[Tensors, Tensors], Tensors]
+"""Displacement gradients and a change of theirs to the change of the stress (for E = 1 MPa)."""
+
 
 def symmetric(gradient: Tensors) -> Tensors:
     """Small strain."""

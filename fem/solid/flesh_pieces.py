@@ -12,7 +12,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 
-from fem.materials.strain_path import PathLaw, Tensors
+from fem.materials.strain_path import PathLaw, TangentLaw, Tensors
 from fem.parallel_map import parallel_map
 from fem.solid.strain_field import FleshStrain
 
@@ -59,17 +59,55 @@ class FleshPieces:
             n_nodes=points.n_nodes, pieces=tuple(_piece(points, part) for part in parts), workers=workers
         )
 
-    def forces(self, displacement: Float[np.ndarray, "f n 3"], law: PathLaw) -> Float[np.ndarray, "f n 3"]:
-        """On all nodes, from the law's stress."""
-        frames, flat = len(displacement), _frames_last(displacement)
+    def forces(
+        self,
+        displacement: Float[np.ndarray, "f n 3"],
+        law: PathLaw,
+        *,
+        weight: Float[np.ndarray, "m 4"] | None = None,
+    ) -> Float[np.ndarray, "f n 3"]:
+        """On all nodes, from the law's stress times the points' `weight` (None: one)."""
+        flat = _frames_last(displacement)
+        weights = [None] * len(self.pieces) if weight is None else self._split(weight)
+
+        def of_piece(number: int) -> Float[np.ndarray, "n d"]:
+            piece, share = self.pieces[number], weights[number]
+            stress = law(piece.gradient(flat, len(displacement)))
+            return piece.forces(stress if share is None else share[:, :, None, None, None] * stress)
+
+        return self._summed(of_piece, len(displacement))
+
+    def tangent_forces(
+        self,
+        displacement: Float[np.ndarray, "f n 3"],
+        direction: Float[np.ndarray, "f n 3"],
+        law: TangentLaw,
+    ) -> Float[np.ndarray, "f n 3"]:
+        """Derivative of a law's nodal forces at a displacement, along a direction."""
+        frames = len(displacement)
+        at, along = _frames_last(displacement), _frames_last(direction)
+
+        def of_piece(number: int) -> Float[np.ndarray, "n d"]:
+            piece = self.pieces[number]
+            return piece.forces(law(piece.gradient(at, frames), piece.gradient(along, frames)))
+
+        return self._summed(of_piece, frames)
+
+    def _summed(
+        self, of_piece: Callable[[int], Float[np.ndarray, "_n _d"]], frames: int
+    ) -> Float[np.ndarray, "f n 3"]:
+        """Forces of all pieces on the mesh's nodes."""
         total = np.zeros((self.n_nodes, 3 * frames), dtype=np.float32)
-        forces = parallel_map(
-            lambda piece: piece.forces(law(piece.gradient(flat, frames))), self.pieces, workers=self.workers
-        )
+        forces = parallel_map(of_piece, range(len(self.pieces)), workers=self.workers)
         with np.errstate(over="ignore", invalid="ignore"):
             for piece, force in zip(self.pieces, forces, strict=True):
                 total[piece.nodes] += force
         return np.ascontiguousarray(np.moveaxis(total.reshape(-1, 3, frames), 2, 0), dtype=np.float64)
+
+    def _split(self, weight: Float[np.ndarray, "m 4"]) -> list[Float[np.ndarray, "_m 4"]]:
+        """By pieces, in single precision."""
+        ends = np.cumsum([len(piece.tets) for piece in self.pieces])[:-1]
+        return np.split(weight.astype(np.float32), ends)
 
     @property
     def volume_mm3(self) -> Float[np.ndarray, "m 4"]:

@@ -5,6 +5,7 @@ skin's strain; bending costs nothing.
 """
 
 import numpy as np
+from jaxtyping import Float
 from scipy.sparse import csr_array
 
 from fem.elements.shape_functions import t6_gradient, tri_quadrature
@@ -32,3 +33,33 @@ def membrane_stiffness(mesh: FleshMesh, *, poisson_ratio: float) -> csr_array:
     row, column = np.repeat(dofs, 18, axis=1).ravel(), np.tile(dofs, (1, 18)).ravel()
     size = 3 * len(mesh.nodes_mm)
     return csr_array((blocks.reshape(-1), (row, column)), shape=(size, size))
+
+
+def membrane_forces(
+    mesh: FleshMesh, displacement: Float[np.ndarray, "f n 3"], *, poisson_ratio: float
+) -> Float[np.ndarray, "f n 3"]:
+    """Nodal forces of the same skin at finite strain, N for Et = 1 N/mm.
+
+    With the tangents a_i and A_i of the skin with and without displacement, the strain in the plane is
+    E_ij = (a_i . a_j - A_i . A_j) / 2 and the stress N of it as above (Saint Venant-Kirchhoff).
+    """
+    points, weights = tri_quadrature()
+    reference = t6_gradient(points)
+    faces = mesh.outer_faces
+    x = mesh.nodes_mm[faces]
+    at_rest = np.einsum("qia,max->mqix", reference, x)
+    metric = np.einsum("mqix,mqjx->mqij", at_rest, at_rest)
+    inverse = np.linalg.inv(metric)
+    area = np.sqrt(np.linalg.det(metric)) * weights
+    shear, bulk = 1 / (1 + poisson_ratio), poisson_ratio / (1 - poisson_ratio**2)
+    node_forces = np.zeros_like(displacement)
+    for field, force in zip(displacement, node_forces, strict=True):
+        moved = at_rest + np.einsum("qia,max->mqix", reference, field[faces])
+        strain = (np.einsum("mqix,mqjx->mqij", moved, moved) - metric) / 2
+        raised = inverse @ strain @ inverse
+        trace = np.einsum("mqij,mqij->mq", inverse, strain)
+        stress = shear * raised + (bulk * trace)[..., None, None] * inverse
+        flux = np.einsum("mq,mqij,mqjx->mqix", area, stress, moved)
+        by_face = np.einsum("mqix,qia->max", flux, reference)
+        np.add.at(force, faces, by_face)
+    return node_forces

@@ -1,11 +1,16 @@
-"""`anisotropy`: the flesh is stiffer (or softer) along the stem axis, C_zzzz greater by axial times mu."""
+"""`anisotropy`: the flesh is stiffer (or softer) along the stem axis, C_zzzz greater by axial times mu.
+
+At finite strain the added stress is F S with S_zz = axial mu E_zz, E the Green-Lagrange strain.
+"""
 
 import numpy as np
 
 from fem.elements.assembly import unit_lame_constants
+from fem.materials.fung_neo_hookean import deformation_gradient
+from fem.materials.strain_path import Tensors
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
-from fem.mismatch.kinds.linear_law import LinearLaw, stress_operator
+from fem.mismatch.kinds.linear_law import LinearLaw, finite_stress_operator, stress_operator
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.reduced_law import Operator
 
@@ -42,5 +47,17 @@ def _along_the_stem(model: CaseModel) -> Operator:
     return stress_operator(model, lambda strain: mu * strain * ALONG_STEM)
 
 
-EFFECT: Effect = LinearLaw(spec=SPEC, sd=0.8, derivative=_along_the_stem)
+def _along_the_stem_finite(model: CaseModel) -> Operator:
+    mu, _ = unit_lame_constants(model.poisson_ratio)
+
+    def law(gradient: Tensors) -> Tensors:
+        along = deformation_gradient(gradient)[:, :, 2]
+        stress = np.zeros_like(gradient)
+        stress[:, :, 2] = mu * (((along**2).sum(axis=2) - 1) / 2)[:, :, None] * along
+        return stress
+
+    return finite_stress_operator(model, law)
+
+
+EFFECT: Effect = LinearLaw(spec=SPEC, sd=0.8, derivative=_along_the_stem, finite=_along_the_stem_finite)
 """At -1.5 C_zzzz is still positive; 6, far stiffer than flesh, and the prior of 0.8 are set by hand."""

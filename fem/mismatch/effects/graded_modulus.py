@@ -5,7 +5,7 @@ E is that halfway. d: fem.mesh.relative_depth.
 
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
-from fem.mismatch.kinds.linear_law import LinearLaw, stress_operator
+from fem.mismatch.kinds.linear_law import LinearLaw, neo_hookean_operator, stress_operator
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.reduced_law import Operator
 from fem.solid.strain_field import elastic_stress
@@ -42,5 +42,9 @@ def _graded(model: CaseModel) -> Operator:
     )
 
 
-EFFECT: Effect = LinearLaw(spec=SPEC, sd=0.4, of_the_depth=True, derivative=_graded)
+def _graded_finite(model: CaseModel) -> Operator:
+    return neo_hookean_operator(model, 2 * model.depth - 1)
+
+
+EFFECT: Effect = LinearLaw(spec=SPEC, sd=0.4, of_the_depth=True, derivative=_graded, finite=_graded_finite)
 """Beyond 0.9 flesh at the pit or the skin would have no stiffness; the prior of 0.4 is set by hand."""

@@ -3,10 +3,11 @@
 import numpy as np
 from jaxtyping import Float
 
-from fem.elements.assembly import LARGEST_POISSON_RATIO, unit_lame_constants
+from fem.elements.assembly import LARGEST_POISSON_RATIO, lame_constants_slope, unit_lame_constants
+from fem.materials.fung_neo_hookean import neo_hookean_stress
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, EffectWords, Scope
-from fem.mismatch.kinds.linear_law import LinearLaw, matrix_operator
+from fem.mismatch.kinds.linear_law import LinearLaw, finite_stress_operator, matrix_operator
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.reduced_law import Operator
 
@@ -39,10 +40,16 @@ def _derivative(model: CaseModel) -> Operator:
     return change
 
 
+def _derivative_finite(model: CaseModel) -> Operator:
+    shear, lame = lame_constants_slope(model.poisson_ratio)
+    return finite_stress_operator(model, lambda gradient: neo_hookean_stress(gradient, shear, lame))
+
+
 EFFECT: Effect = LinearLaw(
     spec=SPEC,
     sd=0.06,
     derivative=_derivative,
+    finite=_derivative_finite,
     parts=lambda model: (matrix_operator(model.parts.k_mu), matrix_operator(model.parts.k_lambda)),
     amounts=unit_lame_constants,
     null=lambda model: model.poisson_ratio,

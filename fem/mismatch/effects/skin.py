@@ -9,7 +9,7 @@ from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, S
 from fem.mismatch.kinds.linear_law import LinearLaw, matrix_operator
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.reduced_law import Operator
-from fem.solid.membrane import membrane_stiffness
+from fem.solid.membrane import membrane_forces, membrane_stiffness
 
 SPEC = EffectSpec(
     name="skin",
@@ -42,6 +42,10 @@ def _stretched(model: CaseModel) -> Operator:
     return matrix_operator(membrane_stiffness(model.mesh, poisson_ratio=model.poisson_ratio))
 
 
-EFFECT: Effect = LinearLaw(spec=SPEC, sd=4.0, positive=True, derivative=_stretched)
+def _stretched_finite(model: CaseModel) -> Operator:
+    return lambda displacement: membrane_forces(model.mesh, displacement, poisson_ratio=model.poisson_ratio)
+
+
+EFFECT: Effect = LinearLaw(spec=SPEC, sd=4.0, positive=True, derivative=_stretched, finite=_stretched_finite)
 """mm of flesh that is as stiff as the membrane. No skin is softer than none; 60 is as much as a whole fruit;
 the prior of 4 is set by hand."""

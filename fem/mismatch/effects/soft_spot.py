@@ -15,15 +15,17 @@ from jaxtyping import Float
 
 from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
 from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
-from fem.mismatch.kinds.linear_law import matrix_operator
+from fem.mismatch.kinds.linear_law import matrix_operator, neo_hookean_operator, stress_operator
 from fem.mismatch.localisation.spot_search import OTHERS, RADII_MM, Spot, best_spots
 from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.finite_change import finite_change, in_proportion
 from fem.mismatch.model.force_noise import OfFlesh
 from fem.mismatch.model.plain_model import Fields
 from fem.mismatch.model.reduced_law import Operator, ReducedLaw, first_changes, reduced_laws
 from fem.mismatch.result import Where
 from fem.mismatch.signature_variant import Variant, at_place
-from fem.solid.inclusion import ball_stiffness, drop_of
+from fem.solid.inclusion import ball_stiffness, drop_of, fading
+from fem.solid.strain_field import elastic_stress
 
 CENTRE = ("centre_mm.0", "centre_mm.1", "centre_mm.2")
 RADIUS, RATIO = "radius_mm", "ratio"
@@ -127,26 +129,53 @@ class SoftSpot(Effect):
         return Where(region="flesh", centre_mm=(x, y, z), radius_mm=parameters[RADIUS])
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
-        """Every recording's markers above flesh with such a ball in it."""
+        """Every recording's markers above flesh with such a ball in it; large deformation changes as with the
+        ball of the signature.
+        """
         centre_mm = np.array([parameters[name] for name in CENTRE])
         laws = _laws(model, centre_mm, parameters[RADIUS])
-        return Response(unit=[law.response((1.0, parameters[RATIO] - 1)) for law in laws])
+        small = [law.response((1.0, parameters[RATIO] - 1)) for law in laws]
+        *place_mm, radius_mm = variant.values or (*centre_mm, parameters[RADIUS])
+        first, finite = _changes(model, np.array(place_mm), radius_mm)
+        return Response(unit=in_proportion(small, model.plain, first, finite))
 
 
 EFFECT: Effect = SoftSpot(spec=SPEC)
 
 
 def _signature(model: CaseModel, spot: Spot) -> Signature:
-    inside = _inside(model, spot.centre_mm, spot.radius_mm)
-    changes = first_changes(model, lambda moved: -inside(moved))
+    variant = at_place(spot.centre_mm, spot.radius_mm)
+    *place_mm, radius_mm = variant.values
+    centre_mm = np.array(place_mm)
+    inside = _inside(model, centre_mm, radius_mm)
+    changes = zip(*_changes(model, centre_mm, radius_mm), strict=True)
     return Signature.of_markers(
         "drop",
-        [model.compliance * change for change in changes],
+        [model.compliance * (first + more) for first, more in changes],
         sd=drop_of(MIDDLE_RATIO, model.poisson_ratio),
-        variant=at_place(spot.centre_mm, spot.radius_mm),
+        variant=variant,
         positive=True,
         of_forces=OfFlesh(lambda recording, moved: inside(moved)),
     )
+
+
+def _changes(model: CaseModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> tuple[Fields, Fields]:
+    """Those of a unit drop: K0^-1 K1 U0, and what large deformation adds."""
+    inside = _inside(model, centre_mm, radius_mm)
+    softer = -fading(np.linalg.norm(model.points.point_mm - centre_mm, axis=2), radius_mm)
+    weight = softer[..., None]
+    linear = stress_operator(
+        model, lambda strain: weight * elastic_stress(strain, poisson_ratio=model.poisson_ratio)
+    )
+
+    def compute() -> tuple[Fields, Fields]:
+        finite = neo_hookean_operator(model, softer)
+        return (
+            first_changes(model, lambda moved: -inside(moved)),
+            finite_change(model, finite=finite, linear=linear, amount=1.0),
+        )
+
+    return model.memoised(("soft spot", *centre_mm, radius_mm), compute)
 
 
 def _laws(model: CaseModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> list[ReducedLaw]:

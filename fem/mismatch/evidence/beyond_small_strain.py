@@ -26,7 +26,7 @@ from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.inner_changes import LEADING
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.plain_model import Fields, GraspResponse
-from fem.mismatch.model.stress_history import HARDLY_ANY, beyond_linear, stiffening_path
+from fem.mismatch.model.stress_history import neo_hookean_field, stiffening_path
 
 LARGE_DEFORMATION, TURNED_FRUIT = "large deformation", "turned fruit"
 """Names of the columns."""
@@ -82,16 +82,13 @@ def displacement_beyond(model: CaseModel, *, large_deformation: bool = True) -> 
 
 
 def large_deformation(model: CaseModel) -> Fields | FemFailure:
-    """What it adds to the unit response at the markers of every recording, mm MPa.
-
-    The failure where flesh is so soft that the search from the linear answer does not settle.
+    """What it adds to the unit response at the markers of every recording, mm MPa; the failure where it is
+    not found.
     """
 
     def compute() -> Fields | FemFailure:
-        try:
-            return stiffening_path(model).at_markers(beyond_linear(model, HARDLY_ANY))
-        except FemFailure as failure:
-            return failure
+        field = neo_hookean_field(model)
+        return field if isinstance(field, FemFailure) else stiffening_path(model).at_markers(field)
 
     return model.memoised(LARGE_DEFORMATION, compute)
 

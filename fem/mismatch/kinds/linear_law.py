@@ -1,4 +1,7 @@
-"""An effect that makes the flesh's law another linear one: one parameter, stiffness sum_i a_i(theta) K_i."""
+"""An effect that makes the flesh's law another one: one parameter, stiffness sum_i a_i(theta) K_i.
+
+Large deformation changes with the law: fem.mismatch.model.finite_change.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -7,9 +10,14 @@ import numpy as np
 from jaxtyping import Float
 from scipy.sparse import bsr_array, csr_array
 
+from fem.elements.assembly import unit_lame_constants
+from fem.materials.fung_neo_hookean import neo_hookean_stress
+from fem.materials.strain_path import PathLaw
 from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
 from fem.mismatch.model.case_model import CaseModel
+from fem.mismatch.model.finite_change import finite_change, in_proportion
 from fem.mismatch.model.force_noise import OfFlesh
+from fem.mismatch.model.plain_model import Fields
 from fem.mismatch.model.reduced_law import Operator, ReducedLaw, first_changes, reduced_laws
 from fem.mismatch.signature_variant import Variant
 
@@ -18,7 +26,8 @@ from fem.mismatch.signature_variant import Variant
 class LinearLaw(Effect):
     """The law of flesh whose stiffness is sum_i a_i(theta) K_i; theta is the effect's one parameter.
 
-    `derivative(model)`: dK/dtheta at the plain law. `parts(model)` and `amounts(theta)`: the K_i and a_i;
+    `derivative(model)`: dK/dtheta at the plain law. `finite(model)`: its forces at finite strain.
+    `parts(model)` and `amounts(theta)`: the K_i and a_i;
     K0 and dK/dtheta with 1 and theta unless given. `null(model)`: the theta of the plain law. `sd`: prior
     standard deviation of theta about it. `positive`: theta is never below it. A law `of_the_depth` needs a
     pit.
@@ -27,6 +36,7 @@ class LinearLaw(Effect):
     linear_in_stiffness = True
     sd: float
     derivative: Callable[[CaseModel], Operator]
+    finite: Callable[[CaseModel], Operator]
     parts: Callable[[CaseModel], Sequence[Operator]] | None = None
     amounts: Callable[[float], Sequence[float]] = lambda theta: (1.0, theta)
     null: Callable[[CaseModel], float] = lambda model: 0.0
@@ -34,13 +44,18 @@ class LinearLaw(Effect):
     of_the_depth: bool = False
 
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
-        """dc/dtheta at the plain law, which follows from the forces as -K0^-1 (dK/dtheta) U."""
+        """dc/dtheta at the plain law: -K0^-1 (dK/dtheta) U of the forces at small strain, and what large
+        deformation adds.
+        """
         if self.of_the_depth and not len(model.mesh.pit_nodes):
             return []
         derivative = self.derivative(model)
         signature = Signature.of_markers(
             self.spec.searched[0].name,
-            [model.compliance * change for change in first_changes(model, derivative)],
+            [
+                model.compliance * (first + more)
+                for first, more in zip(self._first(model), self._finite(model), strict=True)
+            ],
             sd=self.sd,
             positive=self.positive,
             of_forces=OfFlesh(lambda recording, moved: -derivative(moved)),
@@ -55,7 +70,22 @@ class LinearLaw(Effect):
         """The law of this parameter, in the reduced space."""
         theta = parameters[self.spec.searched[0].name]
         laws = model.memoised(self.spec.name, lambda: self._laws(model))
-        return Response(unit=[law.response(self.amounts(theta)) for law in laws])
+        small = [law.response(self.amounts(theta)) for law in laws]
+        return Response(unit=in_proportion(small, model.plain, self._first(model), self._finite(model)))
+
+    def _first(self, model: CaseModel) -> Fields:
+        """dc/dtheta at small strain."""
+        name = (self.spec.name, "first")
+        return model.memoised(name, lambda: first_changes(model, self.derivative(model)))
+
+    def _finite(self, model: CaseModel) -> Fields:
+        """What large deformation adds to it."""
+        return model.memoised(
+            (self.spec.name, "finite"),
+            lambda: finite_change(
+                model, finite=self.finite(model), linear=self.derivative(model), amount=self.sd
+            ),
+        )
 
     def _laws(self, model: CaseModel) -> list[ReducedLaw]:
         derivative = self.derivative(model)
@@ -63,6 +93,21 @@ class LinearLaw(Effect):
         return reduced_laws(
             model, derivative=derivative, parts=parts if self.parts is None else self.parts(model)
         )
+
+
+def finite_stress_operator(
+    model: CaseModel, law: PathLaw, *, weight: Float[np.ndarray, "m 4"] | None = None
+) -> Operator:
+    """Nodal forces of a stress that is a function of the displacement gradient, times the points' weight."""
+    return lambda displacement: model.pieces.forces(displacement, law, weight=weight)
+
+
+def neo_hookean_operator(model: CaseModel, weight: Float[np.ndarray, "m 4"]) -> Operator:
+    """The flesh's own law times the points' weight."""
+    constants = unit_lame_constants(model.poisson_ratio)
+    return finite_stress_operator(
+        model, lambda gradient: neo_hookean_stress(gradient, *constants), weight=weight
+    )
 
 
 def matrix_operator(matrix: csr_array | bsr_array) -> Operator:

@@ -20,6 +20,7 @@ from jaxtyping import Float, Int
 from scipy.spatial.distance import cdist
 
 from fem.estimation.frame_prediction import elastic_kernel, weights_of_known
+from fem.fem_failure import FemFailure
 from fem.materials.fung_neo_hookean import fung_neo_hookean, shrunk_as_a_whole
 from fem.materials.strain_path import PathLaw, strain_energy
 from fem.mismatch.model.case_model import CaseModel
@@ -304,3 +305,17 @@ def beyond_linear(model: CaseModel, b: float) -> Float[np.ndarray, "f n 3"]:
         start=(shrunk - 1)[:, None, None] * state.linear,
         stiffer=steepest,
     )
+
+
+def neo_hookean_field(model: CaseModel) -> Float[np.ndarray, "f n 3"] | FemFailure:
+    """`beyond_linear` of flesh that hardly stiffens, solved for once; the failure where flesh is so soft that
+    the search from the linear answer does not settle.
+    """
+
+    def compute() -> Float[np.ndarray, "f n 3"] | FemFailure:
+        try:
+            return beyond_linear(model, HARDLY_ANY)
+        except FemFailure as failure:
+            return failure
+
+    return model.memoised("neo-hookean", compute)
