@@ -146,13 +146,11 @@ class Effect(ABC):
 
     `seen_directly`: the recordings show it by themselves, whatever the fruit is; its signature has no columns
     where its response is the plain model's. `says_more`: more is known of it than the markers' motion says.
-    `linear_in_stiffness`: it adds theta D to the flesh's stiffness K0, its one signature is -K0^-1 D U.
     """
 
     spec: EffectSpec
     seen_directly: ClassVar[bool] = False
     says_more: ClassVar[bool] = False
-    linear_in_stiffness: ClassVar[bool] = False
 
     @abstractmethod
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
@@ -161,6 +159,10 @@ class Effect(ABC):
     @abstractmethod
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
         """The full response at these parameters; `variant` is that of the signature it was found with."""
+
+    def at_small_strain(self, model: CaseModel) -> Fields | None:
+        """Where it adds theta D to the flesh's stiffness K0: its signature -K0^-1 D U at small strain, mm."""
+        return None
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The parameters that the amounts found with a signature stand for, within their bounds: the amounts

@@ -25,7 +25,7 @@ from fem.mismatch.effect import Effect, Signature
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.observation_delta import ObservationDelta
-from fem.mismatch.model.plain_model import GraspResponse, PlainModel
+from fem.mismatch.model.plain_model import Fields, GraspResponse, PlainModel
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.shape_derivative import with_surface_error
 
@@ -49,7 +49,11 @@ def surface_products(
     Raises FemFailure (INVERTED_ELEMENTS) where an element is nearly folded already.
     """
     products = np.zeros((len(recorded), columns))
-    linear = [(effect, numbers) for effect, _, numbers in signatures if effect.linear_in_stiffness]
+    linear = [
+        (effect, numbers, before)
+        for effect, _, numbers in signatures
+        if (before := effect.at_small_strain(model)) is not None
+    ]
     if not linear:
         return products
     drawn = with_drawn_surface(model)
@@ -57,12 +61,11 @@ def surface_products(
     for equations, recording in zip(recorded, drawn.grasps, strict=True):
         change = recording.tracks.unit_displacement - equations.recording.tracks.unit_displacement
         weighed.append(equations.rows([ObservationDelta(markers=-model.compliance * change)])[1][0])
-    for effect, numbers in linear:
-        before, after = (effect.signatures(of)[0].columns for of in (model, drawn))
-        for column, moved, number in zip(before, after, numbers, strict=True):
-            for k, equations in enumerate(recorded):
-                change = equations.flat(moved.fields[k]) - equations.flat(column.fields[k])
-                products[k, number] = change @ weighed[k] / STEP**2
+    for effect, (number,), before in linear:
+        after: Fields = effect.at_small_strain(drawn) or before
+        for k, equations in enumerate(recorded):
+            change = equations.flat(ObservationDelta(markers=after[k] - before[k]))
+            products[k, number] = change @ weighed[k] / STEP**2
     return products
 
 
@@ -114,4 +117,6 @@ def with_drawn_surface(model: CaseModel) -> CaseModel:
         return replace(recording, solid=solid, moved=moved, response=response, tracks=tracks)
 
     moved_base = PlainModel(case=replace(case, mesh=mesh), solids=solids, grasps=tuple(model.each(again)))
-    return CaseModel(base=moved_base, compliance=model.compliance, workers=model.workers)
+    return CaseModel(
+        base=moved_base, compliance=model.compliance, workers=model.workers, beyond_small_strain=False
+    )

@@ -27,13 +27,11 @@ class LinearLaw(Effect):
     """The law of flesh whose stiffness is sum_i a_i(theta) K_i; theta is the effect's one parameter.
 
     `derivative(model)`: dK/dtheta at the plain law. `finite(model)`: its forces at finite strain.
-    `parts(model)` and `amounts(theta)`: the K_i and a_i;
-    K0 and dK/dtheta with 1 and theta unless given. `null(model)`: the theta of the plain law. `sd`: prior
-    standard deviation of theta about it. `positive`: theta is never below it. A law `of_the_depth` needs a
-    pit.
+    `parts(model)` and `amounts(theta)`: the K_i and a_i; K0 and dK/dtheta with 1 and theta unless given.
+    `null(model)`: the theta of the plain law. `sd`: prior standard deviation of theta about it. `positive`:
+    theta is never below it. A law `of_the_depth` needs a pit.
     """
 
-    linear_in_stiffness = True
     sd: float
     derivative: Callable[[CaseModel], Operator]
     finite: Callable[[CaseModel], Operator]
@@ -50,17 +48,19 @@ class LinearLaw(Effect):
         if self.of_the_depth and not len(model.mesh.pit_nodes):
             return []
         derivative = self.derivative(model)
+        changes = zip(self.at_small_strain(model), self._finite(model), strict=True)
         signature = Signature.of_markers(
             self.spec.searched[0].name,
-            [
-                model.compliance * (first + more)
-                for first, more in zip(self._first(model), self._finite(model), strict=True)
-            ],
+            [small + model.compliance * more for small, more in changes],
             sd=self.sd,
             positive=self.positive,
             of_forces=OfFlesh(lambda recording, moved: -derivative(moved)),
         )
         return [signature]
+
+    def at_small_strain(self, model: CaseModel) -> Fields:
+        """-K0^-1 (dK/dtheta) U of the recordings' forces, mm per unit of theta."""
+        return [model.compliance * small for small in self._first(model)]
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
         """The amount counts from the plain law."""
@@ -80,6 +80,8 @@ class LinearLaw(Effect):
 
     def _finite(self, model: CaseModel) -> Fields:
         """What large deformation adds to it."""
+        if not model.beyond_small_strain:
+            return [np.zeros_like(plain) for plain in model.plain]
         return model.memoised(
             (self.spec.name, "finite"),
             lambda: finite_change(

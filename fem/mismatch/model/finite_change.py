@@ -29,11 +29,11 @@ def finite_change(model: CaseModel, *, finite: Operator, linear: Operator, amoun
     """w' - w0' at the markers of every recording, mm MPa per unit of the amount.
 
     `finite` and `linear`: D and D0, from displacements in mm to the nodal forces of a unit amount.
-    `amount`: a usual one; its change is right to CLOSE_MM. Zero where the plain model lacks large deformation
-    (fem.mismatch.evidence.beyond_small_strain). Raises FemFailure (NOT_CONVERGED).
+    `amount`: a usual one; its change is right to CLOSE_MM. Zero where large deformation is not found.
+    Raises FemFailure (NOT_CONVERGED).
     """
-    field = neo_hookean_field(model) if model.beyond_small_strain else None
-    if field is None or isinstance(field, FemFailure):
+    field = neo_hookean_field(model)
+    if isinstance(field, FemFailure):
         return [np.zeros_like(plain) for plain in model.plain]
     state, s = stiffening_path(model), model.compliance
     at = s * (state.linear + field)
