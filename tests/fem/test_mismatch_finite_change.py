@@ -42,7 +42,7 @@ def test_a_fruit_that_only_turns_has_no_forces(effect: LinearLaw):
 
 
 def test_a_skin_stretched_equally_has_the_energy_of_the_closed_form():
-    """x to (1 + e) x: the sum of f . x is 2 S (1 + e)^2 times the area, S = ((1 + e)^2 - 1) / 2 / (1 - nu)."""
+    """x to L x: the sum of f . x is 2 S L^2 times the area, S = (L^2 - 1) / 2 / (1 - nu)."""
     mesh, stretch = fruit_mesh(), 1.1
     places = mesh.nodes_mm
     force = membrane_forces(mesh, ((stretch - 1) * places)[None], poisson_ratio=NU)[0]
