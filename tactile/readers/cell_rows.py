@@ -11,9 +11,12 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from pipeline.files.plain_file import NotReadable, read_bytes, size
+import numpy as np
+from jaxtyping import Float
+
+from pipeline.files.plain_file import NotReadable, read_bytes
 from tactile.readers.decimal_number import LARGEST, decimal_number, meant
-from tactile.readers.limited_process import TrialEnding, tried
+from tactile.readers.limited_process import tried
 from tactile.readers.pictures import absence, unusable
 
 MOST_BYTES = 200_000_000
@@ -90,6 +93,20 @@ def number_in(source: str, row: int, cell: Cell, *, holes: bool = False, commas:
         content = f'"{text[:60]}"' if text else "nothing"
         raise unusable(source, f"{content} in row {row}", f"a number up to {LARGEST:g}{meant(text)}")
     return value
+
+
+def cells_of(rows: Sequence[Row], places: Iterable[int]) -> Iterator[tuple[Cell, ...]]:
+    """The cells of some columns, row by row, empty where a row ends before them."""
+    columns = tuple(places)
+    return (tuple(cells[at] if at < len(cells) else "" for at in columns) for _, cells in rows)
+
+
+def numbers_in(
+    source: str, at: int, rows: Sequence[Row], *, holes: bool, commas: bool
+) -> Float[np.ndarray, " n"]:
+    """The numbers of one column, as `number_in` reads each; `source` names it in failures."""
+    cells = zip(rows, cells_of(rows, [at]), strict=True)
+    return np.array([number_in(source, row, cell, holes=holes, commas=commas) for (row, _), (cell,) in cells])
 
 
 def _text(path: Path, data: bytes) -> CellTable:
@@ -188,14 +205,11 @@ def _spreadsheet(path: Path, data: bytes) -> tuple[CellTable, ...]:
             sheets.append((name, book.get_sheet_by_name(name).to_python(skip_empty_area=False)))
         return sheets
 
-    def trial(tell: Callable[[str], None]) -> None:
-        read(tell)
-
     # The library makes a table of all cells between the used ones; without memory it ends the process.
-    tried_first = tried(trial, patience_s=PATIENCE_S, most_bytes=MOST_MEMORY)
-    if tried_first.ending is not TrialEnding.DONE:
-        where = f"sheet {tried_first.lines[-1]}" if tried_first.lines else "the sheets"
-        fault = f"cells that take more than {PATIENCE_S:.0f} s or {size(MOST_MEMORY)} of memory"
+    trial = tried(read, patience_s=PATIENCE_S, most_bytes=MOST_MEMORY)
+    if trial.exceeded:
+        where = f"sheet {trial.lines[-1]}" if trial.lines else "the sheets"
+        fault = f"cells that take more than {trial.exceeded}"
         expected = "a smaller table: delete what lies outside of it, or save the sheet as .csv"
         raise unusable(f"{path.name}: {where}", fault, expected)
     try:

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 from scipy.spatial.transform import Rotation
 
-from tactile.readers.cell_rows import Row, number_in, refuse_repeated_names, sheets_of
+from tactile.readers.cell_rows import Row, cells_of, numbers_in, refuse_repeated_names, sheets_of
 from tactile.readers.grasp_log import increasing
 from tactile.readers.pictures import unusable
 
@@ -75,11 +75,15 @@ def read_flange_table(path: Path) -> FlangeTable:
         )
         observed = "the columns " + (", ".join(names)[:150] or "of an empty row")
         raise unusable(path.name, observed, f"columns {lacking}, with the unit in the name")
-    table = _Columns(path, names, rows)
-    shift = table.numbers(place, holes=True) * PLACE[place]
+
+    def numbers(columns: Sequence[str], *, holes: bool = False) -> Float[np.ndarray, "n k"]:
+        cells = [(f"{path.name}: {name}", names.index(name)) for name in columns]
+        return np.stack([numbers_in(*column, rows, holes=holes, commas=True) for column in cells], axis=1)
+
+    shift = numbers(place, holes=True) * PLACE[place]
     poses = np.tile(np.eye(4), (len(rows), 1, 1))
     poses[:, :3, 3] = shift
-    poses[:, :3, :3] = table.rotations(turn)
+    poses[:, :3, :3] = _rotations(path.name, rows, turn, numbers(turn, holes=True))
     partly = np.isfinite(poses[:, :3]).any(axis=(1, 2)) & ~np.isfinite(poses[:, :3]).all(axis=(1, 2))
     if partly.any():
         raise unusable(
@@ -90,76 +94,49 @@ def read_flange_table(path: Path) -> FlangeTable:
         observed = f"positions at most {farthest:.3g} mm from the base"
         expected = f"{LEAST_REACH_MM:g} to {MOST_REACH_MM:g} mm; is {place[0]} in another unit?"
         raise unusable(path.name, observed, expected)
-    time_s = table.numbers(("time_s",))[:, 0] if "time_s" in names else None
+    time_s = numbers(("time_s",))[:, 0] if "time_s" in names else None
     if time_s is not None:
         increasing(path.name, time_s)
     return FlangeTable(
         base_from_flange=poses,
         row=tuple(number for number, _ in rows),
         time_s=time_s,
-        aperture_mm=table.numbers(("aperture_mm",))[:, 0] if "aperture_mm" in names else None,
-        photo=table.words("photo") if "photo" in names else None,
+        aperture_mm=numbers(("aperture_mm",))[:, 0] if "aperture_mm" in names else None,
+        photo=tuple(str(cell).strip() for (cell,) in cells_of(rows, [names.index("photo")]))
+        if "photo" in names
+        else None,
     )
 
 
-@dataclass(frozen=True)
-class _Columns:
-    """The cells below the names of the columns."""
+def _rotations(
+    source: str, rows: Sequence[Row], notation: tuple[str, ...], values: Float[np.ndarray, "n k"]
+) -> Float[np.ndarray, "n 3 3"]:
+    """The rotations, NaN where cells are empty; refuses what is none, by row."""
+    known = np.isfinite(values).all(axis=1)
+    given = values[known]
 
-    path: Path
-    names: list[str]
-    rows: Sequence[Row]
-
-    def words(self, name: str) -> tuple[str, ...]:
-        """One column as text."""
-        at = self.names.index(name)
-        return tuple(str(cells[at]).strip() if at < len(cells) else "" for _, cells in self.rows)
-
-    def numbers(self, names: Sequence[str], *, holes: bool = False) -> Float[np.ndarray, "n k"]:
-        """Some columns; NaN in empty cells where `holes` allows them."""
-        values = np.full((len(self.rows), len(names)), np.nan)
-        for j, name in enumerate(names):
-            at = self.names.index(name)
-            for k, (row, cells) in enumerate(self.rows):
-                cell = cells[at] if at < len(cells) else ""
-                values[k, j] = number_in(f"{self.path.name}: {name}", row, cell, holes=holes, commas=True)
-        return values
-
-    def rotations(self, names: tuple[str, ...]) -> Float[np.ndarray, "n 3 3"]:
-        """The rotations, NaN where cells are empty; refuses what is none, by row."""
-        values = self.numbers(names, holes=True)
-        turns = np.full((len(values), 3, 3), np.nan)
-        known = np.isfinite(values).all(axis=1)
-        given = values[known]
-        if names == QUATERNION:
-            self._refuse(
-                known, np.abs(np.linalg.norm(given, axis=1) - 1), "a quaternion of another length than 1"
-            )
-            turns[known] = Rotation.from_quat(given).as_matrix() if known.any() else given.reshape(-1, 3, 3)
-        elif names in VECTOR or names in ANGLES:
-            factor = (VECTOR | ANGLES)[names]
-            size = np.linalg.norm(given, axis=1) if names in VECTOR else np.abs(given).max(axis=1)
-            too_long = (size > MOST_TURN_RAD) & (factor == 1.0)
-            self._refuse(known, too_long, "a turn of more than 2 pi; is it in degrees")
-            turn = Rotation.from_rotvec(given * factor)
-            if names in ANGLES:
-                turn = Rotation.from_euler("xyz", given * factor)
-            turns[known] = turn.as_matrix()
-        else:
-            matrices = given.reshape(-1, 3, 3)
-            square = np.swapaxes(matrices, 1, 2) @ matrices
-            self._refuse(known, np.abs(square - np.eye(3)).max(axis=(1, 2)), "a matrix that is no rotation")
-            self._refuse(known, np.linalg.det(matrices) < 0, "a left-handed matrix (determinant -1)")
-            left, _, right = np.linalg.svd(matrices)
-            turns[known] = left @ right
-        return turns
-
-    def _refuse(
-        self,
-        known: Bool[np.ndarray, " n"],
-        wrong: Float[np.ndarray, " m"] | Bool[np.ndarray, " m"],
-        observed: str,
-    ) -> None:
+    def refuse(wrong: np.ndarray, observed: str) -> None:
         if (wrong > NOT_ROTATION).any():
-            row = self.rows[int(np.flatnonzero(known)[np.argmax(wrong > NOT_ROTATION)])][0]
-            raise unusable(f"{self.path.name}: row {row}", observed, "a right-handed rotation")
+            row = rows[int(np.flatnonzero(known)[np.argmax(wrong > NOT_ROTATION)])][0]
+            raise unusable(f"{source}: row {row}", observed, "a right-handed rotation")
+
+    turns = np.full((len(values), 3, 3), np.nan)
+    if notation == QUATERNION:
+        refuse(np.abs(np.linalg.norm(given, axis=1) - 1), "a quaternion of another length than 1")
+        turns[known] = Rotation.from_quat(given).as_matrix() if known.any() else given.reshape(-1, 3, 3)
+    elif notation == MATRIX:
+        matrices = given.reshape(-1, 3, 3)
+        square = np.swapaxes(matrices, 1, 2) @ matrices
+        refuse(np.abs(square - np.eye(3)).max(axis=(1, 2)), "a matrix that is no rotation")
+        refuse(np.linalg.det(matrices) < 0, "a left-handed matrix (determinant -1)")
+        left, _, right = np.linalg.svd(matrices)
+        turns[known] = left @ right
+    else:
+        factor = next(k for names, k in (*VECTOR.items(), *ANGLES.items()) if names == notation)
+        size = np.linalg.norm(given, axis=1) if notation in VECTOR else np.abs(given).max(axis=1)
+        refuse((size > MOST_TURN_RAD) & (factor == 1.0), "a turn of more than 2 pi; is it in degrees")
+        turn = Rotation.from_rotvec(given * factor)
+        if notation in ANGLES:
+            turn = Rotation.from_euler("xyz", given * factor)
+        turns[known] = turn.as_matrix()
+    return turns

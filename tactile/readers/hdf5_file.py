@@ -22,7 +22,7 @@ from pipeline.files.plain_file import (
     printable,
     size,
 )
-from tactile.readers.limited_process import TrialEnding, lacks_memory, tried
+from tactile.readers.limited_process import lacks_memory, tried
 from tactile.readers.pictures import absence
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -96,13 +96,10 @@ def require_end(path: Path, *, patience_s: float = PATIENCE_S) -> None:
     if digest in _read_through:
         return
     trial = tried(lambda tell: _read(path, tell), patience_s=patience_s, most_bytes=MOST_MEMORY)
-    if trial.ending is TrialEnding.DONE:
+    if not trial.exceeded:
         _read_through.update([] if digest is None else [digest])
         return
-    limit = (
-        f"{patience_s:.0f} s" if trial.ending is TrialEnding.TOO_LONG else f"{size(MOST_MEMORY)} of memory"
-    )
-    fault = f"contents that are damaged, or take more than {limit} to read"
+    fault = f"contents that are damaged, or take more than {trial.exceeded} to read"
     raise unreadable(path, trial.lines[-1] if trial.lines else "the file", fault, COMPLETE, DAMAGED)
 
 

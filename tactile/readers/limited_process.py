@@ -14,10 +14,10 @@ import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from enum import Enum, auto
-from typing import NoReturn
+from typing import NoReturn, TypeAlias
 
 from pipeline.files.limited_memory import limited_memory
+from pipeline.files.plain_file import size
 
 try:
     import resource
@@ -26,34 +26,27 @@ except ModuleNotFoundError:  # where processes cannot be forked either
 
 DONE = b"\0"
 """The last byte that the process writes."""
-
-
-class TrialEnding(Enum):
-    """How a trial ended."""
-
-    DONE = auto()
-    TOO_LONG = auto()
-    TOO_LARGE = auto()
-    """More memory than the limit, or an end by a signal: some libraries abort where memory is refused."""
+Action: TypeAlias = Callable[[Callable[[str], None]], object]
 
 
 @dataclass(frozen=True)
 class Trial:
-    """How it ended, and the lines that it wrote until then."""
+    """`exceeded`: the limit that it met, in words; empty where it ended by itself. `lines`: what it wrote."""
 
-    ending: TrialEnding
-    lines: tuple[str, ...] = ()
+    exceeded: str
+    lines: tuple[str, ...]
 
 
-def tried(action: Callable[[Callable[[str], None]], None], *, patience_s: float, most_bytes: int) -> Trial:
+def tried(action: Action, *, patience_s: float, most_bytes: int) -> Trial:
     """Runs `action` in a process of its own, which may take `patience_s` and `most_bytes` more memory.
 
-    The action gets a function that takes lines for the caller. An exception of the action counts as DONE: the
-    reader will meet it too. So does a system that cannot fork processes. The process ends with the call,
-    however that ends, and after `patience_s` of processor time in any case.
+    The action gets a function that takes lines for the caller. An exception of the action exceeds nothing, as
+    the reader will meet it too; neither does a system that cannot fork processes. An end by a signal exceeds
+    the memory: some libraries abort where it is refused. The process ends with the call, however that ends,
+    and after `patience_s` of processor time in any case.
     """
     if not hasattr(os, "fork"):
-        return Trial(TrialEnding.DONE)
+        return Trial("", ())
     reader, writer = os.pipe()
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # of threads: the child touches none of them
@@ -74,8 +67,8 @@ def tried(action: Callable[[Callable[[str], None]], None], *, patience_s: float,
             os.waitpid(child, 0)
     lines = tuple(said.rstrip(DONE).decode(errors="replace").splitlines())
     if not in_time:
-        return Trial(TrialEnding.TOO_LONG, lines)
-    return Trial(TrialEnding.DONE if said.endswith(DONE) else TrialEnding.TOO_LARGE, lines)
+        return Trial(f"{patience_s:.0f} s", lines)
+    return Trial("" if said.endswith(DONE) else f"{size(most_bytes)} of memory", lines)
 
 
 def lacks_memory(cause: BaseException) -> bool:
@@ -83,9 +76,7 @@ def lacks_memory(cause: BaseException) -> bool:
     return isinstance(cause, MemoryError) or "allocat" in str(cause).lower()
 
 
-def _act(
-    action: Callable[[Callable[[str], None]], None], writer: int, patience_s: float, most_bytes: int
-) -> NoReturn:
+def _act(action: Action, writer: int, patience_s: float, most_bytes: int) -> NoReturn:
     """The life of the process."""
     try:
         faulthandler.disable()

@@ -8,7 +8,7 @@ from jaxtyping import Float
 
 from pipeline.files.plain_file import not_plain
 from tactile.preparation.logged_trace import LoggedTrace, prepare, written_runs
-from tactile.readers.cell_rows import SPREADSHEETS, Cell, CellTable, Row, number_in, number_of, sheets_of
+from tactile.readers.cell_rows import SPREADSHEETS, CellTable, Row, cells_of, number_of, numbers_in, sheets_of
 from tactile.readers.field_tables import MOVED
 from tactile.readers.pictures import unusable
 from tactile.readers.recording import Converted, IndenterPad, Recording
@@ -197,9 +197,7 @@ def _logged(path: Path, sheet: CellTable, columns: FoundColumns, notes: list[str
         notes.append(f"{path.name}: decimal commas.")
     values = {
         q: columns.units[q].factor
-        * np.array(
-            [_number(f"{path.name}: {columns.header[at][:60]}", row, at, commas=commas) for row in rows]
-        )
+        * numbers_in(f"{path.name}: {columns.header[at][:60]}", at, rows, holes=True, commas=commas)
         for q, at in columns.place.items()
     }
     quantity = "gap" if "gap" in values else "travel"
@@ -218,25 +216,24 @@ def _rows_and_breaks(sheet: CellTable, columns: FoundColumns) -> tuple[list[Row]
     """Rows of numbers, and before which of them the header stands again; its row of units goes with it."""
     rows: list[Row] = []
     breaks: list[int] = []
-    repeats = [
-        tuple(str(cells[at]) if at < len(cells) else "" for at in columns.place.values())
-        for _, cells in sheet.rows[max(columns.first - 2, 0) : columns.first]
-    ]
-    for number, cells in sheet.rows[columns.first :]:
-        entries = tuple(str(cells[at]) if at < len(cells) else "" for at in columns.place.values())
+    above, below = sheet.rows[max(columns.first - 2, 0) : columns.first], sheet.rows[columns.first :]
+    places = columns.place.values()
+    repeats = [tuple(map(str, cells)) for cells in cells_of(above, places)]
+    for row, cells in zip(below, cells_of(below, places), strict=True):
+        entries = tuple(map(str, cells))
         if entries in repeats and not any(number_of(cell) is not None for cell in entries):
             breaks.append(len(rows))
         elif any(entries):
-            rows.append((number, cells))
+            rows.append(row)
     return rows, tuple(dict.fromkeys(breaks))
 
 
-def _decimal_commas(path: Path, rows: list[tuple[int, list[Cell]]], columns: FoundColumns) -> bool:
+def _decimal_commas(path: Path, rows: list[Row], columns: FoundColumns) -> bool:
     texts = [
         (number, cell)
-        for number, cells in rows
-        for at in columns.place.values()
-        if at < len(cells) and isinstance(cell := cells[at], str)
+        for (number, _), cells in zip(rows, cells_of(rows, columns.place.values()), strict=True)
+        for cell in cells
+        if isinstance(cell, str)
     ]
     comma = next(((number, cell) for number, cell in texts if "," in cell), None)
     point = next(((number, cell) for number, cell in texts if "." in cell), None)
@@ -246,11 +243,6 @@ def _decimal_commas(path: Path, rows: list[tuple[int, list[Cell]]], columns: Fou
             path.name, both, "either decimal commas or decimal points, and nothing between thousands"
         )
     return comma is not None
-
-
-def _number(source: str, row: Row, at: int, *, commas: bool) -> float:
-    number, cells = row
-    return number_in(source, number, cells[at] if at < len(cells) else "", holes=True, commas=commas)
 
 
 def _travel(

@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from pipeline.files.plain_file import NotReadable, not_plain, open_plain, size
 from tactile.markers.gaps import at_times, poses_at
 from tactile.readers.flange_table import NOT_ROTATION
-from tactile.readers.limited_process import TrialEnding, tried
+from tactile.readers.limited_process import tried
 from tactile.readers.pictures import unusable
 from tactile.readers.toml_table import read_table
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -120,12 +120,9 @@ def _series(path: Path, topics: set[str]) -> dict[str, TopicSeries]:
             for topic, rows in held.items()
         }
 
-    def trial(_: Callable[[str], None]) -> None:
-        read()
-
-    ending = tried(trial, patience_s=PATIENCE_S, most_bytes=MOST_MEMORY).ending
-    if ending is not TrialEnding.DONE:
-        fault = f"messages that take more than {PATIENCE_S:.0f} s or {size(MOST_MEMORY)} to decode"
+    exceeded = tried(lambda _: read(), patience_s=PATIENCE_S, most_bytes=MOST_MEMORY).exceeded
+    if exceeded:
+        fault = f"messages that take more than {exceeded} to decode"
         raise unusable(path.name, fault, "a recording of one grasp; cut the bag to it")
     try:
         return read()

@@ -6,7 +6,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
-from tactile.readers.cell_rows import LOOKED_AT, SPACES, Cell, CellTable, Row, number_of
+from tactile.readers.cell_rows import LOOKED_AT, SPACES, Cell, CellTable, Row, cells_of, number_of
 from tactile.readers.pictures import unusable
 from tactile.readers.stated_unit import EXAMPLES, NoUnit, Unit, is_unit, read_unit, unit_of_name, with_factor
 from tactile.tactile_failure import TactileFailure
@@ -171,16 +171,10 @@ def _chosen(names: Sequence[str], words: TraceWords) -> dict[str, str] | None:
 def _units_below(sheet: CellTable, k: int, place: Mapping[str, int]) -> tuple[dict[str, str], int]:
     """The texts in the row of units below the names in row `k`, if any, and the first row of numbers."""
     texts: list[dict[str, str]] = []
-    for _, cells in sheet.rows[k + 1 : k + 1 + _ROWS_BELOW]:
-        entries = {q: cells[at] if at < len(cells) else "" for q, at in place.items()}
-        if any(
-            cell != "" and (isinstance(cell, float) or number_of(cell) is not None)
-            for cell in entries.values()
-        ):
+    for cells in cells_of(sheet.rows[k + 1 : k + 1 + _ROWS_BELOW], place.values()):
+        if not any(cells) or any(number_of(cell) is not None for cell in cells):
             break
-        if not any(entries.values()):
-            break
-        texts.append({q: str(cell) for q, cell in entries.items() if cell})
+        texts.append({q: str(cell) for q, cell in zip(place, cells, strict=True) if cell})
     if not texts:
         return {}, k + 1
     return max(texts, key=lambda row: sum(map(is_unit, row.values()))), k + 1 + len(texts)

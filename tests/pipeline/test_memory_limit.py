@@ -7,7 +7,7 @@ import threading
 import pytest
 
 from pipeline.files.limited_memory import limited_memory
-from tactile.readers.limited_process import TrialEnding, tried
+from tactile.readers.limited_process import tried
 
 MIB, GIB = 2**20, 2**30
 pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere there is no limit")
@@ -81,4 +81,4 @@ def test_a_trial_has_its_own_limit_beside_a_wider_block():
     block = Block(4 * GIB).begun()
     trial = tried(lambda tell: tell(str(len(bytearray(GIB)))), patience_s=10, most_bytes=100 * MIB)
     block.end()
-    assert trial.ending is TrialEnding.TOO_LARGE
+    assert trial.exceeded.endswith("of memory")
