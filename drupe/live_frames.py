@@ -21,7 +21,7 @@ from pipeline.fruit.fruit_shape import FruitShape, embedded_pit, fruit_shape
 from tactile.contact import frames_in_air, neighbourhood, touching_markers
 from tactile.noise import FEWEST_NO_CONTACT_FRAMES, no_contact_noise
 from tactile.readers.recording import GelPad, Recording
-from tactile.readers.toml_table import is_rigid
+from tactile.readers.recording_fields import are_rigid
 from tactile.registration import FARTHEST_SHARE, depth_along
 
 
@@ -74,7 +74,7 @@ class LiveModulus:
             moved = moved - pad.displacement_zero_mm
             force = numbers(f"force_N[{k}]", of_pads["force_N"][k], shape) - pad.force_zero_N
             at = numbers(f"pose[{k}]", of_pads["pose"][k], (4, 4))
-            if not is_rigid(at):
+            if not are_rigid(at[None]).all():
                 raise DrupeError(
                     f"pose[{k}]: found a matrix that is no rotation and shift, expected one in mm"
                 )

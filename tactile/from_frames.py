@@ -19,8 +19,8 @@ from tactile.markers.pad_frames import (
 from tactile.markers.tracking import TrackedMarkers
 from tactile.readers.pictures import gaps_said
 from tactile.readers.raw_grasp import RawGrasp, RawPad
-from tactile.readers.recording import Converted, GelPad, IndenterPad, Recording
-from tactile.sensors import layer_stiffness
+from tactile.readers.recording import Converted, GelPad, IndenterPad
+from tactile.sensors import gel_constants
 from tactile.square_pixels import with_square_pixels
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -65,20 +65,15 @@ def recording_of(raw: RawGrasp, *, progress: Progress | None = None) -> Converte
             f"{raw.source}: no sensor has a serial number, so drupe cannot detect swapped pads with "
             "similar markers."
         )
-    return Converted(
-        recording=Recording(
-            fruit_id=raw.fruit_id,
-            category=raw.category,
-            loading=raw.loading,
-            support=raw.support,
-            sensor=raw.pads[0].sensor.name,
-            time_s=when,
-            aperture_mm=raw.aperture_mm[rows],
-            wrench_N=None if raw.wrench_N is None else raw.wrench_N[rows],
-            pads=_with_jaw(tuple(_resampled(pad_fields, when) for pad_fields in read), raw, rows),
-        ),
-        notes=tuple(notes),
+    wrench_N = raw.recording.wrench_N
+    recording = replace(
+        raw.recording,
+        time_s=when,
+        aperture_mm=raw.recording.aperture_mm[rows],
+        wrench_N=None if wrench_N is None else wrench_N[rows],
+        pads=_with_jaw(tuple(_resampled(pad_fields, when) for pad_fields in read), raw, rows),
     )
+    return Converted(recording=recording, notes=tuple(notes))
 
 
 def _with_jaw(
@@ -133,23 +128,16 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields
             f"{source}: the contact reaches the edge of the markers ({share:.0%} of the maximum push "
             "there). The force beyond is missing: press closer to the middle, or less."
         )
-    kn, kt = layer_stiffness(pad.sensor)
     gel = GelPad(
         name=pad.name,
         pose=pad.pose[kept],
         rest_mm=fields.rest_mm,
         displacement_mm=filled(fields.rest_mm, fields.displacement_mm),
         force_N=fields.force_N,
-        gel_kn_MPa_per_mm=kn,
-        gel_kt_MPa_per_mm=kt,
-        thickness_mm=pad.sensor.thickness_mm,
-        gel_E_MPa=pad.sensor.E_MPa,
-        gel_nu=pad.sensor.nu,
         certainty=_least(tracked, second),
         reference_print=found_markers.reference_print,
         print_shown=None if found_markers.print_shown is None else found_markers.print_shown[kept],
-        force_scale_sd=pad.sensor.force_sd,
-        displacement_scale_sd=pad.sensor.displacement_sd,
+        **gel_constants(pad.sensor),
     )
     return _PadFields(tracked.time_s, kept, gel, notes)
 

@@ -7,7 +7,7 @@ centre of the first pixel. A camera behind the gel that looks out through it and
 """
 
 from dataclasses import dataclass
-from typing import Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -98,8 +98,12 @@ def bonded_stiffness(E_MPa: float, nu: float, thickness_mm: float) -> tuple[floa
     return kn, E_MPa / (2 * (1 + nu) * thickness_mm)
 
 
-def layer_stiffness(sensor: Sensor) -> tuple[float, float]:
-    """Normal and shear stiffness per area (MPa/mm): as measured, or of a bonded layer."""
+def gel_constants(sensor: Sensor) -> dict[str, Any]:
+    """What the sensor says of its gel and of its scales, by the fields of a recording's gel pad.
+
+    The stiffness per area (MPa/mm) is as measured, or that of a bonded layer. Raises TactileFailure
+    (unreadable-sensor) where the description says neither.
+    """
     E, nu, h = sensor.E_MPa, sensor.nu, sensor.thickness_mm
     kn, kt = sensor.gel_kn_MPa_per_mm, sensor.gel_kt_MPa_per_mm
     if E is not None and nu is not None and h is not None:
@@ -111,4 +115,12 @@ def layer_stiffness(sensor: Sensor) -> tuple[float, float]:
             f"{sensor.name}: found neither the gel's stiffness nor thickness_mm, E_MPa and nu, "
             "expected one of the two; add gel_kn_MPa_per_mm and gel_kt_MPa_per_mm to [gel].",
         )
-    return kn, kt
+    return {
+        "gel_kn_MPa_per_mm": kn,
+        "gel_kt_MPa_per_mm": kt,
+        "thickness_mm": h,
+        "gel_E_MPa": E,
+        "gel_nu": nu,
+        "force_scale_sd": sensor.force_sd,
+        "displacement_scale_sd": sensor.displacement_sd,
+    }

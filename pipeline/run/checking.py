@@ -41,7 +41,7 @@ from recon.surface.mesh_file import read_mesh
 from tactile.consistency.finding import Finding
 from tactile.correction import corrected
 from tactile.pad_reference import references_said
-from tactile.readers.raw_grasp import RawGrasp, read_raw_grasp
+from tactile.readers.raw_grasp import read_raw_grasp
 from tactile.readers.recording import Recording, read_recording
 from tactile.recording_digest import recording_digest
 from tactile.rig.rig_curve import RigCurve
@@ -204,13 +204,15 @@ class _CheckedFruit:
         def read() -> list[Problem]:
             raw = read_raw_grasp(path)
             said.extend(references_said(raw))
-            return self._doubted(path, self._of_owner(raw, source=path.name, field="fruit_id in grasp.toml"))
+            return self._doubted(
+                path, self._of_owner(raw.recording, source=path.name, field="fruit_id in grasp.toml")
+            )
 
         yield from tried(self.row, path, read)
         yield from (doubted(self.row, path, sentence) for sentence in said)
 
     def _of_owner(
-        self, recorded: Recording | RawGrasp, *, source: str, field: str = "attribute fruit_id"
+        self, recorded: Recording, *, source: str, field: str = "attribute fruit_id"
     ) -> list[Finding]:
         """Whether the recording names this fruit, as grading asks (pipeline.fruit.grasped.owner_of)."""
         category = None if self.row.reference else self.batch.category

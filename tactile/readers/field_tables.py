@@ -21,7 +21,7 @@ from tactile.readers.plain_numpy import array_fault, load_npz
 from tactile.readers.recording import Converted, GelPad, Loading, Recording
 from tactile.readers.recording_fields import Shape
 from tactile.readers.ros_bag import bag_fields
-from tactile.sensors import Sensor, layer_stiffness
+from tactile.sensors import Sensor, gel_constants
 
 REST, MOVED, PUSHED = ("x_mm", "y_mm", "z_mm"), ("dx_mm", "dy_mm", "dz_mm"), ("fx_N", "fy_N", "fz_N")
 COLUMNS = ("time_s", "aperture_mm", "pad", "marker", *REST, *MOVED, *PUSHED)
@@ -42,7 +42,7 @@ def read_field_table(
     time_s = _field(path, held, "time_s", (None,))
     frames = len(time_s)
     increasing(path.name, time_s)
-    kn, kt = layer_stiffness(sensor)
+    of_gel = gel_constants(sensor)
     notes = []
     pads = []
     for name in names:
@@ -61,13 +61,7 @@ def read_field_table(
                 rest_mm=rest,
                 displacement_mm=_field(path, held, f"pads/{name}/displacement_mm", shape),
                 force_N=_field(path, held, f"pads/{name}/force_N", shape),
-                gel_kn_MPa_per_mm=kn,
-                gel_kt_MPa_per_mm=kt,
-                thickness_mm=sensor.thickness_mm,
-                gel_E_MPa=sensor.E_MPa,
-                gel_nu=sensor.nu,
-                force_scale_sd=sensor.force_sd,
-                displacement_scale_sd=sensor.displacement_sd,
+                **of_gel,
             )
         )
     loading = "press" if names == ("tip",) else "grasp"

@@ -19,7 +19,7 @@ from pipeline.files.plain_file import named_in_utf8, not_plain
 from tactile.markers.gaps import at_times
 from tactile.readers.grasp_log import GraspLog, increasing, read_columns, read_log
 from tactile.readers.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
-from tactile.readers.recording import PADS_OF_LOADING, Loading, Support
+from tactile.readers.recording import PADS_OF_LOADING, Loading, Recording, Support
 from tactile.readers.reference_source import named_reference, read_reference, reference_path
 from tactile.readers.sensor_file import read_sensor
 from tactile.readers.toml_table import Table, read_table
@@ -72,15 +72,10 @@ class PlainJaw:
 
 @dataclass(frozen=True, kw_only=True)
 class RawGrasp:
-    """A grasp before any frame is looked at; the log's values are at the first pad's frames."""
+    """A grasp before any frame is looked at. `recording` has no pads yet; it is at the first pad's frames."""
 
     source: str
-    fruit_id: str
-    category: str
-    loading: Loading
-    support: Support
-    aperture_mm: Float[np.ndarray, " t"]
-    wrench_N: Float[np.ndarray, "t 6"] | None
+    recording: Recording
     pads: tuple[RawPad, ...]
     plain_jaw: PlainJaw | None = None
 
@@ -118,19 +113,21 @@ def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
     _refuse_swapped(folder, pads_table, pads)
     when = pads[0].time_s
     wrench = log.wrench_N
-    return RawGrasp(
-        source=folder.name,
+    recording = Recording(
         fruit_id=top.text("fruit_id"),
         category=top.text("category"),
         loading=loading,
         support=cast(
             Support, top.choice("support", ("free", "base")) if "support" in top.values else support
         ),
-        plain_jaw=_plain_jaw(plain[0], pads_table, log, when, at_mm) if plain else None,
+        sensor=pads[0].sensor.name,
+        time_s=when,
         aperture_mm=np.interp(when, log.time_s, log.aperture_mm),
         wrench_N=None if wrench is None else at_times(when, log.time_s, wrench),
-        pads=pads,
+        pads=(),
     )
+    jaw = _plain_jaw(plain[0], pads_table, log, when, at_mm) if plain else None
+    return RawGrasp(source=folder.name, recording=recording, pads=pads, plain_jaw=jaw)
 
 
 def _pad(

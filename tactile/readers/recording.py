@@ -5,6 +5,7 @@ and optionally `support`; datasets `time_s`, `aperture_mm`, optionally `wrench_N
 `pads`. Units are mm, N, MPa and s. A pose takes pad coordinates to fruit coordinates.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, cast
@@ -67,6 +68,9 @@ GEL_KNOWN = {
     "print_shown": ("t", ANY),
 }
 """Optional datasets of a gel pad, of no negative value: one a frame (t), or in all."""
+TEXTS = ("fruit_id", "category", "loading", "support", "sensor")
+SERIES = ("time_s", "aperture_mm", "wrench_N", *RIG_FIELDS)
+"""Attributes of a file, and its fields beside the pads."""
 PADS_OF_LOADING = {"grasp": ("left", "right"), "press": ("tip",)}
 
 Loading: TypeAlias = Literal["grasp", "press"]
@@ -125,17 +129,17 @@ def marker_area_mm2(rest_mm: Float[np.ndarray, "n 3"]) -> float | None:
         cells = Voronoi(rest_mm[:, :2])
     except QhullError:  # all on a line
         return None
-    regions = [cells.regions[region] for region in cells.point_region]
-    sizes = np.array([len(corners) if -1 not in corners else 0 for corners in regions])
-    areas = []
-    for corner_count in np.unique(sizes[sizes > 0]):
-        of_size = np.flatnonzero(sizes == corner_count)
-        corners_mm = cells.vertices[[regions[k] for k in of_size]] - cells.points[of_size, None]
-        around = np.argsort(np.arctan2(corners_mm[..., 1], corners_mm[..., 0]), axis=1)
-        x, y = np.moveaxis(np.take_along_axis(corners_mm, around[..., None], axis=1), -1, 0)
-        next_x, next_y = np.roll(x, -1, axis=1), np.roll(y, -1, axis=1)
-        areas.append(0.5 * np.abs((x * next_y - y * next_x).sum(axis=1)))
-    return float(np.median(np.concatenate(areas))) if areas else None
+    regions = [cells.regions[k] for k in cells.point_region]
+    whole = [corners for corners in regions if corners and -1 not in corners]
+    if not whole:
+        return None
+    # the corners of a cell of a plane are listed in order round it
+    here, following = (
+        cells.vertices[np.concatenate(ends)] for ends in (whole, [c[1:] + c[:1] for c in whole])
+    )
+    starts = np.cumsum([0, *map(len, whole[:-1])])
+    twice = here[:, 0] * following[:, 1] - here[:, 1] * following[:, 0]
+    return float(np.median(np.abs(np.add.reduceat(twice, starts)))) / 2
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -197,7 +201,6 @@ def read_recording(path: Path) -> Recording:
         default = "free" if loading == "grasp" else "base"
         time_s = root.time("time_s", limit=TIME)
         frames = len(time_s)
-        rig = _rig_fields(root, frames)
         pads_group = root.child("pads")
         scale_sd = root.optional_positive("force_scale_sd", limit=SCALE_SD) or 0.0
         return Recording(
@@ -209,8 +212,7 @@ def read_recording(path: Path) -> Recording:
             time_s=time_s,
             aperture_mm=root.array("aperture_mm", (frames,), limit=APERTURE),
             wrench_N=root.array("wrench_N", (frames, 6), limit=WRENCH) if "wrench_N" in root else None,
-            rig_give_mm=rig.get("rig_give_mm"),
-            rig_sd_mm=rig.get("rig_sd_mm"),
+            **_rig_fields(root, frames),
             pose_frame=cast(PoseFrame, root.choice("pose_frame", {"fruit", "mat"}, default="fruit")),
             pose_sd_mm=root.optional_positive("pose_sd_mm", limit=POSE_SD),
             pads=tuple(
@@ -226,39 +228,23 @@ def write_recording(path: Path, recording: Recording) -> None:
     Marker displacement and force are stored in single precision (6e-8 relative), the rest in double.
     """
     with h5py.File(path, "w") as file:
-        file.attrs.update(
-            {
-                "format": FORMAT,
-                "version": VERSION,
-                "fruit_id": recording.fruit_id,
-                "category": recording.category,
-                "loading": recording.loading,
-                "support": recording.support,
-                "sensor": recording.sensor,
-            }
-        )
+        attributes = {name: getattr(recording, name) for name in TEXTS}
+        file.attrs.update({"format": FORMAT, "version": VERSION, **attributes})
         if recording.pose_frame != "fruit":
             file.attrs["pose_frame"] = recording.pose_frame
         if recording.pose_sd_mm is not None:
             file.attrs["pose_sd_mm"] = recording.pose_sd_mm
-        file["time_s"] = np.asarray(recording.time_s, dtype=np.float64)
-        file["aperture_mm"] = np.asarray(recording.aperture_mm, dtype=np.float64)
-        if recording.wrench_N is not None:
-            file["wrench_N"] = np.asarray(recording.wrench_N, dtype=np.float64)
-        for name in RIG_FIELDS:
-            if (values := getattr(recording, name)) is not None:
-                file[name] = np.asarray(values, dtype=np.float64)
+        _write_fields(file, recording, SERIES)
         for pad in recording.pads:
             group = file.create_group(f"pads/{pad.name}")
-            group["pose"] = np.asarray(pad.pose, dtype=np.float64)
             if isinstance(pad, GelPad):
                 _write_gel(group, pad)
             else:
+                _write_fields(group, pad, ("pose", "force_z_N"))
                 group.attrs["indenter"] = pad.indenter
                 if pad.radius_mm is not None:
                     group.attrs["radius_mm"] = pad.radius_mm
                 write_specimen(group.attrs, pad.specimen)
-                group["force_z_N"] = np.asarray(pad.force_z_N, dtype=np.float64)
 
 
 def is_of_bare_indenter(path: Path) -> bool:
@@ -305,7 +291,7 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, scale_sd: float) -> G
     )
 
 
-def _rig_fields(root: GroupReader, frames: int) -> dict[str, Float[np.ndarray, " t"]]:
+def _rig_fields(root: GroupReader, frames: int) -> dict[str, Any]:
     """What a rig's give took off the travel, and its standard deviation; nothing where neither is there."""
     if not any(name in root for name in RIG_FIELDS):
         return {}
@@ -350,15 +336,19 @@ def _no_face(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[str, str, str] | None:
     return fault, expected, "write each marker's own x, y, z"
 
 
+def _write_fields(group: Any, record: Recording | GelPad | IndenterPad, names: Sequence[str]) -> None:
+    """Those that the record has."""
+    for name in names:
+        if (values := getattr(record, name)) is not None:
+            group[name] = np.asarray(values, dtype=np.float64)
+
+
 def _write_gel(group: Any, pad: GelPad) -> None:
     """Writes one gel pad's fields into its HDF5 group, forces and displacements in single precision."""
-    group["rest_mm"] = np.asarray(pad.rest_mm, dtype=np.float64)
+    _write_fields(group, pad, ("pose", "rest_mm", *GEL_KNOWN))
     for name in ("displacement_mm", "force_N"):
         values = getattr(pad, name).astype(np.float32)
         group.create_dataset(name, data=values, compression="gzip", shuffle=True)
-    for name in GEL_KNOWN:
-        if (said := getattr(pad, name)) is not None:
-            group[name] = np.asarray(said, dtype=np.float64)
     group.attrs.update({name: said for f, (name, _) in GEL_CONSTANTS.items() if (said := getattr(pad, f))})
 
 

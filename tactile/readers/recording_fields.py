@@ -6,7 +6,7 @@ from typing import Any, TypeAlias
 
 import h5py
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Bool, Float
 
 from pipeline.files.plain_file import printable
 from tactile.readers.hdf5_file import first_line, is_elsewhere, unreadable
@@ -93,8 +93,7 @@ class GroupReader:
 
     def positive(self, name: str, *, limit: Limit) -> float:
         """A numeric attribute above zero, up to its limit."""
-        value = self._attribute(name)
-        number = float(value) if isinstance(value, int | float | np.number) else float("nan")
+        number, value = self._number(name)
         if not (np.isfinite(number) and number > 0):
             raise self._refuse(
                 f"attribute {name}", _said(value), "a number above zero", "correct the sensor's constants"
@@ -106,8 +105,7 @@ class GroupReader:
 
     def share(self, name: str) -> float:
         """A numeric attribute from 0 up to less than 1."""
-        value = self._attribute(name)
-        number = float(value) if isinstance(value, int | float | np.number) else float("nan")
+        number, value = self._number(name)
         if not 0 <= number < 1:
             raise self._refuse(f"attribute {name}", _said(value), "a share, 0 to less than 1", "correct it")
         return number
@@ -178,12 +176,8 @@ class GroupReader:
     def poses(self, name: str, frames: int) -> Float[np.ndarray, "t 4 4"]:
         """Rigid transforms, one per frame."""
         values = self.array(name, (frames, 4, 4), limit=Limit(FARTHEST_MM, "millimetres"))
-        rotation = values[:, :3, :3]
-        skew = np.abs(np.einsum("tki,tkj->tij", rotation, rotation) - np.eye(3)).max(axis=(1, 2))
-        last_row = np.abs(values[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1)
-        wrong = (skew > RIGID_TOLERANCE) | (np.linalg.det(rotation) < 0) | (last_row > RIGID_TOLERANCE)
-        if wrong.any():
-            fault = f"a matrix in frame {int(np.argmax(wrong))} that is not a rotation and a shift"
+        if not (rigid := are_rigid(values)).all():
+            fault = f"a matrix in frame {int(np.argmin(rigid))} that is not a rotation and a shift"
             advice = "write the 4x4 pad-to-fruit pose, lengths in mm, right-handed"
             raise self._refuse(name, fault, "rigid motions", advice)
         return values
@@ -201,6 +195,11 @@ class GroupReader:
             raise self._refuse(
                 f"attribute {name}", first_line(cause), "a number or a text", REWRITE
             ) from cause
+
+    def _number(self, name: str) -> tuple[float, Any]:
+        """What an attribute holds as a number, NaN where it is none, and as it is."""
+        value = self._attribute(name)
+        return float(value) if isinstance(value, int | float | np.number) else float("nan"), value
 
     def _require_own(self, name: str) -> None:
         """Refuse a field that is a link: it may lead into another file, which is not of the recording and
@@ -268,6 +267,20 @@ def fits(have: tuple[int, ...], wanted: Shape) -> bool:
     return len(have) == len(wanted) and all(
         (length >= 1 if want is None else length == want) for length, want in zip(have, wanted, strict=True)
     )
+
+
+def are_rigid(poses: Float[np.ndarray, "t 4 4"]) -> Bool[np.ndarray, " t"]:
+    """Which matrices are a rotation and a shift of at most 100 m.
+
+    >>> are_rigid(np.stack([np.eye(4), 2 * np.eye(4)])).tolist()
+    [True, False]
+    """
+    turns = poses[:, :3, :3]
+    skew = np.abs(np.swapaxes(turns, 1, 2) @ turns - np.eye(3)).max(axis=(1, 2))
+    last_row = np.abs(poses[:, 3] - [0.0, 0.0, 0.0, 1.0]).max(axis=1)
+    near = np.abs(poses[:, :3, 3]).max(axis=1) <= FARTHEST_MM
+    right_handed = np.linalg.det(turns) > 0
+    return np.asarray(near & right_handed & (np.maximum(skew, last_row) <= RIGID_TOLERANCE))
 
 
 def shape_said(wanted: Shape) -> str:

@@ -134,18 +134,15 @@ def gel_of_model(model: SensorModel) -> PublishedGel:
     Where the stiffness itself is not published it is the bonded layer's (tactile.sensors),
     errors to first order.
     """
-    pitch = model.pitch_mm
+    pitch, names = model.pitch_mm, ("gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm")
+    measured = {name: model.gel[name] for name in names if name in model.gel}
+    stated = {name: (float(known.value[0]), known.relative_sd) for name, known in measured.items()}
     return PublishedGel(
         source=f'the sensor model "{model.key}"',
-        stiffness={**_of_a_layer(model.gel), **_as_published(model.gel)},
+        stiffness=_of_a_layer(model.gel) | stated,
         pitch_mm=None if pitch is None else float(np.exp(np.log(pitch.value).mean())),
         pitch_sd=0.0 if pitch is None else pitch.relative_sd,
     )
-
-
-def _as_published(gel: Mapping[str, Published]) -> dict[str, tuple[float, float]]:
-    names = ("gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm")
-    return {name: (float(gel[name].value[0]), gel[name].relative_sd) for name in names if name in gel}
 
 
 def _of_a_layer(gel: Mapping[str, Published]) -> dict[str, tuple[float, float]]:

@@ -11,7 +11,7 @@ from jaxtyping import Float
 
 from pipeline.files.plain_file import NotReadable, printable, read_text, toml_of
 from tactile.readers.pictures import absence
-from tactile.readers.recording_fields import FARTHEST_MM, RIGID_TOLERANCE, Limit, fits
+from tactile.readers.recording_fields import Limit, are_rigid, fits
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MOST_BYTES = 1_000_000
@@ -67,7 +67,7 @@ class Table:
     def pose(self, name: str) -> Float[np.ndarray, "4 4"]:
         """A rotation and a shift, mm."""
         pose: Float[np.ndarray, "4 4"] = self.numbers(name, (4, 4))
-        if not is_rigid(pose):
+        if not are_rigid(pose[None]).all():
             raise self.refusal(name, "a matrix that is no rotation and shift", "a rigid motion, mm")
         return pose
 
@@ -165,15 +165,3 @@ def _holds_other_than_numbers(value: object) -> bool:
     if isinstance(value, list):
         return any(_holds_other_than_numbers(item) for item in value)
     return isinstance(value, bool) or not isinstance(value, int | float)
-
-
-def is_rigid(pose: Float[np.ndarray, "4 4"]) -> bool:
-    """Whether a matrix is a rotation and a shift of at most 100 m.
-
-    >>> is_rigid(np.eye(4)), is_rigid(2 * np.eye(4))
-    (True, False)
-    """
-    turn = pose[:3, :3]
-    rotation = np.abs(turn.T @ turn - np.eye(3)).max() < RIGID_TOLERANCE and np.linalg.det(turn) > 0
-    last = np.abs(pose[3] - [0, 0, 0, 1]).max() < RIGID_TOLERANCE
-    return bool(rotation and last and np.abs(pose[:3, 3]).max() <= FARTHEST_MM)

@@ -104,7 +104,7 @@ def _digest_of_batch(batch: Path) -> str:
     held += [replace(read_recording(path), notes=()) for path in first.grasp_files()]
     raw = read_raw_grasp(second.grasps / "raw")
     held += [(pad.sensor, pad.time_s, pad.pose, pad.view.reference) for pad in raw.pads]
-    held += [raw.aperture_mm, raw.fruit_id, raw.category, raw.support]
+    held += [raw.recording.aperture_mm, raw.recording.fruit_id, raw.recording.category, raw.recording.support]
     held += [read_photo(p).image for p in second.photo_files()]
     return _digest(held)
 
