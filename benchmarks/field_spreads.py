@@ -22,11 +22,10 @@ from pipeline.fruit.input_doubts import against_category
 from pipeline.fruit.sensor_scale import known_gels
 from recon.pit.priors import load_prior
 from tactile.consistency.faults import OF_PEAK, share_at_edge
-from tactile.consistency.footprint import Footprint, footprint
-from tactile.consistency.misfit import LIMIT
-from tactile.consistency.of_recording import misfits_of
+from tactile.consistency.footprint import Footprint, footprint, mesh_misfits
+from tactile.consistency.misfit import LIMIT, Situation
 from tactile.consistency.pressing import Pressing, noise_shares, pressing_of
-from tactile.consistency.relations import gain_of
+from tactile.consistency.relations import gain_of, signal_misfits
 from tactile.consistency.time_findings import drift_of, pressed_share
 from tactile.readers.recording import GelPad
 
@@ -104,7 +103,9 @@ def main() -> None:
             for name, value in of_prints([imprint for imprint in prints if imprint is not None]):
                 values_of[name].append(value)
             gels = known_gels(recording.sensor, None)
-            for misfit in misfits_of(recording, fruit.vertices, fruit.faces, gels=gels):
+            compared = {"vertices": fruit.vertices, "faces": fruit.faces, "gels": tuple(gels)}
+            situation = Situation(recording=recording, pressings=tuple(pressings), **compared)
+            for misfit in (*signal_misfits(situation), *mesh_misfits(situation)):
                 values_of[" ".join(filter(None, (misfit.kind.value, misfit.field)))].append(misfit.sds)
     sys.stdout.write(f"{'':47s} {'rms':>9s} {'median':>9s} {'least':>9s} {'most':>9s} {'fails':>9s}\n")
     for name, values in values_of.items():

@@ -59,14 +59,10 @@ def value_findings(pressings: Sequence[Pressing]) -> list[Finding]:
     return findings
 
 
-def _finding(press: Pressing, kind: FindingKind, says: str, relative_sd: float, **more: Any) -> Finding:
-    return doubted(kind, says, relative_sd=relative_sd, pads=(press.pad.name,), **more)
-
-
 def lost_finding(press: Pressing, kind: FindingKind, says: str, share: float, **more: Any) -> Finding:
     """The finding that this share of a contact's markers or values is lost."""
-    pads, refused = (press.pad.name,), share > LOST_REFUSED
-    return Finding(kind, says, pads=pads, relative_sd=E_PER_LOST * share, refused=refused, **more)
+    refused = share > LOST_REFUSED
+    return Finding(kind, says, pads=press.pads, relative_sd=E_PER_LOST * share, refused=refused, **more)
 
 
 def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
@@ -81,9 +77,8 @@ def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
                     f"expected below {100 * most:.0f} %; press harder, or check the sensor"
                 )
                 refused, sd = shares[0] > NOISE_REFUSED, float(np.dot(E_PER_NOISE, shares))
-                kind, pads = FindingKind.NOISE, (press.pad.name,)
-                more: dict[str, Any] = {"field": name, "refused": refused, "hides_touch": True}
-                findings.append(Finding(kind, says, pads=pads, relative_sd=sd, **more))
+                of_pad: dict[str, Any] = {"pads": press.pads, "field": name, "hides_touch": True}
+                findings.append(Finding(FindingKind.NOISE, says, relative_sd=sd, refused=refused, **of_pad))
                 break
     return findings
 
@@ -105,7 +100,7 @@ def _dead_field(press: Pressing) -> Iterator[Finding]:
                 f"{name} is dead: it does not rise above its noise while the other field does, so the sensor "
                 "or its tracking failed; record the grasp again"
             )
-            yield _finding(press, FindingKind.DEAD_FIELD, says, MEANINGLESS, field=name)
+            yield doubted(FindingKind.DEAD_FIELD, says, relative_sd=MEANINGLESS, pads=press.pads, field=name)
 
 
 def dead_markers(press: Pressing) -> Bool[np.ndarray, " n"]:
@@ -155,14 +150,14 @@ def _whole_frames(press: Pressing) -> Iterator[Finding]:
                 f"{name} is zero at every marker in {int(lost.sum())} frames during the contact (first: "
                 f"frame {int(np.argmax(lost))}), so frames are missing and filled with zeros"
             )
-            yield _finding(press, FindingKind.ZERO_FRAMES, says, MEANINGLESS, field=name)
+            yield doubted(FindingKind.ZERO_FRAMES, says, relative_sd=MEANINGLESS, pads=press.pads, field=name)
     copied = pressed[1:] & np.all([(v[1:] == v[:-1]).all(axis=(1, 2)) for v in fields.values()], axis=0)
     if press.felt_sd_mm > 0 and copied.sum() > 1:
         says = (
             f"frames are duplicated: {int(copied.sum())} in the contact repeat the frame before (first: "
             f"frame {int(np.argmax(copied)) + 1}); E does not depend on them"
         )
-        yield Finding(FindingKind.COPIED_FRAMES, says, pads=(press.pad.name,), remark=True)
+        yield Finding(FindingKind.COPIED_FRAMES, says, pads=press.pads, remark=True)
 
 
 def _clipped(press: Pressing) -> Iterator[Finding]:
@@ -248,8 +243,7 @@ def _pitch_off(press: Pressing) -> Iterator[Finding]:
             "because nearly all moved at once by much of a pitch. Close the jaws more slowly, or record at a "
             "higher frame rate"
         )
-        kind, pads = FindingKind.MARKERS_PITCH_OFF, (press.pad.name,)
-        yield doubted(kind, says, relative_sd=MEANINGLESS, pads=pads)
+        yield doubted(FindingKind.MARKERS_PITCH_OFF, says, relative_sd=MEANINGLESS, pads=press.pads)
 
 
 def edge_findings(pressings: Sequence[Pressing]) -> list[Finding]:
@@ -281,5 +275,4 @@ def _edge(press: Pressing) -> Iterator[Finding]:
             f"contact extends beyond the markers (the outermost carry {100 * share:.0f} % of the peak), so "
             "some force is missing; markers are missing, or the fruit was not in the pad's middle"
         )
-        kind, pads = FindingKind.OVER_EDGE, (press.pad.name,)
-        yield doubted(kind, says, relative_sd=MEANINGLESS, pads=pads)
+        yield doubted(FindingKind.OVER_EDGE, says, relative_sd=MEANINGLESS, pads=press.pads)

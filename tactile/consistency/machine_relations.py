@@ -52,7 +52,7 @@ def machine_misfits(situation: Situation) -> Iterator[Misfit]:
         to_middle = (low + high) / 2 - pose[:3, 3]
         cosine = float(pose[:3, 2] @ to_middle) / max(float(np.linalg.norm(to_middle)), 1e-9)
         says = "pose has its z axis pointing away from the fruit"
-        yield Misfit(Kind.POSE_AWAY, (1 - cosine) / AWAY if cosine < 0 else 0.0, says, pads=(press.pad.name,))
+        yield Misfit(Kind.POSE_AWAY, (1 - cosine) / AWAY if cosine < 0 else 0.0, says, pads=press.pads)
 
 
 def _turns(jaws_mm: Float[np.ndarray, " t"]) -> Misfit:
@@ -80,8 +80,7 @@ def _rough(situation: Situation) -> Iterator[Misfit]:
                 spread = max(float(signal[strong].var()), 0.05 * peak**2)  # a hold has none
                 says = f"{name} jumps from frame to frame while the jaws move evenly"
                 rough = float((steps**2).mean()) / (2 * spread)
-                pads = (press.pad.name,)
-                yield Misfit(Kind.GEL_FRAMES_SHUFFLED, rough / ROUGH, says, field=name, pads=pads)
+                yield Misfit(Kind.GEL_FRAMES_SHUFFLED, rough / ROUGH, says, field=name, pads=press.pads)
 
 
 def release_less_touch_mm(situation: Situation) -> float | None:

@@ -83,21 +83,6 @@ def recording_findings(
     return _what_counts(findings)
 
 
-def misfits_of(
-    recording: Recording,
-    vertices: Float[np.ndarray, "v 3"],
-    faces: Int[np.ndarray, "f 3"],
-    *,
-    gels: Sequence[PublishedGel] = (),
-) -> list[Misfit]:
-    """How far a recording is from every relation."""
-    pressings = tuple(pressing_of(pad) for pad in recording.pads if isinstance(pad, GelPad))
-    situation = Situation(
-        recording=recording, pressings=pressings, vertices=vertices, faces=faces, gels=tuple(gels)
-    )
-    return [*signal_misfits(situation), *mesh_misfits(situation)]
-
-
 def _refused(findings: Sequence[Finding]) -> bool:
     return any(finding.refused for finding in findings)
 

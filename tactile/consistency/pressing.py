@@ -106,11 +106,15 @@ class Pressing:
     gel_mm: Float[np.ndarray, "t n 3"] | None
     felt_sd_mm: float
     force_sd_N: float
-    gel_sd_mm: float
     quiet: Bool[np.ndarray, " t"]
     pressed: Bool[np.ndarray, "t n"]
     near: Int[np.ndarray, "n k"]
     spacing_mm: float
+
+    @property
+    def pads(self) -> tuple[str]:
+        """The pad's name, as findings and misfits take it."""
+        return (self.pad.name,)
 
     @cached_property
     def touched(self) -> Bool[np.ndarray, " n"]:
@@ -148,7 +152,6 @@ def pressing_of(pad: GelPad) -> Pressing:
         gel_mm=gel,
         felt_sd_mm=felt_sd,
         force_sd_N=force_sd,
-        gel_sd_mm=0.0 if gel is None else _noise(gel, quiet),
         quiet=quiet,
         pressed=_beyond(felt, felt_sd) | _beyond(force, force_sd),
         near=who[:, 1:],

@@ -1,6 +1,7 @@
 """Contact imprints on the picture of the untouched gel, and imprints that come with no force."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -50,15 +51,13 @@ def print_without_force(pad: GelPad) -> str | None:
 
 
 def _print_findings(pad: GelPad) -> list[Finding]:
-    pads = (pad.name,)
     if (contradiction := print_without_force(pad)) is not None:
-        return [Finding(FindingKind.PRINT_WITHOUT_FORCE, contradiction, pads=pads, refused=True)]
+        return [Finding(FindingKind.PRINT_WITHOUT_FORCE, contradiction, pads=(pad.name,), refused=True)]
     if pad.reference_print is None or pad.reference_print < 1.0:
         return []
     says = (
         f"reference shows a contact imprint ({pad.reference_print:.1f} times the limit for an empty gel), so "
         f"displacements are not relative to the untouched gel; {WHAT_TO_DO}"
     )
-    kind, refused = FindingKind.REFERENCE_PRINT, pad.reference_print >= SURE
-    sd = E_OF_A_PRINT
-    return [Finding(kind, says, pads=pads, refused=refused, relative_sd=sd, hides_touch=True)]
+    more: dict[str, Any] = {"refused": pad.reference_print >= SURE, "relative_sd": E_OF_A_PRINT}
+    return [Finding(FindingKind.REFERENCE_PRINT, says, pads=(pad.name,), hides_touch=True, **more)]

@@ -36,8 +36,6 @@ E_PER_PITCH = 2.2
 """Error of ln E per ln of the pictures' scale where it enters all lengths and the forces of springs with its
 third power: 0.21 at 1.1 (benchmarks/field_mistakes.py --grade --only "picture scale"). Where it enters the
 markers' places alone and the forces with its square, 0.8."""
-
-
 E_PER_GAIN = 0.7
 """Relative error of E per ln of a gain, whose cause may be force (1.1), displacement (0.3) or stiffness."""
 
@@ -45,16 +43,12 @@ E_PER_GAIN = 0.7
 def signal_misfits(situation: Situation) -> list[Misfit]:
     """Signals against each other, the sensor, jaws, poses and clock; of the mesh only its middle and size."""
     known = situation.touch_is_seen and situation.vertices is not None
-    of_pads = [
-        replace(misfit, pads=(press.pad.name,))
-        for press in situation.pressings
-        for relation in (_law, _direction, _grid)
-        for misfit in relation(press)
-    ]
+    of_pads: list[Misfit] = []
     for press in situation.pressings:
-        against = [misfit for gel in situation.gels for misfit in _sensor(press.pad, gel)]
-        against += _closing(press, situation.E_range_MPa) if known else ()
-        of_pads += [replace(misfit, pads=(press.pad.name,)) for misfit in against]
+        misfits = [*_law(press), *_direction(press), *_grid(press)]
+        misfits += [misfit for gel in situation.gels for misfit in _sensor(press.pad, gel)]
+        misfits += _closing(press, situation.E_range_MPa) if known else ()
+        of_pads += [replace(misfit, pads=press.pads) for misfit in misfits]
     return [*of_pads, *machine_misfits(situation)]
 
 

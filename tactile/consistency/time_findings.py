@@ -1,6 +1,7 @@
 """Where a recording begins and ends, what its force is at rest, and its clock."""
 
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -51,7 +52,7 @@ def _start(press: Pressing) -> Iterator[Finding]:
     """A recording that begins in contact, and forces without a tare."""
     if not press.touched.any():
         return
-    totals, pads = _raw_totals(press), (press.pad.name,)
+    totals = _raw_totals(press)
     u, F = (max(float(np.abs(total).max()), 1e-30) for total in totals)
     rest_u, rest_F = (float(np.median(total[press.quiet])) for total in totals)
     if pressed_share(press, 0) > IN_CONTACT:
@@ -59,8 +60,8 @@ def _start(press: Pressing) -> Iterator[Finding]:
             f"recording starts in contact ({100 * totals[0][0] / u:.0f} % of its peak in the first frame): "
             "the frames before first contact are missing; start recording before the jaws touch"
         )
-        kind, sd = FindingKind.STARTS_IN_CONTACT, E_WITHOUT_TOUCH
-        yield doubted(kind, says, relative_sd=sd, pads=pads, hides_touch=True)
+        more: dict[str, Any] = {"relative_sd": E_WITHOUT_TOUCH, "pads": press.pads, "hides_touch": True}
+        yield doubted(FindingKind.STARTS_IN_CONTACT, says, **more)
     elif abs(rest_F) / F > TARE_SHARE and abs(rest_u) / u < 0.3 * TARE_SHARE:
         # tactile.contact sees no frame in the air where the whole pad's offset is larger than its own limit
         total = press.pad.force_N[:, :, 2].sum(axis=1)
@@ -69,7 +70,7 @@ def _start(press: Pressing) -> Iterator[Finding]:
             f"force has an offset of {rest_F:.2g} N in the contact's markers without contact (no tare); set "
             "the force to zero before the grasp"
         )
-        yield Finding(FindingKind.NO_TARE, says, pads=pads, refused=hidden, relative_sd=E_OF_A_TARE)
+        yield Finding(FindingKind.NO_TARE, says, pads=press.pads, refused=hidden, relative_sd=E_OF_A_TARE)
 
 
 def drift_of(press: Pressing) -> tuple[float, float, float] | None:
@@ -102,8 +103,7 @@ def _drift(press: Pressing) -> Iterator[Finding]:
             f"grasp ({100 * change / peak:+.0f} % of the peak); let the sensor warm up"
         )
         sd = E_PER_DRIFT * abs(change) / peak
-        pads = (press.pad.name,)
-        yield Finding(FindingKind.FORCE_DRIFT, says, pads=pads, relative_sd=sd)
+        yield Finding(FindingKind.FORCE_DRIFT, says, pads=press.pads, relative_sd=sd)
 
 
 def _remarks(recording: Recording, pressings: Sequence[Pressing]) -> Iterator[Finding]:

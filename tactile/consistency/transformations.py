@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from jaxtyping import Float
+from scipy.spatial.transform import Rotation
 
 from tactile.consistency.finding import MEANINGLESS, Field, FindingKind
 from tactile.consistency.footprint import E_OF_A_TURN
@@ -47,15 +48,7 @@ LAGS = (*range(-10, -1), *range(2, 11))
 """Frames by which the gel may be late on the jaws."""
 MOST_LEFT_OUT = (2, 3, 4)
 """Every second, third or fourth marker kept; of fewer no contact of a fruit is left to find."""
-QUARTERS = np.array(
-    [
-        turn
-        for turned in ([[1, 0, 0], [0, 0, 1], [0, -1, 0]], [[0, 0, -1], [0, 1, 0], [1, 0, 0]],
-                       [[0, 1, 0], [-1, 0, 0], [0, 0, 1]])
-        for turn in (turned, np.transpose(turned))
-    ],
-    dtype=float,
-)  # fmt: skip
+QUARTERS = np.rint(Rotation.from_rotvec(np.kron(np.eye(3), [[-90.0], [90.0]]), degrees=True).as_matrix())
 """Turns by 90 degrees about x, y and z, both ways: what a mesh in another frame is likeliest turned by."""
 
 

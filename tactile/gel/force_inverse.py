@@ -71,9 +71,8 @@ class ActiveSet:
 
 @dataclass(frozen=True, kw_only=True)
 class GelContact:
-    """One frame solved: nodal forces (N) on the fruit, which nodes touch, and what the slab shows for it."""
+    """One frame solved: which nodes touch, forces (N) of the markers, and what the slab shows for them."""
 
-    node_force_N: Float[np.ndarray, "m 3"]
     touching: Bool[np.ndarray, " m"]
     force_N: Float[np.ndarray, "n 3"]
     displacement_mm: Float[np.ndarray, "n 3"]
@@ -134,7 +133,6 @@ class InvertedForce:
         active_set = self._solved_active_set(equations, right, motion_of(y), before)
         t = active_set.unknowns[: self._size].reshape(-1, 3)
         return GelContact(
-            node_force_N=t,
             touching=active_set.touching,
             force_N=self.grid.to_markers @ t,
             displacement_mm=(self._moved_by @ active_set.unknowns).reshape(y.shape),

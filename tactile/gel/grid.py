@@ -45,10 +45,10 @@ class GelGrid:
     laplacian: Float[np.ndarray, "m m"]
 
 
-def gel_grid(layer: GelSlab, rest_mm: Float[np.ndarray, "n 3"], *, pitch_mm: float | None = None) -> GelGrid:
-    """Traction nodes under the markers, `pitch_mm` apart.
+def gel_grid(layer: GelSlab, rest_mm: Float[np.ndarray, "n 3"]) -> GelGrid:
+    """Traction nodes under the markers.
 
-    `pitch_mm` None: 0.7 of the side of the square that is a marker's share of the face; at 1.0 the rim of a
+    They are 0.7 of the side of the square apart that is a marker's share of the face; at 1.0 the rim of a
     contact is too coarse, and a press of known force comes out 2 to 5 % too strong. Raises ValueError for
     fewer than nine markers.
     """
@@ -59,8 +59,7 @@ def gel_grid(layer: GelSlab, rest_mm: Float[np.ndarray, "n 3"], *, pitch_mm: flo
     a, b, c = (flat[mesh.simplices[:, k]] for k in range(3))
     twice = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0])
     cell_mm2 = float(np.median(twice))
-    if pitch_mm is None:
-        pitch_mm = NODE_PER_MARKER * float(np.sqrt(cell_mm2))
+    pitch_mm = NODE_PER_MARKER * float(np.sqrt(cell_mm2))
     low, high = flat.min(axis=0), flat.max(axis=0)
     count = np.floor((high - low) / pitch_mm + 1e-6).astype(int) + 1
     first = (low + high - (count - 1) * pitch_mm) / 2

@@ -113,6 +113,13 @@ def neighbours_say(
     return said
 
 
+def whole_displacement(lattice: Lattice, position_px: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
+    """Each marker's displacement (px); of one without a position (NaN) what its neighbours say."""
+    known = np.isfinite(position_px[:, 0])
+    moved = np.where(known[:, None], position_px - lattice.rest_px, 0.0)
+    return np.where(known[:, None], moved, neighbours_say(lattice, moved, known, of=~known))
+
+
 def voted(
     jumps_px: Float[np.ndarray, "j 2"], spacing_px: float, *, most: int = VOTED_GUESSES
 ) -> list[Float[np.ndarray, "2"]]:

@@ -26,7 +26,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from tactile.markers.marker_detection import inside
-from tactile.markers.marker_lattice import Lattice, neighbours_say, voted
+from tactile.markers.marker_lattice import Lattice, voted, whole_displacement
 
 GATE = 0.5
 """A blob farther from where a marker is expected than this share of the spacing is not taken for it."""
@@ -109,11 +109,11 @@ class _Sought:
 
     def displacement(self, blob: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
         """px; of a marker without a blob what its neighbours say."""
-        known = blob >= 0
-        displacement_px = np.where(known[:, None], self.blobs_px[blob] - self.lattice.rest_px, 0.0)
-        return np.where(
-            known[:, None], displacement_px, neighbours_say(self.lattice, displacement_px, known, of=~known)
-        )
+        return whole_displacement(self.lattice, self.places(blob))
+
+    def places(self, blob: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
+        """px; NaN of a marker without a blob."""
+        return np.where((blob >= 0)[:, None], self.blobs_px[blob], np.nan)
 
     def missing(self, blob: Int[np.ndarray, " n"]) -> tuple[int, int, int]:
         """Markers without a blob that should be in view, blobs without a marker that should have been in view
@@ -319,9 +319,7 @@ def _relabelled_frame(
     blobs_px: Float[np.ndarray, "m 2"],
 ) -> Float[np.ndarray, "n 2"]:
     """The blobs labelled from where the markers are one frame later."""
-    known = np.isfinite(after[:, 0])
-    moved = np.where(known[:, None], after - lattice.rest_px, 0.0)
-    moved = np.where(known[:, None], moved, neighbours_say(lattice, moved, known, of=~known))
+    moved = whole_displacement(lattice, after)
     best = match(lattice, [moved, np.zeros_like(moved)], blobs_px)
     return np.where(best.matched[:, None], blobs_px[best.blob] if len(blobs_px) else np.nan, np.nan)
 

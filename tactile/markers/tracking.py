@@ -26,7 +26,7 @@ from tactile.markers.marker_detection import (
     spacing_of,
     uncut,
 )
-from tactile.markers.marker_lattice import Lattice, lattice_of, neighbours_say
+from tactile.markers.marker_lattice import Lattice, lattice_of, neighbours_say, whole_displacement
 from tactile.markers.matching import match, relabelled
 from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -128,9 +128,7 @@ def follow(
     moved, speed = np.zeros_like(rest), np.zeros_like(rest)
     for frame in frames:
         markers = _markers_in(reference, frame, moved, speed)
-        known = np.isfinite(markers.position_px[:, 0])
-        now = np.where(known[:, None], markers.position_px - rest, 0.0)
-        now = np.where(known[:, None], now, neighbours_say(reference.lattice, now, known, of=~known))
+        now = whole_displacement(reference.lattice, markers.position_px)
         moved, speed = now, now - moved
         yield markers
 
@@ -179,8 +177,7 @@ def _look_for_lost(
     known = np.isfinite(position[:, 0])
     if known.all() or not known.any():
         return
-    displacement = np.where(known[:, None], position - lattice.rest_px, 0.0)
-    start = (lattice.rest_px + neighbours_say(lattice, displacement, known, of=~known))[~known]
+    start = (lattice.rest_px + whole_displacement(lattice, position))[~known]
     tried = centred(shown, start, reference.look)
     radius = reference.disc_px
     tried = replace(tried, centre_px=uncut(tried.centre_px, reference.shape, radius))

@@ -109,22 +109,16 @@ def unwritten_blocks(time_s: Values, columns: Sequence[Values]) -> list[slice]:
     Of the columns the first is a place, which stands still at times; the others are noisy.
     """
     first, end = 0, len(time_s)
-    start_blocks, end_blocks = list[slice](), list[slice]()
-    while first < end:
-        held = [column[first:end] for column in columns]
-        length = _constant(held)
-        if not _never_written(time_s[first:end], held, length):
-            break
-        start_blocks.append(slice(first, first + length))
-        first += length
-    while first < end:
-        held = [column[first:end][::-1] for column in columns]
-        length = _constant(held)
-        if not _never_written(-time_s[first:end][::-1], held, length):
-            break
-        end_blocks.insert(0, slice(end - length, end))
-        end -= length
-    return [*start_blocks, *end_blocks]
+    blocks = list[slice]()
+    for way in (1, -1):  # from the start on, then back from the end
+        while first < end:
+            held = [column[first:end][::way] for column in columns]
+            length = _constant(held)
+            if not _never_written(way * time_s[first:end][::way], held, length):
+                break
+            blocks.append(slice(first, first + length) if way == 1 else slice(end - length, end))
+            first, end = (first + length, end) if way == 1 else (first, end - length)
+    return sorted(blocks, key=lambda block: block.start)
 
 
 def unwritten_inside(columns: Sequence[Values]) -> Bool[np.ndarray, " t"]:

@@ -1,7 +1,8 @@
 """Travel over force of a rig from squeezes of a rigid object: monotone, stiffening, with its spread."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float
@@ -109,15 +110,8 @@ def _not_resolved(source: str, peak: float, largest: float, readings: float) -> 
     )
 
 
-class _Give:
-    """sum_k c_k phi_k(F)."""
-
-    def __init__(self, amounts: Float[np.ndarray, " k"], largest_N: float) -> None:
-        self._amounts, self._largest = amounts, largest_N
-
-    def __call__(self, force_N: Float[np.ndarray, "*t"]) -> Float[np.ndarray, "*t"]:
-        flat = np.ravel(np.maximum(force_N, 0.0))
-        return np.asarray((_basis(flat, self._largest) @ self._amounts).reshape(np.shape(force_N)))
+_Give: TypeAlias = Callable[[Float[np.ndarray, "*t"]], Float[np.ndarray, "*t"]]
+"""sum_k c_k phi_k(F)."""
 
 
 def _basis(force: Float[np.ndarray, " t"], largest: float) -> Float[np.ndarray, "t k"]:
@@ -146,7 +140,12 @@ def _shape(
         rows.append((basis - weight @ basis / weight.sum()) * root)
         values.append((t - weight @ t / weight.sum()) * root[:, 0])
     amounts, _ = nnls(np.vstack(rows), np.concatenate(values))
-    return _Give(amounts, largest), int((amounts > 0).sum())
+
+    def give(force_N: Float[np.ndarray, "*t"]) -> Float[np.ndarray, "*t"]:
+        flat = np.ravel(np.maximum(force_N, 0.0))
+        return np.asarray((_basis(flat, largest) @ amounts).reshape(np.shape(force_N)))
+
+    return give, int((amounts > 0).sum())
 
 
 def _scales(

@@ -63,20 +63,14 @@ def small_motion(step: Float[np.ndarray, "6"]) -> Float[np.ndarray, "4 4"]:
     return rigid(Rotation.from_rotvec(step[:3]).as_matrix(), step[3:])
 
 
-def cross_matrix(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 3"]:
-    """For each point p the matrix of v -> p x v.
-
-    >>> (cross_matrix(np.array([[0.0, 0.0, 1.0]]))[0] @ [1.0, 0.0, 0.0]).tolist()
-    [0.0, 1.0, 0.0]
-    """
-    x, y, z = points.T
-    o = np.zeros_like(x)
-    return np.stack([o, -z, y, z, o, -x, -y, x, o], axis=1).reshape(-1, 3, 3)
-
-
 def motion_slopes(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 6"]:
-    """Change of each point with a turn (rad) and a shift (mm)."""
-    return np.concatenate([-cross_matrix(points), np.broadcast_to(np.eye(3), (len(points), 3, 3))], axis=2)
+    """Change of each point with a turn (rad) and a shift (mm).
+
+    >>> motion_slopes(np.array([[2.0, 0.0, 0.0]]))[0, :, 2].tolist()
+    [0.0, 2.0, 0.0]
+    """
+    turned = np.swapaxes(np.cross(np.eye(3), points[:, None]), 1, 2)
+    return np.concatenate([turned, np.broadcast_to(np.eye(3), turned.shape)], axis=2)
 
 
 def flange_covariance(sd_mm: float, sd_deg: float) -> Float[np.ndarray, "6 6"]:

@@ -39,6 +39,12 @@ LEAST_NOISE = (np.radians(1e-3), 5e-3)
 """rad, mm: no robot is better, and a smaller value makes the weights singular."""
 LEAST_PX = 0.02
 """px: no corner is found better."""
+WHAT_TO_CHECK = (
+    "Check that each row names its own photo, and that the poses are the flange's in the base's frame. "
+    "Check their units, the order of the quaternion and the axes of the angles. Neither mat nor camera "
+    "may move."
+)
+"""Of poses that disagree with the pictures."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -132,19 +138,17 @@ def hand_eye(views: Sequence[MatView], lens: Lens, *, camera_on_flange: bool, so
         expected = "none with a camera on the flange" if still else "a photo of the mat at its place"
         advice = "Rows without a pose belong to a camera at rest (docs/how-to/connect-your-gripper.md)."
         raise refused(source, observed, expected, advice)
-    advice = (
-        "Check that each row names its own photo, and that the poses are the flange's in the base's frame. "
-        "Check their units, the order of the quaternion and the axes of the angles. Neither mat nor camera "
-        "may move."
-    )
-    frames = _start(moving, still, poses, camera_on_flange=camera_on_flange, source=source, advice=advice)
+    frames, miss_mm = _closed_form(moving, np.linalg.inv(poses) if camera_on_flange else poses)
+    if not miss_mm < MOST_START_MM:
+        observed = f"poses that miss the mat's corners in the photos by {miss_mm:.3g} mm"
+        expected = f"at most {MOST_SD_MM:g} mm and {MOST_SD_DEG:g} degrees"
+        raise refused(source, observed, expected, WHAT_TO_CHECK)
+    frames = (*frames, *(frames[0] @ view.camera_from_mat for view in still[:1]))
     start = _Fit(frames, np.array([lens.focal_px, lens.k1, *lens.middle_px]))
-    fit, equations, noise = _fitted(
-        moving, still, start, camera_on_flange=camera_on_flange, source=source, advice=advice
-    )
+    fit, equations, noise = _fitted(moving, still, start, camera_on_flange=camera_on_flange, source=source)
     off = np.linalg.solve(equations.T, equations.y[..., None])[..., 0]
     names = [view.name for view in moving]
-    require_noise(names, off[:, 3:], np.degrees(off[:, :3]), source=source, advice=advice)
+    require_noise(names, off[:, 3:], np.degrees(off[:, :3]), source=source, advice=WHAT_TO_CHECK)
     free = 3 * len(moving) - 6
     student = free / (free - 2)  # the variance of Student's t over the normal's
     covariance = student * equations.solved(noise)[1]
@@ -169,27 +173,9 @@ def hand_eye(views: Sequence[MatView], lens: Lens, *, camera_on_flange: bool, so
     )
 
 
-def _start(
-    moving: Sequence[MatView],
-    still: Sequence[MatView],
-    poses: Float[np.ndarray, "n 4 4"],
-    *,
-    camera_on_flange: bool,
-    source: str,
-    advice: str,
-) -> tuple[Float[np.ndarray, "4 4"], ...]:
-    """Both frames by the closed form, and the mat's place before a camera at rest; refuses what misses."""
-    frames, miss_mm = _closed_form(moving, np.linalg.inv(poses) if camera_on_flange else poses)
-    if not miss_mm < MOST_START_MM:
-        observed = f"poses that miss the mat's corners in the photos by {miss_mm:.3g} mm"
-        expected = f"at most {MOST_SD_MM:g} mm and {MOST_SD_DEG:g} degrees"
-        raise refused(source, observed, expected, advice)
-    return (*frames, frames[0] @ still[0].camera_from_mat) if still else frames
-
-
 def _closed_form(
     views: Sequence[MatView], known: Float[np.ndarray, "n 4 4"]
-) -> tuple[tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, "4 4"]], float]:
+) -> tuple[tuple[Float[np.ndarray, "4 4"], ...], float]:
     """A and W of camera_from_mat = inv(A) @ known @ W, and the corners' root mean square miss (mm).
 
     Rotations from the dominant singular vectors of the sum of Kronecker products, then shifts by linear least
@@ -224,7 +210,6 @@ def _fitted(
     *,
     camera_on_flange: bool,
     source: str,
-    advice: str,
 ) -> tuple[_Fit, _Equations, Float[np.ndarray, "2"]]:
     """The fit, its equations and the flange's noise (rad, mm), by Gauss and Newton's steps; the noise is
     estimated again before each step.
@@ -237,7 +222,7 @@ def _fitted(
         if step @ np.linalg.solve(covariance, step) < CONVERGED:
             return fit, equations, noise
         fit = fit.moved(step)
-    raise refused(source, "poses and photos to which no fit converges", "poses that agree", advice)
+    raise refused(source, "poses and photos to which no fit converges", "poses that agree", WHAT_TO_CHECK)
 
 
 def _linear(
@@ -273,22 +258,17 @@ def _linear(
     return miss.ravel(), by_flange.reshape(-1, 6), by_fit.reshape(2 * len(xy), -1)
 
 
-def _pixel_sd(lines: Sequence[tuple[Float[np.ndarray, " _m"], Float[np.ndarray, "_m 6"]]]) -> float:
-    """A corner's noise (px): the squares that no motion of a picture removes."""
-    squares = [np.sum((m - s @ np.linalg.lstsq(s, m, rcond=None)[0]) ** 2) for m, s in lines]
-    free = sum(len(miss) - 6 for miss, _ in lines) - 4
-    return max(float(np.sqrt(sum(squares) / free)), LEAST_PX)
-
-
 def _equations(
     moving: Sequence[MatView], still: Sequence[MatView], fit: _Fit, *, camera_on_flange: bool
 ) -> _Equations:
-    """The corners' equations about `fit`."""
+    """The corners' equations about `fit`; a corner's noise is what no motion of its picture removes."""
     lines = [_linear(view, fit, camera_on_flange) for view in moving]
     R = [_triangle(np.column_stack([by_flange, by_fit, miss])) for miss, by_flange, by_fit in lines]
     top = np.array([factor[:6] for factor in R])
     at_rest = [_linear(view, fit, camera_on_flange) for view in still]
     still_rows = [np.column_stack([by_fit, miss]) for miss, _, by_fit in at_rest]
+    squares = [np.sum((m - s @ np.linalg.lstsq(s, m, rcond=None)[0]) ** 2) for m, s, _ in lines]
+    free = sum(len(miss) - 6 for miss, *_ in lines) - 4
     rest = _triangle(np.concatenate([*(factor[6:, 6:] for factor in R), *still_rows]))
     return _Equations(
         T=top[:, :, :6],
@@ -296,7 +276,7 @@ def _equations(
         y=top[:, :, -1],
         rest=rest[:, :-1],
         rest_y=rest[:, -1],
-        px=_pixel_sd([(miss, by_flange) for miss, by_flange, _ in lines]),
+        px=max(float(np.sqrt(sum(squares) / free)), LEAST_PX),
     )
 
 
