@@ -38,6 +38,14 @@ def gel_pad(
     )
 
 
+def ball(radius_mm: float, points: int = 6000) -> np.ndarray:
+    """Points of a sphere on a Fibonacci spiral, centre in the origin."""
+    k = np.arange(points) + 0.5
+    height, turn = 1 - 2 * k / points, np.pi * (1 + np.sqrt(5)) * k
+    ring = np.sqrt(1 - height**2)
+    return radius_mm * np.column_stack([ring * np.cos(turn), ring * np.sin(turn), height])
+
+
 def held_by(pads, time_s, aperture_mm, *, loading="grasp") -> Recording:
     """A recording of these pads."""
     return Recording(
@@ -52,19 +60,19 @@ def held_by(pads, time_s, aperture_mm, *, loading="grasp") -> Recording:
     )
 
 
+def with_pads(recording: Recording, change, only: str | None = None) -> Recording:
+    """The recording with `change(pad)` in place of each pad, or of the one of this name."""
+    pads = tuple(change(pad) if only in (None, pad.name) else pad for pad in recording.pads)
+    return replace(recording, pads=pads)
+
+
 def frames_of(recording: Recording, frames: slice | np.ndarray) -> Recording:
     """Some of the frames."""
-    pads = tuple(
-        replace(
-            pad,
-            pose=pad.pose[frames],
-            force_N=pad.force_N[frames],
-            displacement_mm=pad.displacement_mm[frames],
-        )
-        for pad in recording.pads
+    fields = ("pose", "force_N", "displacement_mm")
+    kept = with_pads(
+        recording, lambda pad: replace(pad, **{name: getattr(pad, name)[frames] for name in fields})
     )
-    when, gap = recording.time_s[frames], recording.aperture_mm[frames]
-    return replace(recording, time_s=when, aperture_mm=gap, pads=pads)
+    return replace(kept, time_s=recording.time_s[frames], aperture_mm=recording.aperture_mm[frames])
 
 
 def elsewhere(recording: Recording) -> tuple[Recording, np.ndarray]:
@@ -72,8 +80,7 @@ def elsewhere(recording: Recording) -> tuple[Recording, np.ndarray]:
     turn = np.linalg.qr(np.random.default_rng(2).normal(size=(3, 3)))[0]
     motion = np.eye(4)
     motion[:3, :3], motion[:3, 3] = turn * np.sign(np.linalg.det(turn)), [30.0, -40.0, 5.0]
-    pads = tuple(replace(pad, pose=motion @ pad.pose) for pad in recording.pads)
-    return replace(recording, pads=pads), motion
+    return with_pads(recording, lambda pad: replace(pad, pose=motion @ pad.pose)), motion
 
 
 def travel_path(air: int, step_mm: float, cycles: int) -> np.ndarray:

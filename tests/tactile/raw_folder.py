@@ -1,5 +1,6 @@
 """A raw grasp as a user hands it in: pictures of two gels, drawn from the discs' closed form."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import cv2
@@ -42,6 +43,15 @@ pose = [[0, 0, 1, -30], [1, 0, 0, 0], [0, 1, 0, 25], [0, 0, 0, 1]]
 sensor = "right.toml"
 pose = [[0, 0, -1, 30], [-1, 0, 0, 0], [0, 1, 0, 25], [0, 0, 0, 1]]
 """
+PRESS = """
+fruit_id = "f1"
+category = "nectarine"
+loading = "press"
+pose_aperture_mm = 60.0
+[pads.tip]
+sensor = "sensor.toml"
+pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
+"""
 
 
 def shear(frame: int) -> Float[np.ndarray, "n 2"]:
@@ -59,17 +69,27 @@ def write_picture(path: Path, picture: np.ndarray) -> None:
     assert cv2.imwrite(str(path), picture[..., ::-1])
 
 
+def write_camera(place: Path, reference: np.ndarray, frames: Iterable[np.ndarray]) -> None:
+    """What one camera saw: the untouched gel, and then its frames."""
+    write_picture(place / "reference.png", reference)
+    for t, frame in enumerate(frames):
+        write_picture(place / f"frame_{t:06d}.png", frame)
+
+
+def write_log(folder: Path, frames: int) -> None:
+    """Jaws that close by 0.1 mm from frame to frame."""
+    rows = [f"{0.05 * t},{60.0 - 0.1 * t}" for t in range(frames)]
+    (folder / "log.csv").write_text("\n".join(["time_s,aperture_mm", *rows]) + "\n")
+
+
 def write_raw(folder: Path, *, frames: int = FRAMES) -> Path:
     """A whole raw grasp; the frames carry noise, so that none is like another."""
     for k, pad in enumerate(("left", "right")):
-        write_picture(folder / pad / "reference.png", drawn(grid(), noise=1.0, seed=90 + k))
-        for t in range(frames):
-            picture = drawn(shear(t), noise=1.0, seed=10 * t + k)
-            write_picture(folder / pad / f"frame_{t:06d}.png", picture)
+        pictures = (drawn(shear(t), noise=1.0, seed=10 * t + k) for t in range(frames))
+        write_camera(folder / pad, drawn(grid(), noise=1.0, seed=90 + k), pictures)
         (folder / f"{pad}.toml").write_text(SENSOR.format(serial=pad))
     (folder / "grasp.toml").write_text(GRASP)
-    rows = [f"{0.05 * t},{60.0 - 0.1 * t}" for t in range(frames)]
-    (folder / "log.csv").write_text("\n".join(["time_s,aperture_mm", *rows]) + "\n")
+    write_log(folder, frames)
     return folder
 
 

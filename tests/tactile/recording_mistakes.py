@@ -6,7 +6,7 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
-from injected_grasp import frames_of, gel_pad
+from injected_grasp import frames_of, gel_pad, with_pads
 
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh
@@ -54,11 +54,7 @@ def said_of(mistake: Mistake) -> list[Answer]:
 
 
 def on_pads(change, only=None):
-    def changed(recording):
-        pads = [change(pad) if only in (None, pad.name) else pad for pad in recording.pads]
-        return replace(recording, pads=tuple(pads))
-
-    return changed
+    return lambda recording: with_pads(recording, change, only)
 
 
 def force(times, only=None):

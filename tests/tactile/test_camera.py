@@ -11,7 +11,7 @@ TILT = 0.1
 TURN = np.array([[1, 0, 0], [0, np.cos(TILT), -np.sin(TILT)], [0, np.sin(TILT), np.cos(TILT)]])
 
 
-def camera(distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0)) -> GelCamera:
+def camera(distortion: tuple[float, float, float, float, float]) -> GelCamera:
     pose = np.eye(4)
     pose[:3, :3], pose[:3, 3] = TURN, (0.3, -0.2, -16.0)
     return GelCamera(
@@ -23,15 +23,11 @@ def camera(distortion: tuple[float, float, float, float, float] = (0.0, 0.0, 0.0
     )
 
 
-def test_a_point_lands_where_the_pinhole_says() -> None:
-    point = np.array([[2.0, -1.0, 0.5]])
-    x, y, z = TURN.T @ (point[0] - [0.3, -0.2, -16.0])
-    expected = [[520 * x / z + 320, 510 * y / z + 238]]
-    np.testing.assert_allclose(project(camera(), point), expected, atol=1e-9)
-
-
-def test_distortion_is_the_polynomial_in_the_radius() -> None:
-    k1, k2, p1, p2, k3 = lens = (-0.2, 0.05, 0.002, -0.001, 0.01)
+@pytest.mark.parametrize("lens", [(0.0,) * 5, (-0.2, 0.05, 0.002, -0.001, 0.01)])
+def test_a_point_lands_where_the_pinhole_and_the_polynomial_in_the_radius_say(
+    lens: tuple[float, float, float, float, float],
+) -> None:
+    k1, k2, p1, p2, k3 = lens
     point = np.array([[4.0, 3.0, 0.0]])
     x, y, z = TURN.T @ (point[0] - [0.3, -0.2, -16.0])
     x, y = x / z, y / z
@@ -53,11 +49,6 @@ def test_the_ray_of_a_pixel_goes_through_its_point(lens: tuple[float, float, flo
 
 EYES = (turned_camera(0.35), turned_camera(-0.35))
 POINTS = np.random.default_rng(0).uniform([-7, -5, -1], [7, 5, 0.2], (300, 3))
-
-
-def test_exact_pixels_give_the_point() -> None:
-    points, _ = triangulated(EYES, (project(EYES[0], POINTS), project(EYES[1], POINTS)))
-    np.testing.assert_allclose(points, POINTS, atol=1e-6)
 
 
 def test_the_stated_information_is_that_of_noisy_pixels() -> None:

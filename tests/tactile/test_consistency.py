@@ -77,10 +77,9 @@ def test_a_mistake_is_named_first_and_refused_where_no_modulus_would_mean_anythi
 
 
 def drifting(recording):
-    time, left = recording.time_s, recording.pads[0]
-    force_N = left.force_N.copy()
-    force_N[:, :, 2] += 1.8 * (time - time[0])[:, None] / (time[-1] - time[0]) / 400
-    return replace(recording, pads=(replace(left, force_N=force_N), recording.pads[1]))
+    time = recording.time_s
+    grown = (time - time[0])[:, None, None] / (time[-1] - time[0]) * np.array([0.0, 0.0, 1.8 / 400])
+    return on_pads(lambda pad: replace(pad, force_N=pad.force_N + grown), "left")(recording)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from injected_grasp import with_pads
 from recording_mistakes import findings, slab_pad
 
 from tactile.consistency.faults import missing_markers
@@ -105,8 +106,7 @@ def test_a_slab_with_more_markers_than_its_law_is_computed_for_is_not_judged_by_
 
 def changed(recording: Recording, act: Callable[[GelPad], dict[str, Any]]) -> Recording:
     """The left pad with other fields."""
-    left, *others = recording.pads
-    return replace(recording, pads=(replace(left, **act(left)), *others))
+    return with_pads(recording, lambda pad: replace(pad, **act(pad)), "left")
 
 
 def shown(values: float) -> Callable[[GelPad], dict[str, Any]]:

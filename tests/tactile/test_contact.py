@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from injected_grasp import elsewhere, frames_of, injected_grasp
+from injected_grasp import elsewhere, frames_of, injected_grasp, with_pads
 
 from tactile.contact import Phase, contact_said, find_contact
 from tactile.from_frames import MUCH_AT_EDGE, edge_share
-from tactile.noise import no_contact_noise, noise_in_contact
+from tactile.noise import noise_in_contact
 from tactile.readers.recording import IndenterPad
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -90,18 +90,13 @@ def test_positions_and_forces_turn_with_the_fruit_frame(injected, contact):
         np.testing.assert_allclose(a.force_N @ motion[:3, :3].T, b.force_N, atol=1e-12)
 
 
-def with_force(recording, change):
-    """The left pad's force changed, as (t, n, 3) of the pad."""
-    left, *others = recording.pads
-    return replace(recording, pads=(replace(left, force_N=change(left)), *others))
-
-
 @pytest.mark.parametrize("end_sd", [5.0, 8.0, 20.0, 60.0, -20.0])
 def test_a_drift_that_all_markers_feel_is_no_contact_and_hides_none(injected, contact, end_sd):
     """Ending at so many standard deviations of one marker; four count as a touch."""
     share = injected.recording.time_s / injected.recording.time_s[-1]
     grown = end_sd * injected.sd_N * share[:, None, None] * np.array([0, 0, 1.0])
-    drifted = find_contact(with_force(injected.recording, lambda pad: pad.force_N + grown), source="x")
+    recording = with_pads(injected.recording, lambda p: replace(p, force_N=p.force_N + grown), "left")
+    drifted = find_contact(recording, source="x")
     touches, should = (grasp_contact.pads[0].episode >= 0 for grasp_contact in (drifted, contact))
     assert (touches & ~should).sum() < 0.05 * should.sum()
     assert (should & ~touches).sum() < 0.1 * should.sum()
@@ -114,40 +109,44 @@ def test_a_broad_contact_is_no_drift(injected, kept):
     recording = injected.recording
     pressed = injected.clean_force_z_N["left"] > 0
     broad = 20 * injected.sd_N * pressed[:, None, None] * np.array([0, 0, 1.0])
-    broad = with_force(recording, lambda pad: pad.force_N + broad)
-    pad_contact = find_contact(frames_of(broad, kept), source="x").pads[0]
+    recording = with_pads(recording, lambda p: replace(p, force_N=p.force_N + broad), "left")
+    pad_contact = find_contact(frames_of(recording, kept), source="x").pads[0]
     assert ((pad_contact.episode >= 0)[pressed[kept]]).mean() > 0.99
 
 
-OPEN = slice(0, 20)
-"""Frames in which the jaws have not closed yet."""
+def in_the_air(recording):
+    """Frames in which the jaws have not closed yet."""
+    return frames_of(recording, slice(0, 20))
 
 
-def test_a_grasp_in_the_air_never_touches(injected):
-    with pytest.raises(TactileFailure, match=r"^air\.h5: pads/left/force_N: .*never touches") as caught:
-        find_contact(frames_of(injected.recording, OPEN), source="air.h5")
+def of_zeros(recording):
+    zeros = np.zeros_like(recording.pads[0].force_N)
+    return with_pads(recording, lambda p: replace(p, force_N=zeros, displacement_mm=zeros))
+
+
+def missed(recording):
+    """The right pad stays in the air."""
+    air = np.tile(recording.pads[1].force_N[:5], (20, 1, 1))[: len(recording.time_s)]
+    return with_pads(recording, lambda p: replace(p, force_N=air), "right")
+
+
+def signed_otherwise(recording):
+    return with_pads(recording, lambda p: replace(p, force_N=-p.force_N))
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (in_the_air, "pads/left/force_N: .*never touches"),
+        (of_zeros, "pads/left/force_N: .*never touches"),
+        (missed, "pads/right/force_N: .*never touches"),
+        (signed_otherwise, "write the force of the gel on the fruit"),
+    ],
+)
+def test_a_pad_that_feels_no_push_never_touches(injected, change, said):
+    with pytest.raises(TactileFailure, match=rf"^a\.h5: .*{said}") as caught:
+        find_contact(change(injected.recording), source="a.h5")
     assert caught.value.problem is TactileProblem.NEVER_TOUCHES
-
-
-def test_exact_zeros_never_touch(injected):
-    recording = frames_of(injected.recording, OPEN)
-    still = tuple(replace(p, force_N=0 * p.force_N, displacement_mm=0 * p.force_N) for p in recording.pads)
-    with pytest.raises(TactileFailure) as caught:
-        find_contact(replace(recording, pads=still), source="x")
-    assert caught.value.problem is TactileProblem.NEVER_TOUCHES
-
-
-def test_one_pad_that_misses_is_named(injected):
-    left, right = injected.recording.pads
-    dead = replace(right, force_N=np.tile(right.force_N[:5], (20, 1, 1))[: len(right.force_N)])
-    with pytest.raises(TactileFailure, match="pads/right/force_N"):
-        find_contact(replace(injected.recording, pads=(left, dead)), source="x")
-
-
-def test_forces_signed_as_the_sensor_feels_them_are_told_so(injected):
-    pads = tuple(replace(pad, force_N=-pad.force_N) for pad in injected.recording.pads)
-    with pytest.raises(TactileFailure, match="write the force of the gel on the fruit"):
-        find_contact(replace(injected.recording, pads=pads), source="x")
 
 
 def test_an_indenter_that_travels_further_loads(injected):
@@ -180,11 +179,11 @@ def test_without_air_the_noise_comes_from_contact(injected):
 
 
 def test_a_deadband_before_contact_does_not_pass_for_silence(injected):
-    pads = []
-    for pad in injected.recording.pads:
+    def silent(pad):
         quiet = np.abs(pad.force_N[:, :, 2]) < 4 * injected.sd_N
-        pads.append(replace(pad, force_N=np.where(quiet[:, :, None], 0.0, pad.force_N)))
-    contact = find_contact(replace(injected.recording, pads=tuple(pads)), source="x")
+        return replace(pad, force_N=np.where(quiet[:, :, None], 0.0, pad.force_N))
+
+    contact = find_contact(with_pads(injected.recording, silent), source="x")
     for pad in contact.pads:
         assert pad.force_noise.sd > 0.3 * injected.sd_N
         assert (pad.onset >= injected.no_contact_frames).sum() > 20
@@ -195,15 +194,6 @@ def test_one_loaded_frame_alone_is_a_contact(injected):
     contact = find_contact(frames_of(injected.recording, peak), source="x")
     assert contact.phase == (Phase.HOLD,)
     assert all((pad.onset == 0).sum() > 20 for pad in contact.pads)
-
-
-def test_noise_of_a_moving_average_in_air():
-    rng = np.random.default_rng(0)
-    white = rng.normal(size=(41, 300, 3))
-    noise = no_contact_noise(0.7 + 2.0 * (white[1:] + 0.5 * white[:-1]) / np.hypot(1, 0.5))
-    assert noise.sd == pytest.approx(2.0, rel=0.02)
-    assert noise.lag1 == pytest.approx(0.4, abs=0.03)
-    assert noise.offset.mean() == pytest.approx(0.7, abs=0.05)
 
 
 def test_noise_under_a_smooth_signal_comes_from_its_bends():

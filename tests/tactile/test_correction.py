@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from injected_grasp import injected_grasp
+from injected_grasp import injected_grasp, with_pads
 from series_springs import bare_press
 
 from tactile.correction import (
@@ -25,11 +25,6 @@ from tactile.correction import (
 @pytest.fixture(scope="module")
 def true():
     return injected_grasp(np.random.default_rng(3)).recording
-
-
-def with_pads(recording, change, name=None):
-    pads = tuple(change(pad) if name in (None, pad.name) else pad for pad in recording.pads)
-    return replace(recording, pads=pads)
 
 
 def same(recording, expected, atol=1e-9):

@@ -17,11 +17,8 @@ from skfem import (
 )
 from skfem.helpers import ddot, eye, sym_grad, trace
 
-from samples.gel_press import gel_block
-from tactile.gel.gel_sides import GelOutline, GelSides, side_response
+from tactile.gel.gel_sides import GelOutline, side_response
 from tactile.gel.slab import GelSlab, tent_compliance
-from tactile.readers.sensor_file import read_sensor
-from tactile.tactile_failure import TactileFailure
 
 SOFT = GelSlab(thickness_mm=4.0, E_MPa=0.2, nu=0.48)
 
@@ -43,56 +40,6 @@ def test_a_thick_slab_is_the_half_space_of_boussinesq_and_cerruti(nu: float) -> 
     boussinesq, drawn = 2 * (1 - nu**2) / E, (1 + nu) * (1 - 2 * nu) / E
     across = 2 * (1 + nu) / E
     np.testing.assert_allclose(spectrum, np.tile([boussinesq, drawn, boussinesq, across], (2, 1)), rtol=1e-7)
-
-
-def test_loads_and_displacements_are_reciprocal() -> None:
-    rng = np.random.default_rng(3)
-    first, second = rng.normal(size=(2, 16, 12, 3))
-    work = np.sum(first * traction_response(SOFT, second, spacing_mm=0.7))
-    reverse_work = np.sum(second * traction_response(SOFT, first, spacing_mm=0.7))
-    assert work == pytest.approx(reverse_work, rel=1e-10)
-
-
-def test_pressing_an_almost_incompressible_slab_pushes_its_face_outward() -> None:
-    """A half space would be drawn in: the bonded back makes the difference."""
-    C = tent_compliance(SOFT, np.array([[4.0, 0.0]]), np.zeros((1, 2)), pitch_mm=1.0)
-    assert -C[0, 0, 0, 2] > 0
-    assert -C[0, 2, 0, 2] > 0
-
-
-def test_tents_of_a_grid_add_up_to_an_even_traction() -> None:
-    slab = GelSlab(thickness_mm=1.0, E_MPa=0.2, nu=0.48)
-    line = np.arange(-10.0, 10.5, 0.5)
-    nodes = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
-    C = tent_compliance(slab, np.array([[0.2, 0.1]]), nodes, pitch_mm=0.5)
-    moved = C[0].sum(axis=1) @ [0.0, 0.0, 0.05 * 0.5**2]
-    assert moved[2] == pytest.approx(0.05 * 1.48 * 0.04 / (0.2 * 0.52), rel=0.01)
-
-
-def test_the_slab_agrees_with_finite_elements_of_a_block_with_free_sides() -> None:
-    """A smooth bump of traction, 1.5 mm in radius, on 14 x 14 x 2 mm of gel: within 3 % of the peak."""
-    sides = [-7, -4.2, -2.8, -2.1, -1.4, -0.7, 0, 0.7, 1.4, 2.1, 2.8, 4.2, 7]
-    block = gel_block(
-        thickness_mm=2.0, E_MPa=0.2, nu=0.48, reach_mm=1.9, x_mm=sides, y_mm=sides, depths=(0, 0.4, 1)
-    )
-    r = np.linalg.norm(block.face_mm, axis=1)
-    bump = np.where(r < 1.9, (1 - np.minimum(r / 1.9, 1) ** 2) ** 2, 0.0) * 0.05
-    spacing, n = 0.175, 192
-    axis = spacing * np.fft.fftfreq(n, 1 / n)
-    R = np.hypot(axis[:, None], axis)
-    slab = GelSlab(thickness_mm=2.0, E_MPa=0.2, nu=0.48)
-    near = np.flatnonzero(r < 3.1)
-    at = np.rint(block.face_mm[near] / spacing).astype(int)
-    for component in (0, 2):
-        nodal = np.zeros((len(r), 3))
-        nodal[:, component] = bump * block.weights_mm2
-        by_elements = (block.compliance @ nodal[block.reach].ravel()).reshape(-1, 3)[near]
-        load = np.zeros((n, n, 3))
-        load[..., component] = np.where(R < 1.9, (1 - np.minimum(R / 1.9, 1) ** 2) ** 2, 0.0) * 0.05
-        by_slab = traction_response(slab, load, spacing_mm=spacing)[at[:, 0], at[:, 1]]
-        by_slab *= nodal[:, component].sum() / (load[..., component].sum() * spacing**2)
-        peak = np.abs(by_elements).max()
-        np.testing.assert_allclose(by_slab, by_elements, atol=0.03 * peak)
 
 
 def test_one_tents_table_is_what_the_grid_of_wave_vectors_gives() -> None:
@@ -171,41 +118,29 @@ def by_elements(*, bonded: bool, domed: bool = False) -> dict[int, np.ndarray]:
     return {way: (read @ solver.solve(load(way)[free])).reshape(3, -1).T for way in (0, 2)}
 
 
-@pytest.mark.parametrize("sides", ["free", "bonded"])
+@pytest.mark.parametrize(
+    ("outline", "simpler", "most"),
+    [
+        (GelOutline(SIZE_MM), None, 0.01),
+        (GelOutline(SIZE_MM, sides="bonded"), None, 0.01),
+        pytest.param(
+            GelOutline(SIZE_MM, face_radius_mm=DOME), GelOutline(SIZE_MM), 0.004, marks=pytest.mark.proof
+        ),
+    ],
+    ids=["free", "bonded", "domed"],
+)
 @pytest.mark.parametrize("way", [0, 2])
-def test_a_gel_with_sides_moves_as_another_librarys_elements_say(way: int, sides: GelSides) -> None:
-    *truth, under_load = by_elements(bonded=sides == "bonded")[way]
-    misses = {}
-    for outline in (GelOutline(SIZE_MM, sides=sides), None):
-        slab = GelSlab(thickness_mm=THICKNESS_MM, E_MPa=E_MPA, nu=NU, outline=outline)
+def test_a_gel_with_sides_moves_as_another_librarys_elements_say(
+    way: int, outline: GelOutline, simpler: GelOutline | None, most: float
+) -> None:
+    *truth, under_load = by_elements(bonded=outline.sides == "bonded", domed=outline.domed)[way]
+    misses = []
+    for described in (outline, simpler):
+        slab = GelSlab(thickness_mm=THICKNESS_MM, E_MPa=E_MPA, nu=NU, outline=described)
         response = tent_compliance(slab, AT_MM, LOADED_MM, pitch_mm=PITCH_MM)[..., way].sum(axis=2)
-        misses[outline] = np.abs(response - truth).max() / np.abs(under_load).max()
-    with_sides, endless = misses.values()
-    assert with_sides < 0.01
-    assert endless > 5 * with_sides
-
-
-@pytest.mark.proof
-@pytest.mark.parametrize("way", [0, 2])
-def test_a_domed_gel_moves_as_another_librarys_elements_say(way: int) -> None:
-    *truth, under_load = by_elements(bonded=False, domed=True)[way]
-    misses = {}
-    for radius in (DOME, (np.inf, np.inf)):
-        outline = GelOutline(SIZE_MM, face_radius_mm=radius)
-        slab = GelSlab(thickness_mm=THICKNESS_MM, E_MPa=E_MPA, nu=NU, outline=outline)
-        response = tent_compliance(slab, AT_MM, LOADED_MM, pitch_mm=PITCH_MM)[..., way].sum(axis=2)
-        misses[radius] = np.abs(response - truth).max() / np.abs(under_load).max()
-    assert misses[DOME] < 0.004
-    assert misses[np.inf, np.inf] > 5 * misses[DOME]
-
-
-def test_markers_of_a_domed_gel_lie_on_its_face(tmp_path) -> None:
-    path = tmp_path / "sensor.toml"
-    dome = "size_mm = [26, 22]\nface_radius_mm = [190, 114]\n"
-    path.write_text(GEL + dome + "[markers]\nrows = 3\ncolumns = 3\npitch_mm = [8, 6]\n")
-    rest = read_sensor(path).rest_mm
-    assert rest[4].tolist() == [0, 0, 0]
-    assert rest[0, 2] == pytest.approx(-(8**2) / (2 * 190) - 6**2 / (2 * 114))
+        misses.append(np.abs(response - truth).max() / np.abs(under_load).max())
+    assert misses[0] < most
+    assert misses[1] > 5 * misses[0]
 
 
 def test_far_sides_change_nothing() -> None:
@@ -214,35 +149,3 @@ def test_far_sides_change_nothing() -> None:
     slab = GelSlab(thickness_mm=THICKNESS_MM, E_MPa=E_MPA, nu=NU)
     compliance = tent_compliance(slab, np.zeros((1, 2)), np.zeros((1, 2)), pitch_mm=1.0)
     assert np.abs(change).max() < 1e-3 * np.abs(compliance).max()
-
-
-GEL = 'kind = "fields"\nname = "a gel"\n[gel]\nthickness_mm = 4.0\nE_MPa = 0.2\nnu = 0.48\n'
-
-
-def test_a_description_says_where_the_gel_ends(tmp_path) -> None:
-    path = tmp_path / "sensor.toml"
-    path.write_text(GEL + 'size_mm = [26, 22]\ncentre_mm = [0.5, 0]\nsides = "bonded"\n')
-    assert read_sensor(path).outline == GelOutline((26.0, 22.0), (0.5, 0.0), "bonded")
-    path.write_text(GEL)
-    assert read_sensor(path).outline is None
-
-
-@pytest.mark.parametrize(
-    ("lines", "words"),
-    [
-        ("size_mm = [26, 0.2]", "size_mm: found [26.0, 0.2]"),
-        ("size_mm = [26]", "size_mm"),
-        ('sides = "free"', "size_mm: found none"),
-        ("centre_mm = [0, 0]", "size_mm: found none"),
-        ('size_mm = [26, 22]\nsides = "glued"', "sides"),
-        ("face_radius_mm = [190, 114]", "size_mm: found none"),
-        ("size_mm = [26, 22]\nface_radius_mm = [10, 114]", "face_radius_mm: found [10.0, 114.0]"),
-        ("size_mm = [26, 22]\nface_radius_mm = [26, 26]", "expected corners at most 60%"),
-    ],
-)
-def test_an_outline_that_cannot_be_is_refused(tmp_path, lines: str, words: str) -> None:
-    path = tmp_path / "sensor.toml"
-    path.write_text(GEL + lines + "\n")
-    with pytest.raises(TactileFailure) as refusal:
-        read_sensor(path)
-    assert words in str(refusal.value)

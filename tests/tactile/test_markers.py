@@ -2,13 +2,14 @@
 
 import numpy as np
 import pytest
-from drawn_gel import PITCH_PX, RADIUS_PX, SHAPE, drawn, grid
+from drawn_gel import RADIUS_PX, SHAPE, drawn, grid
 from scipy.spatial import cKDTree
+from turned_camera import SMALL, turned_camera
 
 from tactile.gel_camera import project
-from tactile.markers.marker_detection import Blobs, contrast, find_look, grey, markers_of, spacing_of, uncut
+from tactile.markers.marker_detection import Blobs, contrast, find_look, grey, markers_of, uncut
 from tactile.markers.tracking import places_of, reference_of, track
-from tactile.sensors import GelCamera, marker_grid
+from tactile.sensors import marker_grid
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
@@ -57,10 +58,6 @@ def test_a_speck_and_a_glint_are_no_markers() -> None:
     assert len(found_in(picture).peak) == len(grid())
 
 
-def test_spacing_is_the_grids() -> None:
-    assert spacing_of(grid()) == pytest.approx(PITCH_PX)
-
-
 def test_a_picture_without_markers_is_refused() -> None:
     noise = np.random.default_rng(1).normal(120, 2, (240, 320, 3)).clip(0, 255).astype(np.uint8)
     with pytest.raises(
@@ -70,15 +67,7 @@ def test_a_picture_without_markers_is_refused() -> None:
     assert caught.value.problem is TactileProblem.NO_MARKERS
 
 
-POSE = np.eye(4)
-POSE[2, 3] = -16.0
-CAMERA = GelCamera(
-    image_px=(320, 240),
-    focal_px=(260.0, 260.0),
-    centre_px=(159.5, 119.5),
-    distortion=(-0.2, 0.03, 0.0, 0.0, 0.0),
-    gel_from_camera=POSE,
-)
+CAMERA = turned_camera(0.0, **SMALL, distortion=(-0.2, 0.03, 0.0, 0.0, 0.0))
 GRID = marker_grid(7, 9, pitch_mm=(1.9, 1.9), first_mm=None)
 
 

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from injected_grasp import gel_pad, held_by
+from injected_grasp import ball, gel_pad, held_by
 
 from tactile.plain_jaw import has_plain_jaw, with_plain_jaw
 from tactile.readers.recording import GelPad, IndenterPad, Recording
@@ -13,14 +13,7 @@ from tactile.tactile_failure import TactileFailure
 RADIUS_MM = 30.0
 FRAMES = 9
 CLOSED_MM = 2.0
-
-
-def ball() -> np.ndarray:
-    """A sphere on a Fibonacci spiral, centre in the origin."""
-    k = np.arange(20_000) + 0.5
-    height, turn = 1 - 2 * k / len(k), np.pi * (1 + np.sqrt(5)) * k
-    ring = np.sqrt(1 - height**2)
-    return RADIUS_MM * np.column_stack([ring * np.cos(turn), ring * np.sin(turn), height])
+SKIN = ball(RADIUS_MM, 20_000)
 
 
 def pose_at(side: float, closed_mm: float) -> np.ndarray:
@@ -53,7 +46,7 @@ def grasp(*, shear_N: float = 0.0) -> Recording:
 
 
 def jaw_of(recording: Recording) -> GelPad:
-    return with_plain_jaw(recording, ball(), source="g.h5").pads[1]
+    return with_plain_jaw(recording, SKIN, source="g.h5").pads[1]
 
 
 def test_the_jaw_pushes_back_what_the_gel_pushes() -> None:
@@ -85,7 +78,7 @@ def test_it_touches_where_the_fruit_comes_first_and_as_widely_as_hertz_has_it() 
 def test_where_the_flesh_is_known_the_contact_is_as_wide_as_hertz_has_it_of_the_force() -> None:
     """Johnson 1985, eq. 4.22: a^3 = 3 F R / (4 E*), in every frame."""
     plane_strain_MPa = 0.8
-    right = with_plain_jaw(grasp(), ball(), source="g.h5", plane_strain_MPa=plane_strain_MPa).pads[1]
+    right = with_plain_jaw(grasp(), SKIN, source="g.h5", plane_strain_MPa=plane_strain_MPa).pads[1]
     for frame in (FRAMES // 2, FRAMES - 1):
         weight = right.force_N[frame, :, 2]
         middle = weight @ right.rest_mm / weight.sum()
@@ -99,7 +92,7 @@ def test_only_a_gel_and_a_plate_make_such_a_grasp() -> None:
     assert has_plain_jaw(recording)
     two = replace(recording, pads=(recording.pads[0], replace(recording.pads[0], name="right")))
     assert not has_plain_jaw(two)
-    assert with_plain_jaw(two, ball(), source="g.h5") is two
+    assert with_plain_jaw(two, SKIN, source="g.h5") is two
     assert not has_plain_jaw(replace(recording, loading="press"))
 
 
@@ -112,4 +105,4 @@ def test_a_jaw_that_faces_away_is_refused() -> None:
     with pytest.raises(
         TactileFailure, match=r"g\.h5: pads/right: found a plain jaw without round skin in front of it"
     ):
-        with_plain_jaw(turned, ball(), source="g.h5")
+        with_plain_jaw(turned, SKIN, source="g.h5")

@@ -9,6 +9,7 @@ from dataclasses import replace
 import h5py
 import numpy as np
 import pytest
+from injected_grasp import with_pads
 
 from tactile.readers.recording import GelPad, IndenterPad, read_recording, write_recording
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -254,6 +255,17 @@ REFUSALS = {
         markers_at(np.array([[0.0, 0.0, 0.0], [2.0, 0.0, 0.0]])),
         "pads/left/rest_mm: found 2 markers, expected at least 3 that are not on one line; record all",
     ),
+    "every second marker without values": (
+        put("pads/left/force_N", lambda v: np.where(np.arange(v.shape[1])[:, None] % 2, v, np.nan)),
+        "pads/left/force_N: found 19662 value(s) NaN or infinite, the first at index (0, 0, 0), in 113 of "
+        "225 markers, expected finite numbers; repair or drop those frames in the recorder, or take those "
+        "markers out of rest_mm and of both fields alike.",
+    ),
+    "reversed dimensions": (
+        put("pads/left/pose", lambda v: v.T),
+        "pads/left/pose: found shape (4, 4, 58), expected shape (58, 4, 4); the dimensions are reversed, as "
+        "MATLAB writes them: permute them before h5write.",
+    ),
     "NaN in one place": (
         value("pads/left/force_N", np.nan, at=(3, 5, 1)),
         "pads/left/force_N: found 1 value(s) NaN or infinite, the first at index (3, 5, 1)",
@@ -281,13 +293,6 @@ def test_refused_with_file_field_found_expected_and_advice(name, injected, tmp_p
     assert "\n" not in sentence
 
 
-def test_markers_without_values_are_counted(injected, tmp_path):
-    change = put("pads/left/force_N", lambda v: np.where(np.arange(v.shape[1])[:, None] % 2, v, np.nan))
-    sentence = refusal(tmp_path, injected.recording, change)
-    assert "the first at index (0, 0, 0), in 113 of 225 markers" in sentence
-    assert "take those markers out of rest_mm and of both fields alike" in sentence
-
-
 @pytest.mark.parametrize("name", ["half.h5", "head.h5", "empty.h5", "text.h5", "absent.h5"])
 def test_a_broken_or_absent_file_is_named(name, injected, tmp_path):
     write_recording(tmp_path / "whole.h5", injected.recording)
@@ -306,17 +311,9 @@ def test_an_indenter_needs_its_shape(injected, tmp_path):
 
 
 def test_poses_in_single_precision_pass(injected, tmp_path):
-    pads = tuple(
-        replace(pad, pose=pad.pose.astype(np.float32).astype(np.float64)) for pad in injected.recording.pads
-    )
-    write_recording(tmp_path / "a.h5", replace(injected.recording, pads=pads))
+    single = with_pads(injected.recording, lambda p: replace(p, pose=p.pose.astype("f4").astype("f8")))
+    write_recording(tmp_path / "a.h5", single)
     assert isinstance(read_recording(tmp_path / "a.h5").pads[0], GelPad)
-
-
-def test_reversed_dimensions_are_refused_with_what_to_do(tmp_path, injected):
-    sentence = refusal(tmp_path, injected.recording, put("pads/left/pose", lambda v: v.T))
-    assert "found shape (4, 4, 58), expected shape (58, 4, 4)" in sentence
-    assert "as MATLAB writes them: permute them before h5write" in sentence
 
 
 @pytest.mark.parametrize(

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tactile.gel.gel_sides import GelOutline
 from tactile.readers.sensor_file import read_sensor
 from tactile.readers.sensor_model import model_named
 from tactile.tactile_failure import TactileFailure, TactileProblem
@@ -38,6 +39,7 @@ def written(folder: Path, text: str) -> Path:
 
 def test_every_field_is_read_as_written(tmp_path: Path) -> None:
     sensor = read_sensor(written(tmp_path, MONO))
+    assert sensor.outline is None
     assert (sensor.kind, sensor.name, sensor.serial) == ("markers-mono", "dots", "A1")
     assert (sensor.thickness_mm, sensor.E_MPa, sensor.nu) == (4.0, 0.25, 0.48)
     assert sensor.camera.image_px == (640, 480)
@@ -52,6 +54,17 @@ def test_a_fields_sensor_needs_a_name_only(tmp_path: Path) -> None:
     sensor = read_sensor(written(tmp_path, 'kind = "fields"\nname = "Tac3D"\n'))
     assert sensor.camera is None
     assert sensor.rest_mm is None
+
+
+DOME = "nu = 0.48\nsize_mm = [26, 22]\nface_radius_mm = [{}, {}]"
+
+
+def test_a_description_says_where_the_gel_ends_and_markers_lie_on_its_domed_face(tmp_path: Path) -> None:
+    flat = 'nu = 0.48\nsize_mm = [26, 22]\ncentre_mm = [0.5, 0]\nsides = "bonded"'
+    outline = read_sensor(written(tmp_path, MONO.replace("nu = 0.48", flat))).outline
+    assert outline == GelOutline((26.0, 22.0), (0.5, 0.0), "bonded")
+    rest = read_sensor(written(tmp_path, MONO.replace("nu = 0.48", DOME.format(190, 114)))).rest_mm
+    assert rest[0, 2] == pytest.approx(-(2**2) / (2 * 190) - 0.5**2 / (2 * 114))
 
 
 REFUSALS = [
@@ -79,6 +92,14 @@ REFUSALS = [
     ("[[1, 0, 0, 0]", "[[2, 0, 0, 0]", "camera.gel_from_camera", "no rotation"),
     ("rows = 2", "rows = 0", "markers.rows", "0"),
     ('kind = "markers-mono"', 'kind = "markers-stereo"', "second_camera", "nothing"),
+    ("nu = 0.48", "nu = 0.48\nsize_mm = [26, 0.2]", "gel.size_mm", "[26.0, 0.2]"),
+    ("nu = 0.48", "nu = 0.48\nsize_mm = [26]", "gel.size_mm", "shape (1,)"),
+    ("nu = 0.48", 'nu = 0.48\nsides = "free"', "gel.size_mm", "none"),
+    ("nu = 0.48", "nu = 0.48\ncentre_mm = [0, 0]", "gel.size_mm", "none"),
+    ("nu = 0.48", 'nu = 0.48\nsize_mm = [26, 22]\nsides = "glued"', "gel.sides", "'glued'"),
+    ("nu = 0.48", "nu = 0.48\nface_radius_mm = [190, 114]", "gel.size_mm", "none"),
+    ("nu = 0.48", DOME.format(10, 114), "gel.face_radius_mm", "[10.0, 114.0]"),
+    ("nu = 0.48", DOME.format(26, 26), "gel.face_radius_mm", "expected corners at most 60%"),
     ('name = "dots"', 'name = "dots', "the file", "line"),
 ]
 

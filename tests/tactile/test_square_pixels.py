@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 from periodic_slab import traction_response
-from raw_folder import write_picture
+from raw_folder import PRESS, write_camera, write_log
 from test_camera_from_dots import DOME, dots, eye
 
 from pipeline.files.toml_text import as_toml
@@ -28,15 +28,6 @@ from tactile.square_pixels import square_camera, with_square_pixels
 CAMERA = eye()
 SHAPES = {"4:3 to 1:1": (240, 240), "4:3 to 16:9": (320, 180), "16:9 to 1:1, its ratio": (180, 240)}
 PRESSES = 3
-GRASP = """
-fruit_id = "f1"
-category = "nectarine"
-loading = "press"
-pose_aperture_mm = 60.0
-[pads.tip]
-sensor = "sensor.toml"
-pose = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]
-"""
 
 
 def pressed(share: float) -> Field:
@@ -68,13 +59,10 @@ def read(
     """
     seen = [cv2.resize(picture, size_px, interpolation=cv2.INTER_AREA) for picture in pictures]
     made = described(read_model("gelsight-mini"), seen[0], source="empty.png")
-    write_picture(folder / "tip/reference.png", seen[0])
-    for t, frame in enumerate(seen[1:]):
-        write_picture(folder / f"tip/frame_{t:06d}.png", frame)
+    write_camera(folder / "tip", seen[0], seen[1:])
     (folder / "sensor.toml").write_text(as_toml(made.table))
-    (folder / "grasp.toml").write_text(GRASP)
-    rows = [f"{0.05 * t},{60.0 - 0.1 * t}" for t in range(len(seen) - 1)]
-    (folder / "log.csv").write_text("\n".join(["time_s,aperture_mm", *rows]) + "\n")
+    (folder / "grasp.toml").write_text(PRESS)
+    write_log(folder, len(seen) - 1)
     raw = with_square_pixels(read_raw_grasp(folder))
     assert not references_said(raw)
     tip = raw.pads[0]

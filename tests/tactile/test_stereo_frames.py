@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from drawn_gel import drawn
 from jaxtyping import Float
-from raw_folder import write_picture
+from raw_folder import PRESS, write_camera, write_log
 
 from tactile.from_frames import recording_of
 from tactile.readers.raw_grasp import read_raw_grasp
@@ -43,20 +43,12 @@ def write_stereo(folder: Path) -> Path:
         text += "centre_px = [159.5, 119.5]\n"
         text += f"gel_from_camera = {pose.tolist()}\n"
     folder.mkdir(parents=True)
-    (folder / "s.toml").write_text(text + "[markers]\nrows = 7\ncolumns = 9\npitch_mm = [1.8, 1.8]\n")
-    identity = np.eye(4).tolist()
-    head = 'fruit_id = "f"\ncategory = "plum"\nloading = "press"\npose_aperture_mm = 0.0\n'
-    (folder / "grasp.toml").write_text(head + f'[pads.tip]\nsensor = "s.toml"\npose = {identity}\n')
-    (folder / "log.csv").write_text(
-        "time_s,aperture_mm\n" + "\n".join(f"{0.1 * t},{0.05 * t}" for t in range(FRAMES)) + "\n"
-    )
+    (folder / "sensor.toml").write_text(text + "[markers]\nrows = 7\ncolumns = 9\npitch_mm = [1.8, 1.8]\n")
+    (folder / "grasp.toml").write_text(PRESS)
+    write_log(folder, FRAMES)
     for camera, place in enumerate(("tip", "tip-b")):
-        write_picture(
-            folder / place / "reference.png", drawn(seen(camera, REST), noise=1.0, seed=50 + camera)
-        )
-        for t in range(FRAMES):
-            frame = drawn(seen(camera, press(t)), noise=1.0, seed=2 * t + camera)
-            write_picture(folder / place / f"frame_{t:06d}.png", frame)
+        frames = (drawn(seen(camera, press(t)), noise=1.0, seed=2 * t + camera) for t in range(FRAMES))
+        write_camera(folder / place, drawn(seen(camera, REST), noise=1.0, seed=50 + camera), frames)
     return folder
 
 
@@ -68,7 +60,7 @@ def test_a_dent_is_seen_to_micrometres_across_and_in_depth(tmp_path: Path) -> No
     assert len(set(order.tolist())) == 63
     assert np.sqrt((error[..., :2] ** 2).mean()) < 0.005
     assert np.sqrt((error[..., 2] ** 2).mean()) < 0.02
-    assert converted.recording.pads[0].pose[-1, 2, 3] == pytest.approx(0.2)
+    assert converted.recording.pads[0].pose[-1, 2, 3] == pytest.approx(-0.4)
 
 
 def test_a_second_camera_that_lacks_frames_is_refused(tmp_path: Path) -> None:
@@ -98,6 +90,6 @@ def test_the_second_camera_may_be_a_video_with_its_reference_in_the_folder_of_it
 
 def test_the_sensor_at_the_top_is_that_of_every_pad_that_names_none(tmp_path: Path) -> None:
     folder = write_stereo(tmp_path / "g")
-    text = (folder / "grasp.toml").read_text().replace('sensor = "s.toml"\n', "")
-    (folder / "grasp.toml").write_text('sensor = "s.toml"\n' + text)
+    text = (folder / "grasp.toml").read_text().replace('sensor = "sensor.toml"\n', "")
+    (folder / "grasp.toml").write_text('sensor = "sensor.toml"\n' + text)
     assert read_raw_grasp(folder).pads[0].sensor.name == "two eyes"

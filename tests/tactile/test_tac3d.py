@@ -7,7 +7,7 @@ import pytest
 from tac3d_folder import FRAMES, KN, KT, REST, write_sensor
 
 from tactile.from_tac3d import recording_of_tac3d
-from tactile.readers.recording import Converted, GelPad, read_recording, write_recording
+from tactile.readers.recording import Converted, GelPad
 from tactile.readers.tac3d import Tac3D, read_tac3d, sensor_folders
 from tactile.tactile_failure import TactileFailure
 
@@ -37,13 +37,6 @@ def test_a_pressed_gel_pushes_the_fruit_and_its_stiffness_is_read_off_the_loaded
     assert pad.displacement_mm[-1, :, 2].min() < 0
     assert pad.gel_kn_MPa_per_mm == pytest.approx(KN, rel=0.02)
     assert pad.gel_kt_MPa_per_mm == pytest.approx(KT, rel=0.02)
-
-
-def test_the_canonical_file_gives_the_recording_back(tmp_path: Path) -> None:
-    made = converted(read_tac3d(write_sensor(tmp_path / "AD2"))).recording
-    write_recording(tmp_path / "out.h5", made)
-    again = read_recording(tmp_path / "out.h5").pads[0]
-    np.testing.assert_allclose(again.displacement_mm, made.pads[0].displacement_mm, rtol=1e-6)
 
 
 def test_lost_frames_and_the_deadband_are_said(tmp_path: Path) -> None:

@@ -88,12 +88,6 @@ def test_a_false_blob_in_a_torn_markers_stead_is_not_taken(reference: ReferenceM
     assert np.abs(position[1] - grid()[order])[~lost].max() < 0.1
 
 
-def test_backwards_and_forwards_agree_on_every_name(reference: ReferenceMarkers) -> None:
-    frames = [drawn(press(s)) for s in (0, 8, 18, 24, 12, 3)]
-    forward, backward = track(reference, frames), track(reference, frames[::-1])[::-1]
-    assert np.abs(forward - backward).max() < 0.02
-
-
 def test_memory_does_not_grow_with_the_number_of_frames(reference: ReferenceMarkers) -> None:
     picture = drawn(press(6.0))
 
