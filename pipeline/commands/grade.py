@@ -68,9 +68,9 @@ def grade(
     with elsewhere():
         from pipeline.ranking.run_summary import print_summary
         from pipeline.run.batch_run import GradeOptions
-        from pipeline.run.engines import WorkPlace
         from pipeline.run.grading import grade as grade_batch
         from pipeline.run.progress import RunConsole
+        from pipeline.run.scheduling import WorkPlace
 
     with said_when_interrupted("; drupe kept the finished fruit. Run the same command again to continue."):
         status, entry = grade_batch(
@@ -82,9 +82,9 @@ def grade(
                 screen=screen,
                 force=force,
                 language=language,
+                place=WorkPlace(jobs=jobs, scheduler=scheduler, slurm=slurm),
             ),
             console=RunConsole(quiet=quiet, verbose=verbose),
-            place=WorkPlace(jobs=jobs, scheduler=scheduler, slurm=slurm),
         )
     if not quiet:
         print_summary(entry, out or batch / "results", console=Console())

@@ -1,5 +1,6 @@
 """`drupe watch`."""
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -81,7 +82,7 @@ def watch(
         from pipeline.batch.settings_file import require_settings_file
         from pipeline.ranking.run_summary import print_summary
         from pipeline.run.batch_run import GradeOptions
-        from pipeline.run.progress import RunConsole
+        from pipeline.run.progress import RunConsole, say
         from pipeline.watch.device_login import network_of
         from pipeline.watch.page_server import PageServer
         from pipeline.watch.verdict_desk import VerdictDesk
@@ -102,10 +103,9 @@ def watch(
         idle_s=None if idle is None else 60 * idle,
     )
 
-    def tell(sentence: str) -> None:
-        console.print(sentence, highlight=False, markup=False, soft_wrap=True)
-
-    with PageServer(Results(place), port=port, network=network, language=language, tell=tell) as server:
+    with PageServer(
+        Results(place), port=port, network=network, language=language, tell=partial(say, console)
+    ) as server:
         typer.echo(f"page: {server.address}")
         typer.echo(f"watching {batch}; press Ctrl-C to stop")
         watching = BatchWatch(

@@ -5,9 +5,10 @@ Where all were replaced, folder, label and the id of a fruit must be the same. I
 people number their fruit from 1 every day.
 """
 
+import math
 import time
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime, timedelta
 from pathlib import PurePosixPath
 from typing import Any
@@ -20,6 +21,7 @@ from pipeline.files.plain_file import printable
 from pipeline.problem import listed, refused
 from pipeline.ranking.batch_faults import BatchFault
 from pipeline.ranking.reference_ratio import ReferenceFinding
+from pipeline.run.scheduling import WorkPlace
 from reports.language import ENGLISH
 
 LABEL = ("lot", "harvest_date", "cultivar", "category")
@@ -38,16 +40,17 @@ def utc_now() -> datetime:
 
 @dataclass(frozen=True, kw_only=True)
 class GradeOptions:
-    """How a batch is graded: `jobs` fruit at once, each within `time_limit_s`. `screen`: whether fruit are
-    screened for missing physics; `force`: whether numbers that no fruit has are only doubts. `language`: of
-    the report.
+    """How a batch is graded: `jobs` fruit at once, each within `time_limit_s`, on the machines of `place`.
+    `screen`: whether fruit are screened for missing physics; `force`: whether numbers that no fruit has are
+    only doubts. `language`: of the report.
     """
 
-    jobs: int
-    time_limit_s: float
+    jobs: int = 1
+    time_limit_s: float = math.inf
     screen: bool = True
     force: bool = False
     language: str = ENGLISH
+    place: WorkPlace = field(default_factory=WorkPlace)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,9 +60,7 @@ class BatchRun:
     batch: Batch
     results: Results
     inputs: Mapping[str, str]
-    force: bool
-    screen: bool
-    language: str
+    options: GradeOptions
     started: datetime
     since_s: float
 
@@ -94,8 +95,8 @@ class BatchRun:
             "started_utc": utc_text(self.started),
             "finished_utc": None if status is None else utc_text(self.until_now()),
             "exit_status": status,
-            "force": self.force,
-            "screened": self.screen,
+            "force": self.options.force,
+            "screened": self.options.screen,
             "faults": [asdict(fault) for fault in faults],
             "outcomes": outcomes,
         }

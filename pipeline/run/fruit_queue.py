@@ -16,6 +16,7 @@ from pipeline.files.whole_file import NotWritten
 from pipeline.fruit.recording_owner import named_row
 from pipeline.run.batch_run import BatchRun
 from pipeline.run.checking import implausible, implausible_batch
+from pipeline.run.progress import say
 
 GRADED_ALL_THE_SAME = "drupe grades the fruit anyway (--force)."
 RETRIED = frozenset(
@@ -41,10 +42,12 @@ class FruitQueue:
     def __init__(
         self, run: BatchRun, chosen: Collection[str], records: dict[str, FruitRecord], console: Console
     ) -> None:
-        self._run, self._console = run, console
+        self.run, self.console = run, console
         self._going: dict[str, FruitTask] = {}
         self._forced: dict[str, list[str]] = (
-            {name: [*said] for name, said in implausible_batch(run.batch).items()} if run.force else {}
+            {name: [*said] for name, said in implausible_batch(run.batch).items()}
+            if run.options.force
+            else {}
         )
         self.records = records
         self.refused: deque[FruitRecord] = deque()
@@ -60,12 +63,12 @@ class FruitQueue:
     def _holds(self, fruit_id: str, before: FruitRecord) -> bool:
         """Whether an earlier run's record holds; it is in `records` then."""
         task = self._task(fruit_id)
-        kept = kept_record(task, before, self._run.batch.row_of)
+        kept = kept_record(task, before, self.run.batch.row_of)
         if kept is None:
             return False
         size = kept.mesh.box_mm if kept.graded and kept.mesh is not None else None
-        if sentence := implausible(self._run.batch, self._run.batch.row_of[fruit_id], box_mm=size):
-            if not self._run.force:
+        if sentence := implausible(self.run.batch, self.run.batch.row_of[fruit_id], box_mm=size):
+            if not self.run.options.force:
                 return False
             self._force(fruit_id, sentence)
         self.records[fruit_id] = kept
@@ -75,8 +78,8 @@ class FruitQueue:
         """Fruit and tasks in their order."""
         for fruit_id in self.todo:
             task = self._task(fruit_id)
-            if sentence := implausible(self._run.batch, self._run.batch.row_of[fruit_id]):
-                if not self._run.force:
+            if sentence := implausible(self.run.batch, self.run.batch.row_of[fruit_id]):
+                if not self.run.options.force:
                     record = ended_record(task, Outcome.IMPLAUSIBLE_INPUT, sentence)
                     self.records[fruit_id] = record
                     self.refused.append(record)
@@ -94,14 +97,11 @@ class FruitQueue:
         return [f"{sentence} {GRADED_ALL_THE_SAME}" for sentence in self._forced.get(fruit_id, ())]
 
     def _force(self, fruit_id: str, sentence: str) -> None:
-        self._console.print(
-            f"{fruit_id}: {sentence} drupe grades the fruit anyway.", highlight=False, markup=False
-        )
+        say(self.console, f"{fruit_id}: {sentence} drupe grades the fruit anyway.")
         self._forced.setdefault(fruit_id, []).append(sentence)
 
     def _task(self, fruit_id: str) -> FruitTask:
-        run = self._run
-        return fruit_task(run.batch, fruit_id, run.results, screen=run.screen)
+        return fruit_task(self.run.batch, fruit_id, self.run.results, screen=self.run.options.screen)
 
 
 def with_forced(record: FruitRecord, forced: Sequence[str], results: Results) -> FruitRecord:

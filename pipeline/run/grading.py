@@ -5,6 +5,7 @@ from collections.abc import Callable, Collection
 from contextlib import closing, suppress
 from dataclasses import replace
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 
 from rich.console import Console
@@ -24,13 +25,13 @@ from pipeline.files.whole_file import NotWritten, sweep
 from pipeline.problem import BatchRefused, refused
 from pipeline.ranking.run_summary import decimals
 from pipeline.run.batch_run import BatchRun, GradeOptions, utc_now
-from pipeline.run.engines import WorkPlace, cluster_of
 from pipeline.run.fruit_queue import FruitQueue, ended_record, with_forced
 from pipeline.run.memory import LEAST_MIB, PER_FRUIT_MIB, free_memory_MiB, jobs_that_fit, share_MiB
-from pipeline.run.progress import BatchProgress
+from pipeline.run.progress import BatchProgress, say
 from pipeline.run.reporting import ReportPace, outcomes_of, report, report_so_far
 from pipeline.run.runner import LocalPool, work_on
 from pipeline.run.scheduling import Died, Engine, Event, Finished, Noted, Progressed, TimedOut, run_on
+from pipeline.safe_start import elsewhere
 from recon.learned.onnx_file import model_files
 from reports.entries import BatchEntry
 
@@ -44,12 +45,9 @@ def grade(
     options: GradeOptions,
     *,
     console: Console,
-    place: WorkPlace | None = None,
     now: Callable[[], datetime] = utc_now,
 ) -> tuple[int, BatchEntry]:
     """Grades the batch at `root` into `out`; returns the exit status and what the report says.
-
-    `place`: where fruit are worked on; None: on this machine.
 
     Fruit whose inputs, settings and code are those of an earlier run keep their record. A fruit whose own
     numbers no fruit of the category has ends with that as its reason; with `force` it is graded, and that is
@@ -59,8 +57,7 @@ def grade(
     of those done are written.
     """
     began = now(), time.monotonic()
-    place = place or WorkPlace()
-    place.require_parts()
+    options.place.require_parts()
     run = placed(open_batch(root, force=options.force), out, options, began=began)
     if not is_held(run.results.root):
         run.require_ours()
@@ -76,12 +73,12 @@ def grade(
                 with pace.reporting():
                     report_so_far(run, records)
 
-        queue = begun(run, fruit, records, console=console, mark=place.mark)
-        say_begun(queue, run, console)
+        queue = begun(run, fruit, records, console=console)
+        say_begun(queue)
         with suppress(NotWritten):
             run.write_provenance(outcomes_of(records), None)
         try:
-            grade_queue(queue, run, options, report_when_due, console=console, place=place)
+            grade_queue(queue, report_when_due)
         except (KeyboardInterrupt, BatchRefused) as stopped:
             with suppress(NotWritten):
                 status = INTERRUPTED if isinstance(stopped, KeyboardInterrupt) else USAGE
@@ -92,7 +89,7 @@ def grade(
 
 
 def begun(
-    run: BatchRun, chosen: Collection[str], records: dict[str, FruitRecord], *, console: Console, mark: str
+    run: BatchRun, chosen: Collection[str], records: dict[str, FruitRecord], *, console: Console
 ) -> FruitQueue:
     """Makes the results ready for the `chosen` fruit of a run, of which those that an earlier run graded as
     they are get their record; the queue of the others. The caller holds the lock of the results.
@@ -101,28 +98,22 @@ def begun(
     sweep(run.results.root)
     for fruit_id in chosen:
         run.results.fruit(fruit_id).sweep()
-    write_run(run.results, mark=mark)
+    write_run(run.results, mark=run.options.place.mark)
     return FruitQueue(run, chosen, records, console)
 
 
 def grade_queue(
-    queue: FruitQueue,
-    run: BatchRun,
-    options: GradeOptions,
-    ended: Callable[[FruitRecord], None],
-    *,
-    console: Console,
-    place: WorkPlace | None = None,
-    waiting: int | None = None,
+    queue: FruitQueue, ended: Callable[[FruitRecord], None], *, waiting: int | None = None
 ) -> None:
     """Grades what is to do, and tells each record to `ended` as it comes. `waiting`: fruit of a watched batch
     that wait until these are done; None: the batch is not watched.
     """
     if queue.todo:
-        engine = _engine(run, queue, place or WorkPlace(), options, console)
-        _work(queue, engine, options, ended, console, waiting)
+        _work(queue, _engine(queue), ended, waiting)
     for fruit_id in (*queue.kept, *queue.todo):
-        queue.records[fruit_id] = with_forced(queue.records[fruit_id], queue.forced(fruit_id), run.results)
+        queue.records[fruit_id] = with_forced(
+            queue.records[fruit_id], queue.forced(fruit_id), queue.run.results
+        )
 
 
 def placed(
@@ -144,44 +135,52 @@ def placed(
         batch=batch,
         results=results,
         inputs=input_hashes(batch.folder.root, _inputs(batch)) if hashed else {},
-        force=options.force,
-        screen=options.screen,
-        language=options.language,
+        options=options,
         started=began[0],
         since_s=began[1],
     )
 
 
-def say_begun(queue: FruitQueue, run: BatchRun, console: Console) -> None:
+def say_begun(queue: FruitQueue) -> None:
     """Prints how many fruit are as an earlier run left them, and which files outside the fruit's folders look
     like inputs and are not used; a fruit's own files are among its warnings.
     """
-    batch = run.batch
+    batch = queue.run.batch
     if queue.kept:
-        kept = f"{len(queue.kept)} of {len(batch.rows)} fruit unchanged since the last run"
-        console.print(kept, highlight=False)
+        say(queue.console, f"{len(queue.kept)} of {len(batch.rows)} fruit unchanged since the last run")
     unused = unused_of_batch(batch.folder, named_files(batch.folder, batch.settings))
     root = batch.folder.root
     lines = [str(replace(problem, file=str(Path(problem.file).relative_to(root)))) for problem in unused]
     more = len(lines) - MOST_UNUSED_SAID
     lines[MOST_UNUSED_SAID:] = [f"and {more} more: `drupe check` lists all"] if more > 0 else []
     for line in lines:
-        console.print(f"warning: {line}", highlight=False, markup=False, soft_wrap=True)
+        say(queue.console, f"warning: {line}")
 
 
-def _engine(
-    run: BatchRun, queue: FruitQueue, place: WorkPlace, options: GradeOptions, console: Console
-) -> Engine:
+def _engine(queue: FruitQueue) -> Engine:
     """What the fruit are worked on by; raises BatchRefused where this machine's memory holds none."""
+    run, todo = queue.run, queue.todo.values()
+    place = run.options.place
     if place.here:
-        return _processes(queue.todo.values(), options, console)
-    return cluster_of(
-        place,
-        run,
-        fruits=len(queue.todo),
-        per_fruit_MiB=_per_fruit_MiB(queue.todo.values()),
-        time_limit_s=options.time_limit_s,
-        tell=lambda line: console.print(line, highlight=False, markup=False, soft_wrap=True),
+        return _processes(todo, run.options, queue.console)
+    with elsewhere():
+        from pipeline.run.cluster import Cluster
+        from pipeline.run.cluster_worker import RunNeeds, this_drupe
+
+    needs = RunNeeds(
+        drupe=this_drupe(),
+        settings=run.batch.folder.settings.absolute(),
+        run=run.results.run.absolute(),
+        mark=place.mark,
+        per_fruit_MiB=_per_fruit_MiB(todo),
+    )
+    return Cluster(
+        place.scheduler,
+        workers=min(place.jobs or 1, len(todo)) if place.slurm else 0,
+        needs=needs,
+        time_limit_s=run.options.time_limit_s,
+        tell=partial(say, queue.console),
+        most=None if place.slurm else place.jobs,
     )
 
 
@@ -201,10 +200,10 @@ def _processes(todo: Collection[FruitFolder], options: GradeOptions, console: Co
     wanted = min(options.jobs, len(todo))
     fit = jobs_that_fit(wanted, per_fruit_MiB=need_MiB, free_MiB=free_MiB)
     if fit < wanted:
-        console.print(
+        say(
+            console,
             f"{fit} fruit at a time instead of {wanted}: {free_MiB:.0f} MiB of memory are free, and "
             f"one fruit needs about {need_MiB:.0f} MiB",
-            highlight=False,
         )
     most_MiB = share_MiB(fit, need_MiB, free_MiB=free_MiB)
     return LocalPool(jobs=fit, time_limit_s=options.time_limit_s, most_MiB=most_MiB)
@@ -221,12 +220,7 @@ def _kind(fruit: FruitFolder) -> str:
 
 
 def _work(
-    queue: FruitQueue,
-    engine: Engine,
-    options: GradeOptions,
-    ended: Callable[[FruitRecord], None],
-    console: Console,
-    waiting: int | None,
+    queue: FruitQueue, engine: Engine, ended: Callable[[FruitRecord], None], waiting: int | None
 ) -> None:
     """Grades what is to do, shows how far it is, puts each record into the queue's records as it comes, and
     tells it to `ended`.
@@ -234,7 +228,7 @@ def _work(
     before = None if waiting is None else len(queue.records)
     total = len(queue.todo) + (waiting or 0)
     with (
-        BatchProgress(console, total=total, before=before) as progress,
+        BatchProgress(queue.console, total=total, before=before) as progress,
         closing(run_on(engine, work_on, queue)) as events,
     ):
 
@@ -247,13 +241,12 @@ def _work(
                 show_ended(queue.refused.popleft())
             if isinstance(event, Noted):
                 progress.noted(event.fruit_id, event.line)
-                continue
-            if isinstance(event, Progressed):
+            elif isinstance(event, Progressed):
                 progress.stage(event.fruit_id, event.stage)
-                continue
-            record = _record_of(event, queue.ended(event.fruit_id), options.time_limit_s)
-            queue.records[event.fruit_id] = record
-            show_ended(record)
+            else:
+                record = _record_of(event, queue.ended(event.fruit_id), queue.run.options.time_limit_s)
+                queue.records[event.fruit_id] = record
+                show_ended(record)
         while queue.refused:
             show_ended(queue.refused.popleft())
 
@@ -295,12 +288,8 @@ def _in_a_line(record: FruitRecord) -> str:
 
 def read_files(batch: Batch) -> list[Path]:
     """Every file that grading the batch reads."""
-    return [*_inputs(batch), *_models(batch)]
-
-
-def _models(batch: Batch) -> list[Path]:
     model = batch.settings.recon.geometry_model
-    return [] if model is None else [*model_files(batch.folder.root / model)]
+    return [*_inputs(batch), *(() if model is None else model_files(batch.folder.root / model))]
 
 
 def _inputs(batch: Batch) -> list[Path]:

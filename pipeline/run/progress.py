@@ -33,6 +33,11 @@ class RunConsole(Console):
         self.verbose = verbose
 
 
+def say(console: Console, sentence: str, *, style: str | None = None) -> None:
+    """Prints a sentence as it is: without markup and colours of its own, on a line as long as it is."""
+    console.print(sentence, style=style, highlight=False, markup=False, soft_wrap=True)
+
+
 class BatchProgress:
     """Shows which fruit is at which stage, how many are done, and when the rest will be.
 
@@ -87,14 +92,13 @@ class BatchProgress:
         self._most_at_once = max(self._most_at_once, len(self._began))
         self._bar.update(self._task, description=self._at_work())
         if self._lines:
-            self._console.print(f"[{self._elapsed()}] {fruit_id}: {stage}", highlight=False, markup=False)
+            say(self._console, f"[{self._elapsed()}] {fruit_id}: {stage}")
 
     def noted(self, fruit_id: str, line: str) -> None:
         """A library wrote a line while it worked on a fruit."""
         if self._verbose:
             stage = self._stage.get(fruit_id, "").partition(":")[0]
-            said = f"{fruit_id}{f' ({stage})' if stage else ''}: {line}"
-            self._console.print(said, style="dim", highlight=False, markup=False, soft_wrap=True)
+            say(self._console, f"{fruit_id}{f' ({stage})' if stage else ''}: {line}", style="dim")
 
     def done(self, fruit_id: str, sentence: str) -> None:
         """A fruit has ended."""
@@ -106,9 +110,7 @@ class BatchProgress:
         seconds = self._left_s()
         left = f", about {_clock_face(seconds)} left" if seconds else ""
         note = f" ({self._done} of {self._total}{self._what}{left})"
-        self._console.print(
-            f"[{self._elapsed()}] {fruit_id}: {sentence}{note}", highlight=False, markup=False, soft_wrap=True
-        )
+        say(self._console, f"[{self._elapsed()}] {fruit_id}: {sentence}{note}")
 
     def _left_s(self) -> float | None:
         """Seconds until the last fruit ends: the work left, by the mean fruit so far, over the workers."""
@@ -154,7 +156,7 @@ class StageLines:
     def stage(self, name: str) -> None:
         """A stage begins."""
         elapsed = _clock_face(time.monotonic() - self._started)
-        self._console.print(f"[{elapsed}] {name}", highlight=False, markup=False, soft_wrap=True)
+        say(self._console, f"[{elapsed}] {name}")
 
 
 def _clock_face(seconds: float) -> str:

@@ -23,7 +23,7 @@ from pipeline.ranking.batch_faults import batch_faults
 from pipeline.ranking.reference_ratio import ReferenceFinding, as_measured
 from pipeline.ranking.reference_temperature import compared
 from pipeline.ranking.report_entries import batch_entry
-from pipeline.run.batch_run import BatchRun
+from pipeline.run.batch_run import BatchRun, GradeOptions
 from reports.entries import BatchEntry, Unfinished
 from reports.page import report_html
 from reports.tables import ranking_csv, ranking_json
@@ -127,7 +127,7 @@ def entry_of(run: BatchRun) -> partial[BatchEntry]:
 def _write(entry: BatchEntry, run: BatchRun) -> None:
     write_whole(run.results.ranking, ranking_csv(entry))
     write_whole(run.results.ranking_json, ranking_json(entry))
-    write_whole(run.results.report, report_html(entry, language=run.language))
+    write_whole(run.results.report, report_html(entry, language=run.options.language))
 
 
 def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:
@@ -172,9 +172,9 @@ def report_again(out: Path, batch: Path | None, *, language: str) -> BatchEntry 
         batch=opened,
         results=results,
         inputs=_hashes(said),
-        force=bool(said.get("force")),
-        screen=bool(said.get("screened", True)),
-        language=language,
+        options=GradeOptions(
+            force=bool(said.get("force")), screen=bool(said.get("screened", True)), language=language
+        ),
         started=started,
         since_s=time.monotonic() - (ended - started).total_seconds(),
     )

@@ -1,9 +1,54 @@
 """The border between a run and what works on its fruit: one loop, and behind it this machine or a cluster."""
 
+import importlib.util
 import pickle
+import re
+import uuid
 from collections.abc import Callable, Generator, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Protocol, Self
+
+from pipeline.problem import refused
+
+ADDRESS = re.compile(r"([a-z]+://)?[^/\s]+:[0-9]+/?")
+"""A scheduler's: host and port, the protocol before them or not."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorkPlace:
+    """Where fruit are worked on: here, `scheduler` (an address of dask), or jobs of `slurm`.
+
+    `jobs`: fruit at the same time at most, None: as many as there are workers; `mark` tells this run's folder
+    from any other.
+    """
+
+    jobs: int | None = None
+    scheduler: str | None = None
+    slurm: bool = False
+    mark: str = field(default_factory=lambda: uuid.uuid4().hex)
+
+    @property
+    def here(self) -> bool:
+        """Whether it is this machine."""
+        return self.scheduler is None and not self.slurm
+
+    def require_parts(self) -> None:
+        """Raises BatchRefused where what is asked for contradicts itself, or is not installed."""
+        if self.here:
+            return
+        if self.slurm and self.scheduler is not None:
+            raise refused("--slurm", "conflicts with --scheduler; give only one of them.")
+        if self.slurm and self.jobs is None:
+            raise refused("--slurm", "needs --jobs, the number of Slurm jobs.")
+        if self.scheduler is not None and not ADDRESS.fullmatch(self.scheduler):
+            sentence = (
+                f'found "{self.scheduler}"; expected the address that `dask scheduler` prints, with its port.'
+            )
+            raise refused("--scheduler", sentence)
+        for name in ("distributed", *(("dask_jobqueue", "cryptography") if self.slurm else ())):
+            if importlib.util.find_spec(name) is None:
+                sentence = f"needs the package {name}; install it with: pip install 'drupe[cluster]'."
+                raise refused("--slurm" if self.slurm else "--scheduler", sentence)
 
 
 @dataclass(frozen=True)

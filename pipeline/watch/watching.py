@@ -20,8 +20,8 @@ from pipeline.fruit.same_recording import copies_doubted
 from pipeline.problem import BatchRefused, Problem
 from pipeline.ranking.reference_temperature import compared
 from pipeline.run.batch_run import BatchRun, GradeOptions
-from pipeline.run.engines import WorkPlace
 from pipeline.run.grading import begun, grade_queue, placed, say_begun
+from pipeline.run.progress import say
 from pipeline.run.reporting import ReportPace, entry_of, outcomes_of, report_of_records
 from pipeline.watch.arrivals import Arrivals, State, own_state
 from reports.entries import BatchEntry, FruitEntry
@@ -211,18 +211,14 @@ class BatchWatch:
             run = self._placed(so_far, hashed=not self.records)
             with results_lock(self.options.out):
                 run.require_ours(chosen)
-                place = WorkPlace()
-                queue = begun(run, chosen, self.records, console=self.console, mark=place.mark)
+                queue = begun(run, chosen, self.records, console=self.console)
                 if self.batch_files is None:
-                    say_begun(queue, run, self.console)
+                    say_begun(queue)
                 for name in queue.kept:
                     self._ended(run, self.records[name], states[name], shown=len(chosen) == 1)
                 grade_queue(
                     queue,
-                    run,
-                    self.options.grading,
                     lambda record: self._ended(run, record, states[record.fruit_id]),
-                    console=self.console,
                     waiting=waiting,
                 )
         except KeyboardInterrupt:
@@ -316,16 +312,13 @@ class BatchWatch:
         lacking = {name: missing for name, missing in self.arrivals.lacking if self.arrivals.at_rest(name)}
         for name, missing in lacking.items():
             if named.get(name) != missing:
-                self._say(f"{name}: not graded yet; missing: {missing}")
+                say(self.console, f"{name}: not graded yet; missing: {missing}")
         return lacking
-
-    def _say(self, sentence: str) -> None:
-        self.console.print(sentence, highlight=False, markup=False, soft_wrap=True)
 
     def _tell(self, problems: tuple[str, ...]) -> None:
         """Hands over what is to be seen now; problems also go to the console."""
         for problem in problems:
-            self._say(problem)
+            say(self.console, problem)
         self.show(
             KioskEntry(
                 name=self.root.absolute().name,

@@ -34,7 +34,7 @@ def written(task, E_MPa, *, changes=None, **how):
 def work_at_once(record):
     """Takes the place of grading's work on fruit: `record` makes each one's record at once."""
 
-    def work(queue, _engine, _options, ended, *_):
+    def work(queue, _engine, ended, _waiting):
         for fruit_id, task in queue:
             queue.records[fruit_id] = record(fruit_id, task)
             ended(queue.records[fruit_id])

@@ -33,8 +33,7 @@ from pipeline.run import grading
 from pipeline.run.batch_run import GradeOptions
 from pipeline.run.cluster import Cluster, _jobqueue, slurm_jobs
 from pipeline.run.cluster_worker import OWN_MIB
-from pipeline.run.engines import WorkPlace
-from pipeline.run.scheduling import Died, Finished, Progressed, TimedOut, run_on
+from pipeline.run.scheduling import Died, Finished, Progressed, TimedOut, WorkPlace, run_on
 
 pytestmark = [pytest.mark.slow, pytest.mark.cluster]
 PATHS = os.pathsep.join(map(str, (Path(__file__).parents[2], Path(__file__).parent)))
@@ -140,7 +139,8 @@ def test_a_batch_begun_on_this_machine_ends_on_a_cluster(address, tmp_path, monk
     def outcomes(**options):
         said = io.StringIO()
         console = Console(file=said, width=200)
-        grading.grade(tmp_path, None, GradeOptions(jobs=2, time_limit_s=60), console=console, **options)
+        how = GradeOptions(jobs=2, time_limit_s=60, **options)
+        grading.grade(tmp_path, None, how, console=console)
         records = [read_record(tmp_path / "results" / "fruits" / name / "record.json") for name in ("A", "B")]
         return (
             [record.outcome for record in records],

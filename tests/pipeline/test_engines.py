@@ -6,8 +6,7 @@ from cluster_work import needs_of
 from pipeline.problem import BatchRefused
 from pipeline.run import cluster
 from pipeline.run.cluster import Cluster
-from pipeline.run.engines import WorkPlace
-from pipeline.run.scheduling import Died, Finished, run_on
+from pipeline.run.scheduling import Died, Finished, WorkPlace, run_on
 
 
 class Few:

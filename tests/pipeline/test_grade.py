@@ -214,8 +214,8 @@ def test_a_fault_of_the_whole_batch_stands_in_report_and_provenance(batch, run, 
 def test_page_and_table_are_there_from_the_first_fruit_on(batch):
     opened, results = open_batch(batch), Results(batch / "results")
     run = BatchRun(
-        batch=opened, results=results, inputs={}, force=False, screen=True,
-        language="en", started=datetime(2026, 8, 14, tzinfo=UTC), since_s=0.0,
+        batch=opened, results=results, inputs={}, options=GradeOptions(),
+        started=datetime(2026, 8, 14, tzinfo=UTC), since_s=0.0,
     )  # fmt: skip
     results.claim()
     assert report_so_far(run, {}) is None

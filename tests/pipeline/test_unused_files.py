@@ -70,8 +70,8 @@ def test_grading_prints_what_is_not_used_and_not_more_than_can_be_read(batch, mo
     for name in ("grasp-2.h5", "list.csv", "raw.zip"):
         (batch / name).touch()
     out = io.StringIO()
-    begun = SimpleNamespace(kept=[]), SimpleNamespace(batch=open_batch(batch))
-    say_begun(*begun, Console(file=out, width=80))
+    run, console = SimpleNamespace(batch=open_batch(batch)), Console(file=out, width=80)
+    say_begun(SimpleNamespace(kept=[], run=run, console=console))
     first, second, last = out.getvalue().splitlines()
     assert first.startswith("warning: grasp-2.h5: grasp-2.h5 is not used: drupe reads recordings in")
     assert second.startswith("warning: list.csv: list.csv is not used: fruits.csv lists the fruit")
