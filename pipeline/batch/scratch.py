@@ -86,12 +86,10 @@ def temporary_files_in(folder: Path) -> Iterator[None]:
 
 
 @contextmanager
-def environment(values: Mapping[str, str | None]) -> Iterator[None]:
-    """Variables that processes started inside the block find; None: which they do not."""
+def environment(values: Mapping[str, str]) -> Iterator[None]:
+    """Variables that processes started inside the block find."""
     before = dict(os.environ)
-    os.environ.update({name: value for name, value in values.items() if value is not None})
-    for name in [name for name, value in values.items() if value is None]:
-        os.environ.pop(name, None)
+    os.environ.update(values)
     try:
         yield
     finally:

@@ -18,12 +18,12 @@ from pipeline.problem import BatchRefused, Problem, listed, refused
 MOVE = "choose another place"
 
 
-def require_results_place(root: Path, batch: BatchFolder, option: str) -> None:
+def require_results_place(root: Path, batch: BatchFolder) -> None:
     """Raises BatchRefused where results of the batch must not go into the folder `root`."""
     if root == batch.default_results and root.is_symlink():
-        raise refused(root, f"is a link; name the place it leads to with {option}.")
+        raise refused(root, "is a link; name the place it leads to with --out.")
     fruits = [place for place in (root.absolute(), *_around(root)) if _holds_fruit(place)]
-    require_made_by_drupe(root, option, outside=[batch.fruits, *fruits])
+    require_made_by_drupe(root, "--out", outside=[batch.fruits, *fruits])
 
 
 def require_made_by_drupe(root: Path, option: str, *, outside: Iterable[Path] = ()) -> None:
@@ -35,10 +35,8 @@ def require_made_by_drupe(root: Path, option: str, *, outside: Iterable[Path] = 
         raise refused(root, f"is a file; {MOVE} with {option}.")
     if is_claimed(root) or not root.is_dir():
         return
-    strange = sorted(
-        path.name for path in root.iterdir() if path.name not in (LOCK, LIST_LOCK) and MARK not in path.name
-    )
-    if strange:
+    names = (path.name for path in root.iterdir())
+    if strange := sorted(name for name in names if name not in (LOCK, LIST_LOCK) and MARK not in name):
         sentence = (
             f"holds {listed(strange, 3)} and was not made by drupe, so it is no folder of results; {MOVE} "
             f"with {option}, or move its files away."
@@ -87,18 +85,15 @@ def _require_outside(target: Path, folders: Iterable[Path], advice: str) -> None
 
 def _in_the_way(path: Path, option: str) -> Problem:
     """The problem of a file that would be overwritten: a link, one changed since, or another's."""
+    sentence = "was not written by drupe, or was changed since, so it is not overwritten; move it away, or"
     if path.is_symlink():
-        return Problem(
-            str(path), f"is a link, and is not written through; remove it, or {MOVE} with {option}."
-        )
-    if was_ours(path):
+        sentence = "is a link, and is not written through; remove it, or"
+    elif was_ours(path):
         sentence = (
             "was changed since drupe wrote it (opening it in a spreadsheet and saving is enough), so it is "
             "not overwritten; rename it or move it away, which keeps your changes, and run the same command "
-            f"again: it writes a new {path.name}. Or {MOVE} with {option}."
+            f"again: it writes a new {path.name}. Or"
         )
-        return Problem(str(path), sentence)
-    sentence = "was not written by drupe, or was changed since, so it is not overwritten; move it away, or"
     return Problem(str(path), f"{sentence} {MOVE} with {option}.")
 
 

@@ -5,9 +5,9 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
-from rich.console import Console
+from typer import Argument, Option
 
-from pipeline.commands.endings import said_when_interrupted, said_when_refused
+from pipeline.commands.endings import said_when_interrupted, said_when_refused, say_written
 from pipeline.commands.shared_options import ColumnsOption, SheetOption, UnitsOption
 from pipeline.safe_start import elsewhere
 
@@ -15,36 +15,34 @@ from pipeline.safe_start import elsewhere
 def calibrate(
     sensor: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="SENSOR.toml|SQUEEZE",
             help="The sensor's description, complete or not. With --rigid: a recording of a squeeze.",
         ),
     ],
-    out: Annotated[Path, typer.Argument(metavar="OUT.toml", help="The description file to write.")],
+    out: Annotated[Path, Argument(metavar="OUT.toml", help="The description file to write.")],
     load_cell: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="DIR",
             help="A raw press on a load cell: grasp.toml, frames, and log.csv with fx_N, fy_N and fz_N.",
         ),
     ] = None,
     rigid: Annotated[
         Literal["ball", "block"] | None,
-        typer.Option(help="Calibrate a rig instead of a sensor; this is the shape of the rigid object."),
+        Option(help="Calibrate a rig instead of a sensor; this is the shape of the rigid object."),
     ] = None,
     size_mm: Annotated[
         float | None,
-        typer.Option(min=0.1, max=1000, help="Diameter of the rigid ball, or thickness of the block, in mm."),
+        Option(min=0.1, max=1000, help="Diameter of the rigid ball, or thickness of the block, in mm."),
     ] = None,
     rigid_object: Annotated[
         str | None,
-        typer.Option(
-            "--object", metavar="WORDS", help="Description of the rigid object, stored in OUT.toml."
-        ),
+        Option("--object", metavar="WORDS", help="Description of the rigid object, stored in OUT.toml."),
     ] = None,
     squeeze: Annotated[
         list[Path] | None,
-        typer.Option(
+        Option(
             metavar="FILE", help="Another squeeze of the same object. Repeat the option for more squeezes."
         ),
     ] = None,
@@ -81,7 +79,7 @@ def calibrate(
         from pipeline.run.progress import StageLines
         from tactile.tactile_failure import TactileFailure
 
-    report = StageLines(Console(stderr=True)).stage
+    report = StageLines().stage
     today = datetime.datetime.now(tz=datetime.UTC).date()
     with said_when_interrupted("; drupe wrote no file"), said_when_refused(sensor, TactileFailure):
         if rigid is not None and size_mm is not None:
@@ -95,6 +93,4 @@ def calibrate(
             )
         else:
             said = calibrate_sensor(sensor, out, load_cell, today=today, report=report)
-    for line in said:
-        typer.echo(line)
-    typer.echo(f"wrote {out}")
+    say_written(said, out)

@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from typer import Option
 
 from pipeline.batch.batch_place import require_folder
 from pipeline.commands.endings import said_when_interrupted
@@ -17,9 +18,7 @@ def check(
     batch: BatchArgument,
     quick: Annotated[
         bool,
-        typer.Option(
-            "--quick", help="Read the photos but skip the image checks. Saves some seconds per fruit."
-        ),
+        Option("--quick", help="Read the photos but skip the image checks. Saves some seconds per fruit."),
     ] = False,
 ) -> None:
     """Check a batch for problems without computing.

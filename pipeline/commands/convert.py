@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Annotated, Literal
 
 import typer
-from rich.console import Console
+from typer import Argument, Option
 
 from pipeline.commands.endings import said_when_interrupted, said_when_refused
 from pipeline.commands.shared_options import ColumnsOption, SheetOption, UnitsOption
@@ -15,30 +15,28 @@ from pipeline.safe_start import elsewhere
 def convert(
     source: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="SOURCE",
             help="A raw grasp (a folder with grasp.toml), Tac3D arrays, or a .npz. Or a "
             "ROS 2 bag (.mcap), or a table (.csv, .txt, .tsv, .xls, .xlsx). With --robot also a recording.",
         ),
     ],
-    out: Annotated[Path, typer.Argument(metavar="OUT.h5", help="The recording to write.")],
+    out: Annotated[Path, Argument(metavar="OUT.h5", help="The recording to write.")],
     sensor: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The sensor's description, used for every pad.")
+        Path | None, Option(metavar="FILE", help="The sensor's description, used for every pad.")
     ] = None,
     fruit: Annotated[
-        str, typer.Option(metavar="ID", help="The fruit's id, if SOURCE does not state it.")
+        str, Option(metavar="ID", help="The fruit's id, if SOURCE does not state it.")
     ] = "unknown",
-    category: Annotated[str, typer.Option(help="Kind of fruit, if SOURCE does not state it.")] = "unknown",
+    category: Annotated[str, Option(help="Kind of fruit, if SOURCE does not state it.")] = "unknown",
     indenter: Annotated[
         Literal["ball", "flat", "plate", "plates"] | None,
-        typer.Option(help="Shape of the indenter of a bare load cell."),
+        Option(help="Shape of the indenter of a bare load cell."),
     ] = None,
-    radius_mm: Annotated[
-        float | None, typer.Option(min=0.001, help="Radius of the ball or punch, in mm.")
-    ] = None,
+    radius_mm: Annotated[float | None, Option(min=0.001, help="Radius of the ball or punch, in mm.")] = None,
     thickness_mm: Annotated[
         float | None,
-        typer.Option(
+        Option(
             min=0.1,
             max=200,
             help="Thickness in mm of a slab on a rigid base under a ball or "
@@ -46,34 +44,31 @@ def convert(
         ),
     ] = None,
     specimen: Annotated[
-        Literal["cylinder", "fruit"] | None, typer.Option(help="The specimen between the plates.")
+        Literal["cylinder", "fruit"] | None, Option(help="The specimen between the plates.")
     ] = None,
     height_mm: Annotated[
-        float | None,
-        typer.Option(min=0.1, max=500, help="Height in mm of the unloaded cylinder between plates."),
+        float | None, Option(min=0.1, max=500, help="Height in mm of the unloaded cylinder between plates.")
     ] = None,
     diameter_mm: Annotated[
-        float | None,
-        typer.Option(min=0.1, max=500, help="Diameter in mm of the unloaded cylinder between plates."),
+        float | None, Option(min=0.1, max=500, help="Diameter in mm of the unloaded cylinder between plates.")
     ] = None,
     ends: Annotated[
         Literal["bonded", "lubricated"] | None,
-        typer.Option(
+        Option(
             help="Ends of the cylinder: bonded (glued or rough plates) or lubricated (oiled plates). "
             "Without it drupe estimates them from the curve, and the error bar of E is wider."
         ),
     ] = None,
     diameters_mm: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(metavar="A B C", help="The three diameters in mm of the fruit between plates."),
+        Option(metavar="A B C", help="The three diameters in mm of the fruit between plates."),
     ] = None,
     axis: Annotated[
-        Literal["a", "b", "c"] | None,
-        typer.Option(help="The diameter of the fruit that lies between the plates."),
+        Literal["a", "b", "c"] | None, Option(help="The diameter of the fruit that lies between the plates.")
     ] = None,
     pit_share: Annotated[
         float | None,
-        typer.Option(
+        Option(
             min=0,
             max=0.65,
             help="Diameter of the pit divided by the diameter of the fruit; 0 for "
@@ -85,7 +80,7 @@ def convert(
     sheet: SheetOption = None,
     run: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="N|all",
             help='Number of the run to read from a table with several runs, from 1. "all" writes '
             "OUT-1.h5, OUT-2.h5 and so on.",
@@ -93,7 +88,7 @@ def convert(
     ] = None,
     rig: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="FILE",
             help="The rig's description from drupe calibrate --rigid. drupe "
             "subtracts the rig's compliance from the travel.",
@@ -101,7 +96,7 @@ def convert(
     ] = None,
     robot: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="FILE",
             help="The robot's description from drupe robot. It gives the recording its pad poses, in the "
             "mat's frame.",
@@ -109,14 +104,14 @@ def convert(
     ] = None,
     flange: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="A table of the flange's poses during the grasp, for --robot."),
+        Option(metavar="FILE", help="A table of the flange's poses during the grasp, for --robot."),
     ] = None,
     topics: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="The names of the topics of a ROS 2 bag, in TOML.")
+        Path | None, Option(metavar="FILE", help="The names of the topics of a ROS 2 bag, in TOML.")
     ] = None,
     jaws_centre_mm: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(
+        Option(
             metavar="X Y Z",
             help="For a grasp without poses: the point between the jaws, in the fruit's frame, in mm. "
             "drupe computes the poses from the aperture.",
@@ -124,11 +119,11 @@ def convert(
     ] = None,
     closing: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(metavar="X Y Z", help="Direction from the left jaw to the right jaw. Default: 1 0 0."),
+        Option(metavar="X Y Z", help="Direction from the left jaw to the right jaw. Default: 1 0 0."),
     ] = None,
     up: Annotated[
         tuple[float, float, float] | None,
-        typer.Option(metavar="X Y Z", help="Direction of both pads' y axis. Default: 0 0 1."),
+        Option(metavar="X Y Z", help="Direction of both pads' y axis. Default: 0 0 1."),
     ] = None,
 ) -> None:
     """Convert gel frames, tables or other formats to a recording for grade and explain.
@@ -184,7 +179,7 @@ def convert(
         else Jaws(centre_mm=jaws_centre_mm, closing=closing or (1.0, 0.0, 0.0), up=up or (0.0, 0.0, 1.0)),
     )
     with said_when_interrupted("; drupe wrote no file"), said_when_refused(source, TactileFailure):
-        written = convert_runs(source, out, wanted, report=StageLines(Console(stderr=True)).stage)
+        written = convert_runs(source, out, wanted, report=StageLines().stage)
     for path, done in written:
         for note in done.notes:
             typer.echo(f"note: {note}")

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument
 
 from pipeline.safe_start import elsewhere
 
@@ -13,8 +14,8 @@ device = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=None,
 )
-FileArgument = Annotated[Path, typer.Argument(metavar="FILE", help="The file of devices.")]
-NameArgument = Annotated[str, typer.Argument(metavar="NAME", help="The device's name.")]
+FileArgument = Annotated[Path, Argument(metavar="FILE", help="The file of devices.")]
+NameArgument = Annotated[str, Argument(metavar="NAME", help="The device's name.")]
 
 
 @device.command(short_help="Add a device and print its token.")

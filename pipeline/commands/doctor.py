@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument
 
 from pipeline.commands.machine import cores
 from pipeline.exit_status import INTERNAL, USAGE
@@ -13,7 +14,7 @@ from pipeline.safe_start import elsewhere
 def doctor(
     folder: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="[DIR]",
             help="The folder for results; drupe checks its disk. Default: the current folder.",
         ),
@@ -28,16 +29,18 @@ def doctor(
     Example: drupe doctor
     """
     with elsewhere():
-        from pipeline.run.machine_check import machine_check
+        from pipeline.run.machine_check import computation_check, parts_check
 
-    machine = machine_check(folder, cores=cores())
-    for line in machine.lines:
+    missing: list[str] = []
+    for line in parts_check(folder, cores=cores(), missing=missing):
         typer.echo(line)
-    for sentence in machine.missing:
+    for sentence in missing:
         typer.echo(f"missing: {sentence}")
-    if machine.wrong:
-        typer.echo(f"wrong: {machine.wrong}")
-        raise typer.Exit(INTERNAL)
-    if machine.missing:
+    if missing:
         raise typer.Exit(USAGE)
+    line, wrong = computation_check()
+    typer.echo(line)
+    if wrong:
+        typer.echo(f"wrong: {wrong}")
+        raise typer.Exit(INTERNAL)
     typer.echo("all well")

@@ -1,6 +1,6 @@
 """How commands end: what is said of an interruption or a refused input."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -27,6 +27,13 @@ def said_when_refused(path: Path, *failures: type[Exception]) -> Iterator[None]:
     except failures as reason:
         typer.echo(f"drupe: {about(path, reason)}", err=True)
         raise typer.Exit(UNUSABLE) from None
+
+
+def say_written(sentences: Iterable[str], out: Path) -> None:
+    """Prints the sentences, and that `out` was written."""
+    for sentence in sentences:
+        typer.echo(sentence)
+    typer.echo(f"wrote {out}")
 
 
 def about(path: Path, reason: Exception) -> str:

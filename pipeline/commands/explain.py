@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from typer import Argument, Option
 
 from pipeline.commands.endings import said_when_interrupted
 from pipeline.commands.machine import cores, require_libraries
@@ -22,25 +23,24 @@ LOADED_LATE = ("open3d", "pymeshlab")
 def explain(
     case: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="BATCH",
             help="A batch (with --fruit), a fruit's folder in it, or a case (case.toml, fruit.ply, pit.ply, "
             "*.h5).",
         ),
     ],
     fruit: Annotated[
-        str | None, typer.Option("--fruit", metavar="ID", help="The fruit to explain, if BATCH is a batch.")
+        str | None, Option("--fruit", metavar="ID", help="The fruit to explain, if BATCH is a batch.")
     ] = None,
     json: Annotated[
-        Path | None, typer.Option("--json", metavar="FILE", help="Write the answer as JSON to this file.")
+        Path | None, Option("--json", metavar="FILE", help="Write the answer as JSON to this file.")
     ] = None,
     html: Annotated[
-        Path | None,
-        typer.Option("--html", metavar="FILE", help="Write the answer as an HTML page to this file."),
+        Path | None, Option("--html", metavar="FILE", help="Write the answer as an HTML page to this file.")
     ] = None,
     apply: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--apply",
             help="Write the effect into batch.toml for `drupe grade`. This needs a single effect "
             "that improves the prediction of held-out recordings; otherwise drupe says why not.",
@@ -48,19 +48,18 @@ def explain(
     ] = False,
     work: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             metavar="DIR",
             help="Keep meshes in this folder, for a second run of the case.",
             show_default="no folder",
         ),
     ] = None,
     out: Annotated[
-        Path | None,
-        typer.Option(metavar="DIR", help="The batch's results folder.", show_default="BATCH/results"),
+        Path | None, Option(metavar="DIR", help="The batch's results folder.", show_default="BATCH/results")
     ] = None,
     jobs: Annotated[
         int | None,
-        typer.Option(
+        Option(
             min=1,
             help="Number of grasps and effects to compute in parallel. Each needs memory.",
             show_default=f"one per core, at most {MOST_EXPLAINING}",

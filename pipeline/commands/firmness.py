@@ -4,6 +4,7 @@ from datetime import UTC, datetime
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from pipeline.commands.shared_options import MovedBatchOption, ResultsArgument, chosen_language
 from pipeline.problem import refused
@@ -14,14 +15,14 @@ def firmness(
     out: ResultsArgument,
     chord: Annotated[
         tuple[float, float],
-        typer.Option("--chord", metavar="LOW HIGH", help="The two forces of your FirmTech, in gf."),
+        Option("--chord", metavar="LOW HIGH", help="The two forces of your FirmTech, in gf."),
     ] = (50.0, 350.0),
     ball_force: Annotated[
-        float, typer.Option("--ball-force", metavar="N", help="Force on the 5 mm ball, in N.")
+        float, Option("--ball-force", metavar="N", help="Force on the 5 mm ball, in N.")
     ] = 1.0,
     limit: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--limit",
             metavar="TEST=VALUE",
             help="A limit in a test's unit: drupe states the E at which these fruit read it. Repeatable.",

@@ -4,6 +4,7 @@ from typing import Annotated
 
 import typer
 from rich.console import Console
+from typer import Option
 
 from pipeline.batch.batch_place import require_folder
 from pipeline.commands.endings import said_when_interrupted
@@ -25,17 +26,16 @@ def grade(
     batch: BatchArgument,
     out: OutOption = None,
     jobs: Annotated[
-        int | None,
-        typer.Option(min=1, help="Number of fruit to compute in parallel.", show_default="one per core"),
+        int | None, Option(min=1, help="Number of fruit to compute in parallel.", show_default="one per core")
     ] = None,
     time_limit: TimeLimitOption = 1800,
     force: Annotated[
-        bool, typer.Option("--force", help="Accept values outside the category's plausible range.")
+        bool, Option("--force", help="Accept values outside the category's plausible range.")
     ] = False,
     screen: ScreenOption = True,
     scheduler: Annotated[
         str | None,
-        typer.Option(
+        Option(
             metavar="ADDRESS",
             help="Grade on several machines with this dask scheduler, for example tcp://node1:8786. "
             "All machines must share the file system with BATCH and OUT.",
@@ -43,7 +43,7 @@ def grade(
     ] = None,
     slurm: Annotated[
         bool,
-        typer.Option(
+        Option(
             "--slurm",
             help="Grade on a Slurm cluster. --jobs sets the number of Slurm jobs; each computes one "
             "fruit at a time.",

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from pipeline.commands.shared_options import Aql, Inspection, Level, LotSizes, OcFile, Variables
 from pipeline.safe_start import elsewhere
@@ -13,23 +14,22 @@ from pipeline.safe_start import elsewhere
 def history(
     outs: Annotated[
         list[Path] | None,
-        typer.Argument(metavar="[OUT]...", help="Results folders of `drupe grade`, one per batch."),
+        Argument(metavar="[OUT]...", help="Results folders of `drupe grade`, one per batch."),
     ] = None,
     store: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--store",
             metavar="FILE",
             help="Store the batches in this SQLite file, and include the batches already in it.",
         ),
     ] = None,
     html: Annotated[
-        Path | None,
-        typer.Option("--html", metavar="FILE", help="Write the history as an HTML page to this file."),
+        Path | None, Option("--html", metavar="FILE", help="Write the history as an HTML page to this file.")
     ] = None,
     export: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--export",
             "--csv",
             metavar="FILE",
@@ -39,7 +39,7 @@ def history(
     ] = None,
     statistics: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--statistics",
             metavar="FILE",
             help="Write a table with the statistics of each lot, day and class, in the same formats.",
@@ -47,7 +47,7 @@ def history(
     ] = None,
     precision: Annotated[
         float,
-        typer.Option(
+        Option(
             "--precision",
             metavar="PERCENT",
             help="State how many fruit the mean of a lot needs for this half-width of its 90 % interval.",
@@ -55,7 +55,7 @@ def history(
     ] = 5.0,
     gauge: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--gauge",
             metavar="KIND",
             help="Add a gauge R&R study: gripper or sensor. Fruit with the same id, lot and day, grasped at "
@@ -64,7 +64,7 @@ def history(
     ] = None,
     accept: Annotated[
         str,
-        typer.Option(
+        Option(
             "--accept",
             metavar="CLASS",
             help="Decide on each lot by a sampling plan (see drupe plan). Fruit of its last day outside this "
@@ -79,7 +79,7 @@ def history(
     oc: OcFile = None,
     oecd: Annotated[
         int,
-        typer.Option(
+        Option(
             "--oecd",
             min=0,
             max=2,
@@ -89,12 +89,11 @@ def history(
         ),
     ] = 0,
     size_column: Annotated[
-        str,
-        typer.Option("--size-column", metavar="NAME", help="With --oecd: your column with sizes."),
+        str, Option("--size-column", metavar="NAME", help="With --oecd: your column with sizes.")
     ] = "",
     firmness: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--firmness",
             metavar="COLUMN=UNIT@PLUNGER",
             help="Fit readings of a penetrometer in your column to E, for each cultivar: unit N, kgf or lbf, "
@@ -103,15 +102,14 @@ def history(
     ] = None,
     forget: Annotated[
         list[str] | None,
-        typer.Option(
+        Option(
             "--forget",
             metavar="BATCH_OR_LOT[/FRUIT]",
             help="Remove a batch (by name or folder), a lot, or one fruit from the store.",
         ),
     ] = None,
     dry_run: Annotated[
-        bool,
-        typer.Option("--dry-run", help="With --forget: list what drupe would remove, and remove nothing."),
+        bool, Option("--dry-run", help="With --forget: list what drupe would remove, and remove nothing.")
     ] = False,
 ) -> None:
     """Show how lots soften over days, when they reach a class, and whether the gripper drifts.

@@ -4,6 +4,7 @@ from datetime import UTC, datetime
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from pipeline.commands.shared_options import (
     LanguageOption,
@@ -16,12 +17,12 @@ from pipeline.safe_start import elsewhere
 
 def judge(
     out: ResultsArgument,
-    fruit: Annotated[str, typer.Argument(metavar="FRUIT", help="The fruit_id.")],
+    fruit: Annotated[str, Argument(metavar="FRUIT", help="The fruit_id.")],
     judged_class: Annotated[
-        str, typer.Option("--class", metavar="CLASS", help="Your class for the fruit; one of the batch's.")
+        str, Option("--class", metavar="CLASS", help="Your class for the fruit; one of the batch's.")
     ],
-    by: Annotated[str, typer.Option("--by", metavar="NAME", help="Your name.")],
-    why: Annotated[str, typer.Option("--why", metavar="TEXT", help="Your reason, in a sentence.")],
+    by: Annotated[str, Option("--by", metavar="NAME", help="Your name.")],
+    why: Annotated[str, Option("--why", metavar="TEXT", help="Your reason, in a sentence.")],
     batch: MovedBatchOption = None,
     lang: LanguageOption = None,
 ) -> None:

@@ -1,10 +1,13 @@
 """`drupe mat`."""
 
+import json
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from pipeline.commands.endings import said_when_interrupted
 from pipeline.safe_start import elsewhere
@@ -25,13 +28,11 @@ class Paper(StrEnum):
 def mat(
     folder: Annotated[
         Path,
-        typer.Argument(
-            metavar="DIR", help="The folder for mat.pdf and mat.json. Default: the current folder."
-        ),
+        Argument(metavar="DIR", help="The folder for mat.pdf and mat.json. Default: the current folder."),
     ] = Path(),
-    paper: Annotated[Paper, typer.Option(help="Paper size to print on.")] = Paper.A4,
+    paper: Annotated[Paper, Option(help="Paper size to print on.")] = Paper.A4,
     cherry: Annotated[
-        bool, typer.Option("--cherry", help="Halve the tags and the blank centre, for cherries.")
+        bool, Option("--cherry", help="Halve the tags and the blank centre, for cherries.")
     ] = False,
 ) -> None:
     """Write the marker mat: mat.pdf and mat.json.
@@ -43,9 +44,31 @@ def mat(
     Example: drupe mat monday --paper a4
     """
     with elsewhere():
-        from pipeline.batch.marker_mat import write_mat
+        from pipeline.batch.write_guard import require_new_or_ours
+        from pipeline.files.whole_file import put
+        from recon.cameras.printed_mat import mat_mapping, standard_mat, tag_bits
+        from reports.mat_sheet import mat_sheet_pdf
+
     with said_when_interrupted(""):
-        written = write_mat(folder, sheet_mm=paper.size_mm, cherry=cherry)
-    for path in written:
-        typer.echo(f"wrote {path}")
+        printed = standard_mat(tag_mm=9.0, gap_mm=2.5, margin_mm=8.5) if cherry else standard_mat()
+        bits = {tag: tag_bits(printed.dictionary, tag) for tag in printed.corners_mm}
+        title = f"drupe marker mat, {printed.tag_mm:g} mm tags"
+        sheet = mat_sheet_pdf(printed.corners_mm, bits, sheet_mm=paper.size_mm, title=title)
+        contents = {
+            folder / "mat.pdf": sheet,
+            folder / "mat.json": (json.dumps(mat_mapping(printed)) + "\n").encode(),
+        }
+        for path, content in contents.items():
+            # batches are read by their mat.json: another mat's is not replaced
+            require_new_or_ours(path, partial(_holds, content=content), f"this mat's {path.name}")
+        for path, content in contents.items():
+            put(path, content)
+            typer.echo(f"wrote {path}")
     typer.echo("Print the PDF at 100 %, measure its bar, and copy mat.json beside batch.toml.")
+
+
+def _holds(path: Path, *, content: bytes) -> bool:
+    try:
+        return path.stat().st_size == len(content) and path.read_bytes() == content
+    except OSError:
+        return False

@@ -4,16 +4,17 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
 from pipeline.commands.endings import said_when_interrupted
 from pipeline.safe_start import elsewhere
 
 
 def new(
-    folder: Annotated[Path, typer.Argument(metavar="DIR", help="The folder for the new batch.")],
+    folder: Annotated[Path, Argument(metavar="DIR", help="The folder for the new batch.")],
     photos: Annotated[
         list[Path] | None,
-        typer.Option(
+        Option(
             "--photos",
             metavar="FOLDER",
             help="Photos of one fruit, or a folder with one subfolder per fruit. Repeat the option "
@@ -22,16 +23,16 @@ def new(
         ),
     ] = None,
     category: Annotated[
-        str | None, typer.Option(help="Kind of fruit.", show_default="nectarine, or that of --like")
+        str | None, Option(help="Kind of fruit.", show_default="nectarine, or that of --like")
     ] = None,
     like: Annotated[
         Path | None,
-        typer.Option(
+        Option(
             "--like", metavar="BATCH", help="Take classes, sensor and other settings from an earlier batch."
         ),
     ] = None,
-    lot: Annotated[str | None, typer.Option(help="The lot, for report and history.")] = None,
-    cultivar: Annotated[str | None, typer.Option(help="The cultivar, for report and history.")] = None,
+    lot: Annotated[str | None, Option(help="The lot, for report and history.")] = None,
+    cultivar: Annotated[str | None, Option(help="The cultivar, for report and history.")] = None,
 ) -> None:
     """Create a batch from folders of photos: batch.toml with every key, fruits.csv, and a folder per fruit.
 

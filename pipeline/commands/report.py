@@ -13,11 +13,7 @@ from pipeline.exit_status import UNUSABLE
 from pipeline.safe_start import elsewhere
 
 
-def report(
-    out: ResultsArgument,
-    batch: MovedBatchOption = None,
-    lang: LanguageOption = None,
-) -> None:
+def report(out: ResultsArgument, batch: MovedBatchOption = None, lang: LanguageOption = None) -> None:
     """Rebuild ranking.csv and report.html from stored results, for example after you change the classes.
 
     drupe computes no fruit. After an interrupted run the page shows the number of finished fruit.

@@ -4,33 +4,28 @@ import datetime
 from pathlib import Path
 from typing import Annotated
 
-import typer
-from rich.console import Console
+from typer import Argument, Option
 
-from pipeline.commands.endings import said_when_interrupted, said_when_refused
+from pipeline.commands.endings import said_when_interrupted, said_when_refused, say_written
 from pipeline.safe_start import elsewhere
 
 
 def robot(
     poses: Annotated[
         Path,
-        typer.Argument(
+        Argument(
             metavar="POSES",
             help="A table (.csv, .txt, .xlsx) of flange poses in the robot's base, each with its photo.",
         ),
     ],
-    out: Annotated[Path, typer.Argument(metavar="ROBOT.toml", help="The description file to write.")],
+    out: Annotated[Path, Argument(metavar="ROBOT.toml", help="The description file to write.")],
     gripper: Annotated[
-        Path, typer.Option(metavar="FILE", help="The gripper's description: the pads' poses on the flange.")
+        Path, Option(metavar="FILE", help="The gripper's description: the pads' poses on the flange.")
     ],
-    mat: Annotated[Path, typer.Option(metavar="FILE", help="The mat.json of the printed mat.")] = Path(
-        "mat.json"
-    ),
+    mat: Annotated[Path, Option(metavar="FILE", help="The mat.json of the printed mat.")] = Path("mat.json"),
     fixed_camera: Annotated[
         bool,
-        typer.Option(
-            "--fixed-camera", help="The camera stands beside the robot, and the flange carries the mat."
-        ),
+        Option("--fixed-camera", help="The camera stands beside the robot, and the flange carries the mat."),
     ] = False,
 ) -> None:
     """Find where the marker mat lies in a robot's base, for the poses of the pads.
@@ -62,8 +57,6 @@ def robot(
             gripper=gripper,
             fixed_camera=fixed_camera,
             today=datetime.datetime.now(tz=datetime.UTC).date(),
-            report=StageLines(Console(stderr=True)).stage,
+            report=StageLines().stage,
         )
-    for line in words:
-        typer.echo(line)
-    typer.echo(f"wrote {out}")
+    say_written(words, out)

@@ -4,49 +4,41 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Argument, Option
 
-from pipeline.commands.endings import said_when_interrupted, said_when_refused
+from pipeline.commands.endings import said_when_interrupted, said_when_refused, say_written
 from pipeline.safe_start import elsewhere
 
 
 def sensor(
     name: Annotated[
         str | None,
-        typer.Argument(
-            metavar="[NAME]", help="Name of the sensor. Without a name, drupe lists the known sensors."
-        ),
+        Argument(metavar="[NAME]", help="Name of the sensor. Without a name, drupe lists the known sensors."),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Argument(metavar="[OUT.toml]", help="The description file to write.")
-    ] = None,
+    out: Annotated[Path | None, Argument(metavar="[OUT.toml]", help="The description file to write.")] = None,
     picture: Annotated[
         Path | None,
-        typer.Option(
-            metavar="FILE", help="A picture of the untouched gel, at the size of the recordings' frames."
-        ),
+        Option(metavar="FILE", help="A picture of the untouched gel, at the size of the recordings' frames."),
     ] = None,
     pitch_mm: Annotated[
-        tuple[float, float] | None,
-        typer.Option(metavar="X Y", help="Distance between dots along x and y, in mm."),
+        tuple[float, float] | None, Option(metavar="X Y", help="Distance between dots along x and y, in mm.")
     ] = None,
-    rows: Annotated[
-        int | None, typer.Option(min=2, max=200, help="Number of rows of dots on the gel.")
-    ] = None,
+    rows: Annotated[int | None, Option(min=2, max=200, help="Number of rows of dots on the gel.")] = None,
     columns: Annotated[
-        int | None, typer.Option(min=2, max=200, help="Number of columns of dots on the gel.")
+        int | None, Option(min=2, max=200, help="Number of columns of dots on the gel.")
     ] = None,
     thickness_mm: Annotated[
-        float | None, typer.Option(min=0.1, max=50, help="Thickness of the gel, in mm.")
+        float | None, Option(min=0.1, max=50, help="Thickness of the gel, in mm.")
     ] = None,
     gel_modulus_MPa: Annotated[
-        float | None, typer.Option("--E-MPa", min=1e-3, max=100, help="Young's modulus of the gel, in MPa.")
+        float | None, Option("--E-MPa", min=1e-3, max=100, help="Young's modulus of the gel, in MPa.")
     ] = None,
     distance_mm: Annotated[
         float | None,
-        typer.Option(min=1, max=500, help="Distance from the gel's surface to the camera lens, in mm."),
+        Option(min=1, max=500, help="Distance from the gel's surface to the camera lens, in mm."),
     ] = None,
     known_to: Annotated[
-        float, typer.Option(min=0.001, max=1, help="Relative standard deviation of the values given here.")
+        float, Option(min=0.001, max=1, help="Relative standard deviation of the values given here.")
     ] = 0.1,
 ) -> None:
     """Write the description of a commercial sensor from published values and a picture of its dots.
@@ -84,6 +76,4 @@ def sensor(
             known_to=known_to,
             grid=(rows, columns),
         )
-    for line in said:
-        typer.echo(line)
-    typer.echo(f"wrote {out}")
+    say_written(said, out)

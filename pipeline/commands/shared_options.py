@@ -60,8 +60,7 @@ LotSizes = Annotated[
     ),
 ]
 Aql = Annotated[
-    float,
-    Option("--aql", metavar="PERCENT", help="Acceptance quality limit, 0.01 to 10 % of the fruit."),
+    float, Option("--aql", metavar="PERCENT", help="Acceptance quality limit, 0.01 to 10 % of the fruit.")
 ]
 Level = Annotated[str, Option("--level", metavar="LEVEL", help="Inspection level: I, II, III, S-1 to S-4.")]
 Inspection = Annotated[str, Option("--inspection", metavar="KIND", help="normal, tightened or reduced.")]

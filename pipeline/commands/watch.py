@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
+from typer import Option
 
 from pipeline.batch.batch_place import require_folder
 from pipeline.commands.machine import cores, require_libraries
@@ -24,30 +25,26 @@ from pipeline.safe_start import elsewhere
 def watch(
     batch: BatchArgument,
     out: OutOption = None,
-    jobs: Annotated[int, typer.Option(min=1, help="Number of fruit to compute in parallel.")] = 1,
+    jobs: Annotated[int, Option(min=1, help="Number of fruit to compute in parallel.")] = 1,
     port: Annotated[
-        int,
-        typer.Option(min=0, max=65535, help="Port of the page on this machine.", show_default="any free one"),
+        int, Option(min=0, max=65535, help="Port of the page on this machine.", show_default="any free one")
     ] = 0,
     host: Annotated[
-        str,
-        typer.Option(help="Address to listen at. Any other than this machine's own needs the next three."),
+        str, Option(help="Address to listen at. Any other than this machine's own needs the next three.")
     ] = "127.0.0.1",
     certificate: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="TLS certificate of this machine, PEM.")
+        Path | None, Option(metavar="FILE", help="TLS certificate of this machine, PEM.")
     ] = None,
-    key: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Its key, PEM, without a password.")
-    ] = None,
+    key: Annotated[Path | None, Option(metavar="FILE", help="Its key, PEM, without a password.")] = None,
     devices: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Devices that may open the page (drupe device).")
+        Path | None, Option(metavar="FILE", help="Devices that may open the page (drupe device).")
     ] = None,
     settle: Annotated[
-        float, typer.Option(min=0, help="Wait until a fruit's files are unchanged for this time, in seconds.")
+        float, Option(min=0, help="Wait until a fruit's files are unchanged for this time, in seconds.")
     ] = 2,
     idle: Annotated[
         float | None,
-        typer.Option(min=0, help="Stop after this time without new files, in minutes.", show_default="never"),
+        Option(min=0, help="Stop after this time without new files, in minutes.", show_default="never"),
     ] = None,
     time_limit: TimeLimitOption = 1800,
     screen: ScreenOption = True,
@@ -94,10 +91,7 @@ def watch(
     options = WatchOptions(
         out=place,
         grading=GradeOptions(
-            jobs=min(jobs, cores()),
-            time_limit_s=time_limit,
-            screen=screen,
-            language=language,
+            jobs=min(jobs, cores()), time_limit_s=time_limit, screen=screen, language=language
         ),
         settle_s=settle,
         idle_s=None if idle is None else 60 * idle,
@@ -109,10 +103,7 @@ def watch(
         typer.echo(f"page: {server.address}")
         typer.echo(f"watching {batch}; press Ctrl-C to stop")
         watching = BatchWatch(
-            root=batch,
-            options=options,
-            console=console,
-            show=lambda entry: desk.show_entry(entry),
+            root=batch, options=options, console=console, show=lambda entry: desk.show_entry(entry)
         )
         desk = VerdictDesk(
             results=Results(place),

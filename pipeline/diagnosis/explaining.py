@@ -152,11 +152,11 @@ def _require_apart_of_batch(case: Case, batch: Batch, wanted: ExplainOutputs) ->
     root = case.task.results.root.parents[1]
     results = Results(wanted.out or batch.folder.default_results)
     inputs, fruit = read_files(batch), results.fruit(case.name)
-    require_results_place(results.root, batch.folder, "--out")
+    require_results_place(results.root, batch.folder)
     if not is_held(root):
         require_free((*results.files, results.run, *fruit.files), "--out")
     if results.provenance.is_file():
-        require_same_batch(results, batch, input_hashes(batch.folder.root, inputs), "--out")
+        require_same_batch(results, batch, input_hashes(batch.folder.root, inputs))
     lists = (place / name for place in (results.root, fruit.root) for name in (MANIFEST, LIST_LOCK))
     result_files = (*results.files, results.lock, results.run, *fruit.files, *lists)
     for target in (wanted.json, wanted.html):

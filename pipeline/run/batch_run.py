@@ -76,7 +76,7 @@ class BatchRun:
         names = self.batch.row_of if fruit is None else fruit
         of_fruit = (path for name in names for path in results.fruit(name).files)
         require_free((*results.files, results.run, *of_fruit), "--out")
-        require_same_batch(results, self.batch, self.inputs, "--out")
+        require_same_batch(results, self.batch, self.inputs)
 
     def write_provenance(
         self,
@@ -109,25 +109,25 @@ def batch_folder(batch: Batch) -> str:
     return str(batch.folder.root.resolve())
 
 
-def require_same_batch(results: Results, batch: Batch, inputs: Mapping[str, str], option: str) -> None:
+def require_same_batch(results: Results, batch: Batch, inputs: Mapping[str, str]) -> None:
     """Raises BatchRefused where `results` holds those of another batch than this one, whose files have the
     hashes `inputs` (by path inside the batch).
     """
-    said = read_provenance(results)
+    said = read_provenance(results) or {}
     former_inputs, settings, outcomes = (
-        _table((said or {}).get(name)) for name in ("inputs", "settings", "outcomes")
+        _table(said.get(name)) for name in ("inputs", "settings", "outcomes")
     )
     measured = _measured(former_inputs)
     if not measured or measured & _measured(inputs):
         return
-    folder, now = str((said or {}).get("batch", "")), batch.settings.model_dump(mode="json")
+    folder, now = str(said.get("batch", "")), batch.settings.model_dump(mode="json")
     same_label = all(str(settings.get(name)) == str(now.get(name)) for name in LABEL)
     if folder == batch_folder(batch) and same_label and outcomes.keys() & batch.row_of.keys():
         return
     fruit = printable(listed(sorted(outcomes), SHOWN))
     sentence = (
         f"holds the results of another batch in {printable(folder)} (fruit {fruit}), with other photos and "
-        f"recordings. They are not replaced; choose another folder with {option}, or move this one away."
+        "recordings. They are not replaced; choose another folder with --out, or move this one away."
     )
     raise refused(results.root, sentence)
 

@@ -130,7 +130,7 @@ def placed(
     report needs.
     """
     results = Results(out or batch.folder.default_results)
-    require_results_place(results.root, batch.folder, "--out")
+    require_results_place(results.root, batch.folder)
     return BatchRun(
         batch=batch,
         results=results,

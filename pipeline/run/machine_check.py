@@ -5,7 +5,7 @@ import os
 import shutil
 import tempfile
 import time
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
@@ -37,19 +37,12 @@ LEAST_DISK_MB = 500.0
 """Free disk below which it is said: stages of one fruit take 20 MB, photos' scratch files 200. Assumed."""
 
 
-@dataclass(frozen=True, kw_only=True)
-class MachineCheck:
-    """Lines to read, what is missing (sentences), and what is wrong with the computation; empty: nothing."""
-
-    lines: tuple[str, ...]
-    missing: tuple[str, ...]
-    wrong: str
-
-
-def machine_check(folder: Path, *, cores: int) -> MachineCheck:
-    """Looks at libraries, threads, memory and the disks of `folder` and of temporary files, and computes."""
-    lines = [", ".join(f"{name} {value}" for name, value in versions().items())]
-    missing = list(missing_libraries())
+def parts_check(folder: Path, *, cores: int, missing: list[str]) -> Iterator[str]:
+    """Lines on libraries, threads, memory and the disks of `folder` and of temporary files; what is missing
+    is added to `missing`, a sentence each.
+    """
+    yield ", ".join(f"{name} {value}" for name, value in versions().items())
+    missing += missing_libraries()
     for name in IMPORTED:
         try:
             importlib.import_module(name)
@@ -59,45 +52,40 @@ def machine_check(folder: Path, *, cores: int) -> MachineCheck:
         try:
             importlib.import_module(name)
         except (ImportError, OSError) as error:
-            lines.append(f"optional library {name} does not load ({error}): {cost}")
+            yield f"optional library {name} does not load ({error}): {cost}"
     pools = sorted({f"{pool['internal_api']} {pool['num_threads']}" for pool in threadpool_info()})
-    lines.append(f"cores: {cores}; threads of libraries: {', '.join(pools) or 'not known'}")
-    free_MiB = free_memory_MiB()
-    need_MiB = PER_FRUIT_MIB["photos"]
+    yield f"cores: {cores}; threads of libraries: {', '.join(pools) or 'not known'}"
+    free_MiB, need_MiB = free_memory_MiB(), PER_FRUIT_MIB["photos"]
     if free_MiB is None:
-        lines.append("memory: unknown on this system")
+        yield "memory: unknown on this system"
     else:
-        lines.append(f"memory: {free_MiB:.0f} MiB free; one fruit with photos needs {need_MiB:.0f} MiB")
+        yield f"memory: {free_MiB:.0f} MiB free; one fruit with photos needs {need_MiB:.0f} MiB"
         if free_MiB < LEAST_MIB:
             missing.append(f"memory: {free_MiB:.0f} MiB free, expected at least {LEAST_MIB:.0f}.")
-    for what, place in (("results", folder), ("temporary files", Path(tempfile.gettempdir()))):
-        place = next(
-            ancestor for ancestor in (place.absolute(), *place.absolute().parents) if ancestor.is_dir()
-        )
+    for what, wanted in (("results", folder), ("temporary files", Path(tempfile.gettempdir()))):
+        place = next(path for path in (wanted.absolute(), *wanted.absolute().parents) if path.is_dir())
         free_MB = shutil.disk_usage(place).free / 1e6
-        lines.append(f"disk for {what} ({place}): {free_MB / 1e3:.1f} GB free")
+        yield f"disk for {what} ({place}): {free_MB / 1e3:.1f} GB free"
         if free_MB < LEAST_DISK_MB:
             missing.append(f"disk for {what} ({place}): only {free_MB:.0f} MB free; free some space.")
         if not os.access(place, os.W_OK):
             missing.append(f"permission to write into {place} (for {what}); choose another folder.")
-    if missing:
-        return MachineCheck(lines=tuple(lines), missing=tuple(missing), wrong="")
+
+
+def computation_check() -> tuple[str, str]:
+    """What a small computation gives, and what is wrong with that; empty: nothing."""
     began = time.perf_counter()
     off = known_answer_error()
-    lines.append(
+    line = (
         f"test problem (ball with a rigid core under uniform pressure): deviation {100 * off:+.2f} % "
         f"from the closed form, in {time.perf_counter() - began:.1f} s"
     )
-    wrong = (
-        ""
-        if abs(off) < WITHIN
-        else (
-            f"finite elements deviate by {100 * off:+.1f} % from a closed form, expected less than "
-            f"{100 * WITHIN:g} %. Install drupe again in a new environment, and report it if the "
-            "error remains."
-        )
+    if abs(off) < WITHIN:
+        return line, ""
+    return line, (
+        f"finite elements deviate by {100 * off:+.1f} % from a closed form, expected less than "
+        f"{100 * WITHIN:g} %. Install drupe again in a new environment, and report it if the error remains."
     )
-    return MachineCheck(lines=tuple(lines), missing=(), wrong=wrong)
 
 
 def known_answer_error() -> float:

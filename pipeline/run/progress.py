@@ -147,10 +147,10 @@ class _TimeLeft(ProgressColumn):
 
 
 class StageLines:
-    """One fruit's stages, a line each, with the time since the start."""
+    """One fruit's stages, a line each on standard error, with the time since the start."""
 
-    def __init__(self, console: Console) -> None:
-        self._console = console
+    def __init__(self, console: Console | None = None) -> None:
+        self._console = console or Console(stderr=True)
         self._started = time.monotonic()
 
     def stage(self, name: str) -> None:
