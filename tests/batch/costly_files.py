@@ -2,7 +2,9 @@
 
 import io
 import os
+import re
 import struct
+import tempfile
 import zipfile
 import zlib
 from collections.abc import Callable, Iterator
@@ -12,6 +14,7 @@ from pathlib import Path
 import cv2
 import h5py
 import numpy as np
+import openpyxl
 from file_damage import Broken, Change, put, with_hdf5
 
 # --- recordings
@@ -85,35 +88,21 @@ def _recordings() -> Iterator[Broken]:
 # --- videos
 
 
-def avi(width: int, height: int, frames: list[bytes]) -> bytes:
-    """An AVI of JPEG frames; its header states `width` and `height`, whatever the frames are."""
-
-    def chunk(name: bytes, data: bytes) -> bytes:
-        return name + struct.pack("<I", len(data)) + data + bytes(len(data) % 2)
-
-    def listed(name: bytes, data: bytes) -> bytes:
-        return chunk(b"LIST", name + data)
-
-    count = len(frames)
-    main = struct.pack("<14I", 33333, 0, 0, 0x10, count, 0, 1, 0, width, height, 0, 0, 0, 0)
-    stream = struct.pack(
-        "<4s4sIHHIIIIIIIIhhhh", b"vids", b"MJPG", 0, 0, 0, 0, 1, 30, 0, count, 0, 0, 0, 0, 0,
-        min(width, 32767), min(height, 32767),
-    )  # fmt: skip
-    bitmap = struct.pack("<IiiHH4sIiiII", 40, width, height, 1, 24, b"MJPG", 0, 0, 0, 0, 0)
-    header = listed(b"strl", chunk(b"strh", stream) + chunk(b"strf", bitmap))
-    header = listed(b"hdrl", chunk(b"avih", main) + header)
-    body, index, place = b"", b"", 4
-    for data in frames:
-        index += b"00dc" + struct.pack("<III", 0x10, place, len(data))
-        body += chunk(b"00dc", data)
-        place = 4 + len(body)
-    return chunk(b"RIFF", b"AVI " + header + listed(b"movi", body) + chunk(b"idx1", index))
-
-
-def jpeg(side: int) -> bytes:
-    """A square picture of one grey."""
-    return cv2.imencode(".jpg", np.full((side, side, 3), 90, np.uint8))[1].tobytes()
+def _avi(side: int, *, claimed: tuple[int, int] | None = None) -> bytes:
+    """An AVI of five square JPEG frames; `claimed`: width and height that its header states instead."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "frames.avi"
+        writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 30, (side, side))
+        grey = np.full((side, side, 3), 90, np.uint8)
+        for _ in range(5):
+            writer.write(grey)
+        writer.release()
+        made = path.read_bytes()
+    return (
+        made
+        if claimed is None
+        else made.replace(struct.pack("<2i", side, side), struct.pack("<2i", *claimed))
+    )
 
 
 def _video(make: Callable[[], bytes]) -> Change:
@@ -142,8 +131,8 @@ def _videos() -> Iterator[Broken]:
         change = _video(lambda data=data: data)
         yield Broken(format="video", kind=name, path=f"{folder}/{file}", change=change, expects=kind)
     sizes: dict[str, Callable[[], bytes]] = {
-        "8000 x 8000": lambda: avi(8000, 8000, [jpeg(8000)] * 5),
-        "8000 x 8000 in a header of 64 x 48": lambda: avi(64, 48, [jpeg(8000)] * 5),
+        "8000 x 8000": lambda: _avi(8000),
+        "8000 x 8000 in a header of 64 x 48": lambda: _avi(8000, claimed=(64, 48)),
     }
     for name, make in sizes.items():
         path = f"{folder}/left.avi"
@@ -153,33 +142,19 @@ def _videos() -> Iterator[Broken]:
 # --- spreadsheets
 
 
-def _xlsx(cells: dict[str, float], *, dimension: str = "A1:B2", sheet: str = "Trace") -> bytes:
-    """A workbook with one sheet of numbers."""
-    main = 'xmlns="http://schemas.openxmlformats.org/spreadsheetml/2006/main"'
-    rel = "http://schemas.openxmlformats.org/officeDocument/2006/relationships"
-    package = "http://schemas.openxmlformats.org/package/2006"
-    rows: dict[int, str] = {}
+def _xlsx(cells: dict[str, float]) -> bytes:
+    """A workbook with one sheet of numbers, which states that it has four cells."""
+    book, held, lying = openpyxl.Workbook(), io.BytesIO(), io.BytesIO()
+    book.active.title = "Trace"
     for name, value in cells.items():
-        row = int(name.lstrip("ABCDEFGHIJKLMNOPQRSTUVWXYZ"))
-        rows[row] = rows.get(row, "") + f'<c r="{name}"><v>{value}</v></c>'
-    data = "".join(f'<row r="{row}">{held}</row>' for row, held in sorted(rows.items()))
-    parts = {
-        "[Content_Types].xml": f'<Types xmlns="{package}/content-types"><Default Extension="xml" '
-        'ContentType="application/vnd.openxmlformats-officedocument.spreadsheetml.sheet.main+xml"/></Types>',
-        "_rels/.rels": f'<Relationships xmlns="{package}/relationships"><Relationship Id="r1" '
-        f'Type="{rel}/officeDocument" Target="xl/workbook.xml"/></Relationships>',
-        "xl/workbook.xml": f'<workbook {main} xmlns:r="{rel}"><sheets><sheet name="{sheet}" sheetId="1" '
-        'r:id="r1"/></sheets></workbook>',
-        "xl/_rels/workbook.xml.rels": f'<Relationships xmlns="{package}/relationships"><Relationship Id="r1" '
-        f'Type="{rel}/worksheet" Target="worksheets/sheet1.xml"/></Relationships>',
-        "xl/worksheets/sheet1.xml": f'<worksheet {main}><dimension ref="{dimension}"/><sheetData>{data}'
-        "</sheetData></worksheet>",
-    }
-    held = io.BytesIO()
-    with zipfile.ZipFile(held, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, text in parts.items():
-            archive.writestr(name, '<?xml version="1.0" encoding="UTF-8"?>' + text)
-    return held.getvalue()
+        book.active[name] = value
+    book.save(held)
+    with zipfile.ZipFile(held) as honest, zipfile.ZipFile(lying, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name in honest.namelist():
+            archive.writestr(
+                name, re.sub(rb'<dimension ref="[^"]*"', b'<dimension ref="A1:B2"', honest.read(name))
+            )
+    return lying.getvalue()
 
 
 def _spreadsheets() -> Iterator[Broken]:

@@ -1,6 +1,9 @@
 """Batches of a few fruit, and commands run in the test's own process."""
 
+import hashlib
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import h5py
@@ -25,6 +28,23 @@ def run(*words: object) -> tuple[int, str]:
     raise done.exception
 
 
+def python(code: str, **how: object) -> subprocess.CompletedProcess[str]:
+    """What a Python of its own says of the code."""
+    command = [sys.executable, "-c", code]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, **how)
+
+
+def contents(root: Path) -> dict[str, str]:
+    """Every file and link under `root`, by what it holds."""
+    return {
+        str(path.relative_to(root)): str(path.readlink())
+        if path.is_symlink()
+        else hashlib.sha256(path.read_bytes()).hexdigest()
+        for path in sorted(root.rglob("*"))
+        if path.is_symlink() or path.is_file()
+    }
+
+
 def write_ball(path: Path, *, radius_mm: float = 28.0, finer: int = 2) -> None:
     """The mesh of a ball."""
     directions, faces = ball(finer)
@@ -36,8 +56,7 @@ def batch_of_balls(root: Path, *names: str, table: str | None = None, settings: 
     """Balls of 56 mm without recordings; `table`: fruits.csv, their ids alone where it is None."""
     for name in names:
         write_ball(root / "fruits" / name / "fruit.ply")
-        (root / "fruits" / name / "grasps").mkdir()
-    return _with_table(root, names, table, settings)
+    return empty_batch(root, *names, table=table, settings=settings)
 
 
 def batch_of_nectarines(root: Path, *names: str, pit: bool = False, settings: str = NECTARINE) -> Path:
@@ -45,20 +64,28 @@ def batch_of_nectarines(root: Path, *names: str, pit: bool = False, settings: st
 
     `pit`: whether it has a pit.ply.
     """
+    empty_batch(root, *names, settings=settings)
     for k, name in enumerate(names):
         grasps = root / "fruits" / name / "grasps"
-        grasps.mkdir(parents=True)
         for file in ("fruit.ply", "pit.ply")[: 1 + pit]:
             shutil.copyfile(DATA / file, grasps.parent / file)
         shutil.copyfile(DATA / "grasp.h5", grasps / "grasp-1.h5")
         with h5py.File(grasps / "grasp-1.h5", "r+") as recording:
             recording.attrs["fruit_id"] = name
-            for pad in ("left", "right"):
-                recording[f"pads/{pad}/force_N"][...] *= 1.0 + 0.002 * k
-    return _with_table(root, names, None, settings)
+            times_force(recording, 1.0 + 0.002 * k)
+    return root
 
 
-def _with_table(root: Path, names: tuple[str, ...], table: str | None, settings: str) -> Path:
+def times_force(recording: h5py.File, factor: float) -> None:
+    """The forces of both pads times a factor."""
+    for pad in ("left", "right"):
+        recording[f"pads/{pad}/force_N"][...] *= factor
+
+
+def empty_batch(root: Path, *names: str, table: str | None = None, settings: str = NECTARINE) -> Path:
+    """Fruit with a folder for grasps and nothing in it; `table` as in `batch_of_balls`."""
+    for name in names:
+        (root / "fruits" / name / "grasps").mkdir(parents=True)
     (root / "batch.toml").write_text(settings)
     (root / "fruits.csv").write_text("\n".join(["fruit_id", *names, ""]) if table is None else table)
     return root

@@ -55,12 +55,6 @@ class Kept(StageRecord):
     n: int
 
 
-class Shorter(StageRecord):
-    """What another code kept under the same name."""
-
-    a: Float[np.ndarray, " n"]
-
-
 def make(counter):
     def compute():
         counter.append(1)
@@ -90,7 +84,14 @@ def test_only_a_second_call_with_the_same_key_and_the_whole_file_computes_nothin
 
 @pytest.mark.parametrize(
     "text",
-    ['{"n": 3}', '{"a": {"__array__": "b"}, "n": 3}', '{"a": {"__array__": "a"}, "n": "x"}', "[]", "no JSON"],
+    [
+        '{"n": 3}',
+        '{"a": {"__array__": "a"}}',
+        '{"a": {"__array__": "b"}, "n": 3}',
+        '{"a": {"__array__": "a"}, "n": "x"}',
+        "[]",
+        "no JSON",
+    ],
 )
 def test_a_file_of_the_key_that_holds_another_record_is_computed_again(tmp_path, text):
     header = json.dumps({"key": "k", "record": text})
@@ -99,13 +100,6 @@ def test_a_file_of_the_key_that_holds_another_record_is_computed_again(tmp_path,
     (tmp_path / "mesh.npz").write_bytes(buffer.getvalue())
     calls = []
     assert len(keep(tmp_path, "mesh", "k", make(calls)).a) == 3
-    assert len(calls) == 1
-
-
-def test_a_file_of_a_record_with_fewer_fields_is_computed_again(tmp_path):
-    cached(tmp_path, "mesh", "k", lambda: Shorter(a=np.arange(2.0)), record=Shorter)
-    calls = []
-    assert keep(tmp_path, "mesh", "k", make(calls)).n == 3
     assert len(calls) == 1
 
 

@@ -125,20 +125,19 @@ def test_stages_endings_and_what_is_given_up_are_told(engine, scheduler, said):
     assert said == ["cluster at tcp://there:8786: 2 workers; dashboard http://there:8787/status"]
 
 
-def test_a_worker_that_is_not_fit_refuses_the_run_by_its_name(engine, scheduler):
+@pytest.mark.parametrize(
+    ("ended", "said"),
+    [
+        (Unfit("has 8 threads.", A), f"^worker {A}: has 8 threads.$"),
+        (ImportError("no drupe"), "a worker cannot load this drupe"),
+        (AttributeError("no fruit_on_worker"), "a worker cannot load this drupe"),
+    ],
+)
+def test_a_worker_that_cannot_work_for_the_run_refuses_it(engine, scheduler, ended, said):
     with engine() as cluster_engine:
         cluster_engine.begin("peach", b"")
-        scheduler.given[0].end(Unfit("has 8 threads.", A))
-        with pytest.raises(BatchRefused, match=f"^worker {A}: has 8 threads.$"):
-            happened(cluster_engine)
-
-
-@pytest.mark.parametrize("error", [ImportError("no drupe"), AttributeError("no fruit_on_worker")])
-def test_a_worker_that_cannot_load_its_fruit_refuses_the_run(engine, scheduler, error):
-    with engine() as cluster_engine:
-        cluster_engine.begin("peach", b"")
-        scheduler.given[0].end(error)
-        with pytest.raises(BatchRefused, match="a worker cannot load this drupe"):
+        scheduler.given[0].end(ended)
+        with pytest.raises(BatchRefused, match=said):
             happened(cluster_engine)
 
 

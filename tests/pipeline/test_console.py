@@ -2,10 +2,9 @@
 
 import io
 import os
-import subprocess
-import sys
 
 import pytest
+from small_batches import python
 
 from pipeline.run.progress import BatchProgress, RunConsole
 
@@ -62,9 +61,8 @@ OF_LIBRARIES = (
 @pytest.mark.parametrize("shown", [False, True])
 def test_the_terminal_shows_what_libraries_say_only_where_that_is_asked_for(shown):
     environment = {**os.environ, **({"DRUPE_DEBUG": "1"} if shown else {})}
-    done = subprocess.run(
-        [sys.executable, "-c", TALKING], env=environment, capture_output=True, text=True, check=True
-    )
+    done = python(TALKING, env=environment)
+    assert done.returncode == 0
     assert "drupe's own result\n" in done.stdout
     assert "drupe's own sentence\n" in done.stderr
     said = done.stdout + done.stderr

@@ -1,13 +1,12 @@
 """Results of one batch are not replaced by another's; the same batch is known wherever its folder lies."""
 
-import csv
-import hashlib
 import json
 import shutil
 
 import pytest
-from graded_results import work_at_once, written
+from graded_results import rows, work_at_once, written
 from rich.console import Console
+from small_batches import contents
 
 from pipeline.diagnosis.explaining import ExplainOutputs, explain
 from pipeline.problem import BatchRefused
@@ -40,15 +39,6 @@ def make_batch(root, day, ids=IDS, settings=""):
     (root / "batch.toml").write_text(f'category = "nectarine"\n{settings}')
     (root / "fruits.csv").write_text("".join(f"{row}\n" for row in ("fruit_id", *ids)))
     return root
-
-
-def contents(root):
-    return {p: hashlib.sha256(p.read_bytes()).hexdigest() for p in root.rglob("*") if p.is_file()}
-
-
-def ranked(out):
-    with (out / "ranking.csv").open() as file:
-        return {row["fruit_id"] for row in csv.DictReader(file)}
 
 
 @pytest.mark.parametrize("ids", [IDS, ("11", "12", "13")], ids=["same ids", "other ids"])
@@ -99,7 +89,7 @@ def test_a_batch_in_its_own_folder_may_gain_lose_and_replace_fruit(grade, tmp_pa
     make_batch(tmp_path / "again", "Monday, all measured anew")
     shutil.copytree(tmp_path / "again", monday, dirs_exist_ok=True)
     assert grade(monday, None) == 0
-    assert ranked(monday / "results") == set(IDS)
+    assert set(rows(monday / "results")) == set(IDS)
 
 
 def test_a_batch_whose_results_moved_inside_it_may_lose_fruit(grade, tmp_path):
@@ -109,7 +99,7 @@ def test_a_batch_whose_results_moved_inside_it_may_lose_fruit(grade, tmp_path):
     shutil.copytree(monday, moved)
     (moved / "fruits.csv").write_text("fruit_id\n02\n03\n")
     assert grade(moved, None) == 0
-    assert ranked(moved / "results") == {"02", "03"}
+    assert set(rows(moved / "results")) == {"02", "03"}
 
 
 def test_a_folder_used_again_for_another_lot_does_not_replace_the_first_lots_results(grade, tmp_path):

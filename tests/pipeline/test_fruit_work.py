@@ -2,10 +2,9 @@
 
 import gc
 import platform
-import subprocess
-import sys
 
 import pytest
+from small_batches import python
 
 from pipeline.safe_start import uncollected
 
@@ -30,12 +29,12 @@ print(before - resident_MiB())
 
 def test_who_hands_out_fruit_imports_no_library_that_draws_or_meshes() -> None:
     loaded = f"[name for name in {DRAW_OR_MESH} if sys.modules.get(name)]"
-    assert _printed(f"import sys, pipeline.run.grading; print({loaded})") == "[]"
+    assert python(f"import sys, pipeline.run.grading; print({loaded})").stdout == "[]\n"
 
 
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="only glibc keeps what is freed")
 def test_memory_that_a_stage_has_freed_goes_back_to_the_system() -> None:
-    assert float(_printed(FREED)) > 100
+    assert float(python(FREED).stdout) > 100
 
 
 def test_nothing_is_looked_through_for_garbage_while_libraries_are_imported() -> None:
@@ -45,8 +44,3 @@ def test_nothing_is_looked_through_for_garbage_while_libraries_are_imported() ->
             pass
         assert not gc.isenabled()
     assert gc.isenabled()
-
-
-def _printed(code: str) -> str:
-    process = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    return process.stdout.strip()

@@ -1,9 +1,7 @@
 """What ends a command while libraries are loaded, and while it works."""
 
-import subprocess
-import sys
-
 import pytest
+from small_batches import python
 
 from pipeline.exit_status import INTERRUPTED
 
@@ -35,9 +33,7 @@ with ended_like_ctrl_c() as came:
 
 
 def _ended(script: str) -> tuple[int, str, str]:
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, timeout=60, check=False
-    )
+    done = python(script)
     return done.returncode, done.stdout, done.stderr
 
 

@@ -148,10 +148,6 @@ def test_what_cannot_be_kept_is_said_and_nothing_is_written(judge, results, wron
     assert not (results / "verdicts.jsonl").exists()
 
 
-def test_the_batch_folder_instead_of_its_results_is_named(judge, batch, results):
-    assert f"did you mean {results}?" in judge(out=batch).err
-
-
 def test_a_formula_or_markup_in_a_verdict_runs_nowhere(judge, results):
     judge(by="=cmd|' /C calc'!A0", why="<script>alert(1)</script>")
     assert rows(results)["A"]["judged_by"] == "'=cmd|' /C calc'!A0"

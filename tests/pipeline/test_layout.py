@@ -6,6 +6,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from small_batches import empty_batch
 
 from pipeline.batch.layout import BatchFolder, FruitFolder, FruitResults, write_whole
 from pipeline.batch.provenance import input_hashes
@@ -67,14 +68,13 @@ def test_photos_of_the_fruit_upside_down_are_inputs_and_are_checked(tmp_path):
     """Every file is read, and three at least must be there."""
     batch = tmp_path / "batch"
     fruit = batch / "fruits" / "N01"
-    for name in ("photos", "photos-flipped", "grasps"):
-        (fruit / name).mkdir(parents=True)
+    empty_batch(batch, "N01", table="fruit_id,height_mm\nN01,56\n")
+    for name in ("photos", "photos-flipped"):
+        (fruit / name).mkdir()
     picture = cv2.imencode(".jpg", np.full((30, 40, 3), 90, np.uint8))[1].tobytes()
     for name in ("photos/1.jpg", "photos/2.jpg", "photos/3.jpg", "photos-flipped/1.jpg"):
         (fruit / name).write_bytes(picture)
     (fruit / "photos-flipped" / "2.jpg").write_bytes(b"")
-    (batch / "batch.toml").write_text('category = "nectarine"\n')
-    (batch / "fruits.csv").write_text("fruit_id,height_mm\nN01,56\n")
     files = [p.relative_to(fruit).as_posix() for p in FruitFolder(fruit).input_files()]
     assert files[-2:] == ["photos-flipped/1.jpg", "photos-flipped/2.jpg"]
     said = [p.sentence for p in check(batch) if "flipped" in p.file]

@@ -5,13 +5,12 @@ import fcntl
 import os
 import pickle
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from small_batches import python
 
 from pipeline import cli
 from pipeline.batch.layout import write_whole
@@ -154,10 +153,7 @@ def test_scratch_folders_of_killed_runs_are_swept_and_others_are_not(tmp_path, m
     killed = (
         "from pipeline.batch.scratch import scratch\nimport os\nwith scratch(): os.kill(os.getpid(), 9)\n"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", killed], env={**os.environ, "TMPDIR": str(tmp_path)}, check=False
-    )
-    assert done.returncode == -9
+    assert python(killed, env={**os.environ, "TMPDIR": str(tmp_path)}).returncode == -9
     (left,) = tmp_path.iterdir()
     (tmp_path / "drupe-notes").mkdir()
     (tmp_path / f"{PREFIX}link0000").symlink_to(tmp_path / "drupe-notes")
@@ -174,26 +170,25 @@ def write(path, text):
     path.write_text(text)
 
 
+def group(place, limit, used, counters, *, version=2):
+    """A control group's files."""
+    names = ("max", "current") if version == 2 else ("limit_in_bytes", "usage_in_bytes")
+    for name, text in zip((*names, "stat"), (f"{limit}\n", f"{used}\n", counters), strict=True):
+        write(place / f"memory.{name}", text)
+
+
 def test_free_memory_is_the_machines_or_less_where_a_group_has_a_limit(tmp_path):
     proc, groups = tmp_path / "proc", tmp_path / "cgroup"
     assert free_memory_MiB(proc, groups) is None
     write(proc / "meminfo", "MemTotal: 9000000 kB\nMemAvailable: 8388608 kB\n")
     assert free_memory_MiB(proc, groups) == 8192
     write(proc / "self" / "cgroup", "0::/job/step\n")
-    write(groups / "job" / "memory.max", f"{3 * 2**30}\n")
-    write(groups / "job" / "memory.current", f"{2 * 2**30}\n")
-    write(groups / "job" / "memory.stat", f"anon 1\ninactive_file {2**29}\n")
-    write(groups / "job" / "step" / "memory.max", "max\n")
-    write(groups / "job" / "step" / "memory.current", "1\n")
-    write(groups / "job" / "step" / "memory.stat", "anon 1\n")
+    group(groups / "job", 3 * 2**30, 2 * 2**30, f"anon 1\ninactive_file {2**29}\n")
+    group(groups / "job" / "step", "max", 1, "anon 1\n")
     assert free_memory_MiB(proc, groups) == 1536
-    write(proc / "self" / "cgroup", "4:cpu:/\n3:memory:/job\n")  # version 1
-    write(groups / "memory" / "memory.limit_in_bytes", f"{2**63 - 4096}\n")
-    write(groups / "memory" / "memory.usage_in_bytes", "1\n")
-    write(groups / "memory" / "memory.stat", "total_inactive_file 1\n")
-    write(groups / "memory" / "job" / "memory.limit_in_bytes", f"{2 * 2**30}\n")
-    write(groups / "memory" / "job" / "memory.usage_in_bytes", f"{2**30}\n")
-    write(groups / "memory" / "job" / "memory.stat", f"total_inactive_file {2**28}\n")
+    write(proc / "self" / "cgroup", "4:cpu:/\n3:memory:/job\n")
+    group(groups / "memory", 2**63 - 4096, 1, "total_inactive_file 1\n", version=1)
+    group(groups / "memory" / "job", 2 * 2**30, 2**30, f"total_inactive_file {2**28}\n", version=1)
     assert free_memory_MiB(proc, groups) == 1280
 
 

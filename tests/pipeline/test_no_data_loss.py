@@ -9,25 +9,21 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from small_batches import contents, empty_batch
 
 from pipeline.batch.layout import FruitResults, Results, write_whole
 from pipeline.files.manifest import NotOurs, in_the_way, json_in
 
-SHIPPED = Path(__file__).parents[2] / "samples" / "data" / "nectarines"
 SETTINGS = 'category = "nectarine"\npoisson_ratio = 0.45\n'
 PRECIOUS = b"the only copy"
 
 
 def make_batch(root):
-    for fruit_id in ("N01", "N02"):
-        fruit = root / "fruits" / fruit_id
-        (fruit / "grasps").mkdir(parents=True)
+    empty_batch(root, "N01", "N02", settings=SETTINGS)
+    for fruit in (root / "fruits").iterdir():
         (fruit / "photos").mkdir()
-        (fruit / "fruit.ply").write_bytes(PRECIOUS)
-        (fruit / "pit.ply").write_bytes(PRECIOUS)
-        (fruit / "grasps" / "grasp-1.h5").write_bytes(PRECIOUS)
-    (root / "batch.toml").write_text(SETTINGS)
-    (root / "fruits.csv").write_text("fruit_id\nN01\nN02\n")
+        for name in ("fruit.ply", "pit.ply", "grasps/grasp-1.h5"):
+            (fruit / name).write_bytes(PRECIOUS)
     return root
 
 
@@ -36,24 +32,19 @@ def batch(tmp_path):
     return make_batch(tmp_path / "season" / "batch")
 
 
-def contents(root):
-    """Every file and link under `root`, by what it holds."""
-    return {
-        str(path.relative_to(root)): str(path.readlink())
-        if path.is_symlink()
-        else hashlib.sha256(path.read_bytes()).hexdigest()
-        for path in sorted(root.rglob("*"))
-        if path.is_symlink() or path.is_file()
-    }
+@pytest.fixture
+def refused(drupe, tmp_path):
+    """Runs a command that must be refused and leave every file as it is; what it says."""
 
+    def run(*arguments):
+        before = contents(tmp_path)
+        ran = drupe(*arguments)
+        assert ran.status == 2, ran.err
+        assert "Traceback" not in ran.err
+        assert contents(tmp_path) == before
+        return ran.err
 
-def refused_untouched(drupe, root, *arguments):
-    before = contents(root)
-    ran = drupe(*arguments)
-    assert ran.status == 2, ran.err
-    assert "Traceback" not in ran.err
-    assert contents(root) == before
-    return ran.err
+    return run
 
 
 @pytest.mark.parametrize(
@@ -73,41 +64,41 @@ def refused_untouched(drupe, root, *arguments):
         "other",
     ],
 )
-def test_results_never_go_onto_into_or_above_a_batch(drupe, batch, out):
+def test_results_never_go_onto_into_or_above_a_batch(refused, batch, out):
     season = batch.parent
     make_batch(season / "other")
     (season / "link-to-batch").symlink_to(batch)
     (season / "link-to-fruits").symlink_to(batch / "fruits")
     for command in (("grade", batch), ("explain", batch, "--fruit", "N01")):
-        said = refused_untouched(drupe, season, *command, "--out", season / out)
+        said = refused(*command, "--out", season / out)
         assert f"drupe: {season / out}: " in said
         assert "with --out" in said
 
 
 @pytest.mark.parametrize("place", ["fruits", "fruits/new/results", "fruits/N01", "fruits/N01/photos"])
-def test_results_never_go_among_the_files_of_another_batchs_fruit(drupe, batch, tmp_path, place):
+def test_results_never_go_among_the_files_of_another_batchs_fruit(refused, batch, tmp_path, place):
     other = make_batch(tmp_path / "other")
     (other / "fruits" / "N01" / "photos" / "1.jpg").write_bytes(PRECIOUS)
-    said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", other / place)
+    said = refused("grade", batch, "--out", other / place)
     assert "fruits, which is read and never written into" in said
 
 
-def test_a_link_inside_the_results_is_never_written_through(drupe, batch, tmp_path):
+def test_a_link_inside_the_results_is_never_written_through(refused, batch, tmp_path):
     precious = tmp_path / "precious.csv"
     precious.write_bytes(PRECIOUS)
     out = tmp_path / "out"
     (out / "fruits").mkdir(parents=True)
     Results(out).claim()
     (out / "ranking.csv").symlink_to(precious)
-    said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", out)
+    said = refused("grade", batch, "--out", out)
     assert "ranking.csv: is a link" in said
     (out / "ranking.csv").unlink()
     shutil.copytree(batch / "fruits" / "N01", tmp_path / "mine", ignore=shutil.ignore_patterns("p*os", "gr*"))
     (out / "fruits" / "N01").symlink_to(tmp_path / "mine")
-    assert "N01: is a link" in refused_untouched(drupe, tmp_path, "grade", batch, "--out", out)
+    assert "N01: is a link" in refused("grade", batch, "--out", out)
     (batch / "results").symlink_to(tmp_path / "elsewhere")
     (tmp_path / "elsewhere").mkdir()
-    assert "is a link; name the place" in refused_untouched(drupe, tmp_path, "grade", batch)
+    assert "is a link; name the place" in refused("grade", batch)
 
 
 def test_writing_replaces_a_link_and_not_what_it_leads_to(tmp_path):
@@ -119,31 +110,31 @@ def test_writing_replaces_a_link_and_not_what_it_leads_to(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["fruit.ply", "pit.ply", "record.json", "photo.jpg", "mismatch.json"])
-def test_a_strangers_file_among_the_results_is_refused_by_name(drupe, batch, tmp_path, name):
+def test_a_strangers_file_among_the_results_is_refused_by_name(refused, batch, tmp_path, name):
     theirs = tmp_path / "out" / "fruits" / "N02" / name
     theirs.parent.mkdir(parents=True)
     Results(tmp_path / "out").claim()
     os.link(batch / "fruits" / "N02" / "fruit.ply", theirs)
-    said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", tmp_path / "out")
+    said = refused("grade", batch, "--out", tmp_path / "out")
     assert f"{theirs}: was not written by drupe" in said
     assert "move it away" in said
 
 
 @pytest.mark.parametrize("name", ["ranking.json", "ranking.csv", ".run.json"])
-def test_a_file_in_the_way_is_found_before_fruit_are_worked_on(drupe, batch, tmp_path, name):
+def test_a_file_in_the_way_is_found_before_fruit_are_worked_on(refused, batch, tmp_path, name):
     out = tmp_path / "out"
     Results(out).claim()
     write_whole(out / name, "drupe's")
     (out / name).write_bytes(PRECIOUS)
-    said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", out)
+    said = refused("grade", batch, "--out", out)
     assert f"{out / name}: was changed since drupe wrote it" in said
 
 
 @pytest.mark.parametrize("name", ["batch.toml", "grasp-1.h5", "notes.txt", "ranking.csv", "fruits/N01/x"])
-def test_a_folder_that_drupe_did_not_make_is_no_folder_of_results(drupe, batch, tmp_path, name):
+def test_a_folder_that_drupe_did_not_make_is_no_folder_of_results(refused, batch, tmp_path, name):
     (tmp_path / "out" / name).parent.mkdir(parents=True)
     (tmp_path / "out" / name).write_bytes(PRECIOUS)
-    said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", tmp_path / "out")
+    said = refused("grade", batch, "--out", tmp_path / "out")
     assert f"holds {Path(name).parts[0]} and was not made by drupe, so it is no folder of results" in said
 
 
@@ -179,8 +170,8 @@ def test_a_run_killed_between_list_and_file_leaves_nothing_unknown(tmp_path, mon
 
 @pytest.mark.parametrize("name", [".written.json", "batch.json", "fruits/N01/.written.json"])
 @pytest.mark.parametrize("kind", ["pipe", "link", "deep", "strange"])
-def test_what_stands_in_place_of_a_list_or_record_is_neither_waited_for_nor_replaced(
-    drupe, batch, tmp_path, name, kind
+def test_what_stands_in_place_of_a_list_or_record_is_not_waited_for_nor_replaced(
+    refused, batch, tmp_path, name, kind
 ):
     path = tmp_path / "out" / name
     path.parent.mkdir(parents=True)
@@ -192,12 +183,12 @@ def test_what_stands_in_place_of_a_list_or_record_is_neither_waited_for_nor_repl
         path.symlink_to("/dev/zero")
     else:
         path.write_text('{"format": ' + "[" * 50_000 if kind == "deep" else "my notes")
-    said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", tmp_path / "out")
+    said = refused("grade", batch, "--out", tmp_path / "out")
     other = f"holds {name} and was not made by drupe"
     assert f"{path}: was not written by drupe" in said or f"{path}: is a link" in said or other in said
 
 
-def test_a_list_that_names_other_places_gives_no_right_to_them(drupe, batch, tmp_path):
+def test_a_list_that_names_other_places_gives_no_right_to_them(refused, batch, tmp_path):
     out = tmp_path / "out"
     out.mkdir()
     (tmp_path / "precious.csv").write_bytes(PRECIOUS)
@@ -206,7 +197,7 @@ def test_a_list_that_names_other_places_gives_no_right_to_them(drupe, batch, tmp
     for names in (["../precious.csv", str(tmp_path / "precious.csv")], ["ranking.csv"]):
         listed = {name: [digest] if name[0] in "./" else 5 for name in names}
         (out / ".written.json").write_text(json.dumps({"format": "drupe-written", "files": listed}))
-        said = refused_untouched(drupe, tmp_path, "grade", batch, "--out", out)
+        said = refused("grade", batch, "--out", out)
         assert "was not written by drupe" in said or "was not made by drupe" in said
 
 
@@ -223,16 +214,16 @@ def case(tmp_path):
 @pytest.mark.parametrize(
     "target", ["case/fruit.ply", "case/grasp-1.h5", "case/new.json", "linked.json", "notes.txt", "batch.json"]
 )
-def test_an_answer_never_takes_the_place_of_a_file(drupe, case, tmp_path, target):
+def test_an_answer_never_takes_the_place_of_a_file(refused, case, tmp_path, target):
     os.link(case / "pit.ply", tmp_path / "linked.json")
     (tmp_path / "notes.txt").write_bytes(PRECIOUS)
     (tmp_path / "batch.json").write_text(json.dumps({"format": "drupe-batch-result"}))
     for option in ("--json", "--html"):
-        refused_untouched(drupe, tmp_path, "explain", case, option, tmp_path / target)
+        refused("explain", case, option, tmp_path / target)
 
 
 @pytest.mark.parametrize("place", ["pipe", "/dev/zero"])
-def test_no_command_waits_for_a_pipe_or_reads_a_device_in_place_of_its_output(drupe, case, tmp_path, place):
+def test_no_command_waits_for_a_pipe_or_reads_a_device_in_place_of_its_output(refused, case, tmp_path, place):
     (tmp_path / "t.csv").write_bytes(PRECIOUS)
     (tmp_path / "sensor.toml").write_text('kind = "markers-mono"\n')
     os.mkfifo(tmp_path / "pipe")
@@ -245,34 +236,34 @@ def test_no_command_waits_for_a_pipe_or_reads_a_device_in_place_of_its_output(dr
         ("calibrate", tmp_path / "sensor.toml", tmp_path / place, "--load-cell", tmp_path / "press"),
         ("mat", tmp_path),
     ):
-        assert "so it is not overwritten" in refused_untouched(drupe, tmp_path, *command)
+        assert "so it is not overwritten" in refused(*command)
 
 
-def test_two_answers_never_share_a_file_nor_take_a_name_of_the_results(drupe, batch, case, tmp_path):
+def test_two_answers_never_share_a_file_nor_take_a_name_of_the_results(refused, batch, case, tmp_path):
     both = ("--json", tmp_path / "a", "--html", tmp_path / "case" / ".." / "a")
-    assert "give two names" in refused_untouched(drupe, tmp_path, "explain", case, *both)
+    assert "give two names" in refused("explain", case, *both)
     Results(batch / "results").claim()
     fruit = batch / "results" / "fruits" / "N01"
     fruit.mkdir(parents=True)
     for path in (fruit / "mismatch.json", fruit / ".written.json", batch / "results" / "ranking.csv"):
-        said = refused_untouched(drupe, tmp_path, "explain", batch, "--fruit", "N01", "--json", path)
+        said = refused("explain", batch, "--fruit", "N01", "--json", path)
         assert "is a file of the results" in said
 
 
 @pytest.mark.parametrize("work", ["case", "case/work", ".", "full"])
-def test_meshes_are_not_kept_in_or_around_the_case(drupe, case, tmp_path, work):
+def test_meshes_are_not_kept_in_or_around_the_case(refused, case, tmp_path, work):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "fruit.ply").write_bytes(PRECIOUS)
-    said = refused_untouched(drupe, tmp_path, "explain", case, "--work", tmp_path / work)
+    said = refused("explain", case, "--work", tmp_path / work)
     assert "with --work" in said
 
 
-def test_an_answer_of_a_batch_goes_nowhere_into_the_batch(drupe, batch, tmp_path):
+def test_an_answer_of_a_batch_goes_nowhere_into_the_batch(refused, batch, tmp_path):
     for target in ("mat.json", "fruits/N01/fruit.ply", "fruits/N01/a.json", "fruits.csv"):
-        refused_untouched(drupe, tmp_path, "explain", batch, "--fruit", "N01", "--json", batch / target)
+        refused("explain", batch, "--fruit", "N01", "--json", batch / target)
 
 
-def test_a_table_is_never_converted_onto_itself_or_another(drupe, tmp_path):
+def test_a_table_is_never_converted_onto_itself_or_another(refused, tmp_path):
     (tmp_path / "raw").mkdir()
     for name in ("t.csv", "u.csv", "sensor.toml", "raw/grasp.toml", "theirs.h5"):
         (tmp_path / name).write_bytes(PRECIOUS)
@@ -282,58 +273,54 @@ def test_a_table_is_never_converted_onto_itself_or_another(drupe, tmp_path):
     os.link(tmp_path / "t.csv", tmp_path / "hard.csv")
     sensor = ("--sensor", tmp_path / "sensor.toml")
     for out in ("t.csv", "u.csv", "link.csv", "hard.csv", "sensor.toml", "theirs.h5", "recorded.h5"):
-        said = refused_untouched(drupe, tmp_path, "convert", tmp_path / "t.csv", tmp_path / out, *sensor)
+        said = refused("convert", tmp_path / "t.csv", tmp_path / out, *sensor)
         assert "is not overwritten" in said
     for value in (np.arange(3), np.zeros(2, dtype=[("a", "i4")])):
         with h5py.File(tmp_path / "strange.h5", "w") as file:
             file.attrs["written_by"] = value
-        said = refused_untouched(
-            drupe, tmp_path, "convert", tmp_path / "t.csv", tmp_path / "strange.h5", *sensor
-        )
+        said = refused("convert", tmp_path / "t.csv", tmp_path / "strange.h5", *sensor)
         assert "is not overwritten" in said
-    said = refused_untouched(drupe, tmp_path, "convert", tmp_path / "raw", tmp_path / "raw" / "out.h5")
+    said = refused("convert", tmp_path / "raw", tmp_path / "raw" / "out.h5")
     assert "is read and never written into" in said
 
 
-def test_a_sensors_description_is_never_calibrated_onto_itself_or_another_file(drupe, tmp_path):
+def test_a_sensors_description_is_never_calibrated_onto_itself_or_another_file(refused, tmp_path):
     (tmp_path / "sensor.toml").write_text('kind = "markers-mono"\n')
     (tmp_path / "press").mkdir()
     for name in ("press/log.csv", "other.toml"):
         (tmp_path / name).write_bytes(PRECIOUS)
     options = ("--load-cell", tmp_path / "press")
     for out in ("sensor.toml", "other.toml"):
-        said = refused_untouched(
-            drupe, tmp_path, "calibrate", tmp_path / "sensor.toml", tmp_path / out, *options
-        )
+        said = refused("calibrate", tmp_path / "sensor.toml", tmp_path / out, *options)
         assert "is not overwritten" in said
     within = ("calibrate", tmp_path / "sensor.toml", tmp_path / "press" / "log.csv", *options)
-    assert "is read and never written into" in refused_untouched(drupe, tmp_path, *within)
-    folder = refused_untouched(drupe, tmp_path, "calibrate", tmp_path / "sensor.toml", ".", *options)
+    assert "is read and never written into" in refused(*within)
+    folder = refused("calibrate", tmp_path / "sensor.toml", ".", *options)
     assert "is a folder" in folder
     (tmp_path / "sensor.toml").write_text("a = " + "[" * 5000 + "]" * 5000)
-    deep = refused_untouched(drupe, tmp_path, "calibrate", tmp_path / "sensor.toml", "out.toml", *options)
+    deep = refused("calibrate", tmp_path / "sensor.toml", "out.toml", *options)
     assert "is nested too deep" in deep
 
 
-def test_a_mat_takes_no_other_mats_place(drupe, tmp_path):
+def test_a_mat_takes_no_other_mats_place(drupe, refused, tmp_path):
     assert drupe("mat", tmp_path).status == 0
     assert drupe("mat", tmp_path).status == 0
-    said = refused_untouched(drupe, tmp_path, "mat", tmp_path, "--cherry")
+    said = refused("mat", tmp_path, "--cherry")
     assert "mat.pdf: exists and is not this mat's mat.pdf" in said
     (tmp_path / "mat.pdf").unlink()
-    assert "mat.json: exists" in refused_untouched(drupe, tmp_path, "mat", tmp_path, "--cherry")
+    assert "mat.json: exists" in refused("mat", tmp_path, "--cherry")
 
 
-def test_a_sample_appears_whole_and_only_in_an_empty_folder(drupe, tmp_path, monkeypatch):
+def test_a_sample_appears_whole_and_only_in_an_empty_folder(drupe, refused, tmp_path, monkeypatch):
     (tmp_path / "taken").mkdir()
     (tmp_path / "taken" / "notes.txt").write_bytes(PRECIOUS)
-    assert "is not empty" in refused_untouched(drupe, tmp_path, "sample", tmp_path / "taken")
+    assert "is not empty" in refused("sample", tmp_path / "taken")
     file = tmp_path / "taken" / "notes.txt"
-    assert f"{file}: is a file; give a new" in refused_untouched(drupe, tmp_path, "sample", file)
-    assert f"{file}: is or lies in a file, not" in refused_untouched(drupe, tmp_path, "sample", file / "new")
+    assert f"{file}: is a file; give a new" in refused("sample", file)
+    assert f"{file}: is or lies in a file, not" in refused("sample", file / "new")
     with monkeypatch.context() as full:
         full.setattr(shutil, "copytree", _disk_full_after_one_file)
-        said = refused_untouched(drupe, tmp_path, "sample", tmp_path / "new", "--name", "two-fruits")
+        said = refused("sample", tmp_path / "new", "--name", "two-fruits")
     assert "new: cannot be written (No space left on device); free space" in said
     assert drupe("sample", tmp_path / "new", "--name", "two-fruits").status == 0
     assert sorted(p.name for p in tmp_path.iterdir()) == ["new", "taken"]

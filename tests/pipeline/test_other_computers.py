@@ -1,8 +1,8 @@
 """Computers without pycolmap or pymetis: the same answers, or a sentence that says what to do."""
 
 import subprocess
-import sys
-import textwrap
+
+from small_batches import python
 
 ABSENT = (
     "import sys; sys.modules.update(dict.fromkeys(['pycolmap', 'pymetis', 'pymeshlab', 'fcntl'][:{count}]))\n"
@@ -11,8 +11,7 @@ ABSENT = (
 
 def ran(code: str, *, absent: int = 3) -> subprocess.CompletedProcess[str]:
     """A Python of its own, in which imports of the first `absent` packages fail."""
-    script = ABSENT.format(count=absent) + textwrap.dedent(code)
-    return subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, timeout=120)
+    return python(ABSENT.format(count=absent) + code)
 
 
 def test_doctor_grades_the_known_ball_and_names_what_is_absent():

@@ -1,6 +1,7 @@
 """Why a fruit is not graded names files as people look for them: from the batch's folder on."""
 
 import pytest
+from small_batches import empty_batch
 
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
@@ -12,10 +13,7 @@ from pipeline.run.fruit_queue import ended_record
 
 @pytest.fixture
 def task(tmp_path):
-    root = tmp_path / "monday"
-    (root / "fruits" / "A" / "grasps").mkdir(parents=True)
-    (root / "batch.toml").write_text('category = "nectarine"\n')
-    (root / "fruits.csv").write_text("fruit_id,height_mm\nA,56\n")
+    root = empty_batch(tmp_path / "monday", "A", table="fruit_id,height_mm\nA,56\n")
     return fruit_task(open_batch(root), "A", Results(root / "results"))
 
 

@@ -5,9 +5,7 @@ import subprocess
 import sys
 
 import pytest
-import trimesh
-
-from recon.surface.mesh_file import write_mesh
+from small_batches import batch_of_balls
 
 ENTRY = "from pipeline.cli import main\nif __name__ == '__main__':\n    main()\n"
 LOG = """
@@ -22,15 +20,6 @@ sys.addaudithook(audited)
 MODULE = "import os\nopen(os.environ['MARKS'], 'a').write({name!r} + '\\n')\nraise ImportError({name!r})\n"
 LIBRARIES = ("libEGL.so.1", "libtbb.so.12", "libtbbmalloc.so.2", "libm.so.6", "libstdc++.so.6", "libz.so.1")
 RC = "text.usetex: True\nbackend: module://foreign_backend\n"
-
-
-def make_batch(root):
-    """One ball that nobody grasped: graded in seconds, by the same code."""
-    ball = trimesh.creation.icosphere(subdivisions=2, radius=28.0)
-    (root / "fruits" / "ball" / "grasps").mkdir(parents=True)
-    write_mesh(root / "fruits" / "ball" / "fruit.ply", ball.vertices, ball.faces)
-    (root / "batch.toml").write_text('category = "nectarine"\npoisson_ratio = 0.45\n')
-    (root / "fruits.csv").write_text("fruit_id\nball\n")
 
 
 def drupe(folder, *arguments, start=(), **environment):
@@ -57,18 +46,18 @@ def entry(tmp_path):
 
 @pytest.mark.slow
 def test_no_module_library_or_setting_of_the_current_folder_is_used(tmp_path, entry):
-    """Every name that the command and a fruit's process ask for is put there, found or not."""
+    """A ball that nobody grasped; every name that the command and a fruit's process ask for is put there."""
     (tmp_path / "hooks").mkdir()
     (tmp_path / "hooks" / "sitecustomize.py").write_text(LOG)
     honest, stranger, imports, marks = (tmp_path / n for n in ("honest", "stranger", "imports", "marks"))
-    make_batch(honest)
+    batch_of_balls(honest, "ball")
     asked = drupe(tmp_path, entry, "grade", honest, PYTHONPATH=str(tmp_path / "hooks"), IMPORTS=str(imports))
     assert asked.returncode == 3, asked.stderr
     assert "no-grasp" in asked.stderr
     names = {name for name in imports.read_text().split("\n") if name.isidentifier()}
     assert {"pickle", "numpy", "matplotlib", "pebble", "scipy", "pipeline"} <= names
 
-    make_batch(stranger)
+    batch_of_balls(stranger, "ball")
     for name in names | {"sitecustomize", "usercustomize", "foreign_backend"}:
         (stranger / f"{name}.py").write_text(MODULE.format(name=name))
     (stranger / "evil.pth").write_text("import pickle\n")

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import pytest
 from rich.console import Console
+from small_batches import empty_batch
 
 from pipeline.batch.input_names import is_of_the_system
 from pipeline.batch.layout import BatchFolder, CaseFolder, FruitFolder, Results
@@ -23,12 +24,8 @@ SAID = "scan.stl is not used: drupe reads one mesh named fruit"
 @pytest.fixture
 def batch(tmp_path):
     """A batch of one fruit whose mesh is none, so that grading it ends at once."""
-    root = tmp_path / "batch"
-    fruit = root / "fruits" / "A"
-    (fruit / "grasps").mkdir(parents=True)
-    (root / "batch.toml").write_text('category = "nectarine"\n')
-    (root / "fruits.csv").write_text("fruit_id,height_mm\nA,55.9\n")
-    (fruit / "fruit.ply").write_bytes(b"no mesh")
+    root = empty_batch(tmp_path / "batch", "A", table="fruit_id,height_mm\nA,55.9\n")
+    (root / "fruits" / "A" / "fruit.ply").write_bytes(b"no mesh")
     return root
 
 
@@ -146,17 +143,16 @@ def test_folders_of_systems_are_no_fruit_and_no_grasp(tmp_path, name):
     assert FruitFolder(tmp_path).raw_grasp_folders() == ()
 
 
-def test_a_stray_mat_does_not_take_a_fruit_of_plates_its_way_and_a_gel_recording_does(tmp_path, monkeypatch):
-    monkeypatch.setattr("pipeline.batch.layout.is_of_bare_indenter", lambda path: path.stem == "plates")
-    (tmp_path / "grasps").mkdir()
-    for name, without in (("plates.h5", True), ("other.mat", True), ("gel.h5", False)):
-        (tmp_path / "grasps" / name).touch()
-        assert FruitFolder(tmp_path).without_shape() is without
-
-
 @pytest.mark.parametrize(
     ("names", "without"),
-    [((), False), (("a.mat",), False), (("a.mat", "plates.hdf5"), True), (("plates.h5", "gel.H5"), False)],
+    [
+        ((), False),
+        (("a.mat",), False),
+        (("a.mat", "plates.hdf5"), True),
+        (("plates.h5",), True),
+        (("plates.h5", "a.mat"), True),
+        (("plates.h5", "a.mat", "gel.H5"), False),
+    ],
 )
 def test_only_plates_are_taken_for_the_shape(tmp_path, monkeypatch, names, without):
     monkeypatch.setattr("pipeline.batch.layout.is_of_bare_indenter", lambda path: path.stem == "plates")
