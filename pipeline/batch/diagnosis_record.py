@@ -1,12 +1,11 @@
 """What grading reads of the answer that `drupe explain` keeps of a fruit (mismatch.json)."""
 
 import math
-from pathlib import Path
 
 from pydantic import BaseModel
 
 from fem.mismatch.result import NONE, UNKNOWN, Modulus
-from pipeline.batch.records import SuspectedRecord, read_as
+from pipeline.batch.records import SuspectedRecord
 
 
 class _NamedEffect(BaseModel):
@@ -63,8 +62,3 @@ def suspected_of(
     shares = [(estimate.sd or 0.0) / value for estimate, value in zip((before, after), known, strict=True)]
     added = math.sqrt(max(shares[1] ** 2 - shares[0] ** 2, 0.0))
     return (SuspectedRecord(effect=effect, E_ratio=known[1] / known[0], added_sd=added),)
-
-
-def read_diagnosis(path: Path) -> DiagnosisRecord | None:
-    """What `drupe explain` kept at `path`; None where there is none that this version can read."""
-    return read_as(path, DiagnosisRecord)

@@ -80,6 +80,11 @@ class FruitRow(Given):
     fruit_id: str
     unreadable: tuple[str, ...] = ()
 
+    @property
+    def has_height(self) -> bool:
+        """Whether its height was written, were it no number."""
+        return self.height_mm is not None or "height_mm" in self.unreadable
+
 
 def given_of(row: FruitRow) -> Given:
     """What a row says, without whose it is."""
@@ -113,11 +118,8 @@ def read_fruits(
     for fruit_id, where in lines.items():
         if len(where) > 1:
             at = ", ".join(map(str, where))
-            problems.append(
-                Problem(
-                    str(path), f'fruit_id "{fruit_id}" appears on lines {at}; give every fruit its own id.'
-                )
-            )
+            sentence = f'fruit_id "{fruit_id}" appears on lines {at}; give every fruit its own id.'
+            problems.append(Problem(str(path), sentence))
     if not rows and not may_be_empty:
         problems.append(Problem(str(path), "lists no fruit; add one row per fruit below the header."))
     once = {row.fruit_id: row for row in reversed(rows) if SAFE_ID.fullmatch(row.fruit_id)}
@@ -255,7 +257,7 @@ def _row(
     def wrong(sentence: str) -> None:
         problems.append(Problem(str(path), f"line {line} ({fruit_id[:80]}): {sentence}"))
 
-    known: dict[str, Any] = dict.fromkeys(MEASURES)
+    known: dict[str, Any] = {}
     unreadable = []
     for name in MEASURES:
         number = decimal_number(cells[name])
@@ -267,9 +269,9 @@ def _row(
             unreadable.append(name)
     known |= _pressed(cells, wrong)
     known |= _reference(cells, wrong)
-    known["columns"] = _user_cells(record, units, wrong)
-    notes = printable(record.get("notes") or "").strip()
-    return FruitRow(fruit_id=fruit_id, notes=notes, unreadable=tuple(unreadable), **known)
+    columns = _user_cells(record, units, wrong)
+    notes = printable(cells["notes"]).strip()
+    return FruitRow(fruit_id=fruit_id, notes=notes, columns=columns, unreadable=tuple(unreadable), **known)
 
 
 def _user_cells(

@@ -5,8 +5,10 @@ import io
 import re
 import shutil
 import unicodedata
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 from pipeline.batch.fruits_table import SAFE_ID
@@ -138,15 +140,16 @@ def make_batch(
     else each folder in it is one. `root` must not be there yet, or be empty. Raises BatchRefused with every
     fault, before anything is written, and NotWritten.
     """
-    known = known_categories()
-    problems = []
     earlier = None
     if like is not None:
         earlier = EarlierBatch(root=like, settings=read_settings(BatchFolder(like).settings))
+    category = category or (DEFAULT if earlier is None else earlier.settings.category)
+    sources = [list(_sources(folder)) if folder.is_dir() else [] for folder in folders]
+    fruits = sorted(chain(*sources), key=lambda source: in_order(Path(source.fruit_id)))
+    problems = []
     if earlier is None and not folders:
         problems.append(Problem("drupe new", "needs --photos FOLDER, --like BATCH, or both."))
-    category = category or (DEFAULT if earlier is None else earlier.settings.category)
-    if category not in known and not category.endswith(".toml"):
+    if category not in (known := known_categories()) and not category.endswith(".toml"):
         said = (
             f'drupe knows no category "{category}"; known: {", ".join(known)}. You can also name '
             "your own file."
@@ -154,40 +157,15 @@ def make_batch(
         problems.append(Problem("drupe new", said))
     if root.is_symlink() or (root.exists() and (not root.is_dir() or any(root.iterdir()))):
         problems.append(Problem(str(root), "exists already and is not empty; name a new folder."))
-    fruits = []
-    for folder in folders:
+    for folder, of_folder in zip(folders, sources, strict=True):
         if not folder.is_dir():
             problems.append(Problem(str(folder), "is not a folder; name a folder of photos."))
-            continue
-        sources = list(_sources(folder))
-        if not sources:
+        elif not of_folder:
             sentence = "holds no photos (JPEG, PNG, HEIC), meshes or recordings; nor do its subfolders."
             problems.append(Problem(str(folder), sentence))
-        fruits += sources
-    for source in fruits:
-        if source.fruit_id.lower() in PARTS:
-            sentence = (
-                f'the folder "{source.fruit_id}" does not name a fruit; give the folder above it, or '
-                "rename it after the fruit."
-            )
-            problems.append(Problem("--photos", sentence))
-        if not SAFE_ID.fullmatch(source.fruit_id):
-            sentence = (
-                f'"{source.fruit_id}" is not a valid fruit_id (letters, digits, . _ - and '
-                "spaces); rename the folder."
-            )
-            problems.append(Problem("a folder's name", sentence))
-    names = [fruit.fruit_id for fruit in fruits]
-    problems += [
-        Problem(
-            "drupe new",
-            f'two folders have the name "{name}"; rename one, because every fruit needs its own id.',
-        )
-        for name in sorted({name for name in names if names.count(name) > 1})
-    ]
+    problems += _wrong_names([fruit.fruit_id for fruit in fruits])
     if problems:
         raise BatchRefused(problems)
-    fruits.sort(key=lambda source: in_order(Path(source.fruit_id)))
     target = root.resolve()
     with scratch(near=target) as unfinished:
         try:
@@ -199,6 +177,27 @@ def make_batch(
     mat = BatchFolder(root).mat.is_file()
     missing = [*_missing(root, fruits, mat=mat), *([] if earlier is None else earlier.left_out(root))]
     return NewBatch(root=root, fruits=tuple(fruits), missing=tuple(missing))
+
+
+def _wrong_names(names: Sequence[str]) -> Iterator[Problem]:
+    """Names of folders that name no fruit, or two."""
+    for name, count in Counter(names).items():
+        if name.lower() in PARTS:
+            sentence = (
+                f'the folder "{name}" does not name a fruit; give the folder above it, or '
+                "rename it after the fruit."
+            )
+            yield Problem("--photos", sentence)
+        if not SAFE_ID.fullmatch(name):
+            sentence = (
+                f'"{name}" is not a valid fruit_id (letters, digits, . _ - and spaces); rename the folder.'
+            )
+            yield Problem("a folder's name", sentence)
+        if count > 1:
+            sentence = (
+                f'two folders have the name "{name}"; rename one, because every fruit needs its own id.'
+            )
+            yield Problem("drupe new", sentence)
 
 
 def _sources(folder: Path) -> Iterator[FruitSource]:

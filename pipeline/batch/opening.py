@@ -16,7 +16,7 @@ from pipeline.batch.layout import BatchFolder, FruitFolder
 from pipeline.batch.named_priors import as_named, read_priors, without_pit
 from pipeline.batch.plausible_numbers import grading_doubts, kind_of, table_doubts
 from pipeline.batch.reference_body import CATEGORY, reference_prior
-from pipeline.batch.rig_setting import rig_problems
+from pipeline.batch.rig_setting import batch_rig
 from pipeline.batch.settings import Grading, Recon, Settings
 from pipeline.batch.settings_file import MOST_BYTES, read_settings
 from pipeline.files.plain_file import (
@@ -34,6 +34,7 @@ from recon.cameras.printed_mat import Mat, parse_mat
 from recon.learned.onnx_file import require_onnx
 from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior, load_prior
 from recon.recon_failure import ReconFailure
+from tactile.tactile_failure import TactileFailure
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -125,11 +126,11 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Batch:
     else:
         known, prior, wrong = read_priors(folder, settings, rows if listed else None)
         problems += wrong
-        problems += rig_problems(folder, settings)
         problems += _references(folder, settings, rows)
         problems += [
             Problem(str(folder.settings), sentence)
             for sentence in (
+                *_without_rig(folder, settings),
                 *_without_model(folder, settings),
                 *_without_provider(settings),
                 *(_effects_of_strangers(settings, rows) if listed else ()),
@@ -138,8 +139,7 @@ def survey(root: Path, *, choose: RowChoice | None = None) -> Batch:
         ]
     problems += _implausible(folder, settings.grading, rows, known)
     if not listed:
-        unread = (FruitRow(fruit_id=name, unreadable=("height_mm",)) for name in fruit_folders(folder))
-        rows = tuple(unread)
+        rows = tuple(FruitRow(fruit_id=name, unreadable=("height_mm",)) for name in fruit_folders(folder))
     return Batch(
         folder=folder,
         settings=settings,
@@ -222,40 +222,35 @@ def _effects_without_pit(
                 )
 
 
-def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...]) -> list[Problem]:
+def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...]) -> Iterator[Problem]:
     """A reference body must be solid, and its Poisson's ratio known; to correct by one there must be one."""
-    problems = []
-    if settings.reference.correct and rows and not any(row.reference for row in rows):
+    bodies = [row for row in rows if row.reference]
+    if settings.reference.correct and rows and not bodies:
         sentence = (
             '"reference.correct" is true, but fruits.csv lists no reference body; write true into '
             "the column reference of its row, or remove the line."
         )
-        problems.append(Problem(str(folder.settings), sentence))
-    for row in rows:
-        if not row.reference:
-            continue
+        yield Problem(str(folder.settings), sentence)
+    for row in bodies:
         if reference_ratio(row, settings) is None:
             sentence = (
                 f'reference_poisson_ratio of "{row.fruit_id}" is empty; expected the Poisson\'s ratio '
                 "of the reference body, for example 0.48 for silicone."
             )
-            problems.append(Problem(str(folder.table), sentence))
-        problems += [
-            Problem(
-                str(folder.settings),
-                f'"mismatch": {effect.effect} is an effect of the pit, but the reference body '
-                f"{row.fruit_id} has none; remove it from the entry's fruits.",
-            )
-            for effect in settings.mismatch
-            if effect.spec.of_the_pit and row.fruit_id in (effect.fruits or ())
-        ]
+            yield Problem(str(folder.table), sentence)
+        for effect in settings.mismatch:
+            if effect.spec.of_the_pit and row.fruit_id in (effect.fruits or ()):
+                sentence = (
+                    f'"mismatch": {effect.effect} is an effect of the pit, but the reference body '
+                    f"{row.fruit_id} has none; remove it from the entry's fruits."
+                )
+                yield Problem(str(folder.settings), sentence)
         pit = folder.fruit(row.fruit_id).pit_ply
         if stands(pit):
             sentence = (
                 "gives a pit for a reference body, which must be solid; remove the file, or use another body."
             )
-            problems.append(Problem(str(pit), sentence, fruit_id=row.fruit_id))
-    return problems
+            yield Problem(str(pit), sentence, fruit_id=row.fruit_id)
 
 
 def reference_ratio(row: FruitRow, settings: Settings) -> float | None:
@@ -267,16 +262,13 @@ def reference_ratio(row: FruitRow, settings: Settings) -> float | None:
 def _without_scale(folder: BatchFolder, rows: tuple[FruitRow, ...]) -> list[Problem]:
     """Without a mat, at least one photographed fruit must have a height; single gaps cost single fruit."""
     photographed = [row for row in rows if shape_from_photos(folder.fruit(row.fruit_id), row)]
-    if not photographed or any(_has_height(row) for row in photographed):
+    if not photographed or any(row.has_height for row in photographed):
         return []
-    return [
-        Problem(
-            str(folder.table),
-            "no fruit has a height_mm and the batch has no mat.json, so the photos have no scale. "
-            "Add the column height_mm (mm), or photograph on a marker mat (`drupe mat`) and add its "
-            "mat.json.",
-        )
-    ]
+    sentence = (
+        "no fruit has a height_mm and the batch has no mat.json, so the photos have no scale. Add the column "
+        "height_mm (mm), or photograph on a marker mat (`drupe mat`) and add its mat.json."
+    )
+    return [Problem(str(folder.table), sentence)]
 
 
 def shape_from_photos(folder: FruitFolder, row: FruitRow) -> bool:
@@ -285,11 +277,6 @@ def shape_from_photos(folder: FruitFolder, row: FruitRow) -> bool:
         return False
     empty = not (folder.photos.exists() or folder.grasp_files() or folder.raw_grasp_folders())
     return not (empty and any(row.diameters))
-
-
-def _has_height(row: FruitRow) -> bool:
-    """Or would have one, if it could be read."""
-    return row.height_mm is not None or "height_mm" in row.unreadable
 
 
 def _effects_of_strangers(settings: Settings, rows: tuple[FruitRow, ...]) -> Iterator[str]:
@@ -301,6 +288,13 @@ def _effects_of_strangers(settings: Settings, rows: tuple[FruitRow, ...]) -> Ite
                     f'"mismatch": {effect.effect} names fruit "{fruit_id}", which is not in fruits.csv; '
                     f"{nearest(fruit_id, known, 'remove it.')}"
                 )
+
+
+def _without_rig(folder: BatchFolder, settings: Settings) -> Iterator[str]:
+    try:
+        batch_rig(folder.root, settings)
+    except TactileFailure as failure:
+        yield f'"rig": {failure.detail}'
 
 
 def _without_model(folder: BatchFolder, settings: Settings) -> Iterator[str]:

@@ -4,13 +4,10 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from pipeline.batch.confirmed_effects import ConfirmedEffect, faults
-from pipeline.batch.layout import BatchFolder
 from pipeline.batch.settings import Settings
-from pipeline.problem import Problem
 from tactile.correction import Fault, RigFault
 from tactile.readers.rig_file import read_rig
 from tactile.rig.rig_curve import RigCurve
-from tactile.tactile_failure import TactileFailure
 
 
 def rig_path(root: Path, settings: Settings) -> Path | None:
@@ -27,12 +24,3 @@ def batch_rig(root: Path, settings: Settings) -> RigCurve | None:
 def jaw_faults(effects: Sequence[ConfirmedEffect], rig: RigCurve | None) -> tuple[Fault, ...]:
     """All that is taken out of every recording: confirmed faults of the jaws, and what their rig gives."""
     return (*faults(effects), *([] if rig is None else [RigFault(curve=rig)]))
-
-
-def rig_problems(folder: BatchFolder, settings: Settings) -> list[Problem]:
-    """Why the rig that the settings name is none."""
-    try:
-        batch_rig(folder.root, settings)
-    except TactileFailure as failure:
-        return [Problem(str(folder.settings), f'"rig": {failure.detail}')]
-    return []

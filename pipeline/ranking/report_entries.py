@@ -9,12 +9,12 @@ import numpy as np
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.effect_spec import EffectWords
 from fem.mismatch.result import UNKNOWN
-from pipeline.batch.diagnosis_record import DiagnosisRecord, read_diagnosis
+from pipeline.batch.diagnosis_record import DiagnosisRecord
 from pipeline.batch.firmness_columns import firmness_readings
 from pipeline.batch.layout import FruitResults, Results
 from pipeline.batch.opening import Batch
 from pipeline.batch.provenance import versions
-from pipeline.batch.records import FruitRecord
+from pipeline.batch.records import FruitRecord, read_as
 from pipeline.batch.settings import Grading
 from pipeline.batch.verdicts import Trail, Verdict, read_trail
 from pipeline.ranking.batch_faults import BatchFault
@@ -215,7 +215,7 @@ def _uncorrected_MPa(record: FruitRecord) -> float | None:
 
 def _explained(record: FruitRecord, files: FruitResults) -> DiagnosisRecord | None:
     """What `drupe explain` said of the same inputs, settings and code."""
-    said = read_diagnosis(files.mismatch)
+    said = read_as(files.mismatch, DiagnosisRecord)
     return None if said is None or said.key != record.key else said
 
 

@@ -24,6 +24,7 @@ from pipeline.batch.plausible_numbers import (
 from pipeline.batch.reference_body import category_of
 from pipeline.batch.rig_setting import batch_rig, jaw_faults
 from pipeline.batch.unused_files import unused_of_batch, unused_of_fruit
+from pipeline.files.plain_file import stands
 from pipeline.fruit.category_doubts import of_category, of_poisson_ratio, shipped_categories, size_doubts
 from pipeline.fruit.fruit_shape import measured
 from pipeline.fruit.input_doubts import of_a_given_pit
@@ -65,8 +66,13 @@ def checks(root: Path, *, quick: bool, report: Callable[[str], None]) -> Iterato
     yield from batch.problems
     if batch.listed:
         folder = batch.folder
-        yield from _of_settings(batch)
-        yield from _strays(batch)
+        for doubt in of_poisson_ratio(batch.settings, batch.prior):
+            sentence = f"{doubt.sentence} Every E will be in doubt."
+            yield Problem(str(folder.settings), sentence, doubtful=True)
+        for name in fruit_folders(folder):
+            if name not in batch.row_of:
+                sentence = f'is not in fruits.csv; add a row "{name}", or move the folder away.'
+                yield Problem(str(folder.fruits / name), sentence)
         yield from unused_of_batch(folder, named_files(folder, batch.settings))
         for name in batch.row_of:
             yield from unused_of_fruit(folder.fruit(name))
@@ -75,12 +81,6 @@ def checks(root: Path, *, quick: bool, report: Callable[[str], None]) -> Iterato
         yield from _CheckedFruit(batch=batch, row=row, read=read).problems(quick=quick)
     if batch.listed:
         yield from _in_two_fruit(batch, read)
-
-
-def _of_settings(batch: Batch) -> Iterator[Problem]:
-    for doubt in of_poisson_ratio(batch.settings, batch.prior):
-        sentence = f"{doubt.sentence} Every E will be in doubt."
-        yield Problem(str(batch.folder.settings), sentence, doubtful=True)
 
 
 def implausible(batch: Batch, row: FruitRow, *, box_mm: Sequence[float] | None = None) -> str:
@@ -280,8 +280,7 @@ def _closed_mesh(row: FruitRow, path: Path) -> tuple[Mesh | None, list[Problem]]
         require_closed(*mesh, what=path.name)
         held.append(mesh)
 
-    there = path.exists() or path.is_symlink()
-    problems = list(tried(row, path, read)) if there else []
+    problems = list(tried(row, path, read)) if stands(path) else []
     return (held[0] if held else None), problems
 
 
@@ -311,12 +310,3 @@ def _pit_sized(path: Path, pit: Mesh, kind: PlausibleRange) -> None:
             f"{path.name} is {longest:.3g} mm long; a pit of {kind.a_fruit} has {least:g} to {most:g} mm"
         )
         raise ReconFailure(ReconProblem.BAD_PRIOR, f"{sentence}: is it in mm?")
-
-
-def _strays(batch: Batch) -> tuple[Problem, ...]:
-    fruits = batch.folder.fruits
-    return tuple(
-        Problem(str(fruits / name), f'is not in fruits.csv; add a row "{name}", or move the folder away.')
-        for name in fruit_folders(batch.folder)
-        if name not in batch.row_of
-    )

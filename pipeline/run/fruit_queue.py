@@ -2,7 +2,6 @@
 when its turn comes, so that the first of thousands need not wait for the last.
 """
 
-from collections import deque
 from collections.abc import Collection, Iterator, Sequence
 from contextlib import suppress
 
@@ -17,6 +16,7 @@ from pipeline.fruit.recording_owner import named_row
 from pipeline.run.batch_run import BatchRun
 from pipeline.run.checking import implausible, implausible_batch
 from pipeline.run.progress import say
+from pipeline.run.scheduling import Finished
 
 GRADED_ALL_THE_SAME = "drupe grades the fruit anyway (--force)."
 RETRIED = frozenset(
@@ -35,22 +35,16 @@ RETRIED = frozenset(
 
 class FruitQueue:
     """The `chosen` fruit of a run: `records` gets those of an earlier run that hold (`kept`), and `todo` are
-    the others, which it yields with their tasks. One whose numbers are not plausible gets its record when it
-    is reached, and is one of `refused`.
+    the others, which it yields with their tasks. One whose numbers are not plausible has ended when it is
+    reached.
     """
 
     def __init__(
         self, run: BatchRun, chosen: Collection[str], records: dict[str, FruitRecord], console: Console
     ) -> None:
-        self.run, self.console = run, console
+        self.run, self.console, self.records = run, console, records
         self._going: dict[str, FruitTask] = {}
-        self._forced: dict[str, list[str]] = (
-            {name: [*said] for name, said in implausible_batch(run.batch).items()}
-            if run.options.force
-            else {}
-        )
-        self.records = records
-        self.refused: deque[FruitRecord] = deque()
+        self._forced: dict[str, list[str]] = implausible_batch(run.batch) if run.options.force else {}
         self.todo: dict[str, FruitFolder] = {}
         self.kept: list[str] = []
         for fruit_id in chosen:
@@ -62,31 +56,23 @@ class FruitQueue:
 
     def _holds(self, fruit_id: str, before: FruitRecord) -> bool:
         """Whether an earlier run's record holds; it is in `records` then."""
-        task = self._task(fruit_id)
-        kept = kept_record(task, before, self.run.batch.row_of)
+        kept = kept_record(self._task(fruit_id), before, self.run.batch.row_of)
         if kept is None:
             return False
         size = kept.mesh.box_mm if kept.graded and kept.mesh is not None else None
-        if sentence := implausible(self.run.batch, self.run.batch.row_of[fruit_id], box_mm=size):
-            if not self.run.options.force:
-                return False
-            self._force(fruit_id, sentence)
+        if self._implausible(fruit_id, box_mm=size):
+            return False
         self.records[fruit_id] = kept
         return True
 
-    def __iter__(self) -> Iterator[tuple[str, FruitTask]]:
-        """Fruit and tasks in their order."""
+    def __iter__(self) -> Iterator[tuple[str, FruitTask | Finished]]:
         for fruit_id in self.todo:
-            task = self._task(fruit_id)
-            if sentence := implausible(self.run.batch, self.run.batch.row_of[fruit_id]):
-                if not self.run.options.force:
-                    record = ended_record(task, Outcome.IMPLAUSIBLE_INPUT, sentence)
-                    self.records[fruit_id] = record
-                    self.refused.append(record)
-                    continue
-                self._force(fruit_id, sentence)
-            self._going[fruit_id] = task
-            yield fruit_id, task
+            task = self._going[fruit_id] = self._task(fruit_id)
+            if sentence := self._implausible(fruit_id):
+                record = ended_record(task, Outcome.IMPLAUSIBLE_INPUT, sentence)
+                yield fruit_id, Finished(fruit_id, record)
+            else:
+                yield fruit_id, task
 
     def ended(self, fruit_id: str) -> FruitTask:
         """The task of a fruit that has ended."""
@@ -96,9 +82,15 @@ class FruitQueue:
         """What a fruit is graded in spite of, as sentences for its doubts."""
         return [f"{sentence} {GRADED_ALL_THE_SAME}" for sentence in self._forced.get(fruit_id, ())]
 
-    def _force(self, fruit_id: str, sentence: str) -> None:
+    def _implausible(self, fruit_id: str, *, box_mm: Sequence[float] | None = None) -> str:
+        """Why the fruit is refused; empty where its numbers are plausible, or forced, which is said."""
+        batch = self.run.batch
+        sentence = implausible(batch, batch.row_of[fruit_id], box_mm=box_mm)
+        if not sentence or not self.run.options.force:
+            return sentence
         say(self.console, f"{fruit_id}: {sentence} drupe grades the fruit anyway.")
         self._forced.setdefault(fruit_id, []).append(sentence)
+        return ""
 
     def _task(self, fruit_id: str) -> FruitTask:
         return fruit_task(self.run.batch, fruit_id, self.run.results, screen=self.run.options.screen)

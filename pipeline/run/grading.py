@@ -231,14 +231,7 @@ def _work(
         BatchProgress(queue.console, total=total, before=before) as progress,
         closing(run_on(engine, work_on, queue)) as events,
     ):
-
-        def show_ended(record: FruitRecord) -> None:
-            progress.done(record.fruit_id, _in_a_line(record))
-            ended(record)
-
         for event in events:
-            while queue.refused:
-                show_ended(queue.refused.popleft())
             if isinstance(event, Noted):
                 progress.noted(event.fruit_id, event.line)
             elif isinstance(event, Progressed):
@@ -246,9 +239,8 @@ def _work(
             else:
                 record = _record_of(event, queue.ended(event.fruit_id), queue.run.options.time_limit_s)
                 queue.records[event.fruit_id] = record
-                show_ended(record)
-        while queue.refused:
-            show_ended(queue.refused.popleft())
+                progress.done(record.fruit_id, _in_a_line(record))
+                ended(record)
 
 
 def _record_of(event: Event, task: FruitTask, time_limit_s: float) -> FruitRecord:

@@ -25,8 +25,7 @@ photos of 1280 px is told."""
 
 def photo_problems(batch: Batch, row: FruitRow, folder: FruitFolder, *, quick: bool) -> Iterator[Problem]:
     """What is wrong with a fruit's photos and their scale. `quick`: every photo is read, and no more."""
-    no_height = row.height_mm is None and "height_mm" not in row.unreadable
-    if no_height and not batch.folder.mat.exists() and not batch.without_scale:
+    if not row.has_height and not batch.folder.mat.exists() and not batch.without_scale:
         sentence = f'"{row.fruit_id}" has no height_mm, and mat.json is missing, so the photos have no scale.'
         yield at(row, batch.folder.table, sentence)
     quick = quick or (batch.mat is None and batch.folder.mat.exists())  # the mat's own fault is said already

@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import wait
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
@@ -125,11 +126,10 @@ class LocalPool:
 
 def _memory_MiB(fruit_process: "_Running") -> float:
     """What a fruit's process holds; 0 where the system does not tell."""
-    for child in multiprocessing.active_children():
-        if child.name == fruit_process.process:
-            with suppress(OSError, ValueError, IndexError):
-                pages = int(Path(f"/proc/{child.pid}/statm").read_text().split()[1])
-                return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
+    with suppress(OSError, ValueError, IndexError):
+        for child in fruit_process.children():
+            pages = int(Path(f"/proc/{child.pid}/statm").read_text().split()[1])
+            return pages * os.sysconf("SC_PAGE_SIZE") / 2**20
     return 0.0
 
 
@@ -145,10 +145,9 @@ def _kill(fruit_process: "_Running") -> None:
     """Ends the process of a fruit. Asking (SIGTERM) is not enough: METIS takes that for a failure of its own
     (`signal(SIGTERM, gk_sigthrow)` in GKlib's error.c), and the work would go on and write a false record.
     """
-    for child in multiprocessing.active_children():
-        if child.name == fruit_process.process:
-            child.kill()
-            child.join()
+    for child in fruit_process.children():
+        child.kill()
+        child.join()
 
 
 @contextmanager
@@ -172,6 +171,10 @@ class _Running:
         self._stages, self._lines = LinesOf(self.log), LinesOf(self.output)
         self._last: deque[str] = deque(maxlen=LAST_LINES)
         self._noted = 0
+
+    def children(self) -> list[BaseProcess]:
+        """The process, while it lives."""
+        return [child for child in multiprocessing.active_children() if child.name == self.process]
 
     @property
     def lacked_memory(self) -> str:

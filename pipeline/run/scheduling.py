@@ -135,7 +135,8 @@ class Engine(Protocol):
 def run_on(engine: Engine, work: Work, tasks: Iterable[tuple[str, Any]]) -> Generator[Event, None, None]:
     """Runs `work(task, report)` for each (fruit_id, task) and yields what happens as it happens.
 
-    `tasks` are taken as there is room for them. Leaving the iterator early ends what is running.
+    `tasks` are taken as there is room for them; one that is `Finished` needs no work. Leaving the iterator
+    early ends what is running.
     """
     waiting, all_begun, begun = iter(tasks), False, 0
     with engine:
@@ -146,6 +147,9 @@ def run_on(engine: Engine, work: Work, tasks: Iterable[tuple[str, Any]]) -> Gene
                     all_begun = True
                     break
                 fruit_id, task = next_task
+                if isinstance(task, Finished):
+                    yield task
+                    continue
                 try:
                     engine.begin(fruit_id, pickle.dumps((work, task)))
                     begun += 1

@@ -7,6 +7,7 @@ from pipeline.batch.fruits_table import Given
 from pipeline.batch.layout import Results
 from pipeline.batch.provenance import utc_text, write_provenance
 from pipeline.batch.records import FruitRecord, ModulusRecord, write_record
+from pipeline.run.scheduling import Finished
 
 
 def graded(fruit_id, E_MPa, *, sd=0.05, doubts=(), changes=None, **given):
@@ -36,10 +37,9 @@ def work_at_once(record):
 
     def work(queue, _engine, ended, _waiting):
         for fruit_id, task in queue:
-            queue.records[fruit_id] = record(fruit_id, task)
-            ended(queue.records[fruit_id])
-        while queue.refused:
-            ended(queue.refused.popleft())
+            done = task.result if isinstance(task, Finished) else record(fruit_id, task)
+            queue.records[fruit_id] = done
+            ended(done)
 
     return work
 
