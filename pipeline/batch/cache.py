@@ -26,23 +26,9 @@ PACKAGES = Path(__file__).resolve().parents[2]
 """The folder in which the rooms lie: pipeline/batch/cache.py is two below it."""
 ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples")
 LIBRARIES = (
-    "h5py",
-    "manifold3d",
-    "numpy",
-    "onnxruntime",
-    "open3d",
-    "opencv-python-headless",
-    "pi-heif",
-    "pillow",
-    "pycolmap",
-    "pymeshlab",
-    "pymetis",
-    "pytetwild",
-    "pyvista",
-    "scipy",
-    "trimesh",
-    "vtk",
-)
+    "h5py", "manifold3d", "numpy", "onnxruntime", "open3d", "opencv-python-headless", "pi-heif", "pillow",
+    "pycolmap", "pymeshlab", "pymetis", "pytetwild", "pyvista", "scipy", "trimesh", "vtk",
+)  # fmt: skip
 HEADER = "__header__"
 """Name, in a stage's file, of the JSON text that says of which key it is and what the record holds."""
 
@@ -85,16 +71,13 @@ def code_version(rooms: tuple[str, ...]) -> str:
     digest = hashlib.sha256()
     for room in rooms:
         folder = PACKAGES / room
-        files = {path.relative_to(folder): path for path in sorted(folder.rglob("*"))}
-        code = {
-            name: path
-            for name, path in files.items()
-            if path.suffix in {".py", ".toml", ".csv"} and "data" not in name.parts
-        }
+        files = (path for path in sorted(folder.rglob("*")) if path.suffix in {".py", ".toml", ".csv"})
+        code = [path for path in files if "data" not in path.relative_to(folder).parts]
         if not code:
             raise FileNotFoundError(f"{folder}: holds no source files of drupe; install it again.")
-        for name, path in code.items():
-            digest.update(f"{room}/{name.as_posix()}".encode() + b"\0" + path.read_bytes())
+        for path in code:
+            name = path.relative_to(PACKAGES).as_posix()
+            digest.update(name.encode() + b"\0" + path.read_bytes())
     for library, version in library_versions().items():
         digest.update(f"{library} {version}".encode())
     return digest.hexdigest()

@@ -45,7 +45,6 @@ def firmness_readings(results: Results) -> FirmnessReadings:
 
 
 def _numbers(row: Mapping[str, str], columns: tuple[str, ...]) -> dict[str, float]:
-    """Cells that are numbers."""
     numbers = {}
     for name in columns:
         with suppress(ValueError, TypeError):

@@ -1,7 +1,6 @@
 """Names that a batch's folders reserve, in upper or lower case, and what computers leave beside them."""
 
 import os
-from collections.abc import Collection
 from contextlib import suppress
 from pathlib import Path
 
@@ -10,20 +9,10 @@ from recon.surface.mesh_file import SUFFIXES
 MESHES = SUFFIXES
 RECORDINGS = (".h5", ".hdf5", ".mat")
 """Suffixes of recordings; MATLAB's files of version 7.3 are HDF5."""
-SYSTEM_NAMES = frozenset(
-    {
-        "thumbs.db",
-        "ehthumbs.db",
-        "desktop.ini",
-        "icon\r",
-        "system volume information",
-        "network trash folder",
-        "temporary items",
-        "lost+found",
-        "__macosx",
-        "__pycache__",
-    }
-)
+SYSTEM_NAMES = frozenset({
+    "thumbs.db", "ehthumbs.db", "desktop.ini", "icon\r", "system volume information",
+    "network trash folder", "temporary items", "lost+found", "__macosx", "__pycache__",
+})  # fmt: skip
 """Files and folders that Windows, macOS, Linux and Python make by themselves, in lower case."""
 SYSTEM_STARTS = (".", "@", "#", "$", "~$")
 """First letters of hidden files, of folders of network storage (@eaDir, #recycle, $RECYCLE.BIN), and of the
@@ -47,6 +36,11 @@ def names_in(folder: Path) -> list[str]:
     return []
 
 
+def entries_in(folder: Path) -> list[Path]:
+    """What lies in a folder, by name, but for what computers make by themselves."""
+    return [folder / name for name in names_in(folder) if not is_of_the_system(name)]
+
+
 def reserved(folder: Path, name: str) -> Path:
     """The entry of `folder` with this name; without an exact one, the first that differs in case alone."""
     exact = folder / name
@@ -55,20 +49,17 @@ def reserved(folder: Path, name: str) -> Path:
     return next((folder / other for other in names_in(folder) if other.lower() == name), exact)
 
 
-def meshes_named(folder: Path, stem: str) -> list[Path]:
-    """The meshes of this stem ("fruit", "pit") in `folder`: the exact .ply first, then by MESHES."""
-    meshes = [folder / name for name in names_in(folder) if _is_named(name, stem, MESHES)]
-    return sorted(meshes, key=lambda p: (MESHES.index(p.suffix.lower()), p.name != p.name.lower(), p.name))
-
-
 def ready_mesh(folder: Path, stem: str) -> Path:
-    """The mesh of this stem that is read; where there is none, the place of STEM.ply."""
+    """The mesh of this stem ("fruit", "pit") that is read: the exact .ply first, then by MESHES; where there
+    is none, the place of STEM.ply.
+    """
     exact = folder / f"{stem}.ply"
     if os.path.lexists(exact):
         return exact
-    return next(iter(meshes_named(folder, stem)), exact)
-
-
-def _is_named(name: str, stem: str, suffixes: Collection[str]) -> bool:
-    path = Path(name)
-    return path.stem.lower() == stem and path.suffix.lower() in suffixes
+    paths = (folder / name for name in names_in(folder))
+    meshes = (path for path in paths if path.stem.lower() == stem and path.suffix.lower() in MESHES)
+    return min(
+        meshes,
+        key=lambda path: (MESHES.index(path.suffix.lower()), path.name != path.name.lower(), path.name),
+        default=exact,
+    )

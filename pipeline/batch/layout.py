@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pipeline.batch.input_names import RECORDINGS, is_of_the_system, names_in, ready_mesh, reserved
+from pipeline.batch.input_names import RECORDINGS, entries_in, ready_mesh, reserved
 from pipeline.files.manifest import claim, enter, remove, writing_alone
 from pipeline.files.plain_file import stands
 from pipeline.files.whole_file import put, sweep
@@ -24,7 +24,6 @@ class ResultPath:
     name: str
 
     def __get__(self, folder: Any, kind: type) -> Path:
-        """The path in the folder."""
         return Path(folder.root, self.name)
 
 
@@ -77,16 +76,14 @@ class FruitFolder:
 
     def grasp_files(self) -> tuple[Path, ...]:
         """Recordings by name, grasp-2 before grasp-10: the order in which they were made."""
-        place = self.grasps
-        named = (place / name for name in names_in(place) if not is_of_the_system(name))
-        files = (path for path in named if path.suffix.lower() in RECORDINGS and path.is_file())
-        return tuple(sorted(files, key=in_order))
+        named = (path for path in entries_in(self.grasps) if path.suffix.lower() in RECORDINGS)
+        return tuple(sorted((path for path in named if path.is_file()), key=in_order))
 
     def raw_grasp_folders(self) -> tuple[Path, ...]:
         """Grasps in the raw form (frames in folders), by name, but for those that a recording stands for."""
-        ready, place = {path.stem for path in self.grasp_files()}, self.grasps
-        folders = (place / name for name in names_in(place) if not is_of_the_system(name))
-        return tuple(sorted((p for p in folders if p.name not in ready and p.is_dir()), key=in_order))
+        ready = {path.stem for path in self.grasp_files()}
+        folders = (path for path in entries_in(self.grasps) if path.name not in ready and path.is_dir())
+        return tuple(sorted(folders, key=in_order))
 
     def recordings_by_name(self) -> dict[str, Path]:
         """The recordings, each under its file's name without the suffix; with it, where two would have the

@@ -10,7 +10,7 @@ from collections.abc import Collection, Iterable, Iterator
 from pathlib import Path
 
 from pipeline.batch.fruits_table import SAFE_ID
-from pipeline.batch.input_names import MESHES, RECORDINGS, is_of_the_system, names_in
+from pipeline.batch.input_names import MESHES, RECORDINGS, entries_in
 from pipeline.batch.layout import BatchFolder, FruitFolder, raw_grasp_files
 from pipeline.files.plain_file import not_plain
 from pipeline.problem import Problem, listed
@@ -103,14 +103,11 @@ def _in_sentences(unused: Iterable[tuple[Path, str]], used: Iterable[Path]) -> l
 
 
 def _files_in(folder: Path) -> Iterator[Path]:
-    """Files in `folder`, but for those that computers make by themselves."""
-    paths = (folder / name for name in names_in(folder) if not is_of_the_system(name))
-    return (path for path in paths if not path.is_dir())
+    return (path for path in entries_in(folder) if not path.is_dir())
 
 
 def _folders_in(folder: Path) -> Iterator[Path]:
-    paths = (folder / name for name in names_in(folder) if not is_of_the_system(name))
-    return (path for path in paths if path.is_dir())
+    return filter(Path.is_dir, entries_in(folder))
 
 
 def _of_raw_grasps(folder: BatchFolder) -> Iterator[Path]:

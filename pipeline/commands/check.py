@@ -34,14 +34,14 @@ def check(
     require_folder(batch)
     require_libraries()
     with elsewhere():
-        from pipeline.run.checking import checks
+        from pipeline.run.checking import check as problems_of
         from pipeline.run.progress import StageLines
     listed_problems = []
     console = Console(stderr=True)
     console.quiet = not console.is_terminal  # in a log the problems are enough
     report = StageLines(console).stage
     with said_when_interrupted(""):
-        for problem in checks(batch, quick=quick, report=report):
+        for problem in problems_of(batch, quick=quick, report=report):
             typer.echo(f"{problem}")
             listed_problems.append(problem)
     doubts = sum(problem.doubtful for problem in listed_problems)

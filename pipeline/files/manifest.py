@@ -31,7 +31,6 @@ class NotOurs(NotWritten):
     """A file stands in the way that drupe did not write, or that was changed since."""
 
     def __str__(self) -> str:
-        """One sentence, file first."""
         return f"{self._path}: {STRANGER}"
 
 

@@ -35,7 +35,6 @@ class NotWritten(OSError):
         super().__init__(cause.errno, cause.strerror or str(cause), str(path))
 
     def __str__(self) -> str:
-        """One sentence, file first."""
         advice = _ADVICE.get(self.errno or 0, "choose another place.")
         return f"{self._path}: cannot be written ({self.strerror}); {advice}"
 

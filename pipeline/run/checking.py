@@ -52,16 +52,14 @@ Read = dict[str, list[tuple[FruitRow, Path]]]
 """Recordings that can be used, by what tells that two are one (tactile.recording_digest)."""
 
 
-def check(root: Path, *, quick: bool = False) -> tuple[Problem, ...]:
+def check(
+    root: Path, *, quick: bool = False, report: Callable[[str], None] = lambda _: None
+) -> Iterator[Problem]:
     """Everything that would stop the batch or any fruit of it, and, `doubtful`, what would put an E in doubt;
-    as far as reading the files can tell. `quick`: photos are read, but not looked at (blur, light, tags of
-    the mat, sides without a photo), which takes seconds for each fruit.
+    as far as reading the files can tell. The batch comes first, then each fruit, which is told to `report`.
+    `quick`: photos are read, but not looked at (blur, light, tags of the mat, sides without a photo), which
+    takes seconds for each fruit.
     """
-    return tuple(checks(root, quick=quick, report=lambda _: None))
-
-
-def checks(root: Path, *, quick: bool, report: Callable[[str], None]) -> Iterator[Problem]:
-    """What `check` gives, as it is found: the batch first, then each fruit, which is told to `report`."""
     batch, read = survey(root), Read()
     yield from batch.problems
     if batch.listed:

@@ -95,16 +95,11 @@ class Cluster:
         """Takes back what is not done; workers then end the fruit's processes."""
         self._held.close()
 
-    @property
-    def at_once(self) -> int:
-        """How many fruit are worked on at the same time, now; before there are workers, those asked for."""
-        there = self._workers or self._asked_workers or 1
-        return there if self._most is None else min(there, self._most)
-
     def room(self) -> int:
-        """How many more fruit it takes now."""
+        """How many more fruit it takes now: one for each worker; before there are any, those asked for."""
         self._look()
-        return self.at_once - len(self._fruits)
+        there = self._workers or self._asked_workers or 1
+        return (there if self._most is None else min(there, self._most)) - len(self._fruits)
 
     def begin(self, fruit_id: str, packed: bytes) -> None:
         """Hands a fruit to the scheduler."""

@@ -76,13 +76,11 @@ class BatchProgress:
         self._task = self._bar.add_task("graded", total=self._total, completed=self._done)
 
     def __enter__(self) -> Self:
-        """Starts the bar on a terminal."""
         if not self._lines:
             self._bar.start()
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Takes the bar away."""
         self._bar.stop()
 
     def stage(self, fruit_id: str, stage: str) -> None:

@@ -80,16 +80,10 @@ class LocalPool:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Kills what is running."""
         with self._held:
             for fruit_process in self._pending.values():
                 _kill(fruit_process)
             self._pending.clear()
-
-    @property
-    def at_once(self) -> int:
-        """How many fruit are worked on at the same time."""
-        return self._jobs
 
     def room(self) -> int:
         """How many more fruit it takes now."""

@@ -114,10 +114,6 @@ class Engine(Protocol):
     def __exit__(self, *_: object) -> None:
         """Ends whatever fruit are worked on still."""
 
-    @property
-    def at_once(self) -> int:
-        """How many fruit are worked on at the same time, now."""
-
     def room(self) -> int:
         """How many more fruit it takes now; what waits in it is little, however long the batch."""
 

@@ -85,7 +85,7 @@ def times_force(recording: h5py.File, factor: float) -> None:
 def empty_batch(root: Path, *names: str, table: str | None = None, settings: str = NECTARINE) -> Path:
     """Fruit with a folder for grasps and nothing in it; `table` as in `batch_of_balls`."""
     for name in names:
-        (root / "fruits" / name / "grasps").mkdir(parents=True)
+        (root / "fruits" / name / "grasps").mkdir(parents=True, exist_ok=True)
     (root / "batch.toml").write_text(settings)
     (root / "fruits.csv").write_text("\n".join(["fruit_id", *names, ""]) if table is None else table)
     return root

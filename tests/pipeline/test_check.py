@@ -9,7 +9,7 @@ from small_batches import DATA, batch_of_nectarines, run, times_force
 
 from pipeline.batch.opening import open_batch
 from pipeline.run import checking as checking
-from pipeline.run.checking import check, checks, implausible
+from pipeline.run.checking import check, implausible
 from recon.pit.placement import place_pit
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh, write_mesh
@@ -154,7 +154,7 @@ def test_a_place_that_is_no_batch_is_refused_and_a_fruits_own_leads_to_its_batch
 def test_problems_of_the_batch_come_before_any_fruit_is_read(batch):
     (batch / "fruits" / "stray" / "photos").mkdir(parents=True)
     stages = []
-    problems = checks(batch, quick=True, report=stages.append)
+    problems = check(batch, quick=True, report=stages.append)
     assert "is not in fruits.csv" in next(problems).sentence
     assert not stages
     list(problems)

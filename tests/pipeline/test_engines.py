@@ -12,8 +12,6 @@ from pipeline.run.scheduling import Died, Finished, WorkPlace, run_on
 class Few:
     """An engine that takes two fruit at a time and ends them in the order in which they came."""
 
-    at_once = 2
-
     def __init__(self):
         self.held, self.most = [], 0
 

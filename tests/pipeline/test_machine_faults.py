@@ -202,7 +202,7 @@ def test_so_many_fruit_at_once_as_memory_holds(monkeypatch):
     console = SimpleNamespace(print=lambda text, **_: said.append(text))
     monkeypatch.setattr(grading, "free_memory_MiB", lambda: 3200.0)
     four = GradeOptions(jobs=4, time_limit_s=600)
-    assert grading._processes([photos] * 4, four, console).at_once == 2
+    assert grading._processes([photos] * 4, four, console).room() == 2
     assert said[0].startswith("2 fruit at a time instead of 4: 3200 MiB of memory are free")
     monkeypatch.setattr(grading, "free_memory_MiB", lambda: 200.0)
     with pytest.raises(BatchRefused, match=r"has 200 MiB of free memory, but one fruit needs about 1500 MiB"):

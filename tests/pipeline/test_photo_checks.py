@@ -8,6 +8,7 @@ import cv2
 import heic_files
 import numpy as np
 import pytest
+from small_batches import empty_batch
 
 import pipeline.fruit.fruit_shape
 from pipeline.batch.layout import Results
@@ -34,12 +35,11 @@ def small():
 @pytest.fixture
 def batch(tmp_path, small):
     """A batch of N01 with these photos, with which nothing is wrong, and without a recording."""
-    (tmp_path / "fruits" / "N01" / "photos").mkdir(parents=True)
+    empty_batch(tmp_path, "N01", table="fruit_id,height_mm\nN01,55.3\n")
+    (tmp_path / "fruits" / "N01" / "photos").mkdir()
     for name, image in small.items():
         write(tmp_path, name, image)
     (tmp_path / "mat.json").write_bytes((SAMPLE / "mat.json").read_bytes())
-    (tmp_path / "batch.toml").write_text('category = "nectarine"\n')
-    (tmp_path / "fruits.csv").write_text("fruit_id,height_mm\nN01,55.3\n")
     return tmp_path
 
 

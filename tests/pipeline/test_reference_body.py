@@ -1,7 +1,7 @@
 """A reference body of known modulus stands in the table of the fruit and under rules of its own."""
 
 import pytest
-from small_batches import write_ball
+from small_batches import NECTARINE, batch_of_balls, write_ball
 
 from pipeline.batch.fruits_table import read_fruits
 from pipeline.batch.layout import Results
@@ -22,12 +22,10 @@ BALL = "ball,9,true,0.5,0.01,0.48\n"
 def made(tmp_path):
     """Four ready nectarines of radius 28 mm and a reference ball of 10 mm: no nectarine's size or mass."""
 
-    def make(rows=FRUITS + BALL, settings='category = "nectarine"\n'):
-        for name in ("F0", "F1", "F2", "F3", "ball"):
-            write_ball(tmp_path / "fruits" / name / "fruit.ply", radius_mm=10 if name == "ball" else 28)
-            (tmp_path / "fruits" / name / "grasps").mkdir(exist_ok=True)
-        (tmp_path / "fruits.csv").write_text(HEAD + rows)
-        (tmp_path / "batch.toml").write_text(settings)
+    def make(rows=FRUITS + BALL, settings=NECTARINE):
+        names = ("F0", "F1", "F2", "F3", "ball")
+        batch_of_balls(tmp_path, *names, table=HEAD + rows, settings=settings)
+        write_ball(tmp_path / "fruits" / "ball" / "fruit.ply", radius_mm=10)
         return tmp_path
 
     return make

@@ -4,8 +4,8 @@ import errno
 import fcntl
 import multiprocessing
 import os
-import signal
 import time
+from contextlib import contextmanager
 
 import pytest
 
@@ -49,29 +49,31 @@ def test_two_workers_on_one_fruit_refuse_each_other_nothing(tmp_path):
     }
 
 
-def hold(root, begun):
+def hold(lock, root, begun):
     """Never lets go."""
-    with writing_alone(root):
+    with lock(root):
         begun.set()
         time.sleep(600)
 
 
-@pytest.fixture
-def holder(tmp_path):
-    """A process that writes into a claimed folder and does not end."""
-    FruitResults(tmp_path).claim()
+@contextmanager
+def held_by_another(lock, root):
+    """A process that holds the lock of a folder and does not end."""
     begun = SPAWN.Event()
-    process = SPAWN.Process(target=hold, args=(tmp_path, begun))
+    process = SPAWN.Process(target=hold, args=(lock, root, begun))
     process.start()
     assert begun.wait(60)
-    yield process
-    process.kill()
-    process.join()
+    try:
+        yield process
+    finally:
+        process.kill()
+        process.join()
 
 
-def test_one_that_was_killed_holds_up_nobody(tmp_path, holder):
-    os.kill(holder.pid, signal.SIGKILL)
-    holder.join()
+def test_one_that_was_killed_holds_up_nobody(tmp_path):
+    FruitResults(tmp_path).claim()
+    with held_by_another(writing_alone, tmp_path):
+        pass
     began = time.monotonic()
     write_whole(tmp_path / "record.json", "new")
     assert time.monotonic() - began < 5
@@ -98,25 +100,13 @@ def test_a_run_killed_as_it_began_leaves_a_folder_that_the_next_takes(tmp_path, 
     require_made_by_drupe(tmp_path, "--out")
 
 
-def hold_results(root, begun):
-    """Never lets go."""
-    with results_lock(root):
-        begun.set()
-        time.sleep(600)
-
-
 def test_results_that_another_run_writes_are_refused_until_it_ends(tmp_path):
-    begun = SPAWN.Event()
-    process = SPAWN.Process(target=hold_results, args=(tmp_path, begun))
-    process.start()
-    assert begun.wait(60)
-    assert is_held(tmp_path)
-    with (
-        pytest.raises(BatchRefused, match=r"another run is writing here and holds \.lock"),
-        results_lock(tmp_path),
-    ):
-        pass
-    process.kill()
-    process.join()
+    with held_by_another(results_lock, tmp_path):
+        assert is_held(tmp_path)
+        with (
+            pytest.raises(BatchRefused, match=r"another run is writing here and holds \.lock"),
+            results_lock(tmp_path),
+        ):
+            pass
     with results_lock(tmp_path):
         assert is_held(tmp_path)
