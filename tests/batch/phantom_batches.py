@@ -7,7 +7,7 @@ against PDMS: pads keep their shape.
 
 import csv
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -39,17 +39,6 @@ NOISE = SensorNoise(
 AIR_FRAMES, AIR_STEP_MM, HOLD_FRAMES = 30, 0.05, 4
 HEADER = 'category = "phantom"\npoisson_ratio = 0.45\n[flesh]\nmodel = "linear"\n'
 Surface = tuple[np.ndarray, np.ndarray]
-
-
-@dataclass(frozen=True)
-class Felt:
-    """One pad of a recording, frame by frame: its pose, markers at rest, displacement and force."""
-
-    name: str
-    pose: np.ndarray
-    rest_mm: np.ndarray
-    displacement_mm: np.ndarray
-    force_N: np.ndarray
 
 
 def phantom_batch(
@@ -108,13 +97,13 @@ def grasped_ball(*, core: bool, rng: np.random.Generator) -> Recording:
     travel = np.concatenate([[0.0], [level[0, 2] for level in levels]])
     order = _course(len(levels))
     travel = np.concatenate([_approach(), travel[order]])
-    felt = []
+    pads = []
     for name, side in (("left", -1.0), ("right", 1.0)):
         pose = np.tile(np.eye(4), (len(travel), 1, 1))
         pose[:, :3, :3] = np.column_stack([[0.0, 1.0, 0.0], [0.0, 0.0, -side], [-side, 0.0, 0.0]])
         pose[:, 0, 3] = side * (BALL_MM - travel)
-        felt.append(Felt(name, pose, rest, _after_air(slid[order]), _after_air(force[order])))
-    return _recording("grasp", 2 * (BALL_MM - travel), felt, rng)
+        pads.append(_felt(name, pose, rest, _after_air(slid[order]), _after_air(force[order]), rng))
+    return _recording("grasp", 2 * (BALL_MM - travel), pads)
 
 
 def glued_pads(name: str, *, rng: np.random.Generator) -> Recording:
@@ -140,19 +129,18 @@ def glued_pads(name: str, *, rng: np.random.Generator) -> Recording:
     rest = np.column_stack([flat, np.zeros(len(flat))])
     share = np.linspace(0, 1, 11)[_course(10)]
     travel = np.concatenate([_approach(), share])
-    pads = [("tip", -1.0)] if name.startswith("press") else [("left", 1.0), ("right", -1.0)]
-    felt = []
-    for pad, way in pads:
+    press = name.startswith("press")
+    pads = []
+    for pad, way in [("tip", -1.0)] if press else [("left", 1.0), ("right", -1.0)]:
         pose = np.tile(np.eye(4), (len(travel), 1, 1))
         pose[:, :3, :3] = _into(axis, way)
         pose[:, :3, 3] = -way * centre
         pose[:, axis, 3] += way * travel
         force_N = share[:, None, None] * marker_N
-        felt.append(Felt(pad, pose, rest, _after_air(np.zeros_like(force_N)), _after_air(force_N)))
-    press = len(pads) == 1
-    return _recording(
-        "press" if press else "grasp", travel if press else 2 * (abs(centre[axis]) - travel), felt, rng
-    )
+        pads.append(_felt(pad, pose, rest, _after_air(np.zeros_like(force_N)), _after_air(force_N), rng))
+    if press:
+        return _recording("press", travel, pads)
+    return _recording("grasp", 2 * (abs(centre[axis]) - travel), pads)
 
 
 def _into(axis: int, way: float) -> np.ndarray:
@@ -183,23 +171,23 @@ def _after_air(values: np.ndarray) -> np.ndarray:
     return np.concatenate([np.zeros((AIR_FRAMES, *values.shape[1:])), values])
 
 
-def _recording(
-    loading: str, aperture_mm: np.ndarray, felt: Sequence[Felt], rng: np.random.Generator
-) -> Recording:
-    pads = []
-    for pad in felt:
-        moved, pushed = measured(pad.displacement_mm, pad.force_N, NOISE, rng)
-        pads.append(
-            GelPad(
-                name=pad.name,
-                pose=pad.pose,
-                rest_mm=pad.rest_mm,
-                displacement_mm=moved,
-                force_N=pushed,
-                gel_kn_MPa_per_mm=5.0,
-                gel_kt_MPa_per_mm=1.0,
-            )
-        )
+def _felt(
+    name: str,
+    pose: np.ndarray,
+    rest_mm: np.ndarray,
+    displacement_mm: np.ndarray,
+    force_N: np.ndarray,
+    rng: np.random.Generator,
+) -> GelPad:
+    """One pad of a recording, frame by frame, with the gel's noise."""
+    moved, pushed = measured(displacement_mm, force_N, NOISE, rng)
+    return GelPad(
+        name=name, pose=pose, rest_mm=rest_mm, displacement_mm=moved, force_N=pushed,
+        gel_kn_MPa_per_mm=5.0, gel_kt_MPa_per_mm=1.0,
+    )  # fmt: skip
+
+
+def _recording(loading: str, aperture_mm: np.ndarray, pads: Sequence[GelPad]) -> Recording:
     return Recording(
         fruit_id="",
         category="phantom",

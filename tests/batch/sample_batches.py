@@ -11,7 +11,11 @@ from io import StringIO
 from pathlib import Path
 from unittest import mock
 
+import h5py
+import pandas as pd
+
 from pipeline.cli import main
+from pipeline.exit_status import DONE, DOUBTED
 from recon.surface.mesh_file import write_mesh
 from samples.fruit import MESH_ERROR_MM, fruits_of_seed, scanned_mesh
 
@@ -80,6 +84,22 @@ def ready_batch(folder: Path, count: int) -> Path:
         rows.append(f"{fruit.fruit_id},{40 + len(rows)}")
     (folder / "fruits.csv").write_text("\n".join(rows) + "\n")
     return folder
+
+
+def scale_force(path: Path, times: float, *pads: str) -> None:
+    """The forces of a recording's pads times a factor; of both where none is named."""
+    with h5py.File(path, "r+") as file:
+        for pad in pads or ("left", "right"):
+            force = file[f"pads/{pad}/force_N"]
+            force[...] = times * force[...].astype(float)
+
+
+def graded_alone(batch: Path, out: Path, *options: str) -> tuple[pd.Series, dict]:
+    """A batch of one fruit is graded, in doubt or not: its row of the ranking, and its record."""
+    ran = drupe("grade", batch, "--out", out, "--jobs", 1, *options)
+    assert ran.status in {DONE, DOUBTED}, ran.err
+    row = pd.read_csv(out / "ranking.csv").iloc[0]
+    return row, record_of(out, row.fruit_id)
 
 
 def record_of(results: Path, fruit_id: str) -> dict:

@@ -2,10 +2,9 @@
 
 import json
 
-import h5py
 import pandas as pd
 import pytest
-from sample_batches import drupe, drupe_alone
+from sample_batches import drupe, drupe_alone, scale_force
 
 from recon.surface.mesh_file import read_mesh, write_mesh
 
@@ -116,9 +115,7 @@ def test_results_that_cannot_be_written(batch, tmp_path):
 
 def test_check_says_that_forces_are_in_another_unit(batch):
     path = next((batch / "fruits").glob("*/grasps/grasp-1.h5"))
-    with h5py.File(path, "r+") as file:
-        for pad in ("left", "right"):
-            file[f"pads/{pad}/force_N"][...] *= 101.97
+    scale_force(path, 101.97)
     ran = drupe("check", batch)
     assert ran.status == 2
     assert str(path) in ran.out

@@ -7,7 +7,7 @@ import h5py
 import numpy as np
 import pandas as pd
 import pytest
-from sample_batches import SHIPPED, drupe, ready_batch, record_of
+from sample_batches import SHIPPED, drupe, ready_batch, record_of, scale_force
 
 from recon.surface.mesh_file import read_mesh, write_mesh
 
@@ -128,8 +128,7 @@ def spoiled(tmp_path_factory):
         shutil.copytree(good, where)
         with h5py.File(where / "grasps" / "grasp-1.h5", "r+") as file:
             file.attrs["fruit_id"] = name
-            for pad in ("left", "right"):
-                file[f"pads/{pad}/force_N"][...] *= 1 + 0.001 * number
+        scale_force(where / "grasps" / "grasp-1.h5", 1 + 0.001 * number)
         spoil(where)
         rows.append(f"{name},{height_mm:.1f}")
     (folder / "fruits.csv").write_text("\n".join(rows) + "\n")

@@ -2,23 +2,16 @@
 
 import json
 
-import h5py
 import pandas as pd
 import pytest
-from sample_batches import drupe, first_fruit, ready_batch
-
-
-def scale_force(batch, times):
-    with h5py.File(first_fruit(batch) / "grasps" / "grasp-1.h5", "r+") as file:
-        for pad in ("left", "right"):
-            force = file[f"pads/{pad}/force_N"]
-            force[...] = times * force[...]
+from sample_batches import drupe, first_fruit, ready_batch, scale_force
 
 
 @pytest.mark.slow
 def test_a_gain_puts_E_in_doubt_and_grams_refuse_it(tmp_path):
     batch = ready_batch(tmp_path / "batch", 1)
-    scale_force(batch, 1.25)
+    grasp = first_fruit(batch) / "grasps" / "grasp-1.h5"
+    scale_force(grasp, 1.25)
     doubted = drupe("grade", "--no-screen", batch, "--jobs", 1)
     assert doubted.status == 4, doubted.err
     row = pd.read_csv(batch / "results" / "ranking.csv").iloc[0]
@@ -29,7 +22,7 @@ def test_a_gain_puts_E_in_doubt_and_grams_refuse_it(tmp_path):
     assert "Graded, but in doubt: 1 of 1" in page
     assert "E is in doubt:" in page
     assert json.loads((batch / "results" / "batch.json").read_text())["exit_status"] == 4
-    scale_force(batch, 101.97 / 1.25)
+    scale_force(grasp, 101.97 / 1.25)
     refused = drupe("grade", "--no-screen", batch, "--jobs", 1)
     assert refused.status == 3, refused.err
     row = pd.read_csv(batch / "results" / "ranking.csv").iloc[0]

@@ -1,6 +1,5 @@
 """`rig` in batch.toml: what the jaws give is taken out of every recording, and its spread is in E."""
 
-import csv
 import shutil
 import sys
 from pathlib import Path
@@ -8,7 +7,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
-from sample_batches import drupe, first_fruit, ready_batch, record_of
+from sample_batches import drupe, first_fruit, graded_alone, ready_batch
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "tactile"))
 from series_springs import SeriesRig
@@ -58,29 +57,21 @@ def soften(batch: Path) -> None:
             assert total.max() > 0.1
 
 
-def graded(batch: Path, out: Path):
-    ran = drupe("grade", batch, "--out", out, "--no-screen", "--jobs", 1)
-    assert ran.status in (0, 4), ran.err
-    with (out / "ranking.csv").open(newline="") as file:
-        row = next(csv.DictReader(file))
-    return row, record_of(out, row["fruit_id"])
-
-
 @pytest.fixture(scope="module")
 def true_and_rid_of_the_rig(tmp_path_factory):
     folder = tmp_path_factory.mktemp("rig")
     batch = ready_batch(folder / "batch", 1)
-    true = graded(batch, folder / "true")
+    true = graded_alone(batch, folder / "true", "--no-screen")
     soften(batch)
     write_rig(batch, share=0.05)
-    return true, graded(batch, folder / "rid"), batch
+    return true, graded_alone(batch, folder / "rid", "--no-screen"), batch
 
 
 @pytest.mark.slow
 def test_the_rig_of_jaws_that_give_way_makes_E_right(true_and_rid_of_the_rig):
     (true, _), (rid, record), _ = true_and_rid_of_the_rig
-    E = float(true["E_MPa"])
-    assert float(rid["E_MPa"]) == pytest.approx(E, rel=0.01)
+    E = true.E_MPa
+    assert rid.E_MPa == pytest.approx(E, rel=0.01)
     part = record["modulus"]["parts_sd_MPa"]["confirmed effects"]
     assert 0.001 * E < part < 0.2 * E
 
@@ -91,8 +82,8 @@ def test_jaws_that_give_way_make_fruit_soft_where_their_rig_is_not_known(true_an
     without = shutil.copytree(batch, tmp_path / "without")
     settings = without / "batch.toml"
     settings.write_text(settings.read_text().replace('rig = "rig.toml"\n', ""))
-    soft, _ = graded(without, tmp_path / "soft")
-    assert float(soft["E_MPa"]) < 0.9 * float(true["E_MPa"])
+    soft, _ = graded_alone(without, tmp_path / "soft", "--no-screen")
+    assert soft.E_MPa < 0.9 * true.E_MPa
 
 
 @pytest.mark.proof
@@ -104,9 +95,9 @@ def test_a_fruit_within_the_rigs_spread_is_said_to_be(true_and_rid_of_the_rig, t
     ran = drupe("check", vague)
     assert ran.status == 4
     assert "it is too stiff for this rig, and E is a lower bound" in ran.out + ran.err
-    row, _ = graded(vague, tmp_path / "out")
-    assert "E is a lower bound" in row["doubts"]
-    assert float(row["E_sd_MPa"]) > 0.3 * float(row["E_MPa"])
+    row, _ = graded_alone(vague, tmp_path / "out", "--no-screen")
+    assert "E is a lower bound" in row.doubts
+    assert row.E_sd_MPa > 0.3 * row.E_MPa
     write_rig(vague, share=0.05, largest_N=3.0)
     ran = drupe("check", vague)
     assert ran.status == 2

@@ -3,11 +3,9 @@
 import json
 import shutil
 
-import h5py
-import numpy as np
 import pandas as pd
 import pytest
-from sample_batches import SHIPPED, drupe, first_fruit, ready_batch, record_of
+from sample_batches import SHIPPED, drupe, first_fruit, ready_batch, record_of, scale_force
 
 from pipeline.exit_status import DONE, DOUBTED
 
@@ -29,9 +27,7 @@ def graded(folder, count):
         second = SHIPPED / "fruits" / fruit.name / "grasps" / "grasp-2.h5"
         shutil.copyfile(second, fruit / "grasps" / "grasp-2.h5")
         for path in sorted((fruit / "grasps").glob("*.h5")):
-            with h5py.File(path, "r+") as file:
-                force = file["pads/left/force_N"]
-                force[...] = (GAIN * force[...].astype(float)).astype(np.float32)
+            scale_force(path, GAIN, "left")
     done = drupe("grade", batch, "--jobs", "1")
     assert done.status in {DONE, DOUBTED}, done.err  # the checks of inputs may doubt such a gain too
     return batch, done
