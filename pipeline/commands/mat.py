@@ -1,10 +1,9 @@
 """`drupe mat`."""
 
 import json
-from enum import StrEnum
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import typer
 from typer import Argument, Option
@@ -12,17 +11,8 @@ from typer import Argument, Option
 from pipeline.commands.endings import said_when_interrupted
 from pipeline.safe_start import elsewhere
 
-
-class Paper(StrEnum):
-    """Name of a sheet that a mat can be printed on."""
-
-    A4 = "a4"
-    LETTER = "letter"
-
-    @property
-    def size_mm(self) -> tuple[float, float]:
-        """Width and height (ISO 216, ANSI/ASME Y14.1)."""
-        return (210.0, 297.0) if self is Paper.A4 else (215.9, 279.4)
+SHEETS_MM = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
+"""Width and height of the sheets that a mat can be printed on (ISO 216, ANSI/ASME Y14.1)."""
 
 
 def mat(
@@ -30,7 +20,7 @@ def mat(
         Path,
         Argument(metavar="DIR", help="The folder for mat.pdf and mat.json. Default: the current folder."),
     ] = Path(),
-    paper: Annotated[Paper, Option(help="Paper size to print on.")] = Paper.A4,
+    paper: Annotated[Literal["a4", "letter"], Option(help="Paper size to print on.")] = "a4",
     cherry: Annotated[
         bool, Option("--cherry", help="Halve the tags and the blank centre, for cherries.")
     ] = False,
@@ -53,7 +43,7 @@ def mat(
         printed = standard_mat(tag_mm=9.0, gap_mm=2.5, margin_mm=8.5) if cherry else standard_mat()
         bits = {tag: tag_bits(printed.dictionary, tag) for tag in printed.corners_mm}
         title = f"drupe marker mat, {printed.tag_mm:g} mm tags"
-        sheet = mat_sheet_pdf(printed.corners_mm, bits, sheet_mm=paper.size_mm, title=title)
+        sheet = mat_sheet_pdf(printed.corners_mm, bits, sheet_mm=SHEETS_MM[paper], title=title)
         contents = {
             folder / "mat.pdf": sheet,
             folder / "mat.json": (json.dumps(mat_mapping(printed)) + "\n").encode(),
