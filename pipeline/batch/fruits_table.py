@@ -82,7 +82,7 @@ class FruitRow(Given):
 
     @property
     def has_height(self) -> bool:
-        """Whether its height was written, were it no number."""
+        """Whether a height was written, even one that is no number."""
         return self.height_mm is not None or "height_mm" in self.unreadable
 
 
