@@ -126,18 +126,18 @@ def test_stages_endings_and_what_is_given_up_are_told(engine, scheduler, said):
 
 
 @pytest.mark.parametrize(
-    ("ended", "said"),
+    ("ended", "sentence"),
     [
         (Unfit("has 8 threads.", A), f"^worker {A}: has 8 threads.$"),
         (ImportError("no drupe"), "a worker cannot load this drupe"),
         (AttributeError("no fruit_on_worker"), "a worker cannot load this drupe"),
     ],
 )
-def test_a_worker_that_cannot_work_for_the_run_refuses_it(engine, scheduler, ended, said):
+def test_a_worker_that_cannot_work_for_the_run_refuses_it(engine, scheduler, ended, sentence):
     with engine() as cluster_engine:
         cluster_engine.begin("peach", b"")
         scheduler.given[0].end(ended)
-        with pytest.raises(BatchRefused, match=said):
+        with pytest.raises(BatchRefused, match=sentence):
             happened(cluster_engine)
 
 
