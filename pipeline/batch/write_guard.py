@@ -85,16 +85,18 @@ def _require_outside(target: Path, folders: Iterable[Path], advice: str) -> None
 
 def _in_the_way(path: Path, option: str) -> Problem:
     """The problem of a file that would be overwritten: a link, one changed since, or another's."""
-    sentence = "was not written by drupe, or was changed since, so it is not overwritten; move it away, or"
     if path.is_symlink():
-        sentence = "is a link, and is not written through; remove it, or"
+        sentence = f"is a link, and is not written through; remove it, or {MOVE} with {option}."
     elif was_ours(path):
         sentence = (
             "was changed since drupe wrote it (opening it in a spreadsheet and saving is enough), so it is "
             "not overwritten; rename it or move it away, which keeps your changes, and run the same command "
-            f"again: it writes a new {path.name}. Or"
+            f"again: it writes a new {path.name}. Or {MOVE} with {option}."
         )
-    return Problem(str(path), f"{sentence} {MOVE} with {option}.")
+    else:
+        stranger = "was not written by drupe, or was changed since, so it is not overwritten; move it away, or"
+        sentence = f"{stranger} {MOVE} with {option}."
+    return Problem(str(path), sentence)
 
 
 def _holds_fruit(place: Path) -> bool:
