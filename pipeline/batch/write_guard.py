@@ -94,7 +94,9 @@ def _in_the_way(path: Path, option: str) -> Problem:
             f"again: it writes a new {path.name}. Or {MOVE} with {option}."
         )
     else:
-        stranger = "was not written by drupe, or was changed since, so it is not overwritten; move it away, or"
+        stranger = (
+            "was not written by drupe, or was changed since, so it is not overwritten; move it away, or"
+        )
         sentence = f"{stranger} {MOVE} with {option}."
     return Problem(str(path), sentence)
 
