@@ -47,13 +47,13 @@ from recon.recon_failure import ReconFailure
 from samples.mismatch.bank import (
     DRAWN,
     MESHES,
-    OUT_OF_CATALOGUE,
     SIMULATED,
     BankFruit,
     draw_case,
     simulate,
     simulated,
 )
+from samples.mismatch.injected import OUT_OF_CATALOGUE
 from samples.sample_failure import SampleFailure
 from tactile.tactile_failure import TactileFailure
 

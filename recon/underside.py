@@ -79,12 +79,11 @@ def _ring(vertices: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "v 3"]:
 class BothSides:
     """The upright mesh with the other's skin where that saw better; `upright_from_over` took that there.
 
-    `miss_mm`: root mean square distance of the two where both saw the skin; `seen`: of the vertices;
-    `by_convention`: another turn fits as well, and this is the one about the mat's arrow.
+    `miss_mm`: root mean square distance of the two where both saw the skin; `by_convention`: another turn
+    fits as well, and this is the one about the mat's arrow.
     """
 
     vertices: Float[np.ndarray, "n 3"]
-    seen: Float[np.ndarray, " n"]
     upright_from_over: Float[np.ndarray, "4 4"]
     miss_mm: float
     by_convention: bool = False
@@ -131,12 +130,12 @@ def both_sides(upright: ScannedSide, over: ScannedSide, *, on_mat: bool = True) 
             f"they show the fruit {100 * best.larger:+.1f} % larger than the upright photos: another "
             "fruit, or another mat or height"
         )
-    vertices, seen = _merged_skin(upright, over, best)
+    vertices = _merged_skin(upright, over, best)
     rivals = [
         other
         for other in _different(ways)[1:]
         if other.miss_mm < LIKE * best.miss_mm
-        and _apart_mm(upright, vertices, _merged_skin(upright, over, other)[0]) > SAME_SHARE * size
+        and _apart_mm(upright, vertices, _merged_skin(upright, over, other)) > SAME_SHARE * size
     ]
     if rivals:
         known = [way for way in (best, *rivals) if on_mat and _turn_from(first, way.pose) < CONVENTION_DEG]
@@ -147,8 +146,8 @@ def both_sides(upright: ScannedSide, over: ScannedSide, *, on_mat: bool = True) 
                 "along the arrow"
             )
         best = known[0]
-        vertices, seen = _merged_skin(upright, over, best)
-    return BothSides(vertices, seen, best.pose, best.miss_mm, by_convention=bool(rivals))
+        vertices = _merged_skin(upright, over, best)
+    return BothSides(vertices, best.pose, best.miss_mm, by_convention=bool(rivals))
 
 
 def _apart_mm(upright: ScannedSide, a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "n 3"]) -> float:
@@ -250,14 +249,12 @@ def _turn(way: _Laid) -> Float[np.ndarray, "3 3"]:
     return np.asarray(way.pose[:3, :3] / np.cbrt(np.linalg.det(way.pose[:3, :3])))
 
 
-def _merged_skin(
-    upright: ScannedSide, over: ScannedSide, way: _Laid
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
-    """The first mesh's vertices on the weighted mean of both skins, and how well it was seen by either."""
+def _merged_skin(upright: ScannedSide, over: ScannedSide, way: _Laid) -> Float[np.ndarray, "n 3"]:
+    """The first mesh's vertices on the weighted mean of both skins."""
     placed = ScannedSide(moved(over.vertices, way.pose), over.faces, over.seen)
     near, _, seen = _Skin(placed).nearest(upright.vertices)
     share = seen / np.maximum(seen + upright.seen, 1e-3)
-    return upright.vertices + share[:, None] * (near - upright.vertices), np.maximum(seen, upright.seen)
+    return np.asarray(upright.vertices + share[:, None] * (near - upright.vertices))
 
 
 WHERE = "photos-flipped/"

@@ -75,8 +75,7 @@ def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float) -> BrickFles
 
     Raises ValueError where a brick is turned inside out.
     """
-    mu = E_MPa / (2 * (1 + poisson_ratio))
-    lam = E_MPa * poisson_ratio / ((1 + poisson_ratio) * (1 - 2 * poisson_ratio))
+    mu, lam = lame_constants(E_MPa, poisson_ratio)
     slopes, volumes = shape_gradients(bricks.nodes_mm[bricks.cells])
     if volumes.min() <= 0:
         raise ValueError(f"{int((volumes.min(axis=1) <= 0).sum())} bricks of the sample mesh are inside out")
@@ -98,6 +97,11 @@ def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float) -> BrickFles
         stiffness=stiffness,
         pit_centre_mm=centre,
     )
+
+
+def lame_constants(E_MPa: float, nu: float) -> tuple[float, float]:
+    """mu and lam, MPa."""
+    return E_MPa / (2 * (1 + nu)), E_MPa * nu / ((1 + nu) * (1 - 2 * nu))
 
 
 def shape_gradients(

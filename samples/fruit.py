@@ -1,6 +1,6 @@
 """Nectarines that never grew: a star-shaped skin, a true pit beside its prior, a known modulus."""
 
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -30,17 +30,17 @@ class Skin:
     """The surface x(d) = centre + r(d) d over unit directions d, fruit frame, mm.
 
     r = |d / half_axes|^-1 (1 + cubic form(d)) - stem cavity - blossom dimple - suture groove (on the +x
-    half).
+    half). An ellipsoid about the origin where nothing else is said.
     """
 
-    centre_mm: tuple[float, float, float]
+    centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     half_axes_mm: tuple[float, float, float]
-    stem_depth_mm: float
-    stem_width: float
-    blossom_depth_mm: float
-    groove_depth_mm: float
-    groove_width: float
-    cubic: Float[np.ndarray, "3 3 3"]
+    stem_depth_mm: float = 0.0
+    stem_width: float = 0.3
+    blossom_depth_mm: float = 0.0
+    groove_depth_mm: float = 0.0
+    groove_width: float = 0.1
+    cubic: Float[np.ndarray, "3 3 3"] = field(default_factory=lambda: np.zeros((3, 3, 3)))
 
     def radius_mm(self, directions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
         """r(d) in mm for unit directions."""
@@ -81,12 +81,12 @@ class SampleFruit:
     """One fruit with everything that is true of it."""
 
     fruit_id: str
-    seed: int
+    seed: int = 0
     skin: Skin
     pit: SamplePit
     E_MPa: float
-    poisson_ratio: float
-    ripeness: float
+    poisson_ratio: float = POISSON_RATIO
+    ripeness: float = 0.5
 
 
 def fruits_of_seed(count: int, *, seed: int) -> tuple[SampleFruit, ...]:
@@ -119,7 +119,6 @@ def fruit_of_seed(fruit_id: str, *, seed: int, E_MPa: float, ripeness: float = 0
     half = size * np.array([30.6, 29.6, 29.6]) * rng.normal(1.0, 0.012, 3)
     cubic = rng.normal(0.0, 0.006, (3, 3, 3))
     skin = Skin(
-        centre_mm=(0.0, 0.0, 0.0),
         half_axes_mm=triple(half),
         stem_depth_mm=float(rng.uniform(3.0, 4.2)),
         stem_width=float(rng.uniform(0.27, 0.33)),
@@ -134,15 +133,7 @@ def fruit_of_seed(fruit_id: str, *, seed: int, E_MPa: float, ripeness: float = 0
     centre = (low + high) / 2 + np.array(PIT_RAISED) * half_box + rng.normal(0.0, PIT_OFFSET_SD_MM, 3)
     semi_axes = np.array(PIT_OVER_BOX) * half_box * rng.normal(1.0, PIT_SIZE_SD, 3)
     pit = SamplePit(centre_mm=triple(centre), semi_axes_mm=triple(semi_axes))
-    return SampleFruit(
-        fruit_id=fruit_id,
-        seed=seed,
-        skin=skin,
-        pit=pit,
-        E_MPa=E_MPa,
-        poisson_ratio=POISSON_RATIO,
-        ripeness=ripeness,
-    )
+    return SampleFruit(fruit_id=fruit_id, seed=seed, skin=skin, pit=pit, E_MPa=E_MPa, ripeness=ripeness)
 
 
 def box_mm(skin: Skin) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:

@@ -12,11 +12,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from jaxtyping import Float, Int
+from scipy.integrate import simpson
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
 from fem.sparse.solver import Factor, factorise
-from samples.brick_flesh import assembled, shape_gradients
+from samples.brick_flesh import assembled, lame_constants, shape_gradients
 from samples.hexahedra import lagrange, with_midpoints
 from samples.sample_failure import NotInEquilibrium
 
@@ -89,16 +90,11 @@ def gel_block(
     z = -thickness_mm * with_midpoints(np.asarray(depths))[::-1]
     a, b, c = len(x), len(y), len(z)
     number = np.arange(a * b * c).reshape(c, a, b)
-    corner = np.meshgrid(*[np.arange(0, n - 2, 2) for n in (c, a, b)], indexing="ij")
-    start = np.stack(corner, axis=-1).reshape(-1, 3)
-    step = np.stack(np.meshgrid(*[np.arange(3)] * 3, indexing="ij"), -1).reshape(-1, 3)
-    place = start[:, None] + step
-    cells = number[place[..., 0], place[..., 1], place[..., 2]]
+    cells = np.lib.stride_tricks.sliding_window_view(number, (3, 3, 3))[::2, ::2, ::2].reshape(-1, 27)
     grid = np.meshgrid(z, x, y, indexing="ij")
     nodes = np.stack([grid[1], grid[2], grid[0]], axis=-1).reshape(-1, 3)
-    mu, lam = E_MPa / (2 * (1 + nu)), E_MPa * nu / ((1 + nu) * (1 - 2 * nu))
     slopes, volumes = shape_gradients(nodes[cells])
-    stiffness = assembled(cells, slopes, volumes, mu, lam, len(nodes))
+    stiffness = assembled(cells, slopes, volumes, *lame_constants(E_MPa, nu), len(nodes))
     fixed = 3 * a * b
     factor = factorise(csr_array(stiffness[fixed:][:, fixed:]))
     face = np.stack(np.meshgrid(x, y, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -107,7 +103,7 @@ def gel_block(
     return GelBlock(
         x_mm=x,
         y_mm=y,
-        weights_mm2=(_simpson(x)[:, None] * _simpson(y)).ravel(),
+        weights_mm2=np.outer(*(simpson(np.eye(len(line)), x=line) for line in (x, y))).ravel(),
         reach=reach,
         compliance=_columns(factor, top, 3 * a * b, reach),
     )
@@ -218,13 +214,6 @@ def _columns(factor: Factor, top: int, size: int, reach: Int[np.ndarray, " r"]) 
         unit[dofs[part], np.arange(len(part))] = 1.0
         out[:, part] = factor.solve(unit)[top:]
     return out
-
-
-def _simpson(x: Float[np.ndarray, " a"]) -> Float[np.ndarray, " a"]:
-    weight = np.zeros(len(x))
-    for k in range(0, len(x) - 2, 2):
-        weight[k : k + 3] += (x[k + 2] - x[k]) / 6.0 * np.array([1.0, 4.0, 1.0])
-    return weight
 
 
 def _read(

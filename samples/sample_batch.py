@@ -35,6 +35,8 @@ from tactile.readers.recording import write_recording
 __all__ = ["SampleFailure", "write_answers", "write_batch", "write_grasps", "write_scan", "write_settings"]
 
 Progress = Callable[[str], None]
+PHOTOS = 24
+"""Of each fruit: as many as users are advised to take."""
 
 _SETTINGS = """\
 # Nectarines that never grew: shapes, photos and grasps are simulated, the true moduli are in answers.json.
@@ -71,7 +73,6 @@ def write_batch(
     seed: int,
     fruits: int,
     photos: bool,
-    views: int = 24,
     grasps: int = 2,
     fineness: Fineness = SHIPPED,
     progress: Progress | None = None,
@@ -90,7 +91,7 @@ def write_batch(
     for fruit in made:
         where = folder / "fruits" / fruit.fruit_id
         if photos:
-            scene = sample_scene(fruit, photos=views)
+            scene = sample_scene(fruit, photos=PHOTOS)
             write_photos(where / "photos", scene, options=RenderOptions(), progress=progress)
         else:
             write_scan(where / "fruit.ply", fruit)

@@ -129,11 +129,5 @@ def skin_of_scan(
     return ScannedSkin(
         centre_mm=triple(shift),
         half_axes_mm=triple((high - low) / 2),
-        stem_depth_mm=0.0,
-        stem_width=1.0,
-        blossom_depth_mm=0.0,
-        groove_depth_mm=0.0,
-        groove_width=1.0,
-        cubic=np.zeros((3, 3, 3)),
         scan=replace(scan, vertices=turned + shift, normals=scan.normals @ turn.T),
     )

@@ -32,7 +32,6 @@ def simulate(
     *,
     rng: np.random.Generator,
     gel: Gel | tuple[Gel, Gel] = DEFAULT_GEL,
-    noise: SensorNoise | None = None,
     fineness: Fineness = SHIPPED,
     progress: Callable[[str], None] | None = None,
 ) -> Recording:
@@ -43,7 +42,7 @@ def simulate(
     """
     truth = true_grasp(fruit, grasp, gel=gel, fineness=fineness, progress=progress)
     return as_measured(
-        truth, gels=_of_each(gel), noise=noise or SensorNoise(), rng=rng, fruit_id=fruit.fruit_id,
+        truth, gels=_of_each(gel), noise=SensorNoise(), rng=rng, fruit_id=fruit.fruit_id,
         category="nectarine", sensor=DEFAULT_SENSOR.name,
     )  # fmt: skip
 

@@ -10,13 +10,13 @@ import numpy as np
 from jaxtyping import Float, Int, UInt8
 
 from recon.learned.onnx_file import bad_model
-from recon.learned.onnx_session import opened, ran
+from recon.learned.onnx_session import INPUT, opened, ran
 from recon.silhouettes.mask import Window
 
 SHIPPED = Path(__file__).parent / "models" / "fruit.onnx"
 SIDE_PX = 192
 """Of the square picture that the shipped model was trained on (benchmarks/fruit_model_train.py)."""
-INPUT, OUTPUT = "images", "fruit_log_odds"
+OUTPUT, SIGNATURE = "fruit_log_odds", "(n, 3, 192, 192)"
 CPU = ("CPUExecutionProvider",)
 AT_ONCE = 4
 """Pictures in one run: 36 at once take 680 MiB more memory, and no less time."""
@@ -56,14 +56,8 @@ class FruitModel:
     def _run(self, squares: list[UInt8[np.ndarray, "s s 3"]]) -> Float[np.ndarray, "n h w"]:
         """The model's log odds for squares of photos; raises ReconFailure for one that cannot be used."""
         batch = np.stack([s[:, :, ::-1].transpose(2, 0, 1) for s in squares]).astype(np.float32) / 255
-        try:
-            made = np.asarray(
-                ran(self.session, [OUTPUT], {INPUT: batch}, most_bytes=MOST_BYTES)[0], np.float32
-            )
-        except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
-            raise bad_model(
-                self.path, f"failed while it ran ({error})", "a model that runs on images (n, 3, 192, 192)"
-            ) from error
+        (answer,) = ran(self.path, self.session, [OUTPUT], batch, signature=SIGNATURE, most_bytes=MOST_BYTES)
+        made = np.asarray(answer, np.float32)
         if made.ndim != 4 or made.shape[:2] != (len(squares), 1) or not np.isfinite(made).all():
             raise bad_model(
                 self.path, f'gives "{OUTPUT}" of shape {made.shape}', f"finite ({len(squares)}, 1, h, w)"
@@ -77,7 +71,7 @@ def fruit_model(path: Path = SHIPPED, *, providers: Sequence[str] = CPU) -> Frui
     inputs = {i.name: i.shape for i in session.get_inputs()}
     wanted = [3, SIDE_PX, SIDE_PX]
     if list(inputs) != [INPUT] or list(inputs[INPUT][1:]) != wanted:
-        raise bad_model(path, f"takes the inputs {inputs}", f'one input "{INPUT}" of shape (n, 3, 192, 192)')
+        raise bad_model(path, f"takes the inputs {inputs}", f'one input "{INPUT}" of shape {SIGNATURE}')
     return FruitModel(path, session)
 
 

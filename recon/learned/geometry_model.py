@@ -11,7 +11,7 @@ from recon.cameras.photos import Photo
 from recon.cameras.printed_mat import Mat, detect_tags
 from recon.cameras.similarity import moved, robust_similarity
 from recon.learned.onnx_file import bad_model
-from recon.learned.onnx_session import opened, ran
+from recon.learned.onnx_session import INPUT, opened, ran
 from recon.picture_values import sampled
 from recon.recon_failure import ReconProblem
 from recon.scale import PRINT_SCALE_SD, blank_box
@@ -20,6 +20,7 @@ MULTIPLE = 14
 """px: sides must be a multiple of the model's patch, 14 in VGGT."""
 WIDTH_PX = 518
 """Width that VGGT was trained on, for models that leave it open."""
+SIGNATURE = "(1, S, 3, H, W)"
 POINTS, TRUST = "world_points", "world_points_conf"
 TRUSTED_SHARE = 0.6
 """Of a model's points, by its own confidence. Set by hand: what it trusts least is background and rims."""
@@ -75,11 +76,11 @@ def point_maps(
     session = opened(model, providers)
     offered = [o.name for o in session.get_outputs()]
     inputs = {i.name: i for i in session.get_inputs()}
-    if list(inputs) != ["images"] or len(inputs["images"].shape) != 5:
+    if list(inputs) != [INPUT] or len(inputs[INPUT].shape) != 5:
         shapes = {name: i.shape for name, i in inputs.items()}
-        raise bad_model(model, f"takes the inputs {shapes}", 'one input "images" of shape (1, S, 3, H, W)')
-    kind = "float16" if "float16" in inputs["images"].type else "float32"
-    rows, columns = inputs["images"].shape[3:]
+        raise bad_model(model, f"takes the inputs {shapes}", f'one input "{INPUT}" of shape {SIGNATURE}')
+    kind = "float16" if "float16" in inputs[INPUT].type else "float32"
+    rows, columns = inputs[INPUT].shape[3:]
     if POINTS not in offered:
         others = ", ".join(sorted(offered)) or "none"
         raise bad_model(model, f'has no output "{POINTS}" (its outputs are {others})', f'"{POINTS}"')
@@ -90,12 +91,7 @@ def point_maps(
     small = [cv2.resize(p.image, (columns, rows), interpolation=cv2.INTER_AREA) for p in photos]
     images = np.stack(small)[None, ..., ::-1].transpose(0, 1, 4, 2, 3).astype(np.float32) / 255
     wanted = [name for name in (POINTS, TRUST) if name in offered]
-    try:
-        outputs = ran(session, wanted, {"images": images.astype(kind)})
-    except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
-        raise bad_model(
-            model, f"failed while it ran ({error})", "a model that runs on images (1, S, 3, H, W)"
-        ) from error
+    outputs = ran(model, session, wanted, images.astype(kind), signature=SIGNATURE)
     grid = (1, len(photos), rows, columns)
     for name, output, expected in zip(wanted, outputs, ((*grid, 3), grid), strict=False):
         if output.shape != expected:

@@ -2,7 +2,7 @@
 
 import difflib
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TypeAlias
 
@@ -15,6 +15,7 @@ from recon.learned.onnx_file import bad_model, model_files, require_onnx
 
 Session: TypeAlias = onnxruntime.InferenceSession
 """What `opened` gives."""
+INPUT = "images"
 SIZES, MOST_MORE_BYTES = 3, 1_000_000_000
 """Memory to load a model: so many times its files (constants are copied), and so many bytes more."""
 
@@ -66,15 +67,23 @@ def opened(model: Path, providers: Sequence[str]) -> Session:
 
 
 def ran(
+    model: Path,
     session: Session,
     outputs: Sequence[str],
-    inputs: Mapping[str, np.ndarray],
+    images: np.ndarray,
     *,
+    signature: str,
     most_bytes: int | None = None,
 ) -> list[np.ndarray]:
-    """What the model makes of the inputs, with at most `most_bytes` more memory; raises as onnxruntime does.
+    """What the model makes of `images`, its one input, with at most `most_bytes` more memory.
 
-    None: SHARE_OF_FREE of the machine's free memory.
+    None: SHARE_OF_FREE of the machine's free memory. Raises ReconFailure (bad-geometry-model), in which
+    `signature` is the shape that is expected of images.
     """
-    with limited_memory(int(SHARE_OF_FREE * free_bytes()) if most_bytes is None else most_bytes):
-        return list(session.run(list(outputs), dict(inputs)))
+    try:
+        with limited_memory(int(SHARE_OF_FREE * free_bytes()) if most_bytes is None else most_bytes):
+            return list(session.run(list(outputs), {INPUT: images}))
+    except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
+        raise bad_model(
+            model, f"failed while it ran ({error})", f"a model that runs on images {signature}"
+        ) from error

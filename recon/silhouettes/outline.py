@@ -227,18 +227,13 @@ def _fill_ring(values: Float[np.ndarray, " n"], known: Bool[np.ndarray, " n"]) -
     return np.where(known, np.clip(values, smooth - 0.7, smooth + 0.7), smooth)
 
 
-def resampled(points: Float[np.ndarray, "n 2"], count: int) -> tuple[Float[np.ndarray, "k 2"], float]:
-    """Evenly spaced places on a closed curve, and its length."""
-    closed = np.concatenate([points, points[:1]])
-    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
-    at = np.linspace(0, along[-1], count, endpoint=False)
-    return np.stack([np.interp(at, along, closed[:, k]) for k in (0, 1)], axis=1), float(along[-1])
-
-
 def _even(points: Float[np.ndarray, "n 2"], *, smooth: float) -> Outline:
     """Resample a closed curve to even spacing; normals from a slightly smoothed copy, pointing outward."""
-    even, length_px = resampled(points, SAMPLES)
-    samples_per_px = SAMPLES / max(length_px, 1e-6)
+    closed = np.concatenate([points, points[:1]])
+    along = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(closed, axis=0), axis=1))])
+    at = np.linspace(0, along[-1], SAMPLES, endpoint=False)
+    even = np.stack([np.interp(at, along, closed[:, k]) for k in (0, 1)], axis=1)
+    samples_per_px = SAMPLES / max(float(along[-1]), 1e-6)
     if smooth > 0:
         even = ndimage.gaussian_filter1d(even, smooth * samples_per_px, axis=0, mode="wrap")
     smoother = ndimage.gaussian_filter1d(even, 2 * samples_per_px, axis=0, mode="wrap")

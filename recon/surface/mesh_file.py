@@ -11,8 +11,8 @@ from jaxtyping import Float, Int
 from pipeline.files.plain_file import NotReadable, json_of, printable, read_bytes
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.ply_file import NotPly, read_header, read_ply
-from recon.surface.ray_mesh import SEEN_BY
-from recon.triangle_mesh import consistently_oriented, open_edges, used_part, volume_mm3
+from recon.surface.ray_mesh import SEEN_BY, consistently_oriented
+from recon.triangle_mesh import open_edges, used_part, volume_mm3
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 # Without any handler Python would print trimesh's warnings, with tracebacks, on standard error.
@@ -119,7 +119,7 @@ def _joined(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -
         vertices, faces = places, merged
     if not open_edges(faces):
         return vertices, faces
-    turned = consistently_oriented(faces)
+    turned = consistently_oriented(vertices, faces)
     if not open_edges(turned):
         faces = turned if volume_mm3(vertices, turned) > 0 else turned[:, ::-1]
     return vertices, faces

@@ -123,22 +123,19 @@ def read_ply(data: bytes, header: PlyHeader) -> tuple[Float[np.ndarray, "n 3"], 
 
 Values = Sequence[np.ndarray] | np.ndarray
 Rows = dict[str, Mapping[str, Values]]
-"""Values by element and column: a number a row, or of a list an array a row (a table for even lists)."""
+"""Values by element and column: a number a row, or of a list an array a row."""
 
 
 def _fans(polygons: Values) -> Int[np.ndarray, "m 3"]:
     """Triangles (corner 0, k, k + 1) of each polygon; ValueError where one has fewer than 3 corners."""
-    if isinstance(polygons, np.ndarray) and polygons.ndim == 2:
-        groups = [polygons.astype(np.int64)]
-    else:
-        sizes = np.array([len(polygon) for polygon in polygons])
-        groups = [
-            np.array([polygons[k] for k in np.flatnonzero(sizes == size).tolist()], np.int64)
-            for size in np.unique(sizes)
-        ]
-    if any(group.shape[1] < 3 for group in groups):
+    sizes = np.array([len(polygon) for polygon in polygons])
+    if sizes.min() < 3:
         raise ValueError("a face of fewer than three corners")
-    return np.concatenate([group[:, [0, k, k + 1]] for group in groups for k in range(1, group.shape[1] - 1)])
+    triangles = []
+    for size in np.unique(sizes):
+        group = np.array([polygons[k] for k in np.flatnonzero(sizes == size).tolist()], np.int64)
+        triangles += [group[:, [0, k, k + 1]] for k in range(1, size - 1)]
+    return np.concatenate(triangles)
 
 
 def _rows(data: bytes, header: PlyHeader) -> Rows:
@@ -152,13 +149,13 @@ def _rows(data: bytes, header: PlyHeader) -> Rows:
     for element in header.elements:
         if element.count == 0:
             continue
-        sizes = _first_lengths(data, at, element, header.endian)
-        table = _even_rows(data, at, element, sizes, header.endian)
-        if table is None:
-            rows[element.name], at = _uneven_rows(data, at, element, header.endian)
+        if any(column.counted for column in element.columns):
+            rows[element.name], at = _rows_of_lists(data, at, element, header.endian)
             continue
+        row = np.dtype([(f"v{k}", header.endian + column.type) for k, column in enumerate(element.columns)])
+        table = np.frombuffer(data, row, element.count, at)
         rows[element.name] = {column.name: table[f"v{k}"] for k, column in enumerate(element.columns)}
-        at += element.count * table.dtype.itemsize
+        at += element.count * row.itemsize
     if data[at:].strip():
         raise ValueError("more or fewer bytes than the header says")
     return rows
@@ -169,47 +166,19 @@ def _as_number(column: PlyProperty) -> PlyProperty:
     return replace(column, type="d", counted=column.counted and "d")
 
 
-def _first_lengths(data: bytes, at: int, element: Element, endian: str) -> list[int]:
-    """How long the lists of the first row are; 1 of a single number."""
-    sizes = []
-    for column in element.columns:
-        size = 1
-        if column.counted:
-            size = int(struct.unpack_from(endian + column.counted, data, at)[0])
-            at += struct.calcsize(f"<{column.counted}")
-        sizes.append(size)
-        at += size * struct.calcsize(f"<{column.type}")
-    return sizes
-
-
-def _even_rows(data: bytes, at: int, element: Element, sizes: list[int], endian: str) -> np.ndarray | None:
-    """The rows as a table with the columns v0, v1, ...; None where lists are not all as long as the first."""
-    fields: list[tuple[str, str] | tuple[str, str, tuple[int]]] = []
-    for k, (column, size) in enumerate(zip(element.columns, sizes, strict=True)):
-        fields += [(f"n{k}", endian + column.counted)] if column.counted else []
-        kind = endian + column.type
-        fields.append((f"v{k}", kind, (size,)) if column.counted else (f"v{k}", kind))
-    row = np.dtype(fields)
-    if row.itemsize * element.count > len(data) - at:
-        return None
-    table = np.frombuffer(data, row, element.count, at)
-    counted = [k for k, column in enumerate(element.columns) if column.counted]
-    return table if all((table[f"n{k}"] == sizes[k]).all() for k in counted) else None
-
-
-def _uneven_rows(
+def _rows_of_lists(
     data: bytes, at: int, element: Element, endian: str
 ) -> tuple[dict[str, list[np.ndarray]], int]:
     """The rows one by one, and where they end. Lists alone are kept: other columns are of no use here."""
     lists: dict[str, list[np.ndarray]] = {c.name: [] for c in element.columns if c.counted}
     for _ in range(element.count):
         for column in element.columns:
-            size = 1
+            size, kind = 1, np.dtype(endian + column.type)
             if column.counted:
                 size = int(struct.unpack_from(endian + column.counted, data, at)[0])
                 at += struct.calcsize(f"<{column.counted}")
                 if size < 0:
                     raise ValueError("a list of negative length")
-                lists[column.name].append(np.frombuffer(data, endian + column.type, size, at))
-            at += size * struct.calcsize(f"<{column.type}")
+                lists[column.name].append(np.frombuffer(data, kind, size, at))
+            at += size * kind.itemsize
     return lists, at

@@ -66,6 +66,20 @@ def open3d() -> ModuleType:
     return loaded
 
 
+def consistently_oriented(
+    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
+) -> Int[np.ndarray, "m 3"]:
+    """The faces, some of them turned round, so that neighbours run along their shared edge in opposite
+    directions, where the surface has two sides.
+    """
+    o3d = open3d()
+    mesh = o3d.geometry.TriangleMesh(
+        o3d.utility.Vector3dVector(vertices), o3d.utility.Vector3iVector(faces.astype(np.int32))
+    )
+    mesh.orient_triangles()
+    return np.asarray(mesh.triangles, int)
+
+
 class RayMesh:
     """Vertices (mm) and faces; raises ReconFailure (missing-library) where Open3D does not load."""
 

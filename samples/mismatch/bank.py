@@ -21,14 +21,20 @@ from samples.mismatch.case_files import (
 from samples.mismatch.case_simulation import (
     CasePlan,
     as_recorded,
-    label_of_plan,
     planned,
     true_recordings,
     with_amount,
 )
 from samples.mismatch.drawn_fruit import DrawnFruit, seen_anew
-from samples.mismatch.injected import EFFECTS, InjectedEffect, drawn_amplitude, drawn_parameters, named
-from samples.mismatch.out_of_catalogue import OUT_OF_CATALOGUE
+from samples.mismatch.injected import (
+    EFFECTS,
+    OUT_OF_CATALOGUE,
+    InjectedEffect,
+    drawn_amplitude,
+    drawn_parameters,
+    label_of,
+    named,
+)
 from samples.mismatch.true_recording import TrueRecording
 from samples.sample_failure import SampleFailure
 
@@ -72,8 +78,6 @@ class BankFruit:
 
     def plan(self) -> CasePlan:
         """The fruit, its grasps and its effects."""
-        if self.effects and self.effects[0] in OUT_OF_CATALOGUE:
-            return planned(self.name, (), seed=self.seed, out_of_catalogue=self.effects[0])
         rng = np.random.default_rng([*self.seed, 1])
         effects = tuple((effect, drawn_amplitude(effect, rng)) for effect in self.effects)
         return planned(self.name, effects, seed=self.seed)
@@ -121,9 +125,9 @@ def draw_case(
     drawn, stated = as_stated(plan.drawn, extra, rng)
     injected = tuple(with_amount(injection, max(peaks), truths) for injection in (*plan.injected, *stated))
     origin = {"fruit": fruit.name, "fruit_seed": fruit.seed, "added": added, "seed": SEED}
-    entry = answer(drawn, label_of_plan(plan, injected)) | {"drawn_from": origin}
+    entry = answer(drawn, label_of(injected)) | {"drawn_from": origin}
     rng.bytes(16)  # earlier banks drew a salt here
-    recordings = tuple(as_recorded(truth, injected, plan.out_of_catalogue) for truth in truths)
+    recordings = tuple(as_recorded(truth, injected) for truth in truths)
     write_case_files(cases / case_id, drawn, recordings, peaks_N=peaks, rng=rng)
     write_answer(cases, case_id, entry)
     return case_id

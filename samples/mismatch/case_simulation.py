@@ -2,7 +2,6 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_array
@@ -15,11 +14,12 @@ from samples.mismatch.four_grasps import four_grasps
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.injected import (
     MATERIAL_LAWS,
+    OUT_OF_CATALOGUE,
     InjectedEffect,
+    drawn_out_of_catalogue,
     drawn_parameters,
     flesh_law,
     gel_of,
-    label_of,
     membrane,
     named,
     plain_flesh,
@@ -50,12 +50,7 @@ from samples.mismatch.other_bodies import (
     split_pit_stiffness,
     with_third_contact,
 )
-from samples.mismatch.out_of_catalogue import (
-    OutOfCatalogue,
-    drawn_out_of_catalogue,
-    out_of_catalogue_body,
-    out_of_catalogue_recorded,
-)
+from samples.mismatch.out_of_catalogue import believed, out_of_catalogue_body
 from samples.mismatch.skin_compliance import skin_compliance
 from samples.mismatch.true_recording import ElasticBody, GrippedBody, TrueRecording, grasped, grip_of
 from samples.sample_failure import SampleFailure
@@ -69,10 +64,13 @@ FAULTS: dict[str, Callable[..., TrueRecording]] = {
     "gel_creep": with_gel_creep,
     "gel_hysteresis": with_hysteresis,
     "thermal_drift": with_thermal_drift,
+    "gel_softening": lambda truth, **_: believed(truth),
 }
 """What makes each fault of machine and gels from its label's parameters, by its effect's name."""
 BODIES = ("loose_pit", "third_contact", "split_pit")
 """Effects that make the fruit another body, of linear flesh; at most one, and none with a law of its own."""
+ALONE = ("split_pit", *OUT_OF_CATALOGUE)
+"""These are injected without any other effect on the body."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -82,20 +80,10 @@ class CasePlan:
     drawn: DrawnFruit
     grasps: tuple[PlannedGrasp, ...]
     injected: tuple[InjectedEffect, ...]
-    out_of_catalogue: OutOfCatalogue | None = None
 
 
-def planned(
-    case_id: str,
-    effects: tuple[tuple[str, float], ...],
-    *,
-    seed: tuple[int, ...],
-    out_of_catalogue: str | None = None,
-) -> CasePlan:
-    """A case with the given effects, each of its amplitude; all the rest from the seed.
-
-    `out_of_catalogue` names a physics that is not in the catalogue, instead of effects.
-    """
+def planned(case_id: str, effects: tuple[tuple[str, float], ...], *, seed: tuple[int, ...]) -> CasePlan:
+    """A case with the given effects, each of its amplitude; all the rest from the seed."""
     rng = np.random.default_rng(list(seed))
     kind: Category = CATEGORIES[int(rng.integers(len(CATEGORIES)))]
     injected = tuple(
@@ -113,14 +101,14 @@ def planned(
     )
     grasps = four_grasps(drawn.fruit.skin, depth_mm=drawn.depth_mm, rng=rng)
     injected = tuple(_placed(p, drawn, grasps, rng) for p in injected)
-    foreign = None if out_of_catalogue is None else drawn_out_of_catalogue(out_of_catalogue, rng)
-    drawn = seen_by_drawn_sensor(drawn, rng)
-    return CasePlan(drawn=drawn, grasps=grasps, injected=injected, out_of_catalogue=foreign)
+    return CasePlan(drawn=seen_by_drawn_sensor(drawn, rng), grasps=grasps, injected=injected)
 
 
 def _placed(
     injection: InjectedEffect, drawn: DrawnFruit, grasps: tuple[PlannedGrasp, ...], rng: np.random.Generator
 ) -> InjectedEffect:
+    if injection.effect in OUT_OF_CATALOGUE:
+        return drawn_out_of_catalogue(injection.effect, rng)
     if injection.effect == "third_contact":
         place = drawn_place_mm(drawn.fruit.skin, rng)
         return replace(injection, parameters={**injection.parameters, "centre_mm": place.tolist()})
@@ -133,16 +121,6 @@ def _placed(
     )
     where = {"grasp": number + 1, "pad": pad, "depth_mm": depth, "centre_mm": centre.tolist()}
     return replace(injection, parameters={**injection.parameters, **where})
-
-
-def label_of_plan(plan: CasePlan, labelled: tuple[InjectedEffect, ...]) -> dict[str, Any]:
-    """A plan's label, `effect` and `parameters`; `labelled`: its effects, in newtons where the peak force is
-    known.
-    """
-    if plan.out_of_catalogue is not None:
-        parameters = {"physics": plan.out_of_catalogue.name, **plan.out_of_catalogue.parameters}
-        return {"effect": "unknown", "parameters": parameters}
-    return label_of(labelled)
 
 
 def with_amount(
@@ -175,7 +153,7 @@ def true_recordings(plan: CasePlan, *, fineness: BrickGrading = CASE) -> tuple[T
             plan.drawn.fruit, here[0], sensor=plan.drawn.sensor, fineness=fineness,
             wider=WIDE_SHARE if touches_widely(plan.injected) else 0.0,
         )  # fmt: skip
-        body, inner = body_of(stands, plan.injected, plan.out_of_catalogue, skin=plan.drawn.fruit.skin)
+        body, inner = body_of(stands, plan.injected, skin=plan.drawn.fruit.skin)
         for grasp in here:
             grip = grip_of(stands, gel=gel_of(plan.injected, plan.drawn.sensor.gel), inner=inner)
             if lag is None:
@@ -189,20 +167,19 @@ def true_recordings(plan: CasePlan, *, fineness: BrickGrading = CASE) -> tuple[T
 
 
 def body_of(
-    stands: MeshedFruit,
-    injected: tuple[InjectedEffect, ...],
-    out_of_catalogue: OutOfCatalogue | None = None,
-    *,
-    skin: Skin | None = None,
+    stands: MeshedFruit, injected: tuple[InjectedEffect, ...], *, skin: Skin | None = None
 ) -> tuple[GrippedBody, InnerContact | None]:
     """The flesh of one mesh with everything injected into it, and what it touches beside the pads: a loose
     pit, a third contact (of which `skin`, the fruit's, says the normal).
 
     Raises SampleFailure for two effects that are not simulated together.
     """
-    if out_of_catalogue is not None:
-        return out_of_catalogue_body(stands, out_of_catalogue), None
     flesh = stands.flesh
+    for effect in ALONE:
+        if named(injected, effect) and len(injected) > 1:
+            raise SampleFailure(f"{effect} is injected alone: no other effect is simulated with it.")
+    if injected and injected[0].effect in OUT_OF_CATALOGUE:
+        return out_of_catalogue_body(stands, injected[0]), None
     plain, skin_stiffness = plain_flesh(flesh, injected), membrane(flesh, injected)
     laws = [p for p in injected if p.effect in (*MATERIAL_LAWS, *BODIES)]
     if len(laws) > 1:
@@ -219,11 +196,7 @@ def body_of(
         loose = loose_compliance(flesh, stands.dofs, extra=csr_array(linear - flesh.stiffness))
         return ElasticBody(loose), pit_contact(flesh, gap_mm=injection.number("gap_mm"))
     if injection.effect == "split_pit":
-        if len(injected) > 1:
-            raise SampleFailure("split_pit is injected alone: no other flesh is made with two half pits.")
-        split = split_pit_stiffness(
-            flesh, angle_deg=injection.number("angle_deg"), share=injection.number("share")
-        )
+        split = split_pit_stiffness(flesh, **injection.parameters)
         return ElasticBody(skin_compliance(split, stands.dofs)), None
     if skin is None:
         raise SampleFailure("a third contact needs the fruit's skin, which says its normal.")
@@ -235,12 +208,8 @@ def body_of(
     return ElasticBody(compliance), seat
 
 
-def as_recorded(
-    truth: TrueRecording, injected: tuple[InjectedEffect, ...], out_of_catalogue: OutOfCatalogue | None = None
-) -> TrueRecording:
+def as_recorded(truth: TrueRecording, injected: tuple[InjectedEffect, ...]) -> TrueRecording:
     """What the machine's faults make of a true recording; a late clock is in it already."""
-    if out_of_catalogue is not None:
-        return out_of_catalogue_recorded(truth, out_of_catalogue)
     for fault in injected:
         if fault.effect in FAULTS:
             truth = FAULTS[fault.effect](truth, **fault.parameters)

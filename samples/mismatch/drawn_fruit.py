@@ -92,8 +92,7 @@ def drawn_fruit(
     half = np.array(kind.half_axes_mm) * np.clip(rng.normal(1.0, kind.spread), 0.88, 1.12)
     half = half * np.clip(rng.normal(1.0, 0.012, 3), 0.975, 1.025)
     skin = Skin(
-        centre_mm=(0.0, 0.0, 0.0),
-        half_axes_mm=(float(half[0]), float(half[1]), float(half[2])),
+        half_axes_mm=triple(half),
         stem_depth_mm=float(rng.uniform(*kind.stem_mm)),
         stem_width=float(rng.uniform(0.27, 0.33)),
         blossom_depth_mm=float(rng.uniform(0.0, 0.5)) if kind.stem_mm[1] else 0.0,
@@ -105,10 +104,7 @@ def drawn_fruit(
     centre, sizes = _pit_error(rng, pit_shift_mm, pit_scale)
     pit = SamplePit(centre_mm=triple(centre), semi_axes_mm=triple(np.array(prior.semi_axes_mm) * sizes))
     modulus = float(np.exp(rng.uniform(np.log(SOFTEST_MPA), np.log(FIRMEST_MPA))))
-    fruit = SampleFruit(
-        fruit_id=fruit_id, seed=0, skin=skin, pit=pit, E_MPa=modulus, poisson_ratio=poisson_ratio,
-        ripeness=0.5,
-    )  # fmt: skip
+    fruit = SampleFruit(fruit_id=fruit_id, skin=skin, pit=pit, E_MPa=modulus, poisson_ratio=poisson_ratio)
     depth = float(half.mean() * rng.uniform(0.06, 0.076))
     return DrawnFruit(category=category, fruit=fruit, prior=prior, depth_mm=depth)
 

@@ -1,5 +1,6 @@
 """How strong each effect is made: of any amplitude, from just to be seen to plain."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -26,13 +27,43 @@ from samples.mismatch.flesh_laws import (
 from samples.mismatch.true_recording import PAD_NAMES
 from samples.sample_failure import SampleFailure
 
-EFFECTS = (
-    "viscoelastic", "stiffening", "skin", "graded_modulus", "soft_spot", "anisotropy", "poisson_ratio",
-    "pit_offset", "pit_size", "loose_pit", "slip", "plastic_set", "damage", "sensor_gain", "sensor_drift",
-    "gripper_compliance", "clock_lag", "pose_error", "adhesion",
-    "sensor_nonlinear", "gel_creep", "gel_hysteresis", "thermal_drift", "third_contact",
-    "drainage", "split_pit",
-)  # fmt: skip
+Range = tuple[float, float]
+AMPLITUDES: dict[str, Range] = {
+    "viscoelastic": (0.01, 0.6),
+    "stiffening": (1.0, 65.0),
+    "skin": (0.05, 4.5),
+    "graded_modulus": (0.01, 0.6),
+    "soft_spot": (0.04, 0.9),
+    "anisotropy": (0.03, 2.5),
+    "poisson_ratio": (0.004, 0.17),
+    "pit_offset": (0.2, 3.8),
+    "pit_size": (0.015, 0.3),
+    "loose_pit": (0.005, 0.45),
+    "slip": (2.0, 20.0),
+    "plastic_set": (4.0, 22.0),
+    "damage": (0.03, 0.75),
+    "sensor_gain": (0.004, 0.2),
+    "sensor_drift": (3e-4, 0.025),
+    "gripper_compliance": (4e-4, 0.035),
+    "clock_lag": (0.004, 0.25),
+    "adhesion": (0.01, 0.25),
+    "sensor_nonlinear": (0.01, 0.38),
+    "gel_creep": (0.006, 0.3),
+    "gel_hysteresis": (0.004, 0.14),
+    "thermal_drift": (3e-5, 2.1e-3),
+    "pose_error": (0.03, 1.0),
+    "third_contact": (0.2, 30.0),
+    "drainage": (0.01, 0.9),
+    "split_pit": (0.03, 1.0),
+}
+"""Least and greatest amplitude, in the parameter's own unit (docs/formats.md; of a pit's offset in mm, of a
+drift a share per s, of a wrong pose about 1), but counted from no effect: of a soft spot 1 - ratio, of
+Poisson's ratio how far it is from the fruit's, of slip 1/mu, of a plastic set E over the yield stress. Set by
+hand: from a tenth of what can just be seen, or from what hardly slides or yields, to what is plain."""
+EFFECTS = tuple(AMPLITUDES)
+"""Of the catalogue."""
+OUT_OF_CATALOGUE = ("palm", "gel_softening")
+"""Physics that the catalogue of effects does not have (samples.mismatch.out_of_catalogue)."""
 MATERIAL_LAWS = ("stiffening", "viscoelastic", "plastic_set", "damage", "drainage")
 TOUCHES_WIDELY = ("stiffening", "skin")
 """Flesh that gives way less than its modulus says, and so touches the pads in wider patches."""
@@ -49,8 +80,9 @@ class InjectedEffect:
     parameters: dict[str, Any]
 
     def __post_init__(self) -> None:
-        if self.effect not in EFFECTS:
-            raise SampleFailure(f"There is no effect {self.effect!r}; there are: {', '.join(EFFECTS)}.")
+        known = (*EFFECTS, *OUT_OF_CATALOGUE)
+        if self.effect not in known:
+            raise SampleFailure(f"There is no effect {self.effect!r}; there are: {', '.join(known)}.")
 
     def number(self, name: str) -> float:
         """One parameter that is a number."""
@@ -69,8 +101,12 @@ def touches_widely(injected: tuple[InjectedEffect, ...]) -> bool:
 
 def label_of(injected: tuple[InjectedEffect, ...]) -> dict[str, Any]:
     """A case's label: `effect`, the names sorted and joined by + (or none), and `parameters`, those of a
-    single effect or one group per effect.
+    single effect or one group per effect. Physics outside the catalogue is "unknown", its name a parameter.
     """
+    for injection in injected:
+        if injection.effect in OUT_OF_CATALOGUE:
+            parameters = {"physics": injection.effect, **injection.parameters}
+            return {"effect": "unknown", "parameters": parameters}
     name = "+".join(sorted(p.effect for p in injected)) or "none"
     groups = {p.effect: dict(p.parameters) for p in injected}
     return {"effect": name, "parameters": groups[name] if len(injected) == 1 else groups}
@@ -121,20 +157,18 @@ def flesh_law(plain: PlainFlesh, injection: InjectedEffect | None) -> tuple[Fles
     """The law of an injected effect, and how much firmer than at rest the solver takes the flesh."""
     if injection is None or injection.effect not in MATERIAL_LAWS:
         return plain, 1.0
-    modulus = plain.lame.modulus
     if injection.effect == "stiffening":
-        return StiffeningFlesh(plain=plain, b=injection.number("b")), STIFFENING_IS_FIRMER
+        return StiffeningFlesh(plain=plain, **injection.parameters), STIFFENING_IS_FIRMER
     if injection.effect == "viscoelastic":
-        return Relaxing(plain=plain, g=injection.number("g"), tau_s=injection.number("tau_s")), 1.0
+        return Relaxing(plain=plain, **injection.parameters), 1.0
+    if injection.effect == "drainage":
+        return Draining(plain=plain, **injection.parameters), 1.0
+    modulus = plain.lame.modulus
     if injection.effect == "plastic_set":
         limit, hardening = injection.number("yield_over_E") * modulus, injection.number("hardening") * modulus
         return Yielding(plain=plain, yield_MPa=limit, hardening_MPa=hardening), 1.0
-    if injection.effect == "drainage":
-        share, tau_s = injection.number("volume_share"), injection.number("tau_s")
-        return Draining(plain=plain, volume_share=share, tau_s=tau_s), 1.0
-    return Damaged(
-        plain=plain, dmax=injection.number("dmax"), W0_MPa=injection.number("W0_over_E") * modulus
-    ), 1.0
+    W0_MPa = injection.number("W0_over_E") * modulus
+    return Damaged(plain=plain, dmax=injection.number("dmax"), W0_MPa=W0_MPa), 1.0
 
 
 def spot_under_pad(
@@ -151,39 +185,6 @@ def spot_under_pad(
     return np.asarray(np.array(drawn.fruit.skin.centre_mm) + (radius - depth_mm) * direction)
 
 
-Range = tuple[float, float]
-AMPLITUDES: dict[str, Range] = {
-    "viscoelastic": (0.01, 0.6),
-    "stiffening": (1.0, 65.0),
-    "skin": (0.05, 4.5),
-    "graded_modulus": (0.01, 0.6),
-    "soft_spot": (0.04, 0.9),
-    "anisotropy": (0.03, 2.5),
-    "poisson_ratio": (0.004, 0.17),
-    "pit_offset": (0.2, 3.8),
-    "pit_size": (0.015, 0.3),
-    "loose_pit": (0.005, 0.45),
-    "slip": (2.0, 20.0),
-    "plastic_set": (4.0, 22.0),
-    "damage": (0.03, 0.75),
-    "sensor_gain": (0.004, 0.2),
-    "sensor_drift": (3e-4, 0.025),
-    "gripper_compliance": (4e-4, 0.035),
-    "clock_lag": (0.004, 0.25),
-    "adhesion": (0.01, 0.25),
-    "sensor_nonlinear": (0.01, 0.38),
-    "gel_creep": (0.006, 0.3),
-    "gel_hysteresis": (0.004, 0.14),
-    "thermal_drift": (3e-5, 2.1e-3),
-    "pose_error": (0.03, 1.0),
-    "third_contact": (0.2, 30.0),
-    "drainage": (0.01, 0.9),
-    "split_pit": (0.03, 1.0),
-}
-"""Least and greatest amplitude, in the parameter's own unit (docs/formats.md; of a pit's offset in mm, of a
-drift a share per s, of a wrong pose about 1), but counted from no effect: of a soft spot 1 - ratio, of
-Poisson's ratio how far it is from the fruit's, of slip 1/mu, of a plastic set E over the yield stress. Set by
-hand: from a tenth of what can just be seen, or from what hardly slides or yields, to what is plain."""
 NAMES = {
     "stiffening": "b", "skin": "Et_N_per_mm", "anisotropy": "axial", "loose_pit": "gap_mm", "slip": "mu",
     "gripper_compliance": "mm_per_N", "adhesion": "reach_mm", "gel_hysteresis": "share",
@@ -195,60 +196,79 @@ MOST_POISSON_RATIO = 0.488
 
 
 def drawn_amplitude(effect: str, rng: np.random.Generator) -> float:
-    """Log-uniform over the range of the effect."""
-    return float(np.exp(rng.uniform(*np.log(AMPLITUDES[effect]))))
+    """Log-uniform over the range of the effect; 1 for physics outside the catalogue."""
+    return log_uniform(rng, *AMPLITUDES.get(effect, (1.0, 1.0)))
+
+
+def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
+    """A number whose logarithm is uniform between those of two others."""
+    return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def drawn_parameters(effect: str, amplitude: float, rng: np.random.Generator) -> dict[str, Any]:
-    """Parameters of an effect, but for what the fruit alone can say: where a soft spot is."""
+    """Parameters of an effect, but for what the fruit alone can say: where a soft spot is.
+
+    Those of physics outside the catalogue are drawn later, by `drawn_out_of_catalogue`.
+    """
+    if effect in OUT_OF_CATALOGUE:
+        return {}
     if effect not in AMPLITUDES:
         raise SampleFailure(f"There is no effect {effect!r} in the catalogue.")
     size = _size_of(effect, amplitude)
     sign = float(rng.choice([-1.0, 1.0]))
     pad = str(rng.choice(PAD_NAMES))
-    if effect == "viscoelastic":
-        return {"g": size, "tau_s": float(np.exp(rng.uniform(np.log(0.4), np.log(12.0))))}
-    if effect == "graded_modulus":
-        return {"gamma": sign * size}
-    if effect == "soft_spot":
-        return {"ratio": size, "radius_mm": float(rng.uniform(4.5, 8.5))}
-    if effect == "poisson_ratio":
-        mirrored = min(MOST_POISSON_RATIO, 2 * POISSON_RATIO - size)
-        return {"nu": mirrored if mirrored < MOST_POISSON_RATIO and sign > 0 else size}
-    if effect == "pit_offset":
-        direction = rng.normal(size=3)
-        return {"offset_mm": (size * direction / np.linalg.norm(direction)).tolist()}
-    if effect == "pit_size":
-        return {"scale": 1 + sign * size}
-    if effect == "damage":
-        return {"dmax": size, "W0_over_E": float(np.exp(rng.uniform(np.log(5e-4), np.log(4e-3))))}
-    if effect == "plastic_set":
-        return {"yield_over_E": size, "hardening": 0.05}
-    if effect == "sensor_gain":
-        return {"pad": pad, "gain": 1 + sign * size}
-    if effect == "sensor_drift":
-        return {"pad": pad, "share_per_s": sign * size}
-    if effect == "clock_lag":
-        return {"lag_s": sign * size}
-    if effect == "sensor_nonlinear":
-        return {"a": sign * size}
-    if effect == "gel_creep":
-        return {"creep": size, "creep_tau_s": float(np.exp(rng.uniform(np.log(0.5), np.log(6.0))))}
-    if effect == "drainage":
-        return {"volume_share": size, "tau_s": float(np.exp(rng.uniform(np.log(0.4), np.log(6.0))))}
-    if effect == "split_pit":
-        return {"angle_deg": float(rng.uniform(-90.0, 90.0)), "share": size}
-    if effect == "thermal_drift":
-        return {"strain_per_root_s": size, "peak_share_per_root_s": size * float(rng.uniform(15.0, 25.0))}
-    if effect == "pose_error":
-        angle = rng.uniform(0, 2 * np.pi)
-        shift = 4.0 * size * np.array([np.cos(angle), np.sin(angle)])
-        return {
+    parameters: dict[str, Callable[[], dict[str, Any]]] = {
+        "viscoelastic": lambda: {"g": size, "tau_s": log_uniform(rng, 0.4, 12.0)},
+        "graded_modulus": lambda: {"gamma": sign * size},
+        "soft_spot": lambda: {"ratio": size, "radius_mm": float(rng.uniform(4.5, 8.5))},
+        "poisson_ratio": lambda: {"nu": _mirrored(size) if sign > 0 else size},
+        "pit_offset": lambda: {"offset_mm": _of_length(size, rng.normal(size=3))},
+        "pit_size": lambda: {"scale": 1 + sign * size},
+        "damage": lambda: {"dmax": size, "W0_over_E": log_uniform(rng, 5e-4, 4e-3)},
+        "plastic_set": lambda: {"yield_over_E": size, "hardening": 0.05},
+        "sensor_gain": lambda: {"pad": pad, "gain": 1 + sign * size},
+        "sensor_drift": lambda: {"pad": pad, "share_per_s": sign * size},
+        "clock_lag": lambda: {"lag_s": sign * size},
+        "sensor_nonlinear": lambda: {"a": sign * size},
+        "gel_creep": lambda: {"creep": size, "creep_tau_s": log_uniform(rng, 0.5, 6.0)},
+        "drainage": lambda: {"volume_share": size, "tau_s": log_uniform(rng, 0.4, 6.0)},
+        "split_pit": lambda: {"angle_deg": float(rng.uniform(-90.0, 90.0)), "share": size},
+        "thermal_drift": lambda: {
+            "strain_per_root_s": size,
+            "peak_share_per_root_s": size * float(rng.uniform(15.0, 25.0)),
+        },
+        "pose_error": lambda: {
             "pad": pad,
-            "shift_mm": shift.tolist(),
+            "shift_mm": (4.0 * size * _on_circle(rng)).tolist(),
             "tilt_deg": sign * 5.0 * size * float(rng.uniform(0.3, 1)),
-        }
-    return {NAMES[effect]: size}
+        },
+    }
+    return parameters.get(effect, lambda: {NAMES[effect]: size})()
+
+
+def drawn_out_of_catalogue(physics: str, rng: np.random.Generator) -> InjectedEffect:
+    """At a level that is plain to be seen."""
+    if physics == "palm":
+        parameters = {"N_per_mm": float(rng.uniform(15.0, 30.0)), "area_radius_mm": 6.0}
+    else:
+        parameters = {"g": float(rng.uniform(0.15, 0.3)), "tau_s": float(rng.uniform(0.8, 3.0))}
+    return InjectedEffect(effect=physics, parameters=parameters)
+
+
+def _mirrored(ratio: float) -> float:
+    """Poisson's ratio as far above the fruit's as this one is below it, if bricks do not lock there."""
+    mirrored = 2 * POISSON_RATIO - ratio
+    return mirrored if mirrored < MOST_POISSON_RATIO else ratio
+
+
+def _of_length(size: float, direction: Float[np.ndarray, " 3"]) -> list[float]:
+    components: list[float] = (size * direction / np.linalg.norm(direction)).tolist()
+    return components
+
+
+def _on_circle(rng: np.random.Generator) -> Float[np.ndarray, " 2"]:
+    angle = rng.uniform(0, 2 * np.pi)
+    return np.array([np.cos(angle), np.sin(angle)])
 
 
 def _size_of(effect: str, amplitude: float) -> float:

@@ -30,29 +30,22 @@ def measured(
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "t n 3"], Float[np.ndarray, "t n 3"]]:
     """True marker displacement and force as the sensor would give them, rounded to its steps."""
+    lag1 = noise.correlation
+
+    def sensed(truth: np.ndarray, sd: float, reference_sd: float, scale: float, step: float) -> np.ndarray:
+        frames, markers, _ = truth.shape
+        gain = 1.0 + scale * rng.normal(size=(markers, 1))
+        coloured = rng.normal(size=truth.shape)
+        for t in range(1, frames):
+            coloured[t] = lag1 * coloured[t - 1] + np.sqrt(1 - lag1**2) * coloured[t]
+        reference = rng.normal(size=(markers, 3))
+        return np.asarray(np.rint((gain * truth + sd * coloured + reference_sd * reference) / step) * step)
+
+    sds_mm, sds_N = (noise.displacement_mm, noise.reference_mm), (noise.force_N, noise.reference_N)
     return (
-        _sensed(
-            displacement_mm, noise.displacement_mm, noise.reference_mm, noise.displacement_scale,
-            noise.displacement_step_mm, noise.correlation, rng,
-        ),
-        _sensed(
-            force_N, noise.force_N, noise.reference_N, noise.force_scale,
-            noise.force_step_N, noise.correlation, rng,
-        ),
-    )  # fmt: skip
-
-
-def _sensed(
-    truth: np.ndarray, sd: float, reference_sd: float, scale: float, step: float, lag1: float,
-    rng: np.random.Generator,
-) -> Float[np.ndarray, "t n 3"]:  # fmt: skip
-    frames, markers, _ = truth.shape
-    gain = 1.0 + scale * rng.normal(size=(markers, 1))
-    coloured = rng.normal(size=truth.shape)
-    for t in range(1, frames):
-        coloured[t] = lag1 * coloured[t - 1] + np.sqrt(1 - lag1**2) * coloured[t]
-    reference = rng.normal(size=(markers, 3))
-    return np.asarray(np.rint((gain * truth + sd * coloured + reference_sd * reference) / step) * step)
+        sensed(displacement_mm, *sds_mm, noise.displacement_scale, noise.displacement_step_mm),
+        sensed(force_N, *sds_N, noise.force_scale, noise.force_step_N),
+    )
 
 
 LEAST_MARKERS, MOST_MARKERS, PITCH_MM = 14, 22, (0.8, 1.3)

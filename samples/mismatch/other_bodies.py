@@ -71,8 +71,7 @@ def with_third_contact(
     away[~np.isin(skin, flesh.free_nodes)] = np.inf
     able = away < max(SEAT_RADIUS_MM, float(np.sort(away)[FEWEST - 1]) + 1e-9)
     seat = flesh.dofs_of(skin[able])[:, 0]
-    helper = np.eye(3)[np.abs(normal).argmin()]
-    first = np.cross(normal, helper)
+    first = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
     first /= np.linalg.norm(first)
     axes = np.column_stack([normal, first, np.cross(normal, first)])
     shares = _shares((bricks.nodes_mm[skin[able]] - centre_mm) @ axes[:, 1:])

@@ -99,12 +99,7 @@ def ground_texture(ground: SceneGround, *, side_px: int = TILE_PX) -> Float[np.n
 def _wood(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarray:
     """A texture of wood: grain along the columns, pores, and planks where the pattern has them."""
     # the grain runs along the columns of the picture
-    tone = (
-        0.09 * _noise(rng, side, 5, 100)
-        + 0.07 * _noise(rng, side, 14, 400)
-        + 0.04 * _noise(rng, side, 40, 900)
-    )
-    tone += 0.05 * _noise(rng, side, 3, 4)
+    tone = _tone(rng, side, (0.09, 5, 100), (0.07, 14, 400), (0.04, 40, 900), (0.05, 3, 4))
     pores = _noise(rng, side, 120, 1400) > 2.0
     tone = np.where(pores, tone - 0.18, tone)
     if ground.pattern == "planks":
@@ -140,27 +135,27 @@ def _cloth(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarr
 
 
 def _steel(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarray:
-    tone = (
-        0.05 * _noise(rng, side, 6, 1600) + 0.04 * _noise(rng, side, 20, 700) + 0.03 * _noise(rng, side, 3, 3)
-    )
+    tone = _tone(rng, side, (0.05, 6, 1600), (0.04, 20, 700), (0.03, 3, 3))
     return np.asarray(np.array(ground.srgb) * (1 + tone[..., None]))
 
 
 def _stone(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarray:
-    tone = (
-        0.10 * _noise(rng, side, 6, 6)
-        + 0.10 * _noise(rng, side, 180, 180)
-        + 0.08 * _noise(rng, side, 600, 600)
-    )
+    tone = _tone(rng, side, (0.10, 6, 6), (0.10, 180, 180), (0.08, 600, 600))
     dark, pale = _noise(rng, side, 320, 320) > 1.5, _noise(rng, side, 260, 260) > 1.7
     tone = np.where(dark, tone - 0.45, np.where(pale, tone + 0.35, tone))
     return np.asarray(np.array(ground.srgb) * (1 + tone[..., None]))
 
 
 def _white(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarray:
-    tone = 0.012 * _noise(rng, side, 5, 5) + 0.008 * _noise(rng, side, 400, 400)
+    tone = _tone(rng, side, (0.012, 5, 5), (0.008, 400, 400))
     scratches = _noise(rng, side, 30, 1200) > 3.2
     return np.asarray(np.array(ground.srgb) * (1 + np.where(scratches, tone - 0.12, tone)[..., None]))
+
+
+def _tone(rng: np.random.Generator, side: int, *waves: tuple[float, int, int]) -> np.ndarray:
+    """A sum of noises, each with its amplitude and its cells down and across."""
+    noises = [share * _noise(rng, side, rows, columns) for share, rows, columns in waves]
+    return np.asarray(np.sum(noises, axis=0))
 
 
 def _noise(rng: np.random.Generator, side: int, rows: int, columns: int) -> np.ndarray:

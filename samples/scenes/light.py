@@ -16,6 +16,13 @@ LIGHTS = ("camera-flash", "hard-lamp", "overcast", "photographer-shadow", "ring-
 _KEY = 3.0  # irradiance of the main light on the table's centre, arbitrary units
 _NEUTRAL: Rgb = (1.0, 0.97, 0.93)
 """Linear RGB of a lamp: a little warmer than white (by eye)."""
+_SINGLE_LAMPS = {
+    "window": ((0.15, 0.45), (18, 38), (1100, 1700), (330, 520)),
+    "overcast": ((1.0, 1.5), (60, 85), (1300, 1700), (500, 800)),
+    "hard-lamp": ((0.10, 0.30), (35, 65), (600, 1000), (8, 15)),
+    "photographer-shadow": ((0.2, 0.4), (35, 50), (1300, 1700), (90, 220)),
+}
+"""Lights of one lamp: ranges of the room's share, of elevation (degrees), distance and half side (mm)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -52,22 +59,17 @@ def draw_light(rng: np.random.Generator) -> SceneLight:
     azimuth, tint = float(rng.uniform(0, 360)), rng.normal(0, 0.04)
     colour = triple(np.array(_NEUTRAL) * (1 + tint, 1.0, 1 - tint))
     lamps: tuple[Lamp, ...] = ()
-    room, radii, offset = 0.2, None, (0.0, 0.0)
-    if kind == "window":
-        room = float(rng.uniform(0.15, 0.45))
-        lamps = (_lamp(rng, azimuth, (18, 38), (1100, 1700), (330, 520), colour),)
-    elif kind == "overcast":
-        room = float(rng.uniform(1.0, 1.5))
-        lamps = (_lamp(rng, azimuth, (60, 85), (1300, 1700), (500, 800), colour),)
+    radii, offset = None, (0.0, 0.0)
+    if kind in _SINGLE_LAMPS:
+        room_share, elevation_deg, distance_mm, half_mm = _SINGLE_LAMPS[kind]
+        room = float(rng.uniform(*room_share))
+        lamps = (_lamp(rng, azimuth, elevation_deg, distance_mm, half_mm, colour),)
     elif kind == "ring-flash":
         room, radii = float(rng.uniform(0.05, 0.3)), (22.0, float(rng.uniform(32, 45)))
     elif kind == "camera-flash":
         room, radii = float(rng.uniform(0.05, 0.3)), (0.0, float(rng.uniform(3, 6)))
         offset = (float(rng.uniform(-15, 15)), float(rng.uniform(12, 40)))
-    elif kind == "hard-lamp":
-        room = float(rng.uniform(0.10, 0.30))
-        lamps = (_lamp(rng, azimuth, (35, 65), (600, 1000), (8, 15), colour),)
-    elif kind == "two-lamps":
+    else:
         room = float(rng.uniform(0.10, 0.30))
         apart = azimuth + float(rng.uniform(80, 180))
         share = float(rng.uniform(0.35, 0.65))
@@ -75,9 +77,6 @@ def draw_light(rng: np.random.Generator) -> SceneLight:
             _lamp(rng, azimuth, (30, 60), (600, 1000), (50, 130), (1.0, 0.74, 0.48), share=share),
             _lamp(rng, apart, (30, 60), (600, 1000), (50, 130), (0.70, 0.84, 1.0), share=1 - share),
         )
-    else:
-        room = float(rng.uniform(0.2, 0.4))
-        lamps = (_lamp(rng, azimuth, (35, 50), (1300, 1700), (90, 220), colour),)
     return SceneLight(
         kind=kind,
         room=room,
@@ -140,11 +139,9 @@ def flash_radiance(light: SceneLight, *, distance_mm: float) -> Rgb:
     return triple(_KEY * distance_mm**2 / (np.pi * (outer**2 - inner**2)) * np.array(_NEUTRAL))
 
 
-def flash_mesh(
-    light: SceneLight, view: Viewpoint, *, parts: int = 24
-) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+def flash_mesh(light: SceneLight, view: Viewpoint) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
     """The flash as a flat ring (or disc) round the lens, in the world; it shines where the camera looks."""
-    inner, outer = light.flash_radii_mm or (0.0, 1.0)
+    parts, (inner, outer) = 24, light.flash_radii_mm or (0.0, 1.0)
     turn = 2 * np.pi * np.arange(parts) / parts
     circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(parts)], axis=1)
     right, up = light.flash_offset_mm

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from samples.fruit import POISSON_RATIO, SampleFruit, SamplePit, Skin, box_mm, on_its_base, triple
+from samples.fruit import SampleFruit, SamplePit, Skin, box_mm, on_its_base, triple
 
 # half of a blank centre (big mat: 37 mm) less a few mm
 _LARGEST_HALF_MM = 34.5
@@ -74,7 +74,6 @@ def draw_fruit(rng: np.random.Generator, *, fruit_id: str, seed: int) -> tuple[s
     half *= min(1.0, _LARGEST_HALF_MM / half.max())
     mean = float(half.mean())
     skin = Skin(
-        centre_mm=(0.0, 0.0, 0.0),
         half_axes_mm=triple(half),
         stem_depth_mm=mean * kind.stem_depth * float(rng.uniform(0.5, 1.4)),
         stem_width=kind.stem_width * float(rng.uniform(0.85, 1.2)),
@@ -96,6 +95,5 @@ def draw_fruit(rng: np.random.Generator, *, fruit_id: str, seed: int) -> tuple[s
         skin=skin,
         pit=pit,
         E_MPa=float(0.15 * (1.6 / 0.15) ** rng.uniform()),
-        poisson_ratio=POISSON_RATIO,
         ripeness=float(rng.uniform(0.1, 0.95)),
     )

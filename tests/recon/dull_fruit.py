@@ -1,10 +1,8 @@
 """Skins of plums and cherries without bloom: smaller and rounder than the nectarines of the samples."""
 
-from dataclasses import replace
-
 import numpy as np
 
-from samples.fruit import Skin, box_mm, triple
+from samples.fruit import Skin, on_its_base, triple
 
 # half axes (mm), spreads of the size and of each axis, depths and widths of stem and groove, lopsidedness
 PLUM = ((21.5, 20.0, 24.0), 0.06, 0.03, 0.07, 0.22, 0.01, 0.018, 0.12, 0.010)
@@ -20,7 +18,6 @@ def skin_of_kind(kind: tuple, *, seed: int) -> Skin:
     half = np.array(axes) * rng.normal(1.0, size_sd) * rng.normal(1.0, axis_sd, 3)
     mean = float(half.mean())
     skin = Skin(
-        centre_mm=(0.0, 0.0, 0.0),
         half_axes_mm=triple(half),
         stem_depth_mm=mean * stem_depth * float(rng.uniform(0.85, 1.15)),
         stem_width=stem_width * float(rng.uniform(0.9, 1.1)),
@@ -29,6 +26,4 @@ def skin_of_kind(kind: tuple, *, seed: int) -> Skin:
         groove_width=groove_width,
         cubic=rng.normal(0.0, lopsided_sd, (3, 3, 3)),
     )
-    low, high = box_mm(skin)
-    middle = (low + high) / 2
-    return replace(skin, centre_mm=(float(-middle[0]), float(-middle[1]), float(-low[2])))
+    return on_its_base(skin)

@@ -47,6 +47,39 @@ class Egg:
         return (size - 1) * size / np.linalg.norm(local / np.array(self.semi_mm), axis=1)
 
 
+PX_PER_MM = 4
+INK, PAPER = 35, 225
+
+
+@dataclass(frozen=True)
+class Board:
+    """How tags are printed: border in cells, quarter turns against OpenCV's, squares at the corners."""
+
+    mat: Mat
+    border: int = 1
+    turns: int = 0
+    square_mm: float = 0.0
+
+    def page(self) -> np.ndarray:
+        """The print, 4 px to the mm."""
+        mat = self.mat
+        size = round(mat.height_mm * PX_PER_MM), round(mat.width_mm * PX_PER_MM)
+        page = np.full(size, PAPER, np.uint8)
+        for tag, corners in mat.corners_mm.items():
+            code = tag_bits(mat.dictionary, tag)[1:-1, 1:-1]
+            cells = np.pad(np.rot90(code, self.turns), self.border) * np.uint8(PAPER - INK) + INK
+            left, top = (corners[0, :2] * [1, -1] + np.array([mat.width_mm, mat.height_mm]) / 2) * PX_PER_MM
+            side, square = round(mat.tag_mm * PX_PER_MM), round(self.square_mm * PX_PER_MM)
+            x, y = round(left), round(top)
+            page[y : y + side, x : x + side] = cv2.resize(
+                cells, (side, side), interpolation=cv2.INTER_NEAREST
+            )
+            for x0 in (x - square, x + side):
+                for y0 in (y - square, y + side):
+                    page[y0 : y0 + square, x0 : x0 + square] = INK
+        return page
+
+
 def ring(count: int, *, width: int = 480, height: int = 360, k1: float = 0.0) -> list[Camera]:
     """Cameras at three heights around the mat, all looking at the fruit's middle."""
     cameras = []
@@ -63,7 +96,7 @@ def photographed(
 ) -> list[Photo]:
     """What the cameras see, four rays a pixel, with a little noise; `page`: a print at 4 px to the mm."""
     rng = np.random.default_rng(seed)
-    print_ = _printed(mat) if mat is not None and page is None else page
+    print_ = Board(mat).page() if mat is not None and page is None else page
     wood = cv2.GaussianBlur(rng.normal(0, 1, (700, 700)), (0, 0), 1.5)
     wood = wood / wood.std()
     waves = rng.normal(size=(24, 3)) * np.repeat([0.25, 0.7, 1.6], 8)[:, None]
@@ -110,17 +143,6 @@ def _onto_egg(start: np.ndarray, rays: np.ndarray, egg: Egg) -> np.ndarray:
 
 def _onto_ground(start: np.ndarray, rays: np.ndarray) -> np.ndarray:
     return np.where(rays[2] < -1e-6, start[2] / np.maximum(-rays[2], 1e-6), np.inf)
-
-
-def _printed(mat: Mat, px_per_mm: int = 4) -> np.ndarray:
-    page = np.full((round(mat.height_mm * px_per_mm), round(mat.width_mm * px_per_mm)), 225, np.uint8)
-    for tag, corners in mat.corners_mm.items():
-        x0, y0 = (corners[0, :2] * [1, -1] + [mat.width_mm / 2, mat.height_mm / 2]) * px_per_mm
-        side = round(mat.tag_mm * px_per_mm)
-        bits = tag_bits(mat.dictionary, tag).astype(np.uint8) * 190 + 35
-        drawn = cv2.resize(bits, (side, side), interpolation=cv2.INTER_NEAREST)
-        page[round(y0) : round(y0) + side, round(x0) : round(x0) + side] = drawn
-    return page
 
 
 def _seen(camera, egg, page, wood, waves, phases, fine: int = 2) -> np.ndarray:

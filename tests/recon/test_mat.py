@@ -1,11 +1,9 @@
 """The mat: print and mapping agree, tags are found to a fraction of a pixel, bad files are named."""
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 import pytest
-from mat_scene import photographed, ring
+from mat_scene import Board, photographed, ring
 from refusals import refused
 
 from recon.cameras.mat_poses import FEWEST_TAGS, cameras_from_mat
@@ -23,37 +21,6 @@ OFFICIAL_TAG_0 = """
 ########
 """
 """tag36h11/tag36_11_00000.png of github.com/AprilRobotics/apriltag-imgs (BSD-2-Clause), black as #."""
-PX_PER_MM = 4
-INK, PAPER = 35, 225
-
-
-@dataclass(frozen=True)
-class Board:
-    """How tags are printed: border in cells, quarter turns against OpenCV's, squares at the corners."""
-
-    mat: Mat
-    border: int
-    turns: int
-    square_mm: float = 0.0
-
-    def page(self) -> np.ndarray:
-        """The print, 4 px to the mm."""
-        mat = self.mat
-        size = round(mat.height_mm * PX_PER_MM), round(mat.width_mm * PX_PER_MM)
-        page = np.full(size, PAPER, np.uint8)
-        for tag, corners in mat.corners_mm.items():
-            code = tag_bits(mat.dictionary, tag)[1:-1, 1:-1]
-            cells = np.pad(np.rot90(code, self.turns), self.border) * np.uint8(PAPER - INK) + INK
-            left, top = (corners[0, :2] * [1, -1] + np.array([mat.width_mm, mat.height_mm]) / 2) * PX_PER_MM
-            side, square = round(mat.tag_mm * PX_PER_MM), round(self.square_mm * PX_PER_MM)
-            x, y = round(left), round(top)
-            page[y : y + side, x : x + side] = cv2.resize(
-                cells, (side, side), interpolation=cv2.INTER_NEAREST
-            )
-            for x0 in (x - square, x + side):
-                for y0 in (y - square, y + side):
-                    page[y0 : y0 + square, x0 : x0 + square] = INK
-        return page
 
 
 def kalibr_grid(*, tag_mm: float = 25.0, spacing: float = 0.3, count: int = 6) -> Mat:
@@ -71,10 +38,10 @@ def kalibr_grid(*, tag_mm: float = 25.0, spacing: float = 0.3, count: int = 6) -
 
 
 BOARDS = {
-    "AprilTag's own images": Board(standard_mat(), border=1, turns=2),
-    "a quarter turn": Board(standard_mat(), border=1, turns=3),
+    "AprilTag's own images": Board(standard_mat(), turns=2),
+    "a quarter turn": Board(standard_mat(), turns=3),
     "Kalibr": Board(kalibr_grid(), border=2, turns=2, square_mm=7.5),
-    "two cells of border": Board(standard_mat(), border=2, turns=0),
+    "two cells of border": Board(standard_mat(), border=2),
 }
 
 

@@ -1,5 +1,6 @@
 """Mesh files: what is written is read again, other tools' forms are read, broken ones are named."""
 
+import re
 import struct
 
 import numpy as np
@@ -36,9 +37,8 @@ def test_what_the_photos_saw_is_written_beside_the_coordinates(tmp_path):
 
 
 def test_text_ply_obj_and_stl_are_read(tmp_path):
-    ply = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-    ply += "element face 1\nproperty list uchar int vertex_index\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
-    (tmp_path / "a.ply").write_text(ply)
+    ply = _text_ply([[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]])
+    (tmp_path / "a.ply").write_text(ply.replace("vertex_indices", "vertex_index"))
     (tmp_path / "a.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\nf 1 2 4 3\n")
     corners = "".join(f"vertex {x} {y} 0\n" for x, y in ((0, 0), (1, 0), (0, 1)))
     (tmp_path / "a.stl").write_text(
@@ -81,13 +81,16 @@ def test_a_mesh_finer_than_one_fruits_memory_carries_is_refused_with_what_to_do(
     assert "expected at most 300 each: decimate it, for example to 200,000 faces." in caught.value.detail
 
 
-def _text_ply(vertices, faces, more="", row=""):
-    head = f"ply\nformat ascii 1.0\ncomment TextureFile skin.png\nelement vertex {len(vertices)}\n"
+def _head(vertices, faces, kind="ascii"):
+    head = f"ply\nformat {kind} 1.0\ncomment TextureFile skin.png\nelement vertex {len(vertices)}\n"
     head += "".join(f"property float {axis}\n" for axis in "xyz")
-    head += f"element face {len(faces)}\nproperty list uchar int vertex_indices\n{more}end_header\n"
+    return head + f"element face {len(faces)}\nproperty list uchar int vertex_indices\nend_header\n"
+
+
+def _text_ply(vertices, faces):
     rows = [" ".join(f"{x:.9g}" for x in v) for v in vertices]
-    rows += [" ".join(map(str, (len(f), *f))) + row for f in faces]
-    return head + "\n".join(rows) + "\n"
+    rows += [" ".join(map(str, (len(f), *f))) for f in faces]
+    return _head(vertices, faces) + "\n".join(rows) + "\n"
 
 
 def test_a_cube_of_quadrilaterals_or_of_one_triangle_more_has_its_volume(tmp_path):
@@ -115,10 +118,7 @@ def test_a_cube_of_quadrilaterals_or_of_one_triangle_more_has_its_volume(tmp_pat
 def test_a_binary_pyramid_of_a_quadrilateral_and_triangles_has_its_volume(tmp_path, endian):
     corners = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [1, 1, 3]], f"{endian}f4")
     faces = [(3, 2, 1, 0), (0, 1, 4), (1, 2, 4), (2, 3, 4), (3, 0, 4)]
-    kind = {"<": "little", ">": "big"}[endian]
-    head = f"ply\nformat binary_{kind}_endian 1.0\nelement vertex 5\n"
-    head += "".join(f"property float {axis}\n" for axis in "xyz")
-    head += "element face 5\nproperty list uchar int vertex_indices\nend_header\n"
+    head = _head(corners, faces, {"<": "binary_little_endian", ">": "binary_big_endian"}[endian])
     rows = b"".join(struct.pack(f"{endian}B{len(face)}i", len(face), *face) for face in faces)
     (tmp_path / "a.ply").write_bytes(head.encode() + corners.tobytes() + rows)
     places, triangles = read_mesh(tmp_path / "a.ply")
@@ -182,9 +182,8 @@ def test_gltf_has_y_up_and_is_turned_to_z_up(tmp_path):
 
 def test_points_without_faces_are_called_so(tmp_path):
     vertices, _ = ball(2)
-    for header in ("", "element face 0\nproperty list uchar int vertex_indices\n"):
-        head = f"ply\nformat ascii 1.0\nelement vertex {len(vertices)}\n"
-        head += "".join(f"property float {axis}\n" for axis in "xyz") + header + "end_header\n"
-        (tmp_path / "a.ply").write_text(head + "".join(f"{x} {y} {z}\n" for x, y, z in vertices))
+    no_faces = _text_ply(vertices, [])
+    for text in (no_faces, re.sub(r"element face 0\nproperty list .*\n", "", no_faces)):
+        (tmp_path / "a.ply").write_text(text)
         with pytest.raises(ReconFailure, match=r"is a cloud of 162 points without faces; .*mesh the points"):
             read_mesh(tmp_path / "a.ply")

@@ -6,12 +6,23 @@ import numpy as np
 import pytest
 from level_camera import looking_at_the_origin
 
+from recon.cameras.camera import pinhole, place_of
 from recon.cameras.plane_bundle import PlaneScene, Sightings, adjusted, projected
 from recon.cameras.plane_start import start_cameras
 
 SIZE = (720, 960)
 FOCAL_PX = 1100.0
-K = np.array([[FOCAL_PX, 0, (SIZE[1] - 1) / 2], [0, FOCAL_PX, (SIZE[0] - 1) / 2], [0, 0, 1.0]])
+K = pinhole(FOCAL_PX, SIZE)
+
+
+def apart(places):
+    """Distances between all places."""
+    return np.linalg.norm(places[:, None] - places, axis=2)
+
+
+def similar(places, true):
+    """Places at the scale of the true ones."""
+    return places * apart(true).sum() / apart(places).sum()
 
 
 def homographies_from_first(poses):
@@ -33,13 +44,11 @@ def test_exact_homographies_give_focal_length_and_poses_up_to_a_similarity(neare
     ]
     focal_px, cameras = start_cameras(homographies_from_first(poses), SIZE, known_focal_px)
     assert focal_px == pytest.approx(FOCAL_PX, rel=0.02)
-    true = np.array([-p[:3, :3].T @ p[:3, 3] for p in poses])
-    places = np.array([-cameras[i][:3, :3].T @ cameras[i][:3, 3] for i in range(len(poses))])
-    assert (places[:, 2] > 0).all()
-    apart = [np.linalg.norm(x[:, None] - x, axis=2) for x in (true, places)]
-    scale = apart[0].sum() / apart[1].sum()
-    assert np.allclose(scale * apart[1], apart[0], rtol=0.03, atol=8.0)
-    assert np.allclose(scale * places[:, 2], true[:, 2], rtol=0.03)
+    true, places = np.array([*map(place_of, poses)]), [place_of(cameras[i]) for i in range(len(poses))]
+    scaled = similar(np.array(places), true)
+    assert (scaled[:, 2] > 0).all()
+    assert np.allclose(apart(scaled), apart(true), rtol=0.03, atol=8.0)
+    assert np.allclose(scaled[:, 2], true[:, 2], rtol=0.03)
 
 
 MIDDLE = np.array([(SIZE[1] - 1) / 2, (SIZE[0] - 1) / 2])
@@ -72,10 +81,8 @@ def test_exact_sightings_give_the_injected_cameras_back():
     assert np.median(adjustment.miss_px) < 0.05
     assert adjustment.scene.focals_px == pytest.approx(scene.focals_px, rel=2e-3)
     assert adjustment.scene.k1 == pytest.approx(K1, abs=3e-3)
-    places = [-p[:3, :3].T @ p[:3, 3] for p in adjustment.scene.poses]
-    true = [-p[:3, :3].T @ p[:3, 3] for p in scene.poses]
-    apart = [np.linalg.norm(np.array(x)[:, None] - np.array(x), axis=2) for x in (true, places)]
-    assert np.allclose(apart[1] * apart[0].sum() / apart[1].sum(), apart[0], atol=0.005)
+    places, true = (np.array([*map(place_of, s.poses)]) for s in (adjustment.scene, scene))
+    assert np.allclose(apart(similar(places, true)), apart(true), atol=0.005)
 
 
 @pytest.mark.parametrize("noise_px", [0.1, 0.5])

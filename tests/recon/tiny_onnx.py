@@ -20,13 +20,7 @@ def write_constant_model(
     nodes += [_node("Add", [f"{name}_is", "zero"], [name]) for name in outputs]
     constants = [_tensor("nought", np.zeros((), np.float32))]
     constants += [_tensor(f"{name}_is", value.astype(np.float32)) for name, value in outputs.items()]
-    graph = (
-        b"".join(_bytes(1, n) for n in nodes) + _bytes(2, b"g") + b"".join(_bytes(5, c) for c in constants)
-    )
-    graph += _bytes(11, _value("images", input_shape))
-    graph += b"".join(_bytes(12, _value(name, value.shape)) for name, value in outputs.items())
-    opset = _bytes(1, b"") + _int(2, 13)
-    path.write_bytes(_int(1, 8) + _bytes(7, graph) + _bytes(8, opset))
+    _write(path, nodes, constants, {name: value.shape for name, value in outputs.items()}, input_shape)
 
 
 def write_external_model(path: Path, location: str) -> None:
@@ -40,7 +34,7 @@ def write_external_model(path: Path, location: str) -> None:
         _node("ReduceMean", ["images"], ["mean"], keepdims=0),
         _node("Add", ["far", "mean"], ["fruit_log_odds"]),
     ]
-    _write(path, nodes, [numbers], shape)
+    _write(path, nodes, [numbers], {"fruit_log_odds": shape})
 
 
 def write_large_model(path: Path, side: int) -> None:
@@ -52,12 +46,19 @@ def write_large_model(path: Path, side: int) -> None:
         _node("Add", ["large", "mean"], ["moved"]),
         _node("ReduceMean", ["moved"], ["fruit_log_odds"], keepdims=0),
     ]
-    _write(path, nodes, [sides], ())
+    _write(path, nodes, [sides], {"fruit_log_odds": ()})
 
 
-def _write(path: Path, nodes: list[bytes], numbers: list[bytes], shape: tuple[int, ...]) -> None:
+def _write(
+    path: Path,
+    nodes: list[bytes],
+    numbers: list[bytes],
+    outputs: dict[str, tuple[int, ...]],
+    input_shape: tuple[int | str, ...] = ("n", 3, 192, 192),
+) -> None:
     graph = b"".join(_bytes(1, n) for n in nodes) + _bytes(2, b"g") + b"".join(_bytes(5, n) for n in numbers)
-    graph += _bytes(11, _value("images", ("n", 3, 192, 192))) + _bytes(12, _value("fruit_log_odds", shape))
+    graph += _bytes(11, _value("images", input_shape))
+    graph += b"".join(_bytes(12, _value(name, shape)) for name, shape in outputs.items())
     path.write_bytes(_int(1, 8) + _bytes(7, graph) + _bytes(8, _bytes(1, b"") + _int(2, 13)))
 
 

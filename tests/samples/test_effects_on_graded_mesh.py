@@ -8,10 +8,16 @@ from samples.graded_bricks import BrickGrading
 from samples.grasp_plan import PlannedGrasp
 from samples.mismatch.case_simulation import body_of
 from samples.mismatch.drawn_fruit import DrawnFruit
-from samples.mismatch.injected import AMPLITUDES, EFFECTS, InjectedEffect, drawn_parameters, gel_of
+from samples.mismatch.injected import (
+    AMPLITUDES,
+    EFFECTS,
+    InjectedEffect,
+    drawn_out_of_catalogue,
+    drawn_parameters,
+    gel_of,
+)
 from samples.mismatch.meshed_fruit import MeshedFruit, meshed_fruit
 from samples.mismatch.nonlinear_body import sound_body
-from samples.mismatch.out_of_catalogue import drawn_out_of_catalogue
 
 SMALL = BrickGrading(cells=3, layers=2, levels=2)
 IN_SHORT = frozenset({"skin", "stiffening", "loose_pit", "third_contact", "gel_creep", "sensor_gain"})
@@ -41,16 +47,14 @@ def test_an_effect_runs_on_a_graded_mesh(
     drawn, grasp, stands = ball
     rng = np.random.default_rng(3)
     places = {"soft_spot": [21.0, 0.0, 0.0], "third_contact": [0.0, 0.0, -25.0]}
-    injected: tuple[InjectedEffect, ...] = ()
-    foreign = None
     if effect in EFFECTS:
         parameters = drawn_parameters(effect, 0.4 * AMPLITUDES[effect][1], rng)
         if effect in places:
             parameters["centre_mm"] = places[effect]
         injected = (InjectedEffect(effect=effect, parameters=parameters),)
     else:
-        foreign = drawn_out_of_catalogue(effect, rng)
-    body, inner = body_of(stands, injected, foreign, skin=drawn.fruit.skin)
+        injected = (drawn_out_of_catalogue(effect, rng),)
+    body, inner = body_of(stands, injected, skin=drawn.fruit.skin)
     truth = grasped_ball(grasp, stands, body, gel=gel_of(injected), inner=inner)
     assert 0.1 < total_N(truth)[1] < total_N(truth)[2] < 10.0
 

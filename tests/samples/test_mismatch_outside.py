@@ -1,19 +1,14 @@
 """Physics outside the catalogue leaves the mark that it should."""
 
 import numpy as np
-import pytest
 from mismatch_ball import drawn_ball, force_on_fruit, grasped_ball, motion, rough, total_N
 
+from samples.mismatch.case_simulation import body_of
+from samples.mismatch.injected import InjectedEffect
 from samples.mismatch.nonlinear_body import sound_body
 from samples.mismatch.other_bodies import split_pit_stiffness
-from samples.mismatch.out_of_catalogue import (
-    OutOfCatalogue,
-    drawn_out_of_catalogue,
-    out_of_catalogue_body,
-)
 from samples.mismatch.skin_compliance import skin_compliance
 from samples.mismatch.true_recording import ElasticBody
-from samples.sample_failure import SampleFailure
 
 WAY = motion([-0.05, 0.5, 1.0, 1.0, 1.0], pause_s=0.5)
 
@@ -44,8 +39,8 @@ def test_a_bond_lets_the_halves_part_by_its_share() -> None:
 def test_a_palm_takes_what_the_pads_do_not_balance() -> None:
     way = motion([-0.05, 0.5, 1.0, 1.0], shear_mm=[0, 0, 0, 1.0])
     grasp, stands = rough(drawn_ball(), way)
-    palm = OutOfCatalogue(name="palm", parameters={"N_per_mm": 8.0, "area_radius_mm": 6.0})
-    on_palm = force_on_fruit(grasped_ball(grasp, stands, out_of_catalogue_body(stands, palm)))
+    palm = InjectedEffect(effect="palm", parameters={"N_per_mm": 8.0, "area_radius_mm": 6.0})
+    on_palm = force_on_fruit(grasped_ball(grasp, stands, body_of(stands, (palm,))[0]))
     free = force_on_fruit(grasped_ball(grasp, stands, sound_body(stands)))
     assert np.abs(free[:, 2]).max() < 0.03
     assert np.abs(on_palm[:, 2]).max() > 2 * np.abs(free[:, 2]).max()
@@ -53,13 +48,7 @@ def test_a_palm_takes_what_the_pads_do_not_balance() -> None:
 
 def test_a_softening_gel_is_pressed_deeper_while_it_is_held() -> None:
     grasp, stands = rough(drawn_ball(), WAY)
-    body = out_of_catalogue_body(
-        stands, OutOfCatalogue(name="gel_softening", parameters={"g": 0.3, "tau_s": 0.5})
-    )
+    softening = InjectedEffect(effect="gel_softening", parameters={"g": 0.3, "tau_s": 0.5})
+    body, _ = body_of(stands, (softening,))
     depth = -grasped_ball(grasp, stands, body).pads[0].displacement_mm[..., 2].min(axis=1)
     assert depth[4] > depth[3] > depth[2]
-
-
-def test_a_physics_that_is_not_in_the_list_is_refused() -> None:
-    with pytest.raises(SampleFailure, match="no physics 'frost'"):
-        drawn_out_of_catalogue("frost", np.random.default_rng(0))

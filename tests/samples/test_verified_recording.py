@@ -28,20 +28,9 @@ COARSE = BrickGrading(cells=2, layers=2)
 
 def stored_ball(truth: dict[str, Any]) -> SampleFruit:
     axes, pit, centre = (tuple(truth[k]) for k in ("axes", "pit", "pit_centre"))
-    skin = Skin(
-        centre_mm=(0.0, 0.0, 0.0), half_axes_mm=axes, stem_depth_mm=0.0, stem_width=0.3,
-        blossom_depth_mm=0.0, groove_depth_mm=0.0, groove_width=0.1, cubic=np.zeros((3, 3, 3)),
-    )  # fmt: skip
     core = SamplePit(centre_mm=centre, semi_axes_mm=pit)
-    return SampleFruit(
-        fruit_id="ball",
-        seed=0,
-        skin=skin,
-        pit=core,
-        E_MPa=truth["E"],
-        poisson_ratio=truth["nu"],
-        ripeness=0.5,
-    )
+    skin = Skin(half_axes_mm=axes)
+    return SampleFruit(fruit_id="ball", skin=skin, pit=core, E_MPa=truth["E"], poisson_ratio=truth["nu"])
 
 
 @pytest.mark.slow
