@@ -31,7 +31,7 @@ from recon.silhouettes.segmentation import AGREEMENT
 from recon.surface.ray_mesh import RayMesh, seeing_views, seen_and_unseen
 from recon.surface.relief import relief
 from recon.surface.repair import RepairedMesh, poisson_surface, repaired
-from recon.triangle_mesh import vertex_normals
+from recon.triangle_mesh import Faces, Vertices, vertex_normals
 
 
 @contextmanager
@@ -86,8 +86,8 @@ class Reconstruction:
     frame, with their distortion.
     """
 
-    vertices: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "m 3"]
+    vertices: Vertices
+    faces: Faces
     scale_sd: float
     surface_sd_mm: float
     quality: ReconQuality

@@ -1,8 +1,14 @@
 """Values of a picture between its pixels."""
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
-from jaxtyping import Float
+from jaxtyping import Float, UInt8
+
+Picture = UInt8[np.ndarray, "h w 3"]
+Pictures = Sequence[UInt8[np.ndarray, "_ _ 3"]]
+"""Pictures of three channels, BGR or Lab, of any sizes."""
 
 
 def sampled(

@@ -6,19 +6,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float
 from scipy.ndimage import gaussian_filter1d
 
 from recon.cameras.camera import Camera
 from recon.cameras.coin import Coin, coin_scale
 from recon.cameras.printed_mat import Mat
 from recon.cameras.similarity import affine
+from recon.picture_values import Pictures
 from recon.recon_failure import ReconFailure
 from recon.silhouettes.all_views import FIT_LEVEL, OUTLIER_SHARE
 from recon.silhouettes.hull import Silhouette, visual_hull
 from recon.silhouettes.mask import Window
 from recon.silhouettes.outline import SAMPLES, Outline, silhouette_of_outline
 from recon.silhouettes.tangent import fitted_to_outlines
+from recon.triangle_mesh import Vertices
 
 WAVE = 8
 """Standard deviation of the filter that correlates the errors of an outline's samples, in samples."""
@@ -59,7 +61,7 @@ class TopExcess:
         )
 
 
-def top_share(vertices: Float[np.ndarray, "n 3"], measured: Bool[np.ndarray, " n"]) -> float:
+def top_share(vertices: Vertices, measured: Bool[np.ndarray, " n"]) -> float:
     """The share of the top's vertices (the upper tenth of the height) that were measured."""
     z = vertices[:, 2]
     return float(measured[z >= z.max() - TOP_SHARE * np.ptp(z)].mean())
@@ -174,15 +176,6 @@ def box_about_z(half: float, high: float) -> Box:
     return np.array([-half, -half, 0.0]), np.array([half, half, high])
 
 
-def spread_of_scale(height_mm: float, height_sd_mm: float, surface_sd_mm: float) -> float:
-    """Relative standard deviation of a scale by height: the caliper's error and that of two mesh ends.
-
-    >>> round(spread_of_scale(60.0, height_sd_mm=0.3, surface_sd_mm=0.0), 6)
-    0.005
-    """
-    return float(np.hypot(height_sd_mm, np.sqrt(2) * surface_sd_mm) / height_mm)
-
-
 @dataclass(frozen=True, kw_only=True)
 class Scale:
     """The factor that takes a mesh made without a mat to mm, its relative standard deviation, and doubts."""
@@ -193,8 +186,8 @@ class Scale:
 
 
 def scale_without_mat(
-    vertices: Float[np.ndarray, "n 3"],
-    images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
+    vertices: Vertices,
+    images: Pictures,
     cameras: Sequence[Camera],
     *,
     height_mm: float,
@@ -218,7 +211,8 @@ def scale_without_mat(
     centred = [c.moved(affine(np.eye(3), -middle)) for c in cameras]
     excess = expected_excess(centred, high - low, lowest).remaining(top_measured)
     factor = height_mm * (1 + excess.value) / tall
-    by_height = float(np.hypot(spread_of_scale(height_mm, height_sd_mm, surface_sd * factor), excess.sd))
+    ends_sd = np.hypot(height_sd_mm, np.sqrt(2) * surface_sd * factor) / height_mm
+    by_height = float(np.hypot(ends_sd, excess.sd))
     look = (
         f"The lowest photo looks down on the fruit's top at {np.degrees(lowest):.0f} degrees, so the "
         f"mesh may be {100 * excess.value:.1f} % too tall there. The scale includes this error and "

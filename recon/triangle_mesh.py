@@ -5,13 +5,18 @@ from jaxtyping import Float, Int
 from scipy import sparse
 from scipy.sparse.linalg import splu
 
+Vertices = Float[np.ndarray, "n 3"]
+Faces = Int[np.ndarray, "m 3"]
+Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
+"""Vertices and faces of a mesh, as many as there are."""
 
-def sides_of(faces: Int[np.ndarray, "m 3"]) -> Int[np.ndarray, "m3 2"]:
+
+def sides_of(faces: Faces) -> Int[np.ndarray, "m3 2"]:
     """Ends of the faces' sides: all first sides (corners 0 and 1), then all second, then all third."""
     return np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]]).astype(np.int64)
 
 
-def open_edges(faces: Int[np.ndarray, "m 3"]) -> int:
+def open_edges(faces: Faces) -> int:
     """How many directed edges lack their opposite or occur twice; 0 for a closed, well turned manifold.
 
     >>> tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -27,7 +32,7 @@ def open_edges(faces: Int[np.ndarray, "m 3"]) -> int:
     return int((count > 1).sum() + (~np.isin(back, ahead)).sum())
 
 
-def unique_edges(faces: Int[np.ndarray, "m 3"]) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, " m3"]]:
+def unique_edges(faces: Faces) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, " m3"]]:
     """Each edge once, its lower vertex first, in ascending order; and which of them each of `sides_of` is."""
     sides = np.sort(sides_of(faces), axis=1)
     width = int(sides.max(initial=0)) + 1
@@ -35,7 +40,7 @@ def unique_edges(faces: Int[np.ndarray, "m 3"]) -> tuple[Int[np.ndarray, "e 2"],
     return np.stack(np.divmod(keys, width), axis=1), of_side
 
 
-def bodies(faces: Int[np.ndarray, "m 3"]) -> int:
+def bodies(faces: Faces) -> int:
     """How many pieces the surface has that share no vertex."""
     used, index = np.unique(faces, return_inverse=True)
     return int(parts_of(sides_of(index.reshape(faces.shape)), len(used)).max(initial=-1)) + 1
@@ -47,15 +52,13 @@ def parts_of(edges: Int[np.ndarray, "e 2"], count: int) -> Int[np.ndarray, " n"]
     return np.asarray(sparse.csgraph.connected_components(graph, directed=False)[1])
 
 
-def used_part(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
-) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "m 3"]]:
+def used_part(vertices: Vertices, faces: Faces) -> Mesh:
     """The mesh without vertices that no face uses."""
     used, renumbered = np.unique(faces, return_inverse=True)
     return vertices[used], np.asarray(renumbered).reshape(faces.shape)
 
 
-def volume_mm3(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> float:
+def volume_mm3(vertices: Vertices, faces: Faces) -> float:
     """Sum of a . (b x c) / 6 over the faces; positive when they look outward.
 
     >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
@@ -67,21 +70,17 @@ def volume_mm3(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
     return float(np.einsum("ij,ij->", a, np.cross(b, c)) / 6)
 
 
-def face_areas(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Float[np.ndarray, " m"]:
+def face_areas(vertices: Vertices, faces: Faces) -> Float[np.ndarray, " m"]:
     """Areas of the faces, mm^2."""
     return np.asarray(np.linalg.norm(_crosses(vertices, faces), axis=1) / 2)
 
 
-def vertex_areas(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
-) -> Float[np.ndarray, " n"]:
+def vertex_areas(vertices: Vertices, faces: Faces) -> Float[np.ndarray, " n"]:
     """A third of the areas of each vertex's faces, mm^2."""
     return np.bincount(faces.ravel(), np.repeat(face_areas(vertices, faces) / 3, 3), len(vertices))
 
 
-def vertex_normals(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
-) -> Float[np.ndarray, "n 3"]:
+def vertex_normals(vertices: Vertices, faces: Faces) -> Float[np.ndarray, "n 3"]:
     """Unit normals at the vertices, faces weighted by area."""
     flat = _crosses(vertices, faces)
     sums = np.stack(
@@ -90,7 +89,7 @@ def vertex_normals(
     return np.asarray(sums / np.maximum(np.linalg.norm(sums, axis=1, keepdims=True), 1e-12))
 
 
-def _crosses(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 3"]:
+def _crosses(vertices: Vertices, faces: Faces) -> Float[np.ndarray, "m 3"]:
     """The faces' normals, twice as long as their areas."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
@@ -120,9 +119,7 @@ def rim_crossings(
     return a, b, towards[a] / (towards[a] - towards[b])
 
 
-def smoothed(
-    values: Float[np.ndarray, "n ..."], faces: Int[np.ndarray, "m 3"], rounds: int
-) -> Float[np.ndarray, "n ..."]:
+def smoothed(values: Float[np.ndarray, "n ..."], faces: Faces, rounds: int) -> Float[np.ndarray, "n ..."]:
     """Values at vertices, brought halfway to the mean over their neighbours, so many times."""
     mean = neighbour_mean(faces, len(values))
     for _ in range(rounds):
@@ -130,7 +127,7 @@ def smoothed(
     return values
 
 
-def neighbour_mean(faces: Int[np.ndarray, "m 3"], count: int) -> sparse.csr_array:
+def neighbour_mean(faces: Faces, count: int) -> sparse.csr_array:
     """The matrix that takes values at `count` vertices to the mean over each one's neighbours."""
     i, j = sides_of(faces).T
     A = sparse.csr_array((np.ones(2 * len(i)), (np.r_[i, j], np.r_[j, i])), shape=(count, count))

@@ -18,7 +18,7 @@ from recon.fruit_mesh import Reconstruction
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.ray_mesh import RayMesh, seeing_views, seen_and_unseen
 from recon.surface.repair import repaired
-from recon.triangle_mesh import facing, vertex_normals
+from recon.triangle_mesh import Faces, Vertices, facing, vertex_normals
 
 VIEWS = 3
 """The third best camera tells how well skin was seen: three photos or more measure it."""
@@ -45,17 +45,12 @@ CONVENTION_DEG = 40.0
 class ScannedSide:
     """One closed mesh of the fruit (mm, faces outward), and how well each vertex was seen (0 to 1)."""
 
-    vertices: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "m 3"]
+    vertices: Vertices
+    faces: Faces
     seen: Float[np.ndarray, " n"]
 
     @classmethod
-    def of(
-        cls,
-        vertices: Float[np.ndarray, "n 3"],
-        faces: Int[np.ndarray, "m 3"],
-        places: Float[np.ndarray, "v 3"],
-    ) -> "ScannedSide":
+    def of(cls, vertices: Vertices, faces: Faces, places: Float[np.ndarray, "v 3"]) -> "ScannedSide":
         """From where the cameras stood: a vertex counts by the third of them that it faces most.
 
         Where that is not known, cameras all around at RING_DEG above the mat are assumed.
@@ -68,7 +63,7 @@ class ScannedSide:
         return cls(vertices, faces, np.clip((best - GRAZING) / (FULL - GRAZING), 0.0, 1.0))
 
 
-def _ring(vertices: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "v 3"]:
+def _ring(vertices: Vertices) -> Float[np.ndarray, "v 3"]:
     """Places around a fruit on the mat, ten of its sizes away."""
     around, up = (g.ravel() for g in np.meshgrid(np.arange(12) * np.pi / 6, np.radians(RING_DEG)))
     way = np.stack([np.cos(around) * np.cos(up), np.sin(around) * np.cos(up), np.sin(up)], axis=1)
@@ -83,7 +78,7 @@ class BothSides:
     fits as well, and this is the one about the mat's arrow.
     """
 
-    vertices: Float[np.ndarray, "n 3"]
+    vertices: Vertices
     upright_from_over: Float[np.ndarray, "4 4"]
     miss_mm: float
     by_convention: bool = False

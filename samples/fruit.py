@@ -4,8 +4,9 @@ from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
+from recon.triangle_mesh import Mesh
 from samples.cubed_sphere import even_sphere
 
 # Semi-axes of a nectarine's pit over the half-lengths of its fruit's box (x suture, y cheeks, z stem),
@@ -142,24 +143,20 @@ def box_mm(skin: Skin) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]
     return points.min(axis=0), points.max(axis=0)
 
 
-def skin_mesh(skin: Skin, *, cells: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+def skin_mesh(skin: Skin, *, cells: int) -> Mesh:
     """Vertices and outward triangles of the skin, 12 cells^2 triangles."""
     sphere = even_sphere(cells)
     return skin.points_mm(sphere.directions), sphere.triangles()
 
 
-def scanned_mesh(
-    fruit: SampleFruit, *, cells: int, error_mm: float
-) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+def scanned_mesh(fruit: SampleFruit, *, cells: int, error_mm: float) -> Mesh:
     """The fruit's skin as a scanner would give it, the same for the same fruit."""
     return scanned_skin(
         fruit.skin, cells=cells, error_mm=error_mm, rng=np.random.default_rng([fruit.seed, 2])
     )
 
 
-def scanned_skin(
-    skin: Skin, *, cells: int, error_mm: float, rng: np.random.Generator
-) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+def scanned_skin(skin: Skin, *, cells: int, error_mm: float, rng: np.random.Generator) -> Mesh:
     """The skin as a scanner would give it: moved along its rays by a smooth error of the given RMS."""
     sphere = even_sphere(cells)
     waves, phase = rng.normal(size=(24, 3)) * 5.0, rng.uniform(0, 2 * np.pi, 24)

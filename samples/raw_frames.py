@@ -7,7 +7,6 @@ their own.
 
 import csv
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -28,23 +27,6 @@ THICKNESS_MM, E_MPA, NU = 4.0, 0.2, 0.48
 """Of the gel: 4 mm of a soft silicone, nearly incompressible (assumed)."""
 
 
-@dataclass(frozen=True)
-class Eye:
-    """One of the two cameras: what its table in the description and its folder are called."""
-
-    table: str
-    ending: str
-    camera: GelCamera
-
-
-def eyes() -> tuple[Eye, Eye]:
-    """Two cameras behind the gel, tilted towards each other about its y axis."""
-    return (
-        Eye("camera", "", _tilted(TILT_RAD)),
-        Eye("second_camera", "-b", _tilted(-TILT_RAD)),
-    )
-
-
 def write_sensor(folder: Path, pad: GelPad) -> None:
     """The description of a pad's sensor, whose gel gives way as the recording says."""
     lines = [
@@ -60,10 +42,9 @@ def write_sensor(folder: Path, pad: GelPad) -> None:
         "[markers]",
         f"rest_mm = {pad.rest_mm.tolist()}",
     ]
-    for eye in eyes():
-        camera = eye.camera
+    for table, camera in zip(("camera", "second_camera"), eyes(), strict=True):
         lines += [
-            f"[{eye.table}]",
+            f"[{table}]",
             f"image_px = {list(camera.image_px)}",
             f"focal_px = {list(camera.focal_px)}",
             f"centre_px = {list(camera.centre_px)}",
@@ -98,10 +79,10 @@ def write_raw_grasp(
         if not isinstance(pad, GelPad):
             continue
         lines += [f"[pads.{pad.name}]", f'sensor = "{SENSOR}"', f"pose = {pad.pose[0].tolist()}"]
-        for eye in eyes():
-            _write_frames(folder / (pad.name + eye.ending), eye.camera, pad, rng)
+        for name, camera in zip((pad.name, f"{pad.name}-b"), eyes(), strict=True):
+            _write_frames(folder / name, camera, pad, rng)
             if progress is not None:
-                progress(f"{folder.name}: {pad.name}{eye.ending}, {len(pad.displacement_mm)} frames")
+                progress(f"{folder.name}: {name}, {len(pad.displacement_mm)} frames")
     (folder / "grasp.toml").write_text("\n".join(lines) + "\n", encoding="utf-8")
 
 
@@ -114,6 +95,11 @@ def _write_frames(folder: Path, camera: GelCamera, pad: GelPad, rng: np.random.G
     for name, moved in zip(names, [still, *pad.displacement_mm], strict=True):
         picture = gel_image(camera, (), look, smooth_field(x, y, np.asarray(moved, dtype=float)), rng)
         cv2.imwrite(str(folder / f"{name}.png"), cv2.cvtColor(picture, cv2.COLOR_RGB2BGR))
+
+
+def eyes() -> tuple[GelCamera, GelCamera]:
+    """Two cameras behind the gel, tilted towards each other about its y axis."""
+    return _tilted(TILT_RAD), _tilted(-TILT_RAD)
 
 
 def _tilted(turn_rad: float) -> GelCamera:

@@ -116,16 +116,8 @@ def write_settings(folder: Path, fruits: tuple[SampleFruit, ...], *, seed: int) 
             size = high - low + rng.normal(0.0, 0.1, 3)
             mass = _volume_mm3(fruit) * 1.03e-3 * rng.normal(1.0, 0.01)
             shore = np.clip(52.0 + 17.0 * np.log(fruit.E_MPa / 0.5) + rng.normal(0.0, 2.5), 5, 98)
-            table.writerow(
-                [
-                    fruit.fruit_id,
-                    f"{size[2]:.1f}",
-                    f"{mass:.0f}",
-                    f"{shore:.0f}",
-                    f"{size[0]:.1f}",
-                    "simulated",
-                ]
-            )
+            sizes = f"{size[2]:.1f}", f"{mass:.0f}", f"{shore:.0f}", f"{size[0]:.1f}"
+            table.writerow([fruit.fruit_id, *sizes, "simulated"])
 
 
 def write_scan(path: Path, fruit: SampleFruit) -> None:
@@ -151,7 +143,7 @@ def write_grasps(
             plan,
             rng=np.random.default_rng([fruit.seed, 7, k]),
             fineness=fineness,
-            progress=None if progress is None else _named(progress, plan.name),
+            progress=progress and _named(progress, plan.name),
         )
         write_recording(folder / f"{plan.name}.h5", recording)
 

@@ -4,9 +4,10 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, UInt8
+from jaxtyping import Bool, Float
 
 from recon.cameras.photos import Photo
+from recon.picture_values import Picture
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +111,7 @@ def aim_of(poses: Float[np.ndarray, "v 4 4"]) -> Float[np.ndarray, "3"]:
     return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0])
 
 
-def straightened(photo: Photo, camera: Camera) -> tuple[UInt8[np.ndarray, "h w 3"], Camera]:
+def straightened(photo: Photo, camera: Camera) -> tuple[Picture, Camera]:
     """The photo as a camera without distortion would have taken it, and that camera."""
     if abs(camera.k1) < 1e-6:
         return photo.image, replace(camera, k1=0.0)

@@ -8,11 +8,11 @@ from importlib.resources import files
 
 import cv2
 import numpy as np
-from jaxtyping import Float, UInt8
+from jaxtyping import Float
 from scipy.optimize import least_squares
 
 from recon.cameras.camera import Camera
-from recon.picture_values import sampled
+from recon.picture_values import Pictures, sampled
 from recon.recon_failure import ReconProblem
 from recon.silhouettes.mask import lab
 
@@ -51,12 +51,11 @@ class Coin:
 
 @dataclass(frozen=True, kw_only=True)
 class CoinScale:
-    """Factor from the cameras' unit to mm, its relative sd, where the coin lies, and photos with its rim."""
+    """Factor from the cameras' unit to mm, its relative sd, and where the coin lies."""
 
     factor: float
     sd: float
     centre: tuple[float, float]
-    views: int
 
 
 def known_coins() -> dict[str, Coin]:
@@ -84,12 +83,7 @@ def coin_named(name: str) -> Coin:
 
 
 def coin_scale(
-    images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
-    cameras: Sequence[Camera],
-    coin: Coin,
-    *,
-    unit_mm: float,
-    spread: float,
+    images: Pictures, cameras: Sequence[Camera], coin: Coin, *, unit_mm: float, spread: float
 ) -> CoinScale:
     """The scale that a coin on the plane z = 0 gives; cameras have no distortion.
 
@@ -126,7 +120,6 @@ def coin_scale(
         factor=coin.diameter_mm / (2 * float(x[2])),
         sd=float(np.hypot(max(sd, LEAST_SD), STRUCK_SD_MM / coin.diameter_mm)),
         centre=(float(x[0]), float(x[1])),
-        views=len(spots),
     )
 
 

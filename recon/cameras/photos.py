@@ -9,10 +9,11 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pi_heif
-from jaxtyping import Float, Int, UInt8
+from jaxtyping import Float, Int
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from pipeline.files.plain_file import NotReadable, named_in_utf8, printable, read_bytes
+from recon.picture_values import Picture
 from recon.recon_failure import ReconFailure, ReconProblem
 
 SUFFIXES = (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".heic", ".heif", ".hif")
@@ -69,7 +70,7 @@ class Photo:
     """A picture: name, pixels (BGR), focal length in its pixels (EXIF), and, once sought, the mat's tags."""
 
     name: str
-    image: UInt8[np.ndarray, "h w 3"]
+    image: Picture
     focal_px: float | None = None
     tags: tuple[Int[np.ndarray, " t"], Float[np.ndarray, "t 4 2"]] | None = None
 

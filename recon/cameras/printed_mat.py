@@ -11,6 +11,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 from scipy.spatial import cKDTree
 
+from recon.picture_values import Picture
 from recon.recon_failure import ReconFailure, ReconProblem
 
 TAG_MM, FARTHEST_MM = (3.0, 300.0), 2000.0
@@ -154,7 +155,7 @@ def tag_bits(dictionary: str, tag: int) -> Bool[np.ndarray, "k k"]:
 
 
 def detect_tags(
-    image: UInt8[np.ndarray, "h w 3"], mat: Mat, *, borders: tuple[int, ...] = BORDERS
+    image: Picture, mat: Mat, *, borders: tuple[int, ...] = BORDERS
 ) -> tuple[Int[np.ndarray, " t"], Float[np.ndarray, "t 4 2"]]:
     """The mat's tags in a photo: numbers and corners, px (centres whole), to a fraction of a pixel.
 

@@ -9,11 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from recon.cameras.camera import Camera
 from recon.checks.rim_samples import Profiles, Rim, profiles_of, rims_of
+from recon.picture_values import Pictures
 from recon.silhouettes.mask import (
     DARKEST_SHADOW,
     DEGREES_OF_FREEDOM,
@@ -21,6 +22,7 @@ from recon.silhouettes.mask import (
     cells_of,
     colour_density,
 )
+from recon.triangle_mesh import Faces, Vertices
 
 REACH_PX = 10
 """How far to either side of the rim a profile reaches, px."""
@@ -72,10 +74,7 @@ class RimEvidence:
 
 
 def rim_evidence(
-    images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
-    cameras: Sequence[Camera],
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
+    images: Pictures, cameras: Sequence[Camera], vertices: Vertices, faces: Faces
 ) -> RimEvidence:
     """The place of the skin's edge along the normals of the mesh's rim, in every photo anew.
 

@@ -115,10 +115,12 @@ def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
     _refuse_mirrored(looks, on_mat=on_mat)
     usual = float(np.median([look.sharpness for look in looks]))
     any_tags = any(len(look.tags) >= FEWEST_TAGS for look in looks)
-    losses = {look.photo.name: _loss(look, usual, others_show_it=any_tags, on_mat=on_mat) for look in looks}
-    lost = {name: reason for name, reason in losses.items() if reason}
-    weaknesses = {look.photo.name: _weakness(look, usual, on_mat=on_mat) for look in looks}
-    weak = {name: reason for name, reason in weaknesses.items() if reason}
+    lost, weak = {}, {}
+    for look in looks:
+        if loss := _loss(look, usual, others_show_it=any_tags, on_mat=on_mat):
+            lost[look.photo.name] = loss
+        if weakness := _weakness(look, usual, on_mat=on_mat):
+            weak[look.photo.name] = weakness
     good = [look for look in looks if look.photo.name not in lost]
     best = [look for look in good if look.photo.name not in weak]
     warnings = [*copies]

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy.spatial import ConvexHull
 
 from recon.pit.priors import STONE_FRUIT, PitBody
 from recon.recon_failure import ReconProblem
 from recon.silhouettes.hull import Silhouette, drawn
 from recon.silhouettes.outline import outline_of
-from recon.triangle_mesh import volume_mm3
+from recon.triangle_mesh import Faces, Vertices, volume_mm3
 
 FEWEST_VIEWS = 6
 """Photos in use, at least; with 8, meshes are 0.09 to 0.20 mm off (benchmarks/results/recon.csv). By hand."""
@@ -64,9 +64,7 @@ class ReconQuality:
         return {name: number for name, number in asdict(self).items() if np.isfinite(number)}
 
 
-def outline_rms_mm(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], silhouettes: Sequence[Silhouette]
-) -> float:
+def outline_rms_mm(vertices: Vertices, faces: Faces, silhouettes: Sequence[Silhouette]) -> float:
     """Root mean square distance between the mesh's projected rim and the outlines seen, mm at the fruit."""
     squares = []
     for s in silhouettes:
@@ -169,9 +167,7 @@ def _why_left_out(quality: ReconQuality, left_out: Sequence[str]) -> str:
     )
 
 
-def shape_doubts(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, body: PitBody = STONE_FRUIT
-) -> tuple[str, ...]:
+def shape_doubts(vertices: Vertices, faces: Faces, *, body: PitBody = STONE_FRUIT) -> tuple[str, ...]:
     """Sentences where the mesh is no single body of its category: too long, or hollow between lumps."""
     out = []
     box = np.ptp(vertices, axis=0)

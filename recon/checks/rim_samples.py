@@ -10,10 +10,10 @@ import numpy as np
 from jaxtyping import Bool, Float, Int, UInt8
 
 from recon.cameras.camera import Camera
-from recon.picture_values import sampled
+from recon.picture_values import Picture, Pictures, sampled
 from recon.silhouettes.hull import drawn
 from recon.silhouettes.mask import Window
-from recon.triangle_mesh import rim_crossings, sides_of, vertex_normals
+from recon.triangle_mesh import Faces, Vertices, rim_crossings, sides_of, vertex_normals
 
 FARTHEST_DIAMETERS = 6.0
 """Ground further from the fruit than this many diameters is not looked up: a wall may stand there."""
@@ -34,9 +34,9 @@ class RimView:
     """A downscaled photo (8-bit Lab), its range over eight neighbours, distance outside the mesh (px)."""
 
     camera: Camera
-    colours: UInt8[np.ndarray, "h w 3"]
-    lowest: UInt8[np.ndarray, "h w 3"]
-    highest: UInt8[np.ndarray, "h w 3"]
+    colours: Picture
+    lowest: Picture
+    highest: Picture
     outside_px: Float[np.ndarray, "h w"]
 
 
@@ -53,10 +53,7 @@ class Rim:
 
 
 def rims_of(
-    images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
-    cameras: Sequence[Camera],
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
+    images: Pictures, cameras: Sequence[Camera], vertices: Vertices, faces: Faces
 ) -> tuple[list[RimView], list[Rim]]:
     """Every photo downscaled, at the brightness of the median photo, and its rim samples."""
     normals = vertex_normals(vertices, faces)
@@ -70,9 +67,7 @@ def rims_of(
     return rim_views, [_rim(s, vertices, normals, faces) for s in rim_views]
 
 
-def _downscaled(
-    image: UInt8[np.ndarray, "h w 3"], camera: Camera, vertices: Float[np.ndarray, "n 3"]
-) -> tuple[UInt8[np.ndarray, "h w 3"], Camera]:
+def _downscaled(image: Picture, camera: Camera, vertices: Vertices) -> tuple[Picture, Camera]:
     """The photo shrunk until the fruit is DIAMETER_PX wide, lightly blurred, and its camera.
 
     Columns are a multiple of 12, so that pictures of 4:3, 3:2 and 16:9 about keep their shape.
@@ -87,9 +82,7 @@ def _downscaled(
     return np.asarray(cv2.GaussianBlur(image, (3, 3), 0.6), np.uint8), camera
 
 
-def _outside_px(
-    camera: Camera, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
-) -> Float[np.ndarray, "h w"]:
+def _outside_px(camera: Camera, vertices: Vertices, faces: Faces) -> Float[np.ndarray, "h w"]:
     """Signed distance to the mesh's silhouette, px, positive outside."""
     window = Window(np.empty((camera.height_px, camera.width_px, 0), np.uint8), (0, 0), 1)
     inside = drawn(vertices, faces, window, camera)
@@ -112,7 +105,7 @@ def visible_ground(
 def _gains(
     pairs: Sequence[tuple[UInt8[np.ndarray, "_ _ 3"], Camera]],
     outside: Sequence[Float[np.ndarray, "_ _"]],
-    vertices: Float[np.ndarray, "n 3"],
+    vertices: Vertices,
 ) -> Float[np.ndarray, "v 3"]:
     """Factors of blue, green and red that bring every photo to the median one, from ground in free sight."""
     middle, radius = ground_centre(vertices)
@@ -133,7 +126,7 @@ def _gains(
     return np.clip(gains, 0.4, 2.5)
 
 
-def ground_centre(vertices: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray, "3"], float]:
+def ground_centre(vertices: Vertices) -> tuple[Float[np.ndarray, "3"], float]:
     """The ground point under the mesh's middle, and half its width."""
     low, high = vertices.min(0), vertices.max(0)
     middle = (low + high) / 2
@@ -141,10 +134,7 @@ def ground_centre(vertices: Float[np.ndarray, "n 3"]) -> tuple[Float[np.ndarray,
 
 
 def _visible(
-    image: UInt8[np.ndarray, "h w 3"],
-    camera: Camera,
-    outside_px: Float[np.ndarray, "h w"],
-    gain: Float[np.ndarray, "3"],
+    image: Picture, camera: Camera, outside_px: Float[np.ndarray, "h w"], gain: Float[np.ndarray, "3"]
 ) -> RimView:
     levels = np.clip((np.arange(256)[:, None] + 8.0) * gain - 8.0 + 0.5, 0, 255).astype(np.uint8)
     colours = np.asarray(cv2.cvtColor(cv2.LUT(image, levels[None]), cv2.COLOR_BGR2LAB), np.uint8)
@@ -152,12 +142,7 @@ def _visible(
     return RimView(camera, colours, cv2.erode(colours, cell), cv2.dilate(colours, cell), outside_px)
 
 
-def _rim(
-    view: RimView,
-    vertices: Float[np.ndarray, "n 3"],
-    normals: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
-) -> Rim:
+def _rim(view: RimView, vertices: Vertices, normals: Float[np.ndarray, "n 3"], faces: Faces) -> Rim:
     """Edges whose one end faces the camera and whose other does not, on the outer rim, evenly thinned out."""
     camera = view.camera
     edges = sides_of(faces)
@@ -190,10 +175,7 @@ class Profiles:
 
 
 def profiles_of(
-    rim_views: Sequence[RimView],
-    rims: Sequence[Rim],
-    offsets: Float[np.ndarray, " o"],
-    vertices: Float[np.ndarray, "n 3"],
+    rim_views: Sequence[RimView], rims: Sequence[Rim], offsets: Float[np.ndarray, " o"], vertices: Vertices
 ) -> Profiles:
     """Colours along all rims' normals, and quantiles of what other photos show there of z = 0.
 

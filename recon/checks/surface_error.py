@@ -8,7 +8,7 @@ from jaxtyping import Bool, Float, Int
 
 from recon.checks.ground_check import RimEvidence
 from recon.surface.ray_mesh import SEEN_BY, RayMesh
-from recon.triangle_mesh import facing, smoothed, vertex_areas, vertex_normals
+from recon.triangle_mesh import Faces, Vertices, facing, smoothed, vertex_areas, vertex_normals
 
 HEIGHTS_DEG = (-75.0, -45.0, -15.0, 15.0)
 """Bounds of the rim's bands, above the horizontal: shadows lie low; straight below has no left or right."""
@@ -92,10 +92,7 @@ eleven sets, against 0.002 where the surface is round."""
 
 
 def sd_on_patch_mm(
-    points: Float[np.ndarray, "p 3"],
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
-    sd_mm: Float[np.ndarray, " n"],
+    points: Float[np.ndarray, "p 3"], vertices: Vertices, faces: Faces, sd_mm: Float[np.ndarray, " n"]
 ) -> float:
     """Root mean square of a surface's `sd_mm` (per vertex) over the points of the mesh nearest to `points`.
 
@@ -122,8 +119,8 @@ class SurfaceError:
 
 def surface_error(
     evidence: RimEvidence,
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
+    vertices: Vertices,
+    faces: Faces,
     places: Float[np.ndarray, "v 3"],
     views: Int[np.ndarray, " n"],
     *,

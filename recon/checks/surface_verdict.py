@@ -10,7 +10,7 @@ from recon.checks.ground_check import RimEvidence
 from recon.checks.surface_error import SurfaceError, camera_shadow_px
 from recon.recon_failure import ReconProblem
 from recon.surface.ray_mesh import SEEN_BY
-from recon.triangle_mesh import vertex_areas, vertex_normals, volume_mm3
+from recon.triangle_mesh import Faces, Vertices, vertex_areas, vertex_normals, volume_mm3
 from recon.wording import listed
 
 OFF_MM, REFUSED_OFF = 0.2, 0.0125
@@ -48,10 +48,7 @@ class SurfaceOffset:
 
 
 def surface_offset(
-    error: SurfaceError,
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
-    views: Int[np.ndarray, " n"],
+    error: SurfaceError, vertices: Vertices, faces: Faces, views: Int[np.ndarray, " n"]
 ) -> SurfaceOffset:
     """The offsets' sizes; zero where no skin was seen."""
     area = _seen_area(vertices, faces, views)
@@ -71,8 +68,8 @@ def surface_doubts(
     offset: SurfaceOffset,
     error: SurfaceError,
     evidence: RimEvidence,
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
+    vertices: Vertices,
+    faces: Faces,
     views: Int[np.ndarray, " n"],
 ) -> tuple[str, ...]:
     """A sentence where the photos put the skin elsewhere than the mesh: where, by how much, what to do.
@@ -156,7 +153,7 @@ def _camera_shadow(evidence: RimEvidence) -> tuple[str, ...]:
     )
 
 
-def place_in_words(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], vertex: int) -> str:
+def place_in_words(vertices: Vertices, faces: Faces, vertex: int) -> str:
     """Where a vertex is, as a person says it who faces the suture: y points to the right."""
     normal = vertex_normals(vertices, faces)[vertex]
     middle = (vertices.min(0) + vertices.max(0)) / 2
@@ -168,7 +165,5 @@ def place_in_words(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m
     return f"{level}, {side}, about {max(vertices[vertex, 2], 0.0):.0f} mm above the ground,"
 
 
-def _seen_area(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], views: Int[np.ndarray, " n"]
-) -> Float[np.ndarray, " n"]:
+def _seen_area(vertices: Vertices, faces: Faces, views: Int[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     return np.asarray(vertex_areas(vertices, faces) * (views >= SEEN_BY))

@@ -11,6 +11,7 @@ from jaxtyping import Float, Int, UInt8
 
 from recon.learned.onnx_file import bad_model
 from recon.learned.onnx_session import INPUT, opened, ran
+from recon.picture_values import Picture, Pictures
 from recon.silhouettes.mask import Window
 
 SHIPPED = Path(__file__).parent / "models" / "fruit.onnx"
@@ -31,9 +32,7 @@ class FruitModel:
     path: Path
     session: Any
 
-    def log_odds(
-        self, images: Sequence[UInt8[np.ndarray, "_ _ 3"]], windows: Sequence[Window]
-    ) -> list[Float[np.ndarray, "_ _"]]:
+    def log_odds(self, images: Pictures, windows: Sequence[Window]) -> list[Float[np.ndarray, "_ _"]]:
         """Log odds of fruit over shrunk windows of BGR photos.
 
         The model sees the square round a window, which beyond the photo goes on as its edge. Raises
@@ -87,7 +86,7 @@ def _extent(window: Window) -> tuple[Int[np.ndarray, "2"], int]:
     return np.floor(np.array(window.corner_px) + size / 2 - side / 2).astype(int), side
 
 
-def _square(image: UInt8[np.ndarray, "h w 3"], start: np.ndarray, side: int) -> UInt8[np.ndarray, "s s 3"]:
+def _square(image: Picture, start: np.ndarray, side: int) -> UInt8[np.ndarray, "s s 3"]:
     """The photo's square from `start` (column, row) on, at the model's size."""
     x0, y0 = int(start[0]), int(start[1])
     rows, columns = image.shape[:2]

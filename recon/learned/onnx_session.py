@@ -4,7 +4,6 @@ import difflib
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TypeAlias
 
 os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which else keeps and sends a device's identity
 import numpy as np
@@ -13,8 +12,6 @@ import onnxruntime
 from pipeline.files.limited_memory import SHARE_OF_FREE, free_bytes, limited_memory
 from recon.learned.onnx_file import bad_model, model_files, require_onnx
 
-Session: TypeAlias = onnxruntime.InferenceSession
-"""What `opened` gives."""
 INPUT = "images"
 SIZES, MOST_MORE_BYTES = 3, 1_000_000_000
 """Memory to load a model: so many times its files (constants are copied), and so many bytes more."""
@@ -37,7 +34,7 @@ def providers_fault(providers: Sequence[str]) -> str:
     return ""
 
 
-def opened(model: Path, providers: Sequence[str]) -> Session:
+def opened(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSession:
     """A session on the first of `providers` that this machine has. Raises ReconFailure (bad-geometry-model)
     that names the file where it is missing, is no ONNX model, or none of the providers is there.
     """
@@ -68,7 +65,7 @@ def opened(model: Path, providers: Sequence[str]) -> Session:
 
 def ran(
     model: Path,
-    session: Session,
+    session: onnxruntime.InferenceSession,
     outputs: Sequence[str],
     images: np.ndarray,
     *,

@@ -14,7 +14,7 @@ from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes.hull import ball
 from recon.surface.mesh_file import SUFFIXES, read_mesh
 from recon.surface.ray_mesh import RayMesh
-from recon.triangle_mesh import bodies, open_edges, used_part, volume_mm3
+from recon.triangle_mesh import Faces, Mesh, Vertices, bodies, open_edges, used_part, volume_mm3
 
 
 def load_pit(named: str | Path, *, category: str) -> PitPrior:
@@ -50,7 +50,6 @@ def load_pit(named: str | Path, *, category: str) -> PitPrior:
     )
 
 
-Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 LEVEL = 3
 """Subdivisions of an icosahedron: 1280 triangles, 1.3 mm wide on a pit of 10 mm radius."""
 LEAST_FLESH_MM = 0.5
@@ -61,8 +60,8 @@ LEAST_FLESH_MM = 0.5
 class EmbeddedPit:
     """The flesh as one solid, faces out of it: outer skin and pit wall, and which faces are pit wall."""
 
-    vertices: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "m 3"]
+    vertices: Vertices
+    faces: Faces
     on_pit: Bool[np.ndarray, " m"]
     flesh_volume_mm3: float
     pit_volume_mm3: float
@@ -79,9 +78,7 @@ class EmbeddedPit:
         return used_part(self.vertices, self.faces[self.on_pit][:, ::-1])
 
 
-def place_pit(
-    fruit_vertices: Float[np.ndarray, "n 3"], fruit_faces: Int[np.ndarray, "m 3"], prior: PitPrior
-) -> tuple[Float[np.ndarray, "k 3"], Int[np.ndarray, "l 3"]]:
+def place_pit(fruit_vertices: Vertices, fruit_faces: Faces, prior: PitPrior) -> Mesh:
     """The prior's pit in a closed fruit mesh (fruit frame): a closed mesh of the superellipsoid's volume.
 
     In direction d the surface lies at (|d_x/a|^p + |d_y/b|^p + |d_z/c|^p)^(-1/p); the mesh is then blown up
@@ -110,8 +107,8 @@ def place_pit(
 
 
 def embed_pit(
-    fruit_vertices: Float[np.ndarray, "n 3"],
-    fruit_faces: Int[np.ndarray, "m 3"],
+    fruit_vertices: Vertices,
+    fruit_faces: Faces,
     pit_vertices: Float[np.ndarray, "k 3"],
     pit_faces: Int[np.ndarray, "l 3"],
 ) -> EmbeddedPit:
@@ -164,7 +161,7 @@ def least_gap_mm(first: Mesh, second: Mesh) -> float:
     return float(min(ways))
 
 
-def require_closed(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, what: str) -> None:
+def require_closed(vertices: Vertices, faces: Faces, *, what: str) -> None:
     """Refuse a mesh that is open, in pieces, or turned inside out."""
     if gaps := open_edges(faces):
         raise _unsound(
@@ -182,9 +179,7 @@ def require_closed(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m
         raise _unsound(what, "is inside out; expected faces that point outward. Flip the faces.")
 
 
-def _solid(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], what: str
-) -> manifold3d.Manifold:
+def _solid(vertices: Vertices, faces: Faces, what: str) -> manifold3d.Manifold:
     """The closed mesh as a solid for Boolean operations; raises ReconFailure where it is none."""
     require_closed(vertices, faces, what=what)
     mesh = manifold3d.Mesh64(

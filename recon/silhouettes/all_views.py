@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 
 from recon.cameras.camera import Camera
 from recon.cameras.photos import FEWEST_PHOTOS
 from recon.learned.fruit_model import FruitModel
+from recon.picture_values import Pictures
 from recon.recon_failure import ReconProblem
 from recon.silhouettes.hull import Silhouette, ball, drawn, silhouette_of_mask, split, visual_hull
 from recon.silhouettes.mask import Window
@@ -34,6 +35,7 @@ from recon.silhouettes.segmentation import (
     pixels_of,
 )  # fmt: skip
 from recon.silhouettes.tangent import fitted_to_outlines
+from recon.triangle_mesh import Faces, Mesh, Vertices
 
 LOWEST_AGREEMENT = 0.85
 """Overlap of a photo's outline with the hull of all, below which it is left out. Set by hand."""
@@ -100,18 +102,15 @@ class FoundFruit:
 
     silhouettes: tuple[Silhouette, ...]
     used: Int[np.ndarray, " v"]
-    vertices: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "m 3"]
+    vertices: Vertices
+    faces: Faces
     support: Float[np.ndarray, " n"]
     agreement: float
     clear_share: float
 
 
-Mesh = tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]
-
-
 def find_fruit(
-    images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
+    images: Pictures,
     cameras: Sequence[Camera],
     *,
     low_mm: Float[np.ndarray, "3"],

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, UInt8
 
 from recon.cameras.camera import Camera
+from recon.picture_values import Pictures
 
 MOST_VIEWS = 24
 """Photos that make the plate, evenly chosen: a median of more tells no more. Set by hand."""
@@ -52,9 +53,7 @@ class GroundViews:
     half_width_mm: float
 
 
-def ground_views(
-    images: Sequence[UInt8[np.ndarray, "_ _ 3"]], cameras: Sequence[Camera], *, half_width_mm: float
-) -> GroundViews:
+def ground_views(images: Pictures, cameras: Sequence[Camera], *, half_width_mm: float) -> GroundViews:
     """At most MOST_VIEWS photos, evenly chosen, brought to the plane. Cameras have no distortion."""
     chosen = np.unique(np.linspace(0, len(images) - 1, min(MOST_VIEWS, len(images))).round().astype(int))
     side = (SIDE_CELLS, SIDE_CELLS)

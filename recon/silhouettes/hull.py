@@ -7,12 +7,12 @@ from itertools import combinations
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int
+from jaxtyping import Bool, Float
 
 from recon.cameras.camera import Camera
 from recon.picture_values import sampled
 from recon.silhouettes.mask import Window
-from recon.triangle_mesh import unique_edges
+from recon.triangle_mesh import Faces, Mesh, Vertices, unique_edges
 
 STEPS = 40
 """Towards the surface along a ray at most; each takes the whole distance found. Set by hand."""
@@ -68,7 +68,7 @@ def silhouette_of_mask(mask: Bool[np.ndarray, "h w"], window: Window, camera: Ca
 
 
 @cache
-def ball(level: int) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+def ball(level: int) -> Mesh:
     """Even directions: an icosahedron's faces split in four `level` times; 10 * 4^level + 2 vertices."""
     g = (1 + 5**0.5) / 2
     flat = [(-1.0, g, 0.0), (1.0, g, 0.0), (-1.0, -g, 0.0), (1.0, -g, 0.0)]
@@ -104,7 +104,7 @@ def visual_hull(
     floor_mm: float = -np.inf,
     level: int,
     outlier_share: float = 0.0,
-) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+) -> Mesh:
     """Where rays from `centre_mm` leave the intersection of all silhouette cones and of z >= floor.
 
     phi(X) = min over views of the depth inside the cone, or with `outlier_share` the depth that this share of
@@ -130,9 +130,7 @@ def visual_hull(
     return centre_mm + radius[:, None] * directions, faces
 
 
-def drawn(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], window: Window, camera: Camera
-) -> Bool[np.ndarray, "h w"]:
+def drawn(vertices: Vertices, faces: Faces, window: Window, camera: Camera) -> Bool[np.ndarray, "h w"]:
     """The closed mesh's shadow in a shrunk window, without holes: what its rim encloses.
 
     The rim is the edges that one face turned to the camera has to itself.

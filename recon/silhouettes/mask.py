@@ -8,6 +8,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy import ndimage
 
 from recon.cameras.camera import Camera
+from recon.picture_values import Picture
 from recon.silhouettes.background_plate import BackgroundPlate, background_in_view
 
 LIGHTNESS_WEIGHT = 0.4
@@ -101,18 +102,13 @@ class GroundNoise:
     shadow_density: Float[np.ndarray, " b"]
 
 
-def lab(image: UInt8[np.ndarray, "h w 3"]) -> Float[np.ndarray, "h w 3"]:
+def lab(image: Picture) -> Float[np.ndarray, "h w 3"]:
     """BGR to CIE Lab as float32, L in 0..100."""
     return np.asarray(cv2.cvtColor(image.astype(np.float32) / 255, cv2.COLOR_BGR2Lab), np.float32)
 
 
 def window_around(
-    image: UInt8[np.ndarray, "h w 3"],
-    camera: Camera,
-    points: Float[np.ndarray, "n 3"],
-    *,
-    margin: float,
-    small_side_px: int,
+    image: Picture, camera: Camera, points: Float[np.ndarray, "n 3"], *, margin: float, small_side_px: int
 ) -> Window | None:
     """The box of the points' projections, widened by `margin` of its size; None outside the picture."""
     pixels = camera.project(points)

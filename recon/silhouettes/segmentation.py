@@ -6,11 +6,12 @@ from functools import cached_property
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 from scipy import ndimage
 
 from recon.cameras.camera import Camera
 from recon.learned.fruit_model import FruitModel
+from recon.picture_values import Pictures
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.silhouettes import mask as colour
 from recon.silhouettes.background_plate import BackgroundPlate, GroundViews, background_plate, ground_views
@@ -126,7 +127,7 @@ class SegmentationScene:
     None.
     """
 
-    images: Sequence[UInt8[np.ndarray, "_ _ 3"]]
+    images: Pictures
     cameras: Sequence[Camera]
     low_mm: Float[np.ndarray, "3"]
     high_mm: Float[np.ndarray, "3"]

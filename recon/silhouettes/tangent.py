@@ -4,11 +4,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 from scipy import sparse
 
 from recon.silhouettes.hull import Silhouette
-from recon.triangle_mesh import neighbour_mean, rim_crossings, solved, unique_edges, vertex_normals
+from recon.triangle_mesh import (
+    Faces,
+    Vertices,
+    neighbour_mean,
+    rim_crossings,
+    solved,
+    unique_edges,
+    vertex_normals,
+)
 
 ROUNDS, CAUTIOUS_ROUNDS = 8, 5
 """Of the fit; each looks for the rims anew. Set by hand."""
@@ -31,13 +39,11 @@ SPREADING = 6
 class FittedSurface:
     """A surface on the outlines: its vertices, and how many rims hold each of them."""
 
-    vertices: Float[np.ndarray, "n 3"]
+    vertices: Vertices
     support: Float[np.ndarray, " n"]
 
 
-def fitted_to_outlines(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], silhouettes: Sequence[Silhouette]
-) -> FittedSurface:
+def fitted_to_outlines(vertices: Vertices, faces: Faces, silhouettes: Sequence[Silhouette]) -> FittedSurface:
     """A hull's vertices moved along their normals until its rims lie on the outlines.
 
     The hull of few or noisy outlines is biased: outward where no view is tangent (a ball of radius r by r δ²

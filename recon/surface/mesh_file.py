@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 import trimesh
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from pipeline.files.plain_file import NotReadable, json_of, printable, read_bytes
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.ply_file import NotPly, read_header, read_ply
 from recon.surface.ray_mesh import SEEN_BY, consistently_oriented
-from recon.triangle_mesh import open_edges, used_part, volume_mm3
+from recon.triangle_mesh import Faces, Mesh, Vertices, open_edges, used_part, volume_mm3
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 # Without any handler Python would print trimesh's warnings, with tracebacks, on standard error.
@@ -30,7 +30,6 @@ MOST_ASCII_BYTES = 30_000_000
 """Of numbers written as text, which take thirty times their length while they are read."""
 FARTHEST_MM = 1e6
 """A coordinate beyond a kilometre is of no fruit, and squares of larger ones overflow."""
-Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 
 
 def read_mesh(path: Path) -> Mesh:
@@ -102,7 +101,7 @@ def _by_trimesh(path: Path, kind: str, data: bytes) -> Mesh:
         raise _unreadable(path, "is broken", f"a whole {kind[1:].upper()} file") from error
 
 
-def _joined(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Mesh:
+def _joined(vertices: Vertices, faces: Faces) -> Mesh:
     """The mesh as it is where it is closed; else with corners in the same place merged and faces without area
     left out; where that does not close it, with the faces turned alike and outward, if that does. A closed
     surface is not turned, whatever the format: inside out, it is refused as a fruit.
@@ -125,12 +124,7 @@ def _joined(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -
     return vertices, faces
 
 
-def mesh_bytes(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
-    *,
-    views: Int[np.ndarray, " n"] | None = None,
-) -> bytes:
+def mesh_bytes(vertices: Vertices, faces: Faces, *, views: Int[np.ndarray, " n"] | None = None) -> bytes:
     """A binary PLY (coordinates to a millionth of their size); the same mesh gives the same bytes.
 
     With `views`, the number of photos that show each vertex, the vertices carry it (views, ushort) and a
@@ -145,7 +139,7 @@ def mesh_bytes(
     return bytes(trimesh.exchange.ply.export_ply(mesh, vertex_normal=False))
 
 
-def write_mesh(path: Path, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> None:
+def write_mesh(path: Path, vertices: Vertices, faces: Faces) -> None:
     """The bytes of `mesh_bytes` as a file."""
     path.write_bytes(mesh_bytes(vertices, faces))
 

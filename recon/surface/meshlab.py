@@ -6,6 +6,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from recon.recon_failure import ReconProblem
+from recon.triangle_mesh import Faces, Vertices
 
 LONGEST_HOLE = 400
 """Edges around the largest hole that is closed. Set by hand."""
@@ -21,7 +22,7 @@ def library() -> Any:
 
 
 def closed_and_decimated(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, max_faces: int
+    vertices: Vertices, faces: Faces, *, max_faces: int
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
     """The repaired vertices, and the vertices and faces after decimation; needs the library.
 

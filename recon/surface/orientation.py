@@ -6,11 +6,12 @@ Fruit frame: stem end up z, suture to +x, origin under the middle on the support
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
 from recon.cameras.similarity import affine
 from recon.silhouettes.hull import ball
 from recon.surface.ray_mesh import RayMesh
+from recon.triangle_mesh import Faces, Vertices
 
 SURE = 0.5
 """Confidence from which an orientation by shape counts against the convention. Set by hand."""
@@ -20,9 +21,7 @@ MOST_TURN_DEG = 20.0
 """Degrees that the suture may be off the arrow unsaid: so well it is laid by eye. Set by hand."""
 
 
-def to_fruit_frame(
-    vertices: Float[np.ndarray, "n 3"],
-) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "4 4"]]:
+def to_fruit_frame(vertices: Vertices) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "4 4"]]:
     """A mesh photographed on a mat (or as on one) in its fruit frame, and `fruit_from_mesh`.
 
     The origin goes to the centre of the mesh's box in x and y and to its lowest point in z.
@@ -85,7 +84,7 @@ class Orientation:
         return float(np.degrees(np.arctan2(self.suture[1], self.suture[0])))
 
 
-def orientation_of(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> Orientation:
+def orientation_of(vertices: Vertices, faces: Faces) -> Orientation:
     """Stem axis and suture of a closed fruit mesh, whichever way it lies.
 
     With r(d) the surface's distance from the centre of volume in direction d: the stem is where a round
@@ -120,9 +119,7 @@ def orientation_of(vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m
     )
 
 
-def volume_centre(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
-) -> Float[np.ndarray, "3"]:
+def volume_centre(vertices: Vertices, faces: Faces) -> Float[np.ndarray, "3"]:
     """Centre of volume of a closed mesh: its tetrahedra from a point inside, weighted by volume."""
     inside = vertices.mean(axis=0)
     a, b, c = (vertices[faces[:, k]] - inside for k in range(3))

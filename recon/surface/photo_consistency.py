@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import cv2
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float, Int
 
 from recon.cameras.camera import Camera
-from recon.picture_values import sampled
+from recon.picture_values import Pictures, sampled
 from recon.triangle_mesh import facing
 
 SIDE = 7
@@ -54,7 +54,7 @@ class Patches:
         return Patches(self.points[rows], self.normals[rows], self.curvature[rows])
 
 
-def grey_views(images: Sequence[UInt8[np.ndarray, "_ _ 3"]], cameras: Sequence[Camera]) -> list[GreyView]:
+def grey_views(images: Pictures, cameras: Sequence[Camera]) -> list[GreyView]:
     """Photos as the patches are compared in: grey, slightly blurred."""
     return [
         GreyView(cv2.GaussianBlur(cv2.cvtColor(i, cv2.COLOR_BGR2GRAY), (3, 3), 0.8).astype(np.float32), c)

@@ -10,7 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
+
+from recon.triangle_mesh import Mesh
 
 TYPES = {
     "char": "b", "int8": "b", "uchar": "B", "uint8": "B", "short": "h", "int16": "h", "ushort": "H",
@@ -105,7 +107,7 @@ def _property(words: list[str]) -> PlyProperty | None:
     return None
 
 
-def read_ply(data: bytes, header: PlyHeader) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+def read_ply(data: bytes, header: PlyHeader) -> Mesh:
     """Vertices in the file's unit and triangles; faces of more corners are cut into fans around the first.
 
     Raises NotPly where the rows are not what the header says.

@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from recon.recon_failure import ReconProblem
-from recon.triangle_mesh import face_areas, facing, vertex_normals
+from recon.triangle_mesh import Faces, Vertices, face_areas, facing, vertex_normals
 
 SEEN_BY = 2
 """Cameras that must see a place for it to count as seen: one alone tells no depth."""
@@ -16,9 +16,7 @@ CLEAR = 1e-3
 """Rays start so far above the skin, as a share of the fruit's size, that its own facets do not hide it."""
 
 
-def seeing_views(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], places: Float[np.ndarray, "v 3"]
-) -> Int[np.ndarray, " n"]:
+def seeing_views(vertices: Vertices, faces: Faces, places: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, " n"]:
     """How many of the cameras at `places` (mm) see each vertex of a closed mesh: it faces them, unhidden."""
     skin = RayMesh(vertices, faces)
     normals = vertex_normals(vertices, faces)
@@ -30,9 +28,7 @@ def seeing_views(
     return views
 
 
-def seen_and_unseen(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], views: Int[np.ndarray, " n"]
-) -> tuple[float, float]:
+def seen_and_unseen(vertices: Vertices, faces: Faces, views: Int[np.ndarray, " n"]) -> tuple[float, float]:
     """The share of the skin that SEEN_BY cameras or more saw, and the area of the rest, mm^2.
 
     The rest is the hole in what the photos show, closed by the method. A triangle counts by its corners.
@@ -66,9 +62,7 @@ def open3d() -> ModuleType:
     return loaded
 
 
-def consistently_oriented(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
-) -> Int[np.ndarray, "m 3"]:
+def consistently_oriented(vertices: Vertices, faces: Faces) -> Int[np.ndarray, "m 3"]:
     """The faces, some of them turned round, so that neighbours run along their shared edge in opposite
     directions, where the surface has two sides.
     """
@@ -83,7 +77,7 @@ def consistently_oriented(
 class RayMesh:
     """Vertices (mm) and faces; raises ReconFailure (missing-library) where Open3D does not load."""
 
-    def __init__(self, vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]) -> None:
+    def __init__(self, vertices: Vertices, faces: Faces) -> None:
         o3d = open3d()
         self._tensor = o3d.core.Tensor
         self._faces = faces

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from jaxtyping import Bool, Float, Int, UInt8
+from jaxtyping import Bool, Float
 from scipy.special import bdtrc
 
 from recon.cameras.camera import Camera
+from recon.picture_values import Pictures
 from recon.silhouettes.hull import split
 from recon.surface.photo_consistency import (
     FEWEST_VIEWS,
@@ -35,6 +36,7 @@ from recon.surface.relief_search import (
     searched,
     vertices_per_patch,
 )
+from recon.triangle_mesh import Faces, Vertices
 
 LEAST_GAIN = 0.05
 """Rise of the correlation in the held-out views that confirms a vertex."""
@@ -132,16 +134,16 @@ class Relief:
     under the outlines of the deepest vertex at the edge of the search, 0 where none is at the edge.
     """
 
-    vertices: Float[np.ndarray, "n 3"]
+    vertices: Vertices
     measured: Bool[np.ndarray, " n"]
     bridged: Float[np.ndarray, " n"]
     edge_depth_mm: float = 0.0
 
 
 def relief(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
-    images: Sequence[UInt8[np.ndarray, "_ _ 3"]],
+    vertices: Vertices,
+    faces: Faces,
+    images: Pictures,
     cameras: Sequence[Camera],
     *,
     support: Float[np.ndarray, " n"],

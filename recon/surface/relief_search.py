@@ -19,7 +19,16 @@ from recon.surface.photo_consistency import (
     agreement,
     best_offsets,
 )
-from recon.triangle_mesh import neighbour_mean, parts_of, sides_of, smoothed, solved, vertex_normals
+from recon.triangle_mesh import (
+    Faces,
+    Vertices,
+    neighbour_mean,
+    parts_of,
+    sides_of,
+    smoothed,
+    solved,
+    vertex_normals,
+)
 
 FLAT, ROUND = 0.45, 0.85
 """Convexity (mean curvature times radius) below which a surface may be a bridge over a hollow, and
@@ -36,14 +45,12 @@ class OutlineMesh:
     """A coarser level of the surface, its radius, and its even split into the next."""
 
     level: int
-    faces: Int[np.ndarray, "m 3"]
+    faces: Faces
     outline: Patches
     radius_mm: float
 
 
-def outline_mesh(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], level: int
-) -> OutlineMesh:
+def outline_mesh(vertices: Vertices, faces: Faces, level: int) -> OutlineMesh:
     """The surface at a coarser level of `ball`."""
     count = 10 * 4**level + 2
     points, normals = vertices[:count], vertex_normals(vertices, faces)[:count]
@@ -73,16 +80,14 @@ def vertices_per_patch(mesh: OutlineMesh, views: Sequence[GreyView]) -> float:
     return patch_mm2 * len(points) / (4 * np.pi * mesh.radius_mm**2)
 
 
-def connected_parts(
-    where: Bool[np.ndarray, " n"], faces: Int[np.ndarray, "m 3"]
-) -> list[Bool[np.ndarray, " n"]]:
+def connected_parts(where: Bool[np.ndarray, " n"], faces: Faces) -> list[Bool[np.ndarray, " n"]]:
     """The connected parts of a set of vertices."""
     edges = sides_of(faces)
     label = parts_of(edges[where[edges].all(axis=1)], len(where))
     return [where & (label == part) for part in np.unique(label[where])]
 
 
-def grown(where: Bool[np.ndarray, " n"], faces: Int[np.ndarray, "m 3"], rings: int) -> Bool[np.ndarray, " n"]:
+def grown(where: Bool[np.ndarray, " n"], faces: Faces, rings: int) -> Bool[np.ndarray, " n"]:
     """A set of vertices and so many rings of neighbours around it."""
     step = neighbour_mean(faces, len(where))
     for _ in range(rings):
@@ -99,7 +104,7 @@ def roundness(bending: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
 
 
 def mean_curvature(
-    points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
+    points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], faces: Faces
 ) -> Float[np.ndarray, " n"]:
     """Mean curvature (1/mm, convex < 0): mean of 2 n . (x_j - x_i) / |x_j - x_i|² over neighbours j."""
     i, j = sides_of(faces).T
@@ -256,15 +261,13 @@ def _spread_scores(
     return every
 
 
-def _averaged(
-    scores: Float[np.ndarray, "k n d"], faces: Int[np.ndarray, "m 3"], times: int
-) -> Float[np.ndarray, "k n d"]:
+def _averaged(scores: Float[np.ndarray, "k n d"], faces: Faces, times: int) -> Float[np.ndarray, "k n d"]:
     """Scores averaged with the neighbours', so many times."""
     return np.stack([smoothed(each, faces, times) for each in scores])
 
 
 def _hollow(
-    deep: Bool[np.ndarray, " n"], trusted: Bool[np.ndarray, " n"], faces: Int[np.ndarray, "m 3"]
+    deep: Bool[np.ndarray, " n"], trusted: Bool[np.ndarray, " n"], faces: Faces
 ) -> Float[np.ndarray, " n"]:
     """1 where photos agree all around that the skin lies deep under the outlines, else 0; soft between."""
     step = neighbour_mean(faces, len(deep))
@@ -280,7 +283,7 @@ def _membrane(
     weight: Float[np.ndarray, " n"],
     pull: Float[np.ndarray, " n"],
     free: Bool[np.ndarray, " n"],
-    faces: Int[np.ndarray, "m 3"],
+    faces: Faces,
     stiffness: float,
 ) -> Float[np.ndarray, " n"]:
     """argmin sum w (x - offset)² + pull x² + 4 stiffness |x - mean of neighbours|², 0 where not free."""

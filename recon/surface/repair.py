@@ -9,15 +9,13 @@ from jaxtyping import Float, Int
 from recon.recon_failure import ReconProblem
 from recon.surface import meshlab
 from recon.surface.ray_mesh import RayMesh, open3d
-from recon.triangle_mesh import open_edges, unique_edges, volume_mm3
+from recon.triangle_mesh import Faces, Mesh, Vertices, open_edges, unique_edges, volume_mm3
 
 DEPTH = 6
 """Of the octree: 64 cells over 1.1 fruit: 0.004 to 0.011 mm off; 7: 0.003 to 0.008 for 3 to 4 CPU s more."""
 
 
-def poisson_surface(
-    points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]
-) -> tuple[Float[np.ndarray, "m 3"], Int[np.ndarray, "k 3"]]:
+def poisson_surface(points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) -> Mesh:
     """The surface by the points whose indicator's gradient fits the normals (Kazhdan, Hoppe 2013).
 
     Points (mm) cover the whole fruit, normals look outward. Run in one thread: the same points give the same
@@ -45,14 +43,12 @@ under a drawn fruit; a lid over 0.25 takes 3 % of a ball's volume. Set by hand."
 class RepairedMesh:
     """A closed manifold and how far decimation moved the surface (mm)."""
 
-    vertices: Float[np.ndarray, "n 3"]
-    faces: Int[np.ndarray, "m 3"]
+    vertices: Vertices
+    faces: Faces
     deviation_rms_mm: float
 
 
-def repaired(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, max_faces: int
-) -> RepairedMesh:
+def repaired(vertices: Vertices, faces: Faces, *, max_faces: int) -> RepairedMesh:
     """The largest part of a surface as a manifold, holes closed, of at most `max_faces` faces.
 
     By PyMeshLab where it is installed, else by Open3D. Raises ReconFailure: not-watertight where it stays
@@ -72,7 +68,7 @@ def repaired(
 
 
 def _closed_and_decimated(
-    vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"], *, max_faces: int
+    vertices: Vertices, faces: Faces, *, max_faces: int
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
     """As recon.surface.meshlab, by Open3D; raises ReconFailure (missing-library)."""
     o3d = open3d()

@@ -52,7 +52,7 @@ class Scene:
     skin: SkinLook
     ground: SceneGround
     sheet: Sheet | None
-    coin: SceneCoin | None
+    coin: SceneCoin | None = None
     light: SceneLight
     camera: ScenePhoto
     pipeline: Pipeline
@@ -148,7 +148,6 @@ def sample_scene(fruit: SampleFruit, *, photos: int) -> Scene:
         skin=ripe_skin(fruit.ripeness, pattern_seed=fruit.seed),
         ground=draw_ground(rng, kinds=("wood",)),
         sheet=CLEAN_SHEET,
-        coin=None,
         light=softboxes(azimuth_deg=float(rng.uniform(0, 360)), pattern_seed=fruit.seed),
         camera=camera,
         pipeline=Pipeline(kind="none", jpeg_quality=SAMPLE_QUALITY),
@@ -181,9 +180,9 @@ def scene_mapping(scene: Scene) -> dict[str, Any]:
         },
         "skin": asdict(scene.skin),
         "ground": asdict(scene.ground),
-        "mat": asdict(scene.sheet) if scene.sheet is not None else None,
-        "coin": asdict(scene.coin) if scene.coin is not None else None,
-        "turntable": asdict(scene.turntable) if scene.turntable is not None else None,
+        "mat": scene.sheet and asdict(scene.sheet),
+        "coin": scene.coin and asdict(scene.coin),
+        "turntable": scene.turntable and asdict(scene.turntable),
         "light": asdict(scene.light),
         "camera": {**asdict(scene.camera), "width_px": WIDTH_PX, "height_px": HEIGHT_PX},
         "pipeline": asdict(scene.pipeline),

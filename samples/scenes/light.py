@@ -5,8 +5,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Float
 
+from recon.triangle_mesh import Mesh
 from samples.cubed_sphere import even_sphere
 from samples.fruit import triple
 from samples.viewpoints import Viewpoint
@@ -139,7 +140,7 @@ def flash_radiance(light: SceneLight, *, distance_mm: float) -> Rgb:
     return triple(_KEY * distance_mm**2 / (np.pi * (outer**2 - inner**2)) * np.array(_NEUTRAL))
 
 
-def flash_mesh(light: SceneLight, view: Viewpoint) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+def flash_mesh(light: SceneLight, view: Viewpoint) -> Mesh:
     """The flash as a flat ring (or disc) round the lens, in the world; it shines where the camera looks."""
     parts, (inner, outer) = 24, light.flash_radii_mm or (0.0, 1.0)
     turn = 2 * np.pi * np.arange(parts) / parts
@@ -155,7 +156,7 @@ def flash_mesh(light: SceneLight, view: Viewpoint) -> tuple[Float[np.ndarray, "n
     return _in_world(ring, view), triangles
 
 
-def photographer_mesh(view: Viewpoint) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
+def photographer_mesh(view: Viewpoint) -> Mesh:
     """A body behind the camera and the phone in front of it: what stands in the light in this view."""
     sphere = even_sphere(12)
     eye = -view.cam_from_world[:3, :3].T @ view.cam_from_world[:3, 3]

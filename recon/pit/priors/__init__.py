@@ -8,11 +8,9 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from jaxtyping import Float, Int
-
 from pipeline.files.plain_file import NotReadable, not_plain, printable, read_text, toml_of
 from recon.recon_failure import ReconFailure, ReconProblem
+from recon.triangle_mesh import Faces, Vertices
 
 FOLDER = Path(__file__).parent
 LEAST_POISSON_RATIO = 0.1
@@ -35,8 +33,8 @@ class MeasuredPit:
     `digest` (SHA-256) stands for the mesh wherever a prior is compared or written down.
     """
 
-    vertices: Float[np.ndarray, "n 3"] = field(repr=False, compare=False)
-    faces: Int[np.ndarray, "m 3"] = field(repr=False, compare=False)
+    vertices: Vertices = field(repr=False, compare=False)
+    faces: Faces = field(repr=False, compare=False)
     digest: str
 
 
