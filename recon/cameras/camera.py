@@ -1,5 +1,6 @@
 """A camera with its pose: world to pixels, whose centres are whole numbers; x right, y down, z ahead."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import cv2
@@ -41,7 +42,7 @@ class Camera:
     @property
     def middle_px(self) -> Float[np.ndarray, "2"]:
         """The principal point: the picture's middle."""
-        return np.array([(self.width_px - 1) / 2, (self.height_px - 1) / 2])
+        return middle_of((self.height_px, self.width_px))
 
     @property
     def place(self) -> Float[np.ndarray, "3"]:
@@ -90,6 +91,11 @@ class Camera:
         cam_from_new = self.cam_from_world @ np.linalg.inv(new_from_world)
         cam_from_new[:3] *= scale
         return replace(self, cam_from_world=cam_from_new)
+
+
+def middle_of(size: Sequence[int]) -> Float[np.ndarray, "2"]:
+    """The middle (column, row) of a picture of (height, width) pixels."""
+    return np.array([(size[1] - 1) / 2, (size[0] - 1) / 2])
 
 
 def pinhole(focal_px: float, size: tuple[int, int]) -> Float[np.ndarray, "3 3"]:

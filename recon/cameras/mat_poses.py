@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
-from recon.cameras.camera import Camera, pinhole
+from recon.cameras.camera import Camera, middle_of, pinhole
 from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
 from recon.cameras.plane_bundle import RIGID, PlaneScene, Sightings, adjusted
 from recon.cameras.printed_mat import Mat, detect_tags
@@ -153,10 +153,9 @@ def focal_from_homographies(sightings: Sequence[_Sighting], size: tuple[int, int
     With h1, h2 the first columns of a view's homography about the picture's middle: h1' w h2 = 0 and
     h1' w h1 = h2' w h2, w = diag(1/f², 1/f², 1) (Zhang 2000, IEEE PAMI 22:1330, with c known and no skew).
     """
-    middle = np.array([(size[1] - 1) / 2, (size[0] - 1) / 2])
     squares, weights = [], []
     for s in sightings:
-        H, _ = cv2.findHomography(s.corners_mm[:, :2], s.corners_px - middle, cv2.RANSAC, 4.0)
+        H, _ = cv2.findHomography(s.corners_mm[:, :2], s.corners_px - middle_of(size), cv2.RANSAC, 4.0)
         if H is None:
             continue
         h1, h2 = H[:, 0] / np.linalg.norm(H[:, 0]), H[:, 1] / np.linalg.norm(H[:, 0])

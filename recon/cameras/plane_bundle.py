@@ -9,6 +9,8 @@ from scipy.sparse import csc_array, csr_array, eye_array
 from scipy.sparse.linalg import splu
 from scipy.spatial.transform import Rotation
 
+from recon.cameras.camera import middle_of
+
 BREATHING_SD = 0.004
 """Relative spread of the focal length from photo to photo: phones focus each one anew (drawn ones: 0.002).
 With 0, cameras were 0.31 instead of 0.16 mm off (phone-002 of benchmarks/photo_bank.py, 12 photos)."""
@@ -98,7 +100,7 @@ def adjusted(
     not held are left to its shortest steps. `size`: (height, width) of the photos.
     """
     views, points = len(scene.poses), 0 if ground_held else scene.ground.size
-    middle = np.array([(size[1] - 1) / 2, (size[0] - 1) / 2])
+    middle = middle_of(size)
     common = float(np.mean(np.log(scene.focals_px)))
     x = np.zeros(points + 7 * views + 2)
     x[:points] = scene.ground.ravel()[:points]

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from jaxtyping import Bool, Float
 
-from recon.cameras.camera import Camera, aim_of, pinhole, place_of, straightened
+from recon.cameras.camera import Camera, aim_of, middle_of, pinhole, place_of, straightened
 from recon.cameras.ground_plane import upright
 from recon.cameras.mat_poses import Poses
 from recon.cameras.photos import FEWEST_PHOTOS, Photo
@@ -56,8 +56,7 @@ def _from_above(
     """A photo's ground as from above, its brightness evened, and where it shows any."""
     grey = cv2.cvtColor(photo.image, cv2.COLOR_BGR2GRAY).astype(np.float32)
     height, width = grey.shape
-    middle = np.array([(width - 1) / 2, (height - 1) / 2])
-    at = projected(scene, np.full(len(grid), view), grid, middle)
+    at = projected(scene, np.full(len(grid), view), grid, middle_of(grey.shape))
     pose = scene.poses[view]
     ahead = grid @ pose[2, :2] + pose[2, 3] > 0
     inside = ahead & (at > 2).all(1) & (at < [width - 3, height - 3]).all(1)
@@ -105,8 +104,7 @@ def ground_tracks(
     for i, (picture, inside) in enumerate(zip(pictures, shown, strict=True)):
         moved, matched, spread = _searched(median_picture, picture, inside, corners, search_px)
         at = (corners[matched] + moved[matched]) * unit + foot - REACH * distance
-        height, width = photos[i].image.shape[:2]
-        middle = np.array([(width - 1) / 2, (height - 1) / 2])
+        middle = middle_of(photos[i].image.shape)
         views.append(np.full(len(at), i))
         points.append(np.flatnonzero(matched))
         places.append(projected(scene, views[-1], at, middle))

@@ -36,23 +36,31 @@ from samples.mismatch.machine_effects import (
     with_gripper_compliance,
     with_hysteresis,
     with_instants,
+    with_nominal_stiffness,
     with_pose_error,
     with_thermal_drift,
 )
 from samples.mismatch.meshed_fruit import CASE, WIDE_SHARE, MeshedFruit, meshed_fruit
-from samples.mismatch.nonlinear_body import NonlinearBody, whole_fruit
+from samples.mismatch.nonlinear_body import NonlinearBody, sound_body, whole_fruit
 from samples.mismatch.other_bodies import (
     borne_N,
     drawn_place_mm,
     inward_normal,
     loose_compliance,
+    on_a_palm,
     pit_contact,
     split_pit_stiffness,
     with_third_contact,
 )
-from samples.mismatch.out_of_catalogue import believed, out_of_catalogue_body
 from samples.mismatch.skin_compliance import skin_compliance
-from samples.mismatch.true_recording import ElasticBody, GrippedBody, TrueRecording, grasped, grip_of
+from samples.mismatch.true_recording import (
+    ElasticBody,
+    GrippedBody,
+    SofteningGelBody,
+    TrueRecording,
+    grasped,
+    grip_of,
+)
 from samples.sample_failure import SampleFailure
 
 FAULTS: dict[str, Callable[..., TrueRecording]] = {
@@ -64,7 +72,7 @@ FAULTS: dict[str, Callable[..., TrueRecording]] = {
     "gel_creep": with_gel_creep,
     "gel_hysteresis": with_hysteresis,
     "thermal_drift": with_thermal_drift,
-    "gel_softening": lambda truth, **_: believed(truth),
+    "gel_softening": lambda truth, **_: with_nominal_stiffness(truth),
 }
 """What makes each fault of machine and gels from its label's parameters, by its effect's name."""
 BODIES = ("loose_pit", "third_contact", "split_pit")
@@ -178,8 +186,11 @@ def body_of(
     for effect in ALONE:
         if named(injected, effect) and len(injected) > 1:
             raise SampleFailure(f"{effect} is injected alone: no other effect is simulated with it.")
-    if injected and injected[0].effect in OUT_OF_CATALOGUE:
-        return out_of_catalogue_body(stands, injected[0]), None
+    if palm := named(injected, "palm"):
+        whole = whole_fruit(flesh, stands.dofs, support=on_a_palm(flesh, **palm.parameters))
+        return NonlinearBody(whole, plain_flesh(flesh)), None
+    if softening := named(injected, "gel_softening"):
+        return SofteningGelBody(sound_body(stands), **softening.parameters), None
     plain, skin_stiffness = plain_flesh(flesh, injected), membrane(flesh, injected)
     laws = [p for p in injected if p.effect in (*MATERIAL_LAWS, *BODIES)]
     if len(laws) > 1:

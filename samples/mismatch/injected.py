@@ -63,7 +63,9 @@ hand: from a tenth of what can just be seen, or from what hardly slides or yield
 EFFECTS = tuple(AMPLITUDES)
 """Of the catalogue."""
 OUT_OF_CATALOGUE = ("palm", "gel_softening")
-"""Physics that the catalogue of effects does not have (samples.mismatch.out_of_catalogue)."""
+"""Physics that the catalogue does not have; the right answer to each is "unknown". The fruit's bottom rests
+on the gripper's palm, a spring, in every grasp. Both gels soften while they are held; the sensor goes on
+believing their nominal stiffness."""
 MATERIAL_LAWS = ("stiffening", "viscoelastic", "plastic_set", "damage", "drainage")
 TOUCHES_WIDELY = ("stiffening", "skin")
 """Flesh that gives way less than its modulus says, and so touches the pads in wider patches."""

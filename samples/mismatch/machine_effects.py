@@ -153,3 +153,12 @@ def with_thermal_drift(
     return truth.with_pads(
         lambda p: replace(_with_normal_force(p, growth_N), displacement_mm=p.displacement_mm + swell)
     )
+
+
+def with_nominal_stiffness(truth: TrueRecording) -> TrueRecording:
+    """Recorded forces are what a sensor computes from the markers with the gel's nominal stiffness."""
+    gel = truth.gel
+    stiffness = np.array([gel.kt_MPa_per_mm, gel.kt_MPa_per_mm, gel.kn_MPa_per_mm])
+    return truth.with_pads(
+        lambda p: replace(p, force_N=-truth.marker_area_mm2 * stiffness * p.displacement_mm)
+    )

@@ -1,4 +1,4 @@
-"""Fruit of another body: a loose pit with an even gap all round, a pit of two halves, a third contact.
+"""Fruit of another body: a loose pit with an even gap all round, split pit, third contact, palm.
 
 A third contact is a seat that fits the skin within a few millimetres of one place, on a spring along the
 skin's normal there. It touches when the skin has come `gap_mm` towards it: a palm, a table, a stop.
@@ -142,6 +142,19 @@ def _bond(free: csr_array, share: float) -> csr_array:
     bond = (1 / share - 1) * apart.T @ np.linalg.inv((gives + gives.T) / 2) @ apart
     rows, columns = np.meshgrid(last, last, indexing="ij")
     return csr_array(coo_array((bond.ravel(), (rows.ravel(), columns.ravel())), shape=free.shape))
+
+
+def on_a_palm(flesh: BrickFlesh, *, N_per_mm: float, area_radius_mm: float) -> csr_array:
+    """Stiffness to add: springs along z under the lowest part of the skin."""
+    bricks = flesh.bricks
+    skin = np.unique(bricks.skin_cells)
+    places = bricks.nodes_mm[skin]
+    lowest = places[np.argmin(places[:, 2])]
+    under = (np.linalg.norm(places[:, :2] - lowest[:2], axis=1) < area_radius_mm) & (places[:, 2] < 0)
+    near = skin[under & np.isin(skin, flesh.free_nodes)]
+    at = flesh.dofs_of(near)[:, 2]
+    values = np.full(len(at), N_per_mm / len(at))
+    return csr_array(coo_array((values, (at, at)), shape=(flesh.unknowns, flesh.unknowns)))
 
 
 THREADS_N_PER_MM = 0.05

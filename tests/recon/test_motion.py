@@ -1,5 +1,9 @@
 """Cameras without a mat: the first photo says where x is, or nothing does."""
 
+import signal
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
@@ -46,3 +50,13 @@ def test_a_first_photo_from_straight_above_is_refused():
     with refused(ReconProblem.NO_OVERLAP, "looks straight down on the fruit"):
         upright(up, foot, np.array([10.0, 0.0, 200.0]))
     assert np.allclose(upright(up, foot, np.array([0.0, 50.0, 50.0]))[0, :3], [0, 1, 0])
+
+
+ENDS_ITSELF = "import os, signal, recon.cameras.motion; os.kill(os.getpid(), signal.SIGTERM)"
+
+
+def test_a_process_told_to_end_prints_no_stack() -> None:
+    done = subprocess.run([sys.executable, "-c", ENDS_ITSELF], capture_output=True, text=True, timeout=120)
+    assert done.returncode == -signal.SIGTERM
+    assert "SIGTERM" not in done.stderr
+    assert "stack trace" not in done.stderr
