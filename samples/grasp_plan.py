@@ -47,9 +47,9 @@ class Hold:
         return self.touch_mm + travel_mm * np.stack([turn[:, 2] for turn in self.turns])
 
 
-def two_cycles(*, deepest_mm: float, speed_mm_per_s: float) -> Motion:
+def two_cycles(*, deepest_mm: float, speed_mm_per_s: float, clearance_mm: float = 0.35) -> Motion:
     """Ten frames in the air, a load to two thirds, off, a load to the deepest, a hold, off, five in air."""
-    air, away = np.full(10, -0.35), -0.12
+    air, away = np.full(10, -clearance_mm), -0.12
     first = np.linspace(0, 0.66 * deepest_mm, 7)[1:]
     off = np.linspace(0.66 * deepest_mm, away, 5)[1:]
     second = np.linspace(0, deepest_mm, 9)[1:]

@@ -173,9 +173,10 @@ def _rows_of_lists(
 ) -> tuple[dict[str, list[np.ndarray]], int]:
     """The rows one by one, and where they end. Lists alone are kept: other columns are of no use here."""
     lists: dict[str, list[np.ndarray]] = {c.name: [] for c in element.columns if c.counted}
+    kinds = [np.dtype(endian + column.type) for column in element.columns]
     for _ in range(element.count):
-        for column in element.columns:
-            size, kind = 1, np.dtype(endian + column.type)
+        for column, kind in zip(element.columns, kinds, strict=True):
+            size = 1
             if column.counted:
                 size = int(struct.unpack_from(endian + column.counted, data, at)[0])
                 at += struct.calcsize(f"<{column.counted}")
