@@ -135,6 +135,14 @@ def assemble(nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 10"]) 
     return Stiffness(pattern.blocks(shear), pattern.blocks(lame))
 
 
+def scattered(elements: Float[np.ndarray, "m e e"], cells: Int[np.ndarray, "m _"], n_nodes: int) -> csr_array:
+    """Sum of matrices of a few elements or faces, three dofs a node, on all nodes (3 n, 3 n)."""
+    width = elements.shape[1]
+    dofs = (3 * cells[:, :, None] + np.arange(3)).reshape(-1, width)
+    row, column = np.repeat(dofs, width, axis=1).ravel(), np.tile(dofs, (1, width)).ravel()
+    return csr_array((elements.ravel(), (row, column)), shape=(3 * n_nodes, 3 * n_nodes))
+
+
 def lumped_moments(
     nodes_mm: Float[np.ndarray, "n 3"], tets: Int[np.ndarray, "m 10"]
 ) -> Float[np.ndarray, "n 4"]:

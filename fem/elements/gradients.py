@@ -21,12 +21,17 @@ def gradient_products(
     """
     x = nodes_mm[tets]
     straight = _is_straight(x)
-    constant = _StraightElements(x[straight])
-    bent = _CurvedElements(x[~straight])
+    points, weights = tet_quadrature()
+    reference = t10_gradient(points)
+    integrals = np.einsum("q,qka,qlb->klab", weights, reference, reference).reshape(9, 100)
+    inverse, det = inverse_3x3((x[straight, 1:4] - x[straight, :1]).transpose(1, 2, 0))
+    slope, measure = slopes_and_volumes(x[~straight], reference)
+    weighted = slope * (measure * weights)[..., None, None]
     h = np.empty((len(x), 10, 10))
     for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
-        h[straight] = constant.products(i, j)
-        h[~straight] = bent.products(i, j)
+        factor = det * inverse[i][:, None] * inverse[j]
+        h[straight] = (factor.reshape(9, -1).T @ integrals).reshape(-1, 10, 10)
+        h[~straight] = weighted[:, :, i].swapaxes(1, 2) @ slope[:, :, j]
         yield i, j, h
 
 
@@ -37,35 +42,6 @@ def _is_straight(x: Float[np.ndarray, "m 10 3"]) -> Bool[np.ndarray, " m"]:
     return np.asarray(
         off <= STRAIGHT * np.maximum(np.abs(a - b).max(axis=(1, 2)), np.abs(a).max(axis=(1, 2)))
     )
-
-
-class _StraightElements:
-    """Elements with one Jacobian each."""
-
-    def __init__(self, x: Float[np.ndarray, "m 10 3"]) -> None:
-        points, weights = tet_quadrature()
-        slope = t10_gradient(points)
-        self.reference = np.einsum("q,qka,qlb->klab", weights, slope, slope).reshape(9, 100)
-        self.inverse, self.det = inverse_3x3((x[:, 1:4] - x[:, :1]).transpose(1, 2, 0))
-
-    def products(self, i: int, j: int) -> Float[np.ndarray, "m 10 10"]:
-        factor = self.det * self.inverse[i][:, None] * self.inverse[j]
-        return np.asarray(factor.reshape(9, -1).T @ self.reference).reshape(-1, 10, 10)
-
-
-class _CurvedElements:
-    """Elements integrated point by point."""
-
-    def __init__(self, x: Float[np.ndarray, "m 10 3"]) -> None:
-        points, weights = tet_quadrature()
-        reference = t10_gradient(points)
-        jacobian = (reference.reshape(-1, 10) @ x).reshape(len(x), len(weights), 3, 3).transpose(2, 3, 0, 1)
-        inverse, det = inverse_3x3(jacobian)
-        self.measure = (det * weights)[..., None]
-        self.slope = [sum(inverse[i, k][..., None] * reference[:, k] for k in range(3)) for i in range(3)]
-
-    def products(self, i: int, j: int) -> Float[np.ndarray, "m 10 10"]:
-        return np.asarray((self.measure * self.slope[i]).swapaxes(1, 2) @ self.slope[j])
 
 
 def slopes_and_volumes(

@@ -91,21 +91,12 @@ def tet_quadrature(
     if degree == 2:
         a = (5 - np.sqrt(5)) / 20
         return a + (1 - 4 * a) * np.eye(4)[:, 1:], np.full(4, 1 / 24)
-    points, weights = [], []
-    for a, w in ((0.3108859192633006, 0.1126879257180159), (0.0927352503108912, 0.0734930431163619)):
-        for corner in range(4):
-            point = np.full(4, a)
-            point[corner] = 1 - 3 * a
-            points.append(point)
-            weights.append(w)
-    a, w = 0.0455037041256496, 0.0425460207770815
-    for i, j in TET_EDGES:
-        point = np.full(4, a)
-        point[[i, j]] = 0.5 - a
-        points.append(point)
-        weights.append(w)
-    scaled = np.array(weights) / np.sum(weights) / 6
-    return np.array(points)[:, 1:], scaled
+    unit = np.eye(4)
+    corners = [a + (1 - 4 * a) * unit for a in (0.3108859192633006, 0.0927352503108912)]
+    a = 0.0455037041256496
+    middles = a + (0.5 - 2 * a) * unit[TET_EDGES].sum(axis=1)
+    weights = np.repeat([0.1126879257180159, 0.0734930431163619, 0.0425460207770815], [4, 4, 6])
+    return np.vstack([*corners, middles])[:, 1:], weights / weights.sum() / 6
 
 
 def tri_quadrature() -> tuple[Float[np.ndarray, "7 2"], Float[np.ndarray, "7"]]:
@@ -120,11 +111,6 @@ def tri_quadrature() -> tuple[Float[np.ndarray, "7 2"], Float[np.ndarray, "7"]]:
     1.0
     """
     root = np.sqrt(15.0)
-    points, weights = [np.full(3, 1 / 3)], [9 / 40]
-    for a, w in (((6 - root) / 21, (155 - root) / 1200), ((6 + root) / 21, (155 + root) / 1200)):
-        for corner in range(3):
-            point = np.full(3, a)
-            point[corner] = 1 - 2 * a
-            points.append(point)
-            weights.append(w)
-    return np.array(points)[:, 1:], np.array(weights) / 2
+    corners = [a + (1 - 3 * a) * np.eye(3) for a in ((6 - root) / 21, (6 + root) / 21)]
+    weights = np.repeat([9 / 40, (155 - root) / 1200, (155 + root) / 1200], [1, 3, 3])
+    return np.vstack([np.full(3, 1 / 3), *corners])[:, 1:], weights / 2

@@ -31,7 +31,7 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory
 from fem.materials.neo_hookean import NeoHookean
 from fem.mesh.flesh_mesh import FleshMesh
-from fem.mesh.surface_points import SurfacePoints, locate
+from fem.mesh.surface_points import locate
 from fem.solid.finite_strain import FiniteStrainSolid
 from fem.solid.linear_solid import UnitModulusSolid
 
@@ -233,24 +233,17 @@ def _at_markers(
     places, moved = position.copy(), np.zeros_like(position)
     for contact in range(int(episode.max()) + 1):
         during = episode == contact
-        first = during.argmax(axis=0)
-        for frame in np.unique(first[during.any(axis=0)]):
-            who = np.flatnonzero(during.any(axis=0) & (first == frame))
-            at = _on_deformed(mesh, skin, unit[frame] / modulus_MPa, position[frame, who])
+        first = np.where(during.any(axis=0), during.argmax(axis=0), -1)
+        for frame in np.unique(first[first >= 0]):
+            who = np.flatnonzero(first == frame)
+            nodes = mesh.nodes_mm.copy()
+            nodes[skin] += unit[frame] / modulus_MPa
+            deformed = FleshMesh(nodes, mesh.tets, mesh.outer_faces, mesh.pit_nodes)
+            at = locate(deformed, position[frame, who]).among(skin)
             here = during[:, who, None]
             places[:, who] = np.where(here, at.sample(mesh.nodes_mm[skin][None]), places[:, who])
             moved[:, who] = np.where(here, at.sample(unit), moved[:, who])
     return places, moved
-
-
-def _on_deformed(
-    mesh: FleshMesh, skin: Int[np.ndarray, " c"], moved_mm: Float[np.ndarray, "c 3"],
-    points_mm: Float[np.ndarray, "p 3"],
-) -> SurfacePoints:  # fmt: skip
-    """The points of the deformed skin closest to the given ones, as points among the skin's nodes."""
-    nodes = mesh.nodes_mm.copy()
-    nodes[skin] += moved_mm
-    return locate(FleshMesh(nodes, mesh.tets, mesh.outer_faces, mesh.pit_nodes), points_mm).among(skin)
 
 
 def _chosen(kernel: Float[np.ndarray, "t t"]) -> Int[np.ndarray, " k"]:

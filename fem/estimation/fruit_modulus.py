@@ -17,7 +17,7 @@ from jaxtyping import Float
 
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.grasp_model import GraspModel
-from fem.estimation.joint_inference import FruitModulus, joint_modulus
+from fem.estimation.joint_inference import FruitModulus, GraspEvidence, joint_modulus
 from fem.estimation.modulus import ModulusEstimate, estimate_modulus
 from fem.fem_failure import FemFailure
 from fem.grasp_history import GraspHistory
@@ -59,44 +59,34 @@ def infer_modulus(
     ExceptionGroup of every grasp's FemFailure where none gives one.
     """
     about_prior = tuple(respond(mesh))
-    grasps = [_tried(*pair, budget) for pair in zip(histories, about_prior, strict=True)]
-    estimates = [grasp for grasp in grasps if isinstance(grasp, ModulusEstimate)]
-    if not estimates:
+    grasps = _tried(histories, about_prior, budget)
+    evidence = _evidence(grasps)
+    if not evidence:
         raise ExceptionGroup("no grasp gives a modulus", [g for g in grasps if isinstance(g, FemFailure)])
-    several = len(estimates) > 1
-    joint = joint_modulus([estimate.evidence for estimate in estimates], budget=budget, infer_pit=several)
-    at, moves, final = np.zeros(4), 0, about_prior
-    doubts: tuple[str, ...] = ()
+    joint = joint_modulus(evidence, budget=budget, infer_pit=len(evidence) > 1)
+    at, moves, final, doubt = np.zeros(4), 0, about_prior, ""
     while joint.pit is not None:
         place = joint.pit.learnt * np.append(joint.pit.offset_mm, joint.pit.ln_size)
         if (np.abs(place - at) <= [FAR_MM, FAR_MM, FAR_MM, FAR_SIZE]).all():
             break
         if moves == MOST_MOVES:
-            doubts = (
-                f"the pit's place did not converge in {moves} moves, so its error bar may be too small",
-            )
+            doubt = f"the pit's place did not converge in {moves} moves, so its error bar may be too small"
             break
         try:
             place, moved_mesh = _as_far_as_it_goes(mesh, at, place)
         except FemFailure as failure:
-            doubts = (f"drupe did not move the pit to its place from the grasps: {failure.detail}",)
+            doubt = f"drupe did not move the pit to its place from the grasps: {failure.detail}"
             break
-        models = respond(moved_mesh)
-        tried = [_tried(*pair, budget) for pair in zip(histories, models, strict=True)]
-        moved = [grasp for grasp in tried if isinstance(grasp, ModulusEstimate)]
-        if len(moved) < len(estimates):
-            doubts = (
-                "a grasp fails at the pit's place from the grasps, so this place is only a first estimate",
-            )
+        models = tuple(respond(moved_mesh))
+        moved = _evidence(_tried(histories, models, budget))
+        if len(moved) < len(evidence):
+            doubt = "a grasp fails at the pit's place from the grasps, so this place is only a first estimate"
             break
-        at, moves, final = place, moves + 1, tuple(models)
-        joint = joint_modulus(
-            [estimate.evidence for estimate in moved], budget=budget, infer_pit=True, pit_at=at
-        )
-    joint = replace(joint, warnings=(*joint.warnings, *doubts))
-    return FruitInference(
-        modulus=joint, grasps=tuple(grasps), models=about_prior, final_models=final, moves=moves
-    )
+        at, moves, final = place, moves + 1, models
+        joint = joint_modulus(moved, budget=budget, infer_pit=True, pit_at=at)
+    if doubt:
+        joint = replace(joint, warnings=(*joint.warnings, doubt))
+    return FruitInference(modulus=joint, grasps=grasps, models=about_prior, final_models=final, moves=moves)
 
 
 def _as_far_as_it_goes(
@@ -115,11 +105,20 @@ def _as_far_as_it_goes(
 
 
 def _tried(
-    history: GraspHistory, model: GraspModel | FemFailure, budget: ErrorBudget
-) -> ModulusEstimate | FemFailure:
-    if isinstance(model, FemFailure):
-        return model
-    try:
-        return estimate_modulus(history, model, budget=budget)
-    except FemFailure as failure:
-        return failure
+    histories: Sequence[GraspHistory], models: Sequence[GraspModel | FemFailure], budget: ErrorBudget
+) -> tuple[ModulusEstimate | FemFailure, ...]:
+    """The modulus of each grasp, or why it has none."""
+    tried: list[ModulusEstimate | FemFailure] = []
+    for history, model in zip(histories, models, strict=True):
+        if isinstance(model, FemFailure):
+            tried.append(model)
+            continue
+        try:
+            tried.append(estimate_modulus(history, model, budget=budget))
+        except FemFailure as failure:
+            tried.append(failure)
+    return tuple(tried)
+
+
+def _evidence(grasps: Sequence[ModulusEstimate | FemFailure]) -> list[GraspEvidence]:
+    return [grasp.evidence for grasp in grasps if isinstance(grasp, ModulusEstimate)]

@@ -124,7 +124,7 @@ def joint_modulus(
         parts_sd_MPa={part: share * modulus for part, share in parts.items()},
         pit=pit,
         grasps=len(grasps),
-        warnings=(*_disagreement(grasps, between), *_contradiction(tension)),
+        warnings=_warnings(grasps, between, tension),
     )
 
 
@@ -158,20 +158,13 @@ def _tension(grasps: Sequence[GraspEvidence], solution: "_Solution", s: float) -
     (a contact that the model does not meet), and a pit moved for it would be a false one. Their information
     is divided by it (Birge 1932, Physical Review 40). One where the pads leave nothing to compare.
     """
-    known = [grasp.information for grasp in grasps]
-    numbers = sum(
-        int(np.linalg.matrix_rank(information.normal, rtol=RANK, hermitian=True)) for information in known
-    )
+    numbers, began = 0, 0.0
+    for known in (grasp.information for grasp in grasps):
+        numbers += int(np.linalg.matrix_rank(known.normal, rtol=RANK, hermitian=True))
+        explained = known.right @ np.linalg.pinv(known.normal, rcond=RANK, hermitian=True) @ known.right
+        began += s**2 * known.normal[0, 0] - 2 * s * known.right[0] + float(explained)
     if numbers < 2:
         return 1.0
-    began = sum(
-        s**2 * information.normal[0, 0]
-        - 2 * s * information.right[0]
-        + information.right
-        @ np.linalg.pinv(information.normal, rcond=RANK, hermitian=True)
-        @ information.right
-        for information in known
-    )
     change = solution.mean
     off = change - [unknown.mean for unknown in solution.unknowns]
     chi2 = began - 2 * solution.right @ change + change @ solution.normal @ change + solution.weight @ off**2
@@ -317,19 +310,16 @@ def _between(left: Float[np.ndarray, " g"], variance: Float[np.ndarray, " g"]) -
     return max(0.0, excess / float(weight.sum() - (weight**2).sum() / weight.sum()))
 
 
-def _contradiction(tension: float) -> tuple[str, ...]:
-    if tension <= MOST_TENSION:
-        return ()
-    said = (
-        f"the pads differ by {np.sqrt(tension):.1f} times the expected noise and pit uncertainty. "
-        "Possible causes are a soft spot, a pad's gain, a wrong pose, or a misplaced pit. E is a "
-        "compromise with a wider error bar"
-    )
-    return (said,)
-
-
-def _disagreement(grasps: Sequence[GraspEvidence], between: float) -> tuple[str, ...]:
-    if np.sqrt(between) <= NOTICED:
-        return ()
-    each = ", ".join(f"{grasp.E_MPa:.3f}" for grasp in grasps)
-    return (f"the grasps of this fruit disagree beyond their errors ({each} MPa)",)
+def _warnings(grasps: Sequence[GraspEvidence], between: float, tension: float) -> tuple[str, ...]:
+    """What a reader must know of grasps that disagree, and of pads that do."""
+    warnings = []
+    if np.sqrt(between) > NOTICED:
+        each = ", ".join(f"{grasp.E_MPa:.3f}" for grasp in grasps)
+        warnings.append(f"the grasps of this fruit disagree beyond their errors ({each} MPa)")
+    if tension > MOST_TENSION:
+        warnings.append(
+            f"the pads differ by {np.sqrt(tension):.1f} times the expected noise and pit uncertainty. "
+            "Possible causes are a soft spot, a pad's gain, a wrong pose, or a misplaced pit. E is a "
+            "compromise with a wider error bar"
+        )
+    return tuple(warnings)

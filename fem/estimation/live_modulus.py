@@ -94,42 +94,26 @@ def frame_modulus(
     """
     response = (model.compliance @ force_N.ravel().astype(np.float32)).astype(float).reshape(-1, 3)
     old, new = touching & before.touching, (touching & ~before.touching)[:, None]
-    estimate, motion = _fit(model, before, old, position_mm, response, sd_mm)
+    changes = np.stack([position_mm - before.position_mm, response - before.response], axis=2)
+    since = changes[old].reshape(-1, 2)
+    motion, modulus, spread = before.motion, np.nan, np.nan
+    residual = np.full(position_mm.shape, np.nan)
+    if old.sum() >= FEWEST:
+        if model.fruit_moves:
+            rigid = model.rigid.reshape(len(old), 3, 6)[old].reshape(-1, 6)
+            motion = np.linalg.pinv(rigid.T @ rigid, rcond=1e-12, hermitian=True) @ (rigid.T @ since)
+            since = since - rigid @ motion
+        moved, unit = since.T
+        signal = float(unit @ unit)
+        compliance = float(unit @ moved) / signal if signal > 0 else 0.0
+        residual[old] = (moved - compliance * unit).reshape(-1, 3)
+        if compliance > 0:
+            modulus = 1 / compliance
+            spread = float(np.sqrt(2 / signal)) * sd_mm * modulus**2  # two frames' noise in every difference
     rigid_mm, rigid_response = (model.rigid @ motion).reshape(-1, 3, 2).transpose(2, 0, 1)
-    return estimate, FirstTouch(
+    return FrameEstimate(E_MPa=modulus, E_sd_MPa=spread, residual_mm=residual), FirstTouch(
         position_mm=np.where(new, position_mm - rigid_mm, before.position_mm),
         response=np.where(new, response - rigid_response, before.response),
         touching=touching,
         motion=motion,
     )
-
-
-def _fit(
-    model: LiveModel,
-    before: FirstTouch,
-    old: Bool[np.ndarray, " n"],
-    position_mm: Float[np.ndarray, "n 3"],
-    response: Float[np.ndarray, "n 3"],
-    sd_mm: float,
-) -> tuple[FrameEstimate, Float[np.ndarray, "6 2"]]:
-    """s, u and v from the markers that touched before and still do."""
-    residual = np.full(position_mm.shape, np.nan)
-    nothing = FrameEstimate(E_MPa=np.nan, E_sd_MPa=np.nan, residual_mm=residual)
-    if old.sum() < FEWEST:
-        return nothing, before.motion
-    since = np.stack([(position_mm - before.position_mm)[old], (response - before.response)[old]], axis=2)
-    since = since.reshape(-1, 2)
-    motion = before.motion
-    if model.fruit_moves:
-        rigid = model.rigid.reshape(len(old), 3, 6)[old].reshape(-1, 6)
-        motion = np.linalg.pinv(rigid.T @ rigid, rcond=1e-12, hermitian=True) @ (rigid.T @ since)
-        since = since - rigid @ motion
-    moved, unit = since.T
-    signal = float(unit @ unit)
-    compliance = float(unit @ moved) / signal if signal > 0 else 0.0
-    residual[old] = (moved - compliance * unit).reshape(-1, 3)
-    if not compliance > 0:
-        return nothing, motion
-    modulus = 1 / compliance
-    spread = float(np.sqrt(2 / signal)) * sd_mm * modulus  # two frames' noise in every difference
-    return FrameEstimate(E_MPa=modulus, E_sd_MPa=spread * modulus, residual_mm=residual), motion

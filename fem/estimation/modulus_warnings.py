@@ -48,50 +48,42 @@ def warnings_of(
     fruit_moves: bool,
 ) -> tuple[ModulusWarning, ...]:
     """Of: the two methods, the residual, the balance of the pads, loading against unloading."""
-    warnings: list[ModulusWarning] = []
+    warnings: dict[ModulusSign, str] = {}
     if energy_MPa is None:
-        said = (
+        warnings[ModulusSign.NO_WORK] = (
             "the forces do no work on the displacement (their clocks may differ). There is no energy "
             "estimate, and the least-squares estimate is uncertain"
         )
-        warnings.append(ModulusWarning(ModulusSign.NO_WORK, said))
     elif abs(np.log(energy_MPa / least_squares_MPa)) > METHODS_APART:
-        said = (
+        warnings[ModulusSign.METHODS_APART] = (
             f"the energy ratio gives {energy_MPa:.3f} MPa and least squares gives "
             f"{least_squares_MPa:.3f} MPa, so this grasp contains more than linear elastic flesh"
         )
-        warnings.append(ModulusWarning(ModulusSign.METHODS_APART, said))
     if noise_mm > 0 and residual_rms_mm > RESIDUAL_OVER_NOISE * noise_mm:
-        said = (
+        warnings[ModulusSign.RESIDUAL] = (
             f"the linear model leaves a residual of {1e3 * residual_rms_mm:.0f} um of marker motion; "
             f"noise in displacement and force explains {1e3 * noise_mm:.0f} um"
         )
-        warnings.append(ModulusWarning(ModulusSign.RESIDUAL, said))
     if fruit_moves and len(history.pads) == 2:
         total = [float(np.linalg.norm(pad.force_N.sum(axis=1), axis=1).max()) for pad in history.pads]
         if abs(total[0] - total[1]) > UNBALANCE * max(total):
             both = " and ".join(f"{pad.name} {t:.2f} N" for pad, t in zip(history.pads, total, strict=True))
-            said = (
+            warnings[ModulusSign.UNBALANCED] = (
                 f"the forces of the pads do not balance at their peak ({both}); check the gains of "
                 "the sensors"
             )
-            warnings.append(ModulusWarning(ModulusSign.UNBALANCED, said))
-    return tuple(warnings + _phases_apart(frames))
+    load_MPa, unload_MPa = (_mean_of_phase(frames, phase) for phase in ("load", "unload"))
+    if abs(load_MPa / unload_MPa - 1) > PHASES_APART:
+        warnings[ModulusSign.PHASES_APART] = (
+            f"loading gives {load_MPa:.3f} MPa and unloading {unload_MPa:.3f} MPa. Either the "
+            "flesh creeps, yields or slips, or forces and positions have different clocks"
+        )
+    return tuple(ModulusWarning(sign, sentence) for sign, sentence in warnings.items())
 
 
-def _phases_apart(frames: tuple[FrameModulus, ...]) -> list[ModulusWarning]:
-    """Loading against unloading, frames of at least half the peak force."""
+def _mean_of_phase(frames: tuple[FrameModulus, ...], phase: str) -> float:
+    """Mean E over frames of at least half the peak force, MPa; NaN where the phase has none."""
     both = [frame for frame in frames if frame.pad == "all" and np.isfinite(frame.E_MPa)]
-    heavy = [frame for frame in both if frame.force_N > 0.5 * max(f.force_N for f in both)]
-    mean = {
-        phase: float(np.mean([frame.E_MPa for frame in heavy if frame.phase == phase]))
-        for phase in ("load", "unload")
-        if any(frame.phase == phase for frame in heavy)
-    }
-    if len(mean) < 2 or abs(mean["load"] / mean["unload"] - 1) <= PHASES_APART:
-        return []
-    said = (
-        f"loading gives {mean['load']:.3f} MPa and unloading {mean['unload']:.3f} MPa. Either the "
-        "flesh creeps, yields or slips, or forces and positions have different clocks"
-    )
-    return [ModulusWarning(ModulusSign.PHASES_APART, said)]
+    peak_N = max((frame.force_N for frame in both), default=0.0)
+    heavy = [frame.E_MPa for frame in both if frame.force_N > 0.5 * peak_N and frame.phase == phase]
+    return float(np.mean(heavy)) if heavy else float("nan")

@@ -64,16 +64,12 @@ class SmoothPatch:
 
     def lattice_mm(self, within_mm: float, spacing_mm: float) -> Float[np.ndarray, "q 3"]:
         """Points on the skin, about `spacing_mm` apart, up to `within_mm` from the centre."""
-        flat = _disc(within_mm, spacing_mm)
+        count = int(within_mm / spacing_mm)
+        line = np.arange(-count, count + 1) * spacing_mm
+        flat = np.stack(np.meshgrid(line, line), axis=-1).reshape(-1, 2)
+        flat = flat[np.hypot(*flat.T) <= within_mm]
         out = _terms(flat / self.radius_mm) @ self.coefficients
         return np.asarray(self.centre_mm + np.column_stack([flat, out]) @ self.frame)
-
-
-def _disc(radius: float, spacing: float) -> Float[np.ndarray, "q 2"]:
-    line = np.arange(-int(radius / spacing), int(radius / spacing) + 1) * spacing
-    x, y = np.meshgrid(line, line)
-    flat = np.column_stack([x.ravel(), y.ravel()])
-    return np.asarray(flat[np.hypot(*flat.T) <= radius])
 
 
 def _terms(flat: Float[np.ndarray, "p 2"]) -> Float[np.ndarray, "p k"]:

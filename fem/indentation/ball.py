@@ -7,7 +7,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import CubicSpline
 
-from fem.indentation.contact_curve import ContactCurve, require_positive, slab_notes
+from fem.indentation.contact_curve import THICK, ContactCurve, require_positive
 
 #: widest contact over the ball's radius that the table reaches
 WIDEST = 0.99999
@@ -97,17 +97,14 @@ class Ball:
             deep = over_radius(depth_mm)
             return np.asarray(hertz * deep**1.5 * over_hertz(np.sqrt(deep)))
 
-        def notes(deepest_mm: float) -> tuple[str, ...]:
-            said = (
-                f"The ball went {deepest_mm / self.radius_mm:.1f} of its radii deep, where small strain has "
-                "ended: stiffening may be the geometry's in part."
-            )
-            return slab_notes(thickness_mm, said if deepest_mm > DEEP * self.radius_mm else "")
-
         return ContactCurve(
             poisson_ratio=poisson_ratio,
             length_mm=self.radius_mm,
             force_N_per_MPa=force_N_per_MPa,
             over_half_space=lambda depth_mm: of_slab(np.sqrt(over_radius(depth_mm))),
-            notes=notes,
+            trusted_mm=DEEP * self.radius_mm,
+            size_mm=self.radius_mm,
+            beyond="The ball went {:.1f} of its radii deep, where small strain has ended: stiffening may be "
+            "the geometry's in part.",
+            notes=THICK if thickness_mm is None else (),
         )

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import ClassVar, Literal, TypeAlias
 
 import numpy as np
@@ -13,12 +12,15 @@ from fem.fem_failure import FemFailure
 from fem.indentation.contact_curve import (
     ContactCurve,
     OfDepth,
+    near_incompressible,
     out_of_range,
     require_no_thickness,
     require_positive,
+    straight_on,
+    tabulated,
 )
 
-TABLE = Path(__file__).parent / "tables" / "bonded_cylinder.csv"
+TABLE = "bonded_cylinder.csv"
 """Nominal stress over E and strain of bonded neo-Hookean cylinders, by axisymmetric finite elements
 (benchmarks/indentation_geometries.py --write): Poisson's ratio, height over diameter, strain, ratio. One
 value, at the corner of 0.495, 0.25 and 0.3, goes on by the last step of the elements, which stop there."""
@@ -57,15 +59,10 @@ def sliding_stress(poisson_ratio: float) -> CubicSpline:
 
 @lru_cache(maxsize=1)
 def bonded_table() -> RegularGridInterpolator:
-    """Logarithm of the ratio over -ln(1 - 2 nu), ln of height over diameter, and strain.
-
-    Close to 1/2 a thin disc stiffens with 1 - 2 nu alone, which evens the table out.
-    """
-    rows = np.genfromtxt(TABLE, delimiter=",", skip_header=1)
-    nus, heights, strains = (np.unique(rows[:, k]) for k in range(3))
-    ratio = rows[:, 3].reshape(len(nus), len(heights), len(strains))
-    grid = (-np.log(1 - 2 * nus), np.log(heights), strains)
-    return RegularGridInterpolator(grid, np.log(ratio), method="cubic")
+    """Logarithm of the ratio over -ln(1 - 2 nu), ln of height over diameter, and strain."""
+    (nus, heights, strains), log_ratio = tabulated(TABLE)
+    grid = (near_incompressible(nus), np.log(heights), strains)
+    return RegularGridInterpolator(grid, log_ratio, method="cubic")
 
 
 def bonded_stress(slender: float, *, poisson_ratio: float) -> CubicSpline:
@@ -75,7 +72,7 @@ def bonded_stress(slender: float, *, poisson_ratio: float) -> CubicSpline:
     """
     table = bonded_table()
     at, logs, strains = table.grid
-    here = [-np.log(max(1 - 2 * poisson_ratio, 1e-300)), np.log(slender)]
+    here = [float(near_incompressible(poisson_ratio)), np.log(slender)]
     if not logs[0] <= here[1] <= logs[-1]:
         raise out_of_range(
             f"a bonded cylinder of height {slender:.3g} diameters",
@@ -114,7 +111,7 @@ class Cylinder:
         return f"plates on a cylinder {size}, its ends {self.ends or 'not stated'}"
 
     def curve(self, *, thickness_mm: float | None, poisson_ratio: float) -> ContactCurve:
-        """Force A s(d/H), A the undeformed end; `sliding` s goes on with its last slope beyond its end.
+        """Force A s(d/H), A the undeformed end.
 
         The law is neo-Hookean in true geometry, not the small strain of a ball's: a lubricated rubber
         cylinder is then `none`, not stiffening. Bonded ends flow at 1 + D/(3 root(3) H) times the yield
@@ -131,18 +128,22 @@ class Cylinder:
         stated = held if self.ends == "bonded" else None
         stiffer = 1.0 if stated is None else float(stated(np.zeros(1))[0])
         carried = 1.0 if stated is None else 1 + 1 / (3 * np.sqrt(3) * slender)
+        trusted = TRUSTED_STRAIN[self.ends]
 
         def force_N_per_MPa(depth_mm: np.ndarray) -> np.ndarray:
-            strain, end = np.maximum(depth_mm, 0.0) / self.height_mm, sliding.x[-1]
-            beyond = np.maximum(strain - end, 0.0) * sliding(end, 1)
-            force = area_mm2 * (sliding(np.minimum(strain, end)) + beyond)
-            return np.asarray(force if stated is None else force * stated(strain))
+            strain = np.asarray(np.maximum(depth_mm, 0.0) / self.height_mm)
+            force = area_mm2 * straight_on(sliding, strain)
+            return force if stated is None else force * stated(strain)
 
         return ContactCurve(
             poisson_ratio=poisson_ratio,
             length_mm=self.height_mm,
             force_N_per_MPa=force_N_per_MPa,
-            notes=lambda deepest_mm: self._notes(deepest_mm, poisson_ratio, stiffer),
+            trusted_mm=trusted * self.height_mm,
+            size_mm=self.height_mm,
+            beyond=f"The specimen was squeezed by {{:.0%}} of its height, beyond the {trusted:.0%} that its "
+            "law is held to.",
+            notes=self._of_ends(poisson_ratio, stiffer),
             field="uniform",
             yield_depth_mm=float(self.height_mm * carried / stiffer),
             held_over_sliding=None
@@ -152,26 +153,19 @@ class Cylinder:
             toe_mm=TOE_SHARE * self.diameter_mm,
         )
 
-    def _notes(self, deepest_mm: float, poisson_ratio: float, stiffer: float) -> tuple[str, ...]:
-        """Ranges left, and what ends do to E."""
-        notes = []
-        strain, trusted = deepest_mm / self.height_mm, TRUSTED_STRAIN[self.ends]
-        if strain > trusted:
-            notes.append(
-                f"The specimen was squeezed by {strain:.0%} of its height, beyond the {trusted:.0%} that its "
-                "law is held to."
-            )
+    def _of_ends(self, poisson_ratio: float, stiffer: float) -> tuple[str, ...]:
+        """What stated ends do to E."""
+        if self.ends is None:
+            return ()
         if self.ends == "bonded":
-            notes.append(f"Its ends are taken as held: if they slid, E would be {stiffer:.2f} times as much.")
-        elif self.ends == "lubricated":
-            try:
-                slender = self.height_mm / self.diameter_mm
-                held = float(bonded_stress(slender, poisson_ratio=poisson_ratio)(0.0, 1))
-                said = f"E would be {1 / held:.2f} times as much"
-            except FemFailure:
-                said = "E would be less"
-            notes.append(f"Its ends are taken as sliding without friction: if they were held, {said}.")
-        return tuple(notes)
+            return (f"Its ends are taken as held: if they slid, E would be {stiffer:.2f} times as much.",)
+        try:
+            slender = self.height_mm / self.diameter_mm
+            held = float(bonded_stress(slender, poisson_ratio=poisson_ratio)(0.0, 1))
+            said = f"E would be {1 / held:.2f} times as much"
+        except FemFailure:
+            said = "E would be less"
+        return (f"Its ends are taken as sliding without friction: if they were held, {said}.",)
 
 
 def _held_over_sliding(bonded: CubicSpline, sliding: CubicSpline) -> OfDepth:

@@ -1,18 +1,24 @@
 """Elastic force of a fruit, an ellipsoid round a rigid pit, between two rigid plates."""
 
-import math
 from dataclasses import dataclass
 from functools import lru_cache
-from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 from scipy.interpolate import CubicSpline, RegularGridInterpolator
 
-from fem.indentation.contact_curve import ContactCurve, out_of_range, require_no_thickness, require_positive
+from fem.indentation.contact_curve import (
+    ContactCurve,
+    near_incompressible,
+    out_of_range,
+    require_no_thickness,
+    require_positive,
+    straight_on,
+    tabulated,
+)
 from fem.solid.closed_forms import s368_parallel_plates_modulus_MPa
 
-TABLE = Path(__file__).parent / "tables" / "compressed_spheroid.csv"
+TABLE = "compressed_spheroid.csv"
 """Force over Hertz's of neo-Hookean spheroids round a rigid pit, by axisymmetric finite elements
 (benchmarks/indentation_geometries.py --write): nu, pit's share, diameter between the plates over that across,
 approach over the diameter between them, ratio."""
@@ -102,9 +108,7 @@ class Ellipsoid:
         over_hertz = spheroid_over_hertz(poisson_ratio, self.pit_share, self.along_over_across)
 
         def over_half_space(depth_mm: np.ndarray) -> np.ndarray:
-            root, end = np.sqrt(np.maximum(depth_mm, 0.0) / self.along_mm), over_hertz.x[-1]
-            beyond = np.maximum(root - end, 0.0) * over_hertz(end, 1)
-            return np.asarray(over_hertz(np.minimum(root, end)) + beyond)
+            return straight_on(over_hertz, np.asarray(np.sqrt(np.maximum(depth_mm, 0.0) / self.along_mm)))
 
         def force_N_per_MPa(depth_mm: np.ndarray) -> np.ndarray:
             return np.asarray(hertz * np.maximum(depth_mm, 0.0) ** 1.5 * over_half_space(depth_mm))
@@ -114,7 +118,15 @@ class Ellipsoid:
             length_mm=2 * float(np.sqrt(radius_mm * other_mm)),
             force_N_per_MPa=force_N_per_MPa,
             over_half_space=over_half_space,
-            notes=lambda deepest_mm: self._notes(deepest_mm, poisson_ratio),
+            trusted_mm=TRUSTED_SQUEEZE * self.along_mm,
+            size_mm=self.along_mm,
+            beyond="The fruit was squeezed by {:.0%} of its diameter, beyond the "
+            f"{TRUSTED_SQUEEZE:.0%} that its law is held to.",
+            notes=(
+                f"The fruit's shape (three diameters, its pit's size) leaves another ± "
+                f"{self.shape_sd(poisson_ratio):.0%} of E, which its interval does not hold; it is common to "
+                "all squeezes of this fruit.",
+            ),
         )
 
     def shape_sd(self, poisson_ratio: float) -> float:
@@ -122,39 +134,20 @@ class Ellipsoid:
         (PIT_SD), at half the trusted squeeze.
         """
         curvature = CURVATURE_SD / np.sqrt(8)
-        root, share = np.sqrt(TRUSTED_SQUEEZE / 2), self.pit_share
-        ratios = [
-            float(
-                spheroid_over_hertz(poisson_ratio, min(pit_share, LARGEST_PIT), self.along_over_across)(root)
-            )
-            for pit_share in ((1 - PIT_SD) * share, (1 + PIT_SD) * share)
-        ]
-        return float(np.hypot(curvature, np.log(ratios[1] / ratios[0]) / 2))
-
-    def _notes(self, deepest_mm: float, poisson_ratio: float) -> tuple[str, ...]:
-        """Ranges left, and how uncertain the shape makes E."""
-        notes = [
-            f"The fruit's shape (three diameters, its pit's size) leaves another ± "
-            f"{self.shape_sd(poisson_ratio):.0%} of E, which its interval does not hold; it is common to all "
-            "squeezes of this fruit."
-        ]
-        if deepest_mm > TRUSTED_SQUEEZE * self.along_mm:
-            notes.append(
-                f"The fruit was squeezed by {deepest_mm / self.along_mm:.0%} of its diameter, beyond "
-                f"the {TRUSTED_SQUEEZE:.0%} that its law is held to."
-            )
-        return tuple(notes)
+        root = np.sqrt(TRUSTED_SQUEEZE / 2)
+        less, more = (
+            spheroid_over_hertz(poisson_ratio, min(share, LARGEST_PIT), self.along_over_across)(root)
+            for share in ((1 - PIT_SD) * self.pit_share, (1 + PIT_SD) * self.pit_share)
+        )
+        return float(np.hypot(curvature, np.log(more / less) / 2))
 
 
 @lru_cache(maxsize=1)
 def spheroid_table() -> RegularGridInterpolator:
     """Logarithm of the ratio over -ln(1 - 2 nu), pit, ln of length over width, root of the squeeze."""
-    rows = np.genfromtxt(TABLE, delimiter=",", skip_header=1)
-    nus, pits, longs, squeezes = (np.unique(rows[:, k]) for k in range(4))
-    ratio = np.log(rows[:, 4].reshape(len(nus), len(pits), len(longs), len(squeezes)))
-    ratio = np.concatenate([np.zeros((*ratio.shape[:3], 1)), ratio], axis=3)
-    grid = (-np.log(1 - 2 * nus), pits, np.log(longs), np.r_[0.0, np.sqrt(squeezes)])
-    return RegularGridInterpolator(grid, ratio, method="cubic")
+    (nus, pits, longs, squeezes), log_ratio = tabulated(TABLE)
+    grid = (near_incompressible(nus), pits, np.log(longs), np.r_[0.0, np.sqrt(squeezes)])
+    return RegularGridInterpolator(grid, np.pad(log_ratio, [(0, 0)] * 3 + [(1, 0)]), method="cubic")
 
 
 @lru_cache(maxsize=64)
@@ -165,7 +158,6 @@ def spheroid_over_hertz(poisson_ratio: float, pit_share: float, along_over_acros
     """
     table = spheroid_table()
     at, _, _, roots = table.grid
-    least, most = float(at[0]), float(at[-1])
-    nu = min(max(-math.log(max(1 - 2 * poisson_ratio, 1e-300)), least), most)
+    nu = near_incompressible(poisson_ratio).clip(at[0], at[-1])
     others = np.broadcast_to([nu, pit_share, np.log(along_over_across)], (len(roots), 3))
     return CubicSpline(roots, np.exp(table(np.column_stack([others, roots]))))

@@ -6,10 +6,12 @@ is the force-depth curve for one Poisson's ratio. Each geometry is one file besi
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal, Protocol, TypeAlias
 
 import numpy as np
 from jaxtyping import Float
+from scipy.interpolate import CubicSpline
 
 from fem.fem_failure import FemFailure, FemProblem
 
@@ -17,7 +19,8 @@ Field: TypeAlias = Literal["hertz", "uniform", "rim"]
 """How strain energy is spread: as under a ball, evenly, or without bound at a sharp rim."""
 OfDepth: TypeAlias = Callable[[np.ndarray], np.ndarray]
 """A function of depths (mm), of any shape."""
-THICK = "No thickness was given: a half-space was assumed, and a thin specimen looks stiffer."
+THICK = ("No thickness was given: a half-space was assumed, and a thin specimen looks stiffer.",)
+"""Note of a press on a slab whose thickness nobody stated."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,19 +28,23 @@ class ContactCurve:
     """Elastic force over depth of one geometry; the defaults are those of Hertz's field.
 
     `force_N_per_MPa`: for unit modulus, nothing out of contact. `length_mm`: what depth is divided by to be a
-    strain. `over_half_space`: factor on Hertz's force by base, the body's other side or a pit.
+    strain. `over_half_space`: factor on Hertz's force by base, the body's other side or a pit. `trusted_mm`:
+    depth up to which the law holds, `beyond` what a reader must know of a press deeper than that, and of
+    which `size_mm` its {} is the share; `notes`: what a reader must know in any case.
     `yield_depth_mm`: depth, per yield stress over E, at which flesh flows everywhere under the tool; None
     where contact grows and flow with it. `held_over_sliding`: force with held ends over that with sliding
     ends, where the ends are not stated. `stiffer_ends`: factor of stated ends on the force at small strain.
     `toe_mm`: typical width of the first touches of an end that is not parallel to its plate. `without`:
-    effects that have no law in this geometry, and why, as the end of a sentence. `notes`: what a reader must
-    know of a press so deep.
+    effects that have no law in this geometry, and why, as the end of a sentence.
     """
 
     poisson_ratio: float
     length_mm: float
     force_N_per_MPa: OfDepth
-    notes: Callable[[float], tuple[str, ...]]
+    trusted_mm: float
+    size_mm: float
+    beyond: str
+    notes: tuple[str, ...] = ()
     without: Mapping[str, str] = field(default_factory=dict)
     field: Field = "hertz"
     over_half_space: OfDepth = np.ones_like
@@ -57,6 +64,11 @@ class ContactCurve:
         if self.field == "uniform":
             return np.asarray((1 + self.poisson_ratio) * self.stiffer_ends * strain**2)
         return np.asarray(strain * self.over_half_space(depth) ** 2)
+
+    def notes_of(self, deepest_mm: float) -> tuple[str, ...]:
+        """What a reader must know of a press so deep."""
+        too_deep = (self.beyond.format(deepest_mm / self.size_mm),) if deepest_mm > self.trusted_mm else ()
+        return (*too_deep, *self.notes)
 
 
 class Geometry(Protocol):
@@ -97,7 +109,21 @@ def require_no_thickness(thickness_mm: float | None, instead: str) -> None:
         )
 
 
-def slab_notes(thickness_mm: float | None, too_deep: str) -> tuple[str, ...]:
-    """Of a press on a slab: a depth beyond small strain, and a half-space that nobody stated."""
-    assumed = THICK if thickness_mm is None else ""
-    return tuple(filter(None, (too_deep, assumed)))
+def tabulated(name: str) -> tuple[list[Float[np.ndarray, " _"]], Float[np.ndarray, "..."]]:
+    """The values on each axis of a table of finite elements (all columns but the last), and the logarithms of
+    its last column on this grid.
+    """
+    rows = np.genfromtxt(Path(__file__).parent / "tables" / name, delimiter=",", skip_header=1)
+    axes = [np.unique(column) for column in rows[:, :-1].T]
+    return axes, np.log(rows[:, -1]).reshape([len(axis) for axis in axes])
+
+
+def near_incompressible(poisson_ratio: float | Float[np.ndarray, " n"]) -> Float[np.ndarray, "*n"]:
+    """-ln(1 - 2 nu): close to 1/2 thin flesh stiffens with 1 - 2 nu alone, which evens tables out."""
+    return np.asarray(-np.log(np.maximum(1 - 2 * np.asarray(poisson_ratio), 1e-300)))
+
+
+def straight_on(spline: CubicSpline, x: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
+    """The spline, which goes on with its last slope beyond its end."""
+    end = spline.x[-1]
+    return np.asarray(spline(np.minimum(x, end)) + np.maximum(x - end, 0.0) * spline(end, 1))

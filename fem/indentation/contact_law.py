@@ -89,10 +89,8 @@ class Law:
 
     def _part_N(self, trace: IndenterTrace, value: Values) -> Float[np.ndarray, "p t"]:
         """Of one recording, from its own first touch and zero."""
-        depth = trace.travel_mm - value["onset_mm"][:, None]
-        for effect in self.effects:
-            if effect.give_mm is not None:
-                depth = depth - effect.give_mm(value, trace)
+        given_mm = [effect.give_mm(value, trace) for effect in self.effects if effect.give_mm is not None]
+        depth = trace.travel_mm - value["onset_mm"][:, None] - sum(given_mm)
         deepest = np.maximum.accumulate(np.maximum(depth, SHALLOWEST_MM), axis=1)
         early = value["toe_mm"] / 2 if "toe_mm" in value else np.zeros(len(depth))
         springs = Springs.of(lambda level: self._with_toe(value, level, early), deepest[:, -1] + early)
@@ -111,11 +109,8 @@ class Law:
             if effect.force_factor is not None:
                 force = force * effect.force_factor(value, self.curve, depth, deepest)
         drift = value["drift_N_per_min"][:, None] * (trace.time_s - trace.time_s[0]) / 60
-        total = value["E_MPa"][:, None] * force + value["zero_N"][:, None] + drift
-        for effect in self.effects:
-            if effect.added_N is not None:
-                total = total + effect.added_N(value, trace)
-        return np.asarray(total)
+        added_N = [effect.added_N(value, trace) for effect in self.effects if effect.added_N is not None]
+        return np.asarray(value["E_MPa"][:, None] * force + value["zero_N"][:, None] + drift + sum(added_N))
 
     def _with_toe(
         self, value: Values, level_mm: Float[np.ndarray, "p n"], early_mm: Float[np.ndarray, " p"]
@@ -124,13 +119,13 @@ class Law:
         mean over touches that are spread evenly over the toe's width.
         """
         mean = np.zeros_like(level_mm)
+        factors = [effect.stress_factor for effect in self.effects if effect.stress_factor is not None]
         for touch, weight in zip(*TOUCHES, strict=True) if early_mm.any() else [(0.0, 2.0)]:
             level = np.maximum(level_mm - (1 + touch) * early_mm[:, None], 0.0)
-            phi = self.curve_N_per_MPa(value, level)
-            for effect in self.effects:
-                if effect.stress_factor is not None:
-                    phi = phi * effect.stress_factor(value, self.curve, level)
-            mean += weight / 2 * phi
+            phi = weight / 2 * self.curve_N_per_MPa(value, level)
+            for factor in factors:
+                phi = phi * factor(value, self.curve, level)
+            mean += phi
         return mean
 
 
@@ -146,12 +141,10 @@ def linear_law(trace: IndenterTrace, *, thickness_mm: float | None, poisson_rati
     recording_unknowns = [
         _own(part, suffix_of(k), curve.toe_mm) for k, part in zip(trace.numbers, trace.parts, strict=True)
     ]
-    deepest = [
-        max(float(part.travel_mm.max()) - unknowns[0].mean, 1e-3)
-        for part, unknowns in zip(trace.parts, recording_unknowns, strict=True)
-    ]
+    onsets_mm = np.array([onset.mean for onset, *_ in recording_unknowns])
+    deepest_mm = np.maximum([part.travel_mm.max() for part in trace.parts] - onsets_mm, SHALLOWEST_MM)
     peaks = [np.abs(part.force_N).max() for part in trace.parts]
-    guess = float(np.mean(np.log(peaks / curve.force_N_per_MPa(np.array(deepest)))))
+    guess = float(np.mean(np.log(peaks / curve.force_N_per_MPa(deepest_mm))))
     ends = Unknown(name="ends_held", unit="1", scale="logit", mean=0.0, sd=ENDS_SD)
     return Law(
         curve=curve,
@@ -174,11 +167,11 @@ def _own(trace: IndenterTrace, at: str, toe_mm: float) -> tuple[Unknown, ...]:
     calm = max(first_touch(trace) - 1, 0)
     peak = float(np.abs(trace.force_N).max())
     zero = float(np.median(trace.force_N[: max(calm, 1)]))
-    zero_sd, onset_sd = float(np.hypot(ZERO_SD * peak, zero)), ONSET_SD * float(np.ptp(trace.travel_mm))
-    onset_mm = float(trace.travel_mm[calm])
+    onset_mm, onset_sd = float(trace.travel_mm[calm]), ONSET_SD * float(np.ptp(trace.travel_mm))
     onset = Unknown(name=f"onset_mm{at}", unit="mm", scale="linear", mean=onset_mm, sd=onset_sd)
+    zero_sd = float(np.hypot(ZERO_SD * peak, zero))
     offset = Unknown(name=f"zero_N{at}", unit="N", scale="linear", mean=zero, sd=zero_sd)
     if not toe_mm:
-        return (onset, offset)
+        return onset, offset
     toe = Unknown(name=f"toe_mm{at}", unit="mm", scale="log", mean=float(np.log(toe_mm)), sd=TOE_SD)
-    return (onset, offset, toe)
+    return onset, offset, toe

@@ -196,8 +196,7 @@ def _cells(trace: IndenterTrace, plain: TraceFit, no_contact: NoContactNoise) ->
         [_depth_mm(part, plain, k) for k, part in zip(trace.numbers, trace.parts, strict=True)]
     )
     (per_MPa,) = plain.law.curve_N_per_MPa(value, np.maximum(depth, 0.0)[None])
-    loaded = np.flatnonzero(per_MPa > 0.05 * per_MPa.max())
-    phases = trace.phases
+    loaded, phases = np.flatnonzero(per_MPa > 0.05 * per_MPa.max()), trace.phases
     return tuple(
         ModulusCell(
             grasp=f"press{suffix_of(int(part_of[k]))}",
@@ -213,7 +212,7 @@ def _cells(trace: IndenterTrace, plain: TraceFit, no_contact: NoContactNoise) ->
 
 def _notes(trace: IndenterTrace, named: TraceFit, scatter_sd: float) -> tuple[str, ...]:
     """What a reader must know of this trace."""
-    law, several = named.law, len(trace.parts) > 1
+    law, several, deepest_mm = named.law, len(trace.parts) > 1, 0.0
     notes: list[str] = []
     for k, part in zip(trace.numbers, trace.parts, strict=True):
         of = f"Recording {k + 1}: " if several else ""
@@ -223,7 +222,8 @@ def _notes(trace: IndenterTrace, named: TraceFit, scatter_sd: float) -> tuple[st
             f"{of}First touch {late_mm:.3g} ± {late_sd:.2g} mm into the travel, with "
             f"the load cell at {named.scaled[zero]:.3g} ± {named.sd[zero]:.2g} N before it."
         )
-        clear = 3 * late_sd + 0.02 * float(_depth_mm(part, named, k).max())
+        depth_mm = float(_depth_mm(part, named, k).max())
+        clear, deepest_mm = 3 * late_sd + 0.02 * depth_mm, max(deepest_mm, depth_mm)
         if late_mm > clear:
             notes.append(f"{of}Contact starts late: {late_mm:.2f} mm into the travel.")
         if late_mm < -clear:
@@ -248,7 +248,4 @@ def _notes(trace: IndenterTrace, named: TraceFit, scatter_sd: float) -> tuple[st
         )
     for name, why in law.curve.without.items():
         notes.append(f"{name.replace('_', ' ').capitalize()} was not looked for: {why}.")
-    deepest = max(
-        float(_depth_mm(part, named, k).max()) for k, part in zip(trace.numbers, trace.parts, strict=True)
-    )
-    return (*notes, *law.curve.notes(deepest))
+    return (*notes, *law.curve.notes_of(deepest_mm))

@@ -211,38 +211,34 @@ def posterior(fits: list[TraceFit]) -> CurvePosterior:
     for trace_fit in fits:
         groups.setdefault(trace_fit.law.name, []).append(trace_fit)
     best = best_forms(groups)
-    logs = {
-        name: np.array([trace_fit.log_evidence for trace_fit in form_fits])
-        for name, form_fits in groups.items()
+    norms = {
+        name: float(logsumexp([trace_fit.log_evidence for trace_fit in forms]))
+        for name, forms in groups.items()
     }
-    plain = best[NONE].log_evidence
     ways = {name: prod(len(groups[effect]) for effect in name.split("+")) for name in groups}
-    gain = {
-        name: float(logsumexp(log_evidences) - np.log(ways[name]) - plain)
-        for name, log_evidences in logs.items()
-    }
-    misfit = {
-        name: MISFIT * (trace_fit.share / trace_fit.usual_share) ** 2 for name, trace_fit in best.items()
-    }
-    weighed = [Weighed(name=name, gain=gain[name], misfit=misfit[name]) for name in best]
+    plain = best[NONE].log_evidence
+    gain = {name: norms[name] - float(np.log(ways[name])) - plain for name in groups}
+    weighed = [
+        Weighed(
+            name=name,
+            gain=gain[name],
+            misfit=MISFIT * (trace_fit.share / trace_fit.usual_share) ** 2,
+        )
+        for name, trace_fit in best.items()
+    ]
+    misfit_p = misfit_p_value(next(law.misfit for law in weighed if law.name == NONE))
     shares, unknown = probabilities(weighed, temperature=TEMPERATURE)
     probability = {**dict(zip(best, shares.tolist(), strict=True)), UNKNOWN: unknown}
     singles = [gain[name] for name in gain if name != NONE and "+" not in name]
     bayes_factor = float(logsumexp(singles) - np.log(len(singles))) if singles else 0.0
-    p_values = {"effects": float(np.exp(-max(bayes_factor, 0.0))), "misfit": misfit_p_value(misfit[NONE])}
+    within = [np.exp(trace_fit.log_evidence - norms[trace_fit.law.name]) for trace_fit in fits]
     return CurvePosterior(
         fits=tuple(fits),
-        weights=np.array(
-            [
-                probability[trace_fit.law.name]
-                * float(np.exp(trace_fit.log_evidence - logsumexp(logs[trace_fit.law.name])))
-                for trace_fit in fits
-            ]
-        ),
-        probability=dict(sorted(probability.items(), key=lambda item: -item[1])),
+        weights=np.array([probability[trace_fit.law.name] for trace_fit in fits]) * within,
+        probability=dict(sorted(probability.items(), key=lambda likely: -likely[1])),
         gain=gain,
         best=best,
-        detection=Detection(p_values=p_values),
+        detection=Detection(p_values={"effects": float(np.exp(-max(bayes_factor, 0.0))), "misfit": misfit_p}),
     )
 
 

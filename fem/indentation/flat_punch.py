@@ -6,7 +6,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 
-from fem.indentation.contact_curve import ContactCurve, out_of_range, require_positive, slab_notes
+from fem.indentation.contact_curve import THICK, ContactCurve, out_of_range, require_positive
 
 #: radius over thickness up to which finite elements were asked (tests/fem/test_flat_punch.py)
 THINNEST = 2.0
@@ -80,19 +80,15 @@ class FlatPunch:
             )
         kappa = slab_factor_of_punch(over, poisson_ratio=poisson_ratio)
         slope = 2 * self.radius_mm * kappa / (1 - poisson_ratio**2)
-
-        def notes(deepest_mm: float) -> tuple[str, ...]:
-            said = (
-                f"The punch went {deepest_mm / self.radius_mm:.2f} of its radius deep, where small strain "
-                "has ended, and a sharp rim cuts: E may be off by more than its interval."
-            )
-            return slab_notes(thickness_mm, said if deepest_mm > DEEP * self.radius_mm else "")
-
         return ContactCurve(
             poisson_ratio=poisson_ratio,
             length_mm=self.radius_mm,
             force_N_per_MPa=lambda depth_mm: np.asarray(slope * np.maximum(depth_mm, 0.0)),
-            notes=notes,
+            trusted_mm=DEEP * self.radius_mm,
+            size_mm=self.radius_mm,
+            beyond="The punch went {:.2f} of its radius deep, where small strain has ended, and a sharp rim "
+            "cuts: E may be off by more than its interval.",
+            notes=THICK if thickness_mm is None else (),
             field="rim",
             yield_depth_mm=HARDNESS * np.pi * self.radius_mm**2 / slope,
             without={"stiffening": RIM, "damage": RIM},

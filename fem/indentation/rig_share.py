@@ -72,7 +72,9 @@ def rig_share(trace: IndenterTrace, *, rig_N_per_mm: float | None, made_known: s
         return _of_a_known_rig(slope + rig, rig, max(abs(_slope(force, sd_mm[used])), of_size))
     assumed = RigShare(recorded_mm_per_N=slope, rig_mm_per_N=1 / (rig_N_per_mm or SOFT_RIG_N_PER_MM))
     share, stiffness = assumed.share, 1 / max(slope, 1e-12)
-    if rig_N_per_mm is None and share > MOST_SHARE:
+    if share <= (MOST_SHARE if rig_N_per_mm is None else SAID_SHARE):
+        return assumed
+    if rig_N_per_mm is None:
         note = (
             f"The contact has {stiffness:.3g} N/mm at the upper half of its force, and nothing says how "
             f"stiff the rig is. E holds on a rig of {stiffness / SAID_SHARE:.2g} N/mm or more and is a "
@@ -80,34 +82,34 @@ def rig_share(trace: IndenterTrace, *, rig_N_per_mm: float | None, made_known: s
             f"give {share:.0%} of that travel itself. Squeeze a rigid object {made_known}."
         )
         return replace(assumed, notes=(note,))
-    if rig_N_per_mm is not None and share > MOST_SHARE:
+    if share > MOST_SHARE:
         bound = (
             f"of the travel at the upper half of the force {share:.0%} is the rig's own "
             f"({stiffness:.3g} N/mm were recorded on a rig of {rig_N_per_mm:g} N/mm)"
         )
         return replace(assumed, bound=bound)
-    if rig_N_per_mm is not None and share > SAID_SHARE:
-        note = (
-            f"A rig of {rig_N_per_mm:g} N/mm gives {share:.0%} of the travel at the upper half of the "
-            "force: E is too low by about as much; drupe convert --rig takes it off."
-        )
-        return replace(assumed, notes=(note,))
-    return assumed
+    note = (
+        f"A rig of {rig_N_per_mm:g} N/mm gives {share:.0%} of the travel at the upper half of the "
+        "force: E is too low by about as much; drupe convert --rig takes it off."
+    )
+    return replace(assumed, notes=(note,))
 
 
 def _of_a_known_rig(slope: float, rig: float, sd: float) -> RigShare:
     """What is left to the object of the recorded slope, and whether it is clear of the rig's spread."""
     known = RigShare(recorded_mm_per_N=slope, rig_mm_per_N=rig, rig_sd_mm_per_N=sd)
+    bound = (
+        None
+        if slope - rig > sd / UNSURE
+        else (
+            f"of {slope:.3g} mm/N of travel at the upper half of the force the rig gives "
+            f"{rig:.3g} ± {sd:.2g} mm/N, so that what is left to the object is not known"
+        )
+    )
     note = (
         f"Taken off as the rig's own: {known.share:.0%} of the travel at the upper half of the force "
         f"({rig:.3g} ± {sd:.2g} of {slope:.3g} mm/N); its spread is in E's."
     )
-    bound = None
-    if not slope - rig > sd / UNSURE:
-        bound = (
-            f"of {slope:.3g} mm/N of travel at the upper half of the force the rig gives "
-            f"{rig:.3g} ± {sd:.2g} mm/N, so that what is left to the object is not known"
-        )
     return replace(known, bound=bound, notes=(note,))
 
 

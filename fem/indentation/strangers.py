@@ -84,13 +84,11 @@ def strangers(moduli: OwnModuli) -> dict[int, str]:
     said: dict[int, str] = {}
     members = list(range(len(moduli.ln_E)))
     while len(members) >= FEWEST_PARTS:
-        each: dict[str, float] = {}
-        for k in members:
-            others = [j for j in members if j != k]
-            each[f"modulus {k}"], each[f"shape {k}"] = (
-                _modulus_p(moduli, k, others),
-                _shape_p(moduli, k, others),
-            )
+        each = {
+            f"{kind} {k}": p_value(moduli, k, [j for j in members if j != k])
+            for k in members
+            for kind, p_value in (("modulus", _modulus_p), ("shape", _shape_p))
+        }
         test = Detection(p_values=each)
         if not test.mismatch:
             break

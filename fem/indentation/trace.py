@@ -125,11 +125,12 @@ def joined(traces: Sequence[IndenterTrace]) -> IndenterTrace:
     for trace in traces:
         times.append(trace.time_s - trace.time_s[0] + end)
         end = float(times[-1][-1] + np.median(np.diff(trace.time_s)))
-    arrays: dict[str, Any] = {
-        name: np.concatenate([_known(trace, name) for trace in traces])
-        for name in PER_FRAME[1:]
-        if any(getattr(trace, name) is not None for trace in traces)
-    }
+    arrays: dict[str, Any] = {}
+    for name in PER_FRAME[1:]:
+        columns = [getattr(trace, name) for trace in traces]
+        if any(column is not None for column in columns):  # zero of a rig that was not taken off
+            columns = [np.zeros(len(t)) if c is None else c for c, t in zip(columns, times, strict=True)]
+            arrays[name] = np.concatenate(columns)
     arrays["numbers"] = tuple(range(len(traces)))
     return replace(traces[0], time_s=np.concatenate(times), starts=tuple(map(int, starts)), **arrays)
 
@@ -138,12 +139,6 @@ def without(trace: IndenterTrace, places: Collection[int]) -> IndenterTrace:
     """The trace less its recordings at these places; the others keep their numbers."""
     kept = [k for k in range(len(trace.parts)) if k not in places]
     return replace(joined([trace.parts[k] for k in kept]), numbers=tuple(trace.numbers[k] for k in kept))
-
-
-def _known(trace: IndenterTrace, name: str) -> Float[np.ndarray, " t"]:
-    """The values of each frame; zero of a rig that was not taken off."""
-    values = getattr(trace, name)
-    return np.zeros(len(trace.time_s)) if values is None else np.asarray(values)
 
 
 #: share of the force that must be lost, and standard deviations of the noise beside it (set by hand: ten

@@ -9,7 +9,7 @@ from jaxtyping import Float, Int
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mesh.closest_point import closest_on_triangles, enclosed_volume_mm3
 from fem.mesh.creases import Creases, creases_of
-from fem.mesh.tetrahedra import pieces
+from fem.mesh.tetrahedra import pair_keys, pieces
 
 #: least volume of a body, as a share of its longest side cubed
 SMALLEST_FILL = 1e-5
@@ -126,8 +126,7 @@ def checked_surface(
             "missing or non-finite vertices; expected a closed surface in mm",
         )
     ends = faces[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
-    forward = ends[:, 0] << 32 | ends[:, 1]
-    backward = ends[:, 1] << 32 | ends[:, 0]
+    forward, backward = pair_keys(ends), pair_keys(ends[:, ::-1])
     open_edges = int((~np.isin(forward, backward)).sum() + len(forward) - len(np.unique(forward)))
     if open_edges:
         raise FemFailure(

@@ -125,16 +125,13 @@ def _closest_on_edges(
     point: Float[np.ndarray, "p 3"], corner: Float[np.ndarray, "p 3 3"]
 ) -> Float[np.ndarray, "p 3"]:
     """Barycentric coordinates of the closest point on the triangle's border."""
-    best = np.full(len(point), np.inf)
+    along = np.roll(corner, -1, axis=1) - corner
+    arm = point[:, None] - corner
+    length2 = np.maximum(np.einsum("pex,pex->pe", along, along), np.finfo(float).tiny)
+    t = np.clip(np.einsum("pex,pex->pe", arm, along) / length2, 0, 1)
+    rows, edge = np.arange(len(point)), np.linalg.norm(arm - t[..., None] * along, axis=2).argmin(axis=1)
     weights = np.zeros((len(point), 3))
-    for i, j in ((0, 1), (1, 2), (2, 0)):
-        start, along = corner[:, i], corner[:, j] - corner[:, i]
-        t = np.clip(_dot(point - start, along) / np.maximum(_dot(along, along), np.finfo(float).tiny), 0, 1)
-        gap = np.linalg.norm(point - start - t[:, None] * along, axis=1)
-        closer = gap < best
-        best[closer] = gap[closer]
-        weights[closer] = 0
-        weights[closer, i], weights[closer, j] = 1 - t[closer], t[closer]
+    weights[rows, edge], weights[rows, (edge + 1) % 3] = 1 - t[rows, edge], t[rows, edge]
     return weights
 
 

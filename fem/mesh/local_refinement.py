@@ -7,7 +7,7 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 from fem.elements.shape_functions import TET_EDGES
-from fem.mesh.tetrahedra import unique_edges
+from fem.mesh.tetrahedra import pair_keys, unique_edges
 
 #: edges up to this many times the wanted length stay: halving then leaves them around it
 LONGEST = 1.5
@@ -101,23 +101,22 @@ def bisect_once(
     edges, of_tet = unique_edges(tets, TET_EDGES)
     length = np.linalg.norm(nodes_mm[edges[:, 1]] - nodes_mm[edges[:, 0]], axis=1)
     too_long = length > LONGEST * size_mm(nodes_mm[edges].mean(axis=1))
-    rank = np.empty(len(edges), dtype=np.int64)
-    rank[np.lexsort((np.arange(len(edges)), length))] = np.arange(len(edges))
+    rank = np.argsort(np.argsort(length, kind="stable"))
     marked = _closed_marks(rank, of_tet, too_long)
     if not marked.any():
         return nodes_mm, tets
-    middle = np.full(len(edges), -1)
-    middle[marked] = len(nodes_mm) + np.arange(marked.sum())
     nodes = np.vstack([nodes_mm, nodes_mm[edges[marked]].mean(axis=1)])
-    keys = edges[:, 0].astype(np.int64) << 32 | edges[:, 1]
-    cuts = _Cuts(keys[marked], rank[marked], middle[marked])
+    cut_keys, cut_rank = pair_keys(edges[marked]), rank[marked]  # ascending, as edges are
     done = []
     while len(tets):
-        which, node = cuts.longest(tets)
-        done.append(tets[which < 0])
-        cut, which, node = tets[which >= 0], which[which >= 0], node[which >= 0]
-        rows = np.arange(len(cut))
-        first, second = cut.copy(), cut.copy()
+        key = pair_keys(np.sort(tets[:, TET_EDGES], axis=2))
+        at = np.minimum(np.searchsorted(cut_keys, key), len(cut_keys) - 1)
+        rank_of_edge = np.where(cut_keys[at] == key, cut_rank[at], -1)
+        longest = (np.arange(len(tets)), rank_of_edge.argmax(axis=1))
+        cut = rank_of_edge[longest] >= 0
+        done.append(tets[~cut])
+        node, which = len(nodes_mm) + at[longest][cut], longest[1][cut]
+        first, second, rows = tets[cut], tets[cut], np.arange(len(which))
         first[rows, TET_EDGES[which, 1]] = node
         second[rows, TET_EDGES[which, 0]] = node
         tets = np.vstack([first, second])
@@ -136,23 +135,3 @@ def _closed_marks(
         if marked[wanted].all():
             return marked
         marked[wanted] = True
-
-
-class _Cuts:
-    """The marked edges of one pass, looked up by node pair."""
-
-    def __init__(
-        self, keys: Int[np.ndarray, " c"], rank: Int[np.ndarray, " c"], middle: Int[np.ndarray, " c"]
-    ) -> None:
-        order = np.argsort(keys)
-        self.keys, self.rank, self.middle = keys[order], rank[order], middle[order]
-
-    def longest(self, tets: Int[np.ndarray, "m 4"]) -> tuple[Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:
-        """For each tetrahedron its longest marked edge (-1: none) and the node in that edge's middle."""
-        ends = np.sort(tets[:, TET_EDGES], axis=2).astype(np.int64)
-        key = ends[:, :, 0] << 32 | ends[:, :, 1]
-        at = np.minimum(np.searchsorted(self.keys, key), len(self.keys) - 1)
-        rank = np.where(self.keys[at] == key, self.rank[at], -1)
-        which = rank.argmax(axis=1)
-        rows = np.arange(len(tets))
-        return np.where(rank[rows, which] >= 0, which, -1), self.middle[at[rows, which]]

@@ -31,6 +31,14 @@ class SurfacePoints:
     normal: Float[np.ndarray, "p 3"]
     distance_mm: Float[np.ndarray, " p"]
 
+    @classmethod
+    def at(
+        cls, mesh: FleshMesh, face_nodes: Int[np.ndarray, "p 6"], reference: Float[np.ndarray, "p 2"]
+    ) -> "SurfacePoints":
+        """Points of the skin itself, by their places in its faces."""
+        place, normal, _ = _place_and_normal(reference, mesh.nodes_mm[face_nodes])
+        return cls(len(mesh.nodes_mm), face_nodes, reference, place, normal, np.zeros(len(place)))
+
     @cached_property
     def interpolation(self) -> csr_array:
         """Sparse (p, n): nodal values of a field on the mesh to values at the points; rows sum to one."""
@@ -44,10 +52,7 @@ class SurfacePoints:
         x = mesh.nodes_mm[self.face_nodes]
         tangent = np.einsum("pin,pnx->pix", t6_gradient(self.reference), x)
         step = _least_squares_step(tangent, tangent @ way_mm)
-        place, normal, _ = _place_and_normal(self.reference + step, x)
-        return SurfacePoints(
-            self.n_nodes, self.face_nodes, self.reference + step, place, normal, np.zeros(len(place))
-        )
+        return SurfacePoints.at(mesh, self.face_nodes, self.reference + step)
 
     def among(self, nodes: Int[np.ndarray, " c"]) -> "SurfacePoints":
         """The same points on a field that is known at these nodes only (sorted; every face's are there)."""
@@ -94,7 +99,6 @@ def locate(
             if reach[pair] < distance[owner[pair]]:
                 at = owner[pair]
                 face_nodes[at], reference[at], distance[at] = others[pair], there[pair], reach[pair]
-    place, normal, _ = _place_and_normal(reference, mesh.nodes_mm[face_nodes])
     if within_mm is not None and len(distance) and distance.max() > within_mm:
         worst = int(distance.argmax())
         where = ", ".join(f"{x:.1f}" for x in points_mm[worst])
@@ -104,7 +108,7 @@ def locate(
             f"{within_mm:g} mm from the skin (the worst at ({where}) mm, by {distance[worst]:.2f} "
             "mm). Check the pad's pose in the fruit frame",
         )
-    return SurfacePoints(len(mesh.nodes_mm), face_nodes, reference, place, normal, distance)
+    return replace(SurfacePoints.at(mesh, face_nodes, reference), distance_mm=distance)
 
 
 def skin_quadrature(mesh: FleshMesh) -> tuple[SurfacePoints, Float[np.ndarray, " p"]]:

@@ -32,13 +32,17 @@ def pieces(cells: Int[np.ndarray, "m c"], n_nodes: int) -> Int[np.ndarray, " m"]
     return np.unique(connected_components(graph, directed=False)[1][cells[:, 0]], return_inverse=True)[1]
 
 
+def pair_keys(ends: Int[np.ndarray, "*p 2"]) -> Int[np.ndarray, "*p"]:
+    """A number for each pair of nodes, which ascends as the pairs do."""
+    return np.asarray(ends[..., 0].astype(np.int64) << 32 | ends[..., 1])
+
+
 def unique_edges(
     cells: Int[np.ndarray, "m c"], local: Int[np.ndarray, "e 2"]
 ) -> tuple[np.ndarray, np.ndarray]:
     """All edges once, as sorted node pairs (u, 2), and for each cell the numbers of its edges (m, e)."""
     ends = np.sort(cells[:, local], axis=2).reshape(-1, 2)
-    key = ends[:, 0].astype(np.int64) << 32 | ends[:, 1]
-    _, first, inverse = np.unique(key, return_index=True, return_inverse=True)
+    _, first, inverse = np.unique(pair_keys(ends), return_index=True, return_inverse=True)
     return ends[first], inverse.reshape(len(cells), len(local))
 
 

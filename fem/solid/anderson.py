@@ -16,6 +16,8 @@ import numpy as np
 from jaxtyping import Float
 
 Step = Float[np.ndarray, "..."]
+_Change = tuple[Float[np.ndarray, " g"], Float[np.ndarray, "g n"], Step]
+"""Size and direction of a change of f, in each group, and by how much x + f(x) changed."""
 
 RESOLVED = 1e-4
 """Share of a change df_j that counts as learnt: what the other changes leave of it, if less, may be rounding,
@@ -38,34 +40,25 @@ class Anderson:
 
     def __init__(self, memory: int, *, weighed: Callable[[Step], Float[np.ndarray, "g n"]] = as_one) -> None:
         self._weighed = weighed
-        self._size: deque[Float[np.ndarray, " g"]] = deque(maxlen=memory)
-        self._change: deque[Float[np.ndarray, "g n"]] = deque(maxlen=memory)
-        self._move: deque[Step] = deque(maxlen=memory)
+        self._past: deque[_Change] = deque(maxlen=memory)
         self._plain: Step | None = None
         self._taken: Step | None = None
-
-    def __len__(self) -> int:
-        """How many changes the next step is mixed from."""
-        return len(self._move)
 
     def step(self, plain: Step) -> Step:
         """The step to take in the place of f(x) = `plain`; say with `took` that it was taken, or `forget`."""
         if self._plain is not None and self._taken is not None:
             change = self._weighed(plain) - self._weighed(self._plain)
             size = np.maximum(np.linalg.norm(change, axis=1), np.finfo(float).tiny)
-            self._size.append(size)
-            self._change.append(change / size[:, None])
-            self._move.append(plain - self._plain + self._taken)
+            self._past.append((size, change / size[:, None], plain - self._plain + self._taken))
         self._plain, self._taken = plain, None
-        if not self._move:
+        if not self._past:
             return plain
-        unit = np.stack(self._change, axis=1)
-        gram = unit @ np.swapaxes(unit, 1, 2) + RESOLVED**2 * np.eye(len(self))
-        mix = np.linalg.solve(gram, unit @ self._weighed(plain)[..., None])[..., 0] / np.stack(
-            self._size, axis=1
-        )
+        sizes, changes, moves = zip(*self._past, strict=True)
+        unit = np.stack(changes, axis=1)
+        gram = unit @ np.swapaxes(unit, 1, 2) + RESOLVED**2 * np.eye(len(moves))
+        mix = np.linalg.solve(gram, unit @ self._weighed(plain)[..., None])[..., 0] / np.stack(sizes, axis=1)
         step = plain.copy()
-        for g, move in zip(mix.T, self._move, strict=True):
+        for g, move in zip(mix.T, moves, strict=True):
             step -= g.reshape(-1, *[1] * (plain.ndim - 1)) * move
         return step
 
@@ -75,7 +68,5 @@ class Anderson:
 
     def forget(self) -> None:
         """Begin anew: a step was cut short, or f is another."""
-        self._size.clear()
-        self._change.clear()
-        self._move.clear()
+        self._past.clear()
         self._plain = self._taken = None

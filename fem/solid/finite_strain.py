@@ -56,12 +56,12 @@ class FiniteStrainSolid:
 
     @cached_value
     def rest(self) -> FiniteBalance:
-        """Without load: all that every load shares, and the linear tangent."""
+        """Without load: all that every load shares."""
         return FiniteBalance.of(self.solid, self.flesh)
 
     def prepare(self) -> None:
         """Computes `flesh` and `rest`, which threads then share."""
-        _ = self.rest
+        _ = self.rest.linear_tangent
 
     def displacement(
         self,
@@ -146,11 +146,13 @@ class FiniteStrainSolid:
             )
             ending = result.ending
             if ending is Ending.CONVERGED:
-                before, last = last, result.state
+                moved_mm = result.state.displacement_mm - last.displacement_mm
+                last = result.state
                 tangent = result.tangent or rest.linear_tangent
                 step = min(2 * step, 1 - wanted)
                 # straight on along the path so far
-                guess = rest.between(before, last, 1 + step / (wanted - share)) if step > 0 else last
+                ahead_mm = last.displacement_mm + step / (wanted - share) * moved_mm
+                guess = rest.admissible(ahead_mm) if step > 0 else last
                 share = wanted
             elif step / 2 < SMALLEST_SHARE:
                 break

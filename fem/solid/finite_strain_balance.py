@@ -16,6 +16,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 from scipy.spatial.transform import Rotation
 
+from fem.cached_value import cached_value
 from fem.solid.finite_strain_elements import FiniteFlesh
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.rigid_core import pit_centre_mm, rigid_modes
@@ -63,16 +64,12 @@ class BorderedTangent:
         return np.concatenate([loose - self.swept @ rest, rest])
 
 
-@dataclass
-class _Pattern:
-    """The analysis of the loose block, made at the first tangent and good for all that follow."""
-
-    analysis: Analysis | None = None
-
-
 @dataclass(frozen=True, kw_only=True)
 class FiniteBalance:
-    """The flesh under one load at finite strain, for `fem.solid.equilibrium`."""
+    """The flesh under one load at finite strain, for `fem.solid.equilibrium`.
+
+    `analyses`: that of the loose block, made at the first tangent and good for all that follow.
+    """
 
     solid: UnitModulusSolid
     flesh: FiniteFlesh
@@ -82,12 +79,11 @@ class FiniteBalance:
     held: Int[np.ndarray, " h"]
     arm_mm: Float[np.ndarray, "p 3"]
     means: Float[np.ndarray, "d c"]
-    linear_tangent: BorderedTangent
-    pattern: _Pattern
+    analyses: list[Analysis] = field(default_factory=list)
 
     @classmethod
     def of(cls, solid: UnitModulusSolid, flesh: FiniteFlesh) -> "FiniteBalance":
-        """Without load. The linear tangent uses the solid's own factor."""
+        """Without load."""
         mesh, free = solid.mesh, solid.support == "free"
         is_pit = np.zeros(len(mesh.nodes_mm), dtype=bool)
         is_pit[mesh.pit_nodes] = True
@@ -99,12 +95,10 @@ class FiniteBalance:
         length = mesh.volume_mm3 ** (1 / 3)
         scale = length * np.array([1.0, 1.0, 1.0, length, length, length])
         body = solid.free_body
-        means = (
-            np.linalg.solve(body.inertia, body.body_forces.T).T * scale
-            if free
-            else np.zeros((is_pit.size * 3, 0))
-        )
-        rest = cls(
+        means = np.zeros((is_pit.size * 3, 0))
+        if free:
+            means = np.linalg.solve(body.inertia, body.body_forces.T).T * scale
+        return cls(
             solid=solid,
             flesh=flesh,
             load=np.zeros(mesh.nodes_mm.shape),
@@ -113,18 +107,12 @@ class FiniteBalance:
             held=held,
             arm_mm=mesh.nodes_mm[mesh.pit_nodes] - centre,
             means=means,
-            linear_tangent=BorderedTangent(
-                solid.factor, np.zeros((0, 0)), np.zeros((0, 0)), np.zeros((0, 0))
-            ),
-            pattern=_Pattern(),
         )
-        return replace(rest, linear_tangent=rest._linear_tangent())
 
     def under(self, load: Float[np.ndarray, "n 3"]) -> "FiniteBalance":
         """The same under dead forces on the nodes; those on pit nodes act on the pit."""
-        loaded = replace(self, load=load)
         at_rest = self._reduced(load, self.arm_mm)
-        return replace(loaded, load_size=max(float(np.linalg.norm(at_rest)), 1e-300))
+        return replace(self, load=load, load_size=max(float(np.linalg.norm(at_rest)), 1e-300))
 
     @property
     def primal(self) -> int:
@@ -153,12 +141,6 @@ class FiniteBalance:
             if np.isfinite(state.force_N).all():
                 return state
             share = share / 2 if share > 1e-3 else 0.0
-
-    def between(self, first: FiniteState, second: FiniteState, share: float) -> FiniteState:
-        """The state at `share` of the way from the first to the second (beyond it, above one)."""
-        return self.admissible(
-            first.displacement_mm + share * (second.displacement_mm - first.displacement_mm)
-        )
 
     def residual(self, state: FiniteState) -> Float[np.ndarray, " d"]:
         """Forces of the flesh and of the multipliers less the load, then the mean rigid motion."""
@@ -191,9 +173,9 @@ class FiniteBalance:
         stiffness = self.flesh.stiffness(state.displacement_mm)
         rows = stiffness[self.loose]
         loose: csr_array = rows[:, self.loose]
-        if self.pattern.analysis is None:
-            self.pattern.analysis = analyse(loose)
-        factor = self.pattern.analysis.factorise(loose)
+        if not self.analyses:
+            self.analyses.append(analyse(loose))
+        factor = self.analyses[0].factorise(loose)
         motions = self._border_motions(self.arm_mm @ state.turn.T)
         border, corner = self._border(stiffness, motions)
         if len(self.arm_mm):
@@ -202,7 +184,8 @@ class FiniteBalance:
             corner[3:6, 3:6] += turning
         return BorderedTangent.of(factor, border, corner)
 
-    def _linear_tangent(self) -> BorderedTangent:
+    @cached_value
+    def linear_tangent(self) -> BorderedTangent:
         """With the solid's own factor, which holds the pit's motions on a base, and not in a free fruit."""
         motions = self._border_motions(self.arm_mm)
         if self.solid.kinematics.shape[1] == self.primal:

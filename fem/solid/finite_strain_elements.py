@@ -9,6 +9,7 @@ from jaxtyping import Float, Int
 from scipy.sparse import csr_array
 
 from fem.elements.assembly import ElementPattern
+from fem.elements.gradients import slopes_and_volumes
 from fem.elements.shape_functions import t10_gradient, tet_quadrature
 from fem.materials.law import UnitLaw
 from fem.mesh.flesh_mesh import FleshMesh
@@ -35,14 +36,11 @@ class FiniteFlesh:
     def of(cls, mesh: FleshMesh, law: UnitLaw, *, degree: Literal[2, 5] = 5) -> "FiniteFlesh":
         """Gradients at the points of every element, 14 or for degree 2 four, and the stiffness's pattern."""
         points, weights = tet_quadrature(degree)
-        reference = t10_gradient(points)  # (q, i, a)
-        n, m = len(mesh.nodes_mm), len(mesh.tets)
+        reference, n, m = t10_gradient(points), len(mesh.nodes_mm), len(mesh.tets)
         gradient, measure = np.empty((m, 10, 3, len(weights))), np.empty((m, len(weights)))
         for part in _parts(m, _FORCE_BATCH):
-            x = mesh.nodes_mm[mesh.tets[part]]
-            jacobian = np.einsum("qin,mnx->mqix", reference, x, optimize=True)
-            measure[part] = np.linalg.det(jacobian) * weights
-            gradient[part] = np.linalg.solve(jacobian, reference[None]).transpose(0, 3, 2, 1)
+            slope, det = slopes_and_volumes(mesh.nodes_mm[mesh.tets[part]], reference)
+            measure[part], gradient[part] = det * weights, slope.transpose(0, 3, 2, 1)
         return cls(law, mesh.tets, n, gradient, measure, ElementPattern.of(mesh.tets, n))
 
     def force_N(self, displacement_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:

@@ -8,9 +8,9 @@ from functools import cache
 
 import numpy as np
 from jaxtyping import Float
-from scipy.sparse import coo_array, csr_array
+from scipy.sparse import csr_array
 
-from fem.elements.assembly import unit_lame_constants
+from fem.elements.assembly import scattered, unit_lame_constants
 from fem.elements.gradients import slopes_and_volumes
 from fem.elements.shape_functions import TET_EDGES, t10_gradient, t10_shape
 from fem.mesh.flesh_mesh import FleshMesh
@@ -62,10 +62,7 @@ def ball_stiffness(
     trace = mu * np.einsum("makbk->mab", products)
     for axis in range(3):
         stiffness[:, :, axis, :, axis] += trace
-    dofs = (3 * tets[:, :, None] + np.arange(3)).reshape(-1, 30)
-    size = 3 * len(mesh.nodes_mm)
-    row, column = np.repeat(dofs, 30, axis=1).ravel(), np.tile(dofs, (1, 30)).ravel()
-    return csr_array(coo_array((stiffness.ravel(), (row, column)), shape=(size, size)).tocsr())
+    return scattered(stiffness.reshape(-1, 30, 30), tets, len(mesh.nodes_mm))
 
 
 def drop_of(ratio: float, poisson_ratio: float) -> float:

@@ -91,13 +91,7 @@ class UnitModulusSolid:
         """
         load = self._columns(nodal_force_N)
         displacement = self.kinematics @ self.factor.solve(self.kinematics.T @ load)
-        if self.support == "free":
-            body, acceleration = self.free_body, self.free_body.acceleration(load)
-            work = body.body_forces.T @ displacement
-            work -= (body.body_forces.T @ self.under_body_forces) @ acceleration
-            motion = np.linalg.solve(body.inertia, work)
-            taken = np.hstack([self.under_body_forces, body.modes])
-            displacement -= taken @ np.vstack([acceleration, motion])
+        displacement -= self._of_balance(load, slice(None))
         return np.ascontiguousarray(displacement.T).reshape(nodal_force_N.shape)
 
     def contact_displacement(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f c 3"]:
@@ -106,13 +100,20 @@ class UnitModulusSolid:
         dofs, moves, columns = self._contact_dofs
         displacement = np.zeros((len(dofs), load.shape[1]))
         displacement[moves] = self.factor.solve_at(self.kinematics.T @ load, columns)
-        if self.support == "free":
-            body, acceleration = self.free_body, self.free_body.acceleration(load)
-            work = self.under_body_forces.T @ load
-            work -= (body.body_forces.T @ self.under_body_forces) @ acceleration
-            displacement -= self.under_body_forces[dofs] @ acceleration
-            displacement -= body.modes[dofs] @ np.linalg.solve(body.inertia, work)
+        displacement -= self._of_balance(load, dofs)
         return np.ascontiguousarray(displacement.T).reshape(len(nodal_force_N), -1, 3)
+
+    def _of_balance(
+        self, load: Float[np.ndarray, "d f"], dofs: Int[np.ndarray, " c"] | slice
+    ) -> Float[np.ndarray, "c f"] | float:
+        """Displacement of these dofs by what balances a free fruit's loads, and the mean rigid motion."""
+        if self.support == "base":
+            return 0.0
+        body, acceleration = self.free_body, self.free_body.acceleration(load)
+        work = self.under_body_forces.T @ load
+        work -= (body.body_forces.T @ self.under_body_forces) @ acceleration
+        motion = np.linalg.solve(body.inertia, work)
+        return np.asarray(self.under_body_forces[dofs] @ acceleration + body.modes[dofs] @ motion)
 
     @cached_value
     def _contact_dofs(self) -> tuple[Int[np.ndarray, " d"], Int[np.ndarray, " m"], Int[np.ndarray, " m"]]:

@@ -8,6 +8,7 @@ import numpy as np
 from jaxtyping import Float
 from scipy.sparse import csr_array
 
+from fem.elements.assembly import scattered
 from fem.elements.shape_functions import t6_gradient, tri_quadrature
 from fem.mesh.flesh_mesh import FleshMesh
 
@@ -29,10 +30,7 @@ def membrane_stiffness(mesh: FleshMesh, *, poisson_ratio: float) -> csr_array:
     blocks = np.einsum("mq,mqab,mqxy->maxby", shear * area, near, along, optimize=True)
     blocks += np.einsum("mq,mqay,mqbx->maxby", shear * area, slope, slope, optimize=True)
     blocks += np.einsum("mq,mqax,mqby->maxby", bulk * area, slope, slope, optimize=True)
-    dofs = (3 * mesh.outer_faces[:, :, None] + np.arange(3)).reshape(len(x), 18)
-    row, column = np.repeat(dofs, 18, axis=1).ravel(), np.tile(dofs, (1, 18)).ravel()
-    size = 3 * len(mesh.nodes_mm)
-    return csr_array((blocks.reshape(-1), (row, column)), shape=(size, size))
+    return scattered(blocks.reshape(-1, 18, 18), mesh.outer_faces, len(mesh.nodes_mm))
 
 
 def membrane_forces(

@@ -9,7 +9,7 @@ with sigma the linear elastic stress for E = 1 MPa (Sokolowski and Zolesio 1992,
 Optimization, section 2.11, for elasticity).
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -53,13 +53,9 @@ def stiffness_change(
 ) -> Float[np.ndarray, "p f n 3"]:
     """(dK0/de) u for each velocity field and displacement: forces on the nodes for E = 1 MPa."""
     mu, lame = unit_lame_constants(poisson_ratio)
-    fields = np.concatenate([displacement, velocities])
-    nodal = np.ascontiguousarray(fields.transpose(1, 0, 2)).reshape(len(mesh.nodes_mm), -1)
     n_loads, n_ways = len(displacement), len(velocities)
-    change = np.zeros((len(nodal), n_ways * n_loads * 3))
-    for start in range(0, len(mesh.tets), _BATCH):
-        gradient, slope, measure = _gradients(mesh, nodal, slice(start, start + _BATCH))
-        strained, moving = np.split(gradient, [n_loads])
+    change = np.zeros((len(mesh.nodes_mm), n_ways * n_loads * 3))
+    for tets, (strained, moving), slope, measure in _gradients(mesh, displacement, velocities):
         stress = _stress(strained, mu, lame)
         flux = np.empty((measure.size, 3, n_ways, n_loads, 3))
         for k, g in enumerate(moving):
@@ -70,8 +66,9 @@ def stiffness_change(
             stress_change *= measure.ravel()
             flux[:, :, k] = stress_change.transpose(3, 2, 0, 1)
         force = slope.transpose(0, 2, 1) @ flux.reshape(*slope.shape[:2], -1)
-        tets = mesh.tets[start : start + _BATCH].ravel()
-        _add_rows(change, tets, force.reshape(len(tets), -1))
+        nodes, place = np.unique(tets, return_inverse=True)
+        gather = csr_array((np.ones(tets.size), (place.ravel(), np.arange(tets.size))))
+        change[nodes] += gather @ force.reshape(tets.size, -1)
     nodal_force = change.reshape(-1, n_ways, n_loads, 3).transpose(1, 2, 0, 3)
     return np.ascontiguousarray(nodal_force)
 
@@ -93,20 +90,15 @@ def work_of_change(
     1975).
     """
     mu, lame = unit_lame_constants(poisson_ratio)
-    fields = np.concatenate([displacement, other, velocities])
-    nodal = np.ascontiguousarray(fields.transpose(1, 0, 2)).reshape(len(mesh.nodes_mm), -1)
-    count = len(displacement)
-    work = np.zeros((len(velocities), count))
-    for start in range(0, len(mesh.tets), _BATCH):
-        gradient, _, measure = _gradients(mesh, nodal, slice(start, start + _BATCH))
-        u, v, moving = np.split(gradient, [count, 2 * count])
+    work = np.zeros((len(velocities), len(displacement)))
+    for _, (u, v, moving), _, measure in _gradients(mesh, displacement, other, velocities):
         of_u, of_v = _stress(u, mu, lame), _stress(v, mu, lame)
         tensor = -np.einsum("fixe,fiye->fxye", u, of_v) - np.einsum("fixe,fiye->fxye", v, of_u)
         both = np.einsum("fixe,fixe->fe", of_u, v)
         for x in range(3):
             tensor[:, x, x] += both
         tensor *= measure.ravel()
-        work += moving.reshape(len(moving), -1) @ tensor.reshape(count, -1).T
+        work += moving.reshape(len(moving), -1) @ tensor.reshape(len(u), -1).T
     return work
 
 
@@ -201,17 +193,28 @@ def _skin_motion(
 
 
 def _gradients(
-    mesh: FleshMesh, nodal: Float[np.ndarray, "n d"], elements: slice
-) -> tuple[Float[np.ndarray, "f 3 3 e"], Float[np.ndarray, "m q3 10"], Float[np.ndarray, "m q"]]:
-    """[i, x] of d(field)_i/dx at all points of some elements, of fields side by side; dN/dx and
-    volumes of the points."""
-    tets = mesh.tets[elements]
-    slope, det = slopes_and_volumes(mesh.nodes_mm[tets], t10_gradient(POINTS))
-    slope, measure = slope.reshape(len(tets), -1, 10), det * SHARES / 6
-    values = nodal[tets]
-    values -= values[:, :1]  # what moves as a whole has no gradient, to the last digit
-    gradient = (slope @ values).reshape(measure.size, 3, -1, 3)
-    return np.ascontiguousarray(gradient.transpose(2, 3, 1, 0)), slope, measure
+    mesh: FleshMesh, *fields: Float[np.ndarray, "_ n 3"]
+) -> Iterator[
+    tuple[
+        Int[np.ndarray, "m 10"],
+        list[Float[np.ndarray, "_ 3 3 e"]],
+        Float[np.ndarray, "m q3 10"],
+        Float[np.ndarray, "m q"],
+    ]
+]:
+    """Of elements in batches: nodes; [i, x] of d(field)_i/dx at all points, for each group of fields; dN/dx
+    and volumes of the points.
+    """
+    nodal = np.ascontiguousarray(np.concatenate(fields).transpose(1, 0, 2)).reshape(len(mesh.nodes_mm), -1)
+    groups = np.cumsum([len(field) for field in fields])[:-1]
+    for start in range(0, len(mesh.tets), _BATCH):
+        tets = mesh.tets[start : start + _BATCH]
+        slope, det = slopes_and_volumes(mesh.nodes_mm[tets], t10_gradient(POINTS))
+        slope, measure = slope.reshape(len(tets), -1, 10), det * SHARES / 6
+        values = nodal[tets]
+        values -= values[:, :1]  # what moves as a whole has no gradient, to the last digit
+        gradient = (slope @ values).reshape(measure.size, 3, -1, 3)
+        yield tets, np.split(np.ascontiguousarray(gradient.transpose(2, 3, 1, 0)), groups), slope, measure
 
 
 def _stress(gradient: Float[np.ndarray, "f 3 3 e"], mu: float, lame: float) -> Float[np.ndarray, "f 3 3 e"]:
@@ -221,12 +224,3 @@ def _stress(gradient: Float[np.ndarray, "f 3 3 e"], mu: float, lame: float) -> F
     for i in range(3):
         stress[:, i, i] += trace
     return np.asarray(stress)
-
-
-def _add_rows(
-    total: Float[np.ndarray, "n k"], rows: Int[np.ndarray, " e"], values: Float[np.ndarray, "e k"]
-) -> None:
-    """total[rows] += values, row by row."""
-    nodes, place = np.unique(rows, return_inverse=True)
-    gather = csr_array((np.ones(len(rows)), (place, np.arange(len(rows)))), shape=(len(nodes), len(rows)))
-    total[nodes] += gather @ values

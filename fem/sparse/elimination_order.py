@@ -72,9 +72,7 @@ def same_pattern_groups(matrix: csr_array) -> Groups:
             weight[matrix.indices[part[0] : part[-1]]], part[:-1] - part[0]
         )
     _, first, of_dof = np.unique(mark, return_index=True, return_inverse=True)
-    rank = np.empty(len(first), dtype=np.int64)
-    rank[np.argsort(first)] = np.arange(len(first))  # keeps the numbering's locality
-    of_dof = rank[of_dof]
+    of_dof = np.argsort(np.argsort(first))[of_dof]  # keeps the numbering's locality
     start = np.concatenate([[0], np.cumsum(np.bincount(of_dof))])
     members = np.argsort(of_dof, kind="stable")
     length = np.diff(matrix.indptr)[members[start[:-1]]].astype(np.int64)
@@ -127,8 +125,7 @@ def tree_in_order(groups: Groups, order: Int[np.ndarray, " g"]) -> EliminationTr
     """The elimination tree of groups eliminated in a given order."""
     row, column = groups.links
     n = len(order)
-    place = np.empty(n, dtype=np.int64)
-    place[order] = np.arange(n)
+    place = np.argsort(order)
     low, high = place[row], place[column]
     once = low < high
     low, high = low[once], high[once]

@@ -54,9 +54,7 @@ class Fronts:
     @cached_property
     def position(self) -> Int[np.ndarray, " d"]:
         """Of each dof in the order of elimination."""
-        position = np.empty(len(self.order), dtype=np.int64)
-        position[self.order] = np.arange(len(self.order))
-        return position
+        return np.argsort(self.order)
 
 
 def fronts(matrix: csr_array) -> Fronts:
@@ -66,8 +64,7 @@ def fronts(matrix: csr_array) -> Fronts:
     nodes = supernodes(tree, groups.size)
     pivots = _in_long_runs(nodes, len(tree.order))
     ordered = np.concatenate(pivots)
-    position = np.empty(len(ordered), dtype=np.int64)
-    position[ordered] = np.arange(len(ordered))
+    position = np.argsort(ordered)
     group = tree.order[ordered]
     size = groups.size[group]
     offset = np.concatenate([[0], np.cumsum(size)])
@@ -115,8 +112,7 @@ def front_entries(
 
     The row of a dof is read as its column.
     """
-    position = np.empty(len(order), dtype=np.int32)
-    position[order] = np.arange(len(order))
+    position = np.argsort(order)
     length = np.diff(matrix.indptr)[order]
     where = np.empty(len(order), dtype=np.int64)
     sources, targets, bounds = [], [], [0]

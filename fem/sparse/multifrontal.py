@@ -84,8 +84,7 @@ class CholeskyFactor:
             total[low:high, low:high] += y[:p].T @ y[:p]
             if fronts.parent[s] >= 0:
                 pending[fronts.parent[s]].append((s, y[p:] - self.below[s] @ y[:p]))
-        back = np.empty_like(by_position)
-        back[by_position] = np.arange(len(back))
+        back = np.argsort(by_position)
         return total[np.ix_(back, back)]
 
     def _forward(self, load: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "d f"]:

@@ -125,8 +125,7 @@ def _postordered(pivots: list[np.ndarray], rows: list[np.ndarray], n: int) -> Su
         order.append(s)
         stack += children[s]
     order.reverse()
-    rank = np.empty(len(order), dtype=np.int64)
-    rank[order] = np.arange(len(order))
+    rank = np.argsort(order)
     return Supernodes(
         [pivots[s] for s in order],
         [rows[s] for s in order],

@@ -4,7 +4,7 @@ from compressed_solid import neo_hookean, punched_slab
 from pressed_slab import Linear, Plastic, PressedSlab
 
 from fem.fem_failure import FemFailure
-from fem.indentation.effects.trace_plastic_set import flowing_slack_mm
+from fem.indentation.effects.trace_plastic_set import plastic_slack_mm
 from fem.indentation.flat_punch import FlatPunch, slab_factor_of_punch
 
 
@@ -60,6 +60,14 @@ def test_a_slab_too_thin_is_refused_with_the_way_out():
         FlatPunch(radius_mm=-1.0)
 
 
+def elastic_mm(curve, yield_MPa, deepest_mm):
+    """What of these depths stays elastic, E = 1 MPa."""
+    set_mm = plastic_slack_mm(
+        {"yield_over_E": np.array([yield_MPa])}, curve, deepest_mm[None], np.zeros((1, 1))
+    )
+    return deepest_mm - set_mm[0, :, 0]
+
+
 class FlatPressedSlab(PressedSlab):
     """The slab under a flat end of 0.98 `radius_mm`, at whose rim a node lies."""
 
@@ -81,15 +89,11 @@ def test_flow_under_a_punch_follows_finite_elements_within_a_fiftieth(yield_MPa,
         )
     )
     curve = FlatPunch(radius_mm=2.0).curve(thickness_mm=15.0, poisson_ratio=0.45)
-    limit_mm = np.array([[yield_MPa * curve.yield_depth_mm]])
-    elastic = depth - flowing_slack_mm(limit_mm, depth[None], sharp=False)[0]
-    share = curve.force_N_per_MPa(elastic) / curve.force_N_per_MPa(depth)
+    share = curve.force_N_per_MPa(elastic_mm(curve, yield_MPa, depth)) / curve.force_N_per_MPa(depth)
     assert share * linear == pytest.approx(plastic, abs=0.02 * plastic.max())
 
 
 def test_flesh_that_flows_carries_shields_pressure():
     curve = FlatPunch(radius_mm=2.0).curve(thickness_mm=None, poisson_ratio=0.45)
-    deep = np.array([[50.0]])
-    elastic = deep - flowing_slack_mm(np.array([[0.01 * curve.yield_depth_mm]]), deep, sharp=False)
-    pressure = curve.force_N_per_MPa(elastic)[0, 0] / (np.pi * 2.0**2)
+    pressure = curve.force_N_per_MPa(elastic_mm(curve, 0.01, np.array([50.0])))[0] / (np.pi * 2.0**2)
     assert pressure / 0.01 == pytest.approx(5.69 / 2, rel=1e-3)

@@ -6,7 +6,7 @@ from pressed_slab import Linear, PressedSlab
 from fem.indentation.ball import Ball
 from fem.indentation.effects.trace_damage import damage_share
 from fem.indentation.effects.trace_plastic_set import plastic_slack_mm
-from fem.indentation.effects.trace_stiffening import stiffening_share
+from fem.indentation.effects.trace_stiffening import fung_share
 from fem.indentation.effects.trace_viscoelastic import viscoelastic_parameters
 from fem.indentation.energy_share import half_space, hertz_energy_density
 from fem.indentation.foundation import Springs
@@ -30,7 +30,7 @@ def test_hertz_energy_in_the_half_space_is_the_work_of_the_force():
 def test_stiffening_follows_finite_elements_within_a_hundredth(b):
     depth, force = curve(f"stiffening b={b}")
     linear = curve("linear")[1]
-    share = stiffening_share(np.array([[float(b)]]), SLAB.energy_strain(depth)[None], poisson_ratio=NU)[0]
+    share = fung_share({"b": np.array([float(b)])}, SLAB, depth[None])[0]
     assert share[4:20] == pytest.approx(force[4:20] / linear[4:20], rel=0.012)
 
 
@@ -39,13 +39,8 @@ def test_damage_follows_finite_elements_in_and_out_again(dmax, W0):
     depth, force = curve(f"damage dmax={dmax} W0_over_E={W0}")
     linear = curve("linear")[1]
     deepest = np.maximum.accumulate(depth)
-    share = damage_share(
-        np.array([[dmax]]),
-        np.array([[W0]]),
-        SLAB.energy_strain(deepest)[None],
-        (depth / deepest)[None],
-        poisson_ratio=NU,
-    )[0]
+    value = {"dmax": np.array([dmax]), "W0_over_E": np.array([W0])}
+    share = damage_share(value, SLAB, depth[None], deepest[None])[0]
     off = (share * linear - force) / force.max()
     assert np.abs(off).max() < 0.04
     assert share[:20] == pytest.approx(force[:20] / linear[:20], rel=0.04)
@@ -55,14 +50,9 @@ def test_damage_follows_finite_elements_in_and_out_again(dmax, W0):
 def test_plastic_set_follows_finite_elements_within_a_twentieth(yield_over_E):
     depth, force = curve(f"plastic_set yield_over_E={yield_over_E}")
     springs = Springs.of(SLAB.force_N_per_MPa, np.array([depth.max()]))
-    slack = plastic_slack_mm(
-        np.array([[yield_over_E]]),
-        np.maximum.accumulate(depth)[None],
-        springs.level_mm[:, :-1],
-        poisson_ratio=NU,
-        radius_mm=RADIUS_MM,
-        over_half_space=SLAB.over_half_space(np.maximum.accumulate(depth))[None],
-    )
+    deepest = np.maximum.accumulate(depth)[None]
+    value = {"yield_over_E": np.array([yield_over_E])}
+    slack = plastic_slack_mm(value, SLAB, deepest, springs.level_mm[:, :-1])
     law_force = springs.elastic_force(depth[None], slack)[0]
     off = (law_force - force) / force.max()
     assert np.sqrt(np.mean(off**2)) < 0.05

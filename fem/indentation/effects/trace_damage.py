@@ -20,31 +20,31 @@ LEAST = 0.05
 
 
 def damage_share(
-    dmax: Float[np.ndarray, "p 1"],
-    W0_over_E: Float[np.ndarray, "p 1"],
-    deepest_strain: Float[np.ndarray, "p t"],
-    left: Float[np.ndarray, "p t"],
-    *,
-    poisson_ratio: float,
+    value: Values,
+    curve: ContactCurve,
+    depth_mm: Float[np.ndarray, "p t"],
+    deepest_mm: Float[np.ndarray, "p t"],
 ) -> Float[np.ndarray, "p t"]:
-    """Force over the undamaged one where `left` of the largest depth is left of it.
-
-    `deepest_strain`: the energy strain there (ContactCurve), depth/R on a half-space.
+    """Force over the undamaged one at a depth after the deepest.
 
     Stress times 1 - dmax (1 - exp(-Wmax/W0)), Wmax Hertz's energy density at the deepest point and the force
     the work of that stress in Hertz's strains at the present one: a ball drawn back feels the worst damaged
     flesh alone. Damaged flesh is strained more for it: energies grow by the force share to the power -2.7,
-    which follows finite elements (the tests say how closely).
+    which follows finite elements (the tests say how closely). In an even field all flesh is damaged equally,
+    and strained as the plates demand.
     Source: Simo, "On a fully three-dimensional finite-strain viscoelastic damage model", Comput. Methods
     Appl. Mech. Engrg. 60, 1987 (discontinuous damage driven by the largest energy).
     """
-    log_k = np.log(deepest_strain / (2 * (1 + poisson_ratio) * W0_over_E))
-    table, widest = _lost_share(poisson_ratio)
-    lost = np.zeros_like(log_k)
+    dmax = value["dmax"][:, None]
+    k = curve.energy_strain(deepest_mm) / (2 * (1 + curve.poisson_ratio) * value["W0_over_E"][:, None])
+    if curve.field == "uniform":
+        return np.asarray(1 + dmax * np.expm1(-k))
+    table, widest = _lost_share(curve.poisson_ratio)
+    log_k, lost = np.log(k), np.zeros_like(k)
     for _ in range(ROUNDS):
         raised = np.clip(log_k - FEEDBACK * np.log1p(-lost), REACH[0], REACH[1])
         lost = dmax * widest(raised)
-    width = np.sqrt(np.clip(left, LEAST**2, 1.0))
+    width = np.sqrt(np.clip(depth_mm / deepest_mm, LEAST**2, 1.0))
     return np.asarray(1 - dmax * table.ev(raised, width))
 
 
@@ -69,32 +69,13 @@ def _lost_share(poisson_ratio: float) -> tuple[RectBivariateSpline, Interpolated
     return RectBivariateSpline(log_k, width, lost), InterpolatedUnivariateSpline(log_k, lost[:, -1])
 
 
-def _factor(
-    value: Values,
-    curve: ContactCurve,
-    depth_mm: Float[np.ndarray, "p t"],
-    deepest_mm: Float[np.ndarray, "p t"],
-) -> Float[np.ndarray, "p t"]:
-    if curve.field == "uniform":  # all flesh is damaged equally, and strained as the plates demand
-        mu_over_W0 = 1 / (2 * (1 + curve.poisson_ratio) * value["W0_over_E"][:, None])
-        lost = -np.expm1(-mu_over_W0 * curve.energy_strain(deepest_mm))
-        return np.asarray(1 - value["dmax"][:, None] * lost)
-    return damage_share(
-        value["dmax"][:, None],
-        value["W0_over_E"][:, None],
-        curve.energy_strain(deepest_mm),
-        depth_mm / deepest_mm,
-        poisson_ratio=curve.poisson_ratio,
-    )
-
-
 DAMAGE = TraceEffect(
     name=SPEC.name,
     unknowns=(
         unknown(SPEC, "dmax", scale="logit", mean=-0.4, sd=1.0),
         unknown(SPEC, "W0_over_E", scale="log", mean=float(np.log(0.02)), sd=1.3),
     ),
-    force_factor=_factor,
+    force_factor=damage_share,
 )
 """Priors on the scales named: dmax 0.4 (0.2 to 0.65), W0/E 0.02 within a factor of 3.7 (set by hand). This
 reduced law is off by 0.3 % of the largest force (tests/fem/test_indenter_laws.py)."""

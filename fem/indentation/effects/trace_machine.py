@@ -1,10 +1,8 @@
 """Effects of the machine: compliance of the rig, and drift of the load cell's zero."""
 
 import numpy as np
-from jaxtyping import Float
 
-from fem.indentation.trace import IndenterTrace
-from fem.indentation.trace_effect import TraceEffect, Values, unknown
+from fem.indentation.trace_effect import TraceEffect, unknown
 from fem.mismatch.effects import gripper_compliance, sensor_drift
 
 #: prior median of the machine's stiffness (N/mm), and the standard deviation of its logarithm: grippers
@@ -13,24 +11,13 @@ MACHINE_N_PER_MM, MACHINE_SD = 100.0, 1.5
 #: drift of a faulty load cell over that of its class, which the plain law allows for (set by hand)
 FAULT = 10.0
 
-
-def _give_mm(value: Values, trace: IndenterTrace) -> Float[np.ndarray, "p t"]:
-    pushing = trace.force_N - value["zero_N"][:, None]
-    return np.asarray(value["mm_per_N"][:, None] * pushing)
-
-
+_COMPLIANCE = unknown(
+    gripper_compliance.SPEC, "mm_per_N", scale="log", mean=-float(np.log(MACHINE_N_PER_MM)), sd=MACHINE_SD
+)
 GRIPPER_COMPLIANCE = TraceEffect(
     name=gripper_compliance.SPEC.name,
-    unknowns=(
-        unknown(
-            gripper_compliance.SPEC,
-            "mm_per_N",
-            scale="log",
-            mean=-float(np.log(MACHINE_N_PER_MM)),
-            sd=MACHINE_SD,
-        ),
-    ),
-    give_mm=_give_mm,
+    unknowns=(_COMPLIANCE,),
+    give_mm=lambda value, trace: value["mm_per_N"][:, None] * (trace.force_N - value["zero_N"][:, None]),
 )
 """True depth = travel - c F with the measured F."""
 
@@ -39,8 +26,8 @@ def drift_of_cell(*, class_N_per_min: float) -> TraceEffect:
     """Recorded force = true force + rate times time, of a load cell ten times worse than its class."""
     spec = sensor_drift.SPEC
     rate = unknown(spec, "newton_per_s", scale="linear", mean=0.0, sd=FAULT * class_N_per_min / 60)
-    return TraceEffect(name=spec.name, unknowns=(rate,), added_N=_added_N)
-
-
-def _added_N(value: Values, trace: IndenterTrace) -> Float[np.ndarray, "p t"]:
-    return np.asarray(value["newton_per_s"][:, None] * (trace.time_s - trace.time_s[0]))
+    return TraceEffect(
+        name=spec.name,
+        unknowns=(rate,),
+        added_N=lambda value, trace: value["newton_per_s"][:, None] * (trace.time_s - trace.time_s[0]),
+    )

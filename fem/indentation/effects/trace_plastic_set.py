@@ -15,13 +15,10 @@ RIM = 4.0
 
 
 def plastic_slack_mm(
-    yield_over_E: Float[np.ndarray, "p 1"],
+    value: Values,
+    curve: ContactCurve,
     deepest_mm: Float[np.ndarray, "p t"],
     level_mm: Float[np.ndarray, "p n"],
-    *,
-    poisson_ratio: float,
-    radius_mm: float,
-    over_half_space: Float[np.ndarray, "p t"],
 ) -> Float[np.ndarray, "p t n"]:
     """How far each spring has set: what it was pressed beyond what the flesh's pressure can carry.
 
@@ -29,57 +26,36 @@ def plastic_slack_mm(
     spring carries E* per length, so that, with a^2 = R d, x^2 = R y, its compression is bounded by k sqrt(m),
     m = d - y, k = 2 P/E* sqrt(R). Elastic compression m/(1 + (sqrt(m)/k)^1.7)^(1/1.7), P = 4.9 Y, follows
     finite elements to about 5 % of the largest force; a slab's springs are stiffer and give less for it, by
-    the slab's factor on the force (`over_half_space`, at the deepest point). The set is what m exceeds it by.
+    the slab's factor on the force (at the deepest point). The set is what m exceeds it by.
     Source: Johnson, "Contact Mechanics", 1985, sec. 6.2-6.3 (hardness; fully plastic P = 3 Y over the true,
     piled-up contact).
+
+    Under a tool whose contact does not grow flesh flows everywhere beyond one depth, and the force stays
+    (perfect plasticity). An even field reaches that limit at once; under a punch flow starts at the rim and
+    spreads: of the depth m, m/(1 + (m/limit)^4)^(1/4) stays elastic. It follows finite elements to a fiftieth
+    of the force down to 1.3 limits; at 2.6 they still rise and are a seventh above.
     """
+    yield_over_E = value["yield_over_E"][:, None]
+    if curve.yield_depth_mm is not None:
+        limit_mm = yield_over_E * curve.yield_depth_mm
+        if curve.field == "uniform":
+            set_mm = np.maximum(deepest_mm - limit_mm, 0.0)
+        else:
+            set_mm = deepest_mm - deepest_mm / (1 + (deepest_mm / limit_mm) ** RIM) ** (1 / RIM)
+        return np.broadcast_to(set_mm[:, :, None], (*set_mm.shape, level_mm.shape[1]))
     over = np.maximum(deepest_mm[:, :, None] - level_mm[:, None], 0.0)
-    k = 2 * HARDNESS * (1 - poisson_ratio**2) * np.sqrt(radius_mm) * yield_over_E / over_half_space
+    root = np.sqrt(curve.length_mm) / curve.over_half_space(deepest_mm)
+    k = 2 * HARDNESS * (1 - curve.poisson_ratio**2) * yield_over_E * root
     pressed = over > 0
     m, k = over[pressed], np.broadcast_to(k[..., None], over.shape)[pressed]
     over[pressed] = m - m / (1 + (np.sqrt(m) / k) ** SHARP) ** (1 / SHARP)
     return np.asarray(over)
 
 
-def flowing_slack_mm(
-    limit_mm: Float[np.ndarray, "p 1"], deepest_mm: Float[np.ndarray, "p t"], *, sharp: bool
-) -> Float[np.ndarray, "p t"]:
-    """Set of flesh under a tool whose contact does not grow: what is pressed beyond `limit_mm`, where flesh
-    flows everywhere and the force stays (perfect plasticity).
-
-    An even field reaches it at once (`sharp`); under a punch flow starts at the rim and spreads: of the depth
-    m, m/(1 + (m/limit)^4)^(1/4) stays elastic. It follows finite elements to a fiftieth of the force down to
-    1.3 limits; at 2.6 they still rise and are a seventh above.
-    """
-    if sharp:
-        return np.asarray(np.maximum(deepest_mm - limit_mm, 0.0))
-    return np.asarray(deepest_mm - deepest_mm / (1 + (deepest_mm / limit_mm) ** RIM) ** (1 / RIM))
-
-
-def _slack_mm(
-    value: Values,
-    curve: ContactCurve,
-    deepest_mm: Float[np.ndarray, "p t"],
-    level_mm: Float[np.ndarray, "p n"],
-) -> Float[np.ndarray, "p t n"]:
-    if curve.yield_depth_mm is not None:
-        limit_mm = value["yield_over_E"][:, None] * curve.yield_depth_mm
-        slack = flowing_slack_mm(limit_mm, deepest_mm, sharp=curve.field == "uniform")
-        return np.broadcast_to(slack[:, :, None], (*slack.shape, level_mm.shape[1]))
-    return plastic_slack_mm(
-        value["yield_over_E"][:, None],
-        deepest_mm,
-        level_mm,
-        poisson_ratio=curve.poisson_ratio,
-        radius_mm=curve.length_mm,
-        over_half_space=curve.over_half_space(deepest_mm),
-    )
-
-
 PLASTIC_SET = TraceEffect(
     name=SPEC.name,
     unknowns=(unknown(SPEC, "yield_over_E", scale="log", mean=float(np.log(0.08)), sd=1.0),),
-    slack_mm=_slack_mm,
+    slack_mm=plastic_slack_mm,
 )
 """Prior: yield stress 0.08 E within a factor of 2.7 (set by hand). This reduced law is off by 0.5 % of the
 largest force (tests/fem/test_indenter_laws.py)."""

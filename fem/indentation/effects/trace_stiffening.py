@@ -22,18 +22,19 @@ LARGEST = 100.0
 FLATTEST = 0.1
 
 
-def stiffening_share(
-    b: Float[np.ndarray, "p 1"], strain: Float[np.ndarray, "p n"], *, poisson_ratio: float
+def fung_share(
+    value: Values, curve: ContactCurve, level_mm: Float[np.ndarray, "p n"]
 ) -> Float[np.ndarray, "p n"]:
-    """Force over the linear one where stress is exp(b W/mu) times linear; strain = (a/R)^2 = depth/R
-    on a half-space, ContactCurve.energy_strain in general.
+    """Force over the linear one where stress is exp(b W/mu) times linear.
 
     In Hertz's strains the stored energy mu/b (exp(b W/mu) - 1) gives 1 + e, an upper bound; the true field
     spreads from where flesh stiffens: (1 + e/0.19)^0.19 follows finite elements (the tests say how closely).
+    An even field has nowhere to escape to: there the law itself holds.
     Source: Fung, "Elasticity of soft tissues in simple elongation", Am. J. Physiol. 213, 1967; its spreading:
     energy_share.
     """
-    return np.asarray(np.exp(_log_share(poisson_ratio)(np.minimum(b * strain, LARGEST))))
+    grown = np.minimum(value["b"][:, None] * curve.energy_strain(level_mm), LARGEST)
+    return np.asarray(np.exp(grown if curve.field == "uniform" else _log_share(curve.poisson_ratio)(grown)))
 
 
 @lru_cache(maxsize=8)
@@ -45,13 +46,6 @@ def _log_share(poisson_ratio: float) -> CubicSpline:
     grown = s[:, None] * w
     share = force_share(np.expm1(grown) / s[:, None], w * np.exp(grown), poisson_ratio=poisson_ratio)
     return CubicSpline(np.r_[0, s], np.r_[0, ESCAPE * np.log1p((share - 1) / ESCAPE)])
-
-
-def _fung(value: Values, curve: ContactCurve, level_mm: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
-    b, strain = value["b"][:, None], curve.energy_strain(level_mm)
-    if curve.field == "uniform":  # nowhere to escape to: the law itself
-        return np.asarray(np.exp(np.minimum(b * strain, LARGEST)))
-    return stiffening_share(b, strain, poisson_ratio=curve.poisson_ratio)
 
 
 def yeoh_share(
@@ -108,7 +102,7 @@ def _rubber(share: Callable[..., np.ndarray], *unknowns: Unknown) -> TraceEffect
 FUNG = TraceEffect(
     name=SPEC.name,
     unknowns=(unknown(SPEC, "b", scale="log", mean=float(np.log(3.0)), sd=1.2),),
-    stress_factor=_fung,
+    stress_factor=fung_share,
 )
 """Prior: b of 3 within a factor of 3.3 (set by hand)."""
 RUBBER = (
