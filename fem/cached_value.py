@@ -7,30 +7,16 @@ Source: Python 3.12, "What's new", functools: the undocumented lock of cached_pr
 """
 
 from collections.abc import Callable
-from typing import Any, Generic, TypeVar, overload
+from contextlib import nullcontext
+from functools import cached_property
+from typing import Any, TypeVar
 
 T = TypeVar("T")
 
 
-class cached_value(Generic[T]):  # noqa: N801 - used as a decorator, like functools.cached_property
+class cached_value(cached_property[T]):  # noqa: N801 - used as a decorator, like functools.cached_property
     """A method's value, computed when first asked for, then an entry of the object's own `__dict__`."""
 
     def __init__(self, compute: Callable[[Any], T]) -> None:
-        self.compute = compute
-        self.__doc__ = compute.__doc__
-
-    def __set_name__(self, owner: type, name: str) -> None:
-        self.name = name
-
-    @overload
-    def __get__(self, instance: None, owner: type) -> "cached_value[T]": ...
-
-    @overload
-    def __get__(self, instance: object, owner: type) -> T: ...
-
-    def __get__(self, instance: object | None, owner: type) -> "T | cached_value[T]":
-        if instance is None:
-            return self
-        attribute = self.compute(instance)
-        instance.__dict__[self.name] = attribute
-        return attribute
+        super().__init__(compute)
+        self.lock = nullcontext()

@@ -25,7 +25,7 @@ OTHER_SHAPE = "its curve has another shape"
 FEWEST_PARTS = 3
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True)
 class OwnModuli:
     """`law_fit`: a law's fit to `trace` with a modulus for each recording, `ln_E` with `covariance`."""
 
@@ -41,13 +41,8 @@ def own_moduli(trace: IndenterTrace, known: TraceFit, no_contact: NoContactNoise
     extra = [replace(law.unknowns[0], name=f"E_MPa{suffix_of(k)}") for k in trace.numbers[1:]]
     start = np.insert(known.scaled, at, np.full(len(extra), known.scaled[0]))
     law_fit = fit(replace(law, baseline=(*law.baseline, *extra)), trace, no_contact, start[None])
-    columns = [0, *range(at, at + len(extra))]
-    return OwnModuli(
-        trace=trace,
-        law_fit=law_fit,
-        ln_E=law_fit.scaled[columns],
-        covariance=law_fit.covariance[np.ix_(columns, columns)],
-    )
+    at_E = [0, *range(at, at + len(extra))]
+    return OwnModuli(trace, law_fit, law_fit.scaled[at_E], law_fit.covariance[np.ix_(at_E, at_E)])
 
 
 def likeliest_with_own_moduli(

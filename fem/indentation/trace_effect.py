@@ -18,6 +18,8 @@ from fem.mismatch.result import NINETY, Parameter
 
 Values: TypeAlias = Mapping[str, Float[np.ndarray, " p"]]
 """Unknowns by name, one number for each of p rows that are tried at once."""
+Rows: TypeAlias = Float[np.ndarray, "p _"]
+"""Numbers of these rows in each frame, or at each of their springs' levels."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,16 +58,12 @@ class TraceEffect:
 
     name: str
     unknowns: tuple[Unknown, ...]
-    give_mm: Callable[[Values, IndenterTrace], Float[np.ndarray, "p t"]] | None = None
-    stress_factor: Callable[[Values, ContactCurve, np.ndarray], Float[np.ndarray, "p n"]] | None = None
-    slack_mm: Callable[[Values, ContactCurve, np.ndarray, np.ndarray], Float[np.ndarray, "p t n"]] | None = (
-        None
-    )
+    give_mm: Callable[[Values, IndenterTrace], Rows] | None = None
+    stress_factor: Callable[[Values, ContactCurve, Rows], Rows] | None = None
+    slack_mm: Callable[[Values, ContactCurve, Rows, Rows], Float[np.ndarray, "p t n"]] | None = None
     relaxation: Callable[[Values], tuple[Float[np.ndarray, "k p"], Float[np.ndarray, "k p"]]] | None = None
-    force_factor: (
-        Callable[[Values, ContactCurve, np.ndarray, np.ndarray], Float[np.ndarray, "p t"]] | None
-    ) = None
-    added_N: Callable[[Values, IndenterTrace], Float[np.ndarray, "p t"]] | None = None
+    force_factor: Callable[[Values, ContactCurve, Rows, Rows], Rows] | None = None
+    added_N: Callable[[Values, IndenterTrace], Rows] | None = None
     parameters: Callable[[np.ndarray, np.ndarray], dict[str, Parameter]] | None = None
 
 

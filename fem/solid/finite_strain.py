@@ -4,7 +4,7 @@ Since every stress grows with E, a fruit of modulus E under forces f moves like 
 
 A free fruit is in balance in its deformed shape: of the potential  W(u) - f . u + alpha . B'u  both
 derivatives vanish, so that u has no mean translation and rotation over the flesh (B'u = 0, as in
-fem.solid.free_body) and the six alpha are a smooth body force B alpha, here one that balances force and
+fem.solid.linear_solid) and the six alpha are a smooth body force B alpha, here one that balances force and
 moment where the loads have moved to. The linear solid is the limit of small
 loads. The pit turns by any angle.
 """

@@ -8,16 +8,45 @@ from jaxtyping import Bool, Float, Int
 from scipy.sparse import csr_array
 
 from fem.cached_value import cached_value
-from fem.elements.assembly import Stiffness, assemble
+from fem.elements.assembly import Stiffness, assemble, lumped_moments
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mesh.flesh_mesh import FleshMesh
-from fem.solid.free_body import FreeBody
 from fem.solid.rigid_core import pit_centre_mm, reduced, reduction, rigid_modes
 from fem.sparse.solver import Factor, factorise
 
 Support = Literal["free", "base"]
 #: skin nodes at most this high above the lowest point are held by a base
 BASE_HEIGHT_MM = 0.2
+
+
+@dataclass(frozen=True)
+class FreeBody:
+    """Rigid motions R (3 n, 6) about the flesh's centroid, and M R, the body forces in their likeness.
+
+    M is the mass matrix for unit density. With P = I - R (R' M R)^-1 R' M, a load f is balanced by P' f
+    (the body forces of a rigid acceleration), and P u is u without its mean rigid motion. Both together
+    make the compliance P K^- P' symmetric and independent of how the rigid motion was held.
+    """
+
+    modes: Float[np.ndarray, "d 6"]
+    body_forces: Float[np.ndarray, "d 6"]
+    inertia: Float[np.ndarray, "6 6"]
+
+    @classmethod
+    def of(cls, mesh: FleshMesh) -> "FreeBody":
+        """The rigid motions of the flesh of a mesh (the pit is without mass)."""
+        moments = lumped_moments(mesh.nodes_mm, mesh.tets)
+        centre_mm = moments[:, 1:].sum(axis=0) / moments[:, 0].sum()
+        modes = rigid_modes(mesh.nodes_mm, centre_mm=centre_mm).reshape(-1, 6)
+        # M (w x (x - c)) at a node is w x (integral of N x - c integral of N)
+        forces = rigid_modes(moments[:, 1:] - moments[:, :1] * centre_mm, centre_mm=np.zeros(3))
+        forces[:, :, :3] *= moments[:, :1, None]
+        body_forces = forces.reshape(-1, 6)
+        return cls(modes, body_forces, modes.T @ body_forces)
+
+    def acceleration(self, load_N: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "6 f"]:
+        """(R' M R)^-1 R' f: amounts of the body forces that each load is balanced by."""
+        return np.asarray(np.linalg.solve(self.inertia, self.modes.T @ load_N))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +156,7 @@ class UnitModulusSolid:
         """Displacement times E of the contact nodes' dofs (three a node, in order) under unit forces on them.
 
         mm MPa / N; symmetric; what `displacement` gives, without a solve for each. A free fruit's is P A P'
-        with P of fem.solid.free_body and A the compliance of the fruit held at its pit (or three nodes);
+        with P of `FreeBody` and A the compliance of the fruit held at its pit (or three nodes);
         zero where a base holds.
         """
         dofs, moves, columns = self._contact_dofs

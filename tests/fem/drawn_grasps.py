@@ -19,8 +19,7 @@ from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh, tetrahedralise
 from fem.mesh.surface_points import SurfacePoints, locate, skin_quadrature
 from fem.solid.discretisation_error import discretisation_error
-from fem.solid.free_body import FreeBody
-from fem.solid.linear_solid import UnitModulusSolid
+from fem.solid.linear_solid import FreeBody, UnitModulusSolid
 from fem.solid.moved_pit import with_pit_moved
 from fem.solid.rigid_core import reduced, rigid_modes
 from fem.sparse.solver import Analysis, analyse
