@@ -65,7 +65,7 @@ def with_finer_patterns(
     prepared: PreparedGrasp, history: GraspHistory
 ) -> tuple[PreparedGrasp, FinerPatterns]:
     """`history`: the recording as it was, whose contacts have their rims; a drift's patterns stay last."""
-    smoothing = _smoothing(history)
+    smoothing = np.asarray(block_diag(*[_smoothing_of(pad) for pad in history.pads]))
     course = np.linalg.qr(prepared.shares)[0]
     left_N = prepared.force_N - np.tensordot(prepared.shares, prepared.patterns, axes=1)
     smooth = np.einsum("ij,fjx->fix", smoothing, left_N, optimize=True).reshape(len(left_N), -1)
@@ -101,10 +101,6 @@ def _noise(prepared: PreparedGrasp, history: GraspHistory, seed: int) -> Float[n
         ],
         axis=1,
     )
-
-
-def _smoothing(history: GraspHistory) -> Float[np.ndarray, "n n"]:
-    return np.asarray(block_diag(*[_smoothing_of(pad) for pad in history.pads]))
 
 
 def _smoothing_of(pad: PadHistory) -> Float[np.ndarray, "n n"]:

@@ -45,8 +45,10 @@ def modulus_per_frame(
         signal = np.einsum("n,tnx,tnx->t", weight, c[:, chosen], c[:, chosen])
         match = np.einsum("n,tnx,tnx->t", weight, c[:, chosen], u[:, chosen])
         force = np.mean(totals, axis=0) if pad < 0 else totals[pad]
+        with np.errstate(divide="ignore", invalid="ignore"):
+            modulus = np.where(match > 0, signal / match, np.nan)
+            sd = modulus**2 * np.sqrt(2 / signal)  # two frames' noise enters each difference
         for row, frame in enumerate(np.flatnonzero(loaded)):
-            modulus, sd = _secant(float(signal[row]), float(match[row]))
             table.append(
                 FrameModulus(
                     frame=int(frame),
@@ -54,16 +56,8 @@ def modulus_per_frame(
                     phase=str(history.phase[frame]),
                     pad=name,
                     force_N=float(force[frame]),
-                    E_MPa=modulus,
-                    E_sd_MPa=sd,
+                    E_MPa=float(modulus[row]),
+                    E_sd_MPa=float(sd[row]),
                 )
             )
     return tuple(table)
-
-
-def _secant(signal: float, match: float) -> tuple[float, float]:
-    """E and its spread from the weighted sums; two frames' noise enters each difference."""
-    if match <= 0:
-        return float("nan"), float("nan")
-    modulus = signal / match
-    return modulus, modulus**2 * float(np.sqrt(2 / signal))

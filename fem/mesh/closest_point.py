@@ -71,12 +71,8 @@ class TriangleSearch:
         order = np.lexsort((tried, reach, owner))
         first = order[np.r_[True, owner[order][1:] != owner[order][:-1]]]
         at = owner[first]
-        face[at], weights[at], best[at], distance[at] = (
-            tried[first],
-            spot_weights[first],
-            spot[first],
-            reach[first],
-        )
+        face[at], weights[at] = tried[first], spot_weights[first]
+        best[at], distance[at] = spot[first], reach[first]
         return Closest(face, weights, best, distance)
 
     def _within(

@@ -92,7 +92,7 @@ def equilibrium(
     """
     learnt = Anderson(MEMORY)
     state, residual = start, balance.residual(start)
-    sizes, in_full, steps = [balance.size(residual)], 0, 0
+    sizes, steps = [balance.size(residual)], 0  # since the tangent, or a step in part
     while not sizes[-1] <= tolerance:
         if steps == iterations:
             return EquilibriumResult(state, Ending.TOO_MANY, tangent)
@@ -102,13 +102,13 @@ def equilibrium(
                 tangent = balance.tangent(state)
             except FemFailure:
                 return EquilibriumResult(state, Ending.STALLED, tangent)
-            in_full = 0
+            sizes = sizes[-1:]
             learnt.forget()
         plain = -tangent.solve(residual)
         change = _searched(balance, state, learnt.step(plain), sizes[-1])
         if change is None:
             learnt.forget()
-            in_full = 0
+            sizes = sizes[-1:]
             change = _searched(balance, state, learnt.step(plain), sizes[-1])
         if change is None:
             if fresh:
@@ -119,12 +119,11 @@ def equilibrium(
         steps += 1
         if share == 1.0:
             learnt.took(step)
-            in_full += 1
         else:
             learnt.forget()
-            in_full = 0
+            sizes = []
         sizes.append(balance.size(residual))
-        if _is_slow(sizes[-1 - in_full :], tolerance):
+        if _is_slow(sizes, tolerance):
             tangent = None
     return EquilibriumResult(state, Ending.CONVERGED, tangent)
 
