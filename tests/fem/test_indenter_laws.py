@@ -39,8 +39,8 @@ def test_damage_follows_finite_elements_in_and_out_again(dmax, W0):
     depth, force = curve(f"damage dmax={dmax} W0_over_E={W0}")
     linear = curve("linear")[1]
     deepest = np.maximum.accumulate(depth)
-    value = {"dmax": np.array([dmax]), "W0_over_E": np.array([W0])}
-    share = damage_share(value, SLAB, depth[None], deepest[None])[0]
+    unknowns = {"dmax": np.array([dmax]), "W0_over_E": np.array([W0])}
+    share = damage_share(unknowns, SLAB, depth[None], deepest[None])[0]
     off = (share * linear - force) / force.max()
     assert np.abs(off).max() < 0.04
     assert share[:20] == pytest.approx(force[:20] / linear[:20], rel=0.04)
@@ -51,8 +51,8 @@ def test_plastic_set_follows_finite_elements_within_a_twentieth(yield_over_E):
     depth, force = curve(f"plastic_set yield_over_E={yield_over_E}")
     springs = Springs.of(SLAB.force_N_per_MPa, np.array([depth.max()]))
     deepest = np.maximum.accumulate(depth)[None]
-    value = {"yield_over_E": np.array([yield_over_E])}
-    slack = plastic_slack_mm(value, SLAB, deepest, springs.level_mm[:, :-1])
+    unknowns = {"yield_over_E": np.array([yield_over_E])}
+    slack = plastic_slack_mm(unknowns, SLAB, deepest, springs.level_mm[:, :-1])
     law_force = springs.elastic_force(depth[None], slack)[0]
     off = (law_force - force) / force.max()
     assert np.sqrt(np.mean(off**2)) < 0.05
