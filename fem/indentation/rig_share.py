@@ -72,7 +72,7 @@ def rig_share(trace: IndenterTrace, *, rig_N_per_mm: float | None, made_known: s
         return _of_a_known_rig(slope + rig, rig, max(abs(_slope(force, sd_mm[used])), of_size))
     assumed = RigShare(recorded_mm_per_N=slope, rig_mm_per_N=1 / (rig_N_per_mm or SOFT_RIG_N_PER_MM))
     share, stiffness = assumed.share, 1 / max(slope, 1e-12)
-    if share <= (MOST_SHARE if rig_N_per_mm is None else SAID_SHARE):
+    if not share > (MOST_SHARE if rig_N_per_mm is None else SAID_SHARE):
         return assumed
     if rig_N_per_mm is None:
         note = (
