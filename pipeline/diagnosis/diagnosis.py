@@ -85,15 +85,7 @@ def graded_case(case: Case, fruit: GraspedFruit, *, jobs: int = 1) -> tuple[Grad
     fruit = with_stated_surface(case, fruit)
     solids: dict[Support, UnitModulusSolid] = {}
     try:
-        inference = fruit_modulus(
-            case.task,
-            fruit.placed,
-            fruit.mesh,
-            poisson_ratio=fruit.poisson_ratio,
-            budget=fruit.budget,
-            solids=solids,
-            workers=jobs,
-        )
+        inference = fruit_modulus(case.task, fruit, solids=solids, workers=jobs)
     except ExceptionGroup as failures:
         raise next(
             exception for exception in failures.exceptions if isinstance(exception, FemFailure)

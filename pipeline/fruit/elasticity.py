@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import DTypeLike
 
 from fem.elements.assembly import assemble
-from fem.estimation.error_budget import DISCRETISATION, ErrorBudget
+from fem.estimation.error_budget import DISCRETISATION
 from fem.estimation.finite_response import neo_hookean_solid, with_finite_strain
 from fem.estimation.fruit_modulus import FruitInference, infer_modulus
 from fem.estimation.grasp_model import GraspModel, grasp_model
@@ -30,6 +30,8 @@ from pipeline.batch.stage_record import StageRecord
 from pipeline.batch.task import FruitTask
 from pipeline.files.limited_memory import return_freed_memory
 from pipeline.fruit.flesh_effects import added, in_the_model, with_corrections
+from pipeline.fruit.grasped import GraspedFruit
+from pipeline.fruit.input_doubts import DOUBTED
 from pipeline.fruit.placed_grasp import PlacedGrasp, grasp_case
 from pipeline.fruit.sensor_scale import NO_SCALE, SensorScale
 
@@ -64,17 +66,11 @@ _WITHOUT_LARGE = (
 _Placed = tuple[PreparedGrasp, list[PadPlaces]]
 """A grasp and where its pads' markers are on the mesh."""
 
-DOUBTED = "doubts about the inputs"
-"""The part that comes from what cannot be right in a recording or a given pit."""
-
 
 def fruit_modulus(
     task: FruitTask,
-    grasps: Sequence[PlacedGrasp],
-    mesh: FleshMesh,
+    fruit: GraspedFruit,
     *,
-    poisson_ratio: float,
-    budget: ErrorBudget,
     stage: str = "response",
     solids: dict[Support, UnitModulusSolid] | None = None,
     workers: int = 1,
@@ -85,24 +81,16 @@ def fruit_modulus(
     factorised about the prior's pit, for whoever needs it next; nothing where the responses were kept.
     `workers`: grasps modelled at the same time (fem.parallel_map).
     """
-    prepared, histories = prepared_histories(grasps)
+    prepared, histories = prepared_histories(fruit.placed)
     number = itertools.count()
 
     def respond(moved: FleshMesh) -> list[GraspModel | FemFailure]:
         k = next(number)
-        return responses(
-            task,
-            f"{stage}-{k}",
-            grasps,
-            prepared,
-            moved,
-            poisson_ratio=poisson_ratio,
-            budget=budget,
-            solids=solids if k == 0 else None,
-            workers=workers,
-        )
+        on_mesh = replace(fruit, mesh=moved)
+        of_prior = solids if k == 0 else None
+        return responses(task, f"{stage}-{k}", on_mesh, prepared, solids=of_prior, workers=workers)
 
-    return infer_modulus(histories, mesh, respond, budget=budget)
+    return infer_modulus(histories, fruit.mesh, respond, budget=fruit.budget)
 
 
 def prepared_histories(
@@ -187,57 +175,44 @@ def at_small_strain(grasps: Sequence[PlacedGrasp], inference: FruitInference) ->
 def responses(
     task: FruitTask,
     stage: str,
-    grasps: Sequence[PlacedGrasp],
+    fruit: GraspedFruit,
     prepared: Sequence[PreparedGrasp | FemFailure],
-    mesh: FleshMesh,
     *,
-    poisson_ratio: float,
-    budget: ErrorBudget,
     solids: dict[Support, UnitModulusSolid] | None = None,
     workers: int = 1,
 ) -> list[GraspModel | FemFailure]:
-    """The model of every grasp on one mesh, or why it has none; one factorisation per support.
+    """The model of every grasp on the fruit's mesh, or why it has none; one factorisation per support.
 
     Kept on disk as `stage`, by content, without confirmed effects. `solids` takes up what is factorised;
     `workers`: grasps modelled at the same time.
     """
-    supports = [grasp.recording.support for grasp in grasps]
     effects = in_the_model(task.settings.mismatch)
     # A law that holds large deformation itself must not be given it twice.
     holds_it = any(effect.spec.holds_large_deformation for effect in effects)
     large = task.settings.flesh.model == "neo-hookean" and not holds_it
-    names = [grasp.name for grasp in grasps]
-    assumed = [poisson_ratio, budget.gel_scale_sd, large]
+    supports = [grasp.recording.support for grasp in fruit.placed]
+    names = [grasp.name for grasp in fruit.placed]
+    assumed = [fruit.poisson_ratio, fruit.budget.gel_scale_sd, large]
     key = stage_key(
         "response",
         files=[],
-        settings=[content_hash(mesh, prepared), supports, names, assumed],
+        settings=[content_hash(fruit.mesh, prepared), supports, names, assumed],
         rooms=("pipeline", "fem"),
     )
 
     def compute() -> KeptModels:
-        models = _models(
-            mesh,
-            prepared,
-            supports,
-            poisson_ratio=poisson_ratio,
-            gel_scale_sd=budget.gel_scale_sd,
-            large=large,
-            solids=solids,
-            workers=workers,
-        )
-        return KeptModels.of(models)
+        return KeptModels.of(_models(fruit, prepared, large=large, solids=solids, workers=workers))
 
     plain = cached(task.results.cache, stage, key, compute, record=KeptModels).unpacked()
-    modelled = [grasp for grasp, model in zip(grasps, plain, strict=True) if isinstance(model, GraspModel)]
+    both = zip(fruit.placed, plain, strict=True)
+    modelled = [grasp_case(grasp) for grasp, model in both if isinstance(model, GraspModel)]
     if not effects or not modelled:
         return plain
-
     case = MismatchCase(
-        mesh=mesh,
-        grasps=tuple(map(grasp_case, modelled)),
-        poisson_ratio=poisson_ratio,
-        budget=budget,
+        mesh=fruit.mesh,
+        grasps=tuple(modelled),
+        poisson_ratio=fruit.poisson_ratio,
+        budget=fruit.budget,
     )
     return with_corrections(plain, added(case, effects))
 
@@ -288,12 +263,9 @@ def _in(model: GraspModel, precision: DTypeLike) -> GraspModel:
 
 
 def _models(
-    mesh: FleshMesh,
+    fruit: GraspedFruit,
     prepared: Sequence[PreparedGrasp | FemFailure],
-    supports: Sequence[Support],
     *,
-    poisson_ratio: float,
-    gel_scale_sd: float,
     large: bool,
     solids: dict[Support, UnitModulusSolid] | None,
     workers: int,
@@ -306,15 +278,16 @@ def _models(
             models[k] = grasp
             continue
         try:
-            placed[k] = grasp, [pad_places(pad, mesh) for pad in grasp.history.pads]
+            placed[k] = grasp, [pad_places(pad, fruit.mesh) for pad in grasp.history.pads]
         except FemFailure as failure:
             models[k] = failure
-    parts = assemble(mesh.nodes_mm, mesh.tets)
+    parts = assemble(fruit.mesh.nodes_mm, fruit.mesh.tets)
+    supports = [grasp.recording.support for grasp in fruit.placed]
     for support in dict.fromkeys(supports[k] for k in placed):
         on_it = {k: grasp for k, grasp in placed.items() if supports[k] == support}
         try:
             solid = UnitModulusSolid.factorise(
-                mesh, poisson_ratio=poisson_ratio, support=support, parts=parts
+                fruit.mesh, poisson_ratio=fruit.poisson_ratio, support=support, parts=parts
             )
         except FemFailure as failure:
             models |= dict.fromkeys(on_it, failure)
@@ -323,7 +296,7 @@ def _models(
         if solids is not None:
             solids[support] = solid
         finite = neo_hookean_solid(solid) if large else None
-        model = partial(_model, solid=solid, finite=finite, gel_scale_sd=gel_scale_sd)
+        model = partial(_model, solid=solid, finite=finite, gel_scale_sd=fruit.budget.gel_scale_sd)
         models |= dict(zip(on_it, parallel_map(model, on_it.values(), workers=workers), strict=True))
     return [models[k] for k in range(len(prepared))]
 

@@ -23,11 +23,6 @@ MECHANICS: dict[str, Effect] = {
 a model, in the recordings, the settings or the mesh."""
 
 
-def known(effect: ConfirmedEffect) -> KnownEffect:
-    """An effect in the settings as the mechanics has it."""
-    return KnownEffect(effect=MECHANICS[effect.effect], parameters=partial(catalogue_parameters, effect))
-
-
 def catalogue_parameters(effect: ConfirmedEffect, E_MPa: float) -> dict[str, float]:
     """Parameters of the settings under the names that the effect's search has.
 
@@ -43,7 +38,11 @@ def catalogue_parameters(effect: ConfirmedEffect, E_MPa: float) -> dict[str, flo
 
 def added(case: MismatchCase, effects: Sequence[ConfirmedEffect]) -> list[Float[np.ndarray, "_t _n 3"]]:
     """What these effects add to the response of each recording of `case`; raises FemFailure."""
-    return displacement_corrections(case, [known(effect) for effect in effects])
+    confirmed = [
+        KnownEffect(effect=MECHANICS[effect.effect], parameters=partial(catalogue_parameters, effect))
+        for effect in effects
+    ]
+    return displacement_corrections(case, confirmed)
 
 
 def with_corrections(

@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Float, Int
 
-from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
+from fem.estimation.modulus_warnings import ModulusSign
 from pipeline.fruit.placed_grasp import PlacedGrasp
 from recon.pit.priors import PitPrior
 from recon.triangle_mesh import volume_mm3
@@ -40,6 +40,8 @@ E_PER_SIZE = 0.6
 E_OF_A_TURNED_PIT = 0.1
 """Relative standard deviation of E: a quarter turn about z or x made 0.01 to 0.07 (two
 nectarines and a plum); assumed half as much again, for pads that meet other sides of it."""
+DOUBTED = "doubts about the inputs"
+"""The part of an error bar that comes from what cannot be right in a recording or a given pit."""
 _NO_WORK, _METHODS = ModulusSign.NO_WORK, ModulusSign.METHODS_APART
 _RESIDUAL, _UNBALANCED = ModulusSign.RESIDUAL, ModulusSign.UNBALANCED
 _PHASES = ModulusSign.PHASES_APART
@@ -171,13 +173,6 @@ def relative_sd(doubts: Sequence[Doubt]) -> float:
         cause = number if doubt.kind is None else (doubt.kind, doubt.field, doubt.pads)
         by_cause[cause] += doubt.relative_sd
     return float(np.linalg.norm(list(by_cause.values()))) if by_cause else 0.0
-
-
-def causes_alone(
-    warnings: Sequence[ModulusWarning], *, explained: frozenset[ModulusSign]
-) -> list[ModulusWarning]:
-    """`warnings` without the signs that follow from a named cause."""
-    return [warning for warning in warnings if warning.sign not in explained]
 
 
 @dataclass(frozen=True, kw_only=True)

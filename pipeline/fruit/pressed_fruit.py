@@ -33,10 +33,9 @@ from pipeline.fruit.bare_traces import (
     is_bare,
     joined_traces,
 )
-from pipeline.fruit.elasticity import DOUBTED
 from pipeline.fruit.flesh_model import poisson_ratio
 from pipeline.fruit.grasped import admitted, owner_of, why_no_grasp
-from pipeline.fruit.input_doubts import Doubt, of_findings, relative_sd
+from pipeline.fruit.input_doubts import DOUBTED, Doubt, of_findings, relative_sd
 from pipeline.fruit.same_recording import refuse_copy
 from pipeline.fruit.stage_log import StageLog
 from pipeline.fruit.trace_geometry import Stated, stated_in_table

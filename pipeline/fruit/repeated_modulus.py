@@ -36,7 +36,7 @@ def with_plain_jaws(
 
     `solids` as in fruit_modulus, which says what is raised.
     """
-    inference = _inference(task, fruit, "response", solids)
+    inference = fruit_modulus(task, fruit, solids=solids)
     if not any(grasp.plain_jaw for grasp in fruit.placed):
         return fruit, inference
     rig = batch_rig(task.batch_root, task.settings)
@@ -50,7 +50,7 @@ def with_plain_jaws(
             for grasp in fruit.placed
         )
         fruit = replace(fruit, placed=placed)
-        inference = _inference(task, fruit, f"response-jaw-{k}", solids)
+        inference = fruit_modulus(task, fruit, stage=f"response-jaw-{k}", solids=solids)
         if abs(np.log(inference.modulus.E_MPa / before_MPa)) < CLOSE:
             break
     return fruit, inference
@@ -111,7 +111,7 @@ def _moved(
     for rig in rigs:
         try:
             placed = tuple(_placed_again(grasp, changed, fruit, rig) for grasp in fruit.placed)
-            inference = _inference(changed, replace(fruit, placed=placed), "response-shifted")
+            inference = fruit_modulus(changed, replace(fruit, placed=placed), stage="response-shifted")
             return abs(inference.modulus.E_MPa - E_MPa)
         except (TactileFailure, FemFailure, ExceptionGroup):
             continue
@@ -149,20 +149,3 @@ def _placed_again(
         mat_from_fruit=fruit.shape.mat_from_fruit,
     )
     return replace(again, findings=grasp.findings)
-
-
-def _inference(
-    task: FruitTask,
-    fruit: GraspedFruit,
-    stage: str,
-    solids: dict[Support, UnitModulusSolid] | None = None,
-) -> FruitInference:
-    return fruit_modulus(
-        task,
-        fruit.placed,
-        fruit.mesh,
-        poisson_ratio=fruit.poisson_ratio,
-        budget=fruit.budget,
-        stage=stage,
-        solids=solids,
-    )

@@ -7,7 +7,7 @@ from pathlib import Path
 from pipeline.batch.layout import BatchFolder
 from pipeline.batch.records import FruitRecord
 from pipeline.files.plain_file import printable
-from pipeline.fruit.elasticity import DOUBTED
+from pipeline.fruit.input_doubts import DOUBTED
 from tactile.consistency.finding import E_OF_ANOTHER_FRUIT
 from tactile.tactile_failure import TactileFailure, TactileProblem
 

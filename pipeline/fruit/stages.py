@@ -27,12 +27,7 @@ from pipeline.files.plain_file import printable
 from pipeline.fruit.elasticity import at_small_strain, modulus_record
 from pipeline.fruit.flesh_effects import unused_warnings, used
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
-from pipeline.fruit.input_doubts import (
-    causes_alone,
-    expected_E_MPa,
-    relative_sd,
-    signs_explained,
-)
+from pipeline.fruit.input_doubts import expected_E_MPa, relative_sd, signs_explained
 from pipeline.fruit.missing_physics import STAGE as SCREEN
 from pipeline.fruit.missing_physics import screened_fruit
 from pipeline.fruit.placed_grasp import grasp_record, patch_residuals, touched_by_pad
@@ -131,8 +126,11 @@ def measured_fruit(
             if isinstance(estimate, FemFailure):
                 log.warnings.append(f"not used: {grasp.name}: {estimate.detail}")
             else:
-                said = causes_alone(estimate.warnings, explained=signs_explained(grasp))
-                log.warnings += [f"{grasp.name}: {warning.sentence}" for warning in said]
+                log.warnings += [
+                    f"{grasp.name}: {warning.sentence}"
+                    for warning in estimate.warnings
+                    if warning.sign not in signs_explained(grasp)
+                ]
         log.warnings += [*without_large, *inference.modulus.warnings]
     return fruit, inference
 

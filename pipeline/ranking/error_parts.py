@@ -6,7 +6,8 @@ from fem.estimation.error_budget import MODEL, PIT_PLACE, REGISTRATION, SCATTER,
 from fem.estimation.information import FORCE_SCALE
 from fem.estimation.sensitivity import PIT_SIZE, POISSON_RATIO
 from pipeline.batch.records import ModulusRecord
-from pipeline.fruit.elasticity import CONFIRMED, DOUBTED, GAIN, OWN_GAIN, PLAIN_JAW, SENSOR
+from pipeline.fruit.elasticity import CONFIRMED, GAIN, OWN_GAIN, PLAIN_JAW, SENSOR
+from pipeline.fruit.input_doubts import DOUBTED
 from pipeline.fruit.pressed_fruit import RECORDINGS, SHAPE
 from pipeline.ranking.reference_ratio import PART as REFERENCE
 from reports.words import percent

@@ -14,7 +14,7 @@ from jaxtyping import Float
 from scipy.special import chdtrc
 
 from pipeline.batch.records import FruitRecord, ModulusRecord, ReferenceRecord
-from pipeline.fruit.elasticity import DOUBTED
+from pipeline.fruit.input_doubts import DOUBTED
 from pipeline.ranking.verified_scale import (
     sd_of_fruit_MPa,
     shared_gain,

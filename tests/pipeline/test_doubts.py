@@ -5,10 +5,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
+from fem.estimation.modulus_warnings import ModulusSign
 from pipeline.fruit.input_doubts import (
     Doubt,
-    causes_alone,
     of_a_given_pit,
     of_grasps,
     relative_sd,
@@ -119,10 +118,8 @@ def test_unlike_faults_add_in_squares_also_where_they_are_of_one_kind():
 
 
 def test_only_the_signs_that_a_cause_explains_are_left_out():
-    signs = [ModulusWarning(sign, "in whatever words") for sign in ModulusSign]
-    left = causes_alone(signs, explained=signs_explained(grasp(1, gain())))
-    assert [warning.sign for warning in left] == [ModulusSign.NO_WORK]
-    assert causes_alone(signs, explained=signs_explained(grasp(1))) == signs
+    assert signs_explained(grasp(1, gain())) == {*ModulusSign} - {ModulusSign.NO_WORK}
+    assert signs_explained(grasp(1)) == set()
 
 
 @pytest.mark.parametrize("kind", ["time-unit", "aperture-unit", "copied-frames", "ends-pressed"])

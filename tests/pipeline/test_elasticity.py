@@ -15,6 +15,7 @@ from fem.grasp_history import GraspHistory, PadHistory
 from fem.mesh.flesh_mesh import tetrahedralise
 from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.pad_link import contact_nodes, pad_link
+from pipeline.fruit.grasped import GraspedFruit
 
 NU, E_MPA = 0.45, 0.6
 AXIS = np.linspace(-3.0, 3.0, 5)
@@ -109,19 +110,30 @@ def workplace(tmp_path, monkeypatch, histories):
 
 
 def grasps(*names):
-    return [SimpleNamespace(name=name, recording=SimpleNamespace(support="free")) for name in names]
+    return tuple(SimpleNamespace(name=name, recording=SimpleNamespace(support="free")) for name in names)
+
+
+def grasped(mesh, *names, poisson_ratio=NU):
+    return GraspedFruit(
+        shape=None,
+        pit=None,
+        placed=grasps(*names),
+        failed=(),
+        mesh=mesh,
+        poisson_ratio=poisson_ratio,
+        budget=ErrorBudget(),
+    )
 
 
 def modulus(task, mesh, *names, poisson_ratio=NU):
-    how = {"poisson_ratio": poisson_ratio, "budget": ErrorBudget()}
-    return elasticity.fruit_modulus(task, grasps(*names), mesh, **how)
+    return elasticity.fruit_modulus(task, grasped(mesh, *names, poisson_ratio=poisson_ratio))
 
 
 def kept_models(task, mesh, histories, *names, workers=1):
     """The models of these grasps, as they are stored under a key of their own."""
     prepared = [prepared_grasp(histories[name], turns_of(name)) for name in names]
-    how = {"poisson_ratio": NU, "budget": ErrorBudget(), "workers": workers}
-    return elasticity.responses(task, f"response-{workers}", grasps(*names), prepared, mesh, **how)
+    fruit = grasped(mesh, *names)
+    return elasticity.responses(task, f"response-{workers}", fruit, prepared, workers=workers)
 
 
 @pytest.mark.slow

@@ -34,11 +34,10 @@ def inference(*, grasps=(), warnings=()):
 
 @pytest.mark.parametrize(("stated_mm", "counts_mm"), [(None, 0.2), (0.05, 0.05)])
 def test_it_is_what_grading_infers_from_the_surface_that_the_case_states(monkeypatch, stated_mm, counts_mm):
-    def inferred(task, placed, mesh, *, poisson_ratio, budget, solids, workers):
-        assert (task, placed, mesh, poisson_ratio) == ("the task", (), "the mesh", 0.45)
-        assert workers == 3
+    def inferred(task, fruit, *, solids, workers):
+        assert (task, workers) == ("the task", 3)
+        assert fruit == replace(FRUIT, budget=ErrorBudget(surface_sd_mm=counts_mm))
         solids["free"] = "factorised"
-        assert budget.surface_sd_mm == counts_mm
         return inference()
 
     monkeypatch.setattr(diagnosis, "fruit_modulus", inferred)
