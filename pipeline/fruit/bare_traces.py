@@ -146,7 +146,7 @@ def joined_traces(recordings: Sequence[BareRecording]) -> BareTraces:
     """
     first = recordings[0]
     for bare in recordings[1:]:
-        if not bare.known.same_as(first.known):
+        if bare.known != first.known:
             sentence = (
                 f"has the geometry {bare.known.geometry.said}, but {Path(first.source).name} has "
                 f"{first.known.geometry.said}; a case holds one specimen under one tool. Make a "

@@ -135,24 +135,6 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
     )
 
 
-def measured(
-    vertices: Float[np.ndarray, "n 3"],
-    faces: Int[np.ndarray, "m 3"],
-    *,
-    source: Literal["photos", "fruit.ply"],
-) -> MeshRecord:
-    """Counts, size and volume of a surface (mm), with nothing known of its quality."""
-    box = np.ptp(vertices, axis=0).tolist()
-    return MeshRecord(
-        source=source,
-        vertices=len(vertices),
-        faces=len(faces),
-        volume_mm3=volume_mm3(vertices, faces),
-        height_mm=box[2],
-        box_mm=tuple(box),
-    )
-
-
 def _shape(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "m 3"],
@@ -160,13 +142,18 @@ def _shape(
     *,
     source: Literal["photos", "fruit.ply"],
 ) -> FruitShape:
-    """The surface with its counts, size and volume, and nothing known of its quality."""
+    """The surface (mm) with its counts, size and volume, and nothing known of its quality."""
+    box = np.ptp(vertices, axis=0).tolist()
+    record = MeshRecord(
+        source=source,
+        vertices=len(vertices),
+        faces=len(faces),
+        volume_mm3=volume_mm3(vertices, faces),
+        height_mm=box[2],
+        box_mm=tuple(box),
+    )
     return FruitShape(
-        vertices=vertices,
-        faces=faces,
-        mesh_from_fruit=mesh_from_fruit,
-        warnings=(),
-        record=measured(vertices, faces, source=source),
+        vertices=vertices, faces=faces, mesh_from_fruit=mesh_from_fruit, warnings=(), record=record
     )
 
 

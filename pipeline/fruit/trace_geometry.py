@@ -1,7 +1,7 @@
 """Which geometry a bare indenter's trace has: options, its recording's fields, case.toml or fruits.csv."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Literal, TypeAlias
 
 from fem.indentation.ball import Ball
@@ -40,22 +40,18 @@ EXAMPLES = {"height_mm": "12", "diameter_mm": "15", "diameters_mm": "61 60 58", 
 @dataclass(frozen=True, kw_only=True)
 class TraceGeometry:
     """The geometry, the slab's thickness under a ball or punch, and what must be known of both; `assumed`:
-    what nobody stated and the category says.
+    what nobody stated and the category says. Two are equal where one law holds for both.
     """
 
     geometry: Geometry
     thickness_mm: float | None
-    notes: tuple[str, ...] = ()
-    assumed: tuple[str, ...] = ()
+    notes: tuple[str, ...] = field(default=(), compare=False)
+    assumed: tuple[str, ...] = field(default=(), compare=False)
 
     @property
     def of_slab(self) -> bool:
         """Whether a ball or punch presses on it, so that its thickness counts."""
         return self.geometry.tool != "plate"
-
-    def same_as(self, other: "TraceGeometry") -> bool:
-        """Whether one law holds for both."""
-        return (self.geometry, self.thickness_mm) == (other.geometry, other.thickness_mm)
 
 
 @dataclass(frozen=True, kw_only=True)

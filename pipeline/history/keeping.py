@@ -3,7 +3,6 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import datetime
-from functools import partial
 from pathlib import Path
 
 from pipeline.batch.write_guard import require_file_apart, require_new_or_ours
@@ -17,7 +16,7 @@ from pipeline.history.lot_database import history_store
 from pipeline.history.lot_history import PRECISION, history_entry
 from pipeline.history.lot_quality import QualityWanted, characteristics, lots_quality, quality_lines
 from pipeline.history.stored_batch import stored_batch
-from pipeline.history.table_file import require_format, starts_with, table_bytes
+from pipeline.history.table_file import put_table, require_format, table_of
 from pipeline.problem import refused
 from reports.history_entries import GaugeEntry, HistoryEntry, SeriesEntry
 from reports.history_page import PAGE_TITLE, history_html
@@ -77,13 +76,11 @@ def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) 
         )
         entry = replace(entry, quality=quality)
     if wanted.export is not None:
-        fruit = with_firmness(fruit_table(batches), batches, relations)
-        put(wanted.export, table_bytes(fruit, wanted.export.suffix.lower()))
+        put_table(wanted.export, with_firmness(fruit_table(batches), batches, relations))
     if wanted.statistics is not None:
-        lots = statistics_table(batches, precision=wanted.precision)
-        put(wanted.statistics, table_bytes(lots, wanted.statistics.suffix.lower()))
+        put_table(wanted.statistics, statistics_table(batches, precision=wanted.precision))
     if wanted.oc is not None:
-        put(wanted.oc, table_bytes(characteristics(quality), wanted.oc.suffix.lower()))
+        put_table(wanted.oc, characteristics(quality))
     if wanted.html is not None:
         put(wanted.html, history_html(entry).encode())
     said = [f"{study}." if isinstance(study, str) else f"{study.words}." for study in studies]
@@ -128,13 +125,9 @@ def _require_sound(outs: Sequence[Path], wanted: HistoryWanted) -> None:
         require_file_apart(wanted.store, inputs=[], folders=outs)
     for target, is_ours, what in (
         (wanted.html, _is_page, "a page of drupe history"),
-        (wanted.export, partial(starts_with, columns=COLUMNS), "a table of drupe history --export"),
-        (
-            wanted.statistics,
-            partial(starts_with, columns=STATISTICS_COLUMNS),
-            "a table of drupe history --statistics",
-        ),
-        (wanted.oc, partial(starts_with, columns=OC_COLUMNS[:2]), "a table of drupe history --oc"),
+        (wanted.export, table_of(COLUMNS), "a table of drupe history --export"),
+        (wanted.statistics, table_of(STATISTICS_COLUMNS), "a table of drupe history --statistics"),
+        (wanted.oc, table_of(OC_COLUMNS[:2]), "a table of drupe history --oc"),
     ):
         if target is None:
             continue

@@ -2,13 +2,11 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
 import pandas as pd
 
 from pipeline.batch.write_guard import require_new_or_ours
-from pipeline.files.whole_file import put
 from pipeline.history.acceptance_plans import OC_COLUMNS, NoPlan, operating_characteristic
 from pipeline.history.firmness_relation import (
     FirmnessRelation,
@@ -20,7 +18,7 @@ from pipeline.history.firmness_relation import (
 from pipeline.history.lot_acceptance import PlanWanted, acceptance_entries, plan_words
 from pipeline.history.objective_test import objective_samples
 from pipeline.history.stored_batch import StoredBatch
-from pipeline.history.table_file import require_format, starts_with, table_bytes
+from pipeline.history.table_file import put_table, require_format, table_of
 from pipeline.problem import refused
 from reports.history_entries import QualityEntry
 
@@ -82,7 +80,7 @@ def sampling_plan(wanted: PlanWanted, oc: Path | None) -> Iterator[str]:
     """The plan in words, and its curve as a table at `oc`. Raises BatchRefused."""
     if oc is not None:
         require_format(oc, "--oc")
-        require_new_or_ours(oc, partial(starts_with, columns=OC_COLUMNS[:2]), "a table of drupe plan --oc")
+        require_new_or_ours(oc, table_of(OC_COLUMNS[:2]), "a table of drupe plan --oc")
     if not wanted.lot_size:
         raise refused("drupe plan", "needs --lot-size, the number of fruit in the lot.")
     try:
@@ -91,5 +89,5 @@ def sampling_plan(wanted: PlanWanted, oc: Path | None) -> Iterator[str]:
         raise refused("drupe plan", f"{reason}.") from None
     yield from (f"{words}." for words in plan_words(plan))
     if oc is not None:
-        put(oc, table_bytes(operating_characteristic(plan), oc.suffix.lower()))
+        put_table(oc, operating_characteristic(plan))
         yield f"written: {oc}"

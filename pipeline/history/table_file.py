@@ -3,12 +3,14 @@
 import importlib.util
 import io
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 
 import pandas as pd
 
 from pipeline.files.plain_file import not_plain
+from pipeline.files.whole_file import put
 from pipeline.problem import refused
 from reports.tables import safe_cell
 
@@ -45,8 +47,17 @@ def table_bytes(table: pd.DataFrame, ending: str) -> bytes:
     return whole.getvalue()
 
 
-def starts_with(path: Path, columns: Sequence[str]) -> bool:
-    """Whether a table of drupe history stands at `path`: its first columns are these."""
+def put_table(path: Path, table: pd.DataFrame) -> None:
+    """Writes the table whole, in the format of the path's ending."""
+    put(path, table_bytes(table, path.suffix.lower()))
+
+
+def table_of(columns: Sequence[str]) -> Callable[[Path], bool]:
+    """Tells whether a table of drupe history stands at a path: its first columns are these."""
+    return partial(_starts_with, columns=columns)
+
+
+def _starts_with(path: Path, columns: Sequence[str]) -> bool:
     readers = {
         ".csv": lambda: pd.read_csv(path, nrows=0),
         ".xlsx": lambda: pd.read_excel(path, nrows=0, engine="openpyxl"),

@@ -15,14 +15,7 @@ from scipy.special import chdtrc
 
 from pipeline.batch.records import FruitRecord, ModulusRecord, ReferenceRecord
 from pipeline.fruit.input_doubts import DOUBTED
-from pipeline.ranking.verified_scale import (
-    sd_of_fruit_MPa,
-    shared_gain,
-    shared_sd_of_fruit_MPa,
-    verified,
-    with_own_gain,
-    with_sensor,
-)
+from pipeline.ranking.verified_scale import shared_gain, verified, with_own_gain, without_sensor
 from reports.entries import ReferenceBodyEntry
 from reports.grasp_record import GraspRecord
 
@@ -156,14 +149,8 @@ def against_references(
     moduli = {record.fruit_id: record.modulus for record in asked if record.graded and record.modulus}
     bodies = tuple(_body(record, moduli[record.fruit_id]) for record in asked if record.fruit_id in moduli)
     of_bodies = [
-        (
-            body.E_found_MPa,
-            sd_of_fruit_MPa(modulus),
-            shared_sd_of_fruit_MPa(modulus),
-            body.E_known_MPa,
-            body.E_known_sd_MPa,
-        )
-        for body, modulus in zip(bodies, moduli.values(), strict=True)
+        (body.E_found_MPa, alone.E_sd_MPa, alone.common_sd_MPa, body.E_known_MPa, body.E_known_sd_MPa)
+        for body, alone in zip(bodies, map(without_sensor, moduli.values()), strict=True)
     ]
     ratio = combined_ratio(*np.array(of_bodies).T) if bodies else None
     usable = ratio is not None and ratio.apart and not (ratio.disagree or ratio.implausible)
@@ -196,7 +183,7 @@ def _body(record: FruitRecord, modulus: ModulusRecord) -> ReferenceBodyEntry:
         E_found_MPa=modulus.E_MPa,
         E_found_sd_MPa=modulus.E_sd_MPa,
         ratio=ratio,
-        ratio_sd=ratio * math.hypot(sd_of_fruit_MPa(modulus) / modulus.E_MPa, sd / known),
+        ratio_sd=ratio * math.hypot(without_sensor(modulus).E_sd_MPa / modulus.E_MPa, sd / known),
     )
 
 
@@ -330,7 +317,7 @@ def corrected_modulus(modulus: ModulusRecord, ratio: Ratio) -> ModulusRecord:
 
     The ratio takes the place of what all fruit share of the sensor's error (verified_scale.SHARED).
     """
-    corrected = with_sensor(modulus, 0.0).scaled(1 / ratio.ratio)
+    corrected = without_sensor(modulus).scaled(1 / ratio.ratio)
     return corrected.widened(PART, corrected.E_MPa * ratio.ln_sd, shared=True)
 
 

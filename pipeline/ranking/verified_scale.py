@@ -13,16 +13,6 @@ SHARED = (SENSOR, GAIN)
 """Parts of an error bar by the sensor that all fruit share, so that a reference body measures them."""
 
 
-def sd_of_fruit_MPa(modulus: ModulusRecord) -> float:
-    """E's standard deviation without the sensor's SHARED parts."""
-    return math.sqrt(max(modulus.E_sd_MPa**2 - _shared_sd_MPa(modulus) ** 2, 0.0))
-
-
-def shared_sd_of_fruit_MPa(modulus: ModulusRecord) -> float:
-    """The same of the part that all fruit share."""
-    return math.sqrt(max(modulus.common_sd_MPa**2 - _shared_sd_MPa(modulus) ** 2, 0.0))
-
-
 def verified(modulus: ModulusRecord, ln_ratio: float, ln_sd: float) -> ModulusRecord:
     """The same E, of whose scale the reference bodies say ln r ± sd: what that leaves of the common scale and
     of the sensor's SHARED parts (tactile.consistency.gain), each by the same share. It is more than they
@@ -31,7 +21,7 @@ def verified(modulus: ModulusRecord, ln_ratio: float, ln_sd: float) -> ModulusRe
     assumed = math.hypot(modulus.scale_sd_MPa, _shared_sd_MPa(modulus)) / modulus.E_MPa
     if assumed == 0.0:
         return modulus
-    return with_sensor(modulus, unseen_error(ln_ratio, ln_sd, prior_sd=assumed) / assumed)
+    return _with_sensor(modulus, unseen_error(ln_ratio, ln_sd, prior_sd=assumed) / assumed)
 
 
 def shared_gain(modulus: ModulusRecord) -> float:
@@ -55,7 +45,12 @@ def with_own_gain(modulus: ModulusRecord, shared: float) -> ModulusRecord:
     )
 
 
-def with_sensor(modulus: ModulusRecord, share: float) -> ModulusRecord:
+def without_sensor(modulus: ModulusRecord) -> ModulusRecord:
+    """The same E without the common scale and the sensor's SHARED parts."""
+    return _with_sensor(modulus, 0.0)
+
+
+def _with_sensor(modulus: ModulusRecord, share: float) -> ModulusRecord:
     """The same E with its common scale and the sensor's SHARED parts times `share`."""
     more = (share**2 - 1) * _shared_sd_MPa(modulus) ** 2
     parts = modulus.parts_sd_MPa

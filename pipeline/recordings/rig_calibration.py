@@ -150,11 +150,8 @@ def _described(
         written["gels"] = _curve(
             RigCurve(force_N=knots, give_mm=gels, sd_mm=np.hypot(whole.curve.sd_mm, jaws.curve.sd(knots)))
         )
-    written["spread"] = {
-        "repeat_mm": _short(of.repeat_mm),
-        "hysteresis_mm": _short(of.hysteresis_mm),
-        "scatter_mm": _short(of.scatter_mm),
-    }
+    spreads = ("repeat_mm", "hysteresis_mm", "scatter_mm")
+    written["spread"] = {name: _short(getattr(of, name)) for name in spreads}
     written["recordings"] = [{"name": path.name, "sha256": _digest(path)} for path in sources]
     return written
 

@@ -23,6 +23,8 @@ from tactile.robot.base_and_mat import BaseAndMat, flange_covariance, place_sd_m
 from tactile.robot.hand_eye import Lens, MatView, hand_eye
 
 ROBOT = DescriptionKind("# robot, written by drupe robot", "a robot that drupe robot wrote")
+SPREADS = ("flange_sd_mm", "flange_sd_deg", "heldout_mm", "heldout_deg", "pixel_sd")
+"""What the description takes over of the fit's errors."""
 FRUIT_MM = np.array([0.0, 0.0, 30.0])
 """A typical place of the pads on the mat, mm: half the height of a fruit above its middle."""
 
@@ -117,11 +119,7 @@ def _described(
         "poses": fitted.poses,
         "base_from_mat": fitted.base_from_mat.tolist(),
         "covariance": ((fitted.covariance + fitted.covariance.T) / 2).tolist(),
-        "flange_sd_mm": fitted.flange_sd_mm,
-        "flange_sd_deg": fitted.flange_sd_deg,
-        "heldout_mm": fitted.heldout_mm,
-        "heldout_deg": fitted.heldout_deg,
-        "pixel_sd": fitted.pixel_sd,
+        **{name: getattr(fitted, name) for name in SPREADS},
         fitted.other_name: fitted.other.tolist(),
         "pose_aperture_mm": gripper.pose_aperture_mm,
         "pose_sd_mm": gripper.pose_sd_mm,

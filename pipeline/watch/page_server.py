@@ -13,7 +13,7 @@ import secrets
 import socket
 import threading
 import time
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -47,6 +47,7 @@ from pipeline.watch.forms import HEADERS, form_of
 from pipeline.watch.verdict_desk import VerdictDesk
 from reports.language import ENGLISH
 
+Answer = Callable[[Request], Awaitable[Response]]
 LOOPBACK = "127.0.0.1"
 NEWS_S = 0.2
 """Seconds between two looks for news to tell a page."""
@@ -193,27 +194,39 @@ class PageServer:
         self._socket.close()
 
     def _app(self) -> Starlette:
-        start, hosts = self._access.prefix, [LOOPBACK, "localhost"] if self._network is None else ["*"]
+        start, known, hosts = (
+            self._access.prefix,
+            self._for_known,
+            [LOOPBACK, "localhost"] if self._network is None else ["*"],
+        )
         return Starlette(
             routes=[
-                Route(f"{start}/", self._kiosk),
-                Route(f"{start}/events", self._events),
-                Route(f"{start}/scan", self._scan),
-                Route(f"{start}/judge", self._judge, methods=["GET", "POST"]),
+                Route(f"{start}/", known(self._kiosk)),
+                Route(f"{start}/events", known(self._events)),
+                Route(f"{start}/scan", known(self._scan)),
+                Route(f"{start}/judge", known(self._judge), methods=["GET", "POST"]),
                 *self._access.routes(),
-                Route(f"{start}/{{path:path}}", self._file),
+                Route(f"{start}/{{path:path}}", known(self._file)),
             ],
             middleware=[Middleware(TrustedHostMiddleware, allowed_hosts=hosts)],
         )
 
-    async def _kiosk(self, request: Request) -> Response:
-        if not self._access.knows(request):
+    def _for_known(self, answer: Answer) -> Answer:
+        """The answer to those who may see the page; what others get."""
+
+        async def guarded(request: Request) -> Response:
+            if self._access.knows(request):
+                return await answer(request)
             return self._access.refusal(request) or _nothing()
+
+        return guarded
+
+    async def _kiosk(self, _: Request) -> Response:
         return HTMLResponse(self._page)
 
     async def _scan(self, request: Request) -> Response:
         """Leads to what a code names: the form for a fruit, or the report of the lot."""
-        if not self._access.knows(request) or self.desk is None:
+        if self.desk is None:
             return _nothing()
         code = request.query_params.get("code", "")
         address, page = await asyncio.to_thread(self.desk.scanned, code)
@@ -224,7 +237,7 @@ class PageServer:
     async def _judge(self, request: Request) -> Response:
         """The form for a fruit, or its verdict kept; a form of another site is not taken."""
         fruit_id, desk = request.query_params.get("fruit", ""), self.desk
-        if not self._access.knows(request) or desk is None:
+        if desk is None:
             return _nothing()
         device = self._access.device_of(request)
         if request.method != "POST":
@@ -239,8 +252,6 @@ class PageServer:
         return RedirectResponse("./", status_code=303)
 
     async def _events(self, request: Request) -> Response:
-        if not self._access.knows(request):
-            return _nothing()
         return StreamingResponse(self._news(request), media_type="text/event-stream")
 
     async def _news(self, request: Request) -> AsyncIterator[str]:
@@ -256,7 +267,7 @@ class PageServer:
             quiet_s += NEWS_S
 
     async def _file(self, request: Request) -> Response:
-        path = self._given(request.path_params["path"]) if self._access.knows(request) else None
+        path = self._given(request.path_params["path"])
         if path is None:
             return _nothing()
         try:

@@ -3,18 +3,14 @@
 import math
 
 import numpy as np
-import pandas as pd
 import pytest
-from statsmodels.stats.proportion import proportion_confint
 from statsmodels.stats.weightstats import CompareMeans, DescrStatsW
 
 from pipeline.history.appraisers import gauge_study
 from pipeline.history.lot_statistics import (
-    PERCENTILES,
     lot_differences,
     lot_statistics,
     needed_fruit,
-    share_outside,
 )
 from pipeline.history.lots_softening import lots_softening
 from pipeline.history.softening import reached, softening_of
@@ -51,27 +47,9 @@ def test_an_interaction_that_is_simulated_is_its_own_component():
     assert (study.repeatability, study.interaction, study.part) == pytest.approx((0.3, 0.7, 2.0), rel=0.1)
 
 
-def test_statistics_are_those_of_pandas():
-    E = np.random.default_rng(1).lognormal(0, 0.3, 23)
-    statistics, series = lot_statistics(E, precision=0.05), pd.Series(E)
-    assert (statistics.n, statistics.mean_MPa, statistics.sd_MPa) == pytest.approx(
-        (23, series.mean(), series.std())
-    )
-    shares = np.array(PERCENTILES) / 100
-    assert statistics.percentiles_MPa == pytest.approx(series.quantile(shares).tolist())
-
-
 def test_one_fruit_has_no_spread():
     assert lot_statistics([0.7], precision=0.05).sd_MPa is None
     assert lot_statistics([0.7], precision=0.05).needed is None
-
-
-@pytest.mark.parametrize("outside", [0, 3, 10])
-def test_shares_have_the_exact_interval_of_another_library(outside):
-    E = [0.9] * outside + [0.3] * (10 - outside)
-    low, high = proportion_confint(outside, 10, alpha=0.1, method="beta")
-    expected = (outside / 10, low, high)
-    assert share_outside(E, above_MPa=0.2, up_to_MPa=0.5) == pytest.approx(np.nan_to_num(expected))
 
 
 def test_so_many_fruit_reach_the_precision_and_one_less_does_not():
