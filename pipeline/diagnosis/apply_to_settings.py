@@ -107,7 +107,6 @@ def confirmed_effects(winner: Candidate, *, fruit_id: str) -> tuple[ConfirmedEff
 
 
 def _own(winner: Candidate, effect: str) -> dict[str, Parameter]:
-    """The parameters of one effect of the winner."""
     of_effect = {}
     for name, parameter in winner.parameters.items():
         part, _, plain = name.rpartition(".")

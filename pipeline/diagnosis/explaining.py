@@ -100,7 +100,6 @@ def explain(
 def _explained(
     case: Case, wanted: ExplainOutputs, report: Callable[[str], None], jobs: int, now: Callable[[], datetime]
 ) -> ExplainEntry:
-    """Runs the finder on an opened case, writes what is wanted, and gives what the page says."""
     require_one_fruit(case)
     started, since_s = now(), time.monotonic()
     log = StageLog(report)

@@ -252,7 +252,6 @@ class KeptModels(StageRecord):
 
 
 def _in(model: GraspModel, precision: DTypeLike) -> GraspModel:
-    """The model with its matrices in this precision."""
     compliance, correction = model.compliance, model.displacement_correction
     return replace(
         model,

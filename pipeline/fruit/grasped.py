@@ -143,7 +143,6 @@ def _category_doubts(task: FruitTask, shape: FruitShape) -> list[Doubt]:
 def _placed(
     task: FruitTask, shape: FruitShape, checked: Checked, log: StageLog
 ) -> tuple[list[PlacedGrasp], dict[str, TactileFailure]]:
-    """Every recording that can be used, and the failure of each that cannot."""
     placed: list[PlacedGrasp] = []
     failures: dict[str, TactileFailure] = {}
     folder, owner = task.folder, owner_of(task)
@@ -204,7 +203,6 @@ def admitted(
 
 
 def _checked(task: FruitTask, shape: FruitShape) -> Checked:
-    """What the recordings' checks are told of this fruit."""
     plausible = None if task.prior is None else task.prior.plausible
     scale = (shape.record.scale_sd or 0.0) * max(shape.record.box_mm) / 2
     return Checked(

@@ -125,7 +125,6 @@ def _lacking(made: Reconstruction, given: Sequence[str]) -> str:
 
 
 def _used(photos: Sequence[Photo], cameras: Sequence[Camera]) -> Iterator[UInt8[np.ndarray, "_h _w 3"]]:
-    """The photos of these cameras, without distortion."""
     by_name = {photo.name: photo for photo in photos}
     return (straightened(by_name[camera.name], camera)[0] for camera in cameras)
 
@@ -159,7 +158,6 @@ def _skin(
 
 
 def _unused_doubts(photos: Sequence[Photo], made: Reconstruction) -> list[str]:
-    """A sentence on photos that were not used, by name."""
     used = {camera.name for camera in made.cameras}
     unused = [photo.name for photo in photos if photo.name not in used]
     if not used or not unused:

@@ -281,7 +281,6 @@ def _grasp_records(compression: _Compression) -> list[GraspRecord]:
 def _modulus_record(
     compression: _Compression, shape_sd: float, nu: float, nu_sd: float, doubts: Sequence[Doubt]
 ) -> ModulusRecord:
-    """E by linear elasticity, with the parts of its error."""
     E = compression.explanation.before
     parts = {
         RECORDINGS: E.sd,

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float
 from scipy.stats import f as fisher
 from scipy.stats import ttest_1samp
@@ -50,17 +51,18 @@ def comparisons(batches: Sequence[StoredBatch]) -> Iterable[str]:
     than fruit do.
     """
     for kind, named in APPRAISERS.items():
-        means: dict[tuple[object, ...], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
-        for batch in batches:
-            for fruit in batch.fruit:
-                if fruit.fitted and (appraiser := named(batch)):
-                    means[(*batch.series, batch.measured)][appraiser].append(math.log(fruit.E_MPa))
-        names = sorted({appraiser for by_name in means.values() for appraiser in by_name})
-        for first, second in combinations(names, 2):
-            both = [day for day in means.values() if first in day and second in day]
-            if len(both) < FEWEST_DAYS:
+        readings = [
+            (*batch.series, batch.measured, named(batch), math.log(fruit.E_MPa))
+            for batch in batches
+            for fruit in batch.fruit
+            if fruit.fitted and named(batch)
+        ]
+        columns = ["category", "cultivar", "lot", "day", "appraiser", "ln_E"]
+        means = pd.DataFrame(readings, columns=columns).pivot_table("ln_E", columns[:4], "appraiser")
+        for first, second in combinations(means.columns, 2):
+            differences = (means[second] - means[first]).dropna()
+            if len(differences) < FEWEST_DAYS:
                 continue
-            differences = [float(np.mean(day[second]) - np.mean(day[first])) for day in both]
             test = ttest_1samp(differences, 0.0)
             interval = test.confidence_interval(COVERAGE)
             middle, low, high = (
@@ -68,7 +70,7 @@ def comparisons(batches: Sequence[StoredBatch]) -> Iterable[str]:
             )
             yield (
                 f"{kind} {second} reads {middle:+.1f} % ({low:+.1f} to {high:+.1f} %, 90 %; "
-                f"p = {test.pvalue:.2g}) against {kind} {first}, over {len(both)} lots and days"
+                f"p = {test.pvalue:.2g}) against {kind} {first}, over {len(differences)} lots and days"
             )
 
 

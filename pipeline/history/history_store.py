@@ -112,7 +112,6 @@ class HistoryStore:
         return set().union(*map(_ids, self.results[key]))
 
     def _insert(self, name: str, batch: StoredBatch) -> None:
-        """Adds rows of the batch, its fruit and their grasps."""
         batch = replace(batch, key=name)
         kept = self.results.setdefault(name, [])
         cells = {"batch": name, "revision": len(kept), "sha256": _sha256(batch)}

@@ -166,7 +166,6 @@ def _decision(on_day: Sequence[StoredBatch], class_name: str, plan: SamplingPlan
 
 
 def _place(batch: StoredBatch, fruit_id: str) -> str:
-    """Of a fruit in the draw."""
     return hashlib.sha256(f"{batch.lot}\n{batch.measured}\n{fruit_id}".encode()).hexdigest()
 
 

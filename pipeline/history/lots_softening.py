@@ -122,7 +122,6 @@ def _on_last_day(lot: SeriesEntry) -> str:
 
 
 def _law(lots: Sequence[SeriesEntry]) -> tuple[str, dict[str, float]]:
-    """In words, and the rate of each lot."""
     E_MPa = {
         lot.lot: {float((day.day - lot.days[0].day).days): day.single_E_MPa for day in lot.days}
         for lot in lots

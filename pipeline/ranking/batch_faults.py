@@ -160,7 +160,6 @@ def _surest(known: Sequence[BatchFault]) -> BatchFault:
 
 
 def _amount(fault: BatchFault) -> str:
-    """The fault with its size."""
     where = f"the {fault.pad} pad" if fault.pad else "the gripper"
     if fault.parameter == "gain":
         gain = 1 / (1 - fault.mean) - 1

@@ -119,7 +119,6 @@ def _missing_physics(
 
 
 def _class_of(E_MPa: float, grading: Grading) -> str | None:
-    """The class that a modulus falls in; None without classes."""
     return maturity(math.log(E_MPa), 0.0, grading.classes)[0]
 
 

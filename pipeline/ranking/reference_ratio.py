@@ -171,7 +171,6 @@ def as_measured(record: FruitRecord, corrected: FruitRecord) -> FruitRecord:
 
 
 def _body(record: FruitRecord, modulus: ModulusRecord) -> ReferenceBodyEntry:
-    """A graded reference body's modulus beside the known one."""
     known, sd = record.given.reference_E_MPa, record.given.reference_E_sd_MPa
     if known is None or sd is None:
         raise ValueError(f"drupe graded the reference body {record.fruit_id} without its modulus")
@@ -198,7 +197,6 @@ def _sentences(
     *,
     corrected: bool,
 ) -> list[str]:
-    """What is said of the reference bodies on the terminal and in the report."""
     if ratio is None:
         why = ", ".join(f"{record.fruit_id}: {record.outcome}" for record in asked)
         return [

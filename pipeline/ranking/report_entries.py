@@ -149,14 +149,12 @@ def _ships(grading: Grading, *, unsaid: bool = False) -> tuple[str, ...]:
 
 
 def _reference(finding: ReferenceFinding) -> ReferenceEntry:
-    """What the report shows of the reference bodies."""
     return ReferenceEntry(sentences=finding.sentences, alarm=finding.alarm, bodies=finding.bodies)
 
 
 def _fruit_entry(
     record: FruitRecord, place: Rank | None, results: Results, grading: Grading, fruits: int
 ) -> FruitEntry:
-    """A fruit's record and place as the report and the ranking have it."""
     files = results.fruit(record.fruit_id)
     mesh, modulus = record.mesh, record.modulus if record.graded else None
     explained, temperature = _explained(record, files), record.temperature
@@ -220,7 +218,6 @@ def _explained(record: FruitRecord, files: FruitResults) -> DiagnosisRecord | No
 
 
 def _screen(record: FruitRecord) -> ScreenEntry | None:
-    """What the screen says, in the words of the effects that it suggests."""
     said = record.screen
     if said is None or not record.graded:
         return None

@@ -224,7 +224,6 @@ def _read(source: Path, wanted: ConvertRequest, report: Callable[[str], None]) -
 
 
 def _of_any_kind(source: Path, wanted: ConvertRequest, report: Callable[[str], None]) -> Converted:
-    """By what the source holds."""
     report_pad = frame_progress(report, every=TELL_EVERY)
     if (source / "grasp.toml").is_file():
         raw = read_raw_grasp(source, sensor=wanted.sensor)
@@ -278,12 +277,10 @@ def _require_table(source: Path) -> None:
 
 
 def _in_and_below(source: Path) -> list[Path]:
-    """The file itself, or what a folder and its own folders hold."""
     return [*source.glob("*"), *source.glob("*/*")] if source.is_dir() else [source] * source.is_file()
 
 
 def _without_rig(converted: Converted, source: Path, rig: Path | None) -> Converted:
-    """The trace less what its rig gives by itself, where a rig is named."""
     if rig is None:
         return converted
     corrected = without_rig(converted.recording, read_rig(rig).machine, source=source.name, named=rig.name)
@@ -339,7 +336,6 @@ def _trace(source: Path, wanted: ConvertRequest) -> Converted:
 
 
 def _needed(source: Path, given: Path | None, sentence: str) -> Path:
-    """The file that an option names; raises BatchRefused with this sentence where it is left out."""
     if given is None:
         raise refused(source, sentence)
     return given

@@ -55,7 +55,6 @@ def calibrate(
 
 
 def _described(sensor: Path) -> dict[str, Any]:
-    """The description as it stands."""
     if not sensor.is_file():
         raise refused(sensor, "does not exist; give the sensor's description.")
     try:

@@ -294,7 +294,6 @@ class PageServer:
 
 
 def _listening(host: str, port: int) -> socket.socket:
-    """A socket that listens there; raises BatchRefused where it cannot."""
     try:
         family, *_, place = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         listening = socket.create_server(place[:2], family=family, backlog=QUEUE)

@@ -161,7 +161,6 @@ class BatchWatch:
             return batch_files, None, self._sentences(fault)
 
     def _whole(self, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
-        """The fruit that lack nothing, listed or not."""
         every = (*rows, *unlisted_fruit(folder, rows))
         return self.arrivals.look(folder, every)
 

@@ -79,14 +79,6 @@ def test_options_of_rig_and_sensor_do_not_mix(tmp_path: Path, words: tuple[str, 
     assert said in " ".join(output.replace("│", " ").split())
 
 
-def test_a_soft_object_is_no_rig(tmp_path: Path) -> None:
-    trace = write_trace(tmp_path / "s.csv", 0, relaxes=0.4, hold=200)
-    code, said = run("calibrate", trace, tmp_path / "rig.toml", *RIGID)
-    assert code == 3
-    assert "no squeeze of a rigid object" in said
-    assert not (tmp_path / "rig.toml").exists()
-
-
 @pytest.mark.parametrize(
     ("right", "wrong", "said"),
     [

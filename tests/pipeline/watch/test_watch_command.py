@@ -46,21 +46,6 @@ def test_fruit_that_were_just_graded_are_not_called_unchanged_but_those_of_an_ea
     assert watched.said.getvalue().count("2 of 2 fruit unchanged since the last run") == 1
 
 
-@pytest.mark.parametrize(
-    ("wrong", "said"),
-    [
-        (["nowhere"], "nowhere: does not exist; give an existing batch folder."),
-        (["batch.toml"], "is a file; give the batch folder."),
-    ],
-)
-def test_no_address_is_given_where_watching_cannot_begin(batch, drupe, monkeypatch, wrong, said):
-    monkeypatch.chdir(batch)
-    ran = drupe("watch", *wrong)
-    assert ran.status == 2
-    assert ran.out == ""
-    assert said in ran.one_line()
-
-
 def nothing(_path):
     pass
 
@@ -77,9 +62,18 @@ def nothing(_path):
 )
 def test_watching_ends_where_there_are_no_settings_to_read(tmp_path, drupe, put, said):
     put(tmp_path / "batch.toml")
-    ran = drupe("watch", str(tmp_path))
+    refused(drupe, tmp_path, f"{tmp_path / 'batch.toml'}: {said}")
+
+
+def test_no_address_is_given_where_watching_cannot_begin(batch, drupe):
+    refused(drupe, "nowhere", "nowhere: does not exist; give an existing batch folder.")
+    refused(drupe, batch / "batch.toml", "is a file; give the batch folder.")
+
+
+def refused(drupe, place, said):
+    ran = drupe("watch", place)
     assert (ran.status, ran.out) == (2, "")
-    assert f"{tmp_path / 'batch.toml'}: {said}" in ran.one_line()
+    assert said in ran.one_line()
 
 
 def test_fruit_that_lack_files_are_named_once_they_are_at_rest(batch, watched):
