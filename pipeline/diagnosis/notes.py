@@ -97,14 +97,11 @@ def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[s
 def _scale(placed: Sequence[PlacedGrasp], settings: SensorSettings | None) -> list[str]:
     """What the sensors' scales leave open."""
     scale = sensor_scale([grasp.recording for grasp in placed], settings)
-    share = scale.sd
-    if not share:
+    if not scale.sd:
         return []
     return [
-        (
-            f"The sensor's scales add ± {share:.1%} to E, the same in all grasps ({scale.common:.1%} of "
-            "it from a common factor on force and gel stiffness). The intervals here exclude it."
-        )
+        f"The sensor's scales add ± {scale.sd:.1%} to E, the same in all grasps ({scale.common:.1%} of "
+        "it from a common factor on force and gel stiffness). The intervals here exclude it."
     ]
 
 
@@ -125,9 +122,6 @@ def _air(grasp: PlacedGrasp) -> list[str]:
         return []
     count = f"only {frames} frames" if frames else "no frame"
     return [
-        (
-            f"{grasp.name}: {count} before first contact. drupe estimates noise from frames in contact "
-            f"and may miss weaker effects; record at least {FEWEST_NO_CONTACT_FRAMES + 1} frames in the "
-            "air."
-        )
+        f"{grasp.name}: {count} before first contact. drupe estimates noise from frames in contact "
+        f"and may miss weaker effects; record at least {FEWEST_NO_CONTACT_FRAMES + 1} frames in the air."
     ]

@@ -135,16 +135,15 @@ def _fruit_shape(task: FruitTask) -> FruitShape:
     )
 
 
-def _shape(
+def measured(
     vertices: Float[np.ndarray, "n 3"],
     faces: Int[np.ndarray, "m 3"],
-    mesh_from_fruit: Float[np.ndarray, "4 4"],
     *,
     source: Literal["photos", "fruit.ply"],
-) -> FruitShape:
-    """The surface (mm) with its counts, size and volume, and nothing known of its quality."""
+) -> MeshRecord:
+    """Counts, size and volume of a surface (mm), with nothing known of its quality."""
     box = np.ptp(vertices, axis=0).tolist()
-    record = MeshRecord(
+    return MeshRecord(
         source=source,
         vertices=len(vertices),
         faces=len(faces),
@@ -152,8 +151,22 @@ def _shape(
         height_mm=box[2],
         box_mm=tuple(box),
     )
+
+
+def _shape(
+    vertices: Float[np.ndarray, "n 3"],
+    faces: Int[np.ndarray, "m 3"],
+    mesh_from_fruit: Float[np.ndarray, "4 4"],
+    *,
+    source: Literal["photos", "fruit.ply"],
+) -> FruitShape:
+    """The surface with its counts, size and volume, and nothing known of its quality."""
     return FruitShape(
-        vertices=vertices, faces=faces, mesh_from_fruit=mesh_from_fruit, warnings=(), record=record
+        vertices=vertices,
+        faces=faces,
+        mesh_from_fruit=mesh_from_fruit,
+        warnings=(),
+        record=measured(vertices, faces, source=source),
     )
 
 

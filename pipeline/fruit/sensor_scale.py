@@ -52,37 +52,28 @@ NO_SCALE = SensorScale()
 
 def sensor_scale(recordings: Sequence[Recording], settings: SensorSettings | None) -> SensorScale:
     """Of E from all these recordings. Sensors of one kind err alike in the first two, so that pads and grasps
-    do not make them less.
+    do not make them less; these are what the recordings state (force_scale_sd, displacement_scale_sd), else
+    batch.toml, else COMMON_SD and PICTURE_SD.
     """
     if not recordings:
         return NO_SCALE
     gain = unseen_gain([pad for recording in recordings for pad in _gels(recording)])
+    stated = (None, None) if settings is None else (settings.common_scale_sd, settings.picture_scale_sd)
+    common_sd, picture_sd = (
+        default if sd is None else sd for sd, default in zip(stated, (COMMON_SD, PICTURE_SD), strict=True)
+    )
     return SensorScale(
-        common=float(np.mean([common_sd(recording, settings) for recording in recordings])),
-        pictures=float(np.mean([_picture_sd(recording, settings) for recording in recordings])),
+        common=_stated_sd(recordings, "force_scale_sd", common_sd),
+        pictures=E_PER_PICTURE * _stated_sd(recordings, "displacement_scale_sd", picture_sd),
         gain=E_PER_GAIN * gain.shared,
         own_gain=E_PER_GAIN * gain.independent,
     )
 
 
-def common_sd(recording: Recording, settings: SensorSettings | None) -> float:
-    """Of the common factor: what the recording states (force_scale_sd), else batch.toml, else COMMON_SD."""
-    assumed = None if settings is None else settings.common_scale_sd
-    return _stated_sd(recording, "force_scale_sd", COMMON_SD if assumed is None else assumed)
-
-
-def _picture_sd(recording: Recording, settings: SensorSettings | None) -> float:
-    """Of E by the scale of the gel's lengths: of what the recording states (displacement_scale_sd), else
-    batch.toml, else PICTURE_SD.
-    """
-    assumed = None if settings is None else settings.picture_scale_sd
-    sd = _stated_sd(recording, "displacement_scale_sd", PICTURE_SD if assumed is None else assumed)
-    return E_PER_PICTURE * sd
-
-
-def _stated_sd(recording: Recording, field: str, assumed: float) -> float:
-    """The mean over its gels; 0 where it has none."""
-    return float(np.mean([getattr(pad, field) or assumed for pad in _gels(recording)] or [0.0]))
+def _stated_sd(recordings: Sequence[Recording], field: str, assumed: float) -> float:
+    """The mean over recordings of the mean over the gels of each; 0 of one that has none."""
+    gels = [[getattr(pad, field) or assumed for pad in _gels(recording)] for recording in recordings]
+    return float(np.mean([np.mean(sds or [0.0]) for sds in gels]))
 
 
 def _gels(recording: Recording) -> list[GelPad]:

@@ -111,7 +111,9 @@ def batch_entry(
         mean_E_MPa=float(np.mean(E)) if len(E) else None,
         between_sd_MPa=float(np.std(E, ddof=1)) if len(E) > 1 else None,
         shore=_shore(graded),
-        reference=None if finding is None else _reference(finding),
+        reference=None
+        if finding is None
+        else ReferenceEntry(sentences=finding.sentences, alarm=finding.alarm, bodies=finding.bodies),
         faults=(
             *(fault.sentence for fault in faults),
             *old_calibrations(batch.folder.root, settings, graded_on=started.date()),
@@ -146,10 +148,6 @@ def _ships(grading: Grading, *, unsaid: bool = False) -> tuple[str, ...]:
     """Names of the classes that are shipped, or of those of them that do not say so themselves."""
     both = zip(grading.classes, grading.shipped or (), strict=False)
     return tuple(c.name for c, goes in both if goes and (c.ship is None or not unsaid))
-
-
-def _reference(finding: ReferenceFinding) -> ReferenceEntry:
-    return ReferenceEntry(sentences=finding.sentences, alarm=finding.alarm, bodies=finding.bodies)
 
 
 def _fruit_entry(

@@ -27,16 +27,6 @@ def decimals(sd_MPa: float) -> int:
     return max(3, math.ceil(-math.log10(sd_MPa))) if 0 < sd_MPa < 1 else 3
 
 
-def doubted(fruits: Sequence[FruitEntry]) -> list[str]:
-    """A line for each doubt about E: the fruit that it concerns, and its whole text."""
-    return _once("E in doubt", [(fruit.fruit_id, fruit.doubts) for fruit in fruits if fruit.ok])
-
-
-def warned(fruits: Sequence[FruitEntry]) -> list[str]:
-    """A line for each warning about graded fruit: the fruit that it concerns, and its whole text."""
-    return _once("warning", [(fruit.fruit_id, fruit.warnings) for fruit in fruits if fruit.ok])
-
-
 def _once(lead: str, said: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
     """Every sentence once, in the order of the first fruit that has it; those of most fruit come first.
 
@@ -67,17 +57,6 @@ def suspected(fruits: Sequence[FruitEntry]) -> list[str]:
     return [f"{line}: {listed(ids, MOST_IDS)}" for line, ids in by_line.items()]
 
 
-def to_inspect(fruits: Sequence[FruitEntry]) -> list[str]:
-    """A line for each fruit that is to be inspected although its E is not in doubt: the suspected effect, p,
-    and E without and with it.
-    """
-    return [
-        f"inspect: {fruit.fruit_id}: {fruit.decision_reason}"
-        for fruit in fruits
-        if fruit.suspicion is not None
-    ]
-
-
 def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
     """The ranking as a table, failures with their reasons, doubts and warnings, where the files are."""
     table = Table(box=None, pad_edge=False)
@@ -106,9 +85,9 @@ def print_summary(batch: BatchEntry, out: Path, *, console: Console) -> None:
             for fruit in batch.fruits
             if not fruit.ok
         ),
-        *doubted(batch.fruits),
-        *to_inspect(batch.fruits),
-        *warned(batch.fruits),
+        *_once("E in doubt", [(each.fruit_id, each.doubts) for each in batch.fruits if each.ok]),
+        *(f"inspect: {each.fruit_id}: {each.decision_reason}" for each in batch.fruits if each.suspicion),
+        *_once("warning", [(each.fruit_id, each.warnings) for each in batch.fruits if each.ok]),
         f"{sum(graded)} of {len(graded)} fruit graded",
     ]
     if batch.unfinished is not None:

@@ -156,17 +156,11 @@ def _written(converted: Converted, source: Path, out: Path, report: Callable[[st
         return Conversion(notes=converted.notes)
     limits = expected_E_MPa(_prior(converted.recording.category))
     findings = recording_findings(converted.recording, None, None, E_range_MPa=limits)
+    said = [(finding, f"{source.name}: {finding.sentence}.") for finding in findings]
     return Conversion(
-        notes=(
-            *converted.notes,
-            *(f"{source.name}: {finding.sentence}." for finding in findings if finding.remark),
-        ),
-        doubts=tuple(
-            f"{source.name}: {finding.sentence}."
-            for finding in findings
-            if not (finding.refused or finding.remark)
-        ),
-        refused=tuple(f"{source.name}: {finding.sentence}." for finding in findings if finding.refused),
+        notes=(*converted.notes, *(sentence for finding, sentence in said if finding.remark)),
+        doubts=tuple(sentence for finding, sentence in said if not (finding.refused or finding.remark)),
+        refused=tuple(sentence for finding, sentence in said if finding.refused),
     )
 
 
@@ -246,16 +240,10 @@ def _of_any_kind(source: Path, wanted: ConvertRequest, report: Callable[[str], N
         if wanted.robot is not None:
             return Converted(recording=recording, notes=recording.notes)
         raise refused(source, "is a recording already and needs no conversion.")
-    said = wanted.trace
-    if kind in TABLES and (
-        said.columns
-        or said.units
-        or said.sheet
-        or said.run
-        or is_trace(source, sensor_given=wanted.sensor is not None)
-    ):
+    of_table = wanted.trace != TraceWords()
+    if kind in TABLES and (of_table or is_trace(source, sensor_given=wanted.sensor is not None)):
         return _without_rig(_trace(source, wanted), source, wanted.rig)
-    if said.columns or said.units or said.sheet or said.run:
+    if of_table:
         _require_table(source)
     if kind in (".npz", ".csv", ".mcap"):
         sensor = read_sensor(_needed(source, wanted.sensor, SENSOR_NEEDED))

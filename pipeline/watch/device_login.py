@@ -31,29 +31,13 @@ class Network:
     key: Path
     devices: Path
 
-    def check(self) -> None:
-        """Raises BatchRefused where the certificate, its key or the devices cannot be used."""
-        for option, path in (("--certificate", self.certificate), ("--key", self.key)):
-            if not path.is_file():
-                raise refused(option, f"there is no file {path}.")
-        try:
-            context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
-            context.load_cert_chain(self.certificate, self.key, password=lambda: b"")
-        except (OSError, ValueError) as fault:
-            sentence = (
-                f"cannot be used with {self.key} ({fault}); give a certificate and its key without "
-                "a password, both in PEM."
-            )
-            raise refused(self.certificate, sentence) from None
-        if not read_devices(self.devices):
-            sentence = f"has no device; add one with `drupe device add {self.devices} NAME`."
-            raise refused(self.devices, sentence)
-
 
 def network_of(
     host: str, *, certificate: Path | None, key: Path | None, devices: Path | None
 ) -> Network | None:
-    """The network for the page; None for this machine alone. Raises BatchRefused where it lacks something."""
+    """The network for the page; None for this machine alone. Raises BatchRefused where it lacks something,
+    or where the certificate, its key or the devices cannot be used.
+    """
     given = {"--certificate": certificate, "--key": key, "--devices": devices}
     if host in THIS_MACHINE and not any(given.values()):
         return None
@@ -64,9 +48,21 @@ def network_of(
             "Without --host only this machine can open the page."
         )
         raise refused(f"--host {host}", sentence)
-    network = Network(host=host, certificate=certificate, key=key, devices=devices)
-    network.check()
-    return network
+    for option, path in (("--certificate", certificate), ("--key", key)):
+        if not path.is_file():
+            raise refused(option, f"there is no file {path}.")
+    try:
+        context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+        context.load_cert_chain(certificate, key, password=lambda: b"")
+    except (OSError, ValueError) as fault:
+        sentence = (
+            f"cannot be used with {key} ({fault}); give a certificate and its key without "
+            "a password, both in PEM."
+        )
+        raise refused(certificate, sentence) from None
+    if not read_devices(devices):
+        raise refused(devices, f"has no device; add one with `drupe device add {devices} NAME`.")
+    return Network(host=host, certificate=certificate, key=key, devices=devices)
 
 
 @dataclass(kw_only=True)
