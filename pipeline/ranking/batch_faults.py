@@ -72,14 +72,18 @@ class Combined:
 
 
 @dataclass(frozen=True, kw_only=True)
-class BatchFault(Combined):
-    """One fault of the whole batch: which effect, of which pad (empty: the gripper); the fruit that show it
-    by themselves, and how many were looked at. `sentence`: all of it for staff.
+class BatchFault:
+    """One fault of the whole batch: which effect, of which pad (empty: the gripper), how much of it; the
+    fruit that show it by themselves, and how many were looked at. `sentence`: all of it for staff.
     """
 
     effect: str
     pad: str
     parameter: str
+    value: float
+    sd: float
+    between_sd: float
+    p_value: float
     shown_by: tuple[str, ...]
     fruit: int
     sentence: str = ""
@@ -121,34 +125,40 @@ def batch_faults(records: Sequence[FruitRecord]) -> tuple[BatchFault, ...]:
     tried = {
         key: of_fruit for key, of_fruit in amounts.items() if len(of_fruit) >= FEWEST and key[0] in SPECS
     }
-    by_effect: dict[str, list[BatchFault]] = {}
+    sure: list[tuple[float, BatchFault]] = []
     for (effect, pad, parameter), of_fruit in tried.items():
         values, sds = (np.array(numbers) for numbers in list(zip(*of_fruit, strict=True))[1:])
         together = combined(values, sds, floor=FLOOR.get(parameter, OF_ITS_OWN * float(np.median(sds))))
         if together.p_value < FALSE_ALARM / len(tried):
-            seen = (name for name, y, s in of_fruit if y * together.mean > 0 and abs(y) > SEEN * s)
             fault = BatchFault(
-                **vars(together),
                 effect=effect,
                 pad=pad,
                 parameter=parameter,
-                shown_by=tuple(seen),
+                value=together.mean,
+                sd=together.sd,
+                between_sd=together.between_sd,
+                p_value=together.p_value,
+                shown_by=tuple(
+                    name for name, y, s in of_fruit if y * together.mean > 0 and abs(y) > SEEN * s
+                ),
                 fruit=len(of_fruit),
             )
-            by_effect.setdefault(effect, []).append(fault)
-    ordered = sorted(by_effect.values(), key=lambda known: min(fault.p_value for fault in known))
-    return tuple(map(_surest, ordered))
+            sure.append((together.t, fault))
+    by_effect: dict[str, list[tuple[float, BatchFault]]] = {}
+    for t, fault in sorted(sure, key=lambda known: known[1].p_value):
+        by_effect.setdefault(fault.effect, []).append((t, fault))
+    return tuple(_surest(known) for known in by_effect.values())
 
 
-def _surest(known: Sequence[BatchFault]) -> BatchFault:
+def _surest(known: Sequence[tuple[float, BatchFault]]) -> BatchFault:
     """Of one effect the surest, with the other pads that may have it instead: what is wrong, by how much, in
     how many fruit, and what to do.
     """
-    first, *rest = sorted(known, key=lambda candidate: -candidate.t)
+    (most, first), *rest = sorted(known, key=lambda candidate: -candidate[0])
     others = [
         fault
-        for fault in rest
-        if fault.pad != first.pad and fault.parameter == first.parameter and fault.t > AS_SURE * first.t
+        for t, fault in rest
+        if fault.pad != first.pad and fault.parameter == first.parameter and t > AS_SURE * most
     ]
     words = ", or ".join(map(_amount, (first, *others)))
     return replace(
@@ -160,15 +170,16 @@ def _surest(known: Sequence[BatchFault]) -> BatchFault:
 
 
 def _amount(fault: BatchFault) -> str:
+    """The fault with its size."""
     where = f"the {fault.pad} pad" if fault.pad else "the gripper"
     if fault.parameter == "gain":
-        gain = 1 / (1 - fault.mean) - 1
+        gain = 1 / (1 - fault.value) - 1
         much = "much" if gain > 0 else "little"
-        sd = 100 * fault.sd / (1 - fault.mean) ** 2
+        sd = 100 * fault.sd / (1 - fault.value) ** 2
         return f"{where} reads {100 * abs(gain):.1f} ± {sd:.1f} % too {much} force"
     specs = SPECS[fault.effect].parameters
     spec = next((spec for spec in specs if fault.parameter in {part.name for part in spec.searched}), None)
     unit = "" if spec is None else f" {spec.unit}".replace(" 1", "")
     meaning = SPECS[fault.effect].words.short if spec is None else spec.words
     axis = {"0": " along its x", "1": " along its y"}.get(fault.parameter.partition(".")[2], "")
-    return f"{where}: {meaning}{axis} {fault.mean:+.3g} ± {fault.sd:.2g}{unit}"
+    return f"{where}: {meaning}{axis} {fault.value:+.3g} ± {fault.sd:.2g}{unit}"

@@ -64,9 +64,13 @@ def test_a_gain_of_four_percent_is_found_in_nearly_every_batch(count):
 def test_a_gain_of_four_percent_in_ten_fruit_is_said_once_with_its_size():
     faults = batch_faults(batch_of(10, np.random.default_rng(3), gain=1 - 1 / 1.04))
     (fault,) = faults
-    assert (fault.effect, fault.parameter) == ("sensor_gain", "gain")
-    assert (fault.fruit, len(fault.shown_by)) == (10, 10)
-    assert abs(fault.mean) == pytest.approx(1 - 1 / 1.04, abs=4 * fault.sd)
+    assert (fault.effect, fault.parameter, fault.fruit, len(fault.shown_by)) == (
+        "sensor_gain",
+        "gain",
+        10,
+        10,
+    )
+    assert abs(fault.value) == pytest.approx(1 - 1 / 1.04, abs=4 * fault.sd)
     assert "the left pad reads" in fault.sentence.lower()
     assert "or the right pad reads" in fault.sentence.lower() or fault.pad == "right"
     said = re.search(r"left pad reads ([\d.]+) ± ([\d.]+) % too much force", fault.sentence)
