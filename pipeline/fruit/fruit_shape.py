@@ -17,9 +17,9 @@ from pipeline.fruit.photographed import KeptMesh, photographed
 from pipeline.fruit.trace_geometry import stated_in_table
 from recon.learned.onnx_file import model_files
 from recon.pit.placement import embed_pit, place_pit, require_closed
-from recon.surface.mesh_file import Mesh, mesh_bytes, read_mesh
+from recon.surface.mesh_file import mesh_bytes, read_mesh
 from recon.surface.orientation import orientation_of, orientation_warnings
-from recon.triangle_mesh import volume_mm3
+from recon.triangle_mesh import Mesh, volume_mm3
 
 
 @dataclass(frozen=True, kw_only=True)
