@@ -77,8 +77,7 @@ def fung_at_small_strain(*, poisson_ratio: float) -> PathLaw:
 def first_piola_stress(gradient: Tensors, b: float, *, poisson_ratio: float) -> Tensors:
     """P for E = 1 MPa, [j, i] of it P_ij."""
     mu, lame = unit_lame_constants(poisson_ratio)
-    P = neo_hookean_stress(gradient, mu, lame)
-    _, log_J = _volume_ratio(gradient)
+    P, log_J = _neo_hookean(gradient, mu, lame)
     # F : F - 3 = 2 tr H + H : H, whose parts would cancel in single precision otherwise
     energy = trace(gradient) + (gradient**2).sum(axis=(2, 3)) / 2 - log_J + lame / mu / 2 * log_J**2
     P *= _exponential(b * energy)[:, :, None, None]
@@ -87,10 +86,15 @@ def first_piola_stress(gradient: Tensors, b: float, *, poisson_ratio: float) -> 
 
 def neo_hookean_stress(gradient: Tensors, mu: float, lame: float) -> Tensors:
     """P_nh of these constants, [j, i] of it P_ij; linear in both."""
+    return _neo_hookean(gradient, mu, lame)[0]
+
+
+def _neo_hookean(gradient: Tensors, mu: float, lame: float) -> tuple[Tensors, Points]:
+    """P_nh and ln J."""
     cofactor, J, log_J = _cofactor(gradient)
     P = mu * deformation_gradient(gradient)
     P += ((lame * log_J - mu) / J)[:, :, None, None] * cofactor
-    return P
+    return P, log_J
 
 
 def deformation_gradient(gradient: Tensors) -> Tensors:

@@ -33,13 +33,15 @@ class KnownEffect:
 
 
 def displacement_corrections(
-    case: MismatchCase, effects: Sequence[KnownEffect]
+    case: MismatchCase, effects: Sequence[KnownEffect], *, at_finite_strain: bool
 ) -> list[Float[np.ndarray, "_t _n 3"]]:
     """d(t) of every recording, mm MPa, all frames: zero without contact.
 
+    `at_finite_strain`: whether the effects change large deformation as well.
+
     Raises FemFailure where the recordings or an effect's model cannot be computed, or 1/E does not settle.
     """
-    model, _ = case_model(case)
+    model = replace(case_model(case)[0], beyond_small_strain=at_finite_strain)
     if not model.compliance > 0:
         raise FemFailure(
             FemProblem.NO_MODULUS,

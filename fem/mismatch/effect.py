@@ -161,7 +161,9 @@ class Effect(ABC):
         """The full response at these parameters; `variant` is that of the signature it was found with."""
 
     def at_small_strain(self, model: CaseModel) -> Fields | None:
-        """Where it adds theta D to the flesh's stiffness K0: its signature -K0^-1 D U at small strain, mm."""
+        """Where it adds theta D to the flesh's stiffness K0: its one signature, of one column, at small
+        strain: -K0^-1 D U, mm.
+        """
         return None
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:

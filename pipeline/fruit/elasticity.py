@@ -214,7 +214,7 @@ def responses(
         poisson_ratio=fruit.poisson_ratio,
         budget=fruit.budget,
     )
-    return with_corrections(plain, added(case, effects))
+    return with_corrections(plain, added(case, effects, at_finite_strain=large or holds_it))
 
 
 class KeptFailure(StageRecord):

@@ -36,13 +36,17 @@ def catalogue_parameters(effect: ConfirmedEffect, E_MPa: float) -> dict[str, flo
     return values
 
 
-def added(case: MismatchCase, effects: Sequence[ConfirmedEffect]) -> list[Float[np.ndarray, "_t _n 3"]]:
-    """What these effects add to the response of each recording of `case`; raises FemFailure."""
+def added(
+    case: MismatchCase, effects: Sequence[ConfirmedEffect], *, at_finite_strain: bool
+) -> list[Float[np.ndarray, "_t _n 3"]]:
+    """What these effects add to the response of each recording of `case`, which `at_finite_strain` is
+    neo-Hookean; raises FemFailure.
+    """
     confirmed = [
         KnownEffect(effect=MECHANICS[effect.effect], parameters=partial(catalogue_parameters, effect))
         for effect in effects
     ]
-    return displacement_corrections(case, confirmed)
+    return displacement_corrections(case, confirmed, at_finite_strain=at_finite_strain)
 
 
 def with_corrections(

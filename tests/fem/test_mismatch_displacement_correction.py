@@ -45,7 +45,7 @@ def test_relaxing_flesh_is_too_soft_without_its_law_and_right_with_it():
         kept_solid(case.mesh, case.poisson_ratio, "free"), contact_nodes=contact_nodes(case.mesh, [history])
     )
     model = grasp_model(history, solid)
-    (beyond,) = displacement_corrections(case, [RELAXING])
+    (beyond,) = displacement_corrections(case, [RELAXING], at_finite_strain=True)
     informed = replace(model, displacement_correction=beyond)
     without, with_law = (estimate_modulus(history, each, budget=case.budget) for each in (model, informed))
     assert without.E_MPa < 0.93 * E_MPA
@@ -56,14 +56,18 @@ def test_relaxing_flesh_is_too_soft_without_its_law_and_right_with_it():
 def test_known_effects_whose_modulus_does_not_settle_say_so(monkeypatch):
     monkeypatch.setattr(displacement_correction, "STILL", -1.0)
     with pytest.raises(FemFailure, match="E with viscoelastic still changes") as failure:
-        displacement_corrections(relaxed_case(), [RELAXING])
+        displacement_corrections(relaxed_case(), [RELAXING], at_finite_strain=True)
     assert failure.value.problem is FemProblem.NOT_CONVERGED
 
 
-def test_a_skin_of_so_many_newtons_per_millimetre_counts_in_the_modulus_that_comes_with_it():
+@pytest.mark.parametrize("at_finite_strain", [True, False])
+def test_a_skin_of_so_many_newtons_per_millimetre_counts_in_the_modulus_that_comes_with_it(
+    at_finite_strain: bool,
+):
     E_MPa, Et_N_per_mm = 0.3, 1.5
-    recording = model_of().grasps[0]
-    (stiff,) = skin.EFFECT.respond(model_of(), {"Et_over_E_mm": Et_N_per_mm / E_MPa}, ONE_WAY).unit
+    model = replace(model_of(), compliance=1 / E_MPa, beyond_small_strain=at_finite_strain)
+    recording = model.grasps[0]
+    (stiff,) = skin.EFFECT.respond(model, {"Et_over_E_mm": Et_N_per_mm / E_MPa}, ONE_WAY).unit
     history = long_pinch()
     ends = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
     pads = tuple(
@@ -71,7 +75,9 @@ def test_a_skin_of_so_many_newtons_per_millimetre_counts_in_the_modulus_that_com
         for pad, displacement in zip(history.pads, np.split(stiff, ends, axis=1), strict=True)
     )
     known = KnownEffect(effect=skin.EFFECT, parameters=lambda E: {"Et_over_E_mm": Et_N_per_mm / E})
-    (beyond,) = displacement_corrections(as_case(replace(history, pads=pads)), [known])
+    (beyond,) = displacement_corrections(
+        as_case(replace(history, pads=pads)), [known], at_finite_strain=at_finite_strain
+    )
     wanted = stiff - recording.tracks.unit_displacement
     assert np.abs(beyond - wanted).max() < 0.01 * np.abs(wanted).max()
 
@@ -79,7 +85,7 @@ def test_a_skin_of_so_many_newtons_per_millimetre_counts_in_the_modulus_that_com
 def test_known_effects_of_a_fruit_that_does_not_move_have_no_modulus():
     known = KnownEffect(effect=skin.EFFECT, parameters=lambda E: {"Et_over_E_mm": 1.5 / E})
     with pytest.raises(FemFailure, match="do not move the fruit") as failure:
-        displacement_corrections(as_case(long_pinch()), [known])
+        displacement_corrections(as_case(long_pinch()), [known], at_finite_strain=True)
     assert failure.value.problem is FemProblem.NO_MODULUS
 
 

@@ -9,14 +9,17 @@ from pinched_case_model import model_of
 from scipy.spatial.transform import Rotation
 from test_mismatch_large_deformation import by_newton
 
-from fem.fem_failure import FemFailure
-from fem.materials.fung_neo_hookean import neo_hookean_tangent
+from fem.materials.fung_neo_hookean import fung_neo_hookean, neo_hookean_tangent
 from fem.materials.neo_hookean import NeoHookean
 from fem.materials.strain_path import linear_stress
-from fem.mismatch.effects import anisotropy, graded_modulus, poisson_ratio, skin
+from fem.mismatch.effects import anisotropy, graded_modulus, poisson_ratio, skin, soft_spot
 from fem.mismatch.kinds.linear_law import LinearLaw, matrix_operator, neo_hookean_operator
 from fem.mismatch.model import finite_change as module
+from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.finite_change import finite_change, in_proportion
+from fem.mismatch.model.reduced_law import Operator
+from fem.mismatch.model.stress_history import HARDLY_ANY, stiffening_path
+from fem.solid.initial_stress import AddedStress
 from fem.solid.membrane import membrane_forces
 
 LAWS = [effect.EFFECT for effect in (anisotropy, graded_modulus, poisson_ratio, skin)]
@@ -74,18 +77,53 @@ def test_flesh_that_is_stiffer_as_a_whole_moves_as_under_a_smaller_load(monkeypa
     monkeypatch.setattr(module, "CLOSE_MM", 1e-5)
     model = replace(model_of(), compliance=8.0)
     uniform = np.ones(model.points.point_mm.shape[:2])
-    changed = finite_change(
-        model,
-        finite=neo_hookean_operator(model, uniform),
-        linear=matrix_operator(model.stiffness),
-        amount=1.0,
-    )[0]
+    operators = neo_hookean_operator(model, uniform), matrix_operator(model.stiffness)
+    changed = finite_change(model, "uniform", lambda: operators, amount=1.0)[0]
     step = 0.02
     slope = (by_newton(model, share=1 + step) - by_newton(model, share=1 - step)) / (2 * step)
     expected = 1e3 * by_newton(model, share=1e-3) - slope
     size = np.linalg.norm(model.compliance * changed), np.linalg.norm(expected)
     assert model.compliance * (changed * expected).sum() / np.prod(size) > 0.998
     assert size[0] / size[1] == pytest.approx(1.0, abs=0.03)
+
+
+def marker_change(model: CaseModel, force: Operator) -> np.ndarray:
+    """The markers' motion beyond the linear one under a law that adds these forces (E = 1 MPa)."""
+    state = stiffening_path(model)
+    problem = AddedStress(
+        linear=state.linear,
+        added_force=force,
+        response=state.response,
+        compliance=model.compliance,
+        stiffer=np.ones(len(state.linear)),
+        skin=model.mesh.outer_nodes,
+    )
+    return state.at_markers(problem.beyond_linear(start=None, together=False, tolerance_mm=1e-5, rounds=60))[
+        0
+    ]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("effect", [anisotropy.EFFECT, skin.EFFECT], ids=["anisotropy", "skin"])
+def test_the_change_is_that_of_flesh_solved_with_a_little_of_the_effect(monkeypatch, effect: LinearLaw):
+    monkeypatch.setattr(module, "CLOSE_MM", 1e-5)
+    model = replace(model_of(), compliance=8.0)
+    finite, linear = effect.finite(model), effect.derivative(model)
+    flesh = fung_neo_hookean(HARDLY_ANY, poisson_ratio=NU)
+    amount = 0.05 * effect.sd
+
+    def slope(of_flesh: Operator, of_effect: Operator) -> np.ndarray:
+        ahead, back = (
+            marker_change(model, lambda moved, way=way: of_flesh(moved) + way * amount * of_effect(moved))
+            for way in (1, -1)
+        )
+        return (ahead - back) / (2 * amount)
+
+    large = slope(lambda moved: model.pieces.forces(moved, flesh), finite)
+    small = slope(np.zeros_like, linear)
+    (changed,) = finite_change(model, effect.spec.name, lambda: (finite, linear), amount=effect.sd)
+    expected = large - small
+    assert np.linalg.norm(changed - expected) < 0.05 * np.linalg.norm(expected)
 
 
 @pytest.mark.parametrize("amount", [-0.3, 0.3])
@@ -96,12 +134,30 @@ def test_a_response_has_the_share_of_the_finite_change_that_it_has_of_the_first(
     np.testing.assert_allclose(whole, plain + amount * (first + finite))
 
 
-@pytest.mark.parametrize("beyond_small_strain", [True, False])
-def test_nothing_changes_where_large_deformation_is_not_part_of_the_model(beyond_small_strain: bool):
-    """Not found for flesh so soft, or held by the response already."""
-    soft = replace(model_of(), compliance=60.0, beyond_small_strain=beyond_small_strain)
+def changes_of(model: CaseModel) -> list[np.ndarray]:
+    """What large deformation adds to the depth-dependent modulus and to a soft spot."""
     effect = graded_modulus.EFFECT
     assert isinstance(effect, LinearLaw)
-    changed = finite_change(soft, finite=effect.finite(soft), linear=effect.derivative(soft), amount=0.4)
-    assert not isinstance(changed, FemFailure)
-    assert not np.any(changed[0])
+    spot = soft_spot._changes(model, np.array([0.0, 20.0, 0.0]), 6.0)[1]
+    operators = effect.finite(model), effect.derivative(model)
+    return [finite_change(model, "graded", lambda: operators, amount=0.4)[0], spot[0]]
+
+
+@pytest.mark.parametrize(("compliance", "beyond_small_strain"), [(60.0, True), (4.0, False)])
+def test_nothing_changes_where_large_deformation_is_not_part_of_the_model(
+    compliance: float, beyond_small_strain: bool
+):
+    """Not found for flesh so soft, or held by the response already; elsewhere something does."""
+    model = replace(model_of(), compliance=compliance, beyond_small_strain=beyond_small_strain)
+    assert not any(change.any() for change in changes_of(model))
+    assert all(change.any() for change in changes_of(replace(model_of(), compliance=4.0)))
+
+
+@pytest.mark.slow
+def test_at_another_modulus_the_change_is_nearly_that_solved_there():
+    model = replace(model_of(), compliance=3.0)
+    softer = replace(model_of(), compliance=3.6)
+    changes_of(model)
+    solved = changes_of(softer)[0]
+    scaled = changes_of(replace(model, compliance=3.6))[0]
+    assert np.linalg.norm(scaled - solved) < 0.06 * np.linalg.norm(solved)

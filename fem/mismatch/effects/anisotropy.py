@@ -51,9 +51,9 @@ def _along_the_stem_finite(model: CaseModel) -> Operator:
     mu, _ = unit_lame_constants(model.poisson_ratio)
 
     def law(gradient: Tensors) -> Tensors:
-        along = deformation_gradient(gradient)[:, :, 2]
+        strain = gradient[:, :, 2, 2] + (gradient[:, :, 2] ** 2).sum(axis=2) / 2
         stress = np.zeros_like(gradient)
-        stress[:, :, 2] = mu * (((along**2).sum(axis=2) - 1) / 2)[:, :, None] * along
+        stress[:, :, 2] = mu * strain[:, :, None] * deformation_gradient(gradient)[:, :, 2]
         return stress
 
     return finite_stress_operator(model, law)

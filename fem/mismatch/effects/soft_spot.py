@@ -135,7 +135,7 @@ class SoftSpot(Effect):
         centre_mm = np.array([parameters[name] for name in CENTRE])
         laws = _laws(model, centre_mm, parameters[RADIUS])
         small = [law.response((1.0, parameters[RATIO] - 1)) for law in laws]
-        *place_mm, radius_mm = variant.values or (*centre_mm, parameters[RADIUS])
+        *place_mm, radius_mm = variant.values or at_place(centre_mm, parameters[RADIUS]).values
         first, finite = _changes(model, np.array(place_mm), radius_mm)
         return Response(unit=in_proportion(small, model.plain, first, finite))
 
@@ -161,21 +161,20 @@ def _signature(model: CaseModel, spot: Spot) -> Signature:
 
 def _changes(model: CaseModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> tuple[Fields, Fields]:
     """Those of a unit drop: K0^-1 K1 U0, and what large deformation adds."""
-    inside = _inside(model, centre_mm, radius_mm)
-    softer = -fading(np.linalg.norm(model.points.point_mm - centre_mm, axis=2), radius_mm)
-    weight = softer[..., None]
-    linear = stress_operator(
-        model, lambda strain: weight * elastic_stress(strain, poisson_ratio=model.poisson_ratio)
-    )
 
-    def compute() -> tuple[Fields, Fields]:
-        finite = neo_hookean_operator(model, softer)
-        return (
-            first_changes(model, lambda moved: -inside(moved)),
-            finite_change(model, finite=finite, linear=linear, amount=1.0),
-        )
+    def at_small_strain() -> Fields:
+        inside = _inside(model, centre_mm, radius_mm)
+        return first_changes(model, lambda moved: -inside(moved))
 
-    return model.memoised(("soft spot", *centre_mm, radius_mm), compute)
+    def operators() -> tuple[Operator, Operator]:
+        softer = -fading(np.linalg.norm(model.points.point_mm - centre_mm, axis=2), radius_mm)
+        nu, weight = model.poisson_ratio, softer[..., None]
+        linear = stress_operator(model, lambda strain: weight * elastic_stress(strain, poisson_ratio=nu))
+        return neo_hookean_operator(model, softer), linear
+
+    key = (SPEC.name, *centre_mm.tolist(), radius_mm)
+    first = model.memoised((key, "first"), at_small_strain)
+    return first, finite_change(model, key, operators, amount=1.0)
 
 
 def _laws(model: CaseModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> list[ReducedLaw]:

@@ -25,7 +25,7 @@ from fem.mismatch.effect import Effect, Signature
 from fem.mismatch.evidence.grasp_equations import GraspEquations
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.observation_delta import ObservationDelta
-from fem.mismatch.model.plain_model import Fields, GraspResponse, PlainModel
+from fem.mismatch.model.plain_model import GraspResponse, PlainModel
 from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.shape_derivative import with_surface_error
 
@@ -62,7 +62,8 @@ def surface_products(
         change = recording.tracks.unit_displacement - equations.recording.tracks.unit_displacement
         weighed.append(equations.rows([ObservationDelta(markers=-model.compliance * change)])[1][0])
     for effect, (number,), before in linear:
-        after: Fields = effect.at_small_strain(drawn) or before
+        after = effect.at_small_strain(drawn)
+        assert after is not None, "the same effect"
         for k, equations in enumerate(recorded):
             change = equations.flat(ObservationDelta(markers=after[k] - before[k]))
             products[k, number] = change @ weighed[k] / STEP**2

@@ -80,13 +80,11 @@ class LinearLaw(Effect):
 
     def _finite(self, model: CaseModel) -> Fields:
         """What large deformation adds to it."""
-        if not model.beyond_small_strain:
-            return [np.zeros_like(plain) for plain in model.plain]
-        return model.memoised(
-            (self.spec.name, "finite"),
-            lambda: finite_change(
-                model, finite=self.finite(model), linear=self.derivative(model), amount=self.sd
-            ),
+        return finite_change(
+            model,
+            self.spec.name,
+            lambda: (self.finite(model), self.derivative(model)),
+            amount=self.sd,
         )
 
     def _laws(self, model: CaseModel) -> list[ReducedLaw]:

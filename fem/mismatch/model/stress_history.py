@@ -308,14 +308,15 @@ def beyond_linear(model: CaseModel, b: float) -> Float[np.ndarray, "f n 3"]:
 
 
 def neo_hookean_field(model: CaseModel) -> Float[np.ndarray, "f n 3"] | FemFailure:
-    """`beyond_linear` of flesh that hardly stiffens, solved for once; the failure where flesh is so soft that
-    the search from the linear answer does not settle.
+    """`beyond_linear` of flesh that hardly stiffens; the failure where flesh is so soft that the search from
+    the linear answer does not settle. Solved for once; at another 1/E in proportion to it.
     """
 
-    def compute() -> Float[np.ndarray, "f n 3"] | FemFailure:
+    def compute() -> tuple[float, Float[np.ndarray, "f n 3"] | FemFailure]:
         try:
-            return beyond_linear(model, HARDLY_ANY)
+            return model.compliance, beyond_linear(model, HARDLY_ANY)
         except FemFailure as failure:
-            return failure
+            return model.compliance, failure
 
-    return model.memoised("neo-hookean", compute)
+    compliance, field = model.memoised("neo-hookean", compute)
+    return field if isinstance(field, FemFailure) else model.compliance / compliance * field
