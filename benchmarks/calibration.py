@@ -14,7 +14,6 @@ Rows are written as they come; --only-print prints the tables of a file.
 """
 
 import time
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,6 +21,7 @@ from sys import path
 
 import numpy as np
 import pandas as pd
+from script import run
 
 from fem.estimation.error_budget import PIT_PLACE, REGISTRATION, TACTILE, ErrorBudget
 from fem.estimation.joint_inference import joint_modulus
@@ -83,12 +83,12 @@ def directions(rng: np.random.Generator) -> np.ndarray:
     return np.column_stack([np.cos(azimuth), np.sin(azimuth), rng.normal(0, 0.2, 2)])
 
 
-def of_fruit(fruit: int, args: Namespace, budget: ErrorBudget, draws: int) -> Iterator[Row]:
+def of_fruit(fruit: int, budget: ErrorBudget, *, draws: int, split_draws: int, seed: int) -> Iterator[Row]:
     """All rows of one fruit."""
-    rng = np.random.default_rng([args.seed, fruit])
+    rng = np.random.default_rng([seed, fruit])
     world = World.of(Fruit.drawn(rng), directions(rng), **TRUTH_SIZES)
     estimator = Estimator.of(world, **ESTIMATOR_SIZES)
-    yield from split(fruit, args.split, estimator, rng, budget)
+    yield from causes_alone(fruit, split_draws, estimator, rng, budget)
     prior_sd = np.append(np.full(3, budget.pit_offset_sd_mm), budget.pit_size_sd)
     for draw in range(draws):
         E_MPa, off = drawn_modulus_MPa(rng), drawn_off(rng, budget)
@@ -102,7 +102,7 @@ def of_fruit(fruit: int, args: Namespace, budget: ErrorBudget, draws: int) -> It
             yield "all", fruit, draw, -1, name, *map(float, values)
 
 
-def split(
+def causes_alone(
     fruit: int, draws: int, estimator: Estimator, rng: np.random.Generator, budget: ErrorBudget
 ) -> Iterator[Row]:
     """ln E of each grasp with one cause off, against that with none."""
@@ -152,26 +152,26 @@ def _rms(values: np.ndarray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def main() -> None:
+def main(
+    fruit: int = 10,
+    draws: int = 200,
+    split: int = 2,
+    pit_offset_sd: float = ErrorBudget.pit_offset_sd_mm,
+    pit_size_sd: float = ErrorBudget.pit_size_sd,
+    seed: int = 1,
+    csv: Path = RESULTS,
+    only_print: bool = False,
+) -> None:
     """Draw, write, print."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("--fruit", type=int, default=10)
-    parser.add_argument("--draws", type=int, default=200)
-    parser.add_argument("--split", type=int, default=2)
-    parser.add_argument("--pit-offset-sd", type=float, default=ErrorBudget.pit_offset_sd_mm)
-    parser.add_argument("--pit-size-sd", type=float, default=ErrorBudget.pit_size_sd)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--csv", type=Path, default=RESULTS)
-    parser.add_argument("--only-print", action="store_true")
-    args = parser.parse_args()
-    if not args.only_print:
-        budget = ErrorBudget(pit_offset_sd_mm=args.pit_offset_sd, pit_size_sd=args.pit_size_sd)
-        for fruit, draws in enumerate(np.diff(np.linspace(0, args.draws, args.fruit + 1).astype(int))):
-            table = pd.DataFrame(of_fruit(fruit, args, budget, int(draws)), columns=COLUMNS)
-            table.to_csv(args.csv, mode="a" if fruit else "w", header=not fruit, index=False)
-            print(f"fruit {fruit + 1}: {time.process_time():.0f} CPU s", flush=True)
-    print_tables(pd.read_csv(args.csv))
+    if not only_print:
+        budget = ErrorBudget(pit_offset_sd_mm=pit_offset_sd, pit_size_sd=pit_size_sd)
+        for k, count in enumerate(np.diff(np.linspace(0, draws, fruit + 1).astype(int))):
+            rows = of_fruit(k, budget, draws=int(count), split_draws=split, seed=seed)
+            table = pd.DataFrame(rows, columns=COLUMNS)
+            table.to_csv(csv, mode="a" if k else "w", header=not k, index=False)
+            print(f"fruit {k + 1}: {time.process_time():.0f} CPU s", flush=True)
+    print_tables(pd.read_csv(csv))
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -11,7 +11,6 @@ within 1 % (the mesher does not repeat to the bit). A kill that met nobody is dr
     python benchmarks/campaign_kills.py --kills 100 --folder /tmp/campaign
 """
 
-import argparse
 import csv
 import errno
 import hashlib
@@ -30,6 +29,7 @@ from pathlib import Path
 
 import psutil
 import trimesh
+from script import run
 
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
@@ -326,16 +326,15 @@ def full_at_every_write(campaign: Campaign) -> Iterator[Row]:
         k += 1
 
 
-def main() -> int:
+def main(
+    kills: int = 100,
+    seed: int = 20261122,
+    folder: Path = Path("/tmp/drupe-campaign"),
+    only_kills: bool = False,
+    quick: bool = False,
+) -> int:
     """Prints a line per kind of disturbance; the exit status is 1 where anything did not hold."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--kills", type=int, default=100)
-    parser.add_argument("--seed", type=int, default=20261122)
-    parser.add_argument("--folder", type=Path, default=Path("/tmp/drupe-campaign"))
-    parser.add_argument("--only-kills", action="store_true", help="no tmpfs, doubled runs or clocks")
-    parser.add_argument("--quick", action="store_true", help="one fruit, without a recording: seconds a run")
-    arguments = parser.parse_args()
-    campaign = Campaign(arguments.folder, arguments.seed, quick=arguments.quick)
+    campaign = Campaign(folder, seed, quick=quick)
     kinds = [
         ("command", signal.SIGKILL),
         ("process", signal.SIGKILL),
@@ -343,10 +342,10 @@ def main() -> int:
         ("process", signal.SIGSEGV),
     ]
     trials: list[tuple[str, Callable[[], str]]] = []
-    for i in range(arguments.kills):
+    for i in range(kills):
         whom, number = kinds[i % len(kinds)]
         trials.append((f"{number.name} to a {whom}", lambda w=whom, n=number: killed(campaign, w, n)))
-    if not arguments.only_kills:
+    if not only_kills:
         trials.append(("two runs at once", lambda: doubled(campaign)))
         trials += [
             (f"clock set by {by_s / 3600:+.0f} h", lambda b=by_s: another_time(campaign, b))
@@ -372,9 +371,9 @@ def main() -> int:
     )
     for (what, left, held), count in sorted(counted.items()):
         print(f"{count:4d}  {what:24s}  {held:14s}  {left}")
-    shutil.rmtree(arguments.folder, ignore_errors=True)
+    shutil.rmtree(folder, ignore_errors=True)
     return 1 if faults else 0
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -1,6 +1,6 @@
 """What the model of each effect leaves at the effect's true parameters: its own error, without noise.
 
-    python benchmarks/effects_at_truth.py FOLDER [--case open-26 ...] [--out CSV]
+    python benchmarks/effects_at_truth.py FOLDER [--case open-26 --case ...] [--out CSV]
 
 FOLDER holds cases of an independent simulator without noise, with exact surfaces: `case.toml`, `fruit.ply`,
 `grasp-K.h5` and `truth.json` (E, effect, parameters, pit and pit_centre in mm). The true pit is put in place
@@ -9,19 +9,19 @@ of the markers (um), mean of the recordings, without and with the effect's full 
 own E and rigid motions, and nothing else is fitted. Large deformation of the plain flesh is included.
 """
 
-import csv
 import json
 import shutil
 import sys
 import tempfile
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import trimesh
+from script import run
 from threadpoolctl import threadpool_limits
 
 from fem.estimation.compliance_fit import fit_compliance
@@ -83,7 +83,7 @@ def fitted(model: CaseModel, response: Response, true_MPa: float) -> tuple[float
     return float(np.mean(shares)), float(np.mean(residuals))
 
 
-def row(folder: Path) -> dict[str, Any]:
+def row(folder: Path) -> tuple[str, ...]:
     """One case; of several ways of an effect the one that leaves least."""
     truth = json.loads((folder / "truth.json").read_text())
     model = with_true_pit(folder, truth)
@@ -101,27 +101,17 @@ def row(folder: Path) -> dict[str, Any]:
             fitted(model, effect.respond(model, as_searched(truth), way), truth["E"]) for way in ways.values()
         ]
     best = min(tried, key=lambda pair: pair[1])
-    values = (folder.name, truth["effect"], *(f"{x:.4g}" for x in (*without, *best)))
-    return dict(zip(COLUMNS, values, strict=True))
+    return folder.name, truth["effect"], *(f"{x:.4g}" for x in (*without, *best))
 
 
-def main() -> None:
+def main(folder: Path, case: list[str] | None = None, out: Path | None = None) -> None:
     """A case after the other."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--case", nargs="*", help="Only these.")
-    parser.add_argument("--out", type=Path, help="Write the table there; the default is standard output.")
-    wanted = parser.parse_args()
-    folders = [path.parent for path in sorted(wanted.folder.glob("*/truth.json"))]
-    with wanted.out.open("w", newline="") if wanted.out else sys.stdout as stream:
-        writer = csv.DictWriter(stream, COLUMNS)
-        writer.writeheader()
-        for folder in folders:
-            if not wanted.case or folder.name in wanted.case:
-                writer.writerow(row(folder))
-                stream.flush()
+    folders = [path.parent for path in sorted(folder.glob("*/truth.json"))]
+    for k, where in enumerate(where for where in folders if not case or where.name in case):
+        table = pd.DataFrame([row(where)], columns=COLUMNS)
+        table.to_csv(out or sys.stdout, mode="a" if k else "w", header=not k, index=False)
 
 
 if __name__ == "__main__":
     with threadpool_limits(1):
-        main()
+        run(main)

@@ -11,11 +11,11 @@ the checks say of them, not E to a per cent. A folder that has its truth.json is
 
 import json
 import sys
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from script import run
 
 from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
@@ -108,19 +108,13 @@ def write_fruit(number: int, folder: Path, grasps: int) -> None:
     (out / "truth.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
 
 
-def main() -> None:
+def main(folder: Path, first: int = 0, count: int = 100, grasps: int = 2) -> None:
     """Writes the fruit, one after the other."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--count", type=int, default=100)
-    parser.add_argument("--grasps", type=int, default=2)
-    options = parser.parse_args()
-    for number in range(options.first, options.first + options.count):
-        write_fruit(number, options.folder, options.grasps)
+    for number in range(first, first + count):
+        write_fruit(number, folder, grasps)
         sys.stdout.write(f"{number:03d}\n")
         sys.stdout.flush()
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -11,17 +11,19 @@ What the checks say first is scored by its kind (field_list.py): *named* where i
 several* where its sentence lists the mistake among other causes (a gain: force, displacement or stiffness).
 """
 
-import argparse
 import re
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import pandas as pd
+import typer
 from field_fruit import Fruit, cheap_fruit, fruits_in, partner
 from field_list import MISTAKES, Answer, Mistake, naming
+from script import Half, run
 
 from pipeline.batch.layout import Results
 from pipeline.batch.opening import open_batch
@@ -207,49 +209,47 @@ def _far(row: dict[str, object]) -> bool:
 SOUND = Mistake("none", lambda fruit, other, rng: fruit, set())
 
 
-def main() -> None:
+def main(
+    folders: Annotated[list[Path] | None, typer.Argument()] = None,
+    half: Half = "all",
+    sound: bool = False,
+    cheap: int = 0,
+    grade: Path | None = None,
+    csv: Path | None = None,
+    only: str = "",
+    grasps: int = 2,
+    limit: int | None = None,
+    verbose: bool = False,
+) -> None:
     """Prints the table."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("folders", nargs="*", type=Path)
-    parser.add_argument("--half", choices=("even", "odd", "all"), default="all")
-    parser.add_argument("--sound", action="store_true")
-    parser.add_argument("--cheap", type=int, default=0, help="sound fruit drawn without a solver")
-    parser.add_argument("--grade", type=Path)
-    parser.add_argument("--csv", type=Path)
-    parser.add_argument("--only", default="")
-    parser.add_argument("--grasps", type=int, default=2, help="recordings of each fruit that are used")
-    parser.add_argument("--limit", type=int, help="judge so many fruit; the rest lend theirs")
-    parser.add_argument("--verbose", action="store_true")
-    options = parser.parse_args()
-    if options.cheap:
-        sound([cheap_fruit(seed) for seed in range(options.cheap)])
+    if cheap:
+        print_findings([cheap_fruit(seed) for seed in range(cheap)])
         return
     fruits = [
-        replace(given, recordings=given.recordings[: options.grasps])
-        for given in fruits_in(options.folders, options.half)
+        replace(given, recordings=given.recordings[:grasps]) for given in fruits_in(folders or [], half)
     ]
-    if options.sound:
-        sound(fruits)
+    if sound:
+        print_findings(fruits)
         return
     rows: list[dict[str, object]] = []
     for mistake in (SOUND, *MISTAKES):
-        if options.only not in mistake.name:
+        if only not in mistake.name:
             continue
         judgements = []
-        for k, fruit in enumerate(fruits[: options.limit]):
+        for k, fruit in enumerate(fruits[:limit]):
             rng = np.random.default_rng([11, fruit.number])
             changed = mistake.change(fruit, partner(fruits, k), rng)
-            judgements.append(judged(fruit, changed, mistake, options.grade))
-            if options.verbose and mistake is not SOUND and not judgements[-1]["named"]:
+            judgements.append(judged(fruit, changed, mistake, grade))
+            if verbose and mistake is not SOUND and not judgements[-1]["named"]:
                 sys.stdout.write(f"  {mistake.name} | {fruit.name} | {str(judgements[-1]['said'])[:200]}\n")
         sys.stdout.write(in_a_line(mistake.name, judgements) + "\n")
         sys.stdout.flush()
         rows += judgements
-    if options.csv:
-        pd.DataFrame(rows).to_csv(options.csv, index=False)
+    if csv:
+        pd.DataFrame(rows).to_csv(csv, index=False)
 
 
-def sound(fruits: Sequence[Fruit]) -> None:
+def print_findings(fruits: Sequence[Fruit]) -> None:
     """What the checks say of unchanged recordings."""
     count = wrong = 0
     for fruit in fruits:
@@ -264,4 +264,4 @@ def sound(fruits: Sequence[Fruit]) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

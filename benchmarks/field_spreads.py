@@ -8,15 +8,17 @@ that fails. Further lines have the quantities by which tactile/consistency tells
 and gains, and how far given pits are from their category's, in their own units.
 """
 
-import argparse
 import sys
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 from field_fruit import Fruit, cheap_fruit, fruits_in
+from script import Half, run
 
 from pipeline.fruit.input_doubts import against_category
 from pipeline.fruit.sensor_scale import known_gels
@@ -80,16 +82,12 @@ def of_prints(prints: Sequence[Footprint]) -> Iterator[tuple[str, float]]:
     yield "tilt of the prints, radians", float(np.linalg.norm([np.nan_to_num(p.tilt) for p in prints]))
 
 
-def main() -> None:
+def main(
+    folders: Annotated[list[Path] | None, typer.Argument()] = None, half: Half = "all", cheap: int = 0
+) -> None:
     """Prints the table."""
-    raw = argparse.RawDescriptionHelpFormatter
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=raw)
-    parser.add_argument("folders", nargs="*", type=Path)
-    parser.add_argument("--half", choices=("even", "odd", "all"), default="all")
-    parser.add_argument("--cheap", type=int, default=0, help="fruit drawn without a solver")
-    options = parser.parse_args()
-    fruits = fruits_in(options.folders, options.half)
-    fruits += [cheap_fruit(seed) for seed in range(options.cheap)]
+    fruits = fruits_in(folders or [], half)
+    fruits += [cheap_fruit(seed) for seed in range(cheap)]
     values_of: dict[str, list[float]] = defaultdict(list)
     fails_above = 3.0 * float(np.sqrt(np.expm1(LIMIT / 5.0)))
     for fruit in fruits:
@@ -116,4 +114,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -1,6 +1,6 @@
 """Grade a batch twice, from its recordings and from rendered gel frames of them; print both beside the truth.
 
-    python benchmarks/gel_end_to_end.py BATCH WORK [--fruits N01 N02 ...] [--jobs N]
+    python benchmarks/gel_end_to_end.py BATCH WORK [--fruits N01 --fruits N02 ...] [--jobs N]
 
 BATCH is a sample batch with answers.json. WORK gets the batch in its raw form (photos or mesh as they are,
 every recording as frames of two cameras with log.csv and grasp.toml), and the results of both.
@@ -8,14 +8,13 @@ every recording as frames of two cameras with log.csv and grasp.toml), and the r
 
 import json
 import shutil
-import subprocess
-import sys
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from script import run
 
+import drupe
 from samples.raw_frames import write_raw_grasp, write_sensor
 from tactile.readers.recording import GelPad, read_recording
 
@@ -51,25 +50,17 @@ def write_raw_batch(batch: Path, raw: Path, fruits: list[str]) -> None:
 
 def graded(batch: Path, out: Path, jobs: int) -> pd.Series:
     """E of every fruit by `drupe grade`."""
-    command = [sys.executable, "-c", "from pipeline.cli import main; main()", "grade", str(batch)]
-    subprocess.run([*command, "--out", str(out), "--jobs", str(jobs)], check=False)
-    return pd.read_csv(out / "ranking.csv", dtype={"fruit_id": str}).set_index("fruit_id")["E_MPa"]
+    return drupe.grade(batch, out=out, jobs=jobs).ranking.set_index("fruit_id")["E_MPa"]
 
 
-def main() -> None:
+def main(batch: Path, work: Path, fruits: list[str] | None = None, jobs: int = 1) -> None:
     """Print one row per fruit, then Kendall's tau and the largest error of the raw form."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("batch", type=Path)
-    parser.add_argument("work", type=Path)
-    parser.add_argument("--fruits", nargs="*")
-    parser.add_argument("--jobs", type=int, default=1)
-    chosen = parser.parse_args()
-    truth = json.loads((chosen.batch / "answers.json").read_text())["fruits"]
-    fruits = chosen.fruits or sorted(truth)
-    write_raw_batch(chosen.batch, chosen.work / "batch", fruits)
+    truth = json.loads((batch / "answers.json").read_text())["fruits"]
+    fruits = fruits or sorted(truth)
+    write_raw_batch(batch, work / "batch", fruits)
     table = pd.DataFrame({"truth_MPa": {fruit: truth[fruit]["E_MPa"] for fruit in fruits}})
-    for name, batch in (("from_frames", chosen.work / "batch"), ("from_fields", chosen.batch)):
-        table[name] = graded(batch, chosen.work / name.replace("_", "-"), chosen.jobs)
+    for name, given in (("from_frames", work / "batch"), ("from_fields", batch)):
+        table[name] = graded(given, work / name.replace("_", "-"), jobs)
         table[f"error_{name}"] = table[name] / table["truth_MPa"] - 1
     print(table.to_string(float_format="%.4g"))
     print(f"Kendall's tau {table['truth_MPa'].corr(table['from_frames'], method='kendall'):.3f}")
@@ -77,4 +68,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -12,7 +12,6 @@ frame, once the
 strength is chosen.
 """
 
-import argparse
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 from scipy.spatial import cKDTree
+from script import run
 from threadpoolctl import threadpool_limits
 
 from samples.gel_images import Field, GelLook, gel_image, smooth_field
@@ -228,36 +228,33 @@ def print_draws(block: GelBlock, count: int, rng: np.random.Generator) -> None:
         print(f"{outline}:\n{table.to_string(float_format='{:.3g}'.format)}")
 
 
-def main() -> None:
+def main(
+    out: Path | None = None,
+    keep: Path | None = None,
+    draws: int = 0,
+    seed: int = 0,
+    distance: float = 1.0,
+    only: str | None = None,
+) -> None:
     """Measure both sensors and print the table."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("--out", type=Path, help="write the table here as CSV")
-    parser.add_argument("--keep", type=Path, help="keep the finite elements' compliance in this .npz")
-    parser.add_argument("--draws", type=int, default=0, help="presses at random, dots alone")
-    parser.add_argument("--seed", type=int, default=0, help="of the draws")
-    parser.add_argument(
-        "--distance", type=float, default=1.0, help="take the camera for so many times as far away"
-    )
-    parser.add_argument("--only", help="one sensor: markers-stereo or markers-mono")
-    wanted = parser.parse_args()
     rows: list[dict[str, object]] = []
     with threadpool_limits(1):
-        known = truth(wanted.keep)
-        if wanted.draws:
-            print_draws(known.block, wanted.draws, np.random.default_rng(wanted.seed))
+        known = truth(keep)
+        if draws:
+            print_draws(known.block, draws, np.random.default_rng(seed))
             return
         for kind in ("markers-stereo", "markers-mono"):
-            if wanted.only in (None, kind):
-                fields, seconds = measured(kind, known, np.random.default_rng(5), distance=wanted.distance)
+            if only in (None, kind):
+                fields, seconds = measured(kind, known, np.random.default_rng(5), distance=distance)
                 print(fields.hyperparameters)
                 rows.append(row(kind, fields, known, seconds))
                 print(
                     pd.DataFrame(rows[-1:]).T.to_string(header=False, float_format="{:.3f}".format),
                     flush=True,
                 )
-    if wanted.out is not None:
-        pd.DataFrame(rows).to_csv(wanted.out, index=False, float_format="%.4g")
+    if out is not None:
+        pd.DataFrame(rows).to_csv(out, index=False, float_format="%.4g")
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -15,15 +15,16 @@ away from there.
 
 import hashlib
 import time
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator
-from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated, Literal
 
 import cv2
 import numpy as np
 import pandas as pd
+import typer
 from gel_video import frames_of
+from script import run
 
 from tactile.markers.marker_detection import spacing_of
 from tactile.markers.matching import UNSURE
@@ -41,21 +42,6 @@ STAYS = 0.3
 """Pitches by which the dot of an unloaded place may have moved."""
 FEWEST = 4
 """Unloaded markers that a frame is judged by, at least."""
-
-
-@dataclass(frozen=True)
-class Judged:
-    """Of one clip: frames, those with enough unloaded markers, of them those that slip and those with single
-    markers off; frames that tracking itself is unsure of; share of the markers found; CPU seconds.
-    """
-
-    frames: int
-    judged: int
-    slipped: list[int]
-    partly: list[int]
-    uncertain: list[int]
-    kept: float
-    seconds: float
 
 
 def unloaded_motion(
@@ -81,8 +67,11 @@ def unloaded_motion(
     return motion, unloaded
 
 
-def judged(frames: list[np.ndarray]) -> Judged:
-    """The clip followed from its first frame, and judged frame by frame."""
+def judged(frames: list[np.ndarray]) -> dict[str, object]:
+    """The clip followed from its first frame: frames, those with enough unloaded markers, of them those that
+    slip and those with single markers off; frames that tracking itself is unsure of; share of the markers
+    found; frames in a CPU second.
+    """
     reference = reference_of(frames[0], source="first frame")
     rest = reference.lattice.rest_px
     pitch = spacing_of(rest)
@@ -90,8 +79,7 @@ def judged(frames: list[np.ndarray]) -> Judged:
     rows = list(follow(reference, frames))
     position = labelled_places(reference, rows)
     seconds = time.process_time() - start
-    uncertain = [t for t, row in enumerate(rows) if row.certainty < UNSURE]
-    slipped, partly, count = [], [], 0
+    slipped, partly, count = [], 0, 0
     for t in range(1, len(frames)):
         motion, unloaded = unloaded_motion(frames[0], frames[t], rest, pitch)
         seen = unloaded & np.isfinite(position[t, :, 0])
@@ -102,9 +90,18 @@ def judged(frames: list[np.ndarray]) -> Judged:
         if (off & seen).sum() > 0.5 * max(seen.sum(), FEWEST):
             slipped.append(t)
         elif (off & seen).any():
-            partly.append(t)
-    kept = float(np.isfinite(position[..., 0]).mean())
-    return Judged(len(frames), count, slipped, partly, uncertain, kept, seconds)
+            partly += 1
+    return {
+        "frames": len(frames),
+        "judged": count,
+        "slipped": len(slipped),
+        "first_slip": slipped[0] if slipped else "",
+        "partly": partly,
+        "uncertain": sum(row.certainty < UNSURE for row in rows),
+        "kept": round(float(np.isfinite(position[..., 0]).mean()), 4),
+        "frames_per_s": round(len(frames) / seconds, 1),
+        "failure": "",
+    }
 
 
 def clips_of(folder: Path, half: str | None) -> Iterator[tuple[str, Path]]:
@@ -117,41 +114,25 @@ def clips_of(folder: Path, half: str | None) -> Iterator[tuple[str, Path]]:
             yield digest, path
 
 
-def main() -> None:
+def main(
+    folder: Path, out: Annotated[Path, typer.Option()], half: Literal["even", "odd"] | None = None
+) -> None:
     """One row per clip, and sums."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--half", choices=("even", "odd"))
-    given = parser.parse_args()
     cv2.setNumThreads(1)
     rows = []
-    for digest, path in clips_of(given.folder, given.half):
-        name = str(path.relative_to(given.folder).with_suffix(""))
+    for digest, path in clips_of(folder, half):
+        name = str(path.relative_to(folder).with_suffix(""))
         frames = list(frames_of(path))
         row: dict[str, object] = {"clip": name, "sha256": digest[:12]}
         try:
-            slips = judged(frames)
+            row |= judged(frames)
         except TactileFailure as failure:
-            rows.append(row | {"failure": str(failure)})
-            print(name, failure, flush=True)
-            continue
-        row |= {
-            "frames": slips.frames,
-            "judged": slips.judged,
-            "slipped": len(slips.slipped),
-            "first_slip": slips.slipped[0] if slips.slipped else "",
-            "partly": len(slips.partly),
-            "uncertain": len(slips.uncertain),
-            "kept": round(slips.kept, 4),
-            "frames_per_s": round(slips.frames / slips.seconds, 1),
-            "failure": "",
-        }
+            row |= {"failure": str(failure)}
         rows.append(row)
-        if slips.slipped or slips.partly or slips.uncertain:
+        if row["failure"] or row["slipped"] or row["partly"] or row["uncertain"]:
             print(row, flush=True)
     table = pd.DataFrame(rows)
-    table.to_csv(given.out, index=False)
+    table.to_csv(out, index=False)
     good = table[table["failure"] == ""]
     total = good[["frames", "judged", "slipped", "partly"]].sum().astype(int).to_dict()
     clips = (good[["slipped", "partly", "uncertain"]] > 0).sum().to_dict()
@@ -162,4 +143,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

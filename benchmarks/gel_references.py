@@ -10,14 +10,15 @@ object's smooth side), or `unclear`.
 Prints: of the first frames, how many show one (tactile.reference_print), by what was seen by eye.
 """
 
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
+from typing import Literal
 
 import cv2
 import numpy as np
 import pandas as pd
 from gel_lattice_slips import clips_of
 from gel_video import frames_of
+from script import run
 
 from tactile.markers.tracking import reference_of
 from tactile.reference_print import SURE, shown_print
@@ -31,17 +32,12 @@ def rgb(frame: np.ndarray) -> np.ndarray:
     return np.ascontiguousarray(frame[..., ::-1])
 
 
-def main() -> None:
+def main(folder: Path, half: Literal["even", "odd"] | None = None, out: Path | None = None) -> None:
     """Counts of prints by label."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--half", choices=("even", "odd"))
-    parser.add_argument("--out", type=Path)
-    given = parser.parse_args()
     cv2.setNumThreads(1)
     label = pd.read_csv(LABELS, dtype=str).set_index("sha256")["first_frame"].to_dict()
     rows: list[dict[str, object]] = []
-    for digest, path in clips_of(given.folder, given.half):
+    for digest, path in clips_of(folder, half):
         frames = list(frames_of(path))
         said = label.get(digest[:12], "")
         try:
@@ -59,9 +55,9 @@ def main() -> None:
         if values:
             noticed, sure = sum(v >= 1.0 for v in values), sum(v >= SURE for v in values)
             print(f"{name}: {len(values)}, noticed {noticed}, of them sure {sure}; largest {max(values):.2f}")
-    if given.out is not None:
-        pd.DataFrame(rows).to_csv(given.out, index=False)
+    if out is not None:
+        pd.DataFrame(rows).to_csv(out, index=False)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

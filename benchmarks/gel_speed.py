@@ -10,11 +10,11 @@ medians over the runs.
 
 import itertools
 import time
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 
 import cv2
 import numpy as np
+from script import run
 
 from tactile.gel.fields import GelFields, fields_of, slab_of
 from tactile.gel.grid import gel_grid
@@ -114,12 +114,8 @@ def timed(
     return tracking_s, force_s, all_s - frames * force_s, gel_fields
 
 
-def main() -> None:
+def main(frames: int = 240, runs: int = 3) -> None:
     """One table."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("--frames", type=int, default=240)
-    parser.add_argument("--runs", type=int, default=3)
-    options = parser.parse_args()
     cv2.setNumThreads(1)
     for rows, columns, pitch, radius, contact_mm, lost in (
         (7, 9, 2.0, 10.0, 3.5, False),
@@ -130,9 +126,9 @@ def main() -> None:
         rng = np.random.default_rng(1)
         sensor = sensor_of(rows, columns, pitch)
         pictures = [picture(sensor, moved, radius, rng) for moved in pressed_mm(sensor, contact_mm)]
-        runs = [timed(pictures, sensor, options.frames, lost=lost) for _ in range(options.runs)]
-        tracking_s, force_s, once_s = np.median([run[:3] for run in runs], axis=0)
-        gel_fields = runs[0][3]
+        times = [timed(pictures, sensor, frames, lost=lost) for _ in range(runs)]
+        tracking_s, force_s, once_s = np.median([each[:3] for each in times], axis=0)
+        gel_fields = times[0][3]
         most, nodes = gel_fields.touching.sum(axis=1).max(), gel_fields.touching.shape[1]
         hidden = f", {LOST:.0%} of them hidden" if lost else ""
         print(
@@ -144,4 +140,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -9,14 +9,16 @@ gel is the mean of the last frames of a clip of the same camera whose fruit was 
 """
 
 import time
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import matplotlib as mpl
 import numpy as np
 import pandas as pd
+import typer
+from script import run
 
 from tactile.markers.marker_detection import inside
 from tactile.markers.tracking import ReferenceMarkers, reference_of, track
@@ -101,22 +103,18 @@ def picture(clips: dict[str, tuple[np.ndarray, ReferenceMarkers, np.ndarray]], p
     plt.close(figure)
 
 
-def main() -> None:
+def main(folder: Path, out: Annotated[Path, typer.Option()]) -> None:
     """The table and the picture."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--out", type=Path, required=True)
-    given = parser.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
+    out.mkdir(parents=True, exist_ok=True)
     cv2.setNumThreads(1)
     empty: dict[str, ReferenceMarkers] = {}
-    for clip in sorted(given.folder.glob(f"{DROPPED}/camera_*.avi")):
+    for clip in sorted(folder.glob(f"{DROPPED}/camera_*.avi")):
         last = list(frames_of(clip))[-EMPTY_FRAMES:]
         empty[clip.stem] = reference_of(np.mean(last, axis=0).round().astype(np.uint8), source="empty gel")
     rows: list[dict[str, object]] = []
     shown: dict[str, tuple[np.ndarray, ReferenceMarkers, np.ndarray]] = {}
-    for clip in sorted(given.folder.glob("*/*/camera_*.avi")):
-        name = str(clip.relative_to(given.folder).with_suffix(""))
+    for clip in sorted(folder.glob("*/*/camera_*.avi")):
+        name = str(clip.relative_to(folder).with_suffix(""))
         frames = list(frames_of(clip))
         slip = (clip.parent / "slip.txt").exists()
         rows.append({"clip": name, **followed(frames), "labelled_slip": slip})
@@ -124,9 +122,9 @@ def main() -> None:
         if clip.stem == "camera_0" and "pear" not in name:
             first = track(empty[clip.stem], frames[:1])[0]
             shown[name] = (frames[0], empty[clip.stem], first)
-    pd.DataFrame(rows).to_csv(given.out / "gel_video.csv", index=False, float_format="%.4g")
-    picture(shown, given.out / "gel-markers.png")
+    pd.DataFrame(rows).to_csv(out / "gel_video.csv", index=False, float_format="%.4g")
+    picture(shown, out / "gel-markers.png")
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -15,12 +15,13 @@ import heapq
 import pickle
 import shutil
 import time
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
+from typing import Literal
 
 import h5py
 import numpy as np
 import psutil
+from script import run
 
 from pipeline.batch import fruits_table
 from pipeline.batch.records import read_record, write_record
@@ -189,28 +190,21 @@ def simulate(graded: Path, batch: Path, *, jobs: int, work_s: float, reports: bo
     print(f"this process: {spent_s:.1f} s of processor time, fruit's work included")
 
 
-def main() -> None:
+def main(
+    what: Literal["make", "simulate"],
+    graded: Path,
+    batch: Path,
+    fruits: int = 1000,
+    work: float = 0.01,
+    jobs: int = 2,
+    reports: bool = False,
+) -> None:
     """Prints a table."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("what", choices=("make", "simulate"))
-    parser.add_argument("graded", type=Path)
-    parser.add_argument("batch", type=Path)
-    parser.add_argument("--fruits", type=int, default=1000)
-    parser.add_argument("--work", type=float, default=0.01)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--reports", action="store_true")
-    options = parser.parse_args()
-    if options.what == "make":
-        make(options.graded, options.batch, fruits=options.fruits)
+    if what == "make":
+        make(graded, batch, fruits=fruits)
     else:
-        simulate(
-            options.graded,
-            options.batch,
-            jobs=options.jobs,
-            work_s=options.work,
-            reports=options.reports,
-        )
+        simulate(graded, batch, jobs=jobs, work_s=work, reports=reports)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -9,7 +9,6 @@ it is. The even half sets pipeline.fruit.elasticity's PLAIN_JAW_SD, the odd one 
 """
 
 import sys
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +17,7 @@ import numpy as np
 from field_bank import Drawn, drawn
 from field_fruit import Fruit
 from field_mistakes import graded
+from script import Half, run
 
 from samples.cubed_sphere import even_sphere
 from samples.gel_contact import DEFAULT_GEL, Gel
@@ -67,25 +67,16 @@ def with_bare_jaw(recording: Recording) -> Recording:
     return replace(recording, pads=(gel, bare))
 
 
-def main() -> None:
+def main(folder: Path, first: int = 0, count: int = 6, half: Half = "all", finer: bool = False) -> None:
     """A line per fruit, then the spread."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--count", type=int, default=6)
-    parser.add_argument("--half", choices=("even", "odd", "all"), default="all")
-    parser.add_argument(
-        "--finer", action="store_true", help="elements 1.4 times as fine, in a FOLDER of its own"
-    )
-    options = parser.parse_args()
-    wanted = {"even": (0,), "odd": (1,), "all": (0, 1)}[options.half]
+    wanted = {"even": (0,), "odd": (1,), "all": (0, 1)}[half]
     errors: list[float] = []
-    for number in range(options.first, options.first + options.count):
+    for number in range(first, first + count):
         if number % 2 not in wanted:
             continue
         drawing = drawn(number, np.random.default_rng([77, number]))
         try:
-            recording = recorded(number, drawing, options.folder, FINER if options.finer else SHIPPED)
+            recording = recorded(number, drawing, folder, FINER if finer else SHIPPED)
         except SampleFailure as failure:
             sys.stderr.write(f"{number:03d}: {failure}; left out\n")
             continue
@@ -102,7 +93,7 @@ def main() -> None:
             recordings=(recording,),
         )
         record = graded(
-            replace(fruit, recordings=(with_bare_jaw(recording),)), options.folder / f"{number:03d}" / "plain"
+            replace(fruit, recordings=(with_bare_jaw(recording),)), folder / f"{number:03d}" / "plain"
         )
         line = f"{number:03d} {drawing.category:9s} {drawing.fruit.E_MPa:.3f} MPa"
         if record.modulus is None:
@@ -119,4 +110,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

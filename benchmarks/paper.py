@@ -12,7 +12,6 @@ paper's contact nodes are those of its mesh, too); rows say so where they are 1 
 """
 
 import time
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cache, partial
@@ -24,6 +23,7 @@ import numpy as np
 import pandas as pd
 from paper_data import HERE, Forward, between_plates, forward, grasp_history
 from paper_shapes import Core, box, core_surface
+from script import run
 
 from fem.estimation.error_budget import ErrorBudget
 from fem.estimation.finite_response import with_finite_strain
@@ -332,19 +332,15 @@ def _solved() -> dict[str, int]:
 FORWARD_DOFS = _solved()
 
 
-def main() -> None:
+def main(only: str = "", csv: Path | None = None) -> None:
     """All rows, or those of some experiments; printed as they come."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("--only", default="", help="experiments whose function's name holds this text")
-    parser.add_argument("--csv", type=Path, help="default: results/paper.csv when all rows are made")
-    options = parser.parse_args()
     print(
         f"{'experiment':<15} {'case':<66} {'paper':>6} {'target':>6} {'ours':>7} {'energy':>7}      "
         f"{'forward':>8} {'dofs':>6} {'CPU s':>5}"
     )
     rows = []
     for experiment in EXPERIMENTS:
-        if options.only not in experiment.__name__:
+        if only not in experiment.__name__:
             continue
         for row in experiment():
             rows.append(row)
@@ -355,10 +351,10 @@ def main() -> None:
                 "{forward_dofs:>8} {dofs:>6} {seconds:>5.1f}".format(target, energy, **row),
                 flush=True,
             )
-    path = options.csv or (None if options.only else Path(__file__).parent / "results" / "paper.csv")
+    path = csv or (None if only else Path(__file__).parent / "results" / "paper.csv")
     if path is not None:
         pd.DataFrame(rows).to_csv(path, index=False, float_format="%.3f")
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -1,6 +1,6 @@
 """Modulus of elasticity from photos and simulated grasps, over sets of the photo bank with known moduli.
 
-    python benchmarks/photo_bank_modulus.py BANK --sets 10 44 48 [--grasps 2]
+    python benchmarks/photo_bank_modulus.py BANK 10 44 48 [--grasps 2]
         [--shape photos|true] [--pits category|true] [--keep FOLDER] [--out CSV]
 
 BANK holds the sets that benchmarks/photo_bank.py drew. For each set two jaws close on the true fruit of
@@ -22,22 +22,20 @@ standard deviation, CPU seconds of the grading, and what was warned of. Exit sta
 MOST_ERROR or a fruit was not graded.
 """
 
-import csv
 import json
 import resource
 import shutil
-import subprocess
-import sys
 import tempfile
 import time
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pandas as pd
+from script import run
 
+import drupe
 from recon.surface.mesh_file import write_mesh
 from samples.cubed_sphere import even_sphere
 from samples.fruit import SampleFruit, SamplePit, Skin, box_mm
@@ -146,28 +144,20 @@ def write_batch(
 
 def graded(batch: Path, scene: dict[str, Any]) -> Graded:
     """`drupe grade` on a batch of one fruit, in a process of its own."""
-    results = batch / "results"
-    command = [sys.executable, "-c", "from pipeline.cli import main; main()", "grade", str(batch)]
     before = _children_s()
-    done = subprocess.run(
-        [*command, "--out", str(results), "--jobs", "1"], capture_output=True, text=True, check=False
-    )
-    spent = _children_s() - before
-    unread: dict[str, str] = {}
-    rows = [unread]
-    if (results / "ranking.csv").is_file():
-        with (results / "ranking.csv").open(newline="", encoding="utf-8") as file:
-            rows = list(csv.DictReader(file)) or [unread]
-    row = rows[0]
-    said = "; ".join(text for text in (row.get("reason", ""), row.get("warnings", "")) if text)
+    try:
+        row = drupe.grade(batch, jobs=1).ranking.iloc[0]
+    except drupe.DrupeError as refusal:
+        row = pd.Series({"E_MPa": None, "E_sd_MPa": None, "reason": str(refusal), "warnings": None})
+    E_MPa, E_sd_MPa = (None if pd.isna(row[name]) else float(row[name]) for name in ("E_MPa", "E_sd_MPa"))
     return Graded(
         name=scene["name"],
         kind=scene["fruit"]["kind"],
         truth_MPa=float(scene["fruit"]["E_MPa"]),
-        E_MPa=float(row["E_MPa"]) if row.get("E_MPa") else None,
-        E_sd_MPa=float(row["E_sd_MPa"]) if row.get("E_sd_MPa") else None,
-        cpu_s=spent,
-        said=said or (done.stderr.strip()[-600:] if not row.get("E_MPa") else ""),
+        E_MPa=E_MPa,
+        E_sd_MPa=E_sd_MPa,
+        cpu_s=_children_s() - before,
+        said="; ".join(row[["reason", "warnings"]].dropna()),
     )
 
 
@@ -188,23 +178,22 @@ def line(row: Graded) -> str:
     )
 
 
-def main() -> int:
+def main(
+    bank: Path,
+    sets: list[int],
+    grasps: int = 2,
+    shape: Literal["photos", "true"] = "photos",
+    pits: Literal["category", "true"] = "category",
+    keep: Path | None = None,
+    out: Path | None = None,
+) -> int:
     """Prints a line a set, writes the rows; the exit status says whether all are within MOST_ERROR."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("bank", type=Path)
-    parser.add_argument("--sets", type=int, nargs="+", required=True)
-    parser.add_argument("--grasps", type=int, default=2)
-    parser.add_argument("--shape", choices=("photos", "true"), default="photos", help="what is handed in")
-    parser.add_argument("--pits", choices=("category", "true"), default="category", help="whose pit")
-    parser.add_argument("--keep", type=Path, help="leave the batch folders there, and use their recordings")
-    parser.add_argument("--out", type=Path, help="a CSV of the rows")
-    options = parser.parse_args()
     rows = []
     with tempfile.TemporaryDirectory() as scratch:
-        for number in options.sets:
-            folder = options.bank / f"set-{number:03d}"
+        for number in sets:
+            folder = bank / f"set-{number:03d}"
             scene = json.loads((folder / "scene.json").read_text())
-            batch = (options.keep or Path(scratch)) / folder.name
+            batch = (keep or Path(scratch)) / folder.name
             shutil.rmtree(batch / "results", ignore_errors=True)
             start = time.process_time()
             try:
@@ -213,9 +202,9 @@ def main() -> int:
                     folder,
                     fruit_of_scene(scene),
                     kind=scene["fruit"]["kind"],
-                    grasps=options.grasps,
-                    shape=options.shape,
-                    pits=options.pits,
+                    grasps=grasps,
+                    shape=shape,
+                    pits=pits,
                 )
             except NotInEquilibrium as failure:
                 print(f"{folder.name}: the grasp could not be simulated: {failure}", flush=True)
@@ -223,15 +212,15 @@ def main() -> int:
             print(f"{folder.name}: grasps simulated in {time.process_time() - start:.0f} CPU s", flush=True)
             rows.append(graded(batch, scene))
             print(line(rows[-1]), flush=True)
-    if options.out is not None:
-        options.out.parent.mkdir(parents=True, exist_ok=True)
+    if out is not None:
+        out.parent.mkdir(parents=True, exist_ok=True)
         table = pd.DataFrame(rows).rename(columns={"name": "set", "said": "warnings"})
         table["error_percent"] = 100 * (table["E_MPa"].astype(float) / table["truth_MPa"] - 1)
-        table.to_csv(options.out, index=False, float_format="%.6g")
+        table.to_csv(out, index=False, float_format="%.6g")
     good = [row for row in rows if row.error is not None and abs(row.error) <= MOST_ERROR]
-    print(f"{len(good)} of {len(options.sets)} fruit within {100 * MOST_ERROR:.0f} %")
-    return int(len(good) < len(options.sets))
+    print(f"{len(good)} of {len(sets)} fruit within {100 * MOST_ERROR:.0f} %")
+    return int(len(good) < len(sets))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

@@ -14,19 +14,18 @@ out do not count as warnings.
 import json
 import multiprocessing
 import resource
-import sys
 import time
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
-from collections import defaultdict
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
-import numpy as np
 import pandas as pd
+import typer
+from script import run
 
 MISSED_RMS_MM, MISSED_VOLUME = 0.3, 0.02
 """RMS error and relative volume error from which on a mesh must not pass unsaid."""
+VERDICTS = ("missed", "false warning", "warned", "refused")
 FACTORS = ("shape", "colour", "gloss", "light", "ground", "mat", "pipeline")
 
 
@@ -80,7 +79,7 @@ def scored_set(folder: Path, *, with_model: bool = True) -> dict[str, Any]:
 
 def verdict(row: dict[str, Any]) -> str:
     """right, warned, refused, false warning or missed."""
-    if "refused" in row:
+    if pd.isna(row.get("rms_seen_mm")):
         return "refused"
     rms, volume = float(row["rms_seen_mm"]), abs(float(row["volume_error"]))
     wrong = rms > MISSED_RMS_MM or volume > MISSED_VOLUME
@@ -90,51 +89,41 @@ def verdict(row: dict[str, Any]) -> str:
     return "missed" if wrong else "right"
 
 
-def table(rows: list[dict[str, Any]]) -> str:
-    """Median, 95th percentile and worst of the sets' errors, for all and for each value of each factor."""
-    groups: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for row in rows:
-        groups["all"].append(row)
-        for factor in FACTORS:
-            groups[f"{factor}: {row[factor]}"].append(row)
-    lines = [f"{'':24} sets  RMS median  95 %  worst   volume median  worst   missed false warned refused"]
-    for name, these in sorted(groups.items(), key=lambda pair: pair[0] != "all"):
-        meshes = [r for r in these if "rms_seen_mm" in r]
-        verdicts = [verdict(r) for r in these]
-        counts = [verdicts.count(v) for v in ("missed", "false warning", "warned", "refused")]
-        if meshes:
-            rms = np.array([float(r["rms_seen_mm"]) for r in meshes])
-            volume = 100 * np.abs([float(r["volume_error"]) for r in meshes])
-            numbers = (
-                f"{np.median(rms):10.3f} {np.percentile(rms, 95):6.3f} {rms.max():6.3f}"
-                f" {np.median(volume):13.2f} % {volume.max():5.2f} %"
-            )
-        else:
-            numbers = " " * 48
-        lines.append(f"{name:24} {len(these):4} {numbers}  " + " ".join(f"{c:6}" for c in counts))
-    return "\n".join(lines)
+def table(rows: pd.DataFrame) -> pd.DataFrame:
+    """Median, 95 % and worst of the sets' errors, and verdicts, of all and of each value of each factor."""
+    rows = rows.assign(verdict=[verdict(row) for row in rows.to_dict("records")])
+    groups = {"all": rows}
+    for factor in FACTORS:
+        groups |= {f"{factor}: {name}": group for name, group in rows.groupby(factor)}
+    lines = {}
+    for name, group in groups.items():
+        rms, volume = group["rms_seen_mm"], 100 * group["volume_error"].abs()
+        numbers = {"RMS median": rms.median(), "95 %": rms.quantile(0.95), "worst": rms.max()}
+        numbers |= {"volume median, %": volume.median(), "worst, %": volume.max()}
+        counts = {said: int((group["verdict"] == said).sum()) for said in VERDICTS}
+        lines[name] = {"sets": len(group), **numbers, **counts}
+    return pd.DataFrame.from_dict(lines, orient="index")
 
 
-def main() -> int:
+def main(
+    bank: Path,
+    half: Annotated[Literal["work", "scored"], typer.Option()],
+    out: Annotated[Path, typer.Option()],
+    jobs: int = 2,
+    only: list[str] | None = None,
+    without_model: bool = False,
+) -> None:
     """Prints a line a set and the table; writes the rows."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("bank", type=Path)
-    parser.add_argument("--half", choices=("work", "scored"), required=True)
-    parser.add_argument("--jobs", type=int, default=2)
-    parser.add_argument("--only", action="append", default=[])
-    parser.add_argument("--without-model", action="store_true", help="outlines without the fruit model")
-    parser.add_argument("--out", type=Path, required=True)
-    options = parser.parse_args()
     folders = [
         folder
-        for folder in sorted(options.bank.iterdir())
+        for folder in sorted(bank.iterdir())
         if (folder / "scene.json").is_file()
-        and json.loads((folder / "scene.json").read_text())["half"] == options.half
-        and (not options.only or folder.name in options.only)
+        and json.loads((folder / "scene.json").read_text())["half"] == half
+        and (not only or folder.name in only)
     ]
     rows = []
-    with multiprocessing.get_context("spawn").Pool(options.jobs, maxtasksperchild=1) as pool:
-        score = partial(scored_set, with_model=not options.without_model)
+    with multiprocessing.get_context("spawn").Pool(jobs, maxtasksperchild=1) as pool:
+        score = partial(scored_set, with_model=not without_model)
         for row in pool.imap(score, folders, chunksize=1):
             rows.append(row)
             numbers = (
@@ -145,11 +134,10 @@ def main() -> int:
                 else row["refused"]
             )
             print(f"{row['set']} {verdict(row):13} {numbers}  {row.get('said', '')}", flush=True)
-    options.out.parent.mkdir(parents=True, exist_ok=True)
-    pd.DataFrame(rows).to_csv(options.out, index=False, float_format="%.5g")
-    print(table(rows))
-    return 0
+    out.parent.mkdir(parents=True, exist_ok=True)
+    pd.DataFrame(rows).to_csv(out, index=False, float_format="%.5g")
+    print(table(pd.DataFrame(rows)).to_string(float_format="%.3f"))
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

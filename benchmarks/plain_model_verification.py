@@ -3,7 +3,8 @@
     python benchmarks/plain_model_verification.py FOLDER [--body ball ...] [--grasp 2 ...] [--dense]
 
 FOLDER holds bodies without mismatch, noise-free, with exact surfaces (`truth.json`, `fruit.ply`, `pit.ply`,
-`grasp-K.h5`, `dense/grasp-K.h5`). Each recording is read, placed and prepared as `drupe explain` does it.
+`grasp-K.h5`, `dense/grasp-K.h5`). Each recording is read, placed and prepared as `drupe explain` does it;
+with `--dense` those whose markers are 0.5 mm apart.
 Printed for small and for finite strain: E over the true E, what the fit leaves of the markers' places (um rms
 per component), and CPU seconds.
 """
@@ -12,9 +13,9 @@ import json
 import shutil
 import tempfile
 import time
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
+from script import run
 from threadpoolctl import threadpool_limits
 
 from fem.estimation.compliance_fit import fit_compliance
@@ -72,27 +73,23 @@ def line(case: MismatchCase, true_MPa: float) -> str:
     )
 
 
-def main() -> None:
+def main(
+    folder: Path, body: list[str] | None = None, grasp: list[int] | None = None, dense: bool = False
+) -> None:
     """A recording after the other."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--body", nargs="*", help="Only these.")
-    parser.add_argument("--grasp", nargs="*", type=int, default=[1, 2, 3, 4], help="Only these.")
-    parser.add_argument("--dense", action="store_true", help="Markers 0.5 mm apart.")
-    wanted = parser.parse_args()
     print("| body | grasp | small strain: E / true | um | s | finite strain: E / true | um | s |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|", flush=True)
-    for truth in sorted(wanted.folder.glob("*/truth.json")):
-        body, true_MPa = truth.parent, float(json.loads(truth.read_text())["E"])
-        for k in wanted.grasp if not wanted.body or body.name in wanted.body else ():
-            recording = (body / "dense" if wanted.dense else body) / f"grasp-{k}.h5"
+    for truth in sorted(folder.glob("*/truth.json")):
+        place, true_MPa = truth.parent, float(json.loads(truth.read_text())["E"])
+        for k in (grasp or (1, 2, 3, 4)) if not body or place.name in body else ():
+            recording = (place / "dense" if dense else place) / f"grasp-{k}.h5"
             try:
-                cells = line(opened(body, recording), true_MPa)
+                cells = line(opened(place, recording), true_MPa)
             except Exception as error:  # noqa: BLE001 - a row says it, the others follow
                 cells = f"{type(error).__name__}: {error}"
-            print(f"| {body.name} | {k} | {cells} |", flush=True)
+            print(f"| {place.name} | {k} | {cells} |", flush=True)
 
 
 if __name__ == "__main__":
     with threadpool_limits(1):
-        main()
+        run(main)

@@ -8,7 +8,6 @@ The plain model's E is the mean of its recordings' own fits, with the markers wh
 in brackets where they touched (fem.mismatch.model.touched_skin).
 """
 
-import argparse
 import tempfile
 import time
 from collections.abc import Iterator
@@ -17,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from field_fruit import fruit_of, fruits_in
 from field_mistakes import as_batch
+from script import Half, run
 from threadpoolctl import threadpool_limits
 
 from fem.fem_failure import FemFailure
@@ -54,15 +54,11 @@ def mean_E_MPa(base: PlainModel) -> float:
     return float(np.exp(-np.mean([np.log(fit.compliance) for fit in plain_fits(base)])))
 
 
-def main() -> None:
+def main(paths: list[Path], half: Half = "all") -> None:
     """Prints a line per fruit, and root mean squares in the end."""
-    parser = argparse.ArgumentParser(description=__doc__.split("\n")[0])
-    parser.add_argument("paths", type=Path, nargs="+")
-    parser.add_argument("--half", choices=("even", "odd", "all"), default="all")
-    arguments = parser.parse_args()
     errors: list[tuple[float, float, float]] = []
     beyond: list[float] = []
-    for folder in folders_in(arguments.paths, arguments.half):
+    for folder in folders_in(paths, half):
         with tempfile.TemporaryDirectory() as work, threadpool_limits(1):
             try:
                 case, true = case_of(folder, Path(work))
@@ -95,4 +91,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -18,15 +18,16 @@ each trace and quantiles; held-out errors are root mean squares over that of the
 """
 
 import re
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 from scipy.stats import spearmanr
+from script import run
 
 from fem.fem_failure import FemFailure
 from fem.indentation.ball import Ball
@@ -202,25 +203,21 @@ def kind_of(name: str) -> str:
     return re.sub(r"[-_]?\d+$", "", name) if " " in name else name.split("_")[0]
 
 
-def main() -> None:
+def main(
+    kind: Literal["ball", "gripper", "cylinder"], folder: Path, jobs: int = 1, out: Path | None = None
+) -> None:
     """Read, explain, print."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("kind", choices=("ball", "gripper", "cylinder"))
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--jobs", type=int, default=1)
-    parser.add_argument("--out", type=Path)
-    args = parser.parse_args()
-    read = {"ball": of_ball, "gripper": of_gripper, "cylinder": of_cylinder}[args.kind]
+    read = {"ball": of_ball, "gripper": of_gripper, "cylinder": of_cylinder}[kind]
     done = []
-    with ProcessPoolExecutor(args.jobs) as pool:
-        for row in pool.map(explained, read(args.folder)):
+    with ProcessPoolExecutor(jobs) as pool:
+        for row in pool.map(explained, read(folder)):
             done.append(row)
             print(row["trace"], row["verdict"], row.get("top", ""), flush=True)
     rows = pd.DataFrame(done)
     summary(rows)
-    if args.out is not None:
-        rows.to_csv(args.out, index=False)
+    if out is not None:
+        rows.to_csv(out, index=False)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -20,19 +20,18 @@ search finds in the true shape. WORK keeps photos, batches and rows; a run that 
 the extra `samples`.
 """
 
-import csv
 import json
 import shutil
-import sys
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from photo_bank_modulus import graded, line, write_batch
 from recon_score import onto_truth, read_truth, scored
 from scipy.spatial.transform import Rotation
+from script import run
 
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh
@@ -160,39 +159,26 @@ def row_of(place: str, kind: str, fruit: SampleFruit, work: Path, *, grasps: int
     return row
 
 
-def main() -> int:
+def main(checkout: Path, work: Path, csv: Path | None = None, only: str = "", grasps: int = 2) -> None:
     """Prints a line a set, writes the rows."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("checkout", type=Path)
-    parser.add_argument("work", type=Path)
-    parser.add_argument("--csv", type=Path, help="file for the rows")
-    parser.add_argument("--only", default="", help="rows whose name (scene-fruit) contains this text")
-    parser.add_argument("--grasps", type=int, default=2, help="0: the shape alone")
-    options = parser.parse_args()
     rows = []
     for kind, toy in TOYS.items():
         drawn = replace(scene_of_kind("mat", kind).fruit, fruit_id=f"drawn-{kind}", E_MPa=toy.E_MPa)
-        for fruit in (scanned_fruit(options.checkout, kind), drawn):
+        for fruit in (scanned_fruit(checkout, kind), drawn):
             for place in SCENES:
-                if options.only not in f"{place}-{fruit.fruit_id}":
+                if only not in f"{place}-{fruit.fruit_id}":
                     continue
                 try:
-                    rows.append(row_of(place, kind, fruit, options.work, grasps=options.grasps))
+                    rows.append(row_of(place, kind, fruit, work, grasps=grasps))
                 except NotInEquilibrium as failure:
                     print(
                         f"{place} {fruit.fruit_id}: the grasp could not be simulated: {failure}", flush=True
                     )
     for row in rows:
         print({k: f"{v:.3g}" if isinstance(v, float) else v for k, v in row.items()})
-    if options.csv is not None:
-        columns = list(dict.fromkeys(key for row in rows for key in row))
-        with options.csv.open("w", newline="", encoding="utf-8") as file:
-            table = csv.DictWriter(file, columns, lineterminator="\n")
-            table.writeheader()
-            for row in rows:
-                table.writerow({k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()})
-    return 0
+    if csv is not None:
+        pd.DataFrame(rows).to_csv(csv, index=False, float_format="%.4g")
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

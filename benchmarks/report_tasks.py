@@ -11,15 +11,14 @@ Two of MultiQC's are performed, on a report of the columns of ranking.csv as a t
 A dash means that the program cannot do it.
 """
 
-import csv
 import io
 import re
 import sys
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from script import run
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "reports"))
 from browser import NODES, chromium, reloaded
@@ -238,7 +237,7 @@ def spreadsheet(name: str) -> list[int | None]:
     ]
 
 
-def multiqc(browser, path: Path, name: str) -> list[int | str]:
+def in_multiqc(browser, path: Path, name: str) -> list[int | str]:
     """The same in a report of MultiQC with a table of the ranking's columns: two tasks performed."""
     counts: list[int | str] = [NOT_TRIED] * 15
     for task, head in ((2, "E_MPa"), (8, "height_mm")):
@@ -268,16 +267,11 @@ def cost(browser, path: Path) -> str:
     )
 
 
-def main() -> None:
+def main(results: Path, multiqc: Path | None = None, csv: Path | None = None) -> None:
     """Prints the cost, and a row for each task."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("results", type=Path)
-    parser.add_argument("--multiqc", type=Path)
-    parser.add_argument("--csv", type=Path)
-    options = parser.parse_args()
-    table = pd.read_csv(options.results / "ranking.csv")
+    table = pd.read_csv(results / "ranking.csv")
     to_do, name = tasks(table)
-    report = (options.results / "report.html").absolute()
+    report = (results / "report.html").absolute()
     with chromium() as browser:
         print(f"{len(table)} fruit: {cost(browser, report)}")
         steps = []
@@ -289,17 +283,13 @@ def main() -> None:
                 raise SystemExit(f"{task}: the report and pandas disagree")
             steps.append(hand.count)
             page.close()
-        others = multiqc(browser, options.multiqc.absolute(), name) if options.multiqc else [NOT_TRIED] * 15
-    rows = list(zip(to_do, steps, spreadsheet(name), others, strict=True))
-    header = ("task", "report", "spreadsheet", "multiqc")
-    for row in (header, *rows):
-        print(f"{row[0]:40s}", *(f"{'-' if each is None else each:>12}" for each in row[1:]))
-    if options.csv:
-        with options.csv.open("w", newline="") as file:
-            csv.writer(file).writerows(
-                (header, *(["-" if each is None else each for each in row] for row in rows))
-            )
+        others = in_multiqc(browser, multiqc.absolute(), name) if multiqc else [NOT_TRIED] * 15
+    columns = {"task": [*to_do], "report": steps, "spreadsheet": spreadsheet(name), "multiqc": others}
+    counts = pd.DataFrame(columns, dtype=object).fillna("-")
+    print(counts.to_string(index=False))
+    if csv:
+        counts.to_csv(csv, index=False)
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -9,28 +9,18 @@ Exit status 1 where the order or an error misses its bound, or a mesh or a fruit
 
 import json
 import re
-import sys
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
 
 import pandas as pd
 import trimesh
 from scipy.stats import kendalltau
+from script import run
 
 
-def main() -> int:
-    """Prints the table and returns the exit status."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("results", type=Path, help="what `drupe grade` wrote")
-    parser.add_argument("answers", type=Path, help="answers.json of the sample batch")
-    parser.add_argument("--tau", type=float, default=1.0, help="least Kendall's tau (default %(default)s)")
-    parser.add_argument("--error", type=float, default=0.08, help="largest relative error (%(default)s)")
-    options = parser.parse_args()
-
-    ranking = pd.read_csv(options.results / "ranking.csv", dtype={"fruit_id": str})
-    truth = {
-        name: answer["E_MPa"] for name, answer in json.loads(options.answers.read_text())["fruits"].items()
-    }
+def main(results: Path, answers: Path, tau: float = 1.0, error: float = 0.08) -> int:
+    """Prints the table; the exit status says whether order, errors, meshes and page are right."""
+    ranking = pd.read_csv(results / "ranking.csv", dtype={"fruit_id": str})
+    truth = {name: answer["E_MPa"] for name, answer in json.loads(answers.read_text())["fruits"].items()}
     graded = ranking[ranking["E_MPa"].notna()].copy()
     graded["truth_MPa"] = graded["fruit_id"].map(truth)
     graded["error"] = graded["E_MPa"] / graded["truth_MPa"] - 1
@@ -40,12 +30,14 @@ def main() -> int:
     if len(graded) < 2:
         print(f"only {len(graded)} of {len(truth)} fruit graded: no order to score")
         return 1
-    tau = float(kendalltau(graded["rank"], graded["truth_MPa"]).statistic)
+    order = float(kendalltau(graded["rank"], graded["truth_MPa"]).statistic)
     worst = float(graded["error"].abs().max())
-    print(f"Kendall's tau {tau:.2f}, {len(graded)} of {len(truth)} fruit, largest error {100 * worst:.1f} %")
-    missing = missing_results(options.results, sorted(truth))
+    print(
+        f"Kendall's tau {order:.2f}, {len(graded)} of {len(truth)} fruit, largest error {100 * worst:.1f} %"
+    )
+    missing = missing_results(results, sorted(truth))
     print("\n".join(missing) or "a watertight mesh of each fruit, and each on the page")
-    missed = len(graded) < len(truth) or not (tau >= options.tau and worst <= options.error)
+    missed = len(graded) < len(truth) or not (order >= tau and worst <= error)
     return int(missed or bool(missing))
 
 
@@ -79,4 +71,4 @@ def _fruit_headings(page: str) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    run(main)

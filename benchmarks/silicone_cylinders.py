@@ -1,7 +1,7 @@
 """Silicone cylinders of known modulus, pressed between plates: what drupe makes of them.
 
     python benchmarks/silicone_cylinders.py FOLDER [--csv FILE] [--part development|last|all]
-        [--tests A1 B2 ...] [--together FILE] [--jobs 2]
+        [--tests A1 --tests B2 ...] [--together FILE] [--jobs 2]
 
 FOLDER: a folder of tables for each mixture, and published.json, of
 github.com/abubakardawood/tissue-phantom-material-database (A. B. Dawood et al. 2026, data CC BY 4.0):
@@ -23,16 +23,17 @@ its curves, the curves that do not belong, and the slope by the law of the other
 """
 
 import json
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pandas as pd
 from scipy.optimize import least_squares
 from scipy.special import logsumexp
 from scipy.stats import kendalltau
+from script import run
 
 from fem.indentation.compressed_cylinder import Cylinder, Ends
 from fem.indentation.contact_law import linear_law
@@ -195,7 +196,7 @@ def of_mixtures(rows: pd.DataFrame) -> pd.DataFrame:
     return table.reset_index()
 
 
-def together(paths: list[Path]) -> dict[str, object]:
+def of_one_law(paths: list[Path]) -> dict[str, object]:
     """All curves of a mixture with one law, as `drupe explain` fits those of one specimen."""
     whole = joined([read(path, frames=FRAMES_TOGETHER) for path in paths])
     account = explain_trace(whole, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
@@ -217,43 +218,42 @@ def together(paths: list[Path]) -> dict[str, object]:
     }
 
 
-def main() -> None:
+def main(
+    folder: Path,
+    csv: Path | None = None,
+    curves: Path | None = None,
+    part: Literal["development", "last", "all"] = "all",
+    tests: list[str] | None = None,
+    together: Path | None = None,
+    jobs: int = 1,
+) -> None:
     """Read, explain, print."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--csv", type=Path, help="write a row for each mixture")
-    parser.add_argument("--curves", type=Path, help="write a row for each curve")
-    parser.add_argument("--part", choices=("development", "last", "all"), default="all")
-    parser.add_argument("--tests", nargs="*", help="A1 to A5, B1 to B5; all by default")
-    parser.add_argument("--together", type=Path, help="one law for all curves of a mixture: a row for each")
-    parser.add_argument("--jobs", type=int, default=1)
-    args = parser.parse_args()
-    published = json.loads((args.folder / "published.json").read_text())["E"]
+    published = json.loads((folder / "published.json").read_text())["E"]
     groups = {
         name: [
             path
-            for path in sorted((args.folder / name).glob("*.csv"))
-            if not args.tests or path.stem.rsplit("_", 1)[1] in args.tests
+            for path in sorted((folder / name).glob("*.csv"))
+            if not tests or path.stem.rsplit("_", 1)[1] in tests
         ]
         for name in published
-        if args.part == "all" or (name in DEVELOPMENT) == (args.part == "development")
+        if part == "all" or (name in DEVELOPMENT) == (part == "development")
     }
     paths = [path for group in groups.values() for path in group]
-    work, of_each = (together, [g for g in groups.values() if g]) if args.together else (scored, paths)
+    work, of_each = (of_one_law, [g for g in groups.values() if g]) if together else (scored, paths)
     done = []
-    with ProcessPoolExecutor(args.jobs) as pool:
+    with ProcessPoolExecutor(jobs) as pool:
         for row in pool.map(work, of_each):
             done.append(row)
             print(*(f"{v:.4g}" if isinstance(v, float) else v for v in row.values()), flush=True)
     rows = pd.DataFrame(done)
     rows["published_kPa"] = [published[name][0] for name in rows["mixture"]]
-    if args.together:
-        rows.to_csv(args.together, index=False, float_format="%.5g")
+    if together:
+        rows.to_csv(together, index=False, float_format="%.5g")
         return
     mixtures = of_mixtures(rows)
     print(mixtures.to_string(index=False, float_format="%.4g"))
     totals(rows, mixtures)
-    for where, table in ((args.csv, mixtures), (args.curves, rows)):
+    for where, table in ((csv, mixtures), (curves, rows)):
         if where is not None:
             table.to_csv(where, index=False, float_format="%.5g")
 
@@ -275,4 +275,4 @@ def totals(rows: pd.DataFrame, mixtures: pd.DataFrame) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

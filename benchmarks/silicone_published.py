@@ -17,13 +17,13 @@ slope_kPa    of a line through the recorded origin over 0 to 10 % strain, by the
 E_kPa        initial modulus: of a published law its initial slope, as its ends slide
 """
 
-import argparse
 import json
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
+from script import run
 from silicone_cylinders import DIAMETER_MM, HEIGHT_MM, NU, published_stress, read, slope_kPa
 
 from fem.indentation.explain_trace import explain_trace
@@ -75,28 +75,21 @@ def of_mixture(paths: list[Path], laws: dict[str, dict[str, dict[str, Any]]]) ->
     return pd.DataFrame(rows)
 
 
-def main() -> None:
+def main(folder: Path, parameters: Path, csv: Path | None = None) -> None:
     """Read, compare, print."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("parameters", type=Path)
-    parser.add_argument("--csv", type=Path)
-    args = parser.parse_args()
-    moduli = json.loads((args.folder / "published.json").read_text())["E"]
-    parameters = json.loads(args.parameters.read_text())
+    moduli = json.loads((folder / "published.json").read_text())["E"]
+    published = json.loads(parameters.read_text())
     tables = []
     for mixture, (modulus_kPa, _) in moduli.items():
-        laws = {stress: of_stress[mixture] for stress, of_stress in parameters.items()}
-        table = of_mixture(sorted((args.folder / mixture).glob("*.csv")), laws)
+        laws = {stress: of_stress[mixture] for stress, of_stress in published.items()}
+        table = of_mixture(sorted((folder / mixture).glob("*.csv")), laws)
         table.insert(0, "mixture", mixture)
         table.insert(1, "published_kPa", modulus_kPa)
         print(table.to_string(index=False, float_format="%.4g"), flush=True)
         tables.append(table)
     rows = pd.concat(tables, ignore_index=True)
-    if args.csv is not None:
-        rows.to_csv(args.csv, index=False, float_format="%.5g")
+    if csv is not None:
+        rows.to_csv(csv, index=False, float_format="%.5g")
     rows["slope_ratio"] = rows["slope_kPa"] / rows["published_kPa"]
     rows["E_ratio"] = rows["E_kPa"] / rows["published_kPa"]
     medians = rows.groupby(["stress", "law"], sort=False)[["force_error", "slope_ratio", "E_ratio"]].median()
@@ -105,4 +98,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -10,10 +10,12 @@ and checks that no number changed but for sign and origin.
 import subprocess
 import sys
 import zipfile
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
+from script import run
 
 from tactile.from_tac3d import recording_of_tac3d, rest_of
 from tactile.readers.recording import GelPad, Recording, read_recording, write_recording
@@ -50,21 +52,17 @@ def largest_change(sensors: list[Tac3D], again: Recording) -> float:
     return max(float(np.abs(a - b).max() / max(np.abs(b).max(), 1e-12)) for a, b in pairs)
 
 
-def main() -> None:
+def main(folder: Path, out: Annotated[Path, typer.Option()]) -> None:
     """Notes and the largest change of every recording."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--out", type=Path, required=True)
-    given = parser.parse_args()
-    given.out.mkdir(parents=True, exist_ok=True)
-    for place in unpacked(given.folder):
+    out.mkdir(parents=True, exist_ok=True)
+    for place in unpacked(folder):
         groups = [[read_tac3d(folder)] for folder in sensor_folders(place)]
         if len(groups) == 2:
             groups.append([sensor for group in groups for sensor in group])
         for sensors in groups:
             name = "+".join(sensor.serial for sensor in sensors)
             converted = recording_of_tac3d(sensors, fruit_id=name, category="unknown")
-            file = given.out / f"{name}.h5"
+            file = out / f"{name}.h5"
             write_recording(file, converted.recording)
             print(f"{name}: {len(converted.recording.time_s)} frames")
             for note in converted.notes:
@@ -74,4 +72,4 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

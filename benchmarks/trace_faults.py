@@ -8,7 +8,6 @@ law over that of the same press without the fault (within LIMIT), the note that 
 correction. Of a sound press every row must come out as it was written. Even seeds were used for development.
 """
 
-import argparse
 import re
 import sys
 import tempfile
@@ -18,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.optimize import least_squares
+from script import run
 
 from tactile.readers.load_cell import read_trace
 from tactile.readers.trace_columns import TraceWords
@@ -104,25 +104,20 @@ def cases(first: int, seeds: int, kind: str) -> Iterator[tuple[str, int]]:
             yield from ((name, seed) for seed in range(first, first + 2 * seeds, 2))
 
 
-def main() -> None:
+def main(first: int = 0, seeds: int = 30, kind: str = "") -> None:
     """Prints every failure and the table."""
-    parser = argparse.ArgumentParser()
-    parser.add_argument("--first", type=int, default=0, help="0: development, 1: held out.")
-    parser.add_argument("--seeds", type=int, default=30)
-    parser.add_argument("--kind", default="")
-    asked = parser.parse_args()
     right, total = Counter(), Counter()
     with tempfile.TemporaryDirectory() as folder:
-        for kind, seed in cases(asked.first, asked.seeds, asked.kind):
-            said = outcome(kind, seed, Path(folder))
-            total[kind] += 1
-            right[kind] += not said
+        for name, seed in cases(first, seeds, kind):
+            said = outcome(name, seed, Path(folder))
+            total[name] += 1
+            right[name] += not said
             if said:
-                print(f"{kind} {seed}: {said[:420]}")
+                print(f"{name} {seed}: {said[:420]}")
     print("| kind | right | of |\n|---|---:|---:|")
-    for kind, count in total.items():
-        print(f"| {kind} | {right[kind]} | {count} |")
+    for name, count in total.items():
+        print(f"| {name} | {right[name]} | {count} |")
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -1,6 +1,6 @@
 """The simulator of truth against recordings of an independent one, frame by frame, without noise.
 
-    python benchmarks/truth_verification.py FOLDER [--body NAME...] [--grasp K...]
+    python benchmarks/truth_verification.py FOLDER [--body NAME ...] [--grasp K ...]
 
 FOLDER holds bodies without mismatch: `truth.json` and `dense/grasp-K.h5` of each (its SOURCE.md has the
 formulas). The pads move as the recording says. For each grasp a table by phase and pad: rms difference of the
@@ -11,13 +11,13 @@ its normal force, over frames above a tenth of the peak, and in the frame of the
 
 import json
 import time
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 from jaxtyping import Bool, Float
+from script import run
 
 from samples.fruit import SampleFruit, SamplePit, Skin
 from samples.gel_contact import Gel
@@ -59,16 +59,11 @@ class FormulaSkin:
         return np.asarray(self.radius_mm(directions)[:, None] * directions)
 
 
-def main() -> None:
+def main(folder: Path, body: list[str] | None = None, grasp: list[int] | None = None) -> None:
     """Print one table for each body and grasp."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("--body", nargs="+", default=list(BODIES))
-    parser.add_argument("--grasp", nargs="+", type=int, default=[2, 3, 1, 4])
-    asked = parser.parse_args()
-    for body in asked.body:
-        for number in asked.grasp:
-            verify(asked.folder / body, number)
+    for name in body or BODIES:
+        for number in grasp or (2, 3, 1, 4):
+            verify(folder / name, number)
 
 
 def verify(folder: Path, number: int) -> None:
@@ -192,4 +187,4 @@ def rms(x: Float[np.ndarray, "*n"]) -> float:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)
