@@ -43,6 +43,12 @@ class Drawn:
     given_pit: SamplePit | None
     depth_mm: float
 
+    @property
+    def pit_mesh(self) -> tuple[np.ndarray, np.ndarray] | None:
+        """Vertices and triangles of the pit that is given."""
+        sphere, pit = even_sphere(PIT_CELLS), self.given_pit
+        return None if pit is None else (pit.points_mm(sphere.directions), sphere.triangles())
+
 
 def drawn(number: int, rng: np.random.Generator) -> Drawn:
     """The fruit of a number; always the same."""
@@ -101,9 +107,8 @@ def write_fruit(number: int, folder: Path, grasps: int) -> None:
         if recording is not None:
             write_recording(out / f"grasp-{k + 1}.h5", recording)
     write_mesh(out / "fruit.ply", *drawing.mesh)
-    if drawing.given_pit is not None:
-        sphere = even_sphere(PIT_CELLS)
-        write_mesh(out / "pit.ply", drawing.given_pit.points_mm(sphere.directions), sphere.triangles())
+    if drawing.pit_mesh is not None:
+        write_mesh(out / "pit.ply", *drawing.pit_mesh)
     truth = {"E_MPa": drawing.fruit.E_MPa, "fruit_id": drawing.fruit.fruit_id, "category": drawing.category}
     (out / "truth.json").write_text(json.dumps(truth, indent=1) + "\n", encoding="utf-8")
 
@@ -112,8 +117,7 @@ def main(folder: Path, first: int = 0, count: int = 100, grasps: int = 2) -> Non
     """Writes the fruit, one after the other."""
     for number in range(first, first + count):
         write_fruit(number, folder, grasps)
-        sys.stdout.write(f"{number:03d}\n")
-        sys.stdout.flush()
+        print(f"{number:03d}", flush=True)
 
 
 if __name__ == "__main__":

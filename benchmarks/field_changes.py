@@ -1,6 +1,6 @@
 """Ways to spoil a sound fruit, as people and machines do: units, orders, losses, frames of reference."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -35,44 +35,39 @@ def pads(change: Callable[[GelPad, np.random.Generator], GelPad], *, only: int |
     return each(all_pads)
 
 
-FORCE, DISPLACEMENT = ("force_N",), ("displacement_mm",)
-BOTH = (*FORCE, *DISPLACEMENT)
-FIELDS = {"force": FORCE, "displacement": DISPLACEMENT, "both": BOTH, "rest": ("rest_mm",)}
-"""A pad's arrays, by the word for them."""
+FIELDS = {
+    "force": ("force_N",),
+    "displacement": ("displacement_mm",),
+    "both": ("force_N", "displacement_mm"),
+    "rest": ("rest_mm",),
+    "markers": ("rest_mm", "force_N", "displacement_mm"),
+    "stiffness": ("gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm"),
+    "pose": ("pose",),
+}
+"""What a pad has, by the word for it."""
 Values = Callable[[np.ndarray], np.ndarray]
 
 
-def arrays(
-    make: Callable[[GelPad, np.random.Generator], Values], fields: Sequence[str], *, only: int | None = None
+def changed(
+    field: str, make: Callable[[GelPad, np.random.Generator], Values], *, only: int | None = None
 ) -> Change:
-    """These arrays of every pad, each by the function that `make` gives for the pad."""
+    """A field of every pad, by the function that `make` gives for the pad."""
 
-    def changed(pad: GelPad, rng: np.random.Generator) -> GelPad:
+    def of_pad(pad: GelPad, rng: np.random.Generator) -> GelPad:
         change = make(pad, rng)
-        return replace(pad, **{name: change(getattr(pad, name)) for name in fields})
+        return replace(pad, **{name: change(getattr(pad, name)) for name in FIELDS[field]})
 
-    return pads(changed, only=only)
-
-
-def force(times: float, *, only: int | None = None) -> Change:
-    """Forces times a factor."""
-    return arrays(lambda pad, rng: lambda values: values * times, FORCE, only=only)
+    return pads(of_pad, only=only)
 
 
-def shift(times: float, *, only: int | None = None) -> Change:
-    """Displacements times a factor."""
-    return arrays(lambda pad, rng: lambda values: values * times, DISPLACEMENT, only=only)
+def always(field: str, change: Values, *, only: int | None = None) -> Change:
+    """A field of every pad by one function."""
+    return changed(field, lambda pad, rng: change, only=only)
 
 
-def gel(times: float) -> Change:
-    """Stated stiffness times a factor."""
-    return pads(
-        lambda pad, rng: replace(
-            pad,
-            gel_kn_MPa_per_mm=pad.gel_kn_MPa_per_mm * times,
-            gel_kt_MPa_per_mm=pad.gel_kt_MPa_per_mm * times,
-        )
-    )
+def scaled(field: str, times: float, *, only: int | None = None) -> Change:
+    """A field times a factor."""
+    return always(field, lambda values: values * times, only=only)
 
 
 def picture_scale(times: float, *, sensor: str | None = None) -> Change:
@@ -107,7 +102,7 @@ def _with_frames(
     recording: Recording, k: np.ndarray | slice, *, log: bool = True, time: bool = True
 ) -> Recording:
     """These frames of the gels; with `log` of the jaws' log and poses too, with `time` of the clock."""
-    fields = (*BOTH, "pose") if log else BOTH
+    fields = (*FIELDS["both"], "pose") if log else FIELDS["both"]
     gels = tuple(
         replace(pad, **{name: getattr(pad, name)[k] for name in fields})
         for pad in recording.pads
@@ -135,7 +130,7 @@ def late(field: str, count: int) -> Change:
     def moved(values: np.ndarray) -> np.ndarray:
         return values[np.clip(np.arange(len(values)) - count, 0, len(values) - 1)]
 
-    return arrays(lambda pad, rng: moved, FIELDS[field])
+    return always(field, moved)
 
 
 def cut(keep: Callable[[Recording], np.ndarray]) -> Change:
@@ -179,7 +174,7 @@ def dead(share: float, way: str, field: str = "both") -> Change:
 
         return spoilt
 
-    return arrays(of_pad, FIELDS[field])
+    return changed(field, of_pad)
 
 
 def without_markers(choose: Callable[[GelPad, np.random.Generator], np.ndarray]) -> Change:
@@ -189,7 +184,7 @@ def without_markers(choose: Callable[[GelPad, np.random.Generator], np.ndarray])
         kept = np.flatnonzero(~choose(pad, rng))
         return lambda values: values.take(kept, axis=-2)
 
-    return arrays(of_pad, ("rest_mm", *BOTH))
+    return changed("markers", of_pad)
 
 
 def hole(pad: GelPad, rng: np.random.Generator) -> np.ndarray:
@@ -206,25 +201,25 @@ def permuted(field: str) -> Change:
         k = rng.permutation(len(pad.rest_mm))
         return lambda values: values.take(k, axis=-2)
 
-    return arrays(of_pad, FIELDS[field])
+    return changed(field, of_pad)
 
 
 def normal(change: Values) -> Values:
     """A change of the components along z alone."""
 
-    def changed(values: np.ndarray) -> np.ndarray:
+    def of_normal(values: np.ndarray) -> np.ndarray:
         out = values.copy()
         out[:, :, 2] = change(out[:, :, 2])
         return out
 
-    return changed
+    return of_normal
 
 
 def clipped(field: str, share: float) -> Change:
     """Normal values cannot exceed a share of their peak: forces press upwards, displacements downwards."""
     sign = 1.0 if field == "force" else -1.0
     limited = normal(lambda z: sign * np.minimum(sign * z, share * (sign * z).max()))
-    return arrays(lambda pad, rng: limited, FIELDS[field])
+    return always(field, limited)
 
 
 def noisy(times: float) -> Change:
@@ -237,12 +232,12 @@ def noisy(times: float) -> Change:
 
         return more
 
-    return arrays(of_pad, BOTH)
+    return changed("both", of_pad)
 
 
 def offset(share: float) -> Change:
     """A constant normal force at every marker, as without a tare (share of the peak)."""
-    return arrays(lambda pad, rng: normal(lambda z: z + share * z.max()), FORCE)
+    return always("force", normal(lambda z: z + share * z.max()))
 
 
 def rounded(levels: int) -> Change:
@@ -252,7 +247,7 @@ def rounded(levels: int) -> Change:
         step = values[:, :, 2].max() / levels
         return np.round(values / step) * step
 
-    return arrays(lambda pad, rng: stepped, FORCE)
+    return always("force", stepped)
 
 
 def zero_frames(count: int) -> Change:
@@ -265,61 +260,42 @@ def zero_frames(count: int) -> Change:
         lost = np.isin(np.arange(len(total)), loaded[first : first + count])
         return lambda values: np.where(lost[:, None, None], 0.0, values)
 
-    return arrays(of_pad, BOTH)
+    return changed("both", of_pad)
 
 
-def pose(change: Callable[[np.ndarray], np.ndarray], *, only: int | None = None) -> Change:
-    """Poses changed."""
-    return pads(lambda pad, rng: replace(pad, pose=change(pad.pose)), only=only)
-
-
-def transposed(pose_: np.ndarray) -> np.ndarray:
+def transposed(pose: np.ndarray) -> np.ndarray:
     """Rotations the other way round."""
-    out = pose_.copy()
-    out[:, :3, :3] = np.swapaxes(pose_[:, :3, :3], 1, 2)
+    out = pose.copy()
+    out[:, :3, :3] = np.swapaxes(pose[:, :3, :3], 1, 2)
     return out
 
 
-def scaled_place(times: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Places in another unit."""
-
-    def change(pose_: np.ndarray) -> np.ndarray:
-        out = pose_.copy()
-        out[:, :3, 3] *= times
-        return out
-
-    return change
+def in_metres(pose: np.ndarray) -> np.ndarray:
+    """Places in metres."""
+    out = pose.copy()
+    out[:, :3, 3] *= 1e-3
+    return out
 
 
-def standing_still(pose_: np.ndarray) -> np.ndarray:
+def standing_still(pose: np.ndarray) -> np.ndarray:
     """The first pose in every frame."""
-    return np.broadcast_to(pose_[0], pose_.shape).copy()
+    return np.broadcast_to(pose[0], pose.shape).copy()
 
 
-def exchanged(what: str) -> Change:
-    """Left and right pads' gel signals, or their poses, exchanged."""
+def exchanged(*fields: str) -> Change:
+    """These arrays of the left and the right pad exchanged."""
 
     def change(recording: Recording, rng: np.random.Generator) -> Recording:
-        a, b = recording.pads
-        assert isinstance(a, GelPad)
-        assert isinstance(b, GelPad)
-        if what == "poses":
-            return replace(recording, pads=(replace(a, pose=b.pose), replace(b, pose=a.pose)))
-        fields = ("rest_mm", "displacement_mm", "force_N")
-        return replace(
-            recording,
-            pads=(
-                replace(a, **{f: getattr(b, f) for f in fields}),
-                replace(b, **{f: getattr(a, f) for f in fields}),
-            ),
-        )
+        pairs = zip(recording.pads, reversed(recording.pads), strict=True)
+        gels = (replace(pad, **{name: getattr(twin, name) for name in fields}) for pad, twin in pairs)
+        return replace(recording, pads=tuple(gels))
 
     return each(change)
 
 
-def in_order(values: np.ndarray, order: Sequence[int]) -> np.ndarray:
-    """Components in another order."""
-    return np.asarray(values[..., list(order)])
+def axes_exchanged(field: str) -> Change:
+    """Components along x and z of a field exchanged."""
+    return always(field, lambda values: values[..., [2, 1, 0]])
 
 
 def other_recording(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fruit:
@@ -331,50 +307,40 @@ def other_recording(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fru
 
 def other_poses(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fruit:
     """Poses of another day."""
-    changed = []
+    recordings = []
     for mine, theirs in zip(fruit.recordings, other.recordings, strict=False):
         n = min(len(mine.time_s), len(theirs.time_s))
         short = _with_frames(mine, slice(n))
         gels = tuple(replace(a, pose=b.pose[:n]) for a, b in zip(short.pads, theirs.pads, strict=True))
-        changed.append(replace(short, pads=gels))
-    return replace(fruit, recordings=tuple(changed))
+        recordings.append(replace(short, pads=gels))
+    return replace(fruit, recordings=tuple(recordings))
 
 
-def mesh(change: Callable[[np.ndarray], np.ndarray], *, turn_faces: bool = False) -> Change:
-    """The mesh's vertices changed; the pit stays."""
+def _middle(vertices: np.ndarray) -> np.ndarray:
+    return np.asarray((vertices.min(axis=0) + vertices.max(axis=0)) / 2)
+
+
+def mesh(change: Values, *, turn_faces: bool = False) -> Change:
+    """The mesh's vertices changed about the middle of their box; the pit stays."""
     return lambda fruit, other, rng: replace(
         fruit,
-        vertices=change(fruit.vertices),
+        vertices=_middle(fruit.vertices) + change(fruit.vertices - _middle(fruit.vertices)),
         faces=fruit.faces[:, ::-1].copy() if turn_faces else fruit.faces,
     )
 
 
-def about_the_middle(change: Callable[[np.ndarray], np.ndarray]) -> Callable[[np.ndarray], np.ndarray]:
-    """A change of vertices about the middle of their box."""
-
-    def about(vertices: np.ndarray) -> np.ndarray:
-        centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-        return np.asarray(centre + change(vertices - centre))
-
-    return about
-
-
 def other_mesh(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fruit:
     """Another fruit's mesh, about the same centre."""
-    centre = [(v.min(axis=0) + v.max(axis=0)) / 2 for v in (fruit.vertices, other.vertices)]
-    return replace(fruit, vertices=other.vertices - centre[1] + centre[0], faces=other.faces)
+    shift = _middle(fruit.vertices) - _middle(other.vertices)
+    return replace(fruit, vertices=other.vertices + shift, faces=other.faces)
 
 
-def pit(change: Callable[[np.ndarray], np.ndarray]) -> Change:
-    """The given pit changed; a fruit without one gets its category's first."""
+def pit(change: Values) -> Change:
+    """The given pit changed about its middle; a fruit without one gets its category's first."""
 
-    def changed(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fruit:
-        given_pit = fruit.pit or _category_pit(fruit)
-        return replace(fruit, pit=(change(given_pit[0]), given_pit[1]))
+    def of_fruit(fruit: Fruit, other: Fruit, rng: np.random.Generator) -> Fruit:
+        prior = load_prior(fruit.category)
+        vertices, faces = fruit.pit or place_pit(fruit.vertices, fruit.faces, prior)
+        return replace(fruit, pit=(_middle(vertices) + change(vertices - _middle(vertices)), faces))
 
-    return changed
-
-
-def _category_pit(fruit: Fruit) -> tuple[np.ndarray, np.ndarray]:
-    vertices, faces = place_pit(fruit.vertices, fruit.faces, load_prior(fruit.category))
-    return np.asarray(vertices), np.asarray(faces)
+    return of_fruit

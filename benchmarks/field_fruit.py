@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from script import Half, in_half
 
 from recon.surface.mesh_file import read_mesh
 from samples.fruit import fruit_of_seed, scanned_mesh
@@ -35,23 +36,21 @@ def fruit_of(folder: Path) -> Fruit | None:
     """The fruit in a folder; None where none is."""
     if not (folder / "fruit.ply").is_file():
         return None
-    own_truth, of_all = folder / "truth.json", folder.parent / "answers.json"
-    if own_truth.is_file():
-        truth = json.loads(own_truth.read_text())
-    elif of_all.is_file():
-        truth = json.loads(of_all.read_text()).get(folder.name)
+    truth, of_all = folder / "truth.json", folder.parent / "answers.json"
+    if truth.is_file():
+        answer = json.loads(truth.read_text())
+    elif of_all.is_file() and folder.name in (answers := json.loads(of_all.read_text())):
+        answer = answers[folder.name]
     else:
-        truth = None
-    if truth is None:
         return None
     number = re.findall(r"\d+", folder.name)
     pit_file = folder / "pit.ply"
-    category = str(truth["category"])
+    category = str(answer["category"])
     return Fruit(
-        name=str(truth.get("fruit_id", folder.name)),
+        name=str(answer.get("fruit_id", folder.name)),
         number=int(number[-1]) if number else 0,
         category={"pdms_ball": "phantom"}.get(category, category),
-        E_MPa=float(truth["E_MPa"]),
+        E_MPa=float(answer["E_MPa"]),
         vertices=read_mesh(folder / "fruit.ply")[0],
         faces=read_mesh(folder / "fruit.ply")[1],
         pit=read_mesh(pit_file) if pit_file.is_file() else None,
@@ -59,14 +58,13 @@ def fruit_of(folder: Path) -> Fruit | None:
     )
 
 
-def fruits_in(paths: Sequence[Path], half: str) -> list[Fruit]:
-    """All fruit below the paths, of one half of the numbers."""
-    folders = [
+def fruits_in(paths: Sequence[Path], half: Half) -> dict[Path, Fruit]:
+    """All fruit below the paths by their folders, of one half of the numbers."""
+    folders = (
         f for path in paths for f in ([path] if (path / "fruit.ply").is_file() else sorted(path.iterdir()))
-    ]
-    fruits = [fruit for folder in folders if folder.is_dir() and (fruit := fruit_of(folder)) is not None]
-    wanted = {"even": (0,), "odd": (1,), "all": (0, 1)}[half]
-    return [fruit for fruit in fruits if fruit.number % 2 in wanted]
+    )
+    fruits = {folder: fruit_of(folder) for folder in folders if folder.is_dir()}
+    return {folder: fruit for folder, fruit in fruits.items() if fruit and in_half(fruit.number, half)}
 
 
 def partner(fruits: Sequence[Fruit], k: int) -> Fruit:

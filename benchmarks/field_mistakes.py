@@ -12,7 +12,6 @@ several* where its sentence lists the mistake among other causes (a gain: force,
 """
 
 import re
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +21,7 @@ import numpy as np
 import pandas as pd
 import typer
 from field_fruit import Fruit, cheap_fruit, fruits_in, partner
-from field_list import MISTAKES, Answer, Mistake, naming
+from field_list import MISTAKES, Mistake, naming
 from script import Half, run
 
 from pipeline.batch.layout import Results
@@ -73,34 +72,13 @@ def findings_of(fruit: Fruit) -> list[Finding]:
     ]
 
 
-def checked(fruit: Fruit) -> list[Answer]:
+def checked(fruit: Fruit) -> list[Doubt | Finding]:
     """What the checks alone say of a given pit and of every recording; remarks last."""
-    said: list[Answer] = []
+    doubts = category_doubts(fruit)
     if fruit.pit is not None:
-        doubts = of_a_given_pit(fruit.vertices, *fruit.pit, load_prior(fruit.category))
-        said = [
-            Answer(kind=doubt.kind, sentence=doubt.sentence, refused=doubt.refused)
-            for doubt in doubts
-            if doubt.kind is not None
-        ]
-    said += [
-        Answer(kind=doubt.kind, sentence=doubt.sentence)
-        for doubt in category_doubts(fruit)
-        if doubt.kind is not None
-    ]
-    for finding in findings_of(fruit):
-        said.append(
-            Answer(
-                kind=finding.kind,
-                sentence=finding.sentence,
-                field=finding.field,
-                detail=finding.detail,
-                also=finding.also,
-                refused=finding.refused,
-                remark=finding.remark,
-            )
-        )
-    return sorted(said, key=lambda answer: answer.remark)
+        doubts = of_a_given_pit(fruit.vertices, *fruit.pit, load_prior(fruit.category)) + doubts
+    findings = sorted(findings_of(fruit), key=lambda finding: finding.remark)
+    return [*(doubt for doubt in doubts if doubt.kind is not None), *findings]
 
 
 COVERED_SD = 2.0
@@ -226,7 +204,8 @@ def main(
         print_findings([cheap_fruit(seed) for seed in range(cheap)])
         return
     fruits = [
-        replace(given, recordings=given.recordings[:grasps]) for given in fruits_in(folders or [], half)
+        replace(given, recordings=given.recordings[:grasps])
+        for given in fruits_in(folders or [], half).values()
     ]
     if sound:
         print_findings(fruits)
@@ -241,9 +220,8 @@ def main(
             changed = mistake.change(fruit, partner(fruits, k), rng)
             judgements.append(judged(fruit, changed, mistake, grade))
             if verbose and mistake is not SOUND and not judgements[-1]["named"]:
-                sys.stdout.write(f"  {mistake.name} | {fruit.name} | {str(judgements[-1]['said'])[:200]}\n")
-        sys.stdout.write(in_a_line(mistake.name, judgements) + "\n")
-        sys.stdout.flush()
+                print(f"  {mistake.name} | {fruit.name} | {str(judgements[-1]['said'])[:200]}")
+        print(in_a_line(mistake.name, judgements), flush=True)
         rows += judgements
     if csv:
         pd.DataFrame(rows).to_csv(csv, index=False)
@@ -259,8 +237,8 @@ def print_findings(fruits: Sequence[Fruit]) -> None:
             wrong += bool(findings)
             for finding in findings:
                 how = "refused" if finding.refused else "said"
-                sys.stdout.write(f"{fruit.name} ({how}): {finding.sentence}\n")
-    sys.stdout.write(f"{count} recordings of {len(fruits)} fruit, {wrong} with a sentence\n")
+                print(f"{fruit.name} ({how}): {finding.sentence}")
+    print(f"{count} recordings of {len(fruits)} fruit, {wrong} with a sentence")
 
 
 if __name__ == "__main__":

@@ -8,7 +8,6 @@ that fails. Further lines have the quantities by which tactile/consistency tells
 and gains, and how far given pits are from their category's, in their own units.
 """
 
-import sys
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from itertools import chain
@@ -86,8 +85,7 @@ def main(
     folders: Annotated[list[Path] | None, typer.Argument()] = None, half: Half = "all", cheap: int = 0
 ) -> None:
     """Prints the table."""
-    fruits = fruits_in(folders or [], half)
-    fruits += [cheap_fruit(seed) for seed in range(cheap)]
+    fruits = [*fruits_in(folders or [], half).values(), *map(cheap_fruit, range(cheap))]
     values_of: dict[str, list[float]] = defaultdict(list)
     fails_above = 3.0 * float(np.sqrt(np.expm1(LIMIT / 5.0)))
     for fruit in fruits:
@@ -105,12 +103,12 @@ def main(
             situation = Situation(recording=recording, pressings=tuple(pressings), **compared)
             for misfit in (*signal_misfits(situation), *mesh_misfits(situation)):
                 values_of[" ".join(filter(None, (misfit.kind.value, misfit.field)))].append(misfit.sds)
-    sys.stdout.write(f"{'':47s} {'rms':>9s} {'median':>9s} {'least':>9s} {'most':>9s} {'fails':>9s}\n")
+    print(f"{'':47s} {'rms':>9s} {'median':>9s} {'least':>9s} {'most':>9s} {'fails':>9s}")
     for name, values in values_of.items():
         rms, fails = np.sqrt(np.mean(np.square(values))), np.mean(np.array(values) > fails_above)
         numbers = (rms, np.median(values), min(values), max(values), fails)
         shown = " ".join(f"{value:9.3g}" for value in numbers)
-        sys.stdout.write(f"{name:47s} {shown}  ({len(values)})\n")
+        print(f"{name:47s} {shown}  ({len(values)})")
 
 
 if __name__ == "__main__":

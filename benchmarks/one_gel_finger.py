@@ -17,9 +17,8 @@ import numpy as np
 from field_bank import Drawn, drawn
 from field_fruit import Fruit
 from field_mistakes import graded
-from script import Half, run
+from script import Half, in_half, run
 
-from samples.cubed_sphere import even_sphere
 from samples.gel_contact import DEFAULT_GEL, Gel
 from samples.grasp_plan import PlannedGrasp, hold_along, two_cycles
 from samples.hexahedra import FINER, SHIPPED, Fineness
@@ -29,7 +28,6 @@ from tactile.readers.recording import GelPad, IndenterPad, Recording, read_recor
 
 STIFF = Gel(kn_MPa_per_mm=20.0, kt_MPa_per_mm=8.0)
 """A jaw that gives a hundredth of what the gel gives."""
-PIT_CELLS = 12
 LESS_DEEP = (1.0, 0.75, 0.5)
 """Shares of the drawn travel that are tried until the solver gets there."""
 
@@ -69,19 +67,14 @@ def with_bare_jaw(recording: Recording) -> Recording:
 
 def main(folder: Path, first: int = 0, count: int = 6, half: Half = "all", finer: bool = False) -> None:
     """A line per fruit, then the spread."""
-    wanted = {"even": (0,), "odd": (1,), "all": (0, 1)}[half]
     errors: list[float] = []
-    for number in range(first, first + count):
-        if number % 2 not in wanted:
-            continue
+    for number in (k for k in range(first, first + count) if in_half(k, half)):
         drawing = drawn(number, np.random.default_rng([77, number]))
         try:
             recording = recorded(number, drawing, folder, FINER if finer else SHIPPED)
         except SampleFailure as failure:
             sys.stderr.write(f"{number:03d}: {failure}; left out\n")
             continue
-        pit = drawing.given_pit
-        sphere = even_sphere(PIT_CELLS)
         fruit = Fruit(
             name=drawing.fruit.fruit_id,
             number=number,
@@ -89,24 +82,21 @@ def main(folder: Path, first: int = 0, count: int = 6, half: Half = "all", finer
             E_MPa=drawing.fruit.E_MPa,
             vertices=drawing.mesh[0],
             faces=drawing.mesh[1],
-            pit=None if pit is None else (pit.points_mm(sphere.directions), sphere.triangles()),
-            recordings=(recording,),
+            pit=drawing.pit_mesh,
+            recordings=(with_bare_jaw(recording),),
         )
-        record = graded(
-            replace(fruit, recordings=(with_bare_jaw(recording),)), folder / f"{number:03d}" / "plain"
-        )
+        record = graded(fruit, folder / f"{number:03d}" / "plain")
         line = f"{number:03d} {drawing.category:9s} {drawing.fruit.E_MPa:.3f} MPa"
         if record.modulus is None:
-            sys.stdout.write(f"{line}  {record.reason}\n")
+            print(f"{line}  {record.reason}")
             continue
         ratio, sd = record.modulus.E_MPa / fruit.E_MPa, record.modulus.E_sd_MPa / fruit.E_MPa
-        sys.stdout.write(f"{line}  x {ratio:.3f} +- {sd:.3f}\n")
-        sys.stdout.flush()
+        print(f"{line}  x {ratio:.3f} +- {sd:.3f}", flush=True)
         errors.append(float(np.log(ratio)))
     if errors:
         ln = np.array(errors)
         mean, rms = ln.mean(), np.sqrt((ln**2).mean())
-        sys.stdout.write(f"{len(ln)} fruit, ln E over the truth: mean {mean:+.3f}, rms {rms:.3f}\n")
+        print(f"{len(ln)} fruit, ln E over the truth: mean {mean:+.3f}, rms {rms:.3f}")
 
 
 if __name__ == "__main__":

@@ -10,11 +10,10 @@ in brackets where they touched (fem.mismatch.model.touched_skin).
 
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
-from field_fruit import fruit_of, fruits_in
+from field_fruit import Fruit, fruits_in
 from field_mistakes import as_batch
 from script import Half, run
 from threadpoolctl import threadpool_limits
@@ -31,22 +30,12 @@ from pipeline.fruit.stage_log import StageLog
 from tactile.tactile_failure import TactileFailure
 
 
-def folders_in(paths: list[Path], half: str) -> Iterator[Path]:
-    """Folders of fruit below the paths, of one half of their numbers."""
-    for path in paths:
-        for folder in [path] if (path / "fruit.ply").is_file() else sorted(path.iterdir()):
-            if folder.is_dir() and fruits_in([folder], half):
-                yield folder
-
-
-def case_of(folder: Path, work: Path) -> tuple[Case, float]:
-    """The fruit as something to explain, and its true E in MPa."""
-    fruit = fruit_of(folder)
-    assert fruit is not None, f"{folder} holds no fruit.ply with a truth"
+def case_of(folder: Path, fruit: Fruit, work: Path) -> Case:
+    """The fruit as something to explain."""
     if (folder / "case.toml").is_file():
-        return open_case(folder, fruit_id=None, work=work / "stages", out=None), fruit.E_MPa
+        return open_case(folder, fruit_id=None, work=work / "stages", out=None)
     batch = as_batch(fruit, work / "batch")
-    return open_case(batch, fruit_id="F", work=work / "stages", out=work / "out"), fruit.E_MPa
+    return open_case(batch, fruit_id="F", work=work / "stages", out=work / "out")
 
 
 def mean_E_MPa(base: PlainModel) -> float:
@@ -58,10 +47,10 @@ def main(paths: list[Path], half: Half = "all") -> None:
     """Prints a line per fruit, and root mean squares in the end."""
     errors: list[tuple[float, float, float]] = []
     beyond: list[float] = []
-    for folder in folders_in(paths, half):
+    for folder, drawn in fruits_in(paths, half).items():
         with tempfile.TemporaryDirectory() as work, threadpool_limits(1):
             try:
-                case, true = case_of(folder, Path(work))
+                case, true = case_of(folder, drawn, Path(work)), drawn.E_MPa
                 fruit = grasped_fruit(case.task, StageLog(lambda _: None))
                 began = time.process_time()
                 graded = graded_case(case, fruit)[0].modulus

@@ -10,6 +10,11 @@ Half = Literal["even", "odd", "all"]
 """Of data sets by their numbers: even ones were for development, odd ones are held out."""
 
 
+def in_half(number: int, half: Half) -> bool:
+    """Whether the data set of this number belongs to it."""
+    return half == "all" or number % 2 == (half == "odd")
+
+
 def run(main: Callable[..., int | None]) -> None:
     """Calls `main` with what the command line says, and ends with the status that it returns.
 

@@ -6,17 +6,19 @@ from pathlib import Path
 
 import pytest
 
-from pipeline.fruit.input_doubts import PitKind
-from tactile.consistency.finding import FindingKind
+from pipeline.fruit.input_doubts import Doubt, PitKind
+from tactile.consistency.finding import Finding, FindingKind
 
 ROOT = Path(__file__).parents[2]
 sys.path.append(str(ROOT / "benchmarks"))
-from field_list import MISTAKES, Answer, naming  # noqa: E402
+from field_list import MISTAKES, naming  # noqa: E402
 from field_mistakes import E_range_MPa  # noqa: E402
 
 
 def named_by(kind, how="named", **more):
-    answer = Answer(kind=kind, sentence="in whatever words", **more)
+    of_recording = isinstance(kind, FindingKind)
+    words = "in whatever words"
+    answer = Finding(kind, words, **more) if of_recording else Doubt(words, kind=kind)
     return {mistake.name for mistake in MISTAKES if naming(answer, mistake) == how}
 
 

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 from injected_grasp import frames_of, gel_pad, with_pads
 
+from pipeline.fruit.input_doubts import Doubt
 from recon.pit.priors import load_prior
 from recon.surface.mesh_file import read_mesh
 from samples.fruit import fruits_of_seed, scanned_mesh
+from tactile.consistency.finding import Finding
 from tactile.consistency.of_recording import recording_findings
 from tactile.gel.force_inverse import InvertedForce
 from tactile.gel.grid import INITIAL_HYPERPARAMETERS, gel_grid
@@ -20,7 +22,7 @@ from tactile.sensors import bonded_stiffness
 
 sys.path.append(str(Path(__file__).resolve().parents[2] / "benchmarks"))
 from field_fruit import Fruit
-from field_list import MISTAKES, Answer, Mistake, naming
+from field_list import MISTAKES, Mistake, naming
 from field_mistakes import checked
 
 __all__ = ["MISTAKES", "naming"]
@@ -48,7 +50,7 @@ def fruit_and_other() -> list[Fruit]:
     ]  # fmt: skip
 
 
-def said_of(mistake: Mistake) -> list[Answer]:
+def said_of(mistake: Mistake) -> list[Doubt | Finding]:
     """What the checks say where the mistake was made."""
     return checked(mistake.change(*fruit_and_other(), np.random.default_rng([11, 4])))
 
