@@ -11,7 +11,6 @@ within 1 % (the mesher does not repeat to the bit). A kill that met nobody is dr
     python benchmarks/campaign_kills.py --kills 100 --folder /tmp/campaign
 """
 
-import csv
 import errno
 import hashlib
 import os
@@ -27,6 +26,8 @@ from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import psutil
 import trimesh
 from script import run
@@ -51,6 +52,7 @@ real, began, after, by = time.time, time.monotonic(), float(os.environ["AFTER_S"
 time.time = lambda: real() + (by if time.monotonic() - began > after else 0.0)
 """
 SAME_E = 0.01
+KEYS = ["rank", "fruit_id", "outcome"]
 AFTER_S = 2.0
 """A process that comes after the drawn moment is killed within this time."""
 TRIES = 5
@@ -82,6 +84,11 @@ class Campaign:
         self.took_s = time.monotonic() - began
         self.expected = results(folder / "undisturbed")
         self.require(len(self.expected[0]) > 0, "the undisturbed run gave no results")
+
+    def empty(self) -> Path:
+        """A folder for the results of a disturbed run."""
+        shutil.rmtree(self.folder / "out", ignore_errors=True)
+        return self.folder / "out"
 
     def start(self, out: str | Path, **more: str) -> subprocess.Popen[str]:
         """The command, in a process group of its own and with marked processes."""
@@ -152,22 +159,17 @@ def hashes(root: Path) -> dict[str, str]:
     return {str(p.relative_to(root)): hashlib.sha256(p.read_bytes()).hexdigest() for p in files}
 
 
-def results(out: Path) -> tuple[set[str], list[dict[str, str]]]:
+def results(out: Path) -> tuple[set[str], pd.DataFrame]:
     """The files of a results folder, and its ranking."""
     files = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file() and p.name not in PRIVATE}
-    if not (out / "ranking.csv").is_file():
-        return files, []
-    with (out / "ranking.csv").open(newline="") as file:
-        return files, list(csv.DictReader(file))
+    ranking = out / "ranking.csv"
+    return files, pd.read_csv(ranking) if ranking.is_file() else pd.DataFrame(columns=[*KEYS, "E_MPa"])
 
 
-def same(rows: list[dict[str, str]], other: list[dict[str, str]]) -> bool:
+def same(rows: pd.DataFrame, other: pd.DataFrame) -> bool:
     """The same fruit in the same order with the same endings, and E within 1 %."""
-    keys = ("rank", "fruit_id", "outcome")
-    if [[row[key] for key in keys] for row in rows] != [[row[key] for key in keys] for row in other]:
-        return False
-    pairs = [(a["E_MPa"], b["E_MPa"]) for a, b in zip(rows, other, strict=True) if a["E_MPa"] or b["E_MPa"]]
-    return all(a and b and abs(float(a) / float(b) - 1) < SAME_E for a, b in pairs)
+    close = {"rtol": SAME_E, "atol": 0.0, "equal_nan": True}
+    return rows[KEYS].equals(other[KEYS]) and np.allclose(rows["E_MPa"], other["E_MPa"], **close)
 
 
 def processes(mark: str) -> list[psutil.Process]:
@@ -193,8 +195,7 @@ def of_fruit(mark: str) -> list[int]:
 def killed(campaign: Campaign, whom: str, number: signal.Signals) -> str:
     """One kill at a moment of the run, drawn again where nobody was there to be killed; what it cost."""
     for _ in range(TRIES):
-        out = campaign.folder / "out"
-        shutil.rmtree(out, ignore_errors=True)
+        out = campaign.empty()
         run = campaign.start(out)
         at = time.monotonic() + campaign.draw.uniform(0.02, 0.9) * campaign.took_s
         while time.monotonic() < at and run.poll() is None:
@@ -230,7 +231,8 @@ def killed(campaign: Campaign, whom: str, number: signal.Signals) -> str:
 def cost_of_a_process(campaign: Campaign, out: Path, status: int) -> str:
     """Its fruit alone, as crashed, if it had one; every other ends as in the undisturbed run."""
     ended, expected = (
-        {row["fruit_id"]: row["outcome"] for row in rows} for rows in (results(out)[1], campaign.expected[1])
+        dict(zip(rows["fruit_id"], rows["outcome"], strict=True))
+        for rows in (results(out)[1], campaign.expected[1])
     )
     others = {name for name in expected if ended.get(name) != expected[name]}
     campaign.require(len(others) <= 1, f"several fruit ended otherwise: {ended}")
@@ -241,8 +243,7 @@ def cost_of_a_process(campaign: Campaign, out: Path, status: int) -> str:
 
 def doubled(campaign: Campaign) -> str:
     """Two runs at once into one place: one works, the other says so."""
-    out = campaign.folder / "out"
-    shutil.rmtree(out, ignore_errors=True)
+    out = campaign.empty()
     first_run, mark = campaign.start(out), campaign.mark
     other = campaign.start(out)
     statuses = sorted((campaign.wait(first_run), campaign.wait(other)))
@@ -255,8 +256,7 @@ def doubled(campaign: Campaign) -> str:
 
 def another_time(campaign: Campaign, by_s: float) -> str:
     """The clock is set while the run is on."""
-    out = campaign.folder / "out"
-    shutil.rmtree(out, ignore_errors=True)
+    out = campaign.empty()
     (campaign.folder / "clock").mkdir(exist_ok=True)
     (campaign.folder / "clock" / "sitecustomize.py").write_text(CLOCK)
     after_s = campaign.draw.uniform(0, 0.5) * campaign.took_s
@@ -295,8 +295,7 @@ def full_at_every_write(campaign: Campaign) -> Iterator[Row]:
     real = whole_file.os.fsync
     expected, k = None, 0
     while True:
-        out = campaign.folder / "out"
-        shutil.rmtree(out, ignore_errors=True)
+        out = campaign.empty()
         task = fruit_task(batch, "ball", Results(out))
         writes = 0
 

@@ -8,12 +8,12 @@ results of `drupe grade` on the sample nectarines: readings by drupe's shape and
 ones. Both have the true E, so that the difference is the method's; so is its standard deviation.
 """
 
-import argparse
 import json
 import sys
 from pathlib import Path
 
 import numpy as np
+from script import run
 
 from fem.firmness import simulated_presses as presses
 from fem.firmness.trade_tests import reading, trade_tests
@@ -63,19 +63,15 @@ def nectarines(results):
             truth = test.read(true, fruit.E_MPa)[0]
             value, sd = reading(test, by_drupe, E_MPa=fruit.E_MPa, E_sd_MPa=0.0)
             shares = (f"{100 * x / truth:.2f}" for x in (value - truth, sd))
-            yield (
-                fruit.fruit_id,
-                test.name,
-                f"{truth:.4g}",
-                f"{value:.4g}",
-                *shares,
-                f"{(value - truth) / sd:.2f}",
-            )
+            readings = f"{truth:.4g}", f"{value:.4g}"
+            yield fruit.fruit_id, test.name, *readings, *shares, f"{(value - truth) / sd:.2f}"
+
+
+def main(results: Path | None = None) -> None:
+    """Prints a line for each comparison."""
+    for line in nectarines(results) if results else balls():
+        print(*line, sep="\t", flush=True)
 
 
 if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--results", type=Path)
-    asked = parser.parse_args()
-    for line in nectarines(asked.results) if asked.results else balls():
-        print(*line, sep="\t", flush=True)
+    run(main)

@@ -1,7 +1,7 @@
 """Draw the pictures that the fruit model (recon/learned/fruit_model.py) is trained on: close-ups of drawn
 scenes.
 
-    python benchmarks/fruit_model_photos.py OUT [--first 0] [--scenes 400] [--each 6] [--one-thread]
+    python benchmarks/fruit_model_photos.py OUT [--first 0] [--scenes 400] [--each 6]
 
 Scene k has the seed 100000 + k: none is a scene of benchmarks/photo_bank.py. Every third is of the family
 phone (no mat). Each gives OUT/<k>.npz: images (n, 192, 192, 3) BGR and cover (n, 192, 192), 0 to 255.
@@ -12,7 +12,6 @@ import time
 from pathlib import Path
 
 import numpy as np
-from photo_bank import use_one_thread
 from script import run
 
 from samples.scenes.draw import FIRST_SEED, draw_scene
@@ -23,10 +22,8 @@ SIDE_PX = 192
 SAMPLES = 8
 
 
-def main(out: Path, first: int = 0, scenes: int = 400, each: int = 6, one_thread: bool = False) -> None:
+def main(out: Path, first: int = 0, scenes: int = 400, each: int = 6) -> None:
     """Draws."""
-    if one_thread:
-        use_one_thread()
     out.mkdir(parents=True, exist_ok=True)
     for k in range(first, first + scenes):
         path = out / f"{k:05d}.npz"

@@ -1,6 +1,6 @@
 """Train the fruit model (recon/learned/fruit_model.py) and write it as ONNX.
 
-    python -m venv ENV && ENV/bin/pip install torch onnx numpy opencv-python-headless
+    python -m venv ENV && ENV/bin/pip install torch onnx numpy opencv-python-headless trimesh
     ENV/bin/python benchmarks/fruit_model_train.py OUT.onnx --close-ups FOLDER [--bank BANK]
         [--epochs 24] [--minutes 60] [--seed 1] [--threads 1]
 
@@ -19,6 +19,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import torch
+import trimesh
 from torch import nn
 from torch.nn import functional
 
@@ -106,7 +107,8 @@ def bank_crops(bank: Path, rng: np.random.Generator) -> tuple[list[np.ndarray], 
         if scene["half"] != "work":
             continue
         truth = json.loads((folder / "cameras_truth.json").read_text())
-        vertices, faces = read_ply(folder / "fruit_truth.ply")
+        truth_mesh = trimesh.load_mesh(folder / "fruit_truth.ply", process=False)
+        vertices, faces = np.asarray(truth_mesh.vertices), np.asarray(truth_mesh.faces)
         for view in truth["views"]:
             photo = cv2.imread(str(folder / "photos" / view["name"]), cv2.IMREAD_COLOR)
             local = vertices @ np.array(view["R"]).T + np.array(view["t"])
@@ -136,14 +138,6 @@ def cropped(photo: np.ndarray, corner: np.ndarray, wide: float) -> np.ndarray:
     part = padded[y0 + reach : y0 + reach + side, x0 + reach : x0 + reach + side]
     how = cv2.INTER_AREA if side > SIDE_PX else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(part, (SIDE_PX, SIDE_PX), interpolation=how))
-
-
-def read_ply(path: Path) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces of a binary or ASCII PLY."""
-    import trimesh
-
-    mesh = trimesh.load_mesh(path, process=False)
-    return np.asarray(mesh.vertices), np.asarray(mesh.faces)
 
 
 def altered(images: torch.Tensor, cover: torch.Tensor, rng: np.random.Generator) -> list[torch.Tensor]:
@@ -199,9 +193,9 @@ def tensors(images: list[np.ndarray], cover: list[np.ndarray]) -> tuple[torch.Te
     return torch.from_numpy(rgb).float() / 255, torch.from_numpy(np.stack(cover)[:, None]).float() / 255
 
 
-def kept_back(
+def print_kept_back(
     model: nn.Module, images: list[np.ndarray], cover: list[np.ndarray], *, batch: int = 64
-) -> tuple[float, float, float]:
+) -> None:
     """Cross entropy, mean overlap, and its lowest tenth."""
     model.eval()
     losses, overlaps = [], []
@@ -213,7 +207,11 @@ def kept_back(
             predicted, true = log_odds > 0, functional.avg_pool2d(y, 2) > 0.5
             both = (predicted & true).sum((1, 2, 3)).float()
             overlaps += (both / (predicted | true).sum((1, 2, 3)).clamp(1)).tolist()
-    return sum(losses) / len(images), float(np.mean(overlaps)), float(np.percentile(overlaps, 10))
+    entropy, lowest = sum(losses) / len(images), np.percentile(overlaps, 10)
+    print(
+        f"kept back: {entropy:.4f} nats, overlap {np.mean(overlaps):.4f}, lowest tenth {lowest:.4f}",
+        flush=True,
+    )
 
 
 def main() -> None:
@@ -271,15 +269,9 @@ def main() -> None:
             total = 0.0
         if (step + 1) % 500 == 0:
             write(mean.module, options.out)
-            print("kept back: {:.4f} nats, overlap {:.4f}, lowest tenth {:.4f}".format(
-                *kept_back(mean.module, [images[i] for i in held], [cover[i] for i in held])
-            ), flush=True)  # fmt: skip
+            print_kept_back(mean.module, [images[i] for i in held], [cover[i] for i in held])
     write(mean.module, options.out)
-    print(
-        "kept back: {:.4f} nats, overlap {:.4f}, lowest tenth {:.4f}".format(
-            *kept_back(mean.module, [images[i] for i in held], [cover[i] for i in held])
-        )
-    )
+    print_kept_back(mean.module, [images[i] for i in held], [cover[i] for i in held])
     print(
         f"{sum(p.numel() for p in model.parameters())} weights, {options.out.stat().st_size / 2**20:.2f} MiB"
     )

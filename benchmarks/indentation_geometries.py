@@ -8,12 +8,12 @@ fem/indentation are from them at shapes between those of the tables
 ten minutes.
 """
 
-import argparse
 import sys
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+from script import run
 
 from fem.indentation.compressed_cylinder import Cylinder
 from fem.indentation.compressed_ellipsoid import Ellipsoid
@@ -81,7 +81,7 @@ def cylinders():
             yield from ([nu, slender, x, f"{y:.5g}"] for x, y in zip(STRAINS, ratio, strict=True))
 
 
-def write(path, columns, rows):
+def write_table(path, columns, rows):
     """A table as CSV."""
     pd.DataFrame(rows, columns=columns.split()).to_csv(path, index=False)
 
@@ -130,21 +130,18 @@ def checks():
         yield "punch, slab of 2 radii", "finite strain", d, over
 
 
-if __name__ == "__main__":
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--write", action="store_true")
-    if parser.parse_args().write:
+def main(write: bool = False) -> None:
+    """Makes the tables where it is asked to, compares, prints."""
+    if write:
         TABLES.mkdir(exist_ok=True)
-        write(
-            TABLES / "compressed_spheroid.csv",
-            "poisson_ratio pit_share along_over_across squeeze over_hertz",
-            spheroids(),
-        )
-        write(
-            TABLES / "bonded_cylinder.csv",
-            "poisson_ratio height_over_diameter strain over_modulus",
-            cylinders(),
-        )
+        spheroid_columns = "poisson_ratio pit_share along_over_across squeeze over_hertz"
+        write_table(TABLES / "compressed_spheroid.csv", spheroid_columns, spheroids())
+        cylinder_columns = "poisson_ratio height_over_diameter strain over_modulus"
+        write_table(TABLES / "bonded_cylinder.csv", cylinder_columns, cylinders())
     rows = [[*row, f"{over:.4f}"] for *row, over in checks()]
-    write(RESULTS, "geometry truth squeeze_or_depth curve_over_truth", rows)
+    write_table(RESULTS, "geometry truth squeeze_or_depth curve_over_truth", rows)
     print(pd.DataFrame(rows).to_string(index=False, header=False))
+
+
+if __name__ == "__main__":
+    run(main)

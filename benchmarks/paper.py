@@ -65,6 +65,16 @@ class FittedModulus:
     dofs: int = 0
     seconds: float = 0.0
 
+    @staticmethod
+    def of(estimate: ModulusEstimate, mesh: FleshMesh, start_s: float) -> "FittedModulus":
+        """What began at this processor time."""
+        return FittedModulus(
+            error=estimate.E_MPa / E_MPA - 1,
+            energy=estimate.energy.E_MPa / E_MPA - 1 if estimate.energy else np.nan,
+            dofs=mesh.nodes_mm.size,
+            seconds=time.process_time() - start_s,
+        )
+
 
 def _mesh(
     data: Forward, core: Core | None, *histories: GraspHistory, size: tuple[float, float, int] = FINE
@@ -134,14 +144,7 @@ def fitted_modulus(
     history = grasp_history(data, cells=cells, levels=data.levels <= depth_mm + 1e-9)
     mesh = _mesh(data, None if homogeneous else _core(data, shift_mm), history, size=size)
     solid = _solid(mesh, data.base_fixed, history)
-    estimate = _modulus(history, solid, finite=finite)
-    energy = estimate.energy.E_MPa if estimate.energy else np.nan
-    return FittedModulus(
-        error=estimate.E_MPa / E_MPA - 1,
-        energy=energy / E_MPA - 1,
-        dofs=mesh.nodes_mm.size,
-        seconds=time.process_time() - start,
-    )
+    return FittedModulus.of(_modulus(history, solid, finite=finite), mesh, start)
 
 
 def _row(
@@ -312,24 +315,14 @@ def limits() -> Iterator[PaperRow]:
         dof_limit=FINE[2],
     )
     estimate = _modulus(data.history, _solid(mesh, False, data.history))
-    got = FittedModulus(
-        error=estimate.E_MPa / E_MPA - 1,
-        energy=estimate.energy.E_MPa / E_MPA - 1 if estimate.energy else np.nan,
-        dofs=mesh.nodes_mm.size,
-        seconds=time.process_time() - start,
-    )
+    got = FittedModulus.of(estimate, mesh, start)
     yield _row("small press", "ball between plates", "", 1.0, name, got)
 
 
 EXPERIMENTS = (limits, material, area, wrong_core, inferred_core, position, shape, without_core)
 
 
-def _solved() -> dict[str, int]:
-    solved = pd.read_csv(HERE / "solved.csv").set_index("case")["dofs"]
-    return {"ball-between-plates": 31002} | solved.to_dict()
-
-
-FORWARD_DOFS = _solved()
+FORWARD_DOFS = {"ball-between-plates": 31002, **pd.read_csv(HERE / "solved.csv").set_index("case")["dofs"]}
 
 
 def main(only: str = "", csv: Path | None = None) -> None:

@@ -6,8 +6,7 @@ grid's bilinear hat functions: total force and moment are kept to rounding, and 
 traction times its cell, as a gel model with nodes at the markers gives it.
 """
 
-import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -54,7 +53,6 @@ def forward(name: str) -> Forward:
         zip(kept["patch_axis"], kept["patch_centre_mm"], kept["patch_edge_mm"], kept["moves_mm"], strict=True)
     ):
         of_pad = kept["pad"] == k
-        force = kept["force_N"][:, of_pad].astype(float)
         pads.append(
             PadData(
                 axis=int(axis),
@@ -62,7 +60,7 @@ def forward(name: str) -> Forward:
                 edge_mm=float(edge),
                 move_mm=move,
                 place_mm=kept["place_mm"][of_pad],
-                force_N=force,
+                force_N=kept["force_N"][:, of_pad].astype(float),
             )
         )
     for axis in kept["mirrors"]:
@@ -86,15 +84,17 @@ def _mirrored(pads: list[PadData], flip: np.ndarray) -> list[PadData]:
         place, force = pad.place_mm * flip, pad.force_N * flip
         if np.allclose(pad.centre_mm * flip, pad.centre_mm):
             place, force = np.vstack([pad.place_mm, place]), np.concatenate([pad.force_N, force], axis=1)
-            mirrored.append(_with(pad, place, force))
+            mirrored.append(replace(pad, place_mm=place, force_N=force))
         else:
-            twin = _with(pad, place, force, centre_mm=pad.centre_mm * flip, move_mm=pad.move_mm * flip)
-            mirrored += [pad, twin]
+            moved = {"centre_mm": pad.centre_mm * flip, "move_mm": pad.move_mm * flip}
+            mirrored += [pad, replace(pad, place_mm=place, force_N=force, **moved)]
     return mirrored
 
 
-def _with(pad: PadData, place_mm: np.ndarray, force_N: np.ndarray, **changes: np.ndarray) -> PadData:
-    return PadData(**{**vars(pad), "place_mm": place_mm, "force_N": force_N, **changes})
+def _hats(places: np.ndarray, line: np.ndarray) -> np.ndarray:
+    """Bilinear hat functions of the grid over `line` in both directions, at each of the places (n, 2)."""
+    hat = np.maximum(0.0, 1 - np.abs(places[:, :, None] - line) / (line[1] - line[0]))
+    return np.einsum("na,nb->nab", hat[:, 0], hat[:, 1]).reshape(len(places), -1)
 
 
 def marker_grid(pad: PadData, *, cells: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -104,9 +104,7 @@ def marker_grid(pad: PadData, *, cells: int) -> tuple[np.ndarray, np.ndarray, np
     flat = np.stack(np.meshgrid(line, line, indexing="ij"), axis=-1).reshape(-1, 2)
     place = np.tile(pad.centre_mm, (len(flat), 1))
     place[:, across] += flat
-    seen = (pad.place_mm - pad.centre_mm)[:, across]
-    hat = np.maximum(0.0, 1 - np.abs(seen[:, :, None] - line) / (line[1] - line[0]))
-    weight = np.einsum("na,nb->nab", hat[:, 0], hat[:, 1]).reshape(len(seen), -1)
+    weight = _hats((pad.place_mm - pad.centre_mm)[:, across], line)
     return flat, place, np.einsum("nm,lnx->lmx", weight, pad.force_N)
 
 
@@ -150,8 +148,7 @@ def between_plates(*, cells: int, angles: int = 64) -> Plates:
     A marker's contact begins with the level whose circle reaches it. Forces on rings are spread over so many
     places around, then over the grid as above.
     """
-    with (HERE / "ball-between-plates.csv").open() as table:
-        rows = np.array([[float(v) for v in line.values()] for line in csv.DictReader(table)])
+    rows = np.loadtxt(HERE / "ball-between-plates.csv", delimiter=",", skiprows=1)
     levels = [rows[rows[:, 0] == contact] for contact in np.unique(rows[:, 0])]
     contact_mm, radius_mm = float(rows[:, 0].max()), float(rows[:, 3].max())
     line = np.arange(-cells - 1, cells + 2) * contact_mm / cells
@@ -163,17 +160,10 @@ def between_plates(*, cells: int, angles: int = 64) -> Plates:
     place = np.column_stack([flat, np.sqrt(radius_mm**2 - r**2)])
     position, force, touching = [], [], []
     for level in levels:
-        moved = np.column_stack(
-            [
-                np.interp(r, level[:, 2], level[:, 4])[:, None] * outward,
-                np.interp(r, level[:, 2], level[:, 5]),
-            ]
-        )
-        position.append(place + moved)
+        out, up = (np.interp(r, level[:, 2], level[:, k]) for k in (4, 5))
+        position.append(place + np.column_stack([out[:, None] * outward, up]))
         seen = (level[:, 2, None, None] * ways).reshape(-1, 2)
-        hat = np.maximum(0.0, 1 - np.abs(seen[:, :, None] - line) / (line[1] - line[0]))
-        weight = np.einsum("na,nb->nab", hat[:, 0], hat[:, 1]).reshape(len(seen), -1)
-        down = weight.T @ np.repeat(level[:, 7] / angles, angles)
+        down = _hats(seen, line).T @ np.repeat(level[:, 7] / angles, angles)
         force.append(np.column_stack([np.zeros_like(flat), down]))
         touching.append(np.where(r < level[0, 0] + 1e-9, 0, -1))
     pads = tuple(

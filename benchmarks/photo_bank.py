@@ -1,33 +1,23 @@
 """Draw a bank of path-traced photo sets with known truth, for judging the reconstruction.
 
     python benchmarks/photo_bank.py OUT [--family mat|phone] [--sets 64] [--first 0] [--photos 24]
-        [--half work|scored] [--share 1/2] [--one-thread]
+        [--half work|scored]
 
 Every set gets OUT/<set>/ with photos/, mat.json, fruit_truth.ply (mm), cameras_truth.json and
 scene.json. Sets that are complete are skipped, so a run that was broken off goes on. Even sets (half work)
-come first, then odd ones (half scored: kept for the final score, nobody tunes on them). --share 1/2 and
---share 2/2 in two processes divide the sets between them. Needs the extra `samples`.
+come first, then odd ones (half scored: kept for the final score, nobody tunes on them). Needs the extra
+`samples`.
 """
 
-import importlib
-import os
 import time
 from pathlib import Path
 from typing import Literal
 
-import cv2
 from script import run
 
 from samples.scenes.draw import draw_scene
 from samples.scenes.render import RenderOptions
 from samples.scenes.write import complete, write_scene
-
-
-def use_one_thread() -> None:
-    """Renders and removes noise with one thread."""
-    os.environ["OIDN_NUM_THREADS"] = "1"
-    cv2.setNumThreads(1)
-    importlib.import_module("drjit").set_thread_count(1)
 
 
 def main(
@@ -37,20 +27,14 @@ def main(
     first: int = 0,
     photos: int = 24,
     half: Literal["work", "scored"] | None = None,
-    share: str = "1/1",
-    one_thread: bool = False,
 ) -> None:
     """Draws the sets that are not there."""
-    if one_thread:
-        use_one_thread()
     numbers = range(first, first + sets)
     order = [k for k in numbers if k % 2 == 0] + [k for k in numbers if k % 2]
     if half is not None:
         order = [k for k in order if k % 2 == (half == "scored")]
-    part, parts = (int(number) for number in share.split("/"))
-    mine = order[part - 1 :: parts]
     start = time.monotonic()
-    for done, k in enumerate(mine, start=1):
+    for done, k in enumerate(order, start=1):
         scene = draw_scene(k, photos=photos, family=family)
         if complete(out / scene.name, photos=photos):
             continue
@@ -58,7 +42,7 @@ def main(
         write_scene(out, scene, options=RenderOptions())
         each = (time.process_time() - before) / photos
         print(
-            f"{scene.name} ({done} of {len(mine)}): {each:.2f} processor s a photo,"
+            f"{scene.name} ({done} of {len(order)}): {each:.2f} processor s a photo,"
             f" {time.monotonic() - start:.0f} s since the start",
             flush=True,
         )

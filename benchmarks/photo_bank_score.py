@@ -63,14 +63,9 @@ def scored_set(folder: Path, *, with_model: bool = True) -> dict[str, Any]:
         "peak_MiB": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024,
     }
     truth = read_truth(folder)
-    error = scored(truth, [c.name for c in made.cameras], made.vertices, made.faces)
     return out | {
         "used": made.quality.views_used,
-        "rms_seen_mm": error.rms_seen_mm,
-        "p95_seen_mm": error.p95_seen_mm,
-        "outward_seen_mm": error.outward_seen_mm,
-        "rms_all_mm": error.rms_all_mm,
-        "volume_error": error.volume_error,
+        **scored(truth, [c.name for c in made.cameras], made.vertices, made.faces),
         "surface_sd_mm": made.surface_sd_mm,
         "relief_share": made.quality.relief_share,
         "said": " ".join(said),

@@ -143,8 +143,8 @@ def row_of(place: str, kind: str, fruit: SampleFruit, work: Path, *, grasps: int
         score = scored(truth, list(truth.places), vertices, faces)
         mesh = json.loads((made / "record.json").read_text())["mesh"]
         row |= {
-            "rms_seen_mm": score.rms_seen_mm, "p95_seen_mm": score.p95_seen_mm,
-            "volume_error_percent": 100 * score.volume_error, "surface_sd_mm": mesh["surface_sd_mm"],
+            "rms_seen_mm": score["rms_seen_mm"], "p95_seen_mm": score["p95_seen_mm"],
+            "volume_error_percent": 100 * score["volume_error"], "surface_sd_mm": mesh["surface_sd_mm"],
             "stem_deg": mesh["stance"]["tilt_deg"], "stem_confidence": mesh["stance"]["stem_confidence"],
             "suture_deg": abs(mesh["stance"]["turn_deg"]),
             "suture_confidence": mesh["stance"]["suture_confidence"],

@@ -9,7 +9,7 @@ import open3d as o3d
 import trimesh
 from scipy.spatial import cKDTree
 
-from recon.triangle_mesh import open_edges, volume_mm3
+from recon.triangle_mesh import volume_mm3
 
 SAMPLES = 20000
 FLATTEST_DEG = 80.0
@@ -24,20 +24,6 @@ class Truth:
     places: dict[str, np.ndarray]
 
 
-@dataclass(frozen=True)
-class Score:
-    """Distances from points of the true surface to the mesh (mm), and what the mesh is otherwise."""
-
-    seen_share: float
-    rms_seen_mm: float
-    p95_seen_mm: float
-    outward_seen_mm: float
-    rms_all_mm: float
-    p95_all_mm: float
-    volume_error: float
-    watertight: bool
-
-
 def read_truth(folder: Path) -> Truth:
     """fruit_truth.ply and cameras_truth.json of a folder."""
     mesh = trimesh.load_mesh(folder / "fruit_truth.ply", process=False)
@@ -46,8 +32,8 @@ def read_truth(folder: Path) -> Truth:
     return Truth(np.asarray(mesh.vertices, float), np.asarray(mesh.faces, int), places)
 
 
-def scored(truth: Truth, names: list[str], vertices: np.ndarray, faces: np.ndarray) -> Score:
-    """Score of a mesh that lies in the truth's frame.
+def scored(truth: Truth, names: list[str], vertices: np.ndarray, faces: np.ndarray) -> dict[str, float]:
+    """Errors of a mesh that lies in the truth's frame: distances from points of the true surface (mm).
 
     A point of the true surface counts as seen where at least one of the photos `names` was taken from a place
     with a free line of sight to it, less than 80 degrees off its normal (the fruit's bottom is not).
@@ -55,18 +41,13 @@ def scored(truth: Truth, names: list[str], vertices: np.ndarray, faces: np.ndarr
     points, normals = even_points(truth)
     seen = seen_points(truth, [truth.places[n] for n in names], points, normals)
     away = signed_distance_mm(points, vertices, faces)
-    size = np.abs(away)
-    closed = open_edges(faces) == 0 and trimesh.Trimesh(vertices, faces, process=False).is_watertight
-    return Score(
-        seen_share=float(seen.mean()),
-        rms_seen_mm=float(np.sqrt(np.mean(size[seen] ** 2))),
-        p95_seen_mm=float(np.percentile(size[seen], 95)),
-        outward_seen_mm=float(-away[seen].mean()),
-        rms_all_mm=float(np.sqrt(np.mean(size**2))),
-        p95_all_mm=float(np.percentile(size, 95)),
-        volume_error=volume_mm3(vertices, faces) / volume_mm3(truth.vertices, truth.faces) - 1,
-        watertight=bool(closed),
-    )
+    return {
+        "rms_seen_mm": float(np.sqrt(np.mean(away[seen] ** 2))),
+        "p95_seen_mm": float(np.percentile(np.abs(away[seen]), 95)),
+        "outward_seen_mm": float(-away[seen].mean()),
+        "rms_all_mm": float(np.sqrt(np.mean(away**2))),
+        "volume_error": volume_mm3(vertices, faces) / volume_mm3(truth.vertices, truth.faces) - 1,
+    }
 
 
 def even_points(truth: Truth) -> tuple[np.ndarray, np.ndarray]:

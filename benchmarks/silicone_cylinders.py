@@ -1,7 +1,7 @@
 """Silicone cylinders of known modulus, pressed between plates: what drupe makes of them.
 
     python benchmarks/silicone_cylinders.py FOLDER [--csv FILE] [--part development|last|all]
-        [--tests A1 --tests B2 ...] [--together FILE] [--jobs 2]
+        [--together FILE] [--jobs 2]
 
 FOLDER: a folder of tables for each mixture, and published.json, of
 github.com/abubakardawood/tissue-phantom-material-database (A. B. Dawood et al. 2026, data CC BY 4.0):
@@ -223,18 +223,13 @@ def main(
     csv: Path | None = None,
     curves: Path | None = None,
     part: Literal["development", "last", "all"] = "all",
-    tests: list[str] | None = None,
     together: Path | None = None,
     jobs: int = 1,
 ) -> None:
     """Read, explain, print."""
     published = json.loads((folder / "published.json").read_text())["E"]
     groups = {
-        name: [
-            path
-            for path in sorted((folder / name).glob("*.csv"))
-            if not tests or path.stem.rsplit("_", 1)[1] in tests
-        ]
+        name: sorted((folder / name).glob("*.csv"))
         for name in published
         if part == "all" or (name in DEVELOPMENT) == (part == "development")
     }
