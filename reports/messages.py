@@ -15,9 +15,9 @@ from dataclasses import replace
 from functools import cache, lru_cache
 from importlib import resources
 from itertools import zip_longest
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
-from reports.entries import BatchEntry, FruitEntry
+from reports.entries import BatchEntry, FruitEntry, ReferenceEntry, ScreenEntry, Suspect
 from reports.language import ENGLISH, decimals, language_in_force
 
 _FIELD = re.compile(r"(?:\{\d\})+")
@@ -25,6 +25,14 @@ _FIELD = re.compile(r"(?:\{\d\})+")
 _FIGURE = re.compile(r"[-+±]?\d+\.\d+(?: ± \d+\.\d+)?")
 MOST_NAME = 300
 """Characters before a colon that may name a recording or a file."""
+SENTENCES: Mapping[type, tuple[str, ...]] = {
+    BatchEntry: ("fruits", "faults", "reference"),
+    FruitEntry: ("screen", "reason", "smaller_error", "warnings", "doubts", "forced", "facts"),
+    ReferenceEntry: ("sentences",),
+    ScreenEntry: ("suspects", "why_not", "note"),
+    Suspect: ("short", "advice"),
+}
+"""Where the records of a report hold sentences of other packages, or records with such."""
 
 
 class _Template(NamedTuple):
@@ -36,15 +44,7 @@ class _Template(NamedTuple):
 
 def in_language(batch: BatchEntry) -> BatchEntry:
     """The batch with its sentences in the language in force."""
-    if language_in_force() == ENGLISH:
-        return batch
-    reference = batch.reference
-    return replace(
-        batch,
-        fruits=tuple(map(_fruit, batch.fruits)),
-        faults=_all(batch.faults),
-        reference=None if reference is None else replace(reference, sentences=_all(reference.sentences)),
-    )
+    return batch if language_in_force() == ENGLISH else _translated(batch)
 
 
 def message(text: str) -> str:
@@ -52,29 +52,14 @@ def message(text: str) -> str:
     return _message(text, language_in_force()) or text
 
 
-def _fruit(fruit: FruitEntry) -> FruitEntry:
-    screen = fruit.screen
-    if screen is not None:
-        suspects = tuple(
-            replace(suspect, short=message(suspect.short), advice=message(suspect.advice))
-            for suspect in screen.suspects
-        )
-        why_not, note = message(screen.why_not), message(screen.note)
-        screen = replace(screen, suspects=suspects, why_not=why_not, note=note)
-    return replace(
-        fruit,
-        screen=screen,
-        reason=message(fruit.reason),
-        smaller_error=message(fruit.smaller_error),
-        warnings=_all(fruit.warnings),
-        doubts=_all(fruit.doubts),
-        forced=_all(fruit.forced),
-        facts=tuple((message(label), message(words)) for label, words in fruit.facts),
-    )
-
-
-def _all(sentences: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(map(message, sentences))
+def _translated(said: Any) -> Any:
+    """A sentence, several, or a record with those that SENTENCES names, in the language in force."""
+    if isinstance(said, str):
+        return message(said)
+    if isinstance(said, tuple):
+        return tuple(map(_translated, said))
+    names = SENTENCES.get(type(said), ())
+    return replace(said, **{name: _translated(getattr(said, name)) for name in names}) if names else said
 
 
 @lru_cache(maxsize=4096)

@@ -22,7 +22,7 @@ def ranking_json(batch: BatchEntry) -> str:
     """The same table for programs: a list of one object per fruit, keys as the columns, unknown values null,
     text as it is (no apostrophe before what a spreadsheet would run).
     """
-    rows, _ = _rows(batch, safe=_plain)
+    rows, _ = _rows(batch, _plain)
     return json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
@@ -33,7 +33,7 @@ def ranking_csv(batch: BatchEntry) -> str:
     cell. Text that a spreadsheet would run as a formula (first character = + - @) is led by an
     apostrophe, which spreadsheets take as "this is text"; line breaks in text become spaces.
     """
-    rows, columns = _rows(batch)
+    rows, columns = _rows(batch, safe_cell)
     table = pd.DataFrame(rows, columns=columns, dtype=object)
     return table.to_csv(index=False, lineterminator="\n", na_rep="")
 
@@ -66,53 +66,54 @@ def _plain(text: str | None) -> str | None:
 
 
 def _rows(
-    batch: BatchEntry, safe: Callable[[str | None], str | None] = safe_cell
+    batch: BatchEntry, written: Callable[[str], str | None]
 ) -> tuple[list[dict[str, object]], list[str]]:
-    """A row per fruit in their order, and the columns: drupe's, readings of firmness, the user's own."""
+    """A row per fruit in their order, with texts as they are `written`, and the columns: drupe's, readings of
+    firmness, the user's own.
+    """
     names = list(dict.fromkeys([*batch.readings, *(name for name, _ in batch.columns)]))
     rows = []
     for fruit in ranked(batch.fruits):
         of_fruit = {**fruit.readings, **fruit.columns}
-        cells = {name: of_fruit.get(name) for name in names}
-        added = {name: safe(cell) if isinstance(cell, str) else cell for name, cell in cells.items()}
-        rows.append(_row(fruit, safe) | added)
+        cells = _row(fruit) | {name: of_fruit.get(name) for name in names}
+        rows.append({name: written(cell) if isinstance(cell, str) else cell for name, cell in cells.items()})
     return rows, [*RANKING_COLUMNS, *names]
 
 
-def _row(fruit: FruitEntry, safe: Callable[[str | None], str | None] = safe_cell) -> dict[str, object]:
+def _row(fruit: FruitEntry) -> dict[str, object]:
     """A fruit's cells by column. New columns are added at the end only: programs read by name and place."""
     judged = fruit.verdicts[-1] if fruit.verdicts else None
     return {
         "rank": fruit.rank,
-        "fruit_id": safe(fruit.fruit_id),
-        "outcome": safe(fruit.outcome),
+        "fruit_id": fruit.fruit_id,
+        "outcome": fruit.outcome,
         "E_MPa": _significant(fruit.E_MPa, figures=4),
         "E_sd_MPa": _significant(fruit.E_sd_MPa, figures=3),
-        "maturity": safe(fruit.maturity),
+        "maturity": fruit.maturity,
         "maturity_probability": _decimals(fruit.maturity_probability, places=4),
         "p_softer_than_next": _decimals(fruit.p_softer_than_next, places=4),
         "height_mm": _decimals(fruit.height_mm, places=2),
         "volume_mm3": _decimals(fruit.volume_mm3, places=0),
         "grasps": fruit.grasps,
         "shore_oo": _decimals(fruit.shore_oo, places=2),
-        "mismatch": safe(fruit.mismatch or (fruit.screen.verdict if fruit.screen else None)),
-        "reason": safe(fruit.reason),
+        "mismatch": fruit.mismatch or (fruit.screen.verdict if fruit.screen else None),
+        "reason": fruit.reason,
         "rank_probability": _decimals(fruit.rank_probability, places=4),
         "rank_low": fruit.rank_low,
         "rank_high": fruit.rank_high,
-        "warnings": safe("; ".join([*fruit.doubts, *fruit.warnings])),
-        "doubts": safe("; ".join(fruit.doubts)),
+        "warnings": "; ".join([*fruit.doubts, *fruit.warnings]),
+        "doubts": "; ".join(fruit.doubts),
         "reference": "true" if fruit.reference else None,
         "E_uncorrected_MPa": _significant(fruit.E_uncorrected_MPa, figures=4),
         "mismatch_by": _said_by(fruit),
-        "screen": safe(fruit.screen.verdict) if fruit.screen else None,
+        "screen": fruit.screen.verdict if fruit.screen else None,
         "screen_p": _significant(fruit.screen.p_value, figures=2) if fruit.screen else None,
-        "decision": fruit.decision or None,
-        "decision_reason": safe(fruit.decision_reason.replace("\u00a0", " ")),
+        "decision": fruit.decision,
+        "decision_reason": fruit.decision_reason.replace("\u00a0", " "),
         "E_scale_sd_MPa": _significant(fruit.E_scale_sd_MPa, figures=3),
-        "judged_class": safe(judged.judged_class) if judged else None,
-        "judged_by": safe(judged.by) if judged else None,
-        "judged_why": safe(judged.why) if judged else None,
+        "judged_class": judged.judged_class if judged else None,
+        "judged_by": judged.by if judged else None,
+        "judged_why": judged.why if judged else None,
         "judged_utc": judged.at_utc.strftime("%Y-%m-%dT%H:%M:%SZ") if judged else None,
         "judged_E_MPa": _significant(judged.E_MPa, figures=4) if judged else None,
         "judged_earlier": "true" if judged and judged.earlier else None,
