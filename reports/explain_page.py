@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Callable
 
 import numpy as np
 
@@ -34,19 +33,16 @@ _MAP = MapStyle(
 
 def explain_html(entry: ExplainEntry) -> str:
     """The whole page, the same text for the same record; all text of the case is escaped."""
-    filters: dict[str, Callable[..., object]] = {
-        "interval": _interval,
-        "heldout": _heldout,
-        "modulus": _modulus,
-        "p": _p,
-        "sentence": _sentence,
-        "value": _value,
-    }
     named = [candidate for candidate in entry.ranking if candidate.effect in entry.verdict]
     with_effect = _kind(entry) not in (NOTHING, UNEXPLAINED)
     return charted_page(
         "explain",
-        filters,
+        interval=_interval,
+        heldout=_heldout,
+        modulus=_modulus,
+        p=_p,
+        sentence=_sentence,
+        value=_value,
         blind_share=_blind_share(entry),
         component=component_in_words(entry),
         entry=entry,

@@ -16,7 +16,7 @@ def history_html(history: HistoryEntry) -> str:
     charts = (control_chart, softening_chart, lots_chart, characteristic_chart, firmness_chart)
     return charted_page(
         "history",
-        {made.__name__: made for made in charts},
+        **{made.__name__: made for made in charts},
         history=history,
         made=f"{history.made_utc:%Y-%m-%d %H:%M} UTC",
         title=PAGE_TITLE,

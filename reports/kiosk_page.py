@@ -12,7 +12,7 @@ from urllib.parse import quote
 
 from reports.batch_overview import class_words, reason_words
 from reports.entries import HOLD, INSPECT, SHIP, BatchEntry, FruitEntry
-from reports.html_templates import own_script, page_environment
+from reports.html_templates import own_script, template_of
 from reports.language import ENGLISH, say, spoken
 from reports.messages import in_language
 from reports.palette import UNKNOWN, class_mark, class_marks
@@ -59,22 +59,19 @@ def kiosk_html(entry: KioskEntry, *, fault: str = "", logout: bool = False, lang
 
 
 def _page(entry: KioskEntry, fault: str, logout: bool) -> str:
-    environment = page_environment()
     batch = None if entry.batch is None else in_language(entry.batch)
     marks = class_marks(tuple(name for name, _ in batch.classes)) if batch is not None else {}
     by_id = {} if batch is None else {fruit.fruit_id: fruit for fruit in batch.fruits}
     recent = [by_id[name] for name in entry.recent if name in by_id]
     alone = [fruit for fruit in by_id.values() if not fruit.reference]
-    environment.filters |= {
-        "class_words": class_words,
-        "mark": lambda fruit: class_mark(*marks.get(fruit.maturity or "", UNKNOWN)),
-        "next_action": next_action,
-        "left_out": left_out,
-        "list_words": lambda fruit: say(WORDS[fruit.decision]) if fruit.decision in WORDS else "",
-        "missing_words": lambda missing: say(" and ").join(say(part) for part in missing.split(" and ")),
-    }
     script, script_hash = own_script("kiosk.js")
-    return environment.get_template("templates/kiosk.html.j2").render(
+    return template_of("kiosk").render(
+        class_words=class_words,
+        mark=lambda fruit: class_mark(*marks.get(fruit.maturity or "", UNKNOWN)),
+        next_action=next_action,
+        left_out=left_out,
+        list_words=lambda fruit: say(WORDS[fruit.decision]) if fruit.decision in WORDS else "",
+        missing_words=lambda missing: say(" and ").join(say(part) for part in missing.split(" and ")),
         entry=entry,
         fault=fault,
         logout=logout,
@@ -165,8 +162,7 @@ def judge_html(
     what was `written`.
     """
     with spoken(language):
-        template = page_environment().get_template("templates/judge.html.j2")
-        return template.render(fruit=fruit, classes=classes, fault=fault, written=written or {})
+        return template_of("judge").render(fruit=fruit, classes=classes, fault=fault, written=written or {})
 
 
 def login_html(status: int, *, language: str = ENGLISH) -> str:
@@ -178,5 +174,4 @@ def login_html(status: int, *, language: str = ENGLISH) -> str:
             401: say("This token is not known."),
             403: say("The form came from another page."),
         }
-        template = page_environment().get_template("templates/login.html.j2")
-        return template.render(fault=faults.get(status, ""))
+        return template_of("login").render(fault=faults.get(status, ""))

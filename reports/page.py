@@ -8,12 +8,11 @@ of all fruit.
 from __future__ import annotations
 
 import base64
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from typing import NamedTuple
 from urllib.parse import quote
 
-from jinja2 import Environment
 from markupsafe import Markup
 
 from reports.batch_overview import (
@@ -32,9 +31,9 @@ from reports.batch_overview import (
 from reports.charts import script_json
 from reports.charts_fruit import fruit_charts
 from reports.entries import OR, BatchEntry, FruitEntry, Picture, without_references
-from reports.html_templates import CHARTS, charted_page, page_environment
+from reports.html_templates import CHARTS, charted_page, template_of
 from reports.kiosk_page import WORDS
-from reports.language import ENGLISH, language_in_force, say, say_html, spoken
+from reports.language import ENGLISH, language_in_force, say, spoken
 from reports.language import decimals as with_comma
 from reports.messages import in_language
 from reports.palette import UNKNOWN, class_mark, class_marks
@@ -63,10 +62,6 @@ _EXIT_STATUS = {
 """Words for the exit statuses of `drupe grade` (docs/how-to/grade-a-batch.md)."""
 
 
-_FILTERS = (advice, class_words, p_words, reason_words, remarks, share_words)
-"""Functions that the template calls by their names."""
-
-
 def report_html(batch: BatchEntry, *, language: str = ENGLISH) -> str:
     """The whole report as one self-contained HTML page, the same text for the same records.
 
@@ -80,7 +75,13 @@ def report_html(batch: BatchEntry, *, language: str = ENGLISH) -> str:
 
 def _page(batch: BatchEntry) -> str:
     marks = class_marks(tuple(name for name, _ in batch.classes))
-    filters: dict[str, Callable[..., object]] = {
+    functions: dict[str, object] = {
+        "advice": advice,
+        "class_words": class_words,
+        "p_words": p_words,
+        "reason_words": reason_words,
+        "remarks": remarks,
+        "share_words": share_words,
         "class_mark": lambda fruit: class_mark(*marks.get(fruit.maturity or "", UNKNOWN)),
         "image": _image,
         "as_given": _as_given,
@@ -95,16 +96,13 @@ def _page(batch: BatchEntry) -> str:
         "screened": _screened,
         "utc": _utc,
     }
-    filters |= {words.__name__: words for words in _FILTERS}
-    environment = page_environment()
-    environment.filters |= filters
     fruits = numbered(batch)
     alone = without_references(batch.fruits)
     turned = any(fruit.pictures.scene for fruit in batch.fruits)
     names = (*CHARTS, "dashboard.js", *(("scene.js",) if turned else ()))
     return charted_page(
         "page",
-        filters,
+        **functions,
         scripts=names if fruits else (),
         about=_about(batch),
         any_at_pulp=any(fruit.E_at_pulp_MPa is not None for fruit in batch.fruits),
@@ -112,7 +110,7 @@ def _page(batch: BatchEntry) -> str:
         any_verdict=any(fruit.verdicts for fruit in batch.fruits),
         batch=batch,
         classes=_classes(batch, fruits),
-        details=_json_lines(_details(environment, fruits)),
+        details=_json_lines(_details(functions, fruits)),
         doubted=[(index, fruit) for index, fruit in fruits if fruit.ok and fruit.doubts],
         failed=failures(fruits),
         failed_count=sum(not fruit.ok for fruit in alone),
@@ -179,12 +177,11 @@ def _lot(batch: BatchEntry, fruits: list[Indexed]) -> dict[str, object]:
     }
 
 
-def _details(environment: Environment, fruits: list[Indexed]) -> Iterator[dict[str, object]]:
+def _details(functions: Mapping[str, object], fruits: list[Indexed]) -> Iterator[dict[str, object]]:
     """What the page shows of each fruit when a reader opens it: its HTML, and its charts."""
-    part = environment.get_template("templates/fruit.html.j2").make_module({})
-    fruit_part = part.fruit_part  # type: ignore[attr-defined]
+    template = template_of("fruit")
     for _, fruit in fruits:
-        yield {"html": str(fruit_part(fruit, say, say_html)), "charts": fruit_charts(fruit)}
+        yield {"html": template.render(fruit=fruit, **functions), "charts": fruit_charts(fruit)}
 
 
 def _json_lines(objects: Iterable[object]) -> Markup:

@@ -63,7 +63,6 @@ def trade_html(
     """
     return charted_page(
         "trade",
-        {},
         charts=[size_chart(test, sizes) for test in tests],
         tests=tests,
         fruit=fruit,
