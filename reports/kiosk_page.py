@@ -70,7 +70,7 @@ def _page(entry: KioskEntry, fault: str, logout: bool) -> str:
         mark=lambda fruit: class_mark(*marks.get(fruit.maturity or "", UNKNOWN)),
         next_action=next_action,
         left_out=left_out,
-        list_words=lambda fruit: say(WORDS[fruit.decision]) if fruit.decision in WORDS else "",
+        list_words=list_words,
         missing_words=lambda missing: say(" and ").join(say(part) for part in missing.split(" and ")),
         entry=entry,
         fault=fault,
@@ -91,6 +91,11 @@ def _page(entry: KioskEntry, fault: str, logout: bool) -> str:
         script=script,
         script_hash=script_hash,
     )
+
+
+def list_words(fruit: FruitEntry) -> str:
+    """What to do with a fruit, in one word; empty where nothing parts the fruit."""
+    return say(WORDS[fruit.decision]) if fruit.decision in WORDS else ""
 
 
 def led_to(entry: KioskEntry, text: str) -> tuple[str, str]:

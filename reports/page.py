@@ -32,7 +32,7 @@ from reports.charts import script_json
 from reports.charts_fruit import fruit_charts
 from reports.entries import OR, BatchEntry, FruitEntry, Picture, without_references
 from reports.html_templates import CHARTS, charted_page, template_of
-from reports.kiosk_page import WORDS
+from reports.kiosk_page import list_words
 from reports.language import ENGLISH, language_in_force, say, spoken
 from reports.language import decimals as with_comma
 from reports.messages import in_language
@@ -91,7 +91,7 @@ def _page(batch: BatchEntry) -> str:
         "facts": lambda fruit: _facts(fruit, batch),
         "first_large": lambda text: text[:1].upper() + text[1:],
         "inspect_words": lambda fruit: reason_words(fruit.decision_reason, fruit.suspicion),
-        "list_words": lambda fruit: say(WORDS[fruit.decision]) if fruit.decision in WORDS else "",
+        "list_words": list_words,
         "qr": lambda fruit: _qr(batch, fruit.fruit_id),
         "screened": _screened,
         "utc": _utc,
