@@ -10,7 +10,6 @@ own E and rigid motions, and nothing else is fitted. Large deformation of the pl
 """
 
 import json
-import shutil
 import sys
 import tempfile
 from collections.abc import Mapping
@@ -21,6 +20,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import trimesh
+from plain_model_verification import opened
 from script import run
 from threadpoolctl import threadpool_limits
 
@@ -30,10 +30,6 @@ from fem.mismatch.effect import Response
 from fem.mismatch.evidence.beyond_small_strain import displacement_beyond
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.procedure import case_model
-from pipeline.diagnosis.diagnosed_case import open_case
-from pipeline.diagnosis.diagnosis import mismatch_case
-from pipeline.fruit.grasped import grasped_fruit
-from pipeline.fruit.stage_log import StageLog
 
 COLUMNS = ("case", "effect", "E_without", "residual_without_um", "E_with", "residual_with_um")
 SCALE_SD = 1e-6
@@ -43,16 +39,14 @@ SCALE_SD = 1e-6
 def with_true_pit(folder: Path, truth: Mapping[str, Any]) -> CaseModel:
     """The plain model of a case about its true pit."""
     with tempfile.TemporaryDirectory() as work:
-        case = Path(work) / "case"  # without truth.json, which is no file of a case
-        case.mkdir()
-        for name in ("case.toml", "fruit.ply", *(path.name for path in sorted(folder.glob("grasp-*.h5")))):
-            shutil.copyfile(folder / name, case / name)
         pit = trimesh.creation.icosphere(subdivisions=4)
         pit.apply_scale(truth["pit"])
         pit.apply_translation(truth["pit_centre"])
-        pit.export(case / "pit.ply")
-        opened = open_case(case, fruit_id=None, work=Path(work) / "work", out=None)
-        return case_model(mismatch_case(opened, grasped_fruit(opened.task, StageLog(lambda _: None))))[0]
+        pit.export(Path(work) / "pit.ply")
+        grasps = sorted(folder.glob("grasp-*.h5"))
+        return case_model(
+            opened(folder / "case.toml", folder / "fruit.ply", Path(work) / "pit.ply", *grasps)
+        )[0]
 
 
 def as_searched(truth: Mapping[str, Any]) -> dict[str, float]:

@@ -30,12 +30,7 @@ def write_raw_batch(batch: Path, raw: Path, fruits: list[str]) -> None:
     for fruit in fruits:
         fruit_folder = batch / "fruits" / fruit
         to = raw / "fruits" / fruit
-        for name in ("photos", "fruit.ply"):
-            if (fruit_folder / name).is_dir() and not (to / name).exists():
-                shutil.copytree(fruit_folder / name, to / name)
-            elif (fruit_folder / name).is_file():
-                to.mkdir(parents=True, exist_ok=True)
-                shutil.copy(fruit_folder / name, to / name)
+        shutil.copytree(fruit_folder, to, ignore=shutil.ignore_patterns("*.h5"), dirs_exist_ok=True)
         for k, path in enumerate(sorted((fruit_folder / "grasps").glob("*.h5"))):
             recording = read_recording(path)
             pad = recording.pads[0]

@@ -31,13 +31,15 @@ from pipeline.diagnosis.diagnosis import mismatch_case
 from pipeline.fruit.grasped import grasped_fruit
 from pipeline.fruit.stage_log import StageLog
 
+SURFACES = ("case.toml", "fruit.ply", "pit.ply")
 
-def opened(body: Path, recording: Path) -> MismatchCase:
-    """The body with this one recording, as the finder is handed it."""
+
+def opened(*files: Path) -> MismatchCase:
+    """A case of these files alone, as the finder is handed it."""
     with tempfile.TemporaryDirectory() as work:
         folder = Path(work) / "case"
         folder.mkdir()
-        for source in (body / "case.toml", body / "fruit.ply", body / "pit.ply", recording):
+        for source in files:
             shutil.copy(source, folder / source.name)
         case = open_case(folder, fruit_id=None, work=Path(work) / "work", out=None)
         return mismatch_case(case, grasped_fruit(case.task, StageLog(lambda _: None)))
@@ -84,7 +86,7 @@ def main(
         for k in (grasp or (1, 2, 3, 4)) if not body or place.name in body else ():
             recording = (place / "dense" if dense else place) / f"grasp-{k}.h5"
             try:
-                cells = line(opened(place, recording), true_MPa)
+                cells = line(opened(*(place / name for name in SURFACES), recording), true_MPa)
             except Exception as error:  # noqa: BLE001 - a row says it, the others follow
                 cells = f"{type(error).__name__}: {error}"
             print(f"| {place.name} | {k} | {cells} |", flush=True)

@@ -149,12 +149,10 @@ def row_of(place: str, kind: str, fruit: SampleFruit, work: Path, *, grasps: int
             "suture_deg": abs(mesh["stance"]["turn_deg"]),
             "suture_confidence": mesh["stance"]["suture_confidence"],
         }  # fmt: skip
-    if result.error is not None and result.E_sd_MPa is not None and result.E_MPa is not None:
-        row |= {
-            "E_error_percent": 100 * result.error,
-            "E_sd_percent": 100 * result.E_sd_MPa / result.E_MPa,
-        }
-    row |= {"cpu_s": round(result.cpu_s), "warnings": result.said}
+    if result["E_MPa"] is not None:
+        E_sd_percent = 100 * result["E_sd_MPa"] / result["E_MPa"]
+        row |= {"E_error_percent": result["error_percent"], "E_sd_percent": E_sd_percent}
+    row |= {"cpu_s": round(result["cpu_s"]), "warnings": result["warnings"]}
     kept.write_text(json.dumps(row))
     return row
 

@@ -12,7 +12,7 @@ import re
 import sys
 import tempfile
 from collections import Counter
-from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -97,18 +97,11 @@ def outcome(kind: str, seed: int, folder: Path) -> str:
     return f"other corrections: {others}" if others else ""
 
 
-def cases(first: int, seeds: int, kind: str) -> Iterator[tuple[str, int]]:
-    """Kind and seed."""
-    for name in [*FAULTS, *SOUND]:
-        if kind in ("", name):
-            yield from ((name, seed) for seed in range(first, first + 2 * seeds, 2))
-
-
 def main(first: int = 0, seeds: int = 30, kind: str = "") -> None:
     """Prints every failure and the table."""
     right, total = Counter(), Counter()
     with tempfile.TemporaryDirectory() as folder:
-        for name, seed in cases(first, seeds, kind):
+        for name, seed in product([kind] if kind else [*FAULTS, *SOUND], range(first, first + 2 * seeds, 2)):
             said = outcome(name, seed, Path(folder))
             total[name] += 1
             right[name] += not said
