@@ -1,7 +1,7 @@
 """A batch with everything awkward in it: failures, hostile and long names, missing values."""
 
 from dataclasses import replace
-from datetime import UTC, date, datetime
+from datetime import UTC, date, datetime, timedelta
 
 import cv2
 import numpy as np
@@ -116,13 +116,15 @@ def hostile():
     return HOSTILE
 
 
+def batch_of(*fruits):
+    """A batch of these fruit and of nothing else."""
+    start = datetime(2026, 8, 15, 9, 0, 0, tzinfo=UTC)
+    return BatchEntry(
+        name="nothing", category="plum", fruits=fruits, started_utc=start,
+        finished_utc=start + timedelta(seconds=1), exit_status=0,
+    )  # fmt: skip
+
+
 @pytest.fixture
 def empty_batch():
-    return BatchEntry(
-        name="nothing",
-        category="plum",
-        fruits=(),
-        started_utc=datetime(2026, 8, 15, 9, 0, 0, tzinfo=UTC),
-        finished_utc=datetime(2026, 8, 15, 9, 0, 1, tzinfo=UTC),
-        exit_status=0,
-    )
+    return batch_of()

@@ -73,24 +73,16 @@ VERDICT = VerdictEntry(
 )  # fmt: skip
 
 
-def opened(browser, folder, batch, **context):
-    """The report of a batch in a page of its own."""
-    path = folder / "report.html"
-    path.write_text(report_html(batch), encoding="utf-8")
-    page = browser.new_page(**context)
-    page.set_default_timeout(TIMEOUT_MS)
-    page.goto(path.as_uri())
-    return page
-
-
 @pytest.fixture
 def shown(browser, tmp_path, awkward_batch, graded):
-    """Opens the report of a lot at an address; fails on any message of the browser."""
+    """Opens the report of a batch, or of a lot of so many fruit, at an address; fails on any message of the
+    browser.
+    """
     complaints = []
     contexts = []
 
-    def show(count, *, hash_="", **context):
-        batch = lot(graded, awkward_batch, count)
+    def show(count=0, *, batch=None, hash_="", **context):
+        batch = batch or lot(graded, awkward_batch, count)
         path = tmp_path / "report.html"
         path.write_text(report_html(batch), encoding="utf-8")
         contexts.append(browser.new_context(offline=True, accept_downloads=True, **context))
@@ -131,7 +123,7 @@ def test_five_hundred_fruit_load_fast_and_are_few_nodes_wherever_a_reader_scroll
     assert page.locator("table.fruit tbody tr:not(.space) th").last.inner_text() == "lost"
 
 
-def test_verdict_both_moduli_and_own_columns_are_in_table_and_fruit(browser, tmp_path, awkward_batch, graded):
+def test_verdict_both_moduli_and_own_columns_are_in_table_and_fruit(shown, awkward_batch, graded):
     batch = lot(graded, awkward_batch, 3)
     first, *others = batch.fruits
     first = replace(
@@ -142,7 +134,7 @@ def test_verdict_both_moduli_and_own_columns_are_in_table_and_fruit(browser, tmp
         columns={"Brix": 12.5625, "grower": "Mayr"},
     )
     batch = replace(batch, fruits=(first, *others), columns=(("Brix", "°Brix"), ("grower", "")))
-    page = opened(browser, tmp_path, batch)
+    page, _ = shown(batch=batch)
     heads = page.locator("table.fruit thead th").all_inner_texts()
     rows = page.locator("table.fruit tbody tr:not(.space)")
     cells = [rows.nth(k).locator("th, td").all_inner_texts() for k in range(2)]
@@ -152,8 +144,7 @@ def test_verdict_both_moduli_and_own_columns_are_in_table_and_fruit(browser, tmp
         "Brix (°Brix)": ("12.5625", "–"),
         "grower": ("Mayr", "–"),
     }
-    shown = {name: tuple(row[heads.index(name)] for row in cells) for name in expected}
-    assert shown == expected
+    assert {name: tuple(row[heads.index(name)] for row in cells) for name in expected} == expected
     rows.first.locator("th a").click()
     said = page.locator("#card").inner_text().replace("\u00a0", " ")
     assert (
@@ -163,7 +154,6 @@ def test_verdict_both_moduli_and_own_columns_are_in_table_and_fruit(browser, tmp
     page.locator("#card summary").click()
     facts = page.locator("#card dl.facts dt, #card dl.facts dd").all_text_contents()
     assert facts[-4:] == ["Brix", "12.5625 °Brix", "grower", "Mayr"]
-    page.close()
 
 
 def test_without_scripts_there_is_a_table_of_all_fruit(shown):
@@ -190,9 +180,7 @@ def test_printing_gives_the_certificate_and_the_ranking_alone(shown):
 
 
 @pytest.mark.parametrize(("part", "count"), [("one", 3), ("lot", 3), ("lot", 400)])
-def test_a_sheet_is_one_page_with_a_code_that_another_reader_finds(
-    browser, tmp_path, awkward_batch, graded, part, count
-):
+def test_a_sheet_is_one_page_with_a_code_that_another_reader_finds(shown, awkward_batch, graded, part, count):
     """The reader of the code is OpenCV's; not all warnings, grasps and verdicts of the fruit have a place."""
     batch = lot(graded, awkward_batch, count)
     said = tuple(
@@ -211,7 +199,7 @@ def test_a_sheet_is_one_page_with_a_code_that_another_reader_finds(
         batch, fruits=(first, *batch.fruits[1:]), lot="H/07", cultivar="Big Top", packer="Huber Obst"
     )
     sheet = {"viewport": {"width": 690, "height": 1017}, "device_scale_factor": 3}
-    page = opened(browser, tmp_path, batch, **sheet)
+    page, _ = shown(batch=batch, **sheet)
     page.evaluate("window.print = () => { window.sheet = document.body.className; }")
     page.locator(f"button.alone[data-part={part}]").first.click()
     assert page.evaluate("window.sheet") == part
@@ -224,16 +212,15 @@ def test_a_sheet_is_one_page_with_a_code_that_another_reader_finds(
     )
     sign = page.locator(".sign:visible").bounding_box()
     assert 0 < sign["y"] < sign["y"] + sign["height"] <= 1017
-    shown = page.locator("body").inner_text()
+    text = page.locator("body").inner_text()
     if part == "one":
         for words in ("18 more warnings", "2 more notes", "14 more grasps"):
-            assert f"and {words} in the report" in shown
+            assert f"and {words} in the report" in text
         ends = page.evaluate(ENDS)
         assert len(ends) >= 4 + 3 + 3 + 6 + 2 * 3
         assert all(0 <= top < bottom <= least for top, bottom, least in ends), ends
     for word in ("H/07", "Big Top", "Huber Obst", "2026-08-14", "Signature"):
-        assert word in shown
-    page.close()
+        assert word in text
 
 
 def test_filters_are_in_the_address_and_come_back_from_it(shown):

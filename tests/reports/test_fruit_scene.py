@@ -3,16 +3,14 @@
 import io
 import json
 from dataclasses import replace
-from datetime import UTC, datetime
 
 import cv2
 import numpy as np
 import pytest
 import trimesh
 from browser import chromium
-from conftest import graded_fruit
+from conftest import batch_of, graded_fruit
 
-from reports.entries import BatchEntry
 from reports.fruit_scene import PIT_TRIANGLES, SKIN_TRIANGLES, SceneSurface, fruit_scene
 from reports.page import report_html
 from reports.skin_layer import FLESH, PADS, PIT, SkinLayer
@@ -107,12 +105,8 @@ def turned_in_browser(tmp_path_factory):
     fruit = graded_fruit("N0", rank=1, E_MPa=0.4)
     scene = fruit_scene(ball(30.0, 4), ball(12.0, 4), {}, photo=one_colour(SKIN_BGR))
     fruit = replace(fruit, pictures=replace(fruit.pictures, scene=scene))
-    now = datetime(2026, 8, 15, tzinfo=UTC)
-    batch = BatchEntry(
-        name="b", category="nectarine", fruits=(fruit,), started_utc=now, finished_utc=now, exit_status=0
-    )
     path = tmp_path_factory.mktemp("scene") / "report.html"
-    path.write_text(report_html(batch), encoding="utf-8")
+    path.write_text(report_html(batch_of(fruit)), encoding="utf-8")
     with chromium() as browser:
         page = browser.new_page(viewport={"width": 1280, "height": 900})
         page.set_default_timeout(120_000)

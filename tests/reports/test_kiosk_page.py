@@ -1,14 +1,12 @@
 """The page of `drupe watch` says what E of the last fruit leaves out."""
 
-from datetime import UTC, datetime
-
 import pytest
 from browser import chromium
+from conftest import batch_of
 
-from reports.entries import HOLD, INSPECT, SHIP, BatchEntry, FruitEntry, ScreenEntry, Suspect
+from reports.entries import HOLD, INSPECT, SHIP, FruitEntry, ScreenEntry, Suspect
 from reports.kiosk_page import KioskEntry, judge_html, kiosk_html, login_html
 
-NOON = datetime(2026, 8, 14, 12, tzinfo=UTC)
 SKIN = Suspect(name="skin", short="a stiff skin carries part of the load", advice="")
 SLIP = Suspect(name="slip", short="the fruit slips", advice="")
 UNKNOWN = Suspect(name="unknown", short="something that no known effect explains", advice="")
@@ -18,10 +16,7 @@ WITHOUT = "Neither E nor the advice accounts for it."
 def page(**how):
     """The page after one fruit."""
     fruit = FruitEntry(fruit_id="N01", ok=True, outcome="graded", E_MPa=0.5, E_sd_MPa=0.05, **how)
-    batch = BatchEntry(
-        name="m", category="plum", fruits=(fruit,), started_utc=NOON, finished_utc=NOON, exit_status=0
-    )
-    return kiosk_html(KioskEntry(name="m", batch=batch, recent=("N01",)))
+    return kiosk_html(KioskEntry(name="m", batch=batch_of(fruit), recent=("N01",)))
 
 
 @pytest.mark.parametrize("decision", [SHIP, HOLD, ""])
@@ -59,10 +54,8 @@ def test_axe_finds_nothing_on_the_line_s_pages_and_nothing_is_cut_off(tmp_path, 
     fruit = FruitEntry(
         fruit_id="N01", ok=True, outcome="graded", rank=1, E_MPa=0.4, E_sd_MPa=0.02, decision=SHIP
     )
-    batch = BatchEntry(
-        name="m", category="peach", fruits=(fruit,), started_utc=NOON, finished_utc=NOON, exit_status=0
-    )
-    entry = KioskEntry(name="m", batch=batch, recent=("N01",), waiting=(("N02", "photos or fruit.ply"),))
+    waiting = (("N02", "photos or fruit.ply"),)
+    entry = KioskEntry(name="m", batch=batch_of(fruit), recent=("N01",), waiting=waiting)
     pages = {
         "kiosk": kiosk_html(entry, logout=True),
         "refused": kiosk_html(entry, fault="The page shows no fruit N09."),

@@ -3,6 +3,7 @@ import zlib
 
 import numpy as np
 import pytest
+from matplotlib.path import Path
 
 from reports.mat_sheet import mat_sheet_pdf, tag_outline
 
@@ -90,18 +91,10 @@ def test_outline_is_black_exactly_where_the_cells_are():
         for loop in outline.to_polygons(closed_only=True):
             turn = np.sum(loop[:-1, 0] * loop[1:, 1] - loop[1:, 0] * loop[:-1, 1]) / 2
             area += turn
-            inside = np.array([_inside(point, loop) for point in centres.reshape(-1, 2)])
+            inside = Path(loop).contains_points(centres.reshape(-1, 2))
             black += np.where(inside, int(np.sign(turn)), 0)
         assert abs(area) == pytest.approx(4.0 * np.count_nonzero(~cells))
         assert (np.abs(black.reshape(8, 8)) == (~cells).astype(int)).all()
-
-
-def _inside(point, loop):
-    """Even-odd rule, along a ray to +x."""
-    (x0, y0), (x1, y1) = loop[:-1].T, loop[1:].T
-    crosses = (y0 > point[1]) != (y1 > point[1])
-    at = x0 + (point[1] - y0) / np.where(y1 == y0, 1.0, y1 - y0) * (x1 - x0)
-    return bool(np.count_nonzero(crosses & (at > point[0])) % 2)
 
 
 def test_sheet_too_small_is_refused_with_both_sizes(corners, bits):

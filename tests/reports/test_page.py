@@ -4,7 +4,6 @@ import html
 import json
 import re
 from collections import Counter
-from collections.abc import Callable
 from dataclasses import replace
 from html.parser import HTMLParser
 from itertools import pairwise
@@ -48,9 +47,6 @@ class Page(HTMLParser):
 
     def all(self, tag):
         return [attributes for name, attributes in self.elements if name == tag]
-
-
-Make = Callable[..., FruitEntry]
 
 
 def opened(text):

@@ -1,15 +1,12 @@
 import csv
 import io
-from collections.abc import Callable
 from dataclasses import replace
-from datetime import UTC, datetime
 
 import pytest
 
-from reports.entries import BatchEntry, FruitEntry, ScreenEntry, Suspect
+from reports.entries import FruitEntry, ScreenEntry, Suspect
 from reports.tables import ranking_csv, safe_cell
 
-Make = Callable[..., FruitEntry]
 SUSPECTS = tuple(Suspect(name=name, short="", advice="") for name in ("skin", "poisson_ratio"))
 FIXED_COLUMNS = (
     "rank,fruit_id,outcome,E_MPa,E_sd_MPa,maturity,maturity_probability,p_softer_than_next,"
@@ -100,19 +97,14 @@ def test_text_that_is_no_formula_stays_as_it_is(text):
     assert safe_cell(text) == text
 
 
-def test_a_reference_body_stands_last_without_rank_or_class():
+def test_a_reference_body_stands_last_without_rank_or_class(empty_batch):
     """After the fruit that failed, and marked in a column of its own."""
     ball = FruitEntry(
         fruit_id="a ball", ok=True, outcome="graded", E_MPa=0.01, E_sd_MPa=0.001, reference=True
     )
     fruit = FruitEntry(fruit_id="b", ok=True, outcome="graded", E_MPa=0.5, E_sd_MPa=0.01, rank=1)
     lost = FruitEntry(fruit_id="c", ok=False, outcome="no-shape")
-    moment = datetime(2026, 8, 14, tzinfo=UTC)
-    batch = BatchEntry(
-        name="lot", category="nectarine", fruits=(ball, lost, fruit), started_utc=moment,
-        finished_utc=moment, exit_status=3,
-    )  # fmt: skip
-    rows = list(csv.DictReader(io.StringIO(ranking_csv(batch))))
+    rows = rows_of(ranking_csv(replace(empty_batch, fruits=(ball, lost, fruit))))
     assert [row["fruit_id"] for row in rows] == ["b", "c", "a ball"]
     assert [row["reference"] for row in rows] == ["", "", "true"]
     assert (rows[2]["outcome"], rows[2]["rank"], rows[2]["maturity"]) == ("graded", "", "")
