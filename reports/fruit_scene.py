@@ -15,8 +15,7 @@ import numpy as np
 from jaxtyping import Float, Int
 from scipy.spatial import cKDTree
 
-from reports.skin_layer import FLESH, PADS, PIT, SkinLayer
-from reports.skin_texture import middle
+from reports.skin_layer import FLESH, PADS, PIT, SkinLayer, middle
 
 SKIN_TRIANGLES, PIT_TRIANGLES = 1600, 400
 """Of the decimated surfaces. Set by hand: 30 kB without photos, and facets of 4 mm on one of 60 mm."""

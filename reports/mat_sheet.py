@@ -107,23 +107,11 @@ def _centre(axes: Axes, radius: float) -> None:
     axes.plot([0.0, 0.0], [-arm, arm], **fine)
     head = min(0.12 * radius, 3.0)
     axes.plot([0.45 * radius, 0.93 * radius - head], [0.0, 0.0], color="#444444", lw=1.0)
-    tip = np.array(
-        [[0.93 * radius, 0.0], [0.93 * radius - head, 0.45 * head], [0.93 * radius - head, -0.45 * head]]
-    )
-    axes.fill(tip[:, 0], tip[:, 1], color="#444444", lw=0)
-    size = float(np.clip(radius / 4.5, 4.0, 8.0))
-    axes.text(
-        0.69 * radius, 0.06 * radius, "suture", ha="center", va="bottom", fontsize=size, color="#444444"
-    )
-    axes.text(
-        0.0,
-        -0.55 * radius,
-        "stand the fruit here,\nstem up",
-        ha="center",
-        va="center",
-        fontsize=size,
-        color="#777777",
-    )
+    end = 0.93 * radius
+    axes.fill([end, end - head, end - head], [0.0, 0.45 * head, -0.45 * head], color="#444444", lw=0)
+    words: dict[str, Any] = {"ha": "center", "fontsize": float(np.clip(radius / 4.5, 4.0, 8.0))}
+    axes.text(0.69 * radius, 0.06 * radius, "suture", va="bottom", color="#444444", **words)
+    axes.text(0.0, -0.55 * radius, "stand the fruit here,\nstem up", va="center", color="#777777", **words)
 
 
 def _bar_and_words(axes: Axes, *, lowest: float, bottom: float, title: str) -> None:
@@ -136,11 +124,6 @@ def _bar_and_words(axes: Axes, *, lowest: float, bottom: float, title: str) -> N
         inner = 0.4 if x < 0 else -0.4
         axes.add_patch(Rectangle((min(x, x + inner), y - 2.0), 0.4, 4.0, **ink))
     words: dict[str, Any] = {"ha": "center", "va": "top", "color": "#222222"}
-    axes.text(
-        0.0,
-        y - 3.4,
-        "100 mm from end to end. Print at 100 % (no “fit to page”), then measure this bar.",
-        fontsize=7.5,
-        **words,
-    )
+    advice = "100 mm from end to end. Print at 100 % (no “fit to page”), then measure this bar."
+    axes.text(0.0, y - 3.4, advice, fontsize=7.5, **words)
     axes.text(0.0, y - 7.2, title, fontsize=6.5, **words)

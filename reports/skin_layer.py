@@ -122,6 +122,11 @@ def on_skin(
     return (weight * values[which]).sum(axis=1) / weight.sum(axis=1), away[:, 0] < REACH * pitch
 
 
+def middle(vertices: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " 3"]:
+    """The centre of the mesh's box."""
+    return np.asarray((vertices.min(axis=0) + vertices.max(axis=0)) / 2)
+
+
 def vertex_normals(
     vertices: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "m 3"]
 ) -> Float[np.ndarray, "n 3"]:

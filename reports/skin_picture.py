@@ -15,7 +15,7 @@ from matplotlib.tri import Triangulation
 from scipy.spatial import ConvexHull, cKDTree
 
 from reports.figures import webp_of
-from reports.skin_layer import FLESH, ONE_SIDED, PADS, PIT, SIGNED, ramp, vertex_normals
+from reports.skin_layer import FLESH, ONE_SIDED, PADS, PIT, SIGNED, middle, ramp, vertex_normals
 
 BLIND_BELOW = 3.0
 """A spot whose signal is less than three times its noise could not be seen."""
@@ -76,7 +76,7 @@ class DrawnSkin:
     @property
     def middle_mm(self) -> Float[np.ndarray, " 3"]:
         """That of its box."""
-        return np.asarray((self.vertices.min(axis=0) + self.vertices.max(axis=0)) / 2)
+        return middle(self.vertices)
 
     @property
     def half_mm(self) -> float:

@@ -14,7 +14,7 @@ from jaxtyping import Bool, Float, Int, UInt8
 from scipy.spatial import cKDTree
 
 from reports.photo import jpeg
-from reports.skin_layer import vertex_normals
+from reports.skin_layer import middle, vertex_normals
 
 WIDTH_PX, HEIGHT_PX = 384, 192
 """About half a millimetre on a fruit of 60 mm, and 10 to 20 kB."""
@@ -37,11 +37,6 @@ class SkinPhoto:
     image: UInt8[np.ndarray, "_h _w 3"]
     pixels_from_mesh: Float[np.ndarray, "3 4"]
     place_mm: Float[np.ndarray, " 3"]
-
-
-def middle(vertices: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " 3"]:
-    """The centre of the directions: that of the mesh's box."""
-    return np.asarray((vertices.min(axis=0) + vertices.max(axis=0)) / 2)
 
 
 def skin_texture(
