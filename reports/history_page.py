@@ -13,10 +13,13 @@ PAGE_TITLE = "History of graded batches"
 
 def history_html(history: HistoryEntry) -> str:
     """The whole page, the same text for the same entry; all text of the batches is escaped."""
-    charts = (control_chart, softening_chart, lots_chart, characteristic_chart, firmness_chart)
     return charted_page(
         "history",
-        **{made.__name__: made for made in charts},
+        control_chart=control_chart,
+        softening_chart=softening_chart,
+        lots_chart=lots_chart,
+        characteristic_chart=characteristic_chart,
+        firmness_chart=firmness_chart,
         history=history,
         made=f"{history.made_utc:%Y-%m-%d %H:%M} UTC",
         title=PAGE_TITLE,

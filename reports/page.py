@@ -10,7 +10,7 @@ from __future__ import annotations
 import base64
 from collections.abc import Iterable, Iterator, Mapping
 from datetime import UTC, datetime
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from urllib.parse import quote
 
 from markupsafe import Markup
@@ -75,7 +75,7 @@ def report_html(batch: BatchEntry, *, language: str = ENGLISH) -> str:
 
 def _page(batch: BatchEntry) -> str:
     marks = class_marks(tuple(name for name, _ in batch.classes))
-    functions: dict[str, object] = {
+    functions: dict[str, Any] = {
         "advice": advice,
         "class_words": class_words,
         "p_words": p_words,
@@ -177,7 +177,7 @@ def _lot(batch: BatchEntry, fruits: list[Indexed]) -> dict[str, object]:
     }
 
 
-def _details(functions: Mapping[str, object], fruits: list[Indexed]) -> Iterator[dict[str, object]]:
+def _details(functions: Mapping[str, Any], fruits: list[Indexed]) -> Iterator[dict[str, object]]:
     """What the page shows of each fruit when a reader opens it: its HTML, and its charts."""
     template = template_of("fruit")
     for _, fruit in fruits:
