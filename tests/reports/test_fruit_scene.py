@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import trimesh
 from browser import chromium
-from conftest import batch_of, graded_fruit
+from report_batches import batch_of, graded_fruit
 
 from reports.fruit_scene import PIT_TRIANGLES, SKIN_TRIANGLES, SceneSurface, fruit_scene
 from reports.page import report_html

@@ -2,7 +2,7 @@
 
 import pytest
 from browser import chromium
-from conftest import batch_of
+from report_batches import batch_of
 
 from reports.entries import HOLD, INSPECT, SHIP, FruitEntry, ScreenEntry, Suspect
 from reports.kiosk_page import KioskEntry, judge_html, kiosk_html, login_html
