@@ -125,19 +125,22 @@ def read_ply(data: bytes, header: PlyHeader) -> Mesh:
 
 Values = Sequence[np.ndarray] | np.ndarray
 Rows = dict[str, Mapping[str, Values]]
-"""Values by element and column: a number a row, or of a list an array a row."""
+"""Values by element and column: a number a row, or of a list an array a row (a table for even lists)."""
 
 
 def _fans(polygons: Values) -> Int[np.ndarray, "m 3"]:
     """Triangles (corner 0, k, k + 1) of each polygon; ValueError where one has fewer than 3 corners."""
-    sizes = np.array([len(polygon) for polygon in polygons])
-    if sizes.min() < 3:
+    if isinstance(polygons, np.ndarray):
+        groups = [polygons.astype(np.int64)]
+    else:
+        sizes = np.array([len(polygon) for polygon in polygons])
+        groups = [
+            np.array([polygons[k] for k in np.flatnonzero(sizes == size).tolist()], np.int64)
+            for size in np.unique(sizes)
+        ]
+    if any(group.shape[1] < 3 for group in groups):
         raise ValueError("a face of fewer than three corners")
-    triangles = []
-    for size in np.unique(sizes):
-        group = np.array([polygons[k] for k in np.flatnonzero(sizes == size).tolist()], np.int64)
-        triangles += [group[:, [0, k, k + 1]] for k in range(1, size - 1)]
-    return np.concatenate(triangles)
+    return np.concatenate([group[:, [0, k, k + 1]] for group in groups for k in range(1, group.shape[1] - 1)])
 
 
 def _rows(data: bytes, header: PlyHeader) -> Rows:
@@ -151,13 +154,12 @@ def _rows(data: bytes, header: PlyHeader) -> Rows:
     for element in header.elements:
         if element.count == 0:
             continue
-        if any(column.counted for column in element.columns):
-            rows[element.name], at = _rows_of_lists(data, at, element, header.endian)
+        table = _even_rows(data, at, element, header.endian)
+        if table is None:
+            rows[element.name], at = _uneven_rows(data, at, element, header.endian)
             continue
-        row = np.dtype([(f"v{k}", header.endian + column.type) for k, column in enumerate(element.columns)])
-        table = np.frombuffer(data, row, element.count, at)
         rows[element.name] = {column.name: table[f"v{k}"] for k, column in enumerate(element.columns)}
-        at += element.count * row.itemsize
+        at += table.nbytes
     if data[at:].strip():
         raise ValueError("more or fewer bytes than the header says")
     return rows
@@ -168,7 +170,32 @@ def _as_number(column: PlyProperty) -> PlyProperty:
     return replace(column, type="d", counted=column.counted and "d")
 
 
-def _rows_of_lists(
+def _even_rows(data: bytes, at: int, element: Element, endian: str) -> np.ndarray | None:
+    """The rows as a table of columns v0, v1, ...; None where lists are not all as long as the first row's.
+
+    Raises ValueError where rows without lists do not fit.
+    """
+    start = at
+    fields: list[tuple[str, str] | tuple[str, str, tuple[int]]] = []
+    lengths: dict[str, int] = {}
+    for k, column in enumerate(element.columns):
+        kind = endian + column.type
+        if not column.counted:
+            fields.append((f"v{k}", kind))
+            at += struct.calcsize(f"<{column.type}")
+            continue
+        size = int(struct.unpack_from(endian + column.counted, data, at)[0])
+        lengths[f"n{k}"] = size
+        fields += [(f"n{k}", endian + column.counted), (f"v{k}", kind, (size,))]
+        at += struct.calcsize(f"<{column.counted}") + size * struct.calcsize(f"<{column.type}")
+    row = np.dtype(fields)
+    if lengths and row.itemsize * element.count > len(data) - start:
+        return None
+    table = np.frombuffer(data, row, element.count, start)
+    return table if all((table[name] == size).all() for name, size in lengths.items()) else None
+
+
+def _uneven_rows(
     data: bytes, at: int, element: Element, endian: str
 ) -> tuple[dict[str, list[np.ndarray]], int]:
     """The rows one by one, and where they end. Lists alone are kept: other columns are of no use here."""
