@@ -11,8 +11,16 @@ from jaxtyping import Int
 from pipeline.files.plain_file import NotReadable, json_of, printable, read_bytes
 from recon.recon_failure import ReconFailure, ReconProblem
 from recon.surface.ply_file import NotPly, read_header, read_ply
-from recon.surface.ray_mesh import SEEN_BY, consistently_oriented
-from recon.triangle_mesh import Faces, Mesh, Vertices, open_edges, used_part, volume_mm3
+from recon.surface.ray_mesh import SEEN_BY
+from recon.triangle_mesh import (
+    Faces,
+    Mesh,
+    Vertices,
+    consistently_oriented,
+    open_edges,
+    used_part,
+    volume_mm3,
+)
 
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 # Without any handler Python would print trimesh's warnings, with tracebacks, on standard error.
@@ -118,7 +126,7 @@ def _joined(vertices: Vertices, faces: Faces) -> Mesh:
         vertices, faces = places, merged
     if not open_edges(faces):
         return vertices, faces
-    turned = consistently_oriented(vertices, faces)
+    turned = consistently_oriented(faces)
     if not open_edges(turned):
         faces = turned if volume_mm3(vertices, turned) > 0 else turned[:, ::-1]
     return vertices, faces

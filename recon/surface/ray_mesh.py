@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from recon.recon_failure import ReconProblem
-from recon.triangle_mesh import Faces, Vertices, face_areas, facing, unique_edges, vertex_normals
+from recon.triangle_mesh import Faces, Vertices, face_areas, facing, vertex_normals
 
 SEEN_BY = 2
 """Cameras that must see a place for it to count as seen: one alone tells no depth."""
@@ -60,20 +60,6 @@ def open3d() -> ModuleType:
     module.utility.set_verbosity_level(module.utility.VerbosityLevel.Error)
     loaded: ModuleType = module
     return loaded
-
-
-def consistently_oriented(vertices: Vertices, faces: Faces) -> Int[np.ndarray, "m 3"]:
-    """The faces, some of them turned round, so that neighbours run along their shared edge in opposite
-    directions, where the surface has two sides; unchanged where an edge has not two faces.
-    """
-    if not len(faces) or (np.bincount(unique_edges(faces)[1]) != 2).any():
-        return faces
-    o3d = open3d()
-    mesh = o3d.geometry.TriangleMesh(
-        o3d.utility.Vector3dVector(vertices), o3d.utility.Vector3iVector(faces.astype(np.int32))
-    )
-    mesh.orient_triangles()
-    return np.asarray(mesh.triangles, int)
 
 
 class RayMesh:

@@ -7,8 +7,8 @@ import pytest
 
 from recon.recon_failure import ReconFailure
 from recon.silhouettes.hull import ball
-from recon.surface.ray_mesh import consistently_oriented, open3d, seeing_views, seen_and_unseen
-from recon.triangle_mesh import open_edges, sides_of, unique_edges
+from recon.surface.ray_mesh import open3d, seeing_views, seen_and_unseen
+from recon.triangle_mesh import consistently_oriented, open_edges, sides_of, unique_edges
 
 
 @pytest.mark.parametrize(
@@ -32,15 +32,20 @@ def test_a_closed_mesh_has_each_edge_once_and_each_side_knows_its_own() -> None:
     assert (np.bincount(of_side) == 2).all()
 
 
-def test_faces_turned_at_random_are_consistently_oriented_again_but_not_on_one_sided_surfaces() -> None:
-    vertices, faces = ball(3)
+def test_faces_turned_at_random_are_consistently_oriented_again_and_one_sided_surfaces_are_left() -> None:
+    _, faces = ball(3)
     for seed in range(3):
         rng = np.random.default_rng(seed)
         mixed = np.where(rng.random((len(faces), 1)) < 0.4, faces[:, ::-1], faces)
         assert open_edges(mixed) > 0
-        assert open_edges(consistently_oriented(vertices, mixed)) == 0
+        assert open_edges(consistently_oriented(mixed)) == 0
     strip = np.array([[k, (k + 1) % 5, (k + 2) % 5] for k in range(5)])  # of five triangles, the smallest
-    assert open_edges(consistently_oriented(vertices, strip)) > 0
+    assert consistently_oriented(strip) is strip
+    projective_plane = np.array(
+        [[0, 1, 2], [0, 2, 3], [0, 3, 4], [0, 4, 5], [0, 5, 1],
+         [1, 2, 4], [2, 3, 5], [3, 4, 1], [4, 5, 2], [5, 1, 3]]
+    )  # fmt: skip
+    assert consistently_oriented(projective_plane) is projective_plane
 
 
 RADIUS = 10.0
