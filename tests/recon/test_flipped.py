@@ -57,15 +57,16 @@ def test_the_underside_comes_from_the_fruit_laid_over(
     wrong = Rotation.from_matrix(joined.upright_from_over[:3, :3]) * rotation
     hidden = upright.seen < 0.3
     normals = vertex_normals(true, faces)
-    before, after = (
-        np.sqrt(np.mean(np.einsum("ij,ij->i", v - true, normals)[hidden] ** 2))
-        for v in (upright.vertices, joined.vertices)
+    off_before, off_after = (
+        np.abs(np.einsum("ij,ij->i", v - true, normals))[hidden] for v in (upright.vertices, joined.vertices)
     )
+    before, after = (np.sqrt(np.mean(off**2)) for off in (off_before, off_after))
     assert np.degrees(wrong.magnitude()) < 4.0
     assert before > 0.5
     assert after < 0.12
     assert joined.miss_mm < 0.15
     assert upright.seen.min() < 0.2
+    assert off_after.max() < 0.5 * GUESS_MM < off_before.min()  # one of the two saw each place
 
 
 def test_another_fruit_and_another_scale_are_refused() -> None:
