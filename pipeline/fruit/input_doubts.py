@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 from jaxtyping import Float, Int
 
-from fem.estimation.modulus_warnings import ModulusSign
+from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
 from pipeline.fruit.placed_grasp import PlacedGrasp
 from recon.pit.priors import PitPrior
 from recon.triangle_mesh import volume_mm3
@@ -159,6 +159,12 @@ def signs_explained(grasp: PlacedGrasp) -> frozenset[ModulusSign]:
     """The signs in the recording's modulus that follow from what was found in it."""
     named = (EXPLAINS.get(finding.kind, ()) for finding in grasp.findings if not finding.remark)
     return frozenset[ModulusSign]().union(*named)
+
+
+def causes_alone(grasp: PlacedGrasp, warnings: Sequence[ModulusWarning]) -> list[ModulusWarning]:
+    """`warnings` without the signs that follow from a named cause."""
+    explained = signs_explained(grasp)
+    return [warning for warning in warnings if warning.sign not in explained]
 
 
 def relative_sd(doubts: Sequence[Doubt]) -> float:

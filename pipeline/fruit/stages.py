@@ -27,7 +27,7 @@ from pipeline.files.plain_file import printable
 from pipeline.fruit.elasticity import at_small_strain, modulus_record
 from pipeline.fruit.flesh_effects import unused_warnings, used
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
-from pipeline.fruit.input_doubts import expected_E_MPa, relative_sd, signs_explained
+from pipeline.fruit.input_doubts import causes_alone, expected_E_MPa, relative_sd
 from pipeline.fruit.missing_physics import STAGE as SCREEN
 from pipeline.fruit.missing_physics import screened_fruit
 from pipeline.fruit.placed_grasp import grasp_record, patch_residuals, touched_by_pad
@@ -127,9 +127,7 @@ def measured_fruit(
                 log.warnings.append(f"not used: {grasp.name}: {estimate.detail}")
             else:
                 log.warnings += [
-                    f"{grasp.name}: {warning.sentence}"
-                    for warning in estimate.warnings
-                    if warning.sign not in signs_explained(grasp)
+                    f"{grasp.name}: {warning.sentence}" for warning in causes_alone(grasp, estimate.warnings)
                 ]
         log.warnings += [*without_large, *inference.modulus.warnings]
     return fruit, inference

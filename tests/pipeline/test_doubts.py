@@ -5,9 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from fem.estimation.modulus_warnings import ModulusSign
+from fem.estimation.modulus_warnings import ModulusSign, ModulusWarning
 from pipeline.fruit.input_doubts import (
     Doubt,
+    causes_alone,
     of_a_given_pit,
     of_grasps,
     relative_sd,
@@ -120,6 +121,9 @@ def test_unlike_faults_add_in_squares_also_where_they_are_of_one_kind():
 def test_only_the_signs_that_a_cause_explains_are_left_out():
     assert signs_explained(grasp(1, gain())) == {*ModulusSign} - {ModulusSign.NO_WORK}
     assert signs_explained(grasp(1)) == set()
+    signs = [ModulusWarning(sign, "in whatever words") for sign in ModulusSign]
+    assert [warning.sign for warning in causes_alone(grasp(1, gain()), signs)] == [ModulusSign.NO_WORK]
+    assert causes_alone(grasp(1), signs) == signs
 
 
 @pytest.mark.parametrize("kind", ["time-unit", "aperture-unit", "copied-frames", "ends-pressed"])
