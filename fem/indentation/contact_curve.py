@@ -29,8 +29,8 @@ class ContactCurve:
 
     `force_N_per_MPa`: for unit modulus, nothing out of contact. `length_mm`: what depth is divided by to be a
     strain. `over_half_space`: factor on Hertz's force by base, the body's other side or a pit. `trusted_mm`:
-    depth up to which the law holds, `beyond` what a reader must know of a press deeper than that, and of
-    which `size_mm` its {} is the share; `notes`: what a reader must know in any case.
+    depth up to which the law holds. `beyond`: the sentence for a deeper press; its {} is the depth over
+    `size_mm`. `notes`: what a reader must know in any case.
     `yield_depth_mm`: depth, per yield stress over E, at which flesh flows everywhere under the tool; None
     where contact grows and flow with it. `held_over_sliding`: force with held ends over that with sliding
     ends, where the ends are not stated. `stiffer_ends`: factor of stated ends on the force at small strain.
