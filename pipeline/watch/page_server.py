@@ -194,11 +194,9 @@ class PageServer:
         self._socket.close()
 
     def _app(self) -> Starlette:
-        start, known, hosts = (
-            self._access.prefix,
-            self._for_known,
-            [LOOPBACK, "localhost"] if self._network is None else ["*"],
-        )
+        start = self._access.prefix
+        known = self._for_known
+        hosts = [LOOPBACK, "localhost"] if self._network is None else ["*"]
         return Starlette(
             routes=[
                 Route(f"{start}/", known(self._kiosk)),
