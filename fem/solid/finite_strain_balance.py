@@ -186,7 +186,10 @@ class FiniteBalance:
 
     @cached_value
     def linear_tangent(self) -> BorderedTangent:
-        """With the solid's own factor, which holds the pit's motions on a base, and not in a free fruit."""
+        """With the solid's own factor, which holds the pit's motions on a base, and not in a free fruit.
+
+        Threads ask that of `FiniteStrainSolid.rest`, which is prepared beforehand.
+        """
         motions = self._border_motions(self.arm_mm)
         if self.solid.kinematics.shape[1] == self.primal:
             return BorderedTangent.of(self.solid.factor, np.zeros((self.primal, 0)), np.zeros((0, 0)))
