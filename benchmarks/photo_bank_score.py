@@ -86,7 +86,8 @@ def verdict(row: dict[str, Any]) -> str:
 
 def table(rows: pd.DataFrame) -> pd.DataFrame:
     """Median, 95 % and worst of the sets' errors, and verdicts, of all and of each value of each factor."""
-    rows = rows.assign(verdict=[verdict(row) for row in rows.to_dict("records")])
+    columns = rows.columns.union(["rms_seen_mm", "volume_error"], sort=False)
+    rows = rows.reindex(columns=columns).assign(verdict=[verdict(row) for row in rows.to_dict("records")])
     groups = {"all": rows}
     for factor in FACTORS:
         groups |= {f"{factor}: {name}": group for name, group in rows.groupby(factor)}
