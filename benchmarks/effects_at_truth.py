@@ -101,9 +101,11 @@ def row(folder: Path) -> tuple[str, ...]:
 def main(folder: Path, case: list[str] | None = None, out: Path | None = None) -> None:
     """A case after the other."""
     folders = [path.parent for path in sorted(folder.glob("*/truth.json"))]
-    for k, where in enumerate(where for where in folders if not case or where.name in case):
-        table = pd.DataFrame([row(where)], columns=COLUMNS)
-        table.to_csv(out or sys.stdout, mode="a" if k else "w", header=not k, index=False)
+    pd.DataFrame(columns=COLUMNS).to_csv(out or sys.stdout, index=False)
+    for where in folders:
+        if not case or where.name in case:
+            pd.DataFrame([row(where)]).to_csv(out or sys.stdout, mode="a", header=False, index=False)
+            sys.stdout.flush()
 
 
 if __name__ == "__main__":

@@ -55,6 +55,7 @@ def main(batch: Path, work: Path, fruits: list[str] | None = None, jobs: int = 1
     write_raw_batch(batch, work / "batch", fruits)
     table = pd.DataFrame({"truth_MPa": {fruit: truth[fruit]["E_MPa"] for fruit in fruits}})
     for name, given in (("from_frames", work / "batch"), ("from_fields", batch)):
+        print(f"grades the batch {name.replace('_', ' ')}", flush=True)
         table[name] = graded(given, work / name.replace("_", "-"), jobs)
         table[f"error_{name}"] = table[name] / table["truth_MPa"] - 1
     print(table.to_string(float_format="%.4g"))
