@@ -8,7 +8,9 @@ what they were, no process and no temporary file is left; a killed process costs
 and the same command again gives the results of the undisturbed run: the same files, outcomes and ranking, E
 within 1 % (the mesher does not repeat to the bit). A kill that met nobody is drawn again.
 
-    python benchmarks/campaign_kills.py --kills 100 --folder /tmp/campaign
+    python benchmarks/campaign_kills.py --kills 100 --folder /tmp/campaign [--only-kills] [--quick]
+
+`--only-kills` leaves out double runs, clocks and the tmpfs. `--quick` leaves out the fruit with a recording.
 """
 
 import errno
@@ -163,7 +165,9 @@ def results(out: Path) -> tuple[set[str], pd.DataFrame]:
     """The files of a results folder, and its ranking."""
     files = {str(p.relative_to(out)) for p in out.rglob("*") if p.is_file() and p.name not in PRIVATE}
     ranking = out / "ranking.csv"
-    return files, pd.read_csv(ranking) if ranking.is_file() else pd.DataFrame(columns=[*KEYS, "E_MPa"])
+    if ranking.is_file() and ranking.stat().st_size:
+        return files, pd.read_csv(ranking)
+    return files, pd.DataFrame(columns=[*KEYS, "E_MPa"])
 
 
 def same(rows: pd.DataFrame, other: pd.DataFrame) -> bool:

@@ -44,7 +44,7 @@ FIELDS = {
     "stiffness": ("gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm"),
     "pose": ("pose",),
 }
-"""What a pad has, by the word for it."""
+"""Arrays of a pad by the name of the field."""
 Values = Callable[[np.ndarray], np.ndarray]
 
 

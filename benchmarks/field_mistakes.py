@@ -1,12 +1,15 @@
 """Mistakes as they happen in the field, made on sound recordings: is each named, and what does it do to E?
 
     python benchmarks/field_mistakes.py FOLDER [...] [--half even|odd] [--sound] [--grade CACHE] [--csv OUT]
+        [--only TEXT] [--grasps 2] [--limit N] [--verbose]
 
 A FOLDER holds fruit.ply, perhaps pit.ply, grasp-*.h5 and truth.json (E_MPa, category), or such folders; a
 mismatch case is one too, whose answers.json beside it holds the truth. Seeds are the folders' numbers: `even`
 ones were worked with, `odd` ones scored once. `--sound` prints what the checks say of unchanged recordings,
 `--cheap N` of N fruit drawn without a solver.
 Without `--grade` only the checks run (seconds); with it every changed fruit goes through the pipeline.
+`--only` takes the mistakes with this text in their names, `--grasps` the first recordings of a fruit, and
+`--limit` the first fruit. `--verbose` prints what the checks say where a mistake is not named.
 What the checks say first is scored by its kind (field_list.py): *named* where it is this mistake's, *among
 several* where its sentence lists the mistake among other causes (a gain: force, displacement or stiffness).
 """

@@ -1,15 +1,16 @@
 """Print how well images of a gel give back displacement and force: rendered gels with known answers.
 
     python benchmarks/gel_image_errors.py [--out gel_images.csv] [--keep gel.npz] [--draws 6 --seed 1]
+        [--distance 1.0] [--only markers-stereo|markers-mono]
 
 Truth: 26 x 22 x 4 mm of gel (E 0.2 MPa, nu 0.48) in 27-node bricks, pressed 0.7 mm deep by a rigid ball of
 15 mm radius with friction, pushed 0.45 mm aside, turned by 3 degrees and let go (`samples/gel_press.py`).
 Images: 640 x 480, 221 dots, lens distortion, noise of 1.5 grey levels (`samples/gel_images.py`). `--keep`
 keeps the finite elements' compliance between runs (a minute of work). `--draws`: dots alone under so many
 presses drawn at random (ball of 8 to 30 mm radius, 0.07 to 1.1 mm deep, pushed and turned) and, beside
-them, with a gel whose outline nobody says. Time is CPU time of one thread: tracking, depth and force of a
-frame, once the
-strength is chosen.
+them, with a gel whose outline nobody says. `--distance` is a factor on the camera's distance and focal length
+that the reader assumes. `--only` measures one of the two sensors. Time is CPU time of one thread: tracking,
+depth and force of a frame, once the strength is chosen.
 """
 
 import time

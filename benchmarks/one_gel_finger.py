@@ -5,7 +5,8 @@
 Fruit are drawn as field_bank.py draws them, each grasped once between a gel and a jaw that is a hundred times
 as stiff, with the elements of the shipped sample (about five minutes of processor time a fruit), and graded
 with the stiff jaw's force alone, as of a plate. FOLDER keeps recordings and records; what is there is left as
-it is. The even half sets pipeline.fruit.elasticity's PLAIN_JAW_SD, the odd one is scored once.
+it is. `--finer` takes finer elements and needs a FOLDER of its own, because FOLDER does not name the
+elements. The even half sets pipeline.fruit.elasticity's PLAIN_JAW_SD, the odd one is scored once.
 """
 
 import sys

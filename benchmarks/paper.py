@@ -9,6 +9,8 @@ strain-energy ratio. Where two are compared, the number is the change between th
 
 A row with a target says whether |ours| keeps it. A contact has 11 x 11 markers, whatever its size (the
 paper's contact nodes are those of its mesh, too); rows say so where they are 1 mm apart instead.
+
+`--csv` writes the rows to this file; without it and without `--only`, they replace results/paper.csv.
 """
 
 import time
@@ -67,7 +69,7 @@ class FittedModulus:
 
     @staticmethod
     def of(estimate: ModulusEstimate, mesh: FleshMesh, start_s: float) -> "FittedModulus":
-        """What began at this processor time."""
+        """Errors of an estimate, and the processor time since `start_s`."""
         return FittedModulus(
             error=estimate.E_MPa / E_MPA - 1,
             energy=estimate.energy.E_MPa / E_MPA - 1 if estimate.energy else np.nan,

@@ -16,6 +16,7 @@ for nectarines and peaches the errors tell of photos, grasps and a small scatter
 kind of a wrong Poisson's ratio: they are lower bounds of what real fruit will show. With `--pits true` the
 batch has the true pit.
 With `--shape true` the true mesh takes the photos' place. Both true: what is left is of the recordings alone.
+`--keep` keeps the batches in a folder, whose recordings the next run takes again.
 
 For each fruit: the modulus found and its standard deviation, the truth, the error in %, and over the
 standard deviation, CPU seconds of the grading, and what was warned of. Exit status 1 where an error is over

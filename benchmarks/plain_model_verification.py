@@ -1,6 +1,7 @@
 """The plain model at finite strain against recordings of an independent simulator, with nothing unknown.
 
-    python benchmarks/plain_model_verification.py FOLDER [--body ball ...] [--grasp 2 ...] [--dense]
+    python benchmarks/plain_model_verification.py FOLDER [--body ball --body ...] [--grasp 2 --grasp ...]
+        [--dense]
 
 FOLDER holds bodies without mismatch, noise-free, with exact surfaces (`truth.json`, `fruit.ply`, `pit.ply`,
 `grasp-K.h5`, `dense/grasp-K.h5`). Each recording is read, placed and prepared as `drupe explain` does it;

@@ -16,8 +16,9 @@ also the height.
 The scans are closed, and rays from their centre of volume meet them one time each: nothing is repaired.
 Stem and suture of the truth were picked by eye on the texture (TOYS); they define the frame, so that the
 errors of stem and suture are those of the record's `mesh.stance`. Columns `true_shape_...`: what the same
-search finds in the true shape. WORK keeps photos, batches and rows; a run that was broken off goes on. Needs
-the extra `samples`.
+search finds in the true shape. WORK keeps photos, batches and rows; a run that was broken off goes on.
+`--only` takes the sets with this text in their names (mat-drawn-plum). `--grasps 0` measures the shape alone.
+Needs the extra `samples`.
 """
 
 import json

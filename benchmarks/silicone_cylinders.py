@@ -1,7 +1,7 @@
 """Silicone cylinders of known modulus, pressed between plates: what drupe makes of them.
 
-    python benchmarks/silicone_cylinders.py FOLDER [--csv FILE] [--part development|last|all]
-        [--together FILE] [--jobs 2]
+    python benchmarks/silicone_cylinders.py FOLDER [--csv FILE] [--curves FILE]
+        [--part development|last|all] [--together FILE] [--jobs 2]
 
 FOLDER: a folder of tables for each mixture, and published.json, of
 github.com/abubakardawood/tissue-phantom-material-database (A. B. Dawood et al. 2026, data CC BY 4.0):
@@ -18,6 +18,7 @@ verdict     none or stiffening; sensor_drift alone or in a list
 last fifth  error of the force predicted from the first four fifths, over its root mean square; beside it the
             best of six published laws (sliding ends, zero as recorded), refitted to the same part
 
+--csv writes the mixtures and --curves the curves, a row each.
 --together fits all curves of a mixture with one law instead, and writes for each mixture: E, the scatter of
 its curves, the curves that do not belong, and the slope by the law of the others.
 """

@@ -5,7 +5,8 @@
 Each seed draws one press (law, rates, noise, offsets, sign, hold, unloading) and one fault, writes the table
 as a logger would, and reads it with `drupe convert`'s reader. The score: the stiffness by a fit of the known
 law over that of the same press without the fault (within LIMIT), the note that names the fault, and no other
-correction. Of a sound press every row must come out as it was written. Even seeds were used for development.
+correction. Of a sound press every row must come out as it was written. Every second seed is drawn:
+those of development from `--first 0` on (the default), held-out ones from `--first 1` on.
 """
 
 import re

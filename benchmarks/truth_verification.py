@@ -1,6 +1,6 @@
 """The simulator of truth against recordings of an independent one, frame by frame, without noise.
 
-    python benchmarks/truth_verification.py FOLDER [--body NAME ...] [--grasp K ...]
+    python benchmarks/truth_verification.py FOLDER [--body ball --body ...] [--grasp 2 --grasp ...]
 
 FOLDER holds bodies without mismatch: `truth.json` and `dense/grasp-K.h5` of each (its SOURCE.md has the
 formulas). The pads move as the recording says. For each grasp a table by phase and pad: rms difference of the
