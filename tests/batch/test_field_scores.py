@@ -18,7 +18,7 @@ from field_mistakes import E_range_MPa  # noqa: E402
 def named_by(kind, how="named", **more):
     of_recording = isinstance(kind, FindingKind)
     words = "in whatever words"
-    answer = Finding(kind, words, **more) if of_recording else Doubt(sentence=words, kind=kind)
+    answer = Finding(kind, words, **more) if of_recording else Doubt(sentence=words, kind=kind, **more)
     return {mistake.name for mistake in MISTAKES if naming(answer, mistake) == how}
 
 

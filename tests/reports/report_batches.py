@@ -1,4 +1,4 @@
-"""Fruit and batches of reports."""
+"""Builds fruit and batches for tests of reports."""
 
 from datetime import UTC, datetime, timedelta
 

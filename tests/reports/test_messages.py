@@ -7,13 +7,15 @@ from dataclasses import replace
 import pytest
 import typer
 from message_templates import ROOT, modules, templates
+from report_batches import batch_of, graded_fruit
 
 from fem.estimation.modulus_warnings import warnings_of
 from fem.grasp_history import GraspHistory
 from pipeline.batch.outcome import Outcome
 from pipeline.terminal_language import in_language_of_locale
+from reports.entries import ReferenceEntry, ScreenEntry, Suspect
 from reports.language import ENGLISH, LANGUAGES, spoken
-from reports.messages import catalogue, message
+from reports.messages import SENTENCES, catalogue, in_language, message
 from reports.page import report_html
 from tactile.consistency.finding import Finding, FindingKind
 
@@ -95,6 +97,29 @@ def test_a_sentence_that_no_catalogue_has_stays_as_it_is(language):
         assert message("A sentence of tomorrow: with 0.5 MPa.") == "A sentence of tomorrow: with 0.5 MPa."
         assert message("") == ""
     assert message("force") == "force"
+
+
+def test_each_sentence_in_the_records_of_a_batch_is_translated():
+    english, german = "drupe left out 3 of 24 photos.", "drupe hat 3 von 24 Fotos ausgelassen."
+    suspect = Suspect(name="soft_spot", short=english, advice=english)
+    screen = ScreenEntry(suspects=(suspect,), why_not=english, note=english)
+    fruit = replace(
+        graded_fruit("N01", rank=1, E_MPa=0.5),
+        screen=screen,
+        reason=english,
+        smaller_error=english,
+        warnings=(english,),
+        doubts=(english,),
+        forced=(english,),
+        facts=((english, english),),
+    )
+    reference = ReferenceEntry(sentences=(english,), alarm=False)
+    batch = replace(batch_of(fruit), faults=(english,), reference=reference)
+    records = {type(record): record for record in (batch, fruit, reference, screen, suspect)}
+    for kind, names in SENTENCES.items():
+        assert all(english in repr(getattr(records[kind], name)) for name in names), kind
+    with spoken("de"):
+        assert repr(in_language(batch)) == repr(batch).replace(english, german)
 
 
 def test_a_page_says_warnings_doubts_and_reasons_in_its_language(awkward_batch):
