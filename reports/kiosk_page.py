@@ -94,7 +94,7 @@ def _page(entry: KioskEntry, fault: str, logout: bool) -> str:
 
 
 def list_words(fruit: FruitEntry) -> str:
-    """What to do with a fruit, in one word; empty where nothing parts the fruit."""
+    """What to do with a fruit, in one word; empty if the batch makes no decision."""
     return say(WORDS[fruit.decision]) if fruit.decision in WORDS else ""
 
 

@@ -32,7 +32,7 @@ SENTENCES: Mapping[type, tuple[str, ...]] = {
     ScreenEntry: ("suspects", "why_not", "note"),
     Suspect: ("short", "advice"),
 }
-"""Where the records of a report hold sentences of other packages, or records with such."""
+"""Where the records of a report hold sentences of other packages, or records that hold such sentences."""
 
 
 class _Template(NamedTuple):

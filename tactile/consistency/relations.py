@@ -34,8 +34,8 @@ NU, RADIUS_MM, HERTZ_OFF = 0.45, 25.0, 2.0
 """For the modulus of a half-space under a ball, which is right to a factor of two for any fruit here."""
 E_PER_PITCH = 2.2
 """Error of ln E per ln of the pictures' scale where it enters all lengths and the forces of springs with its
-third power: 0.21 at 1.1 (benchmarks/field_mistakes.py --grade --only "picture scale"). Where it enters the
-markers' places alone and the forces with its square, 0.8."""
+third power: 0.21 at 1.1 (benchmarks/field_mistakes.py --grade CACHE --only "picture scale"). Where it enters
+the markers' places alone and the forces with its square, 0.8."""
 E_PER_GAIN = 0.7
 """Relative error of E per ln of a gain, whose cause may be force (1.1), displacement (0.3) or stiffness."""
 
