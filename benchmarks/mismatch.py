@@ -17,16 +17,13 @@ or the answers come from several states of the code.
 """
 
 import contextlib
-import csv
 import io
 import json
 import os
 import resource
 import subprocess
 import sys
-import tempfile
 import time
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -34,30 +31,26 @@ from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+import pandas as pd
 from jaxtyping import Float
+from script import run
 
 sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
-from cramer_rao import amplitude_bounds, amplitude_of, information_of
-from parameter_errors import NINETY
-from reduced_case import ReducedCase, gains_of, reduced, store, stored
+from cramer_rao import amplitude_bounds, amplitudes_of, information_of
+from reduced_case import ReducedCase, gains_of, opened, reduced, store, stored
 from sealed_report import case_table, report
-from sealed_scores import RELATIVES
+from sealed_scores import NINETY, RELATIVES
 from sealing import broken_seals
 
 from fem.estimation.sensitivity import mean_normal, tangents
 from fem.mismatch import procedure
 from fem.mismatch.catalogue import SPECS
-from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.procedure import case_model, detected
+from fem.mismatch.procedure import detected
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.decision import DETECTION_P, MISFIT
 from fem.mismatch.selection.screening import screened
 from pipeline.batch.cache import code_version
 from pipeline.cli import main as drupe
-from pipeline.diagnosis.diagnosed_case import open_case
-from pipeline.diagnosis.diagnosis import mismatch_case
-from pipeline.fruit.grasped import grasped_fruit
-from pipeline.fruit.stage_log import StageLog
 
 ROOMS = ("fem", "tactile", "recon", "pipeline")
 """Packages whose state decides an answer."""
@@ -65,21 +58,6 @@ RUNS, BASELINES = "runs.jsonl", "baselines.json"
 RELATIVES_FILE = Path(__file__).parent / "sealed" / "other-simulator" / "relatives.csv"
 PER_GRASP = 250
 """Residuals of a grasp that the Gaussian process gets: it inverts a matrix of all of them."""
-COMMANDS = {
-    "answer": ("cases", "answers", "rounds"),
-    "explain": ("cases", "answers", "rounds"),
-    "baselines": ("cases", "answers", "rounds", "nulls", "null_cases"),
-    "score": ("answers", "labels"),
-}
-"""Commands and their paths."""
-HELP = {
-    "cases": "folder of the cases; of explain: one case",
-    "answers": "folder of the answers",
-    "rounds": "folder of the linear problems",
-    "nulls": "folder of rounds without mismatch",
-    "null_cases": "folder of the cases of these rounds",
-    "labels": "answers.json of labelled cases, or labels.json of concealed ones",
-}
 MIB = 1024
 """KiB, as Linux counts the memory of a process."""
 
@@ -120,22 +98,22 @@ def answer(cases: Path, answers: Path, rounds: Path) -> None:
         command = [sys.executable, __file__, "explain", str(folder), str(answers), str(rounds)]
         ended = subprocess.run(command, env=environment, check=False, capture_output=True, text=True)
         sys.stderr.write(ended.stderr)
-        run = (
+        cost = (
             json.loads(ended.stdout.splitlines()[-1])
             if ended.returncode == 0
             else {"exit_status": ended.returncode, "said": ended.stderr[-2000:]}
         )
         with (answers / RUNS).open("a", encoding="utf-8") as file:
-            file.write(json.dumps({"case": folder.name} | run) + "\n")
-        print(f"{folder.name}: {run.get('cpu_s', float('nan')):.0f} CPU-s", flush=True)
+            file.write(json.dumps({"case": folder.name} | cost) + "\n")
+        print(f"{folder.name}: {cost.get('cpu_s', float('nan')):.0f} CPU-s", flush=True)
 
 
-def explain(folder: Path, answers: Path, rounds: Path) -> dict[str, Any]:
-    """One case by the product's own command in this process, and what it cost."""
+def explain(case: Path, answers: Path, rounds: Path) -> None:
+    """One case by the product's own command in this process; prints what it cost."""
     started = time.perf_counter()
     said = io.StringIO()
-    target = answers / f"{folder.name}.json"
-    command = ["drupe", "explain", str(folder), "--json", str(target), "--jobs", "1"]
+    target = answers / f"{case.name}.json"
+    command = ["drupe", "explain", str(case), "--json", str(target), "--jobs", "1"]
     status: Any = 0
     with captured() as kept, contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
         try:
@@ -144,7 +122,7 @@ def explain(folder: Path, answers: Path, rounds: Path) -> dict[str, Any]:
         except SystemExit as ended:
             status = ended.code
     used = resource.getrusage(resource.RUSAGE_SELF)
-    run: dict[str, Any] = {
+    cost: dict[str, Any] = {
         "exit_status": int(status or 0),
         "code": code_version(ROOMS)[:12],
         "cpu_s": round(used.ru_utime + used.ru_stime, 1),
@@ -152,19 +130,19 @@ def explain(folder: Path, answers: Path, rounds: Path) -> dict[str, Any]:
         "peak_MiB": round(used.ru_maxrss / MIB),
     }
     if not target.is_file():
-        run["said"] = " ".join(said.getvalue().split())[-2000:]
+        cost["said"] = " ".join(said.getvalue().split())[-2000:]
     elif kept.case is not None and kept.information is not None:
         before = json.loads(target.read_text(encoding="utf-8"))["E_MPa"]["before"]
         linear = kept.case.linear()
-        run |= {
+        cost |= {
             "chi2": linear.null.chi2,
             "chi2_usual": kept.case.count * MISFIT,
             "catalogue": sorted(gains_of(linear)),
             "bounds": amplitude_bounds(kept.information, kept.case, E_MPa=before["value"]),
         }
         problem = replace(kept.case, facts=kept.case.facts | {"E_MPa": [before["value"], before["sd"]]})
-        store(rounds / f"{folder.name}.npz", problem)
-    return run
+        store(rounds / f"{case.name}.npz", problem)
+    print(json.dumps(cost))
 
 
 def runs_in(answers: Path) -> list[dict[str, Any]]:
@@ -174,7 +152,7 @@ def runs_in(answers: Path) -> list[dict[str, Any]]:
     return [json.loads(line) for line in lines]
 
 
-def answer_baselines(cases: Path, answers: Path, rounds: Path, nulls: Path, null_cases: Path) -> None:
+def baselines(cases: Path, answers: Path, rounds: Path, nulls: Path, null_cases: Path) -> None:
     """The other methods' answers to all cases that have a round."""
     from baselines import Forest, gaussian_process, modulus_alone, sparse_regression, threshold_of
 
@@ -219,10 +197,7 @@ def residual_samples(folder: Path) -> Float[np.ndarray, "s 6"]:
     """Markers and frames in contact drawn at random: place on the patch twice (mm), share of the peak load,
     time (s), the plain model's residual and the response to 1/E along the pad's normal (mm).
     """
-    with tempfile.TemporaryDirectory() as work:
-        case = open_case(folder.resolve(), fruit_id=None, work=Path(work), out=None)
-        model, _ = case_model(mismatch_case(case, grasped_fruit(case.task, StageLog(str))))
-    recorded = [GraspEquations.of(model, recording) for recording in model.grasps]
+    model, recorded = opened(folder)
     linear = screened(model, recorded, ())
     rng = np.random.default_rng(0)
     samples = []
@@ -243,7 +218,7 @@ def residual_samples(folder: Path) -> Float[np.ndarray, "s 6"]:
     return np.array(samples, dtype=float).reshape(-1, 6)
 
 
-def score(answers: Path, labels: Path, manifest: Path | None, table: Path | None) -> int:
+def score(answers: Path, labels: Path, manifest: Path | None = None, csv: Path | None = None) -> int:
     """All tables of the answers against the labels; the exit status."""
     published = json.loads(labels.read_text(encoding="utf-8"))
     wrong = []
@@ -263,12 +238,8 @@ def score(answers: Path, labels: Path, manifest: Path | None, table: Path | None
     labelled = {case: scored_label(entry.get("label", entry), relatives) for case, entry in published.items()}
     rows = [row_of(run, answers) for run in runs if run["case"] in labelled]
     print("\n".join([*report(rows, labelled), *cost_lines(rows)]))
-    if table is not None:
-        records = case_table(rows, labelled)
-        with table.open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, list(records[0]))
-            writer.writeheader()
-            writer.writerows(records)
+    if csv is not None:
+        pd.DataFrame(case_table(rows, labelled)).to_csv(csv, index=False)
     return int(bool(wrong))
 
 
@@ -294,12 +265,12 @@ def sealed_text(entry: Mapping[str, Any]) -> str:
 
 def relatives_in(path: Path) -> dict[str, tuple[str, ...]]:
     """Answers that count as relatives, by each name of physics outside the catalogue."""
-    with path.open(newline="", encoding="utf-8") as file:
-        return {
-            name: tuple(row["relatives"].split())
-            for row in csv.DictReader(file)
-            for name in row["outside"].split()
-        }
+    table = pd.read_csv(path, keep_default_na=False)
+    return {
+        name: tuple(relatives.split())
+        for outside, relatives in zip(table["outside"], table["relatives"], strict=True)
+        for name in outside.split()
+    }
 
 
 def scored_label(label: Mapping[str, Any], relatives: Mapping[str, Sequence[str]]) -> dict[str, Any]:
@@ -308,14 +279,9 @@ def scored_label(label: Mapping[str, Any], relatives: Mapping[str, Sequence[str]
     inside = all(effect in SPECS for effect in effects)
     kind = "sound" if effects == [NONE] else "outside" if not inside else "pair" if effects[1:] else "single"
     parameters = label["parameters"]
-    sizes = {
-        effect: amplitude_of(effect, parameters.get(effect, {}) if effects[1:] else parameters)
-        for effect in effects
-        if inside
-    }
     truth = dict(label) | {
         "effect": "+".join(sorted(effects)),
-        "amplitudes": {effect: size for effect, size in sizes.items() if size is not None},
+        "amplitudes": amplitudes_of(effects, parameters) if inside else {},
         "parameters": dict(parameters) | ({"physics": label["effect"]} if kind == "outside" else {}),
     }
     known = relatives.get(str(label["effect"]), RELATIVES.get(str(label["effect"]), ()))
@@ -361,27 +327,5 @@ def with_interval(modulus: Mapping[str, float]) -> dict[str, Any]:
     return {**modulus, "interval": [modulus["value"] - spread, modulus["value"] + spread]}
 
 
-def main() -> int:
-    """Run what is asked for."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    commands = parser.add_subparsers(dest="command", required=True)
-    for name, places in COMMANDS.items():
-        command = commands.add_parser(name)
-        for place in places:
-            command.add_argument(place, type=Path, help=HELP[place])
-        if name == "score":
-            command.add_argument("--manifest", type=Path, help="manifest.json of concealed cases")
-            command.add_argument("--csv", type=Path, help="write one line per case to this file")
-    chosen = parser.parse_args()
-    places = [getattr(chosen, place).resolve() for place in COMMANDS[chosen.command]]
-    if chosen.command == "score":
-        return score(*places, chosen.manifest, chosen.csv)
-    if chosen.command == "explain":
-        print(json.dumps(explain(*places)))
-    else:
-        {"answer": answer, "baselines": answer_baselines}[chosen.command](*places)
-    return 0
-
-
 if __name__ == "__main__":
-    sys.exit(main())
+    run(answer, explain, baselines, score)

@@ -3,7 +3,7 @@
     python benchmarks/mismatch_bank.py simulate TRUTHS [FRUIT] [--jobs J]
     python benchmarks/mismatch_bank.py draw TRUTHS CASES [FRUIT] [--records R]
     python benchmarks/mismatch_bank.py reduce CASES ROUNDS [--jobs J]
-    FRUIT: [--effect NAME ...] [--first K] [--count N]
+    FRUIT: [--effect NAME --effect ...] [--first K] [--count N]
 
 Without --effect both are about fruit without mismatch. `simulate` stores one file per fruit and mesh; its
 effects need fruit of their own. `draw` writes one folder per case, and the
@@ -19,40 +19,30 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 import time
-from argparse import ArgumentParser, Namespace, RawDescriptionHelpFormatter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
+from typing import Annotated
+
+from script import run
+from typer import BadParameter, Option
 
 sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
 from cramer_rao import amplitude_bounds, information_of
-from reduced_case import ReducedCase, reduced, store
+from reduced_case import ReducedCase, opened, reduced, store
 
 from fem.fem_failure import FemFailure
 from fem.mismatch.catalogue import EFFECTS
-from fem.mismatch.evidence.grasp_equations import GraspEquations
-from fem.mismatch.procedure import case_model
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.screening import screened
 from pipeline.batch.outcome import FruitEnded
-from pipeline.diagnosis.diagnosed_case import open_case
-from pipeline.diagnosis.diagnosis import mismatch_case
-from pipeline.fruit.grasped import grasped_fruit
-from pipeline.fruit.stage_log import StageLog
 from pipeline.problem import BatchRefused
 from recon.recon_failure import ReconFailure
-from samples.mismatch.bank import (
-    DRAWN,
-    MESHES,
-    SIMULATED,
-    BankFruit,
-    draw_case,
-    simulate,
-    simulated,
-)
+from samples.mismatch import bank
+from samples.mismatch.bank import DRAWN, MESHES, SIMULATED, BankFruit
 from samples.mismatch.injected import OUT_OF_CATALOGUE
 from samples.sample_failure import SampleFailure
 from tactile.tactile_failure import TactileFailure
@@ -61,70 +51,90 @@ REFUSED = (BatchRefused, FruitEnded, ReconFailure, TactileFailure, FemFailure)
 """Failures that cost one case, not the others."""
 
 
-def main() -> None:
-    """Simulate, draw or reduce what is asked for; what fails is named and left out."""
-    chosen = arguments()
-    if chosen.command == "reduce":
-        reduce_cases(chosen)
-        return
-    effects = sorted(set(chosen.effect))
-    altered, added = (tuple(name for name in effects if name in kind) for kind in (SIMULATED, DRAWN))
-    numbers = range(chosen.first, chosen.first + chosen.count)
-    fruits = [BankFruit(number=k, effects=altered) for k in numbers]
-    if chosen.command == "simulate" and chosen.mesh is None:
-        jobs = [
+def simulate(
+    truths: Path,
+    effect: list[str] | None = None,
+    first: int = 0,
+    count: int = 1,
+    jobs: int = 1,
+    mesh: Annotated[int | None, Option(min=min(MESHES), max=max(MESHES), hidden=True)] = None,
+) -> None:
+    """Every fruit on every mesh, or on the one that is named, in this process."""
+    fruits = bank_fruits(effect or [], first, count, known=SIMULATED)
+    if mesh is None:
+        due = [
             ("--first", str(fruit.number), "--count", "1", "--mesh", str(mesh))
             for fruit in fruits
             for mesh in MESHES
         ]
-        in_own_processes(jobs, chosen.jobs)
+        in_own_processes(due, jobs)
         return
     for fruit in fruits:
         start = time.process_time()
-        try:
-            if chosen.command == "simulate":
-                simulate(chosen.truths, fruit, chosen.mesh)
-                print(f"{fruit.name}-m{chosen.mesh}: {time.process_time() - start:.0f} CPU-s", flush=True)
-                continue
-            truths = simulated(chosen.truths, fruit)
-            for record in range(1, chosen.records + 1):
-                case = draw_case(chosen.cases, fruit, truths, added=added, record=record)
-                print(case, flush=True)
-        except SampleFailure as failure:
-            print(f"{fruit.name}: {failure}", flush=True)
+        with named(fruit.name, SampleFailure):
+            bank.simulate(truths, fruit, mesh)
+            print(f"{fruit.name}-m{mesh}: {time.process_time() - start:.0f} CPU-s", flush=True)
 
 
-def reduce_cases(chosen: Namespace) -> None:
-    """Every case of the folder, or the one that is named, unless its file is there."""
-    names = (
-        [chosen.case]
-        if chosen.case
-        else sorted(path.parent.name for path in chosen.cases.glob("*/case.toml"))
-    )
-    due = [name for name in names if not (chosen.rounds / f"{name}.npz").exists()]
-    if not chosen.case:
-        in_own_processes([("--case", name) for name in due], chosen.jobs)
+def draw(
+    truths: Path,
+    cases: Path,
+    effect: list[str] | None = None,
+    first: int = 0,
+    count: int = 1,
+    records: int = 1,
+) -> None:
+    """So many cases of each fruit."""
+    added = tuple(name for name in sorted(set(effect or [])) if name in DRAWN)
+    for fruit in bank_fruits(effect or [], first, count, known=SIMULATED + DRAWN):
+        with named(fruit.name, SampleFailure):
+            stored = bank.simulated(truths, fruit)
+            for record in range(1, records + 1):
+                print(bank.draw_case(cases, fruit, stored, added=added, record=record), flush=True)
+
+
+def bank_fruits(effects: list[str], first: int, count: int, *, known: Sequence[str]) -> list[BankFruit]:
+    """Fruit with those of the effects that need fruit of their own."""
+    if unknown := set(effects) - set(known):
+        raise BadParameter(f"{', '.join(sorted(unknown))}: choose from {', '.join(known)}")
+    if len(effects) > 1 and not set(OUT_OF_CATALOGUE).isdisjoint(effects):
+        raise BadParameter(f"{' and '.join(OUT_OF_CATALOGUE)} come alone, without another effect")
+    altered = tuple(name for name in sorted(set(effects)) if name in SIMULATED)
+    return [BankFruit(number=k, effects=altered) for k in range(first, first + count)]
+
+
+def reduce(
+    cases: Path, rounds: Path, jobs: int = 1, case: Annotated[str | None, Option(hidden=True)] = None
+) -> None:
+    """Every case of the folder, or the one that is named, in this process, unless its file is there."""
+    names = [case] if case else sorted(path.parent.name for path in cases.glob("*/case.toml"))
+    due = [name for name in names if not (rounds / f"{name}.npz").exists()]
+    if not case:
+        in_own_processes([("--case", name) for name in due], jobs)
         return
     for name in due:
         start = time.process_time()
-        try:
-            case = linear_problem(chosen.cases / name)
-        except REFUSED as failure:
-            print(f"{name}: {failure}", flush=True)
-            continue
-        chosen.rounds.mkdir(parents=True, exist_ok=True)
-        store(chosen.rounds / f"{name}.npz", case)
-        print(f"{name}: {time.process_time() - start:.0f} CPU-s", flush=True)
+        with named(name, *REFUSED):
+            problem = linear_problem(cases / name)
+            rounds.mkdir(parents=True, exist_ok=True)
+            store(rounds / f"{name}.npz", problem)
+            print(f"{name}: {time.process_time() - start:.0f} CPU-s", flush=True)
+
+
+@contextmanager
+def named(name: str, *failures: type[Exception]) -> Iterator[None]:
+    """A failure of this fruit or case is printed and costs no other."""
+    try:
+        yield
+    except failures as failure:
+        print(f"{name}: {failure}", flush=True)
 
 
 def linear_problem(folder: Path) -> ReducedCase:
     """A case after the finder's linear round. Its facts hold the answer (answers.json beside the folder), and
     with an effect the least standard deviation of each effect's amplitude (Cramer and Rao).
     """
-    with tempfile.TemporaryDirectory() as work:
-        case = open_case(folder.resolve(), fruit_id=None, work=Path(work), out=None)
-        model, _ = case_model(mismatch_case(case, grasped_fruit(case.task, StageLog(str))))
-    recorded = [GraspEquations.of(model, recording) for recording in model.grasps]
+    model, recorded = opened(folder)
     linear = screened(model, recorded, EFFECTS)
     problem = reduced(model, recorded, linear)
     answers = json.loads((folder.parent / "answers.json").read_text(encoding="utf-8"))
@@ -140,43 +150,12 @@ def in_own_processes(jobs: Sequence[tuple[str, ...]], count: int) -> None:
     """This command for each of the jobs, on one thread each, so many at once: a crash costs no other."""
     environment = {**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
-    def run(job: tuple[str, ...]) -> None:
+    def run_one(job: tuple[str, ...]) -> None:
         subprocess.run([sys.executable, *sys.argv, *job], env=environment, check=False)
 
     with ThreadPoolExecutor(count) as pool:
-        list(pool.map(run, jobs))
-
-
-def arguments() -> Namespace:
-    """Of the command line."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    commands = parser.add_subparsers(dest="command", required=True)
-    for name in ("simulate", "draw"):
-        command = commands.add_parser(name)
-        command.add_argument("truths", type=Path, help="folder of the stored fruit")
-        command.add_argument("--first", type=int, default=0, help="number of the first fruit")
-        command.add_argument("--count", type=int, default=1, help="how many fruit")
-        command.add_argument(
-            "--effect", nargs="+", default=[], choices=SIMULATED if name == "simulate" else SIMULATED + DRAWN
-        )
-        if name == "simulate":
-            command.add_argument("--jobs", type=int, default=1, help="processes")
-            command.add_argument("--mesh", type=int, choices=MESHES, help="this alone, in this process")
-        else:
-            command.add_argument("cases", type=Path, help="folder of the cases")
-            command.add_argument("--records", type=int, default=1, help="cases of each fruit")
-    command = commands.add_parser("reduce")
-    command.add_argument("cases", type=Path, help="folder of cases, with answers.json")
-    command.add_argument("rounds", type=Path, help="folder of the reduced cases")
-    command.add_argument("--jobs", type=int, default=1, help="processes")
-    command.add_argument("--case", help="this alone, in this process")
-    chosen = parser.parse_args()
-    if chosen.command == "reduce":
-        return chosen
-    if len(chosen.effect) > 1 and not set(OUT_OF_CATALOGUE).isdisjoint(chosen.effect):
-        parser.error(f"{' and '.join(OUT_OF_CATALOGUE)} come alone, without another effect")
-    return chosen
+        list(pool.map(run_one, jobs))
 
 
 if __name__ == "__main__":
-    main()
+    run(simulate, draw, reduce)

@@ -12,22 +12,21 @@ fem/mismatch/evidence/model_error.csv from the cases without mismatch, and score
 changed by linear signatures, averaged over the posterior; the plain E has a relative error of PLAIN_E_SD.
 """
 
-import argparse
-import csv
 import sys
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
-from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from scipy.optimize import brentq
 from scipy.special import expit, polygamma
 from scipy.stats import kstest
+from script import run
 
 sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
 from apparent_shares import ModelError, file_text, fruit_of, large_deformation_line, null_cases
@@ -36,7 +35,7 @@ from ideal_confusion import ideal_names
 from psychometric import Curve, fitted_curve
 from reduced_case import ReducedCase, stored
 from scored_round import PLAIN_E_SD, ScoredRound, posterior, scored_round
-from sealed_report import modulus_line, name_probabilities
+from sealed_report import modulus_line, reliability_bins
 from sealed_scores import Scored, interval, share
 
 from fem.mismatch.evidence.model_error import FILE
@@ -141,7 +140,9 @@ def bound_lines(rounds: Sequence[ScoredRound]) -> list[str]:
     truths = sorted({each.scored.truth for each in rounds if each.over_bound(0) is not None})
     for effect in ("all", *truths):
         group = [each for each in rounds if effect in ("all", each.scored.truth)]
-        halves = ["-" if curve is None else _half(curve) for k in (0, 1) for curve in curves(group, k)[1]]
+        halves = [
+            "-" if curve is None else curve.half_in_words for k in (0, 1) for curve in curves(group, k)[1]
+        ]
         count = len(curves(group, 0)[0])
         lost = [_loss(each, each.scored.truth) for each in group if each.over_bound(0) is not None]
         lines.append(
@@ -154,10 +155,6 @@ def bound_lines(rounds: Sequence[ScoredRound]) -> list[str]:
         for effect in every
     ]
     return [*lines, "loss sqrt(I_noise / I_full), median over all cases with bounds: " + ", ".join(losses)]
-
-
-def _half(curve: Curve) -> str:
-    return f"{curve.half:.3g}" if curve.bracketed else f"({curve.half:.3g})"
 
 
 def _loss(each: ScoredRound, effect: str) -> float:
@@ -190,18 +187,6 @@ def log_score(each: ScoredRound) -> float:
     return float(
         np.log(max(dict(posterior(each.explanations)).get(each.scored.truth, 0.0), LEAST_PROBABILITY))
     )
-
-
-def reliability_bins(cases: Sequence[Scored]) -> list[tuple[float, float, int, int]]:
-    """Of each bin that is not empty: mean stated probability, share right, how many right, of how many."""
-    stated = name_probabilities(cases)
-    bins = []
-    for low, high in pairwise(RELIABILITY_BINS):
-        group = [(p, right) for p, right in stated if low <= p < high or p == high == 1.0]
-        if group:
-            count = sum(right for _, right in group)
-            bins.append((float(np.mean([p for p, _ in group])), count / len(group), count, len(group)))
-    return bins
 
 
 def modulus_lines(cases: Sequence[Scored]) -> list[str]:
@@ -270,7 +255,10 @@ def tables(rounds: Sequence[ScoredRound]) -> list[str]:
         *log_score_lines(rounds),
         "",
         "probability of the first name where a mismatch was detected: stated, share right, right of cases",
-        *(f"  {p:.2f} {right:.2f} {count} of {total}" for p, right, count, total in reliability_bins(cases)),
+        *(
+            f"  {p:.2f} {right:.2f} {count} of {total}"
+            for p, right, count, total in reliability_bins(cases, RELIABILITY_BINS).values()
+        ),
         "",
         *modulus_lines(cases),
         *(["", *ideal_lines(rounds)] if none else []),
@@ -292,10 +280,10 @@ def table_row(each: ScoredRound) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def figure(rounds: Sequence[ScoredRound]) -> Figure:
+def drawing(rounds: Sequence[ScoredRound]) -> Figure:
     """Psychometric curves on the left, the reliability diagram on the right."""
-    drawing = Figure(figsize=(10, 4.2), dpi=120, layout="constrained")
-    left, right = drawing.subplots(1, 2)
+    picture = Figure(figsize=(10, 4.2), dpi=120, layout="constrained")
+    left, right = picture.subplots(1, 2)
     stimuli, fitted = curves(rounds, 1)
     known = [
         each.scored for each in rounds if each.scored.kind == "single" and each.over_bound(1) is not None
@@ -321,7 +309,7 @@ def figure(rounds: Sequence[ScoredRound]) -> Figure:
     if left.get_legend_handles_labels()[0]:
         left.legend(loc="lower right")
     right.plot([0, 1], [0, 1], color="0.6", linewidth=1)
-    bins = reliability_bins([each.scored for each in rounds])
+    bins = reliability_bins([each.scored for each in rounds], RELIABILITY_BINS).values()
     for stated, _, count, total in bins:
         _point(right, stated, [True] * count + [False] * (total - count), "C2")
         right.annotate(
@@ -331,7 +319,7 @@ def figure(rounds: Sequence[ScoredRound]) -> Figure:
         xlabel="stated probability of the first name", ylabel="share right", xlim=(0, 1), ylim=(-0.03, 1.03),
         title=f"{sum(total for *_, total in bins)} cases with a mismatch detected",
     )  # fmt: skip
-    return drawing
+    return picture
 
 
 def _point(axes: Any, x: float, truths: Sequence[bool], colour: str) -> None:
@@ -358,41 +346,34 @@ def number(fruit: str) -> int:
     return int(fruit.rsplit("-", 1)[1])
 
 
-def main() -> None:
+def main(
+    rounds: Path,
+    error_of_other_fruit: bool = False,
+    write_model_error: bool = False,
+    figure: Path | None = None,
+    csv: Path | None = None,
+) -> None:
     """Write the model error, or print the scores."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("rounds", type=Path)
-    parser.add_argument("--error-of-other-fruit", action="store_true")
-    parser.add_argument("--write-model-error", action="store_true")
-    parser.add_argument("--figure", type=Path)
-    parser.add_argument("--csv", type=Path)
-    chosen = parser.parse_args()
-    cases = loaded(chosen.rounds)
-    if chosen.write_model_error:
-        none = {name: case for name, case in cases.items() if is_null(case)}
-        if not none:
-            raise SystemExit(f"{chosen.rounds} has no round without mismatch")
-        nulls = null_cases(none)
+    cases = loaded(rounds)
+    nulls = {name: case for name, case in cases.items() if is_null(case)}
+    if write_model_error:
+        if not nulls:
+            raise SystemExit(f"{rounds} has no round without mismatch")
+        measured = null_cases(nulls)
         command = "python benchmarks/mismatch_scores.py ROUNDS --write-model-error"
-        text = file_text(nulls, ModelError.of(nulls), command=command, written=datetime.now(UTC).date())
+        text = file_text(measured, ModelError.of(measured), command=command, written=datetime.now(UTC).date())
         (EVIDENCE / FILE).write_text(text, encoding="utf-8")
         print(text)
         return
-    errors = errors_of_other_fruit(cases) if chosen.error_of_other_fruit else {}
-    rounds = [scored_round(name, case, errors.get(fruit_of(name, case))) for name, case in cases.items()]
-    print("\n".join(tables(rounds)))
-    print(large_deformation_line([case for case in cases.values() if is_null(case)]))
-    if chosen.csv is not None:
-        rows = [table_row(each) for each in rounds]
-        with chosen.csv.open("w", encoding="utf-8", newline="") as file:
-            lines = csv.DictWriter(file, list(dict.fromkeys(key for row in rows for key in row)))
-            lines.writeheader()
-            lines.writerows(rows)
-    if chosen.figure is not None:
-        chosen.figure.write_bytes(png_of(figure(rounds)))
+    errors = errors_of_other_fruit(cases) if error_of_other_fruit else {}
+    scores = [scored_round(name, case, errors.get(fruit_of(name, case))) for name, case in cases.items()]
+    print("\n".join(tables(scores)))
+    print(large_deformation_line(list(nulls.values())))
+    if csv is not None:
+        pd.DataFrame([table_row(each) for each in scores]).to_csv(csv, index=False)
+    if figure is not None:
+        figure.write_bytes(png_of(drawing(scores)))
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -1,4 +1,4 @@
-"""A benchmark as a command: its options are the arguments of its `main`."""
+"""A benchmark as commands: their options are the arguments of its functions."""
 
 from collections.abc import Callable
 from functools import wraps
@@ -15,17 +15,22 @@ def in_half(number: int, half: Half) -> bool:
     return half == "all" or number % 2 == (half == "odd")
 
 
-def run(main: Callable[..., int | None]) -> None:
-    """Calls `main` with what the command line says, and ends with the status that it returns.
+def run(*commands: Callable[..., int | None]) -> None:
+    """Calls the command that the command line names, or the only one, and ends with the status it returns.
 
     `--help` shows the script's docstring.
     """
-
-    @wraps(main)
-    def command(**options: object) -> None:
-        raise typer.Exit(main(**options) or 0)
-
-    paragraphs = main.__globals__["__doc__"].split("\n\n")
-    app = typer.Typer(add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
-    app.command(help="\n\n".join(f"\b\n{paragraph}" for paragraph in paragraphs))(command)
+    paragraphs = commands[0].__globals__["__doc__"].split("\n\n")
+    words = "\n\n".join(f"\b\n{paragraph}" for paragraph in paragraphs)
+    app = typer.Typer(help=words, add_completion=False, rich_markup_mode=None, pretty_exceptions_enable=False)
+    for command in commands:
+        app.command(help=words if len(commands) == 1 else None)(_with_status(command))
     app()
+
+
+def _with_status(command: Callable[..., int | None]) -> Callable[..., None]:
+    @wraps(command)
+    def called(**options: object) -> None:
+        raise typer.Exit(command(**options) or 0)
+
+    return called

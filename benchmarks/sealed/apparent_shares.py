@@ -1,7 +1,5 @@
 """The model's own error, measured on stored rounds of fruit without mismatch."""
 
-import csv
-import io
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -153,25 +151,19 @@ def model_error_of(cases: Sequence[NullCase]) -> dict[str, float]:
     return dict(zip(effects, map(float, np.exp(fitted.x)), strict=True))
 
 
-def without_fruit(cases: Sequence[NullCase]) -> dict[str, dict[str, float]]:
-    """Shares by the other fruit, of each fruit."""
-    return {
-        fruit: model_error_of([case for case in cases if case.fruit != fruit])
-        for fruit in sorted({case.fruit for case in cases})
-    }
-
-
 def scale_prior_of(cases: Sequence[NullCase]) -> ScalePrior:
     """The prior of the error's scale by cases without mismatch, with the shares of the other fruit.
 
     ln p(b | k) of a fruit is the mean over its cases.
     """
-    curves: dict[str, list[list[float]]] = {}
-    shares = without_fruit(cases)
-    for case in cases:
-        curve = [case.log_density(shares[case.fruit], scale) for scale in SCALES]
-        curves.setdefault(case.fruit, []).append(curve)
-    return likeliest_scale_prior(np.array([np.mean(each, axis=0) for each in curves.values()]))
+    by_fruit = []
+    for fruit in dict.fromkeys(case.fruit for case in cases):
+        shares = model_error_of([case for case in cases if case.fruit != fruit])
+        curves = [
+            [case.log_density(shares, scale) for scale in SCALES] for case in cases if case.fruit == fruit
+        ]
+        by_fruit.append(np.mean(curves, axis=0))
+    return likeliest_scale_prior(np.array(by_fruit))
 
 
 def likeliest_scale_prior(by_fruit: Float[np.ndarray, "n s"]) -> ScalePrior:
@@ -219,15 +211,12 @@ def large_deformation_line(cases: Sequence[ReducedCase]) -> str:
 def file_text(cases: Sequence[NullCase], error: ModelError, *, command: str, written: date) -> str:
     """Text of model_error.csv; its first lines say from how many cases it is, and by which command."""
     fruit = len({case.fruit for case in cases})
-    with io.StringIO() as file:
-        file.write(ORIGIN.format(cases=len(cases), fruit=fruit, command=command, written=written))
-        lines = csv.writer(file, lineterminator="\n")
-        lines.writerow(["effect", "share"])
-        lines.writerows([[SIZE, f"{error.prior.size:.3g}"], [FREEDOM, f"{error.prior.freedom:.3g}"]])
-        lines.writerows(
-            [effect, f"{share:.3g}"] for effect, share in error.shares.items() if share >= LISTED_SHARE
-        )
-        return file.getvalue()
+    listed = {SIZE: error.prior.size, FREEDOM: error.prior.freedom} | {
+        effect: share for effect, share in error.shares.items() if share >= LISTED_SHARE
+    }
+    lines = [f"{name},{number:.3g}\n" for name, number in listed.items()]
+    origin = ORIGIN.format(cases=len(cases), fruit=fruit, command=command, written=written)
+    return origin + "".join(["effect,share\n", *lines])
 
 
 def fruit_of(name: str, case: ReducedCase) -> str:

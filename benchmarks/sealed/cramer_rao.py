@@ -97,6 +97,15 @@ def amplitude_of(effect: str, parameters: Mapping[str, Any], **without: float) -
     return float(np.linalg.norm(change)) * (PER_AMOUNT[effect] if effect == "pose_error" else 1.0)
 
 
+def amplitudes_of(
+    effects: Sequence[str], parameters: Mapping[str, Any], **without: float
+) -> dict[str, float]:
+    """Of the effects that have one; of several effects `parameters` are by effect."""
+    by_effect = parameters if len(effects) > 1 else dict.fromkeys(effects, parameters)
+    sizes = {effect: amplitude_of(effect, by_effect.get(effect, {}), **without) for effect in effects}
+    return {effect: size for effect, size in sizes.items() if size is not None}
+
+
 def information_of(model: CaseModel, linear: LinearRound) -> np.ndarray:
     """N over all columns of a linear round, every sample counting as one.
 

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from parameter_errors import NINETY
-from sealed_scores import Scored, inside
+from sealed_scores import NINETY, Scored, inside
 
 METHODS = ("modulus alone", "Gaussian process", "sparse regression", "random forest")
 FINDER = "this finder"

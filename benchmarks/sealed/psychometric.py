@@ -33,6 +33,11 @@ class Curve:
         """Whether some are seen and some are not: else the half is where the prior and the cases leave it."""
         return 0 < self.seen < self.total
 
+    @property
+    def half_in_words(self) -> str:
+        """The half, in brackets unless it is bracketed by cases."""
+        return f"{self.half:.3g}" if self.bracketed else f"({self.half:.3g})"
+
 
 def fitted_curve(stimuli: Sequence[float], seen: Sequence[bool]) -> Curve | None:
     """The curve of these cases; None for fewer than FEWEST with a stimulus above zero."""

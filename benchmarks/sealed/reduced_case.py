@@ -5,6 +5,7 @@ It is taken while a case is explained, and replays the linear round without the 
 """
 
 import json
+import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,11 +21,18 @@ from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.evidence.model_error import model_error_columns, model_error_shares
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.observation_delta import Regressor
+from fem.mismatch.procedure import case_model
 from fem.mismatch.selection.screening import LinearRound, linear_round
 from fem.mismatch.signature_variant import ONE_WAY, Variant, of_pad
+from pipeline.diagnosis.diagnosed_case import open_case
+from pipeline.diagnosis.diagnosis import mismatch_case
+from pipeline.fruit.grasped import grasped_fruit
+from pipeline.fruit.stage_log import StageLog
 
 FORMAT = 2
 """Of the file; a reader refuses another."""
+WORDS = ("name", "sd", "mean", "positive", "least", "same_as")
+"""What a file keeps of a Regressor."""
 OF_MODEL_ERROR = ("model error", "discrepancy")
 """Roles of columns that stand for the model's own error."""
 
@@ -57,15 +65,7 @@ class ReducedCase:
     def gram(self) -> GramMatrix:
         """The products as selection takes them."""
         regressors = [
-            Regressor(
-                name=column["name"],
-                sd=column["sd"],
-                mean=column["mean"],
-                positive=column["positive"],
-                least=column["least"],
-                same_as=column.get("same_as"),
-                fields=(),
-            )
+            Regressor(fields=(), **{word: column[word] for word in WORDS if word in column})
             for column in self.columns
         ]
         return GramMatrix.from_products(regressors, self.rows, self.products)
@@ -146,6 +146,15 @@ def _variant(effect: Effect, label: str) -> Variant:
     return of_pad(label) if of_one_pad and label else ONE_WAY
 
 
+def opened(folder: Path) -> tuple[CaseModel, list[GraspEquations]]:
+    """The plain model of a case folder, and the equations of its recordings."""
+    with tempfile.TemporaryDirectory() as work:
+        case = open_case(folder.resolve(), fruit_id=None, work=Path(work), out=None)
+        model, _ = case_model(mismatch_case(case, grasped_fruit(case.task, StageLog(str))))
+    recorded = [GraspEquations.of(model, recording) for recording in model.grasps]
+    return model, recorded
+
+
 def gains_of(linear: LinearRound) -> dict[str, float]:
     """Each effect's best gain, ln evidence."""
     return {fit.effect.spec.name: float(fit.gain) for fit in linear.best}
@@ -185,26 +194,13 @@ def reduced(model: CaseModel, recorded: Sequence[GraspEquations], linear: Linear
 
 def column_words(column: Regressor, role: str) -> dict[str, Any]:
     """A column without its fields, as plain JSON values."""
-    return {
-        "name": column.name,
-        "sd": column.sd,
-        "mean": column.mean,
-        "positive": column.positive,
-        "least": column.least,
-        "same_as": column.same_as,
-        "role": role,
-    }
+    return {word: getattr(column, word) for word in WORDS} | {"role": role}
 
 
 def store(path: Path, case: ReducedCase) -> None:
     """Write a case, whole or not at all."""
-    words = {
-        "format": FORMAT,
-        "columns": case.columns,
-        "signatures": case.signatures,
-        "count": case.count,
-        "facts": case.facts,
-    }
+    kept = ("columns", "signatures", "count", "facts")
+    words = {"format": FORMAT} | {name: getattr(case, name) for name in kept}
     arrays: dict[str, Any] = {}
     for k, (rows, products) in enumerate(zip(case.rows, case.products, strict=True)):
         arrays[f"rows_{k}"] = rows.astype(np.int16)

@@ -6,7 +6,7 @@ from functools import cached_property
 from typing import Any
 
 from apparent_shares import ModelError, fruit_of
-from cramer_rao import NUISANCE, amplitude_bounds, amplitude_of
+from cramer_rao import NUISANCE, amplitude_bounds, amplitudes_of
 from reduced_case import OF_MODEL_ERROR, ReducedCase
 from sealed_scores import Scored, scored
 
@@ -127,15 +127,10 @@ def amplitudes(name: str, answer: Mapping[str, Any], effects: Sequence[str]) -> 
     """Of the true effects that have one. A wrong Poisson's ratio counts from the true one, and what the case
     states is drawn again.
     """
-    sizes = {}
-    for effect in effects:
-        parameters = answer["parameters"] if len(effects) == 1 else answer["parameters"][effect]
-        without = {}
-        added = tuple(answer.get("drawn_from", {}).get("added", ()))
-        if effect == "poisson_ratio" and effect in added:
-            drawn, _ = added_effects(name, added)
-            without = {effect: next(each.number("nu") for each in drawn if each.effect == effect)}
-        size = amplitude_of(effect, parameters, **without)
-        if size is not None:
-            sizes[effect] = size
-    return sizes
+    added, without = tuple(answer.get("drawn_from", {}).get("added", ())), {}
+    if {"poisson_ratio"} <= {*effects} & {*added}:
+        drawn, _ = added_effects(name, added)
+        without["poisson_ratio"] = next(
+            effect.number("nu") for effect in drawn if effect.effect == "poisson_ratio"
+        )
+    return amplitudes_of(effects, answer["parameters"], **without)

@@ -2,12 +2,12 @@
 
     python benchmarks/sealed/sealed_proof.py [--proof DIR] [--csv FILE]
 
-Only committed files are needed. The exit status is 1 where something is not as sealed.
+Only committed files are needed. --csv writes one line per case. The exit status is 1 where something is not
+as sealed.
 """
 
 import json
 import sys
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,9 @@ from typing import Any
 import pandas as pd
 from sealed_report import case_table, report
 from sealing import ANSWERS, LABELS, MANIFEST, SALT, broken_seals, canonical, order_of_commits, read_salt
+
+sys.path.append(str(Path(__file__).resolve().parents[1]))
+from script import run
 
 PROOF = Path(__file__).resolve().parent / "proof"
 """Where manifest, answers, salt and labels are."""
@@ -30,7 +33,7 @@ def rows_in(path: Path) -> list[dict[str, Any]]:
     return list(known.values())
 
 
-def check(proof: Path, table: Path | None) -> int:
+def main(proof: Path = PROOF, csv: Path | None = None) -> int:
     """Verify seals and order, then print the scores; the exit status."""
     seals = json.loads((proof / MANIFEST).read_text(encoding="utf-8"))["seals"]
     rows = rows_in(proof / ANSWERS)
@@ -42,19 +45,10 @@ def check(proof: Path, table: Path | None) -> int:
         "\n".join([*said, *broken, f"{len(labels) - len(broken)} of {len(labels)} labels are as sealed", ""])
     )
     print("\n".join(report(rows, labels)))
-    if table is not None:
-        pd.DataFrame(case_table(rows, labels)).to_csv(table, index=False, float_format="%.6g")
+    if csv is not None:
+        pd.DataFrame(case_table(rows, labels)).to_csv(csv, index=False, float_format="%.6g")
     return int(bool(broken) or ordered is False)
 
 
-def main() -> None:
-    """Check the proof that is asked for."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("--proof", type=Path, default=PROOF)
-    parser.add_argument("--csv", type=Path, default=None, help="file for one line per case")
-    chosen = parser.parse_args()
-    sys.exit(check(chosen.proof, chosen.csv))
-
-
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -6,6 +6,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from other_methods import method_table
 from psychometric import fitted_curve
 from scipy.stats import kstest
@@ -37,10 +38,7 @@ def report(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, Any]) -> list
 
 def tables(cases: Sequence[Scored]) -> list[str]:
     """Counts, confusion, reliability, coverage and curves of answered cases."""
-    sound = [case for case in cases if case.kind == "sound"]
-    singles = [case for case in cases if case.kind == "single"]
-    pairs = [case for case in cases if case.kind == "pair"]
-    outside = [case for case in cases if case.kind == "outside"]
+    sound, singles, pairs, outside = ([case for case in cases if case.kind == kind] for kind in KINDS[1:])
     plain = [single for single in singles if single.signal > PLAIN_SIGNAL]
     covered = [case.covered for case in (*singles, *pairs) if case.detected]
     wrong = [case.detected and not case.unknown and not case.related for case in outside]
@@ -104,17 +102,24 @@ def reliability(cases: Sequence[Scored]) -> list[str]:
     lines = [f"p of {len(p)} sound cases by tenths: {' '.join(map(str, counts))}"]
     if len(p) > 1:
         lines.append(f"  Kolmogorov and Smirnov against the uniform: {kstest(p, 'uniform').pvalue:.2g}")
-    said = name_probabilities(cases)
     lines.append("probability of the first name: mean said, share true, cases")
-    for low, high in pairwise(PROBABILITIES):
-        in_range = [(q, true) for q, true in said if low <= q < high or (high == 1.0 and q == 1.0)]
-        if in_range:
-            mean = np.mean([q for q, _ in in_range])
-            lines.append(
-                f"  {low:.2f} to {high:.2f}: {mean:.2f}, {np.mean([t for _, t in in_range]):.2f}, "
-                f"{len(in_range)}"
-            )
+    for (low, high), (mean, true, _, count) in reliability_bins(cases, PROBABILITIES).items():
+        lines.append(f"  {low:.2f} to {high:.2f}: {mean:.2f}, {true:.2f}, {count}")
     return lines
+
+
+def reliability_bins(
+    cases: Sequence[Scored], edges: Sequence[float]
+) -> dict[tuple[float, float], tuple[float, float, int, int]]:
+    """Of each bin that is not empty: mean stated probability, share right, how many right, of how many."""
+    stated = name_probabilities(cases)
+    bins = {}
+    for low, high in pairwise(edges):
+        group = [(p, right) for p, right in stated if low <= p < high or p == high == 1.0]
+        if group:
+            count = sum(right for _, right in group)
+            bins[low, high] = (float(np.mean([p for p, _ in group])), count / len(group), count, len(group))
+    return bins
 
 
 def coverage(cases: Sequence[Scored]) -> list[str]:
@@ -122,14 +127,11 @@ def coverage(cases: Sequence[Scored]) -> list[str]:
     rows = [row for case in cases for row in parameter_rows(case)]
     held = [bool(ok) for _, _, ok in rows if ok is not None]
     lines = [share("parameters inside their 90 % intervals", held)]
-    by_name: dict[str, list[tuple[float, bool | None]]] = {}
-    for name, error, ok in rows:
-        by_name.setdefault(name, []).append((error, ok))
     if rows:
         lines.append(f"  median |relative error| {np.median([error for _, error, _ in rows]):.1%}")
-    for name, checks in sorted(by_name.items()):
-        errors, known = [error for error, _ in checks], [ok for _, ok in checks if ok is not None]
-        lines.append(f"  {name:34s} {np.median(errors):7.1%}  inside {sum(known)} of {len(known)}")
+    for name, checks in pd.DataFrame(rows, columns=["name", "error", "ok"]).groupby("name"):
+        known = checks["ok"].dropna()
+        lines.append(f"  {name:34s} {checks['error'].median():7.1%}  inside {sum(known)} of {len(known)}")
     groups = {kind: [case for case in cases if kind in ("all", case.kind)] for kind in KINDS}
     for category in sorted({str(case.label.get("category")) for case in cases}):
         groups[f"sound {category}"] = [
@@ -153,32 +155,28 @@ def modulus_line(title: str, cases: Sequence[Scored], when: str) -> str:
 
 def case_table(rows: Sequence[Mapping[str, Any]], labels: Mapping[str, Any]) -> list[dict[str, Any]]:
     """One record for each case: truth, verdict, p, and E with its 90 % interval."""
-    table = []
-    for case in (scored(row, labels[row["case"]]) for row in rows if "failure" not in row):
-        (low, high), (graded_low, graded_high) = (
-            case.row["E_after"]["interval"],
-            case.row["E_before"]["interval"],
-        )
-        table.append(
-            {
-                "case": case.case,
-                "kind": case.kind,
-                "truth": case.physics or case.truth,
-                "category": case.label["category"],
-                "law": case.label.get("law", ""),
-                "E_true_MPa": case.label["E_MPa"],
-                "E_grade_MPa": case.row["E_before"]["value"],
-                "E_grade_low_MPa": graded_low,
-                "E_grade_high_MPa": graded_high,
-                "E_explain_MPa": case.row["E_after"]["value"],
-                "E_explain_low_MPa": low,
-                "E_explain_high_MPa": high,
-                "p_value": case.p,
-                "detected": case.detected,
-                "verdict": " | ".join(case.verdict),
-            }
-        )
-    return table
+    cases = [scored(row, labels[row["case"]]) for row in rows if "failure" not in row]
+    return [
+        {
+            "case": case.case,
+            "kind": case.kind,
+            "truth": case.physics or case.truth,
+            "category": case.label["category"],
+            "law": case.label.get("law", ""),
+            "E_true_MPa": case.label["E_MPa"],
+            **_columns_of("E_grade", case.row["E_before"]),
+            **_columns_of("E_explain", case.row["E_after"]),
+            "p_value": case.p,
+            "detected": case.detected,
+            "verdict": " | ".join(case.verdict),
+        }
+        for case in cases
+    ]
+
+
+def _columns_of(name: str, modulus: Mapping[str, Any]) -> dict[str, float]:
+    low, high = modulus["interval"]
+    return {f"{name}_MPa": modulus["value"], f"{name}_low_MPa": low, f"{name}_high_MPa": high}
 
 
 def curves(singles: Sequence[Scored]) -> list[str]:
@@ -194,7 +192,7 @@ def curves(singles: Sequence[Scored]) -> list[str]:
             [b for single in of_effect if (b := bound_of(single, effect)) is not None] or [np.nan]
         )
         half = [fitted_curve(stimuli, list(map(seen, of_effect))) for seen in SEEN]
-        cells = ["-" if c is None else _bracketed(f"{c.half:.3g}", c.bracketed) for c in half]
+        cells = ["-" if c is None else c.half_in_words for c in half]
         ratio = "-" if half[1] is None or not np.isfinite(bound) else f"{half[1].half / bound:.1f}"
         sd = f"{bound:.3g}" if np.isfinite(bound) else "-"
         lines.append(
@@ -206,14 +204,10 @@ def curves(singles: Sequence[Scored]) -> list[str]:
             curve = fitted_curve([stimulus(single) or 0.0 for single in usable], list(map(seen, usable)))
             if curve is not None:
                 lines.append(
-                    f"half {how} at {words} {_bracketed(f'{curve.half:.3g}', curve.bracketed)} "
+                    f"half {how} at {words} {curve.half_in_words} "
                     f"(steepness {curve.steepness:.2g}, {curve.seen} of {curve.total})"
                 )
     return lines
-
-
-def _bracketed(text: str, bracketed: bool) -> str:
-    return text if bracketed else f"({text})"
 
 
 def bound_of(case: Scored, effect: str) -> float | None:

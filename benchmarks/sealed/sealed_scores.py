@@ -10,13 +10,17 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from parameter_errors import parameter_errors
 from scipy.stats import binomtest
 
+from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import NONE, UNKNOWN
 
 NINETY_FIVE = 0.95
 """Of the binomial intervals (Clopper and Pearson 1934)."""
+NINETY = 1.645
+"""Standard deviations that hold 90 % of a normal distribution on either side."""
+PLACES = ("centre_mm",)
+"""Parameters whose size is where they count from: not scored by relative error."""
 IN_CATALOGUE = {"palm": "third_contact", "gel_softening": "gel_softening"}
 """Physics outside the catalogue, by the name that it would have inside; others keep their own."""
 RELATIVES = {
@@ -139,22 +143,36 @@ def inside(interval_of: Sequence[float] | None, truth: float) -> bool:
 def parameter_rows(case: Scored) -> list[tuple[str, float, bool | None]]:
     """Parameters of the true effect wherever it was refitted: name, relative error, inside the interval.
 
-    Whatever the verdict; of a vector inside where all components are.
+    Whatever the verdict. Words and places have no relative error and no row. Of several effects names begin
+    with the effect's own and a point.
     """
     refitted = next((c for c in case.row["ranking"] if c["effect"] == case.truth and c["refitted"]), None)
     if refitted is None or case.truth in (NONE, UNKNOWN):
         return []
-    parts = case.truth.split("+")
-    true = {
-        f"{effect}.{name}" if len(parts) > 1 else name: value
-        for effect in parts
-        for name, value in true_parameters(case, effect).items()
-    }
-    return [
-        (parameter.name, abs(parameter.error), all(parameter.inside) if parameter.inside else None)
-        for parameter in parameter_errors(parts, refitted["parameters"], true)
-        if parameter.error is not None
-    ]
+    effects, rows = case.truth.split("+"), []
+    for effect in effects:
+        true = true_parameters(case, effect)
+        for spec in SPECS[effect].parameters if effect in SPECS else ():
+            key = f"{effect}.{spec.name}" if len(effects) > 1 else spec.name
+            scorable = spec.name not in PLACES and not isinstance(true.get(spec.name), str)
+            if scorable and spec.name in true and key in refitted["parameters"]:
+                rows.append(
+                    (f"{effect}.{spec.name}", *_compared(refitted["parameters"][key], true[spec.name]))
+                )
+    return rows
+
+
+def _compared(said: Mapping[str, Any], truth: Any) -> tuple[float, bool | None]:
+    """The error's length over the truth's, and whether all components are inside; None without interval."""
+    value, wanted = (np.atleast_1d(np.array(x, dtype=float)) for x in (said["value"], truth))
+    size = max(float(np.linalg.norm(wanted)), np.finfo(float).tiny)
+    error = float(np.linalg.norm(value - wanted)) / size
+    if said["interval"] is not None:
+        return error, inside(said["interval"], wanted[0])
+    if said["sd"] is not None:
+        spread = NINETY * np.atleast_1d(np.array(said["sd"], dtype=float))
+        return error, bool((np.abs(value - wanted) <= spread).all())
+    return error, None
 
 
 def true_parameters(case: Scored, effect: str) -> dict[str, Any]:

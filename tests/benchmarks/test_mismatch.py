@@ -15,7 +15,7 @@ sys.path.append(str(Path(__file__).parents[1] / "fem"))
 from baselines import sparse_regression, threshold_of  # noqa: E402
 from cramer_rao import amplitude_bounds  # noqa: E402
 from injected_mismatch import E_MPA, injected_case, on_pad  # noqa: E402
-from mismatch import RELATIVES_FILE, captured, main, relatives_in, scored_label  # noqa: E402
+from mismatch import RELATIVES_FILE, captured, relatives_in, score, scored_label  # noqa: E402
 from reduced_case import gains_of, store, stored  # noqa: E402
 
 from fem.mismatch import procedure  # noqa: E402
@@ -84,14 +84,13 @@ def proof(tmp_path):
     return tmp_path
 
 
-def scored(proof, monkeypatch, capsys, *more):
-    answers, labels, manifest = (str(proof / name) for name in ("answers", "labels.json", "manifest.json"))
-    monkeypatch.setattr("sys.argv", ["x", "score", answers, labels, "--manifest", manifest, *more])
-    return main(), capsys.readouterr().out
+def scored(proof, capsys, csv=None):
+    status = score(proof / "answers", proof / "labels.json", proof / "manifest.json", csv)
+    return status, capsys.readouterr().out
 
 
-def test_right_labels_are_scored(proof, monkeypatch, capsys):
-    status, said = scored(proof, monkeypatch, capsys, "--csv", str(proof / "cases.csv"))
+def test_right_labels_are_scored(proof, capsys):
+    status, said = scored(proof, capsys, csv=proof / "cases.csv")
     assert status == 0
     for line in (
         "5 labels, all with the hashes",
@@ -111,40 +110,40 @@ def test_right_labels_are_scored(proof, monkeypatch, capsys):
     assert len((proof / "cases.csv").read_text().splitlines()) == 6
 
 
-def test_a_changed_label_is_named(proof, monkeypatch, capsys):
+def test_a_changed_label_is_named(proof, capsys):
     labels = json.loads((proof / "labels.json").read_text())
     labels["a-2"]["label"]["E_MPa"] = 0.51
     (proof / "labels.json").write_text(json.dumps(labels))
-    status, said = scored(proof, monkeypatch, capsys)
+    status, said = scored(proof, capsys)
     assert status == 1
     assert said.startswith("a-2: the label is not the one that was sealed\n")
 
 
-def test_a_label_that_is_missing_or_was_never_sealed_is_named(proof, monkeypatch, capsys):
+def test_a_label_that_is_missing_or_was_never_sealed_is_named(proof, capsys):
     labels = json.loads((proof / "labels.json").read_text())
     labels["b-1"] = labels.pop("a-1")
     (proof / "labels.json").write_text(json.dumps(labels))
-    status, said = scored(proof, monkeypatch, capsys)
+    status, said = scored(proof, capsys)
     assert status == 1
     assert said.splitlines()[:3] == ["a-1: no label", "b-1: a label without a seal", "b-1: no answer"]
 
 
-def test_a_refusal_counts_as_an_answer_with_its_reason(proof, monkeypatch, capsys):
+def test_a_refusal_counts_as_an_answer_with_its_reason(proof, capsys):
     (proof / "answers" / "a-2.json").unlink()
     runs = [json.loads(line) for line in (proof / "answers" / "runs.jsonl").read_text().splitlines()]
     runs[1] |= {"exit_status": 3, "said": "drupe: a-2: no contact"}
     (proof / "answers" / "runs.jsonl").write_text("".join(json.dumps(run) + "\n" for run in runs))
-    status, said = scored(proof, monkeypatch, capsys)
+    status, said = scored(proof, capsys)
     assert status == 0
     assert "4 answers, 1 cases without one" in said
     assert "a-2: drupe: a-2: no contact" in said
 
 
-def test_answers_of_two_states_of_the_code_are_refused(proof, monkeypatch, capsys):
+def test_answers_of_two_states_of_the_code_are_refused(proof, capsys):
     runs = [json.loads(line) for line in (proof / "answers" / "runs.jsonl").read_text().splitlines()]
     runs[1]["code"] = "d"
     (proof / "answers" / "runs.jsonl").write_text("".join(json.dumps(run) + "\n" for run in runs))
-    status, said = scored(proof, monkeypatch, capsys)
+    status, said = scored(proof, capsys)
     assert status == 1
     assert "several states of the code: c, d" in said
 

@@ -2,7 +2,6 @@
 
 import csv
 import re
-import sys
 from collections import Counter
 from dataclasses import replace
 
@@ -16,10 +15,11 @@ import mismatch_scores  # noqa: E402
 from clustered_share import clustered_interval  # noqa: E402
 from cramer_rao import amplitude_bounds, amplitude_of  # noqa: E402
 from ideal_confusion import drawn_amounts, ideal_names  # noqa: E402
-from mismatch_scores import false_alarms, log_score, main, reliability_bins, single_lines  # noqa: E402
+from mismatch_scores import RELIABILITY_BINS, false_alarms, log_score, main, single_lines  # noqa: E402
 from psychometric import fitted_curve  # noqa: E402
 from reduced_case import store  # noqa: E402
 from scored_round import full_bounds, scored_round  # noqa: E402
+from sealed_report import reliability_bins  # noqa: E402
 
 from samples.mismatch.bank import added_effects  # noqa: E402
 from samples.mismatch.injected import AMPLITUDES  # noqa: E402
@@ -107,7 +107,8 @@ def test_a_wrong_label_is_counted_as_a_miss():
     assert log_score(scored) < np.log(0.1)
     lines = single_lines([scored])
     assert "single effects: named first: 0 of 1" in " ".join(lines)
-    assert reliability_bins([scored.scored])[0][2:] == (0, 1)
+    ((_, _, count, total),) = reliability_bins([scored.scored], RELIABILITY_BINS).values()
+    assert (count, total) == (0, 1)
 
 
 def test_drawn_amounts_lie_their_number_of_bounds_from_zero():
@@ -138,16 +139,11 @@ def rounds_folder(folder):
     return folder
 
 
-def run(monkeypatch, *arguments):
-    monkeypatch.setattr(sys, "argv", ["mismatch_scores.py", *map(str, arguments)])
-    main()
-
-
 def test_the_script_prints_tables_and_writes_a_figure_and_a_table(monkeypatch, tmp_path, capsys):
     monkeypatch.setattr(mismatch_scores, "DRAWS", 5)
     folder = rounds_folder(tmp_path)
     out, table = tmp_path / "scores.png", tmp_path / "scores.csv"
-    run(monkeypatch, folder, "--figure", out, "--csv", table)
+    main(folder, figure=out, csv=table)
     text = capsys.readouterr().out
     assert re.search(r"without mismatch: p < 0\.05 in \d of 10", text)
     assert "single effects: detected: " in text
@@ -166,7 +162,7 @@ def test_the_script_prints_tables_and_writes_a_figure_and_a_table(monkeypatch, t
 def test_the_model_error_is_that_of_all_fruit_without_mismatch(monkeypatch, tmp_path):
     (tmp_path / "evidence").mkdir()
     monkeypatch.setattr(mismatch_scores, "EVIDENCE", tmp_path / "evidence")
-    run(monkeypatch, rounds_folder(tmp_path), "--write-model-error")
+    main(rounds_folder(tmp_path), write_model_error=True)
     text = (tmp_path / "evidence" / "model_error.csv").read_text(encoding="utf-8")
     assert "10 cases of 5 fruit" in text
     assert "effect,share" in text
@@ -183,6 +179,6 @@ def test_no_fruit_is_scored_with_its_own_model_error(tmp_path):
     assert same == {fruit for fruit in before if mismatch_scores.number(fruit) % mismatch_scores.FOLDS == 0}
 
 
-def test_an_empty_folder_is_refused(monkeypatch, tmp_path):
+def test_an_empty_folder_is_refused(tmp_path):
     with pytest.raises(SystemExit, match="no stored round"):
-        run(monkeypatch, tmp_path)
+        main(tmp_path)

@@ -2,7 +2,6 @@
 
 import json
 import subprocess
-import sys
 
 import pytest
 from sealed_truths import label, put_on_path, row
@@ -47,28 +46,20 @@ def commit(folder):
     git(folder, "commit", "-q", "-m", "x")
 
 
-def checked(monkeypatch, folder):
-    """The command's exit status."""
-    monkeypatch.setattr(sys, "argv", ["sealed_proof.py", "--proof", str(folder / "proof")])
-    with pytest.raises(SystemExit) as end:
-        sealed_proof.main()
-    return end.value.code
-
-
-def test_a_proof_in_order_is_verified_and_scored(proof, monkeypatch, capsys):
-    assert checked(monkeypatch, proof) == 0
+def test_a_proof_in_order_is_verified_and_scored(proof, capsys):
+    assert sealed_proof.main(proof / "proof") == 0
     said = capsys.readouterr().out
     assert "3 of 3 labels are as sealed" in said
     assert "false alarms in sound cases: 0 of 2" in said
     assert "single effects detected: 0 of 1" in said
 
 
-def test_a_label_that_was_changed_is_found(proof, monkeypatch, capsys):
+def test_a_label_that_was_changed_is_found(proof, capsys):
     path = proof / "proof" / "labels.json"
     labels = json.loads(path.read_text())
     labels["case-3"]["attempts"][0]["E_MPa"] *= 1.001
     path.write_text(json.dumps(labels))
-    assert checked(monkeypatch, proof) == 1
+    assert sealed_proof.main(proof / "proof") == 1
     assert "case-3: the label is not the one that was sealed" in capsys.readouterr().out
 
 
@@ -79,10 +70,10 @@ def test_a_label_that_was_changed_is_found(proof, monkeypatch, capsys):
         (False, "answers.jsonl differs from what was committed"),
     ],
 )
-def test_an_answer_that_is_changed_after_the_reveal_is_found(proof, monkeypatch, capsys, is_committed, said):
+def test_an_answer_that_is_changed_after_the_reveal_is_found(proof, capsys, is_committed, said):
     path = proof / "proof" / "answers.jsonl"
     path.write_text(path.read_text().replace('"none"]', '"skin"]'))
     if is_committed:
         commit(proof)
-    assert checked(monkeypatch, proof) == 1
+    assert sealed_proof.main(proof / "proof") == 1
     assert said in capsys.readouterr().out
