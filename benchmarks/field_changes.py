@@ -42,6 +42,7 @@ FIELDS = {
     "rest": ("rest_mm",),
     "markers": ("rest_mm", "force_N", "displacement_mm"),
     "stiffness": ("gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm"),
+    "stiffness and force": ("gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm", "force_N"),
     "pose": ("pose",),
 }
 """Arrays of a pad by the name of the field."""
@@ -86,11 +87,6 @@ def picture_scale(times: float, *, sensor: str | None = None) -> Change:
     )
     renamed = each(lambda recording, rng: recording if sensor is None else replace(recording, sensor=sensor))
     return lambda fruit, other, rng: renamed(scaled(fruit, other, rng), other, rng)
-
-
-def both(first: Change, second: Change) -> Change:
-    """One change after the other."""
-    return lambda fruit, other, rng: second(first(fruit, other, rng), other, rng)
 
 
 def stated(**settings: str | float) -> Change:
@@ -282,12 +278,12 @@ def standing_still(pose: np.ndarray) -> np.ndarray:
     return np.broadcast_to(pose[0], pose.shape).copy()
 
 
-def exchanged(*fields: str) -> Change:
-    """These arrays of the left and the right pad exchanged."""
+def exchanged(field: str) -> Change:
+    """A field of the left and the right pad exchanged."""
 
     def change(recording: Recording, rng: np.random.Generator) -> Recording:
         pairs = zip(recording.pads, reversed(recording.pads), strict=True)
-        gels = (replace(pad, **{name: getattr(twin, name) for name in fields}) for pad, twin in pairs)
+        gels = (replace(pad, **{name: getattr(twin, name) for name in FIELDS[field]}) for pad, twin in pairs)
         return replace(recording, pads=tuple(gels))
 
     return each(change)

@@ -2,7 +2,7 @@
 
 from collections.abc import Set as AbstractSet
 from dataclasses import KW_ONLY, dataclass, replace
-from typing import Literal
+from typing import Any, Literal
 
 import field_changes as changes
 import numpy as np
@@ -56,11 +56,16 @@ def naming(first: Finding | Doubt | None, mistake: Mistake) -> Literal["named", 
     return "named" if clear else "among several"
 
 
+def gain(name: str, field: Field, times: float, *, only: int | None = None, **more: Any) -> Mistake:
+    """A field times a factor, of every pad or the `only` one: another unit, or another gain."""
+    return Mistake(name, changes.scaled(field, times, only=only), SCALE, field=field, **more)
+
+
 TURN_90 = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 TILT_90 = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 MIRROR = np.diag([-1.0, 1, 1])
 
-SCALE, OVER_EDGE = {Kind.SCALE}, {Kind.OVER_EDGE}
+SCALE, DEEP, OVER_EDGE = {Kind.SCALE}, {Kind.TOO_DEEP}, {Kind.OVER_EDGE}
 MISSING, DEAD = {Kind.MARKERS_MISSING}, {Kind.DEAD_MARKERS}
 ORDER = {Kind.OTHER_MARKERS, Kind.MARKERS_ORDER}
 NOT_OF_SENSOR = {Kind.STIFFNESS_NOT_OF_SENSOR}
@@ -69,20 +74,14 @@ PLACES = {Kind.WIDTH, Kind.ASIDE, Kind.PRINT_ASIDE}
 OF_A_MESH = PLACES | {Kind.PADS_EXCHANGED, Kind.MESH_TURNED}
 OF_OTHER_POSES = OF_A_MESH | {Kind.POSES_STILL, Kind.POSES_TURNED, Kind.APERTURE, Kind.TOO_DEEP}
 MISTAKES: tuple[Mistake, ...] = (
-    Mistake("force in grams", changes.scaled("force", 101.97), SCALE, field="force", unit="grams"),
-    Mistake("force in kN", changes.scaled("force", 1e-3), SCALE, field="force", unit="kilonewtons"),
-    Mistake("force in mN", changes.scaled("force", 1e3), SCALE, field="force", unit="millinewtons"),
-    Mistake("force in pounds", changes.scaled("force", 0.22481), SCALE, field="force", unit="pounds"),
-    Mistake("force x 1.3", changes.scaled("force", 1.3), SCALE, field="force"),
+    gain("force in grams", "force", 101.97, unit="grams"),
+    gain("force in kN", "force", 1e-3, unit="kilonewtons"),
+    gain("force in mN", "force", 1e3, unit="millinewtons"),
+    gain("force in pounds", "force", 0.22481, unit="pounds"),
+    gain("force x 1.3", "force", 1.3),
     Mistake("force sign", changes.scaled("force", -1.0), {Kind.SIGN}, field="force"),
-    Mistake(
-        "one pad's force in grams",
-        changes.scaled("force", 101.97, only=0),
-        SCALE,
-        field="force",
-        unit="grams",
-    ),
-    Mistake("one pad's force x 0.5", changes.scaled("force", 0.5, only=1), SCALE, field="force"),
+    gain("one pad's force in grams", "force", 101.97, only=0, unit="grams"),
+    gain("one pad's force x 0.5", "force", 0.5, only=1),
     Mistake("force x and z exchanged", changes.axes_exchanged("force"), {Kind.AXES}, field="force"),
     Mistake("force 5 frames late", changes.late("force", 5), {Kind.DELAY}),
     Mistake("force 2 frames early", changes.late("force", -2), {Kind.DELAY}),
@@ -90,30 +89,10 @@ MISTAKES: tuple[Mistake, ...] = (
     Mistake("force clipped at 80 %", changes.clipped("force", 0.8), CLIPPING, field="force"),
     Mistake("force offset, no tare", changes.offset(0.3), {Kind.NO_TARE}, harmless=True),
     Mistake("force in 6 steps", changes.rounded(6), set(), harmless=True),
-    Mistake(
-        "displacement in metres",
-        changes.scaled("displacement", 1e-3),
-        SCALE,
-        field="displacement",
-        among={Kind.TOO_DEEP},
-        unit="metres",
-    ),
-    Mistake(
-        "displacement in micrometres",
-        changes.scaled("displacement", 1e3),
-        SCALE,
-        field="displacement",
-        among={Kind.TOO_DEEP},
-        unit="micrometres",
-    ),
+    gain("displacement in metres", "displacement", 1e-3, among=DEEP, unit="metres"),
+    gain("displacement in micrometres", "displacement", 1e3, among=DEEP, unit="micrometres"),
     Mistake("displacement sign", changes.scaled("displacement", -1.0), {Kind.SIGN}, field="displacement"),
-    Mistake(
-        "displacement x 0.5",
-        changes.scaled("displacement", 0.5),
-        SCALE,
-        field="displacement",
-        among={Kind.TOO_DEEP},
-    ),
+    gain("displacement x 0.5", "displacement", 0.5, among=DEEP),
     Mistake(
         "displacement x and z exchanged",
         changes.axes_exchanged("displacement"),
@@ -195,27 +174,10 @@ MISTAKES: tuple[Mistake, ...] = (
         unit="centimetres",
         harmless=True,
     ),
-    Mistake(
-        "stiffness in kPa/mm",
-        changes.scaled("stiffness", 1e3),
-        SCALE,
-        field="stiffness",
-        unit="kPa/mm (or MPa/m)",
-        harmless=True,
-    ),
-    Mistake(
-        "stiffness of another gel", changes.scaled("stiffness", 2.2), SCALE, field="stiffness", harmless=True
-    ),
-    Mistake(
-        "stiffness and force x 2",
-        changes.both(changes.scaled("stiffness", 2.0), changes.scaled("force", 2.0)),
-        NOT_OF_SENSOR,
-    ),
-    Mistake(
-        "stiffness and force x 0.5",
-        changes.both(changes.scaled("stiffness", 0.5), changes.scaled("force", 0.5)),
-        NOT_OF_SENSOR,
-    ),
+    gain("stiffness in kPa/mm", "stiffness", 1e3, unit="kPa/mm (or MPa/m)", harmless=True),
+    gain("stiffness of another gel", "stiffness", 2.2, harmless=True),
+    Mistake("stiffness and force x 2", changes.scaled("stiffness and force", 2.0), NOT_OF_SENSOR),
+    Mistake("stiffness and force x 0.5", changes.scaled("stiffness and force", 0.5), NOT_OF_SENSOR),
     Mistake("picture scale 1.1", changes.picture_scale(1.1), {Kind.PITCH_NOT_OF_SENSOR}),
     Mistake("picture scale 0.9", changes.picture_scale(0.9), {Kind.PITCH_NOT_OF_SENSOR}),
     Mistake(
@@ -226,7 +188,7 @@ MISTAKES: tuple[Mistake, ...] = (
     ),
     Mistake(
         "displacement and force x 1.1, rest positions as designed",
-        changes.both(changes.scaled("displacement", 1.1), changes.scaled("force", 1.1)),
+        changes.scaled("both", 1.1),
         set(),
         covered=True,
     ),
@@ -251,7 +213,7 @@ MISTAKES: tuple[Mistake, ...] = (
     Mistake("poses of another day", changes.other_poses, set(), among=OF_OTHER_POSES),
     Mistake(
         "pads' signals exchanged",
-        changes.exchanged(*changes.FIELDS["markers"]),
+        changes.exchanged("markers"),
         {Kind.PADS_EXCHANGED},
         among=PLACES,
         harmless=True,

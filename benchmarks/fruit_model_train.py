@@ -1,6 +1,6 @@
 """Train the fruit model (recon/learned/fruit_model.py) and write it as ONNX.
 
-    python -m venv ENV && ENV/bin/pip install torch onnx numpy opencv-python-headless trimesh
+    python -m venv ENV && ENV/bin/pip install torch onnx numpy opencv-python-headless trimesh typer
     ENV/bin/python benchmarks/fruit_model_train.py OUT.onnx --close-ups FOLDER [--bank BANK]
         [--epochs 24] [--minutes 60] [--seed 1] [--threads 1]
 
@@ -13,13 +13,15 @@ alone; nothing of it is in the product.
 
 import json
 import time
-from argparse import ArgumentParser, RawDescriptionHelpFormatter
 from pathlib import Path
+from typing import Annotated
 
 import cv2
 import numpy as np
 import torch
 import trimesh
+import typer
+from script import run
 from torch import nn
 from torch.nn import functional
 
@@ -86,7 +88,7 @@ def enlarged(x: torch.Tensor) -> torch.Tensor:
     return functional.interpolate(x, scale_factor=2.0, mode="nearest")
 
 
-def close_ups(folder: Path) -> tuple[list[np.ndarray], list[np.ndarray], list[bool]]:
+def pictures(folder: Path) -> tuple[list[np.ndarray], list[np.ndarray], list[bool]]:
     """Images, cover, and which are kept back."""
     images, cover, kept = [], [], []
     for path in sorted(folder.glob("[0-9]*.npz")):
@@ -214,24 +216,23 @@ def print_kept_back(
     )
 
 
-def main() -> None:
+def main(
+    out: Path,
+    close_ups: Annotated[Path, typer.Option()],
+    bank: list[Path] | None = None,
+    epochs: float = 24,
+    minutes: float = 60,
+    seed: int = 1,
+    threads: int = 1,
+) -> None:
     """Trains and writes."""
-    parser = ArgumentParser(description=__doc__, formatter_class=RawDescriptionHelpFormatter)
-    parser.add_argument("out", type=Path)
-    parser.add_argument("--close-ups", type=Path, required=True)
-    parser.add_argument("--bank", type=Path, action="append", default=[])
-    parser.add_argument("--epochs", type=float, default=24)
-    parser.add_argument("--minutes", type=float, default=60)
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--threads", type=int, default=1)
-    options = parser.parse_args()
-    torch.manual_seed(options.seed)
-    torch.set_num_threads(options.threads)
-    cv2.setNumThreads(options.threads)
-    rng = np.random.default_rng(options.seed)
-    images, cover, kept = close_ups(options.close_ups)
-    for bank in options.bank:
-        more = bank_crops(bank, rng)
+    torch.manual_seed(seed)
+    torch.set_num_threads(threads)
+    cv2.setNumThreads(threads)
+    rng = np.random.default_rng(seed)
+    images, cover, kept = pictures(close_ups)
+    for folder in bank or []:
+        more = bank_crops(folder, rng)
         images, cover, kept = images + more[0], cover + more[1], kept + more[2]
     work = np.flatnonzero(~np.array(kept))
     held = np.flatnonzero(kept)
@@ -241,10 +242,10 @@ def main() -> None:
         model, multi_avg_fn=torch.optim.swa_utils.get_ema_multi_avg_fn(0.995), use_buffers=True
     )
     descent = torch.optim.AdamW(model.parameters(), lr=3e-3, weight_decay=0.01)
-    steps = int(options.epochs * len(work) / BATCH)
+    steps = int(epochs * len(work) / BATCH)
     start, total = time.monotonic(), 0.0
     for step in range(steps):
-        done = max(step / steps, (time.monotonic() - start) / (60 * options.minutes))
+        done = max(step / steps, (time.monotonic() - start) / (60 * minutes))
         if done >= 1:
             break
         for group in descent.param_groups:
@@ -268,13 +269,11 @@ def main() -> None:
             )
             total = 0.0
         if (step + 1) % 500 == 0:
-            write(mean.module, options.out)
+            write(mean.module, out)
             print_kept_back(mean.module, [images[i] for i in held], [cover[i] for i in held])
-    write(mean.module, options.out)
+    write(mean.module, out)
     print_kept_back(mean.module, [images[i] for i in held], [cover[i] for i in held])
-    print(
-        f"{sum(p.numel() for p in model.parameters())} weights, {options.out.stat().st_size / 2**20:.2f} MiB"
-    )
+    print(f"{sum(p.numel() for p in model.parameters())} weights, {out.stat().st_size / 2**20:.2f} MiB")
 
 
 def write(model: nn.Module, path: Path) -> None:
@@ -288,4 +287,4 @@ def write(model: nn.Module, path: Path) -> None:
 
 
 if __name__ == "__main__":
-    main()
+    run(main)

@@ -16,7 +16,6 @@ import pickle
 import shutil
 import time
 from pathlib import Path
-from typing import Literal
 
 import h5py
 import numpy as np
@@ -39,7 +38,7 @@ GOLDEN = 0.618034
 """Fractional parts of its multiples spread evenly: E of the copies."""
 
 
-def make(graded: Path, batch: Path, *, fruits: int) -> None:
+def make(graded: Path, batch: Path, fruits: int = 1000) -> None:
     """The batch of copies."""
     rng = np.random.default_rng(24)
     (batch / "fruits").mkdir(parents=True)
@@ -150,7 +149,7 @@ class Simulated:
         yield Finished(fruit_id, self._ended(fruit_id, packed))
 
 
-def simulate(graded: Path, batch: Path, *, jobs: int, work_s: float, reports: bool) -> None:
+def simulate(graded: Path, batch: Path, jobs: int = 2, work: float = 0.01, reports: bool = False) -> None:
     """`drupe grade` with such work, and what it cost."""
     shutil.rmtree(batch / "results", ignore_errors=True)
     original = graded / "results" / "fruits" / "N01"
@@ -182,7 +181,7 @@ def simulate(graded: Path, batch: Path, *, jobs: int, work_s: float, reports: bo
     grading.BatchProgress, grading.report, fruits_table.MOST_FRUIT = Measured, timed_report, 10**6
     if not reports:
         grading.report_so_far = lambda *_, **_how: None
-    grading._engine = lambda *_: Simulated(ended, jobs=jobs, work_s=work_s)
+    grading._engine = lambda *_: Simulated(ended, jobs=jobs, work_s=work)
     how = GradeOptions(jobs=jobs, time_limit_s=600)
     status, _ = grading.grade(batch, None, how, console=RunConsole(quiet=True))
     spent_s = time.process_time() - meter.cpu_s
@@ -190,21 +189,5 @@ def simulate(graded: Path, batch: Path, *, jobs: int, work_s: float, reports: bo
     print(f"this process: {spent_s:.1f} s of processor time, fruit's work included")
 
 
-def main(
-    what: Literal["make", "simulate"],
-    graded: Path,
-    batch: Path,
-    fruits: int = 1000,
-    work: float = 0.01,
-    jobs: int = 2,
-    reports: bool = False,
-) -> None:
-    """Prints a table."""
-    if what == "make":
-        make(graded, batch, fruits=fruits)
-    else:
-        simulate(graded, batch, jobs=jobs, work_s=work, reports=reports)
-
-
 if __name__ == "__main__":
-    run(main)
+    run(make, simulate)

@@ -76,7 +76,8 @@ def scored_round(name: str, case: ReducedCase, error: ModelError | None = None) 
     plain = Modulus(value=plain_E, sd=PLAIN_E_SD * plain_E)
     ranking = posterior(explanations)
     verdict = verdict_of(dict(ranking), p_value=detection.p_value)
-    after = averaged_modulus(explanations, NONE if verdict == (NONE,) else verdict, plain)
+    weighed = [(each.probability, modulus_by(each, None, plain, None)) for each in ranked(explanations)]
+    after = reported_modulus(NONE if verdict == (NONE,) else verdict, weighed, plain)
     row = {
         "case": name,
         "attempt": 0,
@@ -105,17 +106,6 @@ def scored_round(name: str, case: ReducedCase, error: ModelError | None = None) 
 def posterior(explanations: Sequence[Hypothesis]) -> list[tuple[str, float]]:
     """Names with their probabilities, likeliest first; "unknown" is among them."""
     return [(hypothesis.name, hypothesis.probability) for hypothesis in ranked(explanations)]
-
-
-def averaged_modulus(
-    explanations: Sequence[Hypothesis], verdict: str | tuple[str, ...], plain: Modulus
-) -> Modulus:
-    """E as the finder reports it, each explanation by its linear signature."""
-    weighed = [
-        (hypothesis.probability, modulus_by(hypothesis, None, plain, None))
-        for hypothesis in ranked(explanations)
-    ]
-    return reported_modulus(verdict, weighed, plain)
 
 
 def _in_words(modulus: Modulus) -> dict[str, Any]:
