@@ -60,10 +60,6 @@ class Cause:
     part: str
     noisy: bool = False
 
-    def off(self, rng: np.random.Generator) -> Off:
-        """A draw of it."""
-        return drawn_off(rng, self.budget)
-
 
 def causes(budget: ErrorBudget) -> dict[str, Cause]:
     """Every cause of an error bar that can be drawn, by name."""
@@ -112,7 +108,7 @@ def causes_alone(
         base = estimator.world.solved(Off())
         right = estimator.alone(base, rng=rng, sensor=SILENT, **options)
         for name, cause in causes(budget).items():
-            truths = base if cause.noisy else estimator.world.solved(cause.off(rng))
+            truths = base if cause.noisy else estimator.world.solved(drawn_off(rng, cause.budget))
             sensor = Sensor() if cause.noisy else SILENT
             for k, estimate in enumerate(estimator.alone(truths, rng=rng, sensor=sensor, **options)):
                 known = joint_modulus([estimate.evidence], budget=cause.budget, infer_pit=False)

@@ -1,5 +1,6 @@
 """The mistakes of the field that field_mistakes.py makes, and which findings name each."""
 
+from collections.abc import Callable
 from collections.abc import Set as AbstractSet
 from dataclasses import KW_ONLY, dataclass, replace
 from typing import Any, Literal
@@ -10,6 +11,7 @@ import numpy as np
 from pipeline.fruit.input_doubts import CategoryKind, Doubt, PitKind
 from tactile.consistency.finding import Field, Finding
 from tactile.consistency.finding import FindingKind as Kind
+from tactile.readers.recording import GelPad
 
 Said = Kind | PitKind | CategoryKind
 
@@ -61,12 +63,17 @@ def gain(name: str, field: Field, times: float, *, only: int | None = None, **mo
     return Mistake(name, changes.scaled(field, times, only=only), SCALE, field=field, **more)
 
 
+def missing(name: str, choose: Callable[[GelPad, np.random.Generator], np.ndarray]) -> Mistake:
+    """Markers that are not there."""
+    return Mistake(name, changes.without_markers(choose), {Kind.MARKERS_MISSING}, among={Kind.OVER_EDGE})
+
+
 TURN_90 = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
 TILT_90 = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
 MIRROR = np.diag([-1.0, 1, 1])
 
-SCALE, DEEP, OVER_EDGE = {Kind.SCALE}, {Kind.TOO_DEEP}, {Kind.OVER_EDGE}
-MISSING, DEAD = {Kind.MARKERS_MISSING}, {Kind.DEAD_MARKERS}
+SCALE, DEEP = {Kind.SCALE}, {Kind.TOO_DEEP}
+DEAD = {Kind.DEAD_MARKERS}
 ORDER = {Kind.OTHER_MARKERS, Kind.MARKERS_ORDER}
 NOT_OF_SENSOR = {Kind.STIFFNESS_NOT_OF_SENSOR}
 CLIPPING = {Kind.CLIPPED}
@@ -117,19 +124,9 @@ MISTAKES: tuple[Mistake, ...] = (
     Mistake("force's markers permuted", changes.permuted("force"), ORDER),
     Mistake("rest places permuted", changes.permuted("rest"), ORDER),
     Mistake("rest places in metres", changes.scaled("rest", 1e-3), {Kind.MARKERS_UNIT}, unit="metres"),
-    Mistake(
-        "30 % of markers missing",
-        changes.without_markers(lambda p, r: changes.some(len(p.rest_mm), 0.3, r)),
-        MISSING,
-        among=OVER_EDGE,
-    ),
-    Mistake("a hole in the markers", changes.without_markers(changes.hole), MISSING, among=OVER_EDGE),
-    Mistake(
-        "half of the markers missing",
-        changes.without_markers(lambda p, r: p.rest_mm[:, 0] > 0.2),
-        MISSING,
-        among=OVER_EDGE,
-    ),
+    missing("30 % of markers missing", lambda p, r: changes.some(len(p.rest_mm), 0.3, r)),
+    missing("a hole in the markers", changes.hole),
+    missing("half of the markers missing", lambda p, r: p.rest_mm[:, 0] > 0.2),
     Mistake("30 % zero throughout", changes.dead(0.3, "zero"), DEAD),
     Mistake("30 % zero from the middle", changes.dead(0.3, "zero-late"), DEAD),
     Mistake("30 % frozen from the middle", changes.dead(0.3, "frozen"), DEAD),

@@ -8,13 +8,13 @@ that fails. Further lines have the quantities by which tactile/consistency tells
 and gains, and how far given pits are from their category's, in their own units.
 """
 
-from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from itertools import chain
 from pathlib import Path
 from typing import Annotated
 
 import numpy as np
+import pandas as pd
 import typer
 from field_fruit import Fruit, cheap_fruit, fruits_in
 from script import Half, run
@@ -86,26 +86,24 @@ def main(
 ) -> None:
     """Prints the table."""
     fruits = [*fruits_in(folders or [], half).values(), *map(cheap_fruit, range(cheap))]
-    values_of: dict[str, list[float]] = defaultdict(list)
+    rows: list[tuple[str, float]] = []
     fails_above = 3.0 * float(np.sqrt(np.expm1(LIMIT / 5.0)))
     for fruit in fruits:
-        for name, value in of_pit(fruit):
-            values_of[name].append(value)
+        rows += of_pit(fruit)
         for recording in fruit.recordings:
             pressings = [pressing_of(pad) for pad in recording.pads if isinstance(pad, GelPad)]
-            for name, value in chain.from_iterable(map(of_pad, pressings)):
-                values_of[name].append(value)
+            rows += chain.from_iterable(map(of_pad, pressings))
             prints = [footprint(press, fruit.vertices, fruit.faces) for press in pressings]
-            for name, value in of_prints([imprint for imprint in prints if imprint is not None]):
-                values_of[name].append(value)
+            rows += of_prints([imprint for imprint in prints if imprint is not None])
             gels = known_gels(recording.sensor, None)
             compared = {"vertices": fruit.vertices, "faces": fruit.faces, "gels": tuple(gels)}
             situation = Situation(recording=recording, pressings=tuple(pressings), **compared)
             for misfit in (*signal_misfits(situation), *mesh_misfits(situation)):
-                values_of[" ".join(filter(None, (misfit.kind.value, misfit.field)))].append(misfit.sds)
+                rows.append((" ".join(filter(None, (misfit.kind.value, misfit.field))), misfit.sds))
     print(f"{'':47s} {'rms':>9s} {'median':>9s} {'least':>9s} {'most':>9s} {'fails':>9s}")
-    for name, values in values_of.items():
-        rms, fails = np.sqrt(np.mean(np.square(values))), np.mean(np.array(values) > fails_above)
+    relations = pd.DataFrame(rows, columns=["relation", "value"]).groupby("relation", sort=False)["value"]
+    for name, values in relations:
+        rms, fails = np.sqrt(np.mean(np.square(values))), np.mean(values > fails_above)
         numbers = (rms, np.median(values), min(values), max(values), fails)
         shown = " ".join(f"{value:9.3g}" for value in numbers)
         print(f"{name:47s} {shown}  ({len(values)})")

@@ -24,12 +24,8 @@ from tactile.markers.tracking import reference_of
 from tactile.reference_print import SURE, shown_print
 from tactile.tactile_failure import TactileFailure
 
+COLUMNS = ["sha256", "label", "bulge", "shading", "evidence", "failure"]
 LABELS = Path(__file__).with_suffix(".csv")
-
-
-def rgb(frame: np.ndarray) -> np.ndarray:
-    """OpenCV's blue, green, red the other way round."""
-    return np.ascontiguousarray(frame[..., ::-1])
 
 
 def main(folder: Path, half: Literal["even", "odd"] | None = None, out: Path | None = None) -> None:
@@ -39,24 +35,24 @@ def main(folder: Path, half: Literal["even", "odd"] | None = None, out: Path | N
     rows: list[dict[str, object]] = []
     for digest, path in clips_of(folder, half):
         frames = list(frames_of(path))
-        said = label.get(digest[:12], "")
+        row = {"sha256": digest[:12], "label": label.get(digest[:12], ""), "failure": ""}
         try:
-            first = rgb(frames[0])
+            first = np.ascontiguousarray(frames[0][..., ::-1])  # OpenCV has blue first
             shown = shown_print(first, reference_of(first, source="first frame"))
         except TactileFailure as failure:
-            rows.append({"sha256": digest[:12], "label": said, "failure": str(failure)})
-            continue
-        rows.append(
-            {"sha256": digest[:12], "label": said, "bulge": shown.bulge, "shading": shown.shading,
-             "evidence": shown.evidence, "failure": ""}
-        )  # fmt: skip
+            rows.append(row | {"failure": str(failure)})
+        else:
+            rows.append(row | {name: getattr(shown, name) for name in ("bulge", "shading", "evidence")})
+    table = pd.DataFrame(rows, columns=COLUMNS)
     for name in ("empty", "print", "loaded", "unclear"):
-        values = [float(str(row["evidence"])) for row in rows if row["label"] == name and not row["failure"]]
-        if values:
-            noticed, sure = sum(v >= 1.0 for v in values), sum(v >= SURE for v in values)
-            print(f"{name}: {len(values)}, noticed {noticed}, of them sure {sure}; largest {max(values):.2f}")
+        values = table["evidence"][(table["label"] == name) & (table["failure"] == "")]
+        if len(values):
+            noticed, sure = (values >= 1.0).sum(), (values >= SURE).sum()
+            print(
+                f"{name}: {len(values)}, noticed {noticed}, of them sure {sure}; largest {values.max():.2f}"
+            )
     if out is not None:
-        pd.DataFrame(rows).to_csv(out, index=False)
+        table.to_csv(out, index=False)
 
 
 if __name__ == "__main__":

@@ -10,7 +10,6 @@ medians over the runs.
 
 import itertools
 import time
-from collections.abc import Iterator
 
 import cv2
 import numpy as np
@@ -72,11 +71,6 @@ def picture(sensor: Sensor, moved_mm: np.ndarray, radius_px: float, rng: np.rand
     return np.clip(noisy, 0, 255).astype(np.uint8)
 
 
-def cycled(pictures: list[np.ndarray], frames: int) -> Iterator[np.ndarray]:
-    """`frames` pictures, over and over."""
-    return itertools.islice(itertools.cycle(pictures), frames)
-
-
 def timed(
     pictures: list[np.ndarray], sensor: Sensor, frames: int, *, lost: bool
 ) -> tuple[float, float, float, GelFields]:
@@ -87,7 +81,7 @@ def timed(
     assert sensor.camera is not None
     reference = reference_of(pictures[0], source="drawn")
     start = time.process_time()
-    position = track(reference, cycled(pictures, frames))
+    position = track(reference, itertools.islice(itertools.cycle(pictures), frames))
     tracking_s = (time.process_time() - start) / frames
     if lost:
         position[np.random.default_rng(2).random(position.shape[:2]) < LOST] = np.nan

@@ -69,11 +69,9 @@ def followed(frames: list[np.ndarray]) -> dict[str, float]:
 
 def kept_in_view(reference: ReferenceMarkers, position: np.ndarray) -> np.ndarray:
     """Markers that are seen, or whose last seen place lies well inside the frame: the others have left it."""
-    last = position.copy()
-    for t in range(1, len(last)):
-        last[t] = np.where(np.isfinite(last[t]), last[t], last[t - 1])
+    last = pd.DataFrame(position.reshape(len(position), -1)).ffill().to_numpy().reshape(-1, 2)
     margin = 2 * reference.look.radius_px
-    well_inside = inside(np.nan_to_num(last.reshape(-1, 2)), reference.shape, margin).reshape(last.shape[:2])
+    well_inside = inside(np.nan_to_num(last), reference.shape, margin).reshape(position.shape[:2])
     return np.asarray(np.isfinite(position[..., 0]) | well_inside)
 
 

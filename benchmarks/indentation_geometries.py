@@ -9,6 +9,7 @@ ten minutes.
 """
 
 import sys
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -62,23 +63,20 @@ def over_modulus(solid, strains, *, radius, height):
 
 def spheroids():
     """Rows of the table of spheroids with round rigid pits."""
-    for nu in ROUND_RATIOS:
-        for pit in PITS:
-            for along in LONG:
-                solid = spheroid(nu=nu, pit_share=pit, along=along, round_=34, out=10)
-                ratio = over_hertz(solid, SQUEEZES, nu=nu, along=along)
-                print(nu, pit, along, ratio.round(4), flush=True)
-                yield from ([nu, pit, along, x, f"{y:.5g}"] for x, y in zip(SQUEEZES, ratio, strict=True))
+    for nu, pit, along in product(ROUND_RATIOS, PITS, LONG):
+        solid = spheroid(nu=nu, pit_share=pit, along=along, round_=34, out=10)
+        ratio = over_hertz(solid, SQUEEZES, nu=nu, along=along)
+        print(nu, pit, along, ratio.round(4), flush=True)
+        yield from ([nu, pit, along, x, f"{y:.5g}"] for x, y in zip(SQUEEZES, ratio, strict=True))
 
 
 def cylinders():
     """Rows of the table of bonded cylinders."""
-    for nu in RATIOS:
-        for slender in SLENDER:
-            solid = cylinder(nu=nu, radius=0.5, height=slender, bonded=True, across=16, up=12)
-            ratio = over_modulus(solid, STRAINS, radius=0.5, height=slender)
-            print(nu, slender, ratio.round(4), flush=True)
-            yield from ([nu, slender, x, f"{y:.5g}"] for x, y in zip(STRAINS, ratio, strict=True))
+    for nu, slender in product(RATIOS, SLENDER):
+        solid = cylinder(nu=nu, radius=0.5, height=slender, bonded=True, across=16, up=12)
+        ratio = over_modulus(solid, STRAINS, radius=0.5, height=slender)
+        print(nu, slender, ratio.round(4), flush=True)
+        yield from ([nu, slender, x, f"{y:.5g}"] for x, y in zip(STRAINS, ratio, strict=True))
 
 
 def write_table(path, columns, rows):
@@ -86,47 +84,47 @@ def write_table(path, columns, rows):
     pd.DataFrame(rows, columns=columns.split()).to_csv(path, index=False)
 
 
+def force(geometry, approach_mm, *, nu=0.45, thickness_mm=None):
+    """N per MPa, by the curve of fem/indentation."""
+    curve = geometry.curve(thickness_mm=thickness_mm, poisson_ratio=nu)
+    return float(curve.force_N_per_MPa(np.array(approach_mm)))
+
+
 def checks():
     """Rows of the results: what is compared, at which depth, the curve's force over the elements'."""
     for cells in ((20, 8), (28, 10), (34, 10), (40, 14), (52, 18)):
         solid = spheroid(nu=0.45, pit_share=0.4, round_=cells[0], out=cells[1])
         fruit = Ellipsoid(diameters_mm=(2.0, 2.0, 2.0), axis=2, pit_share=0.4)
-        curve = fruit.curve(thickness_mm=None, poisson_ratio=0.45)
         for x in (0.02, 0.1, 0.2):
-            over = float(curve.force_N_per_MPa(np.array(2 * x))) / solid.force_at(1 - x)
+            over = force(fruit, 2 * x) / solid.force_at(1 - x)
             yield "sphere, pit 0.4", f"{cells[0]} x {cells[1]} elements", x, over
     for nu, along, pit in ((0.41, 0.88, 0.27), (0.47, 1.12, 0.57), (0.3, 1.4, 0.1), (0.25, 0.7, 0.45)):
         solid = spheroid(nu=nu, along=along, pit_share=pit, round_=40, out=14)
         fruit = Ellipsoid(diameters_mm=(2.0, 2.0, 2 * along), axis=2, pit_share=pit)
-        curve = fruit.curve(thickness_mm=None, poisson_ratio=nu)
         for x in (0.02, 0.1, 0.2):
-            over = float(curve.force_N_per_MPa(np.array(2 * along * x))) / solid.force_at(along * (1 - x))
+            over = force(fruit, 2 * along * x, nu=nu) / solid.force_at(along * (1 - x))
             yield f"spheroid {along:g}, pit {pit:g}, nu {nu:g}", "between the table's shapes", x, over
     for semi in ((30.0, 29.0, 26.0), (30.0, 27.0, 30.0)):
         fruit = Ellipsoid(diameters_mm=tuple(2 * s for s in semi), axis=2, pit_share=0.4)
-        curve = fruit.curve(thickness_mm=None, poisson_ratio=0.45)
         for x, edge_mm in ((0.03, 1.4), (0.03, 1.0), (0.05, 1.0)):
             truth = force_between(semi, pit_share=0.4, nu=0.45, squeeze=x, edge_mm=edge_mm)
-            over = float(curve.force_N_per_MPa(np.array(2 * semi[2] * x))) / truth
+            over = force(fruit, 2 * semi[2] * x) / truth
             yield f"triaxial {semi}, pit 0.4", f"tetrahedra at small strain, {edge_mm:g} mm", x, over
     for across, up in ((10, 8), (16, 12), (24, 18), (32, 24)):
         solid = cylinder(nu=0.45, radius=0.5, height=0.8, bonded=True, across=across, up=up)
         rod = Cylinder(diameter_mm=1.0, height_mm=0.8, ends="bonded")
-        curve = rod.curve(thickness_mm=None, poisson_ratio=0.45)
         for e in (0.02, 0.1, 0.2, 0.3):
-            over = float(curve.force_N_per_MPa(np.array(0.8 * e))) / solid.force_at(0.4 * (1 - e))
+            over = force(rod, 0.8 * e) / solid.force_at(0.4 * (1 - e))
             yield "bonded cylinder, height 0.8 D", f"{across} x {up} elements", e, over
     for inside, outside, down in ((10, 12, 10), (16, 20, 16), (24, 28, 22)):
         for thick in (5.0, 1.0, 0.5):
             cells = {"inside": inside, "outside": outside, "down": down}
             slab = punched_slab(nu=0.45, radius=1.0, thickness=thick, wide=8 + 4 * thick, **cells)
-            curve = FlatPunch(radius_mm=1.0).curve(thickness_mm=thick, poisson_ratio=0.45)
-            over = float(curve.force_N_per_MPa(np.array(0.01))) / slab.force_at(thick - 0.01)
+            over = force(FlatPunch(radius_mm=1.0), 0.01, thickness_mm=thick) / slab.force_at(thick - 0.01)
             yield f"punch, slab of {thick:g} radii", f"{inside + outside} x {down} elements", 0.01, over
     slab = punched_slab(nu=0.45, radius=1.0, thickness=2.0, wide=16.0, law=neo_hookean)
-    curve = FlatPunch(radius_mm=1.0).curve(thickness_mm=2.0, poisson_ratio=0.45)
     for d in (0.05, 0.1, 0.2, 0.3):
-        over = float(curve.force_N_per_MPa(np.array(d))) / slab.force_at(2 - d)
+        over = force(FlatPunch(radius_mm=1.0), d, thickness_mm=2.0) / slab.force_at(2 - d)
         yield "punch, slab of 2 radii", "finite strain", d, over
 
 

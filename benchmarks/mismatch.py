@@ -25,8 +25,9 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from unittest.mock import patch
 
@@ -37,7 +38,7 @@ from script import run
 
 sys.path.append(str(Path(__file__).resolve().parent / "sealed"))
 from cramer_rao import amplitude_bounds, amplitudes_of, information_of
-from reduced_case import ReducedCase, gains_of, opened, reduced, store, stored
+from reduced_case import gains_of, opened, reduced, store, stored
 from sealed_report import case_table, report
 from sealed_scores import NINETY, RELATIVES
 from sealing import broken_seals
@@ -62,18 +63,10 @@ MIB = 1024
 """KiB, as Linux counts the memory of a process."""
 
 
-@dataclass
-class Captured:
-    """The first linear round of an explanation and the information in it."""
-
-    case: ReducedCase | None = None
-    information: np.ndarray | None = None
-
-
 @contextlib.contextmanager
-def captured() -> Iterator[Captured]:
-    """While it holds, the finder's linear problem is kept."""
-    kept = Captured()
+def captured() -> Iterator[SimpleNamespace]:
+    """While it holds, the first linear round is kept: `case`, and the `information` in it; None before."""
+    kept = SimpleNamespace(case=None, information=None)
 
     def screening(model: Any, recorded: Any, effects: Any, **more: Any) -> Any:
         linear = screened(model, recorded, effects, **more)
@@ -131,7 +124,7 @@ def explain(case: Path, answers: Path, rounds: Path) -> None:
     }
     if not target.is_file():
         cost["said"] = " ".join(said.getvalue().split())[-2000:]
-    elif kept.case is not None and kept.information is not None:
+    elif kept.case is not None:
         before = json.loads(target.read_text(encoding="utf-8"))["E_MPa"]["before"]
         linear = kept.case.linear()
         cost |= {
@@ -154,7 +147,7 @@ def runs_in(answers: Path) -> list[dict[str, Any]]:
 
 def baselines(cases: Path, answers: Path, rounds: Path, nulls: Path, null_cases: Path) -> None:
     """The other methods' answers to all cases that have a round."""
-    from baselines import Forest, gaussian_process, modulus_alone, sparse_regression, threshold_of
+    from baselines import Forest, gaussian_process, sparse_regression, threshold_of
 
     null_paths = sorted(nulls.glob("*.npz"))
     without = [stored(path).with_shipped_model_error().linear() for path in null_paths]
@@ -176,7 +169,7 @@ def baselines(cases: Path, answers: Path, rounds: Path, nulls: Path, null_cases:
         case = stored(path)
         linear, E = case.linear(), tuple(case.facts["E_MPa"])
         by_case[path.stem] = {
-            "modulus alone": modulus_alone(E),
+            "modulus alone": {"verdict": [NONE], "order": [], "E": list(E)},
             "Gaussian process": gaussian_process(
                 residual_samples(cases / path.stem), E, least_gain=least_gain
             ),

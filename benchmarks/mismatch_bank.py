@@ -24,6 +24,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Annotated
 
@@ -62,11 +63,8 @@ def simulate(
     """Every fruit on every mesh, or on the one that is named, in this process."""
     fruits = bank_fruits(effect or [], first, count, known=SIMULATED)
     if mesh is None:
-        due = [
-            ("--first", str(fruit.number), "--count", "1", "--mesh", str(mesh))
-            for fruit in fruits
-            for mesh in MESHES
-        ]
+        each = product(range(first, first + count), MESHES)
+        due = [("--first", str(number), "--count", "1", "--mesh", str(mesh)) for number, mesh in each]
         in_own_processes(due, jobs)
         return
     for fruit in fruits:

@@ -63,15 +63,13 @@ def false_alarms(title: str, p: Sequence[tuple[str, float]]) -> list[str]:
     """Of cases without mismatch, as fruit and p: how often p is small, and whether it is uniform."""
     alarms = [p_value < DETECTION_P for _, p_value in p]
     low, high = clustered_interval([fruit for fruit, _ in p], alarms)
-    by_fruit: dict[str, list[float]] = {}
-    for fruit, p_value in p:
-        by_fruit.setdefault(fruit, []).append(p_value)
-    uniform = kstest([each[0] for each in by_fruit.values()], "uniform").pvalue
+    by_fruit = pd.DataFrame(p, columns=["fruit", "p"]).groupby("fruit", sort=False)["p"]
+    uniform = kstest(by_fruit.first(), "uniform").pvalue
     return [
         f"{title}: p < {DETECTION_P:g} in {sum(alarms)} of {len(alarms)} = {np.mean(alarms):.1%} "
         f"({low:.1%} to {high:.1%}, beta-binomial over {len(by_fruit)} fruit)",
         f"  Kolmogorov and Smirnov, the first case of each fruit against the uniform: {uniform:.2g}",
-        *(f"  {fruit}: {' '.join(f'{x:.3f}' for x in each)}" for fruit, each in by_fruit.items()),
+        *(f"  {fruit}: {' '.join(f'{x:.3f}' for x in each)}" for fruit, each in by_fruit),
     ]
 
 
@@ -122,12 +120,14 @@ def single_lines(rounds: Sequence[ScoredRound]) -> list[str]:
     ]
 
 
-def curves(rounds: Sequence[ScoredRound], which: int) -> tuple[list[float], list[Curve | None]]:
-    """Amplitudes over a bound, and their curves of detected and of named first."""
+def curves(
+    rounds: Sequence[ScoredRound], which: int
+) -> tuple[list[float], list[list[bool]], list[Curve | None]]:
+    """Amplitudes over a bound, whether each was detected and named first, and the curves of both."""
     known = [each for each in rounds if each.scored.kind == "single" and each.over_bound(which) is not None]
     stimuli = [each.over_bound(which) or 0.0 for each in known]
     seen = [[each.scored.detected for each in known], [each.scored.named_first for each in known]]
-    return stimuli, [fitted_curve(stimuli, each) for each in seen]
+    return stimuli, seen, [fitted_curve(stimuli, each) for each in seen]
 
 
 def bound_lines(rounds: Sequence[ScoredRound]) -> list[str]:
@@ -141,7 +141,7 @@ def bound_lines(rounds: Sequence[ScoredRound]) -> list[str]:
     for effect in ("all", *truths):
         group = [each for each in rounds if effect in ("all", each.scored.truth)]
         halves = [
-            "-" if curve is None else curve.half_in_words for k in (0, 1) for curve in curves(group, k)[1]
+            "-" if curve is None else curve.half_in_words for k in (0, 1) for curve in curves(group, k)[2]
         ]
         count = len(curves(group, 0)[0])
         lost = [_loss(each, each.scored.truth) for each in group if each.over_bound(0) is not None]
@@ -166,7 +166,8 @@ def log_score_lines(rounds: Sequence[ScoredRound]) -> list[str]:
     """Mean log probability of the truth by temperature and prior of none, without and with mismatch."""
     none = [each for each in rounds if each.scored.kind == "sound"]
     other = [each for each in rounds if each.scored.kind != "sound"]
-    lines = [f"mean log score of the truth, at least ln {LEAST_PROBABILITY:g} (shipped: {_shipped()})"]
+    shipped = f"prior {decision.PRIOR[NONE]:g}, temperature {decision.TEMPERATURE:g}"
+    lines = [f"mean log score of the truth, at least ln {LEAST_PROBABILITY:g} (shipped: {shipped})"]
     for prior in PRIORS_OF_NONE:
         left = (1 - prior) / (1 - decision.PRIOR[NONE])
         priors = {kind: prior if kind == NONE else left * p for kind, p in decision.PRIOR.items()}
@@ -176,10 +177,6 @@ def log_score_lines(rounds: Sequence[ScoredRound]) -> list[str]:
             words = " ".join(f"{np.mean(group):8.3f}" if group else f"{'-':>8s}" for group in scores)
             lines.append(f"  prior of none {prior:g}, temperature {temperature:4.2f}: {words}")
     return [*lines, f"  columns: {len(none)} without mismatch, {len(other)} with, all"]
-
-
-def _shipped() -> str:
-    return f"prior {decision.PRIOR[NONE]:g}, temperature {decision.TEMPERATURE:g}"
 
 
 def log_score(each: ScoredRound) -> float:
@@ -222,12 +219,10 @@ def usual_misfit(misfit: Sequence[tuple[str, float]]) -> tuple[float, float]:
     """Mean over cases without mismatch, as fruit and chi-square per number, and the degrees of freedom f of
     the chi-square that it scatters as: trigamma(f / 2) is the variance of its logarithm between fruit.
     """
-    by_fruit: dict[str, list[float]] = {}
-    for fruit, x in misfit:
-        by_fruit.setdefault(fruit, []).append(np.log(x))
-    variance = np.var([np.mean(each) for each in by_fruit.values()], ddof=1)
+    fruit, shares = zip(*misfit, strict=True)
+    variance = pd.Series(np.log(shares)).groupby(np.array(fruit)).mean().var()
     freedom = brentq(lambda f: polygamma(1, f / 2) - variance, 0.1, 1e4)
-    return float(np.mean([x for _, x in misfit])), float(freedom)
+    return float(np.mean(shares)), float(freedom)
 
 
 def misfit_of(each: ScoredRound) -> float:
@@ -284,15 +279,9 @@ def drawing(rounds: Sequence[ScoredRound]) -> Figure:
     """Psychometric curves on the left, the reliability diagram on the right."""
     picture = Figure(figsize=(10, 4.2), dpi=120, layout="constrained")
     left, right = picture.subplots(1, 2)
-    stimuli, fitted = curves(rounds, 1)
-    known = [
-        each.scored for each in rounds if each.scored.kind == "single" and each.over_bound(1) is not None
-    ]
-    kinds = (
-        ("detected", "C0", 0.96, [case.detected for case in known]),
-        ("named first", "C1", 1.04, [case.named_first for case in known]),
-    )
-    for (words, colour, shift, truths), curve in zip(kinds, fitted, strict=True):
+    stimuli, seen, fitted = curves(rounds, 1)
+    kinds = (("detected", "C0", 0.96), ("named first", "C1", 1.04))
+    for (words, colour, shift), truths, curve in zip(kinds, seen, fitted, strict=True):
         order = np.argsort(stimuli)
         for group in np.array_split(order, min(8, max(len(order) // 4, 1))) if len(order) else ():
             middle = shift * float(np.exp(np.mean(np.log(np.array(stimuli)[group]))))

@@ -30,9 +30,8 @@ def main(
 ) -> None:
     """Draws the sets that are not there."""
     numbers = range(first, first + sets)
-    order = [k for k in numbers if k % 2 == 0] + [k for k in numbers if k % 2]
-    if half is not None:
-        order = [k for k in order if k % 2 == (half == "scored")]
+    wanted = [k for k in numbers if half is None or k % 2 == (half == "scored")]
+    order = sorted(wanted, key=lambda k: k % 2)
     start = time.monotonic()
     for done, k in enumerate(order, start=1):
         scene = draw_scene(k, photos=photos, family=family)

@@ -62,24 +62,23 @@ class NamedTrace:
 
 def of_ball(folder: Path) -> Iterator[NamedTrace]:
     """Sheets whose first column is a time of test, second a force, third a travel, fourth the tools' gap."""
+    for name, (time_s, force_N, travel_mm, gap_mm) in ball_columns(folder):
+        known = float(gap_mm[0]) if gap_mm[0] > THINNEST_OVER_TRAVEL * np.ptp(travel_mm) else None
+        kept = np.r_[True, np.diff(time_s) > 0]
+        trace = trace_of(time_s[kept], force_N[kept], travel_mm[kept], Ball(radius_mm=BALL_MM))
+        yield NamedTrace(name, trace, known)
+
+
+def ball_columns(folder: Path) -> Iterator[tuple[str, np.ndarray]]:
+    """Name and columns of each sheet, and of each table."""
     for path in sorted([*folder.rglob("*ndentation*.xlsx"), *folder.rglob("*ndentation*.xls")]):
         for sheet, table in pd.read_excel(path, sheet_name=None, header=None, engine="calamine").items():
             if table.shape[1] < 4 or len(table) < 30 or not str(table.iloc[1, 0]).startswith("Temps"):
                 continue
             values = table.iloc[3:, :4].apply(pd.to_numeric, errors="coerce").dropna().to_numpy(dtype=float)
-            time_s, force_N, travel_mm, gap_mm = values.T
-            kept = np.r_[True, np.diff(time_s) > 0]
-            thick = float(gap_mm[0])
-            known = thick if thick > THINNEST_OVER_TRAVEL * np.ptp(travel_mm) else None
-            trace = trace_of(time_s[kept], force_N[kept], travel_mm[kept], Ball(radius_mm=BALL_MM))
-            yield NamedTrace(
-                f"{path.name[:6]} {'hold' if 'maintien' in path.name else 'relax'} {sheet}", trace, known
-            )
+            yield f"{path.name[:6]} {'hold' if 'maintien' in path.name else 'relax'} {sheet}", values.T
     for path in sorted(folder.glob("*__*.csv")):
-        time_s, force_N, travel_mm, gap_mm = np.loadtxt(path, delimiter=",", skiprows=1).T
-        known = float(gap_mm[0]) if gap_mm[0] > THINNEST_OVER_TRAVEL * np.ptp(travel_mm) else None
-        trace = trace_of(time_s, force_N, travel_mm, Ball(radius_mm=BALL_MM))
-        yield NamedTrace(path.stem.replace("__", " "), trace, known)
+        yield path.stem.replace("__", " "), np.loadtxt(path, delimiter=",", skiprows=1).T
 
 
 def of_gripper(folder: Path) -> Iterator[NamedTrace]:

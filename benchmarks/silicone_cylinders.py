@@ -84,6 +84,11 @@ def slope_kPa(trace: IndenterTrace, force_N: np.ndarray) -> float:
     return float(strain[used] @ stress[used] / (strain[used] @ strain[used]))
 
 
+def relative_rms(gap: np.ndarray, recorded: np.ndarray) -> float:
+    """Root mean square over that of what was recorded."""
+    return float(np.sqrt(np.mean(gap**2) / np.mean(recorded**2)))
+
+
 def log_evidence(trace: IndenterTrace) -> float:
     """Of the plain law and of stiffening, its forms equally likely, together."""
     law = linear_law(trace, thickness_mm=None, poisson_ratio=NU)
@@ -132,7 +137,7 @@ def best_published(trace: IndenterTrace, seen: np.ndarray) -> tuple[str, float]:
             return published_stress(name, p, stretch) - stress
 
         fitted = least_squares(lambda p, gap=gap: gap(p)[seen], start, x_scale=np.abs(start)).x
-        errors[name] = float(np.sqrt(np.mean(gap(fitted)[~seen] ** 2) / np.mean(stress[~seen] ** 2)))
+        errors[name] = relative_rms(gap(fitted)[~seen], stress[~seen])
     best = min(errors, key=lambda name: errors[name])
     return best, errors[best]
 
@@ -142,7 +147,7 @@ def predicted_error(trace: IndenterTrace, seen: np.ndarray) -> float:
     until = trace.cut(slice(0, int(seen.sum())))
     account = explain_trace(until, thickness_mm=None, poisson_ratio=NU, rng=np.random.default_rng(0))
     gap = (account.posterior.force_N(trace, unseen=~seen) - trace.force_N)[~seen]
-    return float(np.sqrt(np.mean(gap**2) / np.mean(trace.force_N[~seen] ** 2)))
+    return relative_rms(gap, trace.force_N[~seen])
 
 
 def scored(path: Path) -> dict[str, object]:

@@ -24,18 +24,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from script import run
-from silicone_cylinders import DIAMETER_MM, HEIGHT_MM, NU, published_stress, read, slope_kPa
+from silicone_cylinders import DIAMETER_MM, HEIGHT_MM, NU, published_stress, read, relative_rms, slope_kPa
 
 from fem.indentation.explain_trace import explain_trace
 from fem.indentation.trace import IndenterTrace
 
 SMALL = 1e-4
 """Strain of the central difference that gives the initial slope."""
-
-
-def force_error(trace: IndenterTrace, force_N: np.ndarray) -> float:
-    """Root mean square over that of the recorded force."""
-    return float(np.sqrt(np.mean((force_N - trace.force_N) ** 2) / np.mean(trace.force_N**2)))
 
 
 def published_force_N(trace: IndenterTrace, family: str, parameters: np.ndarray) -> np.ndarray:
@@ -54,7 +49,9 @@ def errors(traces: list[IndenterTrace], forces_N: list[np.ndarray]) -> dict[str,
     """Means over the curves."""
     pairs = list(zip(traces, forces_N, strict=True))
     return {
-        "force_error": float(np.mean([force_error(*pair) for pair in pairs])),
+        "force_error": float(
+            np.mean([relative_rms(force_N - trace.force_N, trace.force_N) for trace, force_N in pairs])
+        ),
         "slope_kPa": float(np.mean([slope_kPa(*pair) for pair in pairs])),
     }
 

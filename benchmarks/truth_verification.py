@@ -83,7 +83,7 @@ def verify(folder: Path, number: int) -> None:
         f"{len(stands.dofs)} in the patches, {meshed - start:.0f} + {spent - meshed:.0f} CPU-s",
         flush=True,
     )  # fmt: skip
-    table(ours.pads, pads_of(theirs), phases(grasp.motion))
+    table(ours.pads, gel_pads(theirs), phases(grasp.motion))
 
 
 def as_sample(truth: dict[str, Any], theirs: Recording) -> tuple[SampleFruit, MarkerSensor]:
@@ -140,22 +140,9 @@ def gel_pads(theirs: Recording) -> list[GelPad]:
     return [p for p in theirs.pads if isinstance(p, GelPad)]
 
 
-def pads_of(theirs: Recording) -> tuple[PadTruth, PadTruth]:
-    """A recording's pads, left then right."""
-    left, right = (
-        PadTruth(
-            pose=p.pose,
-            displacement_mm=np.asarray(p.displacement_mm, float),
-            force_N=np.asarray(p.force_N, float),
-        )
-        for p in gel_pads(theirs)
-    )
-    return left, right
-
-
 def table(
     ours: tuple[PadTruth, PadTruth],
-    theirs: tuple[PadTruth, PadTruth],
+    theirs: list[GelPad],
     phase: dict[str, Bool[np.ndarray, " t"]],
 ) -> None:
     """One line for each phase and pad."""

@@ -34,11 +34,6 @@ TREES, MULTIPLES, DRAWS, FOLDS = 200, (2, 4, 8, 16, 64, 256), 4, 3
 the cross-validation."""
 
 
-def modulus_alone(E: tuple[float, float]) -> dict[str, Any]:
-    """E by the plain model, and nothing else."""
-    return {"verdict": [NONE], "order": [], "E": list(E)}
-
-
 def sparse_regression(linear: LinearRound, E: tuple[float, float], *, threshold: float) -> dict[str, Any]:
     """The few terms of the library of signatures by lasso, then by thresholded least squares.
 
@@ -80,10 +75,7 @@ def threshold_of(rounds: Sequence[LinearRound], *, false_alarms: float) -> float
     """The threshold at which this share of rounds without mismatch keeps a term."""
     levels = np.arange(1.0, 60.0, 0.5)
     for level in levels:
-        kept = [
-            sparse_regression(linear_round, (1.0, 0.0), threshold=level)["order"] != []
-            for linear_round in rounds
-        ]
+        kept = [sparse_regression(each, (1.0, 0.0), threshold=level)["order"] != [] for each in rounds]
         if np.mean(kept) <= false_alarms:
             return float(level)
     return float(levels[-1])
@@ -170,16 +162,12 @@ class Forest:
         p_none: list[float] = []
         for fold in range(FOLDS):
             others = _fitted([each for j, each in enumerate(drawn) if j % FOLDS != fold])
-            p_none += [
-                _p_of(others, NONE, _features(linear, names, linear.equations.right[None]))
-                for linear in rounds[fold::FOLDS]
-            ]
+            p_none += [_probabilities(others, linear, names)[NONE] for linear in rounds[fold::FOLDS]]
         return cls(_fitted(drawn), names, float(np.quantile(p_none, false_alarms)))
 
     def answer(self, linear: LinearRound, E: tuple[float, float]) -> dict[str, Any]:
         """Verdict and order of one case. E is the plain model's."""
-        features = _features(linear, self.names, linear.equations.right[None])
-        p = dict(zip(self.model.classes_, self.model.predict_proba(features)[0], strict=True))
+        p = _probabilities(self.model, linear, self.names)
         alarm = p.pop(NONE) < self.none_at
         order = sorted(p, key=lambda name: -p[name]) if alarm else []
         return {"verdict": order[:1] or [NONE], "order": [str(name) for name in order], "E": list(E)}
@@ -209,5 +197,8 @@ def _fitted(drawn: Sequence[tuple[Float[np.ndarray, "d f"], list[str]]]) -> Rand
     return model.fit(np.vstack([X for X, _ in drawn]), [name for _, labels in drawn for name in labels])
 
 
-def _p_of(model: RandomForestClassifier, name: str, features: Float[np.ndarray, "1 f"]) -> float:
-    return float(model.predict_proba(features)[0][list(model.classes_).index(name)])
+def _probabilities(
+    model: RandomForestClassifier, linear: LinearRound, names: Sequence[str]
+) -> dict[str, float]:
+    features = _features(linear, names, linear.equations.right[None])
+    return dict(zip(model.classes_, model.predict_proba(features)[0], strict=True))

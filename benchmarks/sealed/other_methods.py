@@ -22,9 +22,9 @@ def finder_answer(case: Scored) -> dict[str, Any]:
 
 def method_table(cases: Sequence[Scored], *, lost: int = 0) -> list[str]:
     """One row per method over all answered cases; `lost`: cases without the finder's answer, told apart."""
-    answers: dict[str, list[dict[str, Any] | None]] = {FINDER: [finder_answer(case) for case in cases]}
-    for name in METHODS:
-        answers[name] = [case.row.get("baselines", {}).get(name) for case in cases]
+    answers = {FINDER: [finder_answer(case) for case in cases]} | {
+        name: [case.row.get("baselines", {}).get(name) for case in cases] for name in METHODS
+    }
     lines = ["", f"beside baselines ({len(cases)} cases{f', {lost} more without an answer' if lost else ''})"]
     lines.append(
         f"  {'':18s} {'false alarms':>14s} {'first name':>12s} {'both of pair':>13s} {'unknown':>9s} "

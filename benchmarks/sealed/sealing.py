@@ -73,23 +73,23 @@ def order_of_commits(folder: Path) -> tuple[bool | None, list[str]]:
             return None, [f"{name} was never committed: the order of the files could not be verified"]
         commits[name] = [line.split()[0] for line in log.splitlines()]
         said.append(f"{name}: first {log.splitlines()[-1]}, last {log.splitlines()[0]}")
-    ordered = len(commits[MANIFEST]) == 1
-    if not ordered:
-        said.append(f"{MANIFEST} was changed after its first commit")
-    for name in commits:
-        if _git(folder, "diff", "--quiet", "HEAD", "--", name) is None:
-            ordered = False
-            said.append(f"{name} differs from what was committed")
-    revealed = [commits[name][-1] for name in (SALT, LABELS)]
+    faults = []
+    if len(commits[MANIFEST]) > 1:
+        faults.append(f"{MANIFEST} was changed after its first commit")
+    faults += [
+        f"{name} differs from what was committed"
+        for name in commits
+        if _git(folder, "diff", "--quiet", "HEAD", "--", name) is None
+    ]
     for answer in commits[ANSWERS]:
         if not _is_before(folder, commits[MANIFEST][-1], answer):
-            ordered = False
-            said.append(f"the answers of {answer[:12]} do not come after the manifest")
-        for salt in revealed:
-            if not _is_before(folder, answer, salt):
-                ordered = False
-                said.append(f"the answers of {answer[:12]} do not come before salt and labels ({salt[:12]})")
-    return ordered, said
+            faults.append(f"the answers of {answer[:12]} do not come after the manifest")
+        faults += [
+            f"the answers of {answer[:12]} do not come before salt and labels ({salt[:12]})"
+            for salt in (commits[SALT][-1], commits[LABELS][-1])
+            if not _is_before(folder, answer, salt)
+        ]
+    return not faults, [*said, *faults]
 
 
 def _is_before(folder: Path, first: str, second: str) -> bool:
