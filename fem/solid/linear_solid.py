@@ -120,7 +120,8 @@ class UnitModulusSolid:
         """
         load = self._columns(nodal_force_N)
         displacement = self.kinematics @ self.factor.solve(self.kinematics.T @ load)
-        displacement -= self._of_balance(load, slice(None))
+        if self.support == "free":
+            displacement -= self._of_balance(load, self.free_body.body_forces.T @ displacement, slice(None))
         return np.ascontiguousarray(displacement.T).reshape(nodal_force_N.shape)
 
     def contact_displacement(self, nodal_force_N: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f c 3"]:
@@ -129,19 +130,23 @@ class UnitModulusSolid:
         dofs, moves, columns = self._contact_dofs
         displacement = np.zeros((len(dofs), load.shape[1]))
         displacement[moves] = self.factor.solve_at(self.kinematics.T @ load, columns)
-        displacement -= self._of_balance(load, dofs)
+        if self.support == "free":
+            displacement -= self._of_balance(load, self.under_body_forces.T @ load, dofs)
         return np.ascontiguousarray(displacement.T).reshape(len(nodal_force_N), -1, 3)
 
     def _of_balance(
-        self, load: Float[np.ndarray, "d f"], dofs: Int[np.ndarray, " c"] | slice
-    ) -> Float[np.ndarray, "c f"] | float:
-        """Displacement of these dofs by what balances a free fruit's loads, and the mean rigid motion."""
-        if self.support == "base":
-            return 0.0
+        self,
+        load: Float[np.ndarray, "d f"],
+        work: Float[np.ndarray, "6 f"],
+        dofs: Int[np.ndarray, " c"] | slice,
+    ) -> Float[np.ndarray, "c f"]:
+        """Displacement of these dofs by what balances a free fruit's loads, and the mean rigid motion.
+
+        `work`: of the body forces on the displacement by the loads alone.
+        """
         body, acceleration = self.free_body, self.free_body.acceleration(load)
-        work = self.under_body_forces.T @ load
-        work -= (body.body_forces.T @ self.under_body_forces) @ acceleration
-        motion = np.linalg.solve(body.inertia, work)
+        left = work - (body.body_forces.T @ self.under_body_forces) @ acceleration
+        motion = np.linalg.solve(body.inertia, left)
         return np.asarray(self.under_body_forces[dofs] @ acceleration + body.modes[dofs] @ motion)
 
     @cached_value
