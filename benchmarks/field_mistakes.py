@@ -43,6 +43,12 @@ from tactile.consistency.of_recording import recording_findings
 from tactile.readers.recording import write_recording
 
 
+def E_range_MPa(category: str) -> tuple[float, float] | None:
+    """What flesh of the category can have, as the product has it."""
+    plausible = load_prior(category).plausible
+    return None if plausible is None else plausible.E_MPa
+
+
 def category_doubts(fruit: Fruit) -> list[Doubt]:
     """What the category says of Poisson's ratio, and of the mesh where the pit is the category's."""
     prior = load_prior(fruit.category)
@@ -55,7 +61,6 @@ def category_doubts(fruit: Fruit) -> list[Doubt]:
 
 def findings_of(fruit: Fruit) -> list[Finding]:
     """What the checks say of its recordings, one after the other."""
-    plausible = load_prior(fruit.category).plausible
     return [
         finding
         for recording in fruit.recordings
@@ -63,7 +68,7 @@ def findings_of(fruit: Fruit) -> list[Finding]:
             recording,
             fruit.vertices,
             fruit.faces,
-            E_range_MPa=plausible and plausible.E_MPa,
+            E_range_MPa=E_range_MPa(fruit.category),
             gels=known_gels(recording.sensor, None),
         )
     ]
