@@ -8,6 +8,8 @@ Physiology 213) on the Neo-Hookean law in the form of Bonet and Wood (2008, "Non
 Finite Element Analysis", eq. 6.28). It has no memory; as a path law it is solved for all frames together.
 """
 
+from collections.abc import Callable
+
 import numpy as np
 from jaxtyping import Float
 
@@ -49,17 +51,22 @@ def neo_hookean_tangent(*, poisson_ratio: float) -> TangentLaw:
     """
     mu, lame = unit_lame_constants(poisson_ratio)
 
-    def added(gradient: Tensors, change: Tensors) -> Tensors:
+    def at(gradient: Tensors) -> Callable[[Tensors], Tensors]:
         cofactor, J, log_J = _cofactor(gradient)
         G = cofactor / J[:, :, None, None]
-        turned = np.einsum("mqjlf,mqklf->mqjkf", G, change)
-        tangent = np.einsum("mqjkf,mqkif->mqjif", turned, G)
-        tangent *= (mu - lame * log_J)[:, :, None, None]
-        tangent += mu * change
-        tangent += (lame * (G * change).sum(axis=(2, 3)))[:, :, None, None] * G
-        return np.asarray(tangent - linear_stress(change, poisson_ratio=poisson_ratio))
+        shear = (mu - lame * log_J)[:, :, None, None]
 
-    return added
+        def added(change: Tensors) -> Tensors:
+            turned = np.einsum("mqjlf,mqklf->mqjkf", G, change)
+            tangent = np.einsum("mqjkf,mqkif->mqjif", turned, G)
+            tangent *= shear
+            tangent += mu * change
+            tangent += (lame * (G * change).sum(axis=(2, 3)))[:, :, None, None] * G
+            return np.asarray(tangent - linear_stress(change, poisson_ratio=poisson_ratio))
+
+        return added
+
+    return at
 
 
 def fung_at_small_strain(*, poisson_ratio: float) -> PathLaw:

@@ -20,8 +20,8 @@ Points = Float[np.ndarray, "m 4 f"]
 PathLaw = Callable[[Tensors], Tensors]
 """Displacement gradients, frames in order of time, to the stress added (for E = 1 MPa)."""
 
-TangentLaw = Callable[[Tensors, Tensors], Tensors]
-"""Displacement gradients and a change of theirs to the change of the stress (for E = 1 MPa)."""
+TangentLaw = Callable[[Tensors], Callable[[Tensors], Tensors]]
+"""Displacement gradients to the linear map from their change to that of the stress (for E = 1 MPa)."""
 
 
 def symmetric(gradient: Tensors) -> Tensors:

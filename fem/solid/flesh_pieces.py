@@ -77,21 +77,23 @@ class FleshPieces:
 
         return self._summed(of_piece, len(displacement))
 
-    def tangent_forces(
-        self,
-        displacement: Float[np.ndarray, "f n 3"],
-        direction: Float[np.ndarray, "f n 3"],
-        law: TangentLaw,
-    ) -> Float[np.ndarray, "f n 3"]:
-        """Derivative of a law's nodal forces at a displacement, along a direction."""
-        frames = len(displacement)
-        at, along = _frames_last(displacement), _frames_last(direction)
+    def tangent(
+        self, displacement: Float[np.ndarray, "f n 3"], law: TangentLaw
+    ) -> Callable[[Float[np.ndarray, "f n 3"]], Float[np.ndarray, "f n 3"]]:
+        """Derivative of a law's nodal forces at a displacement, a function of the direction."""
+        frames, at = len(displacement), _frames_last(displacement)
+        maps = parallel_map(lambda piece: law(piece.gradient(at, frames)), self.pieces, workers=self.workers)
 
-        def of_piece(number: int) -> Float[np.ndarray, "n d"]:
-            piece = self.pieces[number]
-            return piece.forces(law(piece.gradient(at, frames), piece.gradient(along, frames)))
+        def forces(direction: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
+            along = _frames_last(direction)
 
-        return self._summed(of_piece, frames)
+            def of_piece(number: int) -> Float[np.ndarray, "n d"]:
+                piece = self.pieces[number]
+                return piece.forces(maps[number](piece.gradient(along, frames)))
+
+            return self._summed(of_piece, frames)
+
+        return forces
 
     def _summed(
         self, of_piece: Callable[[int], Float[np.ndarray, "_n _d"]], frames: int

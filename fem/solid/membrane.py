@@ -15,14 +15,10 @@ from fem.mesh.flesh_mesh import FleshMesh
 
 def membrane_stiffness(mesh: FleshMesh, *, poisson_ratio: float) -> csr_array:
     """Stiffness (3 n, 3 n) of a skin of Et = 1 N/mm on all outer faces; symmetric, N/mm."""
-    points, weights = tri_quadrature()
-    x = mesh.nodes_mm[mesh.outer_faces]
-    reference = t6_gradient(points)
-    tangent = np.einsum("qia,max->mqix", reference, x)
-    metric = np.einsum("mqix,mqjx->mqij", tangent, tangent)
-    area = np.sqrt(np.linalg.det(metric)) * weights
-    slope = np.einsum("mqij,mqjx,qia->mqax", np.linalg.inv(metric), tangent, reference, optimize=True)
-    along = np.einsum("mqij,mqix,mqjy->mqxy", np.linalg.inv(metric), tangent, tangent, optimize=True)
+    reference, tangent, metric, area = _at_rest(mesh)
+    inverse = np.linalg.inv(metric)
+    slope = np.einsum("mqij,mqjx,qia->mqax", inverse, tangent, reference, optimize=True)
+    along = np.einsum("mqij,mqix,mqjy->mqxy", inverse, tangent, tangent, optimize=True)
     shear = 0.5 / (1 + poisson_ratio)
     bulk = poisson_ratio / (1 - poisson_ratio**2)
     # e : e' of tangential strains: (slope . slope') P + slope' (x) slope, halved
@@ -41,14 +37,8 @@ def membrane_forces(
     With the tangents a_i and A_i of the skin with and without displacement, the strain in the plane is
     E_ij = (a_i . a_j - A_i . A_j) / 2 and the stress N of it as above (Saint Venant-Kirchhoff).
     """
-    points, weights = tri_quadrature()
-    reference = t6_gradient(points)
-    faces = mesh.outer_faces
-    x = mesh.nodes_mm[faces]
-    at_rest = np.einsum("qia,max->mqix", reference, x)
-    metric = np.einsum("mqix,mqjx->mqij", at_rest, at_rest)
-    inverse = np.linalg.inv(metric)
-    area = np.sqrt(np.linalg.det(metric)) * weights
+    reference, at_rest, metric, area = _at_rest(mesh)
+    inverse, faces = np.linalg.inv(metric), mesh.outer_faces
     shear, bulk = 1 / (1 + poisson_ratio), poisson_ratio / (1 - poisson_ratio**2)
     node_forces = np.zeros_like(displacement)
     for field, force in zip(displacement, node_forces, strict=True):
@@ -61,3 +51,19 @@ def membrane_forces(
         by_face = np.einsum("mqix,qia->max", flux, reference)
         np.add.at(force, faces, by_face)
     return node_forces
+
+
+def _at_rest(
+    mesh: FleshMesh,
+) -> tuple[
+    Float[np.ndarray, "q 2 6"],
+    Float[np.ndarray, "m q 2 3"],
+    Float[np.ndarray, "m q 2 2"],
+    Float[np.ndarray, "m q"],
+]:
+    """dN/dxi of the faces' shape functions, tangents A_i, A_i . A_j, and area of the quadrature points."""
+    points, weights = tri_quadrature()
+    reference = t6_gradient(points)
+    tangent = np.einsum("qia,max->mqix", reference, mesh.nodes_mm[mesh.outer_faces])
+    metric = np.einsum("mqix,mqjx->mqij", tangent, tangent)
+    return reference, tangent, metric, np.sqrt(np.linalg.det(metric)) * weights

@@ -26,9 +26,23 @@ PACKAGES = Path(__file__).resolve().parents[2]
 """The folder in which the rooms lie: pipeline/batch/cache.py is two below it."""
 ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples")
 LIBRARIES = (
-    "h5py", "manifold3d", "numpy", "onnxruntime", "open3d", "opencv-python-headless", "pi-heif", "pillow",
-    "pycolmap", "pymeshlab", "pymetis", "pytetwild", "pyvista", "scipy", "trimesh", "vtk",
-)  # fmt: skip
+    "h5py",
+    "manifold3d",
+    "numpy",
+    "onnxruntime",
+    "open3d",
+    "opencv-python-headless",
+    "pi-heif",
+    "pillow",
+    "pycolmap",
+    "pymeshlab",
+    "pymetis",
+    "pytetwild",
+    "pyvista",
+    "scipy",
+    "trimesh",
+    "vtk",
+)
 HEADER = "__header__"
 """Name, in a stage's file, of the JSON text that says of which key it is and what the record holds."""
 

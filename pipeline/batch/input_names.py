@@ -9,10 +9,20 @@ from recon.surface.mesh_file import SUFFIXES
 MESHES = SUFFIXES
 RECORDINGS = (".h5", ".hdf5", ".mat")
 """Suffixes of recordings; MATLAB's files of version 7.3 are HDF5."""
-SYSTEM_NAMES = frozenset({
-    "thumbs.db", "ehthumbs.db", "desktop.ini", "icon\r", "system volume information",
-    "network trash folder", "temporary items", "lost+found", "__macosx", "__pycache__",
-})  # fmt: skip
+SYSTEM_NAMES = frozenset(
+    {
+        "thumbs.db",
+        "ehthumbs.db",
+        "desktop.ini",
+        "icon\r",
+        "system volume information",
+        "network trash folder",
+        "temporary items",
+        "lost+found",
+        "__macosx",
+        "__pycache__",
+    }
+)
 """Files and folders that Windows, macOS, Linux and Python make by themselves, in lower case."""
 SYSTEM_STARTS = (".", "@", "#", "$", "~$")
 """First letters of hidden files, of folders of network storage (@eaDir, #recycle, $RECYCLE.BIN), and of the

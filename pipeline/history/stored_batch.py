@@ -153,16 +153,16 @@ def _batch(out: Path, results: Results, said: Mapping[str, Any]) -> StoredBatch:
     graded = {specimen.fruit_id for specimen in fruit}
     classes = (settings.get("grading") or {}).get("classes") or ()
     gripper, sensor = settings.get("gripper") or {}, settings.get("sensor") or {}
-    names: dict[str, Any] = {
-        name: settings.get(name) or "" for name in ("cultivar", "lot", "orchard", "operator")
-    }
     return StoredBatch(
         key=_key(inputs, settings),
         folder=str(said.get("batch") or out.resolve()),
         measured=settings.get("measured_on") or datetime.fromisoformat(said["started_utc"]).date(),
         graded_utc=said["started_utc"],
         category=settings["category"],
-        **names,
+        cultivar=settings.get("cultivar") or "",
+        lot=settings.get("lot") or "",
+        orchard=settings.get("orchard") or "",
+        operator=settings.get("operator") or "",
         gripper=gripper.get("name") or "",
         gripper_serial=gripper.get("serial") or "",
         sensor=sensor.get("name") or "",

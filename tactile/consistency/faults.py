@@ -77,8 +77,17 @@ def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
                     f"expected below {100 * most:.0f} %; press harder, or check the sensor"
                 )
                 refused, sd = shares[0] > NOISE_REFUSED, float(np.dot(E_PER_NOISE, shares))
-                of_pad: dict[str, Any] = {"pads": press.pads, "field": name, "hides_touch": True}
-                findings.append(Finding(FindingKind.NOISE, says, relative_sd=sd, refused=refused, **of_pad))
+                findings.append(
+                    Finding(
+                        FindingKind.NOISE,
+                        says,
+                        pads=press.pads,
+                        field=name,
+                        refused=refused,
+                        relative_sd=sd,
+                        hides_touch=True,
+                    )
+                )
                 break
     return findings
 

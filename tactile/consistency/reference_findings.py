@@ -1,7 +1,6 @@
 """Contact imprints on the picture of the untouched gel, and imprints that come with no force."""
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
@@ -59,5 +58,13 @@ def _print_findings(pad: GelPad) -> list[Finding]:
         f"reference shows a contact imprint ({pad.reference_print:.1f} times the limit for an empty gel), so "
         f"displacements are not relative to the untouched gel; {WHAT_TO_DO}"
     )
-    more: dict[str, Any] = {"refused": pad.reference_print >= SURE, "relative_sd": E_OF_A_PRINT}
-    return [Finding(FindingKind.REFERENCE_PRINT, says, pads=(pad.name,), hides_touch=True, **more)]
+    return [
+        Finding(
+            FindingKind.REFERENCE_PRINT,
+            says,
+            pads=(pad.name,),
+            refused=pad.reference_print >= SURE,
+            relative_sd=E_OF_A_PRINT,
+            hides_touch=True,
+        )
+    ]

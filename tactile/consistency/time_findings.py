@@ -1,7 +1,6 @@
 """Where a recording begins and ends, what its force is at rest, and its clock."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
 import numpy as np
 from jaxtyping import Float
@@ -60,8 +59,13 @@ def _start(press: Pressing) -> Iterator[Finding]:
             f"recording starts in contact ({100 * totals[0][0] / u:.0f} % of its peak in the first frame): "
             "the frames before first contact are missing; start recording before the jaws touch"
         )
-        more: dict[str, Any] = {"relative_sd": E_WITHOUT_TOUCH, "pads": press.pads, "hides_touch": True}
-        yield doubted(FindingKind.STARTS_IN_CONTACT, says, **more)
+        yield doubted(
+            FindingKind.STARTS_IN_CONTACT,
+            says,
+            relative_sd=E_WITHOUT_TOUCH,
+            pads=press.pads,
+            hides_touch=True,
+        )
     elif abs(rest_F) / F > TARE_SHARE and abs(rest_u) / u < 0.3 * TARE_SHARE:
         # tactile.contact sees no frame in the air where the whole pad's offset is larger than its own limit
         total = press.pad.force_N[:, :, 2].sum(axis=1)

@@ -182,9 +182,14 @@ def _felt(
     """One pad of a recording, frame by frame, with the gel's noise."""
     moved, pushed = measured(displacement_mm, force_N, NOISE, rng)
     return GelPad(
-        name=name, pose=pose, rest_mm=rest_mm, displacement_mm=moved, force_N=pushed,
-        gel_kn_MPa_per_mm=5.0, gel_kt_MPa_per_mm=1.0,
-    )  # fmt: skip
+        name=name,
+        pose=pose,
+        rest_mm=rest_mm,
+        displacement_mm=moved,
+        force_N=pushed,
+        gel_kn_MPa_per_mm=5.0,
+        gel_kt_MPa_per_mm=1.0,
+    )
 
 
 def _recording(loading: str, aperture_mm: np.ndarray, pads: Sequence[GelPad]) -> Recording:

@@ -23,9 +23,13 @@ def results(folder, *graded: str):
     )
     start = datetime(2026, 11, 1, tzinfo=UTC)
     batch = BatchEntry(
-        name="N1 and N10", category="nectarine", fruits=fruits, started_utc=start, finished_utc=start,
+        name="N1 and N10",
+        category="nectarine",
+        fruits=fruits,
+        started_utc=start,
+        finished_utc=start,
         exit_status=0,
-    )  # fmt: skip
+    )
     (folder / "report.html").write_text(report_html(batch), encoding="utf-8")
     return folder
 

@@ -59,7 +59,7 @@ def test_a_skin_stretched_equally_has_the_energy_of_the_closed_form():
 def test_the_tangent_is_that_of_the_neo_hookean_law():
     rng = np.random.default_rng(2)
     gradient, change = 0.1 * rng.normal(size=(2, 4, 3, 3, 5)), rng.normal(size=(2, 4, 3, 3, 5))
-    added = neo_hookean_tangent(poisson_ratio=NU)(gradient, change)
+    added = neo_hookean_tangent(poisson_ratio=NU)(gradient)(change)
 
     def by_points(tensors: np.ndarray) -> np.ndarray:  # [j, i] to [i, j]
         return np.moveaxis(tensors, -1, 2).reshape(-1, 3, 3).swapaxes(1, 2)

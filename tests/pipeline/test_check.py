@@ -97,13 +97,21 @@ def with_pit(batch, shift_mm):
     ("shift_mm", "status", "line", "last"),
     [
         (0.3, 0, "^$", "0 problems found in {}"),
-        (8.0, 2, "^fruits/A/pit.ply: pit.ply lies 8.0 mm from the expected place of a nectarine's pit",
-         "1 problem found in {}"),
-        (4.0, 4, "^fruits/A/pit.ply: pit.ply lies 4.0 mm from the expected place .*The mesh in pit.ply is "
-         r"shifted, uses another frame than fruit.ply.*E will be in doubt\.$",
-         "0 problems found in {}, and 1 finding that will put E in doubt"),
+        (
+            8.0,
+            2,
+            "^fruits/A/pit.ply: pit.ply lies 8.0 mm from the expected place of a nectarine's pit",
+            "1 problem found in {}",
+        ),
+        (
+            4.0,
+            4,
+            "^fruits/A/pit.ply: pit.ply lies 4.0 mm from the expected place .*The mesh in pit.ply is "
+            r"shifted, uses another frame than fruit.ply.*E will be in doubt\.$",
+            "0 problems found in {}, and 1 finding that will put E in doubt",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_pit_is_in_order_refused_or_doubted_as_grading_does(batch, shift_mm, status, line, last):
     with_pit(batch, shift_mm)
     ended, text = checked(batch)

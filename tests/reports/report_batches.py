@@ -68,6 +68,10 @@ def batch_of(*fruits):
     """A batch of these fruit and of nothing else."""
     start = datetime(2026, 8, 15, 9, 0, 0, tzinfo=UTC)
     return BatchEntry(
-        name="nothing", category="plum", fruits=fruits, started_utc=start,
-        finished_utc=start + timedelta(seconds=1), exit_status=0,
-    )  # fmt: skip
+        name="nothing",
+        category="plum",
+        fruits=fruits,
+        started_utc=start,
+        finished_utc=start + timedelta(seconds=1),
+        exit_status=0,
+    )

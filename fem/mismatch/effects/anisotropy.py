@@ -10,7 +10,7 @@ from fem.materials.fung_neo_hookean import deformation_gradient
 from fem.materials.strain_path import Tensors
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
-from fem.mismatch.kinds.linear_law import LinearLaw, finite_stress_operator, stress_operator
+from fem.mismatch.kinds.linear_law import LinearLaw, piecewise_operator, stress_operator
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.reduced_law import Operator
 
@@ -56,7 +56,7 @@ def _along_the_stem_finite(model: CaseModel) -> Operator:
         stress[:, :, 2] = mu * strain[:, :, None] * deformation_gradient(gradient)[:, :, 2]
         return stress
 
-    return finite_stress_operator(model, law)
+    return piecewise_operator(model, law)
 
 
 EFFECT: Effect = LinearLaw(spec=SPEC, sd=0.8, derivative=_along_the_stem, finite=_along_the_stem_finite)

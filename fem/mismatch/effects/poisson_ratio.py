@@ -7,7 +7,7 @@ from fem.elements.assembly import LARGEST_POISSON_RATIO, lame_constants_slope, u
 from fem.materials.fung_neo_hookean import neo_hookean_stress
 from fem.mismatch.effect import Effect
 from fem.mismatch.effect_spec import Correction, EffectParameter, EffectSpec, EffectWords, Scope
-from fem.mismatch.kinds.linear_law import LinearLaw, finite_stress_operator, matrix_operator
+from fem.mismatch.kinds.linear_law import LinearLaw, matrix_operator, piecewise_operator
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.reduced_law import Operator
 
@@ -42,7 +42,7 @@ def _derivative(model: CaseModel) -> Operator:
 
 def _derivative_finite(model: CaseModel) -> Operator:
     shear, lame = lame_constants_slope(model.poisson_ratio)
-    return finite_stress_operator(model, lambda gradient: neo_hookean_stress(gradient, shear, lame))
+    return piecewise_operator(model, lambda gradient: neo_hookean_stress(gradient, shear, lame))
 
 
 EFFECT: Effect = LinearLaw(

@@ -9,13 +9,15 @@ explains best what the plain model leaves (fem.mismatch.localisation.spot_search
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from jaxtyping import Float
 
+from fem.materials.strain_path import linear_stress
 from fem.mismatch.effect import Amounts, Effect, Parameters, Response, Signature
 from fem.mismatch.effect_spec import EffectParameter, EffectSpec, EffectWords, Scope
-from fem.mismatch.kinds.linear_law import matrix_operator, neo_hookean_operator, stress_operator
+from fem.mismatch.kinds.linear_law import matrix_operator, neo_hookean_operator, piecewise_operator
 from fem.mismatch.localisation.spot_search import OTHERS, RADII_MM, Spot, best_spots
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.finite_change import finite_change, in_proportion
@@ -25,7 +27,6 @@ from fem.mismatch.model.reduced_law import Operator, ReducedLaw, first_changes, 
 from fem.mismatch.result import Where
 from fem.mismatch.signature_variant import Variant, at_place
 from fem.solid.inclusion import ball_stiffness, drop_of, fading
-from fem.solid.strain_field import elastic_stress
 
 CENTRE = ("centre_mm.0", "centre_mm.1", "centre_mm.2")
 RADIUS, RATIO = "radius_mm", "ratio"
@@ -168,9 +169,8 @@ def _changes(model: CaseModel, centre_mm: Float[np.ndarray, "3"], radius_mm: flo
 
     def operators() -> tuple[Operator, Operator]:
         softer = -fading(np.linalg.norm(model.points.point_mm - centre_mm, axis=2), radius_mm)
-        nu, weight = model.poisson_ratio, softer[..., None]
-        linear = stress_operator(model, lambda strain: weight * elastic_stress(strain, poisson_ratio=nu))
-        return neo_hookean_operator(model, softer), linear
+        linear = partial(linear_stress, poisson_ratio=model.poisson_ratio)
+        return neo_hookean_operator(model, softer), piecewise_operator(model, linear, weight=softer)
 
     key = (SPEC.name, *centre_mm.tolist(), radius_mm)
     first = model.memoised((key, "first"), at_small_strain)

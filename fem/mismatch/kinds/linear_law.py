@@ -95,19 +95,19 @@ class LinearLaw(Effect):
         )
 
 
-def finite_stress_operator(
+def piecewise_operator(
     model: CaseModel, law: PathLaw, *, weight: Float[np.ndarray, "m 4"] | None = None
 ) -> Operator:
-    """Nodal forces of a stress that is a function of the displacement gradient, times the points' weight."""
+    """Nodal forces of a stress that is a function of the displacement gradient, times the points' weight; in
+    single precision.
+    """
     return lambda displacement: model.pieces.forces(displacement, law, weight=weight)
 
 
 def neo_hookean_operator(model: CaseModel, weight: Float[np.ndarray, "m 4"]) -> Operator:
     """The flesh's own law times the points' weight."""
     constants = unit_lame_constants(model.poisson_ratio)
-    return finite_stress_operator(
-        model, lambda gradient: neo_hookean_stress(gradient, *constants), weight=weight
-    )
+    return piecewise_operator(model, lambda gradient: neo_hookean_stress(gradient, *constants), weight=weight)
 
 
 def matrix_operator(matrix: csr_array | bsr_array) -> Operator:

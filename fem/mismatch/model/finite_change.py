@@ -5,9 +5,10 @@ Flesh with an amount a of an effect is at w = u / s where
     F(w) + a D(w) = f,        F: Neo-Hookean, D: the effect's own forces, both at finite strain
 
 At a = 0 the derivative of w to a solves K_T w' = -D(w), K_T the tangent at large deformation. At small strain
-it is w0' = -K0^-1 D0 w0. Their difference is of second and third degree in the forces, like large deformation
-itself, and is predicted between the same frames. K0's factor solves for it as for any law that adds stress:
-w' - w0' is what K_T - K0 adds to the linear field w0' (fem.solid.initial_stress).
+it is w0' = -K0^-1 D0 w0, with D0 the linear part of D and w0 = K0^-1 f. Their difference is of second and
+third degree in the forces, like large deformation itself, and is predicted between the same frames. K0's
+factor solves for it as for any law that adds stress: w' - w0' is what K_T - K0 adds to the linear field w0'
+(fem.solid.initial_stress).
 """
 
 from collections.abc import Callable, Hashable
@@ -54,12 +55,13 @@ def _solved(
         return s, [np.zeros_like(plain) for plain in model.plain]
     state, (finite, linear) = stiffening_path(model), operators()
     at = s * (state.linear + field)
+    law = neo_hookean_tangent(poisson_ratio=model.poisson_ratio)
+    tangent = model.memoised(("tangent", s), lambda: model.pieces.tangent(at, law))
     small = linear(state.linear)
     more = finite(at) - s * small
-    tangent = neo_hookean_tangent(poisson_ratio=model.poisson_ratio)
     problem = AddedStress(
         linear=-state.response(small),
-        added_force=lambda moved: model.pieces.tangent_forces(at, moved, tangent) + more,
+        added_force=lambda moved: tangent(moved) + more,
         response=state.response,
         compliance=s,
         stiffer=np.ones(len(at)),
