@@ -9,6 +9,8 @@ from typing import TypeVar
 from pipeline.files.plain_file import printable
 
 T = TypeVar("T")
+MOST_KNOWN = 12
+"""Names that a sentence lists: a line of a terminal."""
 
 
 @dataclass(frozen=True)
@@ -69,3 +71,16 @@ def listed(names: Sequence[str], most: int) -> str:
     """
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(names[:most]) + more
+
+
+def known_names(written: str, known: Sequence[str], what: str) -> str:
+    """The likely one and all known names; of more than MOST_KNOWN the nearest, and how many others there are.
+
+    >>> known_names("AA", ["A", "B"], "fruit")
+    'did you mean "A"? known fruit: A, B.'
+    """
+    ranked = known
+    if len(known) > MOST_KNOWN:
+        ranked = difflib.get_close_matches(written, known, n=len(known), cutoff=0.0)
+    lead = nearest(written, known, "choose a")
+    return printable(f"{lead} known {what}: {listed(ranked, MOST_KNOWN) or 'none yet'}.")

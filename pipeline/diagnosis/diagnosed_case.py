@@ -16,7 +16,7 @@ from pipeline.batch.settings import Name, PitSettings, Relative, Settings, Shift
 from pipeline.batch.settings_file import read_toml
 from pipeline.batch.task import FruitTask, fruit_task
 from pipeline.fruit.trace_geometry import KEYS, Stated, stated_in_table
-from pipeline.problem import BatchRefused, Problem, listed, nearest, refused
+from pipeline.problem import BatchRefused, Problem, known_names, listed, nearest, refused
 from pipeline.run.checking import implausible
 from recon.pit.priors import LEAST_POISSON_RATIO, STONE_FRUIT, PitPrior, known_categories, load_prior
 from recon.recon_failure import ReconFailure
@@ -197,7 +197,7 @@ def _of_batch(root: Path, fruit_id: str, out: Path | None) -> Case:
     batch = open_batch(root, force=True)
     known = [row.fruit_id for row in batch.rows]
     if fruit_id not in known:
-        hint = nearest(fruit_id, known, f"there are: {listed(known, 6) or 'none yet'}.")
+        hint = known_names(fruit_id, known, "fruit")
         raise refused(batch.folder.table, f'has no fruit "{fruit_id}"; {hint}')
     if said := implausible(batch, batch.row_of[fruit_id]):
         raise BatchRefused([Problem(str(batch.folder.table), f"{fruit_id}: {said}", fruit_id, True)])

@@ -1,7 +1,6 @@
 """`drupe judge`: a person's verdict on a graded fruit, kept beside its E."""
 
 import re
-from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -12,11 +11,8 @@ from pipeline.batch.provenance import require_provenance
 from pipeline.batch.records import FruitRecord, read_record
 from pipeline.batch.verdicts import Verdict, add_verdict
 from pipeline.files.plain_file import printable, read_head
-from pipeline.problem import listed, nearest, refused
+from pipeline.problem import known_names, refused
 from reports.language import LANGUAGES
-
-MOST_NAMED = 12
-"""Fruit or classes that a sentence names: a line of a terminal."""
 
 
 def judge_fruit(
@@ -34,7 +30,8 @@ def judge_fruit(
     """
     record, classes = judged_record(results, fruit_id)
     if classes and judged_class not in classes:
-        raise refused("--class", f'found "{judged_class[:80]}"; {_near(judged_class, classes, "classes")}')
+        hint = known_names(judged_class, classes, "class")
+        raise refused("--class", f'found "{judged_class[:80]}"; {hint}')
     return add_verdict(
         results.verdicts, record, judged_class=judged_class, by=by, why=why, now=now, device=device
     )
@@ -46,18 +43,13 @@ def judged_record(results: Results, fruit_id: str) -> tuple[FruitRecord, tuple[s
     record = read_record(results.fruit(fruit_id).record) if SAFE_ID.fullmatch(fruit_id) else None
     if record is None:
         known = sorted(str(name) for name in said.get("outcomes") or ())
-        raise refused("FRUIT", f'found "{printable(fruit_id[:80])}"; {_near(fruit_id, known, "fruit")}')
+        raise refused("FRUIT", f'found "{printable(fruit_id[:80])}"; {known_names(fruit_id, known, "fruit")}')
     return record, _classes(said)
 
 
 def _classes(said: dict[str, Any]) -> tuple[str, ...]:
     grading = (said.get("settings") or {}).get("grading") or {}
     return tuple(str(grade["name"]) for grade in grading.get("classes") or ())
-
-
-def _near(written: str, known: Sequence[str], what: str) -> str:
-    near = nearest(written, known, "")
-    return f"{near} known {what}: {printable(listed(known, MOST_NAMED))}.".lstrip()
 
 
 def language_of(report: Path, otherwise: str) -> str:

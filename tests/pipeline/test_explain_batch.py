@@ -9,6 +9,7 @@ from fake_explanation import GAIN, OTHERS, fake_explanation
 
 import pipeline.diagnosis.diagnosis
 import pipeline.fruit.grasped
+from pipeline.problem import known_names
 from tactile.readers.recording import IndenterPad, Recording, write_recording
 
 
@@ -37,7 +38,19 @@ def test_what_is_not_confirmed_is_not_applied_and_it_is_said_why(drupe, finder, 
 
 def test_a_batch_needs_to_be_told_which_fruit(drupe, finder, batch):
     assert "--fruit (N01)" in drupe("explain", batch).one_line()
-    assert 'did you mean "N01"?' in drupe("explain", batch, "--fruit", "N1").one_line()
+    unknown = drupe("explain", batch, "--fruit", "N1").one_line()
+    assert unknown.endswith('has no fruit "N1"; did you mean "N01"? known fruit: N01.')
+    unlike = drupe("explain", batch, "--fruit", "zzz").one_line()
+    assert unlike.endswith('has no fruit "zzz"; choose a known fruit: N01.')
+
+
+def test_of_many_fruit_the_nearest_are_named_and_the_others_counted():
+    fruit = [f"{tree}-{k:02d}" for tree in ("A", "B") for k in range(50)]
+    said = known_names("B-7", fruit, "fruit")
+    assert said.startswith('did you mean "B-')
+    named, _, others = said.removesuffix(" more.").partition("known fruit: ")[2].partition(" and ")
+    assert all(name.startswith("B-") for name in named.split(", "))
+    assert len(named.split(", ")) + int(others) == len(fruit)
 
 
 def test_an_effect_of_a_fruit_that_is_not_there_is_refused(drupe, batch):

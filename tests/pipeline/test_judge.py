@@ -134,7 +134,7 @@ def test_a_later_grading_keeps_the_verdict_and_says_that_it_is_about_an_earlier_
     ("wrong", "says"),
     [
         ({"judged": "frim"}, '--class: found "frim"; did you mean "firm"?'),
-        ({"fruit": "C"}, 'FRUIT: found "C"; known fruit: A, B.'),
+        ({"fruit": "C"}, 'FRUIT: found "C"; choose a known fruit: A, B.'),
         ({"fruit": "AA"}, 'FRUIT: found "AA"; did you mean "A"? known fruit: A, B.'),
         ({"fruit": "../A"}, 'FRUIT: found "../A"; '),
         ({"by": " "}, "--by: has 0 characters; expected 1 to 80."),
