@@ -5,6 +5,7 @@ it wrote (pipeline.files.manifest), and that lies in no folder of fruit. Places 
 inode once links are followed, so that another spelling or a link makes no difference.
 """
 
+import os
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
@@ -59,7 +60,7 @@ def require_file_apart(
 
     `but_in`: a folder in one of them that may be written into.
     """
-    if any(_same(target, path) for path in inputs):
+    if any(same_place(target, path) for path in inputs):
         raise refused(target, "is read by this command, and is not overwritten; give another name.")
     if but_in is None or not _lies_in(target, but_in):
         _require_outside(target, folders, "give another name.")
@@ -115,11 +116,12 @@ def _around(path: Path) -> tuple[Path, ...]:
 
 
 def _lies_in(path: Path, folder: Path) -> bool:
-    return any(_same(place, folder) for place in _around(path))
+    return any(same_place(place, folder) for place in _around(path))
 
 
-def _same(path: Path, other: Path) -> bool:
+def same_place(path: Path, other: Path) -> bool:
+    """Whether both are one file or folder, also where neither exists yet."""
     try:
         return path.samefile(other)
     except OSError:
-        return False
+        return not other.exists() and os.path.realpath(path) == os.path.realpath(other)

@@ -23,6 +23,7 @@ from pipeline.batch.write_guard import (
     require_made_by_drupe,
     require_new_or_ours,
     require_results_place,
+    same_place,
 )
 from pipeline.diagnosis.apply_to_settings import applied
 from pipeline.diagnosis.diagnosed_case import Case, open_case
@@ -163,7 +164,7 @@ def _require_apart_of_batch(case: Case, batch: Batch, wanted: ExplainOutputs) ->
             require_file_apart(
                 target, inputs=inputs, folders=[batch.folder.root, batch.folder.fruits], but_in=root
             )
-            if any(_same(target, path) for path in result_files):
+            if any(same_place(target, path) for path in result_files):
                 raise refused(target, "is a file of the results; give another name.")
     return root
 
@@ -190,16 +191,12 @@ def _require_writable(wanted: ExplainOutputs) -> None:
             raise refused(target, f"is a folder; {option} needs a file name.")
         if not target.absolute().parent.is_dir():
             raise refused(target.parent, f"does not exist; create the folder, or change {option}.")
-    if wanted.json is not None and wanted.html is not None and _same(wanted.json, wanted.html):
+    if wanted.json is not None and wanted.html is not None and same_place(wanted.json, wanted.html):
         raise refused(wanted.html, "is the file of both --json and --html; give two names.")
     if wanted.json is not None:
         require_new_or_ours(wanted.json, _is_answer, "an answer of drupe explain")
     if wanted.html is not None:
         require_new_or_ours(wanted.html, _is_page, "a page of drupe explain")
-
-
-def _same(path: Path, other: Path) -> bool:
-    return path.resolve() == other.resolve()
 
 
 def _is_answer(path: Path) -> bool:
