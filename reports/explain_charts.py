@@ -89,7 +89,7 @@ def _cells_chart(
         "y": {"label": "E of each frame (MPa)", "limits": limits},
         "layers": [
             *_holds([(cell.time_s, cell.phase) for cell in cells], limits),
-            *(rules("y", [value], [words], colour=colour) for value, words, colour in levels),
+            *(rules("y", [value], [""], colour=colour) | {"name": words} for value, words, colour in levels),
             *(
                 layer(
                     "marks",

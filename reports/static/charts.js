@@ -132,11 +132,13 @@ const charts = (function () {
     if (legend.length) {
       const keys = document.createElement("p");
       keys.className = "keys";
-      keys.innerHTML = legend.map((layer) => `<span class="key ${layer.kind} ${layer.shape || ""}"></span>`).join(" ");
-      legend.forEach((layer, k) => {
-        keys.children[k].style.setProperty("--key", `var(--${layer.colour})`);
-        keys.children[k].after(` ${layer.name} `);
-      });
+      for (const layer of legend) {
+        const key = document.createElement("span");
+        key.className = `key ${layer.kind} ${layer.shape || (layer.dashed ? "dashed" : "")}`;
+        key.style.setProperty("--key", `var(--${layer.colour})`);
+        key.textContent = layer.name;
+        keys.append(key, " ");
+      }
       host.prepend(keys);
     }
     let points = [], at = -1, limits = [spec.x.limits, spec.y.limits];

@@ -162,3 +162,12 @@ def test_pads_have_the_colours_that_they_have_elsewhere():
     named = [(layer["name"], layer["colour"], layer["shape"]) for layer in marks]
     assert named[:2] == [("pad left", "pad0", "circle"), ("pad right", "pad1", "square")]
     assert named[2][0] == "all pads"
+
+
+def test_lines_of_E_are_named_in_the_key_where_they_cover_no_mark():
+    (chart,) = modulus_over_time(entry(), with_effect=True)
+    lines = [layer for layer in chart["layers"] if layer["kind"] == "rules"]
+    assert [(layer["name"], layer["names"]) for layer in lines] == [
+        ("without", [""]),
+        ("with the effect", [""]),
+    ]
