@@ -13,6 +13,7 @@ import pytest
 from browser import NODES, busy, chromium, reloaded
 
 from reports.entries import FruitEntry, Picture, VerdictEntry
+from reports.language import ENGLISH, LANGUAGES
 from reports.page import report_html
 from reports.sheet_code import sheet_code
 from reports.tables import ranking_csv
@@ -33,6 +34,11 @@ ENDS = """() => {
   });
 }"""
 """Top and bottom of all that a sheet shows of a fruit, and where the next part begins or the sheet ends."""
+FIRST_FOUR = """() => {
+  const cells = document.querySelectorAll("table.fruit tr:not(.space) > :nth-child(-n + 4)");
+  return [...cells].map((cell) => [cell.getBoundingClientRect().right, cell.scrollWidth - cell.clientWidth]);
+}"""
+"""Where each cell of the first four columns ends, and how much of its text is cut off, px."""
 CLASSES = (("ripe", 0.5), ("firm", 0.9), ("unripe", None))
 
 
@@ -81,10 +87,10 @@ def shown(browser, tmp_path, awkward_batch, graded):
     complaints = []
     contexts = []
 
-    def show(count=0, *, batch=None, hash_="", **context):
+    def show(count=0, *, batch=None, hash_="", language=ENGLISH, **context):
         batch = batch or lot(graded, awkward_batch, count)
         path = tmp_path / "report.html"
-        path.write_text(report_html(batch), encoding="utf-8")
+        path.write_text(report_html(batch, language=language), encoding="utf-8")
         contexts.append(browser.new_context(offline=True, accept_downloads=True, **context))
         page = contexts[-1].new_page()
         page.set_default_timeout(TIMEOUT_MS)
@@ -318,11 +324,19 @@ def test_axe_finds_nothing_and_nothing_is_cut_off(shown, width, scheme):
     assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
-def test_on_a_phone_fruit_class_and_decision_come_first(shown):
-    page, _ = shown(40, viewport={"width": 360, "height": 800})
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_on_a_phone_fruit_class_decision_and_E_come_first_and_are_whole(
+    shown, awkward_batch, graded, language
+):
+    batch = lot(graded, awkward_batch, 40)
+    first, second, *others = batch.fruits
+    withheld = {"maturity": None, "class_withheld": True, "decision": "inspect"}
+    batch = replace(batch, fruits=(replace(first, verdicts=(VERDICT,)), replace(second, **withheld), *others))
+    page, _ = shown(batch=batch, language=language, viewport={"width": 360, "height": 800})
     table, plots = (page.locator(part).bounding_box() for part in (".box", ".plots"))
     assert table["y"] < plots["y"]
-    heads = page.locator("table.fruit thead th")
-    assert [heads.nth(k).inner_text() for k in range(3)] == ["Fruit", "Class", "List"]
-    cell = page.locator("table.fruit tbody tr:not(.space) td").nth(1).bounding_box()
-    assert cell["x"] + cell["width"] <= 360
+    assert page.locator("table.fruit thead th").nth(3).inner_text() == "E (MPa)"
+    cells = page.evaluate(FIRST_FOUR)
+    assert len(cells) > 4 * 15
+    assert max(right for right, _ in cells) <= table["x"] + table["width"]
+    assert max(hidden for _, hidden in cells) <= 0
