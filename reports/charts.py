@@ -41,9 +41,9 @@ def band(x: Iterable[float], low: Iterable[float], high: Iterable[float], *, col
     return layer("area", [*along, *along[::-1]], [*low, *[*high][::-1]], colour=colour)
 
 
-def rules(along: str, at: Iterable[float], names: Iterable[str], *, colour: str = "soft") -> Chart:
-    """Dashed lines at values of the axis "x" or "y"."""
-    return {"kind": "rules", "along": along, "at": rounded(at), "names": list(names), "colour": colour}
+def rules(along: str, at: Iterable[float], *, colour: str = "soft", **how: object) -> Chart:
+    """Dashed lines at values of the axis "x" or "y". `how`: `name` in the key, or `names` along the lines."""
+    return {"kind": "rules", "along": along, "at": rounded(at), "colour": colour, **how}
 
 
 def rounded(values: Iterable[float]) -> list[float]:

@@ -89,7 +89,7 @@ def _cells_chart(
         "y": {"label": "E of each frame (MPa)", "limits": limits},
         "layers": [
             *_holds([(cell.time_s, cell.phase) for cell in cells], limits),
-            *(rules("y", [value], [""], colour=colour) | {"name": words} for value, words, colour in levels),
+            *(rules("y", [value], colour=colour, name=words) for value, words, colour in levels),
             *(
                 layer(
                     "marks",
@@ -139,7 +139,7 @@ def force_and_residual(trace: Record, *, with_effect: bool) -> tuple[Chart, Char
         "y": {"label": "measured less model (µm)", "limits": limits},
         "layers": [
             *_holds(list(zip(trace.time_s.tolist(), trace.phase, strict=True)), limits),
-            rules("y", [0.0], [""]),
+            rules("y", [0.0]),
             *(
                 layer("line", trace.time_s, values, **style | {"name": f"{words}: {rms[words]} µm"})
                 for style, (words, values) in zip(styles, leftover_um.items(), strict=True)

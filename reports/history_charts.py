@@ -23,7 +23,7 @@ def softening_chart(series: SeriesEntry) -> Chart:
     low, high = padded([*values, *(limit.E_max_MPa for limit in near)], from_zero=True)
     at_days = [day_number(day.day) for day in days]
     along = [] if law is None else [first + float(day) for day in law.day]
-    layers = [rules("y", [limit.E_max_MPa for limit in near], [limit.name for limit in near])]
+    layers = [rules("y", [limit.E_max_MPa for limit in near], names=[limit.name for limit in near])]
     if law is not None:
         layers += [
             band(along, law.E_low_MPa, np.minimum(law.E_high_MPa, high)),
@@ -93,7 +93,7 @@ def characteristic_chart(plan: AcceptanceEntry) -> Chart:
         "x": {"label": "Nonconforming fruit (%)", "limits": padded(percent, from_zero=True)},
         "y": {"label": "Probability of acceptance", "limits": (0.0, 1.0)},
         "layers": [
-            rules("x", [plan.aql], [f"AQL {plan.aql:g} %"]),
+            rules("x", [plan.aql]),
             *(
                 layer("line", percent, probability, **style)
                 for probability, style in zip(probabilities, styles, strict=False)

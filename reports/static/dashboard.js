@@ -103,7 +103,7 @@
   // The lot's charts: all fruit pale, those in the table in full colour
   const layersOf = (chosen, make) => classes.flatMap((one) => [false, true].map((faint) => {
     const of = rows.filter((row) => counted(row) && (row.class || "") === one.name && chosen.has(row) !== faint);
-    return { ...make(of), colour: one.colour, shape: one.shape, faint, tips: of.map((row) => `${row.id}: ${charts.say(row.E)} ± ${charts.say(row.sd || 0)} MPa${row.class ? ", " + row.class : ""}`), picks: of.map((row) => row.id) };
+    return { ...make(of), name: faint ? "" : one.name, colour: one.colour, shape: one.shape, faint, tips: of.map((row) => `${row.id}: ${charts.say(row.E)} ± ${charts.say(row.sd || 0)} MPa${row.class ? ", " + row.class : ""}`), picks: of.map((row) => row.id) };
   }));
   const limits = lot.classes.filter((one) => one.limit !== null);
   function span(values, air) {
@@ -138,7 +138,7 @@
           tips: of.map((bar) => `${charts.say(bar.from)}–${charts.say(bar.to)} MPa: ${words.all.replace("#", bar.now === bar.count ? bar.count : `${bar.now} / ${bar.count}`)}`) });
       }
     }
-    layers.push({ kind: "rules", along: "x", at: limits.map((one) => one.limit), names: limits.map((one) => one.name), colour: "soft" });
+    layers.push({ kind: "rules", along: "x", at: limits.map((one) => one.limit), colour: "soft" });
     return {
       title: words.histogram, bars: true, layers, x: { label: words.E, limits: [low, high] },
       y: { label: words.per.replace("#", charts.say(width)), whole: true, limits: [0, 1.06 * tallest || 1] },
@@ -146,7 +146,7 @@
     };
   }
   function byRank(chosen, [from, to], [low, high]) {
-    const rule = { kind: "rules", along: "y", at: limits.map((one) => one.limit), names: limits.map((one) => one.name), colour: "soft" };
+    const rule = { kind: "rules", along: "y", at: limits.map((one) => one.limit), colour: "soft" };
     const marks = layersOf(chosen, (of) => ({ kind: "marks", x: of.map((row) => row.rank), y: of.map((row) => row.E), y_sd: of.map((row) => row.sd) }));
     return {
       title: words.ranking, x: { label: words.rank, whole: true, limits: [from, to] }, y: { label: words.E, limits: [low, high] }, layers: [rule, ...marks],

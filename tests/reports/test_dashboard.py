@@ -271,6 +271,11 @@ def test_the_histogram_counts_as_numpy_does_and_ends_bars_at_the_limits(shown):
     assert sum(count for _, _, count in bars) == len(E)
 
 
+def test_the_key_of_the_ranking_s_chart_names_each_class_once(shown):
+    page, _ = shown(40)
+    assert page.locator("#by-rank .key").all_inner_texts() == [name for name, _ in CLASSES]
+
+
 def test_a_drag_across_the_histogram_selects_fruit_and_a_double_click_shows_all(shown):
     page, batch = shown(40)
     plot = page.locator("#histogram .u-over")
