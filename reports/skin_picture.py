@@ -246,7 +246,7 @@ def _scale_bar(axes: Axes, half: float) -> None:
 def _legend(axes: Axes, pads: Sequence[str], half: float, *, with_pit: bool) -> None:
     marks = [(f"pad {pad}", PADS[k % len(PADS)]) for k, pad in enumerate(pads)]
     if with_pit:
-        marks.append(("pit (expected)", tuple(PIT)))
+        marks.append(("pit", tuple(PIT)))
     for k, (words, colour) in enumerate(marks):
         y = half * (0.91 - 0.105 * k)
         axes.plot([-0.91 * half], [y], marker="o", ms=8, color=colour)
