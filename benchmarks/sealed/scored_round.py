@@ -14,7 +14,7 @@ from fem.mismatch.catalogue import SPECS
 from fem.mismatch.procedure import detected
 from fem.mismatch.result import NINETY, NONE, UNKNOWN, Modulus
 from fem.mismatch.selection.decision import Detection, verdict_of
-from fem.mismatch.selection.linear_explanations import Hypothesis, linear_explanations, ranked
+from fem.mismatch.selection.explanations import Hypothesis, all_explanations, ranked
 from fem.mismatch.selection.reported_modulus import modulus_by, reported_modulus
 from fem.mismatch.selection.screening import LinearRound, without_model_error
 from samples.mismatch.bank import added_effects
@@ -65,7 +65,7 @@ def scored_round(name: str, case: ReducedCase, error: ModelError | None = None) 
     """The decision on a stored round, and its truth; `error`: the model's own (None: the shipped one)."""
     error = ModelError.shipped() if error is None else error
     linear = error.linear(case)
-    explanations = linear_explanations(linear)
+    explanations = all_explanations(linear)
     detection = detected(linear)
     answer = case.facts["answer"]
     effects = () if answer["effect"] in (NONE, UNKNOWN) else str(answer["effect"]).split("+")

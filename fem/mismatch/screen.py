@@ -26,7 +26,7 @@ from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.procedure import case_model, detected
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.decision import credible_set
-from fem.mismatch.selection.linear_explanations import Hypothesis, linear_explanations, ranked
+from fem.mismatch.selection.explanations import Hypothesis, all_explanations, ranked
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.solid.linear_solid import Support, UnitModulusSolid
 
@@ -122,7 +122,7 @@ def screen(
 
 def suggested(linear: LinearRound) -> tuple[Hypothesis, ...]:
     """Of the posterior's credible set what is likelier than no mismatch, the likeliest first."""
-    ranking = {hypothesis.name: hypothesis for hypothesis in ranked(linear_explanations(linear))}
+    ranking = {hypothesis.name: hypothesis for hypothesis in ranked(all_explanations(linear))}
     none = ranking[NONE].probability
     names = credible_set(list(ranking), [hypothesis.probability for hypothesis in ranking.values()])
     return tuple(ranking[name] for name in names if ranking[name].probability > none)

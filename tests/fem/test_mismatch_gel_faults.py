@@ -15,7 +15,7 @@ from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit, gel_recor
 from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.selection.decision import TEMPERATURE, log_prior
-from fem.mismatch.selection.linear_explanations import linear_explanations
+from fem.mismatch.selection.explanations import all_explanations
 from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
 from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.reported_modulus import hidden_gel_spread
@@ -229,7 +229,7 @@ def test_a_bent_reading_is_no_warming_and_no_two_faults():
     assert thermal_drift.EFFECT.direct_evidence(model) == 0.0
     assert linear.best[0].name == "sensor_nonlinear"
     prior = log_prior("a+b", effects=len(ALL)) - log_prior("a", effects=len(ALL))
-    explanations = linear_explanations(linear)
+    explanations = all_explanations(linear)
     pairs = [explanation.gain for explanation in explanations if "+" in explanation.name]
     assert max(pairs, default=-np.inf) + TEMPERATURE * prior < linear.best[0].gain
 

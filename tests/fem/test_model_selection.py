@@ -11,7 +11,7 @@ from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.result import NONE
 from fem.mismatch.selection import model_selection
 from fem.mismatch.selection.decision import MISFIT
-from fem.mismatch.selection.linear_explanations import Hypothesis
+from fem.mismatch.selection.explanations import Hypothesis
 from fem.mismatch.selection.model_selection import MOST_REFITS, ModelSelection, select_model
 from fem.mismatch.signature_variant import ONE_WAY, of_pad
 
@@ -26,7 +26,7 @@ def fit(name: str, gain: float, *, variant=ONE_WAY) -> SimpleNamespace:
 
 @dataclass
 class Round:
-    """What the linear round says, and what refits would: misfit, log evidence, failures, ends."""
+    """What the linear round says, and what refits would: misfit, gain, failures, ends."""
 
     gains: dict[str, float]
     none_leaves: float = 3 * MISFIT
@@ -46,7 +46,7 @@ class Round:
 
     def fits(self, name: str) -> list[SimpleNamespace]:
         if name not in self.pads:
-            return [fit(name, 10.0)]
+            return [fit(name, self.gains.get(name, 10.0))]
         return [fit(name, gain, variant=of_pad(pad)) for pad, gain in self.pads.items() if pad != name]
 
     def refit(self, _forward, _linear, fits):
@@ -59,7 +59,7 @@ class Round:
         return SimpleNamespace(
             name=name,
             variants=(variant,),
-            log_evidence=self.evidence.get(pad, 5.0),
+            log_evidence=self.evidence.get(pad or name, self.gains.get(name, 5.0)),
             at_an_end=tuple(linear_fit.name in self.at_an_end for linear_fit in fits),
             fit=SimpleNamespace(chi2=self.left.get(name, TYPICAL)),
         )
@@ -68,25 +68,50 @@ class Round:
 @pytest.fixture
 def selected(monkeypatch):
     def of(case: Round, *, p_value: float = 0.0) -> ModelSelection:
-        monkeypatch.setattr(model_selection, "linear_explanations", lambda _: case.explanations())
+        monkeypatch.setattr(
+            model_selection,
+            "all_explanations",
+            lambda _, in_full: [in_full.get(each.name, each) for each in case.explanations()],
+        )
         monkeypatch.setattr(model_selection, "refit", case.refit)
         monkeypatch.setattr(model_selection, "_gain", lambda _, again: again.log_evidence)
-        fits = [linear_fit for name in case.pads if name in BY_NAME for linear_fit in case.fits(name)]
+        fits = [linear_fit for name in case.gains if name in BY_NAME for linear_fit in case.fits(name)]
         linear = SimpleNamespace(numbers=1, null=SimpleNamespace(log_evidence=0.0), linear_fits=fits)
         return select_model(SimpleNamespace(workers=1), linear, p_value=p_value)  # type: ignore[arg-type]
 
     return of
 
 
-def test_what_the_verdict_holds_is_refitted_and_nothing_else(selected):
-    case = Round({"skin": 30.0, "slip": 29.5, "damage": 3.0})
+def test_the_likeliest_effects_that_gain_something_are_refitted_and_no_others(selected):
+    case = Round({"skin": 30.0, "slip": 29.5, "damage": 3.0, "stiffening": 2.0, "anisotropy": 1.0})
     selection = selected(case)
     assert selection.verdict == ("skin", "slip")
-    assert sorted(case.asked) == ["skin", "slip"]
+    assert sorted(case.asked) == ["damage", "skin", "slip", "stiffening"]
     refits = {hypothesis.name: hypothesis.refit for hypothesis in selection.ranking}
     assert refits["skin"]
-    assert refits["slip"]
-    assert refits["damage"] is None
+    assert refits["anisotropy"] is None
+    few = Round({"skin": 30.0, "slip": -1.0})
+    selected(few)
+    assert few.asked == ["skin"]
+
+
+def test_what_an_effect_gains_by_its_full_model_counts(selected):
+    """Both ways: the best signature's model gains less, or another one's more."""
+    gains = {"skin": 30.0, "slip": 20.0}
+    for evidence in ({"skin": 10.0}, {"slip": 40.0}):
+        selection = selected(Round(gains, evidence=evidence))
+        assert selection.verdict == "slip"
+        ranking = {hypothesis.name: hypothesis.gain for hypothesis in selection.ranking}
+        assert ranking["skin"] == evidence.get("skin", 30.0)
+
+
+def test_what_comes_into_the_verdict_later_is_refitted_then(selected):
+    """A fifth effect, once the first four gain less in full."""
+    names = ("skin", "slip", "damage", "stiffening")
+    case = Round(dict.fromkeys(names, 30.0) | {"clock_lag": 15.0}, evidence=dict.fromkeys(names, 2.0))
+    selection = selected(case)
+    assert selection.verdict == "clock_lag"
+    assert case.asked[-1] == "clock_lag"
 
 
 def test_nothing_is_refitted_where_no_mismatch_is_likeliest(selected):
@@ -116,7 +141,7 @@ def test_unknown_physics_may_resemble_an_explanation_without_a_full_model(select
 
 
 def test_a_pair_whose_second_effect_ends_at_its_bounds_is_dropped(selected):
-    case = Round({"skin": 20.0, "skin+slip": 24.0}, at_an_end=("slip",))
+    case = Round({"skin": 20.0, "skin+slip": 24.0, "slip": 1.0}, at_an_end=("slip",))
     selection = selected(case)
     assert selection.verdict == "skin"
     assert selection.without == {"skin+slip": model_selection.AT_AN_END}
@@ -132,7 +157,7 @@ def test_what_a_full_model_leaves_counts(selected):
 
 def test_so_many_are_refitted_at_most(selected):
     """Also where all models are poor, so that others come up in the ranking."""
-    names = ("skin", "slip", "damage", "stiffening", "anisotropy", "clock_lag")
+    names = list(BY_NAME)[: MOST_REFITS + 1]
     for left in (TYPICAL, 3 * MISFIT):
         case = Round(dict.fromkeys(names, 30.0), left=dict.fromkeys(names, left))
         selected(case)

@@ -81,22 +81,26 @@ class SignatureEquations:
         """Where these columns of the case's products are here."""
         return tuple(self.columns.index(j) for j in columns)
 
-    def given(self, first: Sequence[int], *, law_error: float) -> "SignatureEquations":
-        """The equations of all else where the columns `first` explain a part of the data.
-
-        The law behind `first` is not exact either. Its error is noise: its variance in any direction is
-        `law_error`^2 of the signal b'(N + L)^-1 b that these columns explain.
+    def given(self, first: Sequence[int]) -> tuple["SignatureEquations", float]:
+        """The equations of all else where the columns `first` explain a part of the data, and what these
+        explain, their signal b'(N + L)^-1 b.
         """
         given_columns = list(first)
         normal = self.normal[np.ix_(given_columns, given_columns)] + np.diag(self.sd[given_columns] ** -2.0)
         solved = np.linalg.solve(normal, np.c_[self.normal[given_columns], self.right[given_columns]])
-        noise = 1 + law_error**2 * float(self.right[given_columns] @ solved[:, -1])
         left = self.normal - self.normal[:, given_columns] @ solved[:, :-1]
         return replace(
             self,
-            normal=(left + left.T) / 2 / noise,
-            right=(self.right - self.normal[:, given_columns] @ solved[:, -1]) / noise,
-        )
+            normal=(left + left.T) / 2,
+            right=self.right - self.normal[:, given_columns] @ solved[:, -1],
+        ), float(self.right[given_columns] @ solved[:, -1])
+
+    def with_law_error(self, signal: float, law_error: float) -> "SignatureEquations":
+        """The same where a first effect's law, which explains `signal`, is not exact. Its error is noise: its
+        variance in any direction is `law_error`^2 of the signal.
+        """
+        noise = 1 + law_error**2 * signal
+        return replace(self, normal=self.normal / noise, right=self.right / noise)
 
     def amounts(self, columns: Sequence[int]) -> Float[np.ndarray, " k"]:
         """Posterior means of the amounts of these columns, of no others: (N + L)^-1 b."""

@@ -1,13 +1,16 @@
-"""Model selection: the posterior of all explanations, and full models of those that the verdict holds.
+"""Model selection: the posterior of all explanations, by full models of those that may matter.
 
-Linear signatures decide (fem.mismatch.selection.linear_explanations, .decision). The full nonlinear models of
-the verdict's explanations, MOST_REFITS of them at most, then say how large each effect is, and what it leaves
-of the misfit; with that the probabilities are computed again. An explanation cannot be named where its model
-cannot be computed, or where its second effect ends at the bounds of its parameters.
+Linear signatures say which do (fem.mismatch.selection.explanations, .decision). A large effect is not in
+proportion to its signature, so that another one's may resemble it better. Therefore the ALWAYS likeliest
+effects and what the verdict holds are refitted, MOST_REFITS of them at most. The full models say how large
+each effect is, what it gains, and what it leaves of the misfit; with that the probabilities are computed
+again. An explanation cannot be named where its model cannot be computed, or where its second effect ends at
+the bounds of its parameters.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import islice, product
 
 import numpy as np
 
@@ -15,13 +18,15 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.decision import TEMPERATURE, verdict_of
-from fem.mismatch.selection.linear_explanations import Hypothesis, linear_explanations, ranked
+from fem.mismatch.selection.explanations import Hypothesis, all_explanations, mean_gain, ranked
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
+from fem.mismatch.signature_variant import Variant
 from fem.parallel_map import parallel_map
 
-MOST_REFITS = 4
-"""drupe refits so many explanations of a verdict at most, the likeliest first. Set by hand, to bound time."""
+ALWAYS, MOST_REFITS = 4, 8
+"""Single effects that are refitted whatever their probability, and explanations in all, the likeliest first.
+Set by hand, to bound time."""
 NEGLIGIBLE = 0.02
 """The same effect on another pad is left out below this ratio of probabilities. Set by hand, below the share
 that a verdict may lack."""
@@ -52,24 +57,20 @@ class ModelSelection:
 
 def select_model(model: CaseModel, linear: LinearRound, *, p_value: float) -> ModelSelection:
     """Ranking and verdict, with the full models of what the verdict holds."""
-    hypotheses = {hypothesis.name: hypothesis for hypothesis in linear_explanations(linear)}
-    tried, without = set[str](), dict[str, str]()
+    in_full, without = dict[str, Hypothesis](), dict[str, str]()
     while True:
-        ranking = ranked(hypotheses.values())
+        hypotheses = all_explanations(linear, in_full)
+        ranking = ranked(hypotheses)
         names = verdict_of(
             {hypothesis.name: hypothesis.probability for hypothesis in ranking}, p_value=p_value
         )
-        due = [
-            hypotheses[name] for name in names if name in hypotheses and name != NONE and name not in tried
-        ][: MOST_REFITS - len(tried)]
+        due = [] if names == (NONE,) else _due(ranking, names, in_full)
         if not due:
             break
-        in_full = parallel_map(
+        for hypothesis, failed in parallel_map(
             lambda hypothesis: _in_full(model, linear, hypothesis), due, workers=model.workers
-        )
-        for hypothesis, failed in in_full:
-            tried.add(hypothesis.name)
-            hypotheses[hypothesis.name] = hypothesis
+        ):
+            in_full[hypothesis.name] = hypothesis
             if not hypothesis.tenable:
                 without[hypothesis.name] = failed
     listed = (
@@ -81,9 +82,24 @@ def select_model(model: CaseModel, linear: LinearRound, *, p_value: float) -> Mo
     return ModelSelection(ranking=tuple(listed), verdict=verdict, without=without)
 
 
+def _due(
+    ranking: Sequence[Hypothesis], names: Sequence[str], in_full: Mapping[str, Hypothesis]
+) -> list[Hypothesis]:
+    """Those to refit next: of the likeliest effects that gain something, and of the verdict."""
+    effects = [hypothesis for hypothesis in ranking if hypothesis.linear_fits]
+    singles = [hypothesis for hypothesis in effects if "+" not in hypothesis.name and hypothesis.gain > 0]
+    always = {hypothesis.name for hypothesis in singles[:ALWAYS]} if not in_full else set[str]()
+    due = (
+        hypothesis
+        for hypothesis in effects
+        if hypothesis.name not in in_full and hypothesis.name in always.union(names)
+    )
+    return list(islice(due, MOST_REFITS - len(in_full)))
+
+
 def _in_full(model: CaseModel, linear: LinearRound, hypothesis: Hypothesis) -> tuple[Hypothesis, str]:
-    """With its full models over the pads in question, and what they leave of the misfit; else untenable, and
-    why.
+    """With its full models over the pads in question, what an effect gains by them, and what they leave of
+    the misfit; else untenable, and why.
     """
     refits, failed = list[tuple[float, Refit]](), ""
     for fits in product(*(_pads_that_may_be(linear, fit) for fit in hypothesis.linear_fits)):
@@ -104,10 +120,31 @@ def _in_full(model: CaseModel, linear: LinearRound, hypothesis: Hypothesis) -> t
     total = 1 + sum(share for share, _ in kept)
     return replace(
         hypothesis,
+        gain=_mean_gain(linear, hypothesis, refits),
         refit=best,
         misfit=best.fit.chi2 / linear.numbers,
         alternatives=tuple((share / total, again) for share, again in kept),
     ), ""
+
+
+def _mean_gain(linear: LinearRound, hypothesis: Hypothesis, refits: Sequence[tuple[float, Refit]]) -> float:
+    """Of one effect over the ways that a search keeps to, those refitted by their full models; of a pair by
+    signatures.
+    """
+    if len(hypothesis.linear_fits) > 1:
+        return hypothesis.gain
+    ways: dict[tuple[str, bool | None], list[float]] = {}
+    for fit in linear.linear_fits:
+        if fit.name == hypothesis.name:
+            ways.setdefault(_kept(fit.signature.variant), []).append(fit.gain)
+    gains = {way: mean_gain(each) for way, each in ways.items()}
+    gains |= {_kept(again.variants[0]): gain for gain, again in refits}
+    return mean_gain(list(gains.values()))
+
+
+def _kept(variant: Variant) -> tuple[str, bool | None]:
+    """What a search keeps of a variant; its parameters' values it moves."""
+    return variant.pad, variant.pit_turns
 
 
 def _pads_that_may_be(linear: LinearRound, chosen: LinearFit) -> list[LinearFit]:

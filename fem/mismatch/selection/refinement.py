@@ -19,6 +19,7 @@ from fem.mismatch.effect import Effect, Response, superposed
 from fem.mismatch.effect_spec import EffectParameter
 from fem.mismatch.evidence.beyond_small_strain import LARGE_DEFORMATION
 from fem.mismatch.evidence.linear_evidence import Fit, GramMatrix
+from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.mismatch.model.warm_start import WarmStarts
@@ -56,6 +57,7 @@ class Refit:
 
     `ahead`: of each parameter a step on the scale searched, and the response so far on.
     `products`: the linearised model at the end, its columns `nuisances` and `slopes`, `fit` of all of them.
+    `beside`: equations of all signatures beside this model, their columns as the linear round has them.
     `model`: with this model's own 1/E, from which `fit`'s first amount counts, and what the search found,
     from which another may start. `at_an_end`: of each effect, whether a parameter is at the end of its
     bounds, where it stands for something else. `last_gain`: ln evidence that the last round gained.
@@ -72,6 +74,7 @@ class Refit:
     slopes: tuple[int, ...]
     fit: Fit
     log_evidence: float
+    beside: SignatureEquations
     model: CaseModel
     at_an_end: tuple[bool, ...]
     last_gain: float
@@ -145,6 +148,7 @@ def refit(model: CaseModel, linear: LinearRound, linear_fits: Sequence[LinearFit
         slopes=now.chosen[len(now.chosen) - count :],
         fit=now.fit,
         log_evidence=now.log_evidence,
+        beside=search.beside(now),
         model=search.model,
         at_an_end=search.at_an_end(now.at),
         last_gain=gained,
@@ -354,3 +358,19 @@ class _Search:
             chosen=chosen,
             fit=fit,
         )
+
+    def beside(self, now: _Linearised) -> SignatureEquations:
+        """The equations of all signatures beside the model, its slopes integrated out."""
+        equations, cut = self.linear.equations, len(now.chosen) - len(self.spread)
+        slopes = [now.products.columns[j] for j in now.chosen[cut:]]
+        products, chosen = self.linear.products.about(
+            self.model,
+            now.response,
+            (*self.nuisances, *equations.columns),
+            slopes,
+            signatures=self.signatures,
+        )
+        first = len(self.nuisances)
+        last = first + len(equations.columns)
+        normal, right = products.marginal((*chosen[:first], *chosen[last:]), chosen[first:last])
+        return replace(equations, normal=normal, right=right)

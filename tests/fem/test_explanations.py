@@ -1,6 +1,7 @@
 """Explanations by linear signatures: pairs against dense Gaussian evidence, and which of them are tried."""
 
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -11,9 +12,9 @@ from fem.mismatch.effect import Signature
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.model.observation_delta import Regressor
-from fem.mismatch.selection import linear_explanations as linear_explanations_module
+from fem.mismatch.selection import explanations as explanations_module
 from fem.mismatch.selection.decision import LAW_ERROR
-from fem.mismatch.selection.linear_explanations import Hypothesis, linear_explanations
+from fem.mismatch.selection.explanations import Hypothesis, all_explanations
 from fem.mismatch.selection.screening import LinearRound, linear_round
 from fem.mismatch.signature_variant import ONE_WAY
 
@@ -54,7 +55,7 @@ def test_a_second_signature_adds_what_dense_evidence_says():
     rng = np.random.default_rng(1)
     columns = fields(rng)
     data = 0.8 * columns[0] + 0.3 * columns[1] + rng.normal(size=NUMBERS)
-    remaining = equations(columns, data).given((0,), law_error=0.0)
+    remaining, _ = equations(columns, data).given((0,))
     for second in (1, 2):
         expected = dense_evidence(data, columns[0], columns[second]) - dense_evidence(data, columns[0])
         assert added(remaining, (second,)) == pytest.approx(expected, abs=1e-9)
@@ -69,7 +70,9 @@ def test_the_error_of_a_law_counts_as_noise_of_its_share_of_the_signal():
     signal = (columns[0] @ data) ** 2 / (columns[0] @ columns[0] + SD**-2)
     noise = 1 + 0.2**2 * signal
     expected = dense_evidence(data, columns[2], noise=noise) - dense_evidence(data, noise=noise)
-    remaining = equations(columns, data).given((0,), law_error=0.2)
+    remaining, explained = equations(columns, data).given((0,))
+    assert explained == pytest.approx(signal)
+    remaining = remaining.with_law_error(signal, 0.2)
     assert added(remaining, (2,)) == pytest.approx(expected, rel=1e-6)
 
 
@@ -109,7 +112,7 @@ def round_of(amounts: tuple[float, ...], *, seed: int = 4, numbers: int = 4000) 
 
 
 def by_name(linear: LinearRound) -> dict[str, Hypothesis]:
-    return {explanation.name: explanation for explanation in linear_explanations(linear)}
+    return {explanation.name: explanation for explanation in all_explanations(linear)}
 
 
 def test_a_pair_is_tried_where_the_second_exceeds_the_first_ones_law_error(monkeypatch):
@@ -119,7 +122,7 @@ def test_a_pair_is_tried_where_the_second_exceeds_the_first_ones_law_error(monke
     assert pair.gain > max(equal[name].gain for name in NAMES) + 3
     weak = round_of((1.0, 0.8 * LAW_ERROR, 0.0))
     assert "anisotropy+skin" not in by_name(weak)
-    monkeypatch.setattr(linear_explanations_module, "LAW_ERROR", 0.0)
+    monkeypatch.setattr(explanations_module, "LAW_ERROR", 0.0)
     assert "anisotropy+skin" in by_name(weak)
 
 
@@ -136,3 +139,26 @@ def test_each_explanation_leaves_its_own_misfit():
     assert explanations["gripper_compliance+skin"].misfit == pytest.approx(1.0, rel=0.05)
     thinned = by_name(replace(round_of((0.5, 0.0, 0.4)), numbers=2 * 4000))
     assert thinned["skin"].misfit == pytest.approx(explanations["skin"].misfit / 2)
+
+
+@pytest.mark.parametrize("left", [0.0, 0.3])
+def test_beside_a_full_model_a_second_effect_counts_by_what_that_model_leaves(left):
+    """A signature leaves what is not in proportion to it; the second effect must not be named for that."""
+    linear = round_of((0.3, 0.3, 0.0))
+    first = by_name(linear)["anisotropy"]
+    rng = np.random.default_rng(5)
+    columns = rng.normal(size=(3, 4000))
+    beside = replace(
+        linear.equations,
+        normal=columns @ columns.T,
+        right=columns @ (left * columns[0] + rng.normal(size=4000)),
+    )
+    signal = 500.0
+    refit = SimpleNamespace(beside=beside, fit=SimpleNamespace(chi2=linear.null.chi2 - signal))
+    in_full = {"anisotropy": replace(first, gain=first.gain + 100.0, refit=refit)}
+    pair = {each.name: each for each in all_explanations(linear, in_full)}.get("anisotropy+skin")
+    if left:
+        expected = added(beside.with_law_error(signal, LAW_ERROR), (0,))
+        assert pair.gain == pytest.approx(first.gain + 100.0 + expected)
+    else:
+        assert pair is None

@@ -1,11 +1,12 @@
-"""All explanations by linear signatures: none, every effect, and every pair that the data speak for.
+"""All explanations: none, every effect, and every pair that the data speak for.
 
-An effect's evidence is the mean over its signatures. A pair is the effect of the greater evidence and a
-second one by what it adds beside the first, above the error of the first one's law (LAW_ERROR of
-fem.mismatch.selection.decision). A second effect that adds nothing is no explanation of its own.
+An effect's evidence is the mean over its signatures, or by its full model where it was refitted. A pair is
+the effect of the greater evidence and a second one, by what the signature of the second adds beside the
+first, above the error of the first one's law (LAW_ERROR of fem.mismatch.selection.decision). A second effect
+that adds nothing is no explanation of its own.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,8 +32,8 @@ class Hypothesis(Weighed):
 
     `modulus_change`: E with the effects over E without, and the relative standard deviation that they add, by
     linear signatures; None for unknown physics, which leaves any `misfit`. `probability`: among all, by
-    `ranked`. `refit`: its full model. `alternatives`: the same with another pad, where that gains about as
-    much: its share of the explanation's probability, and its refit.
+    `ranked`. `refit`: its full model, which then has `gain` and `misfit`, too. `alternatives`: the same with
+    another pad, where that gains about as much: its share of the explanation's probability, and its refit.
     """
 
     misfit: float = float("nan")
@@ -57,12 +58,21 @@ def ranked(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
     return sorted(ranking, key=lambda hypothesis: -hypothesis.probability)
 
 
-def linear_explanations(linear: LinearRound) -> list[Hypothesis]:
-    """The explanations, "none" last."""
-    singles = [_single(linear, fits) for fits in _ways(linear.linear_fits)]
+def all_explanations(
+    linear: LinearRound, in_full: Mapping[str, Hypothesis] | None = None
+) -> list[Hypothesis]:
+    """The explanations, "none" last. `in_full`: those with a full model, by name; with one a pair's gain is
+    still by what the second signature adds.
+    """
+    known = in_full or {}
+    singles = [known.get(fits[0].name) or _single(linear, fits) for fits in _ways(linear.linear_fits)]
     singles.sort(key=lambda single: -single.gain)
+    pairs = [
+        replace(known[pair.name], gain=pair.gain, direct=pair.direct) if pair.name in known else pair
+        for pair in _pairs(linear, singles)
+    ]
     none = Hypothesis(name=NONE, gain=0.0, misfit=misfit_left(linear, ()))
-    return [*singles, *_pairs(linear, singles), none]
+    return [*singles, *pairs, none]
 
 
 def misfit_left(linear: LinearRound, fits: Sequence[LinearFit]) -> float:
@@ -78,7 +88,7 @@ def _ways(fits: Sequence[LinearFit]) -> list[list[LinearFit]]:
     return list(ways.values())
 
 
-def _mean(gains: Sequence[float]) -> float:
+def mean_gain(gains: Sequence[float]) -> float:
     """ln of the mean Bayes factor."""
     return float(logsumexp(gains) - np.log(len(gains)))
 
@@ -87,7 +97,7 @@ def _single(linear: LinearRound, fits: Sequence[LinearFit]) -> Hypothesis:
     best = fits[0]
     return Hypothesis(
         name=best.name,
-        gain=_mean([fit.gain for fit in fits]),
+        gain=mean_gain([fit.gain for fit in fits]),
         misfit=misfit_left(linear, (best,)),
         direct=best.direct,
         linear_fits=(best,),
@@ -113,34 +123,44 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesi
     ways = {fits[0].name: fits for fits in _ways(linear.linear_fits)}
     for number, first in enumerate(singles):
         (fit,) = first.linear_fits
-        remaining = linear.equations
-        if fit.columns:  # else it is seen directly, and leaves the motion as it is
-            remaining = remaining.given(remaining.numbers(fit.columns), law_error=LAW_ERROR)
+        remaining, noisy = _beside(linear, first)
         for second in singles[number + 1 :]:
             if is_of_relation(fit.effect) and is_of_relation(second.linear_fits[0].effect):
                 continue
-            added = [_second(linear, remaining, way) for way in ways[second.name]]
-            gain = _mean([way.gain for way in added])
+            added = [_second(linear, noisy, way) for way in ways[second.name]]
+            gain = mean_gain([way.gain for way in added])
             best = max(added, key=lambda way: way.gain)
             if gain > 0 and best.gain > 0:
-                both = linear.products.fit([*linear.nuisances, *fit.columns, *best.columns])
-                best = replace(best, chi2_drop=linear.null.chi2 - fit.chi2_drop - both.chi2)
+                columns = (*fit.columns, *best.columns)
+                drop = remaining.given(remaining.numbers(best.columns))[1] if best.columns else 0.0
                 pairs.append(
                     Hypothesis(
                         name="+".join(sorted((first.name, second.name))),
                         gain=first.gain + gain,
-                        misfit=misfit_left(linear, (fit, best)),
+                        misfit=first.misfit - drop / linear.numbers,
                         direct=first.direct + best.direct,
                         linear_fits=(fit, best),
                         modulus_change=modulus_change(
                             linear.products,
                             without_model_error(linear.products, linear.nuisances),
-                            both,
-                            (*fit.columns, *best.columns),
+                            linear.products.fit([*linear.nuisances, *columns]),
+                            columns,
                         ),
                     )
                 )
     return pairs
+
+
+def _beside(linear: LinearRound, first: Hypothesis) -> tuple[SignatureEquations, SignatureEquations]:
+    """The equations of all else beside a first effect: its law taken as exact, and with LAW_ERROR."""
+    (fit,) = first.linear_fits
+    if first.refit is not None:
+        equations, signal = first.refit.beside, linear.null.chi2 - first.refit.fit.chi2
+    elif fit.columns:
+        equations, signal = linear.equations.given(linear.equations.numbers(fit.columns))
+    else:  # it is seen directly, and leaves the motion as it is
+        equations, signal = linear.equations, 0.0
+    return equations, equations.with_law_error(max(signal, 0.0), LAW_ERROR)
 
 
 def _second(linear: LinearRound, equations: SignatureEquations, fit: LinearFit) -> LinearFit:
