@@ -1,6 +1,6 @@
 """Frames of real gel videos in which the tracked markers are off by a pitch of their lattice.
 
-    python benchmarks/gel_lattice_slips.py FOLDER --out CSV [--half even|odd]
+    python benchmarks/gel_lattice_slips.py FOLDER --out CSV [--half even|odd|all]
 
 FOLDER holds clips `camera_<k>.avi` at any depth (the data set of
 github.com/amitparag/Incipient-Slip-Detection, BSD-2-Clause); copies of a clip count once. Halves go by the
@@ -17,14 +17,14 @@ import hashlib
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import cv2
 import numpy as np
 import pandas as pd
 import typer
 from gel_video import frames_of
-from script import run
+from script import Half, in_half, run
 
 from tactile.markers.marker_detection import spacing_of
 from tactile.markers.matching import UNSURE
@@ -104,19 +104,17 @@ def judged(frames: list[np.ndarray]) -> dict[str, object]:
     }
 
 
-def clips_of(folder: Path, half: str | None) -> Iterator[tuple[str, Path]]:
+def clips_of(folder: Path, half: Half) -> Iterator[tuple[str, Path]]:
     """Clips without copies, in an order that is their digests'."""
     known: dict[str, Path] = {}
     for path in sorted(folder.rglob("camera_*.avi"), key=lambda p: (len(p.parts), str(p))):
         known.setdefault(hashlib.sha256(path.read_bytes()).hexdigest(), path)
     for digest, path in sorted(known.items()):
-        if half is None or (int(digest[:8], 16) % 2 == 0) == (half == "even"):
+        if in_half(int(digest[:8], 16), half):
             yield digest, path
 
 
-def main(
-    folder: Path, out: Annotated[Path, typer.Option()], half: Literal["even", "odd"] | None = None
-) -> None:
+def main(folder: Path, out: Annotated[Path, typer.Option()], half: Half = "all") -> None:
     """One row per clip, and sums."""
     cv2.setNumThreads(1)
     rows = []

@@ -1,6 +1,6 @@
 """References of real gel clips: prints noticed on them, and false alarms.
 
-    python benchmarks/gel_references.py FOLDER --half even|odd [--out CSV]
+    python benchmarks/gel_references.py FOLDER --half even|odd|all [--out CSV]
 
 FOLDER and halves as in gel_lattice_slips.py: thresholds come from the even half, the odd one was scored once.
 gel_references.csv beside this file says by eye what each clip's first frame is: an `empty` gel, one that
@@ -11,14 +11,13 @@ Prints: of the first frames, how many show one (tactile.reference_print), by wha
 """
 
 from pathlib import Path
-from typing import Literal
 
 import cv2
 import numpy as np
 import pandas as pd
 from gel_lattice_slips import clips_of
 from gel_video import frames_of
-from script import run
+from script import Half, run
 
 from tactile.markers.tracking import reference_of
 from tactile.reference_print import SURE, shown_print
@@ -28,7 +27,7 @@ COLUMNS = ["sha256", "label", "bulge", "shading", "evidence", "failure"]
 LABELS = Path(__file__).with_suffix(".csv")
 
 
-def main(folder: Path, half: Literal["even", "odd"] | None = None, out: Path | None = None) -> None:
+def main(folder: Path, half: Half = "all", out: Path | None = None) -> None:
     """Counts of prints by label."""
     cv2.setNumThreads(1)
     label = pd.read_csv(LABELS, dtype=str).set_index("sha256")["first_frame"].to_dict()

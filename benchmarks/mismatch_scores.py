@@ -76,7 +76,8 @@ def false_alarms(title: str, p: Sequence[tuple[str, float]]) -> list[str]:
 def errors_of_other_fruit(cases: Mapping[str, ReducedCase]) -> dict[str, ModelError]:
     """The model error for each fruit, measured without mismatch on those of the other FOLDS - 1 folds."""
     nulls = null_cases({name: case for name, case in cases.items() if is_null(case)})
-    fold = {fruit: number(fruit) % FOLDS for fruit in (fruit_of(name, case) for name, case in cases.items())}
+    fruits = {fruit_of(name, case) for name, case in cases.items()}
+    fold = {fruit: int(fruit.rsplit("-", 1)[1]) % FOLDS for fruit in fruits}
     by_fold = {
         left_out: ModelError.of([null for null in nulls if fold[null.fruit] != left_out])
         for left_out in set(fold.values())
@@ -324,15 +325,6 @@ def loaded(folder: Path) -> dict[str, ReducedCase]:
     if not paths:
         raise SystemExit(f"{folder} has no stored round (*.npz): write them with mismatch_bank.py reduce")
     return {path.stem: stored(path) for path in paths}
-
-
-def number(fruit: str) -> int:
-    """The number at the end of a fruit's name.
-
-    >>> number("null-200")
-    200
-    """
-    return int(fruit.rsplit("-", 1)[1])
 
 
 def main(

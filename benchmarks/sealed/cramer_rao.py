@@ -132,7 +132,7 @@ def information_of(model: CaseModel, linear: LinearRound) -> np.ndarray:
 
 def bound(information: np.ndarray, columns: Sequence[dict[str, Any]], chosen: list[int]) -> np.ndarray:
     """Variances of the chosen columns' amounts; nuisances and model error alone have a prior."""
-    known = (NUISANCE, *OF_MODEL_ERROR)
+    known = (NUISANCE, OF_MODEL_ERROR)
     prior = [columns[j]["sd"] ** -2.0 if columns[j]["role"] in known else 0.0 for j in chosen]
     matrix = information[np.ix_(chosen, chosen)] + np.diag(prior)
     scale = 1 / np.sqrt(np.maximum(np.diag(matrix), np.finfo(float).tiny))

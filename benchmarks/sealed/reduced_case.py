@@ -33,8 +33,8 @@ FORMAT = 2
 """Of the file; a reader refuses another."""
 WORDS = ("name", "sd", "mean", "positive", "least", "same_as")
 """What a file keeps of a Regressor."""
-OF_MODEL_ERROR = ("model error", "discrepancy")
-"""Roles of columns that stand for the model's own error."""
+OF_MODEL_ERROR = "model error"
+"""Role of columns that stand for the model's own error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,8 +42,7 @@ class ReducedCase:
     """Columns and signatures in words, products by recording as GramMatrix has them.
 
     `columns`: dicts of name, sd, mean, positive, least, same_as (Regressor) and role ("plain", "nuisance",
-    "model error", "signature"; in older files "stand-in"). Older files lack same_as and have "discrepancy"
-    for the model error of their time.
+    "model error", "signature").
     `signatures`: dicts of effect, label, columns, said and direct (what else is known of it, ln).
     `count`: numbers of the data; `facts`: plain numbers of the case.
     """
@@ -59,14 +58,13 @@ class ReducedCase:
     def nuisances(self) -> tuple[int, ...]:
         """Numbers of the plain model's columns but 1/E."""
         return tuple(
-            j for j, column in enumerate(self.columns) if column["role"] in ("nuisance", *OF_MODEL_ERROR)
+            j for j, column in enumerate(self.columns) if column["role"] in ("nuisance", OF_MODEL_ERROR)
         )
 
     def gram(self) -> GramMatrix:
         """The products as selection takes them."""
         regressors = [
-            Regressor(fields=(), **{word: column[word] for word in WORDS if word in column})
-            for column in self.columns
+            Regressor(fields=(), **{word: column[word] for word in WORDS}) for column in self.columns
         ]
         return GramMatrix.from_products(regressors, self.rows, self.products)
 
@@ -114,7 +112,7 @@ class ReducedCase:
             compliance_ratio=float(self.facts["compliance_ratio"]),
             shares=shares,
         )
-        kept = [j for j, column in enumerate(self.columns) if column["role"] not in OF_MODEL_ERROR]
+        kept = [j for j, column in enumerate(self.columns) if column["role"] != OF_MODEL_ERROR]
         renumbered = {j: k for k, j in enumerate(kept)}
         sources = [*kept, *(error.same_as for error in errors)]
         rows, products = [], []
@@ -126,7 +124,7 @@ class ReducedCase:
         columns = [self.columns[j] for j in kept]
         for error in errors:
             source = renumbered[error.same_as]
-            columns.append({**column_words(error, "model error"), "same_as": source})
+            columns.append({**column_words(error, OF_MODEL_ERROR), "same_as": source})
         signatures = [
             {**words, "columns": [renumbered[j] for j in words["columns"]]} for words in self.signatures
         ]
@@ -164,7 +162,7 @@ def reduced(model: CaseModel, recorded: Sequence[GraspEquations], linear: Linear
     """A case as it stands after its linear round."""
     roles = ["plain"] + ["signature"] * (len(linear.products.columns) - 1)
     for j in linear.nuisances:
-        roles[j] = "nuisance" if linear.products.columns[j].same_as is None else "model error"
+        roles[j] = "nuisance" if linear.products.columns[j].same_as is None else OF_MODEL_ERROR
     columns = [
         column_words(column, role) for column, role in zip(linear.products.columns, roles, strict=True)
     ]
@@ -211,9 +209,7 @@ def store(path: Path, case: ReducedCase) -> None:
 
 
 def stored(path: Path) -> ReducedCase:
-    """Read a case, without signatures of effects that have left the catalogue. Raises ValueError for another
-    format.
-    """
+    """Read a case. Raises ValueError for another format."""
     with np.load(path, allow_pickle=False) as file:
         words = json.loads(str(file["words"]))
         if words.pop("format") != FORMAT:
@@ -224,8 +220,4 @@ def stored(path: Path) -> ReducedCase:
             half = np.zeros((len(rows[-1]) + 1,) * 2)
             half[np.tril_indices(len(half))] = file[f"products_{len(products)}"]
             products.append(half + half.T - np.diag(np.diag(half)))
-        known = {effect.spec.name for effect in EFFECTS}
-        words["signatures"] = [kept for kept in words["signatures"] if kept["effect"] in known]
-        gains = words["facts"].get("gains", {})
-        words["facts"]["gains"] = {effect: gain for effect, gain in gains.items() if effect in known}
         return ReducedCase(rows=rows, products=products, **words)

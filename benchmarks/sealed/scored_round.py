@@ -57,7 +57,7 @@ def full_bounds(case: ReducedCase) -> dict[str, float]:
         case.information(),
         case,
         E_MPa=float(case.facts["E_MPa"]),
-        nuisances=(NUISANCE, *OF_MODEL_ERROR),
+        nuisances=(NUISANCE, OF_MODEL_ERROR),
     )
 
 

@@ -16,7 +16,7 @@ CAMPAIGN = Path(__file__).parents[2] / "benchmarks" / "campaign_kills.py"
 @pytest.mark.proof
 @pytest.mark.skipif(sys.platform != "linux", reason="left processes are looked for in /proc")
 def test_kills_and_full_disks_cost_nothing_that_a_second_run_does_not_give(tmp_path):
-    command = [sys.executable, str(CAMPAIGN), "--quick", "--only-kills", "--kills", "2"]
+    command = [sys.executable, str(CAMPAIGN), "--quick", "--kills", "2"]
     done = subprocess.run(
         [*command, "--folder", str(tmp_path / "campaign")],
         capture_output=True,

@@ -31,6 +31,7 @@ def problem(
             "mean": 0.0,
             "positive": name == "gripper_compliance",
             "least": 0.0,
+            "same_as": None,
             "role": role,
         }
         for name, role in zip(names, ["plain", "nuisance"] + ["signature"] * len(EFFECTS), strict=True)

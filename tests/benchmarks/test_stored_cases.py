@@ -115,7 +115,7 @@ def test_model_error_enters_as_copies_of_signature_columns_with_the_shipped_spre
     again = case.with_shipped_model_error()
     store(tmp_path / "x.npz", again)
     assert stored(tmp_path / "x.npz").columns == again.columns
-    errors = [column for column in again.columns if column["role"] in OF_MODEL_ERROR]
+    errors = [column for column in again.columns if column["role"] == OF_MODEL_ERROR]
     assert {again.columns[column["same_as"]]["name"] for column in errors} == {
         name for name in EFFECTS if name in model_error_shares()
     }
