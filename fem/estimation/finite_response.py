@@ -14,6 +14,7 @@ A marker's material point X is where it meets the deformed skin in the first fra
 marker's fitted place absorbs errors of scan and pose (fem.estimation.compliance_fit).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -51,6 +52,9 @@ SMALL_ROUNDS = 2
 ROUNDS, AGREED = 10, 1e-3
 """Rounds at finite strain, in the chosen frames, at most, and the relative change of E that ends them: each
 takes about nine tenths of the error, so that E is then within a tenth of it."""
+LONGEST = 2.0
+"""Step of ln E over that of the last fit, at most. Set by hand: twice is enough where fits alternate, as with
+soft jaws."""
 
 
 def neo_hookean_solid(solid: UnitModulusSolid) -> FiniteStrainSolid:
@@ -143,32 +147,50 @@ def finite_response(
     kernel = elastic_kernel(work, float(np.diag(work).max()))
     chosen = _chosen(kernel)
     moved_mm: Float[np.ndarray, "k n 3"] | None = None
-    tolerance = FIRST_TOLERANCE
+    tolerance, rounds = FIRST_TOLERANCE, list[tuple[float, float]]()
     for _ in range(ROUNDS):
         before = modulus_MPa
         load = nodal_loads(pads, solid.mesh, skin, motion, unit / before, chosen)
         moved_mm = finite.displacement(load / before, start=moved_mm, tolerance=tolerance)
         unit = linear + _predicted(kernel, chosen, before * moved_mm[:, skin] - linear[chosen])
         fitted = _fitted(solid, skin, driven, used, motion, unit, before, scale_sd=scale_sd)
-        motion, modulus_MPa = fitted.motion, require_positive(fitted.fit.compliance)
-        changed = abs(modulus_MPa / before - 1)
+        motion, fitted_MPa = fitted.motion, require_positive(fitted.fit.compliance)
+        changed = abs(fitted_MPa / before - 1)
         if changed < AGREED and tolerance == TOLERANCE:
             break
         tolerance = max(TOLERANCE, min(tolerance, TO_SPARE * changed))
+        rounds.append((before, fitted_MPa))
+        modulus_MPa = next_modulus(rounds)
         moved_mm = moved_mm * (before / modulus_MPa)
     else:
         raise FemFailure(
             FemProblem.NOT_CONVERGED,
-            f"E at finite strain changes from {before:.4f} to {modulus_MPa:.4f} MPa in round "
+            f"E at finite strain changes from {before:.4f} to {fitted_MPa:.4f} MPa in round "
             f"{ROUNDS}, expected agreement to {AGREED:.2%}. Check the forces",
         )
-    apart = motion.out_of_fruit(fitted.places_mm + fitted.moved / modulus_MPa) - fitted.places_mm
+    apart = motion.out_of_fruit(fitted.places_mm + fitted.moved / fitted_MPa) - fitted.places_mm
     if solid.support == "free":
         apart = _without_rigid_motion(apart, fitted.tracks)
     on = (fitted.tracks.episode >= 0)[..., None]
     return FiniteResponse(
-        unit_displacement=np.where(on, modulus_MPa * apart, 0.0), modulus_MPa=modulus_MPa, fit=fitted.fit
+        unit_displacement=np.where(on, fitted_MPa * apart, 0.0), modulus_MPa=fitted_MPa, fit=fitted.fit
     )
+
+
+def next_modulus(rounds: Sequence[tuple[float, float]]) -> float:
+    """The E at which to solve next, by the E of each round so far: where it was solved, and what was fitted.
+
+    With x = ln E and h(x) = ln (E fitted / E), the root of the secant of h through the last two rounds, at
+    most LONGEST steps of the last fit away. After one round, or where h grows with x, the E fitted.
+
+    >>> round(next_modulus([(1.0, 1.2), (1.2, 1.02)]), 3)
+    1.101
+    """
+    (x, h), *before = [(np.log(solved), np.log(fitted / solved)) for solved, fitted in reversed(rounds)]
+    step = h
+    if before and (slope := np.divide(h - before[0][1], x - before[0][0])) < 0:
+        step = np.clip(-h / slope, -LONGEST * abs(h), LONGEST * abs(h))
+    return float(np.exp(x + step))
 
 
 @dataclass(frozen=True, kw_only=True)

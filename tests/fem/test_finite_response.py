@@ -13,10 +13,12 @@ from scipy.spatial.transform import Rotation
 
 from fem.estimation.compliance_fit import fit_compliance
 from fem.estimation.finite_response import (
+    AGREED,
     _chosen,
     _predicted,
     finite_response,
     neo_hookean_solid,
+    next_modulus,
     with_finite_strain,
 )
 from fem.estimation.frame_prediction import elastic_kernel
@@ -177,6 +179,22 @@ def test_a_fruit_that_turns_between_the_pads_has_the_same_modulus(history, finit
     assert again.fit.residual_rms_mm == pytest.approx(response.fit.residual_rms_mm, rel=0.1)
     stored = np.linalg.norm(again.unit_displacement / again.modulus_MPa, axis=2)
     assert stored.max() < 1.5  # mm: of the turn, which moves markers by 1.4 mm, a second order is stored
+
+
+@pytest.mark.parametrize("rate", [-0.9, -0.1, 0.1, 0.6])
+def test_the_search_for_a_modulus_ends_where_fits_alternate_too(rate):
+    """Of an E solved at x, ln E = rate (ln x - ln 0.5) + ln 0.5 is fitted, slightly bent."""
+
+    def fitted(solved: float) -> float:
+        away = np.log(solved / 0.5)
+        return float(0.5 * np.exp(rate * away + 0.2 * away**2))
+
+    rounds = [(0.6, fitted(0.6))]
+    for _ in range(5):
+        solved = next_modulus(rounds)
+        rounds.append((solved, fitted(solved)))
+    assert rounds[-1][1] / rounds[-1][0] == pytest.approx(1.0, abs=AGREED)
+    assert rounds[-1][0] == pytest.approx(0.5, rel=2e-3)
 
 
 def test_forces_that_pull_are_refused(history, finite):
