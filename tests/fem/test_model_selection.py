@@ -82,17 +82,14 @@ def selected(monkeypatch):
     return of
 
 
-def test_the_likeliest_effects_that_gain_something_are_refitted_and_no_others(selected):
-    case = Round({"skin": 30.0, "slip": 29.5, "damage": 3.0, "stiffening": 2.0, "anisotropy": 1.0})
+def test_effects_that_gain_nearly_as_much_are_refitted_and_no_others(selected):
+    case = Round({"skin": 30.0, "slip": 20.0, "damage": 16.0, "stiffening": 14.0})
     selection = selected(case)
-    assert selection.verdict == ("skin", "slip")
-    assert sorted(case.asked) == ["damage", "skin", "slip", "stiffening"]
+    assert selection.verdict == "skin"
+    assert sorted(case.asked) == ["damage", "skin", "slip"]
     refits = {hypothesis.name: hypothesis.refit for hypothesis in selection.ranking}
     assert refits["skin"]
-    assert refits["anisotropy"] is None
-    few = Round({"skin": 30.0, "slip": -1.0})
-    selected(few)
-    assert few.asked == ["skin"]
+    assert refits["stiffening"] is None
 
 
 def test_what_an_effect_gains_by_its_full_model_counts(selected):
@@ -106,9 +103,9 @@ def test_what_an_effect_gains_by_its_full_model_counts(selected):
 
 
 def test_what_comes_into_the_verdict_later_is_refitted_then(selected):
-    """A fifth effect, once the first four gain less in full."""
-    names = ("skin", "slip", "damage", "stiffening")
-    case = Round(dict.fromkeys(names, 30.0) | {"clock_lag": 15.0}, evidence=dict.fromkeys(names, 2.0))
+    """A weaker effect, once the others gain less in full."""
+    names = ("skin", "slip")
+    case = Round(dict.fromkeys(names, 30.0) | {"clock_lag": 14.0}, evidence=dict.fromkeys(names, 2.0))
     selection = selected(case)
     assert selection.verdict == "clock_lag"
     assert case.asked[-1] == "clock_lag"

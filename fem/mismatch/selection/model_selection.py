@@ -1,11 +1,11 @@
 """Model selection: the posterior of all explanations, by full models of those that may matter.
 
 Linear signatures say which do (fem.mismatch.selection.explanations, .decision). A large effect is not in
-proportion to its signature, so that another one's may resemble it better. Therefore the ALWAYS likeliest
-effects and what the verdict holds are refitted, MOST_REFITS of them at most. The full models say how large
-each effect is, what it gains, and what it leaves of the misfit; with that the probabilities are computed
-again. An explanation cannot be named where its model cannot be computed, or where its second effect ends at
-the bounds of its parameters.
+proportion to its signature, so that another one's may resemble it better. Therefore the effects that gain
+nearly as much as the best one, and what the verdict holds, are refitted, MOST_REFITS of them at most. The
+full models say how large each effect is, what it gains, and what it leaves of the misfit; with that the
+probabilities are computed again. An explanation cannot be named where its model cannot be computed, or where
+its second effect ends at the bounds of its parameters.
 """
 
 from collections.abc import Mapping, Sequence
@@ -24,17 +24,16 @@ from fem.mismatch.selection.screening import LinearFit, LinearRound
 from fem.mismatch.signature_variant import Variant
 from fem.parallel_map import parallel_map
 
-ALWAYS, MOST_REFITS = 4, 8
-"""Single effects that are refitted whatever their probability, and explanations in all, the likeliest first.
-Set by hand, to bound time."""
+MOST_REFITS = 8
+"""Explanations that are refitted at most, the likeliest first. Set by hand, to bound time."""
 NEGLIGIBLE = 0.02
 """The same effect on another pad is left out below this ratio of probabilities. Set by hand, below the share
 that a verdict may lack."""
 LEAST_LISTED = 1e-3
 """Probability from which a pair of effects is listed."""
-OTHER_PAD_SHARE = 0.5
-"""Share of one pad's linear gain from which the same effect on the other pad is refitted too: with three
-misplaced pads the wrong one gained as much or a little more (`benchmarks/mismatch.py`, pose_error)."""
+NEARLY = 0.5
+"""Share of the greatest linear gain from which another effect, or an effect on another pad, is refitted too.
+With three misplaced pads the wrong one gained as much or a little more (`benchmarks/mismatch.py`)."""
 AT_AN_END = "its second effect ends at the limit of its parameters"
 
 
@@ -85,14 +84,15 @@ def select_model(model: CaseModel, linear: LinearRound, *, p_value: float) -> Mo
 def _due(
     ranking: Sequence[Hypothesis], names: Sequence[str], in_full: Mapping[str, Hypothesis]
 ) -> list[Hypothesis]:
-    """Those to refit next: of the likeliest effects that gain something, and of the verdict."""
+    """Those to refit next: effects whose signatures gain nearly as much as the best, and the verdict's."""
     effects = [hypothesis for hypothesis in ranking if hypothesis.linear_fits]
-    singles = [hypothesis for hypothesis in effects if "+" not in hypothesis.name and hypothesis.gain > 0]
-    always = {hypothesis.name for hypothesis in singles[:ALWAYS]} if not in_full else set[str]()
+    singles = [] if in_full else [hypothesis for hypothesis in effects if "+" not in hypothesis.name]
+    most = max((single.gain for single in singles), default=0.0)
+    near = {single.name for single in singles if single.gain > NEARLY * most > 0}
     due = (
         hypothesis
         for hypothesis in effects
-        if hypothesis.name not in in_full and hypothesis.name in always.union(names)
+        if hypothesis.name not in in_full and hypothesis.name in near.union(names)
     )
     return list(islice(due, MOST_REFITS - len(in_full)))
 
@@ -157,9 +157,7 @@ def _pads_that_may_be(linear: LinearRound, chosen: LinearFit) -> list[LinearFit]
     same = [fit for fit in linear.linear_fits if fit.name == chosen.name]
     most = max(fit.gain for fit in same)
     others = (
-        fit
-        for fit in same
-        if fit.signature.variant != chosen.signature.variant and fit.gain > OTHER_PAD_SHARE * most
+        fit for fit in same if fit.signature.variant != chosen.signature.variant and fit.gain > NEARLY * most
     )
     return [chosen, *others]
 
