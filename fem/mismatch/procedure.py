@@ -131,7 +131,9 @@ def _other_pads(first: Hypothesis) -> list[str]:
             )
             if variant.pad
         ]
-        said.append(f"{' and '.join(words)} explains the recordings about as well (probability {share:.2f}).")
+        if words:
+            pads = " and ".join(words)
+            said.append(f"{pads} explains the recordings about as well (probability {share:.2f}).")
     return said
 
 

@@ -31,7 +31,7 @@ def _candidate(
 ) -> Candidate:
     """One hypothesis as the result has it; without parameters and modulus where it was not refitted."""
     if hypothesis.refit is None:
-        drop = sum(fit.chi2_drop for fit in hypothesis.linear_fits)
+        drop = linear.null.chi2 - hypothesis.misfit * linear.numbers if hypothesis.linear_fits else 0.0
         return Candidate(
             effect=hypothesis.name,
             probability=hypothesis.probability,

@@ -59,10 +59,10 @@ def mixture(weights: Sequence[float], moduli: Sequence[Modulus], *, about: float
 class Candidate:
     """One explanation in the ranking: an effect, or two joined by "+", sorted.
 
-    `log_evidence`: natural logarithm of the marginal likelihood over that of the plain model, as the linear
-    signatures decide. `gain`: by how much chi-square falls. `heldout`: gain in log predictive density on
-    grasps left out, against no effect, and its standard error. `refitted`: with the effect's full nonlinear
-    model.
+    `log_evidence`: natural logarithm of the marginal likelihood over that of the plain model, by linear
+    signatures or, where `refitted`, by full models. `gain`: by how much chi-square falls. `heldout`: gain in
+    log predictive density on grasps left out, against no effect, and its standard error. `refitted`: with the
+    effect's full nonlinear model.
     """
 
     effect: str

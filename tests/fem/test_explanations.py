@@ -1,4 +1,4 @@
-"""Explanations by linear signatures: pairs against dense Gaussian evidence, and which of them are tried."""
+"""Explanations: pairs against dense Gaussian evidence, and which of them are tried."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -160,5 +160,10 @@ def test_beside_a_full_model_a_second_effect_counts_by_what_that_model_leaves(le
     if left:
         expected = added(beside.with_law_error(signal, LAW_ERROR), (0,))
         assert pair.gain == pytest.approx(first.gain + 100.0 + expected)
+        drop = beside.right[0] ** 2 / (beside.normal[0, 0] + beside.sd[0] ** -2.0)
+        assert pair.misfit == pytest.approx(first.misfit - drop / linear.numbers)
+        refitted = replace(pair, gain=0.0, misfit=0.5, refit=refit)
+        again = all_explanations(linear, in_full | {pair.name: refitted})
+        assert next(each for each in again if each.name == pair.name) == replace(refitted, gain=pair.gain)
     else:
         assert pair is None

@@ -14,6 +14,7 @@ from scipy.spatial.transform import Rotation
 from fem.estimation.compliance_fit import fit_compliance
 from fem.estimation.finite_response import (
     AGREED,
+    LONGEST,
     _chosen,
     _predicted,
     finite_response,
@@ -195,6 +196,14 @@ def test_the_search_for_a_modulus_ends_where_fits_alternate_too(rate):
         rounds.append((solved, fitted(solved)))
     assert rounds[-1][1] / rounds[-1][0] == pytest.approx(1.0, abs=AGREED)
     assert rounds[-1][0] == pytest.approx(0.5, rel=2e-3)
+
+
+def test_a_step_in_E_is_bounded_and_follows_the_fit_where_the_secant_misleads():
+    growing = [(1.0, 1.1), (1.1, 1.3)]  # h grows with x: no root ahead
+    assert next_modulus(growing) == pytest.approx(1.3)
+    slow = [(1.0, 1.2), (1.2, 1.2 * 1.2 * 0.99)]  # the root is 18 fits ahead
+    assert next_modulus(slow) == pytest.approx(1.2 * (1.2 * 0.99) ** LONGEST)
+    assert next_modulus([(1.0, 1.1), (1.0, 1.1)]) == pytest.approx(1.1)
 
 
 def test_forces_that_pull_are_refused(history, finite):

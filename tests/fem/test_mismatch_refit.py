@@ -51,3 +51,19 @@ def test_threads_change_no_number():
     assert [shown.signature.variant for shown in serial.linear_fits] == [
         shown.signature.variant for shown in threaded.linear_fits
     ]
+
+
+def test_beside_a_full_model_a_signature_explains_as_much_as_in_a_fit_of_both():
+    linear = rounds([damage.EFFECT, skin.EFFECT])
+    by_name = {shown.name: shown for shown in linear.best}
+    first, second = by_name["damage"], by_name["skin"]
+    again = refit(injected(), linear, (first,))
+    _, drop = again.beside.given(again.beside.numbers(second.columns))
+    products, chosen = linear.products.about(
+        again.model,
+        again.response,
+        (*linear.nuisances, *second.columns),
+        [again.products.columns[j] for j in again.slopes],
+        signatures=first.columns,
+    )
+    assert drop == pytest.approx(again.fit.chi2 - products.fit(chosen).chi2, rel=1e-4)

@@ -34,6 +34,7 @@ class Round:
     evidence: dict[str, float] = field(default_factory=dict)
     fails: tuple[str, ...] = ()
     at_an_end: tuple[str, ...] = ()
+    lost: tuple[str, ...] = ()
     pads: dict[str, float] = field(default_factory=dict)
     asked: list[str] = field(default_factory=list)
 
@@ -52,14 +53,15 @@ class Round:
     def refit(self, _forward, _linear, fits):
         name = "+".join(sorted(linear_fit.name for linear_fit in fits))
         self.asked.append(name)
-        if name in self.fails:
-            raise FemFailure(FemProblem.NOT_CONVERGED, "no such flesh")
         variant = fits[0].signature.variant
         pad = variant.pad
+        if {name, pad} & set(self.fails):
+            raise FemFailure(FemProblem.NOT_CONVERGED, "no such flesh")
         return SimpleNamespace(
             name=name,
             variants=(variant,),
             log_evidence=self.evidence.get(pad or name, self.gains.get(name, 5.0)),
+            converged=name not in self.lost,
             at_an_end=tuple(linear_fit.name in self.at_an_end for linear_fit in fits),
             fit=SimpleNamespace(chi2=self.left.get(name, TYPICAL)),
         )
@@ -172,3 +174,35 @@ def test_other_pads_share_the_probability_by_their_full_models(selected):
     ((share, other),) = first.alternatives
     assert share == pytest.approx(1 / 4)
     assert other.variants == (of_pad("left"),)
+
+
+def gain_of_pads(selected, evidence: dict[str, float], *, right: float = 45.0, **more) -> float:
+    """Of an effect whose signature gains 100 on the left pad and `right` on the other."""
+    pads = {"sensor_gain": 0.0, "left": 100.0, "right": right}
+    selection = selected(Round({"sensor_gain": 100.0}, pads=pads, evidence=evidence, **more))
+    return next(each.gain for each in selection.ranking if each.name == "sensor_gain")
+
+
+def test_a_pad_without_a_full_model_gains_no_more_than_the_best_in_full(selected):
+    assert gain_of_pads(selected, {"left": 20.0}) == pytest.approx(20.0)
+    assert gain_of_pads(selected, {"left": 80.0}) == pytest.approx(80.0 - np.log(2.0))
+
+
+def test_a_pad_whose_model_fails_gains_nothing(selected):
+    gain = gain_of_pads(selected, {"right": 30.0}, right=60.0, fails=("left",))
+    assert gain == pytest.approx(30.0 - np.log(2.0))
+
+
+def test_a_search_that_did_not_converge_costs_an_effect_nothing(selected):
+    evidence = {"skin": 10.0}
+    assert selected(Round({"skin": 30.0, "slip": 20.0}, evidence=evidence)).verdict == "slip"
+    assert selected(Round({"skin": 30.0, "slip": 20.0}, evidence=evidence, lost=("skin",))).verdict == "skin"
+
+
+def test_pairs_wait_for_the_single_effects(selected):
+    """However many there are: the full model of the first may leave nothing for a second."""
+    others = [name for name in BY_NAME if name != "skin"][: MOST_REFITS + 1]
+    case = Round({"skin": 40.0} | {f"skin+{name}": 60.0 for name in others})
+    selected(case)
+    assert case.asked[0] == "skin"
+    assert len(case.asked) == MOST_REFITS

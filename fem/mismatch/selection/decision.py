@@ -1,8 +1,8 @@
 """The posterior of all explanations, and the test against no mismatch: here alone the finder decides.
 
 Explanations are none, every effect, pairs of effects, and "unknown": physics outside the catalogue. Each has
-a prior probability, a log Bayes factor over the plain model (by linear signatures, model error included),
-divided by TEMPERATURE, and what it leaves of the misfit x, the chi-square per number:
+a prior probability, a log Bayes factor over the plain model (by linear signatures or full models, model error
+included), divided by TEMPERATURE, and what it leaves of the misfit x, the chi-square per number:
 
 - without a mismatch the plain model's x scatters as MISFIT chi-square(FREEDOM) / FREEDOM;
 - with one, x is as likely to be hidden in that scatter as to stand out (ln x uniform up to MOST_MISFIT times

@@ -32,8 +32,9 @@ class Hypothesis(Weighed):
 
     `modulus_change`: E with the effects over E without, and the relative standard deviation that they add, by
     linear signatures; None for unknown physics, which leaves any `misfit`. `probability`: among all, by
-    `ranked`. `refit`: its full model, which then has `gain` and `misfit`, too. `alternatives`: the same with
-    another pad, where that gains about as much: its share of the explanation's probability, and its refit.
+    `ranked`. `refit`: its full model, which then gives `misfit`, and of a single effect `gain`.
+    `alternatives`: the same with another pad, where that gains about as much: its share of the explanation's
+    probability, and its refit.
     """
 
     misfit: float = float("nan")
@@ -154,7 +155,7 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesi
 def _beside(linear: LinearRound, first: Hypothesis) -> tuple[SignatureEquations, SignatureEquations]:
     """The equations of all else beside a first effect: its law taken as exact, and with LAW_ERROR."""
     (fit,) = first.linear_fits
-    if first.refit is not None:
+    if first.refit is not None and first.refit.beside is not None:
         equations, signal = first.refit.beside, linear.null.chi2 - first.refit.fit.chi2
     elif fit.columns:
         equations, signal = linear.equations.given(linear.equations.numbers(fit.columns))

@@ -2,7 +2,7 @@
 
 Linear signatures say which do (fem.mismatch.selection.explanations, .decision). A large effect is not in
 proportion to its signature, so that another one's may resemble it better. Therefore the effects that gain
-nearly as much as the best one, and what the verdict holds, are refitted, MOST_REFITS of them at most. The
+half as much as the best one, and what the verdict holds, are refitted, MOST_REFITS of them at most. The
 full models say how large each effect is, what it gains, and what it leaves of the misfit; with that the
 probabilities are computed again. An explanation cannot be named where its model cannot be computed, or where
 its second effect ends at the bounds of its parameters.
@@ -10,7 +10,7 @@ its second effect ends at the bounds of its parameters.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import islice, product
+from itertools import product
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from fem.mismatch.selection.decision import TEMPERATURE, verdict_of
 from fem.mismatch.selection.explanations import Hypothesis, all_explanations, mean_gain, ranked
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
-from fem.mismatch.signature_variant import Variant
 from fem.parallel_map import parallel_map
 
 MOST_REFITS = 8
@@ -31,9 +30,9 @@ NEGLIGIBLE = 0.02
 that a verdict may lack."""
 LEAST_LISTED = 1e-3
 """Probability from which a pair of effects is listed."""
-NEARLY = 0.5
-"""Share of the greatest linear gain from which another effect, or an effect on another pad, is refitted too.
-With three misplaced pads the wrong one gained as much or a little more (`benchmarks/mismatch.py`)."""
+HALF = 0.5
+"""Share of the greatest linear gain from which another effect, or another pad's, is refitted too. With three
+misplaced pads the wrong one gained as much or a little more (`benchmarks/mismatch.py`, pose_error)."""
 AT_AN_END = "its second effect ends at the limit of its parameters"
 
 
@@ -55,7 +54,7 @@ class ModelSelection:
 
 
 def select_model(model: CaseModel, linear: LinearRound, *, p_value: float) -> ModelSelection:
-    """Ranking and verdict, with the full models of what the verdict holds."""
+    """Ranking and verdict; what may matter has full models."""
     in_full, without = dict[str, Hypothesis](), dict[str, str]()
     while True:
         hypotheses = all_explanations(linear, in_full)
@@ -78,31 +77,41 @@ def select_model(model: CaseModel, linear: LinearRound, *, p_value: float) -> Mo
         if "+" not in hypothesis.name or hypothesis.probability >= LEAST_LISTED
     )
     verdict = names[0] if len(names) == 1 else names
-    return ModelSelection(ranking=tuple(listed), verdict=verdict, without=without)
+    left = {hypothesis.name for hypothesis in hypotheses}
+    return ModelSelection(
+        ranking=tuple(listed),
+        verdict=verdict,
+        without={name: why for name, why in without.items() if name in left},
+    )
 
 
 def _due(
     ranking: Sequence[Hypothesis], names: Sequence[str], in_full: Mapping[str, Hypothesis]
 ) -> list[Hypothesis]:
-    """Those to refit next: effects whose signatures gain nearly as much as the best, and the verdict's."""
+    """Those to refit next: effects whose signatures gain half as much as the best, and the verdict's. Pairs
+    wait until no single effect is due, since the first effect's full model may leave nothing for a second.
+    """
     effects = [hypothesis for hypothesis in ranking if hypothesis.linear_fits]
-    singles = [] if in_full else [hypothesis for hypothesis in effects if "+" not in hypothesis.name]
-    most = max((single.gain for single in singles), default=0.0)
-    near = {single.name for single in singles if single.gain > NEARLY * most > 0}
-    due = (
+    singles = [hypothesis for hypothesis in effects if "+" not in hypothesis.name]
+    most = 0.0 if in_full else max((single.gain for single in singles), default=0.0)
+    near = {single.name for single in singles if single.gain > HALF * most > 0}
+    due = [
         hypothesis
         for hypothesis in effects
         if hypothesis.name not in in_full and hypothesis.name in near.union(names)
-    )
-    return list(islice(due, MOST_REFITS - len(in_full)))
+    ]
+    first = [hypothesis for hypothesis in due if "+" not in hypothesis.name] or due
+    return first[: MOST_REFITS - len(in_full)]
 
 
 def _in_full(model: CaseModel, linear: LinearRound, hypothesis: Hypothesis) -> tuple[Hypothesis, str]:
-    """With its full models over the pads in question, what an effect gains by them, and what they leave of
+    """With its full models over the ways in question, what an effect gains by them, and what they leave of
     the misfit; else untenable, and why.
     """
     refits, failed = list[tuple[float, Refit]](), ""
-    for fits in product(*(_pads_that_may_be(linear, fit) for fit in hypothesis.linear_fits)):
+    gains = dict[tuple[str, bool | None], float]()
+    for fits in product(*(_ways_that_may_be(linear, fit) for fit in hypothesis.linear_fits)):
+        gains[_way(fits[0])] = -np.inf
         try:
             again = refit(model, linear, fits)
         except FemFailure as failure:
@@ -111,7 +120,9 @@ def _in_full(model: CaseModel, linear: LinearRound, hypothesis: Hypothesis) -> t
         if any(again.at_an_end[1:]):
             failed = AT_AN_END
             continue
-        refits.append((_gain(linear, again), again))
+        gain = _gain(linear, again)
+        gains[_way(fits[0])] = gain if again.converged else max(gain, fits[0].gain)
+        refits.append((gain, again))
     if not refits:
         return replace(hypothesis, tenable=False), failed
     (most, best), *others = sorted(refits, key=lambda tried: -tried[0])
@@ -120,45 +131,43 @@ def _in_full(model: CaseModel, linear: LinearRound, hypothesis: Hypothesis) -> t
     total = 1 + sum(share for share, _ in kept)
     return replace(
         hypothesis,
-        gain=_mean_gain(linear, hypothesis, refits),
+        gain=hypothesis.gain
+        if len(hypothesis.linear_fits) > 1
+        else _over_ways(linear, hypothesis.name, gains),
         refit=best,
         misfit=best.fit.chi2 / linear.numbers,
         alternatives=tuple((share / total, again) for share, again in kept),
     ), ""
 
 
-def _mean_gain(linear: LinearRound, hypothesis: Hypothesis, refits: Sequence[tuple[float, Refit]]) -> float:
-    """Of one effect over the ways that a search keeps to, those refitted by their full models; of a pair by
-    signatures.
+def _over_ways(linear: LinearRound, name: str, in_full: Mapping[tuple[str, bool | None], float]) -> float:
+    """ln of an effect's mean Bayes factor over its ways. `in_full`: of those with a full model; a way without
+    one gains by its signatures, and no more than the best in full.
     """
-    if len(hypothesis.linear_fits) > 1:
-        return hypothesis.gain
-    ways: dict[tuple[str, bool | None], list[float]] = {}
+    by_way: dict[tuple[str, bool | None], list[float]] = {}
     for fit in linear.linear_fits:
-        if fit.name == hypothesis.name:
-            ways.setdefault(_kept(fit.signature.variant), []).append(fit.gain)
-    gains = {way: mean_gain(each) for way, each in ways.items()}
-    gains |= {_kept(again.variants[0]): gain for gain, again in refits}
-    return mean_gain(list(gains.values()))
+        if fit.name == name:
+            by_way.setdefault(_way(fit), []).append(fit.gain)
+    most = max(in_full.values())
+    return mean_gain([in_full.get(way, min(mean_gain(gains), most)) for way, gains in by_way.items()])
 
 
-def _kept(variant: Variant) -> tuple[str, bool | None]:
-    """What a search keeps of a variant; its parameters' values it moves."""
-    return variant.pad, variant.pit_turns
+def _way(fit: LinearFit) -> tuple[str, bool | None]:
+    """What a search keeps of a signature's variant; values of parameters it moves."""
+    return fit.signature.variant.pad, fit.signature.variant.pit_turns
 
 
-def _pads_that_may_be(linear: LinearRound, chosen: LinearFit) -> list[LinearFit]:
-    """A signature, and where it is a pad's those of other pads that gain nearly as much.
+def _ways_that_may_be(linear: LinearRound, chosen: LinearFit) -> list[LinearFit]:
+    """A signature, and the best one of each other way of its effect that gains at least half as much.
 
     One pad moved and the other turned leave the forces balanced alike: only the full model parts them.
     """
-    if not chosen.signature.variant.pad:
-        return [chosen]
-    same = [fit for fit in linear.linear_fits if fit.name == chosen.name]
-    most = max(fit.gain for fit in same)
-    others = (
-        fit for fit in same if fit.signature.variant != chosen.signature.variant and fit.gain > NEARLY * most
-    )
+    best: dict[tuple[str, bool | None], LinearFit] = {}
+    for fit in sorted(linear.linear_fits, key=lambda fit: -fit.gain):
+        if fit.name == chosen.name:
+            best.setdefault(_way(fit), fit)
+    most = max((fit.gain for fit in best.values()), default=0.0)
+    others = (fit for way, fit in best.items() if way != _way(chosen) and fit.gain > HALF * most > 0)
     return [chosen, *others]
 
 

@@ -57,7 +57,7 @@ class Refit:
 
     `ahead`: of each parameter a step on the scale searched, and the response so far on.
     `products`: the linearised model at the end, its columns `nuisances` and `slopes`, `fit` of all of them.
-    `beside`: equations of all signatures beside this model, their columns as the linear round has them.
+    `beside`: equations of all signatures beside the model of one effect, with columns as in the linear round.
     `model`: with this model's own 1/E, from which `fit`'s first amount counts, and what the search found,
     from which another may start. `at_an_end`: of each effect, whether a parameter is at the end of its
     bounds, where it stands for something else. `last_gain`: ln evidence that the last round gained.
@@ -74,7 +74,7 @@ class Refit:
     slopes: tuple[int, ...]
     fit: Fit
     log_evidence: float
-    beside: SignatureEquations
+    beside: SignatureEquations | None
     model: CaseModel
     at_an_end: tuple[bool, ...]
     last_gain: float
@@ -148,7 +148,7 @@ def refit(model: CaseModel, linear: LinearRound, linear_fits: Sequence[LinearFit
         slopes=now.chosen[len(now.chosen) - count :],
         fit=now.fit,
         log_evidence=now.log_evidence,
-        beside=search.beside(now),
+        beside=search.beside(now) if len(linear_fits) == 1 else None,
         model=search.model,
         at_an_end=search.at_an_end(now.at),
         last_gain=gained,
