@@ -18,7 +18,6 @@ import hashlib
 import os
 import random
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -27,6 +26,7 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
+from signal import SIGKILL, SIGSEGV, SIGTERM, Signals
 
 import numpy as np
 import pandas as pd
@@ -196,7 +196,7 @@ def of_fruit(mark: str) -> list[int]:
     return workers
 
 
-def killed(campaign: Campaign, whom: str, number: signal.Signals) -> str:
+def killed(campaign: Campaign, whom: str, number: Signals) -> str:
     """One kill at a moment of the run, drawn again where nobody was there to be killed; what it cost."""
     for _ in range(TRIES):
         out = campaign.empty()
@@ -223,7 +223,7 @@ def killed(campaign: Campaign, whom: str, number: signal.Signals) -> str:
     else:
         raise Fault(f"nobody was there to be killed in {TRIES} runs")
     if whom == "command":
-        ends = {signal.SIGKILL: {-signal.SIGKILL}, signal.SIGTERM: {130, -signal.SIGTERM}}[number]
+        ends = {SIGKILL: {-SIGKILL}, SIGTERM: {130, -SIGTERM}}[number]
         campaign.require(status in ends, f"ended with {status}")
         cost = f"{len(list(out.glob('fruits/*/record.json')))} of {len(campaign.expected[1])} fruit done"
     else:
@@ -337,8 +337,7 @@ def main(
 ) -> int:
     """Prints a line per kind of disturbance; the exit status is 1 where anything did not hold."""
     campaign = Campaign(folder, seed, quick=quick)
-    signals = (signal.SIGKILL, signal.SIGKILL, signal.SIGTERM, signal.SIGSEGV)
-    kinds = list(zip(("command", "process", "command", "process"), signals, strict=True))
+    kinds = [("command", SIGKILL), ("process", SIGKILL), ("command", SIGTERM), ("process", SIGSEGV)]
     trials: list[tuple[str, Callable[[], str]]] = []
     for i in range(kills):
         whom, number = kinds[i % len(kinds)]

@@ -73,14 +73,21 @@ def listed(names: Sequence[str], most: int) -> str:
     return ", ".join(names[:most]) + more
 
 
-def known_names(written: str, known: Sequence[str], what: str) -> str:
+def known_names(written: str, known: Sequence[str], what: str, plural: str) -> str:
     """The likely one and all known names; of more than MOST_KNOWN the nearest, and how many others there are.
 
-    >>> known_names("AA", ["A", "B"], "fruit")
-    'did you mean "A"? known fruit: A, B.'
+    >>> known_names("frim", ["firm", "ripe"], "class", "classes")
+    'did you mean "firm"? known classes: firm, ripe.'
+    >>> known_names("zzz", ["firm", "ripe"], "class", "classes")
+    'choose a known class: firm, ripe.'
+    >>> known_names("A", [], "fruit", "fruit")
+    'there are none yet.'
     """
+    if not known:
+        return "there are none yet."
     ranked = known
     if len(known) > MOST_KNOWN:
         ranked = difflib.get_close_matches(written, known, n=len(known), cutoff=0.0)
-    lead = nearest(written, known, "choose a")
-    return printable(f"{lead} known {what}: {listed(ranked, MOST_KNOWN) or 'none yet'}.")
+    likely = nearest(written, known, "")
+    lead = f"{likely} known {plural}" if likely else f"choose a known {what}"
+    return printable(f"{lead}: {listed(ranked, MOST_KNOWN)}.")

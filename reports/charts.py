@@ -41,9 +41,12 @@ def band(x: Iterable[float], low: Iterable[float], high: Iterable[float], *, col
     return layer("area", [*along, *along[::-1]], [*low, *[*high][::-1]], colour=colour)
 
 
-def rules(along: str, at: Iterable[float], *, colour: str = "soft", **how: object) -> Chart:
-    """Dashed lines at values of the axis "x" or "y". `how`: `name` in the key, or `names` along the lines."""
-    return {"kind": "rules", "along": along, "at": rounded(at), "colour": colour, **how}
+def rules(
+    along: str, at: Iterable[float], *, colour: str = "soft", name: str = "", names: Iterable[str] = ()
+) -> Chart:
+    """Dashed lines at values of the axis "x" or "y", with a `name` in the key, or `names` along the lines."""
+    words = {"name": name, "names": list(names)}
+    return {"kind": "rules", "along": along, "at": rounded(at), "colour": colour, **words}
 
 
 def rounded(values: Iterable[float]) -> list[float]:

@@ -146,7 +146,7 @@ def _lot(batch: BatchEntry, fruits: list[Indexed]) -> dict[str, object]:
             {"name": name, "limit": limit, "colour": marks[name][0], "shape": marks[name][1]}
             for name, limit in batch.classes
         ],
-        "unclassed": {"name": "", "colour": UNKNOWN[0], "shape": UNKNOWN[1]},
+        "unclassed": {"name": "", "key": say("no class"), "colour": UNKNOWN[0], "shape": UNKNOWN[1]},
         "header": header,
         "fruits": [
             {

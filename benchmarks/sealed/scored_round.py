@@ -14,7 +14,7 @@ from fem.mismatch.catalogue import SPECS
 from fem.mismatch.procedure import detected
 from fem.mismatch.result import NINETY, NONE, UNKNOWN, Modulus
 from fem.mismatch.selection.decision import Detection, verdict_of
-from fem.mismatch.selection.explanations import Hypothesis, all_explanations, ranked
+from fem.mismatch.selection.grasp_explanations import Hypothesis, all_explanations, ranked
 from fem.mismatch.selection.reported_modulus import modulus_by, reported_modulus
 from fem.mismatch.selection.screening import LinearRound, without_model_error
 from samples.mismatch.bank import added_effects

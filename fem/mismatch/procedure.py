@@ -21,7 +21,7 @@ from fem.mismatch.reported_values import candidates
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, Modulus, Where
 from fem.mismatch.selection.cross_validation import cross_validated
 from fem.mismatch.selection.decision import Detection, detection
-from fem.mismatch.selection.explanations import Hypothesis
+from fem.mismatch.selection.grasp_explanations import Hypothesis
 from fem.mismatch.selection.model_selection import select_model
 from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.selection.refinement import Refit

@@ -8,7 +8,7 @@ from jaxtyping import Float
 from fem.mismatch.effect_spec import EffectParameter
 from fem.mismatch.result import NINETY, Candidate, Modulus, Parameter, mixture
 from fem.mismatch.selection.cross_validation import predictive, predictive_gain
-from fem.mismatch.selection.explanations import Hypothesis
+from fem.mismatch.selection.grasp_explanations import Hypothesis
 from fem.mismatch.selection.model_selection import ModelSelection
 from fem.mismatch.selection.modulus_with import ModulusWith, modulus_with
 from fem.mismatch.selection.refinement import Refit

@@ -26,7 +26,7 @@ from fem.mismatch.mismatch_case import MismatchCase
 from fem.mismatch.procedure import case_model, detected
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.decision import credible_set
-from fem.mismatch.selection.explanations import Hypothesis, all_explanations, ranked
+from fem.mismatch.selection.grasp_explanations import Hypothesis, all_explanations, ranked
 from fem.mismatch.selection.screening import LinearRound, screened
 from fem.solid.linear_solid import Support, UnitModulusSolid
 

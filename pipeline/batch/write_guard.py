@@ -124,4 +124,4 @@ def same_place(path: Path, other: Path) -> bool:
     try:
         return path.samefile(other)
     except OSError:
-        return not other.exists() and os.path.realpath(path) == os.path.realpath(other)
+        return os.path.realpath(path) == os.path.realpath(other)

@@ -197,7 +197,7 @@ def _of_batch(root: Path, fruit_id: str, out: Path | None) -> Case:
     batch = open_batch(root, force=True)
     known = [row.fruit_id for row in batch.rows]
     if fruit_id not in known:
-        hint = known_names(fruit_id, known, "fruit")
+        hint = known_names(fruit_id, known, "fruit", "fruit")
         raise refused(batch.folder.table, f'has no fruit "{fruit_id}"; {hint}')
     if said := implausible(batch, batch.row_of[fruit_id]):
         raise BatchRefused([Problem(str(batch.folder.table), f"{fruit_id}: {said}", fruit_id, True)])

@@ -30,7 +30,7 @@ def judge_fruit(
     """
     record, classes = judged_record(results, fruit_id)
     if classes and judged_class not in classes:
-        hint = known_names(judged_class, classes, "class")
+        hint = known_names(judged_class, classes, "class", "classes")
         raise refused("--class", f'found "{judged_class[:80]}"; {hint}')
     return add_verdict(
         results.verdicts, record, judged_class=judged_class, by=by, why=why, now=now, device=device
@@ -43,7 +43,8 @@ def judged_record(results: Results, fruit_id: str) -> tuple[FruitRecord, tuple[s
     record = read_record(results.fruit(fruit_id).record) if SAFE_ID.fullmatch(fruit_id) else None
     if record is None:
         known = sorted(str(name) for name in said.get("outcomes") or ())
-        raise refused("FRUIT", f'found "{printable(fruit_id[:80])}"; {known_names(fruit_id, known, "fruit")}')
+        hint = known_names(fruit_id, known, "fruit", "fruit")
+        raise refused("FRUIT", f'found "{printable(fruit_id[:80])}"; {hint}')
     return record, _classes(said)
 
 

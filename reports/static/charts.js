@@ -42,7 +42,7 @@ const charts = (function () {
         const upright = layer.along === "x";
         const ends = upright ? [[X(at), box.top], [X(at), box.top + box.height]] : [[box.left, Y(at)], [box.left + box.width, Y(at)]];
         path(pen, ends);
-        if (upright || !layer.names) return;
+        if (upright || !layer.names?.length) return;
         pen.textAlign = "right";
         pen.fillText(layer.names[k], box.left + box.width - 4 * px, Y(at) - 6 * px);
       });

@@ -101,10 +101,18 @@
   }
 
   // The lot's charts: all fruit pale, those in the table in full colour
-  const layersOf = (chosen, make) => classes.flatMap((one) => [false, true].map((faint) => {
-    const of = rows.filter((row) => counted(row) && (row.class || "") === one.name && chosen.has(row) !== faint);
-    return { ...make(of), name: faint ? "" : one.name, colour: one.colour, shape: one.shape, faint, tips: of.map((row) => `${row.id}: ${charts.say(row.E)} ± ${charts.say(row.sd || 0)} MPa${row.class ? ", " + row.class : ""}`), picks: of.map((row) => row.id) };
-  }));
+  const layersOf = (all, chosen, across) => classes.flatMap((one) => {
+    const own = all.filter((row) => (row.class || "") === one.name);
+    const name = one.name || (lot.classes.length && own.length ? one.key : "");
+    return [false, true].map((faint) => {
+      const of = own.filter((row) => chosen.has(row) !== faint);
+      return {
+        kind: "marks", x: of.map(across), y: of.map((row) => row.E), y_sd: of.map((row) => row.sd),
+        name: faint ? "" : name, colour: one.colour, shape: one.shape, faint, picks: of.map((row) => row.id),
+        tips: of.map((row) => `${row.id}: ${charts.say(row.E)} ± ${charts.say(row.sd || 0)} MPa${row.class ? ", " + row.class : ""}`),
+      };
+    });
+  });
   const limits = lot.classes.filter((one) => one.limit !== null);
   function span(values, air) {
     const low = Math.min(...values), high = Math.max(...values), more = air * (high - low) || 0.5 * Math.abs(high) || 0.5;
@@ -147,7 +155,7 @@
   }
   function byRank(chosen, [from, to], [low, high]) {
     const rule = { kind: "rules", along: "y", at: limits.map((one) => one.limit), colour: "soft" };
-    const marks = layersOf(chosen, (of) => ({ kind: "marks", x: of.map((row) => row.rank), y: of.map((row) => row.E), y_sd: of.map((row) => row.sd) }));
+    const marks = layersOf(rows.filter(counted), chosen, (row) => row.rank);
     return {
       title: words.ranking, x: { label: words.rank, whole: true, limits: [from, to] }, y: { label: words.E, limits: [low, high] }, layers: [rule, ...marks],
       description: rows.filter((row) => chosen.has(row) && counted(row)).slice(0, 12).map((row) => `${row.id} ${charts.say(row.E)} MPa`).join("; "),
@@ -155,12 +163,7 @@
   }
   function byShore(chosen) {
     const known = rows.filter((row) => counted(row) && row.shore !== null);
-    const layers = layersOf(chosen, (of) => ({ kind: "marks", of }));
-    for (const layer of layers) {
-      const has = layer.of.map((row) => row.shore !== null), of = layer.of.filter((row, k) => has[k]);
-      for (const name of ["tips", "picks"]) layer[name] = layer[name].filter((each, k) => has[k]);
-      Object.assign(layer, { x: of.map((row) => row.shore), y: of.map((row) => row.E), y_sd: of.map((row) => row.sd) });
-    }
+    const layers = layersOf(known, chosen, (row) => row.shore);
     return { title: words.shore, description: words.all.replace("#", known.length), layers,
       x: { label: "Shore OO", limits: span(known.map((row) => row.shore), 0.06) }, y: { label: "E (MPa)", limits: span([0, ...known.map((row) => row.E + (row.sd || 0))], 0.06) } };
   }

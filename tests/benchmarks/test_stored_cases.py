@@ -19,7 +19,7 @@ from fem.mismatch.evidence.model_error import model_error_shares  # noqa: E402
 from fem.mismatch.procedure import detected  # noqa: E402
 from fem.mismatch.result import NONE, UNKNOWN  # noqa: E402
 from fem.mismatch.selection.decision import probabilities, verdict_of  # noqa: E402
-from fem.mismatch.selection.explanations import all_explanations  # noqa: E402
+from fem.mismatch.selection.grasp_explanations import all_explanations  # noqa: E402
 
 CASES = {path.stem: path for path in sorted((Path(__file__).parent / "cases").glob("*.npz"))}
 REPLAYED = {"abs": 1e-3, "rel": 1e-4}

@@ -15,7 +15,7 @@ from fem.mismatch.evidence.gel_relation import GelRecord, RelationFit, gel_recor
 from fem.mismatch.gel_fault import GelFault
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.selection.decision import TEMPERATURE, log_prior
-from fem.mismatch.selection.explanations import all_explanations
+from fem.mismatch.selection.grasp_explanations import all_explanations
 from fem.mismatch.selection.modulus_with import modulus_of, modulus_with
 from fem.mismatch.selection.refinement import refit
 from fem.mismatch.selection.reported_modulus import hidden_gel_spread

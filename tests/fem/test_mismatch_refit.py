@@ -58,7 +58,7 @@ def test_beside_a_full_model_a_signature_explains_as_much_as_in_a_fit_of_both():
     by_name = {shown.name: shown for shown in linear.best}
     first, second = by_name["damage"], by_name["skin"]
     again = refit(injected(), linear, (first,))
-    _, drop = again.beside.given(again.beside.numbers(second.columns))
+    _, drop = again.others.given(again.others.numbers(second.columns))
     products, chosen = linear.products.about(
         again.model,
         again.response,

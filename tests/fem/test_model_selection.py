@@ -11,7 +11,7 @@ from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.result import NONE
 from fem.mismatch.selection import model_selection
 from fem.mismatch.selection.decision import MISFIT
-from fem.mismatch.selection.explanations import Hypothesis
+from fem.mismatch.selection.grasp_explanations import Hypothesis
 from fem.mismatch.selection.model_selection import MOST_REFITS, ModelSelection, select_model
 from fem.mismatch.signature_variant import ONE_WAY, of_pad
 

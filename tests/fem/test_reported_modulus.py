@@ -8,7 +8,7 @@ import pytest
 from scipy.stats import norm
 
 from fem.mismatch.result import NONE, UNKNOWN, HeldOut, Modulus, mixture
-from fem.mismatch.selection.explanations import Hypothesis
+from fem.mismatch.selection.grasp_explanations import Hypothesis
 from fem.mismatch.selection.reported_modulus import modulus_by, reported_modulus
 
 PLAIN = Modulus(value=0.4, sd=0.004)

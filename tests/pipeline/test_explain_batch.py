@@ -46,7 +46,7 @@ def test_a_batch_needs_to_be_told_which_fruit(drupe, finder, batch):
 
 def test_of_many_fruit_the_nearest_are_named_and_the_others_counted():
     fruit = [f"{tree}-{k:02d}" for tree in ("A", "B") for k in range(50)]
-    said = known_names("B-7", fruit, "fruit")
+    said = known_names("B-7", fruit, "fruit", "fruit")
     assert said.startswith('did you mean "B-')
     named, _, others = said.removesuffix(" more.").partition("known fruit: ")[2].partition(" and ")
     assert all(name.startswith("B-") for name in named.split(", "))

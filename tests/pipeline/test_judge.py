@@ -133,7 +133,8 @@ def test_a_later_grading_keeps_the_verdict_and_says_that_it_is_about_an_earlier_
 @pytest.mark.parametrize(
     ("wrong", "says"),
     [
-        ({"judged": "frim"}, '--class: found "frim"; did you mean "firm"?'),
+        ({"judged": "frim"}, '--class: found "frim"; did you mean "firm"? known classes: soft, firm.'),
+        ({"judged": "zzz"}, '--class: found "zzz"; choose a known class: soft, firm.'),
         ({"fruit": "C"}, 'FRUIT: found "C"; choose a known fruit: A, B.'),
         ({"fruit": "AA"}, 'FRUIT: found "AA"; did you mean "A"? known fruit: A, B.'),
         ({"fruit": "../A"}, 'FRUIT: found "../A"; '),

@@ -12,6 +12,7 @@ import pytest
 from small_batches import contents, empty_batch
 
 from pipeline.batch.layout import FruitResults, Results, write_whole
+from pipeline.batch.write_guard import same_place
 from pipeline.files.manifest import NotOurs, in_the_way, json_in
 
 SETTINGS = 'category = "nectarine"\npoisson_ratio = 0.45\n'
@@ -248,6 +249,15 @@ def test_two_answers_never_share_a_file_nor_take_a_name_of_the_results(refused, 
     for path in (fruit / "mismatch.json", fruit / ".written.json", batch / "results" / "ranking.csv"):
         said = refused("explain", batch, "--fruit", "N01", "--json", path)
         assert "is a file of the results" in said
+
+
+def test_a_name_too_long_for_a_file_is_compared_as_any_other(tmp_path):
+    long, other = (tmp_path / (letter * 300) for letter in "ab")
+    assert same_place(long, tmp_path / "." / long.name)
+    assert same_place(long, tmp_path / "folder" / ".." / long.name)
+    assert not same_place(long, other)
+    assert not same_place(long, tmp_path)
+    assert not same_place(tmp_path, long)
 
 
 @pytest.mark.parametrize("work", ["case", "case/work", ".", "full"])

@@ -36,10 +36,14 @@ ENDS = """() => {
 """Top and bottom of all that a sheet shows of a fruit, and where the next part begins or the sheet ends."""
 FIRST_FOUR = """() => {
   const cells = document.querySelectorAll("table.fruit tr:not(.space) > :nth-child(-n + 4)");
-  return [...cells].map((cell) => [cell.getBoundingClientRect().right, cell.scrollWidth - cell.clientWidth]);
+  return [...cells].map((cell) => [
+    cell.getBoundingClientRect().right,
+    ...[cell, ...cell.querySelectorAll(".soft")].map((part) => part.scrollWidth - part.clientWidth),
+  ]);
 }"""
-"""Where each cell of the first four columns ends, and how much of its text is cut off, px."""
+"""Where each cell of the first four columns ends, and how much of each of its lines is cut off, px."""
 CLASSES = (("ripe", 0.5), ("firm", 0.9), ("unripe", None))
+WITHHELD = {"maturity": None, "class_withheld": True, "decision": "inspect"}
 
 
 def lot(graded, template, count):
@@ -276,6 +280,21 @@ def test_the_key_of_the_ranking_s_chart_names_each_class_once(shown):
     assert page.locator("#by-rank .key").all_inner_texts() == [name for name, _ in CLASSES]
 
 
+@pytest.mark.parametrize(
+    ("language", "name"), [("en", "no class"), ("de", "keine Klasse"), ("es", "sin clase")]
+)
+def test_the_key_names_marks_without_a_class_whatever_is_selected(
+    shown, awkward_batch, graded, language, name
+):
+    batch = lot(graded, awkward_batch, 40)
+    batch = replace(batch, fruits=(replace(batch.fruits[0], **WITHHELD), *batch.fruits[1:]))
+    page, _ = shown(batch=batch, language=language, hash_="#class=unripe")
+    assert page.locator("#by-rank .key").all_inner_texts() == [*(name for name, _ in CLASSES), name]
+    assert page.locator("#by-rank .key").last.get_attribute("class") == "key marks circle"
+    page, _ = shown(batch=replace(batch, classes=(), ships=None), language=language)
+    assert page.locator("#by-rank .key").count() == 0
+
+
 def test_a_drag_across_the_histogram_selects_fruit_and_a_double_click_shows_all(shown):
     page, batch = shown(40)
     plot = page.locator("#histogram .u-over")
@@ -334,14 +353,15 @@ def test_on_a_phone_fruit_class_decision_and_E_come_first_and_are_whole(
     shown, awkward_batch, graded, language
 ):
     batch = lot(graded, awkward_batch, 40)
-    first, second, *others = batch.fruits
-    withheld = {"maturity": None, "class_withheld": True, "decision": "inspect"}
-    batch = replace(batch, fruits=(replace(first, verdicts=(VERDICT,)), replace(second, **withheld), *others))
+    first, second, third, *others = batch.fruits
+    both = {"maturity_probability": 0.61, "other_class": "unripe", "other_class_probability": 0.38}
+    changed = (replace(first, verdicts=(VERDICT,)), replace(second, **WITHHELD), replace(third, **both))
+    batch = replace(batch, fruits=(*changed, *others))
     page, _ = shown(batch=batch, language=language, viewport={"width": 360, "height": 800})
     table, plots = (page.locator(part).bounding_box() for part in (".box", ".plots"))
     assert table["y"] < plots["y"]
     assert page.locator("table.fruit thead th").nth(3).inner_text() == "E (MPa)"
     cells = page.evaluate(FIRST_FOUR)
     assert len(cells) > 4 * 15
-    assert max(right for right, _ in cells) <= table["x"] + table["width"]
-    assert max(hidden for _, hidden in cells) <= 0
+    assert max(right for right, *_ in cells) <= table["x"] + table["width"]
+    assert max(max(hidden) for _, *hidden in cells) <= 0

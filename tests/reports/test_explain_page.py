@@ -168,4 +168,4 @@ def test_lines_of_E_are_named_in_the_key_where_they_cover_no_mark():
     (chart,) = modulus_over_time(entry(), with_effect=True)
     lines = [layer for layer in chart["layers"] if layer["kind"] == "rules"]
     assert [layer["name"] for layer in lines] == ["without", "with the effect"]
-    assert not any("names" in layer for layer in lines)
+    assert not any(layer["names"] for layer in lines)

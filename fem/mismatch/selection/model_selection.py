@@ -1,6 +1,6 @@
 """Model selection: the posterior of all explanations, by full models of those that may matter.
 
-Linear signatures say which do (fem.mismatch.selection.explanations, .decision). A large effect is not in
+Linear signatures say which do (fem.mismatch.selection.grasp_explanations). A large effect is not in
 proportion to its signature, so that another one's may resemble it better. Therefore the effects that gain
 half as much as the best one, and what the verdict holds, are refitted, MOST_REFITS of them at most. The
 full models say how large each effect is, what it gains, and what it leaves of the misfit; with that the
@@ -18,7 +18,7 @@ from fem.fem_failure import FemFailure
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.result import NONE
 from fem.mismatch.selection.decision import TEMPERATURE, verdict_of
-from fem.mismatch.selection.explanations import Hypothesis, all_explanations, mean_gain, ranked
+from fem.mismatch.selection.grasp_explanations import Hypothesis, all_explanations, mean_gain, ranked
 from fem.mismatch.selection.refinement import Refit, refit
 from fem.mismatch.selection.screening import LinearFit, LinearRound
 from fem.parallel_map import parallel_map

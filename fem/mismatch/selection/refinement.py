@@ -57,7 +57,7 @@ class Refit:
 
     `ahead`: of each parameter a step on the scale searched, and the response so far on.
     `products`: the linearised model at the end, its columns `nuisances` and `slopes`, `fit` of all of them.
-    `beside`: equations of all signatures beside the model of one effect, with columns as in the linear round.
+    `others`: equations of all signatures beside the model of one effect, with columns as in the linear round.
     `model`: with this model's own 1/E, from which `fit`'s first amount counts, and what the search found,
     from which another may start. `at_an_end`: of each effect, whether a parameter is at the end of its
     bounds, where it stands for something else. `last_gain`: ln evidence that the last round gained.
@@ -74,7 +74,7 @@ class Refit:
     slopes: tuple[int, ...]
     fit: Fit
     log_evidence: float
-    beside: SignatureEquations | None
+    others: SignatureEquations | None
     model: CaseModel
     at_an_end: tuple[bool, ...]
     last_gain: float
@@ -148,7 +148,7 @@ def refit(model: CaseModel, linear: LinearRound, linear_fits: Sequence[LinearFit
         slopes=now.chosen[len(now.chosen) - count :],
         fit=now.fit,
         log_evidence=now.log_evidence,
-        beside=search.beside(now) if len(linear_fits) == 1 else None,
+        others=search.others_equations(now) if len(linear_fits) == 1 else None,
         model=search.model,
         at_an_end=search.at_an_end(now.at),
         last_gain=gained,
@@ -359,7 +359,7 @@ class _Search:
             fit=fit,
         )
 
-    def beside(self, now: _Linearised) -> SignatureEquations:
+    def others_equations(self, now: _Linearised) -> SignatureEquations:
         """The equations of all signatures beside the model, its slopes integrated out."""
         equations, cut = self.linear.equations, len(now.chosen) - len(self.spread)
         slopes = [now.products.columns[j] for j in now.chosen[cut:]]

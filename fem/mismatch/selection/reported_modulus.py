@@ -14,7 +14,7 @@ from fem.mismatch.effect import Effect
 from fem.mismatch.gel_fault import is_of_relation
 from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.result import NONE, UNKNOWN, HeldOut, Modulus, mixture
-from fem.mismatch.selection.explanations import Hypothesis
+from fem.mismatch.selection.grasp_explanations import Hypothesis
 from fem.mismatch.selection.refinement import Refit
 
 LARGE_MISFIT = 2.0

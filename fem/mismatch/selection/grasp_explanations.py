@@ -124,7 +124,7 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesi
     ways = {fits[0].name: fits for fits in _ways(linear.linear_fits)}
     for number, first in enumerate(singles):
         (fit,) = first.linear_fits
-        remaining, noisy = _beside(linear, first)
+        remaining, noisy = _equations_after(linear, first)
         for second in singles[number + 1 :]:
             if is_of_relation(fit.effect) and is_of_relation(second.linear_fits[0].effect):
                 continue
@@ -152,11 +152,11 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesi
     return pairs
 
 
-def _beside(linear: LinearRound, first: Hypothesis) -> tuple[SignatureEquations, SignatureEquations]:
+def _equations_after(linear: LinearRound, first: Hypothesis) -> tuple[SignatureEquations, SignatureEquations]:
     """The equations of all else beside a first effect: its law taken as exact, and with LAW_ERROR."""
     (fit,) = first.linear_fits
-    if first.refit is not None and first.refit.beside is not None:
-        equations, signal = first.refit.beside, linear.null.chi2 - first.refit.fit.chi2
+    if first.refit is not None and first.refit.others is not None:
+        equations, signal = first.refit.others, linear.null.chi2 - first.refit.fit.chi2
     elif fit.columns:
         equations, signal = linear.equations.given(linear.equations.numbers(fit.columns))
     else:  # it is seen directly, and leaves the motion as it is

@@ -12,9 +12,9 @@ from fem.mismatch.effect import Signature
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.model.observation_delta import Regressor
-from fem.mismatch.selection import explanations as explanations_module
+from fem.mismatch.selection import grasp_explanations
 from fem.mismatch.selection.decision import LAW_ERROR
-from fem.mismatch.selection.explanations import Hypothesis, all_explanations
+from fem.mismatch.selection.grasp_explanations import Hypothesis, all_explanations
 from fem.mismatch.selection.screening import LinearRound, linear_round
 from fem.mismatch.signature_variant import ONE_WAY
 
@@ -122,7 +122,7 @@ def test_a_pair_is_tried_where_the_second_exceeds_the_first_ones_law_error(monke
     assert pair.gain > max(equal[name].gain for name in NAMES) + 3
     weak = round_of((1.0, 0.8 * LAW_ERROR, 0.0))
     assert "anisotropy+skin" not in by_name(weak)
-    monkeypatch.setattr(explanations_module, "LAW_ERROR", 0.0)
+    monkeypatch.setattr(grasp_explanations, "LAW_ERROR", 0.0)
     assert "anisotropy+skin" in by_name(weak)
 
 
@@ -148,19 +148,19 @@ def test_beside_a_full_model_a_second_effect_counts_by_what_that_model_leaves(le
     first = by_name(linear)["anisotropy"]
     rng = np.random.default_rng(5)
     columns = rng.normal(size=(3, 4000))
-    beside = replace(
+    others = replace(
         linear.equations,
         normal=columns @ columns.T,
         right=columns @ (left * columns[0] + rng.normal(size=4000)),
     )
     signal = 500.0
-    refit = SimpleNamespace(beside=beside, fit=SimpleNamespace(chi2=linear.null.chi2 - signal))
+    refit = SimpleNamespace(others=others, fit=SimpleNamespace(chi2=linear.null.chi2 - signal))
     in_full = {"anisotropy": replace(first, gain=first.gain + 100.0, refit=refit)}
     pair = {each.name: each for each in all_explanations(linear, in_full)}.get("anisotropy+skin")
     if left:
-        expected = added(beside.with_law_error(signal, LAW_ERROR), (0,))
+        expected = added(others.with_law_error(signal, LAW_ERROR), (0,))
         assert pair.gain == pytest.approx(first.gain + 100.0 + expected)
-        drop = beside.right[0] ** 2 / (beside.normal[0, 0] + beside.sd[0] ** -2.0)
+        drop = others.right[0] ** 2 / (others.normal[0, 0] + others.sd[0] ** -2.0)
         assert pair.misfit == pytest.approx(first.misfit - drop / linear.numbers)
         refitted = replace(pair, gain=0.0, misfit=0.5, refit=refit)
         again = all_explanations(linear, in_full | {pair.name: refitted})
