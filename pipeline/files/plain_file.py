@@ -12,11 +12,19 @@ from typing import Any, BinaryIO
 
 DEEPEST = 20
 """Lists and tables within one another: what is read here needs 4; a reader's stack ends near 1000."""
-_KEY_PART = r"""(?:"(?:[^"\\\n]|\\.)*+"?|'[^'\n]*+'?|[\w-]++)"""
+_KEY_PART = r"""(?:"(?:[^"\\\n]++|\\.)*"?|'[^'\n]*+'?|[\w-]++)"""
+
+
+def _whole(pattern: str, name: str) -> str:
+    """The pattern, which then gives nothing back; possessive groups of choices do before Python 3.11.5."""
+    return rf"(?=(?P<{name}>{pattern}))(?P={name})"
+
+
 _TOML_TOKEN = re.compile(
-    r'''"""(?:[^"\\]|\\.|"(?!""))*+(?:"{3,5}|\Z)|#[^\n]*+|[^"'#\w-]++|'''
-    r"""'''(?:[^']|'(?!''))*+(?:'{3,5}|\Z)|"""
-    rf"(?P<deep_key>{_KEY_PART}(?:[ \t]*+\.[ \t]*+{_KEY_PART}){{{DEEPEST}}})|{_KEY_PART}",
+    r'''"""(?:[^"\\]++|\\.|"(?!""))*(?:"{3,5}|\\?\Z)|#[^\n]*+|[^"'#\w-]++|'''
+    r"""'''(?:[^']++|'(?!''))*(?:'{3,5}|\Z)|"""
+    rf"(?P<deep_key>{_whole(_KEY_PART, 'first')}"
+    rf"(?:[ \t]*+\.[ \t]*+{_whole(_KEY_PART, 'next')}){{{DEEPEST}}})|{_KEY_PART}",
     re.DOTALL,
 )
 """A text over several lines, a comment, punctuation, a key of more than DEEPEST parts, or one part of a key,
