@@ -4,7 +4,8 @@
     python benchmarks/mismatch_scores.py ROUNDS --write-model-error
 
 ROUNDS holds linear rounds of cases with answers (`benchmarks/mismatch_bank.py reduce`). Every case is decided
-again with today's decision and the shipped model error. --error-of-other-fruit: with the error that fruit of
+again with today's decision and the shipped model error, by linear signatures alone. `benchmarks/mismatch.py`
+scores answers of `drupe explain`, which has full models. --error-of-other-fruit: with the error that fruit of
 two thirds of the numbers show, all but the case's own third. --write-model-error writes
 fem/mismatch/evidence/model_error.csv from the cases without mismatch, and scores nothing.
 

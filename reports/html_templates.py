@@ -12,7 +12,7 @@ from jinja2 import Environment, PackageLoader, StrictUndefined, Template
 from markupsafe import Markup
 
 from reports.charts import PlacedCharts
-from reports.language import language_in_force, say, say_html
+from reports.language import fruit_count, language_in_force, say, say_html
 from reports.words import duration, effect_name, number, percent, verdict_words, with_sd
 
 CHARTS = ("uplot.js", "charts.js")
@@ -41,7 +41,12 @@ def _environment(language: str) -> Environment:
         "verdict_words": verdict_words,
         "with_sd": with_sd,
     }
-    environment.globals |= {"language": language, "say": say, "say_html": say_html}
+    environment.globals |= {
+        "language": language,
+        "say": say,
+        "say_html": say_html,
+        "fruit_count": fruit_count,
+    }
     return environment
 
 

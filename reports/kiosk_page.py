@@ -13,7 +13,7 @@ from urllib.parse import quote
 from reports.batch_overview import class_words, reason_words
 from reports.entries import HOLD, INSPECT, SHIP, BatchEntry, FruitEntry
 from reports.html_templates import own_script, template_of
-from reports.language import ENGLISH, say, spoken
+from reports.language import ENGLISH, fruit_count, say, spoken
 from reports.messages import in_language
 from reports.palette import UNKNOWN, class_mark, class_marks
 from reports.sheet_code import read_sheet_code
@@ -85,7 +85,7 @@ def _page(entry: KioskEntry, fault: str, logout: bool) -> str:
         decides=any(fruit.decision in (SHIP, HOLD) for fruit in alone),
         at_work=", ".join(entry.working)
         if len(entry.working) <= MOST_AT_WORK
-        else say("{count} fruit", count=len(entry.working)),
+        else fruit_count(len(entry.working)),
         waiting=entry.waiting[:MOST_WAITING],
         more_waiting=max(len(entry.waiting) - MOST_WAITING, 0),
         script=script,

@@ -65,6 +65,16 @@ def say(text: str, **values: object) -> str:
     return said.format(**values) if values else said
 
 
+def fruit_count(count: int) -> str:
+    """So many fruit, in the language in force.
+
+    >>> with spoken("de"):
+    ...     fruit_count(1), fruit_count(2)
+    ('1 Frucht', '2 Früchte')
+    """
+    return say("1 fruit") if count == 1 else say("{count} fruit", count=count)
+
+
 def say_html(text: str, **values: object) -> Markup:
     """The same of a sentence with markup in it; values are escaped."""
     said = Markup(_sentence(text))  # of this package, not of the batch

@@ -160,6 +160,7 @@ def _lot(batch: BatchEntry, fruits: list[Indexed]) -> dict[str, object]:
             for (_, fruit), line in zip(fruits, lines, strict=True)
         ],
         "words": {
+            "one": say("1 fruit"),
             "all": say("{count} fruit", count="#"),
             "some": say("{count} of {total} fruit", count="#", total="##"),
             "sorts": say("a click on the name of a column sorts by it"),

@@ -18,6 +18,7 @@
     keys: Array.from(row.cells, keyOf), html: row.outerHTML.replace(/>\s*\n\s*/g, ">"),
   }));
   const counted = (row) => row.E !== null && row.rank !== null;
+  const fruitCount = (count) => (count === 1 ? words.one : words.all.replace("#", count));
   const EXTRA = 3, AT_ONCE = 22; // rows above the part in view, and rows in the page at once
   const PRINTED = { ".warning": 4, ".next": 3, "tbody tr": 6 }; // what has a place on the sheet of a fruit
   let state = {}, shown = rows, height = 34, opened = null, cardCharts = [], lotCharts = [];
@@ -63,7 +64,7 @@
     shown = sorted(rows.filter(fits));
     const E = shown.filter(counted).map((row) => row.E), mean = E.reduce((sum, each) => sum + each, 0) / E.length;
     const sd = Math.sqrt(E.reduce((sum, each) => sum + (each - mean) ** 2, 0) / (E.length - 1));
-    const some = (count, total) => (count === total ? words.all.replace("#", total) : words.some.replace("##", total).replace("#", count));
+    const some = (count, total) => (count === total ? fruitCount(total) : words.some.replace("##", total).replace("#", count));
     status.value = some(shown.length, rows.length) + (E.length > 1 ? ": " + words.mean.replace("##", charts.say(sd, 3)).replace("#", charts.say(mean, 3)) : "");
     document.querySelectorAll(".count").forEach((count) => {
       const whole = rows.filter((row) => row.list === count.dataset.list).length, now = shown.filter((row) => row.list === count.dataset.list).length;
@@ -143,7 +144,7 @@
         const of = bars.filter((bar) => bar.one === one);
         layers.push({ kind: "bars", faint, colour: one.colour, from: of.map((bar) => bar.from), to: of.map((bar) => bar.to),
           y: of.map((bar) => (faint ? bar.count : bar.now) * bar.per),
-          tips: of.map((bar) => `${charts.say(bar.from)}–${charts.say(bar.to)} MPa: ${words.all.replace("#", bar.now === bar.count ? bar.count : `${bar.now} / ${bar.count}`)}`) });
+          tips: of.map((bar) => `${charts.say(bar.from)}–${charts.say(bar.to)} MPa: ${bar.now === bar.count ? fruitCount(bar.count) : words.all.replace("#", `${bar.now} / ${bar.count}`)}`) });
       }
     }
     layers.push({ kind: "rules", along: "x", at: limits.map((one) => one.limit), colour: "soft" });
@@ -164,7 +165,7 @@
   function byShore(chosen) {
     const known = rows.filter((row) => counted(row) && row.shore !== null);
     const layers = layersOf(known, chosen, (row) => row.shore);
-    return { title: words.shore, description: words.all.replace("#", known.length), layers,
+    return { title: words.shore, description: fruitCount(known.length), layers,
       x: { label: "Shore OO", limits: span(known.map((row) => row.shore), 0.06) }, y: { label: "E (MPa)", limits: span([0, ...known.map((row) => row.E + (row.sd || 0))], 0.06) } };
   }
   const SELECTS = { // from a drag over a chart to the E that is asked for

@@ -275,6 +275,13 @@ def test_the_histogram_counts_as_numpy_does_and_ends_bars_at_the_limits(shown):
     assert sum(count for _, _, count in bars) == len(E)
 
 
+@pytest.mark.parametrize(("language", "said"), [("en", "1 fruit"), ("de", "1 Frucht"), ("es", "1 fruto")])
+def test_one_fruit_is_counted_in_the_singular(shown, awkward_batch, graded, language, said):
+    batch = lot(graded, awkward_batch, 1)
+    page, _ = shown(batch=replace(batch, fruits=batch.fruits[:1]), language=language)
+    assert rows_shown(page) == said
+
+
 def test_the_key_of_the_ranking_s_chart_names_each_class_once(shown):
     page, _ = shown(40)
     assert page.locator("#by-rank .key").all_inner_texts() == [name for name, _ in CLASSES]
