@@ -16,7 +16,9 @@ _KEY_PART = r"""(?:"(?:[^"\\\n]++|\\.)*"?|'[^'\n]*+'?|[\w-]++)"""
 
 
 def _whole(pattern: str, name: str) -> str:
-    """The pattern, which then gives nothing back; possessive groups of choices do before Python 3.11.5."""
+    """An atomic group, by a lookahead and a back-reference: `(?:a|b)*+` may backtrack before Python 3.11.5
+    (python/cpython issue 106052).
+    """
     return rf"(?=(?P<{name}>{pattern}))(?P={name})"
 
 

@@ -148,6 +148,8 @@ class GramMatrix:
         """The chosen columns and `more`, linearised about a nonlinear model instead; columns are
         renumbered.
 
+        What comes back is for fits: only the linear round's own columns can be linearised about a model.
+
         `signatures`: columns that the model is like while it is small. The noise of forces in it, and in
         `more`, is taken for theirs, in the amounts in which the model and `more` are like them
         (fem.mismatch.model.force_noise).
@@ -180,8 +182,7 @@ class GramMatrix:
             place = {int(j): at + 1 for at, j in enumerate(self.rows[k])}
             kept = [at for at, j in enumerate(chosen) if j in place]
             at = np.array([place[chosen[j]] for j in kept], dtype=np.int64)
-            known = self.weighed[k][at]
-            across = known @ plain.T
+            across = (self.weighed[k] @ plain.T)[at]
             products = np.empty((len(fresh) + len(at),) * 2)
             new = np.r_[0, 1, 2 + len(at) : len(products)]
             products[np.ix_(new, new)] = heavy @ plain.T
@@ -192,7 +193,6 @@ class GramMatrix:
             products = _corrected(products, other.bias[k, own_rows])
             products[0, 0] += noise.square[k]
             other.products.append(products)
-            other.weighed.append(np.concatenate([heavy[:2], known, heavy[2:]]))
             other.rows.append(np.array(own_rows, dtype=np.int64))
         return other, tuple(range(1, len(other.columns)))
 

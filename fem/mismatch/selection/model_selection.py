@@ -11,6 +11,7 @@ its second effect ends at the bounds of its parameters.
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from typing import TypeAlias
 
 import numpy as np
 
@@ -30,9 +31,12 @@ NEGLIGIBLE = 0.02
 that a verdict may lack."""
 LEAST_LISTED = 1e-3
 """Probability from which a pair of effects is listed."""
-HALF = 0.5
-"""Share of the greatest linear gain from which another effect, or another pad's, is refitted too. With three
-misplaced pads the wrong one gained as much or a little more (`benchmarks/mismatch.py`, pose_error)."""
+RIVAL_SHARE = 0.5
+"""Ratio of ln Bayes factors by signatures, to the best, from which another effect, or the same on another
+pad, is refitted. With three misplaced pads the wrong one gained as much or a little more. A loose pit gained
+0.83 of what soft jaws did (`benchmarks/mismatch.py`). Set by hand, well below these."""
+Way: TypeAlias = tuple[str, bool | None]
+"""What a search keeps of a signature's variant: its pad, and whether a loose pit turns."""
 AT_AN_END = "its second effect ends at the limit of its parameters"
 
 
@@ -94,7 +98,7 @@ def _due(
     effects = [hypothesis for hypothesis in ranking if hypothesis.linear_fits]
     singles = [hypothesis for hypothesis in effects if "+" not in hypothesis.name]
     most = 0.0 if in_full else max((single.gain for single in singles), default=0.0)
-    near = {single.name for single in singles if single.gain > HALF * most > 0}
+    near = {single.name for single in singles if single.gain > RIVAL_SHARE * most > 0}
     due = [
         hypothesis
         for hypothesis in effects
@@ -109,7 +113,7 @@ def _in_full(model: CaseModel, linear: LinearRound, hypothesis: Hypothesis) -> t
     the misfit; else untenable, and why.
     """
     refits, failed = list[tuple[float, Refit]](), ""
-    gains = dict[tuple[str, bool | None], float]()
+    gains = dict[Way, float]()
     for fits in product(*(_ways_that_may_be(linear, fit) for fit in hypothesis.linear_fits)):
         gains[_way(fits[0])] = -np.inf
         try:
@@ -129,46 +133,53 @@ def _in_full(model: CaseModel, linear: LinearRound, hypothesis: Hypothesis) -> t
     weight = [(float(np.exp((gain - most) / TEMPERATURE)), again) for gain, again in others]
     kept = [(share, again) for share, again in weight if share >= NEGLIGIBLE]
     total = 1 + sum(share for share, _ in kept)
+    is_pair = len(hypothesis.linear_fits) > 1
     return replace(
         hypothesis,
-        gain=hypothesis.gain
-        if len(hypothesis.linear_fits) > 1
-        else _over_ways(linear, hypothesis.name, gains),
+        gain=hypothesis.gain if is_pair else _over_ways(linear, hypothesis.name, gains),
         refit=best,
         misfit=best.fit.chi2 / linear.numbers,
         alternatives=tuple((share / total, again) for share, again in kept),
     ), ""
 
 
-def _over_ways(linear: LinearRound, name: str, in_full: Mapping[tuple[str, bool | None], float]) -> float:
+def _over_ways(linear: LinearRound, name: str, in_full: Mapping[Way, float]) -> float:
     """ln of an effect's mean Bayes factor over its ways. `in_full`: of those with a full model; a way without
     one gains by its signatures, and no more than the best in full.
     """
-    by_way: dict[tuple[str, bool | None], list[float]] = {}
-    for fit in linear.linear_fits:
-        if fit.name == name:
-            by_way.setdefault(_way(fit), []).append(fit.gain)
     most = max(in_full.values())
-    return mean_gain([in_full.get(way, min(mean_gain(gains), most)) for way, gains in by_way.items()])
-
-
-def _way(fit: LinearFit) -> tuple[str, bool | None]:
-    """What a search keeps of a signature's variant; values of parameters it moves."""
-    return fit.signature.variant.pad, fit.signature.variant.pit_turns
+    return mean_gain(
+        [
+            in_full.get(way, min(mean_gain([fit.gain for fit in fits]), most))
+            for way, fits in _by_way(linear, name).items()
+        ]
+    )
 
 
 def _ways_that_may_be(linear: LinearRound, chosen: LinearFit) -> list[LinearFit]:
-    """A signature, and the best one of each other way of its effect that gains at least half as much.
+    """A signature, and the best one of each other way of its effect that gains at least RIVAL_SHARE as much.
 
     One pad moved and the other turned leave the forces balanced alike: only the full model parts them.
     """
-    best: dict[tuple[str, bool | None], LinearFit] = {}
-    for fit in sorted(linear.linear_fits, key=lambda fit: -fit.gain):
-        if fit.name == chosen.name:
-            best.setdefault(_way(fit), fit)
+    best = {way: fits[0] for way, fits in _by_way(linear, chosen.name).items()}
     most = max((fit.gain for fit in best.values()), default=0.0)
-    others = (fit for way, fit in best.items() if way != _way(chosen) and fit.gain > HALF * most > 0)
-    return [chosen, *others]
+    return [
+        chosen,
+        *(fit for way, fit in best.items() if way != _way(chosen) and fit.gain > RIVAL_SHARE * most > 0),
+    ]
+
+
+def _by_way(linear: LinearRound, name: str) -> dict[Way, list[LinearFit]]:
+    """The signatures of an effect by way, the best first."""
+    by_way: dict[Way, list[LinearFit]] = {}
+    for fit in sorted(linear.linear_fits, key=lambda fit: -fit.gain):
+        if fit.name == name:
+            by_way.setdefault(_way(fit), []).append(fit)
+    return by_way
+
+
+def _way(fit: LinearFit) -> Way:
+    return fit.signature.variant.pad, fit.signature.variant.pit_turns
 
 
 def _gain(linear: LinearRound, again: Refit) -> float:
