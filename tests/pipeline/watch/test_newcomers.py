@@ -67,11 +67,11 @@ def test_of_several_at_once_each_is_shown_when_it_ends(batch, watched):
 
 def test_reports_between_take_a_bounded_share_of_the_time_and_the_last_is_of_all(batch, watched, monkeypatch):
     made = reports_take(monkeypatch, watched, 1.0)
-    watched(*one_by_one(batch, *[f"N{k:02d}" for k in range(40)]))
+    watched(*one_by_one(batch, *[f"N{k:02d}" for k in range(24)]))
     assert len(made) <= 3 + 0.01 * watched.time_s[0]  # the first, the last, and 1 % of the time between
     assert len(made) >= 3
-    assert (made[0], made[-1]) == (1, 40)
-    assert len(rows(batch / "results")) == 40
+    assert (made[0], made[-1]) == (1, 24)
+    assert len(rows(batch / "results")) == 24
 
 
 def test_the_page_ranks_a_newcomer_among_all_before_any_report(batch, watched, monkeypatch):
