@@ -35,10 +35,10 @@ def layer(kind: str, x: Iterable[float], y: Iterable[float], **how: object) -> C
     return {"kind": kind, "x": rounded(places[:, 0]), "y": rounded(places[:, 1]), **how}
 
 
-def band(x: Iterable[float], low: Iterable[float], high: Iterable[float], *, colour: str = "cx") -> Chart:
+def band(x: Iterable[float], low: Iterable[float], high: Iterable[float]) -> Chart:
     """The area between two lines over x."""
     along = list(x)
-    return layer("area", [*along, *along[::-1]], [*low, *[*high][::-1]], colour=colour)
+    return layer("area", [*along, *along[::-1]], [*low, *[*high][::-1]], colour="cx")
 
 
 def rules(

@@ -9,7 +9,7 @@ from itertools import chain
 import numpy as np
 from jaxtyping import Float
 
-from reports.charts import Chart, layer, padded
+from reports.charts import Chart, band, layer, padded
 from reports.entries import FruitEntry
 from reports.grasp_record import CurveRecord, GraspRecord
 from reports.language import say
@@ -55,7 +55,7 @@ def _of_recording(recording: GraspRecord) -> list[Chart]:
         return [of_force]
     travel_mm, force_N, sd_mm = model
     edges = np.r_[travel_mm - 2 * sd_mm, (travel_mm + 2 * sd_mm)[::-1]], np.r_[force_N, force_N[::-1]]
-    band = layer("area", *edges, colour="cx")
+    spread = layer("area", *edges, colour="cx")
     line = layer("line", travel_mm, force_N, colour="ink", smooth=True, name=say("fitted model"))
     residuals = [residual_um(curve, travel_mm, force_N) for curve in curves]
     rms_um = math.sqrt(np.nanmean(np.square(np.concatenate(residuals))))
@@ -80,7 +80,7 @@ def _of_recording(recording: GraspRecord) -> list[Chart]:
         "group": recording.grasp,
         "low": True,
     }
-    return [of_force | {"caption": caption, "layers": [band, *of_force["layers"], line]}, of_residuals]
+    return [of_force | {"caption": caption, "layers": [spread, *of_force["layers"], line]}, of_residuals]
 
 
 def model_curve(
@@ -134,7 +134,8 @@ def _frames(fruit: FruitEntry) -> Chart:
     frames = [frame for rows in by_recording.values() for frame in rows]
     sure = [frame.E_MPa for frame in frames if frame.E_sd_MPa < LEAST_CERTAIN * frame.E_MPa]
     across = padded((frame.travel_mm for frame in frames), from_zero=True)
-    layers = [layer("area", *_band(fruit, across), colour="cx")]
+    low, high = _spread(fruit) or (math.nan, math.nan)
+    layers = [band(across, (low, low), (high, high))]
     for k, (name, rows) in enumerate(by_recording.items()):
         for unloading in (False, True):
             shown = [row for row in rows if row.unloading == unloading]
@@ -163,9 +164,3 @@ def _spread(fruit: FruitEntry) -> list[float]:
     """E less and plus one standard deviation; empty where it is not known."""
     sd = fruit.E_sd_MPa or 0.0
     return [] if fruit.E_MPa is None else [fruit.E_MPa - sd, fruit.E_MPa + sd]
-
-
-def _band(fruit: FruitEntry, across: tuple[float, float]) -> tuple[list[float], list[float]]:
-    """Corners of the fruit's own value ± one standard deviation: along the other axis, and E."""
-    low, high = _spread(fruit) or (math.nan, math.nan)
-    return ([*across, *across[::-1]], [low, low, high, high]) if math.isfinite(low) else ([], [])

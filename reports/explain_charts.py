@@ -8,7 +8,7 @@ from itertools import groupby
 
 import numpy as np
 
-from reports.charts import Chart, layer, padded, rounded, rules
+from reports.charts import Chart, band, layer, padded, rounded, rules
 from reports.explain_entries import ExplainEntry, Record
 from reports.words import effect_name, number, percent
 
@@ -158,6 +158,5 @@ def _holds(frames: list[tuple[float, str]], limits: tuple[float, float]) -> Iter
     for phase, run in groupby(frames, key=lambda frame: frame[1]):
         if phase == "hold":
             times = [time_s for time_s, _ in run]
-            ends = min(times), max(times)
-            corners = [limits[0], limits[0], limits[1], limits[1]]
-            yield layer("area", [*ends, *ends[::-1]], corners, colour="cx")
+            low, high = limits
+            yield band((min(times), max(times)), (low, low), (high, high))

@@ -10,11 +10,9 @@ PAGE_PX, PAGE_QUALITY = 420, 65
 """Longer side of a photo in a page, and JPEG's quality there (0 to 100): about 12 kB."""
 
 
-def thumbnail_jpeg(
-    image: UInt8[np.ndarray, "h w 3"], *, longest_px: int = PAGE_PX, quality: int = PAGE_QUALITY
-) -> bytes:
+def thumbnail_jpeg(image: UInt8[np.ndarray, "h w 3"], *, longest_px: int = PAGE_PX) -> bytes:
     """JPEG of a BGR photo, its longer side at most ``longest_px``; smaller photos keep their size."""
-    return jpeg(within(image, longest_px)[0], quality=quality)
+    return jpeg(within(image, longest_px)[0], quality=PAGE_QUALITY)
 
 
 def within(image: UInt8[np.ndarray, "h w 3"], longest_px: int) -> tuple[UInt8[np.ndarray, "_h _w 3"], float]:

@@ -69,6 +69,14 @@ def require_provenance(results: Results) -> dict[str, Any]:
     raise refused(results.root, f"contains no results of drupe grade (batch.json); {hint}")
 
 
+def require_finished(results: Results) -> dict[str, Any]:
+    """The same; raises BatchRefused also where the run did not come to its end."""
+    said = require_provenance(results)
+    if said.get("exit_status") is None:
+        raise refused(results.provenance, "belongs to an unfinished run; let `drupe grade` finish it first.")
+    return said
+
+
 def write_run(results: Results, *, mark: str) -> None:
     """Writes the mark of a run, by which another machine knows that it sees the same folder.
 

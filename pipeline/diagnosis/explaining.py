@@ -5,7 +5,6 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
-from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +68,6 @@ def explain(
     wanted: ExplainOutputs,
     report: Callable[[str], None],
     jobs: int = 1,
-    now: Callable[[], datetime] = utc_now,
 ) -> ExplainEntry:
     """Explains the case or fruit at `path`, writes what is wanted, and gives what the page says.
 
@@ -95,19 +93,17 @@ def explain(
             Results(held).claim()
             case.task.results.claim()
             case.task.results.sweep()
-            return _explained(case, wanted, report, jobs, now)
+            return _explained(case, wanted, report, jobs)
 
 
-def _explained(
-    case: Case, wanted: ExplainOutputs, report: Callable[[str], None], jobs: int, now: Callable[[], datetime]
-) -> ExplainEntry:
+def _explained(case: Case, wanted: ExplainOutputs, report: Callable[[str], None], jobs: int) -> ExplainEntry:
     require_one_fruit(case)
-    started, since_s = now(), time.monotonic()
+    started, since_s = utc_now(), time.monotonic()
     log = StageLog(report)
     diagnosis = finding(case, log, jobs=jobs)
     explanation = diagnosis.explanation
     done = applied(case, explanation, now=started) if wanted.apply else ""
-    made = now()
+    made = utc_now()
     seconds = {
         **log.seconds,
         **{f"explanation, {stage}": round(took, 2) for stage, took in (explanation.seconds or {}).items()},

@@ -22,8 +22,6 @@ from jaxtyping import Float
 from scipy.optimize import brentq
 from scipy.stats import binom, hypergeom, nct, norm
 
-LEVELS = ("S-1", "S-2", "S-3", "S-4", "I", "II", "III")
-"""Inspection levels, special ones first."""
 SWITCHING = {
     "normal": "Change to tightened inspection after 2 rejected lots among 5 in a row; reduced inspection "
     "needs 10 accepted lots in a row and steady production",

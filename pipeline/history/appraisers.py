@@ -87,7 +87,6 @@ class GaugeStudy:
     gauge: float
     part: float
     total: float
-    p_interaction: float
     categories: int | None
 
     def percent(self, sd: float) -> float:
@@ -126,7 +125,6 @@ def gauge_study(readings: Float[np.ndarray, "parts appraisers trials"]) -> Gauge
         gauge=gauge,
         part=part,
         total=math.hypot(gauge, part),
-        p_interaction=p,
         categories=int(1.41 * part / gauge) if gauge else None,
     )
 

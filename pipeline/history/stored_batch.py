@@ -13,7 +13,7 @@ from pydantic.dataclasses import dataclass
 
 from pipeline.batch.firmness_columns import firmness_readings
 from pipeline.batch.layout import Results
-from pipeline.batch.provenance import require_provenance
+from pipeline.batch.provenance import require_finished
 from pipeline.batch.records import FruitRecord, read_record
 from pipeline.files.manifest import why_damaged
 from pipeline.files.plain_file import printable
@@ -124,9 +124,7 @@ def stored_batch(out: Path) -> StoredBatch:
     results = Results(out)
     if results.provenance.is_file() and (why := why_damaged(results.provenance)):
         raise refused(results.provenance, f"{why}; {GRADE_AGAIN}")
-    said = require_provenance(results)
-    if said.get("exit_status") is None:
-        raise refused(results.provenance, "belongs to an unfinished run; let `drupe grade` finish it first.")
+    said = require_finished(results)
     try:
         return _batch(out, results, said)
     except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -14,6 +14,8 @@ from reports.entries import ShoreCorrelation
 
 EXACT_UP_TO = 7
 """So many fruit have few enough orders (5040) to count them all."""
+DRAWS = 4000
+"""From which probabilities of ranks are counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -39,7 +41,6 @@ def standings(
     scale_sd_MPa: Float[np.ndarray, " n"] | float = 0.0,
     classes: Sequence[GradingClass],
     rng: np.random.Generator,
-    draws: int = 4000,
 ) -> list[Rank]:
     """Each fruit's standing, in the order given.
 
@@ -47,7 +48,7 @@ def standings(
     class, which has fixed limits, and not for the order. So does `scale_sd_MPa`, which is beside `E_sd_MPa`.
 
     The modulus is positive with an error that scales with it, so its uncertainty is taken as lognormal:
-    `log E ~ N(log E, (sd/E)^2)`, independent between fruits. Rank probabilities come from `draws` joint
+    `log E ~ N(log E, (sd/E)^2)`, independent between fruits. Rank probabilities come from DRAWS joint
     draws; `rank_low` and `rank_high` hold the central 90 %. The probability of being softer than the next
     fruit in the ranking is exact: `Phi((log E_next - log E) / sqrt(s^2 + s_next^2))`.
     """
@@ -56,7 +57,7 @@ def standings(
     order = np.lexsort((np.arange(len(mean)), mean))
     rank = np.empty(len(mean), dtype=int)
     rank[order] = np.arange(1, len(mean) + 1)
-    drawn = mean + spread * rng.standard_normal((draws, len(mean)))
+    drawn = mean + spread * rng.standard_normal((DRAWS, len(mean)))
     ranks = drawn.argsort(axis=1).argsort(axis=1) + 1
     low, high = np.percentile(ranks, [5, 95], axis=0, method="nearest").astype(int)
     result = []

@@ -1,7 +1,6 @@
 """`drupe calibrate` of a rig: squeezes of a rigid object become the travel that the rig gives by itself."""
 
 import datetime
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,11 +8,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from pipeline.files.plain_file import read_bytes
+from pipeline.batch.cache import file_hash
 from pipeline.problem import refused
 from pipeline.recordings.description_file import DescriptionKind, frame_progress
 from tactile.from_frames import recording_of
-from tactile.readers.hdf5_file import MOST_BYTES
 from tactile.readers.load_cell import NO_MARKERS, TABLES, read_trace
 from tactile.readers.raw_grasp import read_raw_grasp
 from tactile.readers.recording import GelPad, IndenterPad, Recording, read_recording
@@ -152,7 +150,11 @@ def _described(
         )
     spreads = ("repeat_mm", "hysteresis_mm", "scatter_mm")
     written["spread"] = {name: _short(getattr(of, name)) for name in spreads}
-    written["recordings"] = [{"name": path.name, "sha256": _digest(path)} for path in sources]
+    written["recordings"] = [
+        # of a folder its log, which has the force and the aperture
+        {"name": path.name, "sha256": file_hash(path / "log.csv" if path.is_dir() else path)}
+        for path in sources
+    ]
     return written
 
 
@@ -164,12 +166,6 @@ def _curve(curve: RigCurve) -> dict[str, list[float]]:
 
 def _short(value: float) -> float:
     return float(f"{value:.{DIGITS}g}")
-
-
-def _digest(path: Path) -> str:
-    """SHA-256 of a file, or of a folder's log, which has the force and the aperture."""
-    file = path / "log.csv" if path.is_dir() else path
-    return hashlib.sha256(read_bytes(file, most_bytes=MOST_BYTES)).hexdigest()
 
 
 def _in_words(whole: FittedRig, jaws: FittedRig | None, rigid: RigidObject) -> tuple[str, ...]:

@@ -1,7 +1,6 @@
 """`drupe robot`: photos of the mat become the mat's place in the robot's base."""
 
 import datetime
-import hashlib
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,12 +8,12 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.batch.cache import file_hash
 from pipeline.batch.opening import read_mat
-from pipeline.files.plain_file import read_bytes
 from pipeline.problem import refused
 from pipeline.recordings.description_file import DescriptionKind
 from recon.cameras.mat_poses import LONGEST_ERROR_PX, cameras_from_mat
-from recon.cameras.photos import MOST_BYTES, MOST_PHOTOS, Photo, read_photo
+from recon.cameras.photos import MOST_PHOTOS, Photo, read_photo
 from recon.cameras.printed_mat import Mat, detect_tags
 from tactile.readers.flange_table import FlangeTable, read_flange_table
 from tactile.readers.pictures import unusable
@@ -125,10 +124,7 @@ def _described(
         "pose_sd_mm": gripper.pose_sd_mm,
         **({} if gripper.wrench_frame is None else {"wrench_frame": gripper.wrench_frame}),
         "pads": {name: {"pose": pose.tolist()} for name, pose in gripper.pads.items()},
-        "inputs": [
-            {"name": path.name, "sha256": hashlib.sha256(read_bytes(path, most_bytes=MOST_BYTES)).hexdigest()}
-            for path in inputs
-        ],
+        "inputs": [{"name": path.name, "sha256": file_hash(path)} for path in inputs],
     }
 
 

@@ -45,7 +45,6 @@ def grade(
     options: GradeOptions,
     *,
     console: Console,
-    now: Callable[[], datetime] = utc_now,
 ) -> tuple[int, BatchEntry]:
     """Grades the batch at `root` into `out`; returns the exit status and what the report says.
 
@@ -56,7 +55,7 @@ def grade(
     anything is written, and NotWritten where the batch's own files cannot be. After Ctrl-C ranking and report
     of those done are written.
     """
-    began = now(), time.monotonic()
+    began = utc_now(), time.monotonic()
     options.place.require_parts()
     run = placed(open_batch(root, force=options.force), out, options, began=began)
     if not is_held(run.results.root):

@@ -17,7 +17,7 @@ from fem.firmness.simulated_presses import FruitPresses, simulated_presses, sphe
 from fem.firmness.trade_tests import TradeTest, modulus_at, reading
 from pipeline.batch.fruits_table import SAFE_ID
 from pipeline.batch.layout import FruitResults, Results, write_whole
-from pipeline.batch.provenance import require_provenance
+from pipeline.batch.provenance import require_finished
 from pipeline.batch.records import FruitRecord, read_record
 from pipeline.batch.results_lock import results_lock
 from pipeline.batch.write_guard import require_free
@@ -33,6 +33,8 @@ DIAMETERS_mm = (20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)
 """Of the page's round fruit: from cherries to large peaches."""
 PIT_SHARES = (0.0, 0.3, 0.45, 0.6)
 """Their pits' diameters over their own: as far as the table of spheroids goes."""
+POISSON_RATIO = 0.45
+"""Of the page's round fruit."""
 BALL_FROM_mm = 50.0
 """Smaller fruit, and pits, change what the ball reads: by mesh it goes 0.66 mm, not 0.79 mm, into a fruit of
 20 mm and 0.6 MPa with a pit of 0.6."""
@@ -52,8 +54,8 @@ def trade_numbers(
     not sound; and NotWritten.
     """
     results = Results(out)
-    said = require_provenance(results)
-    names = _fruit_names(results, said)
+    said = require_finished(results)
+    names = _fruit_names(results, said.get("outcomes"))
     asked = [_limit(text, tests) for text in limits]
     graded_utc = str(said.get("finished_utc") or "")
     done: list[TradeFruit] = []
@@ -72,11 +74,8 @@ def trade_numbers(
     yield f"{results.firmness} and {results.firmness_page.name}: {simulated} of {len(done)} fruit"
 
 
-def _fruit_names(results: Results, said: dict[str, Any]) -> list[str]:
+def _fruit_names(results: Results, outcomes: object) -> list[str]:
     """Of batch.json, which may be a stranger's: names that lead out of the folder are refused."""
-    outcomes = said.get("outcomes")
-    if said.get("exit_status") is None:
-        raise refused(results.provenance, "belongs to an unfinished run; let `drupe grade` finish it first.")
     if not isinstance(outcomes, dict):
         sentence = "is damaged or from another version (outcomes is no table); grade the batch again."
         raise refused(results.provenance, sentence)
@@ -229,12 +228,12 @@ def _table(done: Sequence[TradeFruit], tests: Sequence[TradeTest], graded_utc: s
     return table[[name for name in table if name not in last] + last]
 
 
-def _sizes(tests: Sequence[TradeTest], *, E_MPa: float, poisson_ratio: float = 0.45) -> SizeEffect:
+def _sizes(tests: Sequence[TradeTest], *, E_MPa: float) -> SizeEffect:
     """Readings of round fruit of one E over diameter, for each pit share."""
     values: dict[str, list[list[float]]] = {test.name: [] for test in tests}
     for share in PIT_SHARES:
         fruit = [
-            spheroid_presses((d, d, d), pit_share=share, poisson_ratio=poisson_ratio) for d in DIAMETERS_mm
+            spheroid_presses((d, d, d), pit_share=share, poisson_ratio=POISSON_RATIO) for d in DIAMETERS_mm
         ]
         for test in tests:
             values[test.name].append(
@@ -247,7 +246,7 @@ def _sizes(tests: Sequence[TradeTest], *, E_MPa: float, poisson_ratio: float = 0
             )
     return SizeEffect(
         E_MPa=E_MPa,
-        poisson_ratio=poisson_ratio,
+        poisson_ratio=POISSON_RATIO,
         diameters_mm=DIAMETERS_mm,
         pit_shares=PIT_SHARES,
         values=values,

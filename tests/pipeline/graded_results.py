@@ -1,6 +1,7 @@
 """Folders of results as `drupe grade` leaves them, made of numbers alone."""
 
 import csv
+import sqlite3
 from datetime import UTC, datetime
 
 from pipeline.batch.fruits_table import Given
@@ -72,3 +73,11 @@ def rows(results, table="ranking.csv"):
     """A table's rows by fruit."""
     lines = (results / table).read_text("utf-8").splitlines()
     return {row["fruit_id"]: row for row in csv.DictReader(lines)}
+
+
+def queried(store, sql):
+    """Rows of a store of history."""
+    with sqlite3.connect(store) as database:
+        rows = database.execute(sql).fetchall()
+    database.close()
+    return rows

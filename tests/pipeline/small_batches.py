@@ -16,6 +16,10 @@ from recon.surface.mesh_file import write_mesh
 
 DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
 NECTARINE = 'category = "nectarine"\n'
+CLASSES = (
+    f'{NECTARINE}[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.5\n[[grading.classes]]\nname = "firm"\n'
+)
+"""Settings with two classes of maturity."""
 
 
 def run(*words: object) -> tuple[int, str]:

@@ -15,7 +15,7 @@ from scipy.stats import beta, chi2, norm
 
 from pipeline.history.acceptance_plans import (
     AQLS,
-    LEVELS,
+    LETTERS,
     NoPlan,
     attributes_plan,
     operating_characteristic,
@@ -85,7 +85,7 @@ def test_code_letters_are_those_of_the_table():
     for row in CODE_LETTERS.strip().splitlines():
         largest, *letters = row.split()
         for size in (smallest, int(largest)):
-            plans = [attributes_plan(size, 4.0, level=level) for level in LEVELS]
+            plans = [attributes_plan(size, 4.0, level=level) for level in LETTERS]
             wanted = [followed(rows, letter, COLUMNS.index(4.0)) for letter in letters]
             assert [(plan.letter, plan.re) for plan in plans] == [(used, re) for used, _, re in wanted]
         smallest = int(largest) + 1

@@ -40,6 +40,13 @@ def calibrated(folder: Path, *more: str) -> tuple[int, str]:
     return run("calibrate", first, folder / "rig.toml", *RIGID, *again, *more)
 
 
+@pytest.fixture(scope="module")
+def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("rig")
+    assert calibrated(folder)[0] == 0
+    return folder / "rig.toml"
+
+
 def test_squeezes_become_a_rig_that_says_what_was_squeezed(tmp_path: Path) -> None:
     code, said = calibrated(tmp_path, "--object", "steel ball")
     assert code == 0, said
@@ -90,11 +97,10 @@ def test_options_of_rig_and_sensor_do_not_mix(tmp_path: Path, words: tuple[str, 
     ],
 )
 def test_a_rig_that_was_edited_wrongly_is_refused_by_its_field(
-    tmp_path: Path, right: str, wrong: str, said: str
+    tmp_path: Path, rig: Path, right: str, wrong: str, said: str
 ) -> None:
-    calibrated(tmp_path)
     path = tmp_path / "rig.toml"
-    path.write_text(path.read_text().replace(right, wrong))
+    path.write_text(rig.read_text().replace(right, wrong))
     with pytest.raises(TactileFailure) as failure:
         read_rig(path)
     assert said in str(failure.value)
@@ -122,12 +128,11 @@ def modulus(path: Path) -> dict[str, float]:
 
 
 @pytest.mark.slow
-def test_E_comes_back_through_a_soft_rig_and_its_interval_knows_the_rig(tmp_path: Path) -> None:
-    calibrated(tmp_path)
+def test_E_comes_back_through_a_soft_rig_and_its_interval_knows_the_rig(tmp_path: Path, rig: Path) -> None:
     truth = 0.3
     trace = write_trace(tmp_path / "soft.csv", 9, own_mm=hertz_mm(truth), peak_N=4.0, frames=120, scale=1.01)
     converted(tmp_path / "bare", trace)
-    said = converted(tmp_path / "less", trace, "--rig", tmp_path / "rig.toml")
+    said = converted(tmp_path / "less", trace, "--rig", rig)
     assert "belong to the rig (rig.toml); drupe subtracted them" in said
     with h5py.File(tmp_path / "less/one.h5") as file:
         assert file["rig_give_mm"][()].max() == pytest.approx(RIG.give_mm(4.0) * 1.01, rel=0.03)
@@ -140,8 +145,7 @@ def test_E_comes_back_through_a_soft_rig_and_its_interval_knows_the_rig(tmp_path
 
 
 @pytest.mark.proof
-def test_what_is_stiffer_than_the_rig_has_a_lower_bound(tmp_path: Path) -> None:
-    calibrated(tmp_path)
+def test_what_is_stiffer_than_the_rig_has_a_lower_bound(tmp_path: Path, rig: Path) -> None:
     truth = 200.0
     trace = write_trace(tmp_path / "hard.csv", 9, own_mm=hertz_mm(truth), peak_N=15.0, frames=120)
     converted(tmp_path / "bare", trace)
@@ -149,7 +153,7 @@ def test_what_is_stiffer_than_the_rig_has_a_lower_bound(tmp_path: Path) -> None:
     said = " ".join(explained(tmp_path / "bare", more="rig_N_per_mm = 6\n").split())
     assert "E: withheld, since it is at least" in said
     assert "N/mm were recorded on a rig of 6 N/mm" in said
-    converted(tmp_path / "less", trace, "--rig", tmp_path / "rig.toml")
+    converted(tmp_path / "less", trace, "--rig", rig)
     said = " ".join(explained(tmp_path / "less").split())
     assert "E: withheld, since it is at least" in said
     least = float(said.split("it is at least ")[1].split()[0])
@@ -194,8 +198,7 @@ def test_of_a_squeeze_between_gels_the_jaws_part_is_told_from_the_gels(tmp_path:
     assert "calibrate each kind" in said
 
 
-def test_a_rig_is_of_bare_traces_alone_in_convert(tmp_path: Path) -> None:
-    calibrated(tmp_path)
+def test_a_rig_is_of_bare_traces_alone_in_convert(tmp_path: Path, rig: Path) -> None:
     header = "time_s,aperture_mm,pad,marker,x_mm,y_mm,z_mm,dx_mm,dy_mm,dz_mm,fx_N,fy_N,fz_N"
     rows = [f"{t},50,0,{n},{n % 2},{n // 2},0,0,0,0,0,0,0" for t in range(3) for n in range(4)]
     (tmp_path / "m.csv").write_text("\n".join([header, *rows]))
@@ -203,14 +206,13 @@ def test_a_rig_is_of_bare_traces_alone_in_convert(tmp_path: Path) -> None:
         'kind = "fields"\nname = "t"\n[gel]\ngel_kn_MPa_per_mm = 0.3\ngel_kt_MPa_per_mm = 0.1\n'
     )
     code, said = run(
-        "convert", tmp_path / "m.csv", tmp_path / "m.h5", "--sensor", tmp_path / "s.toml", "--rig",
-        tmp_path / "rig.toml",
-    )  # fmt: skip
+        "convert", tmp_path / "m.csv", tmp_path / "m.h5", "--sensor", tmp_path / "s.toml", "--rig", rig
+    )
     assert code != 0
     assert "name the rig in batch.toml" in said
     code, said = run(
         "convert", write_trace(tmp_path / "t.csv", 3, peak_N=60.0), tmp_path / "t.h5", "--indenter", "ball",
-        "--radius-mm", "5", "--rig", tmp_path / "rig.toml",
+        "--radius-mm", "5", "--rig", rig,
     )  # fmt: skip
     assert code == 3
     assert "at most 1.25 times that" in said

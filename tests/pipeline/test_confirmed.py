@@ -7,9 +7,8 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import trimesh
+from bare_grasp_model import BARE_MODEL
 
-from fem.estimation.grasp_model import GraspModel
-from fem.estimation.sensitivity import Sensitivity
 from fem.fem_failure import FemFailure, FemProblem
 from fem.mismatch.catalogue import SPECS
 from pipeline.batch.confirmed_effects import ConfirmedEffect, PitFound, pit_found
@@ -76,16 +75,8 @@ def test_a_pit_that_was_found_is_embedded_where_it_was_found(tmp_path):
 
 
 def test_what_effects_add_goes_to_the_grasps_that_have_a_model():
-    model = GraspModel(
-        place_mm=np.zeros((2, 3)),
-        normal=np.zeros((2, 3)),
-        compliance=np.zeros((6, 6)),
-        sensitivity=Sensitivity(causes=(), values=np.zeros((0, 3, 2, 3))),
-        discretisation=0.01,
-        fruit_moves=True,
-    )
     lost = FemFailure(FemProblem.NO_LOAD, "no load")
-    models = [model, lost, replace(model, displacement_correction=np.ones((3, 2, 3)))]
+    models = [BARE_MODEL, lost, replace(BARE_MODEL, displacement_correction=np.ones((3, 2, 3)))]
     first, second, third = with_corrections(models, [np.full((3, 2, 3), 2.0)] * 2)
     assert second is lost
     assert (first.displacement_correction == 2.0).all()

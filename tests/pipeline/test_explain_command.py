@@ -41,8 +41,11 @@ def test_a_case_becomes_an_answer_in_the_fixed_format_a_page_and_a_verdict_that_
     assert sorted(p.name for p in case.iterdir()) == before
 
 
-def test_the_finder_is_handed_the_whole_case(drupe, finder, case):
-    assert drupe("explain", case).status == 0
+def test_the_finder_is_handed_the_whole_case_and_the_jobs_while_blas_keeps_to_one_thread(drupe, finder, case):
+    with threadpool_limits(2):  # the tests' own limit is one
+        assert drupe("explain", case, "--jobs", "3").status == 0
+    assert (finder["jobs"], finder["jobs of grading"]) == (3, 3)
+    assert finder["blas threads"] == {1}, "threads of BLAS beside those of the finder hinder each other"
     handed = finder["case"]
     assert [grasp.name for grasp in handed.grasps] == ["grasp-1", "grasp-2"]
     assert (handed.budget.surface_sd_mm, handed.budget.pit_offset_sd_mm) == (0.12, 0.4)
@@ -191,13 +194,6 @@ def test_wrong_places_are_said_before_anything_is_computed(drupe, finder, case, 
         ran = drupe("explain", *arguments)
         assert ran.status == 2
         assert words in ran.one_line()
-
-
-def test_jobs_are_handed_on_while_blas_keeps_to_one_thread(drupe, finder, case):
-    with threadpool_limits(2):  # the tests' own limit is one
-        assert drupe("explain", case, "--jobs", "3").status == 0
-    assert (finder["jobs"], finder["jobs of grading"]) == (3, 3)
-    assert finder["blas threads"] == {1}, "threads of BLAS beside those of the finder hinder each other"
 
 
 def test_a_key_that_is_not_known_is_noted_and_left_aside(drupe, finder, case):

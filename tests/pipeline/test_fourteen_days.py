@@ -3,7 +3,6 @@
 The truth is a table of pandas that is made beside the results, never from the store.
 """
 
-import sqlite3
 from datetime import UTC, date, datetime, timedelta
 from functools import partial
 from types import SimpleNamespace
@@ -11,7 +10,8 @@ from types import SimpleNamespace
 import numpy as np
 import pandas as pd
 import pytest
-from graded_results import graded, results_of
+from graded_results import graded as graded_fruit
+from graded_results import queried, results_of
 from scipy.stats import ttest_1samp
 from statsmodels.stats.proportion import proportion_confint
 
@@ -57,7 +57,7 @@ class Season:
             grasps = tuple(
                 GraspRecord(grasp=grasp, E_MPa=E * by) for grasp, by in (("g1", 0.99), ("g2", 1.01))
             )
-            records.append(make(f"F{k}", E, changes={"grasps": grasps}))
+            records.append(graded_fruit(f"F{k}", E, changes={"grasps": grasps}))
             inputs |= {f"fruits/F{k}/grasps/g{n}.h5": f"{name} F{k} {n} {scale}" for n in (1, 2)}
         out = self.root / name / f"results-{len(self.outs)}"
         self.outs.append(
@@ -84,9 +84,6 @@ class Season:
         return pd.DataFrame(self.rows.values())
 
 
-make = graded
-
-
 @pytest.fixture(scope="module")
 def season(tmp_path_factory):
     """The store after all that happened, the last history made of it, the truth, and tables."""
@@ -109,39 +106,34 @@ def season(tmp_path_factory):
     return SimpleNamespace(root=root, store=store, last=last, truth=harvest.truth, made=made)
 
 
-def queried(season, sql):
-    with sqlite3.connect(season.store) as database:
-        rows = database.execute(sql).fetchall()
-    database.close()
-    return rows
-
-
 def test_every_count_is_right(season):
     assert (season.last.new, season.last.entry.batches) == (0, DAYS * len(GRIPPERS))
     assert len(season.truth) == 280
     by_lot = season.truth.groupby("lot").size()
     counts = {lot.lot: sum(day.fruit for day in lot.days) for lot in season.last.entry.series}
     assert counts == by_lot.to_dict()
-    assert queried(season, "SELECT count(*) FROM result") == [(28 + 4,)]
-    assert queried(season, "SELECT count(*) FROM grasp") == [(2 * 10 * 32,)]
-    assert queried(season, "SELECT count(DISTINCT gripper) FROM result") == [(2,)]
-    assert queried(season, "SELECT count(*) FROM (SELECT DISTINCT sensor, calibration FROM result)") == [(3,)]
+    assert queried(season.store, "SELECT count(*) FROM result") == [(28 + 4,)]
+    assert queried(season.store, "SELECT count(*) FROM grasp") == [(2 * 10 * 32,)]
+    assert queried(season.store, "SELECT count(DISTINCT gripper) FROM result") == [(2,)]
+    assert queried(
+        season.store, "SELECT count(*) FROM (SELECT DISTINCT sensor, calibration FROM result)"
+    ) == [(3,)]
 
 
 def test_what_was_replaced_stays(season):
     by_revision = queried(
-        season,
+        season.store,
         "SELECT revision, lot FROM result WHERE measured = '2026-08-10' AND gripper = 'G2'",
     )
     assert sorted(by_revision) == [(0, "X"), (1, "A")]
     E = queried(
-        season,
+        season.store,
         "SELECT revision, avg(E_MPa) FROM fruit JOIN result ON result.id = fruit.result "
         "WHERE measured = '2026-08-06' GROUP BY revision ORDER BY revision",
     )
     assert E[1][1] == pytest.approx(1.1 * E[0][1])
     calibrations = queried(
-        season,
+        season.store,
         "SELECT revision, calibration FROM result "
         "WHERE measured = '2026-08-08' AND sensor = 'gel of G1' ORDER BY revision",
     )

@@ -6,15 +6,11 @@ import re
 
 import pytest
 from graded_results import graded, results_of, rows
-from small_batches import batch_of_balls
+from small_batches import CLASSES, batch_of_balls
 
 from pipeline.batch.layout import Results
 from pipeline.batch.records import read_record, write_record
 
-CLASSES = (
-    'category = "nectarine"\n[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.5\n'
-    '[[grading.classes]]\nname = "firm"\n'
-)
 BY, WHY = "A. Huber", "hard at the suture"
 
 

@@ -1,25 +1,17 @@
 """The tables of a store: versions, writers at once, and what queries in SQL see."""
 
-import sqlite3
 from concurrent.futures import ThreadPoolExecutor
 from datetime import date
 from threading import Barrier
 
 import pytest
-from graded_results import graded, results_of
+from graded_results import graded, queried, results_of
 
 from pipeline.history.lot_database import history_store
 from pipeline.history.stored_batch import stored_batch
 from pipeline.problem import BatchRefused
 
 TABLES = ("result", "fruit", "grasp")
-
-
-def queried(store, sql):
-    with sqlite3.connect(store) as database:
-        rows = database.execute(sql).fetchall()
-    database.close()
-    return rows
 
 
 @pytest.mark.parametrize(

@@ -5,13 +5,12 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from bare_grasp_model import BARE_MODEL
 from graded_results import graded as graded_fruit
 
 import pipeline.fruit.missing_physics as stage
 from fem.estimation.error_budget import ErrorBudget
-from fem.estimation.grasp_model import GraspModel
 from fem.estimation.modulus import ModulusEstimate
-from fem.estimation.sensitivity import Sensitivity
 from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory
 from fem.mesh.flesh_mesh import FleshMesh
@@ -27,14 +26,6 @@ MESH = FleshMesh(
     tets=np.arange(10).reshape(1, 10),
     outer_faces=np.arange(6).reshape(1, 6),
     pit_nodes=np.zeros(0, dtype=np.int64),
-)
-MODEL = GraspModel(
-    place_mm=np.zeros((2, 3)),
-    normal=np.zeros((2, 3)),
-    compliance=np.zeros((6, 6)),
-    sensitivity=Sensitivity(causes=(), values=np.zeros((0, 3, 2, 3))),
-    discretisation=0.01,
-    fruit_moves=True,
 )
 SAID = Screened(
     p_value=0.01,
@@ -52,7 +43,7 @@ def estimate(E_MPa=0.5):
 
 
 def graded(*estimates):
-    models = tuple(MODEL if isinstance(outcome, ModulusEstimate) else outcome for outcome in estimates)
+    models = tuple(BARE_MODEL if isinstance(outcome, ModulusEstimate) else outcome for outcome in estimates)
     return SimpleNamespace(models=models, grasps=tuple(estimates))
 
 

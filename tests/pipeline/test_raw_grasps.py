@@ -132,10 +132,10 @@ def test_a_kept_recording_with_a_flipped_bit_is_made_again(folder, readings, tmp
     recording, kept = path.read_bytes(), path.with_suffix(".npz")
     for file in (kept, path):
         sound = file.read_bytes()
-        for bit in np.random.default_rng(7).integers(0, 8 * len(sound), 60):
+        for bit in np.random.default_rng(7).integers(0, 8 * len(sound), 24):
             spoilt = bytearray(sound)
             spoilt[bit // 8] ^= 1 << (bit % 8)
             file.write_bytes(spoilt)
             assert kept_recording(folder, tmp_path / "cache", print) == (path, notes)
             assert path.read_bytes() == recording
-    assert len(readings) > 50
+    assert len(readings) > 20

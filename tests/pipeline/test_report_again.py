@@ -4,7 +4,7 @@ import json
 
 import pytest
 from graded_results import graded, results_of, rows
-from small_batches import batch_of_balls
+from small_batches import CLASSES, batch_of_balls
 
 from pipeline.batch.records import ScreenRecord
 
@@ -22,10 +22,7 @@ def results(batch):
 def test_classes_of_now_are_in_the_report_anew(drupe, batch, results):
     assert drupe("report", results).status == 0
     assert rows(results)["A"]["maturity"] == ""
-    (batch / "batch.toml").write_text(
-        'category = "nectarine"\n[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.5\n'
-        '[[grading.classes]]\nname = "firm"\n'
-    )
+    (batch / "batch.toml").write_text(CLASSES)
     assert drupe("report", results).status == 0
     assert {name: row["maturity"] for name, row in rows(results).items()} == {"A": "soft", "B": "firm"}
     assert {name: row["decision"] for name, row in rows(results).items()} == {"A": "ship", "B": "hold"}
@@ -49,10 +46,7 @@ def test_settings_of_now_decide_and_the_reason_is_on_page_and_terminal(drupe, ba
     screen = {"p_value": 6e-41, "names": ("skin",), "suspected": (skin,)}
     screened = graded("A", 0.3, sd=1 / 30).model_copy(update={"screen": ScreenRecord.model_validate(screen)})
     results = results_of(batch / "results", [screened, graded("B", 0.8)])
-    (batch / "batch.toml").write_text(
-        f'category = "nectarine"\n[grading]\n{setting}\n[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.5\n'
-        '[[grading.classes]]\nname = "firm"\n'
-    )
+    (batch / "batch.toml").write_text(CLASSES.replace("\n", f"\n[grading]\n{setting}\n", 1))
     done = drupe("report", results)
     assert rows(results)["A"]["decision"] == decision
     reason = (
@@ -68,10 +62,7 @@ def test_settings_of_now_decide_and_the_reason_is_on_page_and_terminal(drupe, ba
 
 
 def test_a_batch_of_which_no_class_is_shipped_says_so(drupe, batch, results):
-    (batch / "batch.toml").write_text(
-        'category = "nectarine"\n[[grading.classes]]\nname = "soft"\nE_max_MPa = 0.5\nship = false\n'
-        '[[grading.classes]]\nname = "firm"\n'
-    )
+    (batch / "batch.toml").write_text(CLASSES.replace("0.5\n", "0.5\nship = false\n"))
     assert "no class is shipped, so all fruit are held" in drupe("report", results).out
     assert {row["decision"] for row in rows(results).values()} == {"hold"}
     assert "No class is shipped" in (results / "report.html").read_text()

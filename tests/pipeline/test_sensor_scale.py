@@ -100,6 +100,9 @@ def test_ten_per_cent_of_the_pictures_are_in_the_error_bar_whether_the_pitch_is_
     pictures = sensor_scale(read_so, None).pictures
     assert np.log(1.148) / 2 < pictures < 0.1
     assert pictures == pytest.approx(1.45 * PICTURE_SD)
+
+
+def test_ten_per_cent_of_the_pictures_at_rest_positions_as_designed_are_not_doubted(sound):
     assert kinds(changed(sound, displacement_mm=1.1, force_N=1.1)) == set()
 
 
@@ -132,8 +135,12 @@ def test_the_common_scale_is_stated_by_the_recording_or_by_the_batch_or_assumed(
 
 @pytest.mark.parametrize("factor", [2.0, 0.5, 1.2, 1 / 1.2])
 def test_stiffness_and_forces_off_together_are_doubted_by_the_sensors_model(sound, factor):
-    scaled = changed(sound, force_N=factor, gel_kn_MPa_per_mm=factor, gel_kt_MPa_per_mm=factor)
+    scaled = changed(sound[:1], force_N=factor, gel_kn_MPa_per_mm=factor, gel_kt_MPa_per_mm=factor)
     assert kinds(scaled) == {FindingKind.STIFFNESS_NOT_OF_SENSOR}
+
+
+def test_a_sensor_without_a_model_is_compared_with_the_batchs_settings(sound):
+    scaled = changed(sound[:1], force_N=1.2, gel_kn_MPa_per_mm=1.2, gel_kt_MPa_per_mm=1.2)
     unknown = [replace(recording, sensor="own gel") for recording in scaled]
     assert kinds(unknown) == set()
     settings = SensorSettings(name="own gel", gel_kn_MPa_per_mm=0.22)
@@ -158,7 +165,7 @@ def test_a_sound_gel_and_one_within_three_deviations_are_not_doubted(sound):
 @pytest.mark.parametrize("scale", [1.1, 0.9, 1.04])
 def test_a_pitch_that_is_not_the_sensors_is_doubted(sound, scale):
     plane = np.array([scale, scale, 1.0])
-    assert kinds(changed(sound, rest_mm=plane, force_N=scale**2)) == {FindingKind.PITCH_NOT_OF_SENSOR}
+    assert kinds(changed(sound[:1], rest_mm=plane, force_N=scale**2)) == {FindingKind.PITCH_NOT_OF_SENSOR}
 
 
 def test_the_sensor_of_a_recording_is_found_by_name_key_and_serial():

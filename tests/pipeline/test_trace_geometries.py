@@ -17,12 +17,12 @@ RUBBER = 'category = "rubber"\npoisson_ratio = 0.499\n'
 E_MPA = 0.4
 
 
-def pressed(path, force_of, deepest_mm, *, noise=0.001):
-    """A ramp after some frames in the air, and a hold; noise as a share of the peak."""
-    travel = np.r_[np.zeros(30), np.linspace(0, deepest_mm + 0.1, 90), np.full(40, deepest_mm + 0.1)]
+def pressed(path, force_of, deepest_mm, *, noise=0.001, step=1):
+    """A ramp after some frames in the air, and a hold; noise as a share of the peak. `step`: of frames."""
+    travel = np.r_[np.zeros(30), np.linspace(0, deepest_mm + 0.1, 90), np.full(40, deepest_mm + 0.1)][::step]
     force = force_of(np.maximum(travel - 0.1, 0.0))
     force = force + noise * force.max() * np.random.default_rng(2).standard_normal(len(force))
-    rows = np.column_stack([np.arange(len(travel)) / 10, travel, force])
+    rows = np.column_stack([np.arange(len(travel)) * step / 10, travel, force])
     np.savetxt(path, rows, delimiter=",", header="time_s,travel_mm,force_N", comments="")
     return path
 
@@ -151,7 +151,7 @@ def test_a_curve_of_another_specimen_is_named_by_its_file_and_left_out(tmp_path)
     """The third cylinder is 1.5 times as stiff as the others."""
     stiffer = (1.0, 1.0, 1.5, 1.0)
     sources = [
-        pressed(tmp_path / f"{k}.csv", lambda d, times=times: times * sliding_N(d), 2.0)
+        pressed(tmp_path / f"{k}.csv", lambda d, times=times: times * sliding_N(d), 2.0, step=2)
         for k, times in enumerate(stiffer)
     ]
     answer = explained(tmp_path, RUBBER, *sources, options=OILED)

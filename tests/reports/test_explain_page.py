@@ -137,11 +137,6 @@ def test_an_effect_without_words_is_told_by_its_name():
     assert "Pose error (pose error" in explain_verdict(pose_entry)
 
 
-def test_several_names_are_given_the_likeliest_first():
-    sentence = explain_verdict(entry(verdict=("clock_lag", "viscoelastic")))
-    assert "viscoelastic or clock lag" in sentence
-
-
 def test_no_two_parts_of_the_page_have_one_name():
     """As a screen reader lists them."""
     page = explain_html(entry())

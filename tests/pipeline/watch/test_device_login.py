@@ -12,7 +12,7 @@ import sys
 import time
 from contextlib import ExitStack, closing, nullcontext, suppress
 from pathlib import Path
-from urllib.parse import urlencode, urlsplit
+from urllib.parse import urlsplit
 
 import pytest
 from browser import chromium
@@ -20,6 +20,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
+from page_client import answer_to
 from typer.testing import CliRunner
 
 from pipeline.batch.layout import Results, write_whole
@@ -118,14 +119,8 @@ def connected(server, *, address="127.0.0.1"):
     )
 
 
-def ask(server, path, form=None, *, method=None, address="127.0.0.1", **headers):
-    """Status, headers and text of one answer."""
-    with connected(server, address=address) as connection:
-        names = {name.replace("_", "-"): text for name, text in headers.items()}
-        body = None if form is None else urlencode(form)
-        connection.request(method or ("GET" if form is None else "POST"), path, body=body, headers=names)
-        with connection.getresponse() as answer:
-            return answer.status, dict(answer.getheaders()), answer.read().decode()
+def ask(server, path, form=None, **how):
+    return answer_to(connected(server), path, form, **how)
 
 
 def login(server, token, **headers):
@@ -373,49 +368,50 @@ def test_a_network_without_certificate_key_or_devices_is_refused(tmp_path, devic
     assert "is no file of devices" in why(certificate=certificate, key=key, devices=devices)
 
 
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as opened:
+        yield opened
+
+
 def page_address(server):
     return f"https://127.0.0.1:{urlsplit(server.address).port}/"
 
 
-def logged_in(browser, server, requested=lambda request: None):
-    """A page of Chromium after the login's form was sent."""
-    page = browser.new_context(ignore_https_errors=True).new_page()
-    page.on("request", requested)
-    page.goto(page_address(server))
-    page.fill("input[name=token]", server.token)
-    page.click("button")
-    return page
+@pytest.fixture
+def page(browser, server):
+    """A page of Chromium after the login's form was sent; `forms` are those that it sent."""
+    server.show(kiosk_html(KioskEntry(name="monday"), logout=True))
+    opened, forms = browser.new_page(ignore_https_errors=True), []
+    opened.on("request", lambda request: request.method == "POST" and forms.append(request))
+    opened.goto(page_address(server))
+    opened.fill("input[name=token]", server.token)
+    opened.click("button")
+    opened.forms = forms
+    yield opened
+    opened.close()
 
 
-def test_chromium_s_forms_are_of_the_page_for_browsers_that_name_the_origin_alone(server):
+def test_chromium_s_forms_are_of_the_page_for_browsers_that_name_the_origin_alone(page, server):
     """The policy of the referrer decides about the origin that a form has."""
-    with chromium() as browser:
-        forms = []
-        page = logged_in(browser, server, lambda request: request.method == "POST" and forms.append(request))
-        page.wait_for_url("**/")
-        origin = forms[0].all_headers()["origin"]
+    page.wait_for_url("**/")
+    origin = page.forms[0].all_headers()["origin"]
     assert ask(server, "/login", {"token": server.token}, Origin=origin)[0] == 303
 
 
 @pytest.mark.parametrize("ends", ["revoked", "expired"])
-def test_a_page_whose_session_ends_shows_the_login(server, devices, time_s, ends):
-    server.show(kiosk_html(KioskEntry(name="monday"), logout=True))
-    with chromium() as browser:
-        page = logged_in(browser, server)
-        page.wait_for_selector("#board")
-        if ends == "revoked":
-            revoke_device(devices, "belt 2")
-        else:
-            time_s[0] += device_login.SESSION_S + 1
-        page.wait_for_url("**/login", timeout=10_000)
-        assert page.locator("input[name=token]").get_attribute("autocomplete") == "off"
+def test_a_page_whose_session_ends_shows_the_login(page, devices, time_s, ends):
+    page.wait_for_selector("#board")
+    if ends == "revoked":
+        revoke_device(devices, "belt 2")
+    else:
+        time_s[0] += device_login.SESSION_S + 1
+    page.wait_for_url("**/login", timeout=10_000)
+    assert page.locator("input[name=token]").get_attribute("autocomplete") == "off"
 
 
-def test_a_device_logs_out_by_a_button(server):
-    server.show(kiosk_html(KioskEntry(name="monday"), logout=True))
-    with chromium() as browser:
-        page = logged_in(browser, server)
-        page.get_by_role("button", name="Log out").click()
-        page.wait_for_url("**/login")
-        page.goto(page_address(server))
-        assert page.url.endswith("/login")
+def test_a_device_logs_out_by_a_button(page, server):
+    page.get_by_role("button", name="Log out").click()
+    page.wait_for_url("**/login")
+    page.goto(page_address(server))
+    assert page.url.endswith("/login")

@@ -1,6 +1,5 @@
 """The page of `drupe watch` is for this machine, by its token, read only."""
 
-import http.client
 import socket
 import time
 from contextlib import ExitStack, closing
@@ -8,6 +7,7 @@ from urllib.parse import urlsplit
 
 import pytest
 import uvicorn
+from page_client import answer_to, connected
 
 from pipeline.batch.layout import Results, write_whole
 from pipeline.problem import BatchRefused
@@ -16,15 +16,8 @@ from pipeline.watch.connections import MOST_CONNECTIONS
 from pipeline.watch.page_server import LOOPBACK, PageServer
 
 
-def ask(server, path, *, host=None, method="GET"):
-    """Status, headers and body of one answer."""
-    address = urlsplit(server.address)
-    with closing(http.client.HTTPConnection(address.hostname, address.port, timeout=10)) as connection:
-        connection.putrequest(method, path, skip_host=True)
-        connection.putheader("Host", host or address.netloc)
-        connection.endheaders()
-        with connection.getresponse() as answer:
-            return answer.status, dict(answer.getheaders()), answer.read()
+def ask(server, path, **how):
+    return answer_to(connected(server), path, **how)
 
 
 @pytest.fixture
@@ -40,11 +33,11 @@ def test_the_page_is_given_to_who_knows_its_token_alone(server):
     address = urlsplit(server.address).path
     assert len(address) > 20
     status, headers, body = ask(server, address)
-    assert (status, body) == (200, b"<p>first</p>")
+    assert (status, body) == (200, "<p>first</p>")
     assert headers["x-frame-options"] == "DENY"
     assert ask(server, "/")[0] == 404
     assert ask(server, "/wrong/")[0] == 404
-    assert ask(server, address, host="evil.example")[0] == 400
+    assert ask(server, address, Host="evil.example")[0] == 400
     for method in ("POST", "PUT", "DELETE", "PATCH"):
         assert ask(server, address, method=method)[0] == 405
 
@@ -61,8 +54,8 @@ def test_of_the_results_only_what_drupe_wrote_is_given(server, tmp_path):
     secret = tmp_path / "secret.json"
     secret.write_text("{}")
     (results.root / "linked.json").symlink_to(secret)
-    assert ask(server, address + "report.html")[2] == b"<p>report</p>"
-    assert ask(server, address + f"fruits/N01/{fruit.picture.name}")[2] == b"png"
+    assert ask(server, address + "report.html")[2] == "<p>report</p>"
+    assert ask(server, address + f"fruits/N01/{fruit.picture.name}")[2] == "png"
     for path in (
         "fruits/N01/mine.png", "linked.json", "../secret.json", "%2e%2e/secret.json", ".written.json",
         "fruits/N01/.written.json", "fruits/N01", "fruits/../../secret.json", "report.html%00.png",
@@ -73,7 +66,7 @@ def test_of_the_results_only_what_drupe_wrote_is_given(server, tmp_path):
 
 def test_news_reach_an_open_page_within_a_second(server):
     address = urlsplit(server.address)
-    with closing(http.client.HTTPConnection(address.hostname, address.port, timeout=10)) as connection:
+    with connected(server) as connection:
         connection.request("GET", address.path + "events")
         with connection.getresponse() as answer:
             assert answer.getheader("content-type").startswith("text/event-stream")
@@ -84,7 +77,7 @@ def test_news_reach_an_open_page_within_a_second(server):
             server.show("<p>second</p>")
             assert answer.readline() == b"event: changed\n"
             assert time.monotonic() - began < 1.0
-    assert ask(server, address.path)[2] == b"<p>second</p>"
+    assert ask(server, address.path)[2] == "<p>second</p>"
 
 
 def test_a_port_that_is_taken_is_said(server, tmp_path):
@@ -127,9 +120,7 @@ def test_open_pages_stay_and_idle_connections_give_their_place_back(tmp_path, mo
     with PageServer(Results(tmp_path / "results")) as server, ExitStack() as held:
         server.show("<p>page</p>")
         address = urlsplit(server.address)
-        connection = held.enter_context(
-            closing(http.client.HTTPConnection(LOOPBACK, address.port, timeout=10))
-        )
+        connection = held.enter_context(connected(server))
         connection.request("GET", address.path + "events")
         open_page = connection.getresponse()
         for _ in range(MOST_CONNECTIONS):
@@ -137,7 +128,7 @@ def test_open_pages_stay_and_idle_connections_give_their_place_back(tmp_path, mo
         with pytest.raises(OSError, match=r"reset|closed|Broken pipe"):
             ask(server, address.path)
         time.sleep(1.0)
-        assert ask(server, address.path)[2] == b"<p>page</p>"
+        assert ask(server, address.path)[2] == "<p>page</p>"
         assert open_page.readline() == b"event: changed\n"
 
 

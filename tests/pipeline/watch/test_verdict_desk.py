@@ -1,12 +1,11 @@
 """Verdicts on the page of `drupe watch`: behind its token, from its own form alone, shown at once."""
 
-import http.client
-from contextlib import closing
 from datetime import UTC, datetime
 from urllib.parse import urlencode, urlsplit
 
 import pytest
 from graded_results import graded, results_of
+from page_client import answer_to, connected
 
 from pipeline.batch.layout import Results
 from pipeline.batch.verdicts import read_trail
@@ -53,14 +52,9 @@ def server(results, calls):
 
 def ask(server, path, form=None, **headers):
     """Status, place and text of one answer; with a form it is sent."""
-    address = urlsplit(server.address)
-    body = None if form is None else urlencode(form)
-    with closing(http.client.HTTPConnection(address.hostname, address.port, timeout=10)) as connection:
-        headers = {"Sec_Fetch_Site": "same-origin"} | headers
-        names = {name.replace("_", "-"): text for name, text in headers.items()}
-        connection.request("GET" if form is None else "POST", path, body=body, headers=names)
-        with connection.getresponse() as answer:
-            return answer.status, answer.getheader("Location"), answer.read().decode()
+    headers = {"Sec_Fetch_Site": "same-origin"} | headers
+    status, answered, text = answer_to(connected(server), path, form, **headers)
+    return status, answered.get("location"), text
 
 
 def form_of(server):
