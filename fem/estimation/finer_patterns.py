@@ -46,11 +46,6 @@ class FinerPatterns:
     count: int
     smoothing: Float[np.ndarray, "n n"]
 
-    @classmethod
-    def none(cls, patterns: int) -> "FinerPatterns":
-        """Of so many patterns no one is smoothed."""
-        return cls(first=patterns, count=0, smoothing=np.zeros((0, 0)))
-
     def of_noise(self, by_pattern: Float[np.ndarray, "p r n 3"]) -> Float[np.ndarray, "p r n 3"]:
         """Noise of the forces by the patterns' courses, as it is in the patterns: smoothed in these."""
         finer = slice(self.first, self.first + self.count)

@@ -87,11 +87,12 @@ def test_injected_spot_is_found_where_it_is_and_started_near_its_ratio():
     model = model_of(more + 0.004 * rng.normal(size=more.shape))
     signatures = EFFECT.signatures(model)
     assert len(signatures) <= 6
-    away = [np.linalg.norm(signature.variant.values[:3] - SPOT_MM) for signature in signatures]
-    nearest = signatures[int(np.argmin(away))]
-    assert min(away) < 3.0
+    nearest = min(signatures, key=lambda signature: np.linalg.norm(signature.variant.values[:3] - SPOT_MM))
     start = EFFECT.start(model, nearest, np.array([0.9]))
     assert 0.1 <= start["ratio"] <= 0.6
+    place = EFFECT.where(start)
+    assert place.region == "flesh"
+    assert np.linalg.norm(np.array(place.centre_mm) - SPOT_MM) < 3.0
 
 
 def test_without_a_spot_nothing_stands_out():

@@ -49,9 +49,3 @@ def test_a_large_effect_leaves_no_more_noise_than_the_least_that_its_signatures_
         noise = found_at((large * product / square, 0.0))
         assert noise.square == pytest.approx(product**2 / square)
         assert noise.signatures[0, 0] == pytest.approx(0.0, abs=1e-9 * product)
-
-
-def test_square_rises_by_twice_the_signatures_products() -> None:
-    at, step = np.array([0.25, 0.1]), np.array([1e-4, 0.0])
-    rise = found_at(tuple(at + step)).square - found_at(tuple(at - step)).square
-    assert rise / 2e-4 == pytest.approx(2 * found_at(tuple(at)).signatures[0, 0], rel=1e-5)

@@ -3,7 +3,6 @@
 import io
 import re
 import tokenize
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -92,8 +91,9 @@ def words_of(identifier: str) -> set[str]:
     return {word.lower() for word in re.findall(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])", identifier)}
 
 
-def home_made(source: str) -> list[str]:
-    """The identifiers of a source that are home-made or hold such a word outside of the allowed terms.
+def refused(source: str) -> list[str]:
+    """The identifiers of a source that are pronouns, are home-made or hold such a word outside of the allowed
+    terms.
 
     Names of tests are sentences, and keys of files stay as they were fixed.
     """
@@ -107,34 +107,18 @@ def home_made(source: str) -> list[str]:
             name = re.sub(r"(?<=[a-z])(?=[A-Z])", "_", token.string).lower()
             for term in ALLOWED:
                 name = name.replace(term, "")
-            if words_of(name) & HOME_MADE.keys():
+            if token.string in PRONOUNS or words_of(name) & HOME_MADE.keys():
                 names.append(token.string)
     return names
 
 
-def pronouns(source: str) -> list[str]:
-    """The identifiers of a source that are pronouns."""
-    tokens = tokenize.generate_tokens(io.StringIO(source).readline)
-    return [token.string for token in tokens if token.type == tokenize.NAME and token.string in PRONOUNS]
-
-
-def refused_names(room: str, check: Callable[[str], list[str]]) -> dict[str, list[str]]:
-    """The names that `check` refuses, of each file of a folder that has any."""
-    return {
-        path.relative_to(ROOT).as_posix(): names
+@pytest.mark.parametrize("room", ROOMS)
+def test_no_identifier_is_home_made_or_a_pronoun(room):
+    names = {
+        path.relative_to(ROOT).as_posix(): refused(path.read_text(encoding="utf-8"))
         for path in sorted((ROOT / room).rglob("*.py"))
-        if (names := check(path.read_text(encoding="utf-8")))
     }
-
-
-@pytest.mark.parametrize("room", ROOMS)
-def test_no_identifier_is_home_made(room):
-    assert refused_names(room, home_made) == {}
-
-
-@pytest.mark.parametrize("room", ROOMS)
-def test_no_identifier_is_a_pronoun(room):
-    assert refused_names(room, pronouns) == {}
+    assert {path: names_of_file for path, names_of_file in names.items() if names_of_file} == {}
 
 
 @pytest.mark.parametrize(
@@ -144,15 +128,9 @@ def test_no_identifier_is_a_pronoun(room):
         ("class Seen: ...", ["Seen"]),
         ("first_odds = log_odds(BackgroundPlate, 'settled')", ["first_odds"]),
         ("def test_it_is_told(seen): resistance = platelet", []),
+        ("watch.own = f(found=1)", ["own", "found"]),
+        ("as_ones = 'one'  # own, found", []),
     ],
 )
-def test_words_are_found_whole_and_allowed_terms_are_not(source, expected):
-    assert home_made(source) == expected
-
-
-@pytest.mark.parametrize(
-    ("source", "expected"),
-    [("watch.own = f(found=1)", ["own", "found"]), ("as_ones = 'one'  # own, found", [])],
-)
-def test_pronouns_are_found_whole_and_outside_of_prose(source, expected):
-    assert pronouns(source) == expected
+def test_words_are_found_whole_outside_of_prose_and_allowed_terms(source, expected):
+    assert refused(source) == expected

@@ -1,16 +1,14 @@
 """Physics outside the catalogue leaves the mark that it should."""
 
 import numpy as np
-import pytest
 from mismatch_ball import drawn_ball, force_on_fruit, grasped_ball, motion, rough, total_N
 
 from samples.mismatch.case_simulation import body_of
-from samples.mismatch.injected import InjectedEffect, drawn_out_of_catalogue
+from samples.mismatch.injected import InjectedEffect
 from samples.mismatch.nonlinear_body import sound_body
 from samples.mismatch.other_bodies import split_pit_stiffness
 from samples.mismatch.skin_compliance import skin_compliance
 from samples.mismatch.true_recording import ElasticBody
-from samples.sample_failure import SampleFailure
 
 WAY = motion([-0.05, 0.5, 1.0, 1.0, 1.0], pause_s=0.5)
 
@@ -54,8 +52,3 @@ def test_a_softening_gel_is_pressed_deeper_while_it_is_held() -> None:
     body, _ = body_of(stands, (softening,))
     depth = -grasped_ball(grasp, stands, body).pads[0].displacement_mm[..., 2].min(axis=1)
     assert depth[4] > depth[3] > depth[2]
-
-
-def test_a_physics_that_is_not_in_the_list_is_refused() -> None:
-    with pytest.raises(SampleFailure, match="There is no effect 'frost'"):
-        drawn_out_of_catalogue("frost", np.random.default_rng(0))

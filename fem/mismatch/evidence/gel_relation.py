@@ -329,9 +329,8 @@ def _impulses(record: GelRecord) -> GelRecord:
     )
 
 
-def stiffness_of(record: GelRecord, noise: _Noise | None = None) -> float:
+def stiffness_of(record: GelRecord, noise: _Noise) -> float:
     """Normal stiffness of the gel under one firm marker, N/mm: orthogonal regression, noise in both."""
-    noise = noise or _noise(record, record, None, {})
     force, moved = (part[:, record.firm, 2] for part in (record.force_N, record.displacement_mm))
     ratio = float((noise.force_N**2).mean() / (noise.displacement_mm**2).mean())
     ff, dd, fd = (float((a * b).sum()) for a, b in ((force, force), (moved, moved), (-force, moved)))
