@@ -15,6 +15,12 @@ Family = Literal["object", "interaction", "measurement"]
 Kind = Literal["number", "pair", "triple", "pad"]
 KINDS: dict[int, Kind] = {0: "pad", 1: "number", 2: "pair", 3: "triple"}
 """By how many numbers are searched for."""
+LAW_ERROR = 0.15
+"""Error of an effect's law in any direction, as a share of its signal. Error bars hold it, and a second
+effect must exceed it. In twelve labelled cases the signals left for other effects are 0.10 of the true one's
+(root mean square), and 0.5 at most."""
+LAW_ERROR_OF_READINGS = 0.02
+"""The same in error bars where the law is of a sensor's readings and holds no mechanics. Set by hand."""
 
 
 class Scope(StrEnum):
@@ -68,11 +74,6 @@ class EffectParameter:
     `log`: it is searched for on a logarithmic scale. `spread`: its prior standard deviation in the refit; a
     quarter of the bounds' distance unless given.
 
-    `model_sd` (in its unit), `model_share` (a share of its value): the error that the model's own inexactness
-    leaves in the value however low the noise is; both are added in quadrature to its standard deviation.
-    Measured, as the scatter about the truth over single effects by another solver
-    (benchmarks/results/mismatch.csv). Example: 0.1 is a compliance of 0.20 mm/N that may be off by 0.02.
-
     `strain_power`: how the parameter follows E while the search varies E. The same forces strain flesh of
     half the E twice as much; the law acts on it as before where the parameter is changed by 2^strain_power.
     Example: `damage` sets in at W0/E, an energy that goes as the strain squared: its power is 2, and at half
@@ -94,8 +95,6 @@ class EffectParameter:
     low_is_a_law: bool = False
     log: bool = False
     spread: float | None = None
-    model_sd: float = 0.0
-    model_share: float = 0.02
     strain_power: float = 0.0
 
     def __post_init__(self) -> None:
@@ -169,6 +168,7 @@ class EffectSpec:
     nothing is written into `batch.toml`. Example: `adhesion`, whose pull at the skin the gel records as
     force. `knows_time`: its response depends on when the forces act or how fast the jaws go, not only on
     their course. `remembers_grasps`: what one recording has done to the flesh the next ones find so.
+    `of_readings`: its law changes what a sensor reads, whatever the flesh does.
     """
 
     name: str
@@ -183,6 +183,7 @@ class EffectSpec:
     in_recorded_forces: bool = False
     knows_time: bool = False
     remembers_grasps: bool = False
+    of_readings: bool = False
 
     @property
     def searched(self) -> tuple[EffectParameter, ...]:
@@ -195,6 +196,11 @@ class EffectSpec:
             spec.name: float(np.clip(value, spec.low, spec.high))
             for spec, value in zip(self.searched, values, strict=True)
         }
+
+    @property
+    def law_error(self) -> float:
+        """Error of its law as a share of its signal."""
+        return LAW_ERROR_OF_READINGS if self.of_readings else LAW_ERROR
 
     @property
     def enters(self) -> Entry:

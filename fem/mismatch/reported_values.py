@@ -47,7 +47,7 @@ def _candidate(
         probability=hypothesis.probability,
         parameters=_parameters(again, modulus),
         log_evidence=hypothesis.gain,
-        gain=linear.null.chi2 - again.fit.chi2,
+        gain=again.signal,
         heldout=predictive_gain(base, after),
         refitted=True,
         modulus=_over_alternatives(modulus.known, hypothesis),

@@ -47,7 +47,7 @@ FLOOR: dict[str, float] = {
 }
 """By parameter, in its own unit (mm, N/s, mm/N, s, degrees; the gain as a share): what the model's error may
 feign. The four sound fruit of the sample batch show gains of 0.004, 0.000, -0.013 and 0.009; the others are
-two to three times the effects' discrepancy priors and EffectParameter.model_sd."""
+two to three times the error of such effects (benchmarks/results/mismatch.csv)."""
 PRIOR_FREEDOM = 4
 """Degrees of freedom of that knowledge. With 3 to 5 the stated rate holds while fruit differ by up to three
 times FLOOR, and a gain of 4 % in four fruit is found (tests/pipeline/test_batch_faults.py)."""

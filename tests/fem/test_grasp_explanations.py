@@ -9,11 +9,11 @@ from scipy.stats import multivariate_normal
 
 from fem.mismatch.catalogue import EFFECTS
 from fem.mismatch.effect import Signature
+from fem.mismatch.effect_spec import LAW_ERROR
 from fem.mismatch.evidence.linear_evidence import GramMatrix
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.model.observation_delta import Regressor
 from fem.mismatch.selection import grasp_explanations
-from fem.mismatch.selection.decision import LAW_ERROR
 from fem.mismatch.selection.grasp_explanations import Hypothesis, all_explanations
 from fem.mismatch.selection.screening import LinearRound, linear_round
 from fem.mismatch.signature_variant import ONE_WAY
@@ -154,7 +154,7 @@ def test_beside_a_full_model_a_second_effect_counts_by_what_that_model_leaves(le
         right=columns @ (left * columns[0] + rng.normal(size=4000)),
     )
     signal = 500.0
-    refit = SimpleNamespace(others=others, fit=SimpleNamespace(chi2=linear.null.chi2 - signal))
+    refit = SimpleNamespace(others=others, signal=signal)
     in_full = {"anisotropy": replace(first, gain=first.gain + 100.0, refit=refit)}
     pair = {each.name: each for each in all_explanations(linear, in_full)}.get("anisotropy+skin")
     if left:

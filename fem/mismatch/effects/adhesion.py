@@ -39,12 +39,11 @@ SPEC = EffectSpec(
             limits=(0.0, 50.0),
             low=1e-3,
             high=5.0,
-            model_share=0.05,
         ),
     ),
     in_recorded_forces=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 class Adhesion(Effect):

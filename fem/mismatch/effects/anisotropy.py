@@ -35,11 +35,10 @@ SPEC = EffectSpec(
             limits=(-10.0, 1e3),
             low=-1.5,
             high=6.0,
-            model_share=0.25,
         ),
     ),
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 def _along_the_stem(model: CaseModel) -> Operator:

@@ -34,14 +34,13 @@ SPEC = EffectSpec(
             limits=(-100.0, 100.0),
             low=-1.0,
             high=1.0,
-            model_sd=0.001,
-            model_share=0.01,
         ),
     ),
     correction=Correction.CLOCK_LAG,
     knows_time=True,
+    of_readings=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 def _gone(recording: GraspResponse, lag_s: float) -> Float[np.ndarray, "f n 3"]:

@@ -29,7 +29,6 @@ SPEC = EffectSpec(
             limits=(0.0, 1.0),
             low=0.02,
             high=0.95,
-            model_share=0.04,
         ),
         EffectParameter(
             "W0_over_E",
@@ -39,13 +38,12 @@ SPEC = EffectSpec(
             low=1e-6,
             high=1.0,
             log=True,
-            model_share=0.1,
             strain_power=2.0,
         ),
     ),
     remembers_grasps=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 EFFECT: Effect = PathLawEffect(
     spec=SPEC,

@@ -55,7 +55,6 @@ SPEC = EffectSpec(
             limits=(0.0, 1.0),
             low=0.01,
             high=0.98,
-            model_share=0.05,
         ),
         EffectParameter(
             "tau_s",
@@ -65,12 +64,11 @@ SPEC = EffectSpec(
             low=0.05,
             high=200.0,
             log=True,
-            model_share=0.1,
         ),
     ),
     knows_time=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 @dataclass(frozen=True, kw_only=True)

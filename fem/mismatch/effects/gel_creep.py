@@ -47,8 +47,6 @@ SPEC = EffectSpec(
             limits=(0.0, 10.0),
             low=0.0,
             high=2.0,
-            model_sd=0.003,
-            model_share=0.03,
         ),
         EffectParameter(
             TAU,
@@ -58,13 +56,13 @@ SPEC = EffectSpec(
             low=0.1,
             high=60.0,
             log=True,
-            model_share=0.03,
         ),
     ),
     correction=Correction.GEL_CREEP,
     knows_time=True,
+    of_readings=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 @dataclass(frozen=True)

@@ -51,13 +51,12 @@ SPEC = EffectSpec(
             limits=(0.0, 0.5),
             low=0.0,
             high=0.2,
-            model_sd=0.004,
-            model_share=0.03,
         ),
     ),
     correction=Correction.GEL_HYSTERESIS,
+    of_readings=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 @dataclass(frozen=True)

@@ -28,11 +28,10 @@ SPEC = EffectSpec(
             limits=(-1.0, 1.0),
             low=-0.9,
             high=0.9,
-            model_share=0.18,
         ),
     ),
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 def _graded(model: CaseModel) -> Operator:

@@ -29,12 +29,11 @@ SPEC = EffectSpec(
             limits=(-10.0, 10.0),
             low=0.0,
             high=0.5,
-            model_share=0.1,
         ),
     ),
     correction=Correction.JAW_COMPLIANCE,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 def _ahead(recording: GraspResponse, mm_per_N: float) -> Float[np.ndarray, "f n 3"]:

@@ -72,12 +72,11 @@ SPEC = EffectSpec(
             low=0.005,
             high=1.0,
             log=True,
-            model_share=0.2,
         ),
     ),
     of_the_pit=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 class LoosePit(Effect):

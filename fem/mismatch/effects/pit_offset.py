@@ -21,17 +21,15 @@ SPEC = EffectSpec(
             "mm",
             "where the pit is, less where it is expected",
             components=3,
-            model_share=0.0,
             limits=(-100.0, 100.0),
             low=-6.0,
             high=6.0,
-            model_sd=0.5,
         ),
     ),
     correction=Correction.PIT_OFFSET,
     of_the_pit=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 EFFECT: Effect = PitChange(spec=SPEC, causes=PIT_OFFSET, sd=2.0)

@@ -26,7 +26,7 @@ SPEC = EffectSpec(
     correction=Correction.PIT_SIZE,
     of_the_pit=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 EFFECT: Effect = PitChange(

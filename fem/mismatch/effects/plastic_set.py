@@ -29,13 +29,12 @@ SPEC = EffectSpec(
             low=1e-3,
             high=0.5,
             log=True,
-            model_share=0.05,
             strain_power=1.0,
         ),
     ),
     remembers_grasps=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 EFFECT: Effect = PathLawEffect(
     spec=SPEC,

@@ -28,7 +28,7 @@ SPEC = EffectSpec(
     ),
     correction=Correction.POISSON_RATIO,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 def _derivative(model: CaseModel) -> Operator:

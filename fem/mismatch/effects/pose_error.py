@@ -49,11 +49,9 @@ SPEC = EffectSpec(
             "mm",
             "shift of the pad in its plane",
             components=2,
-            model_share=0.0,
             limits=(-100.0, 100.0),
             low=-7.0,
             high=7.0,
-            model_sd=0.5,
         ),
         EffectParameter(
             "tilt_deg",
@@ -62,13 +60,11 @@ SPEC = EffectSpec(
             limits=(-90.0, 90.0),
             low=-10.0,
             high=10.0,
-            model_sd=0.1,
-            model_share=0.05,
         ),
     ),
     correction=Correction.PAD_POSE,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 class PoseError(Effect):

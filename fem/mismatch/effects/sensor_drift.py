@@ -37,13 +37,13 @@ SPEC = EffectSpec(
             limits=(-1e3, 1e3),
             low=-3.0,
             high=3.0,
-            model_share=0.01,
         ),
     ),
     correction=Correction.FORCE_DRIFT,
     knows_time=True,
+    of_readings=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 class SensorDrift(Effect):

@@ -46,12 +46,12 @@ SPEC = EffectSpec(
             limits=(0.01, 100.0),
             low=0.5,
             high=2.0,
-            model_share=0.003,
         ),
     ),
     correction=Correction.FORCE_GAIN,
+    of_readings=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 class SensorGain(Effect):

@@ -48,13 +48,12 @@ SPEC = EffectSpec(
             limits=(-0.49, 10.0),
             low=LOWEST,
             high=HIGHEST,
-            model_sd=0.01,
-            model_share=0.02,
         ),
     ),
     correction=Correction.FORCE_LAW,
+    of_readings=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 @dataclass(frozen=True)

@@ -31,11 +31,10 @@ SPEC = EffectSpec(
             high=60.0,
             searched_as="Et_over_E_mm",
             modulus_power=1.0,
-            model_share=0.1,
         ),
     ),
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 def _stretched(model: CaseModel) -> Operator:

@@ -55,11 +55,10 @@ SPEC = EffectSpec(
             low=LOWEST,
             high=HIGHEST,
             log=True,
-            model_share=0.2,
         ),
     ),
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 class Slip(Effect):

@@ -54,12 +54,10 @@ SPEC = EffectSpec(
             "mm",
             "centre of the spot",
             components=3,
-            model_share=0.0,
             limits=(-1e3, 1e3),
             low=-500.0,
             high=500.0,
             spread=40.0,
-            model_sd=0.5,
         ),
         EffectParameter(
             RADIUS,
@@ -69,7 +67,6 @@ SPEC = EffectSpec(
             low=3.0,
             high=10.0,
             log=True,
-            model_share=0.08,
         ),
         EffectParameter(
             RATIO,
@@ -78,11 +75,10 @@ SPEC = EffectSpec(
             limits=(1e-6, 1e6),
             low=0.05,
             high=0.95,
-            model_share=0.12,
         ),
     ),
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 @dataclass(frozen=True, kw_only=True)

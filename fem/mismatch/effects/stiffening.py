@@ -43,14 +43,13 @@ SPEC = EffectSpec(
             low=0.1,
             high=400.0,
             log=True,
-            model_share=0.05,
             strain_power=-2.0,
             low_is_a_law=True,
         ),
     ),
     holds_large_deformation=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 class Stiffening(Effect):

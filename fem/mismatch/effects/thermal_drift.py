@@ -55,7 +55,6 @@ SPEC = EffectSpec(
             limits=(-1.0, 1.0),
             low=-0.02,
             high=0.02,
-            model_share=0.02,
         ),
         EffectParameter(
             FORCE,
@@ -64,13 +63,13 @@ SPEC = EffectSpec(
             limits=(-1e3, 1e3),
             low=-5.0,
             high=5.0,
-            model_share=0.05,
         ),
     ),
     correction=Correction.THERMAL_DRIFT,
     knows_time=True,
+    of_readings=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 @dataclass(frozen=True)

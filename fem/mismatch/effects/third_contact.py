@@ -68,12 +68,10 @@ SPEC = EffectSpec(
             "mm",
             "place of the contact on the skin",
             components=3,
-            model_share=0.0,
             limits=(-1e3, 1e3),
             low=-500.0,
             high=500.0,
             spread=PLACE_SD_MM,
-            model_sd=1.0,
         ),
         EffectParameter(
             FORCE,
@@ -83,7 +81,6 @@ SPEC = EffectSpec(
             low=LEAST_N,
             high=100.0,
             log=True,
-            model_share=0.05,
         ),
     ),
 )

@@ -34,7 +34,6 @@ SPEC = EffectSpec(
             limits=(0.0, 1.0),
             low=0.01,
             high=0.95,
-            model_share=0.03,
             numbered=True,
         ),
         EffectParameter(
@@ -45,13 +44,12 @@ SPEC = EffectSpec(
             low=0.05,
             high=200.0,
             log=True,
-            model_share=0.05,
             numbered=True,
         ),
     ),
     knows_time=True,
 )
-"""By hand, wide: limits and bounds. Measured: `model_sd`, `model_share` (fem.mismatch.effect_spec)."""
+"""Limits and bounds are set by hand, wide."""
 
 
 def _at_once(model: CaseModel) -> Fields:

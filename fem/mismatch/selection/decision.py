@@ -44,9 +44,6 @@ bank's cases (6 of 236)."""
 TEMPERATURE = 1.5
 """Divisor of log Bayes factors. Set by hand; the log score of 30 cases of the bank is flat from 1.5 to 3
 (`benchmarks/mismatch_scores.py`)."""
-LAW_ERROR = 0.15
-"""Error of an effect's law, as a share of its signal: a second effect must exceed it. In twelve labelled
-cases the signals left for other effects are 0.10 of the true one's (root mean square), and 0.5 at most."""
 MISFIT, FREEDOM = 0.0399, 27.9
 """Mean and degrees of freedom of the chi-square per number that the plain model leaves of
 recordings without mismatch: 38 of nineteen fruit (`benchmarks/results/mismatch-bank.csv`)."""

@@ -2,7 +2,7 @@
 
 An effect's evidence is the mean over its signatures, or by its full model where it was refitted. A pair is
 the effect of the greater evidence and a second one, by what the signature of the second adds beside the
-first, above the error of the first one's law (LAW_ERROR of fem.mismatch.selection.decision). A second effect
+first, above the error of the first one's law (LAW_ERROR of fem.mismatch.effect_spec). A second effect
 that adds nothing is no explanation of its own.
 """
 
@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import logsumexp
 
+from fem.mismatch.effect_spec import LAW_ERROR
 from fem.mismatch.evidence.signature_equations import SignatureEquations
 from fem.mismatch.gel_fault import is_of_relation
 from fem.mismatch.result import NONE, UNKNOWN
-from fem.mismatch.selection.decision import LAW_ERROR, Weighed, probabilities
+from fem.mismatch.selection.decision import Weighed, probabilities
 from fem.mismatch.selection.refinement import Refit
 from fem.mismatch.selection.screening import (
     LinearFit,
@@ -156,7 +157,7 @@ def _equations_after(linear: LinearRound, first: Hypothesis) -> tuple[SignatureE
     """The equations of all else beside a first effect: its law taken as exact, and with LAW_ERROR."""
     (fit,) = first.linear_fits
     if first.refit is not None and first.refit.others is not None:
-        equations, signal = first.refit.others, linear.null.chi2 - first.refit.fit.chi2
+        equations, signal = first.refit.others, first.refit.signal
     elif fit.columns:
         equations, signal = linear.equations.given(linear.equations.numbers(fit.columns))
     else:  # it is seen directly, and leaves the motion as it is

@@ -133,8 +133,10 @@ class ModulusWith:
 
 
 def modulus_with(again: Refit) -> ModulusWith:
-    """What the parameters are off by (their covariance, the model's error) is in the modulus' spread, and
-    what the two inferences of E differ by.
+    """What the parameters are off by is in the modulus' spread, and what the two inferences of E differ by.
+
+    A law that is wrong by a share of its signal in any direction (LAW_ERROR of fem.mismatch.effect_spec) adds
+    that share squared times the signal to the covariance, which is one for the noise.
     """
     responses = [again.response, *(ahead for _, ahead in again.ahead)]
     holds_it = any(effect.spec.holds_large_deformation for effect in again.effects)
@@ -144,8 +146,10 @@ def modulus_with(again: Refit) -> ModulusWith:
         _without(again.model.case.budget, again.effects),
         beyond=displacement_beyond(again.model, large_deformation=not holds_it),
     )
-    model_sd = _own_error(again)
-    laws = SYSTEMATIC**2 * again.fit.covariance[-len(model_sd) :, -len(model_sd) :] + np.diag(model_sd**2)
+    widening, relation_sd = _law_widening(again), _relation_sd(again)
+    parameters = slice(len(again.fit.amounts) - len(widening), None)
+    laws = np.outer(widening, widening) * again.fit.covariance[parameters, parameters]
+    laws += np.diag(relation_sd**2)
     change = np.array(
         [
             np.log(modulus.value / plain.value) / step
@@ -156,7 +160,7 @@ def modulus_with(again: Refit) -> ModulusWith:
     return ModulusWith(
         at=plain,
         known=replace(plain, sd=float(np.hypot(plain.sd, plain.value * spread))),
-        sd=np.hypot(SYSTEMATIC * np.sqrt(np.diag(again.covariance)), model_sd),
+        sd=np.hypot(widening * np.sqrt(np.diag(again.covariance)), relation_sd),
         change=change,
     )
 
@@ -182,15 +186,25 @@ def _without(budget: ErrorBudget, effects: Sequence[Effect]) -> ErrorBudget:
     return replace(budget, **searched)
 
 
-def _own_error(again: Refit) -> Float[np.ndarray, " p"]:
-    """What the model's own error makes of each parameter, on the scale searched, and of a gel's fault what
-    the relation leaves open, which the search does not move it by (HELD of fem.mismatch.gel_fault).
+def _law_widening(again: Refit) -> Float[np.ndarray, " p"]:
+    """Factor of each parameter's standard deviation: the noise's own, and the error of its effect's law."""
+    return np.array(
+        [
+            np.sqrt(SYSTEMATIC**2 + effect.spec.law_error**2 * again.signal)
+            for effect in again.effects
+            for _ in effect.spec.searched
+        ]
+    )
+
+
+def _relation_sd(again: Refit) -> Float[np.ndarray, " p"]:
+    """What the relation of a gel leaves open of a fault's parameters, on the scale searched: the search does
+    not move them by it (HELD of fem.mismatch.gel_fault). Zero of other effects.
     """
-    model_sd = []
-    for effect, values in zip(again.effects, again.parameters, strict=True):
-        relation = effect.relation_sd(again.model) if isinstance(effect, GelFault) else {}
-        for spec in effect.spec.searched:
-            value = values[spec.name]
-            by_model = np.hypot(spec.model_sd, spec.model_share * value) / (value if spec.log else 1.0)
-            model_sd.append(np.hypot(by_model, relation.get(spec.name, 0.0)))
-    return np.array(model_sd)
+    return np.array(
+        [
+            effect.relation_sd(again.model).get(spec.name, 0.0) if isinstance(effect, GelFault) else 0.0
+            for effect in again.effects
+            for spec in effect.spec.searched
+        ]
+    )

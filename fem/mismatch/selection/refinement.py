@@ -60,7 +60,8 @@ class Refit:
     `others`: equations of all signatures beside the model of one effect, with columns as in the linear round.
     `model`: with this model's own 1/E, from which `fit`'s first amount counts, and what the search found,
     from which another may start. `at_an_end`: of each effect, whether a parameter is at the end of its
-    bounds, where it stands for something else. `last_gain`: ln evidence that the last round gained.
+    bounds, where it stands for something else. `last_gain`: ln evidence that the last round gained. `signal`:
+    chi-square of the plain model less that of `fit`.
     """
 
     effects: tuple[Effect, ...]
@@ -78,6 +79,7 @@ class Refit:
     model: CaseModel
     at_an_end: tuple[bool, ...]
     last_gain: float
+    signal: float
 
     @property
     def converged(self) -> bool:
@@ -152,6 +154,7 @@ def refit(model: CaseModel, linear: LinearRound, linear_fits: Sequence[LinearFit
         model=search.model,
         at_an_end=search.at_an_end(now.at),
         last_gain=gained,
+        signal=max(linear.null.chi2 - now.fit.chi2, 0.0),
     )
 
 
