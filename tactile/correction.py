@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from tactile.markers.gaps import at_times, poses_at
 from tactile.readers.recording import GelPad, IndenterPad, Recording
 from tactile.rig.rig_curve import MOST_BEYOND, RigCurve
-from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileProblem
 
 LEAST_SLOPE = 0.1
 """Of the reading over the force: where noise lifts a reading beyond the largest that the law has, its root is
@@ -268,8 +268,7 @@ def _given_by_rig(recording: Recording, curve: RigCurve, source: str) -> list[Fl
     force = [_normal_N(pad) for pad in recording.pads]
     largest = max(float(normal_N.max()) for normal_N in force)
     if not curve.reaches(largest):
-        raise TactileFailure(
-            TactileProblem.IMPLAUSIBLE_RECORDING,
+        raise TactileProblem.IMPLAUSIBLE_RECORDING.failure(
             f"{source}: found a maximum force of {largest:.3g} N, but the rig calibration ends at "
             f"{curve.largest_N:.3g} N, expected at most {MOST_BEYOND:g} times that. Squeeze the rigid "
             "object equally hard and calibrate again.",

@@ -22,7 +22,7 @@ from tactile.readers.raw_grasp import RawGrasp, RawPad
 from tactile.readers.recording import Converted, GelPad, IndenterPad
 from tactile.sensors import gel_constants
 from tactile.square_pixels import with_square_pixels
-from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileProblem
 
 MUCH_AT_EDGE = 0.2
 """More of the largest marker's push than this at an outermost marker: the contact goes on beyond it."""
@@ -55,8 +55,7 @@ def recording_of(raw: RawGrasp, *, progress: Progress | None = None) -> Converte
     rows = np.flatnonzero(first.kept)[within]
     if len(when) < 2:
         fault = "pads whose frames do not overlap in time"
-        raise TactileFailure(
-            TactileProblem.UNREADABLE_FRAMES,
+        raise TactileProblem.UNREADABLE_FRAMES.failure(
             f"{raw.source}: found {fault}, expected one grasp in both; set time_offset_s.",
         )
     notes = [note for pad_fields in read for note in pad_fields.notes]

@@ -16,7 +16,7 @@ from pipeline.files.plain_file import NotReadable, read_bytes
 from tactile.readers.recording_fields import Limit
 from tactile.readers.toml_table import MOST_BYTES, Table, read_table
 from tactile.rig.rig_curve import RigCurve
-from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileProblem
 
 FORMAT = "drupe-rig"
 VERSION = 1
@@ -66,7 +66,7 @@ def read_rig(path: Path) -> Rig:
     try:
         digest = hashlib.sha256(read_bytes(path, most_bytes=MOST_BYTES)).hexdigest()
     except NotReadable as cause:
-        raise TactileFailure(TactileProblem.UNREADABLE_SENSOR, f"{path.name}: {cause}.") from cause
+        raise TactileProblem.UNREADABLE_SENSOR.failure(f"{path.name}: {cause}.") from cause
     return Rig(
         object_name=top.text("object"),
         shape=cast(Literal["ball", "block"], top.choice("shape", SHAPES)),

@@ -202,8 +202,7 @@ def _episodes(touched: Bool[np.ndarray, " t"]) -> list[slice]:
 
 
 def _no_squeeze(source: str, fault: str, expected: str, advice: str) -> TactileFailure:
-    return TactileFailure(
-        TactileProblem.UNREADABLE_FRAMES,
+    return TactileProblem.UNREADABLE_FRAMES.failure(
         f"{source}: no squeeze of a rigid object: found {fault}, expected {expected}; {advice}.",
     )
 
