@@ -49,6 +49,14 @@ def test_the_stated_information_is_that_of_noisy_pixels() -> None:
     assert np.mean(scores) == pytest.approx(3.0, rel=0.05)
 
 
+def test_depth_is_as_sure_as_the_angle_between_the_rays_makes_it() -> None:
+    """s / (sqrt 2 sin 0.35) at the gel's centre, s = 0.05 px * 24 mm / 741 px."""
+    middle = np.zeros((1, 3))
+    _, information = triangulated(EYES, (project(EYES[0], middle), project(EYES[1], middle)), noise_px=0.05)
+    depth = np.sqrt(np.linalg.inv(information[0])[2, 2])
+    assert depth == pytest.approx(0.05 * 24 / 741 / np.sqrt(2) / np.sin(0.35), rel=1e-3)
+
+
 def test_a_marker_lost_to_one_camera_has_no_place() -> None:
     first, second = project(EYES[0], POINTS), project(EYES[1], POINTS)
     second[7] = np.nan

@@ -27,9 +27,9 @@ def test_onset_is_the_injected_one_or_the_next_frame(injected, contact):
 
 def test_noise_is_the_injected_one(injected, contact):
     for pad in contact.pads:
-        assert pad.displacement_noise.sd == pytest.approx(injected.sd_mm, rel=0.03)
-        assert pad.force_noise.sd == pytest.approx(injected.sd_N, rel=0.03)
-        assert pad.force_noise.lag1 == pytest.approx(injected.lag1, abs=0.05)
+        assert pad.displacement_noise.sd == pytest.approx(injected.sd_mm, rel=0.02)
+        assert pad.force_noise.sd == pytest.approx(injected.sd_N, rel=0.02)
+        assert pad.force_noise.lag1 == pytest.approx(injected.lag1, abs=0.03)
 
 
 def test_the_offset_of_the_reference_frame_is_taken_out(injected, contact):
