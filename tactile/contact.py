@@ -110,8 +110,7 @@ def contact_said(contact: Contact) -> list[str]:
 def _require_gel(pad: object, *, source: str) -> GelPad:
     if not isinstance(pad, GelPad):
         name = getattr(pad, "name", "?")
-        raise TactileFailure(
-            TactileProblem.NO_MARKERS,
+        raise TactileProblem.NO_MARKERS.failure(
             f"{source}: pads/{name}: found a bare indenter (force_z_N, no markers), expected marker "
             "displacement and force. Record with a gel with markers on at least one jaw. For plates "
             "around a fruit, remove photos and mesh and give three diameters in fruits.csv.",
@@ -159,8 +158,8 @@ def _pad_contact(pad: GelPad, *, no_contact_frames: int, source: str) -> PadCont
     noise_of_total = pushed.sd * np.sqrt(len(pad.rest_mm))
     if not touching.any() or total[peak] <= TOTAL_BEYOND_NOISE * noise_of_total:
         if (contradiction := print_without_force(pad)) is not None:
-            raise TactileFailure(
-                TactileProblem.IMPLAUSIBLE_RECORDING, f"{source}: the {pad.name} pad's {contradiction}."
+            raise TactileProblem.IMPLAUSIBLE_RECORDING.failure(
+                f"{source}: the {pad.name} pad's {contradiction}."
             )
         raise _never_touches(
             pad.name, total, noise_of_total, source=source, pictured=pad.print_shown is not None
@@ -224,7 +223,7 @@ def _never_touches(
             f"{noise_N:.3g} N, expected a contact. The pad never touches the fruit: record again and "
             f"close the jaws farther.{unless}"
         )
-    return TactileFailure(TactileProblem.NEVER_TOUCHES, detail)
+    return TactileProblem.NEVER_TOUCHES.failure(detail)
 
 
 def neighbourhood(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[float, csr_array]:

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from tactile.markers.gaps import at_times, poses_at
 from tactile.readers.recording import GelPad, IndenterPad, Recording
 from tactile.rig.rig_curve import MOST_BEYOND, RigCurve
-from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileProblem
 
 LEAST_SLOPE = 0.1
 """Of the reading over the force: where noise lifts a reading beyond the largest that the law has, its root is
@@ -81,7 +81,7 @@ def without_gel_fault(recording: Recording, fault: GelFault) -> Recording:
 
 def _gel_pad(pad: GelPad, fault: GelFault, time_s: Float[np.ndarray, " t"], largest_N: float) -> GelPad:
     if isinstance(fault, ForceLawFault):
-        return replace(pad, force_N=straightened(pad.force_N, a=fault.a, largest_N=largest_N))
+        return replace(pad, force_N=straightened(pad.force_N, fault.a, largest_N=largest_N))
     if isinstance(fault, GelCreepFault):
         moved = uncrept(pad.displacement_mm, time_s, creep=fault.creep, tau_s=fault.tau_s)
         return replace(pad, displacement_mm=moved)
@@ -96,17 +96,21 @@ def _gel_pad(pad: GelPad, fault: GelFault, time_s: Float[np.ndarray, " t"], larg
     return replace(pad, force_N=force, displacement_mm=pad.displacement_mm - swollen)
 
 
-def straightened(force_N: Float[np.ndarray, "t n 3"], *, a: float, largest_N: float) -> np.ndarray:
-    """True forces from recorded forces, by the positive root of the law; `largest_N`: largest recorded force.
+def straightened(
+    force_N: Float[np.ndarray, "t n 3"], a: float, *, largest_N: float | None = None
+) -> Float[np.ndarray, "t n 3"]:
+    """True forces from recorded forces, by the positive root of the law; `largest_N`: largest recorded force,
+    None where `force_N` are all.
 
     A reading of 1.25 N, a quarter too much, was 1 N.
 
-    >>> straightened(np.array([[[0.0, 0, 1.25]]]), a=0.25, largest_N=1.25)[0, 0]
+    >>> straightened(np.array([[[0.0, 0, 1.25]]]), 0.25)[0, 0]
     array([0., 0., 1.])
     """
+    size = np.linalg.norm(force_N, axis=2, keepdims=True)
+    largest_N = float(size.max(initial=0.0)) if largest_N is None else largest_N
     if abs(a) < NONE or largest_N <= 0:
         return force_N
-    size = np.linalg.norm(force_N, axis=2, keepdims=True)
     root = np.sqrt(np.maximum(1 + 4 * a * (1 + a) * size / largest_N, LEAST_SLOPE**2))
     return np.asarray(force_N * 2 / (1 + root))
 
@@ -268,8 +272,7 @@ def _given_by_rig(recording: Recording, curve: RigCurve, source: str) -> list[Fl
     force = [_normal_N(pad) for pad in recording.pads]
     largest = max(float(normal_N.max()) for normal_N in force)
     if not curve.reaches(largest):
-        raise TactileFailure(
-            TactileProblem.IMPLAUSIBLE_RECORDING,
+        raise TactileProblem.IMPLAUSIBLE_RECORDING.failure(
             f"{source}: found a maximum force of {largest:.3g} N, but the rig calibration ends at "
             f"{curve.largest_N:.3g} N, expected at most {MOST_BEYOND:g} times that. Squeeze the rigid "
             "object equally hard and calibrate again.",

@@ -17,12 +17,11 @@ from tactile.markers.pad_frames import (
     tracked_markers,
 )
 from tactile.markers.tracking import TrackedMarkers
-from tactile.readers.pictures import gaps_said
+from tactile.readers.pictures import gaps_said, unusable
 from tactile.readers.raw_grasp import RawGrasp, RawPad
 from tactile.readers.recording import Converted, GelPad, IndenterPad
 from tactile.sensors import gel_constants
 from tactile.square_pixels import with_square_pixels
-from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MUCH_AT_EDGE = 0.2
 """More of the largest marker's push than this at an outermost marker: the contact goes on beyond it."""
@@ -55,10 +54,7 @@ def recording_of(raw: RawGrasp, *, progress: Progress | None = None) -> Converte
     rows = np.flatnonzero(first.kept)[within]
     if len(when) < 2:
         fault = "pads whose frames do not overlap in time"
-        raise TactileFailure(
-            TactileProblem.UNREADABLE_FRAMES,
-            f"{raw.source}: found {fault}, expected one grasp in both; set time_offset_s.",
-        )
+        raise unusable(raw.source, fault, "one grasp in both; set time_offset_s")
     notes = [note for pad_fields in read for note in pad_fields.notes]
     if len(read) > 1 and not any(pad.sensor.serial for pad in raw.pads):
         notes.append(

@@ -9,7 +9,7 @@ from tactile.markers.gaps import at_times
 from tactile.readers.pictures import gaps_said
 from tactile.readers.recording import Converted, GelPad, Recording, marker_area_mm2
 from tactile.readers.tac3d import Tac3D
-from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileProblem
 
 APART_S = 0.5
 """Clocks of two fingers that differ by more are not one clock."""
@@ -38,8 +38,7 @@ def recording_of_tac3d(
     are more sensors than two.
     """
     if not 1 <= len(sensors) <= 2:
-        raise TactileFailure(
-            TactileProblem.UNREADABLE_RECORDING,
+        raise TactileProblem.UNREADABLE_RECORDING.failure(
             f"found recordings of {len(sensors)} sensors, expected one (a press) or two (a grasp).",
         )
     names = ("tip",) if len(sensors) == 1 else ("left", "right")
@@ -138,8 +137,7 @@ def _refuse_time(sensor: Tac3D) -> None:
     back = np.flatnonzero(np.diff(sensor.send_s) <= 0)
     if len(back):
         k = int(back[0])
-        raise TactileFailure(
-            TactileProblem.UNREADABLE_RECORDING,
+        raise TactileProblem.UNREADABLE_RECORDING.failure(
             f"{sensor.serial}/sendTimestamp.npy: found {sensor.send_s[k + 1]:g} s in frame {k + 1} after "
             f"{sensor.send_s[k]:g} s, expected strictly increasing times; drop the repeated frames.",
         )

@@ -6,7 +6,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tactile.readers.recording import Converted, GelPad
-from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileProblem
 
 LEAST_ANGLE_SINE = 0.1
 """Sine of the angle between `closing` and `up` below which (6 degrees) they do not fix the pads' turn. Set by
@@ -38,7 +38,7 @@ def posed_by_jaws(converted: Converted, jaws: Jaws, *, source: str) -> Converted
     for fault, applies in faults.items():
         if applies:
             advice = "leave out --jaws-centre-mm, or correct the source"
-            raise TactileFailure(TactileProblem.UNREADABLE_FRAMES, f"{source}: found {fault}; {advice}.")
+            raise TactileProblem.UNREADABLE_FRAMES.failure(f"{source}: found {fault}; {advice}.")
     directions = {name: np.array(value, dtype=np.float64) for name, value in vars(jaws).items()}
     poses = jaw_poses(held.aperture_mm, **directions)
     posed = tuple(replace(pad, pose=pose) for pad, pose in zip(pads, poses, strict=True))
@@ -65,8 +65,7 @@ def jaw_poses(
     along = closing / (length or 1.0)
     across = up - (up @ along) * along
     if not np.linalg.norm(across) > LEAST_ANGLE_SINE * height > 0 or not length > 0:
-        raise TactileFailure(
-            TactileProblem.UNREADABLE_RECORDING,
+        raise TactileProblem.UNREADABLE_RECORDING.failure(
             f"closing, up: found {closing.tolist()} and {up.tolist()}, expected two directions across each "
             "other; give the direction from the left jaw to the right jaw, and the pads' y axis.",
         )

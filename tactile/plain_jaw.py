@@ -16,7 +16,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tactile.readers.recording import GelPad, IndenterPad, Recording, marker_area_mm2
-from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileProblem
 
 RIGID_MPA_PER_MM = 1000.0
 """Stiffness per area that a rigid face is written with, normal and shear: no gel comes near it."""
@@ -116,8 +116,7 @@ def _outermost(
     bend = np.array([[fit[3], fit[4]], [fit[4], fit[5]]])
     curved = np.linalg.eigvalsh(bend)
     if len(near) < len(fit) or first[2] < -size / 2 or curved[0] <= 0:
-        raise TactileFailure(
-            TactileProblem.PADS_OFF_FRUIT,
+        raise TactileProblem.PADS_OFF_FRUIT.failure(
             f"{source}: found a plain jaw without round skin in front of it, expected the fruit "
             "there. z of its pose must point into the fruit, and the mesh must be closed there. "
             "Correct the pose.",

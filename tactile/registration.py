@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from tactile.contact import Contact, PadContact
-from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileProblem
 
 FARTHEST_SHARE = 0.15
 """A pad whose first touches lie farther from the mesh than this share of the fruit's diameter is not on
@@ -77,8 +77,7 @@ def _register_pad(
     shift = float(np.mean(depth[met])) if met.any() else np.inf
     if met.sum() < max(1.0, FEWEST_HITS * touched.sum()) or abs(shift) > FARTHEST_SHARE * size_mm:
         fault = f"first touches {abs(shift):.1f} mm from" if np.isfinite(shift) else "first touches beside"
-        raise TactileFailure(
-            TactileProblem.PADS_OFF_FRUIT,
+        raise TactileProblem.PADS_OFF_FRUIT.failure(
             f"{source}: pads/{pad.name}/pose: found {fault} the fruit's surface, expected within "
             f"{FARTHEST_SHARE * size_mm:.1f} mm. Poses and mesh use different frames: check the "
             "robot's calibration (drupe robot), the units (mm) and the orientation of the fruit.",

@@ -165,7 +165,7 @@ def _middle_of_grid(
 
 
 def _refused(source: str, fault: str, expected: str) -> TactileFailure:
-    return TactileFailure(TactileProblem.WRONG_SENSOR, f"{source}: found {fault}, expected {expected}.")
+    return TactileProblem.WRONG_SENSOR.failure(f"{source}: found {fault}, expected {expected}.")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -200,13 +200,11 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
     missing = [OPTIONS[name] for name in NEEDED if name not in model.gel]
     missing += ["--pitch-mm"] if model.pitch_mm is None else []
     if missing or model.distance_mm is None or model.pitch_mm is None:
-        raise TactileFailure(
-            TactileProblem.UNREADABLE_SENSOR,
+        raise TactileProblem.UNREADABLE_SENSOR.failure(
             f"{model.name}: no published values exist for {', '.join(missing)}; measure them and give them.",
         )
     if picture is None:
-        raise TactileFailure(
-            TactileProblem.UNREADABLE_SENSOR,
+        raise TactileProblem.UNREADABLE_SENSOR.failure(
             f"{model.name}: found no picture of the untouched gel, expected one at the size of the "
             "recordings' frames; give --picture.",
         )

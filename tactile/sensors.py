@@ -13,7 +13,7 @@ import numpy as np
 from jaxtyping import Float
 
 from tactile.gel.gel_sides import GelOutline
-from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileProblem
 
 SensorKind: TypeAlias = Literal["markers-mono", "markers-stereo", "fields"]
 
@@ -110,8 +110,7 @@ def gel_constants(sensor: Sensor) -> dict[str, Any]:
         bonded_kn, bonded_kt = bonded_stiffness(E, nu, h)
         kn, kt = kn or bonded_kn, kt or bonded_kt
     if kn is None or kt is None:
-        raise TactileFailure(
-            TactileProblem.UNREADABLE_SENSOR,
+        raise TactileProblem.UNREADABLE_SENSOR.failure(
             f"{sensor.name}: found neither the gel's stiffness nor thickness_mm, E_MPa and nu, "
             "expected one of the two; add gel_kn_MPa_per_mm and gel_kt_MPa_per_mm to [gel].",
         )

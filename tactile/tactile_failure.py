@@ -21,6 +21,10 @@ class TactileProblem(StrEnum):
     FOREIGN_RECORDING = "foreign-recording"
     REPEATED_RECORDING = "repeated-recording"
 
+    def failure(self, detail: str) -> "TactileFailure":
+        """The exception with this problem and these words."""
+        return TactileFailure(self, detail)
+
 
 class TactileFailure(Exception):
     """The one exception of this room: `problem` for programs, `detail` (also `str`) for people."""

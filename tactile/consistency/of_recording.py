@@ -79,7 +79,7 @@ def recording_findings(
     if situation.touch_is_seen and not _refused(findings):
         findings += edge_findings(left.pressings)
     if situation.touch_is_seen and all(finding.undone for finding in findings if finding.refused):
-        findings += _explained(left, mesh_misfits, _of_mesh)[0]
+        findings += _explained(left, mesh_misfits, of_mesh)[0]
     return _what_counts(findings)
 
 
@@ -99,11 +99,6 @@ def _of_signals_and_machine(situation: Situation, failing: Sequence[Misfit]) -> 
     kinds = {misfit.kind for misfit in failing}
     if kinds - LAW and situation.vertices is not None:
         yield from of_machine(situation, late=FindingKind.CLOCKS_APART in kinds)
-
-
-def _of_mesh(situation: Situation, failing: Sequence[Misfit]) -> Iterator[Transformation]:
-    width = [misfit for misfit in failing if misfit.kind is FindingKind.WIDTH]
-    return of_mesh(situation, width[0] if width else None)
 
 
 def _explained(

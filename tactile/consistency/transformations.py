@@ -17,6 +17,7 @@ from tactile.consistency.finding import MEANINGLESS, Field, FindingKind
 from tactile.consistency.footprint import E_OF_A_TURN
 from tactile.consistency.misfit import CAUSES, Misfit, Situation
 from tactile.consistency.relations import E_PER_GAIN, correlation, gain_of
+from tactile.correction import straightened
 from tactile.readers.recording import GelPad
 
 FORCE = {
@@ -103,7 +104,7 @@ def of_signals(situation: Situation, names: Sequence[str]) -> Iterator[Transform
             f"force grows by {1 - 2 * bend:.1f} of its first slope at its peak: the sensor saturates or is "
             "nonlinear (run drupe explain for the amount)"
         )
-        change = _on("force_N", _straightened, bend)
+        change = _on("force_N", straightened, -bend)
         sd = share * E_PER_FORCE * abs(float(np.log1p(-bend)))
         more: dict[str, Any] = {"field": "force", "relative_sd": sd, "log_prior": -FREE, "has_effect": True}
         yield made(FindingKind.SATURATION, cause, change, **more)
@@ -159,7 +160,7 @@ def _of_field(field: Field, made: Callable[..., Transformation]) -> Iterator[Tra
     for order in ((2, 1, 0), (0, 2, 1), (1, 0, 2), (1, 2, 0), (2, 0, 1)):
         axes = "".join("xyz"[k] for k in np.argsort(order))
         cause = f"{field} has its axes exchanged: its columns are {axes}, expected xyz"
-        change = _on(name, _columns, order)
+        change = _on(name, np.take, order, -1)
         yield made(FindingKind.AXES, cause, change, field=field, detail=axes)
     cause = f"{field} is written as increments between frames. Write {field} from rest"
     yield made(FindingKind.INCREMENTS, cause, _on(name, lambda v: np.cumsum(v, axis=0)), field=field)
@@ -173,7 +174,10 @@ def _of_field(field: Field, made: Callable[..., Transformation]) -> Iterator[Tra
 def _orders(made: Callable[..., Transformation]) -> Iterator[Transformation]:
     """Orders of the markers in one array."""
     for field, name in (*FIELDS.items(), (None, "rest_mm")):
-        for words, order_of in (("reversed", _reversed), ("transposed (columns for rows)", _transposed)):
+        for words, order_of in (
+            ("reversed", lambda v: np.flip(v, -2)),
+            ("transposed (columns for rows)", _transposed),
+        ):
             cause = f"the marker order of {name} is {words}; write all arrays in one order"
             change = _on(name, order_of)
             yield made(FindingKind.MARKERS_ORDER, cause, change, field=field, detail=words)
@@ -226,8 +230,8 @@ def of_machine(situation: Situation, *, late: bool) -> Iterator[Transformation]:
         )
 
 
-def of_mesh(situation: Situation, width: Misfit | None) -> Iterator[Transformation]:
-    """Pads exchanged, and the mesh in another frame or size; `width`: how far its width is off."""
+def of_mesh(situation: Situation, failing: Sequence[Misfit]) -> Iterator[Transformation]:
+    """Pads exchanged, and the mesh in another frame, or size where its width is among what fails."""
     vertices = situation.vertices
     assert vertices is not None
     if len(situation.pressings) == 2:
@@ -241,7 +245,7 @@ def of_mesh(situation: Situation, width: Misfit | None) -> Iterator[Transformati
             log_prior=-float(np.log(len(QUARTERS))),
         )
     centre = (vertices.min(axis=0) + vertices.max(axis=0)) / 2
-    if width is not None:
+    for width in (misfit for misfit in failing if misfit.kind is FindingKind.WIDTH):
         yield Transformation(
             kind=FindingKind.WIDTH,
             cause=CAUSES[FindingKind.WIDTH],
@@ -281,22 +285,6 @@ def _scaled(field: Field, times: float) -> Change:
 def _moved(values: Float[np.ndarray, "t n 3"], frames: int) -> Float[np.ndarray, "t n 3"]:
     """Values that come so many frames later; the ends are repeated."""
     return np.asarray(values[np.clip(np.arange(len(values)) - frames, 0, len(values) - 1)])
-
-
-def _straightened(force_N: Float[np.ndarray, "t n 3"], bend: float) -> Float[np.ndarray, "t n 3"]:
-    """F of f = F (1 - bend F / M), M the largest F."""
-    size = np.linalg.norm(force_N, axis=2, keepdims=True)
-    share = size / max(float(size.max()), 1e-30)
-    straight = (1 - np.sqrt(1 - 4 * bend * (1 - bend) * share)) / (2 * bend * (1 - bend))
-    return np.asarray(force_N * straight / np.maximum(share, 1e-12))
-
-
-def _columns(values: Float[np.ndarray, "... 3"], order: Sequence[int]) -> Float[np.ndarray, "... 3"]:
-    return np.asarray(values[..., list(order)])
-
-
-def _reversed(values: Float[np.ndarray, "... n 3"]) -> Float[np.ndarray, "... n 3"]:
-    return np.asarray(values[..., ::-1, :])
 
 
 def _transposed(values: Float[np.ndarray, "... n 3"]) -> Float[np.ndarray, "... n 3"]:

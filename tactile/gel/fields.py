@@ -50,8 +50,7 @@ class GelFields:
 def slab_of(sensor: Sensor) -> GelSlab:
     """The sensor's gel; raises TactileFailure (unreadable-sensor) where the description lacks it."""
     if sensor.thickness_mm is None or sensor.E_MPa is None or sensor.nu is None:
-        raise TactileFailure(
-            TactileProblem.UNREADABLE_SENSOR,
+        raise TactileProblem.UNREADABLE_SENSOR.failure(
             f"{sensor.name}: forces need the gel: found thickness_mm {sensor.thickness_mm}, E_MPa "
             f"{sensor.E_MPa}, nu {sensor.nu}, expected all three; add them to [gel] or run drupe "
             "calibrate",
@@ -176,4 +175,4 @@ def _refuse_outside(sensor: Sensor, rest_mm: Float[np.ndarray, "n 3"]) -> None:
 
 
 def _refusal(sensor: Sensor, detail: str) -> TactileFailure:
-    return TactileFailure(TactileProblem.UNREADABLE_SENSOR, f"{sensor.name}: {detail}")
+    return TactileProblem.UNREADABLE_SENSOR.failure(f"{sensor.name}: {detail}")

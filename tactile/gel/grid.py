@@ -118,7 +118,7 @@ by hand."""
 def prior_precision(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.ndarray, "d d"]:
     """Q of the nodal forces, 1/N^2; node by node x, y and z."""
     m = len(grid.nodes_mm)
-    smooth = _smoothness(grid, hyperparameters)
+    smooth = np.eye(len(grid.nodes_mm)) + hyperparameters.roughness**2 * grid.laplacian
     out = np.zeros((m, 3, m, 3))
     for k, scale in enumerate(_scales(grid, hyperparameters)):
         out[:, k, :, k] = smooth * scale
@@ -133,10 +133,6 @@ def log_det_prior(
     smooth = np.eye(len(among)) + hyperparameters.roughness**2 * among
     log_scale = np.log(_scales(grid, hyperparameters)).sum()
     return float(3.0 * np.linalg.slogdet(smooth)[1] + touching.sum() * log_scale)
-
-
-def _smoothness(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.ndarray, "m m"]:
-    return np.asarray(np.eye(len(grid.nodes_mm)) + hyperparameters.roughness**2 * grid.laplacian)
 
 
 def _scales(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.ndarray, "3"]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileProblem
 
 LEAST_SHARE = 0.2
 """Of the greatest force; frames with less carry too little. Set by hand."""
@@ -45,8 +45,7 @@ def gel_gain(cell_N: Float[np.ndarray, " t"], gel_N: Float[np.ndarray, " t"], *,
     felt_by_cell, felt_by_gel = (f > LEAST_SHARE * f.max(initial=0.0) for f in (W, F))
     used = felt_by_cell & felt_by_gel
     if used.sum() < FEWEST_FRAMES:
-        raise TactileFailure(
-            TactileProblem.UNREADABLE_FRAMES,
+        raise TactileProblem.UNREADABLE_FRAMES.failure(
             f"{source}: found {int(used.sum())} frames in which gel and load cell measure the press, "
             f"expected at least {FEWEST_FRAMES}; press harder, or more slowly.",
         )
@@ -54,8 +53,7 @@ def gel_gain(cell_N: Float[np.ndarray, " t"], gel_N: Float[np.ndarray, " t"], *,
     value = float((W @ F) / (F @ F))
     scatter = float(np.sqrt(((W - value * F) ** 2).sum() / (len(W) - 1)))
     if scatter > NOT_ONE_LINE * W.max():
-        raise TactileFailure(
-            TactileProblem.UNREADABLE_FRAMES,
+        raise TactileProblem.UNREADABLE_FRAMES.failure(
             f"{source}: gel and load cell differ by {100 * scatter / W.max():.0f} % of the peak, "
             "expected one line through zero; check that the whole contact is in view and both clocks "
             "agree.",

@@ -14,7 +14,7 @@ from tactile.readers.pictures import checked
 from tactile.readers.raw_grasp import RawCamera, RawPad
 from tactile.reference_print import WHAT_TO_DO, ShownPrint, becomes_flatter, shown_print
 from tactile.sensors import GelCamera
-from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileProblem
 
 FEWEST_SEEN = 0.5
 """A frame that shows fewer of the markers cannot be used."""
@@ -77,8 +77,7 @@ def tracked_markers(
             )
         seen = float(np.isfinite(markers.position_px[places.kept, 0]).mean())
         if seen < FEWEST_SEEN:
-            raise TactileFailure(
-                TactileProblem.MARKERS_LOST,
+            raise TactileProblem.MARKERS_LOST.failure(
                 f"{source}: frame {view.pictures.numbers[t]}: found {seen:.0%} of the markers, "
                 f"expected at least {FEWEST_SEEN:.0%}; check whether the gel is torn, or the picture "
                 "blurred or dark.",
@@ -130,8 +129,7 @@ def tracked_markers(
 def camera_of(pad: RawPad) -> GelCamera:
     """The pad's first camera; raises TactileFailure (wrong-sensor) where its description has none."""
     if pad.sensor.camera is None:
-        raise TactileFailure(
-            TactileProblem.WRONG_SENSOR,
+        raise TactileProblem.WRONG_SENSOR.failure(
             f"{pad.name}: found frames of a sensor described as kind {pad.sensor.kind!r} without a camera, "
             "expected markers-mono or markers-stereo.",
         )

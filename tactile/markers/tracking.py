@@ -29,7 +29,7 @@ from tactile.markers.marker_detection import (
 from tactile.markers.marker_lattice import Lattice, lattice_of, neighbours_say, whole_displacement
 from tactile.markers.matching import match, relabelled
 from tactile.sensors import GelCamera
-from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileProblem
 
 FEWEST_MARKERS = 9
 """In the first frame: fewer tell no field of displacement (three by three). Set by hand."""
@@ -105,8 +105,7 @@ def reference_of(frame: UInt8[np.ndarray, "h w *c"], *, source: str) -> Referenc
     markers = markers_of(shown, look)
     count = len(markers.peak)
     if count < FEWEST_MARKERS:
-        raise TactileFailure(
-            TactileProblem.NO_MARKERS,
+        raise TactileProblem.NO_MARKERS.failure(
             f"{source}: found {count} markers, expected at least {FEWEST_MARKERS}; use a picture of "
             "the untouched gel, in focus and with its lights on.",
         )
@@ -233,8 +232,7 @@ def places_of(
     """
     width, height = camera.image_px
     if shape != (height, width):
-        raise TactileFailure(
-            TactileProblem.WRONG_SENSOR,
+        raise TactileProblem.WRONG_SENSOR.failure(
             f"{source}: found frames of {shape[1]} x {shape[0]} pixels, expected {width} x {height} "
             "as in the sensor's description; check that the description belongs to this sensor.",
         )
@@ -249,8 +247,7 @@ def places_of(
     single = len(np.unique(np.asarray(which)[kept])) == len(kept)
     spacing_differs = abs(spacing_of(expected_px) / spacing - 1.0) if spacing else np.inf
     if near.mean() < ENOUGH or not single or spacing_differs > REACH:
-        raise TactileFailure(
-            TactileProblem.WRONG_SENSOR,
+        raise TactileProblem.WRONG_SENSOR.failure(
             f"{source}: found {int(near.sum())} of {len(near)} markers at their places in the "
             f"sensor's description (spacing {spacing:.1f} px, described {spacing_of(expected_px):.1f} "
             f"px), expected at least {ENOUGH:.0%}. Check that the description belongs to this sensor "

@@ -3,7 +3,6 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Bool, Float, Int
@@ -19,10 +18,8 @@ from tactile.preparation.logger_correction import (
 )
 from tactile.preparation.readings import rhythm_of
 from tactile.preparation.resets import Ambiguous, resets
-from tactile.preparation.rows import runs, unwritten_blocks, unwritten_inside, wild, wild_times
+from tactile.preparation.rows import Values, runs, unwritten_blocks, unwritten_inside, wild, wild_times
 from tactile.readers.pictures import unusable
-
-Values: TypeAlias = Float[np.ndarray, " t"]
 
 MOST_CORRECTED = 0.02
 """Share of the rows that may be left out one by one (wild or missing): more is a broken record."""

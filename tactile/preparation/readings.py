@@ -1,14 +1,12 @@
 """Which rows hold a reading of their own where a quantity is read more slowly than it is logged."""
 
 from itertools import product
-from typing import TypeAlias
 
 import numpy as np
 from jaxtyping import Float, Int
 
 from tactile.noise import noise_sd
-
-Values: TypeAlias = Float[np.ndarray, " t"]
+from tactile.preparation.rows import Values
 
 FEWEST_CHANGES = 8
 """Changes of a value from which the rhythm of its readings is known."""

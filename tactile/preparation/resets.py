@@ -1,14 +1,12 @@
 """Steps that a zeroed display or load cell makes in one quantity, told from what a specimen does."""
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Int
 
 from tactile.noise import noise_sd
-
-Values: TypeAlias = Float[np.ndarray, " t"]
+from tactile.preparation.rows import Values
 
 NEIGHBOURS = 5
 """Steps on each side of a reset with which its own is compared, and rows of a level."""

@@ -1,6 +1,6 @@
 """Rows as the logger wrote them: which were never written, which values are wild, and where runs begin."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TypeAlias
 
 import numpy as np
@@ -9,7 +9,6 @@ from jaxtyping import Bool, Float, Int
 from tactile.noise import noise_sd
 
 Values: TypeAlias = Float[np.ndarray, " t"]
-Columns: TypeAlias = Mapping[str, Values]
 
 LONGEST = 3
 """Consecutive wild rows: longer excursions may be the specimen's."""
@@ -49,7 +48,7 @@ def wild(values: Values) -> Bool[np.ndarray, " t"]:
     margin = OUTSIDE * (high - low)
     beyond = (known < low - margin) | (known > high + margin)
     least = max(ABOVE_NOISE * noise_sd(known), ABOVE_STEPS * large_step(known[~beyond]))
-    for first, end in _blocks_of(beyond | (known == 0)):
+    for first, end in true_runs(beyond | (known == 0)):
         if end - first > LONGEST or first == 0 or end == len(known):
             continue
         before, after = known[first - 1], known[end]
@@ -60,7 +59,7 @@ def wild(values: Values) -> Bool[np.ndarray, " t"]:
     return outlier
 
 
-def _blocks_of(mask: Bool[np.ndarray, " t"]) -> list[list[int]]:
+def true_runs(mask: Bool[np.ndarray, " t"]) -> list[list[int]]:
     """First row and end of each run of true rows."""
     edges = np.flatnonzero(np.diff(np.r_[False, mask, False]))
     return edges.reshape(-1, 2).tolist()
@@ -125,7 +124,7 @@ def unwritten_inside(columns: Sequence[Values]) -> Bool[np.ndarray, " t"]:
     """Rows inside the record in blocks of one fill value, at both ends of which every quantity jumps."""
     same = np.all([_same(column[1:], column[:-1]) for column in columns], axis=0)
     inside = np.zeros(len(columns[0]), dtype=bool)
-    for first, end in _blocks_of(np.r_[same, False] | np.r_[False, same]):
+    for first, end in true_runs(np.r_[same, False] | np.r_[False, same]):
         if end - first <= LONGEST or first == 0 or end == len(inside):
             continue
         rest = [np.delete(column, np.s_[first:end]) for column in columns]

@@ -57,7 +57,7 @@ def unreadable(path: Path, field: str, fault: str, expected: str, advice: str) -
     """The failure sentence of this format: where, what was found, what was expected, what to do."""
     fault = fault if len(fault) <= 200 else f"{fault[:197]}..."
     detail = f"{path.name}: {field}: found {fault}, expected {expected}; {advice}."
-    return TactileFailure(TactileProblem.UNREADABLE_RECORDING, printable(detail))
+    return TactileProblem.UNREADABLE_RECORDING.failure(printable(detail))
 
 
 @contextmanager

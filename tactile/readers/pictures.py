@@ -18,7 +18,6 @@ from pipeline.files.plain_file import (
     NotReadable,
     is_lfs_pointer,
     not_plain,
-    printable,
     read_bytes,
     read_head,
     size,
@@ -58,8 +57,7 @@ class Pictures:
 
 def unusable(source: str, fault: str, expected: str) -> TactileFailure:
     """The failure sentence of frames and their log."""
-    detail = printable(f"{source}: found {fault}, expected {expected}.")
-    return TactileFailure(TactileProblem.UNREADABLE_FRAMES, detail)
+    return TactileProblem.UNREADABLE_FRAMES.failure(f"{source}: found {fault}, expected {expected}.")
 
 
 def absence(path: Path) -> str:
@@ -209,8 +207,7 @@ def refuse_saturated(frame: UInt8[np.ndarray, "h w 3"], source: str) -> None:
     """Refuses a frame of which more than a tenth is white in every channel."""
     share = float((frame[::EVERY, ::EVERY].min(axis=2) >= WHITE).mean())
     if share > SATURATED:
-        raise TactileFailure(
-            TactileProblem.SATURATED,
+        raise TactileProblem.SATURATED.failure(
             f"{source}: found {share:.0%} of the gel over-exposed, expected at most {SATURATED:.0%}; "
             "reduce the sensor's lights or exposure.",
         )

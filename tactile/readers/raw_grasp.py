@@ -142,8 +142,7 @@ def _pad(
     first = untouched.picture
     if described.camera is not None and first.shape[1::-1] != described.camera.image_px:
         width, height = described.camera.image_px
-        raise TactileFailure(
-            TactileProblem.WRONG_SENSOR,
+        raise TactileProblem.WRONG_SENSOR.failure(
             f"{folder.name}, pad {name}, {untouched.source}: "
             f"found {first.shape[1]} x {first.shape[0]} pixels, expected {width} x {height} as "
             f"{description.name} says; is it this sensor's description? Resized frames need a description "
@@ -339,8 +338,7 @@ def _refuse_swapped(folder: Path, table: Table, pads: tuple[RawPad, ...]) -> Non
                 if other
                 else "; give that sensor's file"
             )
-            raise TactileFailure(
-                TactileProblem.WRONG_SENSOR,
+            raise TactileProblem.WRONG_SENSOR.failure(
                 f"{folder.name}/grasp.toml: pads.{pad.name}.serial: found {serial!r}, expected "
                 f"{pad.sensor.serial!r} as its sensor's description says{advice}.",
             )

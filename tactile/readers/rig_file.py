@@ -16,7 +16,7 @@ from pipeline.files.plain_file import NotReadable, read_bytes
 from tactile.readers.recording_fields import Limit
 from tactile.readers.toml_table import MOST_BYTES, Table, read_table
 from tactile.rig.rig_curve import RigCurve
-from tactile.tactile_failure import TactileFailure, TactileProblem
+from tactile.tactile_failure import TactileProblem
 
 FORMAT = "drupe-rig"
 VERSION = 1
@@ -59,31 +59,28 @@ def read_rig(path: Path) -> Rig:
     top = read_table(path, TactileProblem.UNREADABLE_SENSOR, what="a rig's description (drupe calibrate)")
     top.require_format(FORMAT, VERSION)
     top.refuse_unknown(TOP)
-    travel = _curve(top, "travel", needed=True)
-    size = top.within("size_mm", SIZE, needed=True)
-    if travel is None or size is None:
-        raise TypeError(path)
+    travel = _curve(top, "travel")
+    if travel is None:
+        raise top.refusal("travel", "nothing", "a table [travel] with force_N, give_mm and sd_mm")
     try:
         digest = hashlib.sha256(read_bytes(path, most_bytes=MOST_BYTES)).hexdigest()
     except NotReadable as cause:
-        raise TactileFailure(TactileProblem.UNREADABLE_SENSOR, f"{path.name}: {cause}.") from cause
+        raise TactileProblem.UNREADABLE_SENSOR.failure(f"{path.name}: {cause}.") from cause
     return Rig(
         object_name=top.text("object"),
         shape=cast(Literal["ball", "block"], top.choice("shape", SHAPES)),
-        size_mm=size,
+        size_mm=cast(float, top.within("size_mm", SIZE, needed=True)),
         travel=travel,
-        jaws=_curve(top, "jaws", needed=False),
+        jaws=_curve(top, "jaws"),
         made=top.day("made"),
         digest=digest,
     )
 
 
-def _curve(top: Table, name: str, *, needed: bool) -> RigCurve | None:
-    """One curve of the file; raises TactileFailure where it is none."""
+def _curve(top: Table, name: str) -> RigCurve | None:
+    """One curve of the file, None where it has none of this name; raises TactileFailure where it is wrong."""
     table = top.table(name, needed=False)
     if not table:
-        if needed:
-            raise top.refusal(name, "nothing", f"a table [{name}] with force_N, give_mm and sd_mm")
         return None
     table.refuse_unknown(CURVES)
     force = table.numbers("force_N", (None,))

@@ -83,4 +83,4 @@ def _array(folder: Path, name: str, shape: Shape) -> np.ndarray:
 
 def _refused(folder: Path, name: str, fault: str, expected: str) -> TactileFailure:
     detail = f"{folder.name}/{name}.npy: found {fault}, expected {expected}."
-    return TactileFailure(TactileProblem.UNREADABLE_RECORDING, detail)
+    return TactileProblem.UNREADABLE_RECORDING.failure(detail)

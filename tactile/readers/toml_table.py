@@ -35,7 +35,7 @@ def read_table(path: Path, problem: TactileProblem, *, what: str) -> "Table":
 def refused(problem: TactileProblem, path: Path, field: str, fault: str, expected: str) -> TactileFailure:
     """The failure sentence: where, what was found, what was expected."""
     shown = fault if len(fault) <= 200 else f"{fault[:197]}..."
-    return TactileFailure(problem, printable(f"{path.name}: {field}: found {shown}, expected {expected}."))
+    return problem.failure(printable(f"{path.name}: {field}: found {shown}, expected {expected}."))
 
 
 @dataclass(frozen=True)

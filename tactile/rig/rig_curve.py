@@ -120,6 +120,4 @@ def _touched(force: Float[np.ndarray, " t"]) -> int:
 
 
 def _refused(source: str, fault: str, expected: str) -> TactileFailure:
-    return TactileFailure(
-        TactileProblem.UNREADABLE_RECORDING, f"{source}: found {fault}, expected {expected}."
-    )
+    return TactileProblem.UNREADABLE_RECORDING.failure(f"{source}: found {fault}, expected {expected}.")

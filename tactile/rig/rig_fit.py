@@ -102,8 +102,7 @@ def fit_rig(squeezes: Sequence[RigidPress], *, with_gels: bool = True) -> Fitted
 
 
 def _not_resolved(source: str, peak: float, largest: float, readings: float) -> TactileFailure:
-    return TactileFailure(
-        TactileProblem.UNREADABLE_FRAMES,
+    return TactileProblem.UNREADABLE_FRAMES.failure(
         f"{source}: found a compliance displacement of {peak:.3g} mm at {largest:.3g} N with readings "
         f"{readings:.2g} mm off one curve, expected at least {LEAST_RESOLVED:.0f} times that. Squeeze "
         "harder, or more slowly. A rig below the resolution of its travel needs no correction.",

@@ -9,6 +9,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from tactile.noise import noise_sd
+from tactile.preparation.rows import true_runs
 from tactile.readers.recording import GelPad
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -92,7 +93,7 @@ def rigid_squeezes(
     part = np.zeros(len(force_N)) if part_mm is None else part_mm
     return tuple(
         _squeeze(pushed, travel_mm, part, frames, noise_N=noise, size_mm=size_mm, source=source)
-        for frames in _episodes(touched)
+        for frames in (slice(first, end) for first, end in true_runs(touched))
         if pushed[frames].max() > WEAK * largest
     )
 
@@ -194,16 +195,8 @@ def _back(values: Float[np.ndarray, " t"]) -> float:
     return float((np.maximum.accumulate(values) - values).max())
 
 
-def _episodes(touched: Bool[np.ndarray, " t"]) -> list[slice]:
-    """Runs of frames in contact."""
-    steps = np.diff(np.r_[0, touched.astype(int), 0])
-    starts, stops = np.flatnonzero(steps > 0), np.flatnonzero(steps < 0)
-    return [slice(int(a), int(b)) for a, b in zip(starts, stops, strict=True)]
-
-
 def _no_squeeze(source: str, fault: str, expected: str, advice: str) -> TactileFailure:
-    return TactileFailure(
-        TactileProblem.UNREADABLE_FRAMES,
+    return TactileProblem.UNREADABLE_FRAMES.failure(
         f"{source}: no squeeze of a rigid object: found {fault}, expected {expected}; {advice}.",
     )
 

@@ -46,8 +46,8 @@ class BaseAndMat:
 
 def refused(source: str, observed: str, expected: str, advice: str) -> TactileFailure:
     """The failure of a calibration: what was found, what was expected, what to do."""
-    return TactileFailure(
-        TactileProblem.UNREADABLE_FRAMES, f"{source}: found {observed}, expected {expected}. {advice}"
+    return TactileProblem.UNREADABLE_FRAMES.failure(
+        f"{source}: found {observed}, expected {expected}. {advice}"
     )
 
 

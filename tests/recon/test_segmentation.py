@@ -136,7 +136,7 @@ def test_the_first_block_is_in_the_egg_and_fills_most_of_its_upper_half():
 def test_where_nothing_stands_there_is_no_fruit():
     cameras = ring(6, width=240, height=180)
     bare = SegmentationScene([p.image for p in photographed(cameras, egg=None, mat=None)], cameras, LOW, HIGH)
-    with refused(ReconProblem.NO_FRUIT):
+    with refused(ReconProblem.NO_FRUIT, "drupe found no fruit"):
         first_block(bare)
 
 

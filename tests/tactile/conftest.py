@@ -7,6 +7,7 @@ import pytest
 from injected_grasp import InjectedGrasp, injected_grasp
 
 from recon.surface.mesh_file import Mesh, read_mesh
+from tactile.contact import Contact, find_contact
 from tactile.readers.recording import Recording, read_recording
 
 DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
@@ -15,6 +16,11 @@ DATA = Path(__file__).parents[1] / "data" / "nectarine-grasp"
 @pytest.fixture(scope="session")
 def injected() -> InjectedGrasp:
     return injected_grasp(np.random.default_rng(11))
+
+
+@pytest.fixture(scope="session")
+def contact(injected: InjectedGrasp) -> Contact:
+    return find_contact(injected.recording, source="injected.h5")
 
 
 @pytest.fixture(scope="session")

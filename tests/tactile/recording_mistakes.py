@@ -81,6 +81,7 @@ def kept(frames):
     return lambda recording: frames_of(recording, frames)
 
 
+@cache
 def slab_pad():
     """A slab under growing pressure, forces by the inverse of its displacement."""
     slab = GelSlab(thickness_mm=4.0, E_MPa=0.2, nu=0.48)

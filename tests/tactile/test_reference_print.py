@@ -9,7 +9,7 @@ import pytest
 from drawn_gel import PITCH_PX, SHAPE, bulged, drawn, grid
 from injected_grasp import with_pads
 from jaxtyping import Float
-from raw_folder import CENTRE, write_camera, write_raw
+from raw_folder import CENTRE, PRESS, SENSOR, write_camera, write_log, write_raw
 from turned_camera import SMALL, turned_camera
 
 from samples.gel_images import GelLight, GelLook, gel_image
@@ -117,10 +117,12 @@ def test_a_gel_that_becomes_flatter_was_not_empty() -> None:
 
 
 def printed(folder: Path, *, reference_px: float, frames_px: list[float]) -> Path:
-    """A raw grasp whose left gel bears a print on its reference and on its frames."""
-    write_raw(folder, frames=len(frames_px))
+    """A raw press whose gel bears a print on its reference and on its frames."""
     frames = (drawn(pressed(grid(), px), noise=1.0, seed=t) for t, px in enumerate(frames_px))
-    write_camera(folder / "left", drawn(pressed(grid(), reference_px), noise=1.0, seed=90), frames)
+    write_camera(folder / "tip", drawn(pressed(grid(), reference_px), noise=1.0, seed=90), frames)
+    (folder / "sensor.toml").write_text(SENSOR.format(serial="tip"))
+    (folder / "grasp.toml").write_text(PRESS)
+    write_log(folder, len(frames_px))
     return folder
 
 

@@ -13,11 +13,6 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
 @pytest.fixture(scope="module")
-def contact(injected):
-    return find_contact(injected.recording, source="injected.h5")
-
-
-@pytest.fixture(scope="module")
 def fruit():
     """Vertices and faces of a ball, faces outward."""
     vertices = ball(RADIUS_MM)
