@@ -282,7 +282,8 @@ def _given_by_rig(recording: Recording, curve: RigCurve, source: str) -> list[Fl
 
 
 def _stiff(recording: Recording, gave: Sequence[Float[np.ndarray, " _t"]]) -> Recording:
-    """Each pad moved back along its z by its jaw's displacement under load; the aperture by the sum of both."""
+    """Each pad moved back along its z by its jaw's displacement under load; the aperture by the sum of
+    both."""
     closing = -1.0 if recording.loading == "grasp" else 1.0
     pads = []
     for pad, back in zip(recording.pads, gave, strict=True):

@@ -14,10 +14,9 @@ from tactile.gel.gel_sides import GelOutline
 from tactile.sensors import GelCamera
 
 DOME_STEPS = 6
-"""Of the fixed point where a ray meets a dome: each multiplies the error by the face's slope, a tenth or
-less."""
+"""Iterations to where a ray meets a dome: each multiplies the error by the face's slope, a tenth or less."""
 UNDISTORT_STEPS = 50
-"""Of OpenCV's fixed-point iteration, at most; it ends at 1e-12."""
+"""Most iterations of OpenCV's fixed-point search; it ends at 1e-12."""
 SQUARE_TO = 0.03
 """Ratio of the focal lengths minus 1, up to which pixels count as square: calibrations have up to 0.004, and
 dots reveal resized pictures from 0.04 on."""

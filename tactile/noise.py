@@ -12,8 +12,8 @@ MOST_LAG1 = 0.95
 MEDIAN_OF_GAUSSIAN = 0.6745
 """Median of the absolute value of a standard Gaussian."""
 THIRD, MAD = 20.0, 1.4826
-"""Variance of the third difference of unit white noise, and a normal's sd over its median absolute deviation.
-"""
+"""Variance of the third difference of unit white noise, and a normal's sd over its median absolute
+deviation."""
 LEAST_SHARE = 1e-6
 """Noise is at least this share of the range: values in double precision have less."""
 

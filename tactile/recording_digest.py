@@ -1,4 +1,4 @@
-"""By which two recordings are the same: equal displacements and forces, whatever file they are in."""
+"""Identifies equal recordings: the same displacements and forces, whatever file they are in."""
 
 import hashlib
 

@@ -1,8 +1,8 @@
 """A tactile sensor: its camera, its gel and its markers.
 
-There are two frames. The gel frame is the pad frame of a recording: origin at the centre of the undeformed
-gel face, z out of the gel into the fruit. The camera frame is OpenCV's: x right, y down, z forward, pixel (0,
-0) the centre of the first pixel. A camera behind the gel that looks out through it without rotation has
+It has two frames. The gel frame is the pad frame of a recording: origin at the centre of the undeformed gel
+face, z out of the gel into the fruit. The camera frame is OpenCV's: x right, y down, z forward, pixel (0, 0)
+the centre of the first pixel. A camera behind the gel that looks out through it without rotation has
 `gel_from_camera` = identity with a shift along negative z.
 """
 

@@ -1,4 +1,4 @@
-"""Thins a long force-displacement curve to fewer recorded frames; ramps, holds and sudden falls keep theirs."""
+"""Thins a long force-displacement curve; ramps, holds and sudden falls keep their recorded frames."""
 
 from dataclasses import dataclass
 
@@ -81,7 +81,8 @@ def thin(
 
 
 def _path(value: Float[np.ndarray, " b"], noise: float) -> Float[np.ndarray, " b"]:
-    """Path length of the value up to each block over its whole path: 0 to 1; steps within noise count as 0."""
+    """Path length of the value up to each block over its whole path: 0 to 1; steps within noise count as
+    0."""
     steps = np.maximum(np.abs(np.diff(value)) - 3 * noise, 0.0)
     gone = np.r_[0.0, np.cumsum(steps)]
     return np.asarray(gone / gone[-1] if gone[-1] > 0 else np.linspace(0, 1, len(value)))

@@ -115,7 +115,8 @@ def find(case: MismatchCase, graded: GradedCase | None, log: StageLog, *, jobs: 
 
 
 def _require_gels(fruit: GraspedFruit) -> None:
-    """Raises TactileFailure (no-markers) for a grasp with a plain jaw: the finder needs both jaws' signals."""
+    """Raises TactileFailure (no-markers) for a grasp with a plain jaw: the finder needs both jaws'
+    signals."""
     plain = [grasp.name for grasp in fruit.placed if grasp.plain_jaw]
     if plain:
         raise TactileFailure(

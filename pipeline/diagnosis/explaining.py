@@ -168,7 +168,7 @@ def _require_apart_of_batch(case: Case, batch: Batch, wanted: ExplainOutputs) ->
 
 @contextmanager
 def _said_plainly() -> Iterator[None]:
-    """Turns every package's failure into NotExplained, with its sentence."""
+    """Raises every package's failure as NotExplained, with its sentence."""
     try:
         yield
     except (ReconFailure, TactileFailure, FemFailure, FruitEnded) as failure:

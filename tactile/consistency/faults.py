@@ -14,16 +14,16 @@ from tactile.consistency.pressing import Pressing, at_peak, gives_way, noise_sha
 from tactile.markers.matching import UNSURE
 
 LOST_SAID, LOST_REFUSED, E_PER_LOST = 0.01, 0.05, 2.0
-"""Share of a contact's markers or values that are lost, above which it is reported, and refused. E loses 0.8
-to 1.0 of that share: 27 to 28 % for 30 % of the markers, 34 % for a force clipped at half (0.41 of the
-values). Doubled, since the lost values are unknown."""
+"""Share of a contact's markers or values that are lost, above which drupe reports it, and refuses the
+recording. E loses 0.8 to 1.0 of that share: 27 to 28 % for 30 % of the markers, 34 % for a force clipped at
+half (0.41 of the values). Doubled, since the lost values are unknown."""
 DEAD = 0.02
 """A field is dead if its total is below this share of the other's prediction; valid ones have 0.94 to 1.06
 (benchmarks/field_spreads.py)."""
 FROZEN_FRAMES, FROZEN_SHARE, AROUND = 3, 0.25, 0.75
 """A marker is dead if it repeats itself exactly in this many frames and in this share of the eligible ones.
-In these AROUND of its neighbours are pressed and most markers change: noise of 4 um in steps of 0.1 um does
-so once in 1e5."""
+In these AROUND of its neighbours (half, with noise) are pressed, and most markers change: noise of 4 um in
+steps of 0.1 um does so once in 1e5."""
 FAINT, OF_PEAK, FAINT_SD = 0.25, 0.5, 8.0
 """So is a marker with less than this share of its neighbours' median, if that exceeds half the peak and this
 multiple of the noise. In valid contacts none there has less than 0.48 (benchmarks/field_spreads.py)."""
@@ -38,7 +38,7 @@ NOISE: dict[Field, float] = {"displacement": 0.057, "force": 0.27}
 """Noise over the signal of the most pressed markers; valid recordings have up to 0.0545 and 0.249, on soft
 gels (benchmarks/field_spreads.py)."""
 NOISE_REFUSED = 0.1
-"""The same of displacement that is refused."""
+"""The same of displacement for a refusal."""
 E_PER_NOISE = (6.0, 1.0)
 """Relative error of E per share of noise in displacement and force, because noise delays detection of the
 first touch. A share of 0.08 in displacement made E 47 % too small on one fruit

@@ -40,8 +40,8 @@ def unseen_error(measured: float, measured_sd: float, *, prior_sd: float) -> flo
 
 @dataclass(frozen=True, kw_only=True)
 class UnseenGain:
-    """Root mean square of ln gain in two independent parts: what all recordings of the gripper `shared`, and
-    what differs between recordings, `independent`.
+    """Root mean square of ln gain in two independent parts: `shared` by all recordings of the gripper, and
+    `independent` between recordings.
     """
 
     shared: float

@@ -8,8 +8,8 @@ from tactile.readers.recording import GelPad, Recording
 from tactile.rig.rig_curve import RigCurve
 
 UNSURE = 0.3
-"""Standard deviation of the machine compliance's displacement over the fruit's, above which E is a lower
-bound, as for a bare indenter (fem.indentation.rig_share.UNSURE). Set by hand."""
+"""Standard deviation of the jaws' displacement under force over the fruit's, above which E is a lower bound,
+as for a bare indenter (fem.indentation.rig_share.UNSURE). Set by hand."""
 TOUCHED = 0.05
 """Share of the largest force from which the pads are in contact. Set by hand."""
 

@@ -66,10 +66,10 @@ COMPARED = frozenset({Kind.UNBALANCED, Kind.MODULUS})
 
 @dataclass(frozen=True)
 class Misfit:
-    """How far a recording is from one relation.
+    """Distance of a recording from one relation.
 
-    `sds`: in standard deviations of sound recordings. `says` continues the pads' names: what was found, and
-    what was expected. `relative_sd`: of E, where no transformation explains it.
+    `sds`: in standard deviations of valid recordings. `says` continues the pads' names: what was found, and
+    what was expected. `relative_sd`: of E, if no transformation explains the misfit.
     """
 
     kind: Kind
@@ -94,8 +94,8 @@ class Misfit:
 
 @dataclass(frozen=True, kw_only=True)
 class Situation:
-    """A recording with its pads made ready, and what it is compared with: mesh of the fruit and its error,
-    moduli of the category, gels of the sensor. `touch_is_seen`: nothing hides where pads meet the fruit.
+    """A recording with its prepared pads, and its references: mesh of the fruit and the mesh's error, moduli
+    of the category, gels of the sensor. `touch_is_seen`: nothing hides where pads meet the fruit.
     """
 
     recording: Recording

@@ -75,7 +75,7 @@ def displacement_of(pad: GelPad, force_N: Float[np.ndarray, "t n 3"]) -> Float[n
 
 @lru_cache(maxsize=2)
 def _compliance(slab: GelSlab, places: bytes, pitch_mm: float) -> Float[np.ndarray, "m m"]:
-    """Of a slab's markers (0.5 s for 400); the same for each transformation that leaves their places."""
+    """Compliance of a slab's markers (0.5 s for 400), cached for transformations that keep their places."""
     flat = np.frombuffer(places).reshape(-1, 2)
     return tent_compliance(slab, flat, flat, pitch_mm=pitch_mm).reshape(3 * len(flat), -1)
 
@@ -93,11 +93,11 @@ def slab_of(pad: GelPad) -> GelSlab | None:
 
 @dataclass(frozen=True, kw_only=True)
 class Pressing:
-    """One pad. `gel_mm` is how far each marker should have moved by its force and the gel's law, x, y, z.
+    """One pad. `gel_mm` is the displacement of each marker that its force and the gel's law predict, x, y, z.
 
-    `felt_mm` is how far it has moved, with the sign of the force (positive z: pressed in). Both lack the
-    offset of the quiet frames. `pressed[t, n]` by force or displacement; `near` are each marker's nearest
-    four. `gel_mm` is None where no law of the gel is known (`displacement_of`).
+    `felt_mm` is the measured one, with the sign of the force (positive z: pressed in). Both are relative to
+    the quiet frames. `pressed[t, n]` is by force or displacement; `near` are each marker's nearest four.
+    `gel_mm` is None if no law of the gel is known (`displacement_of`).
     """
 
     pad: GelPad
@@ -130,7 +130,7 @@ class Pressing:
 
     @property
     def closing_mm(self) -> Float[np.ndarray, " t"]:
-        """How far the pad has gone along its own normal since the first frame."""
+        """The pad's travel along its own normal since the first frame."""
         pose = self.pad.pose
         return np.asarray((pose[:, :3, 3] - pose[0, :3, 3]) @ pose[0, :3, 2])
 

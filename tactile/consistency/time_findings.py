@@ -15,8 +15,8 @@ IN_CONTACT, E_WITHOUT_TOUCH = 0.15, 0.2
 valid recordings have 0.09 and less (benchmarks/field_spreads.py). Relative standard deviation of E without
 the first touch: the mesh's surface replaces it, as far as its error is known."""
 TARE_SHARE, E_OF_A_TARE = 0.1, 0.05
-"""Force at rest over the peak if the tare is missing; E's relative standard deviation after the correction.
-"""
+"""Force at rest over the peak if the tare is missing; E's relative standard deviation after the
+correction."""
 FEWEST_QUIET, DRIFT_SHARE, DRIFT_SD, E_PER_DRIFT = 3, 0.04, 6.0, 0.5
 """Fewest quiet frames before and after; change of the force over the peak, and over its noise. Valid
 recordings change by up to 0.026 of the peak, with small forces by 4.6 times the noise. Relative error of E

@@ -232,7 +232,8 @@ def of_machine(situation: Situation, *, late: bool) -> Iterator[Transformation]:
 
 
 def of_mesh(situation: Situation, failing: Sequence[Misfit]) -> Iterator[Transformation]:
-    """Pads exchanged, and the mesh in another frame, or of another size if its width is a failing relation."""
+    """Pads exchanged, and the mesh in another frame, or of another size if its width is a failing
+    relation."""
     vertices = situation.vertices
     assert vertices is not None
     if len(situation.pressings) == 2:

@@ -112,9 +112,9 @@ def prepare(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
     """Complete rows of one run with increasing times, and the corrections: of wild times and readings, slow
     or joined readings, missing values, then resets.
 
-    Raises TactileFailure (unreadable-frames) in four cases: more than MOST_CORRECTED of the rows would be
-    left out one by one, two topics overlap too little in time, times do not increase, or a step of the force
-    may be a reset or the specimen's.
+    Raises TactileFailure (unreadable-frames) if more than MOST_CORRECTED of the rows would be left out one by
+    one, or two topics overlap too little in time. It also raises if times do not increase, or if a step of
+    the force may be a reset or the specimen's.
     """
     total, joined = len(logged.rows), bool(logged.topics)
     logged, notes = _without_wild_times(logged)
@@ -180,7 +180,8 @@ def written(
 
 
 def _without_wild_times(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
-    """The record without rows of wild time (judged for each topic) or written twice, topics sorted by time."""
+    """The record without rows of wild time (judged for each topic) or written twice, topics sorted by
+    time."""
     notes, time = [], logged.time_s
     off = np.zeros(len(time), dtype=bool)
     for topic in logged.topics or [~off]:

@@ -24,7 +24,8 @@ class LoggerFault(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class LoggerCorrection:
-    """`rows`: numbers in the file; `values`: the recorded ones (of a reset, its step); `says`: one sentence."""
+    """`rows`: numbers in the file; `values`: the recorded ones (of a reset, its step); `says`: one
+    sentence."""
 
     fault: LoggerFault
     quantity: str

@@ -82,9 +82,9 @@ def _is_held(
 ) -> bool:
     """Whether equal steps are late readings, from where the force bends when the motion stops and restarts.
 
-    A value that is sampled and held reaches its last place in the row in which the motion stops, and leaves
-    it one period after the motion begins again. A rounded value stands still for about as long before the
-    stop as after the restart. If the force bends too little, steps of 1, 2, 2.5 or 5 times a power of ten
+    A value that is sampled and held reaches its last place in the row in which the motion stops. It leaves
+    that place one period after the motion begins again. A rounded value stands still for about as long before
+    the stop as after the restart. If the force bends too little, steps of 1, 2, 2.5 or 5 times a power of ten
     count as a display's.
     """
     gaps, late = np.diff(changes), []

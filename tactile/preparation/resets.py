@@ -15,8 +15,8 @@ ABOVE_NOISE, ABOVE_SPREAD = 8.0, 3.0
 CLEAR, STAYS = 6.0, 3
 """Standard deviations, and rows, by which the force leaves its no-contact level."""
 AGREES, NONE_LEFT = 0.15, 0.3
-"""Shares of the step: within the first the shift in air equals the step, below the second there is no shift.
-"""
+"""Shares of the step: within the first the shift in air equals the step, below the second there is no
+shift."""
 LOCAL = 10
 """Rows on each side over which a slope is fitted."""
 SAME_SLOPE = 0.2
@@ -166,7 +166,8 @@ def _slopes(travel: Values, force_N: Values, k: int, sd: float) -> list[tuple[fl
 
 
 def _is_zeroed(travel: Values, force_N: Values, k: int, sd: float) -> bool:
-    """Whether the step leads to a force of zero, and the slope over travel is the same before and after it."""
+    """Whether the step leads to a force of zero, and the slope over travel is the same before and after
+    it."""
     slopes = _slopes(travel, force_N, k, sd)
     if len(slopes) < 2:
         return False
