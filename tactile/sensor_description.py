@@ -27,9 +27,8 @@ from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 OFF_GRID = 0.06
-"""Of the pitch: root mean square by which dots may be off the grid behind the camera found. Empty gels have
-0.021 to 0.048 of it (135 first frames), printed dots as such;
-loaded ones reach 0.14."""
+"""Share of the pitch: greatest root mean square by which dots may be off the grid of the fitted camera. Empty
+gels have 0.021 to 0.048 of it (135 first frames), printed dots as such; loaded ones reach 0.14."""
 
 SQUARE = 7
 """Parameters of a camera with square pixels; the next is the logarithm of the ratio of its focal lengths."""

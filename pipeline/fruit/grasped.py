@@ -37,10 +37,10 @@ from tactile.tactile_failure import TactileFailure
 FOOT_MM = 0.5
 """Skin up to this height above the lowest point is meshed finely where a base holds the fruit."""
 FLAT_FOOT = 0.5
-"""A foot wider than this share of the fruit, both ways, is flat: any mesh has nodes on it, and the pads then
-lack the fine elements there. The foot of a ball is 18 % wide for a radius of 30 mm, 29 % for 12 mm. E of the
-pressed cube of tests/batch/test_phantoms.py, its faces in 2.5 mm triangles, is 1.7 % too low with fine
-elements on its foot, without them 0.8 % (means of three recordings)."""
+"""A foot wider than this share of the fruit, both ways, is flat: any mesh has nodes on it. Fine elements
+there would take degrees of freedom from the pads. The foot of a ball is 18 % wide for a radius of 30 mm, 29 %
+for 12 mm. E of the pressed cube of tests/batch/test_phantoms.py, its faces in 2.5 mm triangles, is 1.7 % too
+low with fine elements on its foot, without them 0.8 % (means of three recordings)."""
 
 
 @dataclass(frozen=True, kw_only=True)
