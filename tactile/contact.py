@@ -1,4 +1,4 @@
-"""When and where the pads touch: frames in the air, onset per marker, contact patch, phases, total force."""
+"""When and where the pads touch: no-contact frames, onset per marker, contact patch, phases, total force."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -17,19 +17,19 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 BEYOND_NOISE = 4.0
 """A marker touches when its normal force exceeds this many standard deviations (3e-5 of a Gaussian)."""
 TOTAL_BEYOND_NOISE = 8.0
-"""A pad touches when its total normal force exceeds this many of its own (coloured noise has a wide tail)."""
+"""A pad touches when its total normal force exceeds this many of its own (coloured noise has wide tails)."""
 STARTS_IN_CONTACT = 0.2
 """A recording whose quiet first frames carry more than this share of the peak force starts in contact."""
 REACH_CELLS = 2.5
-"""Markers this many spacings around the touching ones belong to the patch: the rim's force is below the noise
-of one marker, not of many, and leaving it out makes the fruit 1-2 % too stiff."""
+"""Markers within this many spacings of touching ones belong to the patch. The rim's force is below the noise
+of one marker, not of many; without the rim the fruit is 1-2 % too stiff."""
 LAST_FRAMES, LET_GO = 0.05, 0.1
-"""Share of the frames, three at least, by which a drift is told at the end of a recording; and what markers
-that were pressed on then feel beyond all others at most, as a share of the greatest force, if the pad has let
-go. Set by hand: drifts that end at 5 to 60 standard deviations of a marker, and a broad contact, are told
-apart (tests/tactile/test_contact.py)."""
+"""Share of the frames, three at least, that measure drift at the end of a recording. Most force there of
+formerly pressed markers beyond all others, as a share of the greatest force, if the pad has let go. Set by
+hand: it separates drifts that end at 5 to 60 standard deviations of a marker from a broad contact
+(tests/tactile/test_contact.py)."""
 MEDIAN_SD = 1.2533
-"""Standard deviation of the median of many Gaussian numbers, over that of their mean: root of pi / 2."""
+"""Standard deviation of the median of many Gaussian numbers over that of their mean: root of pi / 2."""
 
 
 class Phase(StrEnum):
@@ -45,8 +45,8 @@ class Phase(StrEnum):
 class PadContact:
     """One pad's contact history. Positions and forces are in the fruit frame, forces without their offset.
 
-    `episode[t, n]` counts the times marker n has come into contact, -1 while it touches nothing; `onset[n]`
-    is the first frame of its first episode, -1 if it never touches. `patch`: the markers that carry force.
+    `episode[t, n]` numbers the contacts of marker n from 0, -1 without contact; `onset[n]` is the first frame
+    of its first episode, -1 if it never touches. `patch`: the markers that carry force.
     """
 
     name: str
@@ -75,11 +75,11 @@ class Contact:
 
 
 def find_contact(recording: Recording, *, source: str) -> Contact:
-    """Contact histories of all pads of `recording`; `source` is how a failure names it (the file's name).
+    """Contact histories of all pads of `recording`; `source` names it in failures (the file's name).
 
-    Noise comes from the frames before any pad touches; where there are too few of them (or a deadband writes
-    exact zeros there), from second differences in contact. Raises TactileFailure: no-markers for a bare
-    indenter, never-touches when a pad's force stays within its noise in every frame.
+    Noise comes from the frames before any pad touches. If these are too few (or a deadband writes exact zeros
+    there), it comes from second differences in contact. Raises TactileFailure: no-markers for a bare
+    indenter, never-touches if a pad's force stays within its noise in every frame.
     """
     gels = tuple(_require_gel(pad, source=source) for pad in recording.pads)
     no_contact_frames = min(frames_in_air(pad) for pad in gels)
@@ -95,7 +95,7 @@ def find_contact(recording: Recording, *, source: str) -> Contact:
 
 
 def contact_said(contact: Contact) -> list[str]:
-    """One line for people on each pad: when it touches, how often, and how hard at most."""
+    """One line on each pad for users: when it touches, how often, and with which force at most."""
     lines = []
     for pad in contact.pads:
         at = np.flatnonzero((pad.episode >= 0).any(axis=1))
@@ -119,15 +119,15 @@ def _require_gel(pad: object, *, source: str) -> GelPad:
 
 
 def frames_in_air(pad: GelPad) -> int:
-    """How many leading frames carry no contact: their total normal force does not rise above its noise.
+    """Number of leading frames without contact: their total normal force does not rise above its noise.
 
-    Noise is the markers' own, or, where that is more, what they have in common. A recording that starts in
-    contact has none.
+    Noise is that of single markers or, if larger, that common to all. A recording that starts in contact has
+    0 such frames.
     """
     total = pad.force_N[:, :, 2].sum(axis=1)
     markers = noise_in_contact(pad.force_N).sd * np.sqrt(len(pad.rest_mm))
     common = noise_in_contact(total[:, None, None] * np.ones((1, 1, 3))).sd
-    # The drift of a sensor at rest is slow; contact is a rise above the running mean of what came before.
+    # The drift of a sensor at rest is slow; contact is a rise above the running mean of the frames before.
     running = np.cumsum(total) / np.arange(1, len(total) + 1)
     rises = total[1:] - running[:-1] > max(TOTAL_BEYOND_NOISE * max(markers, common), 1e-9)
     air = int(np.argmax(rises)) + 1 if rises.any() else len(total)
@@ -135,10 +135,10 @@ def frames_in_air(pad: GelPad) -> int:
 
 
 def _pad_contact(pad: GelPad, *, no_contact_frames: int, source: str) -> PadContact:
-    """One pad's noise, offset and contact episodes. Raises TactileFailure where it never touches."""
+    """One pad's noise, offset and contact episodes. Raises TactileFailure if it never touches."""
     # One frame of guard: the first touch begins between two frames.
     quiet = slice(0, max(no_contact_frames - 1, 0))
-    # A deadband writes exact zeros: such air says nothing, contact does.
+    # A deadband writes exact zeros: such frames show no noise, frames in contact do.
     silent = no_contact_frames > 1 and float((pad.force_N[quiet] == 0.0).mean()) > 0.5
     measure = (
         no_contact_noise
@@ -186,7 +186,7 @@ def _pad_contact(pad: GelPad, *, no_contact_frames: int, source: str) -> PadCont
 
 
 def _with_reference(moved: Noise, pad: GelPad) -> Noise:
-    """The displacement's noise with that of the places at rest, which is the same in all frames."""
+    """The displacement's noise plus the error of the places at rest, which is the same in all frames."""
     if pad.place_sd_mm == 0.0:
         return moved
     common = pad.place_sd_mm**2
@@ -198,9 +198,9 @@ def _with_reference(moved: Noise, pad: GelPad) -> Noise:
 def _never_touches(
     pad: str, total_N: Float[np.ndarray, " t"], noise_N: float, *, source: str, pictured: bool
 ) -> TactileFailure:
-    """Of a pad that feels nothing, or that is pulled by the fruit, which is a sensor's sign.
+    """The failure of a pad that measures no force, or a pull, which is a sensor's wrong sign.
 
-    `pictured`: its force comes from pictures, so that a reference which is loaded alike hides a contact.
+    `pictured`: its force comes from pictures, so that a reference under the same load hides a contact.
     """
     unless = (
         (
@@ -227,8 +227,8 @@ def _never_touches(
 
 
 def neighbourhood(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[float, csr_array]:
-    """Median distance of nearest markers; and the matrix (n, n) whose rows take the mean over the markers
-    within 1.6 of it (9 on a square grid, the marker itself too).
+    """Median distance of nearest markers; and the matrix (n, n) whose rows average over the markers within
+    1.6 of it (9 on a square grid, the marker itself too).
     """
     tree = cKDTree(rest_mm)
     spacing = float(np.median(np.asarray(tree.query(rest_mm, k=[2])[0])))
@@ -239,11 +239,11 @@ def neighbourhood(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[float, csr_array]:
 
 
 def _drift(normal_N: Float[np.ndarray, "t n"], sd: float) -> Float[np.ndarray, " t"]:
-    """Drift that all markers' normal forces share, N, frame by frame; zero where none is left at the end.
+    """Drift that all markers' normal forces share, N, frame by frame; zero if none remains at the end.
 
     A force that grows in all markers would otherwise count as contact, and the pad would never seem to let
-    go. In each frame it is what the less loaded half of the markers shows, at most what is left at the end:
-    a broad contact is no drift.
+    go. In each frame the drift is the median of the less loaded half of the markers, at most the drift at the
+    end: a broad contact is no drift.
     """
     most = normal_N.max(axis=0)
     last = normal_N[-max(int(LAST_FRAMES * len(normal_N)), 3) :].mean(axis=0)
@@ -258,9 +258,9 @@ def _drift(normal_N: Float[np.ndarray, "t n"], sd: float) -> Float[np.ndarray, "
 def touching_markers(
     normal_N: Float[np.ndarray, "t n"], sd: float, mean: csr_array
 ) -> Bool[np.ndarray, "t n"]:
-    """Beyond the noise, and not alone: the mean of a marker and its neighbours is beyond its noise too.
+    """Markers beyond the noise whose mean with their neighbours is beyond its noise too.
 
-    `mean`: takes that mean (neighbourhood).
+    `mean`: the matrix of that mean (neighbourhood).
     """
     around = np.asarray(mean @ normal_N.T).T
     floor = max(sd, 1e-9)
@@ -279,9 +279,10 @@ def _episodes(touching: Bool[np.ndarray, "t n"]) -> Int[np.ndarray, "t n"]:
 def _phases(
     closing_mm: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " t"], touched: Bool[np.ndarray, " t"]
 ) -> tuple[Phase, ...]:
-    """From the machine's own travel: closing loads, standing still holds, opening unloads, no contact is air.
+    """Phases by the machine's own travel: closing loads, standing still holds, opening unloads, no contact is
+    air.
 
-    Still means slower than a twentieth of the fastest closing, forwards and backwards in time.
+    Still means slower than a twentieth of the greatest speed, on the step to the frame.
     """
     if len(time_s) < 2:
         return tuple(Phase.HOLD if touch else Phase.AIR for touch in touched)

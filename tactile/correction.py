@@ -1,7 +1,7 @@
 """A recording with known faults of pads, jaws and gels removed.
 
 Each fault states how the recorded numbers follow from the true ones; `corrected` inverts it. Gel faults are
-alike in all pads; a bare indenter has no gel, and stays as it is.
+the same in all pads; a bare indenter has no gel, and stays unchanged.
 """
 
 from collections.abc import Sequence
@@ -19,16 +19,16 @@ from tactile.rig.rig_curve import MOST_BEYOND, RigCurve
 from tactile.tactile_failure import TactileProblem
 
 LEAST_SLOPE = 0.1
-"""Of the reading over the force: where noise lifts a reading beyond the largest that the law has, its root is
-taken as that of this slope."""
+"""Least slope of the reading over the force: if noise lifts a reading beyond the largest of the law, its root
+is that of this slope."""
 NONE = 1e-9
-"""An amount that is none."""
+"""An amount that counts as 0."""
 LEAST_PEAK, NO_FORCE_N = 0.02, 1e-12
-"""Share of the whole press's peak below which there is no peak so far but noise, and a force that is none."""
+"""Share of the whole press's peak below which the peak so far is noise, and a force that counts as 0."""
 TURNS = 12
-"""Newton's turns for a pad's true force over its peak, of a cubic that rises for shares up to 3/4."""
+"""Newton iterations for a pad's true force over its peak, of a cubic that rises for shares up to 3/4."""
 AIR = 0.02
-"""Share of the greatest total force up to which a pad is in the air before its contact."""
+"""Share of the greatest total force up to which a pad has no contact yet."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,8 +40,8 @@ class ForceLawFault:
 
 @dataclass(frozen=True, kw_only=True)
 class GelCreepFault:
-    """Recorded displacement = true one + `creep` m,  m' = (d - m) / `tau_s`, held from frame to frame at its
-    new value.
+    """Recorded displacement = true one d + `creep` m,  m' = (d - m) / `tau_s`, with d constant at its new
+    value from frame to frame.
     """
 
     creep: float
@@ -57,8 +57,8 @@ class GelHysteresisFault:
 
 @dataclass(frozen=True, kw_only=True)
 class ThermalFault:
-    """Markers move outwards by this strain, and each pad's normal force grows by this many newtons, times the
-    square root of the time since the first frame, counted from the frames in the air.
+    """Markers move outwards by this strain, and each pad's normal force grows by this many newtons. Both are
+    times the square root of the time since the first frame, relative to the no-contact frames.
     """
 
     strain_per_root_s: float
@@ -100,7 +100,7 @@ def straightened(
     force_N: Float[np.ndarray, "t n 3"], a: float, *, largest_N: float | None = None
 ) -> Float[np.ndarray, "t n 3"]:
     """True forces from recorded forces, by the positive root of the law; `largest_N`: largest recorded force,
-    None where `force_N` are all.
+    None if `force_N` holds all.
 
     A reading of 1.25 N, a quarter too much, was 1 N.
 
@@ -122,7 +122,7 @@ def uncrept(
     creep: float,
     tau_s: float,
 ) -> Float[np.ndarray, "t n 3"]:
-    """Displacement less what has crept, frame by frame; nothing has in the first."""
+    """Displacement minus its creep, frame by frame; the first frame has none."""
     moved = np.array(displacement_mm, dtype=float)
     memory = np.zeros_like(moved[0])
     for k in range(1, len(time_s)):
@@ -133,7 +133,7 @@ def uncrept(
 
 
 def closed(force_N: Float[np.ndarray, "t n 3"], *, share: float) -> Float[np.ndarray, "t n 3"]:
-    """One pad's forces with the loop closed."""
+    """One pad's forces without their hysteresis."""
     total = force_N[:, :, 2].sum(axis=1)
     least = max(LEAST_PEAK * float(total.max()), NO_FORCE_N)
     seen = np.clip(total / np.maximum.accumulate(np.maximum(total, least)), 0.0, 1.0)
@@ -169,14 +169,15 @@ class ComplianceFault:
 
 @dataclass(frozen=True, kw_only=True)
 class RigFault:
-    """Recorded travel of the jaws together exceeds the true one by the rig's give at their normal force."""
+    """Recorded travel of the jaws together exceeds the true one by the rig's displacement at their normal
+    force."""
 
     curve: RigCurve
 
 
 @dataclass(frozen=True, kw_only=True)
 class LagFault:
-    """Displacement and force are `lag_s` late against pose and aperture (negative: early)."""
+    """Displacement and force lag pose and aperture by `lag_s` (negative: they lead)."""
 
     lag_s: float
 
@@ -196,9 +197,9 @@ Fault: TypeAlias = GainFault | DriftFault | ComplianceFault | RigFault | LagFaul
 def corrected(recording: Recording, faults: Sequence[Fault], *, source: str = "recording") -> Recording:
     """`recording` as it would be without the faults.
 
-    Forces are corrected first, since a jaw's compliance is a matter of the true force; a fault of a pad that
-    the recording does not have leaves it as it is. Raises TactileFailure where a rig says nothing of a
-    force. The result does not depend on the order of `faults`.
+    Forces are corrected first, since a jaw's compliance acts on the true force. A fault of a pad that the
+    recording lacks changes nothing. Raises TactileFailure if a rig's curve does not cover a force. The result
+    does not depend on the order of `faults`.
     """
     gels = (ThermalFault, ForceLawFault, GelHysteresisFault, GelCreepFault)
     first = (DriftFault, GainFault, *gels, LagFault, ComplianceFault, RigFault, PoseFault)
@@ -238,7 +239,7 @@ def _corrected_pad(
 
 
 def misplacement(fault: PoseFault) -> Float[np.ndarray, "4 4"]:
-    """Shift . tilt, in the pad frame: what the recorded pose has and the true one lacks."""
+    """Shift . tilt, in the pad frame: the recorded pose relative to the true one."""
     moved = np.eye(4)
     moved[:3, :3] = Rotation.from_euler("x", fault.tilt_deg, degrees=True).as_matrix()
     moved[:2, 3] = fault.shift_mm
@@ -246,10 +247,10 @@ def misplacement(fault: PoseFault) -> Float[np.ndarray, "4 4"]:
 
 
 def _in_time(recording: Recording, lag_s: float) -> Recording:
-    """Pose, aperture and load cell brought to the markers' clock: p(t - lag).
+    """Pose, aperture and load cell at the markers' times: p(t - lag).
 
-    It is they that are interpolated, not the markers, whose noise must stay as it is. Before the first and
-    after the last frame the machine is taken to stand still.
+    They are interpolated, not the markers, whose noise must stay as it is. Before the first and after the
+    last frame the machine is assumed to stand still.
     """
     time_s = recording.time_s
     if len(time_s) < 2:
@@ -265,9 +266,9 @@ def _in_time(recording: Recording, lag_s: float) -> Recording:
 
 
 def _given_by_rig(recording: Recording, curve: RigCurve, source: str) -> list[Float[np.ndarray, " _t"]]:
-    """What each jaw gave: of two, half of the rig's give at its own force.
+    """Displacement of each jaw under load: of two, half of the rig's at its own force.
 
-    Raises TactileFailure (implausible-recording) for a force that the rig's curve says nothing of.
+    Raises TactileFailure (implausible-recording) for a force that the rig's curve does not cover.
     """
     force = [_normal_N(pad) for pad in recording.pads]
     largest = max(float(normal_N.max()) for normal_N in force)
@@ -281,7 +282,8 @@ def _given_by_rig(recording: Recording, curve: RigCurve, source: str) -> list[Fl
 
 
 def _stiff(recording: Recording, gave: Sequence[Float[np.ndarray, " _t"]]) -> Recording:
-    """Each pad drawn back along its z by what its jaw gave way; the aperture by the sum of both."""
+    """Each pad moved back along its z by its jaw's displacement under load; the aperture by the sum of
+    both."""
     closing = -1.0 if recording.loading == "grasp" else 1.0
     pads = []
     for pad, back in zip(recording.pads, gave, strict=True):

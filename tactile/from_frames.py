@@ -1,4 +1,4 @@
-"""A raw grasp's frames become the recording that everything else reads."""
+"""Converts a raw grasp's frames to the recording that everything else reads."""
 
 from dataclasses import dataclass, replace
 
@@ -24,7 +24,8 @@ from tactile.sensors import gel_constants
 from tactile.square_pixels import with_square_pixels
 
 MUCH_AT_EDGE = 0.2
-"""More of the largest marker's push than this at an outermost marker: the contact goes on beyond it."""
+"""If an outermost marker has more than this share of the largest marker's push, the contact extends beyond
+it."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +39,7 @@ class _PadFields:
 def recording_of(raw: RawGrasp, *, progress: Progress | None = None) -> Converted:
     """Displacement and force of every marker of every pad, at the first pad's frames.
 
-    Frames that are the one before written again are left out; other pads' fields are taken at the first pad's
+    Frames that repeat the one before are left out; other pads' fields are interpolated at the first pad's
     times. Raises TactileFailure: no-markers or gel-saturated (reference or frames), wrong-sensor (the markers
     are not where the description has them), markers-lost, and whatever the frames' readers refuse.
     """
@@ -75,7 +76,7 @@ def recording_of(raw: RawGrasp, *, progress: Progress | None = None) -> Converte
 def _with_jaw(
     gels: tuple[GelPad, ...], raw: RawGrasp, rows: Int[np.ndarray, " t"]
 ) -> tuple[GelPad | IndenterPad, ...]:
-    """The pads by name, a plain jaw among them; its force is the gel's, equal and opposite."""
+    """The pads by name, with a plain jaw if any; its force is the gel's, equal and opposite."""
     if raw.plain_jaw is None:
         return gels
     pose, gel = raw.plain_jaw.pose[rows], gels[0]
@@ -139,7 +140,7 @@ def _fields(raw: RawGrasp, pad: RawPad, progress: Progress | None) -> _PadFields
 
 
 def _least(first: TrackedMarkers, second: TrackedMarkers | None) -> Float[np.ndarray, " t"] | None:
-    """Certainty of each frame by the camera that is less sure of it."""
+    """Certainty of each frame by the camera with the lower one."""
     if first.certainty is None or second is None or second.certainty is None:
         return first.certainty
     return np.asarray(np.minimum(first.certainty, second.certainty))

@@ -1,4 +1,4 @@
-"""Tac3D recordings of one grasp or press, in the canonical form, with what a reader must know of them."""
+"""Tac3D recordings of one grasp or press, in the canonical form, with notes for their reader."""
 
 from collections.abc import Sequence
 
@@ -12,11 +12,11 @@ from tactile.readers.tac3d import Tac3D
 from tactile.tactile_failure import TactileProblem
 
 APART_S = 0.5
-"""Clocks of two fingers that differ by more are not one clock."""
+"""Two fingers whose clocks differ by more have two clocks."""
 LAGS_S = np.arange(-1.0, 1.0001, 0.01)
-"""Tried between two clocks, s: up to a second, in steps of a hundredth. Set by hand."""
+"""Lags tried between two clocks, s: up to a second, in steps of a hundredth. Set by hand."""
 LOADED = 0.5
-"""Markers with more than this share of the strongest pressing tell the gel's stiffness."""
+"""Markers with more than this share of the greatest force determine the gel's stiffness."""
 
 
 def recording_of_tac3d(
@@ -29,13 +29,13 @@ def recording_of_tac3d(
 ) -> Converted:
     """One sensor becomes a press with the pad `tip`, two a grasp with `left` and `right`, in the given order.
 
-    Displacements stay; forces change sign (here they are what the gel puts on the fruit); the origin moves to
-    the middle of the gel face. The recorder knows neither aperture nor pose: they are written as zero and as
-    no motion, and a note says so. `stiffness`: normal and shear, MPa/mm; without it the loaded markers tell
-    it. `scale_sd`: relative standard deviations of force and displacement, which all markers share.
+    Displacements stay; forces change sign (here they are those of the gel on the fruit); the origin moves to
+    the middle of the gel face. The recorder knows neither aperture nor pose: aperture is written as zero,
+    poses as no motion, with a note. `stiffness`: normal and shear, MPa/mm; without it the loaded markers
+    determine it. `scale_sd`: relative standard deviations of force and displacement, which all markers share.
 
-    Raises TactileFailure (unreadable-recording) where times of one sensor stand still or run back, or there
-    are more sensors than two.
+    Raises TactileFailure (unreadable-recording) if times of one sensor do not increase, or if there are more
+    sensors than two.
     """
     if not 1 <= len(sensors) <= 2:
         raise TactileProblem.UNREADABLE_RECORDING.failure(
@@ -98,7 +98,7 @@ def recording_of_tac3d(
 
 
 def rest_of(sensor: Tac3D) -> Float[np.ndarray, "n 3"]:
-    """Each marker's place without load: the median over the frames of position less displacement."""
+    """Each marker's place without load: the median over the frames of position minus displacement."""
     return np.asarray(np.median(sensor.position_mm - sensor.displacement_mm, axis=0))
 
 
@@ -147,8 +147,8 @@ def _second_clock(first_sensor: Tac3D, second_sensor: Tac3D) -> tuple[Float[np.n
     """The second sensor's times on the first one's clock (which starts at zero), and how they were found.
 
     Receiving times are one computer's clock. Without them, starts more than half a second apart mean two
-    clocks: both recorders were started together, and the fine shift is where the two normal forces agree
-    best.
+    clocks. Both recorders are then assumed to start together, up to the lag at which the two normal forces
+    correlate best.
     """
     if first_sensor.receive_s is not None and second_sensor.receive_s is not None:
         shift = float(
@@ -198,7 +198,7 @@ def _likeness(
 
 
 def _stiffness(sensor: Tac3D) -> tuple[float, float]:
-    """Force over displacement over area of the markers pressed most (least squares), along z and across."""
+    """Force over displacement over area of the most pressed markers (least squares), along z and across."""
     pressed = -sensor.force_N[..., 2]
     loaded = pressed > LOADED * pressed.max()
     area = marker_area_mm2(rest_of(sensor)) or 1.0

@@ -1,9 +1,9 @@
 """From gel points to pixels and back, through a pinhole with OpenCV's lens distortion.
 
-A camera at c that sees a point along the unit direction d says nothing along d and locates it across d to
-s = pixel noise times depth over focal length: information W = (1 - d d') / s^2 (inverse covariance). Of
-several cameras the point is p = (sum W)^-1 sum W c, with covariance (sum W)^-1. With an angle a between two
-rays the depth's deviation is s / (sqrt 2 sin(a / 2)).
+A camera at c gives no information along the unit direction d to a point. Across d it locates the point to s =
+pixel noise times depth over focal length: information W = (1 - d d') / s^2 (inverse covariance). Several
+cameras give the point p = (sum W)^-1 sum W c, with covariance (sum W)^-1. With an angle a between two rays
+the depth's standard deviation is s / (sqrt 2 sin(a / 2)).
 """
 
 import cv2
@@ -14,16 +14,16 @@ from tactile.gel.gel_sides import GelOutline
 from tactile.sensors import GelCamera
 
 DOME_STEPS = 6
-"""Of the fixed point where a ray meets a dome: each is nearer by the face's slope, a tenth or less."""
+"""Iterations to where a ray meets a dome: each multiplies the error by the face's slope, a tenth or less."""
 UNDISTORT_STEPS = 50
-"""Of OpenCV's fixed-point search, at most; it ends at 1e-12."""
+"""Most iterations of OpenCV's fixed-point search; it ends at 1e-12."""
 SQUARE_TO = 0.03
-"""Ratio of the focal lengths less 1, up to which pixels count as square: calibrations have up to 0.004, and
-dots tell resized pictures from 0.04 on."""
+"""Ratio of the focal lengths minus 1, up to which pixels count as square: calibrations have up to 0.004, and
+dots reveal resized pictures from 0.04 on."""
 
 
 def has_square_pixels(camera: GelCamera) -> bool:
-    """Whether the camera's picture has its own proportions; a picture resized without them has not."""
+    """Whether the camera's pixels are square; those of a picture resized without its proportions are not."""
     fx, fy = camera.focal_px
     return abs(fx / fy - 1.0) <= SQUARE_TO
 
@@ -79,7 +79,7 @@ def on_gel(
 
 
 def mm_per_px(camera: GelCamera) -> float:
-    """Millimetres of the undeformed face to a pixel, in the picture's middle."""
+    """Millimetres of the undeformed face per pixel, in the picture's middle."""
     return float(abs(camera.gel_from_camera[2, 3]) / np.mean(camera.focal_px))
 
 

@@ -9,8 +9,8 @@ from tactile.readers.recording import Converted, GelPad
 from tactile.tactile_failure import TactileProblem
 
 LEAST_ANGLE_SINE = 0.1
-"""Sine of the angle between `closing` and `up` below which (6 degrees) they do not fix the pads' turn. Set by
-hand."""
+"""Least sine of the angle between `closing` and `up` (6 degrees) at which they determine the pads' rotation.
+Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,7 +26,7 @@ def posed_by_jaws(converted: Converted, jaws: Jaws, *, source: str) -> Converted
     """The recording with poses from its aperture.
 
     Raises TactileFailure (unreadable-frames) for a recording that has poses, is no grasp between two gels, or
-    has an aperture that does not change.
+    has a constant aperture.
     """
     held = converted.recording
     pads = [pad for pad in held.pads if isinstance(pad, GelPad)]
@@ -55,11 +55,12 @@ def jaw_poses(
 ) -> tuple[Float[np.ndarray, "t 4 4"], Float[np.ndarray, "t 4 4"]]:
     """Pad frame to fruit frame of the left and the right pad, which close symmetrically about a centre.
 
-    z_left = closing, z_right = -closing, y = up (its part across `closing`), x = y x z; the origins lie at
+    z_left = closing, z_right = -closing, y = up (its part normal to `closing`), x = y x z; the origins are at
     centre_mm -/+ closing aperture_mm / 2. `closing` and `up` are directions of any length in the fruit frame.
-    Only the change of the aperture enters E: the centre and the directions say which skin the pads touch.
+    Only the change of the aperture enters E: the centre and the directions determine which skin the pads
+    touch.
 
-    Raises TactileFailure (unreadable-recording) where `closing` and `up` are (nearly) parallel or zero.
+    Raises TactileFailure (unreadable-recording) if `closing` and `up` are (nearly) parallel or zero.
     """
     length, height = float(np.linalg.norm(closing)), float(np.linalg.norm(up))
     along = closing / (length or 1.0)

@@ -1,4 +1,4 @@
-"""Noise of a gel sensor that touches nothing, and of a record by robust statistics of its differences."""
+"""Noise of a gel sensor without contact, and of a record, by robust statistics of its differences."""
 
 from dataclasses import dataclass
 
@@ -6,24 +6,24 @@ import numpy as np
 from jaxtyping import Float
 
 FEWEST_NO_CONTACT_FRAMES = 5
-"""Below this the spread of the frames in the air says too little, and frame-to-frame differences are used."""
+"""With fewer no-contact frames their spread is too uncertain, and second differences of frames are used."""
 MOST_LAG1 = 0.95
-"""Largest correlation of a frame's noise with the next that is used: 1 would make all frames one. Set by
-hand."""
+"""Largest lag-1 correlation of the noise that is used: 1 would make all frames one. Set by hand."""
 MEDIAN_OF_GAUSSIAN = 0.6745
-"""The median of the absolute value of a Gaussian of unit spread."""
+"""Median of the absolute value of a standard Gaussian."""
 THIRD, MAD = 20.0, 1.4826
-"""Variance of the third difference of unit white noise, and a normal's sd over its median deviation."""
+"""Variance of the third difference of unit white noise, and a normal's sd over its median absolute
+deviation."""
 LEAST_SHARE = 1e-6
 """Noise is at least this share of the range: values in double precision have less."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Noise:
-    """Of one quantity of one pad.
+    """Noise of one quantity of one pad.
 
-    `offset` per marker (the reference frame's own noise, common to all frames), `sd` of one component of one
-    marker in one frame about it, `lag1` its correlation with the next frame.
+    `offset` per marker (the reference frame's own noise, common to all frames). `sd` about it: of one
+    component of one marker in one frame. `lag1`: its correlation with the next frame.
     """
 
     offset: Float[np.ndarray, "n 3"]
@@ -32,10 +32,10 @@ class Noise:
 
 
 def no_contact_noise(values: Float[np.ndarray, "t n 3"]) -> Noise:
-    """Offset, standard deviation and lag-1 correlation of frames that touch nothing.
+    """Offset, standard deviation and lag-1 correlation of no-contact frames.
 
-    The mean over the frames is the offset; the correlation is corrected for that mean (it lowers every lag of
-    T frames by about 1/T). Needs two frames at least.
+    The offset is the mean over the frames. The correlation is corrected for that mean, which lowers every lag
+    of T frames by about 1/T. Needs at least two frames.
     """
     frames = len(values)
     offset = values.mean(axis=0)
@@ -48,11 +48,11 @@ def no_contact_noise(values: Float[np.ndarray, "t n 3"]) -> Noise:
 
 
 def noise_in_contact(values: Float[np.ndarray, "t n 3"]) -> Noise:
-    """The noise of a recording without usable frames in the air; no offset can be known, so it is zero.
+    """The noise of a recording without usable no-contact frames; its offset is unknown, so it is zero.
 
-    A signal that is smooth over three frames has no second difference; white noise of spread sd has one of
-    sqrt(6) sd. The median over the quieter half of the frames keeps jumps of the signal out; what does not
-    change at all (a deadband) is left out.
+    A signal that is smooth over three frames has no second difference; white noise of standard deviation sd
+    has one of sqrt(6) sd. Only the quieter half of the frames counts, which excludes jumps of the signal.
+    Values that do not change at all (a deadband) are left out.
     """
     zero = np.zeros(values.shape[1:])
     if len(values) < 3:
@@ -66,8 +66,8 @@ def noise_in_contact(values: Float[np.ndarray, "t n 3"]) -> Noise:
 
 
 def noise_sd(values: Float[np.ndarray, " t"]) -> float:
-    """Standard deviation of white noise, from third differences: a smooth course leaves next to nothing, and
-    their median is blind to a few jumps. At least that of rounding to the smallest step of the values.
+    """Standard deviation of white noise, from third differences: a smooth course adds almost nothing, and
+    their median ignores a few jumps. At least that of rounding to the smallest step of the values.
 
     >>> noise = np.random.default_rng(0).normal(scale=0.1, size=10_000)
     >>> round(noise_sd(np.linspace(0, 50, 10_000) + noise), 2)
@@ -80,7 +80,7 @@ def noise_sd(values: Float[np.ndarray, " t"]) -> float:
 
 
 def resolution(values: Float[np.ndarray, " t"]) -> float:
-    """The least difference between two different values; 0 where all are equal.
+    """The smallest difference between two different values; 0 if all are equal.
 
     >>> resolution(np.array([0.0, 0.5, 0.75, 0.75]))
     0.25
@@ -91,6 +91,6 @@ def resolution(values: Float[np.ndarray, " t"]) -> float:
 
 
 def middle_range(values: Float[np.ndarray, " t"]) -> float:
-    """From the 2nd to the 98th percentile: a few wild values do not change it."""
+    """Range from the 2nd to the 98th percentile: a few wild values do not change it."""
     low, high = np.percentile(values, [2, 98])
     return float(high - low)

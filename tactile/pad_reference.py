@@ -1,4 +1,4 @@
-"""The untouched markers that a pad's frames are held against, and the prints that the pictures show."""
+"""The untouched markers to which a pad's frames are compared, and the imprints in their picture."""
 
 from dataclasses import dataclass
 
@@ -13,7 +13,7 @@ from tactile.tactile_failure import TactileFailure
 
 @dataclass(frozen=True, kw_only=True)
 class PadReference:
-    """The markers at rest; `shown`: the print on their picture."""
+    """The markers at rest; `shown`: the imprint in their picture."""
 
     markers: ReferenceMarkers
     shown: ShownPrint
@@ -23,8 +23,8 @@ class PadReference:
 def pad_reference(sensor: Sensor, view: RawCamera, camera: GelCamera, *, source: str) -> PadReference:
     """The markers of the reference's picture.
 
-    Raises TactileFailure: gel-saturated, no-markers where there are too few, wrong-sensor where they are not
-    as the description has them.
+    Raises TactileFailure: gel-saturated, no-markers if there are too few, wrong-sensor if they are not as the
+    description has them.
     """
     refuse_saturated(view.reference, f"{source}: reference")
     markers = reference_of(view.reference, source=f"{source}: reference")
@@ -39,7 +39,7 @@ def pad_reference(sensor: Sensor, view: RawCamera, camera: GelCamera, *, source:
 
 
 def references_said(raw: RawGrasp) -> list[str]:
-    """A sentence on each pad whose reference bears a print; raises as `pad_reference` does."""
+    """A sentence on each pad whose reference shows an imprint; raises as `pad_reference` does."""
     said: list[str] = []
     for pad in with_square_pixels(raw).pads:
         if pad.sensor.camera is not None:

@@ -1,13 +1,13 @@
-"""One finger with a gel against a plain rigid jaw: what the jaw does to the fruit, as markers of a stiff gel.
+"""One finger with a gel against a plain rigid jaw: the jaw's action on the fruit, as markers of a stiff gel.
 
-A plain jaw feels nothing. What it does follows: its force is the gel's, equal and opposite (the fruit at
-rest, its weight left out); its face is rigid, so that skin that touches it moves with it; where it touches
-is the fruit's outermost point towards it. Pressure there is Hertz's, p ~ sqrt(1 - r^2/a^2), over a radius a
-with a^3 = 3 F R / (4 E*) of the force F, the skin's mean radius R and E* = E / (1 - nu^2) (Johnson, "Contact
-Mechanics", 1985, eq. 4.22). Until E is known it is a = sqrt(R d) of the approach d on that side: of the
-fruit's approach f, which is the jaws' travel less what the gel gives, each side takes a part that goes with
-1 over its contact radius, d = f / (1 + a / a_gel). That is 10 to 20 % too wide, since a part of the approach
-lies deeper in the fruit, and E is 6 to 12 % too low with it (benchmarks/one_gel_finger.py).
+A plain jaw has no sensor, but its action follows. Its force is the gel's, equal and opposite (the fruit is at
+rest, its weight neglected). Its face is rigid, so that skin that touches it moves with it. It touches the
+fruit's outermost point towards it. Pressure there is Hertz's, p ~ sqrt(1 - r^2/a^2), over a contact radius a,
+where a^3 = 3 F R / (4 E*) for the force F, the skin's mean radius R and E* = E / (1 - nu^2) (Johnson,
+"Contact Mechanics", 1985, eq. 4.22). Until E is known it is a = sqrt(R d) of the approach d on that side. The
+fruit's approach f is the jaws' travel minus the gel's compression. Each side takes a share in inverse
+proportion to its contact radius, d = f / (1 + a / a_gel). That is 10 to 20 % too wide, since a part of the
+approach lies deeper in the fruit. E is 6 to 12 % too low with it (benchmarks/one_gel_finger.py).
 """
 
 from dataclasses import replace
@@ -19,7 +19,7 @@ from tactile.readers.recording import GelPad, IndenterPad, Recording, marker_are
 from tactile.tactile_failure import TactileProblem
 
 RIGID_MPA_PER_MM = 1000.0
-"""Stiffness per area that a rigid face is written with, normal and shear: no gel comes near it."""
+"""Stiffness per area of a rigid face, normal and shear: no gel comes near it."""
 PLACE_SD_MM = 0.01
 """Standard deviation of the face's place: of a machined jaw. Set by hand."""
 PER_RADIUS = 6
@@ -29,21 +29,22 @@ BEYOND = 1.5
 FINEST_MM = 0.3
 """Least distance of markers. Set by hand."""
 FITTED_MM = 8.0
-"""Skin round the outermost point that its radii are fitted to, mm, on a fruit of 30 mm; scaled with it."""
+"""Skin around the outermost point to which its radii are fitted, mm, on a fruit of 30 mm radius; scaled with
+it."""
 SUBSAMPLES = 5
 """Points along a marker's cell at which the pressure is averaged."""
 IN_CONTACT = 0.05
-"""Share of the greatest marker force, and of the peak force, from which there is contact. Set by hand."""
+"""Share of the greatest marker force, and of the peak force, above which there is contact. Set by hand."""
 FIRST_FORCE = 0.01
-"""Share of the peak force that counts as touch, whose last frame before it is the first touch: by Hertz 5 %
-of the greatest approach. Set by hand."""
+"""Share of the peak force that counts as touch; the last frame below it is the first touch: by Hertz 5 % of
+the greatest approach. Set by hand."""
 DEEPEST = 0.95
-"""Quantile of the pressed markers' compression that stands for the deepest: of a paraboloid it is 0.95 of it,
-and one marker's noise does not decide. Set by hand."""
+"""Quantile of the pressed markers' compression used for the deepest: of a paraboloid it is 0.95 of it, and no
+single marker's noise decides. Set by hand."""
 LEAST_OWN = 0.1
-"""Share of the jaws' travel that the fruit gives at least. Set by hand."""
+"""Least share of the jaws' travel that the fruit takes. Set by hand."""
 ROUNDS = 30
-"""Of the fixed point for the radius; each halves the error or better."""
+"""Iterations of the fixed point for the radius; each at least halves the error."""
 
 
 def has_plain_jaw(recording: Recording) -> bool:
@@ -60,10 +61,10 @@ def with_plain_jaw(
     source: str,
     plane_strain_MPa: float | None = None,
 ) -> Recording:
-    """The recording with a GelPad in the plain jaw's place; unchanged where there is none.
+    """The recording with a GelPad in the plain jaw's place; unchanged if there is no such jaw.
 
-    `vertices`: the fruit's skin, fruit frame; `plane_strain_MPa`: E* of the flesh, where it is known. Raises
-    TactileFailure (pads-off-fruit) where the jaw does not face the fruit.
+    `vertices`: the fruit's skin, fruit frame; `plane_strain_MPa`: E* of the flesh, if it is known. Raises
+    TactileFailure (pads-off-fruit) if the jaw does not face the fruit.
     """
     if not has_plain_jaw(recording):
         return recording
@@ -104,7 +105,7 @@ def _on_fruit_N(gel: GelPad) -> Float[np.ndarray, "t 3"]:
 def _outermost(
     vertices: Float[np.ndarray, "v 3"], pose: Float[np.ndarray, "4 4"], *, source: str
 ) -> tuple[Float[np.ndarray, "2"], float]:
-    """Where the jaw's plane meets the fruit first (jaw frame, mm), and the skin's mean radius of
+    """The fruit's point that the jaw's plane meets first (jaw frame, mm), and the skin's mean radius of
     curvature."""
     seen = (vertices - pose[:3, 3]) @ pose[:3, :3]
     first = seen[seen[:, 2].argmin()]
@@ -126,8 +127,8 @@ def _outermost(
 
 
 def _fruits_own_mm(recording: Recording, gel: GelPad, touch: int) -> Float[np.ndarray, " t"]:
-    """The fruit's whole approach: the jaws' travel since first touch less what the gel gives on the axis of
-    the grasp, where it is pressed deepest.
+    """The fruit's whole approach: the jaws' travel since first touch minus the gel's compression on the axis
+    of the grasp, where it is deepest.
     """
     closed = recording.aperture_mm[touch] - recording.aperture_mm
     compressed = np.where(_pressed(gel), -gel.displacement_mm[:, :, 2], np.nan)
@@ -151,7 +152,8 @@ def _gel_contact_mm(gel: GelPad) -> Float[np.ndarray, " t"]:
 def _contact_radius_mm(
     radius_mm: float, approach_mm: Float[np.ndarray, " t"], gel_mm: Float[np.ndarray, " t"]
 ) -> Float[np.ndarray, " t"]:
-    """a = sqrt(R f / (1 + a / a_gel)), by a fixed point that contracts by at least a half."""
+    """a = sqrt(R f / (1 + a / a_gel)), by a fixed-point iteration that at least halves the error in each
+    step."""
     a = np.sqrt(radius_mm * approach_mm / 2)
     for _ in range(ROUNDS):
         a = np.sqrt(radius_mm * approach_mm / (1 + a / gel_mm))
@@ -161,7 +163,7 @@ def _contact_radius_mm(
 def _pressure(
     centre_mm: Float[np.ndarray, "2"], contact_mm: Float[np.ndarray, " t"]
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "t n"]]:
-    """Markers round the centre, jaw frame, and each one's share of the force in each frame."""
+    """Markers around the centre, jaw frame, and each one's share of the force in each frame."""
     widest = float(contact_mm.max())
     pitch = max(widest / PER_RADIUS, FINEST_MM)
     line = pitch * np.arange(-np.ceil(BEYOND * widest / pitch), np.ceil(BEYOND * widest / pitch) + 1)

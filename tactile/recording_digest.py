@@ -1,4 +1,4 @@
-"""What tells that two recordings are one: the same displacements and forces, whatever file they are in."""
+"""Identifies equal recordings: the same displacements and forces, whatever file they are in."""
 
 import hashlib
 
@@ -8,10 +8,10 @@ from tactile.readers.recording import GelPad, Recording
 
 
 def recording_digest(recording: Recording) -> str:
-    """SHA-256 of what all pads felt; of two recordings the same only where every value is.
+    """SHA-256 of all pads' displacements and forces; two recordings share it only if every value agrees.
 
-    Values count in single precision, as `write_recording` keeps them, and pads in any order: a file that was
-    written again, with other attributes or with its pads' names exchanged, has the same.
+    Values count in single precision, as `write_recording` stores them, and pads in any order: a file that was
+    written again, with other attributes or with its pads' names exchanged, has the same digest.
     """
     pads = []
     for pad in recording.pads:

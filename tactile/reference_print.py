@@ -1,16 +1,16 @@
 """Whether a picture of a gel, above all its reference, shows that something is pressed into it.
 
-Two witnesses, each over the least that counts. The first is the markers' bulge, which is what neighbours have
-in common of their misfit to a regular lattice behind a smooth lens (tactile.markers.smooth_lattice).
+There are two indicators, each over its detection limit. The first is the markers' bulge: the part of their
+misfit to a regular lattice behind a smooth lens that neighbours share (tactile.markers.smooth_lattice).
 
-The second is shading. A face that slopes turns to one light and away from another, so that the ratio of a
-picture's channels changes within a fraction of the markers' spacing; uneven light and a change of exposure do
-neither. The logarithm of each channel less their mean is therefore held against itself twice as blurred. What
-repeats at every marker (its halo and rim) is taken out as the median over markers of what lies at the same
-place beside each. Where all channels are one (grey pictures), the logarithm itself is taken.
+The second is shading. A sloping face turns to one light and away from another. The ratio of a picture's
+channels then changes within a fraction of the markers' spacing. Uneven light and a change of exposure do not
+do so. The logarithm of each channel minus their mean is therefore compared with itself twice as blurred. A
+pattern that repeats at every marker (its halo and rim) is subtracted: it is the median over markers at the
+same place beside each. If all channels are equal (grey pictures), the logarithm itself is used.
 
-A print on the reference makes every displacement that of the print less itself: a gel that is loaded
-throughout then seems never to be touched.
+With an imprint on the reference, every displacement lacks the imprint's own: a gel that is loaded throughout
+then seems never to be touched.
 """
 
 from dataclasses import dataclass
@@ -28,41 +28,42 @@ from tactile.markers.tracking import ReferenceMarkers, places_of
 from tactile.sensors import GelCamera
 
 SCALE = 0.2
-"""Of the markers' spacing: standard deviation of the finer blur. Of 0.1, 0.2 and 0.3 the one that tells most
-printed first frames from empty ones (benchmarks/gel_references.py FOLDER --half even)."""
+"""Share of the markers' spacing: standard deviation of the finer blur. Of 0.1, 0.2 and 0.3 it separates most
+first frames with an imprint from empty ones (benchmarks/gel_references.py FOLDER --half even)."""
 HIDDEN_RADII, HIDDEN_SPACING = 1.5, 0.22
-"""A marker hides the gel to so many of its radii, or to this share of the spacing, where that is more: its
-edge is blurred by lens and codec. Set by hand."""
+"""A marker hides the gel within this many of its radii, or this share of the spacing if that is more: lens
+and codec blur its edge. Set by hand."""
 RIM = 0.3
-"""Of the spacing: the picture's own edge, where blurs see half. Set by hand."""
+"""Of the spacing: width of the picture's edge, where blurs see half. Set by hand."""
 CELLS = 11
-"""Places beside a marker, in each direction, that are told apart: a ninth of the spacing each."""
+"""Places beside a marker, in each direction, that are distinguished: a ninth of the spacing each."""
 CELL_SPAN = 1.3
-"""Of the spacing, that they cover: the corners of a square between markers lie 0.71 from the nearest one."""
+"""Share of the spacing that they cover: the corners of a square between markers lie 0.71 from the nearest
+one."""
 DARKEST = 8.0
 """Grey levels: darker pixels count as this, whose noise of one level is an eighth. Set by hand."""
 QUANTILE = 0.95
-"""Over the pixels: a print on a twentieth of the face counts."""
+"""Over the pixels: an imprint on a twentieth of the face counts."""
 GREY_TO = 1.0
-"""Grey levels by which channels may differ on average for a picture to be grey."""
+"""Mean difference of the channels in grey levels, below which a picture is grey."""
 LEAST_BULGE = 0.0085
-"""Root mean square of the markers' common misfit, in spacings. Of 39 empty first frames the largest is
-0.0054, of four empty pictures of two more gels 0.0075; of 120 with a print that can be seen 88 have more
+"""Root mean square of the markers' shared misfit, in spacings. Of 39 empty first frames the largest is
+0.0054, of four empty pictures of two more gels 0.0075. Of 120 with a visible imprint 88 have more
 (benchmarks/gel_references.py FOLDER --half even; the four are of the clips of benchmarks/gel_video.py)."""
 LEAST_SHADING = 0.055
 """As a relative change of colour: the same 43 have at most 0.049, 74 of the 120 more."""
 SOMETHING, FLATTER = 0.7, 0.7
-"""Times the least that counts, and share of it that is left later: a reference that shows something of a
-print which then goes. The first frames of 39 empty gels show at most 0.64, four more pictures up to 0.88; of
-29 loaded ones that show less than 1 ten are found so (the same command)."""
+"""Multiple of the limit above which a reference may show an imprint, and share of it that remains later if
+the imprint goes. The first frames of 39 empty gels show at most 0.64, four more pictures up to 0.88. Of 29
+loaded ones that show less than 1, ten are found so (the same command)."""
 SURE = 1.3
-"""Times the least that counts, from which on no modulus is taken: empty gels reach 0.89 of it."""
+"""Multiple of the limit above which no modulus is computed: empty gels reach 0.89 of the limit."""
 
 WHAT_TO_DO = (
     "name a picture or a clip of the empty gel (reference = ... in grasp.toml), or frames of it "
     "(reference_frames = [k, m])"
 )
-"""The end of every sentence on a reference that is not of an untouched gel."""
+"""The end of every sentence about a reference that does not show an untouched gel."""
 
 
 def print_shading(
@@ -74,7 +75,7 @@ def print_shading(
 ) -> float:
     """Relative change of colour within a fraction of a spacing that a twentieth of the gel exceeds.
 
-    `markers_px`: where the picture has its markers, of radius `disc_px`. 0 where they hide all of the gel.
+    `markers_px`: the markers' places in the picture, of radius `disc_px`. 0 if they hide all of the gel.
     """
     height, width = picture.shape[:2]
     light = np.log(np.maximum(cv2.GaussianBlur(picture, (0, 0), 1.0).astype(np.float32), DARKEST))
@@ -98,7 +99,7 @@ def print_shading(
 def _blurred(
     values: Float[np.ndarray, "h w c"], clear: Float[np.ndarray, "h w"], sigma: float
 ) -> Float[np.ndarray, "h w c"]:
-    """Mean over clear pixels round about, by a Gaussian."""
+    """Mean over the clear pixels around, by a Gaussian."""
     share = np.maximum(cv2.GaussianBlur(clear, (0, 0), sigma), 1e-6)
     total = cv2.GaussianBlur(values * clear[..., None], (0, 0), sigma).reshape(values.shape)
     return np.asarray(total / share[..., None])
@@ -111,7 +112,7 @@ def _usual(
     markers_px: Float[np.ndarray, "n 2"],
     spacing_px: float,
 ) -> Float[np.ndarray, "p c"]:
-    """Of each pixel the median of `detail` over all that lie alike beside their nearest marker."""
+    """For each pixel, the median of `detail` over all pixels at the same offset from their nearest marker."""
     known = markers_px[np.isfinite(markers_px[:, 0])]
     place = np.stack([columns, rows], axis=1).astype(np.float64)
     offset = (place - known[np.asarray(cKDTree(known).query(place)[1])]) / (CELL_SPAN * spacing_px)
@@ -126,9 +127,9 @@ def _usual(
 
 @dataclass(frozen=True, kw_only=True)
 class ShownPrint:
-    """How much a picture shows of a print, over the least that counts: by its markers and by its shading.
+    """Signs of an imprint in a picture, over the detection limit: by its markers and by its shading.
 
-    `bulge` is nan where fewer than FEWEST markers stand on a grid.
+    `bulge` is nan if fewer than FEWEST markers are on a grid.
     """
 
     bulge: float
@@ -136,12 +137,12 @@ class ShownPrint:
 
     @property
     def evidence(self) -> float:
-        """The clearer of the two: 1 is the least that counts."""
+        """The clearer of the two: 1 is the detection limit."""
         return float(np.nanmax([self.bulge, self.shading]))
 
     @property
     def seen_by(self) -> str:
-        """What shows it, as a sentence names it; empty where nothing does."""
+        """What shows the imprint, as words of a sentence; empty if nothing does."""
         seen_by = [
             text
             for text, value in (
@@ -163,10 +164,10 @@ def shown_print(
     described_mm: Float[np.ndarray, "m 3"] | None = None,
     position_px: Float[np.ndarray, "n 2"] | None = None,
 ) -> ShownPrint:
-    """The print in a picture with the markers of `reference`, at `position_px` (None: at rest; NaN: lost).
+    """The imprint in a picture with the markers of `reference`, at `position_px` (None: at rest; NaN: lost).
 
-    Where the sensor's description has the markers' places (`described_mm`), these are what the camera should
-    see; otherwise a regular grid is.
+    If the sensor's description has the markers' places (`described_mm`), the camera should see those;
+    otherwise a regular grid.
     """
     place = reference.lattice.rest_px if position_px is None else position_px
     spacing = reference.lattice.spacing_px
@@ -184,7 +185,8 @@ def bulge_of(
     known: Bool[np.ndarray, " n"],
     place_px: Float[np.ndarray, "n 2"],
 ) -> float:
-    """Root mean square of what neighbours' misfits to a smooth lens have in common, in spacings; nan of few.
+    """Root mean square of the misfit to a smooth lens that neighbours share, in spacings; nan for few
+    markers.
 
     `ideal`: the markers' places without a lens, in any unit; `known`: the markers that are fitted.
     """
@@ -204,7 +206,7 @@ def _ideal(
     camera: GelCamera | None,
     described_mm: Float[np.ndarray, "m 3"] | None,
 ) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
-    """Where the markers would be on a flat picture, in spacings, and of which that is known."""
+    """The markers' places in a flat picture, in spacings, and for which markers they are known."""
     if camera is None or described_mm is None:
         return lattice_places(reference.lattice)
     rest_px = reference.lattice.rest_px
@@ -217,7 +219,7 @@ def _ideal(
 
 
 def becomes_flatter(before: ShownPrint, after: ShownPrint) -> bool:
-    """Whether the gel is flatter in one picture than in another that shows something already."""
+    """Whether the gel is flatter in the second picture, while the first shows signs of an imprint."""
     pairs = ((before.bulge, after.bulge), (before.shading, after.shading))
     return any(
         sign_before >= SOMETHING and sign_after <= FLATTER * sign_before for sign_before, sign_after in pairs

@@ -1,10 +1,10 @@
 """Where on the fruit's surface each marker sits.
 
-A pad's normal leads from a marker at its first touch to the fruit's mesh. The distance along it is the error
-of pose and scan together (plus what the flesh gave way before that marker touched); its mean over a pad says
-how far pad and mesh are apart, its scatter is the quality of the registration. The pose stays as recorded:
-each marker is projected along the normal, and moving the pad along that same normal would project it to the
-same place. The surface only says *where* a marker sits, never how far it moved: a scan is off by a tenth of a
+A pad's normal leads from a marker at its first touch to the fruit's mesh. The distance along it is the joint
+error of pose and scan, plus the flesh's deformation before that marker touched. Its mean over a pad is the
+gap between pad and mesh; its scatter is the quality of the registration. The pose stays as recorded: each
+marker is projected along the normal, and a pad moved along that normal would project it to the same place.
+The surface only determines *where* a marker sits, never how far it moved: a scan is off by a tenth of a
 millimetre, a press is one or two.
 """
 
@@ -17,25 +17,25 @@ from tactile.contact import Contact, PadContact
 from tactile.tactile_failure import TactileProblem
 
 FARTHEST_SHARE = 0.15
-"""A pad whose first touches lie farther from the mesh than this share of the fruit's diameter is not on
-it."""
+"""A pad is off the fruit if its first touches are farther from the mesh than this share of the fruit's
+diameter."""
 FEWEST_HITS = 0.5
 """Share of the touching markers whose normal must meet the mesh."""
 MARGIN_MM = 1e-6
-"""Round a triangle, beyond which a line certainly passes it: far more than rounding."""
+"""Around a triangle, beyond which a line certainly misses it: far more than rounding."""
 POINTS_AT_ONCE = 64
-"""Held against all triangles together: some megabytes for a scan of 50 000 triangles."""
+"""Compared with all triangles together: some megabytes for a scan of 50 000 triangles."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PadRegistration:
-    """Of one pad: `surface_mm` is where each marker sits on the mesh, at its first touch or nearest to one.
+    """One pad: `surface_mm` is each marker's place on the mesh, at its first touch, or at the peak force if
+    it has none.
 
-    `on_skin`: the pad's normal through the marker meets the mesh. A gel is often wider than a small fruit:
-    what lies beside the fruit has no place on it, and its `surface_mm` is beside the fruit too.
-    `shift_mm` is the mean distance of first touches from the mesh along the pad's normal (positive: the mesh
-    lies ahead), a measure and no correction: nothing is moved by it. `residual_mm` is the root mean square
-    deviation of those distances from it.
+    `on_skin`: the pad's normal through the marker meets the mesh. A gel is often wider than a small fruit: a
+    marker beside the fruit has no place on it, and its `surface_mm` is beside the fruit too. `shift_mm` is
+    the mean distance of first touches from the mesh along the pad's normal (positive: the mesh lies ahead).
+    It is a measure and no correction of the pose. `residual_mm` is the standard deviation of those distances.
     """
 
     name: str
@@ -55,7 +55,7 @@ def register(
 ) -> tuple[PadRegistration, ...]:
     """Each pad of `contact` on the fruit's mesh (mm, fruit frame, outward faces).
 
-    Raises TactileFailure (pads-off-fruit) when first touches are nowhere near the mesh; `source` names the
+    Raises TactileFailure (pads-off-fruit) if first touches are far from the mesh; `source` names the
     recording in it.
     """
     size_mm = float(np.ptp(vertices, axis=0).mean())
@@ -65,7 +65,8 @@ def register(
 def _register_pad(
     pad: PadContact, triangles: Float[np.ndarray, "f 3 3"], *, size_mm: float, source: str
 ) -> PadRegistration:
-    """One pad's markers moved along its normal by the mean distance (mm) of first touches from the skin."""
+    """One pad's markers projected along its normal onto the skin; those beside it move by the mean distance
+    (mm)."""
     touched = pad.onset >= 0
     peak = int(np.argmax(pad.total_normal_N))
     frame = np.where(touched, pad.onset, peak)
@@ -100,8 +101,8 @@ def depth_along(
 ) -> Float[np.ndarray, " n"]:
     """Signed distance along `direction` to the nearest triangle that faces it; NaN where the line meets none.
 
-    Möller and Trumbore (1997), "Fast, minimum storage ray-triangle intersection", for parallel lines: with
-    one direction the whole test is a point in a triangle of the projected mesh.
+    Möller and Trumbore (1997), "Fast, minimum storage ray-triangle intersection", for parallel lines: one
+    direction reduces the test to a point in a triangle of the projected mesh.
 
     >>> floor = np.array([[[0.0, 0, 0], [0, 9, 0], [9, 0, 0]]])
     >>> depth_along(np.array([[1.0, 1, -5]]), np.array([0.0, 0, 1]), floor)
@@ -128,7 +129,7 @@ def depth_along(
         v = _cross(edge_1[close], offset) / doubled
         met = (u >= 0) & (v >= 0) & (u + v <= 1)
         n, inside = n[met], facing[close[met]]
-        # The plane of a hit triangle, met along the direction.
+        # Distance along the direction to the plane of a hit triangle.
         gap = ((triangles[inside, 0] - points[n]) * normals[inside]).sum(1) / (normals[inside] @ direction)
         nearest_last = np.argsort(np.abs(gap), kind="stable")[::-1]
         reach[n[nearest_last]] = gap[nearest_last]

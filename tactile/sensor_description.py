@@ -1,11 +1,11 @@
-"""From what is published of a sensor, and a picture of its untouched gel, to its description.
+"""From published values of a sensor, and a picture of its untouched gel, to its description.
 
-The picture's dots are the ruler: they lie on a grid of known pitch on the gel's face. With the distance
-given, one picture tells the focal length, the first radial distortion, how the camera is turned and what it
-points at: seven numbers from a pair for each dot. One picture of a face cannot tell the distance itself:
-focal length goes with it.
+The picture's dots are the scale: they lie on a grid of known pitch on the gel's face. With the distance
+given, one picture determines the focal length, the first radial distortion, the camera's rotation and the
+point that it faces. These are seven numbers, from a pair for each dot. One picture of a face cannot determine
+the distance itself, which scales with the focal length.
 
-A camera's pixels are square. If no such camera sees the dots, the picture may have been resized without its
+A camera's pixels are square. If no such camera fits the dots, the picture may have been resized without its
 proportions: the ratio of the focal lengths along x and y is then the eighth number. Distortion is a function
 of directions, not of pixels, so resizing does not change it.
 """
@@ -27,27 +27,26 @@ from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 OFF_GRID = 0.06
-"""Of the pitch: root mean square by which dots may be off the grid behind the camera found. Empty gels have
-0.021 to 0.048 of it (135 first frames), printed dots as such;
-loaded ones reach 0.14."""
+"""Share of the pitch: greatest root mean square by which dots may be off the grid of the fitted camera. Empty
+gels have 0.021 to 0.048 of it (135 first frames), printed dots as such; loaded ones reach 0.14."""
 
 SQUARE = 7
-"""Numbers of a camera with square pixels; the next is the logarithm of the ratio of its focal lengths."""
+"""Parameters of a camera with square pixels; the next is the logarithm of the ratio of its focal lengths."""
 NEEDED = ("thickness_mm", "E_MPa", "nu")
-"""Of a gel, without which no force follows."""
+"""Of a gel, without which no force can be computed."""
 OF_DEPTH = 0.45
-"""Relative error of the force per relative error of the camera's distance, root mean square: a quarter less
-of it changed forces of dots alone by 15 %, a quarter more by 5 % (benchmarks/gel_image_errors.py --distance
-0.75 and 1.25)."""
+"""Relative error of the force per relative error of the camera's distance, root mean square. A quarter less
+distance changed forces from dots alone by 15 %, a quarter more by 5 % (benchmarks/gel_image_errors.py
+--distance 0.75 and 1.25)."""
 OPTIONS = {"thickness_mm": "--thickness-mm", "E_MPa": "--E-MPa", "nu": "--nu", "pitch_mm": "--pitch-mm"}
-"""What gives each on the command line."""
+"""The command-line option of each."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CameraFound:
-    """`rows` and `columns` of the grid, `dots` of it that were found, `off_px` what they are off by (root
-    mean square). `aspect`: of a resized picture, focal length along x over that along y and its standard
-    deviation (of the fit; both pitches taken as exact); None: the pixels are square.
+    """`rows` and `columns` of the grid, number of its `dots` found, and their deviation `off_px` (root mean
+    square). `aspect`: of a resized picture, focal length along x over that along y and its standard deviation
+    (of the fit; both pitches assumed exact); None: the pixels are square.
     """
 
     camera: GelCamera
@@ -69,10 +68,9 @@ def camera_from_dots(
 ) -> CameraFound:
     """The camera that sees the grid's dots where they are; the grid's middle is the gel frame's origin.
 
-    `grid`: rows and columns on the gel, of which a cut picture may show a part; the picture's middle then
-    looks at the gel's, to half a pitch. Without it what is seen is the grid. Raises TactileFailure:
-    no-markers, or wrong-sensor where the dots are no grid, more than that, or off it by more than OFF_GRID
-    of the pitch.
+    `grid`: rows and columns on the gel. A cropped picture may show a part of them; its middle then faces the
+    gel's, to half a pitch. Without `grid` the visible dots are all. Raises TactileFailure: no-markers, or
+    wrong-sensor if the dots are no grid, more than that, or off it by more than OFF_GRID of the pitch.
     """
     reference = reference_of(picture, source=source)
     places, known = lattice_places(reference.lattice)
@@ -136,7 +134,7 @@ def camera_from_dots(
 
 
 def _aspect(camera: GelCamera, fit: OptimizeResult) -> tuple[float, float]:
-    """Ratio of the focal lengths, and its standard deviation by the misfit of the dots."""
+    """Ratio of the focal lengths, and its standard deviation from the dots' residuals."""
     freedom = len(fit.fun) - len(fit.x)
     variance = np.linalg.inv(fit.jac.T @ fit.jac)[-1, -1] * float(fit.fun @ fit.fun) / freedom
     ratio = camera.focal_px[0] / camera.focal_px[1]
@@ -150,7 +148,7 @@ def _middle_of_grid(
     hidden: tuple[int, int],
     shape: tuple[int, int],
 ) -> Float[np.ndarray, "2"]:
-    """The whole grid's middle, in steps: of those that hidden columns and rows allow the nearest to the
+    """The whole grid's middle, in steps: of those that hidden columns and rows allow, the nearest to the
     picture's.
     """
     plain = np.column_stack([places, np.ones(len(places))])
@@ -170,7 +168,8 @@ def _refused(source: str, fault: str, expected: str) -> TactileFailure:
 
 @dataclass(frozen=True, kw_only=True)
 class Described:
-    """`table`: the description, as a TOML file holds it; `said`: what is known how well, a line each."""
+    """`table`: the description, as a TOML file holds it; `said`: the source and error of each value, a line
+    each."""
 
     table: dict[str, Any]
     said: tuple[str, ...]
@@ -188,10 +187,10 @@ def outline_of(model: SensorModel) -> GelOutline | None:
 
 
 def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *, source: str) -> Described:
-    """The description of one sensor of that kind, whose camera a picture of its untouched gel gives.
+    """The description of one sensor of that kind; a picture of its untouched gel gives its camera.
 
-    Raises TactileFailure: unreadable-sensor for what is neither published nor given, and what
-    camera_from_dots raises of the picture.
+    Raises TactileFailure: unreadable-sensor for values that are neither published nor given, and as
+    camera_from_dots does.
     """
     if model.kind == "fields":
         spread = {name: published.relative_sd for name, published in model.fields.items()}
@@ -242,7 +241,7 @@ def described(model: SensorModel, picture: UInt8[np.ndarray, "h w 3"] | None, *,
 
 
 def with_given(model: SensorModel, given: dict[str, tuple[tuple[float, ...], float]]) -> SensorModel:
-    """The model with what the user measured (value, relative spread) in place of what is published."""
+    """The model with the user's measurements (value, relative spread) in place of published values."""
     given_fields = {
         name: Published(
             value=np.array(value), sd=share * float(np.mean(np.abs(value))), source="given by the user"
@@ -257,9 +256,9 @@ def with_given(model: SensorModel, given: dict[str, tuple[tuple[float, ...], flo
 def _forces(model: SensorModel) -> dict[str, float]:
     """Relative spread of the force by its causes in the gel: modulus, thickness, Poisson's ratio.
 
-    Under a contact about as wide as the gel is thick the force goes with E, with the thickness to the power
-    -1 at most (a bonded layer's goes with -1, a half-space's with 0), and with nu as a half-space's 1/(1 -
-    nu^2).
+    The contact is about as wide as the gel is thick. The force is then proportional to E, and its power of
+    the thickness is between -1 (a bonded layer) and 0 (a half-space). It varies with nu as a half-space's
+    1/(1 - nu^2).
     """
     nu = model.gel["nu"]
     value = float(nu.value[0])
@@ -275,7 +274,7 @@ def _spread(
 ) -> dict[str, float]:
     """Relative standard deviations of force and displacement, which all markers and frames share.
 
-    A force is taken from displacements, so it has their scale's error as well. `ratio_sd`: of the focal
+    A force is computed from displacements, so it has their scale's error too. `ratio_sd`: of the focal
     lengths' ratio in a resized picture.
     """
     depth = OF_DEPTH * distance.relative_sd
@@ -285,7 +284,7 @@ def _spread(
 
 
 def _said(model: SensorModel, causes: dict[str, float], spread: dict[str, float]) -> tuple[str, ...]:
-    """What each value rests on, and what comes of it."""
+    """Each value's source, and the errors that follow."""
     known = {**model.gel, "pitch_mm": model.pitch_mm, "distance_mm": model.distance_mm, **model.fields}
     lines = [
         f"{name} {_words(published)} ({published.source})"

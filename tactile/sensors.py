@@ -1,8 +1,8 @@
-"""What a tactile sensor is: its camera, its gel and its markers.
+"""A tactile sensor: its camera, its gel and its markers.
 
-Two frames. The gel frame is the pad frame of a recording: origin at the centre of the undeformed gel face, z
-out of the gel into the fruit. The camera frame is OpenCV's: x right, y down, z forward, pixel (0, 0) the
-centre of the first pixel. A camera behind the gel that looks out through it and is not turned has
+It has two frames. The gel frame is the pad frame of a recording: origin at the centre of the undeformed gel
+face, z out of the gel into the fruit. The camera frame is OpenCV's: x right, y down, z forward, pixel (0, 0)
+the centre of the first pixel. A camera behind the gel that looks out through it without rotation has
 `gel_from_camera` = identity with a shift along negative z.
 """
 
@@ -20,7 +20,7 @@ SensorKind: TypeAlias = Literal["markers-mono", "markers-stereo", "fields"]
 
 @dataclass(frozen=True, kw_only=True)
 class GelCamera:
-    """A pinhole camera with OpenCV's lens distortion, and where it stands.
+    """A pinhole camera with OpenCV's lens distortion, and its pose.
 
     `image_px` and every pair is (x, y), so width first. `distortion` is (k1, k2, p1, p2, k3).
     `gel_from_camera` takes camera coordinates to gel coordinates, lengths in mm.
@@ -99,10 +99,10 @@ def bonded_stiffness(E_MPa: float, nu: float, thickness_mm: float) -> tuple[floa
 
 
 def gel_constants(sensor: Sensor) -> dict[str, Any]:
-    """What the sensor says of its gel and of its scales, by the fields of a recording's gel pad.
+    """The sensor's constants of gel and scales, by the fields of a recording's gel pad.
 
-    The stiffness per area (MPa/mm) is as measured, or that of a bonded layer. Raises TactileFailure
-    (unreadable-sensor) where the description says neither.
+    The stiffness per area (MPa/mm) is the measured one, or that of a bonded layer. Raises TactileFailure
+    (unreadable-sensor) if the description has neither.
     """
     E, nu, h = sensor.E_MPa, sensor.nu, sensor.thickness_mm
     kn, kt = sensor.gel_kn_MPa_per_mm, sensor.gel_kt_MPa_per_mm

@@ -1,8 +1,8 @@
-"""Frames of a resized camera, resized once more so that their pixels are square.
+"""Frames of a resized camera, resized again so that their pixels are square.
 
-Markers are found and followed by distances in pixels, which mean the same along x and y only in square
+Markers are detected and tracked by distances in pixels, which mean the same along x and y only in square
 pixels. A picture that was squeezed into another shape has two focal lengths. The direction with fewer pixels
-to the millimetre is stretched to those of the other, and the camera with it.
+per millimetre is stretched to match the other, and the camera with it.
 """
 
 from dataclasses import replace
@@ -49,7 +49,8 @@ def square_camera(camera: GelCamera) -> GelCamera:
 
 
 def _seen_by(camera: GelCamera | None, view: RawCamera) -> RawCamera:
-    """The pictures of this camera with square pixels; those of another size stay, and are refused later."""
+    """The pictures of this camera with square pixels; those of another size stay, and a later check refuses
+    them."""
     if camera is None or (square := square_camera(camera)) is camera:
         return view
 

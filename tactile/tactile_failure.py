@@ -27,7 +27,7 @@ class TactileProblem(StrEnum):
 
 
 class TactileFailure(Exception):
-    """The one exception of this room: `problem` for programs, `detail` (also `str`) for people."""
+    """The one exception of this package: `problem` for programs, `detail` (also `str`) for people."""
 
     def __init__(self, problem: TactileProblem, detail: str) -> None:
         detail = printable(detail)

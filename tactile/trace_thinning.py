@@ -1,4 +1,4 @@
-"""A long trace with fewer frames, each as it was recorded; ramps, holds and sudden falls keep theirs."""
+"""Thins a long force-displacement curve; ramps, holds and sudden falls keep their recorded frames."""
 
 from dataclasses import dataclass
 
@@ -8,21 +8,22 @@ from jaxtyping import Bool, Float, Int
 from tactile.noise import noise_sd
 
 MOST_FRAMES, KEPT = 1200, 700
-"""Frames beyond which a trace is thinned, and to how many at first: explaining one takes time and memory with
-the square of them (700: 4 s and 240 MB; 2440: 24 s and 470 MB)."""
+"""Frames above which a curve is thinned, and their number after it at first. Explaining a curve takes time
+and memory with the square of them (700: 4 s and 240 MB; 2440: 24 s and 470 MB)."""
 LIMIT_KEPT = 1000
-"""Frames at most, whatever the bound: a trace that shakes all the time is not followed in all of it."""
+"""Most frames, whatever the bound: a curve that shakes all the time is not followed everywhere."""
 BOUND = 3.0
-"""Standard deviations of the force's noise that a straight line between kept frames may be off the mean of a
+"""Most standard deviations of the force's noise between a straight line through kept frames and the mean of a
 block (set by hand: a kept frame has a noise of one)."""
 BLOCKS_PER_KEPT = 6
-"""Blocks, over which the recording is averaged to look for what would be lost, per frame that is kept."""
+"""Blocks per kept frame; the recording is averaged over blocks to find what would be lost."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Thinned:
-    """`kept`: indices of the frames; `off`: the largest distance of the recording's block means from straight
-    lines between kept frames, in standard deviations `noise_N` of one frame; `frames`: how many there were.
+    """`kept`: indices of the frames; `off`: the largest deviation of the recording's block means from
+    straight lines between kept frames, in standard deviations `noise_N` of one frame; `frames`: their number
+    before.
     """
 
     kept: Int[np.ndarray, " k"]
@@ -42,13 +43,13 @@ class Thinned:
 def thin(
     time_s: Float[np.ndarray, " t"], travel_mm: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]
 ) -> Thinned | None:
-    """Which frames of a long trace are enough; None where it has no more than MOST_FRAMES.
+    """Which frames of a long curve suffice; None if it has no more than MOST_FRAMES.
 
-    A third of them are spread over time, a third over the path that the force goes (beyond its noise), a
-    third over the travel's: a step of 0.1 s in an hour keeps its share. Then, where a straight line between
-    two of them is farther than BOUND from the recording, the worst frame between is kept too, until none is.
-    Source of the second step: Douglas and Peucker, "Algorithms for the reduction of the number of points
-    required to represent a digitized line", Cartographica 10, 1973, 112-122.
+    A third of them are spread over time, a third over the force's path (beyond its noise), a third over the
+    travel's: a step of 0.1 s in an hour keeps its share. Then, where a straight line between two of them
+    deviates by more than BOUND, the worst frame between is kept too, until none does. Source of the second
+    step: Douglas and Peucker, "Algorithms for the reduction of the number of points required to represent a
+    digitized line", Cartographica 10, 1973, 112-122.
     """
     frames = len(time_s)
     if frames <= MOST_FRAMES:
@@ -80,7 +81,8 @@ def thin(
 
 
 def _path(value: Float[np.ndarray, " b"], noise: float) -> Float[np.ndarray, " b"]:
-    """How far the value has gone at each block, of its whole way: 0 to 1; steps within noise count none."""
+    """Path length of the value up to each block over its whole path: 0 to 1; steps within noise count as
+    0."""
     steps = np.maximum(np.abs(np.diff(value)) - 3 * noise, 0.0)
     gone = np.r_[0.0, np.cumsum(steps)]
     return np.asarray(gone / gone[-1] if gone[-1] > 0 else np.linspace(0, 1, len(value)))
@@ -92,8 +94,8 @@ def _worst_between(
     apart: Float[np.ndarray, " b"],
     over: Bool[np.ndarray, " b"],
 ) -> Int[np.ndarray, " w"]:
-    """Of each gap between kept frames with a block that is off too far, the frame of the worst block; the gap
-    that is off most comes first.
+    """For each gap between kept frames with a block beyond the bound, the frame of its worst block; the worst
+    gap comes first.
     """
     gap = np.searchsorted(kept, middle, side="right")
     order = np.lexsort([-apart, gap])

@@ -1,1 +1,1 @@
-"""`drupe explain`: a case to its explanation, as JSON, as a page, as a setting that grading uses."""
+"""`drupe explain`: from a case to its explanation, as JSON, as a page, and as a setting for grading."""

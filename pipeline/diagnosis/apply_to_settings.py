@@ -1,4 +1,4 @@
-"""`drupe explain --apply`: a confirmed effect goes into batch.toml, whose other text stays as it is."""
+"""`drupe explain --apply`: writes a confirmed effect to batch.toml, whose other text stays as it is."""
 
 from collections.abc import Sequence
 from datetime import datetime
@@ -18,9 +18,10 @@ from reports.effect_words import LISTED
 
 
 def applied(case: Case, explanation: Explanation, *, now: datetime) -> str:
-    """Writes the effect found into the batch's settings where it is confirmed; the sentence that says so.
+    """Writes the effect found to the batch's settings if it is confirmed; returns a sentence about it.
 
-    Confirmed: one verdict (or one pair), and recordings that the fit did not see come out better with it.
+    Confirmed: one verdict (or one pair), which improves the prediction of recordings that the fit did not
+    see.
     """
     if case.batch is None:
         raise ValueError(case.name)
@@ -54,7 +55,7 @@ def applied(case: Case, explanation: Explanation, *, now: datetime) -> str:
 
 
 def why_not(explanation: Explanation) -> str:
-    """Why the answer is no confirmed effect; empty where it is one."""
+    """Why the answer is no confirmed effect; empty if it is one."""
     if not explanation.detected or explanation.verdict == NONE:
         return "nothing is missing, so there is nothing to apply."
     if explanation.verdict == UNKNOWN:
@@ -76,12 +77,12 @@ def why_not(explanation: Explanation) -> str:
 
 
 def confirmed_effects(winner: Candidate, *, fruit_id: str) -> tuple[ConfirmedEffect, ...]:
-    """The winner as entries of the settings, a pair as two; raises ValidationError where a parameter lacks.
+    """The winner as entries of the settings, a pair as two; raises ValidationError if a parameter is missing.
 
-    What the recorded forces hold (EffectSpec.in_recorded_forces) has none.
+    An effect that the recorded forces include (EffectSpec.in_recorded_forces) has no entry.
 
-    Numbers are rounded to six digits, so that the file holds what is used. In a pair a parameter may be
-    named "effect.parameter".
+    Numbers are rounded to six digits, so that the file holds what is used. In a pair a parameter may be named
+    "effect.parameter".
     """
     entries = []
     for effect in winner.effect.split("+"):
@@ -130,8 +131,8 @@ def _rounded(value: float | tuple[float, ...]) -> float | tuple[float, ...]:
 
 
 def with_effects(text: str, effects: Sequence[ConfirmedEffect], *, note: str) -> str | None:
-    """`text` of a batch.toml with the effects below it; None where they cannot stand there (it is read back
-    to see), or the file holds one of the same place.
+    """`text` of a batch.toml with the effects below it; None if it does not read back as meant, or if the
+    file holds an effect of the same place.
     """
     before = Settings.model_validate(toml_of(text))
     if {effect.place() for effect in effects} & {effect.place() for effect in before.mismatch}:

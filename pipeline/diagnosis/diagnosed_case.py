@@ -1,4 +1,4 @@
-"""What `drupe explain` is pointed at: a mismatch case, or one fruit of a batch, as the task of one fruit."""
+"""The input of `drupe explain`: a mismatch case, or one fruit of a batch, as the task of one fruit."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,13 +23,13 @@ from recon.recon_failure import ReconFailure
 from tactile.readers.specimen import PressedSpecimen
 
 ASSUMED_POISSON_RATIO_SD = 0.015
-"""Spread of Poisson's ratio where a case states the ratio alone: it is assumed, never measured."""
+"""Spread of Poisson's ratio if a case states the ratio alone: it is assumed, not measured."""
 Length = Annotated[float, Field(ge=0.1, le=500)]
 """mm, of a specimen between plates."""
 
 
 class CaseSettings(Strict):
-    """case.toml: what is assumed of the fruit. Keys beyond these are left aside, and it is said so."""
+    """case.toml: assumptions about the fruit. Keys beyond these are ignored, with a note."""
 
     model_config = ConfigDict(extra="allow", frozen=True, populate_by_name=True, allow_inf_nan=False)
 
@@ -52,7 +52,7 @@ class CaseSettings(Strict):
 
     @property
     def of_specimen(self) -> PressedSpecimen:
-        """What a bare indenter pressed on, as far as it is said here."""
+        """The specimen under a bare indenter, as far as case.toml states it."""
         return PressedSpecimen(**{name: getattr(self, key) for name, key in KEYS.items()})
 
 
@@ -79,8 +79,8 @@ class Case:
 def open_case(path: Path, *, fruit_id: str | None, work: Path, out: Path | None) -> Case:
     """The case at `path`, or the fruit of the batch at `path` (or whose folder `path` is).
 
-    A case of its own keeps its stages in `work`; a batch's fruit in the batch's results (`out`, or the
-    default). Raises BatchRefused with every problem found.
+    A case of its own keeps its stages in `work`; a batch's fruit keeps them in the batch's results (`out`, or
+    the default). Raises BatchRefused with every problem found.
     """
     if not path.is_dir():
         is_file = f"is a file; give the folder of a case: {_HOLDS}."
@@ -155,7 +155,7 @@ def _of_its_own(folder: CaseFolder, work: Path) -> Case:
 
 
 def _left_aside(path: Path, said: CaseSettings) -> tuple[str, ...]:
-    """A note for each key that is not known; a slip of the pen in a known one is refused."""
+    """A note for each unknown key; raises BatchRefused for a misspelt known one."""
     notes, problems = [], []
     for key in said.model_extra or {}:
         if hint := nearest(key, CaseSettings.model_fields, "", cutoff=0.75):
@@ -168,7 +168,7 @@ def _left_aside(path: Path, said: CaseSettings) -> tuple[str, ...]:
 
 
 def _prior(folder: CaseFolder, said: CaseSettings) -> PitPrior | None:
-    """The category's prior: needed where the case lacks a pit or Poisson's ratio, else of use only."""
+    """The category's prior: required if the case lacks a pit or Poisson's ratio, otherwise optional."""
     prior, why = None, ""
     try:
         prior = load_prior(as_named(folder.root, said.category))

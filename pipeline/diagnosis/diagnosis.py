@@ -1,4 +1,4 @@
-"""One case through the finder: grasps of a fruit between gel pads, or traces of a bare indenter."""
+"""One case in the finder: grasps of a fruit between gel pads, or curves of a bare indenter."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -27,14 +27,15 @@ from pipeline.fruit.stage_log import StageLog
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 TRACE_SEED = 20261120
-"""Seed of the starts drawn for a trace's fits; any number does, kept so that runs repeat."""
+"""Seed of the random starts of a curve's fits; any number does, a fixed one makes runs repeat."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Diagnosis:
     """The explanation, the names of its recordings, where the pads touched, and facts for the page.
 
-    `doubts`: why E cannot be right. `scale_sd`: of ln E, by the sensors' scales, which no E here includes.
+    `doubts`: why E cannot be right. `scale_sd`: standard deviation of ln E by the sensors' scales, which no E
+    here includes.
     """
 
     explanation: Explanation
@@ -46,7 +47,7 @@ class Diagnosis:
 
 
 def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
-    """Explains the case, in stages told to `log`, with so many threads; raises as the stages do."""
+    """Explains the case with `jobs` threads, in stages that `log` records; raises as the stages do."""
     bare = bare_recordings(case.task.folder.grasp_files(), case.stated, case.task.prior)
     with threadpool_limits(1):
         diagnosis = (
@@ -56,7 +57,7 @@ def finding(case: Case, log: StageLog, *, jobs: int = 1) -> Diagnosis:
 
 
 def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
-    """The fruit as the finder takes it."""
+    """The fruit as the finder's input."""
     fruit = with_stated_surface(case, fruit)
     return MismatchCase(
         mesh=fruit.mesh,
@@ -67,7 +68,7 @@ def mismatch_case(case: Case, fruit: GraspedFruit) -> MismatchCase:
 
 
 def with_stated_surface(case: Case, fruit: GraspedFruit) -> GraspedFruit:
-    """The fruit with the error of its surface that the case states, where it states one."""
+    """The fruit with the surface error that the case states, if any."""
     if case.mesh_sd_mm is None:
         return fruit
     return replace(
@@ -78,9 +79,8 @@ def with_stated_surface(case: Case, fruit: GraspedFruit) -> GraspedFruit:
 
 
 def graded_case(case: Case, fruit: GraspedFruit, *, jobs: int = 1) -> tuple[GradedCase, list[str]]:
-    """E without an effect, as `drupe grade` infers it from these recordings, before doubts about the inputs
-    widen it, and the models that it is inferred with; and what must be known of it. `jobs`: threads.
-    Raises FemFailure.
+    """E without an effect, as `drupe grade` infers it from these recordings before doubts about the inputs
+    widen it. Also the models of that inference, and notes on it. `jobs`: threads. Raises FemFailure.
     """
     fruit = with_stated_surface(case, fruit)
     solids: dict[Support, UnitModulusSolid] = {}
@@ -108,15 +108,15 @@ def graded_case(case: Case, fruit: GraspedFruit, *, jobs: int = 1) -> tuple[Grad
 
 
 def find(case: MismatchCase, graded: GradedCase | None, log: StageLog, *, jobs: int) -> Explanation:
-    """The finder itself."""
+    """Runs the finder."""
     from fem.mismatch.procedure import explain
 
     return explain(case, graded=graded, progress=log.report, workers=jobs)
 
 
 def _require_gels(fruit: GraspedFruit) -> None:
-    """Raises TactileFailure (no-markers) for a grasp with a plain jaw: the finder needs what both jaws
-    feel."""
+    """Raises TactileFailure (no-markers) for a grasp with a plain jaw: the finder needs both jaws'
+    signals."""
     plain = [grasp.name for grasp in fruit.placed if grasp.plain_jaw]
     if plain:
         raise TactileFailure(

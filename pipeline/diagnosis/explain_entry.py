@@ -1,4 +1,4 @@
-"""The answer of the finder as the entry that JSON, page and terminal are written from."""
+"""The finder's answer as the entry from which JSON, page and terminal are written."""
 
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
@@ -19,7 +19,7 @@ OF_A_TRACE = {
     "ogden_power": "law of Ogden: exponent of a term",
     "ogden_weight_2": "law of Ogden: share of the second term in the initial stiffness",
 }
-"""Parameters that only the trace of a bare indenter has; they belong to no effect."""
+"""Parameters that only the curve of a bare indenter has; they belong to no effect."""
 
 
 def explain_entry(
@@ -33,7 +33,7 @@ def explain_entry(
     made: datetime,
     applied: str = "",
 ) -> ExplainEntry:
-    """All that is written of one case. Fields of one name are taken over by it (`seconds` excepted)."""
+    """All output on one case. Fields of the explanation are copied by name (`seconds` excepted)."""
     answer = diagnosis.explanation
     verdict = (answer.verdict,) if isinstance(answer.verdict, str) else answer.verdict
     known = {field.name: getattr(answer, field.name) for field in fields(answer)}
@@ -66,7 +66,7 @@ def explain_entry(
 
 
 def effect_entries(names: Iterable[str]) -> dict[str, EffectWords]:
-    """Of all single effects in these names, pairs among them, that the catalogue has."""
+    """Words of all single effects in these names, those of pairs included, that the catalogue has."""
     single = dict.fromkeys(part for name in names for part in name.split("+"))
     return {name: SPECS[name].words for name in single if name in SPECS}
 
@@ -74,7 +74,7 @@ def effect_entries(names: Iterable[str]) -> dict[str, EffectWords]:
 def parameter_words(effect: str, name: str) -> str:
     """The meaning of a parameter of an effect or pair, where it may be named "effect.parameter".
 
-    Further ones of a kind have the words of the first; where nothing is known, the name itself.
+    Further ones of a kind have the words of the first; unknown ones have their own name.
 
     >>> parameter_words("viscoelastic", "tau_2_s")
     'time over which it fades'

@@ -1,4 +1,4 @@
-"""`drupe explain`: what simulation leaves out of one fruit's recordings; terminal, JSON and page."""
+"""`drupe explain`: physics that simulation misses in one fruit's recordings; terminal, JSON and page."""
 
 import json
 import time
@@ -43,7 +43,7 @@ from reports.explain_page import explain_html
 from tactile.tactile_failure import TactileFailure
 
 PAGE_TITLE = ": differences between simulation and recording</title>"
-"""By which a page of an earlier run is known (reports/templates/explain.html.j2)."""
+"""Identifies a page of an earlier run (reports/templates/explain.html.j2)."""
 
 
 class NotExplained(Exception):
@@ -52,7 +52,7 @@ class NotExplained(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class ExplainOutputs:
-    """What the answer is written to; `work`: where stages are kept between runs of a case of its own."""
+    """Where the answer is written; `work`: where a case of its own keeps its stages between runs."""
 
     json: Path | None = None
     html: Path | None = None
@@ -69,11 +69,11 @@ def explain(
     report: Callable[[str], None],
     jobs: int = 1,
 ) -> ExplainEntry:
-    """Explains the case or fruit at `path`, writes what is wanted, and gives what the page says.
+    """Explains the case or fruit at `path`, writes the wanted outputs, and returns the page's content.
 
-    `jobs`: recordings and effects worked on at the same time.
+    `jobs`: recordings and effects processed at the same time.
 
-    Raises BatchRefused (nothing can be begun) and NotExplained (begun, and no answer).
+    Raises BatchRefused (before the work begins) and NotExplained (begun, and no answer).
     """
     _require_writable(wanted)
     with scratch() as folder, temporary_files_in(folder):
@@ -133,7 +133,7 @@ def _json(values: Mapping[str, Any]) -> str:
 
 
 def _require_apart(case: Case, wanted: ExplainOutputs) -> None:
-    """A case of its own: nothing is written into its folder or over what it reads."""
+    """A case of its own: refuses outputs in its folder or over inputs."""
     folder, inputs = CaseFolder(case.task.folder.root), case.input_files()
     if wanted.work is not None:
         require_made_by_drupe(wanted.work, "--work", outside=[folder.root])
@@ -144,7 +144,8 @@ def _require_apart(case: Case, wanted: ExplainOutputs) -> None:
 
 
 def _require_apart_of_batch(case: Case, batch: Batch, wanted: ExplainOutputs) -> Path:
-    """A batch's fruit: its results are no inputs, and answers go nowhere else in the batch; the results."""
+    """For a batch's fruit: refuses results over inputs, and answers elsewhere in the batch; returns the
+    results."""
     root = case.task.results.root.parents[1]
     results = Results(wanted.out or batch.folder.default_results)
     inputs, fruit = read_files(batch), results.fruit(case.name)
@@ -167,7 +168,7 @@ def _require_apart_of_batch(case: Case, batch: Batch, wanted: ExplainOutputs) ->
 
 @contextmanager
 def _said_plainly() -> Iterator[None]:
-    """Every room's failure as one kind, with its sentence."""
+    """Raises every package's failure as NotExplained, with its sentence."""
     try:
         yield
     except (ReconFailure, TactileFailure, FemFailure, FruitEnded) as failure:
@@ -179,7 +180,7 @@ def _said_plainly() -> Iterator[None]:
 
 
 def _require_writable(wanted: ExplainOutputs) -> None:
-    """A slip in the name of an output is found before the work, not after it."""
+    """Finds an error in the name of an output before the work, not after it."""
     for option, target in (("--json", wanted.json), ("--html", wanted.html)):
         if target is None:
             continue

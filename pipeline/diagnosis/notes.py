@@ -1,4 +1,4 @@
-"""What a reader must know of a case's recordings before trusting the answer."""
+"""Caveats about a case's recordings for readers of the answer."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -33,11 +33,11 @@ CATEGORY_PIT = (
 
 
 def require_one_fruit(case: Case) -> None:
-    """Recordings that name different fruit are no case, nor is a bare indenter's trace of another fruit of
+    """Refuses recordings that name different fruit, and a bare indenter's curve that names another fruit of
     the batch; raises BatchRefused that names both.
 
-    A recording that cannot be read is left to the stage that reads it, as pads' recordings of a batch's fruit
-    are: that one knows whose they may be.
+    A recording that cannot be read is left to the stage that reads it. So are pads' recordings of a batch's
+    fruit: that stage knows whose they may be.
     """
     first: tuple[str, str] | None = None
     files = case.task.folder.grasp_files()
@@ -64,8 +64,8 @@ def require_one_fruit(case: Case) -> None:
 
 
 def _require_own(case: Case, path: Path, recording: Recording) -> list[str]:
-    """What puts in doubt that a recording is of the case's fruit; raises BatchRefused where it names another
-    fruit of the batch.
+    """Doubts that a recording is of the case's fruit; raises BatchRefused if it names another fruit of the
+    batch.
     """
     said = recording.fruit_id, recording.category
     try:
@@ -76,13 +76,13 @@ def _require_own(case: Case, path: Path, recording: Recording) -> list[str]:
 
 
 def notes_on_trace(case: Case) -> list[str]:
-    """Whose a bare indenter's trace may be, where the case is a batch's fruit."""
+    """Doubts about whose a bare indenter's curves are, if the case is a batch's fruit."""
     files = case.task.folder.grasp_files() if case.batch is not None else ()
     return [note for path in files for note in _require_own(case, path, read_recording(path))]
 
 
 def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[str]:
-    """Notes of the pipeline: what was left aside, what the noise was taken from."""
+    """Notes of the pipeline: what it ignored, and the source of the noise."""
     return [
         *warnings,
         *([ONE_RECORDING] if len(fruit.placed) == 1 else []),
@@ -95,7 +95,7 @@ def notes_on(case: Case, fruit: GraspedFruit, warnings: Sequence[str]) -> list[s
 
 
 def _scale(placed: Sequence[PlacedGrasp], settings: SensorSettings | None) -> list[str]:
-    """What the sensors' scales leave open."""
+    """The note on E's error by the sensors' scales."""
     scale = sensor_scale([grasp.recording for grasp in placed], settings)
     if not scale.sd:
         return []
@@ -106,7 +106,7 @@ def _scale(placed: Sequence[PlacedGrasp], settings: SensorSettings | None) -> li
 
 
 def doubts_of_modulus(case: Case, explanation: Explanation) -> tuple[str, ...]:
-    """A sentence where E, without an effect or with it, is one that no flesh of the category has."""
+    """A sentence if E, without an effect or with it, is one that no flesh of the category has."""
     if explanation.withheld is not None:
         return ()
     values = {"E": explanation.before.value}

@@ -1,4 +1,4 @@
-"""What `drupe explain` says on the terminal: the verdict first."""
+"""Prints the answer of `drupe explain` on the terminal, the verdict first."""
 
 from pathlib import Path
 
@@ -12,9 +12,9 @@ from reports.explain_entries import ExplainEntry, Record
 from reports.words import NO_BREAK, UNKNOWN, duration, effect_name, number, percent, with_sd
 
 IN_ALL = "in all"
-"""The name of the whole run's time among its stages'."""
+"""The name of the whole run's time among its stages' times."""
 SHOWN = 5
-"""Explanations on the terminal, set by hand to fit a screen; all stand in the JSON."""
+"""Explanations on the terminal, set by hand to fit a screen; the JSON has all."""
 
 
 def print_explanation(entry: ExplainEntry, written: list[Path], *, console: Console) -> None:

@@ -1,4 +1,4 @@
-"""The traces of a bare indenter on one specimen: read, held against its geometry, joined under one law."""
+"""Curves of a bare indenter on one specimen: read, checked for one geometry, joined under one law."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -22,9 +22,9 @@ from tactile.tactile_failure import TactileFailure
 from tactile.trace_thinning import thin
 
 MOST_FRAMES = 1200
-"""Of all traces of a specimen together, as of one (tactile/trace_thinning.py): time grows with them."""
+"""Of all curves of a specimen together, as of one (tactile/trace_thinning.py): time grows with them."""
 FEWEST_KEPT = 60
-"""Of each of many traces (set by hand: three times what a fit asks for)."""
+"""Of each of many curves (set by hand: three times what a fit needs)."""
 ALONG_STEM = (
     "plates along diameter c (from stem to tip), which touch the rim of the stem's hollow and "
     "make E 1.4 to 2.1 times too large; expected plates across the cheeks (axis b) or from "
@@ -33,14 +33,14 @@ ALONG_STEM = (
 )
 """Of a stone fruit; the factors are in benchmarks/results/diameter_shapes.csv."""
 NUMBERED = re.compile(r"^Recording (\d+)")
-"""How notes of the finder begin that are of a single recording among several."""
+"""Start of the finder's notes on a single recording among several."""
 DEEP = "case.toml and drupe convert give no thickness_mm: drupe assumes a thick specimen."
 
 
 @dataclass(frozen=True, kw_only=True)
 class BareRecording:
-    """A recording whose only pad is a bare indenter (of two plates one with their mean force), and what
-    presses on what. `source`: what sentences call it.
+    """A recording whose only pad is a bare indenter (two plates become one with their mean force), and its
+    geometry. `source`: its name in sentences.
     """
 
     source: str
@@ -49,7 +49,7 @@ class BareRecording:
 
     @property
     def pad(self) -> IndenterPad:
-        """What pressed."""
+        """The indenter."""
         (pad,) = (pad for pad in self.recording.pads if isinstance(pad, IndenterPad))
         return pad
 
@@ -64,13 +64,13 @@ class BareTraces:
     notes: tuple[str, ...] = field(default=())
 
     def naming(self, notes: Iterable[str]) -> list[str]:
-        """Notes of the finder with the name of each recording beside its number."""
+        """Notes of the finder with each recording's name after its number."""
         names = dict(enumerate(self.names, 1))
         return [NUMBERED.sub(lambda match: f"{match[0]} ({names[int(match[1])]})", note) for note in notes]
 
     @property
     def facts(self) -> tuple[tuple[str, str], ...]:
-        """What the page says of a slab."""
+        """Facts of a slab for the page."""
         thick = self.known.thickness_mm
         if not self.known.of_slab:
             return ()
@@ -80,7 +80,7 @@ class BareTraces:
 def bare_recordings(
     paths: Iterable[Path], stated: Stated, prior: PitPrior | None
 ) -> list[BareRecording] | None:
-    """Every readable recording of a case, or None where one has pads with markers, or none can be read.
+    """Every readable recording of a case; None if one has pads with markers, or if none is readable.
 
     Raises BatchRefused as `bare_recording` does.
     """
@@ -104,11 +104,11 @@ def is_bare(recording: Recording) -> bool:
 def bare_recording(
     recording: Recording, *, source: str, stated: Stated, prior: PitPrior | None
 ) -> BareRecording:
-    """The pad, or of two bare jaws round one specimen one with the mean of both forces; and what presses on
-    what: the recording's own fields, with what the user stated in their place.
+    """The pad and its geometry; two bare jaws around one specimen become one pad with the mean of both
+    forces. The geometry is that of the recording's own fields, with the user's in their place.
 
-    Raises BatchRefused for two bare pads that are not two plates, and where no law is known of the geometry;
-    it names what is missing.
+    Raises BatchRefused for two bare pads that are not two plates, and if no law is known for the geometry; it
+    names what is missing.
     """
     pads = [pad for pad in recording.pads if isinstance(pad, IndenterPad)]
     if len(pads) > 1 and any(pad.indenter != "plate" for pad in pads):
@@ -140,9 +140,9 @@ def is_along_stem(geometry: Geometry, body: PitBody) -> bool:
 
 
 def joined_traces(recordings: Sequence[BareRecording]) -> BareTraces:
-    """All recordings as one trace, thinned where they are long.
+    """All recordings as one curve, thinned if they are long.
 
-    Raises BatchRefused where they are of different geometries, or a rig is off some alone.
+    Raises BatchRefused if their geometries differ, or if only some exclude a rig's travel.
     """
     first = recordings[0]
     for bare in recordings[1:]:
@@ -172,7 +172,7 @@ def joined_traces(recordings: Sequence[BareRecording]) -> BareTraces:
 
 
 def _require_one_rig(recordings: Sequence[BareRecording]) -> None:
-    """Refuses traces of which some have the rig's own travel taken off and others not."""
+    """Refuses curves if the rig's own travel is subtracted from some, but not from all."""
     without = [bare for bare in recordings if bare.recording.rig_give_mm is None]
     if 0 < len(without) < len(recordings):
         said = (
@@ -183,7 +183,7 @@ def _require_one_rig(recordings: Sequence[BareRecording]) -> None:
 
 
 def _pit_share(prior: PitPrior | None) -> float | None:
-    """Of the fruit's diameter, the geometric mean over the axes; None where the category says none."""
+    """Share of the fruit's diameter, the geometric mean over the axes; None if the category has none."""
     if prior is None or prior.axis_ratios is None:
         return None
     return float(np.cbrt(np.prod(prior.axis_ratios)))
@@ -219,7 +219,7 @@ def spread(
     force_N: Float[np.ndarray, " t"],
     most: int,
 ) -> Int[np.ndarray, " k"]:
-    """Frames at equal steps of the path that time, travel and force go together, in shares of each."""
+    """Frames at equal steps of the path length of time, travel and force, each over its total."""
     steps = [np.abs(np.diff(each)) for each in (time_s, travel_mm, force_N)]
     path = np.r_[0.0, np.cumsum(sum(step / max(float(step.sum()), 1e-300) for step in steps))]
     return np.unique(np.searchsorted(path, np.linspace(0, path[-1], most)).clip(0, len(path) - 1))

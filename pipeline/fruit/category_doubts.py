@@ -1,4 +1,4 @@
-"""Does the mesh have the size that staff measured and that fruit of its category have? Is Poisson's ratio the
+"""Does the mesh have the size that staff measured, and that of its category's fruit? Is Poisson's ratio the
 category's?
 """
 
@@ -14,24 +14,24 @@ from pipeline.fruit.input_doubts import E_PER_SIZE, CategoryKind, Doubt
 from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior, known_categories, load_prior
 
 FAR_SD = 3.0
-"""Standard deviations of Poisson's ratio from the category's beyond which one of the two is wrong."""
+"""Standard deviations from the category's Poisson's ratio, beyond which one of the two is wrong."""
 E_PER_NU = 1.0
 """Error of ln E per unit of Poisson's ratio: 0.14 at 0.30 for 0.45 (benchmarks/field_mistakes.py --grade)."""
 RANGE_SD = 3.0
-"""A category's range of sizes has so many standard deviations of ln size on either side of its middle: both
-ends are wider than fruit on sale."""
+"""Standard deviations of ln size from the middle of a category's range to either end: both ends are wider
+than fruit on sale."""
 UNUSUAL_SD = 1.645
-"""Sizes further from a category's middle are one in ten of its fruit."""
+"""Standard deviations of ln size that one in ten of a category's fruit exceeds."""
 BETTER = 6.0
-"""Likelihood of a size in another category over that in its own from which the other is named (set by hand: a
-plum of 57 mm has 6 as a nectarine, and up to 56 mm is no doubt)."""
+"""Likelihood of a size in another category over that in its own, above which the other is named (set by hand:
+a plum of 57 mm has 6 as a nectarine; up to 56 mm there is no doubt)."""
 
 CALLIPER_SD_MM = 0.2
 """Standard deviation, mm, of a diameter taken by calliper on soft skin (estimate)."""
 LEAST_APART_MM = 0.7
 """mm: below it a stem or a leaning fruit explains the difference (estimate)."""
 LEAST_APART = 0.02
-"""Share of the measured size below which the same is so (estimate)."""
+"""Share of the measured size below which the same holds (estimate)."""
 
 
 def size_doubts(
@@ -45,8 +45,9 @@ def size_doubts(
 ) -> list[str]:
     """Sentences where height, diameter or mass of fruits.csv, or the category, contradict the mesh.
 
-    A length is contradicted where it differs by more than three standard deviations of calliper, surface and
-    scale together, and by more than 2 % and 0.7 mm. What size rests on without a second source is said too.
+    A length contradicts the mesh if both differ by more than three standard deviations, by more than 2 %, and
+    by more than 0.7 mm. The standard deviation is that of calliper, surface and scale together. A size
+    without a second source gets a sentence too.
     """
     wrong = []
     checked = on_mat or mesh.source == "fruit.ply"
@@ -103,14 +104,15 @@ def size_doubts(
 
 
 def tolerance_mm(measured_mm: float, mesh: MeshRecord) -> float:
-    """How far a calliper and the mesh may differ before one of them is thought wrong."""
+    """Difference of calliper and mesh up to which neither is considered wrong."""
     scale_sd = mesh.scale_sd if mesh.scale_sd is not None and np.isfinite(mesh.scale_sd) else 0.0
     sd = np.sqrt(CALLIPER_SD_MM**2 + (mesh.surface_sd_mm or 0.0) ** 2 + (scale_sd * measured_mm) ** 2)
     return float(max(3 * sd, LEAST_APART_MM, LEAST_APART * measured_mm))
 
 
 def of_poisson_ratio(settings: Settings, prior: PitPrior | None) -> list[Doubt]:
-    """A ratio in batch.toml that is more than FAR_SD from the category's, errors of both counted."""
+    """A doubt about a ratio in batch.toml that is more than FAR_SD from the category's, with errors of
+    both."""
     stated = settings.poisson_ratio
     if stated is None or prior is None or prior.poisson_ratio is None:
         return []
@@ -134,9 +136,10 @@ def of_poisson_ratio(settings: Settings, prior: PitPrior | None) -> list[Doubt]:
 def of_category(
     box_mm: Sequence[float], prior: PitPrior | None, *, others: Sequence[PitPrior]
 ) -> list[Doubt]:
-    """A size that is unusual in the fruit's category and fits one of the `others` better, whose pit differs.
+    """A doubt about a size that is unusual in the fruit's category and fits one of the `others` better, whose
+    pit differs.
 
-    The size is the cube root of the volume of the mesh's box. Its logarithm is taken as normal within each
+    The size is the cube root of the volume of the mesh's box. Its logarithm is assumed normal in each
     category.
     """
     if prior is None or prior.axis_ratios is None or prior.fruit_mm is None or prior.measured is not None:
@@ -172,7 +175,7 @@ def of_category(
 
 
 def shipped_categories() -> list[PitPrior]:
-    """Those of whole fruit with a pit of their own."""
+    """Priors of shipped categories with a pit."""
     return [prior for name in known_categories() if (prior := load_prior(name)).axis_ratios is not None]
 
 
@@ -182,13 +185,13 @@ def _ln_size(range_mm: tuple[float, float]) -> tuple[float, float]:
 
 
 def _log_likelihood(size_mm: float, range_mm: tuple[float, float]) -> float:
-    """Of ln size, but for a constant."""
+    """Of ln size, up to a constant."""
     mean, sd = _ln_size(range_mm)
     return -(((math.log(size_mm) - mean) / sd) ** 2) / 2 - math.log(sd)
 
 
 def _pit_ratio(prior: PitPrior, other: PitPrior) -> float:
-    """|ln| of the ratio of both pits' sizes in equally large fruit; 0 where it is within their spread."""
+    """|ln| of the ratio of both pits' sizes in equally large fruit; 0 if within their spread."""
     if prior.axis_ratios is None or other.axis_ratios is None:
         return 0.0
     ratio = abs(float(np.log(np.prod(prior.axis_ratios) / np.prod(other.axis_ratios)))) / 3

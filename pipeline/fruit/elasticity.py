@@ -1,4 +1,4 @@
-"""From placed grasps and the flesh's mesh to the modulus; the dense responses are kept on disk."""
+"""From placed grasps and the flesh's mesh to the modulus; the dense responses are cached on disk."""
 
 import itertools
 from collections.abc import Sequence
@@ -42,21 +42,21 @@ SENSOR = "the sensor's own scale"
 """The part that comes from the scale of the gel's lengths: of its pictures, or as descriptions state it."""
 
 GAIN = "force against the gel's stiffness"
-"""The part that comes from a gain of the forces that the checks cannot tell from none. All fruit share it."""
+"""The part that comes from a gain of the forces too small for the checks to detect. All fruit share it."""
 OWN_GAIN = "noise in force against the gel's stiffness"
 """The part of that gain's error that comes from the noise of the fruit's own recordings."""
 
 PLAIN_JAW = "contact of the plain jaw"
-"""The part that comes from not seeing how widely a jaw without a gel touches."""
+"""The part that comes from the unknown contact width of a jaw without a gel."""
 PLAIN_JAW_SD = 0.04
-"""Relative standard deviation of E by it: on four drawn fruit E is off by 3.0 % (rms), of which a recording
-by itself has one or two (benchmarks/one_gel_finger.py FOLDER --count 8 --half even); four are few."""
+"""Relative standard deviation of E by it. On four simulated fruit E is off by 3.0 % (rms), and one or two of
+these are in any recording (benchmarks/one_gel_finger.py FOLDER --count 8 --half even); four are few."""
 
 SMALL_STRAIN = "large deformation left out"
-"""The part that comes from recordings whose large deformation could not be solved for."""
+"""The part that comes from recordings for which the large-deformation solve failed."""
 SMALL_STRAIN_SD = 0.1
 """Relative standard deviation of E by it, set by hand at the largest difference between both models: E of 20
-recordings differs by 0.4 to 10 % (benchmarks/results/finite_strain.csv). Those that do not settle deform
+recordings differs by 0.4 to 10 % (benchmarks/results/finite_strain.csv). Those that do not converge deform
 most."""
 _WITHOUT_LARGE = (
     "{name}: this recording enters E at small strain, because large deformation could not be solved for "
@@ -75,10 +75,10 @@ def fruit_modulus(
     solids: dict[Support, UnitModulusSolid] | None = None,
     workers: int = 1,
 ) -> FruitInference:
-    """The fruit's modulus, and the pit's place where several grasps tell; raises as infer_modulus does.
+    """The fruit's modulus, and the pit's place if several grasps determine it; raises as infer_modulus does.
 
-    The responses on each mesh that is tried are kept as `stage` and a number. `solids` takes up what is
-    factorised about the prior's pit, for whoever needs it next; nothing where the responses were kept.
+    The responses on each mesh that is tried are cached as `stage` and a number. `solids` collects the
+    factorisations about the prior's pit for later use; it stays empty if the responses were cached.
     `workers`: grasps modelled at the same time (fem.parallel_map).
     """
     prepared, histories = prepared_histories(fruit.placed)
@@ -96,7 +96,7 @@ def fruit_modulus(
 def prepared_histories(
     grasps: Sequence[PlacedGrasp],
 ) -> tuple[list[PreparedGrasp | FemFailure], list[GraspHistory]]:
-    """Of each grasp how it drives models, or why it drives none, and its recording, prepared where it can
+    """For each grasp: its prepared form, or why it drives no model; and its history, prepared if it can
     be.
     """
     prepared: list[PreparedGrasp | FemFailure] = []
@@ -122,13 +122,13 @@ def modulus_record(
     plain_jaws: float = 0.0,
     small_strain: float = 0.0,
 ) -> ModulusRecord:
-    """What the fruit's record says of its modulus and of the pit that came with it.
+    """The record of the fruit's modulus, and of the pit that was fitted with it.
 
-    `effects_common_sd_MPa`, `effects_own_sd_MPa`: what confirmed effects add to its error, those of the
-    whole batch and those of this fruit. `doubted`: relative standard deviation for what cannot be right in
-    the inputs (pipeline.fruit.input_doubts). `sensor`: those of the sensors' scales. `plain_jaws`: share of
-    the recordings in which one jaw has no gel. `small_strain`: share of those without the large deformation
-    that the settings ask for.
+    `effects_common_sd_MPa`, `effects_own_sd_MPa`: what confirmed effects add to its error, those of the whole
+    batch and those of this fruit. `doubted`: relative standard deviation for contradictions in the inputs
+    (pipeline.fruit.input_doubts). `sensor`: those of the sensors' scales. `plain_jaws`: share of the
+    recordings in which one jaw has no gel. `small_strain`: share of those without the large deformation that
+    the settings request.
     """
     pit = modulus.pit
     of_effects = float(np.hypot(effects_common_sd_MPa, effects_own_sd_MPa))
@@ -164,7 +164,7 @@ def modulus_record(
 
 
 def at_small_strain(grasps: Sequence[PlacedGrasp], inference: FruitInference) -> list[str]:
-    """A warning for each recording whose large deformation is left out because it could not be solved for."""
+    """A warning for each recording at small strain because its large-deformation solve failed."""
     return [
         _WITHOUT_LARGE.format(name=grasp.name, why=model.small_strain_alone)
         for grasp, model in zip(grasps, inference.final_models, strict=True)
@@ -183,11 +183,11 @@ def responses(
 ) -> list[GraspModel | FemFailure]:
     """The model of every grasp on the fruit's mesh, or why it has none; one factorisation per support.
 
-    Kept on disk as `stage`, by content, without confirmed effects. `solids` takes up what is factorised;
+    Cached on disk as `stage`, by content, without confirmed effects. `solids` collects the factorisations;
     `workers`: grasps modelled at the same time.
     """
     effects = in_the_model(task.settings.mismatch)
-    # A law that holds large deformation itself must not be given it twice.
+    # A law that includes large deformation must not receive it twice.
     holds_it = any(effect.spec.holds_large_deformation for effect in effects)
     large = task.settings.flesh.model == "neo-hookean" and not holds_it
     supports = [grasp.recording.support for grasp in fruit.placed]
@@ -231,7 +231,7 @@ class KeptModels(StageRecord):
 
     @classmethod
     def of(cls, models: Sequence[GraspModel | FemFailure]) -> "KeptModels":
-        """The models as they are kept; of a compliance its lower triangle counts."""
+        """The models as stored; only the lower triangle of a compliance counts."""
         return cls(
             models=tuple(
                 KeptFailure(problem=model.problem, detail=model.detail)
@@ -269,7 +269,7 @@ def _models(
     solids: dict[Support, UnitModulusSolid] | None,
     workers: int,
 ) -> list[GraspModel | FemFailure]:
-    """Of every grasp on its support; `large`: with large deformation; `solids` as in `responses`."""
+    """Models of every grasp on its support; `large`: with large deformation; `solids` as in `responses`."""
     models: dict[int, GraspModel | FemFailure] = {}
     placed: dict[int, _Placed] = {}
     for k, grasp in enumerate(prepared):
@@ -303,8 +303,8 @@ def _models(
 def _model(
     placed: _Placed, *, solid: UnitModulusSolid, finite: FiniteStrainSolid | None, gel_scale_sd: float
 ) -> GraspModel | FemFailure:
-    """Of one grasp, with the compliance of its own contact nodes: what it moves where another grasp touches
-    is of no use to either. Where `finite` finds no equilibrium, at small strain alone.
+    """The model of one grasp, with the compliance of its own contact nodes: motion where another grasp
+    touches is of no use to either. If `finite` finds no equilibrium, the model is at small strain.
     """
     grasp, places = placed
     nodes = np.unique(np.concatenate([at.nodes for at in places]))

@@ -1,4 +1,4 @@
-"""Confirmed effects of flesh and contact in the models of a fruit's grasps: handed to the mechanics."""
+"""Adds confirmed effects of flesh and contact to the models of a fruit's grasps, by the mechanics."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -19,14 +19,14 @@ from pipeline.batch.confirmed_effects import ConfirmedEffect
 MECHANICS: dict[str, Effect] = {
     effect.spec.name: effect for effect in EFFECTS if effect.spec.enters is Entry.RESPONSE
 }
-"""Effects that change how flesh or contact answers a force; the others are taken into account before there is
-a model, in the recordings, the settings or the mesh."""
+"""Effects that change the response of flesh or contact to a force; the others enter before there is a model,
+in the recordings, the settings or the mesh."""
 
 
 def catalogue_parameters(effect: ConfirmedEffect, E_MPa: float) -> dict[str, float]:
     """Parameters of the settings under the names that the effect's search has.
 
-    Components of a vector stand alone; what counts against the flesh's modulus is brought to E.
+    Components of a vector become separate; values relative to the flesh's modulus are converted with E.
     """
     values: dict[str, float] = {}
     for parameter in effect.spec.parameters:
@@ -39,8 +39,8 @@ def catalogue_parameters(effect: ConfirmedEffect, E_MPa: float) -> dict[str, flo
 def added(
     case: MismatchCase, effects: Sequence[ConfirmedEffect], *, at_finite_strain: bool
 ) -> list[Float[np.ndarray, "_t _n 3"]]:
-    """What these effects add to the response of each recording of `case`, which `at_finite_strain` is
-    neo-Hookean; raises FemFailure.
+    """Displacements that these effects add to the response of each recording of `case`, neo-Hookean if
+    `at_finite_strain`; raises FemFailure.
     """
     confirmed = [
         KnownEffect(effect=MECHANICS[effect.effect], parameters=partial(catalogue_parameters, effect))
@@ -67,18 +67,18 @@ def _corrected(model: GraspModel, beyond: Float[np.ndarray, "_t _n 3"]) -> Grasp
 
 
 def in_the_model(effects: Sequence[ConfirmedEffect]) -> tuple[ConfirmedEffect, ...]:
-    """Those that change the model of a grasp, with no parameter that the mechanics has not."""
+    """Effects that change the model of a grasp, without parameters that the mechanics lack."""
     return tuple(effect for effect in effects if effect.effect in MECHANICS and not _too_much(effect))
 
 
 def used(effects: Sequence[ConfirmedEffect]) -> tuple[ConfirmedEffect, ...]:
-    """Those that the modulus takes into account."""
+    """Effects that the modulus includes."""
     model = in_the_model(effects)
     return tuple(effect for effect in effects if effect.spec.enters is not Entry.RESPONSE or effect in model)
 
 
 def unused_warnings(effects: Sequence[ConfirmedEffect]) -> list[str]:
-    """One warning for each effect that stands in the settings and is not in the modulus."""
+    """One warning for each effect in the settings that the modulus ignores."""
     taken = used(effects)
     return [
         f"batch.toml confirms {effect.effect} with {', '.join(_too_much(effect))}, which grading cannot "

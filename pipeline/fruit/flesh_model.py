@@ -1,4 +1,4 @@
-"""The flesh of one fruit as finite elements, and what its modulus may be off by."""
+"""The flesh of one fruit as finite elements, and the error budget of its modulus."""
 
 from collections.abc import Sequence
 
@@ -26,10 +26,10 @@ class KeptFlesh(StageRecord):
 
 
 def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, float, str]:
-    """Poisson's ratio of the flesh, its standard deviation, and who says so: the batch, else the prior.
+    """Poisson's ratio of the flesh, its standard deviation, and its source: the batch, else the prior.
 
-    A batch that states the ratio and no spread is taken at its word; one that was found in recordings comes
-    before both.
+    A ratio that a batch states without a spread counts as exact; one that was found in recordings precedes
+    both.
     """
     for effect in settings.mismatch:
         if effect.spec.correction is Correction.POISSON_RATIO:
@@ -47,9 +47,9 @@ def poisson_ratio(settings: Settings, prior: PitPrior | None) -> tuple[float, fl
 
 
 def flesh_mesh(task: FruitTask, pit: FruitPit, touched_mm: Float[np.ndarray, "p 3"]) -> FleshMesh:
-    """T10 elements of the flesh, fine under the pads; kept until shape, pit, pads or settings change.
+    """T10 elements of the flesh, fine under the pads; cached until shape, pit, pads or settings change.
 
-    Solid where there is no pit.
+    The flesh is solid if there is no pit.
     """
     sizes = task.settings.mesh
     digest = content_hash(*pit.skin, pit.vertices, pit.faces, touched_mm)
@@ -69,8 +69,8 @@ def flesh_mesh(task: FruitTask, pit: FruitPit, touched_mm: Float[np.ndarray, "p 
 
 
 def error_budget(task: FruitTask, shape: FruitShape, recordings: Sequence[Recording] = ()) -> ErrorBudget:
-    """Spreads from the batch's settings, else the largest of the recordings' or the prior's, else as the
-    budget assumes them.
+    """Standard deviations from the batch's settings, else the largest of the recordings' or the prior's, else
+    the budget's defaults.
     """
     pit, prior, sensor = task.settings.pit, task.prior, task.settings.sensor
     placed = pit_found(task.settings.mismatch)

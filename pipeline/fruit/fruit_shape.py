@@ -24,11 +24,11 @@ from recon.triangle_mesh import Mesh, volume_mm3
 
 @dataclass(frozen=True, kw_only=True)
 class FruitShape:
-    """The fruit's surface in the fruit frame (mm), and the pose back to the frame it was made in.
+    """The fruit's surface in the fruit frame (mm), and the pose back to the frame in which it was made.
 
-    `views`: how many photos show each vertex, `sd_mm`: standard deviation of the skin's place there, where
-    that is known. `mat_from_fruit`: the fruit frame in the mat's; None without a mat. `skin`: JPEG of the
-    skin (reports.skin_texture), empty without photos.
+    `views`: number of photos that show each vertex, `sd_mm`: standard deviation of the skin's place there, if
+    it is known. `mat_from_fruit`: the fruit frame in the mat's; None without a mat. `skin`: JPEG of the skin
+    (reports.skin_texture), empty without photos.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -44,7 +44,7 @@ class FruitShape:
 
 @dataclass(frozen=True, kw_only=True)
 class FruitPit:
-    """The pit's surface, and the flesh's skin around it, as the Boolean cut left them; fruit frame, mm.
+    """The pit's surface, and the flesh's skin around it, after the Boolean cut; fruit frame, mm.
 
     Without a pit there is a skin alone, and no record.
     """
@@ -58,7 +58,7 @@ class FruitPit:
 def fruit_shape(task: FruitTask) -> FruitShape:
     """The fruit's surface: its own fruit.ply, or reconstructed from its photos; raises ReconFailure.
 
-    Its warnings say where photos, size and orientation are doubtful.
+    Its warnings name doubts about photos, size and orientation.
     """
     shape = _fruit_shape(task)
     on_mat = task.mat is not None
@@ -81,7 +81,7 @@ def fruit_shape(task: FruitTask) -> FruitShape:
 
 
 def _fruit_shape(task: FruitTask) -> FruitShape:
-    """The surface without the doubts about its size and orientation; kept until photos, settings or code
+    """The surface without the doubts about its size and orientation; cached until photos, settings or code
     change.
     """
     folder = task.folder
@@ -141,7 +141,7 @@ def measured(
     *,
     source: Literal["photos", "fruit.ply"],
 ) -> MeshRecord:
-    """Counts, size and volume of a surface (mm), with nothing known of its quality."""
+    """Counts, size and volume of a surface (mm), without measures of its quality."""
     box = np.ptp(vertices, axis=0).tolist()
     return MeshRecord(
         source=source,
@@ -160,7 +160,7 @@ def _shape(
     *,
     source: Literal["photos", "fruit.ply"],
 ) -> FruitShape:
-    """The surface with its counts, size and volume, and nothing known of its quality."""
+    """The surface with its counts, size and volume, without measures of its quality."""
     return FruitShape(
         vertices=vertices,
         faces=faces,
@@ -171,7 +171,7 @@ def _shape(
 
 
 def embedded_pit(task: FruitTask, shape: FruitShape) -> FruitPit:
-    """The fruit's own pit.ply, or the prior's pit, cut out of the fruit, or none; raises ReconFailure."""
+    """The fruit's own pit.ply, or the prior's pit, cut out of the fruit; or none. Raises ReconFailure."""
     if task.folder.pit_ply.is_file():
         vertices, faces = read_mesh(task.folder.pit_ply)
         require_closed(vertices, faces, what=task.folder.pit_ply.name)
@@ -212,7 +212,8 @@ def embedded_pit(task: FruitTask, shape: FruitShape) -> FruitPit:
 
 
 def write_meshes(results: FruitResults, shape: FruitShape, pit: FruitPit) -> None:
-    """fruit.ply and pit.ply, if any, in the frame that the mesh was made in (with a mat: the mat's)."""
+    """Writes fruit.ply and pit.ply, if any, in the frame that the mesh was made in (with a mat: the
+    mat's)."""
     for path, part, views in ((results.fruit_ply, shape, shape.views), (results.pit_ply, pit, None)):
         if not len(part.faces):
             continue

@@ -1,4 +1,4 @@
-"""A fruit made ready for mechanics: its surface, its pit, every recording placed on it, and its mesh."""
+"""A fruit prepared for mechanics: its surface, its pit, every recording placed on it, and its mesh."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -37,17 +37,17 @@ from tactile.tactile_failure import TactileFailure
 FOOT_MM = 0.5
 """Skin up to this height above the lowest point is meshed finely where a base holds the fruit."""
 FLAT_FOOT = 0.5
-"""A foot wider than this share of the fruit, both ways, is flat: any mesh has nodes on it, and fine elements
-there are lost to the pads. The foot of a ball is 18 % wide for a radius of 30 mm, 29 % for 12 mm. With them E
-of the pressed cube of tests/batch/test_phantoms.py, its faces in 2.5 mm triangles, is 1.7 % too low, without
-0.8 % (means of three recordings)."""
+"""A foot wider than this share of the fruit, both ways, is flat: any mesh has nodes on it. Fine elements
+there would take degrees of freedom from the pads. The foot of a ball is 18 % wide for a radius of 30 mm, 29 %
+for 12 mm. E of the pressed cube of tests/batch/test_phantoms.py, its faces in 2.5 mm triangles, is 1.7 % too
+low with fine elements on its foot, without them 0.8 % (means of three recordings)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GraspedFruit:
-    """What the modulus and the mismatch finder both start from; `failed`: recordings of no use, and why.
+    """Input of the modulus and of the mismatch finder; `failed`: unusable recordings, and why.
 
-    `doubts`: what cannot be right in what is used.
+    `doubts`: contradictions in the inputs used.
     """
 
     shape: FruitShape
@@ -61,13 +61,13 @@ class GraspedFruit:
 
 
 def grasped_fruit(task: FruitTask, log: StageLog, *, explains: bool = False) -> GraspedFruit:
-    """Photos or a ready mesh to elements; `log` gets each stage.
+    """From photos or a ready mesh to elements; `log` gets each stage.
 
     `explains`: for the mismatch finder (pipeline.fruit.placed_grasp.Checked).
 
-    Raises ReconFailure, TactileFailure, FemFailure or FruitEnded where the fruit can go no further.
+    Raises ReconFailure, TactileFailure, FemFailure or FruitEnded if the fruit cannot be graded.
     """
-    # Only what grades a fruit draws: Matplotlib is not for those who look at its recordings.
+    # Imported here: only this function draws, so that other users of this module do not load Matplotlib.
     from reports.skin_picture import mesh_picture, surface_sd_map
 
     facts = log.facts
@@ -122,7 +122,8 @@ def grasped_fruit(task: FruitTask, log: StageLog, *, explains: bool = False) -> 
 
 
 def _pit_doubts(task: FruitTask, shape: FruitShape, pit: FruitPit) -> list[Doubt]:
-    """Where the fruit's own pit is unlike its category's; raises FruitEnded where E would mean nothing."""
+    """Doubts where the fruit's own pit is unlike its category's; raises FruitEnded if E would mean
+    nothing."""
     if not task.folder.pit_ply.is_file():
         return []
     doubts = of_a_given_pit(shape.vertices, pit.vertices, pit.faces, task.prior)
@@ -133,7 +134,8 @@ def _pit_doubts(task: FruitTask, shape: FruitShape, pit: FruitPit) -> list[Doubt
 
 
 def _category_doubts(task: FruitTask, shape: FruitShape) -> list[Doubt]:
-    """Where Poisson's ratio or the mesh's size is another category's; a given pit stands for itself."""
+    """Doubts where Poisson's ratio or the mesh's size is another category's; a given pit needs no size
+    check."""
     doubts = of_poisson_ratio(task.settings, task.prior)
     if task.given.reference or task.settings.pit.none or task.folder.pit_ply.is_file():
         return doubts
@@ -184,7 +186,7 @@ def _placed(
 
 
 def owner_of(task: FruitTask) -> Owner:
-    """What a recording in the fruit's folder should name; that of a reference body may name any category."""
+    """What a recording in the fruit's folder should name; for a reference body, any category."""
     category = None if task.given.reference else task.category
     return Owner(fruit_id=task.fruit_id, category=category, batch_fruits=task.batch_fruits)
 
@@ -192,9 +194,9 @@ def owner_of(task: FruitTask) -> Owner:
 def admitted(
     owner: Owner, strangers: dict[str, bool], recording: Recording, *, name: str, field: str
 ) -> list[Finding]:
-    """What is doubted of a recording's being its owner's; raises TactileFailure where it is another's.
+    """Doubts that a recording is its owner's; raises TactileFailure if it is another's.
 
-    Whom it names instead is kept in `strangers`, with whether the batch has that fruit.
+    `strangers` gets the fruit that it names instead, and whether the batch has that fruit.
     """
     named = recording.fruit_id
     if (other := stranger(named, owner)) is not None:
@@ -225,7 +227,8 @@ def _where_fine(placed: list[PlacedGrasp], shape: FruitShape) -> Float[np.ndarra
 
 
 def why_no_grasp(failures: Sequence[TactileFailure | FemFailure]) -> Exception:
-    """Why a fruit has no modulus: its only recording's failure, all of theirs, or that there is none."""
+    """Why a fruit has no modulus: its only recording's failure, all failures, or that there is no
+    recording."""
     if len(failures) == 1:
         return failures[0]
     if failures:

@@ -1,4 +1,4 @@
-"""What in a fruit's inputs cannot be right although E could be computed, and how much it puts E in doubt."""
+"""Contradictions in a fruit's inputs although E could be computed, and how far they widen E's error bar."""
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
@@ -15,33 +15,34 @@ from recon.triangle_mesh import volume_mm3
 from tactile.consistency.finding import Field, Finding, FindingKind
 
 FAR_SD, FAR_SHARE = 5.0, 0.08
-"""A given pit is said to be off beyond so many of the prior's standard deviations, and beyond this share of
-the fruit's half width: 2.5 mm for a nectarine. Sound ones lie within 0.4 mm and 0.013 of it
-(benchmarks/field_spreads.py, "pit.ply from its category's place"; six pits); assumed larger, since real
-stones sit within 0.5 mm (sd) of where their category has them, by estimate."""
+"""A given pit is reported as displaced beyond this many of the prior's standard deviations, and beyond this
+share of the fruit's half width: 2.5 mm for a nectarine. Valid ones lie within 0.4 mm and 0.013 of it
+(benchmarks/field_spreads.py, "pit.ply from its category's place"; six pits). Assumed larger, since real
+stones sit within 0.5 mm (sd) of their category's place, by estimate."""
 FAR_REFUSED = 0.25
-"""Of the half width; assumed: no stone of a whole fruit lies there."""
+"""Refused share of it; assumed: no stone of a whole fruit lies there."""
 SIZE_SAID, SIZE_SD, SIZE_REFUSED = 0.18, 4.0, 0.45
-"""|ln| of a given pit's size over its category's from which it is said, at least so many of the prior's
-standard deviations, and refused. Sound ones have 0.02 (field_spreads.py, "pit.ply, |ln size|"); assumed:
-three times the spread of stones of one kind, 0.03 to 0.06 (sd), and half again or two thirds as large."""
+"""|ln| of a given pit's size over its category's above which it is reported, if at least this many of the
+prior's standard deviations, and refused. Valid ones have 0.02 (field_spreads.py, "pit.ply, |ln size|").
+Assumed: three times the spread of stones of one kind, 0.03 to 0.06 (sd), and half again or two thirds as
+large."""
 TURNED = 0.5
-"""Greatest less least ln(side over the category's) of the three axes: a turned pit has its longest side
-elsewhere. Sound ones have 0.12 (field_spreads.py, "pit.ply, spread of ln sides"); a quarter turn of the
-category's pit about x, y, z makes 1.06, 0.36, 0.71 for a nectarine, 0.44, 0.07, 0.37 for a cherry: assumed,
-so that no sound pit of other proportions is said; turns of round stones are not seen."""
+"""Greatest minus least ln(side over the category's) of the three axes: a rotated pit has its longest side
+elsewhere. Valid ones have 0.12 (field_spreads.py, "pit.ply, spread of ln sides"). A quarter turn of the
+category's pit about x, y, z makes 1.06, 0.36, 0.71 for a nectarine, 0.44, 0.07, 0.37 for a cherry. Assumed,
+so that no valid pit of other proportions is reported; rotations of round stones stay undetected."""
 E_PER_MM = 0.01
-"""Relative error of E per mm of the pit's offset: over 6 mm two nectarines changed by 0.0002 to 0.0054 of it
-along x, y, z and towards a pad, median 0.0022 (graded with the pit moved; a third by 0.0035). Twice
-the greatest: E changes the faster the nearer the pit comes to a pad, at 6 mm by 0.004 to 0.011 per mm."""
+"""Relative error of E per mm of the pit's offset. E of two nectarines changed by 0.0002 to 0.0054 per mm,
+median 0.0022, over 6 mm along x, y, z and towards a pad (graded with the pit moved; a third by 0.0035). This
+is twice the greatest: E changes faster the nearer the pit is to a pad, at 6 mm by 0.004 to 0.011 per mm."""
 E_PER_SIZE = 0.6
-"""The same per ln of its size: 0.51 at 1.4 times (field_mistakes.py --grade --only "pit x", a nectarine), at
-1.3 and 1/1.3 of it 0.19 to 0.41 (two nectarines and a plum)."""
+"""The same per ln of the pit's size: 0.51 at 1.4 times (field_mistakes.py --grade --only "pit x", a
+nectarine), and 0.19 to 0.41 at 1.3 and 1/1.3 times (two nectarines and a plum)."""
 E_OF_A_TURNED_PIT = 0.1
-"""Relative standard deviation of E: a quarter turn about z or x made 0.01 to 0.07 (two
-nectarines and a plum); assumed half as much again, for pads that meet other sides of it."""
+"""Relative standard deviation of E: a quarter turn about z or x changed E by 0.01 to 0.07 (two nectarines and
+a plum); assumed half as much again, for pads that meet other sides of the pit."""
 DOUBTED = "doubts about the inputs"
-"""The part of an error bar that comes from what cannot be right in a recording or a given pit."""
+"""The part of an error bar that comes from contradictions in a recording or a given pit."""
 _NO_WORK, _METHODS = ModulusSign.NO_WORK, ModulusSign.METHODS_APART
 _RESIDUAL, _UNBALANCED = ModulusSign.RESIDUAL, ModulusSign.UNBALANCED
 _PHASES = ModulusSign.PHASES_APART
@@ -55,32 +56,32 @@ EXPLAINS: Mapping[FindingKind, frozenset[ModulusSign]] = {
     # part of a pad's force is missing or wrong: the pads do not balance and no linear body fits
     **dict.fromkeys((_Kind.DEAD_MARKERS, _Kind.MARKERS_MISSING, _Kind.CLIPPED), _FORCE_LOST),
     **dict.fromkeys((_Kind.NO_TARE, _Kind.REFERENCE_PRINT), _FORCE_LOST),
-    # a gain may be of one pad, and be a gel that creeps
+    # a gain may affect one pad alone, and may be a creeping gel
     **dict.fromkeys((_Kind.SCALE, _Kind.FORCE_DRIFT), _GAIN),
-    # the first touch is found late; the residual is judged by the noise itself
+    # noise delays the first touch found; the residual is compared with the noise itself
     _Kind.NOISE: frozenset({_NO_WORK, _METHODS, _UNBALANCED, _PHASES}),
-    # places of the gel against the jaws, or the jaws' travel against what the fruit gave; the forces of the
-    # two pads are still of one instant
+    # the gel's places relative to the jaws are wrong, or the jaws' travel relative to the fruit's
+    # deformation; the forces of the two pads still belong to one instant
     **dict.fromkeys((_Kind.CLOCKS_APART, _Kind.APERTURE, _Kind.STIFFER_THAN_RIG), _TRAVEL),
     _Kind.STARTS_IN_CONTACT: _BEFORE,
-    # the pads touched elsewhere, or another fruit: what they felt is in balance and in step
+    # the pads touched elsewhere, or another fruit: their signals are balanced and simultaneous
     **dict.fromkeys(
         (_Kind.WIDTH, _Kind.ASIDE, _Kind.PRINT_ASIDE, _Kind.PADS_EXCHANGED, _Kind.MESH_TURNED), _ELSEWHERE
     ),
     **dict.fromkeys((_Kind.OTHER_FRUIT, _Kind.OTHER_CATEGORY), _ELSEWHERE),
 }
-"""Signs in a recording's modulus that follow from what was found in it: only these are left out where it is
-named. Other kinds explain none: E does not depend on them, they scale all forces alike, or a recording with
-one is refused."""
+"""Signs in a recording's modulus that follow from a finding in it: only these are left out if it is reported.
+Other kinds explain none: E does not depend on them, they scale all forces by one factor, or they refuse the
+recording."""
 
 
 def expected_E_MPa(prior: PitPrior | None) -> tuple[float, float] | None:
-    """The least and the greatest E that flesh of the category has; None where its file does not say."""
+    """The lowest and the highest E of the category's flesh; None if its file does not state them."""
     return None if prior is None or prior.plausible is None else prior.plausible.E_MPa
 
 
 def implausible_E(values_MPa: Mapping[str, float], prior: PitPrior | None) -> str | None:
-    """A sentence that names the values which no flesh of the category has; None where it may have all."""
+    """A sentence that names the values outside the category's range of E; None if all are within it."""
     limits = expected_E_MPa(prior)
     if prior is None or limits is None:
         return None
@@ -94,7 +95,7 @@ def implausible_E(values_MPa: Mapping[str, float], prior: PitPrior | None) -> st
 
 
 class PitKind(StrEnum):
-    """What is doubted of a given pit."""
+    """Doubts about a given pit."""
 
     AWAY = "pit-away"
     SIZE = "pit-size"
@@ -102,7 +103,7 @@ class PitKind(StrEnum):
 
 
 class CategoryKind(StrEnum):
-    """What belongs to another category than the batch's."""
+    """Values that belong to another category than the batch's."""
 
     POISSON_RATIO = "poisson-ratio-of-category"
     SIZE = "size-of-category"
@@ -112,7 +113,7 @@ class CategoryKind(StrEnum):
 class Doubt:
     """A sentence with the cause, and the relative standard deviation that it adds to E.
 
-    `kind`, `field` and `pads` tell whether two recordings have the same fault (`relative_sd`); a doubt
+    `kind`, `field` and `pads` determine whether two recordings have the same fault (`relative_sd`); a doubt
     without a kind shares its cause with no other.
     """
 
@@ -125,12 +126,12 @@ class Doubt:
 
 
 def of_grasps(grasps: Sequence[PlacedGrasp]) -> list[Doubt]:
-    """The doubts of the recordings that are used; each counts by its recording's share of them."""
+    """The doubts of the recordings used; each counts by its recording's share of them."""
     return of_findings([(grasp.name, grasp.findings) for grasp in grasps])
 
 
 def of_findings(recordings: Sequence[tuple[str, Sequence[Finding]]]) -> list[Doubt]:
-    """The same of each recording's name and findings."""
+    """The doubts of each recording's findings, by its name."""
     return [
         Doubt(
             sentence=f"{name}: {finding.sentence}.",
@@ -146,7 +147,7 @@ def of_findings(recordings: Sequence[tuple[str, Sequence[Finding]]]) -> list[Dou
 
 
 def remarks_of_grasps(grasps: Sequence[PlacedGrasp]) -> list[str]:
-    """What is worth knowing of the recordings and puts nothing in doubt."""
+    """Remarks on the recordings that cast no doubt."""
     return [
         f"{grasp.name}: {finding.sentence}."
         for grasp in grasps
@@ -156,7 +157,7 @@ def remarks_of_grasps(grasps: Sequence[PlacedGrasp]) -> list[str]:
 
 
 def signs_explained(grasp: PlacedGrasp) -> frozenset[ModulusSign]:
-    """The signs in the recording's modulus that follow from what was found in it."""
+    """The signs in the recording's modulus that follow from its findings."""
     named = (EXPLAINS.get(finding.kind, ()) for finding in grasp.findings if not finding.remark)
     return frozenset[ModulusSign]().union(*named)
 
@@ -168,11 +169,11 @@ def causes_alone(grasp: PlacedGrasp, warnings: Sequence[ModulusWarning]) -> list
 
 
 def relative_sd(doubts: Sequence[Doubt]) -> float:
-    """Of all together: sqrt(sum over causes of (sum over recordings of sd)^2).
+    """Total of all doubts: sqrt(sum over causes of (sum over recordings of sd)^2).
 
     A fault of one kind, field and pads is the same in every recording that has it (a gain, another gel's
-    stiffness, a clock): more recordings do not make it less, so that these add linearly, and with each
-    recording's share of E (`of_grasps`) make their mean. Causes that are not each other's add in squares.
+    stiffness, a clock). More recordings do not reduce it, so its parts add linearly; with each recording's
+    share of E (`of_grasps`) they make their mean. Independent causes add in squares.
     """
     by_cause: dict[object, float] = defaultdict(float)
     for number, doubt in enumerate(doubts):
@@ -183,7 +184,7 @@ def relative_sd(doubts: Sequence[Doubt]) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class PitAgainstCategory:
-    """A pit against its category's in a fruit of this size: how far off its place, ln of its size and sides.
+    """A pit against its category's in a fruit of this size: its offset, and ln of its size and sides.
 
     `half_mm`: mean half width of the fruit; `sides` are ln(side over the category's) along x, y, z.
     """
@@ -200,7 +201,7 @@ def against_category(
     pit_faces: Int[np.ndarray, "k 3"],
     prior: PitPrior,
 ) -> PitAgainstCategory | None:
-    """How a pit differs from its category's; None of one whose bodies may have theirs anywhere."""
+    """How a pit differs from its category's; None for a category whose bodies may have theirs anywhere."""
     if prior.axis_ratios is None:
         return None
     low, high = vertices.min(axis=0), vertices.max(axis=0)
@@ -223,7 +224,7 @@ def of_a_given_pit(
     pit_faces: Int[np.ndarray, "k 3"],
     prior: PitPrior | None,
 ) -> list[Doubt]:
-    """A pit.ply that lies, or is, unlike the category's: moved, scaled, turned. Nothing is said without one.
+    """Doubts about a pit.ply that is unlike the category's: moved, scaled, turned. Empty without a prior.
 
     A category whose bodies may have their pit anywhere (`axis_ratios` unknown) is not judged.
     """

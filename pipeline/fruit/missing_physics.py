@@ -1,4 +1,4 @@
-"""The screen of one fruit for missing physics, kept by content; it never costs the fruit its grade."""
+"""Screens one fruit for missing physics, cached by content; a failure never costs the fruit its grade."""
 
 import traceback
 from collections.abc import Mapping, Sequence
@@ -40,9 +40,9 @@ def screened_fruit(
     inference: FruitInference,
     solids: Mapping[Support, UnitModulusSolid],
 ) -> ScreenRecord:
-    """What the recordings hold beyond the model that E was inferred with, or why that cannot be told.
+    """What the recordings show beyond the model with which E was inferred, or why the screen failed.
 
-    `solids`: those that grading has just factorised, where it has.
+    `solids`: those that grading has just factorised, if any.
     """
     plain = [grasp.name for grasp in fruit.placed if grasp.plain_jaw]
     if plain:
@@ -63,8 +63,8 @@ def screened_fruit(
         poisson_ratio=fruit.poisson_ratio,
         budget=fruit.budget,
     )
-    # Beside confirmed effects grading's correction holds finite strain. Without any, the finder's own columns
-    # fit better: they spread the traction as the signatures do (docs/decisions/0014).
+    # With confirmed effects, grading's correction includes finite strain. Without any, the finder's own
+    # columns fit better: they spread the traction as the signatures do (docs/decisions/0014).
     holds_it = any(effect.spec.holds_large_deformation for effect in confirmed)
     at_finite_strain = bool(confirmed) and (task.settings.flesh.model == "neo-hookean" or holds_it)
 

@@ -1,5 +1,5 @@
-"""What the fitted model makes of a recording, for people to see: travel under each force, E by frame, and
-where on the skin they differ.
+"""The fitted model's prediction of a recording, for display: travel under each force, E by frame, and where
+on the skin they differ.
 """
 
 import numpy as np
@@ -12,11 +12,11 @@ from fem.grasp_history import GraspHistory
 from reports.grasp_record import FrameRecord, ModelCurveRecord
 
 OWN_SHARE = 0.95
-"""Quantile over a pad's markers that stands for the skin's deepest way, whatever one marker's noise. Set by
-hand, as tactile.plain_jaw.DEEPEST."""
+"""Quantile over a pad's markers used for the skin's deepest travel, so that no single marker's noise decides.
+Set by hand, as tactile.plain_jaw.DEEPEST."""
 
 FULL_LOAD = 0.9
-"""Of the greatest force: frames from there on are averaged, against the noise of each. Set by hand."""
+"""Share of the greatest force: frames above it are averaged to reduce noise. Set by hand."""
 
 
 def model_curves(
@@ -26,11 +26,11 @@ def model_curves(
     travel_mm: Float[np.ndarray, " t"],
     normal_N: Float[np.ndarray, "p t"],
 ) -> list[ModelCurveRecord]:
-    """For each pad the travel that the model has under the recorded force, in the frames that were used.
+    """For each pad the travel that the model predicts under the recorded force, in the frames used.
 
-    Recorded travel less the mean residual of each pad's markers along its axis into the fruit (`axes`), the
-    pads' summed. `sd_mm`: what E's error makes of it, the fruit's own part of the travel times E's relative
-    error; that part is the deepest way of each pad's skin since first touch, the pads' summed.
+    It is the recorded travel minus the mean residual of each pad's markers along its axis into the fruit
+    (`axes`), summed over the pads. `sd_mm`: E's relative error times the fruit's own part of the travel. That
+    part is the deepest travel of each pad's skin since first touch, summed over the pads.
     """
     used = np.flatnonzero(estimate.loaded)
     missed, skin_mm = np.zeros(len(used)), np.zeros(len(used))
@@ -56,7 +56,7 @@ def model_curves(
 
 
 def frame_records(estimate: ModulusEstimate, travel_mm: Float[np.ndarray, " t"]) -> list[FrameRecord]:
-    """E by each frame alone, from all pads, where it carries a signal."""
+    """E from each single frame that carries a signal, from all pads."""
     return [
         FrameRecord(
             travel_mm=round(float(travel_mm[frame.frame]), 4),
@@ -77,7 +77,7 @@ def residual_at_full_load(
 ) -> dict[str, tuple[Float[np.ndarray, "_k 3"], Float[np.ndarray, " _k"]]]:
     """By pad: places on the skin (mm) of the markers that touch at FULL_LOAD, and their mean residual, um.
 
-    Along each pad's axis into the fruit: positive where the skin went farther in than the model's.
+    Along each pad's axis into the fruit: positive where the skin went farther in than the model predicts.
     """
     used = np.flatnonzero(estimate.loaded)
     force = normal_N.sum(axis=0)[used]

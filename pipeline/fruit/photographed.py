@@ -1,4 +1,4 @@
-"""Photos to a mesh in the fruit frame, with every doubt about photos and mesh that they give rise to."""
+"""From photos to a mesh in the fruit frame, with every doubt that photos and mesh give rise to."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
@@ -28,11 +28,11 @@ from reports.skin_texture import SkinPhoto, skin_texture
 
 
 class KeptMesh(StageRecord):
-    """The stage "mesh": a fruit's surface in its own frame (mm), and what the photos say of it.
+    """The stage "mesh": a fruit's surface in its own frame (mm), and its quality from the photos.
 
-    `views`, `sd_mm`: as in FruitShape. `photo`: the bytes of a small JPEG;
-    `outlines`: of one with all photos used and their outlines, none where a geometry model was used;
-    `skin`: of the skin by direction (reports.skin_texture), none there either.
+    `views`, `sd_mm`: as in FruitShape. `photo`: the bytes of a small JPEG; `outlines`: JPEG of all photos
+    used with their outlines, empty with a geometry model; `skin`: JPEG of the skin by direction
+    (reports.skin_texture), empty then too.
     """
 
     vertices: Float[np.ndarray, "n 3"]
@@ -132,7 +132,7 @@ def _used(photos: Sequence[Photo], cameras: Sequence[Camera]) -> Iterator[UInt8[
 def _pictures(
     first: Photo, images: Sequence[UInt8[np.ndarray, "_ _ 3"]], made: Reconstruction
 ) -> tuple[bytes, bytes]:
-    """JPEGs: a photo, with its outline where there is one, and all photos with theirs, else nothing."""
+    """JPEGs: a photo, with its outline if it has one, and all photos with theirs, if any."""
     outlined = [
         OutlinedPhoto(camera.name, image, outline)
         for camera, image, outline in zip(made.cameras, images, made.outlines, strict=False)

@@ -1,4 +1,4 @@
-"""One recording on one fruit: where tactile's contact meets fem's flesh."""
+"""One recording on one fruit: the interface between tactile's contact and fem's flesh."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -33,13 +33,13 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 
 @dataclass(frozen=True)
 class PlacedGrasp:
-    """A recording whose pads have been found on the fruit's surface; `path` is where it was read from.
+    """A recording whose pads are located on the fruit's surface; `path` is the file that it was read from.
 
-    `surface_sd_mm`: by pad, the root mean square of the mesh's error over the skin within its contact patch,
-    where the mesh's error is known vertex by vertex. `findings`: what cannot be right in the recording
-    and yet leaves it of use. `digest`: of its fields as they are in the file (tactile.recording_digest).
-    `plain_jaw`: whether one pad stands for a jaw without a gel (tactile.plain_jaw); `plane_strain_MPa`: of
-    the flesh, where the width of that jaw's contact follows from it.
+    `surface_sd_mm`: for each pad, the root mean square of the mesh's error over the skin within its contact
+    patch. It needs the mesh's error at each vertex. `findings`: contradictions in the recording that leave it
+    usable. `digest`: of its fields as they are in the file (tactile.recording_digest). `plain_jaw`: whether
+    one pad represents a jaw without a gel (tactile.plain_jaw); `plane_strain_MPa`: of the flesh, if the width
+    of that jaw's contact follows from it.
     """
 
     name: str
@@ -64,9 +64,9 @@ class PlacedGrasp:
 
 @dataclass(frozen=True, kw_only=True)
 class Checked:
-    """Inputs of the checks of a recording: range of moduli of the category, the mesh's error, and what
-    the jaws give, where a rig was taken out of the recording; `sensor`: what batch.toml states of the sensor.
-    `explains`: for the mismatch finder, which takes recordings with a fault that it has an effect for
+    """Inputs of a recording's checks: range of moduli of the category, the mesh's error, and the machine
+    compliance if the recording was corrected for it; `sensor`: what batch.toml states about the sensor.
+    `explains`: for the mismatch finder, which accepts recordings with a fault that it models as an effect
     (Finding.has_effect).
     """
 
@@ -92,13 +92,12 @@ def place_grasp(
 ) -> PlacedGrasp:
     """The recording at `path` without the jaws' known faults, its contact, and where its pads touch.
 
-    `name` is what people know it by; None: the file's. `sd_mm`: the mesh's error at each vertex, where it is
-    known; the skin within a patch is sampled where the pad's markers touch it, which stand on an even grid.
-    `checked`: whether its fields are held against each other and the mesh, and with what. `admit` is asked
-    first whether the recording is this fruit's (pipeline.fruit.recording_owner), and raises where it is not.
-    `plane_strain_MPa`: of the flesh, for a plain jaw's contact. `mat_from_fruit`: where the fruit stands, for
-    poses in the mat's frame. Raises TactileFailure; implausible-recording
-    where the checks refuse it.
+    `name`: its name for users; None: the file's. `sd_mm`: the mesh's error at each vertex, if it is known;
+    the skin within a patch is sampled where the pad's markers touch it, on an even grid. `checked`: inputs of
+    the checks of its fields with each other and the mesh; None: no checks. `admit` first checks that the
+    recording is this fruit's (pipeline.fruit.recording_owner), and raises if it is not. `plane_strain_MPa`:
+    of the flesh, for a plain jaw's contact. `mat_from_fruit`: the fruit's pose on the mat, for poses in the
+    mat's frame. Raises TactileFailure; implausible-recording if the checks refuse it.
     """
     name = name or path.stem
     source = path.name if path.stem == name else name
@@ -141,10 +140,10 @@ def findings_of(
     *,
     corrected_for: int,
 ) -> tuple[Finding, ...]:
-    """What the checks find; without a mesh (None), of the recording itself. Raises TactileFailure
-    (implausible-recording) where that leaves no use for the recording.
+    """The checks' findings; without a mesh (None), on the recording alone. Raises TactileFailure
+    (implausible-recording) if they make the recording unusable.
 
-    `corrected_for`: how many confirmed faults of the gripper were taken out of it before.
+    `corrected_for`: number of confirmed faults of the gripper that were removed from it before.
     """
     findings = recording_findings(
         recording,
@@ -167,15 +166,16 @@ def findings_of(
 
 
 def read_otherwise(recording: Recording) -> list[Finding]:
-    """Remarks on what the recording's reader took otherwise than the file has it."""
+    """Remarks where the recording's reader interpreted the file differently."""
     kind = FindingKind.READ_OTHERWISE
     return [Finding(kind=kind, says=note, remark=True) for note in recording.notes]
 
 
 def refusal(findings: Sequence[Finding], *, corrected_for: int) -> str:
-    """Why a recording with these findings is of no use, without a full stop; empty where it is.
+    """Why a recording with these findings is unusable, without a full stop; empty if it is usable.
 
-    `corrected_for`: how many confirmed faults of the gripper were taken out of it: they may be the mistake.
+    `corrected_for`: number of confirmed faults of the gripper removed from it before: they may be the
+    mistake.
     """
     said = "; ".join(finding.sentence for finding in findings if finding.refused)
     if said and corrected_for:
@@ -204,7 +204,7 @@ def _in_fruit_frame(
 
 
 def _refuse_no_pose(recording: Recording, source: str) -> None:
-    """A pad at the fruit's foot, facing up, in every frame: nobody has said where the pad was."""
+    """Refuses a pad at the fruit's foot, facing up, in every frame: nobody recorded where it was."""
     for pad in recording.pads:
         if isinstance(pad, GelPad) and (pad.pose == np.eye(4)).all():
             raise TactileFailure(
@@ -224,7 +224,7 @@ def touched_by_pad(grasps: Sequence[PlacedGrasp]) -> dict[str, Float[np.ndarray,
 def patch_residuals(
     grasps: Sequence[PlacedGrasp], estimates: Sequence[ModulusEstimate | FemFailure]
 ) -> list[PatchResidual]:
-    """What the model leaves under each pad at the greatest force, of all grasps with a modulus."""
+    """The residuals under each pad at the greatest force, of all grasps with a modulus."""
     patches = []
     for grasp, estimate in zip(grasps, estimates, strict=True):
         if not isinstance(estimate, FemFailure):
@@ -237,13 +237,13 @@ def patch_residuals(
 
 
 def _axes_and_forces(grasp: PlacedGrasp) -> tuple[Float[np.ndarray, "p t 3"], Float[np.ndarray, "p t"]]:
-    """Of each pad over time: its axis into the fruit, and its normal force (N)."""
+    """For each pad over time: its axis into the fruit, and its normal force (N)."""
     pads = grasp.contact.pads
     return np.array([pad.pose[:, :3, 2] for pad in pads]), np.array([pad.total_normal_N for pad in pads])
 
 
 def history(grasp: PlacedGrasp) -> GraspHistory:
-    """What the modulus is estimated from: the markers in and around each patch, over time, fruit frame.
+    """Input of the modulus: the markers in and around each patch, over time, fruit frame.
 
     Markers around the patch that lie beside the fruit, and never touch, are left out.
     """
@@ -269,7 +269,7 @@ def history(grasp: PlacedGrasp) -> GraspHistory:
 
 
 def grasp_case(grasp: PlacedGrasp) -> GraspCase:
-    """What the mismatch finder is told of one recording: the history, and how the machine drove its pads."""
+    """The mismatch finder's input of one recording: the history, and how the machine drove its pads."""
     gels = {pad.name: pad for pad in grasp.recording.pads if isinstance(pad, GelPad)}
     return GraspCase(
         name=grasp.name,
@@ -289,7 +289,7 @@ def grasp_case(grasp: PlacedGrasp) -> GraspCase:
 
 
 def grasp_record(grasp: PlacedGrasp, estimate: ModulusEstimate | FemFailure) -> GraspRecord:
-    """What the fruit's record says of one recording and its modulus, or why it has none."""
+    """The record of one recording and its modulus, or why it has none."""
     if isinstance(estimate, FemFailure):
         return GraspRecord(grasp=grasp.name, failure=estimate.detail)
     curves, travel_mm = force_curves(grasp)
@@ -323,7 +323,7 @@ def grasp_record(grasp: PlacedGrasp, estimate: ModulusEstimate | FemFailure) -> 
 
 
 def force_curves(grasp: PlacedGrasp) -> tuple[list[CurveRecord], Float[np.ndarray, " t"]]:
-    """Normal force of each pad against travel of jaws or indenter since first touch, loaded frames; and that
+    """Normal force of each pad over travel of jaws or indenter since first touch, loaded frames; and that
     travel in every frame.
     """
     closing = -1.0 if grasp.recording.loading == "grasp" else 1.0

@@ -1,6 +1,6 @@
-"""A fruit without photos or mesh: its diameters, and plates that compressed it, to its modulus.
+"""From diameters and compression by plates to the modulus of a fruit without photos or mesh.
 
-recordings -> one law for all traces -> E of linear elasticity -> what they show beyond it
+recordings -> one law for all curves -> E of linear elasticity -> effects beyond it
 """
 
 from collections.abc import Callable, Sequence
@@ -50,20 +50,20 @@ from tactile.rig.rig_curve import RigCurve, without_rig
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 TRACE_SEED = 20261120
-"""Seed of the starts drawn for a trace's fits; any number does, kept so that runs repeat."""
+"""Seed of the random starts of a curve's fits; any number does, a fixed one makes runs repeat."""
 ALONG_SUTURE_SD = 0.15
-"""Standard deviation of ln E of a stone fruit compressed from suture to back, beside the ellipsoid's own:
+"""Standard deviation of ln E of a stone fruit compressed from suture to back, in addition to the ellipsoid's:
 forces on whole skins are 1.10 to 1.17 times those on ellipsoids (benchmarks/results/diameter_shapes.csv)."""
 SHAPE, RECORDINGS = "shape from three diameters", "recordings"
-"""Parts of the error bar, beside Poisson's ratio."""
+"""Parts of the error bar, besides Poisson's ratio."""
 TYPICAL = 0.7
-"""Share of the deepest squeeze at which E's dependence on Poisson's ratio is taken (set by hand: the upper
-half of the force rules E, and force goes with the power 1.5)."""
+"""Share of the deepest compression at which E's dependence on Poisson's ratio is evaluated (set by hand: the
+upper half of the force dominates E, and force varies with the power 1.5 of depth)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CompressionTrace:
-    """A recording that can be used, with the law of its geometry and what is doubted of it.
+    """A usable recording, with the law of its geometry and the doubts about it.
 
     `path`: its file; `digest` as in tactile.recording_digest.
     """
@@ -77,7 +77,7 @@ class CompressionTrace:
 
     @property
     def name(self) -> str:
-        """What records call it."""
+        """Its name in records."""
         return printable(self.path.stem)
 
 
@@ -97,9 +97,9 @@ class _Compression:
 
 
 def grade_pressed(task: FruitTask, log: StageLog) -> None:
-    """E of a fruit that plates compressed, its parts and what else is known, told to `log`.
+    """Logs E of a fruit that plates compressed, its parts and what else is known.
 
-    Raises TactileFailure, FemFailure or FruitEnded where there is none.
+    Raises TactileFailure, FemFailure or FruitEnded if there is no E.
     """
     facts = log.facts
     nu, nu_sd, _ = poisson_ratio(task.settings, task.prior)
@@ -127,7 +127,7 @@ def grade_pressed(task: FruitTask, log: StageLog) -> None:
 
 
 def _recordings(task: FruitTask, log: StageLog) -> list[CompressionTrace]:
-    """Those that can be used; why others cannot goes to `log`. Raises FruitEnded where none can."""
+    """Usable recordings; `log` gets why others are not usable. Raises as `why_no_grasp` says if none is."""
     used: list[CompressionTrace] = []
     failures: dict[str, TactileFailure | FemFailure] = {}
     stated, rig = stated_in_table(task.given), batch_rig(task.batch_root, task.settings)
@@ -168,10 +168,10 @@ def compression_trace(
     rig: RigCurve | None,
     admit: Callable[[Recording], Sequence[Finding]],
 ) -> CompressionTrace:
-    """One recording of plates round the fruit, the travel of the batch's rig taken off.
+    """One recording of plates around the fruit, with the travel of the batch's rig subtracted.
 
-    `stated`: what fruits.csv says of the fruit, which comes before what the recording says; `admit` says what
-    is doubted of a recording's being this fruit's. Raises TactileFailure or FemFailure.
+    `stated`: values of fruits.csv, which precede the recording's; `admit` returns the doubts that a recording
+    is this fruit's. Raises TactileFailure or FemFailure.
     """
     recording = read_recording(path)
     if not is_bare(recording):
@@ -209,7 +209,8 @@ def _unfit(path: Path, contents: str, expected: str) -> TactileFailure:
 def _without_rig(
     bare: BareRecording, rig: RigCurve | None, path: Path
 ) -> tuple[BareRecording, tuple[str, ...]]:
-    """The recording less what the batch's rig gives, unless `drupe convert --rig` took one off before."""
+    """The recording minus the travel of the batch's rig, unless `drupe convert --rig` subtracted one
+    before."""
     if rig is None or bare.recording.rig_give_mm is not None:
         return bare, ()
     done = without_rig(bare.recording, rig, source=path.name, named="the batch's rig")
@@ -217,7 +218,7 @@ def _without_rig(
 
 
 def _explained(used: Sequence[CompressionTrace], nu: float) -> _Compression:
-    """One law for all of them; raises FemFailure, or FruitEnded where a rig was taken off some alone."""
+    """One law for all of them; raises FemFailure, or FruitEnded if only some exclude a rig's travel."""
     try:
         traces = joined_traces([recording.bare for recording in used])
     except BatchRefused as refused:
@@ -249,7 +250,7 @@ def _pressed_record(compression: _Compression, task: FruitTask, nu: float) -> Pr
 
 
 def _grasp_records(compression: _Compression) -> list[GraspRecord]:
-    """What each recording gave by itself; the curve from its first touch."""
+    """The results of each recording alone; the curve from its first touch."""
     records = []
     for trace, recording, modulus in zip(
         compression.traces.trace.parts, compression.recordings, compression.alone, strict=True
@@ -310,7 +311,7 @@ def _per_ratio(compression: _Compression, nu: float, nu_sd: float) -> float:
 
 
 def _screen_record(explanation: Explanation) -> ScreenRecord:
-    """What the traces show beyond linear elasticity, the likeliest names first."""
+    """What the curves show beyond linear elasticity, the likeliest names first."""
     verdict = explanation.verdict
     verdict = (verdict,) if isinstance(verdict, str) else verdict
     names = tuple(name for name in verdict if name != NONE) if explanation.detected else ()
@@ -324,7 +325,7 @@ def _screen_record(explanation: Explanation) -> ScreenRecord:
 
 
 def _warnings(compression: _Compression) -> list[str]:
-    """What changes E: recordings left out, a compliant rig, effects."""
+    """Warnings about E: recordings left out, a compliant rig, effects."""
     explanation, trace = compression.explanation, compression.traces.trace
     said = compression.traces.naming(explanation.notes[: len(explanation.left_out)])
     if all(part.rig_give_mm is None for part in trace.parts):

@@ -1,4 +1,4 @@
-"""Raw grasps of a batch (frames, log and descriptions) as recordings, converted once and kept."""
+"""Raw grasps of a batch (frames, log and descriptions) as recordings, converted once and cached."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -14,16 +14,16 @@ from tactile.readers.recording import write_recording
 
 
 class KeptRecording(StageRecord):
-    """The stage "frames of NAME": SHA-256 of the `.h5` beside it, made of a raw grasp, and notes on how."""
+    """The stage "frames of NAME": SHA-256 of the `.h5` beside it, made from a raw grasp, and notes on how."""
 
     sha256: str
     notes: tuple[str, ...]
 
 
 def kept_recording(folder: Path, cache: Path, report: Callable[[str], None]) -> tuple[Path, tuple[str, ...]]:
-    """The recording of the raw grasp in `folder`, and notes; made only where its files or the code changed.
+    """The recording of the raw grasp in `folder`, and notes; made only if its files or the code changed.
 
-    `report` is told each pad's progress. Raises TactileFailure that names the file and the field.
+    `report` gets each pad's progress. Raises TactileFailure that names the file and the field.
     """
     key = stage_key(
         "raw grasp", files=raw_grasp_files(folder), settings=None, rooms=("tactile", "pipeline/files")

@@ -1,4 +1,4 @@
-"""Whose recording it is: the fruit and the category that a recording names, against those it lies with."""
+"""Whose recording it is: the fruit and the category that a recording names, compared with its folder's."""
 
 import re
 from collections.abc import Collection
@@ -9,16 +9,16 @@ from tactile.consistency.finding import E_OF_ANOTHER_FRUIT, Finding, FindingKind
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 NOT_SAID = frozenset({"", "unknown"})
-"""What a recording says that names no fruit and no category; `drupe convert` writes "unknown" where it is
-told neither."""
+"""Values of a recording that names no fruit or no category; `drupe convert` writes "unknown" if it is given
+neither."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Owner:
     """The fruit in whose folder a recording lies.
 
-    `batch_fruits`: every fruit_id of its batch; None where there is no batch, so that ids cannot be compared.
-    `category`: None where recordings may name any, as those of a reference body may.
+    `batch_fruits`: every fruit_id of its batch; None without a batch, so that ids cannot be compared.
+    `category`: None if recordings may name any, as those of a reference body may.
     """
 
     fruit_id: str
@@ -27,9 +27,9 @@ class Owner:
 
 
 def stranger(named: str, owner: Owner) -> str | None:
-    """The fruit that a recording names, where it is not its owner; None where it is, or names none.
+    """The fruit that a recording names, if it is not its owner; None if it is, or if it names none.
 
-    A fruit of the batch is given by its own id, however the recording spells that.
+    A fruit of the batch is returned by its own id, however the recording spells it.
 
     >>> owner = Owner(fruit_id="N02", batch_fruits=("N02", "N04"))
     >>> stranger("n-4", owner), stranger("N77", owner), stranger("n2 ", owner), stranger("", owner)
@@ -42,10 +42,10 @@ def stranger(named: str, owner: Owner) -> str | None:
 
 
 def named_row(named: str, batch_fruits: Collection[str]) -> str | None:
-    """The fruit of the batch that a recording names; None where it names none of them, or may name several.
+    """The fruit of the batch that a recording names; None if it names none of them, or may name several.
 
-    An id of the batch counts letter by letter. Else case, blanks and marks between letters and digits, and
-    zeros before a number make no other fruit: spreadsheets and recorders change them.
+    An exact match with an id of the batch counts first. Otherwise case, blanks and marks between letters and
+    digits, and leading zeros are ignored, because spreadsheets and recorders change them.
 
     >>> named_row("2", ("02", "04")), named_row("2", ("02", "002")), named_row("02", ("02", "002"))
     ('02', None, '02')
@@ -57,11 +57,10 @@ def named_row(named: str, batch_fruits: Collection[str]) -> str | None:
 
 
 def owner_findings(named: str, category: str, owner: Owner, *, source: str, field: str) -> list[Finding]:
-    """What puts in doubt that a recording is its owner's: an id that the batch does not have, a category that
-    is another known one.
+    """Doubts that a recording is its owner's: an id that the batch does not have, or another known category.
 
-    `named`, `category`: what the recording says; `source`: its name; `field`: where its id stands in it.
-    Raises TactileFailure (foreign-recording) where it names another fruit of the batch.
+    `named`, `category`: the recording's values; `source`: its name; `field`: where it holds the id. Raises
+    TactileFailure (foreign-recording) if it names another fruit of the batch.
     """
     other, findings = stranger(named, owner), []
     if other is not None:
@@ -92,7 +91,7 @@ def _doubted(kind: FindingKind, says: str, *, detail: str) -> Finding:
 
 
 def _both_known(category: str, other: str) -> bool:
-    """Whether two categories differ that drupe ships: names of the user's own may be of the same fruit."""
+    """Whether these are two different categories of drupe; the user's own names may mean the same fruit."""
     names = {_plain(category), _plain(other)}
     return len(names) == 2 and names <= set(known_categories())
 
@@ -102,6 +101,6 @@ def _plain(text: str) -> str:
 
 
 def _spelt_plainly(fruit_id: str) -> str:
-    """An id without what makes no other fruit: "n-7" of "N007" and of "N 7"."""
+    """An id without ignored differences: "n-7" of "N007" and of "N 7"."""
     apart = re.sub(r"(?<=[^\W\d_])(?=\d)|(?<=\d)(?=[^\W\d_])|[\s._-]+", "-", _plain(fruit_id))
     return re.sub(r"(?<!\d)0+(?=\d)", "", apart)

@@ -1,5 +1,5 @@
-"""E of the same recordings again: with the contact of a plain jaw that follows from E, and with other
-parameters of confirmed effects, whose standard deviations are a part of E's.
+"""E of the same recordings, computed again: with a plain jaw's contact that follows from E, and with other
+parameters of confirmed effects, whose standard deviations contribute to E's.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,17 +22,17 @@ from tactile.rig.rig_curve import RigCurve
 from tactile.tactile_failure import TactileFailure
 
 MOST_ROUNDS = 3
-"""Estimates with a contact that follows from the one before. E goes with the power -0.6 of the contact's
-radius and that with the power -1/3 of E: each round leaves a fifth of the error."""
+"""Most estimates with a contact that follows from the one before. E varies with the power -0.6 of the
+contact's radius, and that with the power -1/3 of E: each round leaves a fifth of the error."""
 CLOSE = 0.01
-"""Change of ln E from one round to the next below which there is no other. Set by hand: a tenth of the spread
-that not seeing the contact adds (pipeline.fruit.elasticity.PLAIN_JAW_SD)."""
+"""Change of ln E between rounds below which the iteration ends. Set by hand: a quarter of the spread that the
+unknown contact adds (pipeline.fruit.elasticity.PLAIN_JAW_SD)."""
 
 
 def with_plain_jaws(
     task: FruitTask, fruit: GraspedFruit, *, solids: dict[Support, UnitModulusSolid] | None
 ) -> tuple[GraspedFruit, FruitInference]:
-    """The fruit's modulus, and the fruit with the contacts of plain jaws that go with it.
+    """The fruit's modulus, and the fruit with the contacts of plain jaws that follow from it.
 
     `solids` as in fruit_modulus, which says what is raised.
     """
@@ -58,9 +58,9 @@ def with_plain_jaws(
 
 @dataclass(frozen=True, kw_only=True)
 class EffectSpread:
-    """Standard deviations of E, MPa: of effects that all fruit share, and of this fruit's own.
+    """Standard deviations of E, MPa: by effects that all fruit share, and by this fruit's own.
 
-    `doubts`: a sentence for each parameter whose share could not be found.
+    `doubts`: a sentence for each parameter whose part could not be computed.
     """
 
     common_sd_MPa: float
@@ -69,9 +69,10 @@ class EffectSpread:
 
 
 def effect_spread(task: FruitTask, fruit: GraspedFruit, E_MPa: float) -> EffectSpread:
-    """E again with each parameter one standard deviation higher: dE = |E(p + sd) - E(p)|, added in squares.
+    """Computes E again with each parameter one standard deviation higher, and adds dE = |E(p + sd) - E(p)| in
+    squares.
 
-    Parameters count as independent, and the rig as one more, its curve shifted as a whole. Poisson's ratio
+    Parameters count as independent. The rig counts as one more, its curve shifted as a whole. Poisson's ratio
     and the pit have their own parts of the error bar.
     """
     effects, rig = task.settings.mismatch, batch_rig(task.batch_root, task.settings)
@@ -106,7 +107,7 @@ def _moved(
     effects: Sequence[ConfirmedEffect],
     rigs: Sequence[RigCurve | None],
 ) -> float | None:
-    """|change of E| with these effects and the first rig that leaves the fruit travel; None with none."""
+    """|change of E| with these effects and the first rig that leaves the fruit travel; None if none does."""
     changed = replace(task, settings=task.settings.model_copy(update={"mismatch": tuple(effects)}))
     for rig in rigs:
         try:
@@ -119,7 +120,7 @@ def _moved(
 
 
 def _shifted(effect: ConfirmedEffect) -> Iterator[tuple[str, ConfirmedEffect]]:
-    """The effect with one number after the other a standard deviation higher."""
+    """The effect with one number at a time a standard deviation higher."""
     for name, sd in effect.sd.items():
         value = effect.parameters[name]
         moved: list[float | tuple[float, ...]] = []
@@ -137,7 +138,7 @@ def _shifted(effect: ConfirmedEffect) -> Iterator[tuple[str, ConfirmedEffect]]:
 def _placed_again(
     grasp: PlacedGrasp, task: FruitTask, fruit: GraspedFruit, rig: RigCurve | None
 ) -> PlacedGrasp:
-    """The recording placed without these faults of the jaws, and without checks."""
+    """The recording placed again with these faults of the jaws removed, and without checks."""
     again = place_grasp(
         grasp.path,
         fruit.shape.vertices,

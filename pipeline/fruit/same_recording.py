@@ -1,4 +1,4 @@
-"""One recording in two places: within a fruit it counts once, in two fruit one has the other's."""
+"""One recording in two places: within a fruit it counts once; of two fruit, one has the other's."""
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
@@ -13,7 +13,7 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 
 
 def refuse_copy(source: str, first: str | None) -> None:
-    """Raises TactileFailure (repeated-recording) where `first`, of the same fruit, holds the same."""
+    """Raises TactileFailure (repeated-recording) if `first`, of the same fruit, has the same contents."""
     if first is not None:
         raise TactileFailure(
             TactileProblem.REPEATED_RECORDING,
@@ -23,7 +23,7 @@ def refuse_copy(source: str, first: str | None) -> None:
 
 
 def in_two_fruit(source: str, others: Iterable[str]) -> str:
-    """The sentence on a recording that files of other fruit hold too."""
+    """The sentence about a recording that files of other fruit hold too."""
     return (
         f"{source}: contains the same displacements and forces as {', '.join(others)}. At least one "
         "of these fruit has another fruit's recording; remove it from the wrong folder."
@@ -31,9 +31,9 @@ def in_two_fruit(source: str, others: Iterable[str]) -> str:
 
 
 def copies_doubted(records: Sequence[FruitRecord], folder: BatchFolder) -> list[FruitRecord]:
-    """The records, E in doubt where another fruit's has the same displacements and forces in a recording that
-    is used; nobody can say whose it is, and moduli of one lot differ by E_OF_ANOTHER_FRUIT. What an earlier
-    run said of copies is replaced.
+    """The records, with E in doubt if another fruit's has the same displacements and forces in a recording
+    that is used. Nobody can say whose it is, and moduli of one lot differ by E_OF_ANOTHER_FRUIT. Doubts of an
+    earlier run about copies are replaced.
     """
     holders: Mapping[str, list[tuple[str, str]]] = defaultdict(list)
     for record in records:
@@ -62,7 +62,7 @@ def _doubted(
 
 
 def with_copies(record: FruitRecord, said: Sequence[str]) -> FruitRecord:
-    """The record with these doubts on copies for those that an earlier run had; its modulus is left."""
+    """The record with these doubts about copies in place of an earlier run's; its modulus stays."""
     if tuple(said) == record.copied:
         return record
     doubts, warnings = (

@@ -1,4 +1,4 @@
-"""What is known of a fruit while its stages run: one that ends with a reason loses none of it."""
+"""Facts about a fruit while its stages run; a fruit that ends with a reason loses none of them."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -18,7 +18,7 @@ from reports.grasp_record import GraspRecord
 
 @dataclass
 class FruitFacts:
-    """What stages have found so far, as FruitRecord holds it; None and empty: not found yet."""
+    """Results of the stages so far, as in FruitRecord; None and empty: not known yet."""
 
     mesh: MeshRecord | None = None
     pit: PitRecord | None = None
@@ -34,8 +34,8 @@ class FruitFacts:
 
 @dataclass
 class StageLog:
-    """Facts, warnings and times so far; `report` is told when a stage, the `current` one, begins, and how far
-    it is: its name, a colon, and a line.
+    """Facts, warnings and times so far; `report` gets a message when a stage, the `current` one, begins, and
+    on its progress: its name, a colon, and a line.
     """
 
     report: Callable[[str], None]
@@ -46,7 +46,7 @@ class StageLog:
 
     @contextmanager
     def stage(self, name: str) -> Iterator[None]:
-        """Says that a stage begins, and keeps how long it took."""
+        """Reports that a stage begins, and keeps its duration."""
         self.report(name)
         self.current = name
         started = time.perf_counter()
@@ -56,5 +56,5 @@ class StageLog:
             self.seconds[name] = round(time.perf_counter() - started, 2)
 
     def progress(self, line: str) -> None:
-        """Says how far the present stage is."""
+        """Reports the progress of the present stage."""
         self.report(f"{self.current}: {line}")

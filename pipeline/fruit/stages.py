@@ -3,7 +3,7 @@
 photos -> mesh -> pit inside it -> pads on its surface -> flesh as finite elements -> modulus
        -> screen for missing physics -> record
 
-A fruit with neither photos nor mesh, squeezed between bare plates, goes another way (pressed_fruit.py).
+A fruit with neither photos nor mesh, between bare plates, is graded by pressed_fruit.py instead.
 """
 
 import resource
@@ -52,7 +52,7 @@ def grade_fruit(task: FruitTask, report: Callable[[str], None]) -> FruitRecord:
     with threadpool_limits(1):
         try:
             if task.folder.without_shape():
-                # No other fruit needs the account of a bare trace.
+                # Only such a fruit needs the module for bare curves.
                 from pipeline.fruit.pressed_fruit import grade_pressed
 
                 grade_pressed(task, log)
@@ -89,8 +89,8 @@ def measured_fruit(
 ) -> tuple[GraspedFruit, FruitInference]:
     """E of a fruit with photos or a mesh, without the screen: facts, doubts and warnings go to `log`.
 
-    `solids` takes up what is factorised, by support. Raises ReconFailure, TactileFailure, FemFailure or
-    FruitEnded where there is no E.
+    `solids` collects the factorisations, by support. Raises ReconFailure, TactileFailure, FemFailure or
+    FruitEnded if there is no E.
     """
     facts = log.facts
     fruit = grasped_fruit(task, log)

@@ -1,4 +1,4 @@
-"""Which geometry a bare indenter's trace has: options, its recording's fields, case.toml or fruits.csv."""
+"""Geometry of a bare indenter's curve: options, its recording's fields, case.toml or fruits.csv."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
@@ -22,25 +22,25 @@ NEEDED: dict[SpecimenKind, tuple[str, ...]] = {
     "cylinder": ("height_mm", "diameter_mm"),
     "fruit": ("diameters_mm", "axis"),
 }
-"""Fields of a specimen between plates without which no force follows."""
+"""Fields of a specimen between plates without which no force can be computed."""
 KEYS = {f.name: f.name for f in fields(PressedSpecimen)} | {"kind": "specimen"}
-"""What case.toml calls each field of a PressedSpecimen."""
+"""Names of a PressedSpecimen's fields in case.toml."""
 COLUMNS = KEYS | {
     "diameters_mm": "columns diameter_a_mm, diameter_b_mm, diameter_c_mm",
     "axis": "column axis",
     "pit_share": "column pit_share",
 }
-"""What fruits.csv calls them; other specimens than fruit it has no columns for."""
+"""Their names in fruits.csv, which has columns only for fruit."""
 OPTIONS = {name: f"--{key.replace('_', '-')}" for name, key in KEYS.items()}
-"""What `drupe convert` calls them."""
+"""Their names in `drupe convert`."""
 EXAMPLES = {"height_mm": "12", "diameter_mm": "15", "diameters_mm": "61 60 58", "axis": "a|b|c"}
-"""Values that show how each is given."""
+"""Example values of each, for messages."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TraceGeometry:
-    """The geometry, the slab's thickness under a ball or punch, and what must be known of both; `assumed`:
-    what nobody stated and the category says. Two are equal where one law holds for both.
+    """The geometry, the slab's thickness under a ball or punch, and notes on both; `assumed`: notes on values
+    that nobody stated and the category gives. Two are equal if one law holds for both.
     """
 
     geometry: Geometry
@@ -50,13 +50,13 @@ class TraceGeometry:
 
     @property
     def of_slab(self) -> bool:
-        """Whether a ball or punch presses on it, so that its thickness counts."""
+        """Whether a ball or punch presses on it, so that its thickness matters."""
         return self.geometry.tool != "plate"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Stated:
-    """What the user says of the specimen, in the file `where`, which calls its fields `name_of`."""
+    """The user's statements about the specimen, in the file `where`, which calls its fields `name_of`."""
 
     specimen: PressedSpecimen
     where: str
@@ -64,7 +64,7 @@ class Stated:
 
 
 def stated_in_table(given: Given) -> Stated:
-    """What fruits.csv says of a fruit that plates squeeze."""
+    """The statements of fruits.csv about a fruit between plates."""
     diameters = tuple(
         diameter_mm
         for diameter_mm in (given.diameter_a_mm, given.diameter_b_mm, given.diameter_c_mm)
@@ -80,7 +80,7 @@ def stated_in_table(given: Given) -> Stated:
 
 
 def combined(recorded: PressedSpecimen, stated: Stated, *, source: str) -> tuple[PressedSpecimen, list[str]]:
-    """The recording's specimen with the stated fields in place of its own, and a note where they differ."""
+    """The recording's specimen with the stated fields in place of its own, and a note on each difference."""
     recorded_by_name, said = recorded.stated, stated.specimen.stated
     notes = [
         f"{source}: {KEYS[name]} is {recorded_by_name[name]} in the recording but {value} in {stated.where}; "
@@ -100,9 +100,10 @@ def geometry_of(
     name_of: Mapping[str, str],
     pit_share: float | None = None,
 ) -> TraceGeometry:
-    """What presses on what; `name_of` fields for the reader (OPTIONS or KEYS), `pit_share` of the category.
+    """Geometry of indenter and specimen; `name_of` fields for users (OPTIONS or KEYS), `pit_share` of the
+    category.
 
-    Raises BatchRefused that names what is missing or does not belong, and what to give.
+    Raises BatchRefused that names missing and foreign fields, and what to give.
     """
     if indenter in ("ball", "flat"):
         _require_none(specimen, OF_SLABS, source, name_of, f"a {indenter} on a slab")
@@ -130,7 +131,7 @@ def geometry_of(
 
 
 def _fruit(specimen: PressedSpecimen, pit_share: float | None, name_of: Mapping[str, str]) -> TraceGeometry:
-    """The pit's share is the specimen's own, else the category's, else none; which, is said."""
+    """The pit's share is the specimen's own, else the category's, else none; a note names the last two."""
     notes: tuple[str, ...] = ()
     assumed: tuple[str, ...] = ()
     share = specimen.pit_share

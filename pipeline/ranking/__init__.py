@@ -1,1 +1,1 @@
-"""From records to a ranking: maturity classes, what reference bodies say, report entries, the last words."""
+"""From records to a ranking: maturity classes, reference bodies, report entries, closing messages."""

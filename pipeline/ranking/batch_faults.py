@@ -1,22 +1,21 @@
-"""Faults that all fruit of a batch have in common: a sensor or the jaws, not the fruit.
+"""Faults that all fruit of a batch have in common: of a sensor or the jaws, not of the fruit.
 
-The screen gives of every fruit the amount y_i of each effect that stays with a sensor or with the jaws, with
-its standard deviation s_i. Over fruit they are combined by random effects,
+For every fruit the screen gives the amount y_i of each effect that belongs to a sensor or the jaws, with its
+standard deviation s_i. A random-effects model combines them over fruit,
 
     y_i ~ N(mu, s_i^2 + tau^2),      mu = sum w_i y_i / sum w_i,      w_i = 1 / (s_i^2 + tau^2)
 
-tau: what differs from fruit to fruit (DerSimonian and Laird 1986, "Meta-analysis in clinical trials",
-Controlled Clinical Trials 7), moderated by what is known beforehand, FLOOR with PRIOR_FREEDOM degrees of
-freedom (Smyth 2004, "Linear models and empirical Bayes methods", Statistical Applications in Genetics and
-Molecular Biology 3): a few fruit say little of it. The error of mu is that of Hartung and Knapp (2001,
-Statistics in Medicine 20), moderated alike,
+tau is the spread between fruit (DerSimonian and Laird 1986, "Meta-analysis in clinical trials", Controlled
+Clinical Trials 7). A few fruit say little about it, so that it is moderated by prior knowledge, FLOOR with
+PRIOR_FREEDOM degrees of freedom (Smyth 2004, "Linear models and empirical Bayes methods", Statistical
+Applications in Genetics and Molecular Biology 3). The error of mu is that of Hartung and Knapp (2001,
+Statistics in Medicine 20), moderated in the same way,
 
     sd^2 = max(1, q) / sum w_i,      q the mean of w_i (y_i - mu)^2
 
-and t = (|mu| - FLOOR) / sd is held against Student's t with k - 1 + PRIOR_FREEDOM degrees of freedom: FLOOR
-is also what the model's own error may feign in all fruit alike. Every amount is one test; the level
-FALSE_ALARM is shared among all of them (Bonferroni), so that so many sound batches at most are said to have a
-fault.
+and t = (|mu| - FLOOR) / sd is compared with Student's t with k - 1 + PRIOR_FREEDOM degrees of freedom. FLOOR
+is also the amount that the model's own error may mimic in all fruit. Every amount is one test. All tests
+share the level FALSE_ALARM (Bonferroni), which limits the share of faultless batches with a reported fault.
 """
 
 import math
@@ -31,11 +30,11 @@ from fem.mismatch.catalogue import SPECS
 from pipeline.batch.records import FruitRecord
 
 FALSE_ALARM = 0.01
-"""Share of sound batches, at most, in which a fault is found: one in a hundred, as somebody has to stop and
-calibrate. Drawn ones, whose fruit differ by more than their errors, stay below it
+"""Largest share of faultless batches in which a fault is reported: one in a hundred, as somebody has to stop
+and calibrate. Simulated ones, whose fruit differ by more than their errors, stay below it
 (tests/pipeline/test_batch_faults.py)."""
 FEWEST = 3
-"""Fruit, at least: of two nobody can tell what is common from what differs."""
+"""Fewest fruit: with two nobody can separate what is common from what differs."""
 FLOOR: dict[str, float] = {
     "gain": 0.006,
     "newton_per_s": 0.008,
@@ -45,19 +44,19 @@ FLOOR: dict[str, float] = {
     "shift_mm.1": 0.6,
     "tilt_deg": 0.35,
 }
-"""By parameter, in its own unit (mm, N/s, mm/N, s, degrees; the gain as a share): what the model's error may
-feign. The four sound fruit of the sample batch show gains of 0.004, 0.000, -0.013 and 0.009; the others are
-two to three times the error of such effects (benchmarks/results/mismatch.csv)."""
+"""By parameter, in its own unit (mm, N/s, mm/N, s, degrees; the gain as a share): amounts that the model's
+error may mimic. The four normal fruit of the sample batch show gains of 0.004, 0.000, -0.013 and 0.009; the
+others are two to three times the error of such effects (benchmarks/results/mismatch.csv)."""
 PRIOR_FREEDOM = 4
-"""Degrees of freedom of that knowledge. With 3 to 5 the stated rate holds while fruit differ by up to three
-times FLOOR, and a gain of 4 % in four fruit is found (tests/pipeline/test_batch_faults.py)."""
+"""Degrees of freedom of that prior. With 3 to 5 the stated rate holds while fruit differ by up to three times
+FLOOR. A gain of 4 % in four fruit is then found (tests/pipeline/test_batch_faults.py)."""
 OF_ITS_OWN = 2.0
-"""For parameters without a FLOOR: that many standard deviations of the median fruit. Set by hand."""
+"""Floor of parameters without a FLOOR, in standard deviations of the median fruit. Set by hand."""
 SEEN = 2.0
-"""Standard deviations of its own beyond which a fruit shows the fault by itself."""
+"""Standard deviations of its own beyond which a fruit alone shows the fault."""
 AS_SURE = 0.5
-"""Share of the surest pad's t from which the other pad may be at fault as well. Set by hand: of two pads that
-push the same fruit only the ratio of their forces shows."""
+"""Share of the surest pad's t above which the other pad may be at fault as well. Set by hand: two pads on the
+same fruit show only the ratio of their forces."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,8 +72,8 @@ class Combined:
 
 @dataclass(frozen=True, kw_only=True)
 class BatchFault:
-    """One fault of the whole batch: which effect, of which pad (empty: the gripper), how much of it; the
-    fruit that show it by themselves, and how many were looked at. `sentence`: all of it for staff.
+    """One fault of the whole batch: its effect, its pad (empty: the gripper), its amount; the fruit that show
+    it by themselves, and the number of fruit tested. `sentence`: all of it for staff.
     """
 
     effect: str
@@ -92,7 +91,7 @@ class BatchFault:
 def combined(
     values: Float[np.ndarray, " k"], sds: Float[np.ndarray, " k"], *, floor: float = 0.0
 ) -> Combined:
-    """Amounts of k fruit as one.
+    """Amounts of k fruit, combined.
 
     >>> found = combined(np.array([0.04, 0.042, 0.038, 0.04]), np.full(4, 0.003), floor=0.006)
     >>> f"{found.mean:.3f} {found.p_value < 0.01}"
@@ -115,7 +114,7 @@ def combined(
 
 
 def batch_faults(records: Sequence[FruitRecord]) -> tuple[BatchFault, ...]:
-    """What sensors or jaws have wrong in the whole batch, the surest first; one of each effect at most."""
+    """Faults of sensors or jaws in the whole batch, the surest first; at most one of each effect."""
     amounts: dict[tuple[str, str, str], list[tuple[str, float, float]]] = {}
     for record in records:
         for amount in () if record.screen is None else record.screen.amounts:
@@ -151,8 +150,8 @@ def batch_faults(records: Sequence[FruitRecord]) -> tuple[BatchFault, ...]:
 
 
 def _surest(known: Sequence[tuple[float, BatchFault]]) -> BatchFault:
-    """Of one effect the surest, with the other pads that may have it instead: what is wrong, by how much, in
-    how many fruit, and what to do.
+    """The surest fault of one effect, with the other pads that may have it instead: what is wrong, by how
+    much, in how many fruit, and what to do.
     """
     (most, first), *rest = sorted(known, key=lambda candidate: -candidate[0])
     others = [

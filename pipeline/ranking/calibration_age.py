@@ -1,4 +1,4 @@
-"""How old calibrations are on the day of the grasps, against the batch's own limit in days."""
+"""Ages of calibrations on the day of the grasps, compared with the batch's own limit in days."""
 
 from collections.abc import Iterator
 from datetime import date
@@ -11,8 +11,8 @@ from tactile.tactile_failure import TactileFailure
 
 
 def old_calibrations(root: Path, settings: Settings, *, graded_on: date) -> Iterator[str]:
-    """A sentence for each calibration that is older than the limit, or later than the grasps; without a limit
-    there is none.
+    """A sentence for each calibration that is older than the limit, or later than the grasps; none without a
+    limit.
     """
     if (most_days := settings.calibration_days) is None:
         return
@@ -38,7 +38,7 @@ def _dated(root: Path, settings: Settings) -> Iterator[tuple[str, date, str]]:
     path = rig_path(root, settings)
     try:
         made = None if path is None else read_rig(path).made
-    except TactileFailure:  # grading has said so
+    except TactileFailure:  # grading reports it
         return
     if made is not None:
         yield "calibration of the rig", made, "Calibrate the rig again (drupe calibrate --rigid)."

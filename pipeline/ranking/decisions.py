@@ -1,11 +1,11 @@
-"""What becomes of each fruit: ship it, hold it, or inspect it.
+"""Decides on each fruit: ship it, hold it, or inspect it.
 
-E's error is taken as lognormal, as for the classes (pipeline.ranking.maturity): with the class limits b_k,
+E's error is assumed lognormal, as for the classes (pipeline.ranking.maturity): with the class limits b_k,
 class k has the probability
 
     P_k = Phi((log b_k - log E) / s) - Phi((log b_(k-1) - log E) / s),      s = sd/E
 
-and the fruit may be shipped with the sum of P_k over the classes that are shipped.
+and the probability of shipping the fruit is the sum of P_k over the classes that are shipped.
 """
 
 import math
@@ -28,9 +28,9 @@ OTHER_CLASS = "the suspected effect changes its class"
 
 @dataclass(frozen=True, kw_only=True)
 class Decision:
-    """As a FruitEntry has it: the list a fruit is on (SHIP, HOLD, INSPECT; empty: on none), why where it is
-    INSPECT, and the class that it may have as well, with its probability, where its own is not certain.
-    `suspicion`: what the reason says of E with an effect that is not part of it.
+    """Fields of a FruitEntry: the fruit's list (SHIP, HOLD, INSPECT; empty: none), the reason for INSPECT,
+    and the likeliest other class with its probability, if its own is not certain. `suspicion`: what the
+    reason says about E with an effect that E excludes.
     """
 
     decision: str = ""
@@ -48,10 +48,11 @@ def decide(
     mismatch: str | None,
     explained: DiagnosisRecord | None = None,
 ) -> Decision:
-    """The fruit's list; a reference body is on none, nor is a sound fruit where no class limits are set.
+    """The fruit's list; a reference body is on none, nor is a fruit with no cause for INSPECT if no class
+    limits are set.
 
-    `mismatch`: what is found to be missing in the model, as the report has it. `explained`: what `drupe
-    explain` says of the same inputs.
+    `mismatch`: the effect missing in the model, as in the report. `explained`: the answer of `drupe explain`
+    for the same inputs.
     """
     if record.given.reference:
         return Decision()
@@ -80,10 +81,10 @@ def decide(
 def _missing_physics(
     record: FruitRecord, place: Rank, grading: Grading, explained: DiagnosisRecord | None
 ) -> tuple[str, Suspicion] | None:
-    """Why E without a suspected effect is not enough to ship or hold a fruit; None where it is.
+    """Why E without a suspected effect is not enough to ship or hold a fruit; None if it is.
 
-    Either the screen's p is below the batch's limit, or E with the effect is of another class. Where `drupe
-    explain` has an answer, its E counts instead of the screen's.
+    Either the screen's p is below the batch's limit, or E with the effect is in another class. If `drupe
+    explain` has an answer, its E replaces the screen's.
     """
     if record.modulus is None:
         return None
@@ -123,7 +124,7 @@ def _class_of(E_MPa: float, grading: Grading) -> str | None:
 
 
 def ship_probability(class_probabilities: Sequence[float], shipped: Sequence[bool]) -> float:
-    """The probability that the true modulus is that of a class that is shipped.
+    """The probability that the true modulus is in a class that is shipped.
 
     >>> round(ship_probability((0.2, 0.5, 0.3), (True, True, False)), 9)
     0.7
@@ -132,7 +133,7 @@ def ship_probability(class_probabilities: Sequence[float], shipped: Sequence[boo
 
 
 def _other_class(place: Rank, grading: Grading) -> dict[str, Any]:
-    """The likeliest class but its own, where that is not certain, as a Decision has it."""
+    """The likeliest class other than its own, if its own is not certain, as fields of a Decision."""
     if place.maturity_probability is None or place.maturity_probability >= grading.certainty:
         return {}
     others = [

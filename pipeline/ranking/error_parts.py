@@ -1,4 +1,4 @@
-"""What an error bar of E is made of for the most part, and what would make it smaller."""
+"""The main parts of an error bar of E, and how to reduce them."""
 
 from collections.abc import Mapping
 
@@ -34,16 +34,16 @@ ADVICE = {
     RECORDINGS: "another squeeze, along another diameter",
     REFERENCE: "more reference bodies, or bodies with a better known modulus",
 }
-"""What to do about each part of an error bar (pipeline/batch/records.py, parts_sd_MPa); nothing helps against
-that of the elements."""
+"""Advice on each part of an error bar (pipeline/batch/records.py, parts_sd_MPa); nothing reduces that of the
+elements."""
 COMMON_SCALE = "common scale of force and gel stiffness"
-"""What no recording shows, and all fruit of a sensor share."""
+"""No recording shows it, and all fruit of a sensor share it."""
 MUCH = 0.5
-"""Share of E's variance from which one part alone is named: the rest together is less. Set by hand."""
+"""Share of E's variance above which one part alone is named: the others together are less. Set by hand."""
 
 
 def about_error(modulus: ModulusRecord) -> str:
-    """Sentences on E's error bar, and on the common scale that is not in it."""
+    """Sentences on E's error bar, and on the common scale that it excludes."""
     said = smaller_error(modulus.parts_sd_MPa)
     if not modulus.scale_sd_MPa > 0:
         return said
@@ -55,9 +55,7 @@ def about_error(modulus: ModulusRecord) -> str:
 
 
 def smaller_error(parts_sd_MPa: Mapping[str, float]) -> str:
-    """The part or parts that E's variance is made of, and what would make them smaller; empty where no part
-    is known.
-    """
+    """The main part or parts of E's variance, and how to reduce them; empty if no part is known."""
     total = sum(sd**2 for sd in parts_sd_MPa.values())
     if not total > 0:
         return ""

@@ -13,9 +13,9 @@ from pipeline.batch.settings import GradingClass
 from reports.entries import ShoreCorrelation
 
 EXACT_UP_TO = 7
-"""So many fruit have few enough orders (5040) to count them all."""
+"""Most fruit whose orders (5040) are few enough to count them all."""
 DRAWS = 4000
-"""From which probabilities of ranks are counted."""
+"""Joint draws from which rank probabilities are counted."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -30,7 +30,7 @@ class Rank:
     maturity: str | None
     maturity_probability: float | None
     class_probabilities: tuple[float, ...] = ()
-    """Of each class of the batch, softest first; they add up to 1."""
+    """Probability of each class of the batch, softest first; they add up to 1."""
 
 
 def standings(
@@ -44,13 +44,13 @@ def standings(
 ) -> list[Rank]:
     """Each fruit's standing, in the order given.
 
-    `common_sd_MPa` is the part of `E_sd_MPa` that all fruit share (Poisson's ratio, say): it counts for the
-    class, which has fixed limits, and not for the order. So does `scale_sd_MPa`, which is beside `E_sd_MPa`.
+    `common_sd_MPa` is the part of `E_sd_MPa` that all fruit share (Poisson's ratio, say). It counts for the
+    class, which has fixed limits, and not for the order. So does `scale_sd_MPa`, which `E_sd_MPa` excludes.
 
-    The modulus is positive with an error that scales with it, so its uncertainty is taken as lognormal:
-    `log E ~ N(log E, (sd/E)^2)`, independent between fruits. Rank probabilities come from DRAWS joint
-    draws; `rank_low` and `rank_high` hold the central 90 %. The probability of being softer than the next
-    fruit in the ranking is exact: `Phi((log E_next - log E) / sqrt(s^2 + s_next^2))`.
+    The modulus is positive with an error that scales with it. So it is assumed lognormal, independent between
+    fruits: `log E ~ N(log E, (sd/E)^2)`. Rank probabilities come from DRAWS joint draws; `rank_low` and
+    `rank_high` hold the central 90 %. The probability of being softer than the next fruit in the ranking is
+    exact: `Phi((log E_next - log E) / sqrt(s^2 + s_next^2))`.
     """
     mean, whole = np.log(E_MPa), np.hypot(E_sd_MPa, scale_sd_MPa) / E_MPa
     spread = np.sqrt(np.maximum(E_sd_MPa**2 - common_sd_MPa**2, 0)) / E_MPa
@@ -84,7 +84,8 @@ def standings(
 
 
 def maturity(log_E: float, log_sd: float, classes: Sequence[GradingClass]) -> tuple[str | None, float | None]:
-    """The class that E falls in, and the probability that the true modulus does; None without classes."""
+    """The class that contains E, and the probability that it contains the true modulus; None without
+    classes."""
     shares = class_probabilities(log_E, log_sd, classes)
     for grade, share in zip(classes, shares, strict=True):
         if log_E <= _log_limit(grade):
@@ -97,21 +98,21 @@ def class_probabilities(log_E: float, log_sd: float, classes: Sequence[GradingCl
 
         P_k = Phi((log b_k - log E) / s) - Phi((log b_(k-1) - log E) / s),      s = sd/E
 
-    which is the chance that the true modulus lies between the class's limits, its error lognormal.
+    which is the probability that the true modulus lies between the class's limits, with a lognormal error.
     """
     up_to = [0.0, *(_phi(_log_limit(grade) - log_E, log_sd) for grade in classes)]
     return tuple(above - below for below, above in itertools.pairwise(up_to))
 
 
 def _log_limit(grade: GradingClass) -> float:
-    """log of the class's highest modulus; infinity where it has none."""
+    """log of the class's highest modulus; infinity if it has none."""
     return math.inf if grade.E_max_MPa is None else math.log(grade.E_max_MPa)
 
 
 def agreement(E_MPa: Float[np.ndarray, " n"], reference: Float[np.ndarray, " n"]) -> ShoreCorrelation | None:
     """Spearman and Pearson correlation of log E with a reference; None under three fruits or no spread.
 
-    `p` is two-sided for the rank correlation: over all orders up to seven fruit, by Student's t beyond.
+    `p` is two-sided for the rank correlation: from all orders up to seven fruit, by Student's t beyond.
     """
     if len(E_MPa) < 3 or np.ptp(reference) == 0 or np.ptp(E_MPa) == 0:
         return None

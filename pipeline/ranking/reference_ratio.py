@@ -1,8 +1,9 @@
-"""What the reference bodies of a batch say of the gripper, and what that does to the fruit's moduli.
+"""The gripper's error as measured on the reference bodies of a batch, and its effect on the fruit's moduli.
 
-A gain of force or displacement that both pads share scales every modulus of a batch alike and leaves no trace
-in any one recording: only a body of known modulus shows it. So the ratio found to known replaces what is
-assumed of the sensor's scales (pipeline.fruit.sensor_scale), and their spread is no part of its own error.
+A gain of force or displacement that both pads share scales every modulus of a batch by one factor. No single
+recording shows it, only a body of known modulus does. So the ratio of found to known modulus replaces the
+assumed errors of the sensor's scales (pipeline.fruit.sensor_scale). Their spread is no part of the ratio's
+error.
 """
 
 import math
@@ -20,18 +21,19 @@ from reports.entries import ReferenceBodyEntry
 from reports.grasp_record import GraspRecord
 
 WITHIN_SD = 2.0
-"""A ratio this many standard deviations from 1 or nearer is taken as 1: a sound gripper is beyond in 5 % of
+"""A ratio at most this many standard deviations from 1 counts as 1: a normal gripper is beyond in 5 % of
 batches (normal error of ln r)."""
 DISAGREE_P = 0.01
-"""Bodies whose chi-square is rarer than this by chance are said to disagree: one sound batch in a hundred."""
+"""Bodies disagree if their chi-square is rarer than this by chance: in one normal batch of a hundred."""
 MOST_RATIO = 1.5
-"""A ratio beyond this, either way, is no gain of a gripper, and nothing is divided by it. What a gripper may
-get wrong (assumed): calibrated force and displacement by 10 % each, and a gel that wear, warmth or creep made
-softer by 30 %, together 1.1 * 1.1 * 1.3 = 1.57 in force over displacement, which is 1.57**0.7 = 1.37 in E
-(E_PER_GAIN, tactile/consistency/relations.py; more is refused: REFUSED_SD of finding.py). Slips of the pen
-are larger: a factor of 10, or 1.5 to 1.8 for the next body of a set in steps of Shore A 10 (Gent 1958)."""
+"""A ratio beyond this, either way, is no gain of a gripper, and drupe divides nothing by it. Errors that a
+gripper may have (assumed): calibrated force and displacement by 10 % each, and a gel that wear, warmth or
+creep made softer by 30 %. Together they are 1.1 * 1.1 * 1.3 = 1.57 in force over displacement, which is
+1.57**0.7 = 1.37 in E (E_PER_GAIN, tactile/consistency/relations.py; more is refused: REFUSED_SD of
+finding.py). Typing errors are larger: a factor of 10, or 1.5 to 1.8 for the next body of a set in steps of
+Shore A 10 (Gent 1958)."""
 PART = "reference body"
-"""The part of a corrected error bar that comes from the ratio's own."""
+"""The part of a corrected error bar that comes from the ratio's error."""
 _SCALED = (
     "E_MPa",
     "E_sd_MPa",
@@ -59,17 +61,17 @@ class Ratio:
 
     @property
     def from_one_sd(self) -> float:
-        """How many standard deviations ln r is from 0."""
+        """Distance of ln r from 0 in standard deviations."""
         return abs(math.log(self.ratio)) / self.ln_sd
 
     @property
     def apart(self) -> bool:
-        """Whether the gripper does not read the reference's modulus."""
+        """Whether the gripper misreads the reference's modulus."""
         return self.from_one_sd > WITHIN_SD
 
     @property
     def implausible(self) -> bool:
-        """Whether it is not 1 and no gripper's gain either: a number or a body is wrong."""
+        """Whether it is neither 1 nor a gripper's gain: a number or a body is wrong."""
         return self.apart and abs(math.log(self.ratio)) > math.log(MOST_RATIO)
 
     @property
@@ -80,8 +82,8 @@ class Ratio:
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceFinding:
-    """What a batch's reference bodies say together; `ratio` is None where none of them was graded. `gain`:
-    the least relative part of their moduli's errors by a gain of the forces that all fruit share.
+    """Joint result of a batch's reference bodies; `ratio` is None if none of them was graded. `gain`: the
+    least relative part of their moduli's errors by a gain of the forces that all fruit share.
     """
 
     bodies: tuple[ReferenceBodyEntry, ...]
@@ -105,11 +107,11 @@ def combined_ratio(
     E_known_MPa: Float[np.ndarray, " n"],
     E_known_sd_MPa: Float[np.ndarray, " n"],
 ) -> Ratio:
-    """The mean of ln(E found / E known) weighted by 1 / variance, errors of both moduli in the variance.
+    """The mean of ln(E found / E known) weighted by 1 / variance, with errors of both moduli in the variance.
 
     `common_sd_MPa`, the part of the found moduli's errors that all share (the elements' size), is kept whole:
-    more bodies do not lessen it. Where the bodies disagree (chi-square over the n - 1 degrees of freedom
-    rarer than DISAGREE_P), the rest is widened by sqrt(chi2 / (n - 1)), the Birge ratio (Birge 1932, Physical
+    more bodies do not reduce it. If the bodies disagree (chi-square over the n - 1 degrees of freedom rarer
+    than DISAGREE_P), the rest is widened by sqrt(chi2 / (n - 1)), the Birge ratio (Birge 1932, Physical
     Review 40:207).
     """
     ln_ratio = np.log(E_found_MPa / E_known_MPa)
@@ -136,12 +138,12 @@ def combined_ratio(
 def against_references(
     records: Sequence[FruitRecord], *, correct: bool
 ) -> tuple[list[FruitRecord], ReferenceFinding | None]:
-    """The records as reports tell them, and what the reference bodies say; no finding where there are none.
+    """The records as reports show them, and the result of the reference bodies; no finding if there are none.
 
-    The bodies' own records stay. A ratio within 2 standard deviations of 1 changes no fruit; beyond it every
-    graded fruit's E is divided by it (`correct`), or is in doubt, its error bar wider by |ln r|. Where the
-    bodies contradict each other nothing is divided, and every E is in doubt by the largest body's |ln r|; nor
-    is it by a ratio that no gripper has (`implausible`), whatever is asked for.
+    The bodies' own records stay. A ratio within 2 standard deviations of 1 changes no fruit. Beyond it every
+    graded fruit's E is divided by it (`correct`), or is in doubt, its error bar wider by |ln r|. If the
+    bodies contradict each other, nothing is divided, and every E is in doubt by the largest body's |ln r|. A
+    ratio that no gripper has (`implausible`) never divides E, whatever `correct` is.
     """
     asked = [record for record in records if record.given.reference]
     if not asked:
@@ -166,7 +168,7 @@ def against_references(
 
 
 def as_measured(record: FruitRecord, corrected: FruitRecord) -> FruitRecord:
-    """The record as it is kept: its own modulus as measured, and beside it what the reports say of it."""
+    """The record as stored: its own modulus as measured, with what the reports show of it."""
     return record.model_copy(update={"reference": corrected.reference, "temperature": corrected.temperature})
 
 
@@ -224,7 +226,7 @@ def _reads(ratio: Ratio, bodies: Sequence[ReferenceBodyEntry]) -> str:
 
 
 def _implausible(ratio: Ratio, bodies: Sequence[ReferenceBodyEntry]) -> str:
-    """What is likelier than such a gain, the number that was typed first."""
+    """Likelier causes than such a gain, typing errors first."""
     typed = ", ".join(
         f"reference_E_MPa = {body.E_known_MPa:g} MPa of {body.fruit_id}"
         for body in bodies
@@ -238,7 +240,7 @@ def _implausible(ratio: Ratio, bodies: Sequence[ReferenceBodyEntry]) -> str:
 
 
 def _verdict(ratio: Ratio, *, corrected: bool) -> str:
-    """The end of the sentence about the ratio: whether it is as it should be, and what follows."""
+    """The end of the sentence about the ratio: whether it is as expected, and what follows."""
     if ratio.disagree:
         return (
             "drupe cannot judge the gripper, because the reference bodies contradict each other; "
@@ -256,7 +258,7 @@ def _verdict(ratio: Ratio, *, corrected: bool) -> str:
 
 
 def _with_sd(ratio: Ratio) -> str:
-    """To two digits after the point, or as many as its standard deviation needs.
+    """To two decimals, or as many as its standard deviation needs.
 
     >>> _with_sd(Ratio(ratio=1.12, ln_sd=0.03)), _with_sd(Ratio(ratio=1.0, ln_sd=0.004))
     ('1.12 ± 0.03', '1.000 ± 0.004')
@@ -266,7 +268,7 @@ def _with_sd(ratio: Ratio) -> str:
 
 
 def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitRecord:
-    """A fruit's record with the reference bodies' ratio: its E divided by it, doubted, or as it was."""
+    """A fruit's record with the reference bodies' ratio: its E divided by it, doubted, or unchanged."""
     ratio, modulus = finding.ratio, record.modulus
     if record.given.reference or not record.graded or modulus is None or ratio is None:
         return record.model_copy(update={"reference": None})
@@ -280,7 +282,7 @@ def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitReco
         if ratio.disagree:
             off = max(abs(math.log(body.ratio)) for body in finding.bodies)
         if not (ratio.disagree or ratio.implausible):
-            modulus = verified(modulus, 0.0, ratio.ln_sd)  # |ln r| itself is the doubt's
+            modulus = verified(modulus, 0.0, ratio.ln_sd)  # the doubt includes |ln r| itself
         modulus = modulus.widened(DOUBTED, off * modulus.E_MPa, shared=True)
         changed["doubts"] = (*record.doubts, sentence)
         changed["warnings"] = (sentence, *record.warnings)
@@ -299,7 +301,7 @@ def _with_reference(record: FruitRecord, finding: ReferenceFinding) -> FruitReco
 
 
 def _doubt(ratio: Ratio, bodies: Sequence[ReferenceBodyEntry]) -> str:
-    """The doubt that every fruit of the batch gets where the ratio is wrong and not corrected."""
+    """The doubt of every fruit of the batch if the ratio is wrong and not corrected."""
     if ratio.disagree:
         names = ", ".join(f"{body.fruit_id} {_with_sd(_ratio_of(body))}" for body in bodies)
         return f"drupe cannot judge the gripper: the reference bodies contradict each other ({names})."
@@ -313,14 +315,14 @@ def _doubt(ratio: Ratio, bodies: Sequence[ReferenceBodyEntry]) -> str:
 def corrected_modulus(modulus: ModulusRecord, ratio: Ratio) -> ModulusRecord:
     """E / r with sd^2 = (sd / r)^2 + (E / r * sd of ln r)^2, the second part common to all fruit.
 
-    The ratio takes the place of what all fruit share of the sensor's error (verified_scale.SHARED).
+    The ratio replaces the sensor's errors that all fruit share (verified_scale.SHARED).
     """
     corrected = without_sensor(modulus).scaled(1 / ratio.ratio)
     return corrected.widened(PART, corrected.E_MPa * ratio.ln_sd, shared=True)
 
 
 def scaled_grasp(grasp: GraspRecord, ratio: float) -> GraspRecord:
-    """One recording's moduli over `ratio`, as the fruit's, and those of its frames."""
+    """One recording's moduli divided by `ratio`, as the fruit's, and those of its frames."""
     known = {name: getattr(grasp, name) for name in _SCALED}
     changed = {name: value / ratio for name, value in known.items() if value is not None}
     frames = [

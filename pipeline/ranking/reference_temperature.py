@@ -1,8 +1,8 @@
 """E at a reference temperature, by the user's own coefficient.
 
 Flesh softens as it warms. With d ln E / dT = c ± s per °C, E at the temperature R of a fruit grasped at T is
-E exp(c (R - T)), and the coefficient's error adds s |R - T| to the standard deviation of ln E. All fruit of a
-batch share that error, so that it does not touch their order.
+E exp(c (R - T)). The coefficient's error adds s |R - T| to the standard deviation of ln E. All fruit of a
+batch share that error, so that it does not affect their order.
 """
 
 import math
@@ -19,13 +19,14 @@ PART = "temperature coefficient"
 def compared(
     records: Sequence[FruitRecord], settings: Settings
 ) -> tuple[list[FruitRecord], ReferenceFinding | None]:
-    """The records as reports tell them: against the reference bodies, then at the reference temperature."""
+    """The records as reports show them: against the reference bodies, then at the reference temperature."""
     in_order, finding = against_references(records, correct=settings.reference.correct)
     return [at_reference_temperature(record, settings) for record in in_order], finding
 
 
 def at_reference_temperature(record: FruitRecord, settings: Settings) -> FruitRecord:
-    """The fruit with E at the reference temperature; as it is without a coefficient, and a reference body."""
+    """The fruit with E at the reference temperature; unchanged without a coefficient, or if a reference
+    body."""
     wanted, pulp_C, modulus = settings.temperature, settings.pulp_temperature_C, record.modulus
     if wanted is None or pulp_C is None or record.given.reference or not record.graded or modulus is None:
         return record.model_copy(update={"temperature": None})

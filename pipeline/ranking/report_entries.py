@@ -1,4 +1,4 @@
-"""From records to what the reports room prints."""
+"""From records to the reports' entries."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -48,11 +48,11 @@ SCREEN_WORDS: Mapping[str, EffectWords] = {
 }
 """Names of the screen that are no effect of the catalogue."""
 RANK_FIELDS = ("rank", "rank_probability", "rank_low", "rank_high", "p_softer_than_next")
-"""What an entry takes over of a fruit's place."""
+"""Fields that an entry copies from a fruit's rank."""
 SETTING_FIELDS = ("cultivar", "lot", "packer", "harvest_date", "pulp_temperature_C")
-"""What an entry takes over of the batch's settings."""
+"""Fields that an entry copies from the batch's settings."""
 RANKING_SEED = 20260814
-"""Seed of the draws behind the ranking's intervals; any number does, kept so that runs repeat."""
+"""Seed of the draws behind the ranking's intervals; any number does, a fixed one makes runs repeat."""
 
 
 def batch_entry(
@@ -68,10 +68,10 @@ def batch_entry(
     faults: Sequence[BatchFault] = (),
     unfinished: Unfinished | None = None,
 ) -> BatchEntry:
-    """The batch as the reports see it, ranked softest first.
+    """The batch as the reports show it, ranked softest first.
 
-    `records` and `finding` as `against_references` gives them;
-    `unfinished`: how far a run is whose `records` are not all.
+    `records` and `finding` as `against_references` returns them; `unfinished`: progress of a run whose
+    `records` are not all.
     """
     graded = [r for r in records if r.graded and not r.given.reference]
     moduli = [r.modulus for r in graded if r.modulus]
@@ -134,18 +134,18 @@ def batch_entry(
 
 
 def verdicts_on(fruit_id: str, key: str, trail: Trail) -> tuple[VerdictEntry, ...]:
-    """What people say of the fruit whose result has this key, the latest last."""
+    """Verdicts of people on the fruit whose result has this key, the latest last."""
     return tuple(verdict_entry(verdict, key) for verdict in trail.of_fruit.get(fruit_id, ()))
 
 
 def verdict_entry(verdict: Verdict, key: str) -> VerdictEntry:
-    """The verdict as reports show it beside the result of this key."""
+    """The verdict as reports show it beside the result with this key."""
     shown = {"judged_class", "by", "why", "at_utc", "E_MPa", "E_sd_MPa"}
     return VerdictEntry(**verdict.model_dump(include=shown), earlier=verdict.key != key)
 
 
 def _ships(grading: Grading, *, unsaid: bool = False) -> tuple[str, ...]:
-    """Names of the classes that are shipped, or of those of them that do not say so themselves."""
+    """Names of the classes that are shipped, or (`unsaid`) of those that are so by default."""
     both = zip(grading.classes, grading.shipped or (), strict=False)
     return tuple(c.name for c, goes in both if goes and (c.ship is None or not unsaid))
 
@@ -197,20 +197,20 @@ def _fruit_entry(
 
 
 def _volume_mm3(record: FruitRecord) -> float | None:
-    """Of the mesh, or of the ellipsoid with the fruit's diameters."""
+    """Volume of the mesh, or of the ellipsoid with the fruit's diameters."""
     if record.mesh is not None:
         return record.mesh.volume_mm3
     return None if record.pressed is None else np.pi / 6 * float(np.prod(record.pressed.diameters_mm))
 
 
 def _uncorrected_MPa(record: FruitRecord) -> float | None:
-    """E as it was measured, where the reference bodies corrected it."""
+    """E as measured, if the reference bodies corrected it."""
     reference = record.reference
     return reference.E_MPa * reference.ratio if reference is not None and reference.corrected else None
 
 
 def _explained(record: FruitRecord, files: FruitResults) -> DiagnosisRecord | None:
-    """What `drupe explain` said of the same inputs, settings and code."""
+    """The answer of `drupe explain` for the same inputs, settings and code."""
     said = read_as(files.mismatch, DiagnosisRecord)
     return None if said is None or said.key != record.key else said
 
@@ -229,7 +229,7 @@ def _screen(record: FruitRecord) -> ScreenEntry | None:
 
 
 def _suspect(name: str) -> Suspect:
-    """The words of one name; of two effects at once those of both."""
+    """The words of one name; of a pair, those of both effects."""
     words = [SCREEN_WORDS[part] if part in SCREEN_WORDS else SPECS[part].words for part in name.split("+")]
     return Suspect(
         name=name,
@@ -324,7 +324,7 @@ _QUALITY = {
     "offset_volume_share": "the same as a share of the volume",
     "ground_known_share": "share of the rims with known ground behind them",
 }
-"""What the measures of a mesh are called; another one by its own name."""
+"""Labels of a mesh's measures; others have their own names."""
 
 
 def _shown(value: object) -> str:
@@ -334,7 +334,7 @@ def _shown(value: object) -> str:
 
 
 def _shore(graded: Sequence[FruitRecord]) -> ShoreCorrelation | None:
-    """How the moduli agree with Shore readings; None for too few of them."""
+    """Correlation of the moduli with Shore readings; None for too few of them."""
     pairs = [
         (r.modulus.E_MPa, r.given.shore_oo) for r in graded if r.modulus and r.given.shore_oo is not None
     ]

@@ -4,16 +4,17 @@ from pipeline.batch.layout import FruitResults, Results
 from reports.entries import FruitPictures, Picture
 
 MANY = 450
-"""Fruit in a batch; beyond it the page has links to the pictures alone, since those of 500 take 25 MB."""
+"""Most fruit with pictures in the page; beyond it the page has links alone, since pictures of 500 take 25
+MB."""
 MANY_SCENES = 100
-"""Fruit in a batch; beyond it the page has none in three dimensions, which take 56 kB each in base64: 5.6 MB.
-Set by hand."""
+"""Most fruit with scenes in three dimensions in the page, which take 56 kB each in base64: 5.6 MB. Set by
+hand."""
 
 
 def fruit_pictures(
     results: Results, files: FruitResults, *, fruits: int, measured: bool = True
 ) -> FruitPictures:
-    """Pictures of one fruit in a batch of so many; none of one without a mesh (not `measured`)."""
+    """Pictures of one fruit in a batch of `fruits`; none of one without a mesh (not `measured`)."""
     paths = {
         "photo": files.photo,
         "outlines": files.outlines,

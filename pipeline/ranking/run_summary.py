@@ -1,4 +1,4 @@
-"""What a run says on the terminal when it ends."""
+"""Messages of a run on the terminal when it ends."""
 
 import math
 from collections.abc import Sequence
@@ -13,13 +13,13 @@ from reports.entries import BatchEntry, FruitEntry, ranked, without_references
 from reports.words import remarks, screen_words
 
 MOST_LINES = 40
-"""Of doubts, and of warnings; the report and record.json have them all."""
+"""Most lines of doubts, and of warnings; the report and record.json have them all."""
 MOST_IDS = 5
-"""That a line names of the fruit that share a cause."""
+"""Most fruit that a line names for a shared cause."""
 
 
 def decimals(sd_MPa: float) -> int:
-    """How many a modulus is printed with: three, and more for what is known to less than a kPa.
+    """Decimals of a printed modulus: three, and more if its error is below a kPa.
 
     >>> decimals(0.014), decimals(0.001), decimals(0.0004)
     (3, 3, 4)
@@ -47,8 +47,8 @@ def _once(lead: str, said: Sequence[tuple[str, Sequence[str]]]) -> list[str]:
 
 
 def suspected(fruits: Sequence[FruitEntry]) -> list[str]:
-    """A line for all fruit of which the screen suggests the same, or that could not be screened for one
-    reason.
+    """A line for all fruit with the same suggestion of the screen, or with the same reason for having
+    none.
     """
     by_line: dict[str, list[str]] = {}
     for fruit in fruits:

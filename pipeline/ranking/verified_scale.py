@@ -1,4 +1,4 @@
-"""A modulus whose sensor was checked on bodies of known modulus: what that leaves of the sensor's error.
+"""A modulus after a check of its sensor on bodies of known modulus: the sensor's remaining error.
 
 `ratio` is E found over E known, `ln_sd` the standard deviation of its logarithm.
 """
@@ -10,13 +10,13 @@ from pipeline.fruit.elasticity import GAIN, OWN_GAIN, SENSOR
 from tactile.consistency.gain import unseen_error
 
 SHARED = (SENSOR, GAIN)
-"""Parts of an error bar by the sensor that all fruit share, so that a reference body measures them."""
+"""Parts of an error bar by the sensor that all fruit share; a reference body measures them."""
 
 
 def verified(modulus: ModulusRecord, ln_ratio: float, ln_sd: float) -> ModulusRecord:
-    """The same E, of whose scale the reference bodies say ln r ± sd: what that leaves of the common scale and
-    of the sensor's SHARED parts (tactile.consistency.gain), each by the same share. It is more than they
-    were where ln r contradicts them.
+    """The same E with the errors that remain after the reference bodies' ln r ± sd: of the common scale and
+    of the sensor's SHARED parts (tactile.consistency.gain), each by the same share. They grow if ln r
+    contradicts them.
     """
     assumed = math.hypot(modulus.scale_sd_MPa, _shared_sd_MPa(modulus)) / modulus.E_MPa
     if assumed == 0.0:
@@ -30,7 +30,8 @@ def shared_gain(modulus: ModulusRecord) -> float:
 
 
 def with_own_gain(modulus: ModulusRecord, shared: float) -> ModulusRecord:
-    """The same E and error bar; its gain beyond `shared`, that of other bodies (relative), is its own."""
+    """The same E and error bar; its gain beyond `shared`, that of other bodies (relative), counts as its
+    own."""
     parts = modulus.parts_sd_MPa
     kept = min(parts.get(GAIN, 0.0), shared * modulus.E_MPa)
     more = parts.get(GAIN, 0.0) ** 2 - kept**2
@@ -51,7 +52,7 @@ def without_sensor(modulus: ModulusRecord) -> ModulusRecord:
 
 
 def _with_sensor(modulus: ModulusRecord, share: float) -> ModulusRecord:
-    """The same E with its common scale and the sensor's SHARED parts times `share`."""
+    """The same E with its common scale and the sensor's SHARED parts multiplied by `share`."""
     more = (share**2 - 1) * _shared_sd_MPa(modulus) ** 2
     parts = modulus.parts_sd_MPa
     return modulus.model_copy(

@@ -1,1 +1,1 @@
-"""Whether a recording obeys the relations that sound ones obey, and which mistake explains it if not."""
+"""Whether a recording obeys the relations that valid ones obey, and which mistake explains it if not."""

@@ -1,5 +1,5 @@
-"""Values that no sensor gives: markers that are dead, frozen, clipped, missing or a pitch off, frames of
-zeros, copied frames, a contact beyond the edge of the markers.
+"""Values that no working sensor gives: dead, frozen, clipped or missing markers, markers shifted by a pitch,
+zero and copied frames, and contact beyond the outermost markers.
 """
 
 from collections.abc import Iterator, Sequence
@@ -14,39 +14,39 @@ from tactile.consistency.pressing import Pressing, at_peak, gives_way, noise_sha
 from tactile.markers.matching import UNSURE
 
 LOST_SAID, LOST_REFUSED, E_PER_LOST = 0.01, 0.05, 2.0
-"""Share of a contact's markers or values that are lost, from which it is said, and refused; E loses 0.8 to
-1.0 of it: 30 % of the markers 27 to 28 %, a force clipped at half, which is 0.41 of the values, 34 %.
-Doubled, since what went is not known."""
+"""Share of a contact's markers or values that are lost, above which drupe reports it, and refuses the
+recording. E loses 0.8 to 1.0 of that share: 27 to 28 % for 30 % of the markers, 34 % for a force clipped at
+half (0.41 of the values). Doubled, since the lost values are unknown."""
 DEAD = 0.02
-"""Total of a dead field over what the other one says; sound fields have 0.94 to 1.06
+"""A field is dead if its total is below this share of the other's prediction; valid ones have 0.94 to 1.06
 (benchmarks/field_spreads.py)."""
 FROZEN_FRAMES, FROZEN_SHARE, AROUND = 3, 0.25, 0.75
-"""A marker is dead that repeats itself exactly in so many frames, and in this share of those in which AROUND
-of its neighbours are pressed and most markers change: noise of 4 um in steps of 0.1 um does so once in
-1e5."""
+"""A marker is dead if it repeats itself exactly in this many frames and in this share of the eligible ones.
+In these AROUND of its neighbours (half, with noise) are pressed, and most markers change: noise of 4 um in
+steps of 0.1 um does so once in 1e5."""
 FAINT, OF_PEAK, FAINT_SD = 0.25, 0.5, 8.0
-"""So is one that carries less than this share of its neighbours' median where that is half the peak, and
-beyond so many standard deviations of noise; within sound contacts no marker there has less than
-0.48 (benchmarks/field_spreads.py)."""
+"""So is a marker with less than this share of its neighbours' median, if that exceeds half the peak and this
+multiple of the noise. In valid contacts none there has less than 0.48 (benchmarks/field_spreads.py)."""
 LEAST_CORRELATION = 0.3
-"""Correlation of a field with its neighbours' median from which neighbours predict a marker. In random order
-it is 0 within 0.16 (three standard deviations of 350 markers); sound contacts have 0.9 and more
+"""Correlation of a field with its neighbours' median above which neighbours predict a marker. In random order
+it is within 0.16 of 0 (three standard deviations of 350 markers); valid contacts have 0.9 and more
 (benchmarks/field_spreads.py)."""
 FEWEST_LEVELS, CLIPPED_SAMPLES = 12, 12
-"""Different values of a field below which its steps repeat values; samples that share a field's greatest
-value exactly: sound recordings have up to eight (benchmarks/field_spreads.py)."""
+"""Fewest distinct values of a field: below it coarse steps repeat values. Fewest samples exactly at a field's
+maximum that count as clipped: valid recordings have up to eight (benchmarks/field_spreads.py)."""
 NOISE: dict[Field, float] = {"displacement": 0.057, "force": 0.27}
-"""Noise over what the most pressed markers show; sound recordings have up to 0.0545 and 0.249,
-on soft gels (benchmarks/field_spreads.py)."""
+"""Noise over the signal of the most pressed markers; valid recordings have up to 0.0545 and 0.249, on soft
+gels (benchmarks/field_spreads.py)."""
 NOISE_REFUSED = 0.1
-"""Of the displacement, from which it is refused."""
+"""The same of displacement for a refusal."""
 E_PER_NOISE = (6.0, 1.0)
-"""Relative error of E per share of noise in displacement and force: a first touch is found late. 0.08 of the
-displacement made E 47 % too small on one fruit (benchmarks/field_mistakes.py)."""
+"""Relative error of E per share of noise in displacement and force, because noise delays detection of the
+first touch. A share of 0.08 in displacement made E 47 % too small on one fruit
+(benchmarks/field_mistakes.py)."""
 
 
 def value_findings(pressings: Sequence[Pressing]) -> list[Finding]:
-    """What is wrong with single markers, values and frames, pad by pad."""
+    """Findings about single markers, values and frames, pad by pad."""
     dead = [finding for press in pressings for finding in _dead_field(press)]
     findings = shared(dead)
     for press in pressings:
@@ -66,7 +66,7 @@ def lost_finding(press: Pressing, kind: FindingKind, says: str, share: float, **
 
 
 def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
-    """Signals that hardly rise above their noise."""
+    """Findings of signals that hardly exceed their noise."""
     findings = []
     for press in pressings:
         shares = noise_shares(press)
@@ -93,7 +93,7 @@ def noise_findings(pressings: Sequence[Pressing]) -> list[Finding]:
 
 
 def _dead_field(press: Pressing) -> Iterator[Finding]:
-    """A field in which nothing rises above noise while the other says that it should."""
+    """A field that stays within its noise while the other field predicts a signal."""
     use = press.touched
     if press.gel_mm is None or not use.any():
         return
@@ -113,7 +113,7 @@ def _dead_field(press: Pressing) -> Iterator[Finding]:
 
 
 def dead_markers(press: Pressing) -> Bool[np.ndarray, " n"]:
-    """Markers in the contact that give nothing, or nothing new.
+    """Markers in the contact that are dead: too weak, or frozen.
 
     Neighbours show both, and only in a field in which neighbours are correlated.
     """
@@ -170,7 +170,7 @@ def _whole_frames(press: Pressing) -> Iterator[Finding]:
 
 
 def _clipped(press: Pressing) -> Iterator[Finding]:
-    """Fields whose greatest value repeats, more often than a quarter of the values just below it."""
+    """Fields with more samples at their maximum than a quarter of those within 5 % below it."""
     for name, values in (("displacement", press.pad.displacement_mm), ("force", press.pad.force_N)):
         normal = np.abs(values[:, :, 2])
         top = float(normal.max())
@@ -187,21 +187,21 @@ def _clipped(press: Pressing) -> Iterator[Finding]:
 
 
 HOLE, UNEVEN, REGULAR = 1.6, 0.25, 0.7
-"""Area of a triangle between nearest markers over half of a cell from which a marker is missing there (one
-left out of a grid makes 2); in a grid REGULAR of these areas are whole numbers but for UNEVEN."""
+"""Area of a triangle between nearest markers, over half a cell, above which a marker is missing there (one
+missing marker makes 2). In a grid the share REGULAR of these areas is within UNEVEN of a whole number."""
 AT_EDGE = 0.6
-"""Mean force of the outermost markers (the strongest tenth of them) over the peak; sound ones have up to 0.44
-(benchmarks/field_spreads.py)."""
+"""Mean force of the outermost markers (the strongest tenth of them) over the peak; valid recordings have up
+to 0.44 (benchmarks/field_spreads.py)."""
 PUNCH = 0.3
-"""A pad that is in contact all over presses as a flat punch: most of the outermost markers carry this share
-of the peak, and beyond them there is no gel."""
+"""A pad in contact over its whole face presses as a flat punch: most of the outermost markers carry this
+share of the peak, and the gel ends beyond them."""
 OUTERMOST = 0.3
-"""Of the spacing: markers so near to the outline are on it, as places off by a tenth of it are."""
+"""Share of the spacing: markers this near to the outline are on it, since places may be off by a tenth."""
 
 
 def missing_findings(pressings: Sequence[Pressing]) -> list[Finding]:
-    """Places without a marker, and markers a pitch off; what refuses the recording is said once of both
-    pads."""
+    """Findings of missing markers and of markers shifted by a pitch; both pads share one finding if all
+    refuse the recording."""
     findings = [finding for press in pressings for finding in (*_missing(press), *_pitch_off(press))]
     return shared(findings) if all(finding.refused for finding in findings) else findings
 
@@ -209,19 +209,19 @@ def missing_findings(pressings: Sequence[Pressing]) -> list[Finding]:
 def missing_markers(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "m 4"]:
     """Holes of a grid, a row each: the three markers around it and how many are missing there.
 
-    A grid is cut into triangles of half a cell (Delaunay). A triangulation of n points gains two triangles
-    for each point that is put inside it, so that a triangle of area A lacks (A / (half a cell) - 1) / 2
-    markers. No rows where the triangles are too unlike for a grid.
+    Delaunay triangulation cuts a grid into triangles of half a cell. Each point that is added inside adds two
+    triangles, so that a triangle of area A lacks (A / (half a cell) - 1) / 2 markers. There are no rows if
+    the triangles are too irregular for a grid.
     """
     triangles = Delaunay(rest_mm).simplices
     first, second, third = rest_mm[triangles].transpose(1, 2, 0)
     edges = second - first, third - first
     area = np.abs(edges[0][0] * edges[1][1] - edges[0][1] * edges[1][0]) / 2
-    inner = area > 0.2 * np.median(area)  # slivers along the outline are not
+    inner = area > 0.2 * np.median(area)  # drops slivers along the outline
     triangles, area = triangles[inner], area[inner]
     middles = rest_mm[triangles].mean(axis=1)
     near = np.asarray(cKDTree(middles).query(middles, k=min(24, len(middles)))[1])
-    area = area / np.quantile(area[near], 0.3, axis=1)  # a lens changes the cell over the face
+    area = area / np.quantile(area[near], 0.3, axis=1)  # a lens varies the cell over the face
     if float((np.abs(area - np.round(area)) < UNEVEN).mean()) < REGULAR:
         return np.empty((0, 4))
     holes = area > HOLE
@@ -256,15 +256,15 @@ def _pitch_off(press: Pressing) -> Iterator[Finding]:
 
 
 def edge_findings(pressings: Sequence[Pressing]) -> list[Finding]:
-    """Contacts that are strong at the outermost markers, past which nothing is measured; of both pads
-    once."""
+    """Findings of contacts that are strong at the outermost markers, beyond which nothing is measured; both
+    pads share one."""
     return shared([finding for press in pressings for finding in _edge(press)])
 
 
 def share_at_edge(press: Pressing) -> float:
     """Mean force of the outermost markers (the strongest tenth of them) over the peak.
 
-    0 where the whole outline is pressed, as by a flat punch, and where nothing is.
+    It is 0 if the whole outline is pressed, as by a flat punch, or if nothing is.
     """
     rest = press.pad.rest_mm[:, :2]
     hull = ConvexHull(rest).equations

@@ -1,4 +1,4 @@
-"""One thing that cannot be right in a recording: its cause as a sentence, and what it does to E."""
+"""One contradiction in a recording: its cause as a sentence, and its effect on E."""
 
 from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
@@ -7,15 +7,15 @@ from typing import Any, Literal
 
 Field = Literal["displacement", "force", "stiffness"]
 REFUSED_SD = 0.28
-"""Relative standard deviation of E beyond which a modulus says too little: a gain of 1.5."""
+"""Relative standard deviation of E above which a recording is refused: that of a gain of 1.5."""
 MEANINGLESS = 1.0
-"""The same of a recording whose fields are not what they say."""
+"""The same, for a recording whose fields are not what they claim to be."""
 E_OF_ANOTHER_FRUIT = 0.35
-"""The same where the recording may be another fruit's: moduli of one lot spread by a factor of 1.4."""
+"""The same if the recording may be of another fruit: moduli of one lot spread by a factor of 1.4."""
 
 
 class FindingKind(StrEnum):
-    """What was found; findings are told apart by this, never by the words of their sentences."""
+    """The kind of a finding; code distinguishes findings by it, never by the words of their sentences."""
 
     # single values, markers and frames
     DEAD_MARKERS = "dead-markers"
@@ -36,7 +36,8 @@ class FindingKind(StrEnum):
     TIME_UNIT = "time-unit"
     # transformations that explain a failed relation
     SCALE = "scale"
-    """A factor on force, displacement or stiffness (`field`); `detail` names the unit, if it is one's."""
+    """A factor on force, displacement or stiffness (`field`); `detail` names the unit that it suggests, if
+    any."""
     SIGN = "sign"
     AXES = "axes"
     INCREMENTS = "increments"
@@ -70,27 +71,27 @@ class FindingKind(StrEnum):
     WIDTH = "width"
     ASIDE = "aside"
     PRINT_ASIDE = "print-aside"
-    # what the machine and the recording say of themselves
+    # limits of the machine, and statements about the recording
     STIFFER_THAN_RIG = "stiffer-than-rig"
     BEYOND_RIG = "beyond-rig"
     READ_OTHERWISE = "read-otherwise"
-    """Its reader took something otherwise than the file has it."""
+    """The reader interpreted something differently from the file."""
     OTHER_FRUIT = "other-fruit"
     OTHER_CATEGORY = "other-category"
 
 
 @dataclass(frozen=True)
 class Finding:
-    """`says` is the likely cause without a full stop; it goes on from the `pads` it is said of, if any.
+    """`says` is the likely cause without a full stop; it continues the names of the `pads`, if any.
 
-    `field`: the field that is meant, where the kind may mean either; `detail`: what else tells two findings
-    of a kind apart (a unit, a number of frames). `also`: kinds of other causes that explain the recording
-    about as well. `refused`: a modulus from this recording would mean nothing. Else E's relative standard
-    deviation grows by `relative_sd`, which is 0 where E does not depend on what was found. `hides_touch`: the
-    first touch cannot be seen for it, so that nothing can be said of where and when the pads met the fruit.
-    `remark`: no fault and no effect on E, but something that other checks or findings would have needed.
-    `has_effect`: the mismatch finder has an effect for the cause, so that it takes the recording though
-    grading refuses it. `undone`: the recording is sound without it.
+    `field`: the field that is meant, where the kind may mean either; `detail`: distinguishes two findings of
+    a kind (a unit, a number of frames). `also`: kinds of other causes that explain the recording about
+    equally well. `refused`: a modulus from this recording would be meaningless. Otherwise E's relative
+    standard deviation grows by `relative_sd`, which is 0 if E does not depend on the finding. `hides_touch`:
+    the first touch cannot be detected, so no check can judge where and when the pads met the fruit. `remark`:
+    no fault and no effect on E, but other checks or findings would have needed it. `has_effect`: the mismatch
+    finder models the cause as an effect, so that it accepts the recording though grading refuses it.
+    `undone`: the recording is valid once the cause is removed.
     """
 
     kind: FindingKind
@@ -109,7 +110,7 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """The whole, as people read it.
+        """The whole sentence, for users.
 
         >>> Finding(FindingKind.SIGN, "force is negative", pads=("left",)).sentence
         "the left pad's force is negative"
@@ -118,7 +119,7 @@ class Finding:
 
 
 def pads_said(names: tuple[str, ...]) -> str:
-    """The pads as a sentence begins with them.
+    """The pads as the start of a sentence.
 
     >>> pads_said(("left",)), pads_said(("left", "right"))
     ("the left pad's", "both pads'")
@@ -127,7 +128,7 @@ def pads_said(names: tuple[str, ...]) -> str:
 
 
 def shared(findings: Sequence[Finding]) -> list[Finding]:
-    """The findings of two pads as one where they are of one kind, field and detail; the first's numbers."""
+    """The findings of two pads as one if kind, field and detail agree; its numbers are the first's."""
     if len(findings) == 2:
         first, second = findings
         same = (first.kind, first.field, first.detail) == (second.kind, second.field, second.detail)
@@ -137,7 +138,7 @@ def shared(findings: Sequence[Finding]) -> list[Finding]:
 
 
 def doubted(kind: FindingKind, says: str, *, relative_sd: float, **more: Any) -> Finding:
-    """The finding that adds `relative_sd` to E's error bar, refused beyond REFUSED_SD."""
+    """A finding that adds `relative_sd` to E's error bar; beyond REFUSED_SD it refuses the recording."""
     return Finding(kind, says, relative_sd=relative_sd, refused=relative_sd > REFUSED_SD, **more)
 
 

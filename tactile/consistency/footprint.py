@@ -1,12 +1,12 @@
-"""Where the mesh says that the pads should have touched, against where they felt it.
+"""Compare where the mesh predicts that the pads touch with where they felt the fruit.
 
-Along a pad's normal the mesh stands h ahead of each marker in the first frame. Rigid bodies would touch first
-after the travel min h, at the point where h is least. What the gel felt says the same of the real fruit: the
-travel at first touch, and the middle of the print (Hertz 1882: indentation is quadratic about the point of
-first touch). Fruit that yields changes the size of a print, not its middle. A plane pad presses hardest where
-the skin lies parallel to it, so that what counts is the mesh's tilt against the pad under the middle of the
-print: an error of the mesh moves that middle far on a flat place and little on a round one, and its tilt by
-the same everywhere.
+Along a pad's normal the mesh lies h ahead of each marker in the first frame. Rigid bodies would touch after
+the travel min h, at the point of least h. The gel measures the same of the real fruit: the travel at first
+touch, and the centre of the imprint (Hertz 1882: indentation is quadratic about the point of first touch).
+Compliant fruit changes an imprint's size, not its centre. A plane pad presses hardest where the skin is
+parallel to it, so the check uses the mesh's tilt against the pad under the imprint's centre. An error of the
+mesh shifts that centre far on a flat place and little on a round one, but changes the tilt equally
+everywhere.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,35 +21,36 @@ from tactile.consistency.pressing import Pressing, clearer
 from tactile.registration import depth_along
 
 AHEAD_SD_MM = 0.15
-"""Spread (mm) of a pad's travel at first touch against the mesh on sound recordings over meshes with 0.1 mm
-of error: 0.12, greatest 0.32 (benchmarks/field_spreads.py)."""
+"""Spread (mm) of a pad's travel at first touch relative to the mesh, on valid recordings over meshes with 0.1
+mm of error: 0.12, at most 0.32 (benchmarks/field_spreads.py)."""
 TILT_SD, TILT_PER_MM = 0.012, 0.15
-"""Spread (radians) of the length of a recording's tilts under the middles of its prints on such meshes, and
-per mm of error of a mesh whose error is known."""
+"""Spread (radians) of the norm of a recording's tilts under its imprints' centres on such meshes; spread per
+mm of error of a mesh whose error is known."""
 MOVED_SD_MM = 0.4
-"""A fruit may be pushed by the first jaw: its shift along the jaws. Assumed; where it does not slide, 0.18
+"""The first jaw may push a fruit along the jaws by this shift. Assumed; where the fruit does not slide, 0.18
 and less (benchmarks/field_spreads.py)."""
 E_OF_A_TURN, REFUSED_AT = 0.1, 12.0
-"""Relative standard deviation of E where the pads may have touched elsewhere (pit and curvature: up to 10 %);
-standard deviations of a width from which the recording is surely another fruit's."""
+"""Relative standard deviation of E if the pads may have touched elsewhere (pit and curvature: up to 10 %);
+standard deviations of a width from which the recording is certainly of another fruit."""
 DEEP, PRINT_SD = 0.15, 4.0
-"""Markers indented by this share of the deepest, and so many standard deviations of noise, make the print."""
+"""An imprint's markers exceed this share of the deepest indentation and this many standard deviations of
+noise."""
 FEWEST = 12
-"""Markers of a print: twice the six numbers of a quadratic."""
+"""Fewest markers of an imprint: twice the six numbers of a quadratic."""
 END_OF_CLOSING = 0.98
-"""Share of the pad's way at which the first closing ends: a hold creeps by less than 2 %."""
+"""Share of the pad's travel at which the first closing ends: creep in a hold adds less than 2 %."""
 TOUCH_SD, TOUCH_SHARE, RISING = 5.0, 0.01, 5
-"""The total indentation rises where it exceeds so many of its noise's root mean squares, and this share of
-its peak; so many frames from there are led back to the first touch."""
+"""The total indentation rises above this multiple of its noise's RMS and this share of its peak; this many
+frames from there are extrapolated back to the first touch."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Footprint:
-    """Of one pad: the mesh ahead of it (mm), how much farther it went before it touched, and how far from the
-    mesh's nearest point the print's middle lies (in the pad's plane, mm), with the mesh's tilt there
+    """One pad's distance to the mesh (mm) and its extra travel before it touched. Then the offset of the
+    imprint's centre from the mesh's nearest point (in the pad's plane, mm), and the mesh's tilt there
     (radians).
 
-    The last two are NaN where the print is too small.
+    The last two are NaN if the imprint is too small.
     """
 
     name: str
@@ -63,7 +64,7 @@ class Footprint:
 def footprint(
     press: Pressing, vertices: Float[np.ndarray, "v 3"], faces: Int[np.ndarray, "f 3"]
 ) -> Footprint | None:
-    """The pad's print against the mesh; None where the pad never touches or looks past the mesh."""
+    """The pad's imprint against the mesh; None if the pad never touches or faces past the mesh."""
     pose, rest = press.pad.pose[0], press.pad.rest_mm
     total = clearer(press)[0][:, press.touched, 2].sum(axis=1)
     if not press.touched.any() or total.max() <= 0:
@@ -87,8 +88,8 @@ def footprint(
 
 
 def mesh_misfits(situation: Situation) -> list[Misfit]:
-    """Both pads' prints against the mesh: another fruit, a mesh of another size or turned, poses of another
-    day. Nothing without a mesh, or where a pad looks past it.
+    """Misfits of both pads' imprints with the mesh: another fruit, a mesh of another size or rotated, poses
+    of another day. Empty without a mesh, or if a pad faces past it.
     """
     vertices, faces, pressings = situation.vertices, situation.faces, situation.pressings
     if vertices is None or faces is None:
@@ -121,7 +122,7 @@ def _of_prints(situation: Situation, prints: Sequence[Footprint]) -> Iterator[Mi
 
 
 def _width(pressings: Sequence[Pressing], prints: Sequence[Footprint], surface_sd_mm: float) -> Misfit:
-    """The mesh's width between the pads against the fruit's at first contact."""
+    """Misfit of the mesh's width between the pads with the fruit's at first contact."""
     poses = [press.pad.pose[0] for press in pressings]
     apart = float((poses[1][:3, 3] - poses[0][:3, 3]) @ poses[0][:3, 2])
     mesh = apart - prints[0].gap_mm - prints[1].gap_mm
@@ -139,7 +140,7 @@ def _width(pressings: Sequence[Pressing], prints: Sequence[Footprint], surface_s
 
 
 def _inner(press: Pressing) -> np.ndarray:
-    """Markers within reach of the print: what stands ahead elsewhere (a stalk) does not count."""
+    """Markers within reach of the imprint; what lies ahead elsewhere (a stalk) does not count."""
     rest = press.pad.rest_mm
     middle = rest[press.touched].mean(axis=0)
     reach = float(np.linalg.norm(rest[press.touched] - middle, axis=1).max()) + 3.0 * press.spacing_mm
@@ -149,10 +150,10 @@ def _inner(press: Pressing) -> np.ndarray:
 def _first_touch(
     press: Pressing, total: Float[np.ndarray, " t"], travel: Float[np.ndarray, " t"]
 ) -> tuple[float, float]:
-    """Travel at which the first contact begins, and how far the way there leaves it open.
+    """Travel at which the first contact begins, and its uncertainty.
 
     Total indentation grows with travel past the touch to the power 1.5 (a half-space, Hertz) to 2 (a bed of
-    springs): the first frames are led back by both, at most one step before the first frame above noise.
+    springs). Both extrapolate the first frames back, to at most one step before the last frame within noise.
     """
     noise = float(np.sqrt((total[press.quiet] ** 2).mean()))
     level = max(TOUCH_SD * noise, TOUCH_SHARE * float(total.max()))
@@ -176,9 +177,9 @@ def _first_touch(
 def _middle(
     press: Pressing, ahead: Float[np.ndarray, " n"], travel: Float[np.ndarray, " t"]
 ) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, " 2"]]:
-    """Middle of the print less the mesh's nearest point, and the mesh's tilt there, from quadratics.
+    """Centre of the imprint minus the mesh's nearest point, and the mesh's tilt there, from quadratics.
 
-    Both over the same markers. At the end of the first closing: a shear during a later hold moves markers.
+    Both are fitted to the same markers at the end of the first closing: shear in a later hold moves markers.
     """
     end = int(np.argmax(travel >= travel.min() + END_OF_CLOSING * np.ptp(travel)))
     values, sd = clearer(press)
@@ -198,7 +199,7 @@ def _middle(
 def _extremum(
     xy_mm: Float[np.ndarray, "n 2"], z_mm: Float[np.ndarray, " n"]
 ) -> tuple[Float[np.ndarray, " 2"], Float[np.ndarray, "2 2"]] | None:
-    """Where a quadratic through z has its maximum, and its second derivatives; None where none is nearby."""
+    """Place of the maximum of a quadratic through z, and its second derivatives; None if none is nearby."""
     x, y = xy_mm.T
     terms = np.stack([np.ones_like(x), x, y, x * x / 2, x * y, y * y / 2], axis=1)
     c = np.linalg.lstsq(terms, z_mm, rcond=None)[0]

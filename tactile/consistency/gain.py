@@ -1,7 +1,7 @@
-"""By which factor forces may exceed what the gel's law says at its displacement, with the error of that.
+"""Factor by which forces may exceed the gel law's prediction at the measured displacement, with its error.
 
-A gain of force up to GAIN_SAID is not reported. The relation of force and displacement measures it all the
-same, in every recording.
+drupe does not report a gain of force up to GAIN_SAID. The relation of force and displacement still measures
+it in every recording.
 """
 
 from collections.abc import Sequence
@@ -15,19 +15,19 @@ from tactile.consistency.relations import gain_of
 from tactile.readers.recording import GelPad
 
 GAIN_SAID = 0.08
-"""|ln gain| beyond which a gain is said, 3.9 standard deviations (tactile/consistency/relations.py)."""
+"""|ln gain| above which a gain is reported, 3.9 standard deviations (tactile/consistency/relations.py)."""
 GAIN_SD = GAIN_SAID / 2
 """Prior standard deviation of ln gain: the check's limit is two of them (assumed)."""
 LAW_SD = 0.015
-"""Standard deviation of a measured ln gain beyond its noise, from the law itself, which all pads of one gel
-share: half of the 0.03 that sound recordings reach (benchmarks/field_spreads.py)."""
+"""Standard deviation of a measured ln gain beyond its noise: the law's own error, which all pads of one gel
+share. It is half of the 0.03 that valid recordings reach (benchmarks/field_spreads.py)."""
 
 
 def unseen_error(measured: float, measured_sd: float, *, prior_sd: float) -> float:
     """Root mean square of an error e ~ N(0, prior_sd^2) that was measured as N(e, measured_sd^2).
 
-    With w = prior_sd^2 / (prior_sd^2 + measured_sd^2) the posterior is N(w measured, w measured_sd^2), and e
-    stays in the number whole: sqrt((w measured)^2 + w measured_sd^2).
+    With w = prior_sd^2 / (prior_sd^2 + measured_sd^2) the posterior is N(w measured, w measured_sd^2). The
+    number is not corrected for e, so that its error is sqrt((w measured)^2 + w measured_sd^2).
 
     >>> round(unseen_error(0.0, 0.03, prior_sd=0.04), 4), round(unseen_error(0.08, 0.0, prior_sd=0.04), 4)
     (0.024, 0.08)
@@ -40,8 +40,8 @@ def unseen_error(measured: float, measured_sd: float, *, prior_sd: float) -> flo
 
 @dataclass(frozen=True, kw_only=True)
 class UnseenGain:
-    """Root mean square of ln gain in two independent parts: what all recordings of the gripper `shared`, and
-    what differs between recordings, `independent`.
+    """Root mean square of ln gain in two independent parts: `shared` by all recordings of the gripper, and
+    `independent` between recordings.
     """
 
     shared: float
@@ -49,8 +49,8 @@ class UnseenGain:
 
 
 def unseen_gain(pads: Sequence[GelPad]) -> UnseenGain:
-    """Of all pads of all recordings; without a pad that says anything the prior is all there is. A gain that
-    the check reports counts as none here: the finding has an error of its own.
+    """Unseen gain of all pads of all recordings; the prior alone if no pad is informative. A gain that the
+    check reports counts as 0 here: the finding has an error of its own.
     """
     gains = [gain for pad in pads if (gain := _of_pad(pad)) is not None]
     if not gains:
@@ -60,12 +60,11 @@ def unseen_gain(pads: Sequence[GelPad]) -> UnseenGain:
 
 
 def gain_left(measured: Float[np.ndarray, " n"], noise_sd: Float[np.ndarray, " n"]) -> UnseenGain:
-    """What n measured ln gains leave of one that is not corrected.
+    """Root mean square of an uncorrected ln gain after n measurements of it.
 
-    Their mean m has the variance s^2 = LAW_SD^2 + mean(noise_sd^2) / n: the law's error does not average
-    out. The prior is N(0, GAIN_SD^2), w the weight of m. The mean square (w m)^2 + w s^2
-    (unseen_error) is
-    independent^2 + shared^2, where independent = w * noise is what the noise makes of w m.
+    Their mean m has the variance s^2 = LAW_SD^2 + mean(noise_sd^2) / n: the law's error does not average out.
+    The prior is N(0, GAIN_SD^2), w the weight of m. The mean square (w m)^2 + w s^2 (unseen_error) is
+    independent^2 + shared^2, where independent = w * noise is the error of w m by noise.
     """
     noise = float(np.sqrt(np.mean(noise_sd**2) / len(noise_sd)))
     sd = float(np.hypot(LAW_SD, noise))
@@ -79,7 +78,7 @@ def gain_left(measured: Float[np.ndarray, " n"], noise_sd: Float[np.ndarray, " n
 
 
 def _of_pad(pad: GelPad) -> tuple[float, float] | None:
-    """ln gain and its standard deviation by noise; None where the gel's law says nothing of the pad."""
+    """ln gain and its standard deviation by noise; None if the gel's law says nothing about the pad."""
     press = pressing_of(pad)
     if gain_of(press) is None or press.gel_mm is None:
         return None
@@ -91,8 +90,8 @@ def _of_pad(pad: GelPad) -> tuple[float, float] | None:
 def slope_of(x: Float[np.ndarray, " t"], y: Float[np.ndarray, " t"]) -> tuple[float, float]:
     """Slope of y on x, and its relative standard deviation sqrt(c sum r^2 / ((t - 2) sum (x - mean x)^2)).
 
-    r is what the slope leaves of y; c = (1 + rho) / (1 - rho) with the correlation rho of r between
-    neighbouring frames, since errors that last count as fewer frames.
+    r are the residuals of y; c = (1 + rho) / (1 - rho) with the correlation rho of r between neighbouring
+    frames, since correlated errors count as fewer frames.
     """
     about, rises = x - x.mean(), y - y.mean()
     square = max(float(about @ about), 1e-30)

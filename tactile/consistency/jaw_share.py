@@ -1,4 +1,4 @@
-"""A fruit that is stiffer than the jaws: what is left to it of their travel is within the rig's spread."""
+"""A fruit that is stiffer than the jaws: its part of their travel is within the rig's uncertainty."""
 
 import numpy as np
 
@@ -8,17 +8,18 @@ from tactile.readers.recording import GelPad, Recording
 from tactile.rig.rig_curve import RigCurve
 
 UNSURE = 0.3
-"""Standard deviation of the jaws' give over what the fruit gave, beyond which E is a lower bound: as of a
-bare trace (fem.indentation.rig_share.UNSURE). Set by hand."""
+"""Standard deviation of the jaws' displacement under force over the fruit's, above which E is a lower bound,
+as for a bare indenter (fem.indentation.rig_share.UNSURE). Set by hand."""
 TOUCHED = 0.05
 """Share of the largest force from which the pads are in contact. Set by hand."""
 
 
 def jaw_share_findings(recording: Recording, rig: RigCurve) -> list[Finding]:
-    """Whether the rig says too little of a recording that it was taken out of; nothing where it does.
+    """Whether the rig is too uncertain for a recording that was corrected for it; empty if it is not.
 
-    What the fruit gave is the travel from the first touch to the largest force, less the gels' indentation.
-    The spread itself is in E's (pipeline.fruit.repeated_modulus), so that the finding adds none.
+    The fruit's deformation is the travel from the first touch to the largest force minus the gels'
+    indentation. E's error holds the spread itself (pipeline.fruit.repeated_modulus), so that the finding adds
+    none.
     """
     pads = [pad for pad in recording.pads if isinstance(pad, GelPad)]
     if len(pads) != len(recording.pads):

@@ -12,27 +12,29 @@ from tactile.consistency.pressing import clearer
 from tactile.readers.recording import Recording
 
 BALANCE = 0.1
-"""ln of one pad's normal force over the other's at the peak (assumed: weight, tilt of the pads)."""
+"""Spread of ln of one pad's normal force over the other's at the peak (assumed: weight, tilt of the pads)."""
 TURNS, STEP_SHARE = 0.115, 0.02
-"""Share of the jaws' steps, of at least STEP_SHARE of their way, that go back on the one before."""
+"""Share of the jaws' steps, of at least STEP_SHARE of their travel, that reverse the step before."""
 ROUGH, STRONG, CALM, FEWEST_FRAMES = 0.076, 0.1, 0.35, 8
-"""Mean square of a signal's steps over twice its variance, where the signal has STRONG of its peak and the
-jaws step by less than CALM of their way: 1 for chance order."""
+"""Mean square of a signal's steps over twice its variance: 1 for random order. It counts where the signal
+exceeds STRONG of its peak and the jaws step by less than CALM of their travel."""
 LATE_MM, LATE_SD_MM, LATE_AT, CLOSING_MM = -0.3, 0.23, 0.15, 3.5
-"""The jaws' opening at release less that at touch, where the gel passes LATE_AT of its peak, of jaws that
-close by CLOSING_MM: creep and yield make it negative, adhesion positive."""
+"""The jaws' opening at release minus that at touch, where the gel's signal passes LATE_AT of its peak, for
+jaws that close by CLOSING_MM: creep and yield make it negative, adhesion positive."""
 OPENING_SD_MM, OPENING_SHARE = 0.076, 0.025
-"""Aperture against the poses' distance, in mm and of the jaws' way (assumed: a clock, a bent finger)."""
+"""Spread of aperture minus the poses' distance, in mm and as a share of the jaws' travel (assumed: a clock, a
+bent finger)."""
 FACING_DEG, AROUND, AWAY = 6.6, 0.18, 0.26
-"""Angle between a pad's normal and the line to the other pad; ln of the fruit's size over the pads' distance,
-where that is smaller; 1 less the cosine between normal and the fruit's middle (all assumed)."""
+"""Angle between a pad's normal and the other's reversed normal; ln of the fruit's size over the pads'
+distance, if that is smaller; 1 minus the cosine between normal and direction to the fruit's centre (all
+assumed)."""
 E_OF_APERTURE, E_PER_LATE = 0.2, 0.28
 """Relative errors of E. The first is assumed: aperture or poses may be wrong. The second is per lag over
 closing; a lag of 3 mm in a closing of 3.5 mm changes E by 0.01 to 0.25."""
 
 
 def machine_misfits(situation: Situation) -> Iterator[Misfit]:
-    """Pads, jaws and clock against each other; with a mesh poses too, which a recording alone may lack."""
+    """Relations of pads, jaws and clock; with a mesh those of poses too, which a recording alone may lack."""
     recording, pressings, vertices = situation.recording, situation.pressings, situation.vertices
     pair = len(pressings) == 2 and recording.loading == "grasp"
     yield _turns(recording.aperture_mm)
@@ -64,7 +66,7 @@ def _turns(jaws_mm: Float[np.ndarray, " t"]) -> Misfit:
 
 
 def _rough(situation: Situation) -> Iterator[Misfit]:
-    """Fields that jump from frame to frame while the jaws do not."""
+    """Misfits of fields that jump from frame to frame while the jaws do not."""
     jaws_mm = situation.recording.aperture_mm
     calm = np.abs(np.diff(jaws_mm)) <= CALM * max(float(np.ptp(jaws_mm)), 1e-12)
     for press in situation.pressings if len(jaws_mm) >= FEWEST_FRAMES else ():
@@ -77,14 +79,14 @@ def _rough(situation: Situation) -> Iterator[Misfit]:
             steps = np.diff(signal)[(strong[1:] | strong[:-1]) & calm]
             clear = peak > OVER_NOISE * float(signal[press.quiet].std())
             if clear and len(steps) >= 5 and strong.sum() >= 4:
-                spread = max(float(signal[strong].var()), 0.05 * peak**2)  # a hold has none
+                spread = max(float(signal[strong].var()), 0.05 * peak**2)  # a hold has no variance
                 says = f"{name} jumps from frame to frame while the jaws move evenly"
                 rough = float((steps**2).mean()) / (2 * spread)
                 yield Misfit(Kind.GEL_FRAMES_SHUFFLED, rough / ROUGH, says, field=name, pads=press.pads)
 
 
 def release_less_touch_mm(situation: Situation) -> float | None:
-    """The jaws' opening where the gel is released less that where it is touched; None without either."""
+    """The jaws' opening at the gel's release minus that at its touch; None without either."""
     recording = situation.recording
     jaws = recording.aperture_mm if recording.loading == "grasp" else -recording.aperture_mm
     totals = [clearer(press)[0][:, press.touched, 2].sum(axis=1) for press in situation.pressings]
@@ -113,7 +115,7 @@ def _late(recording: Recording, apart_mm: float) -> Misfit:
 
 
 def _jaws(situation: Situation, size_mm: float) -> Iterator[Misfit]:
-    """Poses against each other, against the aperture and against the fruit's size."""
+    """Relations of poses with each other, with the aperture and with the fruit's size."""
     first, second = (press.pad.pose for press in situation.pressings)
     line = second[0, :3, 3] - first[0, :3, 3]
     angle = degrees(-float(first[0, :3, 2] @ second[0, :3, 2]))

@@ -1,10 +1,10 @@
-"""The likelihood of a recording: a product over relations that every sound recording obeys.
+"""The likelihood of a recording: a product over relations that every valid recording obeys.
 
-Each relation is a quantity whose spread over sound recordings is known. With r its distance in standard
-deviations, its log likelihood is that of Student's t with 9 degrees of freedom, -5 ln(1 + r^2 / 9), whose
+Each relation is a quantity whose spread over valid recordings is known. With r its distance in standard
+deviations, its log likelihood is that of Student's t with 9 degrees of freedom, -5 ln(1 + r^2 / 9). The heavy
 tails allow for fruit and sensors that no recording shows yet (Lange, Little and Taylor 1989). The standard
 deviations in relations.py, machine_relations.py and footprint.py come from benchmarks/field_spreads.py unless
-they are said to be assumed.
+marked as assumed.
 """
 
 from collections.abc import Sequence
@@ -20,12 +20,12 @@ from tactile.readers.recording import GelPad, Recording
 from tactile.readers.sensor_model import PublishedGel
 
 LIMIT = 5.0
-"""Log Bayes factor from which a transformation is named, and loss from which a relation fails: odds of 150,
-as many as there are relations and transformations; a distance of 3.9 standard deviations."""
+"""Log Bayes factor above which a transformation is named, and loss above which a relation fails. It means
+odds of 150, as many as there are relations and transformations, or 3.9 standard deviations."""
 FAILS_AT = 3.0 * float(np.sqrt(np.expm1(LIMIT / 5.0)))
-"""The same in standard deviations."""
+"""The same limit in standard deviations."""
 OVER_NOISE = 10.0
-"""Means and sums below so many standard deviations of their noise say nothing."""
+"""Means and sums below this many standard deviations of their noise are not judged."""
 
 
 WRONG_MESH = (
@@ -59,17 +59,17 @@ CAUSES = {
     Kind.ASIDE: WRONG_MESH,
     Kind.PRINT_ASIDE: WRONG_MESH,
 }
-"""What is likely, and what to do, where a relation fails and no transformation explains it."""
+"""Likely cause, and advice, for a relation that fails and that no transformation explains."""
 COMPARED = frozenset({Kind.UNBALANCED, Kind.MODULUS})
-"""Relations that fruit and pads may break too: they only compare two transformations."""
+"""Relations that fruit and pads may break too: they serve only to compare transformations."""
 
 
 @dataclass(frozen=True)
 class Misfit:
-    """How far a recording is from one relation.
+    """Distance of a recording from one relation.
 
-    `sds`: in standard deviations of sound recordings. `says` continues the pads' names: what was found, and
-    what was expected. `relative_sd`: of E, where no transformation explains it.
+    `sds`: in standard deviations of valid recordings. `says` continues the pads' names: what was found, and
+    what was expected. `relative_sd`: of E, if no transformation explains the misfit.
     """
 
     kind: Kind
@@ -83,19 +83,19 @@ class Misfit:
 
     @property
     def loss(self) -> float:
-        """Minus its log likelihood, 0 at the best."""
+        """Minus the log likelihood, 0 at its maximum."""
         return float(5.0 * np.log1p(self.sds**2 / 9.0))
 
     @property
     def fails(self) -> bool:
-        """Whether the recording is not sound for this relation alone."""
+        """Whether this relation alone makes the recording invalid."""
         return self.loss > LIMIT and self.kind not in COMPARED
 
 
 @dataclass(frozen=True, kw_only=True)
 class Situation:
-    """A recording with its pads made ready, and what it is compared with: mesh of the fruit and its error,
-    moduli of the category, gels of the sensor. `touch_is_seen`: nothing hides where pads meet the fruit.
+    """A recording with its prepared pads, and its references: mesh of the fruit and the mesh's error, moduli
+    of the category, gels of the sensor. `touch_is_seen`: nothing hides where pads meet the fruit.
     """
 
     recording: Recording
@@ -108,7 +108,7 @@ class Situation:
     touch_is_seen: bool = True
 
     def with_pads(self, pads: Sequence[GelPad]) -> "Situation":
-        """The same with these pads; signals that did not change are not made ready again."""
+        """The same with these pads; pads whose signals did not change are not prepared again."""
         ready = tuple(
             replace(press, pad=pad) if _same_signals(press.pad, pad) else pressing_of(pad)
             for press, pad in zip(self.pressings, pads, strict=True)

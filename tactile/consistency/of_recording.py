@@ -1,10 +1,10 @@
-"""What cannot be right in one recording: simple faults of its values, then relations that it does not obey.
+"""Contradictions in one recording: simple faults of its values, then relations that it breaks.
 
-A recording that obeys every relation is sound. Else each transformation
-(tactile/consistency/transformations.py) is undone, and the likelihoods of the whole recording with and
-without it are compared. The best one is named, with those that explain as much, if its log Bayes factor
-exceeds LIMIT. The search goes on in the recording without it, so that two mistakes are named one after the
-other. A relation that no transformation mends is named itself.
+A recording that obeys every relation is valid. Otherwise the search undoes each transformation
+(tactile/consistency/transformations.py), and compares the likelihoods of the whole recording with and without
+it. If the best log Bayes factor exceeds LIMIT, the search names that transformation, and those that explain
+about as much. It goes on in the corrected recording, so that it names two mistakes one after the other. A
+relation that no transformation corrects is named itself.
 """
 
 from collections import defaultdict
@@ -29,9 +29,9 @@ from tactile.readers.recording import GelPad, Recording
 from tactile.readers.sensor_model import PublishedGel
 
 MOST_MISTAKES = 3
-"""In one recording; each is searched in what the others leave."""
+"""In one recording; the search for each removes the ones before."""
 LAW = frozenset({FindingKind.SCALE, FindingKind.OUT_OF_STEP, FindingKind.OTHER_MARKERS})
-"""Relations that poses, aperture and clock do not enter."""
+"""Relations that do not depend on poses, aperture and clock."""
 
 Losses = dict[tuple[object, ...], float]
 
@@ -45,9 +45,9 @@ def recording_findings(
     surface_sd_mm: float = 0.0,
     gels: Sequence[PublishedGel] = (),
 ) -> list[Finding]:
-    """What cannot be right in `recording` of the fruit with this mesh, what refuses it first.
+    """Contradictions in `recording` of the fruit with this mesh; if any refuse it, only those.
 
-    A bare indenter's trace is not checked. Without a mesh (None) only the recording itself is.
+    A bare indenter's curve is not checked. Without a mesh (None) only the recording itself is.
 
     `E_range_MPa`: range of moduli of the category; `surface_sd_mm`: the mesh's error; `gels`: published
     values of the sensor's gels.
@@ -88,7 +88,7 @@ def _refused(findings: Sequence[Finding]) -> bool:
 
 
 def _what_counts(findings: Sequence[Finding]) -> list[Finding]:
-    """Of a recording that is refused only what refuses it: the rest may follow from that."""
+    """The findings that refuse the recording, as the rest may follow from them; all if none does."""
     return [finding for finding in findings if finding.refused] or list(findings)
 
 
@@ -106,7 +106,7 @@ def _explained(
     judge: Callable[[Situation], list[Misfit]],
     candidates: Callable[[Situation, Sequence[Misfit]], Iterator[Transformation]],
 ) -> tuple[list[Finding], Situation]:
-    """What explains the relations that fail, and the situation without what is explained."""
+    """Findings that explain the failing relations, and the situation with these causes removed."""
     findings: list[Finding] = []
     named: set[FindingKind] = set()
     for _ in range(MOST_MISTAKES):
@@ -135,7 +135,7 @@ def _explained(
 
 @dataclass(frozen=True, kw_only=True)
 class _Comparison:
-    """A transformation with its log Bayes factor, and by how much it mends each relation."""
+    """A transformation with its log Bayes factor, and by how much it reduces each relation's loss."""
 
     transformation: Transformation
     log_factor: float
@@ -158,7 +158,7 @@ def _compared(before: Losses, after: Losses, transformation: Transformation) -> 
 
 
 def _named(failing: Sequence[Misfit], ties: Sequence[_Comparison]) -> Finding:
-    """The best transformation, with those that explain as much as it; E's error is that of all, weighted."""
+    """The best transformation and those that explain about as much; E's error is the weighted RMS of all."""
     best = ties[0].transformation
     improvement = ties[0].improvement
     shown = max(failing, key=lambda misfit: improvement.get((misfit.kind, misfit.pads, misfit.field), 0.0))
@@ -182,7 +182,7 @@ def _named(failing: Sequence[Misfit], ties: Sequence[_Comparison]) -> Finding:
 
 
 def _unexplained(worst: Misfit, failing: Sequence[Misfit]) -> Finding:
-    """What is said of a relation that no transformation explains."""
+    """The finding for a relation that no transformation explains."""
     same = [misfit for misfit in failing if (misfit.kind, misfit.field) == (worst.kind, worst.field)]
     return doubted(
         worst.kind,

@@ -1,9 +1,8 @@
-"""A pad's signals made ready for checks: without offsets, with their noise, and where the gel is pressed.
+"""A pad's signals prepared for checks: without offsets, with their noise, and where the gel is pressed.
 
-They come with how far the markers move under the forces by the gel's law. A gel whose stiffness per area was
-measured is a bed of springs, u = f / (A k), marker by marker. One that is described by thickness, modulus and
-Poisson's ratio, and whose stated stiffness is that of its bonded layer, is an elastic slab
-(tactile/gel/slab.py).
+They include the displacement that the gel's law predicts from the forces. A gel whose stiffness per area was
+measured is a bed of springs, u = f / (A k), marker by marker. A gel with known thickness, modulus and
+Poisson's ratio is an elastic slab if its stated stiffness is that of its bonded layer (tactile/gel/slab.py).
 """
 
 from dataclasses import dataclass
@@ -20,44 +19,45 @@ from tactile.sensors import bonded_stiffness
 SAME_STIFFNESS = 0.02
 """A stated stiffness this near to the bonded layer's was computed from it (tactile/sensors.py)."""
 MOST_FOR_SLAB = 900
-"""Markers for which the slab's compliance is computed: the matrix (3n x 3n) takes 60 MB, and the table it is
-read from, an eighth of the markers' spacing fine and 8 thicknesses beyond them, some 220 MB on a face of
-20 mm. No law is taken for more: a bed of springs is none for a slab (0.46 of the force at 961 markers)."""
+"""Most markers for which the slab's compliance is computed. The matrix (3n x 3n) takes 60 MB. Its lookup
+table has an eighth of the markers' spacing and extends 8 thicknesses beyond them: some 220 MB on a face of 20
+mm. More markers have no law: a bed of springs is a poor one for a slab (0.46 of the force at 961 markers)."""
 QUIET_SHARE = 10.0
-"""Per cent of the frames that are taken to touch nothing at first; recordings here have 40 to 72 % of air
-(benchmarks/field_spreads.py)."""
+"""Percentage of the frames first assumed to touch nothing; recordings here have 40 to 72 % of no-contact
+frames (benchmarks/field_spreads.py)."""
 QUIET_OVER = 1.5
-"""Frames whose forces, and displacements, have a root mean square up to this many times the quietest's: 400
-markers' noise varies by 2 %, and a first contact of a tenth of them at 6 standard deviations makes 1.5."""
+"""Quiet frames have a root mean square of forces, and of displacements, up to this multiple of the
+quietest's: 400 markers' noise varies by 2 %, and a first contact of a tenth of them at 6 standard deviations
+makes 1.5."""
 PRESSED_SD = 6.0
 """A marker is pressed where its force or its displacement exceeds this many standard deviations of noise: by
 chance one of 400 markers in 100 frames does so in one recording of 300."""
 LEAST_SHARE = 0.1
 """And this share of the largest, so that a noisy channel does not count as pressed."""
 FEWEST_PRESSED = 3
-"""Markers pressed at once that make a contact: one or two may be noise's outliers."""
+"""Fewest markers pressed at once that make a contact: one or two may be outliers of the noise."""
 HEAVIEST = 5
-"""Frames of the greatest pressing, whose mean the checks look at: it has a little over half of one frame's
-noise, and sound recordings have 3 to 14 frames above 90 % of the peak (benchmarks/field_spreads.py), so that
-all five are near it."""
+"""Number of most pressed frames whose mean the checks use. It has a little over half of one frame's noise.
+Valid recordings have 3 to 14 frames above 90 % of the peak (benchmarks/field_spreads.py), so that all five
+are near it."""
 DEEPEST = 0.98
-"""Quantile of the markers' indentation that is the gel's: the last 2 % may be outliers. Set by hand."""
+"""Quantile of the markers' indentation used for the gel's: the last 2 % may be outliers. Set by hand."""
 FRAMES_SIMILAR = 1.5
-"""Variance of a mean over the heaviest frames, over that of independent noise: frames that follow each other
-share some (a correlation of 0.3 in samples/mismatch/marker_sensor.py makes 1.3 for two, 1.6 for five)."""
+"""Variance of a mean over the heaviest frames, over that of independent noise: noise of successive frames is
+correlated (a correlation of 0.3 in samples/mismatch/marker_sensor.py makes 1.3 for two, 1.6 for five)."""
 LEAST_OVER_NOISE = 3.0
-"""Normal displacement of the most pressed markers over noise, in the mean of the heaviest frames: what is
-smaller says nothing of a gel's law. Sound gels have 18 and more (1 over benchmarks/field_spreads.py's
+"""Least normal displacement of the most pressed markers over noise, in the mean of the heaviest frames. A
+smaller one says nothing about a gel's law. Valid gels have 18 and more (1 over benchmarks/field_spreads.py's
 noise)."""
 MOST_OF_TOP = 5
-"""Markers whose mean is taken for the peak, so that no single one's noise is."""
+"""Number of markers averaged for the peak, so that no single one's noise sets it."""
 
 
 def displacement_of(pad: GelPad, force_N: Float[np.ndarray, "t n 3"]) -> Float[np.ndarray, "t n 3"] | None:
-    """Displacement (mm, with the sign of the force) that the gel's law gives these marker forces.
+    """Displacement (mm, with the sign of the force) that the gel's law predicts from these marker forces.
 
-    None where no law is known: fewer than nine markers do not say the area of one, and of a slab with more
-    than MOST_FOR_SLAB none is computed.
+    None if no law is known: fewer than nine markers do not determine the area of one, and a slab with more
+    than MOST_FOR_SLAB markers is not computed.
     """
     area_mm2 = marker_area_mm2(pad.rest_mm)
     if area_mm2 is None:
@@ -75,13 +75,13 @@ def displacement_of(pad: GelPad, force_N: Float[np.ndarray, "t n 3"]) -> Float[n
 
 @lru_cache(maxsize=2)
 def _compliance(slab: GelSlab, places: bytes, pitch_mm: float) -> Float[np.ndarray, "m m"]:
-    """Of a slab's markers (0.5 s for 400); the same for each transformation that leaves their places."""
+    """Compliance of a slab's markers (0.5 s for 400), cached for transformations that keep their places."""
     flat = np.frombuffer(places).reshape(-1, 2)
     return tent_compliance(slab, flat, flat, pitch_mm=pitch_mm).reshape(3 * len(flat), -1)
 
 
 def slab_of(pad: GelPad) -> GelSlab | None:
-    """The slab that the pad's forces were found with; None where its stiffness was measured."""
+    """The slab from which the pad's forces were computed; None if its stiffness was measured."""
     E, nu, h = pad.gel_E_MPa, pad.gel_nu, pad.thickness_mm
     if E is None or nu is None or h is None or not nu < 0.5:
         return None
@@ -93,11 +93,11 @@ def slab_of(pad: GelPad) -> GelSlab | None:
 
 @dataclass(frozen=True, kw_only=True)
 class Pressing:
-    """One pad. `gel_mm` is how far each marker should have moved by its force and the gel's law, x, y, z.
+    """One pad. `gel_mm` is the displacement of each marker that its force and the gel's law predict, x, y, z.
 
-    `felt_mm` is how far it has moved, with the sign of the force (positive z: pressed in). Both lack the
-    offset of the quiet frames. `pressed[t, n]` by force or displacement; `near` are each marker's nearest
-    four. `gel_mm` is None where no law of the gel is known (`displacement_of`).
+    `felt_mm` is the measured one, with the sign of the force (positive z: pressed in). Both are relative to
+    the quiet frames. `pressed[t, n]` is by force or displacement; `near` are each marker's nearest four.
+    `gel_mm` is None if no law of the gel is known (`displacement_of`).
     """
 
     pad: GelPad
@@ -118,7 +118,7 @@ class Pressing:
 
     @cached_property
     def touched(self) -> Bool[np.ndarray, " n"]:
-        """Markers that are pressed in two frames at least."""
+        """Markers that are pressed in at least two frames."""
         return np.asarray(self.pressed.sum(axis=0) >= 2)
 
     @cached_property
@@ -130,13 +130,13 @@ class Pressing:
 
     @property
     def closing_mm(self) -> Float[np.ndarray, " t"]:
-        """How far the pad has gone along its own normal since the first frame."""
+        """The pad's travel along its own normal since the first frame."""
         pose = self.pad.pose
         return np.asarray((pose[:, :3, 3] - pose[0, :3, 3]) @ pose[0, :3, 2])
 
 
 def pressing_of(pad: GelPad) -> Pressing:
-    """The pad's signals without their offset; what is pressed says itself."""
+    """The pad's signals without their offset; the pressed markers follow from the signals."""
     quiet = _quiet(pad)
     felt = -(pad.displacement_mm - np.median(pad.displacement_mm[quiet], axis=0))
     force = pad.force_N - np.median(pad.force_N[quiet], axis=0)
@@ -160,7 +160,7 @@ def pressing_of(pad: GelPad) -> Pressing:
 
 
 def _quiet(pad: GelPad) -> Bool[np.ndarray, " t"]:
-    """Frames in which force and displacement are least; a field that never changes has no say."""
+    """Frames of least force and displacement; a field that never changes is ignored."""
     quiet = np.ones(len(pad.force_N), dtype=bool)
     for values in (pad.force_N, pad.displacement_mm):
         size = np.sqrt((values**2).mean(axis=(1, 2)))
@@ -187,7 +187,8 @@ def at_peak(press: Pressing, field: Float[np.ndarray, "t n 3"]) -> tuple[Float[n
 
 
 def clearer(press: Pressing) -> tuple[Float[np.ndarray, "t n 3"], float]:
-    """Displacement or force, whichever stands out more from its noise, and its noise; positive z: pressed."""
+    """Displacement or force, whichever has less noise relative to its signal, and its noise; positive z:
+    pressed."""
     shares = noise_shares(press)
     return (press.felt_mm, press.felt_sd_mm) if shares[0] <= shares[1] else (press.force_N, press.force_sd_N)
 
@@ -201,7 +202,7 @@ def gives_way(press: Pressing) -> bool:
 
 
 def noise_shares(press: Pressing) -> tuple[float, float]:
-    """Noise of displacement and of force over what the most pressed markers show."""
+    """Noise of displacement and of force over the signal of the most pressed markers."""
     top = press.heaviest
     peaks = [
         float(np.sort(np.abs(field[top, :, 2].mean(axis=0)))[-MOST_OF_TOP:].mean())

@@ -1,4 +1,4 @@
-"""Contact imprints on the picture of the untouched gel, and imprints that come with no force."""
+"""Contact imprints on the picture of the untouched gel, and imprints without a force."""
 
 from collections.abc import Sequence
 
@@ -10,23 +10,22 @@ from tactile.readers.recording import GelPad
 from tactile.reference_print import SURE, WHAT_TO_DO
 
 E_OF_A_PRINT = 0.5
-"""Relative standard deviation of E where a reference may bear a print: displacements then lack that of the
-print, which may be all of them. Set by hand."""
+"""Relative standard deviation of E if a reference may show an imprint: displacements then lack the imprint's,
+which may be all of it. Set by hand."""
 FORCE_BEYOND_NOISE = 8.0
-"""Standard deviations of a pad's total normal force below which it feels nothing, as tactile.contact has
-it."""
+"""Standard deviations of a pad's total normal force below which it measures none, as in tactile.contact."""
 LEAST_PRINT_N = 0.05
-"""Total normal force below which a print cannot be seen: a twentieth of a face of 300 mm2 of a gel of 0.2 MPa
-that is pressed in by a thirtieth of its thickness has 0.1 N; half of it. Set by hand."""
+"""Total normal force below which an imprint is invisible. Pressing a twentieth of a face of 300 mm2 of a gel
+of 0.2 MPa in by a thirtieth of its thickness takes 0.1 N; this is half of it. Set by hand."""
 
 
 def reference_findings(pads: Sequence[GelPad]) -> list[Finding]:
-    """Prints on references, and prints without a force; of both pads said once."""
+    """Imprints on references, and imprints without a force; both pads share one finding."""
     return shared([finding for pad in pads for finding in _print_findings(pad)])
 
 
 def print_without_force(pad: GelPad) -> str | None:
-    """Why a pad whose pictures show a print feels nothing, with what to do; None where that is not so."""
+    """Why a pad whose pictures show an imprint measures no force, with advice; None if that is not so."""
     shown = 0.0 if pad.print_shown is None else float(pad.print_shown.max())
     on_reference = pad.reference_print is not None and pad.reference_print >= 1.0
     if not on_reference and shown < SURE:

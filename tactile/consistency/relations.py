@@ -15,33 +15,34 @@ from tactile.readers.recording import GelPad, marker_area_mm2
 from tactile.readers.sensor_model import PublishedGel
 
 GAIN, OVER_TIME, OVER_MARKERS = 0.02, 0.018, 0.1
-"""Of a gel's law: ln of the forces over what the law gives; 1 less the correlations over frames and
+"""Spreads of a gel's law: ln of the forces over its prediction; 1 less the correlations over frames and
 markers."""
 LEAST_NOISE, LEAST_SHARE_SEEN = 1e-3, 0.2
-"""Noise of a recording that has none, of the largest value; share of a variance that must not be noise."""
+"""Least noise, over the largest value; least share of a variance that counts as signal."""
 PRESSES_DEG = 17.0
-"""Mean force, and stiffness times displacement, against the pad's normal; friction of 1 makes 45 degrees."""
+"""Spread of the angle to the pad's normal of mean force, and of stiffness times displacement; friction of 1
+makes 45 degrees."""
 NEIGHBOURS, FEWEST_ORDERED = 0.13, 20
-"""1 less the correlation of a marker with its neighbours, and pressed markers that say something of it."""
+"""Spread of 1 less the correlation of a marker with its neighbours; fewest pressed markers to judge it by."""
 FACE_MM, FACE = 21.0, 0.5
-"""Longest side of a gel's markers and the spread of its ln: sensors have 10 to 60 mm."""
+"""Typical longest side of a gel's markers and the spread of its ln: sensors have 10 to 60 mm."""
 PUBLISHED = 0.76
-"""Of a published standard deviation, whose tails need no room: three of them fail."""
+"""Factor on a published standard deviation, which needs no heavy tails: three of them fail."""
 IN_GEL, IN_GEL_SD, STEP_MM = 0.08, 0.71, 0.13
-"""A gel's indentation over its jaw's way past the first touch, whose frame's step is STEP_MM: 0.05 to
-0.55."""
+"""A gel's indentation over its jaw's travel past first touch (0.05 to 0.55), the spread of its ln, and one
+frame's travel (mm)."""
 NU, RADIUS_MM, HERTZ_OFF = 0.45, 25.0, 2.0
-"""For the modulus of a half-space under a ball, which is right to a factor of two for any fruit here."""
+"""For the modulus of a half-space under a ball, which is correct to a factor of two for any fruit here."""
 E_PER_PITCH = 2.2
-"""Error of ln E per ln of the pictures' scale where it enters all lengths and the forces of springs with its
-third power: 0.21 at 1.1 (benchmarks/field_mistakes.py --grade CACHE --only "picture scale"). Where it enters
-the markers' places alone and the forces with its square, 0.8."""
+"""Error of ln E per ln of the pictures' scale if it enters all lengths and, to the third power, the forces of
+springs: 0.21 at 1.1 (benchmarks/field_mistakes.py --grade CACHE --only "picture scale"). If it enters only
+the markers' places and, squared, the forces, the error is 0.8."""
 E_PER_GAIN = 0.7
-"""Relative error of E per ln of a gain, whose cause may be force (1.1), displacement (0.3) or stiffness."""
+"""Relative error of E per ln of a gain, which force (1.1), displacement (0.3) or stiffness may cause."""
 
 
 def signal_misfits(situation: Situation) -> list[Misfit]:
-    """Signals against each other, the sensor, jaws, poses and clock; of the mesh only its middle and size."""
+    """Misfits between signals, sensor, jaws, poses and clock; of the mesh only its centre and size count."""
     known = situation.touch_is_seen and situation.vertices is not None
     of_pads: list[Misfit] = []
     for press in situation.pressings:
@@ -53,7 +54,7 @@ def signal_misfits(situation: Situation) -> list[Misfit]:
 
 
 def correlation(a: Float[np.ndarray, "t ..."], b: Float[np.ndarray, "t ..."]) -> float:
-    """Of two series, over all their components; 0 where one is constant."""
+    """Correlation of two series over all components; 0 if one is constant."""
     a, b = (x - x.mean(axis=0) for x in (a, b))
     size = float(np.sqrt((a**2).sum() * (b**2).sum()))
     return float((a * b).sum()) / size if size > 0 else 0.0
@@ -62,8 +63,8 @@ def correlation(a: Float[np.ndarray, "t ..."], b: Float[np.ndarray, "t ..."]) ->
 def _whitened(
     values: Sequence[Float[np.ndarray, "k 3"]], noise: Sequence[Float[np.ndarray, "q 3"]]
 ) -> tuple[list[Float[np.ndarray, "k 3"]], list[float]]:
-    """Displacement and the one by the forces, each component over the noise of both together, and the share
-    of each one's variance that is not noise. `noise`: what both are where nothing is pressed.
+    """Measured displacement and the one predicted from the forces, each component over their joint noise, and
+    the share of each one's variance that is not noise. `noise`: both without contact.
     """
     of_each = np.array([of_one.var(axis=0) for of_one in noise])
     largest = max(float(np.abs(field).max()) for field in values)
@@ -77,8 +78,8 @@ def _whitened(
 
 
 def _totals(press: Pressing) -> list[Float[np.ndarray, "t 3"]] | None:
-    """Displacement felt, and the one that the forces make by the gel's law, summed over the pressed markers;
-    None where no law says anything of the pad.
+    """Measured displacement, and the one that the gel's law predicts from the forces, summed over the pressed
+    markers; None if no law applies to the pad.
     """
     if press.gel_mm is None or not press.touched.any() or not gives_way(press):
         return None
@@ -86,8 +87,8 @@ def _totals(press: Pressing) -> list[Float[np.ndarray, "t 3"]] | None:
 
 
 def gain_of(press: Pressing) -> float | None:
-    """Size of the normal displacement that the forces make by the gel's law over that of the one felt, both
-    summed over the pressed markers, without their noise; None where no law says anything of the pad.
+    """Size of the normal displacement that the gel's law predicts from the forces over that of the measured
+    one. Both are summed over the pressed markers, without noise; None if no law applies to the pad.
     """
     totals = _totals(press)
     if totals is None:
@@ -97,7 +98,7 @@ def gain_of(press: Pressing) -> float | None:
 
 
 def _law(press: Pressing) -> Iterator[Misfit]:
-    """Displacement against the one that the forces make: size, course over time, pattern over markers."""
+    """Misfits of displacement with the law's prediction: size, course over time, pattern over markers."""
     gain, totals = gain_of(press), _totals(press)
     if gain is None or totals is None or press.gel_mm is None:
         return
@@ -125,8 +126,8 @@ def _law(press: Pressing) -> Iterator[Misfit]:
 
 
 def _direction(press: Pressing) -> Iterator[Misfit]:
-    """Friction carries no more than about the normal force: force, and stiffness times displacement, point
-    out of the gel.
+    """Misfits of directions. Friction is at most about the normal force: force, and stiffness times
+    displacement, point out of the gel.
     """
     pad, use = press.pad, press.touched
     stiffness = np.array([pad.gel_kt_MPa_per_mm, pad.gel_kt_MPa_per_mm, pad.gel_kn_MPa_per_mm])
@@ -160,14 +161,14 @@ def _grid(press: Pressing) -> Iterator[Misfit]:
 
 
 def measured_pitch_mm(pad: GelPad) -> float | None:
-    """Root of the face that belongs to one marker; None where too few markers show it."""
+    """Root of the gel's area per marker; None if too few markers determine it."""
     area_mm2 = marker_area_mm2(pad.rest_mm)
     return None if area_mm2 is None else float(np.sqrt(area_mm2))
 
 
 def _sensor(pad: GelPad, known: PublishedGel) -> Iterator[Misfit]:
-    """Stated stiffness and pitch against what is known of the sensor's gel; forces that were computed with a
-    wrong stiffness fit it exactly, so that no other relation shows it.
+    """Misfits of stated stiffness and pitch with those published for the sensor's gel. Forces that were
+    computed with a wrong stiffness fit it exactly, so that no other relation shows it.
     """
     for name, (expected, sd) in known.stiffness.items():
         stated: float = getattr(pad, name)
@@ -185,14 +186,14 @@ def _sensor(pad: GelPad, known: PublishedGel) -> Iterator[Misfit]:
 
 
 def closing_mm(press: Pressing) -> float:
-    """How far the pad goes past its first touch (the last frame before any marker is pressed)."""
+    """Travel of the pad past its first touch (the last frame before any marker is pressed)."""
     pressed = press.pressed.sum(axis=1) >= FEWEST_PRESSED
     way = press.closing_mm
     return float(way.max() - way[max(int(np.argmax(pressed)) - 1, 0)]) if pressed.any() else 0.0
 
 
 def _closing(press: Pressing, E_range_MPa: tuple[float, float] | None) -> Iterator[Misfit]:
-    """The gel's indentation, and a half-space's modulus, against how far the jaw closes."""
+    """Misfits of the gel's indentation, and of a half-space's modulus, with the jaw's travel."""
     if not press.touched.any():
         return
     closing = closing_mm(press)

@@ -11,22 +11,23 @@ from tactile.contact import STARTS_IN_CONTACT
 from tactile.readers.recording import Recording
 
 IN_CONTACT, E_WITHOUT_TOUCH = 0.15, 0.2
-"""Share of the peak, of displacement and of force, in the first or the last frame of a recording that begins
-or ends pressed: sound ones have 0.09 and less (benchmarks/field_spreads.py). Relative standard deviation of E
-without the first touch: the surface counts instead, as far as its error is known."""
+"""Share of the peak, of displacement and of force, above which the first or the last frame is in contact:
+valid recordings have 0.09 and less (benchmarks/field_spreads.py). Relative standard deviation of E without
+the first touch: the mesh's surface replaces it, as far as its error is known."""
 TARE_SHARE, E_OF_A_TARE = 0.1, 0.05
-"""Force at rest over the peak; E's relative standard deviation: an offset that is seen is taken out."""
+"""Force at rest over the peak if the tare is missing; E's relative standard deviation after the
+correction."""
 FEWEST_QUIET, DRIFT_SHARE, DRIFT_SD, E_PER_DRIFT = 3, 0.04, 6.0, 0.5
-"""Quiet frames before and after; change of the force over the peak, and over its noise: sound recordings
-change by up to 0.026 of the peak, with small forces by 4.6 times the noise. Relative error of E per share of
-the peak: a drift that grows evenly is half of it at the peak."""
+"""Fewest quiet frames before and after; change of the force over the peak, and over its noise. Valid
+recordings change by up to 0.026 of the peak, with small forces by 4.6 times the noise. Relative error of E
+per share of the peak: a drift that grows evenly has reached half of it at the peak."""
 SPEED_MM_PER_S = (0.008, 300.0)
 """Fastest closing of jaws: grippers have 0.1 to 100, testing machines 0.017 (1 mm/min) and more."""
 
 
 def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[Finding]:
-    """A recording that begins or ends in contact, forces without a tare or that drift, a clock in another
-    unit."""
+    """Findings of a recording that begins or ends in contact, of forces without a tare or with drift, and of
+    a clock in another unit."""
     return [
         *(finding for press in pressings for finding in _start(press)),
         *(finding for press in pressings for finding in _drift(press)),
@@ -35,13 +36,13 @@ def time_findings(recording: Recording, pressings: Sequence[Pressing]) -> list[F
 
 
 def _raw_totals(press: Pressing) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"]]:
-    """Indentation and normal force as they were written, summed over the markers that are pressed."""
+    """Indentation and normal force as recorded, summed over the pressed markers."""
     use = press.touched
     return -press.pad.displacement_mm[:, use, 2].sum(axis=1), press.pad.force_N[:, use, 2].sum(axis=1)
 
 
 def pressed_share(press: Pressing, frame: int) -> float:
-    """Indentation or force in a frame over its peak, the smaller of the two; 0 where nothing is pressed."""
+    """The smaller of indentation and force in a frame, each over its peak; 0 if nothing is pressed."""
     if not press.touched.any():
         return 0.0
     return min(float(total[frame] / max(np.abs(total).max(), 1e-30)) for total in _raw_totals(press))
@@ -67,7 +68,7 @@ def _start(press: Pressing) -> Iterator[Finding]:
             hides_touch=True,
         )
     elif abs(rest_F) / F > TARE_SHARE and abs(rest_u) / u < 0.3 * TARE_SHARE:
-        # tactile.contact sees no frame in the air where the whole pad's offset is larger than its own limit
+        # tactile.contact finds no no-contact frames if the whole pad's offset exceeds its own limit
         total = press.pad.force_N[:, :, 2].sum(axis=1)
         hidden = bool(np.median(total[press.quiet]) > 0.9 * STARTS_IN_CONTACT * total.max())
         says = (
@@ -80,7 +81,7 @@ def _start(press: Pressing) -> Iterator[Finding]:
 def drift_of(press: Pressing) -> tuple[float, float, float] | None:
     """Change of the total force from before the grasp to after it, its noise, and the peak (N).
 
-    None where either side has no quiet frames.
+    None if either side has no quiet frames.
     """
     pressed = np.flatnonzero(
         (press.felt_mm[:, press.touched, 2] > PRESSED_SD * press.felt_sd_mm).sum(axis=1) >= FEWEST_PRESSED
@@ -99,7 +100,7 @@ def drift_of(press: Pressing) -> tuple[float, float, float] | None:
 
 
 def _drift(press: Pressing) -> Iterator[Finding]:
-    """Force that does not come back to where it was before the first touch, though the gel does."""
+    """Findings of force that does not return to its value before the first touch, though the gel does."""
     change, noise, peak = drift_of(press) or (0.0, 0.0, 1.0)
     if abs(change) > max(DRIFT_SHARE * peak, DRIFT_SD * noise):
         says = (
@@ -111,7 +112,7 @@ def _drift(press: Pressing) -> Iterator[Finding]:
 
 
 def _remarks(recording: Recording, pressings: Sequence[Pressing]) -> Iterator[Finding]:
-    """What puts nothing in doubt: no unloading, a clock in another unit."""
+    """Findings that cast no doubt: no unloading, a clock in another unit."""
     if pads := tuple(press.pad.name for press in pressings if pressed_share(press, -1) > IN_CONTACT):
         says = (
             "recording ends under load (there is no unloading). E needs none, but without it drupe cannot "

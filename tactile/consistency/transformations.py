@@ -1,8 +1,9 @@
-"""What people and machines do to a sound recording, each as the change that undoes it.
+"""Mistakes of people and machines in a valid recording, each with the change that undoes it.
 
-A transformation of the pads' signals is tried on the pads that fail; one of poses, clock, aperture or mesh on
-the whole. `log_prior` is 0 for what is exactly undone; a fitted factor g pays for its freedom (5, from a
-prior of width 3 on ln g and a posterior of 0.02) and for its size (a standard deviation of 0.4 in ln g).
+A transformation of signals is tried on the pads that fail; one of poses, clock, aperture or mesh on the whole
+recording. `log_prior` is 0 if the mistake is exactly undone. A fitted factor g costs log prior for its
+freedom and its size. Its freedom costs 5, from a prior of width 3 on ln g and a posterior of 0.02; its size
+has a standard deviation of 0.4 in ln g.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -30,11 +31,11 @@ FORCE = {
     1e5: "dynes",
     1e6: "micronewtons",
 }
-"""What a number in newtons becomes in another unit, times."""
+"""Factor from a number in newtons to one in another unit."""
 LENGTH = {1e-3: "metres", 0.1: "centimetres", 1e3: "micrometres", 1 / 25.4: "inches"}
-"""The same of a number in millimetres."""
+"""The same from millimetres."""
 STIFFNESS = {1e3: "kPa/mm (or MPa/m)", 1e6: "Pa/mm", 1e-3: "GPa/mm"}
-"""The same of a number in MPa/mm."""
+"""The same from MPa/mm."""
 E_PER_FORCE = 1.1
 """Error of ln E per ln of a factor on the force: E at 1.3 times the force is 1.28 to 1.32 times
 (benchmarks/field_mistakes.py --grade)."""
@@ -42,22 +43,22 @@ FIELDS: dict[Field, str] = {"force": "force_N", "displacement": "displacement_mm
 FREE, FACTOR_SD = 5.0, 0.4
 """Log Bayes factor that a fitted factor costs, and standard deviation of its ln; above."""
 BENDS = (0.2, 0.3, 0.4, 0.45)
-"""Shares of the peak that a sensor that saturates loses there, as f = F (1 - bend F / M)."""
+"""Shares of the peak M that a saturating sensor loses there, as f = F (1 - bend F / M)."""
 MOST_LAG = 15
 """Frames up to which a delay of the force is tried."""
 LAGS = (*range(-10, -1), *range(2, 11))
-"""Frames by which the gel may be late on the jaws."""
+"""Frames by which the gel's signals may lag the jaws."""
 MOST_LEFT_OUT = (2, 3, 4)
-"""Every second, third or fourth marker kept; of fewer no contact of a fruit is left to find."""
+"""One of every two, three or four markers was kept; fewer cannot show a contact of a fruit."""
 QUARTERS = np.rint(Rotation.from_rotvec(np.kron(np.eye(3), [[-90.0], [90.0]]), degrees=True).as_matrix())
-"""Turns by 90 degrees about x, y and z, both ways: what a mesh in another frame is likeliest turned by."""
+"""Rotations by 90 degrees about x, y and z, both ways: the likeliest for a mesh in another frame."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Transformation:
-    """A mistake: its `cause` in words, with what to do, and the situation without it.
+    """A mistake: its `cause` in words, with advice, and the situation without it.
 
-    `relative_sd`: of E, where the recording is used as it is.
+    `relative_sd`: of E, if the recording is used as it is.
     """
 
     kind: FindingKind
@@ -231,7 +232,8 @@ def of_machine(situation: Situation, *, late: bool) -> Iterator[Transformation]:
 
 
 def of_mesh(situation: Situation, failing: Sequence[Misfit]) -> Iterator[Transformation]:
-    """Pads exchanged, and the mesh in another frame, or size where its width is among what fails."""
+    """Pads exchanged, and the mesh in another frame, or of another size if its width is a failing
+    relation."""
     vertices = situation.vertices
     assert vertices is not None
     if len(situation.pressings) == 2:
@@ -283,12 +285,12 @@ def _scaled(field: Field, times: float) -> Change:
 
 
 def _moved(values: Float[np.ndarray, "t n 3"], frames: int) -> Float[np.ndarray, "t n 3"]:
-    """Values that come so many frames later; the ends are repeated."""
+    """Values delayed by this many frames; the end values are repeated."""
     return np.asarray(values[np.clip(np.arange(len(values)) - frames, 0, len(values) - 1)])
 
 
 def _transposed(values: Float[np.ndarray, "... n 3"]) -> Float[np.ndarray, "... n 3"]:
-    """The markers of a square grid by columns for rows; any other grid is left."""
+    """The markers of a square grid with columns and rows exchanged; any other grid stays."""
     count = values.shape[-2]
     side = round(count**0.5)
     if side**2 != count:

@@ -1,4 +1,4 @@
-"""The trace of a press as the specimen made it: what the logger did is put right, with a note on each."""
+"""A force-displacement curve with the logger's faults corrected, and a note on each correction."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -22,9 +22,9 @@ from tactile.preparation.rows import Values, runs, unwritten_blocks, unwritten_i
 from tactile.readers.pictures import unusable
 
 MOST_CORRECTED = 0.02
-"""Share of the rows that may be left out one by one (wild or missing): more is a broken record."""
+"""Share of the rows that may be left out one by one (wild or missing); above it the record is refused."""
 JOINED = 0.2
-"""Share of the rows that lack one of two quantities, from which these are topics of two rates."""
+"""Share of the rows that lack one of two quantities, above which they are topics of two rates."""
 FEWEST_READINGS = 20
 """Of each topic."""
 FEWEST_IN_RUN = 8
@@ -35,8 +35,8 @@ OVERLAP = 0.5
 
 @dataclass(frozen=True, kw_only=True)
 class LoggedTrace:
-    """What a table holds: NaN for an empty cell. `travel`: or the gap (`quantity`); `rows`: numbers in the
-    file, whose name is `source`; `breaks`: rows (by index) before which the header stands again.
+    """A table's values, with NaN for an empty cell. `travel`: travel or gap (`quantity`); `rows`: their
+    numbers in the file `source`; `breaks`: rows (by index) before which the header is repeated.
     """
 
     time_s: Values
@@ -59,17 +59,17 @@ class LoggedTrace:
 
     @property
     def topics(self) -> list[Bool[np.ndarray, " t"]]:
-        """Rows of travel and of force, where these are topics of two rates in one table; else none."""
+        """Rows of travel and of force if these are topics of two rates in one table; else none."""
         topics = [np.isfinite(column) for column in self.columns.values()]
         joined = (topics[0] != topics[1]).mean() > JOINED
         return topics if joined and min(topic.sum() for topic in topics) >= FEWEST_READINGS else []
 
 
 def written_runs(logged: LoggedTrace) -> tuple[list[LoggedTrace], list[LoggerCorrection]]:
-    """The runs that stand one below the other, without rows that were never written.
+    """The successive runs of a table, without rows that were never written.
 
-    Raises TactileFailure (unreadable-frames) for times that are out of order all over, and for a clock that
-    was set back.
+    Raises TactileFailure (unreadable-frames) if times are out of order (a run shorter than FEWEST_IN_RUN), or
+    if the clock was set back.
     """
     keep, notes = written(logged.time_s, logged.columns, logged.rows)
     breaks = np.unique(np.searchsorted(np.flatnonzero(keep), np.array(logged.breaks, dtype=int)))
@@ -82,7 +82,7 @@ def written_runs(logged: LoggedTrace) -> tuple[list[LoggedTrace], list[LoggerCor
 
 
 def _refuse_disorder(before: LoggedTrace, after: LoggedTrace) -> None:
-    """Times that run back in a few rows, or while travel and force go on."""
+    """Raise if times run back within a few rows, or while travel and force continue."""
     row, last, first = after.rows[0], before.time_s[-1], after.time_s[0]
     back = f"{first:g} s in row {row} after {last:g} s"
     if len(after.rows) < FEWEST_IN_RUN or len(before.rows) < FEWEST_IN_RUN:
@@ -95,8 +95,8 @@ def _refuse_disorder(before: LoggedTrace, after: LoggedTrace) -> None:
 
 
 def _goes_on(before: LoggedTrace, after: LoggedTrace) -> bool:
-    """Whether travel and force change from one part to the next by no more than they do in one row, under
-    load.
+    """Whether, under load, travel and force change from one part to the next by no more than about one row's
+    step.
     """
     load = np.abs(before.force_N - np.nanmedian(before.force_N[:5]))
     if not load[-1] > 0.1 * np.nanmax(load):
@@ -109,12 +109,12 @@ def _goes_on(before: LoggedTrace, after: LoggedTrace) -> bool:
 
 
 def prepare(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
-    """Rows of one run that hold all three quantities, of increasing times, and what was done: to wild times
-    and readings, slow or joined readings, missing values, then resets.
+    """Complete rows of one run with increasing times, and the corrections: of wild times and readings, slow
+    or joined readings, missing values, then resets.
 
-    Raises TactileFailure (unreadable-frames) where more than MOST_CORRECTED of the rows would be left out one
-    by one, two topics have no time in common, times stand still, or a step of the force may be a reset or the
-    specimen's.
+    Raises TactileFailure (unreadable-frames) if more than MOST_CORRECTED of the rows would be left out one by
+    one, or two topics overlap too little in time. It also raises if times do not increase, or if a step of
+    the force may be a reset or the specimen's.
     """
     total, joined = len(logged.rows), bool(logged.topics)
     logged, notes = _without_wild_times(logged)
@@ -159,7 +159,7 @@ def prepare(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
 def written(
     time_s: Values, columns: Mapping[str, Values], rows: Int[np.ndarray, " t"]
 ) -> tuple[Bool[np.ndarray, " t"], list[LoggerCorrection]]:
-    """Which rows were written, and a note on each block at the start or the end that was not."""
+    """Which rows were written, and a note on each unwritten block at the start or the end."""
     keep, notes = np.ones(len(time_s), dtype=bool), []
     for part in unwritten_blocks(time_s, list(columns.values())):
         keep[part] = False
@@ -180,7 +180,8 @@ def written(
 
 
 def _without_wild_times(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
-    """Without rows of a wild time (each topic by itself) or written twice; topics in the order of time."""
+    """The record without rows of wild time (judged for each topic) or written twice, topics sorted by
+    time."""
     notes, time = [], logged.time_s
     off = np.zeros(len(time), dtype=bool)
     for topic in logged.topics or [~off]:
@@ -201,7 +202,7 @@ def _without_wild_times(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCo
 
 
 def _without_wild(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
-    """Travel and force with NaN for what is wild, and the notes."""
+    """Travel and force with NaN for wild values, and the notes."""
     notes, left = [], []
     for name, values in logged.columns.items():
         off = wild(values)
@@ -220,7 +221,7 @@ def _wild_note(
 
 
 def _on_readings(logged: LoggedTrace, *, known: set[int]) -> tuple[LoggedTrace, list[LoggerCorrection]]:
-    """Rows that hold a time and a reading of travel and of force; `known`: rows left out already."""
+    """Rows with a time and a new reading of travel and of force; `known`: rows already left out."""
     notes = []
     whole = np.isfinite(logged.travel) & np.isfinite(logged.force_N) & np.isfinite(logged.time_s)
     keep = whole.copy()
@@ -252,7 +253,7 @@ def _on_readings(logged: LoggedTrace, *, known: set[int]) -> tuple[LoggedTrace, 
 def _on_one_clock(logged: LoggedTrace) -> tuple[LoggedTrace, LoggerCorrection]:
     """The travel interpolated at the times of the force, where both were read.
 
-    Raises TactileFailure (unreadable-frames) where the two topics have no time in common.
+    Raises TactileFailure (unreadable-frames) if the two topics have less than OVERLAP in common.
     """
     timed = np.isfinite(logged.time_s)
     parts = [logged.part(np.isfinite(values) & timed) for values in logged.columns.values()]
@@ -276,7 +277,7 @@ def _on_one_clock(logged: LoggedTrace) -> tuple[LoggedTrace, LoggerCorrection]:
 
 
 def _without_resets(logged: LoggedTrace) -> tuple[LoggedTrace, list[LoggerCorrection]]:
-    """Both parts of each reset on the scale of the first."""
+    """The record with the step of each reset removed."""
     try:
         zero_resets = resets(logged.time_s, logged.travel, logged.force_N)
     except Ambiguous as cause:

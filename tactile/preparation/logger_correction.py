@@ -1,4 +1,4 @@
-"""One thing that a logger did to a record, and what was done about it, as a sentence with rows and values."""
+"""One fault of a logger in a record, and its correction, as a sentence with rows and values."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -24,7 +24,8 @@ class LoggerFault(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class LoggerCorrection:
-    """`rows`: numbers in the file; `values`: what stood there (a reset: the step); `says`: one sentence."""
+    """`rows`: numbers in the file; `values`: the recorded ones (of a reset, its step); `says`: one
+    sentence."""
 
     fault: LoggerFault
     quantity: str
@@ -36,7 +37,8 @@ class LoggerCorrection:
 def correction(
     fault: LoggerFault, quantity: str, rows: Int[np.ndarray, " k"], values: Float[np.ndarray, " v"], says: str
 ) -> LoggerCorrection:
-    """The record of these rows' fault; a value for each row, or for each quantity that they hold alike."""
+    """The correction of these rows' fault, with a value for each row, or for each quantity that is constant
+    there."""
     return LoggerCorrection(
         fault=fault, quantity=quantity, rows=tuple(rows.tolist()), values=tuple(values.tolist()), says=says
     )

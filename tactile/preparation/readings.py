@@ -1,4 +1,4 @@
-"""Which rows hold a reading of their own where a quantity is read more slowly than it is logged."""
+"""Which rows hold a new reading of a quantity that is read more slowly than it is logged."""
 
 from itertools import product
 
@@ -9,28 +9,28 @@ from tactile.noise import noise_sd
 from tactile.preparation.rows import Values
 
 FEWEST_CHANGES = 8
-"""Changes of a value from which the rhythm of its readings is known."""
+"""Fewest changes of a value that determine the rhythm of its readings."""
 REGULAR = 0.9
 """Share of the changes that are whole periods apart."""
 NEARLY = 0.1
-"""Share of the median step by which steps may be off its whole multiples where they are a display's."""
+"""Share of the median step by which a display's steps may deviate from its whole multiples."""
 OTHERS_CHANGE = 0.5
 """Share of the repeated rows in which another quantity changes: rows that repeat all are a pause."""
 AT_ONCE = 0.6
-"""Share of another quantity's change that comes in the row in which the value changes, where both step."""
+"""Share of another quantity's change in the rows in which the value changes, if a machine moves in steps."""
 REACH, SHORTEST = 1.5, 6
 """Periods fitted on both sides of a kink, and rows at least."""
 BENDS = 25.0
-"""Variances of noise by which a kink must improve the fit."""
+"""Variances of noise by which a kink must reduce the squared residual."""
 
 
 def rhythm_of(values: Values, other: Values) -> tuple[Int[np.ndarray, " k"], float] | None:
-    """Rows with a reading of their own of a value that is sampled and held, and rows from one reading to the
-    next; None where it has one in every row, or is rounded.
+    """Rows with a new reading of a value that is sampled and held, and rows from one reading to the next;
+    None if every row has one, or if the value is rounded.
 
-    Readings come at whole periods of two rows or more, whatever the speed. A hold of the machine alone has no
-    period, and a rounded value changes more often when it moves faster. `other`: the force, or of a force the
-    travel; it tells where equal steps at one speed are a display's (`_is_held`).
+    Readings come at whole periods of two rows or more at any speed. A hold of the machine alone has no
+    period, and a rounded value changes more often when it moves faster. `other`: the force, or the travel if
+    the value is a force. It decides whether equal steps at one speed are a display's (`_is_held`).
     """
     at = np.flatnonzero(np.isfinite(values))
     changes = at[1:][np.diff(values[at]) != 0]
@@ -55,8 +55,8 @@ def rhythm_of(values: Values, other: Values) -> tuple[Int[np.ndarray, " k"], flo
 
 
 def _moves_in_steps(values: Values, other: Values, changes: Int[np.ndarray, " c"]) -> bool:
-    """Whether the other quantity changes when the value does, as it does where a machine moves in steps, and
-    not in between.
+    """Whether the other quantity changes mostly in the rows in which the value does, as if a machine moves in
+    steps.
     """
     sign = np.sign(values[changes[:-1]] - values[changes[:-1] - 1])
     at_change = sign * (other[changes[:-1]] - other[changes[:-1] - 1])
@@ -67,7 +67,7 @@ def _moves_in_steps(values: Values, other: Values, changes: Int[np.ndarray, " c"
 
 
 def _grid(first: int, changes: Int[np.ndarray, " c"], period: float, last: int) -> Int[np.ndarray, " k"]:
-    """Rows of the changes, and every period between and after them, where the same value was read again."""
+    """Rows of the changes, and every period between and after them at which the same value was read again."""
     rows = [first]
     for change in [*changes.tolist(), last + 1]:
         again = rows[-1] + period * np.arange(1, max(int((change - rows[-1]) / period - 0.5), 0) + 1)
@@ -80,12 +80,12 @@ def _grid(first: int, changes: Int[np.ndarray, " c"], period: float, last: int) 
 def _is_held(
     changes: Int[np.ndarray, " c"], steps: Float[np.ndarray, " c"], force_N: Values, period: float
 ) -> bool:
-    """Whether equal steps are readings that come late, by where the force bends when the motion turns.
+    """Whether equal steps are late readings, from where the force bends when the motion stops and restarts.
 
-    A value that is sampled and held reaches its last place in the row in which the motion stops, and leaves
-    it one period after the motion begins again. A rounded value stands still for the same time after the one
-    and before the other. Where the force does not tell, steps of 1, 2, 2.5 or 5 times a power of ten are
-    taken for a display's.
+    A value that is sampled and held reaches its last place in the row in which the motion stops. It leaves
+    that place one period after the motion begins again. A rounded value stands still for about as long before
+    the stop as after the restart. If the force bends too little, steps of 1, 2, 2.5 or 5 times a power of ten
+    count as a display's.
     """
     gaps, late = np.diff(changes), []
     reach, step = max(round(REACH * period), SHORTEST), max(period / 10, 0.25)
@@ -113,8 +113,8 @@ def _is_held(
 
 
 def _kinks(force_N: Values, part: slice, *places: Float[np.ndarray, " p"]) -> tuple[float, ...]:
-    """Of places (rows) for each kink those at which parabolas that meet there fit the force best; NaN where
-    it bends too little, or the record does not hold all of `part`.
+    """For each kink the place (row) among its `places` at which parabolas that meet there fit the force best;
+    NaN if the force bends too little, or the record does not hold all of `part`.
     """
     force = force_N[max(part.start, 0) : part.stop]
     unknown = len(places) * (float("nan"),)

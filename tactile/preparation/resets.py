@@ -1,4 +1,4 @@
-"""Steps that a zeroed display or load cell makes in one quantity, told from what a specimen does."""
+"""Steps that a zeroed display or load cell makes in one quantity, distinguished from the specimen's own."""
 
 from dataclasses import dataclass
 
@@ -9,25 +9,26 @@ from tactile.noise import noise_sd
 from tactile.preparation.rows import Values
 
 NEIGHBOURS = 5
-"""Steps on each side of a reset with which its own is compared, and rows of a level."""
+"""Steps on each side of a reset to which its own is compared, and rows of a level."""
 ABOVE_NOISE, ABOVE_SPREAD = 8.0, 3.0
-"""Standard deviations of noise, and multiples of the spread of the steps near it, that a reset exceeds."""
+"""A reset exceeds this multiple of the noise's standard deviation and of the spread of the steps near it."""
 CLEAR, STAYS = 6.0, 3
-"""Standard deviations, and rows, by which the force leaves its level in the air."""
+"""Standard deviations, and rows, by which the force leaves its no-contact level."""
 AGREES, NONE_LEFT = 0.15, 0.3
-"""Shares of the step: within the first the shift in the air is the step, below the second there is none."""
+"""Shares of the step: within the first the shift in air equals the step, below the second there is no
+shift."""
 LOCAL = 10
 """Rows on each side over which a slope is fitted."""
 SAME_SLOPE = 0.2
 """Share by which the slopes dF/ds before and after a reset may differ."""
 MOST, MOST_RESETS, UNUSUAL = 5, 2, 3.0
-"""Steps beyond which a force is serrated; steps of the travel beyond which a machine moves in steps, and
-multiples of these that a reset exceeds."""
+"""Most steps of a force that is not serrated; most steps of the travel of a machine that does not move in
+steps, and multiples of their median that a reset exceeds."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reset:
-    """`row`: the first one behind the step of `quantity` (force or travel); `step`: what it added."""
+    """`row`: the first one after the step of `quantity` (force or travel); `step`: the step's size."""
 
     quantity: str
     row: int
@@ -35,8 +36,8 @@ class Reset:
 
 
 class Ambiguous(Exception):
-    """A step of the force that may be a reset or the specimen's: behind which row, its size, and the shift of
-    the force in the air (N; None: no air was recorded afterwards).
+    """A step of the force that may be a reset or the specimen's: the first row after it, its size, and the
+    shift of the force in air (N; None: no frames in air follow).
     """
 
     def __init__(self, row: int, step_N: float, shift_N: float | None) -> None:
@@ -47,7 +48,7 @@ class Ambiguous(Exception):
 def resets(time_s: Values, travel: Values, force_N: Values) -> list[Reset]:
     """Resets of the travel and of the force, in this order.
 
-    Raises Ambiguous for a step of the force of which the air afterwards shows some part, or is not recorded.
+    Raises Ambiguous if frames in air show only part of a step of the force, or do not follow it.
     """
     if len(time_s) < 4 * NEIGHBOURS:
         return []
@@ -64,10 +65,10 @@ def resets(time_s: Values, travel: Values, force_N: Values) -> list[Reset]:
 
 
 def _impulses(time_s: Values, values: Values) -> Int[np.ndarray, " k"]:
-    """Rows after which the value jumps in one step that those before and after it do not lead to.
+    """Rows after which the value jumps in one step that the steps before and after it do not explain.
 
-    A change of speed has unlike steps on its two sides, none of them beyond both; a break in the recording is
-    as long as its step, and a clock that jitters has even steps by row.
+    A change of speed has different steps on its two sides, none beyond both. A break in the recording is as
+    long as its step, and a clock that jitters has even steps by row.
     """
     step, sd = np.diff(time_s), noise_sd(values)
     beyond = np.ones(len(step), dtype=bool)
@@ -83,7 +84,7 @@ def _impulses(time_s: Values, values: Values) -> Int[np.ndarray, " k"]:
 
 
 def _touch_and_levels(travel: Values, force_N: Values) -> tuple[int, float | None, float | None]:
-    """The first row in contact, and levels of the force in the air before the touch and after the release
+    """The first row in contact, and no-contact levels of the force before the touch and after the release
     (None: not recorded).
     """
     sd = noise_sd(force_N)
@@ -100,13 +101,13 @@ def _touch_and_levels(travel: Values, force_N: Values) -> tuple[int, float | Non
 
 
 def _direction(travel: Values, touch: int) -> float:
-    """1 where the travel grows towards the touch, -1 where it falls (a gap), by the signs of its steps."""
+    """1 if the travel grows towards the touch, -1 if it falls (a gap), by the signs of its steps."""
     return 1.0 if np.sign(np.diff(travel))[: touch + NEIGHBOURS].sum() >= 0 else -1.0
 
 
 def _of_travel(time_s: Values, travel: Values, force_N: Values, steps: Int[np.ndarray, " k"]) -> list[Reset]:
-    """Steps of the travel while the force goes on. In the air a jump that presses on before the touch, or
-    draws back after the release, is the machine's.
+    """Resets of the travel: steps while the force continues. In air a jump that approaches before the touch,
+    or retreats after the release, is the machine's.
     """
     if not len(steps):
         return []
@@ -127,10 +128,10 @@ def _of_travel(time_s: Values, travel: Values, force_N: Values, steps: Int[np.nd
 
 
 def _of_force(time_s: Values, travel: Values, force_N: Values, steps: Int[np.ndarray, " k"]) -> list[Reset]:
-    """Steps of the force that the air shows afterwards.
+    """Resets of the force: steps that frames in air show afterwards.
 
-    Raises Ambiguous where it shows some part, and for one to zero with the same slope behind it where no air
-    follows.
+    Raises Ambiguous if these show only part of a step, or if none follow a step to zero with an unchanged
+    slope.
     """
     sd, (_, known_before, after) = noise_sd(force_N), _touch_and_levels(travel, force_N)
     sizes = np.array([_step_of(time_s, force_N, k) for k in steps.tolist()])
@@ -155,7 +156,7 @@ def _of_force(time_s: Values, travel: Values, force_N: Values, steps: Int[np.nda
 
 
 def _slopes(travel: Values, force_N: Values, k: int, sd: float) -> list[tuple[float, float]]:
-    """dF/ds on the sides of row k on which the travel moves, each with its standard deviation."""
+    """dF/ds on those sides of row k on which the travel changes, each with its standard deviation."""
     sides = [slice(max(k + 1 - LOCAL, 0), k + 1), slice(k + 1, k + 1 + LOCAL)]
     return [
         (float(np.polyfit(travel[side], force_N[side], 1)[0]), sd * (12 / LOCAL) ** 0.5 / float(span))
@@ -165,7 +166,8 @@ def _slopes(travel: Values, force_N: Values, k: int, sd: float) -> list[tuple[fl
 
 
 def _is_zeroed(travel: Values, force_N: Values, k: int, sd: float) -> bool:
-    """Whether the step leads to a force of zero, behind which it changes over the travel as it did before."""
+    """Whether the step leads to a force of zero, and the slope over travel is the same before and after
+    it."""
     slopes = _slopes(travel, force_N, k, sd)
     if len(slopes) < 2:
         return False
@@ -175,7 +177,7 @@ def _is_zeroed(travel: Values, force_N: Values, k: int, sd: float) -> bool:
 
 
 def _step_of(time_s: Values, values: Values, k: int) -> float:
-    """The step between rows k and k + 1 beyond the course: lines through the rows on both sides."""
+    """The step between rows k and k + 1: the offset between lines through the rows on both sides."""
     middle = (time_s[k] + time_s[k + 1]) / 2
     before, behind = (
         np.polyfit(time_s[side] - middle, values[side], 1)[1]

@@ -11,33 +11,33 @@ from tactile.noise import noise_sd
 Values: TypeAlias = Float[np.ndarray, " t"]
 
 LONGEST = 3
-"""Consecutive wild rows: longer excursions may be the specimen's."""
+"""Most consecutive wild rows: longer excursions may be the specimen's."""
 OUTSIDE = 0.5
-"""Of the record's range, by which a wild value is beyond it."""
+"""Share of the record's range by which a wild value is outside it."""
 ABOVE_NOISE, ABOVE_STEPS = 8.0, 6.0
-"""Standard deviations of noise, and multiples of the usual large step, by which a value that falls to exactly
-zero leaves its course."""
+"""Standard deviations of noise, and multiples of the usual large step, by which a value of exactly zero
+deviates from its course."""
 RETURNS = 0.25
 """Share of its deviation by which the rows on both sides of a wild value may differ from each other."""
 FEWEST = 8
-"""Rows in which a course can be seen."""
+"""Fewest rows that show a course."""
 JUMP = 10.0
 """Multiples of the usual large step by which a quantity jumps where written rows begin."""
 LARGE = 95
 """Percentile of the steps that are not zero: the usual large step."""
 FIRST = 5
-"""Rows behind a block that are looked at together: one of them may be wild."""
+"""Rows after a block whose median is compared: one of them may be wild."""
 NEAR, STANDS, LOADED = 0.02, 0.05, 0.3
-"""Share of the range within which a record comes back to a place and a force; share of a jump by which the
-place moves behind it, and of the largest load that stays, where a machine steps and holds."""
+"""Share of the range within which a record returns to a place and a force. If a machine steps and holds:
+share of a jump by which the place moves after it, and of the largest load that remains."""
 
 
 def wild(values: Values) -> Bool[np.ndarray, " t"]:
-    """Which values are wild; none of a NaN.
+    """Which values are wild; NaN is not.
 
-    Up to LONGEST values in a row that lie far outside the record's range, or are exactly zero off their
-    course, while the record goes on behind them where it was. A tap, a crack or a tooth of a serrated curve
-    stays within the range; a rupture, a release or a reset does not come back.
+    Up to LONGEST successive values are wild if they are far outside the record's range, or exactly zero off
+    their course. The record must then continue where it was. A tap, a crack or a tooth of a serrated curve
+    stays within the range; a rupture, a release or a reset does not return.
     """
     outlier = np.zeros(len(values), dtype=bool)
     at = np.flatnonzero(np.isfinite(values))
@@ -66,7 +66,7 @@ def true_runs(mask: Bool[np.ndarray, " t"]) -> list[list[int]]:
 
 
 def wild_times(time_s: Values) -> Bool[np.ndarray, " t"]:
-    """Which times are off the increasing course of the rows on both sides; NaN is none."""
+    """Which times deviate from the increasing course of the rows on both sides; NaN does not."""
     outlier = np.zeros(len(time_s), dtype=bool)
     at = np.flatnonzero(np.isfinite(time_s))
     time = time_s[at]
@@ -84,7 +84,7 @@ def wild_times(time_s: Values) -> Bool[np.ndarray, " t"]:
 
 
 def run_starts(time_s: Values) -> Int[np.ndarray, " k"]:
-    """Rows at which the time runs back, the first row included; wild times and NaN are passed over."""
+    """Rows at which the time runs back, and the first row; wild times and NaN are skipped."""
     at = np.flatnonzero(np.isfinite(time_s) & ~wild_times(time_s))
     return np.r_[0, at[1:][np.diff(time_s[at]) < 0]] if len(at) else np.zeros(1, dtype=int)
 
@@ -92,8 +92,8 @@ def run_starts(time_s: Values) -> Int[np.ndarray, " k"]:
 def runs(
     time_s: Values, breaks: Sequence[int] = (), *, of_topics: Sequence[Bool[np.ndarray, " t"]] = ()
 ) -> list[slice]:
-    """The runs one below the other: each begins where the time runs back, or below a repeated header
-    (`breaks`: first rows). Topics (`of_topics`: rows of each) are one run where the time of each goes on.
+    """The successive runs: each begins where the time runs back, or below a repeated header (`breaks`: first
+    rows). Topics (`of_topics`: rows of each) form one run if the time of each continues.
     """
     if of_topics and all(len(run_starts(time_s[topic])) == 1 for topic in of_topics):
         return [slice(0, len(time_s))]
@@ -103,9 +103,9 @@ def runs(
 
 
 def unwritten_blocks(time_s: Values, columns: Sequence[Values]) -> list[slice]:
-    """Blocks of rows at both ends that were never written, in order: each quantity holds one value there.
+    """Blocks of rows at both ends that were never written, in order: each quantity is constant there.
 
-    Of the columns the first is a place, which stands still at times; the others are noisy.
+    The first column is a place, which is constant at times; the others are noisy.
     """
     first, end = 0, len(time_s)
     blocks = list[slice]()
@@ -121,7 +121,7 @@ def unwritten_blocks(time_s: Values, columns: Sequence[Values]) -> list[slice]:
 
 
 def unwritten_inside(columns: Sequence[Values]) -> Bool[np.ndarray, " t"]:
-    """Rows inside the record in blocks of one fill value, at both ends of which every quantity jumps."""
+    """Rows inside the record in blocks of one fill value, with a jump of every quantity at both ends."""
     same = np.all([_same(column[1:], column[:-1]) for column in columns], axis=0)
     inside = np.zeros(len(columns[0]), dtype=bool)
     for first, end in true_runs(np.r_[same, False] | np.r_[False, same]):
@@ -140,8 +140,8 @@ def unwritten_inside(columns: Sequence[Values]) -> Bool[np.ndarray, " t"]:
 def _never_written(time_s: Values, columns: Sequence[Values], length: int) -> bool:
     """Whether the first `length` rows, all of one value, were not measured.
 
-    They hold nothing, or time stands in them, or all quantities hold a fill value from which the record
-    jumps and to which it does not come back.
+    They are empty, or their time is constant, or all quantities hold a fill value. The record jumps from a
+    fill value and does not return to it.
     """
     held = [float(column[0]) for column in columns]
     if np.isnan(time_s[0]) or np.isnan(held).all():
@@ -159,13 +159,13 @@ def _never_written(time_s: Values, columns: Sequence[Values], length: int) -> bo
 
 
 def _constant(columns: Sequence[Values]) -> int:
-    """How many rows at the start hold one value of each quantity."""
+    """Number of rows at the start in which every quantity is constant."""
     differs = np.any([~_same(column, column[0]) for column in columns], axis=0)
     return int(np.argmax(differs)) if differs.any() else len(differs)
 
 
 def _is_fill(held: Sequence[float], rest: Sequence[Float[np.ndarray, " r"]]) -> bool:
-    """Whether all quantities hold one number, or each a number that is far beyond the record's range."""
+    """Whether all quantities hold one number, or each a number far beyond the record's range."""
     beyond = []
     for value, values in zip(held, rest, strict=True):
         known = values[np.isfinite(values)]
@@ -184,8 +184,8 @@ def _jumps(held: Sequence[float], rest: Sequence[Float[np.ndarray, " r"]]) -> bo
 
 
 def _was_measured(held: Sequence[float], rest: Sequence[Float[np.ndarray, " r"]]) -> bool:
-    """Whether place and force of a block can be a machine's that stands in the air: the record comes back to
-    both, or stands under load behind the block.
+    """Whether place and force of a block can be those of a machine at rest in air: the record returns to
+    both, or holds under load after the block.
     """
     place, force = rest
     known = np.isfinite(place) & np.isfinite(force) & ~wild(place) & ~wild(force)
