@@ -22,12 +22,10 @@ from pipeline.fruit.elasticity import at_small_strain, fruit_modulus
 from pipeline.fruit.flesh_model import poisson_ratio
 from pipeline.fruit.grasped import GraspedFruit, grasped_fruit
 from pipeline.fruit.placed_grasp import grasp_case, touched_by_pad
+from pipeline.fruit.pressed_fruit import TRACE_SEED
 from pipeline.fruit.sensor_scale import sensor_scale
 from pipeline.fruit.stage_log import StageLog
 from tactile.tactile_failure import TactileFailure, TactileProblem
-
-TRACE_SEED = 20261120
-"""Seed of the random starts of a curve's fits; any number does, a fixed one makes runs repeat."""
 
 
 @dataclass(frozen=True, kw_only=True)
