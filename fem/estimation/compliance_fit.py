@@ -22,7 +22,7 @@ from fem.estimation.coloured_noise import variance_inflation
 from fem.solid.rigid_core import rigid_modes
 
 GAUGE_SD_MM = 10.0
-"""Prior standard deviation of the fruit's rigid motion at its markers: it fixes the motion common to all
+"""Prior standard deviation of the fruit's rigid motion at its markers. It fixes the motion common to all
 frames, which the X_i leave free, and is far above any real motion."""
 
 
@@ -209,7 +209,7 @@ def _equations(tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, s
 
 
 def rigid_motion(place_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 6"]:
-    """Displacement by three shifts (mm) and three small rotations about the centre, in mm at the mean radius."""
+    """Displacement by three shifts (mm) and small rotations about the centre, in mm at the mean radius."""
     modes = rigid_modes(place_mm, centre_mm=place_mm.mean(axis=0))
     modes[:, :, 3:] /= mean_radius_mm(place_mm)
     return modes

@@ -1,7 +1,7 @@
 """The modulus of one fruit from all its grasps, and with two or more of them the pit's place, if it matters.
 
 The inference is linearised about a pit. If it places the pit far from there, the mesh is moved and the grasps
-are computed again (Gauss-Newton), so that slopes at the prior's pit do not decide about a pit far from it.
+are computed again (Gauss-Newton). So slopes at the prior's pit do not decide about a pit far from it.
 
 Each coordinate of the pit moves by its estimate relative to the prior, times the share of the prior variance
 that the data remove (`PitPosterior.learnt`); the rest stays linear. If the fruit is symmetric about the

@@ -27,10 +27,11 @@ SEEN = 1e-9
 """A pad with less than this share of the best pad's information is left out."""
 BETWEEN_PADS = 3.7
 """Variance of the difference between the pads of a recording over that from noise, with pit and places at
-their priors, by maximum likelihood over 54 recordings of fruit without mismatch (the even half of the bank of
-benchmarks/field_bank.py). Causes: the error of the gel's stiffness from which forces are computed, the choice
-of pressing markers, and contact that no model describes. We assume that these do not change the pads' common
-value: E of fruit without mismatch is no further off than stated (docs/validation.md, Accuracy of E)."""
+their priors. Fitted by maximum likelihood to 54 recordings of fruit without mismatch (the even half of the
+bank of benchmarks/field_bank.py). Causes: the error of the gel's stiffness from which forces are computed,
+the choice of pressing markers, and contact that no model describes. We assume that these do not change the
+pads' common value: E of fruit without mismatch is no further off than stated (docs/validation.md, Accuracy
+of E)."""
 BLOCK_MM = 4.0
 """Size of the blocks of skin within which the model's residuals count as one draw."""
 

@@ -155,7 +155,7 @@ def _converged(
 def _tension(grasps: Sequence[GraspEvidence], solution: "_Solution", s: float) -> float:
     """chi-square per degree of freedom of the pads' numbers about the solution, all priors included.
 
-    Above one the pads differ by more than noise and priors allow: another cause separates them (a contact
+    Above one the pads differ by more than noise and priors allow. Another cause separates them (a contact
     unlike the model's), and a pit moved to explain it would be wrong. Their information is divided by it
     (Birge 1932, Physical Review 40). It is one if there is nothing to compare.
     """

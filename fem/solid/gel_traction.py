@@ -136,7 +136,7 @@ class GelField:
         return np.asarray(a)
 
     def traction(self, a: Float[np.ndarray, "q 2"]) -> Float[np.ndarray, "q 3"]:
-        """On the fruit; zero where the normal part's sign differs from that at the nearest touching marker."""
+        """On the fruit; zero where the normal part has another sign than the nearest touching marker's."""
         traction = self.force_per_area(a.clip(self.low_mm, self.high_mm))
         away, who = self.near.query(a, distance_upper_bound=self.reach_mm)
         sign = np.append(self.signs, 0.0)[who]

@@ -31,8 +31,8 @@ POINTS = np.vstack([np.full(3, 1 / 4), 1 / 6 + _CORNERS / 3])
 SHARES = np.array([-0.8, 0.45, 0.45, 0.45, 0.45])
 """Five points, exact to degree 3 (Hammer and Stroud 1956, Numerical Integration over Simplexes).
 
-In straight elements that covers grad u, grad v and the linear part of V's slope: compared with differences of
-assembled solids the error is 0.4 % on a mesh of ten thousand dofs, with four points of degree 2 it is 1.6 %.
+In straight elements that covers grad u, grad v and the linear part of V's slope. Compared with differences of
+assembled solids the error is 0.4 % on a mesh of ten thousand dofs. With four points of degree 2 it is 1.6 %.
 """
 WAVE_MM = 20.0
 """Wavelength of a scanned surface's error: errors from photos are smooth."""

@@ -2,8 +2,8 @@
 
 Soft flesh strains by large amounts in a grasp: two millimetres of indentation under a patch of six strain it
 by a fifth. The plain model assumes small strain. Its error looks like a skin, or like stiffening with a very
-small b (log Bayes factor 10 to 69 on fruit of 0.2 to 0.4 MPa without mismatch, first blind test). The column
-of large deformation is the response of Neo-Hookean flesh less the linear one.
+small b. Their log Bayes factor is 10 to 69 on fruit of 0.2 to 0.4 MPa without mismatch (first blind test).
+The column of large deformation is the response of Neo-Hookean flesh less the linear one.
 
 If the flesh rotates by Q(t) as a whole, under forces f that do not rotate with it, its markers are at
 

@@ -14,7 +14,7 @@ n1: markers within two standard deviations of mu; n2: markers in the two windows
 just above; m: mean of n1 and n2. This is the one-sided likelihood ratio of two Poisson counts against a
 smooth distribution that is twice as dense at mu, its peak, as around it. z: a marker's greatest excess over
 mu in standard deviations, if that is more than 4. All frames of a marker count as one, since they are not
-independent. Ratios count only if the lower window ends above zero: a ratio is the norm of a vector, and noise
+independent. Ratios count only if the lower window ends above zero. A ratio is the norm of a vector, and noise
 leaves few norms near zero, so imprecise ratios accumulate at their own noise.
 """
 

@@ -15,7 +15,7 @@ with K, e_i and l fitted too. Force and displacement are both noisy, so a regres
 attenuated. Columns are therefore evaluated at their mean by inverse variance, (f / s_f^2 - d / (K s_d^2)) /
 (1 / s_f^2 + 1 / (K s_d)^2). Its noise is independent of that of r (Fuller 1987, Measurement Error Models,
 section 1.2). True values are nuisances at their best fit (Fuller's functional model), so chi2 needs no
-determinant of its variance. Only the widths of theta's priors enter the evidence: the density at an amount
+determinant of its variance. Only the widths of theta's priors enter the evidence. The density at an amount
 would cost 2 units of log evidence at most, and a time is known to an order of magnitude beforehand.
 """
 
@@ -100,7 +100,7 @@ class GelRecord:
 
 
 class GelLaw(Protocol):
-    """A sensor's fault: the map from true force and displacement of a pad to recorded ones, and its inverse."""
+    """A sensor's fault: the map from true force and displacement of a pad to recorded ones, and back."""
 
     def recorded(self, true: GelRecord, values: Mapping[str, float]) -> GelRecord:
         """With the fault."""
@@ -251,7 +251,7 @@ def _about(
     spread: Float[np.ndarray, " k"],
     scale_sd: float,
 ) -> _Normal:
-    """Normal equations of all records, linearised at parameters `at`; without a law, chi-square as recorded."""
+    """Normal equations of all records, linearised at `at`; without a law, chi-square as recorded."""
     normal, right, chi2, count = np.zeros((len(at), len(at))), np.zeros(len(at)), 0.0, 0
     for record in records:
         values = dict(zip(names, at.tolist(), strict=True))

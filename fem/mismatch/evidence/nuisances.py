@@ -3,9 +3,9 @@
 Common to all recordings: the pit's place and size and Poisson's ratio, each with its prior, the dents' depth,
 and the amounts of large deformation and of the fruit's rotation. Each recording's own: undulations of the
 scanned surface, the pads' places on it, and the pads' approach at each load. No model is exact to a
-micrometre, so each pad of each recording may also deviate by NORMAL_DISCREPANCY of its response, in any
-smooth pattern over its patch in proportion to the load or to its square. An effect acts on all recordings by
-one law; these nuisances do not, which separates them.
+micrometre, so each pad of each recording may also deviate by NORMAL_DISCREPANCY of its response. It may do so
+in any smooth pattern over its patch, in proportion to the load or to its square. An effect acts on all
+recordings by one law; these nuisances do not, which separates them.
 """
 
 import numpy as np
@@ -28,10 +28,10 @@ SMALLEST_POISSON_SD = 0.005
 """Least standard deviation of Poisson's ratio, for any source: a third of the categories' 0.015
 (recon/pit/priors). Set by hand."""
 DENT = 0.04
-"""Relative standard deviation of the depth of the dent under a patch: markers a millimetre apart resolve the
+"""Relative standard deviation of the depth of the dent under a patch. Markers a millimetre apart resolve the
 pressure at a patch's rim, where it is steepest, and their own places there, to a few hundredths."""
 APPROACH = 0.003
-"""Standard deviation of a pad's approach at one load, as a share of its response at the greatest: while a
+"""Standard deviation of a pad's approach at one load, as a share of its response at the greatest. While a
 patch spans a few markers, they determine its pressure to some percent only."""
 LOADS = (0.07, 0.14, 0.25, 0.42, 0.65, 1.0)
 """Loads, as shares of the greatest, with independent deviations of the approach; linear between."""

@@ -2,8 +2,8 @@
 
 A regression on a noisy regressor is biased, and not only attenuated. Noise that is independent between
 markers has short wavelengths. A model that responds less to these, as with a stiff surface, fits better.
-Uncorrected, marker noise of 4 um on soft fruit without mismatch looks like a skin of 0.3 to 0.5 mm (log
-Bayes factor 3 to 27), and like flesh that is firmer outside.
+Uncorrected, marker noise of 4 um on soft fruit without mismatch looks like a skin of 0.3 to 0.5 mm. The log
+Bayes factor of that is 3 to 27. The noise also looks like flesh that is firmer outside.
 
 The model's response c = C f contains the noise of the forces. If forces are computed from the gel's springs
 (fem.estimation.denoised_force), this is the noise of the markers' own displacement. Every field phi that is

@@ -231,9 +231,9 @@ class BalanceEquations:
 
     Noise is that of all markers' forces together. Nuisances are a small shift and rotation of each pad, an
     imbalance in proportion to the load (from marker scales), the fruit's weight, and the choice of moment
-    arms: the markers' current positions (large motion) or those at rest (small motion). If gels stick, the
-    force of every pulling marker is added to the noise, as a standard deviation
-    (fem.mismatch.model.pulling_markers): the pulled rim is narrower than a marker's square, which counts it
+    arms. These reach to the markers' current positions (large motion) or to those at rest (small motion). If
+    gels stick, the force of every pulling marker is added to the noise, as a standard deviation
+    (fem.mismatch.model.pulling_markers). The pulled rim is narrower than a marker's square, which counts it
     in full or not at all.
     """
 

@@ -106,7 +106,7 @@ class _Path:
 
 
 def _elastic_paths(work: Sequence[Float[np.ndarray, "_ _"]]) -> list[_Path]:
-    """For laws without a history, with LEAST_FRAMES chosen in each; the greatest work of all sets the scale."""
+    """For laws without a history, with LEAST_FRAMES chosen in each; the greatest work sets the scale."""
     greatest = max(max(float(np.diag(each).max()) for each in work), 1e-300)
     paths = []
     for each in work:

@@ -1,8 +1,9 @@
 """The posterior of all explanations, and the test of the null hypothesis; the finder decides only here.
 
 Explanations are none, every effect, pairs of effects, and "unknown": physics outside the catalogue. Each has
-a prior probability, a log Bayes factor over the plain model (by linear signatures or full models, model error
-included), divided by TEMPERATURE, and a likelihood of its misfit x, the chi-square per number:
+a prior probability and a log Bayes factor over the plain model, divided by TEMPERATURE. The factor is that of
+linear signatures or full models, model error included. Each also has a likelihood of its misfit x, the
+chi-square per number:
 
 - without a mismatch, the plain model's x is distributed as MISFIT chi-square(FREEDOM) / FREEDOM;
 - with one, x follows that distribution or exceeds it at even odds (ln x uniform up to MOST_MISFIT times

@@ -108,7 +108,7 @@ def _single(linear: LinearRound, fits: Sequence[LinearFit]) -> Hypothesis:
 
 
 def _mixture(fits: Sequence[LinearFit]) -> tuple[float, float]:
-    """Mixture of `modulus_change` over the signatures, weighted by evidence: the faulty pad may be unknown."""
+    """Mixture of `modulus_change` over the signatures, weighted by evidence: the pad may be unknown."""
     gains = np.array([fit.gain for fit in fits])
     share = np.exp(gains - logsumexp(gains))
     changes, added = np.array([fit.modulus_change for fit in fits]).T

@@ -67,9 +67,10 @@ def unknown_spread(heldout: HeldOut | None) -> float:
 
 
 def hidden_gel_spread(model: CaseModel, effects: Sequence[Effect], named: Refit | None) -> float:
-    """Relative spread of E by faults of the gel that are not named and that the relation of force and
-    displacement allows: square root of the summed expected squares over those of `effects` with which the
-    flesh's equations fit better.
+    """Relative spread of E by unnamed faults of the gel that the relation of force and displacement allows.
+
+    It is the root of the summed expected squares over those of `effects` with which the flesh's equations fit
+    better.
 
     At even prior odds a fault is present with probability 1 / (1 + exp(-ln evidence)). Zero if a fault of the
     same relation is named: each partly resembles another.
