@@ -1,8 +1,8 @@
 """The posterior of all explanations, and the test of the null hypothesis; the finder decides only here.
 
 Explanations are none, every effect, pairs of effects, and "unknown": physics outside the catalogue. Each has
-a prior probability and a log Bayes factor over the plain model, divided by TEMPERATURE. The factor is that of
-linear signatures or full models, model error included. Each also has a likelihood of its misfit x, the
+a prior probability and a log Bayes factor over the plain model. TEMPERATURE divides this factor. It comes
+from linear signatures or full models, model error included. Each also has a likelihood of its misfit x, the
 chi-square per number:
 
 - without a mismatch, the plain model's x is distributed as MISFIT chi-square(FREEDOM) / FREEDOM;
