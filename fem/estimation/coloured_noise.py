@@ -1,16 +1,16 @@
-"""Coloured noise: how much more slowly it averages out than white noise, and draws of it."""
+"""Coloured noise: variance of its mean over that of white noise, and random draws."""
 
 import numpy as np
 from jaxtyping import Float
 
 
 def variance_inflation(lag1: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
-    """The variance of a mean over many frames, as a multiple of what white noise of the same spread leaves.
+    """The variance of a mean over many frames, over that of white noise with the same standard deviation.
 
     (1 + r) / (1 - r) for first-order autoregressive noise whose neighbouring frames correlate by r = `lag1`,
-    below one: 1 + 2 (r + r^2 + ...), all lags counted (Bartlett 1946). It is the variance's; a standard
-    deviation takes its root. Sums weighted by something that changes slowly from frame to frame behave like
-    the mean; the noise of a single frame is not inflated.
+    below one: 1 + 2 (r + r^2 + ...), all lags counted (Bartlett 1946). It multiplies the variance; a standard
+    deviation takes its root. Sums with weights that change slowly from frame to frame behave like the mean;
+    the noise of a single frame is not inflated.
 
     >>> float(variance_inflation(np.array([0.5]))[0])
     3.0

@@ -1,16 +1,15 @@
 """Young's modulus by weighted least squares over all frames and markers of a contact.
 
-Each marker is compared with itself:
+Each marker is compared with itself over time:
 
     y_i(t) = X_i + s c_i(t) + [R q(t)]_i + g_i d_i(t) + noise
 
 y: the marker's measured position; c: the displacement that the measured forces cause in a fruit of unit
-modulus. Unknown are s = 1/E, common to all; q(t), the fruit's rigid motion, six per frame; X_i, where the
-marker sits on the unloaded fruit, three per marker and contact; g_i, the scale error of the marker's gel
-displacement d_i, with prior zero and a known spread. X_i makes the scanned surface's error cancel. It and
-g_i are eliminated marker by marker, in closed form; 1 + 6 T normal equations are left. Noise that is alike
-from frame to frame counts with the variance that it has in a mean over frames
-(fem.estimation.coloured_noise).
+modulus. The unknowns are s = 1/E, common to all; q(t), the fruit's rigid motion, six per frame; X_i, the
+marker's place on the unloaded fruit, three per marker and contact; g_i, the scale error of the marker's gel
+displacement d_i, with prior mean zero and a known standard deviation. X_i cancels the error of the scanned
+surface. X_i and g_i are eliminated for each marker in closed form; 1 + 6 T normal equations remain. Noise
+that correlates between frames counts with its variance in a mean over frames (fem.estimation.coloured_noise).
 """
 
 from dataclasses import dataclass
@@ -23,15 +22,15 @@ from fem.estimation.coloured_noise import variance_inflation
 from fem.solid.rigid_core import rigid_modes
 
 GAUGE_SD_MM = 10.0
-"""Prior spread of the fruit's rigid motion at its markers: it fixes the motion common to all frames, which
-the X_i leave free, and is far beyond any real one."""
+"""Prior standard deviation of the fruit's rigid motion at its markers. It fixes the motion common to all
+frames, which the X_i leave free, and is far above any real motion."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MarkerTracks:
     """All markers of all pads in the frames under load; `episode` is -1 where a marker touches nothing.
 
-    `place_mm` and `normal` (outward): where they sit on the fruit's skin. `sd_mm`: noise of one component in
+    `place_mm` and `normal` (outward): of the markers on the fruit's skin. `sd_mm`: noise of one component in
     one frame, `lag1` its correlation between neighbouring frames of these.
     """
 
@@ -49,7 +48,7 @@ class MarkerTracks:
 class CompliantFit:
     """`compliance` is 1/E (1/MPa).
 
-    `motion_mm` is [R q(t)]_i; `residual_mm` what no unknown explains, NaN out of contact, and
+    `motion_mm` is [R q(t)]_i; `residual_mm` the residual of the fit, NaN out of contact, and
     `residual_rms_mm` its root mean square per component.
     """
 
@@ -84,7 +83,7 @@ def _unexplained(
     equations: "_Equations",
     theta: Float[np.ndarray, " m"],
 ) -> tuple[Float[np.ndarray, "t n 3"], Float[np.ndarray, "t n 3"]]:
-    """By the amounts and motions `theta`: the fruit's motion at the markers, and what nothing explains."""
+    """For the amounts and motions `theta`: the fruit's motion at the markers, and the residual."""
     k, frames = len(columns), len(tracks.position_mm)
     scale = (equations.observed - equations.along @ theta) / equations.stiffness
     motion = np.einsum("nxl,tl->tnx", rigid_motion(tracks.place_mm), theta[k:].reshape(frames, 6))
@@ -95,7 +94,7 @@ def _unexplained(
 
 @dataclass(frozen=True, kw_only=True)
 class Information:
-    """Normal equations N a = b of the amounts a of several displacement fields, all else eliminated."""
+    """Normal equations N a = b of the amounts a of several displacement fields; other unknowns eliminated."""
 
     normal: Float[np.ndarray, "k k"]
     right: Float[np.ndarray, " k"]
@@ -103,11 +102,11 @@ class Information:
 
 @dataclass(frozen=True, kw_only=True)
 class JudgedInformation(Information):
-    """The same, with what the fields leave of the markers' places.
+    """The same, with the residual of the markers' positions.
 
-    `scores`: each marker's share of b - N a at the solution, what is left of it against each field: with
-    independent noise their squares add up to the diagonal of N. `influence`: how b changes with each marker's
-    place in each frame.
+    `scores`: each marker's share of b - N a at the solution, the product of its residual with each field;
+    with independent noise their squares add up to the diagonal of N. `influence`: derivative of b by each
+    marker's position in each frame.
     """
 
     scores: Float[np.ndarray, "n k"]
@@ -117,7 +116,7 @@ class JudgedInformation(Information):
 def information(
     tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, scale_sd: float, fruit_moves: bool
 ) -> Information:
-    """The information of `tracks` on fields that stand where s c stands above."""
+    """The information of `tracks` on fields in place of s c (module docstring)."""
     equations = _equations(tracks, columns, scale_sd=scale_sd)
     return _without_motions(equations, len(columns), fruit_moves=fruit_moves)[0]
 
@@ -125,7 +124,7 @@ def information(
 def _without_motions(
     equations: "_Equations", k: int, *, fruit_moves: bool
 ) -> tuple[Information, Float[np.ndarray, "k m"], Float[np.ndarray, " m"]]:
-    """The information on k fields; the motions that explain each of them, and the markers' places."""
+    """The information on k fields; the motions fitted to each of them, and to the markers' positions."""
     normal, right = equations.normal[:k, :k], equations.right[:k]
     if not fruit_moves:
         motions = len(equations.right) - k
@@ -141,7 +140,7 @@ def _without_motions(
 def judged_information(
     tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, scale_sd: float, fruit_moves: bool
 ) -> JudgedInformation:
-    """`information`, and what these few fields leave."""
+    """`information`, with the residual of these few fields."""
     k, frames = len(columns), len(tracks.position_mm)
     equations = _equations(tracks, columns, scale_sd=scale_sd)
     known, turns, moved = _without_motions(equations, k, fruit_moves=fruit_moves)
@@ -164,13 +163,13 @@ def judged_information(
 
 
 def marker_weight(tracks: MarkerTracks) -> Float[np.ndarray, " n"]:
-    """One over the variance that a component of each marker counts with, 1/mm2."""
+    """Inverse of the variance that is assigned to a component of each marker, 1/mm2."""
     return np.asarray(1 / (variance_inflation(tracks.lag1) * tracks.sd_mm**2))
 
 
 @dataclass(frozen=True)
 class _Equations:
-    """Of k amounts and 6 t motions; and, of the markers' scales, what was eliminated."""
+    """For k amounts and 6 t motions; with the eliminated terms of the markers' scales."""
 
     normal: Float[np.ndarray, "m m"]
     right: Float[np.ndarray, " m"]
@@ -197,7 +196,7 @@ def _equations(tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, s
     normal[k:, :k] = normal[:k, k:].T
     normal[k:, k:] = motion_equations(rigid, weight, tracks.episode)
     right[k:] = np.einsum("n,nxl,tnx->tl", weight, rigid, y, optimize=True).ravel()
-    # The scale error of each marker, by a rank-one step.
+    # Each marker's scale error is eliminated by a rank-one update.
     along = np.empty((len(weight), size))
     along[:, :k] = np.einsum("ktnx,tnx->nk", weighted, d, optimize=True)
     along[:, k:] = np.einsum("n,nxl,tnx->ntl", weight, rigid, d, optimize=True).reshape(len(weight), -1)
@@ -210,7 +209,7 @@ def _equations(tracks: MarkerTracks, columns: Float[np.ndarray, "k t n 3"], *, s
 
 
 def rigid_motion(place_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 6"]:
-    """Displacement by three shifts (mm) and three small turns about the centre, in mm at the mean radius."""
+    """Displacement by three shifts (mm) and small rotations about the centre, in mm at the mean radius."""
     modes = rigid_modes(place_mm, centre_mm=place_mm.mean(axis=0))
     modes[:, :, 3:] /= mean_radius_mm(place_mm)
     return modes
@@ -228,7 +227,7 @@ def rigid_part(
 
 
 def mean_radius_mm(place_mm: Float[np.ndarray, "n 3"]) -> float:
-    """Mean distance from the centre, at which rigid_motion gives a turn in mm."""
+    """Mean distance from the centre, at which rigid_motion expresses a rotation in mm."""
     return max(float(np.linalg.norm(place_mm - place_mm.mean(axis=0), axis=1).mean()), 1e-9)
 
 
@@ -247,7 +246,7 @@ def about_episode_mean(
 def motion_equations(
     rigid: Float[np.ndarray, "n 3 k"], weight: Float[np.ndarray, " n"], episode: Int[np.ndarray, "t n"]
 ) -> Float[np.ndarray, "m m"]:
-    """Normal equations of k motions in each frame, m = k t, the contacts' means out: sum_i w_i R_i' W_i R_i.
+    """Normal equations of k motions a frame, m = k t, less the contacts' means: sum_i w_i R_i' W_i R_i.
 
     W_i = I - 1 1' / T_e over the T_e frames of each contact e of marker i. The first part couples no frames;
     the second is one product of frames by markers per contact and pair of motions, and no (n, t, t) array.

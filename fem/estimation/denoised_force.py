@@ -1,10 +1,10 @@
-"""The forces of a marker gel without most of their noise: what its displacement says of them, and what not.
+"""The forces of a marker gel without most of their noise, from its displacement and leading patterns.
 
-Most gels push as they are pressed: f = A d, marker by marker, with one stiffness along the pad's normal and
-one across, fitted to the recording itself (so that a gain stays a gain). Displacement is then the better
-force sensor: f = A d carries the noise of d alone. What the recorded forces show beyond A d is kept where it
-exceeds noise, as patterns (a drift, a gel that relaxes, one that is no bed of springs); the rest was noise,
-and noise in the forces feigns motion in every model that they drive.
+Most gels act as springs: f = A d at each marker, with one stiffness along the pad's normal and one across,
+fitted to the recording itself (so that a gain error is kept). Displacement is then the better force sensor:
+f = A d contains the noise of d alone. Of the recorded forces less A d, patterns that exceed noise are kept (a
+drift, a gel that relaxes, one that is no bed of springs). The rest is noise, and noise in the forces causes
+false motion in every model that they drive.
 """
 
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ from fem.estimation.coloured_noise import variance_inflation
 from fem.grasp_history import PadHistory
 
 ABOVE_NOISE = 1.5
-"""A pattern counts when it is so many times the greatest one of noise alone (Marchenko and Pastur 1967)."""
+"""A pattern counts if it is this many times the greatest one of noise alone (Marchenko and Pastur 1967)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DenoisedForce:
-    """`force_N` in the fruit frame, all frames; `sd_N`: noise of one component in one frame that is left.
+    """`force_N` in the fruit frame, all frames; `sd_N`: its noise, of one component in one frame.
 
     It is A d + Q (f - A d): `stiffness_N_per_mm`, the diagonal of A along the pad's axes `turn` (columns, in
     the fruit frame), and `kept`, the orthonormal patterns (rows, pad axes) that Q projects on; None: Q = 1,
@@ -37,7 +37,7 @@ class DenoisedForce:
     def noise(
         self, displacement_mm: Float[np.ndarray, "t n 3"], force_N: Float[np.ndarray, "t n 3"]
     ) -> Float[np.ndarray, "t n 3"]:
-        """What noise of displacement and of force (fruit frame, as many frames as asked for) leaves in it."""
+        """Noise of `force_N` by noise of displacement and of force (fruit frame, any number of frames)."""
         moved, force = displacement_mm @ self.turn, force_N @ self.turn
         if self.kept is None:
             return np.asarray(force @ self.turn.T)
@@ -49,8 +49,8 @@ class DenoisedForce:
     def noise_of(
         self, patterns: Float[np.ndarray, "r n 3"]
     ) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "r n 3"]]:
-        """How the amounts of patterns f_r (fruit frame) change with the markers' displacement, A (1 - Q) f_r
-        (N/mm), and with their recorded force, Q f_r.
+        """Derivatives of the amounts of patterns f_r (fruit frame) by the markers' displacement,
+        A (1 - Q) f_r (N/mm), and by their recorded force, Q f_r.
         """
         turned = (patterns @ self.turn).reshape(len(patterns), -1)
         of_force = turned if self.kept is None else (turned @ self.kept.T) @ self.kept
@@ -61,13 +61,13 @@ class DenoisedForce:
 def denoised_force(
     pad: PadHistory, turn: Float[np.ndarray, "3 3"], used: Bool[np.ndarray, " t"]
 ) -> DenoisedForce:
-    """`turn`: pad axes in the fruit frame, as columns; `used`: the frames in which patterns are told from
+    """`turn`: pad axes in the fruit frame, as columns; `used`: the frames that separate patterns from
     noise."""
     force = pad.force_N @ turn
     moved = pad.gel_displacement_mm @ turn
     stiffness = np.array([_slope(force[used], moved[used], part, pad) for part in ([0, 1], [2])])[[0, 0, 1]]
     noise = float(np.abs(stiffness).max()) * pad.displacement_sd_mm
-    if noise > pad.force_sd_N:  # displacement says less than the forces themselves
+    if noise > pad.force_sd_N:  # displacement is noisier than the forces themselves
         return DenoisedForce(
             force_N=pad.force_N, sd_N=pad.force_sd_N, turn=turn, stiffness_N_per_mm=np.zeros(3), kept=None
         )
@@ -89,12 +89,11 @@ def denoised_force(
 def _slope(
     force: Float[np.ndarray, "f n 3"], moved: Float[np.ndarray, "f n 3"], part: list[int], pad: PadHistory
 ) -> float:
-    """Force over displacement by least squares over all markers, along the courses of the pad's total force.
+    """Force over displacement by least squares over all markers, along time courses of the pad's total force.
 
-    Of all, as touching ones are told by their force: where that is no more than a few times its noise, those
-    of them that noise pushed up are taken and the others left, and the slope comes out a tenth too steep.
-    Along those courses displacement's own noise, which makes it too small, is averaged over frames, and what
-    is left of it is taken out.
+    All markers count, since touching ones are selected by their force. If that is only a few times its noise,
+    the selection favours positive noise, and the slope is a tenth too steep. Displacement noise makes the
+    slope too small: along those courses it is averaged over frames, and the remaining noise is subtracted.
     """
     course = np.linalg.qr(force.sum(axis=1))[0]
     f, d = (np.einsum("tk,tnx->knx", course, values[..., part]) for values in (force, moved))

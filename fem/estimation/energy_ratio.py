@@ -7,8 +7,8 @@ amplifies it):
 
     E = f' C f / f' u = sum f . [c(t) - c(t_i)] / sum f . [y(t) - y(t_i) - R q(t) + R q(t_i)]
 
-each marker against its own first touch at t_i, the fruit's rigid motion q taken out. The sums run over the
-markers in contact, and over all frames, so that a frame counts by its energy.
+Each marker is compared with its own first touch at t_i, less the fruit's rigid motion q. The sums run over
+the markers in contact and over all frames, so each frame is weighted by its energy.
 """
 
 from dataclasses import dataclass
@@ -22,10 +22,10 @@ from fem.estimation.compliance_fit import MarkerTracks
 
 @dataclass(frozen=True, kw_only=True)
 class EnergyRatio:
-    """The modulus and two parts of its relative spread: noise of displacement, and the markers' scales.
+    """The modulus and two parts of its relative standard deviation: displacement noise and marker scales.
 
     The scale errors of the markers are independent, so each counts by its share of the energy. `work_Nmm` is
-    summed over frames: not above zero where displacement and force do not belong together.
+    summed over frames; it is not positive if displacement and force do not match.
     """
 
     modulus_MPa: float
@@ -35,7 +35,7 @@ class EnergyRatio:
 
     @property
     def elastic(self) -> bool:
-        """Whether forces and displacement do positive work on each other."""
+        """Whether the forces do positive work on the displacement."""
         return self.work_Nmm > 0 and self.modulus_MPa > 0
 
 
@@ -70,7 +70,7 @@ def energy_ratio(
     d = since_first_touch(tracks.gel_displacement_mm, tracks.episode)
     stored, work = float((force_N * c).sum()), float((force_N * u).sum())
     colour = variance_inflation(tracks.lag1)
-    # The noise of a marker's own frames, and of the one frame of first touch that all are compared with.
+    # The noise of a marker's own frames, and of its first touch, with which all of them are compared.
     leverage = colour * (force_N**2).sum(axis=(0, 2)) + (force_N.sum(axis=0) ** 2).sum(axis=1)
     return EnergyRatio(
         modulus_MPa=stored / work if work else float("inf"),

@@ -1,17 +1,16 @@
-"""Finer patterns of a recording's forces: what the leading ones leave, smoothed over neighbouring markers.
+"""Finer patterns of a recording's forces: the leading ones' residual, smoothed over neighbouring markers.
 
-The leading patterns of prepared forces (fem.estimation.prepared_grasp) leave out where a patch grows and
-shifts. That is small, but it is no noise: in a model driven without it sound fruit seem to lie in jaws that
-give way, or to be firmer outside. What is left of the forces f - sum_r a_r f_r is smoothed by a Gaussian
-kernel S over the markers, each pad by itself, and nothing is left at markers that never touch, where there is
-no force. So a pattern at the very rim, next to those, comes out weaker than it is. Of
+The leading patterns of prepared forces (fem.estimation.prepared_grasp) miss the growth and shift of a patch.
+These are small, but no noise: without them, fruit without mismatch seem to lie in compliant jaws, or to be
+firmer outside. A Gaussian kernel S over the markers of each pad smooths the residual f - sum_r a_r f_r. It is
+set to zero at markers that never touch, where there is no force. So a pattern at the very rim, next to those,
+is too weak. Patterns of
 
     S (f - sum_r a_r f_r)
 
-those patterns are added to the others that exceed the greatest that S makes of NOISE_DRAWS draws of noise:
-mostly of a grasp that shears and rolls. Markers' own noise differs from marker to marker: S leaves a
-twelfth of its variance (4 pi SMOOTHING^2), and the pressure, which is smooth over two or three markers,
-nearly whole.
+are added to the others if they exceed the greatest pattern of S times noise in NOISE_DRAWS draws: mostly in a
+grasp that shears and rolls. Noise is independent between markers: S leaves a twelfth of its variance
+(4 pi SMOOTHING^2), and nearly all of the pressure, which is smooth over two or three markers.
 """
 
 from dataclasses import dataclass, replace
@@ -27,27 +26,27 @@ from fem.estimation.prepared_grasp import PreparedGrasp
 from fem.grasp_history import GraspHistory, PadHistory
 
 MOST_FINER = 4
-"""Added to a recording at most. With six the residual holds more noise again (open-11, the soft ball of
+"""Most patterns added to a recording. With six the residual has more noise again (open-11, the soft ball of
 docs/decisions/0008)."""
 SMOOTHING = 1.0
-"""Standard deviation of the kernel, in markers' pitches. Jaws on the same ball seem to give way by 0.010
-mm/N (10 nats) without, 0.004 (none) with it; as many patterns unsmoothed bring noise instead."""
+"""Standard deviation of the kernel, in markers' pitches. On the same ball the jaws' apparent compliance is
+0.010 mm/N (log Bayes factor 10) without it, 0.004 (none) with it; as many unsmoothed patterns add noise."""
 NOISE_DRAWS = 9
-"""The greatest of one more draw exceeds all of these in one of ten recordings."""
+"""Draws of noise: one more draw exceeds all of these in one of ten recordings."""
 REACH = 4.0
-"""In standard deviations: where the kernel ends."""
+"""Radius of the kernel, in standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FinerPatterns:
-    """Numbers `first` to `first` + `count` among a recording's patterns; `smoothing`: S over all markers."""
+    """Patterns `first` to `first` + `count` of a recording; `smoothing`: S over all markers."""
 
     first: int
     count: int
     smoothing: Float[np.ndarray, "n n"]
 
     def of_noise(self, by_pattern: Float[np.ndarray, "p r n 3"]) -> Float[np.ndarray, "p r n 3"]:
-        """Noise of the forces by the patterns' courses, as it is in the patterns: smoothed in these."""
+        """Noise of the forces along the patterns' time courses, smoothed for the finer patterns."""
         finer = slice(self.first, self.first + self.count)
         if not self.count:
             return by_pattern
@@ -59,7 +58,7 @@ class FinerPatterns:
 def with_finer_patterns(
     prepared: PreparedGrasp, history: GraspHistory
 ) -> tuple[PreparedGrasp, FinerPatterns]:
-    """`history`: the recording as it was, whose contacts have their rims; a drift's patterns stay last."""
+    """`history`: the original recording, whose contacts have their rims; a drift's patterns stay last."""
     smoothing = np.asarray(block_diag(*[_smoothing_of(pad) for pad in history.pads]))
     course = np.linalg.qr(prepared.shares)[0]
     left_N = prepared.force_N - np.tensordot(prepared.shares, prepared.patterns, axes=1)
@@ -86,7 +85,7 @@ def with_finer_patterns(
 
 
 def _noise(prepared: PreparedGrasp, history: GraspHistory, seed: int) -> Float[np.ndarray, "f n 3"]:
-    """A draw of the noise that is left in denoised forces, N."""
+    """A draw of the noise in denoised forces, N."""
     rng, apart = np.random.default_rng(seed), spacing(prepared.used)
     frames = int(prepared.used.sum())
     return np.concatenate(
@@ -99,7 +98,7 @@ def _noise(prepared: PreparedGrasp, history: GraspHistory, seed: int) -> Float[n
 
 
 def _smoothing_of(pad: PadHistory) -> Float[np.ndarray, "n n"]:
-    """S of one pad; a marker that never touches neither takes part nor gets anything."""
+    """S of one pad, with zero rows and columns for markers that never touch."""
     apart = cdist(pad.rest_mm, pad.rest_mm)
     others = apart + np.diag(np.full(len(apart), np.inf))
     distance = apart / (SMOOTHING * np.median(others.min(axis=1)))

@@ -1,17 +1,17 @@
-"""The response of flesh at finite strain to what a gel puts on it, frame by frame, and the fruit's motion.
+"""The response of flesh at finite strain to a gel's traction in each frame, and the fruit's rigid motion.
 
-A fruit of modulus E in the frame t has turned and shifted, x = R (X + u) + c, and
+In frame t a fruit of modulus E has rotated and shifted, x = R (X + u) + c, and
 
     u = U(f(t, u) / E),        E u = C f_0 + [E U(f / E) - C f_0]
 
 with f the gel's traction over the deformed skin (fem.solid.gel_traction) in the fruit's own axes, C the
-linear compliance, and f_0 the traction over the skin as small strain deforms it. C f_0 is solved for in every
-frame. The bracket is of second order: it is solved for in a few frames, together with where the load acts,
-and predicted for the others (fem.estimation.frame_prediction), with a(t, s) = f_0(t) . C f_0(s). They are
-chosen greedily, each where the earlier ones predict least (pivoted Cholesky).
+linear compliance, and f_0 the traction over the skin deformed at small strain. C f_0 is solved for in every
+frame. The bracket is of second order: it is solved for in a few frames, together with the place of the load,
+and predicted for the others (fem.estimation.frame_prediction), with a(t, s) = f_0(t) . C f_0(s). The few
+frames are chosen greedily, each where the earlier ones predict worst (pivoted Cholesky).
 
-A marker's material point X is where it meets the deformed skin in the first frame of its contact. Each
-marker's fitted place absorbs errors of scan and pose (fem.estimation.compliance_fit).
+A marker's material point X is its place on the deformed skin in the first frame of its contact. Each marker's
+fitted place absorbs errors of scan and pose (fem.estimation.compliance_fit).
 """
 
 from collections.abc import Sequence
@@ -37,24 +37,24 @@ from fem.solid.finite_strain import FiniteStrainSolid
 from fem.solid.linear_solid import UnitModulusSolid
 
 MOST_LEVELS = 8
-"""Frames in which large deformation is solved for, at most. Set by hand; UNPREDICTED mostly stops earlier."""
+"""Most frames in which large deformation is solved for. Set by hand; UNPREDICTED mostly stops earlier."""
 UNPREDICTED = 0.01
 """Frames are computed until the prediction error is below this share of the largest correction. Set by
 hand: the correction is about a tenth of the displacement, so that 0.1 % of that remains."""
 FIRST_TOLERANCE, TO_SPARE, TOLERANCE = 1e-2, 0.03, 1e-3
-"""Forces out of balance, as a share of the load: in the first round; in the others TO_SPARE of the last
-change of E, down to the last. With 3e-4, half of AGREED and fourteen points an element, E of three
-recordings differs by 0.01 to 0.02 % and takes 1.6 times as long."""
+"""Force residual over the load: in the first round; then this share of the last change of E; at least the
+last value. With 3e-4, half of AGREED and fourteen points an element, E of three recordings differs by 0.01 to
+0.02 % and takes 1.6 times as long."""
 JITTER = 1e-10
-"""Of the kernel's trace, added to its diagonal: chosen frames may be nearly alike."""
+"""Share of the kernel's trace added to its diagonal: chosen frames may be nearly equal."""
 SMALL_ROUNDS = 2
-"""Rounds at small strain, in every frame: the second has the load where the first moves skin and fruit."""
+"""Rounds at small strain in every frame: the second applies the load where the first moves skin and fruit."""
 ROUNDS, AGREED = 10, 1e-3
-"""Rounds at finite strain, in the chosen frames, at most, and how far the last E fitted may be from the E it
-was solved at. Where 1 % of that moves the fit by 0.1 %, E is then within 0.01 %; with soft jaws, where the
-fit moves by 0.9 %, within 0.05 %."""
+"""Most rounds at finite strain in the chosen frames; greatest relative difference of the last fitted E from
+the E of its solve. If 1 % in the latter moves the fit by 0.1 %, E is then within 0.01 %; with soft jaws,
+where the fit moves by 0.9 %, within 0.05 %."""
 LONGEST = 2.0
-"""Step of ln E over that of the last fit, at most. Set by hand: twice is enough where fits alternate, as with
+"""Greatest step of ln E over that of the last fit. Set by hand: twice is enough where fits alternate, as with
 soft jaws."""
 
 
@@ -76,12 +76,12 @@ def with_finite_strain(
     force_sd_N: float,
     scale_sd: float,
 ) -> GraspModel:
-    """The model with what finite strain adds to its response in the frames used, at the E that it then gives.
+    """The model with the finite-strain correction of its response in the frames used, at the E that results.
 
-    `history`: the recording as it drives models (fem.estimation.prepared_grasp); `model` is its model on the
+    `history`: the recording that drives models (fem.estimation.prepared_grasp); `model` is its model on the
     solid of `finite`. `recorded`: the same with the rims of its contacts. `force_sd_N`: noise of a component
     of a force of `history` (PreparedGrasp.force_sd_N). `scale_sd` as in fem.estimation.compliance_fit. The
-    fruit's own turn is part of what is added, since markers are compared in the axes of the recording.
+    correction includes the fruit's rotation, since markers are compared in the axes of the recording.
 
     Raises FemFailure: NO_LOAD, TOO_FEW_MARKERS, NOT_CONVERGED (a frame's forces, or E), NO_MODULUS.
     """
@@ -179,10 +179,10 @@ def finite_response(
 
 
 def next_modulus(rounds: Sequence[tuple[float, float]]) -> float:
-    """The E at which to solve next, by the E of each round so far: where it was solved, and what was fitted.
+    """The E at which to solve next, from each round so far: the E of its solve and the E of its fit.
 
     With x = ln E and h(x) = ln (E fitted / E), the root of the secant of h through the last two rounds, at
-    most LONGEST steps of the last fit away. After one round, or where h grows with x, the E fitted.
+    most LONGEST steps of the last fit away. After one round, or if h grows with x, the fitted E.
 
     >>> round(next_modulus([(1.0, 1.2), (1.2, 1.02)]), 3)
     1.101
@@ -209,7 +209,7 @@ def _fitted(
     solid: UnitModulusSolid, skin: Int[np.ndarray, " c"], driven: GraspHistory, used: Bool[np.ndarray, " t"],
     motion: FruitMotion, unit: Float[np.ndarray, "f c 3"], modulus_MPa: float, *, scale_sd: float,
 ) -> _Fitted:  # fmt: skip
-    """1/E and the fruit's motion by the markers, where E times the skin's displacement is `unit`."""
+    """1/E and the fruit's motion fitted to the markers; E times the skin's displacement is `unit`."""
     history = in_fruit_axes(driven, used, motion)
     places, moved = _at_markers(solid.mesh, skin, history, used, unit, modulus_MPa)
     tracks = tracks_of(history, used, normal=np.zeros_like(places[0]), unit_displacement=moved)
@@ -223,7 +223,7 @@ def _fitted(
 def _without_rigid_motion(
     moved_mm: Float[np.ndarray, "f n 3"], tracks: MarkerTracks
 ) -> Float[np.ndarray, "f n 3"]:
-    """Less each frame's small rigid motion of the markers that touch. Of a turn its second order remains."""
+    """Less each frame's small rigid motion of the touching markers; a rotation's second order remains."""
     modes = rigid_motion(tracks.place_mm)
     left = moved_mm.copy()
     for frame, on in enumerate(tracks.episode >= 0):
@@ -237,7 +237,7 @@ def _without_rigid_motion(
 def _predicted(
     kernel: Float[np.ndarray, "f f"], chosen: Int[np.ndarray, " k"], values: Float[np.ndarray, "k c 3"]
 ) -> Float[np.ndarray, "f c 3"]:
-    """Of all frames, from the values of the chosen ones."""
+    """Values in all frames, from those of the chosen ones."""
     weights = weights_of_known(kernel, chosen, JITTER * float(kernel[chosen, chosen].sum()))
     return np.asarray(np.einsum("kt,kcx->tcx", weights, values, optimize=True))
 

@@ -1,8 +1,8 @@
-"""What an elastic law makes of all frames, from those in which it is solved for.
+"""Prediction of an elastic law's response in all frames, from those in which it is solved for.
 
 Beyond small strain the response is of second and third degree in the forces. As a Gaussian process its kernel
-is a^2 + a^3, a the work of one frame's forces on another's displacement: exact for such maps where enough
-frames are known (Schaback and Wendland, "Kernel techniques", Acta Numerica 15, 2006, section 8).
+is a^2 + a^3, with a the work of one frame's forces on another's displacement. It is exact for such maps if
+enough frames are known (Schaback and Wendland, "Kernel techniques", Acta Numerica 15, 2006, section 8).
 """
 
 import numpy as np
@@ -10,7 +10,7 @@ from jaxtyping import Float, Int
 
 
 def elastic_kernel(work: Float[np.ndarray, "t t"], greatest: float) -> Float[np.ndarray, "t t"]:
-    """a^2 + a^3 of the work f . C f of every two frames, as a share of the `greatest`."""
+    """a^2 + a^3 of the work f . C f of every pair of frames, over the `greatest`."""
     a = (work + work.T) / (2 * greatest)
     return np.asarray(a**2 + a**3)
 

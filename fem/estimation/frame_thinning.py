@@ -1,4 +1,4 @@
-"""Which loaded frames a modulus is estimated from: all of them, or a long recording thinned evenly."""
+"""The loaded frames from which a modulus is estimated: all, or those of a long recording thinned evenly."""
 
 import numpy as np
 from jaxtyping import Bool
@@ -7,11 +7,11 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory
 
 MOST_FRAMES = 120
-"""One solve of the whole fruit and six unknown motions per frame; more frames of one press tell no more."""
+"""Each frame costs one solve of the whole fruit and six unknown motions; more frames add no information."""
 
 
 def loaded_frames(history: GraspHistory) -> Bool[np.ndarray, " t"]:
-    """The frames a modulus is estimated from; raises NO_LOAD where no marker ever touches."""
+    """The frames from which a modulus is estimated; raises NO_LOAD if no marker ever touches."""
     loaded = np.any([(pad.episode >= 0).any(axis=1) for pad in history.pads], axis=0)
     if not loaded.any():
         raise FemFailure(FemProblem.NO_LOAD, "no frame has a marker in contact; expected a contact")
@@ -21,8 +21,8 @@ def loaded_frames(history: GraspHistory) -> Bool[np.ndarray, " t"]:
 def thinned(loaded: Bool[np.ndarray, " t"], *, most: int = MOST_FRAMES) -> Bool[np.ndarray, " t"]:
     """At most `most` of the `loaded` frames, evenly spread, the first and the last among them.
 
-    A marker's contact keeps its number: whatever frame of it is used first becomes the one the others are
-    compared with, for measured and computed displacement alike.
+    A marker's contact keeps its number: the others are compared with its first frame in use, for both
+    measured and computed displacement.
 
     >>> thinned(np.ones(7, dtype=bool), most=3)
     array([ True, False, False,  True, False, False,  True])
@@ -36,6 +36,6 @@ def thinned(loaded: Bool[np.ndarray, " t"], *, most: int = MOST_FRAMES) -> Bool[
 
 
 def spacing(used: Bool[np.ndarray, " t"]) -> float:
-    """How many frames lie from one used frame to the next, in the median (pauses between contacts aside)."""
+    """Median number of frames from one used frame to the next (pauses between contacts hardly matter)."""
     steps = np.diff(np.flatnonzero(used))
     return float(np.median(steps)) if len(steps) else 1.0

@@ -1,12 +1,12 @@
-"""All grasps of one fruit: its modulus, and with two or more of them the pit's place, found where it matters.
+"""The modulus of one fruit from all its grasps, and with two or more of them the pit's place, if it matters.
 
-The inference is linear about a pit. Where it puts the pit far from there, the mesh is moved and the grasps
-are computed again (Gauss-Newton), so that a pit far off the prior's is not judged by slopes at the prior's.
+The inference is linearised about a pit. If it places the pit far from there, the mesh is moved and the grasps
+are computed again (Gauss-Newton). So slopes at the prior's pit do not decide about a pit far from it.
 
-The pit is moved by that share of what the inference says which the data know (`PitPosterior.learnt`), against
-the prior, coordinate by coordinate; the rest of the way stays linear. Where the fruit is symmetric about the
-prior's pit, an offset acts to second order and its sign would be noise: there nothing is learnt, and nothing
-moves. A threshold of `learnt` would split meshes of one fruit into two answers (docs/decisions/0005).
+Each coordinate of the pit moves by its estimate relative to the prior, times the share of the prior variance
+that the data remove (`PitPosterior.learnt`); the rest stays linear. If the fruit is symmetric about the
+prior's pit, an offset acts to second order and its sign would be noise: then `learnt` is zero, and nothing
+moves. A threshold on `learnt` would give meshes of one fruit two different results (docs/decisions/0005).
 """
 
 from collections.abc import Callable, Sequence
@@ -25,18 +25,18 @@ from fem.mesh.flesh_mesh import FleshMesh
 from fem.solid.moved_pit import with_pit_moved
 
 FAR_MM, FAR_SIZE = 0.5, 0.05
-"""Beyond these the response is no longer linear in the pit's offset and ln size to a hundredth of E."""
+"""Up to these the response is linear in the pit's offset and ln size to a hundredth of E."""
 MOST_MOVES = 4
-"""Moves of the pit at most: each is a mesh and its solutions; one that has not settled by then is said so.
+"""Most moves of the pit: each is a mesh and its solutions; without convergence by then there is a warning.
 Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FruitInference:
-    """The fruit's modulus; of each grasp its own with the prior's pit, or why it has none.
+    """The fruit's modulus; each grasp's own modulus with the prior's pit, or why it has none.
 
-    `models`: those of the grasps about the prior's pit, in their order; `final_models`: about the pit that E
-    is inferred with. `moves`: how often the pit was moved in the mesh.
+    `models`: those of the grasps about the prior's pit, in their order; `final_models`: about the pit with
+    which E is inferred. `moves`: how often the pit was moved in the mesh.
     """
 
     modulus: FruitModulus
@@ -55,8 +55,8 @@ def infer_modulus(
 ) -> FruitInference:
     """`respond` gives the model of every grasp on a mesh, or why it has none; called once for each mesh.
 
-    The pit's place is inferred where two or more grasps give a modulus and the mesh has a pit. Raises an
-    ExceptionGroup of every grasp's FemFailure where none gives one.
+    The pit's place is inferred if two or more grasps give a modulus and the mesh has a pit. Raises an
+    ExceptionGroup of every grasp's FemFailure if none gives one.
     """
     about_prior = tuple(respond(mesh))
     grasps = _tried(histories, about_prior, budget)
@@ -94,7 +94,7 @@ def _as_far_as_it_goes(
 ) -> tuple[Float[np.ndarray, "4"], FleshMesh]:
     """The mesh with the pit at `place`, or half or a quarter of the way there; raises INVERTED_ELEMENTS.
 
-    A linear step may overshoot, into the skin even.
+    A linear step may overshoot, even into the skin.
     """
     for share in (1.0, 0.5):
         try:

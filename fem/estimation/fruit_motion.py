@@ -1,4 +1,4 @@
-"""How a fruit moves as a whole from frame to frame: x = R X + c, by what its markers show."""
+"""Rigid motion of a fruit from frame to frame, x = R X + c, fitted to its markers."""
 
 from dataclasses import dataclass, replace
 
@@ -10,7 +10,7 @@ from fem.estimation.compliance_fit import MarkerTracks
 from fem.grasp_history import GraspHistory
 
 ON_A_LINE = 1e-3
-"""Width over length below which markers tell no turn."""
+"""Width over length below which markers show no rotation."""
 
 
 @dataclass(frozen=True)
@@ -21,11 +21,11 @@ class FruitMotion:
     shift_mm: Float[np.ndarray, "f 3"]
 
     def into_fruit(self, x: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
-        """Places in the axes of the recording, in those of the fruit."""
+        """Places, transformed from the recording's axes to the fruit's."""
         return self.turned(x - self.shift_mm[:, None])
 
     def out_of_fruit(self, x: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
-        """Places in the axes of the fruit, in those of the recording."""
+        """Places, transformed from the fruit's axes to the recording's."""
         return np.asarray(x @ self.turn.swapaxes(1, 2) + self.shift_mm[:, None])
 
     def turned(self, v: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
@@ -49,10 +49,10 @@ def in_fruit_axes(history: GraspHistory, used: Bool[np.ndarray, " t"], motion: F
 def refined_motion(
     tracks: MarkerTracks, modelled_mm: Float[np.ndarray, "f n 3"], motion: FruitMotion
 ) -> FruitMotion:
-    """The fruit's motion by which the modelled markers come nearest to the measured ones, frame by frame.
+    """The rigid motion that fits the modelled markers to the measured ones by least squares, frame by frame.
 
-    `tracks`: in the axes of `motion`, which this refines. A frame whose markers tell no turn moves like the
-    nearest that has one. Source: Kabsch, Acta Crystallographica A 32, 1976.
+    `tracks`: in the axes of `motion`, which this refines. A frame whose markers show no rotation moves like
+    the nearest frame with one. Source: Kabsch, Acta Crystallographica A 32, 1976.
     """
     turn, shift = motion.turn.copy(), motion.shift_mm.copy()
     spanning = [frame for frame, on in enumerate(tracks.episode >= 0) if span_a_plane(modelled_mm[frame, on])]

@@ -1,11 +1,11 @@
-"""What one grasp needs to know of the fruit: everything dense, nothing of the mesh.
+"""The model of a fruit for one grasp: dense matrices among markers, without the mesh.
 
 C maps forces at the markers to displacements at the markers for E = 1 MPa:
 
     C = L' K^-1 L        L: marker forces -> traction field -> nodes;  L': nodes -> markers
     (fem.solid.pad_link)
 
-K^-1 on the grasp's contact nodes is condensed from the factor of the fruit (fem.sparse.solver), the rest is
+The factor of the fruit (fem.sparse.solver) gives K^-1 on the grasp's contact nodes; the other maps are
 sparse. A frame then costs one product of a matrix and a vector.
 """
 
@@ -26,14 +26,13 @@ from fem.solid.pad_link import PadLink, PadPlaces, linked, pad_places
 class GraspModel:
     """All pads' markers side by side on a fruit of E = 1 MPa.
 
-    `place_mm`, `normal`: where they sit on the skin, outward normal. `compliance`: C, mm MPa / N, rows and
-    columns marker by marker, x, y, z. `discretisation`: the share of the energy that the mesh withholds
-    under the leading force pattern (fem.solid.discretisation_error). `sensitivity`: how the response to
-    the recording's own loaded frames changes with what is not known exactly. `fruit_moves`: no base holds
-    it. `displacement_correction`:
-    what large deformation adds to the response, in every frame of the recording
-    (fem.estimation.finite_response); None:
-    small strain. `small_strain_alone`: why large deformation is left out, where it could not be solved for.
+    `place_mm`, `normal`: their places on the skin, outward normal. `compliance`: C, mm MPa / N, rows and
+    columns marker by marker, x, y, z. `discretisation`: the share of the energy that the mesh misses under
+    the leading force pattern (fem.solid.discretisation_error). `sensitivity`: derivatives of the response to
+    the recording's own loaded frames by uncertain inputs. `fruit_moves`: no base holds it.
+    `displacement_correction`: change of the response by large deformation, in every frame of the recording
+    (fem.estimation.finite_response); None: small strain. `small_strain_alone`: why large deformation is left
+    out, if it could not be solved for.
     """
 
     place_mm: Float[np.ndarray, "n 3"]
@@ -56,7 +55,7 @@ def grasp_model(
 ) -> GraspModel:
     """The model of one grasp on a solid whose contact nodes are (at least) this grasp's.
 
-    `places`: its pads' places on the solid's mesh, where they are known. Raises FemFailure: off-surface,
+    `places`: its pads' places on the solid's mesh, if they are known. Raises FemFailure: off-surface,
     no-load.
     """
     if places is None:

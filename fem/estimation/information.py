@@ -1,10 +1,10 @@
-"""What one recording knows of the modulus, and of everything else that moves the same markers.
+"""Information of one recording on the modulus, and on all other causes that move the same markers.
 
 Each pad's markers are compared with the model's response as a whole: one number per pad, the pad's own 1/E,
 from the fit of fem.estimation.compliance_fit with one column per pad. Every cause p of
-fem.estimation.sensitivity, and every scale error h of the markers' forces, changes these numbers by what
-the same fit makes of its field dC/dp f, or C diag(f) h. The finer pattern within a patch is not used: what
-it says of a pit is a few tenths of a micrometre, less than what any model leaves out there.
+fem.estimation.sensitivity, and every scale error h of the markers' forces, changes these numbers by the same
+fit to its field dC/dp f, or C diag(f) h. The finer pattern within a patch is not used: a pit changes it by a
+few tenths of a micrometre, less than the error of any model there.
 """
 
 from dataclasses import dataclass, replace
@@ -24,24 +24,24 @@ SCALE_MODES = 16
 """Patterns of force-scale errors that are kept: those that move the markers most."""
 FORCE_SCALE = "force scale"
 SEEN = 1e-9
-"""A pad with less than this share of the best pad's information has nothing to compare."""
+"""A pad with less than this share of the best pad's information is left out."""
 BETWEEN_PADS = 3.7
-"""Variance of the difference between the pads of a recording over what noise makes of it, pit and places as
-the priors have them, by maximum likelihood over 54 recordings of sound fruit (the even half of
-the bank of benchmarks/field_bank.py). What adds to it: the error
-of the gel's stiffness that the forces are taken from, which markers count as pressing, contact that no model
-holds. That it leaves the pads' common value alone is assumed: E of sound fruit is no further off than stated
-(docs/validation.md, Accuracy of E)."""
+"""Variance of the difference between the pads of a recording over that from noise, with pit and places at
+their priors. Fitted by maximum likelihood to 54 recordings of fruit without mismatch (the even half of the
+bank of benchmarks/field_bank.py). Causes: the error of the gel's stiffness from which forces are computed,
+the choice of pressing markers, and contact that no model describes. We assume that these do not change the
+pads' common value: E of fruit without mismatch is no further off than stated (docs/validation.md, Accuracy
+of E)."""
 BLOCK_MM = 4.0
-"""Size of the blocks of skin within which what the model leaves counts as one draw."""
+"""Size of the blocks of skin within which the model's residuals count as one draw."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GraspInformation:
     """Normal equations N a = b of the amounts a = s (1, p_1, ..., h_1, ...), s = 1/E, per MPa.
 
-    `causes` names all but the first: those of the sensitivity, then FORCE_SCALE as often as there are
-    patterns. The rank of N is the number of pads.
+    `causes` names all but the first: those of the sensitivity, then FORCE_SCALE once for each pattern. The
+    rank of N is the number of pads.
     """
 
     causes: tuple[str, ...]
@@ -49,7 +49,7 @@ class GraspInformation:
     right: Float[np.ndarray, " k"]
 
     def weakened(self, factor: float) -> "GraspInformation":
-        """The same numbers with a variance so many times as great."""
+        """The same information with a variance `factor` times as great."""
         return replace(self, normal=self.normal / factor, right=self.right / factor)
 
 
@@ -61,11 +61,10 @@ def grasp_information(
     history: GraspHistory,
     scale_sd: float,
 ) -> GraspInformation:
-    """The information of one recording: that of the numbers 1/E of its pads that have some.
+    """The information of one recording: that of 1/E of each pad that has some.
 
-    The noise of places is taken as large as what the model leaves. What noise in the forces does to the
-    numbers (`_of_force_noise`) adds to their variance. Their differences count BETWEEN_PADS times as
-    uncertain as noise makes them.
+    The noise of positions is scaled to the model's residual. Noise in the forces (`_of_force_noise`) adds to
+    the variance of the pads' 1/E. The variance of their differences is BETWEEN_PADS times that from noise.
     """
     pad_of_marker = history.pad_of_marker
     felt = tracks.unit_displacement
@@ -73,10 +72,10 @@ def grasp_information(
     patterns = _scale_patterns(model, force_N)
     scaled = _moved_by_scales(model, force_N, patterns)
     moves = model.fruit_moves
-    # What is left is judged after the pads' own fit alone: with all causes free it would be explained away.
+    # The residual is that of the pads' own fit alone: free causes would explain it away.
     alone = judged_information(tracks, np.stack(pads), scale_sd=scale_sd, fruit_moves=moves)
     recording = np.diag(alone.normal) > SEEN * np.diag(alone.normal).max()
-    if not recording.all():  # a pad whose markers touch in one frame only says nothing
+    if not recording.all():  # a pad whose markers touch in one frame only has no information
         pads = [pad for pad, says in zip(pads, recording, strict=True) if says]
         alone = judged_information(tracks, np.stack(pads), scale_sd=scale_sd, fruit_moves=moves)
     pad_fields = np.arange(len(pads))
@@ -84,7 +83,7 @@ def grasp_information(
     each = np.linalg.solve(normal, alone.right)
     fields = np.stack([*pads, *model.sensitivity.values, *scaled])
     known = information(tracks, fields, scale_sd=scale_sd, fruit_moves=moves)
-    # What the pads' own fit makes of each field: all of them together are the response itself.
+    # The pads' own fit to each field; the pads' fields add up to the response itself.
     sees = np.linalg.solve(normal, known.normal[pad_fields])
     variance = _design_effect(alone, model.place_mm) * normal
     variance += _of_force_noise(alone, model, tracks, history, compliance=float(each.mean()))
@@ -98,8 +97,8 @@ def grasp_information(
 
 
 def _between_pads(weight: Float[np.ndarray, "p p"]) -> Float[np.ndarray, "p p"]:
-    """Weights of the pads' numbers whose differences have BETWEEN_PADS times the variance: V, the inverse of
-    `weight`, is 1 1' / (1' W 1), the variance of their common value, and the rest, that of the differences.
+    """Weights of the pads' numbers with BETWEEN_PADS times the variance of their differences. V, the inverse
+    of `weight` W, is the variance 1 1' / (1' W 1) of their common value plus that of the differences.
     """
     common = np.outer(weight.sum(axis=1), weight.sum(axis=0)) / weight.sum()
     return np.asarray(weight / BETWEEN_PADS + (1 - 1 / BETWEEN_PADS) * common)
@@ -113,13 +112,13 @@ def _of_force_noise(
     *,
     compliance: float,
 ) -> Float[np.ndarray, "p p"]:
-    """What noise n in the forces adds to the covariance of the pads' right-hand sides: it feigns a
+    """Contribution of noise n in the forces to the covariance of the pads' right-hand sides, by a false
     displacement s C n.
 
-    Unlike noise in the displacement, one force's moves the markers of both pads. Its share in 1/E does not
-    fall with the number of markers as the other does: that of their total force stays. Where the forces come
-    from the gel's displacement, n is the noise of the places too, and the two are counted as one. The gel's
-    stiffness and which markers press are taken as known.
+    Unlike noise in displacement, noise in one force moves the markers of both pads. Its share in 1/E does not
+    fall with the number of markers as that of displacement does: the noise of the total force remains. If
+    forces are computed from the gel's displacement, n is the noise of positions too, and both are counted
+    once. The gel's stiffness and the set of pressing markers are taken as known.
     """
     pads, frames = alone.influence.shape[:2]
     inflation = variance_inflation(tracks.lag1)
@@ -142,7 +141,7 @@ def _of_force_noise(
 
 
 def feigned_displacement_sd(model: GraspModel, history: GraspHistory) -> float:
-    """Displacement times E, mm MPa, that noise in the forces of one frame feigns: root mean square over the
+    """False displacement times E, mm MPa, from noise in the forces of one frame: root mean square over the
     markers' components.
     """
     force_sd_N = per_marker(history, lambda pad: pad.force_sd_N)
@@ -162,12 +161,12 @@ def feigned_displacement_sd(model: GraspModel, history: GraspHistory) -> float:
 def _covariance(
     influence: Float[np.ndarray, "p t n 3"], variance: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, "p p"]:
-    """Of numbers that change so with independent noise of the markers, each of its variance."""
+    """Of numbers with this `influence` of the markers' independent noise, of this `variance`."""
     return np.asarray(np.einsum("ptnx,qtnx,n->pq", influence, influence, variance, optimize=True))
 
 
 def _scale_patterns(model: GraspModel, force_N: Float[np.ndarray, "t n 3"]) -> Float[np.ndarray, "k n"]:
-    """Orthonormal patterns of marker scales, those first that move the markers most at the peak."""
+    """Orthonormal patterns of marker scales; the first ones move the markers most at the peak."""
     peak = force_N[np.linalg.norm(force_N, axis=2).sum(axis=1).argmax()]
     n = len(peak)
     moved = np.einsum("dnx,nx->dn", model.compliance.reshape(3 * n, n, 3), peak)
@@ -186,11 +185,11 @@ def _moved_by_scales(
 
 
 def _design_effect(alone: JudgedInformation, place_mm: Float[np.ndarray, "n 3"]) -> float:
-    """By how much the variance of the pads' numbers exceeds that of independent noise; one at least.
+    """The variance of the pads' numbers over that from independent noise; at least one.
 
-    What the model leaves is alike from frame to frame and from marker to neighbour. So the scores are summed
+    Residuals of the model correlate between frames and between neighbouring markers. So the scores are summed
     over blocks of BLOCK_MM, each taken as one draw (Liang and Zeger 1986, Biometrika 73, cluster-robust
-    variance); their mean square over what independent noise would give, averaged over the pads.
+    variance). The result is their sum of squares over that of independent noise, averaged over the pads.
     """
     block = np.unique(np.floor(place_mm / BLOCK_MM), axis=0, return_inverse=True)[1].reshape(-1)
     sums = np.zeros((block.max() + 1, alone.scores.shape[1]))

@@ -1,13 +1,14 @@
-"""One modulus per fruit from all its grasps, and where the pit is: one linear Gaussian inference.
+"""One modulus per fruit from all its grasps, and the pit's place: one linear Gaussian inference.
 
-Unknown are ln E, the pit's offset (3) and size (1) against the prior, Poisson's ratio, all common to the
-grasps; and each grasp's own surface, pose, force scales and leftover. Every one but ln E has a prior. With N
-the information of the data, L that of the priors, P = (N + L)^-1 and x the row of P that belongs to ln E,
+The unknowns common to the grasps are ln E, the pit's offset (3) and size (1) relative to the prior, and
+Poisson's ratio. Each grasp has its own surface, pose, force scales, misfit and scatter. Every unknown but
+ln E has a prior. With N the information of the data, L that of the priors, P = (N + L)^-1 and x the row of P
+that belongs to ln E,
 
     var(ln E) = x N x + sum_k x_k^2 L_k
 
-parts the variance, without a remainder, into the sensors' noise and each prior's share. A part that the data
-do not inform keeps its sensitivity times its spread; one that they inform counts less.
+splits the variance exactly into the sensors' noise and each prior's share. An unknown that the data do not
+inform contributes its sensitivity times its spread; one that they inform contributes less.
 """
 
 from collections.abc import Sequence
@@ -24,20 +25,20 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory
 
 NOTICED = 0.03
-"""Relative scatter between grasps, beyond their errors, that is worth a sentence."""
+"""Relative scatter between grasps, beyond their errors, that gives a warning."""
 MOST_TENSION = 6.0
-"""chi-square per degree of freedom of the pads' numbers that is worth a sentence. Set by hand: above it the
-chance is 0.01 with two numbers and 1e-5 with four; of the sample batch's four fruit 2.2 is the largest."""
+"""chi-square per degree of freedom of the pads' numbers that gives a warning. Set by hand: the probability
+above it is 0.01 with two numbers and 1e-5 with four; the largest of the sample batch's four fruit is 2.2."""
 RANK = 1e-9
 """Singular values of a grasp's information below this share of the greatest one are rounding."""
 MOST_ROUNDS, STILL = 50, 1e-5
-"""Amounts are s p: the fields are scaled by the s found before, until ln E changes by less than STILL (a
+"""Amounts are s p: each round scales the fields by the last s, until ln E changes by less than STILL (a
 hundredth of a per cent is a hundredth of the least error bar)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PitPosterior:
-    """Where the data put the pit: x, y, z (mm, fruit frame) and ln of its size, all against the prior's pit.
+    """Posterior of the pit: x, y, z (mm, fruit frame) and ln of its size, all relative to the prior's pit.
 
     `prior_sd`, `sd`: before and after; `covariance` after.
     """
@@ -54,12 +55,12 @@ class PitPosterior:
 
     @property
     def moved(self) -> Float[np.ndarray, "4"]:
-        """How far the data moved each from the prior, in the prior's standard deviations."""
+        """Posterior mean of each relative to the prior, in the prior's standard deviations."""
         return np.append(self.offset_mm, self.ln_size) / np.where(self.prior_sd > 0, self.prior_sd, np.inf)
 
     @property
     def learnt(self) -> Float[np.ndarray, "4"]:
-        """Share of the prior's variance that the data took away."""
+        """Share of the prior's variance that the data removed."""
         return np.asarray(1 - (self.sd / np.where(self.prior_sd > 0, self.prior_sd, np.inf)) ** 2)
 
 
@@ -67,7 +68,7 @@ class PitPosterior:
 class FruitModulus:
     """`E_MPa` of the fruit, its standard deviation, and the parts that add up to it in squares (MPa).
 
-    `pit` is None where its place was not inferred. `grasps` in all.
+    `pit` is None if its place was not inferred. `grasps`: their number.
     """
 
     E_MPa: float
@@ -80,10 +81,10 @@ class FruitModulus:
 
 @dataclass(frozen=True, kw_only=True)
 class GraspEvidence:
-    """What a grasp brings to the inference: its information, and by how much its E may be off beyond that.
+    """A grasp's input to the inference: its information, and further errors of its E.
 
     `misfit_sd`, `discretisation_sd`: relative, from the misfit of the model and the size of elements.
-    `history`: the recording, for what is known under its own pads; None: the budget's numbers alone.
+    `history`: the recording, for the surface error under its own pads; None: the budget's numbers alone.
     """
 
     information: GraspInformation
@@ -100,13 +101,13 @@ def joint_modulus(
     infer_pit: bool,
     pit_at: Float[np.ndarray, "4"] | None = None,
 ) -> FruitModulus:
-    """The inference above. Raises ValueError without a grasp, FemFailure (NOT_CONVERGED) where ln E does not
-    settle.
+    """The inference above. Raises ValueError without a grasp, FemFailure (NOT_CONVERGED) if ln E does not
+    converge.
 
-    `infer_pit` False keeps pit and Poisson's ratio at their priors and only counts what their spread does to
-    E. `pit_at`: offset (mm) and ln size, against the prior, of the pit the information was computed with.
-    Grasps that scatter beyond their errors get a random effect each (DerSimonian and Laird 1986). With
-    `infer_pit`, pads that contradict each other count less (`_tension`).
+    `infer_pit` False keeps pit and Poisson's ratio at their priors and only counts the effect of their spread
+    on E. `pit_at`: offset (mm) and ln size, relative to the prior, of the pit in the model behind the
+    information. Grasps that scatter beyond their errors get a random effect each (DerSimonian and Laird
+    1986). With `infer_pit`, pads that contradict each other count less (`_tension`).
     """
     if not grasps:
         raise ValueError("joint_modulus needs at least one grasp, found none")
@@ -152,11 +153,11 @@ def _converged(
 
 
 def _tension(grasps: Sequence[GraspEvidence], solution: "_Solution", s: float) -> float:
-    """chi-square per degree of freedom of the pads' numbers against the solution, all priors counted.
+    """chi-square per degree of freedom of the pads' numbers about the solution, all priors included.
 
-    Above one the pads differ by more than noise and what the priors allow: something else pulls them apart
-    (a contact that the model does not meet), and a pit moved for it would be a false one. Their information
-    is divided by it (Birge 1932, Physical Review 40). One where the pads leave nothing to compare.
+    Above one the pads differ by more than noise and priors allow. Another cause separates them (a contact
+    unlike the model's), and a pit moved to explain it would be wrong. Their information is divided by it
+    (Birge 1932, Physical Review 40). It is one if there is nothing to compare.
     """
     numbers, began = 0, 0.0
     for known in (grasp.information for grasp in grasps):
@@ -173,7 +174,7 @@ def _tension(grasps: Sequence[GraspEvidence], solution: "_Solution", s: float) -
 
 @dataclass(frozen=True, kw_only=True)
 class _Unknown:
-    """One unknown: whose amount it is, its prior, and where its share of the error bar is counted."""
+    """One unknown: its grasp (None: all), its prior, and the part of the error bar that it adds to."""
 
     name: str
     part: str
@@ -185,7 +186,7 @@ class _Unknown:
 def _unknowns(
     grasps: Sequence[GraspEvidence], between: float, *, budget: ErrorBudget, pit_at: Float[np.ndarray, "4"]
 ) -> list[_Unknown]:
-    """ln s first (no prior), then pit and Poisson's ratio, then each grasp's own; none without a spread."""
+    """ln s first (no prior), then pit, Poisson's ratio and each grasp's own; only those with a spread."""
     unknowns = [_Unknown(name="ln s", part=TACTILE, sd=np.inf)]
     known = {cause for grasp in grasps for cause in grasp.information.causes}
     for name in (*PIT, POISSON_RATIO):
@@ -209,7 +210,7 @@ def _unknowns(
 
 @dataclass(frozen=True)
 class _Solution:
-    """The posterior of all unknowns; `fixed` ones stay at their prior and count by their sensitivity."""
+    """The posterior of all unknowns; `fixed` ones stay at their prior and contribute by their sensitivity."""
 
     unknowns: list[_Unknown]
     fixed: Bool[np.ndarray, " u"]
@@ -218,7 +219,7 @@ class _Solution:
 
     @cached_property
     def covariance(self) -> Float[np.ndarray, "u u"]:
-        """P; zero for what is fixed."""
+        """P; zero for fixed unknowns."""
         free = np.flatnonzero(~self.fixed)
         covariance = np.zeros_like(self.normal)
         covariance[np.ix_(free, free)] = np.linalg.inv(
@@ -233,7 +234,7 @@ class _Solution:
 
     @property
     def mean(self) -> Float[np.ndarray, " u"]:
-        """Change of every unknown from where the system was linearised."""
+        """Change of every unknown from the point of linearisation."""
         prior = np.array([unknown.mean for unknown in self.unknowns])
         held = np.where(self.fixed, prior, 0.0)
         return np.asarray(held + self.covariance @ (self.right - self.normal @ held + self.weight * prior))
@@ -272,7 +273,7 @@ def _solve(
 
 
 def _pit(solution: _Solution, at: Float[np.ndarray, "4"]) -> PitPosterior:
-    """The pit's part of the posterior; what has no spread stays where it is."""
+    """The pit's part of the posterior; coordinates without a spread do not move."""
     names = [unknown.name for unknown in solution.unknowns]
     known = [k for k, name in enumerate(PIT) if name in names]
     chosen = [names.index(PIT[k]) for k in known]
@@ -288,7 +289,7 @@ def _pit(solution: _Solution, at: Float[np.ndarray, "4"]) -> PitPosterior:
 def _one_by_one(
     grasps: Sequence[GraspEvidence], solution: _Solution, s: float
 ) -> tuple[Float[np.ndarray, " g"], Float[np.ndarray, " g"]]:
-    """ln s of each grasp alone, less that of all, with pit and Poisson's ratio as found, and its variance."""
+    """ln s of each grasp alone, less that of all, at the joint pit and Poisson's ratio, and its variance."""
     left, variance = np.zeros(len(grasps)), np.zeros(len(grasps))
     for k, grasp in enumerate(grasps):
         unknowns = [
@@ -302,7 +303,7 @@ def _one_by_one(
 
 
 def _between(left: Float[np.ndarray, " g"], variance: Float[np.ndarray, " g"]) -> float:
-    """Variance of the random effect of grasps whose ln s has its own variance, zero or above."""
+    """Variance of the random effect of grasps, given the variance of each one's ln s; at least zero."""
     if len(left) < 2:
         return 0.0
     weight = 1 / variance
@@ -311,7 +312,7 @@ def _between(left: Float[np.ndarray, " g"], variance: Float[np.ndarray, " g"]) -
 
 
 def _warnings(grasps: Sequence[GraspEvidence], between: float, tension: float) -> tuple[str, ...]:
-    """What a reader must know of grasps that disagree, and of pads that do."""
+    """Warnings about grasps that disagree, and about pads that disagree."""
     warnings = []
     if np.sqrt(between) > NOTICED:
         each = ", ".join(f"{grasp.E_MPa:.3f}" for grasp in grasps)

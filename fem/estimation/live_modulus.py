@@ -1,13 +1,13 @@
 """The modulus from one frame, while a gripper closes: one product with C, and seven unknowns.
 
-Every marker is compared with its own first touch (fem.estimation.compliance_fit says why),
+Every marker is compared with its own first touch (see fem.estimation.compliance_fit),
 
     y_i - y_i(t_i) = s [c_i - c_i(t_i)] + [R q - R q(t_i)]_i + noise,        c = C f,
 
-s = 1/E and q the fruit's rigid motion, where nothing holds it. In every frame q = u - s v, u and v what of
-the markers' motion and of the response a rigid motion explains; with that q(t_i) needs no s of an early,
-light frame. What a whole recording allows beyond that, scales of markers and noise in the forces among it,
-is left to fem.estimation.modulus.
+s = 1/E and q the fruit's rigid motion, if nothing holds it. In every frame q = u - s v, with u and v the
+rigid motions fitted to the markers' motion and to the response. So q(t_i) needs no s from an early, lightly
+loaded frame. Estimates that need a whole recording, such as marker scales and noise in the forces, are left
+to fem.estimation.modulus.
 """
 
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ FEWEST = 6
 
 @dataclass(frozen=True, kw_only=True)
 class LiveModel:
-    """A grasp's model made ready: C in single precision (its error is a millionth), the rigid motions."""
+    """A grasp's prepared model: C in single precision (its error is a millionth), the rigid motions."""
 
     compliance: Float[np.ndarray, "d d"]
     rigid: Float[np.ndarray, "d 6"]
@@ -46,9 +46,9 @@ class LiveModel:
 
 @dataclass(frozen=True, kw_only=True)
 class FirstTouch:
-    """Where each marker was when it touched, and the model's response then, less the fruit's motion u and v.
+    """Each marker's position and model response at its first touch, less the fruit's motions u and v.
 
-    `touching`: which markers do; `motion`: u and v of the last frame.
+    `touching`: which markers touch; `motion`: u and v of the last frame.
     """
 
     position_mm: Float[np.ndarray, "n 3"]
@@ -69,9 +69,9 @@ class FirstTouch:
 
 @dataclass(frozen=True, kw_only=True)
 class FrameEstimate:
-    """E and its standard deviation from the markers' noise (NaN where too few touch, or nothing gives way).
+    """E and its standard deviation from the markers' noise (NaN if too few touch, or without 1/E above zero).
 
-    `residual_mm`: what the model leaves of each marker's motion since its first touch, NaN out of contact.
+    `residual_mm`: residual of each marker's motion since its first touch, NaN out of contact.
     """
 
     E_MPa: float
@@ -90,7 +90,7 @@ def frame_modulus(
 ) -> tuple[FrameEstimate, FirstTouch]:
     """One frame of all pads' markers side by side (fruit frame), and the first touches to hand to the next.
 
-    `force_N`: what the gel puts on the fruit; `sd_mm`: noise of one component of a marker's place.
+    `force_N`: the gel's forces on the fruit; `sd_mm`: noise of one component of a marker's position.
     """
     response = (model.compliance @ force_N.ravel().astype(np.float32)).astype(float).reshape(-1, 3)
     old, new = touching & before.touching, (touching & ~before.touching)[:, None]

@@ -1,4 +1,4 @@
-"""Young's modulus of the flesh from one recording, two ways, each with its standard deviation."""
+"""Young's modulus of the flesh from one recording by two methods, each with its standard deviation."""
 
 from dataclasses import dataclass, field
 
@@ -19,19 +19,19 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory
 
 NO_WORK_SD = 0.5
-"""Relative spread where force and displacement do not even do positive work on each other."""
+"""Relative standard deviation of E if the forces do no positive work on the displacement."""
 LEAST_MISFIT = 0.004
-"""Relative scatter between grasps of one synthetic fruit on a mesh and a pit that are a little off."""
+"""Relative scatter between grasps of one synthetic fruit with small errors of mesh and pit."""
 LEAST_SD, ELEMENTS_SD = 0.001, 0.5
-"""Of what elements do to E: what is left when it is small, and the spread as a share of the withheld energy.
+"""Relative standard deviation of E by discretisation: least value, and factor on the mesh's missing energy.
 
-Least squares over displacement miss less than the energy does. On a recorded grasp of an independently
-simulated nectarine E was 0.9996, 1.0006, 1.0014 and 1.0018 of truth at 36, 56, 124 and 194 thousand dofs,
-towards 1.0022, where the estimated shares were 0.51, 0.32, 0.13 and 0.07 %: half of the share. It is not put
-back: where elements are finer than the markers the share counts the markers' own spikes.
+Discretisation changes least squares over displacement less than the energy. On a recorded grasp of an
+independently simulated nectarine E was 0.9996, 1.0006, 1.0014 and 1.0018 of truth at 36, 56, 124 and 194
+thousand dofs, towards 1.0022, where the estimated shares were 0.51, 0.32, 0.13 and 0.07 %: half of the share.
+E is not corrected for it: with elements finer than the markers, the share includes peaks at single markers.
 """
 FEWEST_MARKERS = 6
-"""Fewer markers under load than this do not even hold the fruit's six rigid motions."""
+"""Fewer markers under load than this do not determine the fruit's six rigid motions."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -46,11 +46,11 @@ class MethodEstimate:
 class ModulusEstimate:
     """Young's modulus from one recording.
 
-    `E_MPa` is the least-squares one; `parts_sd_MPa` name what its standard deviation is made of (their
-    squares add up), with the pit at its prior. `energy` is None where the measured work is not positive.
-    `discretisation`: the share of the energy that the mesh withheld. `loaded` marks the frames used,
-    `residual_mm` is what the model leaves of each marker's place in them (NaN out of contact). `evidence` is
-    what several grasps of a fruit are combined from (fem.estimation.joint_inference).
+    `E_MPa` is the least-squares one; `parts_sd_MPa` names the parts of its standard deviation (their squares
+    add up), with the pit at its prior. `energy` is None if the measured work is not positive.
+    `discretisation`: the share of the energy that the mesh misses. `loaded` marks the frames used,
+    `residual_mm` is the residual of each marker's position in them (NaN out of contact). `evidence` is this
+    recording's input to the joint inference of several grasps (fem.estimation.joint_inference).
     """
 
     E_MPa: float
@@ -122,10 +122,10 @@ def first_touch_evidence(
     model: GraspModel,
     budget: ErrorBudget,
 ) -> tuple[GraspEvidence, EnergyRatio]:
-    """What a recording brings to the inference, and its energy ratio.
+    """A recording's input to the inference, and its energy ratio.
 
-    `tracks` may hold another response to the forces than that of `model`, `fit` is theirs. Raises FemFailure
-    (no-modulus) where 1/E is not above zero.
+    `tracks` may have another response to the forces than that of `model`; `fit` is their fit. Raises
+    FemFailure (no-modulus) if 1/E is not above zero.
     """
     ratio = energy_ratio(tracks, force_N, fit.motion_mm, gel_scale_sd=budget.gel_scale_sd)
     E_MPa = require_positive(fit.compliance)
@@ -161,7 +161,7 @@ def require_markers(tracks: MarkerTracks) -> None:
 
 
 def require_positive(compliance: float) -> float:
-    """E in MPa, where the compliance allows one."""
+    """E in MPa; raises NO_MODULUS if there is none."""
     if not (np.isfinite(compliance) and compliance > 0):
         raise FemFailure(
             FemProblem.NO_MODULUS,

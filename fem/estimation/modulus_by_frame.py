@@ -1,4 +1,4 @@
-"""The modulus frame by frame and pad by pad: the table in which a deviation from the model first shows."""
+"""The modulus of each frame and pad: a table that shows deviations from the model first."""
 
 from dataclasses import dataclass
 
@@ -31,8 +31,8 @@ class FrameModulus:
 def modulus_per_frame(
     history: GraspHistory, tracks: MarkerTracks, fit: CompliantFit, loaded: Bool[np.ndarray, " t"]
 ) -> tuple[FrameModulus, ...]:
-    """1/E = sum c . u / sum c . c over one frame's markers, since each one's first touch, motion taken
-    out."""
+    """1/E = sum c . u / sum c . c over one frame's markers; c and u are since each one's first touch, less
+    rigid motion."""
     c = since_first_touch(tracks.unit_displacement, tracks.episode)
     u = since_first_touch(tracks.position_mm - fit.motion_mm, tracks.episode)
     pad_of_marker = history.pad_of_marker

@@ -1,4 +1,4 @@
-"""Signs that a modulus should not be taken at its word, with sentences for the report."""
+"""Signs that a modulus may be wrong, with sentences for the report."""
 
 from dataclasses import dataclass
 from enum import StrEnum
@@ -9,18 +9,18 @@ from fem.estimation.modulus_by_frame import FrameModulus
 from fem.grasp_history import GraspHistory
 
 RESIDUAL_OVER_NOISE = 4.0
-"""A linear elastic fruit with a prior pit and a scanned surface leaves 1.3 to 2.6 times the noise."""
+"""Ratio that gives a warning; linear elastic fruit with a prior pit and a scanned surface have 1.3 to 2.6."""
 UNBALANCE = 0.05
 """Share of the force that two pads holding one fruit may differ by: marker noise and scale make 1 % or
 less."""
 METHODS_APART = 0.02
 """Relative difference of the two methods; mesh, pit prior and noise make 0.3 %."""
 PHASES_APART = 0.05
-"""Relative difference of E between loading and unloading that is said. Set by hand, as UNBALANCE."""
+"""Relative difference of E between loading and unloading that gives a warning. Set by hand, as UNBALANCE."""
 
 
 class ModulusSign(StrEnum):
-    """What was seen; warnings are told apart by this, never by the words of their sentences."""
+    """The kind of a warning; code compares kinds, never the words of their sentences."""
 
     NO_WORK = "no-work"
     METHODS_APART = "methods-apart"
@@ -47,7 +47,7 @@ def warnings_of(
     noise_mm: float,
     fruit_moves: bool,
 ) -> tuple[ModulusWarning, ...]:
-    """Of: the two methods, the residual, the balance of the pads, loading against unloading."""
+    """Warnings about the two methods, the residual, the balance of the pads, loading and unloading."""
     warnings: dict[ModulusSign, str] = {}
     if energy_MPa is None:
         warnings[ModulusSign.NO_WORK] = (

@@ -1,4 +1,4 @@
-"""What the pads put on the deformed skin of a fruit, frame by frame, from the gel's traction."""
+"""Loads of the pads on the deformed skin of a fruit, frame by frame, from the gel's traction."""
 
 from dataclasses import dataclass
 
@@ -17,7 +17,7 @@ CLEAR = 3.0
 """A denoised normal force counts as contact above this many standard deviations of its noise. Set by hand, at
 the usual level: noise alone exceeds it in one of 700 markers. Other levels were not tried."""
 OFF_CONTACT = 3.0
-"""Pitches from the markers that touch beyond which a marker bears noise alone: a rim that noise hides is one
+"""A marker more than this many pitches from the touching ones has noise alone: a rim that noise hides is one
 or two wide."""
 HALF_TURN = np.array([1.0, -1.0, -1.0])
 """About the x axis."""
@@ -36,10 +36,10 @@ class PadFrames:
     def of(
         cls, recorded: PadHistory, driven: PadHistory, used: Bool[np.ndarray, " t"], force_sd_N: float
     ) -> "PadFrames":
-        """Its pose brings the markers at rest to where their gel stood; z points into the fruit.
+        """The pose maps markers at rest to their places without gel displacement; z points into the fruit.
 
-        Noise hides the rim of the contact in what is recorded: a marker with a recorded force that a driving
-        force clearly pushes touches too.
+        Noise hides the rim of the recorded contact: a marker with a recorded force also touches if its
+        driving force clearly pushes.
         """
         rest, at = recorded.rest_mm, (recorded.position_mm - recorded.gel_displacement_mm)[used]
         if not span_a_plane(rest):
@@ -76,7 +76,7 @@ def _noise_off_contact_N(
 ) -> float:
     """Root mean square of the normal forces at markers at least OFF_CONTACT pitches from those that touch.
 
-    Besides the noise of a frame it has the error of each marker's zero, which all frames share.
+    It includes the noise of a frame and the error of each marker's zero, which all frames share.
     """
     apart = cdist(rest_mm, rest_mm)
     pitch = float(np.median(np.sort(apart, axis=1)[:, 1]))
@@ -89,7 +89,7 @@ def nodal_loads(
     pads: list[PadFrames], mesh: FleshMesh, skin: Int[np.ndarray, " c"], motion: FruitMotion,
     moved_mm: Float[np.ndarray, "f c 3"], frames: Int[np.ndarray, " k"],
 ) -> Float[np.ndarray, "k n 3"]:  # fmt: skip
-    """What all pads put on the nodes in these frames, N, in the fruit's axes."""
+    """Forces of all pads on the nodes in these frames, N, in the fruit's axes."""
     faces = np.searchsorted(skin, mesh.outer_faces)
     load = np.zeros((len(frames), *mesh.nodes_mm.shape))
     for k, frame in enumerate(frames):

@@ -1,14 +1,14 @@
-"""A recording as every model of the fruit is driven by it and compared with it: forces without most of their
-noise, and contacts without their rims.
+"""A prepared recording, which drives every model of the fruit and is compared with it: forces without most of
+their noise, and contacts without their rims.
 
-The forces are brought to their few leading patterns f_r,
+The forces are projected on their few leading patterns f_r,
 
     f(t) = sum_r a_r(t) f_r,
 
-those of the denoised forces (fem.estimation.denoised_force) that exceed noise, LEAST_PATTERNS of them in any
-case, and zero drift's own where it is sure (fem.estimation.zero_drift). What is left out would be noise in
-the model's response, and a regression on a noisy regressor is attenuated (errors in variables; Fuller 1987,
-Measurement Error Models, section 1.2): E of soft fruit came out 5 % too high.
+those of the denoised forces (fem.estimation.denoised_force) that exceed noise, at least LEAST_PATTERNS, and
+that of zero drift if it is certain (fem.estimation.zero_drift). The other patterns would add noise to the
+model's response, and a regression on a noisy regressor is attenuated (errors in variables; Fuller 1987,
+Measurement Error Models, section 1.2): E of soft fruit was 5 % too high.
 """
 
 from dataclasses import dataclass, replace
@@ -24,29 +24,29 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.grasp_history import GraspHistory, PadHistory, PatternNoise
 
 LEAST_PATTERNS, MOST_PATTERNS = 4, 10
-"""Patterns of the forces at least, below noise even: a contact that grows and shears has them. Without, E of
-soft fruit came out too low, by 1.6 % at 0.25 MPa where nothing but noise was off and by up to 7 % at 0.15 MPa
-(docs/decisions/0012). And at most: a solution each, and no fruit tried gains by more than five."""
+"""Fewest patterns of the forces, even below noise: a contact that grows and shears has them. With fewer, E of
+soft fruit was too low, by 1.6 % at 0.25 MPa with noise as the only error and by up to 7 % at 0.15 MPa
+(docs/decisions/0012). And most patterns: each costs a solve, and no fruit tried gains by more than five."""
 PRESSED = 3.0
-"""A marker presses when its normal force exceeds so many standard deviations of its noise."""
+"""A marker presses if its normal force exceeds this many standard deviations of its noise."""
 FEWEST_PRESSED = 6
-"""Markers of a pad, at least, in a frame that counts. Set by hand: two tell its motion alone, and nothing
-about the flesh."""
+"""Fewest pressing markers of a pad in a frame that counts. Set by hand: two determine only its motion, and
+nothing about the flesh."""
 RIM, PEAK = 0.25, 20
-"""Markers that press less than this share of the mean of the PEAK that press most are on the patch's rim. The
-skin bends away there within a marker's width, a model is micrometres off, and they are left out."""
+"""Markers below this share of the mean over the PEAK greatest normal forces are on the patch's rim. There the
+skin bends away within a marker's width and models are wrong by micrometres, so they are left out."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PreparedGrasp:
-    """`recorded`: the recording as it was, whose contacts have their rims. `history`: with the forces of the
-    patterns, all frames, the noise that is left in them (`pattern_noise`), and contacts without rims. `used`:
-    the frames that a model is fitted to.
+    """`recorded`: the original recording, whose contacts have their rims. `history`: with the forces of the
+    patterns, all frames, their noise (`pattern_noise`), and contacts without rims. `used`: the frames to
+    which a model is fitted.
 
-    `force_N`: denoised forces of all pads in the frames used, before they are brought to patterns;
-    `force_sd_N`: noise of one component in one frame of them, `coloured_sd_N` that of white noise which
-    averages out over frames as slowly as it does. `patterns` and `shares`: f_r and a_r(t). `denoised`: how
-    each pad's forces were denoised.
+    `force_N`: denoised forces of all pads in the frames used, before projection on patterns; `force_sd_N`:
+    noise of one component in one frame of them; `coloured_sd_N`: that of white noise with the same variance
+    of a mean over frames. `patterns` and `shares`: f_r and a_r(t). `denoised`: how each pad's forces were
+    denoised.
     """
 
     recorded: GraspHistory
@@ -61,9 +61,9 @@ class PreparedGrasp:
 
 
 def prepared_grasp(history: GraspHistory, turns: Float[np.ndarray, "p 3 3"]) -> PreparedGrasp:
-    """`turns`: of each pad its axes in the fruit frame, as columns, the last one into the fruit.
+    """`turns`: each pad's axes in the fruit frame, as columns, the last one into the fruit.
 
-    Raises FemFailure (no-load) where no pad presses at FEWEST_PRESSED markers at once.
+    Raises FemFailure (no-load) if no pad presses at FEWEST_PRESSED markers at once.
     """
     grown, drift = _drift(history, turns[:, :, 2])
     drifted = np.tensordot(grown, drift, axes=1)
@@ -115,17 +115,17 @@ def prepared_grasp(history: GraspHistory, turns: Float[np.ndarray, "p 3 3"]) -> 
 
 
 def thinned_grasp(prepared: PreparedGrasp, most_frames: int) -> PreparedGrasp:
-    """At most so many of the frames used, evenly spread; patterns and their noise stay those of all."""
+    """At most so many of the frames used, evenly spread, with the patterns and noise of all frames."""
     used = thinned(prepared.used, most=most_frames)
     kept = used[prepared.used]
     return replace(prepared, used=used, force_N=prepared.force_N[kept], shares=prepared.shares[kept])
 
 
 def pressing_contacts(pad: PadHistory, turn: Float[np.ndarray, "3 3"]) -> Int[np.ndarray, "t n"]:
-    """Numbers of contacts without rims and frames in which the pad has let go, and counted anew after these.
+    """Numbers of contacts without rims and without frames of a released pad, with a new number after these.
 
     A marker that stops for a single frame is still in contact (tactile's episodes bridge it): one may be
-    noise. Where hardly any marker of the pad presses, all of them have let go.
+    noise. If fewer than FEWEST_PRESSED markers of the pad press, it is released.
     """
     normal = pad.force_N @ turn[:, 2]
     pressed = (normal > PRESSED * pad.force_sd_N) & (pad.episode >= 0)
@@ -141,10 +141,10 @@ def pressing_contacts(pad: PadHistory, turn: Float[np.ndarray, "3 3"]) -> Int[np
 def _drift(
     history: GraspHistory, normals: Float[np.ndarray, "p 3"]
 ) -> tuple[Float[np.ndarray, "t d"], Float[np.ndarray, "d n 3"]]:
-    """Zero drift in the recorded forces of pads that surely drift: its time course, and unit patterns.
+    """Zero drift in the recorded forces of pads with certain drift: its time course, and unit patterns.
 
-    It is evenly spread and so small on each marker that noise would hide it: it is separated before patterns
-    are told from noise.
+    It is evenly spread and so small on each marker that noise would hide it. So it is subtracted before
+    patterns are separated from noise.
     """
     shares, patterns = [], []
     for pad, normal in enumerate(normals):
@@ -165,8 +165,8 @@ def _drift(
 def _patterns(
     force_N: Float[np.ndarray, "f n 3"], sd_N: float
 ) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "f r"]]:
-    """The leading patterns that exceed what noise alone would make (Marchenko and Pastur 1967), and of the
-    others so many that there are LEAST_PATTERNS.
+    """The leading patterns that exceed those of noise alone (Marchenko and Pastur 1967), and further ones up
+    to LEAST_PATTERNS.
     """
     flat = force_N.reshape(len(force_N), -1)
     left, size, right = np.linalg.svd(flat, full_matrices=False)

@@ -1,8 +1,8 @@
-"""How the markers' displacement changes with what is not known exactly: pit, Poisson's ratio, surface, pose.
+"""Sensitivity of the markers' displacement to uncertain inputs: pit, Poisson's ratio, surface, pose.
 
 One column per cause, d(unit displacement)/d(cause), frame by frame: the derivative of C f at fixed forces.
-The forces of a recording span few directions, so that a handful of full solves (their leading singular
-vectors) serve all its frames:  dU = -K^-1 (dK/dp) U  with dK/dp from fem.solid.shape_derivative.
+The forces of a recording span few directions, so a few full solves (for their leading singular vectors) serve
+all its frames:  dU = -K^-1 (dK/dp) U  with dK/dp from fem.solid.shape_derivative.
 """
 
 from dataclasses import dataclass
@@ -23,9 +23,9 @@ PIT_SIZE = "pit size"
 PIT = (*PIT_OFFSET, PIT_SIZE)
 POISSON_RATIO = "Poisson's ratio"
 SURFACE = tuple(f"surface {k + 1}" for k in range(6))
-"""Causes that stand for waves of the scanned surface, six of them as `surface_patterns` draws them."""
+"""Six waves of the scanned surface (skin_velocities of fem.solid.shape_derivative)."""
 MOST_MODES = 4
-"""Singular vectors of a recording's forces at most: a solution each. Set by hand."""
+"""Most singular vectors of a recording's forces: each costs a solve. Set by hand."""
 LEAST_SHARE = 1e-3
 """Singular vectors of the forces below this share of the greatest one are left out."""
 SLIDE_MM = 0.1
@@ -49,7 +49,7 @@ def sensitivities(
     history: GraspHistory, solid: UnitModulusSolid, links: list[PadLink], frames: Bool[np.ndarray, " t"]
 ) -> tuple[Sensitivity, float]:
     """The columns of one grasp whose pads are linked to the solid, and the share of the energy that the mesh
-    withholds under its leading force pattern."""
+    misses under its leading force pattern."""
     force = np.concatenate([pad.force_N[frames] for pad in history.pads], axis=1)
     modes, share = leading_patterns(force)
     split = np.cumsum([len(pad.rest_mm) for pad in history.pads])[:-1]
@@ -82,7 +82,7 @@ def sensitivities(
 def leading_patterns(
     force: Float[np.ndarray, "f n 3"],
 ) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "f r"]]:
-    """The leading force patterns (unit vectors) and how much of each every frame holds, N; raises NO_LOAD."""
+    """The leading force patterns (unit vectors) and the amount of each in every frame, N; raises NO_LOAD."""
     left, size, right = np.linalg.svd(force.reshape(len(force), -1), full_matrices=False)
     if not size[0] > 0:
         raise FemFailure(
@@ -101,9 +101,9 @@ def inner_forces(
     *,
     with_surface: bool = True,
 ) -> tuple[list[str], Float[np.ndarray, "p r n 3"]]:
-    """Causes inside the fruit and -(dK/dp) U of each; U counts from the pit: rigid motion strains nothing.
+    """Causes inside the fruit and -(dK/dp) U of each; U is relative to the pit: rigid motion strains nothing.
 
-    Without the surface's undulations if they are not asked for.
+    `with_surface`: whether to include the surface's undulations.
     """
     mesh = solid.mesh
     has_pit = len(mesh.pit_nodes) > 0
@@ -154,7 +154,7 @@ def _from_the_pit(solid: UnitModulusSolid, moved: Float[np.ndarray, "r n 3"]) ->
 def _couple(
     solid: UnitModulusSolid, moved: Float[np.ndarray, "r n 3"], velocity: Float[np.ndarray, "n 3"]
 ) -> Float[np.ndarray, "r n 3"]:
-    """What the flesh's forces on a growing pit turn it by, as forces on its nodes: their arms grow."""
+    """Moment of the flesh's forces on a growing pit, as forces on its nodes: their arms grow."""
     nodes = solid.mesh.pit_nodes
     reaction = (solid.stiffness @ moved.reshape(len(moved), -1).T).T.reshape(moved.shape)[:, nodes]
     moment = np.cross(velocity[nodes], reaction).sum(axis=1)

@@ -1,4 +1,4 @@
-"""What the measured forces do to a fruit of unit modulus, at the markers, in chosen frames."""
+"""Displacement of the markers by the measured forces on a fruit of unit modulus, in chosen frames."""
 
 from collections.abc import Callable
 
@@ -11,7 +11,7 @@ from fem.estimation.grasp_model import GraspModel
 from fem.grasp_history import GraspHistory, PadHistory
 
 SMALLEST_SD_MM = 5e-4
-"""Half a micrometre: what a recording without measurable noise is taken to carry, for the weights' sake."""
+"""Half a micrometre: noise assumed for a recording without measurable noise, for finite weights."""
 
 
 def marker_tracks(
@@ -19,9 +19,9 @@ def marker_tracks(
 ) -> tuple[MarkerTracks, Float[np.ndarray, "f n 3"]]:
     """The chosen frames of all pads side by side, with the model's response to them, and the forces.
 
-    The forces of all pads act together in a frame. Markers are counted from their places on the scanned
-    surface, not from the skin of a mesh that cuts its corners. Between chosen frames that lie k apart noise
-    correlates by r^k, r between neighbours.
+    The forces of all pads act together in a frame. Markers' places are on the scanned surface, not on the
+    skin of a mesh, which cuts its corners. Noise of chosen frames that are k apart correlates by r^k, with r
+    between neighbours.
     """
     force_N = np.concatenate([pad.force_N[frames] for pad in history.pads], axis=1)
     beyond = 0.0 if model.displacement_correction is None else model.displacement_correction[frames]
@@ -50,5 +50,5 @@ def tracks_of(
 
 
 def per_marker(history: GraspHistory, value: Callable[[PadHistory], float]) -> Float[np.ndarray, " n"]:
-    """A number of each pad, marker by marker, all pads side by side."""
+    """A number of each pad, repeated for its markers, all pads side by side."""
     return np.concatenate([np.full(len(pad.rest_mm), value(pad)) for pad in history.pads])

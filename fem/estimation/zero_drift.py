@@ -1,8 +1,8 @@
-"""What a pad feels after it has let go: nothing, unless its sensor drifts (channel R4).
+"""Zero drift: growth of a pad's normal force without contact, by its sensor (channel R4).
 
-The recorded normal force in the frames in the air, after the last contact less before the first, over the
-time between: a rate, N/s, that no physics of the fruit changes. It is known to the noise of a mean over all
-markers and frames, and to what a gel may still remember of the press.
+The rate, N/s, is the mean normal force in no-contact frames after the last contact less that before the
+first, over the time between. No physics of the fruit changes it. Its error is the noise of a mean over all
+markers and frames, and the gel's memory of the press.
 """
 
 from dataclasses import dataclass
@@ -14,18 +14,18 @@ from fem.estimation.coloured_noise import variance_inflation
 from fem.grasp_history import GraspHistory
 
 FEWEST_FRAMES = 2
-"""In the air on either side: a mean and its spread need two."""
+"""No-contact frames on either side: a mean and its spread need two."""
 REMEMBERED = 3e-3
-"""Share of the greatest force that a gel may still show after it was let go (estimate)."""
+"""Share of the greatest force that a gel may still show after release (estimate)."""
 SILENT = 0.5
-"""A sensor that says exactly nothing more often than this in the air cuts off small forces, and drifts."""
+"""A sensor with a larger share of exact zeros without contact cuts off small forces, and drifts."""
 SURE = 4.0
-"""A rate of so many standard deviations is there."""
+"""A rate above this many standard deviations is certain."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ZeroDrift:
-    """Growth of one pad's normal force in the air, N/s, and its standard deviation; `from_s`: since when."""
+    """Growth of one pad's normal force without contact, N/s, its standard deviation; `from_s`: start time."""
 
     rate_N_per_s: float
     sd_N_per_s: float
@@ -33,17 +33,17 @@ class ZeroDrift:
 
     @property
     def sure(self) -> bool:
-        """Whether more than noise and memory grows."""
+        """Whether the rate exceeds noise and gel memory."""
         return abs(self.rate_N_per_s) > SURE * self.sd_N_per_s
 
     def grown_N(self, time_s: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
-        """What the pad's normal force has grown by at these times, N."""
+        """Growth of the pad's normal force by these times, N."""
         return np.asarray(self.rate_N_per_s * (time_s - self.from_s))
 
 
 @dataclass(frozen=True, kw_only=True)
 class ZeroDrifts:
-    """Of all pads of a recording: rates, N/s, and inverse variances, zero where nothing is known."""
+    """Of all pads of a recording: rates, N/s, and inverse variances, zero for an unknown rate."""
 
     measured: Float[np.ndarray, " p"]
     weight: Float[np.ndarray, " p"]
@@ -59,9 +59,9 @@ class ZeroDrifts:
 
 
 def zero_drift(history: GraspHistory, pad: int, normal: Float[np.ndarray, "3"]) -> ZeroDrift | None:
-    """Of one pad; None with fewer than FEWEST_FRAMES in the air before or after the contact, or SILENT ones.
+    """Of one pad; None with fewer than FEWEST_FRAMES without contact before or after it, or SILENT ones.
 
-    The frames next to the contact may carry forces below what counts as one, and are left out.
+    The frames next to the contact are left out: they may have forces below the threshold of contact.
     """
     pad_history = history.pads[pad]
     touched = np.flatnonzero([phase != "air" for phase in history.phase])

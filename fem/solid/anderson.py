@@ -2,8 +2,8 @@
 
     x_k+1 = x_k + f_k - sum_j g_j (dx_j + df_j),      g = argmin |f_k - sum_j g_j df_j|
 
-dx_j and df_j: by how much x and f changed in each of the last steps. In a linear problem this is GMRES, one
-plain step further on; with a single unknown it is the secant method.
+dx_j and df_j: changes of x and f in each of the last steps. In a linear problem this is GMRES followed by one
+plain step; with a single unknown it is the secant method.
 Source: Anderson, "Iterative procedures for nonlinear integral equations", Journal of the ACM 12, 1965; in
 this form (type II) Walker and Ni, "Anderson acceleration for fixed-point iterations", SIAM Journal on
 Numerical Analysis 49, 2011, section 2.
@@ -17,24 +17,23 @@ from jaxtyping import Float
 
 Step = Float[np.ndarray, "..."]
 _Change = tuple[Float[np.ndarray, " g"], Float[np.ndarray, "g n"], Step]
-"""Size and direction of a change of f, in each group, and by how much x + f(x) changed."""
+"""Norm and direction of a change of f in each group, and the change of x + f(x)."""
 
 RESOLVED = 1e-4
-"""Share of a change df_j that counts as learnt: what the other changes leave of it, if less, may be rounding,
-of which stresses in single precision (fem.solid.flesh_pieces) make most. The least squares take every change
-at unit size, damped by the square of this (Tikhonov). From 1e-3 to 1e-7 the numbers of steps
-are the same."""
+"""Share of a change df_j that counts as information: a smaller part independent of the other changes may be
+rounding, mostly of stresses in single precision (fem.solid.flesh_pieces). The least squares take every change
+at unit size, damped by the square of this (Tikhonov). From 1e-3 to 1e-7 the numbers of steps are the same."""
 
 
 def as_one(step: Step) -> Float[np.ndarray, "1 n"]:
-    """All of a step weighed alike, in one group."""
+    """A step as one group with equal weights."""
     return step.reshape(1, -1)
 
 
 class Anderson:
-    """What the last steps have taught, and the step that follows from it.
+    """The changes in the last steps, and the next step that follows from them.
 
-    `memory`: how many changes are kept. `weighed`: of a step, the numbers that are to become least, (groups,
+    `memory`: how many changes are kept. `weighed`: from a step to the numbers that are minimised, (groups,
     numbers); each group has a mix of its own. Groups are the first axis of a step, or there is one group.
     """
 
@@ -45,7 +44,7 @@ class Anderson:
         self._taken: Step | None = None
 
     def step(self, plain: Step) -> Step:
-        """The step to take in the place of f(x) = `plain`; say with `took` that it was taken, or `forget`."""
+        """The step to take in place of f(x) = `plain`; call `took` if it was taken, else `forget`."""
         if self._plain is not None and self._taken is not None:
             change = self._weighed(plain) - self._weighed(self._plain)
             size = np.maximum(np.linalg.norm(change, axis=1), np.finfo(float).tiny)
@@ -63,10 +62,10 @@ class Anderson:
         return step
 
     def took(self, step: Step) -> None:
-        """The step last asked for was taken, in full and like this."""
+        """Records that the last step was taken in full, as `step`."""
         self._taken = step
 
     def forget(self) -> None:
-        """Begin anew: a step was cut short, or f is another."""
+        """Discards all steps: one was cut short, or f changed."""
         self._past.clear()
         self._plain = self._taken = None

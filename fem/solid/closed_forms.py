@@ -1,4 +1,4 @@
-"""Closed forms that the finite elements are measured against, and that textbooks grade fruit by.
+"""Closed forms: references for the finite elements, and textbook formulas for the modulus of fruit.
 
 All moduli in MPa, lengths in mm, forces in N. nu is Poisson's ratio.
 """
@@ -81,7 +81,7 @@ def s368_parallel_plates_modulus_MPa(
 def cored_sphere_shrinkage_mm(
     *, E_MPa: float, poisson_ratio: float, core_radius_mm: float, radius_mm: float, pressure_MPa: float
 ) -> float:
-    """How far the skin of a sphere around a bonded rigid core moves in under even outer pressure.
+    """Inward displacement of a sphere's skin under uniform outer pressure, around a bonded rigid core.
 
     Lame: u = A r + B / r^2, B = -A a^3 as u = 0 at the core; the radial stress at b,
     (3 lambda + 2 mu) A - 4 mu B / b^3, equals -p. Then u(b) = A (b - a^3 / b^2).

@@ -1,15 +1,15 @@
-"""How far a solution on this mesh is from the one on an infinitely fine mesh, from the solution alone.
+"""Error of a solution relative to the one on an infinitely fine mesh, estimated from the solution alone.
 
 Zienkiewicz and Zhu: the strain e of finite elements jumps from element to element, the true one does not.
-The difference to a smoother one, e* (fem.mesh.recovery), is taken for the error:
+The difference from a smoother one, e* (fem.mesh.recovery), estimates the error:
 
     eta_e^2 = integral over element e of  (e* - e) : D : (e* - e),        share = sum_e eta_e^2 / f'Cf.
 
-By Galerkin orthogonality the energy of the error is the energy that the mesh withholds: the mesh is too
-stiff, the compliance f'Cf on it too small by exactly that share.
+By Galerkin orthogonality the energy of the error is the energy that the mesh misses. The mesh is too stiff,
+and the compliance f'Cf on it is too small by exactly that share.
 Measured (benchmarks/results/convergence.csv) on presses of a cored 30 mm cube on 1 to 225 mm2 and two
 grasps, against extrapolated meshes: estimate over error 1.07 to 1.37 where nu is .45, 0.86 to 1.08 where it
-is .49; the energy times (1 + share) is within 0.4 % where T10 alone lacks 0.7 to 2.7 %.
+is .49; the energy times (1 + share) is within 0.4 %, while T10 alone misses 0.7 to 2.7 %.
 Source: Zienkiewicz and Zhu (fem.mesh.recovery); orthogonality: Ainsworth and Oden, "A Posteriori Error
 Estimation in Finite Element Analysis", 2000, chapter 1.
 """

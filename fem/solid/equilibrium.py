@@ -1,7 +1,7 @@
 """Equilibrium by steps  K step = -residual  where the forces derive from a potential.
 
-Chord steps keep the factor, and renew it where more than PATIENCE of them would still be needed. Steps with
-the same tangent are accelerated (fem.solid.anderson). A line search along the potential guards every step.
+Chord steps keep the factor; it is renewed if more than PATIENCE of them would still be needed. Steps with the
+same tangent are accelerated (fem.solid.anderson). A line search along the potential guards every step.
 """
 
 from dataclasses import dataclass
@@ -19,10 +19,10 @@ State = TypeVar("State")
 PATIENCE = 30
 """A fresh factor costs about as much as this many residuals and solves."""
 MEMORY = 6
-"""Earlier steps that the next one learns from. Measured on a deep load of 23 steps (nu 0.49,
+"""Earlier steps that accelerate the next one. Measured on a deep load of 23 steps (nu 0.49,
 tolerance 1e-7): 10 save two steps; with 2 a new tangent is needed."""
 OVERSHOOT = 0.5
-"""A step has gone too far where the forces along it have turned round to more than this share of before."""
+"""A step is too long if the force along it has reversed to more than this share of its start."""
 SHORTEST = 1e-4
 """Share of a step below which the line search gives up."""
 
@@ -71,7 +71,7 @@ class Ending(StrEnum):
 
 @dataclass(frozen=True)
 class EquilibriumResult(Generic[State]):
-    """The state that was reached, and how; `tangent`: the last one, None where the next step renews it."""
+    """The state that was reached, and how; `tangent`: the last one, None if the next step renews it."""
 
     state: State
     ending: Ending
@@ -88,11 +88,11 @@ def equilibrium(
 ) -> EquilibriumResult[State]:
     """The state near `start` with a residual of `tolerance` at most, or the last of `iterations` steps.
 
-    The first tangent is `tangent`, or where none is given that of the start.
+    The first tangent is `tangent` (default: that of the start).
     """
     learnt = Anderson(MEMORY)
     state, residual = start, balance.residual(start)
-    sizes, steps = [balance.size(residual)], 0  # since the tangent, or a step in part
+    sizes, steps = [balance.size(residual)], 0  # since the last new tangent or partial step
     while not sizes[-1] <= tolerance:
         if steps == iterations:
             return EquilibriumResult(state, Ending.TOO_MANY, tangent)
@@ -131,12 +131,12 @@ def equilibrium(
 def _searched(
     balance: Balance[State], state: State, step: Float[np.ndarray, " d"], size: float
 ) -> tuple[State, Float[np.ndarray, " d"], Float[np.ndarray, " d"], float] | None:
-    """State, residual, step and share after a line search; None where no share of the step is any good.
+    """State, residual, step and share after a line search; None if no share of the step is acceptable.
 
-    The slope of the potential along the step is step . residual, the multipliers new. It must start below
-    zero; where it has risen to more than OVERSHOOT of its start, or matter is turned inside out, the step is
-    too long and is shortened, by the secant of the slope where there is one (Matthies and Strang, Int. J.
-    Num. Meth. Eng. 14, 1979, section 3). A step that brings the residual down is good anyhow.
+    The slope of the potential along the step is step . residual, with the new multipliers. It must be
+    negative at the start. If it rises to more than OVERSHOOT of its start, or an element is inverted, the
+    step is too long and is shortened, if possible by the secant of the slope (Matthies and Strang, Int. J.
+    Num. Meth. Eng. 14, 1979, section 3). A step that reduces the residual is always acceptable.
     """
     n = balance.primal
 
@@ -164,7 +164,7 @@ def _searched(
 
 
 def _is_slow(sizes: list[float], tolerance: float) -> bool:
-    """Whether, at the rate of these steps, more than PATIENCE are still to come."""
+    """Whether convergence at the rate of these steps needs more than PATIENCE steps."""
     if len(sizes) < 4 or sizes[-1] <= tolerance:
         return False
     rate = np.log(sizes[-1] / sizes[-4]) / 3

@@ -1,12 +1,12 @@
 """Displacement of the flesh under large deformation: equilibrium of a `UnitModulusSolid` under another law.
 
-Since every stress grows with E, a fruit of modulus E under forces f moves like one of 1 MPa under f / E.
+Stresses are proportional to E, so a fruit of modulus E under forces f moves like one of 1 MPa under f / E.
 
-A free fruit is in balance in its deformed shape: of the potential  W(u) - f . u + alpha . B'u  both
-derivatives vanish, so that u has no mean translation and rotation over the flesh (B'u = 0, as in
-fem.solid.linear_solid) and the six alpha are a smooth body force B alpha, here one that balances force and
-moment where the loads have moved to. The linear solid is the limit of small
-loads. The pit turns by any angle.
+A free fruit is in equilibrium in its deformed shape: both derivatives of the potential
+W(u) - f . u + alpha . B'u  vanish. So u has no mean translation and rotation over the flesh (B'u = 0, as in
+fem.solid.linear_solid), and the six alpha define a smooth body force B alpha. Here it balances force and
+moment of the loads at the points to which these have moved. The linear solid is the limit of small loads. The
+pit may rotate by any angle.
 """
 
 from dataclasses import dataclass
@@ -25,22 +25,22 @@ from fem.solid.finite_strain_elements import FiniteFlesh
 from fem.solid.linear_solid import UnitModulusSolid
 
 TOLERANCE = 1e-7
-"""Forces out of balance, as a share of the load; displacements are then exact to about as much."""
+"""Force residual over the load; displacements then have about the same relative error."""
 ITERATIONS = 40
-"""Steps of Newton's method under one load at most; hopeless ones are given up before. Set by hand."""
+"""Most steps of Newton's method under one load; a solve that stalls ends earlier. Set by hand."""
 SMALLEST_SHARE = 1 / 64
-"""The load is applied in smaller and smaller steps where it cannot be at once; below this one we stop."""
+"""Least load step; a load that cannot be applied at once is applied in smaller and smaller steps."""
 CHORDS = 15
-"""Chord steps that all loads take together at most: half of fem.solid.equilibrium.PATIENCE. A load that needs
-more is taken alone, where it may renew its tangent."""
+"""Most chord steps of all loads together: half of fem.solid.equilibrium.PATIENCE. A load that needs more is
+solved alone, where it may renew its tangent."""
 FARTHER = 2.0
-"""An accelerated step may make the residual larger before later ones make it smaller; beyond this many times
-the smallest so far the load is taken alone, with a line search. Set by hand."""
+"""An accelerated step may increase the residual before later ones reduce it; above this many times the
+smallest so far, the load is solved alone, with a line search. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FiniteStrainSolid:
-    """A factorised linear solid, its flesh under a law of finite strain of the same Poisson's ratio.
+    """A factorised linear solid whose flesh has a law of finite strain with the same Poisson's ratio.
 
     `degree`: of the quadrature. Four points (degree 2) take half the time of fourteen.
     """
@@ -56,7 +56,7 @@ class FiniteStrainSolid:
 
     @cached_value
     def rest(self) -> FiniteBalance:
-        """Without load: all that every load shares."""
+        """The balance without load, shared by loads."""
         return FiniteBalance.of(self.solid, self.flesh)
 
     def prepare(self) -> None:
@@ -72,10 +72,10 @@ class FiniteStrainSolid:
     ) -> Float[np.ndarray, "f n 3"]:
         """The displacement under each of f loads: dead forces on the nodes, N per MPa of the modulus.
 
-        The search begins at `start`, or at the linear answer: chord steps of all loads at once, with the
-        linear factor. Only a load that they do not balance is searched for by itself, in smaller steps where
-        it must be. Raises FemFailure: BAD_LOAD like the solid, NOT_CONVERGED with the first load that is not
-        balanced and the share of it that is.
+        The iteration starts at `start`, or at the linear displacement: chord steps of all loads at once, with
+        the linear factor. A load that these do not balance is solved alone, in smaller load steps if needed.
+        Raises FemFailure: BAD_LOAD like the solid, NOT_CONVERGED with the first load that is not balanced and
+        the share of it that is.
         """
         first = self.solid.displacement(nodal_force_over_E) if start is None else start
         at_once = self._together(nodal_force_over_E, first, tolerance=tolerance)
@@ -100,8 +100,8 @@ class FiniteStrainSolid:
         *,
         tolerance: float,
     ) -> list[FiniteState | None]:
-        """All loads by accelerated chord steps with the linear factor; None for one that a step leads away
-        from balance (FARTHER), or that CHORDS steps do not bring to it.
+        """All loads by accelerated chord steps with the linear factor; None for a load whose residual grows
+        (FARTHER), or that CHORDS steps do not balance.
         """
         rest, solutions = self.rest, list[FiniteState | None]([None] * len(loads))
         open_ = {
@@ -128,8 +128,8 @@ class FiniteStrainSolid:
     def _stepwise(
         self, load: Float[np.ndarray, "n 3"], first: Float[np.ndarray, "n 3"], *, tolerance: float
     ) -> tuple[FiniteState, float, Ending]:
-        """The state under one load, at once or in steps: halved where the search fails, doubled where it
-        succeeds; the share of the load that it balances, and how the last search ended.
+        """The state under one load, applied at once or in steps, which are halved after a failure and doubled
+        after a success; the share of the load that it balances, and how the last solve ended.
         """
         rest = self.rest
         tangent: Tangent = rest.linear_tangent
@@ -150,7 +150,7 @@ class FiniteStrainSolid:
                 last = result.state
                 tangent = result.tangent or rest.linear_tangent
                 step = min(2 * step, 1 - wanted)
-                # straight on along the path so far
+                # extrapolates the path so far
                 ahead_mm = last.displacement_mm + step / (wanted - share) * moved_mm
                 guess = rest.admissible(ahead_mm) if step > 0 else last
                 share = wanted
@@ -163,7 +163,7 @@ class FiniteStrainSolid:
 
 
 class _Chord:
-    """One load on its way to balance: its state, the residual there, and what earlier steps have taught."""
+    """The iteration of one load: its state, the residual there, and the acceleration by earlier steps."""
 
     def __init__(self, balance: FiniteBalance, state: FiniteState) -> None:
         self.balance, self.state = balance, state
@@ -177,7 +177,7 @@ class _Chord:
         return size
 
     def step(self, plain: Float[np.ndarray, " d"]) -> None:
-        """Takes the accelerated step in the place of `plain`."""
+        """Takes the accelerated step in place of `plain`."""
         step = self.learnt.step(plain)
         self.state = self.balance.moved(self.state, step, 1.0)
         self.learnt.took(step)

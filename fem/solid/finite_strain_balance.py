@@ -1,9 +1,9 @@
-"""Residual and tangent of a fruit at finite strain, in the unknowns that its pit and its support leave.
+"""Residual and tangent of a fruit at finite strain, in the unknowns that its pit and its support allow.
 
 Unknowns: the loose nodes' displacements; six border motions (those of the pit, or of three nodes that hold a
 fruit without one); for a free fruit six multipliers of the mean rigid motion. Only the loose block is
-factorised, always in one pattern; border and multipliers are dense and few. The pit may turn by any angle,
-x = c + t + R a for a = X - c at rest.
+factorised, always with one sparsity pattern; border and multipliers are dense and few. The pit may rotate by
+any angle, x = c + t + R a for a = X - c at rest.
 
     [ K   W ] [ x ]   [ a ]         (S - W' K^-1 W) y = b - W' K^-1 a,   x = K^-1 (a - W y)
     [ W'  S ] [ y ] = [ b ]
@@ -52,9 +52,9 @@ class BorderedTangent:
         return cls(factor, border, swept, corner - border.T @ swept)
 
     def solve(self, residual: Float[np.ndarray, "..."]) -> Float[np.ndarray, "..."]:
-        """The step that takes the residual away, were the problem linear; sign: K step = + residual.
+        """The step that solves the linear problem K step = + residual.
 
-        Several residuals are the columns of one array: solved together they cost little more than one.
+        Several residuals are the columns of one array: solving them together costs little more than one.
         """
         k = len(self.border)
         loose = self.factor.solve(residual[:k].reshape(k, -1)).reshape(residual[:k].shape)
@@ -68,7 +68,7 @@ class BorderedTangent:
 class FiniteBalance:
     """The flesh under one load at finite strain, for `fem.solid.equilibrium`.
 
-    `analyses`: that of the loose block, made at the first tangent and good for all that follow.
+    `analyses`: that of the loose block, made at the first tangent and reused for all later ones.
     """
 
     solid: UnitModulusSolid
@@ -124,7 +124,7 @@ class FiniteBalance:
         return 6 if len(self.arm_mm) else len(self.held)
 
     def state(self, displacement_mm: Float[np.ndarray, "n 3"]) -> FiniteState:
-        """The state nearest to a displacement: the pit's nodes moved rigidly, the support's not at all."""
+        """The state nearest to a displacement: the pit's nodes move rigidly, the support's do not move."""
         admissible_mm = np.zeros_like(displacement_mm)
         kept = np.concatenate([self.loose, self.held])
         admissible_mm.ravel()[kept] = displacement_mm.ravel()[kept]
@@ -134,7 +134,7 @@ class FiniteBalance:
         return self._state(admissible_mm, shift, turn, np.zeros(self.means.shape[1]))
 
     def admissible(self, displacement_mm: Float[np.ndarray, "n 3"]) -> FiniteState:
-        """`state`, of a part of the displacement where the whole would turn elements inside out."""
+        """`state` of the displacement, or of a part of it if the whole would invert elements."""
         share = 1.0
         while True:
             state = self.state(share * displacement_mm)
@@ -154,7 +154,7 @@ class FiniteBalance:
         return float(np.linalg.norm(residual)) / self.load_size
 
     def moved(self, state: FiniteState, step: Float[np.ndarray, " d"], share: float) -> FiniteState:
-        """The pit's rotation step turns it further; multipliers are taken as they come."""
+        """Rotation steps of the pit are composed; multipliers are always added in full."""
         multipliers = state.multipliers + step[self.primal :]
         if share == 0:
             return replace(state, multipliers=multipliers)
@@ -186,9 +186,9 @@ class FiniteBalance:
 
     @cached_value
     def linear_tangent(self) -> BorderedTangent:
-        """With the solid's own factor, which holds the pit's motions on a base, and not in a free fruit.
+        """With the solid's own factor, which includes the pit's motions on a base, not in a free fruit.
 
-        Threads ask that of `FiniteStrainSolid.rest`, which is prepared beforehand.
+        Threads use that of `FiniteStrainSolid.rest`, which is prepared beforehand.
         """
         motions = self._border_motions(self.arm_mm)
         if self.solid.kinematics.shape[1] == self.primal:
@@ -198,7 +198,7 @@ class FiniteBalance:
     def _border(
         self, stiffness: csr_array, motions: csr_array
     ) -> tuple[Float[np.ndarray, "k b"], Float[np.ndarray, "b b"]]:
-        """W and S: how the border motions and the multipliers couple with the loose dofs and each other."""
+        """W and S: coupling of border motions and multipliers with the loose dofs and with each other."""
         n_border, n = motions.shape[1], motions.shape[1] + self.means.shape[1]
         pulled = (stiffness @ motions).toarray()
         border = np.hstack([pulled[self.loose], self.means[self.loose]])
@@ -222,7 +222,7 @@ class FiniteBalance:
     def _reduced(
         self, nodal: Float[np.ndarray, "n 3"], arm_mm: Float[np.ndarray, "p 3"]
     ) -> Float[np.ndarray, " d"]:
-        """What nodal forces do on the loose dofs and the border motions."""
+        """Generalised forces on the loose dofs and the border motions."""
         flat = nodal.ravel()
         on_border = resultant(arm_mm, nodal[self.solid.mesh.pit_nodes]) if len(arm_mm) else flat[self.held]
         return np.concatenate([flat[self.loose], on_border])
@@ -240,7 +240,7 @@ class FiniteBalance:
 
 
 def turned(turn: Float[np.ndarray, "3 3"], step_rad: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3 3"]:
-    """exp(step) R: a further rotation, as a vector in space, on top of the one so far.
+    """exp(step) R: the rotation R followed by a further one, a rotation vector in space.
 
     A quarter turn about z takes x to y.
 
@@ -279,7 +279,7 @@ def resultant(arm_mm: Float[np.ndarray, "p 3"], force_N: Float[np.ndarray, "p 3"
 def turning_stiffness(
     arm_mm: Float[np.ndarray, "p 3"], force_N: Float[np.ndarray, "p 3"]
 ) -> Float[np.ndarray, "3 3"]:
-    """What forces f of fixed direction add to the stiffness against rotation (N mm per rad).
+    """Contribution of forces f of fixed direction to the stiffness against rotation (N mm per rad).
 
     The moment a x f of a force at the end of a changes by (w x a) x f = (a f' - (a . f) I) w; a is the arm in
     its present place and f the force that holds the point. Symmetric where the moments cancel.

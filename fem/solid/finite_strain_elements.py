@@ -14,7 +14,7 @@ from fem.elements.shape_functions import t10_gradient, tet_quadrature
 from fem.materials.law import UnitLaw
 from fem.mesh.flesh_mesh import FleshMesh
 
-#: elements at a time: what a batch touches stays in the processor's cache
+#: elements in a batch: its data stay in the processor's cache
 _FORCE_BATCH, _TANGENT_BATCH = 512, 128
 
 
@@ -22,7 +22,7 @@ _FORCE_BATCH, _TANGENT_BATCH = 512, 128
 class FiniteFlesh:
     """The flesh of a mesh under a law for E = 1 MPa; total Lagrangian, all integrals over the shape at rest.
 
-    gradient[m, a, j, q] = dN_a/dX_j at point q of element m; measure: volume that each point stands for, mm3.
+    gradient[m, a, j, q] = dN_a/dX_j at point q of element m; measure: volume of each point, mm3.
     """
 
     law: UnitLaw
@@ -34,7 +34,7 @@ class FiniteFlesh:
 
     @classmethod
     def of(cls, mesh: FleshMesh, law: UnitLaw, *, degree: Literal[2, 5] = 5) -> "FiniteFlesh":
-        """Gradients at the points of every element, 14 or for degree 2 four, and the stiffness's pattern."""
+        """Gradients at the points of every element (14, or 4 for degree 2), and the stiffness's pattern."""
         points, weights = tet_quadrature(degree)
         reference, n, m = t10_gradient(points), len(mesh.nodes_mm), len(mesh.tets)
         gradient, measure = np.empty((m, 10, 3, len(weights))), np.empty((m, len(weights)))
@@ -44,7 +44,7 @@ class FiniteFlesh:
         return cls(law, mesh.tets, n, gradient, measure, ElementPattern.of(mesh.tets, n))
 
     def force_N(self, displacement_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """Nodal forces that hold the flesh in this displacement, for E = 1 MPa; NaN where inside out."""
+        """Nodal forces that hold the flesh in this displacement, for E = 1 MPa; NaN if inverted."""
         force = np.empty((len(self.tets), 3, 10))
         for part in _parts(len(self.tets), _FORCE_BATCH):
             stress = np.moveaxis(self.law.stress(self._deformation(displacement_mm, part)), 0, -1)

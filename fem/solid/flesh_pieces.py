@@ -1,8 +1,8 @@
 """The flesh in pieces small enough for a processor's cache.
 
-A law of the flesh is asked for all frames of a few hundred elements at once: what it remembers (a set, a
-damage) is then an array of that piece alone. Frames are the last axis, so that every component of a tensor is
-worked on for all of them together; single precision is a thousand times finer than the rounds need.
+A law of the flesh is evaluated in all frames of a few hundred elements at once: its history (a plastic set, a
+damage) is then an array of that piece alone. Frames are the last axis, so that operations on a component of a
+tensor run over all of them together. Single precision is a thousand times finer than the iterations need.
 """
 
 from collections.abc import Callable
@@ -17,12 +17,12 @@ from fem.parallel_map import parallel_map
 from fem.solid.strain_field import FleshStrain
 
 ELEMENTS = 200
-"""Elements to a piece."""
+"""Elements in a piece."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Piece:
-    """`tets`: nodes of the mesh of each element; `nodes` they touch; `gather` sums elements' forces there."""
+    """`tets`: mesh nodes of each element; `nodes`: all of them; `gather` sums elements' forces there."""
 
     tets: Int[np.ndarray, "m 10"]
     nodes: Int[np.ndarray, " n"]
@@ -32,19 +32,19 @@ class Piece:
     gather: csr_array
 
     def gradient(self, displacement: Float[np.ndarray, "n d"], frames: int) -> Tensors:
-        """Of nodal displacements, x, y and z in all frames side by side."""
+        """Of nodal displacements, with x, y and z in all frames side by side."""
         return np.asarray((self.slope @ displacement[self.tets]).reshape(len(self.tets), 4, 3, 3, frames))
 
     @np.errstate(over="ignore", invalid="ignore")
     def forces(self, stress: Tensors) -> Float[np.ndarray, "n d"]:
-        """On `nodes`; not finite where a search for the displacement has run away."""
+        """On `nodes`; not finite if the iteration for the displacement has diverged."""
         by_element = self.weighted @ stress.reshape(len(stress), 12, -1)
         return np.asarray(self.gather @ by_element.reshape(-1, by_element.shape[2]))
 
 
 @dataclass(frozen=True, kw_only=True)
 class FleshPieces:
-    """Pieces of a mesh of `n_nodes`, worked on by so many threads."""
+    """Pieces of a mesh of `n_nodes`, evaluated by so many threads."""
 
     n_nodes: int
     pieces: tuple[Piece, ...]
@@ -80,7 +80,7 @@ class FleshPieces:
     def tangent(
         self, displacement: Float[np.ndarray, "f n 3"], law: TangentLaw
     ) -> Callable[[Float[np.ndarray, "f n 3"]], Float[np.ndarray, "f n 3"]]:
-        """Derivative of a law's nodal forces at a displacement, a function of the direction."""
+        """Derivative of a law's nodal forces at a displacement, as a function of the direction."""
         frames, at = len(displacement), _frames_last(displacement)
         maps = parallel_map(lambda piece: law(piece.gradient(at, frames)), self.pieces, workers=self.workers)
 

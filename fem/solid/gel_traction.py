@@ -1,18 +1,19 @@
 """The load of a gel on a fruit's skin: traction between the markers, integrated over the deformed skin.
 
-A marker at rest place a (in the plane of the pad) reports the traction t(a) times its cell of gel. A skin
-point at y in the plane of the pad hangs on the gel point that shear has moved there,
+A marker at rest place a (in the plane of the pad) measures the traction t(a) times the area of its gel cell.
+A skin point at y in the plane of the pad touches the gel point that shear has moved there,
 
     a = y - s(a),        f = int N t(a) da,
 
-s: the gel's displacement in its plane, N: shape functions of the skin's nodes. a is found at the nodes and
-interpolated like their positions.
+s: the gel's displacement in its plane, N: shape functions of the skin's nodes. a is solved for at the nodes
+and interpolated like their positions.
 
 The pressure ends with a kink at the rim of the contact. A smooth interpolant through the zeros beyond the rim
 overshoots there: clipped at zero, bicubic splines carry 0.3 to 1 % more than the pad's force. So the field is
 interpolated through the markers that touch (polyharmonic spline r^3 with a plane; Wendland, "Scattered Data
-Approximation", 2005, section 8.3) and continued to the place where its pressure vanishes. A marker that does
-not touch bounds it: its pressure is set to zero where the continuation has the sign of the next that touches.
+Approximation", 2005, section 8.3) and extrapolated to the place where its pressure vanishes. Markers without
+contact bound it: their pressure is set to zero if the extrapolation has the sign of the nearest marker that
+touches.
 """
 
 from dataclasses import dataclass
@@ -27,26 +28,26 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.solid.traction import cell_areas
 
 FEWEST = 6
-"""Markers that a continued field needs: twice the three of a plane. With fewer, the field is interpolated
-through all markers of the pad."""
+"""Fewest touching markers for extrapolation: twice the three of a plane. With fewer, the field is
+interpolated through all markers of the pad."""
 BEYOND = 1.5
 """Pitches beyond the touching markers at which the field ends: the rim lies less than one diagonal of a cell
 (1.42) from the last marker that touches."""
 BOUNDS = 4
-"""Times that markers without contact are added as bounds; the second pass adds almost none."""
+"""Most passes that add markers without contact as bounds; the second pass adds almost none."""
 FIXED_POINT = 4
-"""Steps of a = y - s(a); shear strain of the gel is a tenth, so that each takes nine tenths of the error."""
+"""Steps of a = y - s(a); shear strain of the gel is a tenth, so each removes nine tenths of the error."""
 LONE = 0.5
-"""Share of a pad's markers without a cell of gel above which no traction is made of their
-forces. Set by hand."""
+"""Above this share of markers without a gel cell, no traction is computed from a pad's forces. Set by
+hand."""
 GRID = 2.0
-"""Values a pitch between which the field is bicubic: its data are the markers, so that it is smooth over a
+"""Values per pitch for bicubic interpolation: the field's data are the markers, so that it is smooth over a
 pitch."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GelFrame:
-    """What one pad measures in one frame, in the pad's frame (mm, N).
+    """Measurements of one pad in one frame, in the pad's frame (mm, N).
 
     `rest_mm`: markers on the gel at rest. `shear_mm`: their displacement in the plane. `force_N`: on the
     fruit. `touching`: which of them touch.
@@ -63,10 +64,10 @@ class GelField:
     """Traction (MPa) and shear displacement (mm) over the gel of one frame, pad frame, beyond its rim too.
 
     Bicubic through `GRID` values a pitch of the spline through the markers. The traction is zero farther than
-    `reach_mm` from the markers that touch (`near`), and outside of the `hull` of all. Of those that touch,
-    `signs`: of their normal force, as gel that sticks may pull; `shear_mm`: their greatest; `normal_N`: the
-    sum of the sizes of their normal forces and the force of the markers within `reach_mm` of them, where
-    noise hides the rim of the contact; the load on the skin keeps it. Of a wider hidden rim the rest is lost.
+    `reach_mm` from the markers that touch (`near`), and outside of the `hull` of all. `signs`: of the
+    touching markers' normal force, as gel that sticks may pull; `shear_mm`: their greatest shear; `normal_N`:
+    sum of their absolute normal forces and of the force of markers within `reach_mm` of them, where noise
+    hides the rim of the contact. The load on the skin is scaled to it; the force of a wider rim is lost.
     """
 
     force_per_area: NdBSpline
@@ -82,7 +83,7 @@ class GelField:
 
     @classmethod
     def of(cls, gel: GelFrame) -> "GelField | None":
-        """None where nothing touches. Raises TOO_FEW_MARKERS where the markers are no grid."""
+        """None if nothing touches. Raises TOO_FEW_MARKERS if the markers are no grid."""
         on = gel.touching
         if not on.any():
             return None
@@ -135,7 +136,7 @@ class GelField:
         return np.asarray(a)
 
     def traction(self, a: Float[np.ndarray, "q 2"]) -> Float[np.ndarray, "q 3"]:
-        """On the fruit; zero where the normal part has another sign than at the next marker that touches."""
+        """On the fruit; zero where the normal part has another sign than the nearest touching marker's."""
         traction = self.force_per_area(a.clip(self.low_mm, self.high_mm))
         away, who = self.near.query(a, distance_upper_bound=self.reach_mm)
         sign = np.append(self.signs, 0.0)[who]
@@ -147,7 +148,7 @@ class GelField:
 def nodal_force(
     field: GelField, nodes_mm: Float[np.ndarray, "n 3"], faces: Int[np.ndarray, "k 6"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Forces (N, pad frame) on the skin's nodes, which stand at `nodes_mm` (pad frame) in this frame.
+    """Forces (N, pad frame) on the skin's nodes, which are at `nodes_mm` (pad frame) in this frame.
 
     `faces`: the skin's T6 faces. Pressure is positive along the pad's z axis, into the fruit.
     """
@@ -186,7 +187,7 @@ def _continued(
     on: Bool[np.ndarray, " n"],
     pitch: float,
 ) -> RBFInterpolator:
-    """Through the markers that touch, continued, and bounded by those that do not."""
+    """Spline through the touching markers, extrapolated, and bounded by the others."""
     if on.sum() < FEWEST or _on_a_line(rest_mm[on]):
         return _spline(rest_mm, values)
     near = cKDTree(rest_mm[on])
@@ -218,7 +219,7 @@ def _on_a_line(places: Float[np.ndarray, "n 2"]) -> bool:
 def skin_rule() -> tuple[Float[np.ndarray, "q 2"], Float[np.ndarray, " q"]]:
     """Points and weights on the unit triangle: three in each of SPLITS^2 equal parts, exact to second degree.
 
-    Many low-order points, since the kink of the pressure at the rim lies anywhere in a face.
+    Many low-order points, since the kink of the pressure at the rim may be anywhere in a face.
     """
     inner = np.array([[1 / 6, 1 / 6], [2 / 3, 1 / 6], [1 / 6, 2 / 3]])
     i, j = np.meshgrid(np.arange(SPLITS), np.arange(SPLITS), indexing="ij")

@@ -1,4 +1,4 @@
-"""A ball of softer flesh in the fruit: its share of the stiffness, and how far the fruit then gives way.
+"""A ball of softer flesh in the fruit: its share of the stiffness, and the amount of its first-order field.
 
 With K1 the stiffness (for E = 1 MPa) of the flesh inside the ball, and a modulus there of `ratio` times the
 one outside, K = K0 - (1 - ratio) K1.
@@ -16,9 +16,9 @@ from fem.elements.shape_functions import TET_EDGES, t10_gradient, t10_shape
 from fem.mesh.flesh_mesh import FleshMesh
 
 RIM_MM = 0.6
-"""Over this length across its surface the ball fades out, so that its stiffness changes smoothly."""
+"""Length across the ball's surface over which it fades out, so that its stiffness changes smoothly."""
 HALVINGS = 2
-"""Elements are sampled at the middles of the parts that halving all edges so often makes."""
+"""Times that all edges are halved; elements are sampled at the middles of the parts."""
 EIGHTHS = np.array(
     [
         [0, 4, 6, 7],
@@ -31,7 +31,7 @@ EIGHTHS = np.array(
         [4, 9, 8, 5],
     ]
 )
-"""Nodes of a T10 that bound the eight tetrahedra, of equal volume, into which its middles part it."""
+"""Nodes of a T10 that bound the eight tetrahedra, of equal volume, into which its edges' middles split it."""
 
 
 def fading(distance_mm: Float[np.ndarray, "*b"], radius_mm: float) -> Float[np.ndarray, "*b"]:
@@ -66,13 +66,13 @@ def ball_stiffness(
 
 
 def drop_of(ratio: float, poisson_ratio: float) -> float:
-    """The amount x of the first-order field K0^-1 K1 U that a ball of this ratio comes to.
+    """The amount x of the first-order field K0^-1 K1 U for a ball of this ratio.
 
     Inside a soft ball the flesh strains more. In an unbounded body under a constant strain
 
         x = (1 - ratio) / (1 - beta (1 - ratio)),      beta = 2 (4 - 5 nu) / (15 (1 - nu))
 
-    for strains that change shape, not volume, as flesh does. Source: Eshelby, "The determination of the
+    for strains that change shape, not volume, as in flesh. Source: Eshelby, "The determination of the
     elastic field of an ellipsoidal inclusion, and related problems", Proceedings of the Royal Society A 241,
     1957.
     """

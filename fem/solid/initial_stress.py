@@ -3,13 +3,13 @@
     K0 v + B' d(s v) / s = L f,        v = u / s,  s = 1 / E
 
 d: the stress (for E = 1 MPa) that the law adds to the linear one, a function of the strain of all frames so
-far. With v0 the linear displacement and w = v - v0 the equation is, solved by K0,
+far. With v0 the linear displacement and w = v - v0, multiplication by K0^-1 gives
 
     r(w) = w + K0^-1 B' d(s (v0 + w)) / s = 0
 
-and a step  -r / k  is one with the tangent k K0. k, of each frame, is half of the largest stiffness over the
-linear one, 1 for a law that softens; a smaller k overshoots. A law that depends on the path has no potential,
-and its own tangents would cost a factorisation a frame: the first one is kept.
+and a step  -r / k  uses the tangent k K0. In each frame k is half of the largest stiffness over the linear
+one, and 1 for a law that softens; a smaller k overshoots. A law that depends on the path has no potential,
+and its own tangents would cost a factorisation per frame, so the first one is kept.
 Source: Kachanov's method of variable elasticity parameters with the initial stiffness; initial stress in
 Zienkiewicz, Valliappan and King, Int. J. Num. Meth. Eng. 1, 1969.
 """
@@ -24,9 +24,9 @@ from fem.fem_failure import FemFailure, FemProblem
 from fem.solid.anderson import Anderson
 
 MEMORY = 4
-"""Earlier rounds that the next one learns from: each is a field of all frames (tens of MB). Set by hand."""
+"""Earlier rounds that accelerate the next one: each is a field of all frames (tens of MB). Set by hand."""
 RUN_AWAY = 1e6
-"""N per MPa of the modulus: forces on a node that no flesh makes."""
+"""N per MPa of the modulus: force on a node that means divergence."""
 
 Fields = Float[np.ndarray, "f n 3"]
 
@@ -47,8 +47,8 @@ class AddedStress:
     """The problem; w is in mm MPa, in all frames.
 
     `linear`: v0. `added_force`: nodal forces B' d of displacements in mm, in all frames. `response`: K0^-1 of
-    nodal forces. `stiffer`: each frame's largest tangent stiffness over the linear one. `skin`: nodes whose
-    motion is seen; steps are measured there.
+    nodal forces. `stiffer`: each frame's largest tangent stiffness over the linear one. `skin`: nodes at
+    which steps are measured, as only their motion is observed.
     """
 
     linear: Fields
@@ -59,18 +59,18 @@ class AddedStress:
     skin: Int[np.ndarray, " o"]
 
     def residual(self, state: Fields) -> Fields:
-        """r(w). Raises FemFailure (NOT_CONVERGED) where the stress has no bounds."""
+        """r(w). Raises FemFailure (NOT_CONVERGED) if the added stress diverges."""
         force = bounded(self.added_force(self.compliance * (self.linear + state)), self.compliance)
         return np.asarray(state + self.response(force) / self.compliance)
 
     def beyond_linear(
         self, *, start: Fields | None, together: bool, tolerance_mm: float, rounds: int
     ) -> Fields:
-        """w, from a guess of it (None: zero), when no node of the skin is asked to move by `tolerance_mm`.
+        """w, from a guess of it (None: zero), when the residual on the skin is at most `tolerance_mm`.
 
-        `together`: all frames share one mix of earlier steps; where stress depends on earlier frames, a mix
-        for each would be inconsistent in the later ones. Raises FemFailure (NOT_CONVERGED) where the search
-        runs away or is not over after so many rounds, each an evaluation of the law.
+        `together`: all frames share one mix of earlier steps; if stress depends on earlier frames, a mix for
+        each would be inconsistent in the later ones. Raises FemFailure (NOT_CONVERGED) if the iteration
+        diverges or needs more than so many rounds, each an evaluation of the law.
         """
 
         def seen(step: Fields) -> Float[np.ndarray, "g x"]:

@@ -21,7 +21,7 @@ BASE_HEIGHT_MM = 0.2
 
 @dataclass(frozen=True)
 class FreeBody:
-    """Rigid motions R (3 n, 6) about the flesh's centroid, and M R, the body forces in their likeness.
+    """Rigid motions R (3 n, 6) about the flesh's centroid, and M R, body forces of rigid accelerations.
 
     M is the mass matrix for unit density. With P = I - R (R' M R)^-1 R' M, a load f is balanced by P' f
     (the body forces of a rigid acceleration), and P u is u without its mean rigid motion. Both together
@@ -34,7 +34,7 @@ class FreeBody:
 
     @classmethod
     def of(cls, mesh: FleshMesh) -> "FreeBody":
-        """The rigid motions of the flesh of a mesh (the pit is without mass)."""
+        """The rigid motions of the flesh of a mesh (the pit has no mass)."""
         moments = lumped_moments(mesh.nodes_mm, mesh.tets)
         centre_mm = moments[:, 1:].sum(axis=0) / moments[:, 0].sum()
         modes = rigid_modes(mesh.nodes_mm, centre_mm=centre_mm).reshape(-1, 6)
@@ -45,7 +45,7 @@ class FreeBody:
         return cls(modes, body_forces, modes.T @ body_forces)
 
     def acceleration(self, load_N: Float[np.ndarray, "d f"]) -> Float[np.ndarray, "6 f"]:
-        """(R' M R)^-1 R' f: amounts of the body forces that each load is balanced by."""
+        """(R' M R)^-1 R' f: amounts of the body forces that balance each load."""
         return np.asarray(np.linalg.solve(self.inertia, self.modes.T @ load_N))
 
 
@@ -53,13 +53,13 @@ class FreeBody:
 class UnitModulusSolid:
     """Flesh of E = 1 MPa around a rigid, bonded, freely moving pit; factorised once, solved for many loads.
 
-    support "free": held by nothing. Any load is first balanced by a smooth body force, linear over the flesh
-    (what inertia would do), and of the displacements that differ by a rigid motion the one is given whose
-    translation and rotation vanish in the mean over the flesh. The compliance stays symmetric.
+    support "free": nothing holds the fruit. A smooth body force, linear over the flesh (as inertia would be),
+    first balances any load. Of the displacements that differ by a rigid motion, the result is the one whose
+    mean translation and rotation over the flesh vanish. The compliance stays symmetric.
     support "base": skin nodes within 0.2 mm of the lowest z do not move.
     `under_body_forces`: displacement of the held flesh under each of the free body's forces; none on a base;
     solved for at once, so that copies of the solid for other contact nodes share it.
-    `contact_nodes`: skin nodes whose compliance among each other is wanted (`contact_compliance`).
+    `contact_nodes`: skin nodes of `contact_compliance`.
     """
 
     mesh: FleshMesh
@@ -83,7 +83,7 @@ class UnitModulusSolid:
         parts: Stiffness | None = None,
         contact_nodes: Int[np.ndarray, " c"] | None = None,
     ) -> "UnitModulusSolid":
-        """Assemble K0(nu), tie the pit's nodes to its six motions, hold what the support holds, factorise.
+        """Assemble K0(nu), tie the pit's nodes to its six motions, fix the support's dofs, factorise.
 
         `parts`, from fem.elements.assembly.assemble(mesh.nodes_mm, mesh.tets), spares the assembly for
         another nu.
@@ -140,7 +140,7 @@ class UnitModulusSolid:
         work: Float[np.ndarray, "6 f"],
         dofs: Int[np.ndarray, " c"] | slice,
     ) -> Float[np.ndarray, "c f"]:
-        """Displacement of these dofs by what balances a free fruit's loads, and the mean rigid motion.
+        """Displacement of these dofs by the forces that balance a free fruit, and the mean rigid motion.
 
         `work`: of the body forces on the displacement by the loads alone.
         """
@@ -206,7 +206,7 @@ class UnitModulusSolid:
 
 
 def _moving(mesh: FleshMesh, n_motions: int, support: Support) -> Bool[np.ndarray, " d"]:
-    """Which columns of T stay: a free fruit is held at its pit (or three nodes), a based one at its base."""
+    """Columns of T that may move: a free fruit is held at its pit (or three nodes), another at its base."""
     n_free_dofs = 3 * (len(mesh.nodes_mm) - len(mesh.pit_nodes))
     moving = np.ones(n_motions, dtype=bool)
     if support == "base":

@@ -1,7 +1,7 @@
-"""A thin elastic skin on the flesh: what it costs to stretch it, as forces on its nodes.
+"""A thin elastic skin on the flesh: its stiffness against stretch, and its nodal forces.
 
 Plane stress in the tangent plane, N = Et / (1 - nu^2) [(1 - nu) e + nu tr(e) I], e the tangential part of the
-skin's strain; bending costs nothing.
+skin's strain; bending stiffness is zero.
 """
 
 import numpy as np
@@ -35,7 +35,7 @@ def membrane_forces(
     """Nodal forces of the same skin at finite strain, N for Et = 1 N/mm.
 
     With the tangents a_i and A_i of the skin with and without displacement, the strain in the plane is
-    E_ij = (a_i . a_j - A_i . A_j) / 2 and the stress N of it as above (Saint Venant-Kirchhoff).
+    E_ij = (a_i . a_j - A_i . A_j) / 2, and its stress N is as above (Saint Venant-Kirchhoff).
     """
     reference, at_rest, metric, area = _at_rest(mesh)
     inverse, faces = np.linalg.inv(metric), mesh.outer_faces

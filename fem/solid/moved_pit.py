@@ -10,8 +10,8 @@ from fem.solid.shape_derivative import moved_mesh, pit_velocities
 def with_pit_moved(mesh: FleshMesh, place: Float[np.ndarray, "4"]) -> FleshMesh:
     """The pit shifted by `place[:3]` (mm) and its lengths multiplied by exp(place[3]), about its middle.
 
-    The flesh follows, less and less towards the skin, which stays. Raises INVERTED_ELEMENTS where that would
-    turn an element inside out: the pit then belongs too close to the skin for this mesh.
+    The flesh follows, less and less towards the skin, which does not move. Raises INVERTED_ELEMENTS if that
+    would invert an element: the pit is then too close to the skin for this mesh.
     """
     amounts = np.append(place[:3], np.expm1(place[3]))
     by_mm = np.tensordot(amounts, pit_velocities(mesh), axes=1)

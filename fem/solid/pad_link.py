@@ -1,4 +1,4 @@
-"""How one pad's markers hang on the contact nodes of a fruit: sparse maps of force and displacement."""
+"""Link of one pad's markers to the contact nodes of a fruit: sparse maps of force and displacement."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -22,12 +22,12 @@ surface."""
 class PadLink:
     """One pad's markers on a solid's contact nodes.
 
-    Nodal forces are L f = `plain` f + `rigid` (`balance` f) (fem.solid.traction, brought to the nodes),
-    dofs node by node. Displacements are read off by the transpose, L' u: the mean over what carries a
-    marker's force, so that forces do the same work on either side, f (L' u) = (L f) u. L keeps force and
-    moment, so L' reads rigid motions exactly, and the traction's sharpening makes it exact to second order
-    elsewhere. At the markers' own points, those on the rim of a hard pad, where the traction is steepest,
-    come out 13 % too low, and with them E by 3 %.
+    Nodal forces are L f = `plain` f + `rigid` (`balance` f) (fem.solid.traction, assembled on the nodes),
+    dofs node by node. The transpose gives displacements, L' u: the mean over the skin that carries a marker's
+    force. So forces do the same work on either side, f (L' u) = (L f) u. L preserves force and moment, so L'
+    is exact for rigid motions, and the traction's sharpening makes it exact to second order elsewhere. The
+    displacement at the markers' own points would be 13 % too low on the rim of a hard pad, where the traction
+    is steepest, and with it E by 3 %.
     """
 
     place: SurfacePoints
@@ -44,7 +44,7 @@ class PadLink:
         return np.ascontiguousarray(nodal.T).reshape(len(force_N), -1, 3)
 
     def at_markers(self, displacement: Float[np.ndarray, "f c 3"]) -> Float[np.ndarray, "f m 3"]:
-        """Displacement of the markers when the contact nodes move so."""
+        """Displacement of the markers by that of the contact nodes."""
         flat = displacement.reshape(len(displacement), -1).T
         read = self.plain.T @ flat + self.balance.T @ (self.rigid.T @ flat)
         return np.ascontiguousarray(read.T).reshape(len(displacement), -1, 3)
@@ -67,7 +67,7 @@ class PadPlaces:
 
 
 def pad_places(pad: PadHistory, mesh: FleshMesh) -> PadPlaces:
-    """Looked up on the mesh; raises FemFailure (off-surface)."""
+    """Located on the mesh; raises FemFailure (off-surface)."""
     place = locate(mesh, pad.surface_mm, within_mm=OFF_SKIN_MM)
     between, weights = marker_weights(pad.rest_mm, place.point_mm)
     return PadPlaces(place, locate(mesh, between, within_mm=OFF_SKIN_MM), weights)
@@ -82,19 +82,19 @@ def contact_nodes(mesh: FleshMesh, histories: Sequence[GraspHistory]) -> Int[np.
 
 
 def pad_link(pad: PadHistory, solid: UnitModulusSolid) -> PadLink:
-    """How one pad's markers sit on the solid; raises FemFailure (off-surface)."""
+    """The link of one pad's markers to the solid; raises FemFailure (off-surface)."""
     return linked(pad_places(pad, solid.mesh), solid)
 
 
 def slid(link: PadLink, solid: UnitModulusSolid, way_mm: Float[np.ndarray, "3"]) -> PadLink:
-    """The same pad a little elsewhere on the skin, to first order."""
+    """The same pad shifted slightly along the skin, to first order."""
     mesh = solid.mesh
     moved = PadPlaces(link.place.slid(mesh, way_mm), link.skin.slid(mesh, way_mm), link.weights)
     return linked(moved, solid)
 
 
 def linked(at: PadPlaces, solid: UnitModulusSolid) -> PadLink:
-    """The maps between marker forces and nodes, from where markers and skin points sit."""
+    """The maps between marker forces and nodes, from the places of markers and skin points."""
     place, skin, weights = at.place, at.skin, at.weights
     rigid, balance = moment_correction(skin.point_mm, place.point_mm, weights)
     spread = skin.among(solid.contact_nodes).interpolation.T.tocsr()

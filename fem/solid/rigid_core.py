@@ -28,7 +28,7 @@ def rigid_modes(
 def pit_centre_mm(
     nodes_mm: Float[np.ndarray, "n 3"], pit_nodes: Int[np.ndarray, " p"]
 ) -> Float[np.ndarray, "3"]:
-    """The point about which pit rotations are counted: the mean of the pit's nodes."""
+    """The centre of pit rotations: the mean of the pit's nodes."""
     return np.asarray(nodes_mm[pit_nodes].mean(axis=0))
 
 
@@ -56,9 +56,9 @@ def reduction(nodes_mm: Float[np.ndarray, "n 3"], pit_nodes: Int[np.ndarray, " p
 
 
 def reduced(stiffness: csr_array, kinematics: csr_array) -> csr_array:
-    """T' K T of a T whose first columns each pick one dof, in ascending order, and whose last ones may not.
+    """T' K T of a T whose first columns each select one dof, in ascending order; its last ones may not.
 
-    What is picked is cut out of K; only the pit's motions are multiplied.
+    Selected dofs are taken from K by index; only the pit's motions are multiplied.
     """
     column = kinematics.tocsc()
     tied = np.flatnonzero(np.diff(column.indptr) != 1)

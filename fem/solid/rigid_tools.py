@@ -1,8 +1,8 @@
 """Force of rigid tools without friction on flesh of E = 1 MPa, by unilateral contact.
 
 Under tools that only push, the gap of every skin node is  w = g - d + n' C n p >= 0  with forces p >= 0 and
-w p = 0: g the gap before, d how far the tool has come, n the direction to the tool, C the compliance of the
-skin (UnitModulusSolid.contact_compliance). Of a flat plate the kinematics are exact; strain is small.
+w p = 0: g the initial gap, d the advance of the tool, n the direction to the tool, C the compliance of the
+skin (UnitModulusSolid.contact_compliance). The kinematics are exact for a flat plate; strain is small.
 """
 
 from collections.abc import Sequence
@@ -15,8 +15,8 @@ from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.unilateral_contact import pressures
 
 LOOSE = 1e5
-"""Between two tools the fruit floats along them: a spring so many times softer than a node holds it, and
-takes less than 1e-4 of the force."""
+"""Between two tools the fruit may float: a spring this many times softer than a node holds it, and takes less
+than 1e-4 of the force."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,8 +36,8 @@ def tool_force_N(
 ) -> Float[np.ndarray, " f"]:
     """Force on the first tool at each approach from first touch, N per MPa of E; approaches ascend.
 
-    One tool: the fruit's flesh stays where it is on average (a free solid). Two: the approach is that of both
-    together, and the fruit moves freely between them, without turning.
+    One tool: the mean displacement of the flesh is zero (a free solid). Two: the approach is that of both
+    together, and the fruit moves freely between them, without rotation.
     """
     nodes = np.unique(np.concatenate([tool.nodes for tool in tools]))
     compliance = replace(solid, contact_nodes=nodes).contact_compliance

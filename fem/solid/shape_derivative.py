@@ -1,4 +1,4 @@
-"""How the stiffness changes when the flesh changes its shape.
+"""Derivative of the stiffness by the shape of the flesh.
 
 Nodes move by e V, V the velocity field; gradients become grad u (1 - e grad V), volumes grow by e div V, and
 
@@ -31,18 +31,18 @@ POINTS = np.vstack([np.full(3, 1 / 4), 1 / 6 + _CORNERS / 3])
 SHARES = np.array([-0.8, 0.45, 0.45, 0.45, 0.45])
 """Five points, exact to degree 3 (Hammer and Stroud 1956, Numerical Integration over Simplexes).
 
-Of straight elements that takes in grad u, grad v and the linear part of V's slope: against differences of
-assembled solids 0.4 % is left on a mesh of ten thousand dofs, with four points of degree 2 it is 1.6 %.
+In straight elements that covers grad u, grad v and the linear part of V's slope. Compared with differences of
+assembled solids the error is 0.4 % on a mesh of ten thousand dofs. With four points of degree 2 it is 1.6 %.
 """
 WAVE_MM = 20.0
-"""Length of the waves by which a scanned surface is off: what photos leave is smooth."""
+"""Wavelength of a scanned surface's error: errors from photos are smooth."""
 DRAWN_WAVES = 24
-"""In a drawn surface error: enough for its amplitude to be nearly Gaussian."""
+"""Waves of a drawn surface error: enough for its amplitude to be nearly Gaussian."""
 PAD_FADES_MM, LEAST_STEEP = 10.0, 0.5
-"""How far from a pad's markers the skin still moves with the pad; never where it turns away by over 60
-degrees."""
+"""Distance from a pad's markers within which the skin moves with the pad; least cosine of the two normals
+(60 degrees)."""
 _BATCH = 512
-"""Elements at once: memory, nothing else."""
+"""Elements processed at once, to limit memory."""
 
 
 def stiffness_change(
@@ -103,10 +103,10 @@ def work_of_change(
 
 
 def pit_velocities(mesh: FleshMesh) -> Float[np.ndarray, "4 n 3"]:
-    """The pit moved along x, y, z (per mm), and made larger about its middle (per unit of ln scale).
+    """The pit moved along x, y, z (per mm), and enlarged about its middle (per unit of ln scale).
 
-    In the flesh the motion fades from the pit to the skin, in proportion to the distances to both. Edges
-    inside stay straight: so they bear the most before an element folds.
+    In the flesh the motion fades from the pit to the skin, in proportion to the distances to both. Inner
+    edges stay straight: this allows the largest motion before an element inverts.
     """
     on_pit = mesh.pit_share
     middle = mesh.nodes_mm[mesh.pit_nodes].mean(axis=0)
@@ -125,9 +125,9 @@ def skin_velocities(
     """Six waves of the skin along its normal, cosines and sines of WAVE_MM along x, y and z, fading inward.
 
     With independent amounts of variance sd^2 / 3 they are a surface error of that sd everywhere.
-    `pads`: points on the skin and their mean outward normal. There the skin moves along that one, by as much
-    as brings it to the same surface: the markers of a pad keep their distances whatever skin they meet. Along
-    its own normals it would spread them where it rises, and C would fall with the patch's width.
+    `pads`: points on the skin and their mean outward normal. There the skin moves along that normal, by the
+    amount that gives the same surface: the markers of a pad keep their distances on any skin. Motion along
+    the skin's own normals would spread them where it rises, and C would fall with the patch's width.
     """
     nodes, motion = mesh.nodes_mm, _skin_motion(mesh, pads)
     phase = 2 * np.pi / WAVE_MM * (nodes - nodes[mesh.outer_nodes].mean(axis=0)).T
@@ -172,7 +172,7 @@ def moved_mesh(mesh: FleshMesh, by_mm: Float[np.ndarray, "n 3"], when: str) -> F
 def _skin_motion(
     mesh: FleshMesh, pads: Sequence[tuple[Float[np.ndarray, "_ 3"], Float[np.ndarray, "3"]]]
 ) -> Float[np.ndarray, "n 3"]:
-    """How nodes move where the skin's error is 1: outward, along a pad's normal near it, fading inward."""
+    """Motion of nodes by a unit error of the skin: outward, along a pad's normal near it, fading inward."""
     nodes = mesh.nodes_mm
     skin = mesh.outer_nodes
     corners = nodes[mesh.outer_faces[:, :3]]
@@ -202,7 +202,7 @@ def _gradients(
         Float[np.ndarray, "m q"],
     ]
 ]:
-    """Of elements in batches: nodes; [i, x] of d(field)_i/dx at all points, for each group of fields; dN/dx
+    """For elements in batches: nodes; d(field)_i/dx at all points as [i, x], for each group of fields; dN/dx
     and volumes of the points.
     """
     nodal = np.ascontiguousarray(np.concatenate(fields).transpose(1, 0, 2)).reshape(len(mesh.nodes_mm), -1)
@@ -212,7 +212,7 @@ def _gradients(
         slope, det = slopes_and_volumes(mesh.nodes_mm[tets], t10_gradient(POINTS))
         slope, measure = slope.reshape(len(tets), -1, 10), det * SHARES / 6
         values = nodal[tets]
-        values -= values[:, :1]  # what moves as a whole has no gradient, to the last digit
+        values -= values[:, :1]  # a uniform motion then has no gradient, to the last digit
         gradient = (slope @ values).reshape(measure.size, 3, -1, 3)
         yield tets, np.split(np.ascontiguousarray(gradient.transpose(2, 3, 1, 0)), groups), slope, measure
 

@@ -1,8 +1,8 @@
 """Strains of the whole flesh from nodal displacements, and forces on its nodes from stresses.
 
-What an effect inside the fruit changes is a stress, point by point: B' sigma brings it to the nodes, and the
-factorised stiffness of the plain model to the pads. Stresses and strains are symmetric: six numbers, xx, yy,
-zz, yz, xz, xy, the shear parts of a strain counted once (not doubled).
+An effect inside the fruit changes the stress at each point. B' sigma gives its nodal forces, and the
+factorised stiffness of the plain model gives their displacement at the pads. Stresses and strains are
+symmetric: six numbers, xx, yy, zz, yz, xz, xy, the shear parts of a strain counted once (not doubled).
 """
 
 from dataclasses import dataclass
@@ -18,14 +18,14 @@ from fem.mesh.flesh_mesh import FleshMesh
 from fem.mesh.recovery import FOUR
 
 ROW, COLUMN = np.array([0, 1, 2, 1, 0, 0]), np.array([0, 1, 2, 2, 2, 1])
-"""Of the six, xx, yy, zz, yz, xz, xy."""
+"""Axes of the six, xx, yy, zz, yz, xz, xy."""
 COUNT = np.array([1.0, 1.0, 1.0, 2.0, 2.0, 2.0])
 """How often each of the six counts in a double contraction."""
 PLACE = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])
-"""Which of the six stands at each place of the 3 by 3 tensor."""
+"""Which of the six is at each place of the 3 by 3 tensor."""
 
 _BATCH = 2048
-"""Elements at once: memory, nothing else."""
+"""Elements processed at once, to limit memory."""
 
 
 @dataclass(frozen=True, kw_only=True)

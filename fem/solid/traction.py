@@ -1,9 +1,9 @@
-"""Marker forces are samples of a traction field; here the field is spread over the fruit's surface.
+"""Integration of the traction field, whose samples are marker forces, over the fruit's surface.
 
 Each marker's force is its traction times its cell. Between markers the traction is interpolated linearly on
 their Delaunay triangles, t(x) = sum_i f_i phi_i(x) / a_i with a_i the integral of phi_i, and integrated
-with a twelve-point rule per triangle at the material points that the triangle covers on the fruit. As point
-loads the answer would depend on the mesh; as traction it does not.
+with a twelve-point rule per triangle at the material points that the triangle covers on the fruit. With point
+loads the result would depend on the mesh; with traction it does not.
 """
 
 import numpy as np
@@ -29,7 +29,7 @@ LONGEST_SIDE = 3.0
 """Triangles with a side longer than this many marker spacings bridge separate patches: they are left out."""
 
 SHEAR = 1e-3
-"""Far above rounding, far below what changes a triangulation that is not a tie."""
+"""Shear that breaks ties of a triangulation: far above rounding, too small to change others."""
 
 
 def moment_correction(
@@ -38,8 +38,8 @@ def moment_correction(
     """A and B, so that forces W f + A B f at the points have the total force and moment of the markers.
 
     Every column of `weights`, W, sums to one: the interpolated field keeps the force. On a curved surface its
-    moment is a few micrometres off, which the smallest field a + b x (x - centre), weighted like the loads
-    themselves, takes out. Rows of A and columns of B go point by point (marker by marker), x, y, z.
+    moment is off by a few micrometres; the smallest field a + b x (x - centre), weighted like the loads
+    themselves, corrects that. Rows of A and columns of B go point by point (marker by marker), x, y, z.
     """
     centre = points_mm.mean(axis=0)
     of_markers, of_points = (rigid_modes(places, centre_mm=centre) for places in (marker_mm, points_mm))
@@ -55,14 +55,14 @@ def moment_correction(
 def marker_weights(
     rest_mm: Float[np.ndarray, "n 3"], surface_mm: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "q 3"], csr_array]:
-    """Where the field of markers resting at `rest_mm` (pad frame) is integrated, and with which weights.
+    """Integration points and weights for the field of markers resting at `rest_mm` (pad frame).
 
-    The points lie on the triangles between the markers' places `surface_mm`: bring them onto the surface
+    The points lie on the triangles between the markers' places `surface_mm`: project them on the surface
     before use. A marker in no triangle (alone, or on a line) carries its force at its own place.
 
-    Linear interpolation of samples is too flat by h^2/12 of the traction's Laplacian per direction; the
-    markers' own differences (cotangent weights, a twelfth of them) put that back, without which E is 1 %
-    too low where a patch is five markers wide and 0.2 % where it is eight. Total force and moment stay.
+    Linear interpolation of samples is too flat by h^2/12 of the traction's Laplacian per direction; a twelfth
+    of the markers' own differences (cotangent weights) corrects that. Without it E is 1 % too low for a patch
+    five markers wide and 0.2 % for one of eight. Total force and moment do not change.
     """
     triangles, area = _cells(rest_mm[:, :2])
     cell = cell_areas(rest_mm[:, :2])
@@ -79,7 +79,7 @@ def marker_weights(
 
 
 def cell_areas(rest_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, " n"]:
-    """The area (mm2) of gel that each marker stands for within the hull of all; zero without a triangle.
+    """The area (mm2) of gel that each marker represents within the hull of all; zero without a triangle.
 
     A grid of 3 x 3 markers, 2 mm apart: the hull has 16 mm2.
 
@@ -112,10 +112,10 @@ def _differences(flat_mm: Float[np.ndarray, "n 2"], triangles: Int[np.ndarray, "
 
 
 def _cells(flat_mm: Float[np.ndarray, "n 2"]) -> tuple[Int[np.ndarray, "m 3"], Float[np.ndarray, " m"]]:
-    """Triangles between neighbouring markers and their areas; none where the markers span no area.
+    """Triangles between neighbouring markers and their areas; none if the markers span no area.
 
-    The diagonals of a square grid are anybody's choice, and a random one gives its markers uneven cells. So
-    two triangulations count half each: those that are Delaunay after a slight shear to either side.
+    The diagonals of a square grid are arbitrary, and a random choice gives its markers uneven cells. So two
+    triangulations count half each: the Delaunay ones after a slight shear to either side.
     """
     if len(flat_mm) < 3 or np.linalg.matrix_rank(flat_mm - flat_mm.mean(axis=0), tol=1e-6) < 2:
         return np.empty((0, 3), dtype=np.int64), np.empty(0)

@@ -1,9 +1,9 @@
 """Contact that only pushes:  p >= 0,  w = G p + q >= 0,  p w = 0,  with G symmetric and positive definite.
 
-The primal-dual active set: where p > 0 or w < 0 the contact is taken as closed, there w = 0, elsewhere p = 0,
-until nothing changes (Hintermueller, Ito, Kunisch 2002, "The primal-dual active set strategy as a semismooth
-Newton method", SIAM Journal on Optimization 13). Should it go round in circles, the same is solved as least
-squares with p >= 0 (Lawson and Hanson 1974), which cannot.
+The primal-dual active set: contact is closed where p > 0 or w < 0. There w = 0, elsewhere p = 0, until
+nothing changes (Hintermueller, Ito, Kunisch 2002, "The primal-dual active set strategy as a semismooth Newton
+method", SIAM Journal on Optimization 13). If the active set cycles, the problem is solved as least squares
+with p >= 0 (Lawson and Hanson 1974), which cannot cycle.
 """
 
 import numpy as np
@@ -12,13 +12,13 @@ from scipy.linalg import cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.optimize import nnls
 
 MOST_CHANGES = 40
-"""Changes of the active set before it counts as going round in circles. Set by hand."""
+"""Changes of the active set before it counts as cycling. Set by hand."""
 
 
 def pressures(
     compliance: Float[np.ndarray, "c c"], opening: Float[np.ndarray, "f c"]
 ) -> Float[np.ndarray, "f c"]:
-    """p for each of f openings q; each starts from the contact of the one before.
+    """p for each of f openings q; each starts from the active set of the one before.
 
     Springs of 1 mm/N: a negative opening presses, a gap does not pull.
 

@@ -1,21 +1,21 @@
-"""What finite strain adds to the plain model: large deformation of the flesh, and a fruit that turns.
+"""Corrections of the plain model for finite strain: large deformation of the flesh, rotation of the fruit.
 
-All soft flesh deforms largely under the forces of a grasp: two millimetres of indentation under a patch of
-six strain it by a fifth. The plain model's strains are small, and what it leaves out looks like a skin or
-like stiffening with hardly any b (10 to 69 nats on sound fruit of 0.2 to 0.4 MPa, first blind test). Its
-column is the response of Neo-Hookean flesh less the linear one.
+Soft flesh strains by large amounts in a grasp: two millimetres of indentation under a patch of six strain it
+by a fifth. The plain model assumes small strain. Its error looks like a skin, or like stiffening with a very
+small b. Their log Bayes factor is 10 to 69 on fruit of 0.2 to 0.4 MPa without mismatch (first blind test).
+The column of large deformation is the response of Neo-Hookean flesh less the linear one.
 
-Markers of flesh that turns by Q(t) as a whole, under forces f that do not turn with it, are at
+If the flesh rotates by Q(t) as a whole, under forces f that do not rotate with it, its markers are at
 
     y = Q (X + s C Q' f) + c
 
-X their places, C the unit-modulus compliance, c any shift. Of Q = I + W + W^2/2 + ... the plain model has
-W X, each frame's own rigid motion, and s C f. To second order there remain
+X: their places, C: the unit-modulus compliance, c: any shift. With Q = I + W + W^2/2 + ..., the plain model
+includes W X, each frame's own rigid motion, and s C f. The other terms of second order are
 
     W^2 X / 2 + s (W C f - C W f)
 
-the shortening of what turns, and the compliance that has turned with the fruit; by a shear of a millimetre
-fruit turn by two degrees, which is 16 um at 27 mm. W is known from the markers themselves.
+the shortening by rotation, and the rotation of the compliance with the fruit. A shear of a millimetre rotates
+fruit by two degrees, which is 16 um at 27 mm. W is fitted to the markers themselves.
 """
 
 import numpy as np
@@ -34,21 +34,21 @@ MEAN = 1.0
 """Prior mean of their amounts."""
 SD = {LARGE_DEFORMATION: 0.1, TURNED_FRUIT: 0.25}
 """Prior standard deviation of their amounts. Large deformation: the root mean square of the difference from 1
-in 28 records of fruit without mismatch (0.68 to 1.00, least in the softest fruit of 0.16 MPa), beside a model
-without error (`benchmarks/mismatch_scores.py`). 0.05 and 0.25 were tried on the same bank. Turned fruit: set
+in 28 records of fruit without mismatch (0.68 to 1.00, least in the softest fruit of 0.16 MPa), fitted without
+model error (`benchmarks/mismatch_scores.py`). 0.05 and 0.25 were tried on the same bank. Turned fruit: set
 by hand; its amount is 0.4 to 1.0 in these."""
 HARDLY_RAD = 0.002
-"""Turn below which nothing is added. Set by hand: W C f is then below 1 um under half a millimetre of
+"""Rotation below which no column is added. Set by hand: W C f is then below 1 um under half a millimetre of
 indentation, W^2 X / 2 below 0.1 um."""
 LOADED = 0.1
-"""Share of the greatest load from which on a frame counts for that: in lighter ones few markers touch."""
+"""Frames above this share of the greatest load count for HARDLY_RAD: in lighter ones few markers touch."""
 FIRST_LOADING = 0.5
-"""Turns count from their mean until so much of a contact's greatest load is reached, frames weighed by their
-load: a fruit turns as it is sheared, hardly as pads close. Set by hand."""
+"""Rotations are relative to their load-weighted mean up to this share of a contact's greatest load: a fruit
+rotates as it is sheared, hardly as pads close. Set by hand."""
 
 
 def beyond_small_strain(model: CaseModel) -> list[Regressor]:
-    """The columns: those that can be computed and add something; none where the response holds finite strain
+    """The columns that can be computed and are not negligible; none if the response includes finite strain
     already (CaseModel.beyond_small_strain).
     """
     if not model.beyond_small_strain:
@@ -68,9 +68,9 @@ def beyond_small_strain(model: CaseModel) -> list[Regressor]:
 
 
 def displacement_beyond(model: CaseModel, *, large_deformation: bool = True) -> Fields:
-    """Displacement of every recording's markers by these columns at their mean, mm.
+    """Displacement of every recording's markers by these columns at their prior mean, mm.
 
-    `large_deformation`: False where the law of an effect holds it.
+    `large_deformation`: False if the law of an effect includes it.
     """
     moved = [np.zeros_like(recording.tracks.unit_displacement) for recording in model.grasps]
     for column in beyond_small_strain(model):
@@ -82,8 +82,8 @@ def displacement_beyond(model: CaseModel, *, large_deformation: bool = True) -> 
 
 
 def large_deformation(model: CaseModel) -> Fields | FemFailure:
-    """What it adds to the unit response at the markers of every recording, mm MPa; the failure where it is
-    not found.
+    """Change of the unit response by large deformation at every recording's markers, mm MPa; or the failure
+    of its solve.
     """
 
     def compute() -> Fields | FemFailure:
@@ -94,14 +94,14 @@ def large_deformation(model: CaseModel) -> Fields | FemFailure:
 
 
 def turned_fruits(model: CaseModel) -> list[Float[np.ndarray, "_f _n 3"] | None]:
-    """`turned_fruit` of every recording, at the 1/E at which it is asked for first."""
+    """`turned_fruit` of every recording, at the 1/E of the first call."""
     return model.memoised(
         TURNED_FRUIT, lambda: [turned_fruit(model, recording) for recording in model.grasps]
     )
 
 
 def turned_fruit(model: CaseModel, recording: GraspResponse) -> Float[np.ndarray, "f n 3"] | None:
-    """What the turn seen in a recording adds at its markers, mm; None where it is held or hardly turns."""
+    """Displacement of the markers by the fruit's rotation, mm; None if it is held or hardly rotates."""
     tracks, s = recording.tracks, model.compliance
     seen = model.marker_equations(recording).turns(recording.excess(s))
     turn = from_first_loading(seen, recording.load, tracks.episode.max(axis=1))
@@ -118,7 +118,7 @@ def turned_fruit(model: CaseModel, recording: GraspResponse) -> Float[np.ndarray
 def from_first_loading(
     turn: Float[np.ndarray, "f 3"], load: Float[np.ndarray, " f"], contact: Int[np.ndarray, " f"]
 ) -> Float[np.ndarray, "f 3"]:
-    """Turns from where the pads first held the fruit in each contact (numbered; -1: none), zero out of it."""
+    """Rotations relative to first loading in each contact (numbered; -1: none); zero without contact."""
     since_first = np.zeros_like(turn)
     for number in np.unique(contact[contact >= 0]):
         frames = np.flatnonzero(contact == number)
@@ -130,7 +130,7 @@ def from_first_loading(
 def _under_turned_forces(
     model: CaseModel, recording: GraspResponse, turn: Float[np.ndarray, "f 3"]
 ) -> Float[np.ndarray, "f n 3"]:
-    """C W f at the markers, mm MPa: the leading patterns turned about each axis, solved for once."""
+    """C W f at the markers, mm MPa, from leading patterns rotated about each axis and solved once."""
     patterns = recording.patterns[:LEADING]
 
     def compute() -> Float[np.ndarray, "3 r n 3"]:

@@ -1,22 +1,21 @@
-"""The friction cone: how the markers' shear lies to their pressure, which needs no model of the fruit.
+"""The friction cone: ratio of shear to normal force at the markers, which needs no model of the fruit.
 
-Coulomb's law allows |f_t| <= mu f_n at every marker in every frame. Two things can be seen of it. A marker
-beyond the cone of some mu, by more than noise and scale errors, refutes that mu: what remains is a smallest
-mu. And markers that slip lie on the cone: so many of them just at mu as there are in no smooth distribution,
-and none above.
+Coulomb's law allows |f_t| <= mu f_n at every marker in every frame. It has two observable consequences. A
+marker outside the cone of some mu, by more than noise and scale errors, refutes that mu; so there is a lower
+bound of mu. And slipping markers lie on the cone: more ratios accumulate at mu than in a smooth distribution,
+and none exceeds it.
 
-Where the gel is a bed of springs (its forces are its displacements times two stiffnesses, within the forces'
-noise) the displacements tell the ratio many times better than the forces; elsewhere the forces do.
+If the gel is a bed of springs (its forces are its displacements times two stiffnesses, within the forces'
+noise), the displacements give the ratio many times better than the forces; otherwise the forces give it.
 
     ln ratio(mu) = n1 ln(n1 / m) + n2 ln(n2 / m) - ln(tried) - sum over markers of (z^2 - 16) / 2,   n1 > n2
 
-n1, n2: markers within two standard deviations of mu, and in the windows as wide just below and just above it
-together, m their mean (the likelihood ratio of two Poisson counts, one-sided, against a smooth distribution
-that is twice as dense at mu as around it: its top); z: by how many standard
-deviations a marker exceeds mu at most, where that is more than 4. A marker's frames count together as one:
-they are not independent. Only where the window below ends above nothing are they counted: a ratio is the size
-of a vector, of which noise leaves few near nothing, so that ratios known no better than to themselves pile up
-at their own noise.
+n1: markers within two standard deviations of mu; n2: markers in the two windows of equal width just below and
+just above; m: mean of n1 and n2. This is the one-sided likelihood ratio of two Poisson counts against a
+smooth distribution that is twice as dense at mu, its peak, as around it. z: a marker's greatest excess over
+mu in standard deviations, if that is more than 4. All frames of a marker count as one, since they are not
+independent. Ratios count only if the lower window ends above zero. A ratio is the norm of a vector, and noise
+leaves few norms near zero, so imprecise ratios accumulate at their own noise.
 """
 
 from dataclasses import dataclass
@@ -28,33 +27,33 @@ from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.plain_model import GraspResponse
 
 FIRM = 4.0
-"""A marker's pressure counts from so many standard deviations of its noise."""
+"""A marker counts above this many standard deviations of its normal force."""
 BEYOND = 4.0
-"""So many standard deviations above the cone refute it."""
+"""A marker this many standard deviations above a cone refutes it."""
 MOST_PER_MARKER = 20.0
-"""No single marker says more than this against a cone."""
+"""Greatest log likelihood of one marker against a cone."""
 AT, ASIDE = 2.0, 6.0
-"""A marker is at a cone to so many standard deviations, and around it from there on to so many."""
+"""Standard deviations from a cone up to which a marker is at it, and from there up to which around it."""
 TRIED = np.geomspace(0.05, 1.2, 65)
-"""mu looked at, 5 % apart: from slippery to where nothing slips."""
+"""Values of mu tried, 5 % apart: from slippery to where nothing slips."""
 LEAST_LOSS = 6.0
-"""Markers that refute a mu by more than this together: it is too small."""
+"""A mu is too small if all markers' log likelihood against it exceeds this."""
 NO_SPRING = 1e-9
 """Stiffness, N/mm, of a gel whose forces do not grow with its displacement."""
 LOCAL = 2.0
-"""Variance of the forces about their springs, over their noise, up to which the gel is a bed of springs."""
+"""Residual variance of the springs' fit to the forces, over noise, below which a gel is a bed of springs."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ShearRatios:
-    """|f_t| / f_n of markers in frames in which they press well above noise; its spread; whose it is."""
+    """|f_t| / f_n of markers in frames with a normal force well above noise; its deviation; the marker."""
 
     ratio: Float[np.ndarray, " m"]
     sd: Float[np.ndarray, " m"]
     marker: Int[np.ndarray, " m"]
 
     def loss(self, mu: float) -> float:
-        """What the markers beyond this cone say against it, in ln likelihood."""
+        """Log likelihood against this cone from the markers outside it."""
         z = (self.ratio - mu) / self.sd
         most = np.zeros(int(self.marker.max(initial=-1)) + 1)
         np.maximum.at(most, self.marker, z)
@@ -62,7 +61,7 @@ class ShearRatios:
         return float(np.minimum(excess[most > BEYOND], MOST_PER_MARKER).sum())
 
     def pile_up(self, mu: float) -> float:
-        """How much more likely so many markers at mu are with a pile-up than with none, in ln likelihood."""
+        """Log likelihood ratio of an accumulation of markers at mu over a smooth distribution."""
         known = self.sd < mu / ASIDE
         z, marker = (self.ratio[known] - mu) / self.sd[known], self.marker[known]
         share = 1 / np.maximum(np.bincount(marker, minlength=1), 1)[marker]
@@ -74,7 +73,7 @@ class ShearRatios:
         return float(at * np.log(at / mean) + (around * np.log(around / mean) if around > 0 else 0.0))
 
     def log_ratio(self, mu: float) -> float:
-        """ln ratio of the module's docstring."""
+        """ln ratio(mu) of the module docstring."""
         return self.pile_up(mu) - self.loss(mu) - float(np.log(len(TRIED)))
 
 
@@ -97,7 +96,7 @@ def shear_ratios(model: CaseModel) -> ShearRatios:
 
 
 def least_mu(ratios: ShearRatios) -> float:
-    """The smallest of the mu tried that no marker beyond its cone refutes; the greatest where all are."""
+    """The smallest mu tried that markers outside its cone do not refute; the greatest if they refute all."""
     allowed = (float(mu) for mu in TRIED if ratios.loss(mu) < LEAST_LOSS)
     return next(allowed, float(TRIED[-1])) if len(ratios.ratio) else float(TRIED[-1])
 
@@ -105,13 +104,13 @@ def least_mu(ratios: ShearRatios) -> float:
 def in_pad_frame(
     recording: GraspResponse, pad: int, values: Float[np.ndarray, "f n 3"]
 ) -> Float[np.ndarray, "f m 3"]:
-    """Vectors of the fruit frame, of one pad's markers, in that pad's axes."""
+    """Vectors at one pad's markers, from the fruit frame to that pad's axes."""
     turn = recording.pose[pad][:, :3, :3]
     return np.asarray(np.einsum("fji,fnj->fni", turn, values[:, recording.pad_of_marker == pad]))
 
 
 def spring_ratio(model: CaseModel, pad_name: str) -> float:
-    """k_t / k_n of one pad's gel, all recordings together: its forces per displacement along and across."""
+    """k_t / k_n of one pad's gel, from all recordings: its shear stiffness over its normal stiffness."""
     normal, shear, _ = _springs(model, pad_name)
     return shear / normal
 
@@ -122,7 +121,7 @@ def normal_stiffness(model: CaseModel, pad_name: str) -> float:
 
 
 def _springs(model: CaseModel, pad_name: str) -> tuple[float, float, bool]:
-    """Force per displacement along the normal and across, N/mm; whether that is all of the forces."""
+    """Normal and shear stiffness of one marker, N/mm; whether these explain the forces within noise."""
     return model.memoised(("springs", pad_name), lambda: _fitted_springs(model, pad_name))
 
 
@@ -166,7 +165,7 @@ def _noise(recording: GraspResponse, pad: int) -> tuple[float, float]:
 def _pressed(
     recording: GraspResponse, pad: int, springs: tuple[float, float, bool]
 ) -> tuple[Float[np.ndarray, "f m"], Float[np.ndarray, "f m 2"], float, float]:
-    """Pressure and shear of one pad's markers, N, with their noise; by springs where the gel is such."""
+    """Normal force and shear of one pad's markers, N, with their noise; from springs if the gel is such."""
     normal, shear, local = springs
     gel_sd, force_sd = _noise(recording, pad)
     if not local:

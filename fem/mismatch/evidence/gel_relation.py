@@ -1,22 +1,22 @@
-"""Force against displacement of the gels, marker by marker, which needs no model of the fruit.
+"""Relation of force and displacement of the gels at each marker, which needs no model of the fruit.
 
-A sound gel is linear: of each marker, along the pad's normal,
+A gel without a fault is linear. For each marker, along the pad's normal,
 
     f_i(t) + K d_i(t) = e_i K d_i(t) + l (f_i - mean of f over neighbours) + noise
 
-K: normal stiffness of the pad's gel under one marker; e_i: the marker's scale error; l: what a layer of
-gel, which is no bed of separate springs, adds where the pressure bends (a patch's rim). A fault of the sensor
-(a GelLaw with parameters theta) takes true force and displacement (f, d) to recorded ones; with it undone the
-relation is linear again. theta minimises
+K: normal stiffness of the pad's gel under one marker; e_i: the marker's scale error; l: coefficient of a
+layer of gel, which is no bed of separate springs, where the pressure has curvature (a patch's rim). A fault
+of the sensor (a GelLaw with parameters theta) maps true force and displacement (f, d) to recorded ones; its
+inverse makes the relation linear again. theta minimises
 
     chi2(theta) = sum of r^2 / (s_f^2 + K^2 s_d^2),      r = f_true(theta) + K d_true(theta),
 
-with K, e_i and l fitted too. Force and displacement are both noisy, so that a regression of one on the other
-is attenuated: columns are taken at their mean by inverse variance, (f / s_f^2 - d / (K s_d^2)) / (1 / s_f^2 +
-1 / (K s_d)^2), whose noise is independent of that of r (Fuller 1987, Measurement Error Models, section 1.2).
-True values are nuisances at their best fit (Fuller's functional model), so that chi2 needs no determinant of
-its variance. Priors of theta enter the evidence by their widths alone: an amount's own height would take 2
-nats at most, and a time is known to no more than an order of magnitude beforehand.
+with K, e_i and l fitted too. Force and displacement are both noisy, so a regression of one on the other is
+attenuated. Columns are therefore evaluated at their mean by inverse variance, (f / s_f^2 - d / (K s_d^2)) /
+(1 / s_f^2 + 1 / (K s_d)^2). Its noise is independent of that of r (Fuller 1987, Measurement Error Models,
+section 1.2). True values are nuisances at their best fit (Fuller's functional model), so chi2 needs no
+determinant of its variance. Only the widths of theta's priors enter the evidence. The density at an amount
+would cost 2 units of log evidence at most, and a time is known to an order of magnitude beforehand.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,39 +35,40 @@ from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.plain_model import GraspResponse
 
 FIRM = 0.25
-"""Share of a pad's largest marker force that a marker reaches, to count: those at the rim, where a layer is
+"""A marker counts if its force reaches this share of the pad's largest. Markers at the rim, where a layer is
 not a bed of springs, are left out (RIM in fem.estimation.prepared_grasp)."""
 FEWEST_MARKERS = 8
-"""Such markers of a pad, at least: fewer say nothing about what all have in common. Set by hand."""
+"""Fewest such markers of a pad: fewer do not determine what all have in common. Set by hand."""
 NEIGHBOURS = 4
-"""Of a marker on a square grid, over which the layer's term takes its mean."""
+"""Neighbours of a marker on a square grid, over which the layer's term averages."""
 LAYER_SD = 0.3
-"""Prior standard deviation of the layer's term, a share of the pressure's bend. Set by hand, wide."""
+"""Prior standard deviation of l, as a share of the pressure's curvature term. Set by hand, wide."""
 ROUNDS, STEP, STILL = 20, 1e-3, 1e-3
-"""Gauss-Newton rounds at most; the columns' difference step and the last round's, as shares of the
+"""Most Gauss-Newton rounds; the columns' difference step, and the step that ends the rounds, over the
 parameters' prior standard deviations."""
 COURSES = 4
-"""Courses in time that a contact's forces have at least (LEAST_PATTERNS in fem.estimation.prepared_grasp)."""
+"""Leading time courses of a contact's forces that are kept (LEAST_PATTERNS in
+fem.estimation.prepared_grasp)."""
 AROUND = 25
-"""Markers of a neighbourhood that a quadratic surface is fitted to: two beside the middle in a square grid,
-where it leaves a third of a single marker's scale error."""
+"""Markers to which a quadratic surface is fitted: two on each side of the middle in a square grid. The fit
+reduces a single marker's scale error to a third."""
 FELT, MOST_SLOPE = 3.0, 5.0
-"""Standard deviations of force above which noise follows the law's slope; by how much at most."""
+"""Standard deviations of force above which its noise is scaled by the law's slope; greatest factor."""
 SHARES = (1.0, 0.5, 0.2, 0.05)
-"""Of a round's step, tried one after the other for one that fits better. Set by hand."""
+"""Shares of a round's step, tried in turn until one fits better. Set by hand."""
 DESIGN_EFFECT = 15.0
-"""Numbers that count as one, as for the markers' motion (fem.mismatch.model.marker_equations): what a gel
-does beyond the linear law is alike in neighbouring markers and frames."""
+"""Design effect, as for the markers' motion (fem.mismatch.model.marker_equations): residuals of the linear
+law correlate between neighbouring markers and frames."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GelRecord:
     """One pad of one recording, all frames and markers of its history, pad axes (z into the fruit).
 
-    `firm`: markers that press at FIRM of the largest, `ever`: that touch at some time. `turn`: the pad's
-    axes as columns, frame by frame. `largest_N`: largest force on one marker of any pad of the recording,
-    without its noise. `air`: frames in which nothing touches. `markers`: how many the whole pad has.
-    `zero_drift_N`: what each marker feels though nothing touches it, along z, where it is sure; else zero.
+    `firm`: markers that reach FIRM of the largest force; `ever`: those that touch at some time. `turn`: the
+    pad's axes as columns, frame by frame. `largest_N`: largest force on one marker of any pad of the
+    recording, without its noise. `air`: frames in which nothing touches. `markers`: number of the whole pad.
+    `zero_drift_N`: each marker's force along z without contact, where the drift is certain; else zero.
     """
 
     grasp: str
@@ -93,13 +94,13 @@ class GelRecord:
         return np.asarray(self.force_N[:, :, 2].sum(axis=1))
 
     def without_zero_drift(self) -> "GelRecord":
-        """The same with that taken out of the force: it bends force against displacement as a law does."""
+        """The record less zero drift, which bends the curve of force and displacement as a fault does."""
         grown = self.zero_drift_N[:, None, None] * np.array([0.0, 0.0, 1.0])
         return replace(self, force_N=self.force_N - grown, zero_drift_N=np.zeros_like(self.zero_drift_N))
 
 
 class GelLaw(Protocol):
-    """How a sensor's fault takes true force and displacement of a pad to recorded ones, and back."""
+    """A sensor's fault: the map from true force and displacement of a pad to recorded ones, and back."""
 
     def recorded(self, true: GelRecord, values: Mapping[str, float]) -> GelRecord:
         """With the fault."""
@@ -112,8 +113,8 @@ class GelLaw(Protocol):
 
 @dataclass(frozen=True, kw_only=True)
 class RelationFit:
-    """`values` of the parameters, `sd` of them, and the evidence: half the drop of chi-square over
-    DESIGN_EFFECT, less what the prior takes (Laplace); `left`: chi-square per number with the law undone.
+    """`values` and `sd` of the parameters; `evidence`: half the drop of chi-square over DESIGN_EFFECT, less
+    the prior's penalty (Laplace); `left`: chi-square per number after the law is inverted.
     """
 
     values: dict[str, float]
@@ -123,7 +124,7 @@ class RelationFit:
 
 
 def gel_records(model: CaseModel) -> tuple[GelRecord, ...]:
-    """Of every pad of every recording, as recorded; kept for the case."""
+    """Records of every pad of every recording, memoised for the case."""
     return model.memoised("gel records", lambda: tuple(chain(*map(_records, model.grasps))))
 
 
@@ -134,7 +135,7 @@ def _records(recording: GraspResponse) -> list[GelRecord]:
 
 
 def _record(case: GraspCase, pad: int, force_N: Float[np.ndarray, "t n 3"]) -> GelRecord:
-    """One pad of a recording with these forces, fruit frame."""
+    """Record of one pad with these forces (fruit frame)."""
     history, motion = case.history.pads[pad], case.pads[pad]
     turn = motion.pose[:, :3, :3]
     largest = np.einsum("tj,tnj->tn", turn[:, :, 2], history.force_N).max(axis=0)
@@ -166,7 +167,7 @@ def _record(case: GraspCase, pad: int, force_N: Float[np.ndarray, "t n 3"]) -> G
 def _largest_N(record: GelRecord) -> float:
     """The largest force on one firm marker, each smoothed by a quadratic surface over its neighbours.
 
-    The largest of some hundred markers as recorded is that of a large scale error.
+    Without smoothing, the largest of some hundred markers has a large scale error.
     """
     if record.firm.sum() < FEWEST_MARKERS:
         return float(np.linalg.norm(record.force_N, axis=2).max())
@@ -180,7 +181,7 @@ def _largest_N(record: GelRecord) -> float:
 
 
 def _leading(force_N: Float[np.ndarray, "t n 3"]) -> Float[np.ndarray, "t n 3"]:
-    """Its COURSES leading courses in time: most noise is in the others."""
+    """Its projection on COURSES leading time courses; most noise is in the others."""
     left, size, right = np.linalg.svd(force_N.reshape(len(force_N), -1), full_matrices=False)
     return np.asarray(((left * size)[:, :COURSES] @ right[:COURSES]).reshape(force_N.shape))
 
@@ -250,7 +251,7 @@ def _about(
     spread: Float[np.ndarray, " k"],
     scale_sd: float,
 ) -> _Normal:
-    """Normal equations of all records about parameters; without a law, of the recordings as they are."""
+    """Normal equations of all records, linearised at `at`; without a law, chi-square as recorded."""
     normal, right, chi2, count = np.zeros((len(at), len(at))), np.zeros(len(at)), 0.0, 0
     for record in records:
         values = dict(zip(names, at.tolist(), strict=True))
@@ -272,7 +273,7 @@ def _about(
         pressed = root * mean.force_N[:, firm, 2]
         fields = [residual, *columns, mean.force_N[..., 2], _bend(mean)]
         rows = np.stack([root * field[:, firm] for field in fields])
-        # of each marker its own scale, in closed form
+        # eliminates each marker's scale in closed form
         power = (pressed**2).sum(axis=0) + scale_sd**-2
         across = np.einsum("ktn,tn->kn", rows, pressed)
         products = np.einsum("ktn,ltn->kl", rows, rows) - (across / power) @ across.T
@@ -288,15 +289,15 @@ def _about(
 
 @dataclass(frozen=True, kw_only=True)
 class _Noise:
-    """Standard deviations of normal force and displacement with a law undone."""
+    """Standard deviations of normal force and displacement after a law is inverted."""
 
     force_N: Float[np.ndarray, "t n"]
     displacement_mm: Float[np.ndarray, "t 1"]
 
 
 def _noise(recorded: GelRecord, true: GelRecord, law: GelLaw | None, values: Mapping[str, float]) -> _Noise:
-    """Noise grows where the law is undone as the law's inverse is steep: in force by its slope at each
-    marker, in displacement by its answer to an impulse in each frame (noise of first order in time).
+    """Noise after the law is inverted: in force, scaled by the inverse's slope at each marker; in
+    displacement, by its impulse response in each frame (noise of first order in time).
     """
     force = np.full(recorded.force_N.shape[:2], recorded.force_sd_N)
     moved = np.full((len(recorded.time_s), 1), recorded.displacement_sd_mm)
@@ -315,7 +316,7 @@ def _noise(recorded: GelRecord, true: GelRecord, law: GelLaw | None, values: Map
 
 
 def _impulses(record: GelRecord) -> GelRecord:
-    """As many markers as there are frames, each displaced by 1 mm in its own."""
+    """A record with one marker for each frame, displaced by 1 mm in that frame."""
     count = len(record.time_s)
     impulses = np.eye(count)[..., None] * np.array([0.0, 0.0, 1.0])
     every = np.ones(count, dtype=bool)
@@ -344,8 +345,8 @@ def _excess(record: GelRecord, stiffness: float) -> Float[np.ndarray, "t n"]:
 
 
 def _mean_of_both(record: GelRecord, stiffness: float, noise: _Noise) -> GelRecord:
-    """Force as force and displacement say it together, and the displacement that goes with it, of a linear
-    gel; shear as recorded.
+    """Normal force and displacement of a linear gel, from both measurements by inverse variance; shear as
+    recorded.
     """
     by_force = 1 / noise.force_N**2
     by_gel = 1 / (stiffness * noise.displacement_mm) ** 2

@@ -1,4 +1,4 @@
-"""One recording's equations: its markers', its balance, its pads at rest, with what is its own eliminated."""
+"""Equations of one recording: markers, balance, and zero drift, with its own nuisances eliminated."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,10 +16,10 @@ from fem.mismatch.model.plain_model import GraspResponse
 
 @dataclass(frozen=True)
 class GraspEquations:
-    """One recording's equations: markers, balance where no base holds the fruit, and the pads at rest.
+    """One recording's equations: markers, balance if no base holds the fruit, and the pads' zero drift.
 
-    What is the recording's own (fem.mismatch.evidence.nuisances) is eliminated too: `nuisances` and
-    `nuisances_weighed` are its rows, `inverse` is (n . W n + L)^-1, n being `nuisances`.
+    The recording's own nuisances (fem.mismatch.evidence.nuisances) are eliminated too: `nuisances` is n,
+    `nuisances_weighed` is W n, and `inverse` is (n . W n + L)^-1.
     """
 
     recording: GraspResponse
@@ -34,7 +34,7 @@ class GraspEquations:
     def of(
         cls, model: CaseModel, recording: GraspResponse, *, markers: MarkerEquations | None = None
     ) -> "GraspEquations":
-        """The recording's equations; `markers`: those of its markers, if not marker_equations."""
+        """The recording's equations; `markers`: in place of the model's marker_equations."""
         markers = model.marker_equations(recording) if markers is None else markers
         none = np.zeros((0, 0))
         balance = model.balance_equations(recording)
@@ -53,7 +53,7 @@ class GraspEquations:
         return replace(bare, nuisances=plain, nuisances_weighed=weighed, inverse=np.linalg.inv(normal))
 
     def flat(self, field: ObservationDelta | None) -> Float[np.ndarray, " d"]:
-        """A field laid out flat: markers in contact, sums of force, pads at rest."""
+        """A field as a flat vector: markers in contact, sums of force, zero drifts."""
         touching, cut, end = self._ends()
         numbers = np.zeros(end + len(self.rest.measured))
         if field is not None and field.markers is not None:
@@ -65,13 +65,13 @@ class GraspEquations:
         return numbers
 
     def _ends(self) -> tuple[Bool[np.ndarray, "f n"], int, int]:
-        """Which markers touch, and where they and the sums of force end in a flat field."""
+        """Which markers touch, and the ends of markers and of force sums in a flat field."""
         touching = self.recording.touching
         cut = 3 * int(touching.sum())
         return touching, cut, cut + (0 if self.balance is None else self.balance.measured.size)
 
     def rows(self, fields: Sequence[ObservationDelta | None]) -> tuple[np.ndarray, np.ndarray]:
-        """The fields and their W-images, each laid out flat."""
+        """The fields phi and W phi, each as a flat vector."""
         _, cut, end = self._ends()
         width = end + len(self.rest.measured)
         plain, weighed = np.zeros((len(fields), width)), np.zeros((len(fields), width))
@@ -87,7 +87,7 @@ class GraspEquations:
         return plain, weighed
 
     def weighed_markers(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
-        """The W-image of a field of the markers, at the markers; zero out of contact."""
+        """W phi at the markers, for a field phi of the markers; zero out of contact."""
         touching = self.recording.touching
         _, weighed = self.rows([ObservationDelta(markers=field)])
         weighed_field = np.zeros_like(field)

@@ -5,10 +5,10 @@ fem.mismatch.model.marker_equations,
 
     chi2 = y.Wy - b'(N + L)^-1 b,       ln p(y) = -(chi2 + ln det(N + L) - ln det L) / 2 + const
 
-N = phi.W phi, b = phi.W y. Every sample counts, DESIGN_EFFECT of them as one; what is not explained counts as
-noise. The plain model's own amount is 1/E, with a flat prior. Recordings are independent given the amounts
-that they share, so that what one of them would have predicted for another is the difference of two evidences.
-y counts from the plain model's fit, so that no digits are lost.
+N = phi.W phi, b = phi.W y. DESIGN_EFFECT samples count as one; the unexplained residual counts as noise. The
+plain model's own amount is 1/E, with a flat prior. Recordings are independent given their common amounts, so
+the predictive density of one given others is the difference of two log evidences. y is relative to the plain
+model's fit, so that no digits are lost.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ from fem.mismatch.model.observation_delta import ObservationDelta, Regressor
 from fem.parallel_map import parallel_map
 
 PLAIN_SD = 3.0
-"""Prior of how far 1/E is from what the plain fit found, as a share of it: flat."""
+"""Prior standard deviation of 1/E about the plain fit, relative: practically flat."""
 
 
 def plain_data(model: CaseModel, recorded: GraspEquations) -> ObservationDelta:
@@ -41,7 +41,7 @@ def plain_data(model: CaseModel, recorded: GraspEquations) -> ObservationDelta:
 
 @dataclass(frozen=True, kw_only=True)
 class Fit:
-    """Amounts of the chosen columns after the fit, their covariance; chi2 and ln evidence of the data."""
+    """Fitted amounts of the chosen columns, their covariance; chi2 and log evidence of the data."""
 
     chosen: tuple[int, ...]
     chi2: float
@@ -60,9 +60,9 @@ class GramMatrix:
 
     Row 0 is the data (less prior means), row 1 the plain model (its response s c), then the
     columns in the order given. Column 0 is the plain model's, so that `columns[j]` is the j-th of those
-    given, counted from one. Products with the data are corrected by what the forces' noise adds to them
-    (fem.mismatch.model.force_noise) and by `surface`, what the error of the scanned surface does
-    (fem.mismatch.evidence.surface_bias): `bias` by recording and column.
+    given, counted from one. Products with the data are corrected for `bias`, by recording and column: that of
+    noise in the forces (fem.mismatch.model.force_noise) and `surface`, that of the scanned surface's error
+    (fem.mismatch.evidence.surface_bias).
     """
 
     def __init__(
@@ -124,10 +124,10 @@ class GramMatrix:
         rows: Sequence[Int[np.ndarray, " _"]],
         products: Sequence[Float[np.ndarray, "_ _"]],
     ) -> "GramMatrix":
-        """Products that were computed before, of which nothing but fits can be had.
+        """A matrix from products that were computed before; it supports fits only.
 
-        `columns` begin with 1/E; of each recording `rows` are those that it depends on, `products` those of
-        the data and these rows.
+        `columns` begin with 1/E. For each recording, `rows` are the columns on which it depends, `products`
+        those of the data and these columns.
         """
         matrix = cls.__new__(cls)
         matrix.columns, matrix.rows, matrix.products = list(columns), list(rows), list(products)
@@ -145,13 +145,13 @@ class GramMatrix:
         *,
         signatures: Sequence[int] = (),
     ) -> tuple["GramMatrix", tuple[int, ...]]:
-        """The chosen columns and `more`, linearised about a nonlinear model instead; columns are
+        """The products of the chosen columns and `more`, linearised about a nonlinear model; columns are
         renumbered.
 
-        What comes back is for fits: only the linear round's own columns can be linearised about a model.
+        The result supports fits only: only the linear round's own columns can be linearised about a model.
 
-        `signatures`: columns that the model is like while it is small. The noise of forces in it, and in
-        `more`, is taken for theirs, in the amounts in which the model and `more` are like them
+        `signatures`: columns that the model resembles at small amounts. The noise of forces in the model and
+        in `more` is approximated by that of these columns, in their least-squares amounts
         (fem.mismatch.model.force_noise).
         """
         other = copy(self)
@@ -197,7 +197,7 @@ class GramMatrix:
         return other, tuple(range(1, len(other.columns)))
 
     def _products_of_noise(self, biased: Sequence[int]) -> Float[np.ndarray, "k c1 c1"]:
-        """Of the noise in the plain model's column and in these, recording by recording; solved for once."""
+        """Q (force_noise) of the plain model's column and of these, for each recording; solved for once."""
         chosen = (0, *biased)
 
         def of_recording(k: int) -> np.ndarray:
@@ -240,7 +240,7 @@ class GramMatrix:
         return self._recorded[k].markers.residual(remaining)
 
     def fit(self, chosen: Sequence[int], *, keep: Sequence[int] | None = None) -> Fit:
-        """The fit of the chosen columns (1/E is always one of them) to the recordings to `keep` (all)."""
+        """The fit of the chosen columns and 1/E to the recordings to `keep` (default: all)."""
         names = [0, *chosen]
         kept = range(len(self.rows)) if keep is None else keep
         weight = np.array([self.columns[j].sd for j in names]) ** -2.0
@@ -302,7 +302,7 @@ def _bias(column: Regressor, noise: ForceNoise, k: int) -> float:
 
 
 def _corrected(products: Float[np.ndarray, "k k"], bias: Float[np.ndarray, " c"]) -> Float[np.ndarray, "k k"]:
-    """Products of data and columns, less what noise adds to those of the data with each column."""
+    """Products of data and columns, less the bias of those of the data with each column."""
     corrected = products.copy()
     corrected[0, 1:] -= bias
     corrected[1:, 0] -= bias

@@ -17,7 +17,7 @@ without mismatch have an error of k times its usual size,
 
     k^2 ~ freedom size^2 / chi-square(freedom),
 
-so that its amounts are Student-t distributed together. FILE has size and freedom, too.
+so its amounts have a joint Student-t distribution. FILE has size and freedom, too.
 """
 
 import csv
@@ -39,7 +39,7 @@ FILE = "model_error.csv"
 
 
 SIZE, FREEDOM = "size of the scale", "freedom of the scale"
-"""Rows of FILE that are no effect's."""
+"""Rows of FILE that belong to no effect."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -50,16 +50,16 @@ class ScalePrior:
     freedom: float
 
     def drawn(self, count: int, rng: np.random.Generator) -> Float[np.ndarray, " d"]:
-        """So many k."""
+        """Draws of k."""
         return np.asarray(self.size * np.sqrt(self.freedom / rng.chisquare(self.freedom, count)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class NullDraws:
-    """Data b of recordings without mismatch, beside the plain model with the usual error integrated out.
+    """Draws of b without mismatch, after the plain model with the usual error is integrated out.
 
-    `bare`: the equations beside a plain model without error. `error_sd`: of each column's amount by the usual
-    error, zero where it has none.
+    `bare`: the equations for a plain model without error. `error_sd`: standard deviation of each column's
+    amount by the usual error, zero if it has none.
     """
 
     bare: SignatureEquations
@@ -101,8 +101,8 @@ def model_error_columns(
     compliance_ratio: float,
     shares: Mapping[str, float] | None = None,
 ) -> list[Regressor]:
-    """One column for each of the signatures', with its fields; alternatives of one effect, on one pad if the
-    effect is a pad's, resemble each other and share its error.
+    """A column of model error for each column of the signatures, with the same fields. An effect's
+    alternatives (on one pad, if the effect belongs to a pad) resemble each other and share its error.
 
     `signatures`: of a case, with the numbers of their columns.
     """

@@ -1,11 +1,11 @@
-"""Nuisances, never reported as effects: what is not known exactly of fruit, pad and mesh, with priors.
+"""Nuisances: uncertain quantities of fruit, pad and mesh, with priors; never reported as effects.
 
-Common to all recordings: the pit's place and size within the category's spread, Poisson's ratio within
-its own, the dents' depth, the shares of what large deformation and the fruit's turn add. Each
-recording's own: undulations of the scanned surface, the pads' places on it, how far they come at each load.
-And, since no model is right to the last micrometre, each pad of each recording may deviate by
-NORMAL_DISCREPANCY of its response in any smooth pattern over its patch that grows with the load, or with its
-square. An effect acts on all recordings by one law; these do not, which separates them.
+Common to all recordings: the pit's place and size and Poisson's ratio, each with its prior, the dents' depth,
+and the amounts of large deformation and of the fruit's rotation. Each recording's own: undulations of the
+scanned surface, the pads' places on it, and the pads' approach at each load. No model is exact to a
+micrometre, so each pad of each recording may also deviate by NORMAL_DISCREPANCY of its response. It may do so
+in any smooth pattern over its patch, in proportion to the load or to its square. An effect acts on all
+recordings by one law; these nuisances do not, which separates them.
 """
 
 import numpy as np
@@ -25,23 +25,23 @@ NORMAL_DISCREPANCY, TANGENTIAL_DISCREPANCY = 0.005, 0.003
 """Standard deviations of a pad's own discrepancies along its normal and along the skin, as shares of its
 response at the greatest load."""
 SMALLEST_POISSON_SD = 0.005
-"""Least spread of Poisson's ratio, however sure its source: a third of the categories' 0.015
+"""Least standard deviation of Poisson's ratio, for any source: a third of the categories' 0.015
 (recon/pit/priors). Set by hand."""
 DENT = 0.04
-"""Standard deviation of the depth of the dent under a patch, as a share of it: markers a millimetre apart see
-the pressure at a patch's rim, where it is steepest, and their own places there, to a few hundredths."""
+"""Relative standard deviation of the depth of the dent under a patch. Markers a millimetre apart resolve the
+pressure at a patch's rim, where it is steepest, and their own places there, to a few hundredths."""
 APPROACH = 0.003
-"""Standard deviation of how far a pad comes at one load, as a share of its response at the greatest: while a
-patch spans a few markers they say its pressure to some percent only."""
+"""Standard deviation of a pad's approach at one load, as a share of its response at the greatest. While a
+patch spans a few markers, they determine its pressure to some percent only."""
 LOADS = (0.07, 0.14, 0.25, 0.42, 0.65, 1.0)
-"""Loads, as shares of the greatest, at which it departs independently; in a line between."""
+"""Loads, as shares of the greatest, with independent deviations of the approach; linear between."""
 FEWEST = 8
-"""Markers of a pad that touch in a frame, at least: below it a smooth pattern cannot be told from its rigid
-motion."""
+"""Fewest touching markers of a pad in a frame: with fewer, a smooth pattern cannot be separated from its
+rigid motion."""
 
 
 def common_nuisances(model: CaseModel) -> list[Regressor]:
-    """Those that all recordings share."""
+    """Nuisances of all recordings."""
     budget = model.case.budget
     inner = [_inner(model, recording) for recording in model.grasps]
     names = dict.fromkeys(name for changes in inner for name in changes if name not in SURFACE)
@@ -63,7 +63,7 @@ def common_nuisances(model: CaseModel) -> list[Regressor]:
 
 
 def own_nuisances(model: CaseModel, recording: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
-    """Those of one recording: name, prior standard deviation, field."""
+    """Nuisances of one recording: name, prior standard deviation, field."""
     budget = model.case.budget
     nuisances = [
         (name, budget.sd_of(name, history=recording.case.history), field)
@@ -87,7 +87,7 @@ def _inner(model: CaseModel, recording: GraspResponse) -> dict[str, ObservationD
 
 
 def _places(model: CaseModel, recording: GraspResponse) -> list[tuple[str, ObservationDelta]]:
-    """Each pad along its own x and y over the skin."""
+    """Shift of each pad along its own x and y over the skin."""
     return [
         (f"{name} {axis}", ObservationDelta(markers=model.compliance * moved))
         for pad, name in enumerate(recording.pad_names)
@@ -96,7 +96,7 @@ def _places(model: CaseModel, recording: GraspResponse) -> list[tuple[str, Obser
 
 
 def _dent(recording: GraspResponse, response: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
-    """c without each pad's own rigid motion in each frame: the dent's shape, not how far the pads come."""
+    """c less each pad's own rigid motion in each frame: the dent's shape without the pads' approach."""
     tracks, dent = recording.tracks, np.zeros_like(response)
     for pad in range(len(recording.links)):
         mine = recording.pad_of_marker == pad
@@ -137,7 +137,7 @@ def _greatest_response(model: CaseModel, recording: GraspResponse, pad: int) -> 
 
 
 def _approaches(model: CaseModel, recording: GraspResponse) -> list[tuple[str, float, ObservationDelta]]:
-    """Each pad along its normal, near each of LOADS, loading and unloading alike."""
+    """Shift of each pad along its normal near each of LOADS, the same in loading and unloading."""
     approaches = []
     near = [np.interp(recording.load, LOADS, unit) for unit in np.eye(len(LOADS))]
     for pad, name in enumerate(recording.pad_names):

@@ -1,7 +1,7 @@
-"""The normal equations of all signatures of a case, everything else integrated out.
+"""The normal equations of all signatures of a case, with all other columns integrated out.
 
-N = phi.W' phi and b = phi.W' y with W' the weight after 1/E and the nuisances (GramMatrix.marginal). Some
-hundred numbers stand for the recordings: every linear explanation is tried with them alone.
+N = phi.W' phi and b = phi.W' y with W' the weight after 1/E and the nuisances (GramMatrix.marginal). These
+hundred or so numbers replace the recordings in every linear explanation.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,9 +16,9 @@ from fem.mismatch.evidence.linear_evidence import GramMatrix
 
 @dataclass(frozen=True, kw_only=True)
 class SignatureEquations:
-    """`columns`: those of the case's products, in order. `ways`: of every effect its alternative signatures,
-    each the numbers of its columns here. `sd`, `positive`: prior of each amount; `least`: of one that is
-    positive, the least that has a meaning.
+    """`columns`: those of the case's products, in order. `ways`: each effect's alternative signatures, as
+    indices of their columns here. `sd`, `positive`: prior of each amount; `least`: the smallest meaningful
+    value of a positive amount.
     """
 
     normal: Float[np.ndarray, "c c"]
@@ -62,9 +62,9 @@ class SignatureEquations:
     def log_bayes_factors(
         self, right: Float[np.ndarray, "d c"], *, said: Mapping[str, Sequence[float]] | None = None
     ) -> dict[str, Float[np.ndarray, " d"]]:
-        """ln Bayes factor of each effect over none, the mean over its signatures, for d data b.
+        """Log Bayes factor of each effect over none, the mean over its signatures, for d data b.
 
-        `said`: ln likelihood of what else is known of each signature, by effect.
+        `said`: auxiliary log likelihood of each signature, by effect.
         """
         factors = {}
         for name, ways in self.ways.items():
@@ -78,12 +78,12 @@ class SignatureEquations:
         return factors
 
     def numbers(self, columns: Sequence[int]) -> tuple[int, ...]:
-        """Where these columns of the case's products are here."""
+        """Indices here of these columns of the case's products."""
         return tuple(self.columns.index(j) for j in columns)
 
     def given(self, first: Sequence[int]) -> tuple["SignatureEquations", float]:
-        """The equations of all else where the columns `first` explain a part of the data, and what these
-        explain, their signal b'(N + L)^-1 b.
+        """The equations after the columns `first` are integrated out, and the signal b'(N + L)^-1 b that
+        these columns explain.
         """
         given_columns = list(first)
         normal = self.normal[np.ix_(given_columns, given_columns)] + np.diag(self.sd[given_columns] ** -2.0)
@@ -96,14 +96,14 @@ class SignatureEquations:
         ), float(self.right[given_columns] @ solved[:, -1])
 
     def with_law_error(self, signal: float, law_error: float) -> "SignatureEquations":
-        """The same where a first effect's law, which explains `signal`, is not exact. Its error is noise: its
-        variance in any direction is `law_error`^2 of the signal.
+        """The equations if the law of a first effect, which explains `signal`, is not exact. Its error counts
+        as noise with a variance of `law_error`^2 times the signal in any direction.
         """
         noise = 1 + law_error**2 * signal
         return replace(self, normal=self.normal / noise, right=self.right / noise)
 
     def amounts(self, columns: Sequence[int]) -> Float[np.ndarray, " k"]:
-        """Posterior means of the amounts of these columns, of no others: (N + L)^-1 b."""
+        """Posterior means of the amounts of these columns without others: (N + L)^-1 b."""
         at = list(columns)
         return np.asarray(
             np.linalg.solve(self.normal[np.ix_(at, at)] + np.diag(self.sd[at] ** -2.0), self.right[at])
@@ -113,8 +113,7 @@ class SignatureEquations:
         self, columns: Sequence[int], right: Float[np.ndarray, "d c"]
     ) -> Float[np.ndarray, " d"]:
         """Of one signature over none. With a ~ N(0, L^-1): b'(N + L)^-1 b / 2 - ln det(I + L^-1 N) / 2, plus
-        ln 2 Phi(mean / sd) where the amount is positive. Below the least amount that has a meaning, none is
-        gained.
+        ln 2 Phi(mean / sd) for a positive amount. It is at most zero if an amount is below its `least`.
         """
         at = list(columns)
         weight = self.sd[at] ** -2.0

@@ -1,15 +1,15 @@
-"""Errors in variables: what the error of the scanned surface adds to the products of fields with the data.
+"""Errors in variables: bias of the products of fields with the data by the error of the scanned surface.
 
-The response c of a wavy surface is off by dc, and the signature phi of another law of the flesh, which
-follows from c, by dphi. Both have the same waves, so that phi . W y with y = data - s c has an expected value
+An error of the surface changes the response c by dc, and the signature phi of another law of the flesh, which
+depends on c, by dphi. Both changes have the same waves. So phi . W y with y = data - s c has a nonzero mean
 without any effect,
 
     n = E[dphi . W (-s dc)],
 
 as it has by the noise of the forces (fem.mismatch.model.force_noise). Uncorrected, a smooth error of
 0.1 mm looks like a skin of 0.3 mm. n is estimated from one drawn error, for which all patterns and the
-laws that are linear in the flesh's stiffness are solved again. n is of second order: the opposite error has
-the same.
+laws that are linear in the flesh's stiffness are solved again. n is of second order: the opposite error gives
+the same n.
 """
 
 from collections.abc import Sequence
@@ -30,10 +30,10 @@ from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.shape_derivative import with_surface_error
 
 SEED = 0
-"""Of the drawn error; any number does."""
+"""Seed of the drawn error; any number does."""
 STEP = 0.01
 """The drawn error as a share of the surface's. dphi and dc are linear in it, and n is scaled by its square; a
-small one turns no element inside out."""
+small error inverts no element."""
 
 
 def surface_products(
@@ -71,9 +71,9 @@ def surface_products(
 
 
 class NearbySolid(UnitModulusSolid):
-    """A solid on a mesh that was moved a little, solved by the factor of the mesh before.
+    """A solid on a slightly moved mesh, solved with the factor of the original mesh.
 
-    With the stiffness K0 + dK it takes U - K0^-1 dK U for the displacement, U that of before: exact to first
+    With the stiffness K0 + dK its displacement is U - K0^-1 dK U, with U on the original mesh: exact to first
     order in the nodes' motion.
     """
 
@@ -85,14 +85,14 @@ class NearbySolid(UnitModulusSolid):
 
 
 def _nearby(solid: UnitModulusSolid, **moved: Any) -> NearbySolid:
-    """The solid with what differs on the moved mesh."""
+    """The solid with the attributes of the moved mesh."""
     return NearbySolid(**{field.name: getattr(solid, field.name) for field in fields(solid)} | moved)
 
 
 def with_drawn_surface(model: CaseModel) -> CaseModel:
-    """The model of the same recordings on a mesh with one more error of the surface, STEP of the budget's.
+    """The model of the same recordings on a mesh with a drawn surface error, STEP times the budget's.
 
-    Markers stay where they are on their elements. Raises FemFailure (INVERTED_ELEMENTS).
+    Markers keep their places on their elements. Raises FemFailure (INVERTED_ELEMENTS).
     """
     base, case = model.base, model.case
     pads = [

@@ -1,17 +1,18 @@
-"""How every piece of flesh shows in the recordings: projections on a few basis functions, by adjoint solves.
+"""Sensitivity of the recordings to the modulus of every piece of flesh, by projections and adjoint solves.
 
 The leading pattern of forces, U_1 with its share a_1(t), carries nearly all of a recording's load. The
 markers' displacement is projected on basis functions psi_k(t) = a_1(t) p_k: polynomials p_k over each pad,
-three directions each. A field phi has the projections y_k = psi_k . W phi
-(fem.mismatch.model.marker_equations), whose noise has covariance
+in three directions. The projections of a field phi are y_k = psi_k . W phi
+(fem.mismatch.model.marker_equations). The covariance of their noise is
 
     M_kl = psi_k . W psi_l
 
-For softer flesh in a piece e, K0 - x K_e, one adjoint solve per basis function gives every piece at once:
+If a piece e of flesh is softer by x, the stiffness is K0 - x K_e. One adjoint solve per basis function gives
+the derivatives d_ke of its projection for all pieces:
 
     d_ke = s Lambda_k' K_e U_1,      Lambda_k = K0^-1 L sum_t a_1(t) (W psi_k)(t)
 
-Projections are stored whitened: of unit variance, and independent. What the basis does not resolve counts
+Projections are stored whitened: uncorrelated, with unit variance. Parts of a field outside the basis count
 neither in the score of a piece nor in its Fisher information.
 """
 
@@ -28,16 +29,16 @@ from fem.parallel_map import parallel_map
 from fem.solid.strain_field import PLACE, FleshStrain, elastic_stress
 
 DEGREE = 2
-"""Of the polynomials over a pad: six, for each of three directions."""
+"""Degree of a pad's polynomials: six for each of three directions."""
 LEAST_INFORMATION = 1e-5
-"""Basis functions that rigid motions and scales explain to within this share are left out."""
+"""Combinations of basis functions are dropped if rigid motions and scales explain all but this share."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GraspBasis:
     """One recording's basis: k whitened projections of v basis functions.
 
-    `basis_functions`: psi, mm. `whitening`: (v, k). `moved`: Lambda_k of the whole flesh. `plain`: the
+    `basis_functions`: psi, mm. `whitening`: (v, k). `moved`: Lambda_k at all nodes of the flesh. `plain`: the
     projections of s c(t).
     """
 
@@ -57,8 +58,8 @@ class GraspBasis:
 class AdjointBasis:
     """The bases of all recordings together; the modulus of the whole flesh is free.
 
-    `cells`: d of four points in every element, per unit drop of modulus there. `plain`: the direction of a
-    change of E, of unit length.
+    `cells`: d at four points of every element, per unit drop of modulus there. `plain`: the unit vector of a
+    change of E.
     """
 
     grasps: tuple[GraspBasis, ...]
@@ -89,7 +90,7 @@ class AdjointBasis:
         )
 
     def observed(self, fields: Fields) -> Float[np.ndarray, " k"]:
-        """The projections of one field per recording, the change of E removed."""
+        """The projections of one field per recording, orthogonal to a change of E."""
         together = [basis.observed(field) for basis, field in zip(self.grasps, fields, strict=True)]
         return self.without_modulus(np.concatenate(together))
 
@@ -101,7 +102,7 @@ class AdjointBasis:
 def _whitened(
     base: PlainModel, recording: GraspResponse, compliance: float
 ) -> tuple[GraspBasis, Float[np.ndarray, "k m 3"]]:
-    """One recording's basis, its adjoint fields still to be solved for, and their loads."""
+    """One recording's basis, with adjoint fields still zero, and the loads of their solves."""
     equations = MarkerEquations.of(
         recording,
         compliance=compliance,

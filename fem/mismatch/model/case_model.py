@@ -1,4 +1,4 @@
-"""The model that effects build on: the plain model of a case at its 1/E, and what is computed of it once."""
+"""The plain model of a case at its 1/E, on which effects build, with values that are computed once."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -26,14 +26,14 @@ from fem.solid.strain_field import FleshStrain
 
 T = TypeVar("T")
 SOFT = 1.5
-"""Compliance ratio of flesh to gel from which on flesh counts as soft."""
+"""Flesh counts as soft above this compliance ratio of flesh to gel."""
 NEWTON_PER_MM3 = 9.81e-6
-"""Weight of flesh, which floats or just sinks in water."""
+"""Specific weight of water: fruit barely float or sink in it."""
 
 
 @dataclass(frozen=True)
 class MemoTable:
-    """Memoised values by key, with a lock each: a thread waits while another computes the value it needs."""
+    """Memoised values and a lock for each key: a thread waits while another computes the value it needs."""
 
     values: dict[object, Any] = field(default_factory=dict)
     locks: dict[object, RLock] = field(default_factory=dict)
@@ -54,13 +54,13 @@ class MemoTable:
 class CaseModel:
     """`compliance` is s = 1/E (1/MPa) of the plain model. `memo`: values computed for it once.
 
-    `graded`: of each recording the model by which grading infers E, about the prior's pit; None where it has
-    no E of the recording; empty: of none. `modulus_scale`: E as graded over E by this response, which has
-    the markers where they touched (fem.mismatch.model.touched_skin) and large deformation in another way.
-    `workers`: how many threads may work on it at once. `path_share`: on which share of their frames laws with
-    a history are followed (fem.mismatch.model.stress_history). `beyond_small_strain`: False where the
-    recordings' response holds finite strain already. `warm_starts`: those of the search that this
-    model is used in, None outside of a search.
+    `graded`: for each recording, the model about the prior's pit from which grading infers E; None if grading
+    has no E for it; empty if it has none at all. `modulus_scale`: E from grading over E by this response,
+    which places markers where they touched (fem.mismatch.model.touched_skin) and treats large deformation
+    differently. `workers`: greatest number of threads. `path_share`: factor on the number of frames at which
+    laws with a history are solved (fem.mismatch.model.stress_history). `beyond_small_strain`: False if the
+    recordings' response includes finite strain already. `warm_starts`: those of the search that uses this
+    model; None outside a search.
     """
 
     base: PlainModel
@@ -78,17 +78,17 @@ class CaseModel:
         return self.memo.memoised(key, compute)
 
     def each(self, call: Callable[[GraspResponse], T]) -> list[T]:
-        """`call` of every recording, in their order, in parallel."""
+        """Results of `call` for each recording, in order; run in parallel."""
         return parallel_map(call, self.grasps, workers=self.workers)
 
     @property
     def case(self) -> MismatchCase:
-        """The recordings of one fruit, and what is assumed of them."""
+        """The recordings of one fruit, with the assumptions about them."""
         return self.base.case
 
     @property
     def mesh(self) -> FleshMesh:
-        """The flesh round the prior's pit."""
+        """The flesh around the prior's pit."""
         return self.case.mesh
 
     @property
@@ -107,10 +107,9 @@ class CaseModel:
         return list(dict.fromkeys(pad for recording in self.grasps for pad in recording.pad_names))
 
     def marker_equations(self, recording: GraspResponse) -> MarkerEquations:
-        """Those of its markers, with the case's own spread of marker scales.
+        """Equations of a recording's markers, with the case's standard deviation of marker scales.
 
-        A frame of a thinned recording stands for those left out beside it: with it fewer numbers count as
-        one.
+        A frame of a thinned recording represents the frames left out; the design effect falls in proportion.
         """
 
         def compute() -> MarkerEquations:
@@ -124,7 +123,10 @@ class CaseModel:
         return self.memoised(("marker equations", recording.case.name, self.compliance), compute)
 
     def balance_equations(self, recording: GraspResponse) -> BalanceEquations | None:
-        """Those of its forces, where nothing but several pads holds the fruit; its weight is a nuisance."""
+        """Equilibrium of its forces; None unless two or more pads alone hold the fruit.
+
+        The weight is a nuisance.
+        """
 
         def compute() -> BalanceEquations | None:
             if recording.case.support != "free" or len(recording.links) < 2:
@@ -135,8 +137,8 @@ class CaseModel:
         return self.memoised(("balance equations", recording.case.name), compute)
 
     def compliance_products(self, unit: Fields, shift_mm: Fields | None = None) -> tuple[float, float, float]:
-        """y' W y, u' W y and u' W u of all recordings where the markers move by u per MPa of 1/E, and y is
-        their way less any shift: the best 1/E is the second over the third.
+        """y' W y, u' W y and u' W u summed over recordings. u: displacement of the markers for E = 1 MPa; y:
+        their measured displacement less any shift. The best 1/E is the second over the third.
         """
         data = along = plain = 0.0
         for k, recording in enumerate(self.grasps):
@@ -150,12 +152,12 @@ class CaseModel:
 
     @property
     def pull(self) -> Pull:
-        """How far gels are pulled away from the skin, all recordings of the fruit together."""
+        """Markers at which gels pull at the skin, over all recordings of the fruit."""
         return self.memoised("pulling markers", lambda: Pull.of([each.case for each in self.grasps]))
 
     @property
     def gels_stick(self) -> bool:
-        """Whether they stick to the fruit, by all its recordings: one alone may have few that pull."""
+        """Whether gels stick to the fruit, from all recordings: one alone may have few pulling markers."""
         return self.pull.evidence > LEAST_EVIDENCE
 
     @property
@@ -170,17 +172,17 @@ class CaseModel:
 
     @property
     def poisson_ratio(self) -> float:
-        """As the case assumes it."""
+        """Of the case's flesh."""
         return self.case.poisson_ratio
 
     @property
     def points(self) -> FleshStrain:
-        """The points in the flesh at which strains are taken."""
+        """The points in the flesh at which strains are evaluated."""
         return self.memoised("points", lambda: FleshStrain.of(self.mesh))
 
     @property
     def pieces(self) -> FleshPieces:
-        """The flesh as laws with a history are asked for it."""
+        """The flesh in pieces, for the forces of material laws."""
         return self.memoised("pieces", lambda: FleshPieces.of(self.points, workers=self.workers))
 
     @property
@@ -193,7 +195,7 @@ class CaseModel:
 
     @property
     def adjoint_basis(self) -> AdjointBasis:
-        """The basis in which the recordings show every piece of flesh."""
+        """Sensitivity of the recordings to the modulus of every element."""
         return self.memoised(
             ("adjoint basis", self.compliance),
             lambda: AdjointBasis.of(self.base, self.points, compliance=self.compliance, workers=self.workers),

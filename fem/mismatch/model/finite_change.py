@@ -1,13 +1,13 @@
-"""What large deformation adds to the linear change that an effect of the flesh makes.
+"""Change of an effect's linear response by large deformation of the flesh.
 
-Flesh with an amount a of an effect is at w = u / s where
+With an amount a of an effect, the scaled displacement w = u / s of the flesh solves
 
     F(w) + a D(w) = f,        F: Neo-Hookean, D: the effect's own forces, both at finite strain
 
-At a = 0 the derivative of w to a solves K_T w' = -D(w), K_T the tangent at large deformation. At small strain
-it is w0' = -K0^-1 D0 w0, with D0 the linear part of D and w0 = K0^-1 f. Their difference is of second and
-third degree in the forces, like large deformation itself, and is predicted between the same frames. K0's
-factor solves for it as for any law that adds stress: w' - w0' is what K_T - K0 adds to the linear field w0'
+At a = 0 the derivative of w with respect to a solves K_T w' = -D(w), K_T the tangent at large deformation.
+At small strain it is w0' = -K0^-1 D0 w0, with D0 the linear part of D and w0 = K0^-1 f. Their difference is
+of second and third degree in the forces, like large deformation itself, and the same frames predict it. The
+factor of K0 solves for it as for any law that adds stress: K_T - K0 adds w' - w0' to the linear field w0'
 (fem.solid.initial_stress).
 """
 
@@ -24,8 +24,8 @@ from fem.mismatch.model.stress_history import MOST_ROUNDS, neo_hookean_field, st
 from fem.solid.initial_stress import AddedStress
 
 CLOSE_MM = 2e-3
-"""Rounds end when none asks a node of the skin to move more than this, by a usual amount. Set by hand: with
-0.6 um the residuals of `benchmarks/effects_at_truth.py` differ by 0.2 um at most."""
+"""Iterations stop when a usual amount moves no node of the skin by more than this. Set by hand: with 0.6 um
+the residuals of `benchmarks/effects_at_truth.py` differ by 0.2 um at most."""
 
 
 def finite_change(
@@ -34,9 +34,9 @@ def finite_change(
     """w' - w0' at the markers of every recording, mm MPa per unit of the amount.
 
     `operators`: D and D0, from displacements in mm to the nodal forces of a unit amount. `amount`: a usual
-    one. Solved for once for each `key`; at another 1/E it is taken as proportional to it, being mostly of
-    second degree in the forces. Zero where the plain model has no large deformation. Raises FemFailure
-    (NOT_CONVERGED).
+    one. The change is solved for once per `key`; at another 1/E it is scaled in proportion, since it is
+    mostly of second degree in the forces. It is zero if the plain model has no large deformation. Raises
+    FemFailure (NOT_CONVERGED).
     """
     if not model.beyond_small_strain:
         return [np.zeros_like(plain) for plain in model.plain]
@@ -49,7 +49,7 @@ def finite_change(
 def _solved(
     model: CaseModel, operators: Callable[[], tuple[Operator, Operator]], amount: float
 ) -> tuple[float, Fields | FemFailure]:
-    """The 1/E at which it is solved for, and the change or why it is not found."""
+    """The 1/E of the solve, and the change or the failure of the solve."""
     s, field = model.compliance, neo_hookean_field(model)
     if isinstance(field, FemFailure):
         return s, [np.zeros_like(plain) for plain in model.plain]
@@ -79,8 +79,8 @@ def _solved(
 def in_proportion(response: Fields, plain: Fields, first: Fields, finite: Fields) -> Fields:
     """A response of the small-strain law with its change by large deformation.
 
-    The finite change is scaled by the projection of the small-strain change on `first`, all recordings and
-    markers alike. This is exact for small amounts, and bounded where the law's own change is.
+    The finite change is scaled by the projection of the small-strain change on `first`, over all recordings
+    and markers. This is exact for small amounts, and bounded where the law's own change is.
     """
     along = sum(float(np.vdot(c - c0, c1)) for c, c0, c1 in zip(response, plain, first, strict=True))
     size = sum(float(np.vdot(c1, c1)) for c1 in first)

@@ -1,31 +1,31 @@
-"""Errors in variables: draws of the noise that is left in a recording's forces, and what is linear in these.
+"""Errors in variables: draws of the noise in a recording's forces, and its bias on fields linear in them.
 
-A regression on a noisy regressor is biased, and not only attenuated: noise that differs from marker to
-marker is of short waves, and a model that answers less to those, as a stiff surface does, fits better.
-Uncorrected, markers' noise of 4 um on soft sound fruit looks like a skin of 0.3 to 0.5 mm, worth 3 to 27
-nats, and like flesh that is firmer outside.
+A regression on a noisy regressor is biased, and not only attenuated. Noise that is independent between
+markers has short wavelengths. A model that responds less to these, as with a stiff surface, fits better.
+Uncorrected, marker noise of 4 um on soft fruit without mismatch looks like a skin of 0.3 to 0.5 mm. The log
+Bayes factor of that is 3 to 27. The noise also looks like flesh that is firmer outside.
 
-The model's response c = C f holds the noise of the forces, and where these come from the gel's springs
-(fem.estimation.denoised_force) that is the noise of the markers' own displacement. Whatever field phi is
-linear in the forces holds it too, so that its product with the data has an expected value by noise alone:
+The model's response c = C f contains the noise of the forces. If forces are computed from the gel's springs
+(fem.estimation.denoised_force), this is the noise of the markers' own displacement. Every field phi that is
+linear in the forces contains it too. So noise alone gives its product with the data a nonzero mean:
 
     n = E[phi(df) . W e],        e = dy - s C df
 
-dy, df: noise of the markers' places, and of the forces after they were brought to their patterns. The normal
-equations are corrected by it: b_i - n_i for b_i = phi_i . W y (corrected score: Nakamura 1990, Biometrika 77;
-Fuller 1987, Measurement Error Models, section 2.2). W e, brought back to the forces,
-g_r = sum_t a_r(t) (W e)(t), and its adjoint field of the flesh K0^-1 L g_r serve every phi: where phi is a
-change of the flesh's law, phi(t) = s sum_r a_r(t) L' K0^-1 b(U_r),
+dy, df: noise of the markers' positions, and of the forces after projection on their patterns. The normal
+equations use b_i - n_i for b_i = phi_i . W y (corrected score: Nakamura 1990, Biometrika 77; Fuller 1987,
+Measurement Error Models, section 2.2). The projection of W e on the forces' patterns,
+g_r = sum_t a_r(t) (W e)(t), and its adjoint field K0^-1 L g_r serve every phi. If phi is a change of the
+flesh's law, phi(t) = s sum_r a_r(t) L' K0^-1 b(U_r),
 
     phi(df) . W e = s sum_r (K0^-1 L g_r) . b(dU_r)
 
-An effect in the model that is like its signatures phi in the amounts a has noise of its own. With
-Q = E[phi(df) . W phi(df)] the square of the noise beside the plain model becomes less by
+A model with an effect, which resembles its signatures phi in amounts a, has a different noise. With
+Q = E[phi(df) . W phi(df)], the square of its noise is less than that of the plain model by
 
     2 a.n - a.Q a,        and the products of columns phi_j with it are n_j - Q_j a
 
-Noise is of short waves, on which an effect that stiffens the surface soon has done what it can: beyond the
-amounts t a, t = a.n / a.Q a, where the square is least, it stays as it is there.
+Noise has short wavelengths, and an effect that stiffens the surface soon removes most of its response. The
+square is least at the amounts t a, t = a.n / a.Q a; beyond these it is kept constant.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,18 +46,18 @@ from fem.mismatch.model.plain_model import GraspResponse, PlainModel
 from fem.parallel_map import parallel_map
 
 DRAWS = 2
-"""Draws of a recording's noise. Each holds some thousand independent numbers: from one to the next n changes
-by a tenth, and what is corrected is of the size of the amounts' standard deviations."""
+"""Draws of a recording's noise. Each has some thousand independent numbers, so n changes by a tenth between
+draws; the correction is about as large as the amounts' standard deviations."""
 WeighedMarkers: TypeAlias = Callable[[Float[np.ndarray, "f n 3"]], Float[np.ndarray, "f n 3"]]
-"""W of a recording: from a field of its markers to the W-image."""
+"""W of a recording: the map from a field phi of its markers to W phi."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ForceNoise:
     """p draws of one recording's noise, each by patterns r; s is the plain model's 1/E.
 
-    `force_N`: df_r on the markers. `moved`: dU_r = K0^-1 L df_r of the whole flesh (E = 1 MPa), `response`
-    the markers'. `weighed`: W e. `adjoint`: K0^-1 L g_r of the whole flesh, `adjoint_response` the markers'.
+    `force_N`: df_r on the markers. `moved`: dU_r = K0^-1 L df_r at all nodes (E = 1 MPa), `response` at the
+    markers. `weighed`: W e. `adjoint`: K0^-1 L g_r at all nodes, `adjoint_response` at the markers.
     """
 
     compliance: float
@@ -70,30 +70,30 @@ class ForceNoise:
     adjoint_response: Float[np.ndarray, "p r n 3"]
 
     def of_draws(self, products: Float[np.ndarray, " p"]) -> float:
-        """Their mean, for the recording as it is thinned: a frame left out has its share in the patterns."""
+        """Mean over draws, times the share of frames kept: frames left out contribute to the patterns too."""
         return float(products.mean()) * self.recording.kept
 
     def solved(self, loads: Float[np.ndarray, "p r m 3"]) -> Float[np.ndarray, "p f n 3"]:
-        """s sum_r a_r(t) L' K0^-1 b_r at the markers, of loads on the whole flesh by the first patterns."""
+        """s sum_r a_r(t) L' K0^-1 b_r at the markers, with b_r the nodal loads of the first patterns."""
         moved = self.recording.solid.displacement(loads.reshape(-1, *loads.shape[2:]))
         seen = self.recording.at_markers(moved)
         return self.over_time(seen.reshape(*loads.shape[:2], *seen.shape[1:]))
 
     @property
     def leading(self) -> Float[np.ndarray, "p r m 3"]:
-        """`moved` by the patterns that laws of the flesh follow (GraspResponse.leading)."""
+        """`moved` for the patterns with which laws of the flesh are solved (GraspResponse.leading)."""
         return self.moved[:, : self.recording.finer.first]
 
     def over_time(self, response: Float[np.ndarray, "p r n 3"]) -> Float[np.ndarray, "p f n 3"]:
-        """s sum_r a_r(t) c_r of responses by the first patterns."""
+        """s sum_r a_r(t) c_r, c_r the responses to the first patterns."""
         shares = self.recording.shares[:, : response.shape[1]]
         return np.asarray(self.compliance * np.einsum("fr,prnx->pfnx", shares, response))
 
     @cached_value
     def inner_products(self) -> dict[str, float]:
-        """n / s of pit and Poisson's ratio, cause by cause (fem.estimation.sensitivity).
+        """n / s of pit and Poisson's ratio for each cause (fem.estimation.sensitivity).
 
-        The surface's undulations are each recording's own, and eliminated without them.
+        Each recording's surface undulations are eliminated separately, without n.
         """
         moved, adjoint = self.leading, self.adjoint[:, : self.leading.shape[1]]
         flat = (-1, *moved.shape[2:])
@@ -105,14 +105,14 @@ class ForceNoise:
 
 
 class LinearInForces(Protocol):
-    """How a field follows from the forces."""
+    """A linear map from forces to a field."""
 
     def product(self, noise: ForceNoise) -> float:
         """n of the module's docstring for one recording."""
         ...
 
     def fields(self, noise: ForceNoise) -> Float[np.ndarray, "p f n 3"]:
-        """phi(df) of each draw at the markers, mm in the column's unit."""
+        """phi(df) of each draw at the markers, mm per unit of the column."""
         ...
 
 
@@ -120,13 +120,13 @@ class LinearInForces(Protocol):
 class OfFlesh:
     """phi(t) = s sum_r a_r(t) L' K0^-1 b(U_r), r the leading patterns (GraspResponse.leading).
 
-    `load`: b of fields of a recording's flesh, nodal forces.
+    `load`: b, from fields of a recording's flesh to nodal forces.
     """
 
     load: Callable[[GraspResponse, Float[np.ndarray, "q m 3"]], Float[np.ndarray, "q m 3"]]
 
     def product(self, noise: ForceNoise) -> float:
-        """By the adjoint fields: no solve."""
+        """From the adjoint fields, no solve."""
         loads = self._loads(noise)
         work = np.einsum("prmx,prmx->p", noise.adjoint[:, : loads.shape[1]], loads, optimize=True)
         return noise.compliance * noise.of_draws(work)
@@ -142,7 +142,7 @@ class OfFlesh:
 
 @dataclass(frozen=True)
 class OfResponse:
-    """phi = s part(c): `part` of a recording's response c(t)."""
+    """phi = s part(c), `part` linear in a recording's response c(t)."""
 
     part: Callable[[GraspResponse, Float[np.ndarray, "f n 3"]], Float[np.ndarray, "f n 3"]]
 
@@ -157,7 +157,7 @@ class OfResponse:
 
 @dataclass(frozen=True)
 class OfSomeForces:
-    """phi = s C g(f): `part`: g of forces on a recording's markers, as the response to some of them alone."""
+    """phi = s C g(f). `part`: g, linear in the forces on a recording's markers, such as a subset of them."""
 
     part: Callable[[GraspResponse, Float[np.ndarray, "q n 3"]], Float[np.ndarray, "q n 3"]]
 
@@ -183,7 +183,7 @@ ALL = OfResponse(lambda _, response: response)
 
 @dataclass(frozen=True)
 class OfInnerChange:
-    """phi = s dc/dp of a cause inside the fruit (fem.estimation.sensitivity); zero where it has none."""
+    """phi = s dc/dp of a cause inside the fruit (fem.estimation.sensitivity); zero without that cause."""
 
     cause: str
 
@@ -210,9 +210,9 @@ def drawn_force_noise(
     draws: int = DRAWS,
     workers: int = 1,
 ) -> list[ForceNoise]:
-    """Draws of each recording's noise, as its own frames without contact show it, and their adjoint fields.
+    """Draws of each recording's noise, as measured in its no-contact frames, with their adjoint fields.
 
-    The fields of all recordings are solved for together.
+    One solve serves the fields of all recordings.
     """
     drawn = parallel_map(
         lambda recording: _drawn(recording, base.case.budget, draws), base.grasps, workers=workers
@@ -244,14 +244,14 @@ def drawn_force_noise(
 
 
 def _shares(recording: GraspResponse) -> Float[np.ndarray, "f r"]:
-    """Of the patterns that hold the forces' own noise."""
+    """Shares of the patterns that contain the forces' noise."""
     return recording.shares[:, : recording.finer.first + recording.finer.count]
 
 
 def _drawn(
     recording: GraspResponse, budget: ErrorBudget, draws: int
 ) -> tuple[Float[np.ndarray, "p f n 3"], Float[np.ndarray, "p r n 3"]]:
-    """Noise of the markers' places, and of the forces by pattern."""
+    """Noise of the markers' positions, and of the forces for each pattern."""
     rng = np.random.default_rng(0)
     drawn = [
         _of_pad(pad, denoised, recording.used, budget, draws, rng)
@@ -272,7 +272,7 @@ def _of_pad(
     draws: int,
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "p f n 3"], Float[np.ndarray, "p f n 3"]]:
-    """Noise of the markers' places and of the denoised forces: of frames, and of the markers' scales."""
+    """Noise of the markers' positions and of the denoised forces, from frame noise and marker scales."""
     moved, force = pad.gel_displacement_mm[used], pad.force_N[used]
     shape, lag1 = (draws, *moved.shape), pad.lag1 ** spacing(used)
     one_each = (draws, 1, moved.shape[1], 1)
@@ -303,8 +303,8 @@ def _solved(
 
 @dataclass(frozen=True, kw_only=True)
 class NoiseOfChange:
-    """By recording: `square`: what the effect takes off the noise's square; `plain`: n of the plain model's
-    column with it; `signatures`: n of each of its signatures."""
+    """For each recording: `square`: decrease of the noise's square by the effect; `plain`: n of the plain
+    model's column with the effect; `signatures`: n of each of its signatures."""
 
     square: Float[np.ndarray, " k"]
     plain: Float[np.ndarray, " k"]
@@ -314,7 +314,7 @@ class NoiseOfChange:
 def noise_of_change(
     bias: Float[np.ndarray, "k c1"], products: Float[np.ndarray, "k c1 c1"], amounts: Float[np.ndarray, " c"]
 ) -> NoiseOfChange:
-    """n and Q of the plain model's column and of the signatures, of which so much is there."""
+    """Noise terms with an effect, from n (`bias`), Q (`products`) and its signatures' `amounts`."""
     of_signatures, across, plain = products[:, 1:, 1:], products[:, 0, 1:], bias[:, 0]
     gained, lost = float((bias[:, 1:] @ amounts).sum()), float((of_signatures @ amounts @ amounts).sum())
     reached = amounts * (gained / lost if 0 < gained < lost else 1.0)
@@ -329,7 +329,7 @@ def noise_of_change(
 def noise_products(
     columns: Sequence[LinearInForces | None], noise: ForceNoise, weighed_markers: WeighedMarkers
 ) -> Float[np.ndarray, "c c"]:
-    """Q of one recording; zero for what does not follow from the forces."""
+    """Q of one recording; zero for columns that are not linear in the forces."""
     products = np.zeros((len(columns),) * 2)
     fields = {j: column.fields(noise) for j, column in enumerate(columns) if column is not None}
     weighed = {j: np.stack([weighed_markers(draw) for draw in draws]) for j, draws in fields.items()}

@@ -1,4 +1,4 @@
-"""First-order changes of a recording's response: with the fruit's inside, its surface, pads' places."""
+"""First-order changes of a recording's response with pit, Poisson's ratio, surface and pads' places."""
 
 import numpy as np
 from jaxtyping import Float
@@ -9,11 +9,13 @@ from fem.mismatch.model.plain_model import GraspResponse, nodal_loads, seen
 from fem.solid.pad_link import slid
 
 LEADING = 4
-"""Force patterns whose response is followed: the others are hundredths of the first."""
+"""Force patterns whose change is computed: the others' response is hundredths of the first."""
 
 
 def inner_changes(model: CaseModel, recording: GraspResponse) -> dict[str, Float[np.ndarray, "f n 3"]]:
-    """dc/dp, mm MPa, for what moves no pad in fem.estimation.sensitivity: pit, surface, Poisson's ratio."""
+    """dc/dp, mm MPa, for the causes in fem.estimation.sensitivity that move no pad: pit, surface, Poisson's
+    ratio.
+    """
 
     def compute() -> dict[str, Float[np.ndarray, "f n 3"]]:
         solid, chosen = recording.solid, recording.moved[:LEADING]
@@ -26,9 +28,9 @@ def inner_changes(model: CaseModel, recording: GraspResponse) -> dict[str, Float
 
 
 def slid_response(model: CaseModel, recording: GraspResponse, pad: int) -> Float[np.ndarray, "2 f n 3"]:
-    """Change of c per mm by which the pad is moved along its own x and y over the skin, mm MPa / mm.
+    """Change of c per mm of the pad's shift along its own x and y over the skin, mm MPa / mm.
 
-    By central differences; of all pads at once, kept.
+    Central differences; all pads are solved together and memoised.
     """
 
     def compute() -> Float[np.ndarray, "p 2 f n 3"]:

@@ -1,12 +1,12 @@
-"""Least squares over markers in all frames, with all that is each marker's or frame's own eliminated.
+"""Least squares over markers in all frames, with unknowns of single markers and frames eliminated.
 
-Where a marker sits, its scale error and the fruit's rigid motion are unknown in every recording (fem.
-compliance_fit). With them eliminated, normal equations of fields phi consist of the products
+A marker's place, its scale error and the fruit's rigid motion are unknown in every recording
+(fem.estimation.compliance_fit). With them eliminated, normal equations of fields phi consist of the products
 
     N_ij = phi_i . W phi_j,      W = V - V A (A' V A + L)^-1 A' V
 
-V: inverse variance, the mean over each contact taken out; A: rigid motions and scales, L their priors. So
-much does not depend on the fields; one more field costs two passes over the markers.
+V: inverse variance, after subtraction of the mean over each contact; A: rigid motions and scales, L: their
+prior precisions. W does not depend on the fields; one more field costs two passes over the markers.
 """
 
 from dataclasses import dataclass, replace
@@ -33,33 +33,32 @@ from fem.mismatch.model.pulling_markers import pull_N
 MARKER_VARIANCE_INFLATION = 1.15
 """Variance of the plain model's residual on null recordings, over that of their noise without contact."""
 DESIGN_EFFECT = 15.0
-"""Design effect: residuals of a model correlate between neighbouring markers and frames, so that so many
-numbers count as one independent. Effects that are not
-there then gain a few units of ln evidence on sound recordings of two solvers; with a third of it skins and
-soft jaws gain ten times as much, and one that is there only twice. On truth that is converged a quarter of it
-was tried on few cases (docs/validation.md, Scope)."""
+"""Design effect: residuals of a model correlate between neighbouring markers and frames, so this many
+numbers count as one independent number. Absent effects then gain a few units of log evidence on recordings of
+two solvers without mismatch. With a third of it, absent skins and soft jaws gain ten times as much, and a
+present effect only twice. On converged truth a quarter of it was tried on few cases (docs/validation.md,
+Scope)."""
 LEAST_NOISE_SHARE = 0.016
-"""Noise of a marker over the root mean square of the response; a quieter sensor counts as if it had so much.
-The plain model's own error is about half of it, however quiet the sensor: it then adds a quarter to the
-variance at most. Chosen on sound fruit of linear flesh of the sealed
-proof: all three with noise below 0.012 were false alarms, two of nine up to 0.024, none of 25
-above (`benchmarks/sealed/sealed_proof.py`)."""
+"""Least noise of a marker, over the root mean square of the response; a quieter sensor is assigned this
+noise. The plain model's own error is about half of it for any sensor: it then adds a quarter to the variance
+at most. Chosen on the blind test's fruit of linear flesh without mismatch: all three with noise below 0.012
+were false alarms, two of nine up to 0.024, none of 25 above (`benchmarks/sealed/sealed_proof.py`)."""
 _AT_ONCE = 24
-"""Fields at once: memory, nothing else."""
+"""Fields processed at once, to limit memory."""
 
 
 @dataclass(frozen=True)
 class MarkerEquations:
     """W of one recording's markers, in the form in which it is applied.
 
-    Fields are laid out flat, d numbers: x, y, z of every marker in contact, frame by frame. `member`: which
-    number belongs to which contact of a marker's component. `every_frame`: k fields that each frame has any
-    amount of (f k columns): its rigid motion where the fruit moves (`free`), and the response to what noise
-    adds to each force pattern. `marker_fields`: four fields B that each marker may have any amount of, with
-    their priors' weight in `inverse`: its gel displacement (a scale error), and a shift along x, y, z that
-    grows with the load (what scale errors of the forces around it bring). `inverse`: (B' V B + L)^-1;
-    `along`: B' V times `every_frame`; `motions`: the Cholesky factor of the normal equations of
-    `every_frame`, B out.
+    Fields are flat vectors of d numbers: x, y, z of every marker in contact, frame by frame. `member`:
+    incidence of numbers in contacts, for each component. `every_frame`: k fields with an unknown amount in
+    each frame (f k columns): rigid motion if the fruit moves (`free`), and the response to the noise of each
+    force pattern. `marker_fields`: four fields B with an unknown amount for each marker: its gel displacement
+    (a scale error), and a shift along x, y, z in proportion to the load (from scale errors of the forces
+    around it). `inverse`: (B' V B + L)^-1, L: prior precisions of these amounts; `along`: B' V times
+    `every_frame`; `motions`: the Cholesky factor of the normal equations of `every_frame` after elimination
+    of B.
     """
 
     tracks: MarkerTracks
@@ -83,8 +82,8 @@ class MarkerEquations:
     ) -> "MarkerEquations":
         """`compliance`: 1/E; `gel_scale_sd`: relative scale errors of single markers' displacement.
 
-        `design_effect`: how many numbers count as one; 1 where what is left is held against noise itself (of
-        LEAST_NOISE_SHARE at least).
+        `design_effect`: how many numbers count as one; 1 where residuals are compared with noise itself (at
+        least LEAST_NOISE_SHARE).
         """
         tracks = recording.tracks
         least_mm = LEAST_NOISE_SHARE * compliance * _root_mean_square(tracks)
@@ -158,9 +157,9 @@ class MarkerEquations:
         return weighed
 
     def turns(self, field: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f 3"]:
-        """The fruit's turn in each frame that a field in mm shows, rad, about the axes; zero if it is held.
+        """The fruit's rotation vector in each frame, fitted to a field in mm, rad; zero if the fruit is held.
 
-        About its mean over a contact: no more is known of a marker that may sit anywhere.
+        It is relative to its mean over a contact, since the markers' places are unknown.
         """
         if not self.free:
             return np.zeros((len(field), 3))
@@ -177,7 +176,7 @@ class MarkerEquations:
         return np.asarray(self.member.sum(axis=0))[:, None]
 
     def _about_mean(self, flat: Float[np.ndarray, "d q"]) -> Float[np.ndarray, "d q"]:
-        """Less the mean over each contact."""
+        """`flat` less the mean of each contact."""
         return np.asarray(flat - self.member @ ((self.member.T @ flat) / self._contact_frames))
 
     def _residual(self, flat: Float[np.ndarray, "d q"]) -> Float[np.ndarray, "d q"]:
@@ -188,7 +187,7 @@ class MarkerEquations:
     def _fitted(
         self, mine: Float[np.ndarray, "d q"]
     ) -> tuple[Float[np.ndarray, "m q"], Float[np.ndarray, "n4 q"]]:
-        """Amounts of what each frame may have any amount of, and of what each marker may."""
+        """Fitted amounts of `every_frame` and of `marker_fields`."""
         weighted = self.weight_in_contact[:, None] * mine
         amounts = _by_marker(self.inverse, self.marker_fields.T @ weighted)
         motion = cho_solve(self.motions, self.every_frame.T @ weighted - self.along.T @ amounts)
@@ -198,7 +197,7 @@ class MarkerEquations:
 def _sparse_rows(
     blocks: Float[np.ndarray, "e 3 k"], column: Int[np.ndarray, " e"], columns: int
 ) -> csr_array:
-    """Blocks of three rows one below the other, each in the k columns of its own number."""
+    """Sparse matrix of blocks of three rows; block e fills the k columns of number `column[e]`."""
     count, _, wide = blocks.shape
     places = np.repeat(wide * column[:, None] + np.arange(wide), 3, axis=0)
     shape = (3 * count, wide * columns)
@@ -211,31 +210,31 @@ def _by_marker(matrices: Float[np.ndarray, "n 4 4"], columns: Float[np.ndarray, 
 
 
 def _root_mean_square(tracks: MarkerTracks) -> float:
-    """Of a component of the unit response about its mean over a contact, where markers touch, mm MPa."""
+    """RMS of a component of the unit response about its contact mean, over touching markers, mm MPa."""
     about = about_episode_mean(tracks.unit_displacement, tracks.episode)
     return float(np.sqrt((about**2).sum() / max(3 * (tracks.episode >= 0).sum(), 1)))
 
 
 SHIFT_SD_MM, TURN_SD_DEG, UNEVEN = 0.5, 0.15, 1e-3
-"""A priori: pads' places, their turns, and the share of force that scales of single markers leave uneven."""
+"""Prior standard deviations: pads' shift and rotation, and the share of force unbalanced by marker scales."""
 AT_REST = 1.0
-"""A priori: share of the markers' way that the arms of the moments leave out. None of it for real fruit, all
-where flesh is taken to move little, as two simulators do: a pad that shears by 1.2 mm then turns a sound
-fruit by 0.3 N at 20 mm, fifteen times the noise."""
+"""Prior standard deviation: share of the markers' displacement that the moment arms omit. It is 0 for real
+fruit and 1 at small strain, as in two simulators. A pad sheared by 1.2 mm then gives fruit without mismatch a
+moment of 0.3 N at 20 mm, fifteen times the noise."""
 CENTRE_SD_MM, NO_WEIGHT_N = 10.0, 1e-6
-"""How far the centre of weight may lie from the middle between the pads; a weight that is none."""
+"""Prior standard deviation of the centre of gravity from the markers' mean position; least weight."""
 
 
 @dataclass(frozen=True)
 class BalanceEquations:
-    """W of the six sums of force and moment of a fruit that nothing but its pads holds.
+    """W of the six components of resultant force and moment of a fruit that only its pads hold.
 
-    Noise is that of all markers' forces together. Nuisances: each pad a little elsewhere and turned, an
-    imbalance that grows with the load, from the scales of single markers, the fruit's own weight, and whether
-    moments balance where the markers are (flesh in large motion) or where they were at rest (small motion).
-    Where gels stick, the force of every marker that they pull is added to the noise, as a standard deviation
-    (fem.mismatch.model.pulling_markers): a rim of pull is narrower than a marker's square, which counts it in
-    full or not at all.
+    Noise is that of all markers' forces together. Nuisances are a small shift and rotation of each pad, an
+    imbalance in proportion to the load (from marker scales), the fruit's weight, and the choice of moment
+    arms. These reach to the markers' current positions (large motion) or to those at rest (small motion). If
+    gels stick, the force of every pulling marker is added to the noise, as a standard deviation
+    (fem.mismatch.model.pulling_markers). The pulled rim is narrower than a marker's square, which counts it
+    in full or not at all.
     """
 
     measured: Float[np.ndarray, "f 6"]
@@ -247,7 +246,7 @@ class BalanceEquations:
     def of(
         cls, recording: GraspResponse, *, weight_N: float = 0.0, gels_stick: bool = False
     ) -> "BalanceEquations":
-        """From the recording's own forces; the fruit's weight pulls in a direction that nobody says."""
+        """From the recording's own forces; the direction of the fruit's weight is unknown."""
         position, force = recording.tracks.position_mm, recording.force_N
         centre = recording.centre_mm
         columns, spreads = [], []

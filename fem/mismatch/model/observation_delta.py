@@ -1,4 +1,4 @@
-"""What one cause adds to a recording's observations, channel by channel.
+"""Change of a recording's observations by one cause, in each channel.
 
 markers   displacement of every marker in every frame, mm (R2)
 balance   resultant of the pads' forces and moments, N and N mm over ARM_MM of plain_model (R1)
@@ -16,7 +16,7 @@ from fem.mismatch.model.force_noise import LinearInForces
 
 @dataclass(frozen=True, kw_only=True)
 class ObservationDelta:
-    """Change of one recording per unit of a cause; a channel that it does not change is None."""
+    """Change of one recording per unit of a cause; None for a channel that the cause does not change."""
 
     markers: Float[np.ndarray, "f n 3"] | None = None
     balance: Float[np.ndarray, "f 6"] | None = None
@@ -39,11 +39,11 @@ class ObservationDelta:
 class Regressor:
     """One unknown amount: its name, prior mean and standard deviation, its field in every recording.
 
-    None: the recording does not depend on it. `positive`: an amount below `least` has no meaning.
-    `same_as`: the number of the column whose fields it has, among those of a case counted from one, for the
-    model's own error (fem.mismatch.evidence.model_error).
-    `of_forces`: how the fields follow from the forces, where they do linearly (None: they do not, or hardly),
-    from which the noise of the forces in them is known (fem.mismatch.model.force_noise).
+    A field is None if the recording does not depend on the amount. `positive`: an amount below `least` has no
+    meaning. `same_as`: for a column of the model's own error, the number (from one) of the case's column with
+    the same fields (fem.mismatch.evidence.model_error). `of_forces`: the linear map from the forces to the
+    fields, which gives their noise (fem.mismatch.model.force_noise); None if they hardly or not linearly
+    depend on the forces.
     """
 
     name: str

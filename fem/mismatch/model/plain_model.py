@@ -1,12 +1,12 @@
-"""The plain model of the fruit and of its recordings, with all that an effect may change.
+"""The plain model of the fruit and of its recordings, with the fields that effects change.
 
-Each of the patterns f_r that a recording's forces are brought to (fem.estimation.prepared_grasp) is solved
-for once,
+A recording's forces are projected on patterns f_r (fem.estimation.prepared_grasp), and the model solves for
+each pattern once,
 
     U_r = K0^-1 L f_r,        c(t) = sum_r a_r(t) L' U_r,        U(t) = sum_r a_r(t) U_r
 
-with L of fem.solid.pad_link: c is the response of the markers for E = 1 MPa, U that of the whole flesh, of
-which every effect inside the fruit is a function.
+with L of fem.solid.pad_link: c is the displacement of the markers for E = 1 MPa, U that of the whole flesh.
+Every effect inside the fruit is a function of U.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,7 +30,7 @@ from fem.solid.linear_solid import Support, UnitModulusSolid
 from fem.solid.pad_link import PadLink, pad_link
 
 PROBES = 8
-"""Random draws of errors of single markers' forces, from which the unevenness by them is estimated."""
+"""Random draws of single markers' force errors, to estimate the scatter of displacement by them."""
 ARM_MM = 20.0
 """Length by which moments are divided to compare with forces."""
 Fields: TypeAlias = Sequence[Float[np.ndarray, "_f _n 3"]]
@@ -39,17 +39,17 @@ Fields: TypeAlias = Sequence[Float[np.ndarray, "_f _n 3"]]
 
 @dataclass(frozen=True, kw_only=True)
 class GraspResponse:
-    """One recording projected on the plain model, frames `used` of it.
+    """One recording projected on the plain model, in its frames `used`.
 
-    `solid`: the flesh, held as this recording's fruit was. `prepared`: the recording with the forces and
-    contacts that drive the model. `tracks`: markers of all pads side by side, with c(t) as
-    `unit_displacement`. `force_N`: their forces (fem.estimation.denoised_force), `force_sd_N` what noise is
-    left in one component, `patterns` and `shares` (f r) the patterns that they are brought to. `moved`: U_r
-    of the whole flesh, mm MPa, `response`: L' U_r, the markers'. `pose`: of each pad in these frames. `load`:
-    total force over its greatest, frame by frame. `uneven`: standard deviation of each marker's displacement
-    (times E, mm MPa) at the greatest load by errors of single markers' forces: their scales, and the noise
-    that remains in the patterns. `kept`: the share of the loaded frames that are used. `denoised`: how each
-    pad's forces were denoised. `finer`: which of the patterns are smoothed, and how.
+    `solid`: the flesh with this recording's support. `prepared`: the recording with the forces and contacts
+    that drive the model. `tracks`: markers of all pads side by side, with c(t) as `unit_displacement`.
+    `force_N`: their forces (fem.estimation.denoised_force), `force_sd_N`: remaining noise of one component,
+    `patterns` and `shares` (f r): the factors of these forces. `moved`: U_r of the whole flesh, mm MPa,
+    `response`: L' U_r, at the markers. `pose`: of each pad in these frames. `load`: total force over its
+    greatest, frame by frame. `uneven`: standard deviation of each marker's displacement (times E, mm MPa) at
+    the greatest load from errors of single markers' forces: their scales, and the noise in the patterns.
+    `kept`: the share of the loaded frames that are used. `denoised`: how each pad's forces were denoised.
+    `finer`: which of the patterns are smoothed, and how.
     """
 
     case: GraspCase
@@ -88,7 +88,7 @@ class GraspResponse:
 
     @property
     def leading(self) -> Int[np.ndarray, " r"]:
-        """Numbers of the patterns on which another law of flesh is followed: all but the finer ones."""
+        """Indices of the patterns for which other laws of flesh are solved: all but the finer ones."""
         after = self.finer.first + self.finer.count
         return np.asarray(np.r_[: self.finer.first, after : len(self.patterns)])
 
@@ -100,9 +100,9 @@ class GraspResponse:
     def excess(
         self, compliance: float, unit: Float[np.ndarray, "f n 3"] | None = None
     ) -> Float[np.ndarray, "f n 3"]:
-        """How far the markers are beyond their places and s c, mm; `unit`: c, the plain model's if not given.
+        """The markers' positions less their places and s c, mm; `unit`: c (default: the plain model's).
 
-        The fruit's motion is still in it.
+        The fruit's rigid motion is included.
         """
         moved = compliance * (self.tracks.unit_displacement if unit is None else unit)
         return np.asarray(self.tracks.position_mm - self.tracks.place_mm - moved)
@@ -112,11 +112,11 @@ class GraspResponse:
         return nodal_loads(self.links, self.solid, force_N)
 
     def at_markers(self, moved: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r n 3"]:
-        """Displacement of the markers where the whole flesh moves so."""
+        """Displacement of the markers for a displacement of all nodes."""
         return self.seen(moved[:, self.solid.contact_nodes])
 
     def seen(self, on_skin: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "r n 3"]:
-        """Displacement of the markers where the contact nodes move so."""
+        """Displacement of the markers for a displacement of the contact nodes."""
         return seen(self.links, on_skin)
 
     def response_to(self, force_N: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "r n 3"]:
@@ -124,12 +124,12 @@ class GraspResponse:
         return self.at_markers(self.solid.displacement(self.loads(force_N)))
 
     def over_time(self, by_pattern: Float[np.ndarray, "r n 3"]) -> Float[np.ndarray, "f n 3"]:
-        """Responses to the first patterns, combined frame by frame as the recording combines them."""
+        """Responses to the first patterns, summed in each frame with the recording's shares."""
         return np.asarray(np.tensordot(self.shares[:, : len(by_pattern)], by_pattern, axes=(1, 0)))
 
     def over_all_frames(self, values: Float[np.ndarray, "f ..."]) -> Float[np.ndarray, "t ..."]:
-        """Values of the frames used, in all frames, for laws that depend on the history: zero without
-        contact, linear in between, held before the first and after the last of these.
+        """Values of the frames used, extended to all frames for laws with a history: zero without contact,
+        interpolated in between, constant before the first and after the last known frame.
         """
         time = self.case.history.time_s
         touching = np.any([(pad.episode >= 0).any(axis=1) for pad in self.case.history.pads], axis=0)
@@ -145,7 +145,7 @@ class GraspResponse:
         return whole
 
     def own_markers(self, pad: int | str) -> Bool[np.ndarray, "1 n 1"]:
-        """Which markers are this pad's, by number or name, ready to mask fields; none of an absent pad."""
+        """Mask of one pad's markers (by number or name), to broadcast to fields; False for an absent pad."""
         names = np.array(self.pad_names)[self.pad_of_marker]
         mine = names == pad if isinstance(pad, str) else self.pad_of_marker == pad
         return np.asarray(mine)[None, :, None]
@@ -188,7 +188,7 @@ def nodal_loads(
 
 
 def seen(links: Sequence[PadLink], on_skin: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "r n 3"]:
-    """Displacement of the markers of several pads where the contact nodes move so."""
+    """Displacement of the markers of several pads for a displacement of the contact nodes."""
     return np.concatenate([link.at_markers(on_skin) for link in links], axis=1)
 
 
@@ -203,9 +203,9 @@ class PlainModel:
     def displacements(
         self, nodal_N: Sequence[Float[np.ndarray, "_ m 3"]]
     ) -> list[Float[np.ndarray, "_ m 3"]]:
-        """Of the whole flesh (times E) under loads of each recording, each held as its fruit was.
+        """Displacement (times E) of the whole flesh under each recording's loads, with its support.
 
-        Loads solved for together cost half of those of one recording after the other.
+        Solving for all recordings together costs half of solving for one after the other.
         """
         displacements = [np.zeros(0)] * len(nodal_N)
         for support, solid in self.solids.items():
@@ -220,8 +220,8 @@ class PlainModel:
 def plain_model(
     case: MismatchCase, *, solids: Mapping[Support, UnitModulusSolid] | None = None, workers: int = 1
 ) -> PlainModel:
-    """Solves for the patterns; `solids`: factorised before, as in `solids_of`. Raises FemFailure as its parts
-    do.
+    """The plain model with all patterns solved; `solids`: factorised before, as in `solids_of`. Raises
+    FemFailure as its parts do.
     """
     held = solids_of(case, solids or {})
     return PlainModel(
@@ -242,10 +242,10 @@ def plain_model(
 def solids_of(
     case: MismatchCase, solids: Mapping[Support, UnitModulusSolid]
 ) -> dict[Support, UnitModulusSolid]:
-    """The solid for each kind of support: that of `solids`, or factorised here where none of them is of this
-    case's mesh and Poisson's ratio.
+    """The solid for each kind of support: from `solids` if it has this case's mesh and Poisson's ratio, else
+    factorised here.
 
-    All the skin counts as contact, which only gives places their numbers. Raises FemFailure.
+    The whole skin counts as contact, which only numbers its nodes. Raises FemFailure.
     """
     skin = np.sort(case.mesh.outer_nodes)
     parts = None
@@ -264,8 +264,8 @@ def solids_of(
 def project_recording(
     case: GraspCase, solid: UnitModulusSolid, *, force_scale_sd: float, most_frames: int | None = None
 ) -> GraspResponse:
-    """One recording by a solid; `force_scale_sd`: relative scale errors of single markers' forces;
-    `most_frames`: of the loaded frames so many are used, evenly spread (None: all).
+    """One recording projected on a solid; `force_scale_sd`: relative scale errors of single markers' forces;
+    `most_frames`: number of loaded frames that are used, evenly spread (None: all).
     """
     history = case.history
     try:
@@ -324,15 +324,15 @@ def project_recording(
 
 
 def _noise_of_patterns(shares: Float[np.ndarray, "f r"], frame: int) -> float:
-    """Noise of one marker's force in one frame of the patterns, over its noise as recorded.
+    """Noise of one marker's force in a frame after projection on patterns, over its recorded noise.
 
-    A pattern's own noise is that of a mean over the frames in which it acts.
+    The noise of a pattern is that of a mean over the frames in which it acts.
     """
     return float(np.linalg.norm(shares[frame] / np.linalg.norm(shares, axis=0)))
 
 
 def _spread(links: Sequence[PadLink], moved: Float[np.ndarray, "r c 3"]) -> Float[np.ndarray, "n 3"]:
-    """Root mean square over draws and over each pad's markers, of what is not common to the pad."""
+    """Root mean square, over draws and each pad's markers, of the deviation from the pad's mean."""
     spreads = []
     for link in links:
         recording = link.at_markers(moved)

@@ -1,7 +1,7 @@
 """Markers at which the gel pulls at the skin, before and after they have touched it.
 
-What drifts seems to pull at markers that never touch too: their median is taken out. A gel that bulges beside
-the contact pulls before the first touch as well as after it; one that sticks only after it.
+A drift seems to pull also at markers that never touch; their median is subtracted. A gel that bulges beside
+the contact pulls before and after the first touch; a gel that sticks pulls only after it.
 
     ln evidence = a ln(a / m) + b ln(b / m),      m = (a + b) / 2,      a > b
 
@@ -19,22 +19,22 @@ from fem.grasp_history import PadHistory
 from fem.mismatch.mismatch_case import GraspCase
 
 PULLS = 6.0
-"""Standard deviations of a marker's normal force beyond which it pulls: 1e-9 in Gaussian noise, of some 1e5
-numbers a recording. In 16 labelled cases without it, four recordings each, no marker had one after its touch;
-with a gel that sticks 150 of 400 do (`benchmarks/mismatch_bank.py`, cases of adhesion)."""
+"""Standard deviations of a marker's normal force beyond which it pulls: probability 1e-9 in Gaussian noise,
+for some 1e5 numbers a recording. In 16 labelled cases without adhesion, four recordings each, no marker
+pulled after its touch; with a gel that sticks 150 of 400 do (`benchmarks/mismatch_bank.py`, adhesion)."""
 LEAST_EVIDENCE = 20.0
-"""ln evidence, of all recordings together: 29 pulling markers, where none does before its touch. The sound
-cases of `benchmarks/mismatch_bank.py` have none."""
+"""Log evidence of all recordings above which gels stick: 29 pulling markers, if none pulls before its touch.
+Cases of `benchmarks/mismatch_bank.py` without mismatch have none."""
 FEWEST_APART = 4
-"""Markers that never touch, at least: their median tells a drift to 0.6 of a marker's noise. Where there are
-fewer a pull cannot be told from a drift, and none is seen."""
+"""Fewest markers that never touch: their median measures a drift to 0.6 of a marker's noise. With fewer, a
+pull cannot be separated from a drift, and none is reported."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PullingPad:
-    """Which markers of a pad pull in which frame, before (`earlier`) or after they have touched (`later`). Of
-    all: the normal force (N), negative where the gel pulls, and the stretch (mm), positive where it is drawn
-    out, with its noise. `normal`: the pad's, out of its face, in every frame.
+    """Markers of a pad that pull in each frame, before (`earlier`) or after (`later`) their first touch. For
+    all markers: normal force (N), negative where the gel pulls; stretch (mm), positive where the gel is drawn
+    out; the stretch's noise. `normal`: of the pad, out of its face, in every frame.
     """
 
     earlier: Bool[np.ndarray, "t n"]
@@ -72,7 +72,7 @@ def pulling_pads(recording: GraspCase) -> list[PullingPad]:
 
 
 def pull_N(recording: GraspCase) -> Float[np.ndarray, "t n 3"]:
-    """What the gel pulls with at each marker, of all pads, after its touch."""
+    """Pulling force at each marker of all pads after its first touch, N."""
     pads = pulling_pads(recording)
     return np.concatenate(
         [np.where(pad.later, pad.normal_N, 0.0)[..., None] * pad.normal[:, None] for pad in pads], axis=1
@@ -81,8 +81,8 @@ def pull_N(recording: GraspCase) -> Float[np.ndarray, "t n 3"]:
 
 @dataclass(frozen=True, kw_only=True)
 class Pull:
-    """How many markers pull `after` and `before` their first touch, by how far they are drawn out (mm) and
-    the noise of that.
+    """Numbers of markers that pull `after` and `before` their first touch, the gel's stretch at the former
+    (mm) and its noise.
     """
 
     after: int
@@ -92,7 +92,7 @@ class Pull:
 
     @classmethod
     def of(cls, recordings: Sequence[GraspCase]) -> "Pull":
-        """Of all pads of some recordings."""
+        """From all pads of the recordings."""
         pads = [pad for recording in recordings for pad in pulling_pads(recording)]
         return cls(
             after=sum(int(pad.later.any(axis=0).sum()) for pad in pads),
@@ -103,7 +103,7 @@ class Pull:
 
     @property
     def evidence(self) -> float:
-        """ln evidence that the gel sticks, of the module's docstring."""
+        """Log evidence that the gel sticks (module docstring)."""
         if self.after <= self.before:
             return 0.0
         mean = (self.after + self.before) / 2
@@ -119,7 +119,7 @@ class Pull:
 def _less_untouched_median(
     values: Float[np.ndarray, "t n"], ever: Bool[np.ndarray, " n"]
 ) -> Float[np.ndarray, "t n"]:
-    """Less what markers that never touch show in the same frame; nothing where there are too few."""
+    """Values less each frame's median over markers that never touch; zero if these are too few."""
     apart = ~ever
     if apart.sum() < FEWEST_APART:
         return np.zeros_like(values)

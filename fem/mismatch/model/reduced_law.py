@@ -1,13 +1,13 @@
-"""Flesh of another linear law, reduced to the space of the plain law's response and its first corrections.
+"""Flesh under another linear law, reduced to the span of the plain law's response and its first corrections.
 
 K(theta) = sum_i a_i(theta) K_i is projected (Galerkin) on
 
     V = [U, K0^-1 D U, (K0^-1 D)^2 U, (K0^-1 D)^3 U],      D = dK/dtheta
 
-for the patterns U of a recording. Its response agrees with the full one to the seventh power of theta in the
-work done on the loads (moment matching: Antoulas 2005, Approximation of Large-Scale Dynamical Systems,
-chapter 11), and needs no solve of the full system. What the finer patterns of a recording's forces do
-(fem.estimation.finer_patterns), hundredths of the response, is left as the plain law has it.
+for the patterns U of a recording. The work of the loads agrees with that of the full model to the seventh
+power of theta (moment matching: Antoulas 2005, Approximation of Large-Scale Dynamical Systems, chapter 11).
+No solve of the full system is needed. The response to the finer patterns of a recording's forces
+(fem.estimation.finer_patterns), hundredths of the whole, remains that of the plain law.
 """
 
 from collections.abc import Callable, Sequence
@@ -20,7 +20,7 @@ from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.plain_model import Fields, GraspResponse
 
 CORRECTIONS = 3
-"""Powers of K0^-1 D beside U, as above; with three the tests hold reduced answers against full ones
+"""Highest power of K0^-1 D in V; tests compare reduced and full responses for three
 (tests/fem/test_mismatch_core_laws.py)."""
 Operator = Callable[[Float[np.ndarray, "f m 3"]], Float[np.ndarray, "f m 3"]]
 """K_i: from displacements to their nodal forces, for E = 1 MPa."""
@@ -28,8 +28,8 @@ Operator = Callable[[Float[np.ndarray, "f m 3"]], Float[np.ndarray, "f m 3"]]
 
 @dataclass(frozen=True)
 class ReducedLaw:
-    """One recording. `parts`: V' K_i V; `load`: V' f; `recording`: the markers' displacement in each of V;
-    `unchanged`: the finer patterns' response.
+    """One recording. `parts`: V' K_i V; `load`: V' f; `recording`: the markers' displacement for each vector
+    of V; `unchanged`: the finer patterns' response.
     """
 
     parts: Float[np.ndarray, "i q q"]
@@ -70,7 +70,7 @@ def reduced_laws(
     parts: Sequence[Operator],
     corrections: int = CORRECTIONS,
 ) -> list[ReducedLaw]:
-    """Of every recording; the first of `parts` is positive on every strain (it sets the scale)."""
+    """One for each recording; the first of `parts` is positive for every strain (it sets the scale)."""
     grasps = model.grasps
     first = np.cumsum([0, *(len(recording.leading) for recording in grasps)])
     steps = [np.concatenate([recording.moved[recording.leading] for recording in grasps])]
@@ -93,7 +93,7 @@ def _of_recording(
     space: Float[np.ndarray, "q m 3"],
     pulled: Sequence[np.ndarray],
 ) -> ReducedLaw:
-    """`pulled`: what each part's law costs of each field of the space."""
+    """`pulled`: nodal forces by each part's law for each field of `space`."""
     solid, leading = recording.solid, recording.leading
     count = len(leading)
     flat = space.reshape(len(space), -1)

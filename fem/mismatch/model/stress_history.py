@@ -1,15 +1,15 @@
-"""Flesh under a law whose stress depends on the strains so far, under the forces of all recordings.
+"""Flesh whose stress depends on the strain history, under the forces of all recordings.
 
-The law's equation and its solution are those of fem.solid.initial_stress; here are the recordings' chosen
-frames one after the other, what of a solution their markers see, and where a search starts from.
+fem.solid.initial_stress solves the law's equation. This module chooses the recordings' frames, maps solutions
+to the markers, and selects the field from which the iteration starts.
 
-A few frames of a recording are solved for. In the others the excess over the linear law is predicted as by a
-Gaussian process (Rasmussen and Williams 2006, "Gaussian Processes for Machine Learning", section 2.2). The
-next frame chosen is that of greatest variance. The kernel of the process is
+A few frames of a recording are solved for. In the others a Gaussian process predicts the excess over the
+linear law (Rasmussen and Williams 2006, "Gaussian Processes for Machine Learning", section 2.2). The next
+frame chosen is that of greatest variance. The kernel of the process is
 
-- of an elastic law that of fem.estimation.frame_prediction;
-- of a law with a history Matern's 5/2 (eq. 4.17) in the shares a of the recording's force patterns and in
-  max |a| up to then. A chosen frame brings along the one at which its own peak was reached.
+- for an elastic law, that of fem.estimation.frame_prediction;
+- for a law with a history, Matern 5/2 (eq. 4.17) in the shares a of the recording's force patterns and in
+  max |a| so far. With each frame, the frame in which its peak so far occurred is chosen too.
 """
 
 from collections.abc import Sequence
@@ -29,25 +29,26 @@ from fem.solid.initial_stress import AddedStress
 from fem.solid.linear_solid import Support
 
 REACH = 2.0
-"""Length of Matern's kernel, in a recording's greatest load."""
+"""Length scale of the Matern kernel, over a recording's greatest load."""
 NUGGET = 1e-8
-"""On the kernel's diagonal, over its greatest value: nearly equal frames would make it singular."""
+"""Added to the kernel's diagonal, over its greatest value: nearly equal frames would make it singular."""
 
 LEAST_FRAMES = 3
-"""Of a recording, under an elastic law. Set by hand: on one external case of four recordings three frames of
-each leave an error of 0.2 to 1.0 um in 30 um of large deformation, one or two frames 0.9 to 4 um."""
+"""Fewest frames of a recording under an elastic law. Set by hand: on one external case of four recordings,
+three frames each give an error of 0.2 to 1.0 um in 30 um of large deformation, one or two frames 0.9 to
+4 um."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PathFrames:
-    """`chosen`: numbers of the frames (of those used), rising; `mix`: every frame from the chosen ones."""
+    """`chosen`: increasing indices among the frames used; `mix`: weights of these to predict every frame."""
 
     chosen: Int[np.ndarray, " k"]
     mix: Float[np.ndarray, "f k"]
 
 
 def path_frames(grasps: Sequence[GraspResponse], count: int, *, remembers: bool) -> tuple[PathFrames, ...]:
-    """About `count` frames in all, of every recording as many as its path needs."""
+    """About `count` frames in all, shared among recordings by predictive variance."""
     paths = (
         [_Path.with_history(recording.shares) for recording in grasps]
         if remembers
@@ -64,8 +65,8 @@ def path_frames(grasps: Sequence[GraspResponse], count: int, *, remembers: bool)
 class _Path:
     """One recording while its frames are chosen, that of greatest load first.
 
-    `covariance`: of the frames. `brought`: the frame that each brings along. `mix`: every frame from the
-    chosen ones. `unknown`: variance left of each frame, chosen ones -1.
+    `covariance`: of the frames. `brought`: the frame to choose with each. `mix`: weights of the chosen frames
+    to predict every frame. `unknown`: remaining variance of each frame, -1 if chosen.
     """
 
     covariance: Float[np.ndarray, "f f"]
@@ -89,14 +90,14 @@ class _Path:
 
     @classmethod
     def with_history(cls, shares: Float[np.ndarray, "f r"]) -> "_Path":
-        """Of a law that depends on the largest load so far."""
+        """For a law that depends on the largest load so far."""
         size = np.linalg.norm(shares, axis=1)
         peak = np.maximum.accumulate(size)
         states = np.column_stack([shares, peak]) / max(float(size.max()), 1e-300)
         return cls.of(_matern(states), np.searchsorted(peak, peak), int(size.argmax()))
 
     def learn(self, frame: int) -> None:
-        """Chooses one more frame, and the one that it brings along."""
+        """Chooses one more frame, and the frame `brought` with it."""
         self.chosen = np.union1d(self.chosen, [frame, self.brought[frame]])
         jitter = NUGGET * max(float(self.covariance.max()), 1e-300)
         self.mix = weights_of_known(self.covariance, self.chosen, jitter).T
@@ -105,7 +106,7 @@ class _Path:
 
 
 def _elastic_paths(work: Sequence[Float[np.ndarray, "_ _"]]) -> list[_Path]:
-    """Of laws without a history: LEAST_FRAMES chosen of each. The greatest work of all recordings is 1."""
+    """For laws without a history, with LEAST_FRAMES chosen in each; the greatest work sets the scale."""
     greatest = max(max(float(np.diag(each).max()) for each in work), 1e-300)
     paths = []
     for each in work:
@@ -117,7 +118,7 @@ def _elastic_paths(work: Sequence[Float[np.ndarray, "_ _"]]) -> list[_Path]:
 
 
 def _work(recording: GraspResponse) -> Float[np.ndarray, "f f"]:
-    """f . C f of every two frames, N mm MPa."""
+    """f . C f of every pair of frames, N mm MPa."""
     work = np.einsum("rnx,snx->rs", recording.patterns, recording.response, optimize=True)
     return np.asarray(recording.shares @ work @ recording.shares.T)
 
@@ -128,17 +129,17 @@ def _matern(states: Float[np.ndarray, "f d"]) -> Float[np.ndarray, "f f"]:
 
 
 MOST_ROUNDS = 40
-"""Searches of cases with these effects end after 1 to 10 rounds."""
+"""Most iterations: cases with these effects converge in 1 to 10."""
 CLOSE_MM = 6e-4
-"""Rounds end when none asks a node of the skin to move more than this: a tenth of a marker's noise."""
+"""Iterations stop when no node of the skin moves by more than this, a tenth of a marker's noise."""
 
 SMALL_SHARE = 1e-4
-"""Fields of force smaller than this share of the largest are left out of a round."""
+"""Force fields below this share of the largest are left out of an iteration."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PathState:
-    """The chosen frames of all recordings one after the other. `linear`: v0; `first` of each recording."""
+    """The chosen frames of all recordings one after the other. `linear`: v0 (fem.solid.initial_stress)."""
 
     base: PlainModel
     frames: tuple[PathFrames, ...]
@@ -155,11 +156,11 @@ class PathState:
 
     @property
     def first(self) -> list[int]:
-        """Where each recording begins among the frames, and the end."""
+        """Index of each recording's first frame, and the number of frames."""
         return [0, *np.cumsum([len(chosen_frames.chosen) for chosen_frames in self.frames]).tolist()]
 
     def response(self, force: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
-        """K0^-1 of nodal forces, each recording with its own support."""
+        """K0^-1 times nodal forces, each recording with its own support."""
         displacement = np.empty_like(force)
         for support, solid in self.base.solids.items():
             held = self._held(support)
@@ -170,7 +171,7 @@ class PathState:
     def marker_responses(
         self, forces: Sequence[Float[np.ndarray, "f n 3"]]
     ) -> list[list[Float[np.ndarray, "_f _n 3"]]]:
-        """`at_markers` of the `response` to each of several laws' forces, solved for together."""
+        """`at_markers` of the `response` to the forces of several laws, which are solved for together."""
         by_law: list[dict[str, Float[np.ndarray, "_f _n 3"]]] = [{} for _ in forces]
         for support, solid in self.base.solids.items():
             held = self._held(support)
@@ -188,7 +189,7 @@ class PathState:
         return [[responses[recording.case.name] for recording in self.base.grasps] for responses in by_law]
 
     def at_markers(self, field: Float[np.ndarray, "f m 3"]) -> Fields:
-        """Of every recording, in all frames used."""
+        """At every recording's markers, in all frames."""
         responses = []
         for recording, chosen_frames, a, b in zip(
             self.base.grasps, self.frames, self.first, self.first[1:], strict=False
@@ -198,7 +199,7 @@ class PathState:
         return responses
 
     def _held(self, support: Support) -> Int[np.ndarray, " g"]:
-        """Which frames are of recordings with this support."""
+        """Frames of the recordings with this support."""
         of_recording = [recording.case.support == support for recording in self.base.grasps]
         return np.flatnonzero(np.repeat(of_recording, np.diff(self.first)))
 
@@ -206,8 +207,8 @@ class PathState:
 def _few(
     fields: Float[np.ndarray, "f n 3"],
 ) -> tuple[Float[np.ndarray, "f r"], Float[np.ndarray, "r n 3"]]:
-    """An orthogonal basis of the fields, and their coefficients: frames that differ by load alone share
-    one.
+    """The fields' coefficients in an orthogonal basis, and the basis: proportional frames share one basis
+    field.
     """
     flat = fields.reshape(len(fields), -1)
     size, turn = np.linalg.eigh(flat @ flat.T)
@@ -221,7 +222,7 @@ def _combined(recording: GraspResponse, chosen_frames: PathFrames) -> Float[np.n
 
 
 def path_state(model: CaseModel, *, frames: int, remembers: bool) -> PathState:
-    """The model's recordings by about so many frames (times its path_share), chosen once."""
+    """The model's recordings in about so many frames (times its path_share), chosen once."""
 
     def compute() -> PathState:
         count = max(round(model.path_share * frames), len(model.grasps))
@@ -243,8 +244,9 @@ def fixed_point(
 ) -> Float[np.ndarray, "f n 3"]:
     """v - v0 of flesh with this law, to CLOSE_MM at the skin; see AddedStress, also for `together`.
 
-    The search starts from its nearest solution with the law of this `name`, else from `start` (None: zero);
-    `place`: the law's among them. `stiffer`: None for laws that soften. Raises FemFailure (NOT_CONVERGED).
+    The iteration starts from the search's solution nearest to `place` (the law's parameters) under this
+    `name`, else from `start` (None: zero). `stiffer`: None for laws that soften. Raises FemFailure
+    (NOT_CONVERGED).
     """
     problem = AddedStress(
         linear=state.linear,
@@ -267,7 +269,7 @@ def fixed_point(
 
 
 def whole_response(state: PathState, more: Float[np.ndarray, "f m 3"]) -> Fields:
-    """The markers' displacement with v - v0 = `more` added to the linear one, of every recording."""
+    """The markers' displacement in every recording: the linear one plus v - v0 = `more`."""
     return [
         recording.tracks.unit_displacement + displacement
         for recording, displacement in zip(state.base.grasps, state.at_markers(more), strict=True)
@@ -277,17 +279,17 @@ def whole_response(state: PathState, more: Float[np.ndarray, "f m 3"]) -> Fields
 FRAMES = 24
 """Frames of all recordings together."""
 HARDLY_ANY = 0.1
-"""A b that hardly stiffens: W/mu is a hundredth where strains are a tenth, and flesh by the law is then
+"""Stiffening b that is negligible: W/mu is a hundredth at strains of a tenth, so that the law is
 Neo-Hookean."""
 
 
 def stiffening_path(model: CaseModel) -> PathState:
-    """The frames on which the law is followed."""
+    """The frames in which the law is solved."""
     return path_state(model, frames=FRAMES, remembers=False)
 
 
 def beyond_linear(model: CaseModel, b: float) -> Float[np.ndarray, "f n 3"]:
-    """v - v0 (fem.solid.initial_stress), from the linear field shrunk as a whole or a search's own solution.
+    """v - v0 (fem.solid.initial_stress), starting from the linear field times a factor or a warm start.
 
     Finite strain, dead loads on the unloaded skin. Raises FemFailure (NOT_CONVERGED).
     """
@@ -308,8 +310,8 @@ def beyond_linear(model: CaseModel, b: float) -> Float[np.ndarray, "f n 3"]:
 
 
 def neo_hookean_field(model: CaseModel) -> Float[np.ndarray, "f n 3"] | FemFailure:
-    """`beyond_linear` of flesh that hardly stiffens; the failure where flesh is so soft that the search from
-    the linear answer does not settle. Solved for once; at another 1/E in proportion to it.
+    """`beyond_linear` of Neo-Hookean flesh; or the failure, if flesh is so soft that the iteration from the
+    linear field does not converge. Solved for once; at another 1/E it is scaled in proportion.
     """
 
     def compute() -> tuple[float, Float[np.ndarray, "f n 3"] | FemFailure]:

@@ -1,12 +1,12 @@
-"""Where on the undeformed skin the markers sit: the skin that they touched had been displaced before.
+"""Markers' places on the undeformed skin, corrected for its displacement before each marker's touch.
 
-Registration takes the point of the scanned surface that lies straight behind a marker. A marker at the rim of
-a patch meets skin that the middle of the patch has moved outward by then, by a tenth of a millimetre in soft
-fruit:
+Registration takes the point of the scanned surface straight behind a marker. When a marker at the rim of a
+patch touches, the middle of the patch has already moved the skin there outward, by a tenth of a millimetre in
+soft fruit:
 
     X = x_registered - (u - rigid part)_t,       u = s c halfway between the touch and the frame before
 
-t: along the skin. The rigid part over each pad is the fruit's motion or the pad's place, both unknown anyway.
+t: tangential part. The rigid part over each pad is the fruit's motion or the pad's place, both unknown.
 """
 
 from dataclasses import replace
@@ -22,14 +22,14 @@ from fem.mismatch.model.plain_model import GraspResponse, PlainModel, project_re
 from fem.parallel_map import parallel_map
 
 FEWEST = 8
-"""A pad that fewer markers touch stays as registered."""
+"""A pad with fewer touching markers keeps its registration."""
 
 
 def with_touched_skin(
     base: PlainModel, *, compliance: float, most_frames: int | None = None, workers: int = 1
 ) -> PlainModel:
-    """The same recordings on the places where their markers touched, for 1/E = `compliance`; `most_frames` of
-    each (project_recording).
+    """The same recordings with markers at the places that they touched, for 1/E = `compliance`;
+    `most_frames`: see project_recording.
     """
     scale_sd = base.case.budget.force_scale_sd
 
@@ -52,8 +52,8 @@ def touched_case(
     moved_mm: Float[np.ndarray, "f n 3"],
     normal: Float[np.ndarray, "n 3"],
 ) -> GraspCase:
-    """The recording with its markers where they touched; `moved_mm`: s c in the frames used, `normal`: of the
-    skin, outward.
+    """The recording with markers at the places that they touched; `moved_mm`: s c in the frames used;
+    `normal`: of the skin, outward.
     """
     history = case.history
     aside = _pushed_aside(history, used, moved_mm, normal)
@@ -70,7 +70,7 @@ def _pushed_aside(
     moved: Float[np.ndarray, "f n 3"],
     normal: Float[np.ndarray, "n 3"],
 ) -> Float[np.ndarray, "n 3"]:
-    """The skin's motion along itself at each marker's first touch, mm; zero where it never touches."""
+    """Tangential skin displacement at each marker's first touch, mm, less the pad's rigid part; else zero."""
     touches = np.concatenate([pad.episode[used] >= 0 for pad in history.pads], axis=1)
     first, who = touches.argmax(axis=0), np.arange(touches.shape[1])
     before = np.where((first > 0)[:, None], moved[np.maximum(first - 1, 0), who], 0.0)

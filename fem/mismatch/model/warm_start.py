@@ -1,15 +1,15 @@
-"""Warm starts: a search starts from the nearest of the solutions that the same search has found before.
+"""Warm starts: an iteration starts from the nearest solution that the same search has found before.
 
-A search of parameters (fem.mismatch.selection.refinement) solves the same model again and again for
-parameters that differ little; the solutions of one belong to it alone. A call without a search's warm
-starts begins from nothing, so that it gives the same answer whatever was asked before.
+A search of parameters (fem.mismatch.selection.refinement) solves the same model repeatedly for slightly
+different parameters. Each search keeps its own solutions. A call without a search's warm starts begins from
+zero, so that its result does not depend on earlier calls.
 
-Of a response that is expensive to compute the solutions are anchors of a second-order surrogate, exact there:
+For a response that is expensive to compute, solutions are anchors of a second-order surrogate, exact there:
 
     c(theta) = c0 + J theta + k^2 (c(theta_a) - c0 - J theta_a),      k = theta . theta_a / |theta_a|^2
 
-J is the first-order change, theta_a the nearest anchor, in units of the parameters' spreads: where theta is
-farther from all of them than `far` of its own size it becomes one.
+J is the first-order change, theta_a the nearest anchor, in units of the parameters' spreads. If theta is
+farther from every anchor than `far` times its norm, it becomes an anchor.
 """
 
 from collections.abc import Callable
@@ -20,13 +20,13 @@ import numpy as np
 from jaxtyping import Float
 
 MOST = 6
-"""Solutions kept of each model: one may be a field of all frames."""
+"""Solutions kept for each model: one may be a field of all frames."""
 
 
 @dataclass(frozen=True)
 class WarmStarts:
-    """What one search has found, each under the key of the model that found it, with the parameters (in units
-    of distance) that it is for. Values are never changed.
+    """Solutions of one search by the key of their model, each with its parameters (in units of distance).
+    Values are never changed.
     """
 
     solutions: dict[object, tuple[tuple[Float[np.ndarray, " p"], Any], ...]] = field(default_factory=dict)
@@ -34,12 +34,12 @@ class WarmStarts:
     def nearest(
         self, key: object, place: Float[np.ndarray, " p"]
     ) -> tuple[Float[np.ndarray, " p"], Any] | None:
-        """The place of the nearest solution, and the solution; None where there is none."""
+        """The parameters of the nearest solution, and the solution; None if there is none."""
         known = self.solutions.get(key, ())
         return min(known, key=lambda pair: float(np.linalg.norm(pair[0] - place)), default=None)
 
     def keep(self, key: object, place: Float[np.ndarray, " p"], solution: object) -> None:
-        """Keeps one more solution; the oldest of MOST is dropped."""
+        """Keeps one more solution; drops the oldest beyond MOST."""
         self.solutions[key] = ((place, solution), *self.solutions.get(key, ()))[:MOST]
 
     def copy(self) -> "WarmStarts":
@@ -48,9 +48,9 @@ class WarmStarts:
 
 
 NEAR, FAR = 0.1, 0.4
-"""Parameters this near to none, in units of the spreads, add nothing to J."""
+"""Norm of theta, in spreads, below which J theta alone is used; default of `far`."""
 Quantities = list[list[np.ndarray]]
-"""Of each recording."""
+"""For each recording."""
 
 
 def quadratic_surrogate(
@@ -62,7 +62,7 @@ def quadratic_surrogate(
     exact: Callable[[Float[np.ndarray, " p"]], Quantities],
     far: float = FAR,
 ) -> Quantities:
-    """The quantities at theta (in spreads); `exact` is called where no anchor of `starts` lies near."""
+    """The quantities at theta (in spreads); `exact` is called if no anchor of `starts` is near."""
     linear, size = first_order(theta), float(np.linalg.norm(theta))
     if size < NEAR:
         return linear

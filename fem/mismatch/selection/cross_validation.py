@@ -16,7 +16,7 @@ from fem.mismatch.result import GraspTrace, HeldOut
 from fem.parallel_map import parallel_map
 
 NOISE_DRAWS = 8
-"""Draws of the markers' noise, by which what it leaves is known to a percent (some thousand numbers each)."""
+"""Draws of the markers' noise: its residual is then known to a percent (some thousand numbers each)."""
 
 
 def cross_validated(
@@ -25,11 +25,11 @@ def cross_validated(
     before: tuple[GramMatrix, Sequence[int]],
     after: tuple[GramMatrix, Sequence[int]],
 ) -> tuple[HeldOut | None, tuple[GraspTrace, ...]]:
-    """Each recording through both fits to the others, a single one through its own.
+    """Each recording's residual under both fits to the others; under its own fit if there is only one.
 
-    Residual of the markers' motion over the response, root mean square: as forces are proportional to
-    displacements, the normalised force residual; None where there is only one recording. `noise_rms`: the
-    same by the markers' noise alone, of which places, scales and motions take their part as well.
+    HeldOut: root mean square residual of the markers' motion over the response, which equals the normalised
+    force residual, as forces are proportional to displacements; None if there is only one recording.
+    `noise_rms`: the same for the markers' noise alone, after places, scales and motions are fitted out.
     """
     count = len(recorded)
 
@@ -59,7 +59,7 @@ def _trace(
     before: Float[np.ndarray, "f n 3"],
     after: Float[np.ndarray, "f n 3"],
 ) -> GraspTrace:
-    """Force over approach, by what the fits before and after leave of it."""
+    """Force over approach: as recorded, and by the fits before and after."""
     recording = equations.recording
     plain = _approach(recording, model.compliance * recording.tracks.unit_displacement)
     given = plain + _approach(recording, before)

@@ -1,23 +1,24 @@
-"""The posterior of all explanations, and the test against no mismatch: here alone the finder decides.
+"""The posterior of all explanations, and the test of the null hypothesis; the finder decides only here.
 
 Explanations are none, every effect, pairs of effects, and "unknown": physics outside the catalogue. Each has
-a prior probability, a log Bayes factor over the plain model (by linear signatures or full models, model error
-included), divided by TEMPERATURE, and what it leaves of the misfit x, the chi-square per number:
+a prior probability and a log Bayes factor over the plain model. TEMPERATURE divides this factor. It comes
+from linear signatures or full models, model error included. Each also has a likelihood of its misfit x, the
+chi-square per number:
 
-- without a mismatch the plain model's x scatters as MISFIT chi-square(FREEDOM) / FREEDOM;
-- with one, x is as likely to be hidden in that scatter as to stand out (ln x uniform up to MOST_MISFIT times
-  MISFIT), and the true explanation leaves a share of the excess over MISFIT, exponential with mean REMAINING
-  (more, where the scatter hides the excess);
-- unknown physics resembles one of the explanations, gains as much as that one by the motion of the flesh, and
-  leaves any share of the excess.
+- without a mismatch, the plain model's x is distributed as MISFIT chi-square(FREEDOM) / FREEDOM;
+- with one, x follows that distribution or exceeds it at even odds (ln x uniform up to MOST_MISFIT times
+  MISFIT). The true explanation leaves a share of the excess over MISFIT, exponential with mean REMAINING
+  (more, if the scatter hides the excess);
+- unknown physics resembles one of the explanations, has that one's log Bayes factor from the motion of the
+  flesh, and leaves any share of the excess.
 
-The verdict is the smallest set of explanations that holds CREDIBLE of the probability. It says what is there:
-an effect includes every pair that holds it and another one. From a p-value of DETECTION_P on it holds "none",
-and nothing else where "none" is also the likeliest explanation.
+The verdict is the smallest set of explanations whose probabilities add up to CREDIBLE. An effect in it
+includes every pair that contains the effect. If the p-value is at least DETECTION_P, the set contains "none",
+and only "none" if that is also the likeliest explanation.
 
-The p-value needs no bank of recordings. Without a mismatch the products b of the signatures with the data are
-those of noise and of the model's own error, whose scale has a heavy tail (fem.mismatch.evidence.model_error).
-The distribution of a statistic of b follows from draws.
+The p-value needs no bank of recordings. Without a mismatch, the products b of the signatures with the data
+come from noise and from the model's own error, whose scale has a heavy tail
+(fem.mismatch.evidence.model_error). Draws of b give the distribution of its statistics.
 """
 
 from collections.abc import Mapping, Sequence
@@ -34,12 +35,12 @@ from fem.mismatch.result import NONE
 DETECTION_P = 0.05
 """p-value below which there is a mismatch: the usual level."""
 CREDIBLE = 0.95
-"""Probability of the verdict's set."""
+"""Least probability of the verdict's set."""
 PRIOR: Mapping[str, float] = {NONE: 0.5, "single": 0.45, "pair": 0.05}
 """Probabilities before the data; equal for all effects and for all pairs. Set by hand: half of all fruit have
 no mismatch."""
 OUTSIDE = 0.025
-"""Probability before the data that physics outside the catalogue stands behind any of these: its share of the
+"""Prior probability that physics outside the catalogue causes what looks like any of these: its share of the
 bank's cases (6 of 236)."""
 TEMPERATURE = 1.5
 """Divisor of log Bayes factors. Set by hand; the log score of 30 cases of the bank is flat from 1.5 to 3
@@ -48,19 +49,19 @@ MISFIT, FREEDOM = 0.0399, 27.9
 """Mean and degrees of freedom of the chi-square per number that the plain model leaves of
 recordings without mismatch: 38 of nineteen fruit (`benchmarks/results/mismatch-bank.csv`)."""
 MOST_MISFIT = 1000.0
-"""Times MISFIT: the greatest misfit by a mismatch. Set by hand: a grasp's signal over its noise."""
+"""Greatest misfit by a mismatch, over MISFIT. Set by hand: a grasp's signal over its noise."""
 REMAINING = 0.12
 """Mean share of the excess misfit that the true explanation leaves. Set by hand: with a misfit of
 30 times the usual an explanation that leaves 0.75 of the excess is then as likely as unknown physics."""
 DRAWS = 2000
-"""Of b without mismatch: p is known to 0.005 at DETECTION_P."""
+"""Draws of b without mismatch: p is known to 0.005 at DETECTION_P."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Weighed:
     """One explanation before its probability. `gain`: log Bayes factor over the plain model. `direct`: the
-    part of it by marks that recordings show whatever the flesh is. `misfit`: chi-square per number that it
-    leaves. `tenable`: False where its full model cannot be computed; unknown physics may resemble it still.
+    part of `gain` from evidence that does not depend on the flesh. `misfit`: its chi-square per number.
+    `tenable`: False if its full model cannot be computed; unknown physics may still resemble it.
     """
 
     name: str
@@ -71,7 +72,7 @@ class Weighed:
 
 
 def log_prior(name: str, *, effects: int) -> float:
-    """ln of the prior probability of an explanation among so many effects; those of a pair are joined by "+".
+    """Log prior probability of an explanation among so many effects; "+" joins the effects of a pair.
 
     >>> round(float(np.exp(log_prior("none", effects=26))), 3)
     0.5
@@ -86,7 +87,7 @@ def log_prior(name: str, *, effects: int) -> float:
 def probabilities(
     explanations: Sequence[Weighed], *, temperature: float | None = None
 ) -> tuple[Float[np.ndarray, " h"], float]:
-    """Of each of the explanations, "none" among them, and of "unknown"; `temperature`: TEMPERATURE."""
+    """Of each of the explanations, including "none", and of "unknown"; `temperature`: default TEMPERATURE."""
     temperature = TEMPERATURE if temperature is None else temperature
     before = next(explanation.misfit for explanation in explanations if explanation.name == NONE)
     usual = log_usual(before)
@@ -117,7 +118,7 @@ def log_usual(misfit: float) -> float:
 
 
 def credible_set(names: Sequence[str], probability: Sequence[float]) -> tuple[str, ...]:
-    """The fewest names that together have CREDIBLE, likeliest first; a name has the pairs that hold it, too.
+    """The fewest names that together have CREDIBLE, likeliest first; a name includes pairs that contain it.
 
     >>> credible_set(["skin", "none", "slip"], [0.9, 0.08, 0.02])
     ('skin', 'none')
@@ -137,7 +138,7 @@ def credible_set(names: Sequence[str], probability: Sequence[float]) -> tuple[st
 
 
 def verdict_of(probability: Mapping[str, float], *, p_value: float) -> tuple[str, ...]:
-    """The verdict by the probabilities of all explanations and the p-value.
+    """The verdict from the probabilities of all explanations and the p-value.
 
     >>> verdict_of({"none": 0.6, "skin": 0.4}, p_value=0.3)
     ('none',)
@@ -155,13 +156,13 @@ def verdict_of(probability: Mapping[str, float], *, p_value: float) -> tuple[str
 
 @dataclass(frozen=True, kw_only=True)
 class Detection:
-    """Is there a mismatch: each statistic's own p-value."""
+    """The test for a mismatch: the p-value of each statistic."""
 
     p_values: dict[str, float]
 
     @property
     def p_value(self) -> float:
-        """The smallest, corrected for their number (Sidak)."""
+        """The smallest p-value, corrected for their number (Sidak)."""
         return float(-np.expm1(len(self.p_values) * np.log1p(-min(min(self.p_values.values()), 1 - 1e-12))))
 
     @property
@@ -179,12 +180,12 @@ def detection(
     against: Mapping[str, Sequence[float]] | None = None,
     rng: np.random.Generator,
 ) -> Detection:
-    """By the recordings of a case.
+    """The test on the recordings of a case.
 
-    "effects": the mean Bayes factor over the catalogue; `against`: what else the recordings say against each
-    signature, ln likelihood by effect. The draws lack it, as it has no known distribution: p is too large, if
-    anything. "misfit": x of the plain model. "gel": `direct`, the log Bayes factor of what gels show by
-    themselves; a Bayes factor above c has a probability of at most 1/c without mismatch (Markov).
+    "effects": the mean Bayes factor over the catalogue; `against`: other evidence against each signature, as
+    log likelihood by effect. The draws omit it, as its distribution is unknown, so p is conservative.
+    "misfit": x of the plain model. "gel": `direct`, the log Bayes factor of evidence from the gels alone;
+    a Bayes factor above c has a probability of at most 1/c without mismatch (Markov).
     """
     each = {"misfit": misfit_p_value(misfit)}
     if any(len(ways) for ways in equations.ways.values()):
@@ -197,7 +198,7 @@ def detection(
 
 
 def misfit_p_value(misfit: float) -> float:
-    """Probability that the plain model leaves so much where there is no mismatch."""
+    """Probability of at least this misfit of the plain model without a mismatch."""
     return float(gammaincc(FREEDOM / 2, FREEDOM / 2 * max(misfit, 0.0) / MISFIT))
 
 

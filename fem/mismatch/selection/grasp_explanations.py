@@ -1,9 +1,9 @@
-"""All explanations: none, every effect, and every pair that the data speak for.
+"""All explanations: none, every effect, and every pair that the data support.
 
-An effect's evidence is the mean over its signatures, or by its full model where it was refitted. A pair is
-the effect of the greater evidence and a second one, by what the signature of the second adds beside the
-first, above the error of the first one's law (LAW_ERROR of fem.mismatch.effect_spec). A second effect
-that adds nothing is no explanation of its own.
+An effect's evidence is the mean over its signatures, or that of its full model after a refit. A pair is the
+effect of the greater evidence and a second one. The second counts by the evidence that its signature adds to
+the first, above the error of the first one's law (LAW_ERROR of fem.mismatch.effect_spec). A second effect
+that adds nothing makes no pair.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -32,10 +32,10 @@ class Hypothesis(Weighed):
     """One explanation, and the linear fits of its effects: none for "none", two for a pair.
 
     `modulus_change`: E with the effects over E without, and the relative standard deviation that they add, by
-    linear signatures; None for unknown physics, which leaves any `misfit`. `probability`: among all, by
-    `ranked`. `refit`: its full model, which then gives `misfit`, and of a single effect `gain`.
-    `alternatives`: the same with another pad, where that gains about as much: its share of the explanation's
-    probability, and its refit.
+    linear signatures; None for unknown physics, which leaves any `misfit`. `probability`: among all, from
+    `ranked`. `refit`: its full model, which then gives `misfit`, and `gain` for a single effect.
+    `alternatives`: the same effects on another pad with a similar gain: share of the explanation's
+    probability, and refit.
     """
 
     misfit: float = float("nan")
@@ -47,7 +47,7 @@ class Hypothesis(Weighed):
 
 
 def ranked(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
-    """All that are tenable with their probabilities, and "unknown", the likeliest first."""
+    """All tenable explanations with their probabilities, and "unknown", the likeliest first."""
     weighed = list(hypotheses)
     shares, unknown = probabilities(weighed)
     ranking = [
@@ -63,8 +63,8 @@ def ranked(hypotheses: Iterable[Hypothesis]) -> list[Hypothesis]:
 def all_explanations(
     linear: LinearRound, in_full: Mapping[str, Hypothesis] | None = None
 ) -> list[Hypothesis]:
-    """The explanations, "none" last. `in_full`: those with a full model, by name; with one a pair's gain is
-    still by what the second signature adds.
+    """The explanations, "none" last. `in_full`: those with a full model, by name; in a pair the second
+    effect still counts by its signature.
     """
     known = in_full or {}
     singles = [known.get(fits[0].name) or _single(linear, fits) for fits in _ways(linear.linear_fits)]
@@ -108,7 +108,7 @@ def _single(linear: LinearRound, fits: Sequence[LinearFit]) -> Hypothesis:
 
 
 def _mixture(fits: Sequence[LinearFit]) -> tuple[float, float]:
-    """Of `modulus_change` over the signatures, by their evidence: which pad has a gain may be unknown."""
+    """Mixture of `modulus_change` over the signatures, weighted by evidence: the pad may be unknown."""
     gains = np.array([fit.gain for fit in fits])
     share = np.exp(gains - logsumexp(gains))
     changes, added = np.array([fit.modulus_change for fit in fits]).T
@@ -117,9 +117,9 @@ def _mixture(fits: Sequence[LinearFit]) -> tuple[float, float]:
 
 
 def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesis]:
-    """Each effect with every one of smaller evidence, if that adds something beside it.
+    """Each effect with every one of smaller evidence that adds evidence to it.
 
-    Not two faults of one gel relation, each of which shows in part as the other.
+    Two faults of one gel relation make no pair: each partly resembles the other.
     """
     pairs = []
     ways = {fits[0].name: fits for fits in _ways(linear.linear_fits)}
@@ -154,19 +154,19 @@ def _pairs(linear: LinearRound, singles: Sequence[Hypothesis]) -> list[Hypothesi
 
 
 def _equations_after(linear: LinearRound, first: Hypothesis) -> tuple[SignatureEquations, SignatureEquations]:
-    """The equations of all else beside a first effect: its law taken as exact, and with LAW_ERROR."""
+    """The equations of all signatures given a first effect: with its law exact, and with LAW_ERROR."""
     (fit,) = first.linear_fits
     if first.refit is not None and first.refit.others is not None:
         equations, signal = first.refit.others, first.refit.signal
     elif fit.columns:
         equations, signal = linear.equations.given(linear.equations.numbers(fit.columns))
-    else:  # it is seen directly, and leaves the motion as it is
+    else:  # its evidence is direct: it does not change the motion
         equations, signal = linear.equations, 0.0
     return equations, equations.with_law_error(max(signal, 0.0), LAW_ERROR)
 
 
 def _second(linear: LinearRound, equations: SignatureEquations, fit: LinearFit) -> LinearFit:
-    """A signature's fit beside a first effect: gain and amounts are what it adds."""
+    """A signature's fit given a first effect; its gain is the evidence that it adds."""
     if not fit.columns:
         return fit
     numbers = equations.numbers(fit.columns)

@@ -1,11 +1,11 @@
-"""Model selection: the posterior of all explanations, by full models of those that may matter.
+"""Model selection: the posterior of all explanations, with full models of the relevant ones.
 
-Linear signatures say which do (fem.mismatch.selection.grasp_explanations). A large effect is not in
-proportion to its signature, so that another one's may resemble it better. Therefore the effects that gain
-half as much as the best one, and what the verdict holds, are refitted, MOST_REFITS of them at most. The
-full models say how large each effect is, what it gains, and what it leaves of the misfit; with that the
-probabilities are computed again. An explanation cannot be named where its model cannot be computed, or where
-its second effect ends at the bounds of its parameters.
+Linear signatures select these (fem.mismatch.selection.grasp_explanations). A large effect is not proportional
+to its signature, so another effect's signature may resemble it better. Therefore the effects with at least
+half the best log Bayes factor, and those of the verdict, are refitted, MOST_REFITS of them at most. The full
+models give each effect's size, log Bayes factor and misfit; then the probabilities are computed again. An
+explanation is not named if its model cannot be computed, or if its second effect ends at the bounds of its
+parameters.
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,11 +32,11 @@ that a verdict may lack."""
 LEAST_LISTED = 1e-3
 """Probability from which a pair of effects is listed."""
 RIVAL_SHARE = 0.5
-"""Ratio of ln Bayes factors by signatures, to the best, from which another effect, or the same on another
-pad, is refitted. With three misplaced pads the wrong one gained as much or a little more. A loose pit gained
+"""Another effect, or the same on another pad, is refitted if its log Bayes factor by signatures is above this
+share of the best. With three misplaced pads the wrong one gained as much or a little more. A loose pit gained
 0.83 of what soft jaws did (`benchmarks/mismatch.py`). Set by hand, well below these."""
 Way: TypeAlias = tuple[str, bool | None]
-"""What a search keeps of a signature's variant: its pad, and whether a loose pit turns."""
+"""The part of a signature's variant that a search fixes: its pad, and whether a loose pit turns."""
 AT_AN_END = "its second effect ends at the limit of its parameters"
 
 
@@ -53,12 +53,12 @@ class ModelSelection:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Those of the verdict."""
+        """Names in the verdict."""
         return (self.verdict,) if isinstance(self.verdict, str) else self.verdict
 
 
 def select_model(model: CaseModel, linear: LinearRound, *, p_value: float) -> ModelSelection:
-    """Ranking and verdict; what may matter has full models."""
+    """Ranking and verdict; relevant explanations have full models."""
     in_full, without = dict[str, Hypothesis](), dict[str, str]()
     while True:
         hypotheses = all_explanations(linear, in_full)
@@ -93,7 +93,7 @@ def _due(
     ranking: Sequence[Hypothesis], names: Sequence[str], in_full: Mapping[str, Hypothesis]
 ) -> list[Hypothesis]:
     """Those to refit next: effects whose signatures gain half as much as the best, and the verdict's. Pairs
-    wait until no single effect is due, since the first effect's full model may leave nothing for a second.
+    wait until no single effect is due, since the full model of one may explain all.
     """
     effects = [hypothesis for hypothesis in ranking if hypothesis.linear_fits]
     singles = [hypothesis for hypothesis in effects if "+" not in hypothesis.name]
@@ -109,8 +109,8 @@ def _due(
 
 
 def _in_full(model: CaseModel, linear: LinearRound, hypothesis: Hypothesis) -> tuple[Hypothesis, str]:
-    """With its full models over the ways in question, what an effect gains by them, and what they leave of
-    the misfit; else untenable, and why.
+    """The explanation with full models of its plausible ways, their gain and misfit; or untenable, with the
+    reason.
     """
     refits, failed = list[tuple[float, Refit]](), ""
     gains = dict[Way, float]()
@@ -144,8 +144,8 @@ def _in_full(model: CaseModel, linear: LinearRound, hypothesis: Hypothesis) -> t
 
 
 def _over_ways(linear: LinearRound, name: str, in_full: Mapping[Way, float]) -> float:
-    """ln of an effect's mean Bayes factor over its ways. `in_full`: of those with a full model; a way without
-    one gains by its signatures, and no more than the best in full.
+    """ln of an effect's mean Bayes factor over its ways. `in_full`: log Bayes factors of ways with a full
+    model; a way without one has that of its signatures, but no more than the best in full.
     """
     most = max(in_full.values())
     return mean_gain(
@@ -157,9 +157,9 @@ def _over_ways(linear: LinearRound, name: str, in_full: Mapping[Way, float]) -> 
 
 
 def _ways_that_may_be(linear: LinearRound, chosen: LinearFit) -> list[LinearFit]:
-    """A signature, and the best one of each other way of its effect that gains at least RIVAL_SHARE as much.
+    """A signature, and the best one of each other way of its effect that gains above RIVAL_SHARE as much.
 
-    One pad moved and the other turned leave the forces balanced alike: only the full model parts them.
+    A shift of one pad and a rotation of the other balance forces equally: only full models separate them.
     """
     best = {way: fits[0] for way, fits in _by_way(linear, chosen.name).items()}
     most = max((fit.gain for fit in best.values()), default=0.0)

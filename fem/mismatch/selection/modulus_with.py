@@ -1,9 +1,9 @@
 """E of all recordings together: by the plain model, and with an explanation in its place.
 
-Both by grading's own inference (fem.estimation.joint_inference), linear about the prior's pit: what the pit,
-the pads' places and the surface may be off by is marginalised with an effect as without. With an effect in
-place E is known no better than the effect: what its parameters are off by is in its spread, and so is how far
-that inference and the finder's own evidence disagree.
+Both use grading's own inference (fem.estimation.joint_inference), linearised about the prior's pit. With or
+without an effect it marginalises errors of the pit, the pads' places and the surface. With an effect, the
+standard deviation of E also includes the error of the effect's parameters, and the disagreement between that
+inference and the finder's own evidence.
 """
 
 from collections.abc import Sequence
@@ -28,28 +28,28 @@ from fem.mismatch.result import Modulus
 from fem.mismatch.selection.refinement import Refit
 
 LEAST_RELATIVE_SD = 0.01
-"""Of E: what all recordings have in common. A linear truth is met to 0.9 and 1.3 % (docs/validation.md,
+"""Of E, for errors common to all recordings: on linear truth E is off by 0.9 and 1.3 % (docs/validation.md,
 Solver)."""
 SCATTER = 0.02
-"""Relative scatter of one recording's E, where there is no second one to show it."""
+"""Relative scatter of E, assumed if there is only one recording."""
 LEAST_COMPLIANCE = 1e-9
-"""1/MPa: what stands for a fit that gives none above zero, beyond any material's."""
+"""1/MPa, in place of a fitted compliance that is not positive; below any material's."""
 SPREADS = {
     Correction.PIT_OFFSET: "pit_offset_sd_mm",
     Correction.PIT_SIZE: "pit_size_sd",
     Correction.POISSON_RATIO: "poisson_ratio_sd",
 }
-"""The error budget's spread of what an effect puts right: with it in place its own error counts instead."""
+"""The error budget's spread of the input that an effect corrects: the effect's own error replaces it."""
 SYSTEMATIC = 1.5
 """Standard deviations are this many times those of the thinned noise
 (fem.mismatch.model.marker_equations)."""
 
 
 def modulus_of(model: CaseModel, response: Response | None = None) -> Modulus:
-    """E of all recordings, by grading's own inference with an effect's response in the plain one's place.
+    """E of all recordings, by grading's own inference with an effect's response in place of the plain one.
 
-    Without grading's models, or where that inference has no E: the mean of the recordings' own fits. Markers
-    move by what large deformation adds, too.
+    Without grading's models, or if that inference has no E: the mean of the recordings' own fits. The
+    response includes large deformation.
     """
     plain = Response(unit=model.plain)
     beyond = displacement_beyond(model)
@@ -59,7 +59,7 @@ def modulus_of(model: CaseModel, response: Response | None = None) -> Modulus:
 def _moduli(
     model: CaseModel, responses: Sequence[Response], budget: ErrorBudget, *, beyond: Fields
 ) -> list[Modulus]:
-    """E with each of the responses, all by one estimator: differences between them are the responses' own."""
+    """E with each of the responses, all by one estimator: differences come from the responses alone."""
     if any(model.graded):
         with suppress(FemFailure):
             return [_inferred(model, response, budget, beyond=beyond) for response in responses]
@@ -88,7 +88,7 @@ def _fits(
 
 
 def _inferred(model: CaseModel, response: Response, budget: ErrorBudget, *, beyond: Fields) -> Modulus:
-    """By fem.estimation.joint_inference, of the recordings that grading has a model of; raises FemFailure."""
+    """By fem.estimation.joint_inference, from the recordings with a model of grading; raises FemFailure."""
     evidence = [
         first_touch_evidence(
             tracks,
@@ -108,8 +108,8 @@ def _inferred(model: CaseModel, response: Response, budget: ErrorBudget, *, beyo
 
 
 def _mean_of_fits(model: CaseModel, response: Response, *, beyond: Fields) -> Modulus:
-    """The mean of the recordings' own E; its standard deviation by their scatter, and LEAST_RELATIVE_SD for
-    what they have in common.
+    """The mean of the recordings' own E; its standard deviation from their scatter, and LEAST_RELATIVE_SD for
+    common errors.
     """
     logs = -np.log(
         [max(fit.compliance, LEAST_COMPLIANCE) for _, _, fit in _fits(model, response, beyond=beyond)]
@@ -121,7 +121,7 @@ def _mean_of_fits(model: CaseModel, response: Response, *, beyond: Fields) -> Mo
 
 @dataclass(frozen=True, kw_only=True)
 class ModulusWith:
-    """E with a refitted explanation in place: at its parameters (`at`), and all in all (`known`).
+    """E with a refitted explanation in place: at its parameters (`at`), and with their errors (`known`).
 
     `sd`: of the parameters, `change`: d ln E / d parameter, both on the scale searched.
     """
@@ -133,7 +133,7 @@ class ModulusWith:
 
 
 def modulus_with(again: Refit) -> ModulusWith:
-    """What the parameters are off by is in the modulus' spread, and what the two inferences of E differ by.
+    """E, whose standard deviation includes the parameters' errors and the difference of the two inferences.
 
     A law that is wrong by a share of its signal in any direction (LAW_ERROR of fem.mismatch.effect_spec) adds
     that share squared times the signal to the covariance, which is one for the noise.
@@ -166,11 +166,11 @@ def modulus_with(again: Refit) -> ModulusWith:
 
 
 def _apart(again: Refit, modulus: Modulus) -> float:
-    """Half of what E differs by, relative, from that of the finder's own evidence with the same explanation:
-    the standard deviation of two values about their mean.
+    """Half the relative difference of E from that of the finder's own evidence with the same explanation: the
+    standard deviation of two values about their mean.
 
-    Both are of the same recordings and model and weigh them otherwise: what the model lacks moves them apart.
-    That they agree proves nothing, so that this only ever widens an error bar.
+    Both use the same recordings and model with different weights: errors of the model separate them. Their
+    agreement proves nothing, so this only ever widens an error bar.
     """
     compliance = again.model.compliance * (1 + float(again.fit.amounts[0]))
     if compliance <= 0:
@@ -179,7 +179,7 @@ def _apart(again: Refit, modulus: Modulus) -> float:
 
 
 def _without(budget: ErrorBudget, effects: Sequence[Effect]) -> ErrorBudget:
-    """The budget without spreads of what these effects search for."""
+    """The budget without spreads of the inputs that these effects fit."""
     searched = {
         SPREADS[spread]: 0.0 for spread in SPREADS if spread in [effect.spec.correction for effect in effects]
     }
@@ -187,7 +187,7 @@ def _without(budget: ErrorBudget, effects: Sequence[Effect]) -> ErrorBudget:
 
 
 def _law_widening(again: Refit) -> Float[np.ndarray, " p"]:
-    """Factor of each parameter's standard deviation: the noise's own, and the error of its effect's law."""
+    """Factor on each parameter's standard deviation, from noise and from the error of its effect's law."""
     return np.array(
         [
             np.sqrt(SYSTEMATIC**2 + effect.spec.law_error**2 * again.signal)
@@ -198,8 +198,8 @@ def _law_widening(again: Refit) -> Float[np.ndarray, " p"]:
 
 
 def _relation_sd(again: Refit) -> Float[np.ndarray, " p"]:
-    """What the relation of a gel leaves open of a fault's parameters, on the scale searched: the search does
-    not move them by it (HELD of fem.mismatch.gel_fault). Zero of other effects.
+    """Standard deviation of a fault's parameters from a gel's relation, on the scale searched: the search
+    hardly moves them (HELD of fem.mismatch.gel_fault). Zero for other effects.
     """
     return np.array(
         [

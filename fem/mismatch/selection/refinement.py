@@ -1,8 +1,9 @@
 """One effect, or two at once, fitted with the full nonlinear model: Gauss-Newton on evidence.
 
-Parameters are searched on the scale of their EffectParameter. About a guess the responses' slopes, by
-differences, are columns like any other; their amounts are the step, their covariance the parameters'. The
-evidence is that of the linearised model at the end (Laplace), with a prior as wide as the bounds allow.
+Parameters are searched on the scale of their EffectParameter. Finite-difference slopes of the response about
+the current parameters are columns like any other. Their amounts are the step, and their covariance is that of
+the parameters. The evidence is that of the last linearised model (Laplace), with a prior as wide as the
+bounds allow.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,35 +34,35 @@ STEP = 0.03
 MOST_STEP = 1.0
 """In prior spreads: the longest step of a round in any parameter."""
 MARGIN = 1e-3
-"""Share of a parameter's range that is kept from both bounds, where some laws have no answer."""
+"""Margin from both bounds, as a share of a parameter's range: some laws have no solution at a bound."""
 SAME_E = 0.01
-"""Relative change of 1/E below which laws that depend on it are not computed anew: E is known no better."""
+"""Relative change of 1/E below which laws that depend on it are not computed again: E is known no better."""
 TRUST = 10.0
-"""Standard deviations by which a held-out fit may move a parameter along its slope. Set by hand, wide of what
-other recordings can say and narrow enough that slopes hold."""
+"""Standard deviations by which a held-out fit may move a parameter along its slope. Set by hand, wider than
+other recordings determine it and narrow enough for linear slopes."""
 MOST_SINGLE_RESPONSES = 12
-"""Responses of single effects kept: a round of differences of two effects asks for fewer. Set by hand."""
+"""Cached responses of single effects: a round of differences of two effects needs fewer. Set by hand."""
 LAST_ROUND_GAIN = 0.3
-"""ln evidence; a round of a refit that gains less is the last. A fifteenth of what sets two explanations
-apart at odds of 20 to 1, by the temperature of the posterior."""
+"""Log evidence; a round of a refit that gains less is the last. This is a fifteenth of the difference that
+gives two explanations odds of 20 to 1 at the temperature of the posterior."""
 OTHER_START_SHARE = 0.8
-"""Share of the gain at the linear amounts from which another start is taken: it does not rest on slopes at
-nothing, and the search ends nearer to the truth from there (`benchmarks/mismatch.py`, pose_error)."""
+"""Another start is used above this share of the gain at the linear amounts. It does not depend on slopes at
+zero, and the search from there ends nearer to the truth (`benchmarks/mismatch.py`, pose_error)."""
 NEARER, LEAST_SHARE = 0.6, 0.2
-"""By how much a start is taken nearer to nothing where it has no model, and how near at most."""
+"""Factor that moves a start towards zero if it has no model, and the smallest share that is tried."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Refit:
-    """`parameters` of each effect by name, `sd` likewise (on the scale searched: relative where `log`).
+    """`parameters` of each effect by name; `covariance` on the scale searched (relative where `log`).
 
-    `ahead`: of each parameter a step on the scale searched, and the response so far on.
+    `ahead`: for each parameter, a step on the scale searched, and the response after that step.
     `products`: the linearised model at the end, its columns `nuisances` and `slopes`, `fit` of all of them.
-    `others`: equations of all signatures beside the model of one effect, with columns as in the linear round.
-    `model`: with this model's own 1/E, from which `fit`'s first amount counts, and what the search found,
-    from which another may start. `at_an_end`: of each effect, whether a parameter is at the end of its
-    bounds, where it stands for something else. `last_gain`: ln evidence that the last round gained. `signal`:
-    chi-square of the plain model less that of `fit`.
+    `others`: equations of all signatures given the model of one effect, with columns as in the linear round.
+    `model`: with the 1/E to which `fit`'s first amount is relative, and the search's warm starts for another
+    search. `at_an_end`: for each effect, whether a parameter is at the end of its bounds, where it means
+    another cause. `last_gain`: log evidence that the last round gained. `signal`: chi-square of the plain
+    model less that of `fit`.
     """
 
     effects: tuple[Effect, ...]
@@ -87,7 +88,7 @@ class Refit:
         return self.last_gain < LAST_ROUND_GAIN
 
     def near(self) -> GramMatrix:
-        """The linearised model with its slopes trusted for TRUST standard deviations only.
+        """The linearised model with its slopes limited to TRUST standard deviations.
 
         Otherwise directions that a single recording determines would make predictions of the others
         arbitrary.
@@ -108,7 +109,7 @@ class Refit:
 def refit(model: CaseModel, linear: LinearRound, linear_fits: Sequence[LinearFit]) -> Refit:
     """The effects of these signatures, refitted.
 
-    Raises FemFailure where their model cannot be computed from any start, or no longer on the way.
+    Raises FemFailure if their model cannot be computed at any start, or at a later step.
     """
     specs = [spec for fit in linear_fits for spec in fit.effect.spec.searched]
     search = _Search(model, linear, tuple(linear_fits), specs)
@@ -135,7 +136,7 @@ def refit(model: CaseModel, linear: LinearRound, linear_fits: Sequence[LinearFit
         elif gained < LAST_ROUND_GAIN:
             break
     count = len(specs)
-    # slopes are at a given law in its own terms, parameters follow 1/E beside it (strain_power)
+    # slopes are at a fixed 1/E, parameters also change with 1/E (strain_power)
     along = np.eye(len(now.fit.amounts))[-count:]
     along[:, 0] = search.power
     return Refit(
@@ -160,7 +161,7 @@ def refit(model: CaseModel, linear: LinearRound, linear_fits: Sequence[LinearFit
 
 @dataclass(frozen=True, kw_only=True)
 class _Linearised:
-    """`merit`: ln evidence of the model as it stands; `log_evidence`: that with its parameters' widths."""
+    """`merit`: log evidence with parameters fixed; `log_evidence`: with the parameters' widths (Laplace)."""
 
     at: Float[np.ndarray, " p"]
     merit: float
@@ -206,7 +207,7 @@ class _Search:
         self.power = np.array([spec.strain_power for spec in specs])
         self.low_is_a_law = np.array([spec.low_is_a_law for spec in specs])
         self.known: dict[bytes, tuple[Response, float]] = {}
-        # one effect's responses are kept for when another's parameters vary
+        # one effect's responses are cached while another's parameters vary
         self.single_response = lru_cache(MOST_SINGLE_RESPONSES)(self._single_response)
 
     def _scale(self, values: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
@@ -215,11 +216,11 @@ class _Search:
         )
 
     def begun(self, model: CaseModel) -> _Linearised:
-        """The model at the start; where it has none, as with a pit that pokes out, nearer to nothing.
+        """The model at the start; if there is none, as for a pit that pokes out, at a start nearer to zero.
 
-        Where an effect knows another start that gains about as much, at that one.
+        If an effect has another start that gains about as much, that one is used.
 
-        Raises FemFailure where there is none down to LEAST_SHARE of the linear amounts either.
+        Raises FemFailure if there is no model down to LEAST_SHARE of the linear amounts.
         """
         share, before = 1.0, None
         while True:
@@ -255,7 +256,7 @@ class _Search:
         return np.asarray(np.clip(at, self.low + margin, self.high - margin))
 
     def at_an_end(self, at: Float[np.ndarray, " p"]) -> tuple[bool, ...]:
-        """Of each effect whether a parameter has come to the end of its bounds."""
+        """For each effect, whether a parameter is at the end of its bounds."""
         margin = 1.01 * MARGIN * (self.high - self.low)
         ends = ((at <= self.low + margin) & ~self.low_is_a_law) | (at >= self.high - margin)
         first = np.cumsum([0, *(len(fit.effect.spec.searched) for fit in self.linear_fits)])
@@ -267,7 +268,7 @@ class _Search:
         return [{spec.name: next(values) for spec in fit.effect.spec.searched} for fit in self.linear_fits]
 
     def respond(self, at: Float[np.ndarray, " p"]) -> Response:
-        """The responses of the effects, their changes of the plain model added up."""
+        """The sum of the effects' changes of the plain model's response."""
         responses = [
             self.single_response(k, tuple(parameters.items()), self.model.compliance)
             for k, parameters in enumerate(self.by_effect(at))
@@ -281,10 +282,10 @@ class _Search:
         return fit.effect.respond(self.model, dict(parameters), fit.signature.variant)
 
     def followed(self, now: _Linearised) -> tuple[_Linearised, bool]:
-        """The model with the fit's 1/E taken up where the response depends on it; whether it was.
+        """The model at the fit's 1/E, if the response depends on 1/E; and whether 1/E changed.
 
-        Parameters follow it so that the law sees the same (EffectParameter.strain_power). In soft flesh 1/E
-        and the model's own error stand for each other: its columns are left out of that fit.
+        Parameters change with 1/E so that the law stays the same (EffectParameter.strain_power). In soft
+        flesh 1/E and the model's own error are nearly collinear: that fit omits the error's columns.
         """
         if not self.power.any():
             return now, False
@@ -297,7 +298,7 @@ class _Search:
         return self.linearised(self.bounded(now.at + self.power * np.log(share))), True
 
     def merit(self, at: Float[np.ndarray, " p"]) -> float:
-        """ln evidence of the model with these parameters, taken as exact; none where there is no model."""
+        """Log evidence of the model with these parameters fixed; -inf if there is no model."""
         try:
             return self._about(at)[1]
         except FemFailure:
@@ -314,9 +315,9 @@ class _Search:
         return self.known[key]
 
     def linearised(self, at: Float[np.ndarray, " p"]) -> _Linearised:
-        """The model about these parameters, its slopes as columns.
+        """The model about these parameters, with its slopes as columns.
 
-        Laplace: what the slopes would still gain is not there to be had, their widths count.
+        Laplace: the slopes' remaining gain is subtracted; only their widths count.
         """
         response, merit = self._about(at)
         slopes: list[Regressor] = []
@@ -363,7 +364,7 @@ class _Search:
         )
 
     def others_equations(self, now: _Linearised) -> SignatureEquations:
-        """The equations of all signatures beside the model, its slopes integrated out."""
+        """The equations of all signatures given the model, with its slopes integrated out."""
         equations, cut = self.linear.equations, len(now.chosen) - len(self.spread)
         slopes = [now.products.columns[j] for j in now.chosen[cut:]]
         products, chosen = self.linear.products.about(

@@ -1,8 +1,8 @@
-"""E that is reported: the mean over all explanations by their probabilities, and the 90 % interval of all.
+"""The reported E: mean over all explanations, weighted by probability, and the 90 % interval of the mixture.
 
-An explanation that was refitted has an E of its own; one that was not has that of its linear signature;
-"unknown" has the plain model's E, as uncertain as unknown physics has made it. Where no mismatch was detected
-effects widen the error bar and do not move E.
+A refitted explanation has an E of its own; another has that of its linear signature. "unknown" has the plain
+model's E, with the spread that unknown physics has caused. If no mismatch was detected, effects widen the
+error bar and do not move E.
 """
 
 from collections.abc import Sequence
@@ -18,10 +18,10 @@ from fem.mismatch.selection.grasp_explanations import Hypothesis
 from fem.mismatch.selection.refinement import Refit
 
 LARGE_MISFIT = 2.0
-"""Times the noise, root mean square in recordings left out. Set by hand."""
+"""Held-out residual over that of noise, both root mean square. Set by hand."""
 UNKNOWN_MODULUS_SD, LARGE_MISFIT_MODULUS_SD = 0.17, 0.3
-"""Relative; of E where something unknown is missing, without and with a large misfit. So that nine of ten of
-the plain model's errors on labelled cases with an effect lie within 1.645 of it, of 34 cases and of 28
+"""Relative standard deviation of E under unknown physics, without and with a large misfit. Nine of ten errors
+of the plain model on labelled cases with an effect are within 1.645 of it, for 34 and 28 cases
 (`benchmarks/results/mismatch.csv`)."""
 
 
@@ -34,8 +34,8 @@ def reported_modulus(
 ) -> Modulus:
     """E as the module's docstring says; the plain model's where no explanation has an E.
 
-    `weighed`: of each explanation its probability, and E by it. `hidden`: relative spread by faults of the
-    gel that are not among them.
+    `weighed`: probability and E of each explanation. `hidden`: relative spread by faults of the gel that are
+    not among them.
     """
     known = [(weight, modulus) for weight, modulus in weighed if modulus is not None]
     if not sum(weight for weight, _ in known) > 0:
@@ -47,8 +47,8 @@ def reported_modulus(
 def modulus_by(
     hypothesis: Hypothesis, refitted: Modulus | None, plain: Modulus, heldout: HeldOut | None
 ) -> Modulus | None:
-    """E by one explanation. `refitted`: that of its refit, where it has one; `heldout`: how the plain model
-    predicts recordings left out.
+    """E by one explanation. `refitted`: that of its refit, if there is one; `heldout`: the plain model's
+    error in held-out recordings.
     """
     if hypothesis.name == NONE:
         return plain
@@ -61,17 +61,19 @@ def modulus_by(
 
 
 def unknown_spread(heldout: HeldOut | None) -> float:
-    """Relative spread of E by physics that is not known."""
+    """Relative spread of E by unknown physics."""
     large = heldout is not None and heldout.rms_before > LARGE_MISFIT * heldout.noise_rms
     return LARGE_MISFIT_MODULUS_SD if large else UNKNOWN_MODULUS_SD
 
 
 def hidden_gel_spread(model: CaseModel, effects: Sequence[Effect], named: Refit | None) -> float:
-    """Relative spread of E by faults of the gel that are not named and that force against displacement does
-    not exclude: root mean square over those of `effects` with which the flesh's equations fit better.
+    """Relative spread of E by unnamed faults of the gel that the relation of force and displacement allows.
 
-    At even odds beforehand one is there with probability 1 / (1 + exp(-ln evidence)). None beside a named one
-    of the same relation: each shows in part as another.
+    It is the root of the summed expected squares over those of `effects` with which the flesh's equations fit
+    better.
+
+    At even prior odds a fault is present with probability 1 / (1 + exp(-ln evidence)). Zero if a fault of the
+    same relation is named: each partly resembles another.
     """
     if named is not None and any(map(is_of_relation, named.effects)):
         return 0.0

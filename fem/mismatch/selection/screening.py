@@ -23,15 +23,15 @@ from fem.mismatch.model.observation_delta import Regressor
 from fem.parallel_map import parallel_map
 
 Auxiliary: TypeAlias = Callable[[Effect, Signature, Float[np.ndarray, " k"]], tuple[float, float]]
-"""ln likelihood of what else is known of a signature at given amounts, and of its direct marks."""
+"""Auxiliary log likelihood of a signature at given amounts, and log evidence of its direct marks."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LinearFit:
     """One signature of one effect among the columns of a case, fitted with the nuisances.
 
-    `gain`: ln evidence over that of the nuisances, `auxiliary_log_likelihood` (fem.mismatch.effect) included,
-    of which `direct` counts whatever the motion says. `modulus_change`: E with the effect over E without, and
+    `gain`: log evidence over that of the nuisances, with `auxiliary_log_likelihood` (fem.mismatch.effect).
+    Its part `direct` does not depend on the motion. `modulus_change`: E with the effect over E without, and
     the relative standard deviation that it adds.
     """
 
@@ -55,9 +55,9 @@ class LinearFit:
 class LinearRound:
     """All products of a case; `null`: the fit of the nuisances; `linear_fits`: every signature's.
 
-    `equations`: of all signatures, the nuisances integrated out; `null_draws`: their data without mismatch.
-    `without`: effects, one way of theirs to show, or large deformation, that could not be computed, and why.
-    `numbers`: how many numbers all recordings have, left-out frames of thinned ones included.
+    `equations`: of all signatures, with the nuisances integrated out; `null_draws`: their data without
+    mismatch. `without`: effects, variants of effects, or large deformation that could not be computed, with
+    the reason. `numbers`: count of all recordings' numbers, including frames left out by thinning.
     """
 
     products: GramMatrix
@@ -87,7 +87,7 @@ def screened(
 ) -> LinearRound:
     """Signatures of all effects, their products, and the evidence of each alone.
 
-    `noise_draws`: of the noise of forces (fem.mismatch.model.force_noise).
+    `noise_draws`: number of draws of the forces' noise (fem.mismatch.model.force_noise).
     """
     recording: list[tuple[Effect, Signature]] = []
     without: dict[str, str] = {}
@@ -143,8 +143,8 @@ def linear_round(
 ) -> LinearRound:
     """The evidence of each signature, from products alone.
 
-    `nuisances`: columns of the plain model; `signatures`: each with its columns; `auxiliary`: what else is
-    known of it at the amounts found.
+    `nuisances`: columns of the plain model; `signatures`: each with its columns; `auxiliary`: its auxiliary
+    log likelihood at the fitted amounts.
     """
     ways: dict[str, list[tuple[int, ...]]] = {}
     for effect, _, columns in signatures:
@@ -173,7 +173,7 @@ def linear_round(
 
 
 def without_model_error(products: GramMatrix, nuisances: Sequence[int]) -> list[int]:
-    """The nuisances that do not stand for the model's own error."""
+    """The nuisances without those of the model's own error."""
     return [j for j in nuisances if products.columns[j].same_as is None]
 
 
@@ -187,7 +187,7 @@ def _signatures(model: CaseModel, effect: Effect) -> Sequence[Signature] | FemFa
 def _auxiliary(
     model: CaseModel, effect: Effect, signature: Signature, amounts: Float[np.ndarray, " k"]
 ) -> tuple[float, float]:
-    """ln likelihood of what else is known of a signature at these amounts, and of its direct marks."""
+    """Auxiliary log likelihood of a signature at these amounts, and log evidence of its direct marks."""
     said = 0.0
     if effect.says_more:
         said = effect.auxiliary_log_likelihood(
@@ -205,7 +205,7 @@ def _linear_fit(
     signature: Signature,
     columns: tuple[int, ...],
 ) -> LinearFit:
-    """One signature fitted with the nuisances; it gains nothing with an amount that has no meaning."""
+    """One signature fitted with the nuisances; a meaningless amount has a gain of zero at most."""
     fit = products.fit([*nuisances, *columns])
     amounts = fit.amounts[len(fit.amounts) - len(columns) :]
     wrong = violates_sign_constraint(products, columns, amounts)
@@ -234,8 +234,8 @@ def modulus_change(
     """E with effects over E without, and the relative standard deviation that they add to E; E at most
     doubles. `fit`: with the model's own error, the effects' `columns` last; `nuisances`: of the plain model.
 
-    The model's own error is known at a fixed E: it limits what the effects' amounts a are known to, and
-    leaves E at given amounts as it is. With B the fit with the effects and without that error,
+    The model's own error is known at a fixed E: it widens the effects' amounts a, and does not change E at
+    given amounts. With B the fit with the effects and without that error,
 
     1/E at a = (1/E)_B + d (a - a_B),      d = cov_B(1/E, a) cov_B(a)^-1
     """
@@ -254,7 +254,7 @@ def modulus_change(
 
 
 def log_positive(products: GramMatrix, columns: Sequence[int], fit: Fit) -> float:
-    """ln 2 Phi(mean / sd): what an amount's positive prior adds to the evidence with a symmetric one."""
+    """ln 2 Phi(mean / sd): log evidence of an amount's positive prior over that of a symmetric one."""
     if len(columns) != 1 or not products.columns[columns[0]].positive:
         return 0.0
     return float(np.log(2.0) + log_ndtr(fit.amounts[-1] / fit.sd[-1]))
@@ -263,7 +263,7 @@ def log_positive(products: GramMatrix, columns: Sequence[int], fit: Fit) -> floa
 def violates_sign_constraint(
     products: GramMatrix, columns: Sequence[int], amounts: Float[np.ndarray, " k"]
 ) -> bool:
-    """Whether an amount has the wrong sign, or is less than has a meaning."""
+    """Whether an amount has the wrong sign, or is below its `least`."""
     return any(
         products.columns[j].positive and amount < products.columns[j].least
         for j, amount in zip(columns, amounts, strict=True)
