@@ -26,7 +26,7 @@ def plastic_slack_mm(
     spring carries E* per length. With a^2 = R d and x^2 = R y its compression is therefore bounded by
     k sqrt(m), m = d - y, k = 2 P/E* sqrt(R). The elastic compression m/(1 + (sqrt(m)/k)^1.7)^(1/1.7),
     P = 4.9 Y, agrees with finite elements to about 5 % of the largest force. A slab's springs are stiffer and
-    compress less, by the slab's factor on the force (at the deepest point). The set is m minus this compression.
+    compress less, by the slab's factor on the force (at the deepest point). The set is the rest of m.
     Source: Johnson, "Contact Mechanics", 1985, sec. 6.2-6.3 (hardness; fully plastic P = 3 Y over the true,
     piled-up contact).
 
