@@ -92,7 +92,7 @@ class Ellipsoid:
 
         F = E (d/2)^(3/2)/(0.338 K^(3/2) (1 - nu^2) ...) of ANSI/ASAE S368.4 (Hertz with the principal radii
         where the plates touch), times a table's factor on Hertz for other side, large deformation and pit.
-        The table is of neo-Hookean spheroids with rigid pits, with the same diameter along the axis and the
+        Its spheroids are neo-Hookean with rigid pits, with the same diameter along the axis and the
         same mean one across, at the same squeeze. The length is twice the mean radius R: (a/R)^2 = d/(2 R).
         Raises FemFailure (bad-load) if a thickness is given.
         """

@@ -188,7 +188,7 @@ def _descend(
             scaled, force, slope, now = trial, trial_force, trial_slope, now - fall
             damping = max(damping * 0.1, 1e-8)
         else:
-            converged = damping > 1e6  # not even the shortest step gains anything
+            converged = damping > 1e6  # not even the shortest step reduces the misfit
             damping *= 10
         if converged:
             break

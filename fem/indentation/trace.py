@@ -129,7 +129,7 @@ def joined(traces: Sequence[IndenterTrace]) -> IndenterTrace:
     arrays: dict[str, Any] = {}
     for name in PER_FRAME[1:]:
         columns = [getattr(trace, name) for trace in traces]
-        if any(column is not None for column in columns):  # zero of a rig that was not taken off
+        if any(column is not None for column in columns):  # zero for a rig that was not subtracted
             columns = [np.zeros(len(t)) if c is None else c for c, t in zip(columns, times, strict=True)]
             arrays[name] = np.concatenate(columns)
     arrays["numbers"] = tuple(range(len(traces)))

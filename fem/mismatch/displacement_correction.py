@@ -39,7 +39,7 @@ def displacement_corrections(
 
     `at_finite_strain`: whether the effects also change the large deformation.
 
-    Raises FemFailure where the recordings or an effect's model cannot be computed, or 1/E does not settle.
+    Raises FemFailure if the recordings or an effect's model cannot be computed, or 1/E does not settle.
     """
     model = replace(case_model(case)[0], beyond_small_strain=at_finite_strain)
     if not model.compliance > 0:

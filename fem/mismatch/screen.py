@@ -4,7 +4,7 @@ It tests whether a fruit's recordings contradict the plain model, and which effe
 first order, with the test and the posterior of fem.mismatch.selection.decision. It refits nothing, so a
 name is a suggestion. To save time
 
-- long recordings are thinned to MOST_FRAMES frames in all; a frame then stands for its neighbours;
+- long recordings are thinned to MOST_FRAMES frames in all; a frame then represents its neighbours;
 - a soft spot is searched at one radius, and is tried at its best place alone;
 - history-dependent laws use PATH_SHARE of the finder's frames;
 - NOT_SCREENED effects are left out.

@@ -279,7 +279,7 @@ def patches(mesh: FleshMesh) -> tuple[csr_array, Float[np.ndarray, " c"]]:
     points, weights = tri_quadrature()
     x = mesh.nodes_mm[faces]
     slope = np.einsum("qdn,knx->kqdx", t6_gradient(points), x)
-    normal = np.cross(slope[:, :, 1], slope[:, :, 0])  # out of the pit; its length is the area's
+    normal = np.cross(slope[:, :, 1], slope[:, :, 0])  # out of the pit; its length is the area element
     hats = np.column_stack([1 - points.sum(axis=1), points])
     pushes = np.einsum("q,qa,qh,kqx->khax", weights, t6_shape(points), hats, normal)
     spread = np.einsum("q,qh,kq->kh", weights, hats, np.linalg.norm(normal, axis=2))

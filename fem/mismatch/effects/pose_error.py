@@ -1,12 +1,12 @@
-"""`pose_error`: one pad's true pose is shifted in the gel's plane and tilted about the pad's x axis.
+"""`pose_error`: one pad's recorded pose is shifted in the gel's plane and tilted about the pad's x axis.
 
 recorded pose = true pose . shift . tilt. The true positions and forces of its markers are
 
     p_true = pose tilt^-1 shift^-1 (rest + d),        f_true = R tilt^-1 f
 
 If the fruit rotates by w in the grasp, the skin's motion at the true places differs by w x (X_true - X) from
-that at the recorded places. A shear that rotates the fruit by 2 degrees moves a pad that is 3 mm off by
-another tenth of a millimetre.
+that at the recorded places. For a shear that rotates the fruit by 2 degrees and a pad that is 3 mm off, the
+difference is a tenth of a millimetre.
 """
 
 from collections.abc import Sequence

@@ -1,9 +1,9 @@
 """`sensor_gain`: one pad records its force times a gain.
 
 The true force is the recorded one over the gain, on that pad alone; the pads' recorded forces no longer
-balance. A gain common to both pads cannot be separated from Young's modulus. Without the gel, this is also
-true of which of two pads has the gain. The gel decides: the ratio of a pad's measured gel stiffness to the
-value of the gel's maker or a calibration grows by the gain.
+balance. A gain common to both pads cannot be separated from Young's modulus. Without the gel, neither can the
+choice of the pad with the gain. The gel decides: the ratio of a pad's measured gel stiffness to the value
+of the gel's maker or a calibration grows by the gain.
 """
 
 from collections.abc import Sequence

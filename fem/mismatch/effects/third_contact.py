@@ -6,8 +6,8 @@ A palm, a table or a stop touches the skin at X. With F(t) its force,
 
 C_X: the markers' response to a force at X, E = 1 MPa. F needs no law: in every frame it balances the pads'
 own forces. Springs, rigid stops with late contact, and contacts in some of the recordings alone are therefore
-one effect. Its condition is that the moments too are those of a force through one place of the skin, nearly
-along its normal, inwards. The data do not show the support's stiffness: flesh under a contact of 6 mm radius
+one effect. It requires that the moments too are those of a force through one place of the skin, nearly along
+its normal, inwards. The data do not show the support's stiffness: flesh under a contact of 6 mm radius
 has a compliance of about 1/(12 mm E), so that a ripe fruit behaves equally on a palm of 5 N/mm and on a
 table. Places of the contact and its force: fem.mismatch.kinds.third_force.
 """

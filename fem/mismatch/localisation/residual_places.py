@@ -40,7 +40,7 @@ def located(model: CaseModel, residual: Fields) -> tuple[str, str, str]:
         has = enough and len(share) > 1 and share.max() > PLACE_SHARE * share.sum()
         return int(share.argmax()) if has else None
 
-    # phases weigh by their number of samples
+    # phases are compared by their mean excess per number
     phase = most(amount.sum(axis=(0, 2)) / np.maximum(count.sum(axis=(0, 2)), 1.0))
     component = most(amount.sum(axis=(0, 1)))
     pad = 0 if len(names) == 1 else most(amount.sum(axis=(1, 2)))
