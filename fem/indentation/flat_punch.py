@@ -30,8 +30,8 @@ RIM = (
 def slab_factor_of_punch(over_thickness: float, *, poisson_ratio: float) -> float:
     """Stiffness of a slab bonded to a rigid base over that of a half-space, under a smooth punch.
 
-    `over_thickness`: the punch's radius over the slab's thickness. The function solves the Fredholm equation
-    for the punch, phi(t) - integral over [0, 1] of K(t, s) phi(s) ds = 1, with
+    `over_thickness`: the punch's radius over the slab's thickness; the factor is dimensionless. The function
+    solves the Fredholm equation for the punch, phi(t) - integral over [0, 1] of K(t, s) phi(s) ds = 1, with
     K = 2 a/(pi h) integral of (1 - L(x)) cos(x t a/h) cos(x s a/h) dx and the layer's
     L = (2 k sinh 2x - 4x)/(2 k cosh 2x + 4x^2 + 1 + k^2), k = 3 - 4 nu; the factor is the mean of phi.
     Source: Lebedev and Ufliand, "Axisymmetric contact problem for an elastic layer", J. Appl. Math. Mech. 22,

@@ -39,7 +39,7 @@ class Springs:
         curve: Callable[[Float[np.ndarray, "p m"]], Float[np.ndarray, "p m"]],
         deepest_mm: Float[np.ndarray, " p"],
     ) -> "Springs":
-        """Levels up to the deepest grow quadratically: they are denser at first touch."""
+        """Springs up to the deepest; levels grow quadratically, denser at first touch."""
         level = deepest_mm[:, None] * (np.arange(SPRINGS + 1) / SPRINGS) ** 2
         return cls(level_mm=level, curve=curve(level))
 

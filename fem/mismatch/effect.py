@@ -163,7 +163,7 @@ class Effect(ABC):
 
     def at_small_strain(self, model: CaseModel) -> Fields | None:
         """-K0^-1 D U, mm: the one signature, of one column, at small strain, of an effect that adds theta D
-        to the flesh's stiffness K0.
+        to the flesh's stiffness K0. None for other effects.
         """
         return None
 
