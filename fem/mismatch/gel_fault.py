@@ -1,13 +1,14 @@
 """Effects of a gel or its reading that appear in the relation of force to the gel's displacement.
 
 A law (fem.mismatch.evidence.gel_relation.GelLaw) maps true force and displacement to recorded
-ones. The fit of this relation gives the search its start and prior. But a gel may truly behave so and be
-read correctly. The flesh's equations decide: they compare forces and places with the law inverted,
+ones. The fit of this relation gives the search its start and prior. But a gel may truly behave so, and be
+read correctly. The flesh's equations decide: they are fitted with the law inverted,
 
     y - shift(theta) = X + s c(f_true(theta)) + ...
 
-and if they fit no better so, the effect is not detected. f_true drives the model as recorded forces do
-(fem.estimation.prepared_grasp), which derives most of them from the displacement already.
+and without. If inverting the law does not improve their fit, the effect is not detected. f_true drives the
+model as recorded forces do (fem.estimation.prepared_grasp), which derives most of them from the displacement
+already.
 """
 
 from collections.abc import Mapping, Sequence
