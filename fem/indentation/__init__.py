@@ -1,1 +1,1 @@
-"""A bare indenter's force over travel and time: detection, model selection, held-out frames, advice."""
+"""Diagnosis from a bare indenter's curves: detection, model selection, held-out frames, advice."""

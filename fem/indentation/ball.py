@@ -9,9 +9,9 @@ from scipy.interpolate import CubicSpline
 
 from fem.indentation.contact_curve import THICK, ContactCurve, require_positive
 
-#: widest contact over the ball's radius that the table reaches
+#: largest contact radius of the table over the ball's radius
 WIDEST = 0.99999
-#: depth over radius from which small strain is far behind
+#: depth over radius beyond which strain is not small
 DEEP = 0.5
 
 
@@ -24,7 +24,7 @@ def contact_radius_and_force(
     Hertz's d = a^2, F = 4/3 a^3 is the limit of small a. Source: Sneddon, "The relation between load and
     penetration in the axisymmetric Boussinesq problem", Int. J. Engng Sci. 3, 1965, 47-57, sec. 6(c).
 
-    Small contacts are Hertz': depth a^2, force 4/3 a^3.
+    Small contacts agree with Hertz: depth a^2, force 4/3 a^3.
 
     >>> depth, force = contact_radius_and_force(np.array([0.01]))
     >>> (depth / 0.01**2).round(3), (force / 0.01**3).round(3)
@@ -35,12 +35,12 @@ def contact_radius_and_force(
 
 
 def slab_factor(width: Float[np.ndarray, " d"], *, poisson_ratio: float) -> Float[np.ndarray, " d"]:
-    """How much stiffer a slab bonded to a rigid base is than a half-space; width = sqrt(R d) / thickness.
+    """Stiffness of a slab bonded to a rigid base over that of a half-space; width = sqrt(R d) / thickness.
 
     1 - 2 A/pi x + 4 A^2/pi^2 x^2 - 8/pi^3 (A^3 + 4 pi^2/15 B) x^3 + 16 A/pi^4 (A^3 + 3 pi^2/5 B) x^4 with
     A = -(1.2876 - 1.4678 nu + 1.3442 nu^2)/(1 - nu), B = (0.6387 - 1.0277 nu + 1.5164 nu^2)/(1 - nu);
-    meant for x up to 1. (At nu = 1/2 the last term is -0.0975 x^4; the paper prints it with a plus there,
-    which is 1 % of the force at x = 0.5.) Source: Dimitriadis, Horkay, Maresca, Kachar, Chadwick,
+    valid for x up to 1. (At nu = 1/2 the last term is -0.0975 x^4; the paper prints it with a plus sign, a
+    difference of 1 % of the force at x = 0.5.) Source: Dimitriadis, Horkay, Maresca, Kachar, Chadwick,
     "Determination of elastic moduli of thin layers of soft material using the atomic force microscope",
     Biophys. J. 82, 2002, 2798-2810.
 
@@ -76,9 +76,9 @@ class Ball:
         return f"ball of radius {self.radius_mm:g} mm"
 
     def curve(self, *, thickness_mm: float | None, poisson_ratio: float) -> ContactCurve:
-        """Hertz's force times Sneddon's and Dimitriadis's factors, smooth in the root of depth over R.
+        """Hertz's force times Sneddon's and Dimitriadis's factors, as splines in the root of depth over R.
 
-        Up to five radii deep; the contact's true radius a takes the place of sqrt(R d) in the slab's factor.
+        Valid up to a depth of five radii; the true contact radius a replaces sqrt(R d) in the slab's factor.
         """
         contact = WIDEST * np.sin(np.linspace(0, np.pi / 2, 400)[1:])
         depth, force = contact_radius_and_force(contact)

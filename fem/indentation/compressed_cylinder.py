@@ -1,4 +1,4 @@
-"""Elastic force of a cylinder of flesh between two rigid plates, its ends sliding, held, or between."""
+"""Elastic force of a cylinder of flesh between rigid plates, with sliding, bonded or intermediate ends."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -23,14 +23,15 @@ from fem.indentation.contact_curve import (
 TABLE = "bonded_cylinder.csv"
 """Nominal stress over E and strain of bonded neo-Hookean cylinders, by axisymmetric finite elements
 (benchmarks/indentation_geometries.py --write): Poisson's ratio, height over diameter, strain, ratio. One
-value, at the corner of 0.495, 0.25 and 0.3, goes on by the last step of the elements, which stop there."""
+value, at the corner of 0.495, 0.25 and 0.3, is extrapolated by the last step of the elements, which
+stop before it."""
 LARGEST_STRAIN = 0.8
-"""Up to which sliding ends' curve is drawn; a search may look so far."""
+"""End of the curve for sliding ends; a search may go this far."""
 TOE_SHARE = 0.01
-"""Typical width of the first touches of an end over its diameter: about half a degree out of parallel."""
+"""Typical spread of first touches of an end over its diameter: about half a degree out of parallel."""
 TRUSTED_STRAIN = {"lubricated": 0.3, "bonded": 0.2, None: 0.2}
-"""Up to which flesh is taken to follow the law, less what `bend` and stiffening take up; beyond the
-second, sides that bulge come to lie on the plates, and meshes differ by more than a hundredth."""
+"""Strain up to which flesh follows the law, apart from `bend` and stiffening. Beyond 0.2, bulging sides of
+bonded ends touch the plates, and meshes differ by more than a hundredth."""
 
 Ends: TypeAlias = Literal["bonded", "lubricated"]
 
@@ -39,8 +40,8 @@ Ends: TypeAlias = Literal["bonded", "lubricated"]
 def sliding_stress(poisson_ratio: float) -> CubicSpline:
     """Nominal stress over E against nominal strain, sliding ends: a compressible neo-Hookean solid.
 
-    P = mu (l - 1/l) + lambda ln J / l along the axis and nothing across; E e at small strain, and
-    (l^-2 - l)/3 where nu is 1/2. Source: Bonet and Wood, "Nonlinear Continuum Mechanics for Finite Element
+    P = mu (l - 1/l) + lambda ln J / l along the axis and zero across; E e at small strain, and
+    (l^-2 - l)/3 for nu = 1/2. Source: Bonet and Wood, "Nonlinear Continuum Mechanics for Finite Element
     Analysis", 2nd ed., 2008, eq. 6.28.
     """
     nu = poisson_ratio
@@ -91,8 +92,8 @@ def bonded_stress(slender: float, *, poisson_ratio: float) -> CubicSpline:
 
 @dataclass(frozen=True, kw_only=True)
 class Cylinder:
-    """A cylinder of flesh squeezed along its axis; `ends` that slide without friction, or not at all; None:
-    anything between, to be found.
+    """A cylinder of flesh squeezed along its axis. `ends` slide without friction or are bonded; None: a state
+    between, to be fitted.
     """
 
     diameter_mm: float
@@ -113,11 +114,10 @@ class Cylinder:
     def curve(self, *, thickness_mm: float | None, poisson_ratio: float) -> ContactCurve:
         """Force A s(d/H), A the undeformed end.
 
-        The law is neo-Hookean in true geometry, not the small strain of a ball's: a lubricated rubber
-        cylinder is then `none`, not stiffening. Bonded ends flow at 1 + D/(3 root(3) H) times the yield
-        stress (Johnson and Mellor, "Engineering Plasticity", 1973, sec. 6: disc between rough dies) and are
-        stiffer. Raises FemFailure (bad-load) for bonded cylinders beyond the table, and where a thickness is
-        given.
+        The law is neo-Hookean at finite strain, unlike a ball's at small strain: a lubricated rubber cylinder
+        is then `none`, not stiffening. Bonded ends flow at 1 + D/(3 root(3) H) times the yield stress
+        (Johnson and Mellor, "Engineering Plasticity", 1973, sec. 6: disc between rough dies) and are stiffer.
+        Raises FemFailure (bad-load) for bonded cylinders outside the table, and if a thickness is given.
         """
         require_no_thickness(thickness_mm, "a cylinder's is its height")
         slender, area_mm2 = self.height_mm / self.diameter_mm, np.pi * self.diameter_mm**2 / 4
@@ -154,7 +154,7 @@ class Cylinder:
         )
 
     def _of_ends(self, poisson_ratio: float, stiffer: float) -> tuple[str, ...]:
-        """What stated ends do to E."""
+        """Notes on how stated ends affect E."""
         if self.ends is None:
             return ()
         if self.ends == "bonded":
@@ -169,8 +169,8 @@ class Cylinder:
 
 
 def _held_over_sliding(bonded: CubicSpline, sliding: CubicSpline) -> OfDepth:
-    """Stress with held ends over that with sliding ends, of strain; beyond the table it falls towards 1 with
-    its last slope.
+    """Stress with bonded ends over that with sliding ends, as a function of strain. Beyond the table it
+    decays exponentially towards 1, from its last slope.
 
     Coarse finite elements, up to a strain of 0.44, are within 5 % (tests/fem/test_compressed_cylinder.py).
     """

@@ -1,4 +1,4 @@
-"""Elastic force of a fruit, an ellipsoid round a rigid pit, between two rigid plates."""
+"""Elastic force of a fruit, an ellipsoid around a rigid pit, between two rigid plates."""
 
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,28 +19,28 @@ from fem.indentation.contact_curve import (
 from fem.solid.closed_forms import s368_parallel_plates_modulus_MPa
 
 TABLE = "compressed_spheroid.csv"
-"""Force over Hertz's of neo-Hookean spheroids round a rigid pit, by axisymmetric finite elements
+"""Force over Hertz's of neo-Hookean spheroids around a rigid pit, by axisymmetric finite elements
 (benchmarks/indentation_geometries.py --write): nu, pit's share, diameter between the plates over that across,
-approach over the diameter between them, ratio."""
+approach over the diameter between the plates, ratio."""
 TRUSTED_SQUEEZE = 0.2
-"""Approach over the diameter up to which flesh is taken to follow the law."""
+"""Approach over the diameter up to which the law is trusted."""
 LARGEST_PIT = 0.65
-"""Share of the diameter up to which the table goes."""
+"""Largest pit of the table, as a share of the diameter."""
 CURVATURE_SD = 0.15
 """Relative standard deviation of a fruit's radii of curvature about those of the ellipsoid with its diameters
-(set by hand: cheeks are flatter, shoulders steeper). E goes with the inverse root of their product's root."""
+(set by hand: cheeks are flatter, shoulders steeper). E is proportional to their product to the power -1/4."""
 PIT_SD = 0.1
-"""Relative standard deviation of the pit's share (set by hand: what shares scatter by within a cultivar)."""
+"""Relative standard deviation of the pit's share (set by hand: the scatter within a cultivar)."""
 LONGEST = 1.6
-"""Largest of the diameters over the least: as far as the table goes."""
+"""Largest ratio of two diameters: the end of the table."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ellipsoid:
-    """A fruit with three diameters, squeezed along one of them (`axis`, 0 to 2), by plates on both sides.
+    """A fruit with three diameters, squeezed along one of them (`axis`, 0 to 2) between two plates.
 
-    `pit_share`: the pit's diameter over the fruit's, the pit being a concentric ellipsoid of the same shape,
-    bonded to the flesh; 0 where there is none.
+    `pit_share`: the pit's diameter over the fruit's; 0 without a pit. The pit is a concentric ellipsoid of
+    the same shape, bonded to the flesh.
     """
 
     diameters_mm: tuple[float, float, float]
@@ -77,7 +77,7 @@ class Ellipsoid:
 
     @property
     def along_over_across(self) -> float:
-        """Over the geometric mean of the other two."""
+        """That diameter over the geometric mean of the other two."""
         others = [d for k, d in enumerate(self.diameters_mm) if k != self.axis]
         return float(self.along_mm / np.sqrt(np.prod(others)))
 
@@ -88,13 +88,13 @@ class Ellipsoid:
         return p**2 / (self.along_mm / 2), q**2 / (self.along_mm / 2)
 
     def curve(self, *, thickness_mm: float | None, poisson_ratio: float) -> ContactCurve:
-        """Force over the approach of the plates, which both contacts share.
+        """Force as a function of the approach of the plates, half of it at each contact.
 
         F = E (d/2)^(3/2)/(0.338 K^(3/2) (1 - nu^2) ...) of ANSI/ASAE S368.4 (Hertz with the principal radii
-        where the plates touch), times what a neo-Hookean spheroid with the same diameter along it and the
-        same mean one across, round its rigid pit, has over Hertz at the same squeeze: other side, large
-        deformation, pit. Twice the mean radius R is the length: each contact takes half of the approach,
-        (a/R)^2 = d/(2 R). Raises FemFailure (bad-load) where a thickness is given.
+        where the plates touch), times a table's factor on Hertz for other side, large deformation and pit.
+        Its spheroids are neo-Hookean with rigid pits, with the same diameter along the axis and the
+        same mean one across, at the same squeeze. The length is twice the mean radius R: (a/R)^2 = d/(2 R).
+        Raises FemFailure (bad-load) if a thickness is given.
         """
         require_no_thickness(thickness_mm, "a fruit's is its diameter between the plates")
         radius_mm, other_mm = self.radii_mm
@@ -130,8 +130,8 @@ class Ellipsoid:
         )
 
     def shape_sd(self, poisson_ratio: float) -> float:
-        """Of ln E by curvature (CURVATURE_SD, E goes with its power 1/2 of two that scatter apart) and pit
-        (PIT_SD), at half the trusted squeeze.
+        """Standard deviation of ln E by curvature (two independent radii of CURVATURE_SD, E to the power
+        -1/4 of their product) and pit (PIT_SD), at half the trusted squeeze.
         """
         curvature = CURVATURE_SD / np.sqrt(8)
         root = np.sqrt(TRUSTED_SQUEEZE / 2)
@@ -144,7 +144,7 @@ class Ellipsoid:
 
 @lru_cache(maxsize=1)
 def spheroid_table() -> RegularGridInterpolator:
-    """Logarithm of the ratio over -ln(1 - 2 nu), pit, ln of length over width, root of the squeeze."""
+    """Logarithm of the ratio over -ln(1 - 2 nu), pit, ln of length over width, and root of the squeeze."""
     (nus, pits, longs, squeezes), log_ratio = tabulated(TABLE)
     grid = (near_incompressible(nus), pits, np.log(longs), np.r_[0.0, np.sqrt(squeezes)])
     return RegularGridInterpolator(grid, np.pad(log_ratio, [(0, 0)] * 3 + [(1, 0)]), method="cubic")
@@ -152,9 +152,9 @@ def spheroid_table() -> RegularGridInterpolator:
 
 @lru_cache(maxsize=64)
 def spheroid_over_hertz(poisson_ratio: float, pit_share: float, along_over_across: float) -> CubicSpline:
-    """Force over Hertz's against the root of approach over the diameter along it, 1 at no squeeze.
+    """Force over Hertz's as a function of the root of approach over the diameter along it; 1 at zero squeeze.
 
-    Poisson's ratios outside of the table take its first or last: less than a hundredth of the force.
+    Poisson's ratios outside the table are clipped to its range, an error below a hundredth of the force.
     """
     table = spheroid_table()
     at, _, _, roots = table.grid

@@ -1,7 +1,7 @@
-"""What every geometry of a press answers: force over depth for unit modulus, and how flesh is strained by it.
+"""Interface of the geometries of a press: force over depth for unit modulus, and strain of the flesh.
 
-A `Geometry` is what the person who recorded knows (a ball's radius, a fruit's diameters). Its `ContactCurve`
-is the force-depth curve for one Poisson's ratio. Each geometry is one file beside this one.
+A `Geometry` holds the dimensions that the user states (a ball's radius, a fruit's diameters). Its
+`ContactCurve` is the force-depth curve for one Poisson's ratio. Each geometry has its own file here.
 """
 
 from collections.abc import Callable, Mapping
@@ -16,26 +16,26 @@ from scipy.interpolate import CubicSpline
 from fem.fem_failure import FemFailure, FemProblem
 
 Field: TypeAlias = Literal["hertz", "uniform", "rim"]
-"""How strain energy is spread: as under a ball, evenly, or without bound at a sharp rim."""
+"""Distribution of strain energy: as under a ball, uniform, or unbounded at a sharp rim."""
 OfDepth: TypeAlias = Callable[[np.ndarray], np.ndarray]
 """A function of depths (mm), of any shape."""
 THICK = ("No thickness was given: a half-space was assumed, and a thin specimen looks stiffer.",)
-"""Note of a press on a slab whose thickness nobody stated."""
+"""Note on a press on a slab of unstated thickness."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ContactCurve:
     """Elastic force over depth of one geometry; the defaults are those of Hertz's field.
 
-    `force_N_per_MPa`: for unit modulus, nothing out of contact. `length_mm`: what depth is divided by to be a
+    `force_N_per_MPa`: for unit modulus, zero out of contact. `length_mm`: length that converts depth to
     strain. `over_half_space`: factor on Hertz's force by base, the body's other side or a pit. `trusted_mm`:
-    depth up to which the law holds. `beyond`: the sentence for a deeper press; its {} is the depth over
-    `size_mm`. `notes`: what a reader must know in any case.
-    `yield_depth_mm`: depth, per yield stress over E, at which flesh flows everywhere under the tool; None
-    where contact grows and flow with it. `held_over_sliding`: force with held ends over that with sliding
-    ends, where the ends are not stated. `stiffer_ends`: factor of stated ends on the force at small strain.
-    `toe_mm`: typical width of the first touches of an end that is not parallel to its plate. `without`:
-    effects that have no law in this geometry, and why, as the end of a sentence.
+    depth up to which the law is valid. `beyond`: the sentence for a deeper press; its {} is the depth over
+    `size_mm`. `notes`: sentences a reader must know in any case.
+    `yield_depth_mm`: depth, per yield stress over E, at which all flesh under the tool flows; None if contact
+    and flow grow together. `held_over_sliding`: force with bonded ends over that with sliding ends, if the
+    ends are not stated. `stiffer_ends`: factor of stated ends on the force at small strain. `toe_mm`: typical
+    spread of first touches of an end that is not parallel to its plate. `without`: effects without a law in
+    this geometry, and why, as the end of a sentence.
     """
 
     poisson_ratio: float
@@ -56,8 +56,8 @@ class ContactCurve:
     def energy_strain(self, depth_mm: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
         """Strain energy density over the shear modulus.
 
-        Of an even field (1 + nu) e^2 times the ends' factor. Of Hertz's in units of hertz_energy_density: it
-        grows as (a/R)^2 = d/R and with the square of the pressure's factor.
+        In a uniform field (1 + nu) e^2 times the ends' factor. In Hertz's field in units of
+        hertz_energy_density: it grows as (a/R)^2 = d/R and with the square of the pressure's factor.
         """
         depth = np.asarray(np.maximum(depth_mm, 0.0))
         strain = depth / self.length_mm
@@ -66,13 +66,13 @@ class ContactCurve:
         return np.asarray(strain * self.over_half_space(depth) ** 2)
 
     def notes_of(self, deepest_mm: float) -> tuple[str, ...]:
-        """What a reader must know of a press so deep."""
+        """Notes on a press to this depth."""
         too_deep = (self.beyond.format(deepest_mm / self.size_mm),) if deepest_mm > self.trusted_mm else ()
         return (*too_deep, *self.notes)
 
 
 class Geometry(Protocol):
-    """What presses on what."""
+    """Tool and specimen of a press."""
 
     @property
     def tool(self) -> str:
@@ -83,25 +83,25 @@ class Geometry(Protocol):
         """Tool and specimen in words, for reports."""
 
     def curve(self, *, thickness_mm: float | None, poisson_ratio: float) -> ContactCurve:
-        """The curve; `thickness_mm` of a slab on a rigid base, None where it is thick against the dent.
+        """The curve; `thickness_mm` of a slab on a rigid base, None if it is thick compared with the dent.
 
-        Raises FemFailure (bad-load) outside of the curve's range.
+        Raises FemFailure (bad-load) outside the curve's range.
         """
 
 
 def out_of_range(fault: str, expected: str) -> FemFailure:
-    """The failure (bad-load) of a geometry or trace that no law holds for."""
+    """The failure (bad-load) of a geometry or curve outside the range of any law."""
     return FemFailure(FemProblem.BAD_LOAD, f"indenter trace: found {fault}, expected {expected}.")
 
 
 def require_positive(name: str, value_mm: float, advice: str) -> None:
-    """Raises FemFailure (bad-load) unless the length is more than nothing."""
+    """Raises FemFailure (bad-load) unless the length is positive and finite."""
     if not 0 < value_mm < np.inf:
         raise out_of_range(f"{name} {value_mm:g} mm", f"more than 0: {advice}")
 
 
 def require_no_thickness(thickness_mm: float | None, instead: str) -> None:
-    """Raises FemFailure (bad-load) where a slab's thickness is given of a specimen that is no slab."""
+    """Raises FemFailure (bad-load) if a slab's thickness is given for a specimen that is not a slab."""
     if thickness_mm is not None:
         raise out_of_range(
             f"thickness {thickness_mm:g} mm of a specimen between plates",
@@ -110,8 +110,8 @@ def require_no_thickness(thickness_mm: float | None, instead: str) -> None:
 
 
 def tabulated(name: str) -> tuple[list[Float[np.ndarray, " _"]], Float[np.ndarray, "..."]]:
-    """The values on each axis of a table of finite elements (all columns but the last), and the logarithms of
-    its last column on this grid.
+    """The axes of a table of finite-element results (all columns but the last), and the logarithms of its
+    last column on this grid.
     """
     rows = np.genfromtxt(Path(__file__).parent / "tables" / name, delimiter=",", skip_header=1)
     axes = [np.unique(column) for column in rows[:, :-1].T]
@@ -119,11 +119,11 @@ def tabulated(name: str) -> tuple[list[Float[np.ndarray, " _"]], Float[np.ndarra
 
 
 def near_incompressible(poisson_ratio: float | Float[np.ndarray, " n"]) -> Float[np.ndarray, "*n"]:
-    """-ln(1 - 2 nu): close to 1/2 thin flesh stiffens with 1 - 2 nu alone, which evens tables out."""
+    """-ln(1 - 2 nu): near 1/2 thin flesh's stiffness depends on 1 - 2 nu, and tables are smooth in this."""
     return np.asarray(-np.log(np.maximum(1 - 2 * np.asarray(poisson_ratio), 1e-300)))
 
 
 def straight_on(spline: CubicSpline, x: Float[np.ndarray, "*d"]) -> Float[np.ndarray, "*d"]:
-    """The spline, which goes on with its last slope beyond its end."""
+    """The spline, extrapolated linearly beyond its end."""
     end = spline.x[-1]
     return np.asarray(spline(np.minimum(x, end)) + np.maximum(x - end, 0.0) * spline(end, 1))

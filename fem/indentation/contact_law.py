@@ -1,4 +1,4 @@
-"""The force that a tool's travel calls for: the plain law of a geometry, and any of the effects together."""
+"""Force as a function of a tool's travel: the plain law of a geometry, with any combination of effects."""
 
 from dataclasses import dataclass
 
@@ -11,31 +11,31 @@ from fem.indentation.no_contact import first_touch
 from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_effect import TraceEffect, Unknown, Values
 
-#: least depth that the springs are laid out for, mm
+#: least depth of the row of springs, mm
 SHALLOWEST_MM = 1e-3
-#: places of first touches over half a toe, and weights that add up to 2 (Gauss and Legendre)
+#: places of first touches over half a toe, and weights whose sum is 2 (Gauss-Legendre)
 TOUCHES = np.polynomial.legendre.leggauss(6)
-#: unknowns that each of several recordings has for itself, where the law has them for each
+#: unknowns of which each of several recordings may have its own
 OWN = ("E_MPa", "onset_mm", "zero_N", "toe_mm")
-#: prior sd of the exponent that bends the force-depth curve: 7 % of the force at a depth of R, for strains
-#: that are small no more, a ball that is not quite one, friction under it
+#: prior sd of the exponent that bends the force-depth curve: 7 % of the force at a depth of R, for finite
+#: strains, an imperfect ball, and friction under it
 BEND_SD = 0.1
 #: prior sd of the onset over the travel, and of the zero of a load cell over the peak force (set by hand)
 ONSET_SD, ZERO_SD = 0.15, 0.005
 #: prior sd of the logarithm of the toe's width: a factor of 2.7 either way
 TOE_SD = 1.0
-#: prior sd on the logit of `ends_held`: flat from 0.1 to 0.9, with tails that reach sliding and held ends
+#: prior sd on the logit of `ends_held`: flat from 0.1 to 0.9, with tails to sliding and bonded ends
 ENDS_SD = 1.7
 
 
 def suffix_of(number: int) -> str:
-    """How the unknowns of a recording are told from the first's: none, _2, _3, ..."""
+    """Suffix of the names of a recording's unknowns: none, _2, _3, ..."""
     return "" if number == 0 else f"_{number + 1}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Law:
-    """The geometry's curve, with the unknowns of the baseline and of the effects taken in, in this order."""
+    """The geometry's curve, with the unknowns of the baseline and then of the effects."""
 
     curve: ContactCurve
     baseline: tuple[Unknown, ...]
@@ -43,7 +43,7 @@ class Law:
 
     @property
     def unknowns(self) -> tuple[Unknown, ...]:
-        """Every unknown, as the columns of `force_N` go."""
+        """All unknowns, in the order of the columns of `force_N`."""
         return self.baseline + tuple(u for effect in self.effects for u in effect.unknowns)
 
     @property
@@ -56,18 +56,18 @@ class Law:
         return [u.name for u in self.unknowns].index(name)
 
     def values(self, scaled: Float[np.ndarray, "p k"]) -> dict[str, Float[np.ndarray, " p"]]:
-        """Each unknown by its name."""
+        """Value of each unknown, by name."""
         return {u.name: u.value(scaled[:, j]) for j, u in enumerate(self.unknowns)}
 
     def force_N(self, trace: IndenterTrace, scaled: Float[np.ndarray, "p k"]) -> Float[np.ndarray, "p t"]:
         """Recorded force per frame for each row of unknowns (on their scales).
 
         F(t) = zero + added + E factor(deepest) sum of springs of phi(d) (1 + d/R)^bend Phi(d),
-        R the curve's length, d = travel - onset - give, times (held/sliding)^ends_held where the ends are not
-        known. Effects have their parts in added, factor, Phi, the springs' slack and relaxation, and give
-        (TraceEffect). The measured force, not the model's, gives way
-        in the machine: its noise times c is small against travel, and no equation is left to solve. Each of
-        several recordings has its own onset and zero, and begins with flesh at rest and unhurt.
+        R the curve's length, d = travel - onset - give, times (held/sliding)^ends_held if the ends are not
+        known. Effects contribute to added, factor, Phi, the springs' slack and relaxation, and give
+        (TraceEffect). The measured force, not the model's, determines the machine's displacement: its noise
+        times c is small compared with travel, and no equation remains to be solved. Each of several
+        recordings has its own onset and zero, and begins with relaxed and undamaged flesh.
         """
         value = self.values(scaled)
         parts = [
@@ -80,7 +80,7 @@ class Law:
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
 
     def curve_N_per_MPa(self, value: Values, level_mm: Float[np.ndarray, "p n"]) -> Float[np.ndarray, "p n"]:
-        """The plain curve with its bend and ends, without effects."""
+        """The plain curve with bend and ends, without effects."""
         bent = (1 + level_mm / self.curve.length_mm) ** value["bend"][:, None]
         phi = self.curve.force_N_per_MPa(level_mm) * bent
         if self.curve.held_over_sliding is not None:
@@ -88,7 +88,7 @@ class Law:
         return np.asarray(phi)
 
     def _part_N(self, trace: IndenterTrace, value: Values) -> Float[np.ndarray, "p t"]:
-        """Of one recording, from its own first touch and zero."""
+        """Force of one recording, from its own first touch and zero."""
         given_mm = [effect.give_mm(value, trace) for effect in self.effects if effect.give_mm is not None]
         depth = trace.travel_mm - value["onset_mm"][:, None] - sum(given_mm)
         deepest = np.maximum.accumulate(np.maximum(depth, SHALLOWEST_MM), axis=1)
@@ -115,8 +115,8 @@ class Law:
     def _with_toe(
         self, value: Values, level_mm: Float[np.ndarray, "p n"], early_mm: Float[np.ndarray, " p"]
     ) -> Float[np.ndarray, "p n"]:
-        """The curve with its stress factors, at depths that count from the earliest of the first touches: the
-        mean over touches that are spread evenly over the toe's width.
+        """The curve with its stress factors, at depths from the earliest first touch: the mean over touches
+        that are uniform over the toe's width.
         """
         mean = np.zeros_like(level_mm)
         factors = [effect.stress_factor for effect in self.effects if effect.stress_factor is not None]
@@ -133,8 +133,8 @@ def linear_law(trace: IndenterTrace, *, thickness_mm: float | None, poisson_rati
     """The geometry's curve with its nuisances.
 
     Common to all recordings: E; `bend`, force times (1 + d/length)^bend; the load cell's drift
-    (`trace.drift_sd_N_per_min`); where the ends are not known `ends_held`, from 0 (sliding) to 1 (held).
-    Of each recording: the travel at first touch, the cell's zero, and of flat ends the toe, the width over
+    (`trace.drift_sd_N_per_min`); for unknown ends `ends_held`, from 0 (sliding) to 1 (bonded).
+    For each recording: the travel at first touch, the cell's zero, and for flat ends the toe, the width over
     which first touches are spread.
     """
     curve = trace.geometry.curve(thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
@@ -161,8 +161,8 @@ def linear_law(trace: IndenterTrace, *, thickness_mm: float | None, poisson_rati
 
 
 def _own(trace: IndenterTrace, at: str, toe_mm: float) -> tuple[Unknown, ...]:
-    """First touch, zero and toe of one recording. The first reading may be the cell's zero or a force:
-    the zero's standard deviation holds all of it.
+    """First touch, zero and toe of one recording. The first reading may be the cell's zero or a force, so
+    that the zero's standard deviation includes all of it.
     """
     calm = max(first_touch(trace) - 1, 0)
     peak = float(np.abs(trace.force_N).max())

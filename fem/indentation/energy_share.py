@@ -1,11 +1,11 @@
-"""Spread of strain energy under a pressed ball: what turns a law of the flesh into a force-depth curve."""
+"""Distribution of strain energy under a ball, which converts a law of the flesh to a force-depth curve."""
 
 from functools import lru_cache
 
 import numpy as np
 from jaxtyping import Float
 
-#: quadrature points along the radius and over the angle, and how far out the field is followed
+#: quadrature points along the radius and over the angle, and outer radius of the field
 POINTS, FAR = 90, 600.0
 
 
@@ -15,10 +15,10 @@ def hertz_energy_density(
     """W/mu (R/a)^2 at radius r and depth z (in contact radii) in a nearly incompressible half-space.
 
     With nu = 1/2 and psi = 1/(2 pi) int p/rho dS, u = (psi e_z - z grad psi)/(2 mu), so that the strain is
-    -z/(2 mu) grad grad psi, the pressure -d psi/dz, and W = z^2/(4 mu) |grad grad psi|^2; of nu below 1/2 the
-    pressure's energy, over 2 K, is added in the same field. psi is a line of sources at imaginary depths,
+    -z/(2 mu) grad grad psi, the pressure -d psi/dz, and W = z^2/(4 mu) |grad grad psi|^2. For nu below 1/2
+    the pressure's energy, over 2 K, is added in the same field. psi is a line of sources at imaginary depths,
     1/(2 pi) int_{-1}^{1} q(s) / sqrt(r^2 + (z + i s)^2) ds with q = 4 mu (1 - s^2) for Hertz, and its
-    derivatives follow by parts from c = z + i, rho = sqrt(r^2 + c^2), L = ln(c + rho).
+    derivatives follow by partial integration from c = z + i, rho = sqrt(r^2 + c^2), L = ln(c + rho).
     Source: Johnson, "Contact Mechanics", 1985, sec. 3.2 (potentials) and 3.4 (Hertz).
     """
     c = z + 1j
@@ -52,9 +52,9 @@ def force_share(
     """Force over Hertz's from a law's energy density psi(w) at the points of `half_space`, and w psi'(w).
 
     With W = mu (a/R)^2 w(x/a) the energy is U = mu a^5/R^2 int psi(w) dv, and F = dU/dd with d = a^2/R:
-    F/F_Hertz = (3 int psi dv + 2 int psi'(w) w dv)/(5 int w dv), psi = w being 1.
-    It is the force of Hertz's strains under the other law: for a stored energy an upper bound of the true
-    energy (Ritz), exact to first order in the deviation from the linear law.
+    F/F_Hertz = (3 int psi dv + 2 int psi'(w) w dv)/(5 int w dv), which is 1 for psi = w.
+    It is the force of Hertz's strains under the other law. For a stored energy, U is an upper bound of the
+    true energy (Ritz), exact to first order in the deviation from the linear law.
     """
     r, z, volume = half_space()
     whole = hertz_energy_density(r, z, poisson_ratio=poisson_ratio) @ volume

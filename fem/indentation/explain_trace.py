@@ -1,4 +1,4 @@
-"""What a bare indenter's curves say of the flesh beyond linear elasticity."""
+"""Diagnosis of the flesh beyond linear elasticity from a bare indenter's curves."""
 
 from dataclasses import dataclass, replace
 
@@ -17,11 +17,11 @@ from fem.indentation.trace import IndenterTrace, before_rupture, joined, without
 from fem.mismatch.catalogue import SPECS
 from fem.mismatch.result import NONE, UNKNOWN, Explanation, HeldOut, Modulus, ModulusCell, Where
 
-#: a phase with this share of the excess misfit is when the mismatch shows
+#: share of the misfit above which one phase is reported as the time of the mismatch
 MOST = 0.6
 #: frames in the table of secant moduli
 CELLS = 24
-#: E that is not given: not a number, which files write as null
+#: a withheld E: not a number, which files write as null
 WITHHELD = Modulus(value=float("nan"), sd=float("nan"))
 UNEXPLAINED = (
     "other physics is likelier than any effect of the catalogue to explain this recording, and it can change "
@@ -34,7 +34,7 @@ BACK = "the same press, then draw the indenter back as fast as it went in and re
 
 @dataclass(frozen=True, kw_only=True)
 class Account:
-    """`trace`: what was explained, cut before a rupture where there is one."""
+    """Explanation of a curve; `trace`: the explained frames, up to any rupture."""
 
     explanation: Explanation
     trace: IndenterTrace
@@ -52,11 +52,11 @@ class Account:
 
 
 def linear_modulus(trace: IndenterTrace, *, thickness_mm: float | None, poisson_ratio: float) -> Modulus:
-    """E and its standard deviation (MPa) by linear elasticity alone, with first touch, zero and the theory's
-    own error taken out.
+    """E and its standard deviation (MPa) by linear elasticity alone; first touch, zero and the theory's own
+    error are fitted too.
 
-    The error bar allows for what the law leaves unexplained, not for the rig's spread. Raises FemFailure
-    (bad-load) where the geometry has no law.
+    The error bar includes the force that the law leaves unexplained, but not the rig's error. Raises
+    FemFailure (bad-load) if the geometry has no law.
     """
     law = linear_law(trace, thickness_mm=thickness_mm, poisson_ratio=poisson_ratio)
     return from_prior(law, trace, pooled_noise(trace)).modulus
@@ -70,14 +70,13 @@ def explain_trace(
     rng: np.random.Generator,
     rig_N_per_mm: float | None = None,
 ) -> Account:
-    """Which missing physics explains the trace, its parameters, probability, and held-out frames.
+    """Explains the curve: effect, parameters, probability, and prediction of held-out frames.
 
-    `thickness_mm` of the slab under a ball or punch, bonded to a rigid base; None: a half-space. The
+    `thickness_mm`: of the slab under a ball or punch, bonded to a rigid base; None: a half-space. The
     baseline is linear elasticity with contact that may start late (or before the recording), the load
-    cell's zero, and a bend that stands for the theory's own error. Maps and traces stay empty: there are no
-    markers.
-    `rig_N_per_mm`: a stated stiffness of the rig, which no travel was corrected for; where the rig gives too
-    much of the travel, E is withheld and said to be a lower bound (fem.indentation.rig_share).
+    cell's zero, and a bend for the theory's own error. Maps and traces stay empty: there are no markers.
+    `rig_N_per_mm`: a stated stiffness of the rig, for which the travel was not corrected. If the rig's share
+    of the travel is too large, E is withheld and a lower bound is given (fem.indentation.rig_share).
     Raises FemFailure: bad-poisson-ratio, bad-load (thickness), no-load (force lost in noise).
     """
     if not 0 <= poisson_ratio < 0.5:
@@ -147,7 +146,7 @@ def explain_trace(
 
 
 def _held_out(plain: TraceFit, chosen: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> HeldOut:
-    """Frames left out, predicted by both laws."""
+    """Error of both laws' predictions of held-out frames."""
     linear, named = (predicted_N(trace_fit, trace, no_contact) for trace_fit in (plain, chosen))
     size = float(np.sqrt(np.mean(trace.force_N[np.isfinite(linear)] ** 2)))
     return HeldOut(
@@ -158,7 +157,7 @@ def _held_out(plain: TraceFit, chosen: TraceFit, trace: IndenterTrace, no_contac
 
 
 def next_press(names: tuple[str, ...]) -> str | None:
-    """Which press would tell the verdict's names apart; None for one name."""
+    """A press that would separate the verdict's names; None for one name."""
     if len(names) < 2:
         return None
     effects = [SPECS[part] for name in names for part in name.split("+") if part in SPECS]
@@ -168,13 +167,13 @@ def next_press(names: tuple[str, ...]) -> str | None:
 
 
 def _where(names: tuple[str, ...]) -> str:
-    """The machine ("tip") where every name is the machine's, else the flesh."""
+    """The machine ("tip") if every name belongs to the machine, otherwise the flesh."""
     parts = [part for name in names for part in name.split("+")]
     return "tip" if all(part in SPECS and SPECS[part].of_the_jaws for part in parts) else "flesh"
 
 
 def _when(trace: IndenterTrace, plain: TraceFit) -> str:
-    """The phase that holds most of what the plain law leaves of the force."""
+    """The phase with most of the plain law's squared residual, otherwise "all"."""
     phases = np.array(trace.phases)
     left = (trace.force_N - plain.force_N) ** 2
     share = {p: float(left[phases == p].sum() / left.sum()) for p in ("load", "hold", "unload")}
@@ -188,7 +187,7 @@ def _depth_mm(part: IndenterTrace, known: TraceFit, number: int) -> Float[np.nda
 
 
 def _cells(trace: IndenterTrace, plain: TraceFit, no_contact: NoContactNoise) -> tuple[ModulusCell, ...]:
-    """Secant moduli under the linear fit's onset and zero: they scatter about one number if it holds."""
+    """Secant moduli with the linear fit's onset and zero; they scatter about one number if it is valid."""
     value = plain.law.values(plain.scaled[None])
     part_of = np.repeat(trace.numbers, [len(part.time_s) for part in trace.parts])
     zero = np.array([value[f"zero_N{suffix_of(k)}"][0] for k in part_of.tolist()])
@@ -211,7 +210,7 @@ def _cells(trace: IndenterTrace, plain: TraceFit, no_contact: NoContactNoise) ->
 
 
 def _notes(trace: IndenterTrace, named: TraceFit, scatter_sd: float) -> tuple[str, ...]:
-    """What a reader must know of this trace."""
+    """Sentences a reader must know about this curve."""
     law, several, deepest_mm = named.law, len(trace.parts) > 1, 0.0
     notes: list[str] = []
     for k, part in zip(trace.numbers, trace.parts, strict=True):

@@ -1,9 +1,9 @@
-"""Which laws of a curve are tried, and what the decision of grasps (fem.mismatch.selection) makes of them.
+"""Candidate laws of a curve, and their posterior by the decision rules of grasps (fem.mismatch.selection).
 
-The evidence of a law takes the place of a signature's, the mean over an effect's forms that over its ways to
-show. The misfit that a law leaves goes as the square of the share of the force that it leaves unexplained:
-the least share (fem.indentation.fit) is as usual as MISFIT is of grasps. The p-value of the misfit takes the
-scatter of grasps, and the share is known on a grid only: this p is nominal, and says so (P_NOMINAL).
+The evidence of a law replaces that of a signature; the mean over an effect's forms replaces that over
+variants. A law's misfit is proportional to the square of the share of the force that it leaves unexplained.
+The least share (fem.indentation.fit) corresponds to the usual MISFIT of grasps. The p-value of the misfit
+uses the scatter of grasps, and the share is known on a grid only. This p is nominal, as P_NOMINAL states.
 """
 
 from collections.abc import Mapping, Sequence
@@ -41,23 +41,23 @@ P_NOMINAL = (
     "nominal: it assumes that laws err as much in curves as models do in grasps, and is not calibrated"
 )
 DRAWS = 16
-"""Starts drawn from the prior beside those that simpler laws suggest."""
+"""Number of starts drawn from the prior, and about each simpler fit."""
 TEMPERATURE = 1.0
-"""Divisor of log Bayes factors: none, since the noise of a curve holds the error of its laws. With that of
-grasps 13 of 100 silicone cylinders are `stiffening` or `viscoelastic`, without it two
+"""Divisor of log Bayes factors: 1, since the noise of a curve includes the error of its laws. With the
+divisor of grasps 13 of 100 silicone cylinders are `stiffening` or `viscoelastic`, without it two
 (benchmarks/silicone_cylinders.py; all ten mixtures)."""
 LEAST_WEIGHT = 1e-4
-"""Probability of a law below which its force is left out of the mean."""
+"""Probability of a law below which the mean omits its force."""
 SHAPES = frozenset({"stiffening", "plastic_set", "damage"})
-"""Effects that bend the curve of a load that only grows. Flesh that yields or is damaged answers such a load
-as some nonlinear elastic flesh does (deformation theory; Hencky 1924, Z. Angew. Math. Mech. 4, 323). The
-interval of E leaves such pairs out."""
+"""Effects that bend the curve under monotonic loading. Flesh that yields or is damaged responds to it like
+some nonlinear elastic flesh (deformation theory; Hencky 1924, Z. Angew. Math. Mech. 4, 323). The interval of
+E excludes such pairs."""
 NUISANCES = (*OWN[1:], "ends_held")
 """Unknowns of the plain law that are reported with every effect."""
 
 
 def forms_of(trace: IndenterTrace) -> dict[str, tuple[TraceEffect, ...]]:
-    """Every effect that a curve is searched for, in all of its forms, the simplest first."""
+    """All effects tried on a curve, each in all of its forms, the simplest first."""
     cell = drift_of_cell(class_N_per_min=trace.drift_sd_N_per_min)
     each = (
         tuple(viscoelastic(arms) for arms in range(1, ARMS + 1)),
@@ -77,11 +77,11 @@ def candidate_fits(
     rng: np.random.Generator,
     effects: Mapping[str, Sequence[TraceEffect]],
 ) -> list[TraceFit]:
-    """The plain fit first, then every effect in every form, then pairs; each starts from simpler ones.
+    """The plain fit, then every effect in every form, then pairs; each starts from simpler fits.
 
-    Pairs: the best single effect with every other, each in its best form, and with two relaxing arms where
-    that is one: what a second effect leaves over may need them. Where no recording unloads, two of SHAPES
-    make no pair.
+    Pairs: the best single effect with every other, each in its best form. If the best form has one relaxing
+    arm, two arms are tried too, as the residual of the other effect may need them. If no recording unloads,
+    two of SHAPES make no pair.
     """
 
     def fitted(effects: tuple[TraceEffect, ...], known: list[TraceFit]) -> TraceFit:
@@ -111,12 +111,12 @@ def candidate_fits(
 
 
 def best_forms(fits: Mapping[str, Sequence[TraceFit]]) -> dict[str, TraceFit]:
-    """Of each effect the form with the largest score."""
+    """The form with the largest score, for each effect."""
     return {name: max(forms, key=lambda trace_fit: trace_fit.log_score) for name, forms in fits.items()}
 
 
 def _starts(law: Law, known: list[TraceFit], rng: np.random.Generator) -> Float[np.ndarray, "s k"]:
-    """The prior's mean, draws from it, and draws in which what simpler fits found is kept."""
+    """The prior's mean, draws from the prior, and draws that keep the values of simpler fits."""
     names = [u.name for u in law.unknowns]
     mean, sd = np.array([(u.mean, u.sd) for u in law.unknowns]).T
     rows = [np.vstack([mean, mean + 0.7 * sd * rng.standard_normal((DRAWS, len(mean)))])]
@@ -132,7 +132,7 @@ def _starts(law: Law, known: list[TraceFit], rng: np.random.Generator) -> Float[
 @dataclass(frozen=True, kw_only=True)
 class CurvePosterior:
     """`probability` by name (effects joined by "+", "none", "unknown"), the largest first; `best`: the
-    likeliest fit of each name; `weights` of all `fits`, unknown physics left out.
+    likeliest fit of each name; `weights`: probabilities of all `fits`, without unknown physics.
     """
 
     fits: tuple[TraceFit, ...]
@@ -144,26 +144,26 @@ class CurvePosterior:
 
     @property
     def verdict(self) -> str | tuple[str, ...]:
-        """As of grasps: one name, or several."""
+        """One name, or several, by the rules of grasps."""
         names = verdict_of(self.probability, p_value=self.detection.p_value)
         return names[0] if len(names) == 1 else names
 
     @property
     def detected(self) -> bool:
-        """Whether there is a mismatch; a verdict may list effects without one."""
+        """Whether there is a mismatch; a verdict may list effects without a mismatch."""
         return self.detection.mismatch and self.verdict != NONE
 
     @property
     def likeliest(self) -> TraceFit:
-        """The fit of the likeliest law; of other physics, the best of the catalogue."""
+        """The fit of the likeliest law, unknown physics excluded."""
         return self.best[next(name for name in self.probability if name != UNKNOWN)]
 
     def force_N(
         self, trace: IndenterTrace, *, unseen: Bool[np.ndarray, " t"] | None = None
     ) -> Float[np.ndarray, " t"]:
-        """Mean over the laws that the verdict names, by their probabilities, N.
+        """Mean force over the laws that the verdict names, weighted by their probabilities, N.
 
-        Of `unseen` frames no law knows the measured force: a machine gives way under the law's own.
+        In `unseen` frames no law uses the measured force: the law's own force moves a compliant machine.
         """
         verdict = (self.verdict,) if isinstance(self.verdict, str) else self.verdict
         names = {name for name in verdict if name in self.best} or {self.likeliest.law.name}
@@ -174,7 +174,7 @@ class CurvePosterior:
         return np.asarray(self.weights[likely] @ np.array(forces) / self.weights[likely].sum())
 
     def candidate(self, name: str) -> Candidate:
-        """One law as answers have it; E is the mixture over its forms."""
+        """One name as an answer's candidate; E is the mixture over its forms."""
         best = self.best.get(name)
         indices = [k for k, trace_fit in enumerate(self.fits) if trace_fit.law.name == name]
         weights = self.weights[indices]
@@ -203,9 +203,10 @@ class CurvePosterior:
 
 
 def posterior(fits: list[TraceFit]) -> CurvePosterior:
-    """Of all fitted laws, by the decision of grasps; the forms of an effect are equally likely beforehand.
+    """The posterior of all fitted laws, by the decision rules of grasps.
 
-    So are the combinations of forms of a pair. Those that were not fitted count as without evidence.
+    The forms of an effect are equally likely a priori, and so are the combinations of forms of a pair. Those
+    that were not fitted have no evidence.
     """
     groups: dict[str, list[TraceFit]] = {}
     for trace_fit in fits:
@@ -243,7 +244,7 @@ def posterior(fits: list[TraceFit]) -> CurvePosterior:
 
 
 def parameters_of(trace_fit: TraceFit) -> dict[str, Parameter]:
-    """The effects' parameters by the names that files use, with the nuisances that a reader must know."""
+    """The effects' parameters by their names in files, with the nuisances that are reported."""
     known: dict[str, Parameter] = {}
     scaled = list(zip(trace_fit.law.unknowns, trace_fit.scaled.tolist(), trace_fit.sd.tolist(), strict=True))
     at = len(trace_fit.law.baseline)

@@ -1,4 +1,4 @@
-"""The most probable unknowns of a law, their covariance, its evidence, and its prediction of other frames."""
+"""Fit of a law: most probable unknowns, their covariance, evidence, and prediction of other frames."""
 
 from dataclasses import dataclass, replace
 
@@ -12,23 +12,23 @@ from fem.indentation.trace import IndenterTrace
 from fem.indentation.trace_noise import SHARE, TraceNoise, least_share, noise_of
 from fem.mismatch.result import Modulus
 
-#: Gauss-Newton steps at most (laws of ten silicone curves need more than 40), and the fall of the misfit
+#: most Gauss-Newton steps (laws of ten silicone curves need more than 40), and the decrease of the misfit
 #: below which they stop
 STEPS, ENOUGH = 150, 0.02
-#: forward differences on the unknowns' own scales
+#: step of forward differences on the unknowns' own scales
 NUDGE = 1e-4
-#: shares among which each fit chooses, equally likely beforehand
+#: unexplained shares among which each fit chooses, equally likely a priori
 SHARES = np.geomspace(SHARE, 0.5, 16)
-#: rounds of fit and choice of share, and the tolerant share of the first
+#: rounds of fit and choice of share, and the larger share of the first round
 ROUNDS, TOLERANT = 6, 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
 class TraceFit:
-    """One law's fit. `scaled`: unknowns on their scales; `share` of the force it leaves unexplained;
-    `usual_share`: the least that it may leave, SHARE or what the rig's error makes.
+    """One law's fit. `scaled`: unknowns on their scales; `share`: unexplained share of the force;
+    `usual_share`: its least value, SHARE or that from the rig's error.
 
-    `force_N` is of every frame, fitted or not; `noise` is that of the frames fitted.
+    `force_N`: in all frames, fitted or not; `noise`: of the fitted frames.
     `converged`: whether the misfit of the last step fell by less than ENOUGH, within STEPS.
     """
 
@@ -45,8 +45,8 @@ class TraceFit:
 
     @property
     def log_score(self) -> float:
-        """Log evidence, less ln 2 for each unknown of the effects: of two forms that explain about as well
-        the simpler one is reported.
+        """Log evidence minus ln 2 for each unknown of the effects: of two forms that explain the data about
+        equally, the simpler one is reported.
         """
         count = sum(len(effect.unknowns) for effect in self.law.effects)
         return self.log_evidence - count * float(np.log(2.0))
@@ -65,7 +65,7 @@ class TraceFit:
 
 @dataclass(frozen=True, kw_only=True)
 class _Target:
-    """What is minimised: misfit of the fitted frames and of the priors, for one noise."""
+    """Objective of the fit: misfit of the fitted frames and of the priors, for one noise."""
 
     law: Law
     trace: IndenterTrace
@@ -77,7 +77,7 @@ class _Target:
     def misfit(
         self, scaled: Float[np.ndarray, "p k"], force_N: Float[np.ndarray, "p t"]
     ) -> Float[np.ndarray, " p"]:
-        """-2 log of likelihood times prior, but for constants."""
+        """-2 log of likelihood times prior, without constants."""
         gap = (self.trace.force_N - force_N)[:, self.frames]
         prior = (scaled - self.mean) ** 2 @ self.precision
         return np.asarray(np.einsum("pt,tp->p", gap, self.noise.solve(gap.T)) + prior)
@@ -88,7 +88,7 @@ class _Target:
         force_N: Float[np.ndarray, " t"],
         slope: Float[np.ndarray, "t k"],
     ) -> tuple[Float[np.ndarray, "k k"], Float[np.ndarray, " k"]]:
-        """Gauss-Newton's matrix J' C^-1 J + prior precision, and the downhill slope."""
+        """Gauss-Newton matrix J' C^-1 J + prior precision, and the negative gradient."""
         slope = slope[self.frames]
         weighted = self.noise.solve(np.column_stack([slope, (self.trace.force_N - force_N)[self.frames]]))
         matrix = slope.T @ weighted[:, :-1] + np.diag(self.precision)
@@ -100,7 +100,7 @@ class _Target:
         force_N: Float[np.ndarray, " t"],
         slope: Float[np.ndarray, "t k"],
     ) -> float:
-        """Natural logarithm of the marginal likelihood of the law, linear round `scaled`."""
+        """Natural logarithm of the marginal likelihood of the law, linearised about `scaled`."""
         matrix, downhill = self.newton(scaled, force_N, slope)
         gap = (self.trace.force_N - force_N)[self.frames]
         misfit = (scaled - self.mean) ** 2 @ self.precision - downhill @ np.linalg.solve(matrix, downhill)
@@ -116,10 +116,10 @@ def fit(
     *,
     frames: Bool[np.ndarray, " t"] | None = None,
 ) -> TraceFit:
-    """Damped Gauss-Newton from the likeliest start, the unexplained share chosen in turn.
+    """Damped Gauss-Newton from the likeliest start, alternating with the choice of the unexplained share.
 
-    Only the chosen `frames` are fitted; history runs through all. Evidence by Laplace:
-    log L + log prior + k/2 log 2 pi - 1/2 log det H, its mean over the unexplained shares; the parameters are
+    Only the chosen `frames` are fitted; the history includes all. Evidence by Laplace:
+    log L + log prior + k/2 log 2 pi - 1/2 log det H, averaged over the unexplained shares; the parameters are
     those at the likeliest share (MacKay, "Information Theory, Inference, and Learning Algorithms", 2003,
     ch. 27 and 28).
     """
@@ -165,7 +165,7 @@ def from_prior(law: Law, trace: IndenterTrace, no_contact: NoContactNoise) -> Tr
 def _with_slopes(
     law: Law, trace: IndenterTrace, scaled: Float[np.ndarray, " k"]
 ) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, "t k"]]:
-    """Force and slopes at `scaled`, all rows of one run."""
+    """Force and its derivatives at `scaled`, from one vectorised run."""
     force = law.force_N(trace, np.vstack([scaled, scaled + NUDGE * np.eye(len(scaled))]))
     return force[0], (force[1:] - force[0]).T / NUDGE
 
@@ -173,7 +173,7 @@ def _with_slopes(
 def _descend(
     target: _Target, scaled: Float[np.ndarray, " k"]
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " t"], Float[np.ndarray, "t k"], bool]:
-    """Levenberg-Marquardt: unknowns, force, slopes, and whether it settled within the steps."""
+    """Levenberg-Marquardt: unknowns, force, derivatives, and whether it converged within the steps."""
     damping = 1e-2
     force, slope = _with_slopes(target.law, target.trace, scaled)
     now, converged = float(target.misfit(scaled[None], force[None])[0]), False
@@ -188,22 +188,22 @@ def _descend(
             scaled, force, slope, now = trial, trial_force, trial_slope, now - fall
             damping = max(damping * 0.1, 1e-8)
         else:
-            converged = damping > 1e6  # not even the shortest step gains anything
+            converged = damping > 1e6  # not even the shortest step reduces the misfit
             damping *= 10
         if converged:
             break
     return scaled, force, slope, converged
 
 
-#: rounds in which a compliant machine's force and the law's come to agree, and the share of each round's
-#: change that is taken, so that a machine softer than the specimen settles as well
+#: rounds in which the force that moves a compliant machine converges to the law's force, and the share of
+#: each round's change that is applied, so that a machine softer than the specimen converges too
 AGREEMENT_ROUNDS, TAKEN = 60, 0.5
 
 
 def future_frames(trace: IndenterTrace) -> Bool[np.ndarray, " t"]:
-    """What is predicted from the past: all from the start of unloading, else the second half of the hold.
+    """Frames to predict from the past: all from the start of unloading, else the second half of the hold.
 
-    Where the ball never stands still, the last third. Of several recordings, of each.
+    If the tool never rests, the last third. For several recordings, those of each.
     """
     if len(trace.parts) > 1:
         return np.concatenate([future_frames(part) for part in trace.parts])
@@ -219,14 +219,14 @@ def future_frames(trace: IndenterTrace) -> Bool[np.ndarray, " t"]:
 
 
 def predicted_N(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> Float[np.ndarray, " t"]:
-    """The force by the law refitted without each recording's end, which it predicts; NaN elsewhere."""
+    """Predicted force at each recording's end by the law refitted without it; NaN elsewhere."""
     future = future_frames(trace)
     again = fit(known.law, trace, no_contact, known.scaled[None], frames=~future)
     return np.where(future, without_measured(known.law, again.scaled, trace, future), np.nan)
 
 
 def share_missed(predicted_N: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"]) -> float:
-    """Root mean square error of what was predicted, over that of the force."""
+    """Root mean square error of the prediction over the root mean square force, in predicted frames."""
     out = np.isfinite(predicted_N)
     return float(np.sqrt(np.mean((predicted_N - force_N)[out] ** 2) / np.mean(force_N[out] ** 2)))
 
@@ -234,7 +234,7 @@ def share_missed(predicted_N: Float[np.ndarray, " t"], force_N: Float[np.ndarray
 def without_measured(
     law: Law, scaled: Float[np.ndarray, " k"], trace: IndenterTrace, mask: Bool[np.ndarray, " t"]
 ) -> Float[np.ndarray, " t"]:
-    """The law's force. In the frames of `mask` it also moves a compliant machine, not the measured one."""
+    """The law's force. In frames of `mask` it, not the measured force, also moves a compliant machine."""
     blind = trace.force_N.copy()
     blind[mask] = np.interp(trace.time_s[mask], trace.time_s[~mask], trace.force_N[~mask])
     force = law.force_N(replace(trace, force_N=blind), scaled[None])[0]

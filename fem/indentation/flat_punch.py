@@ -8,18 +8,18 @@ from numpy.polynomial.legendre import leggauss
 
 from fem.indentation.contact_curve import THICK, ContactCurve, out_of_range, require_positive
 
-#: radius over thickness up to which finite elements were asked (tests/fem/test_flat_punch.py)
+#: largest radius over thickness compared with finite elements (tests/fem/test_flat_punch.py)
 THINNEST = 2.0
-#: Gauss points over the punch's radius, and over wave numbers up to MOST_WAVES; twice as many move the factor
-#: by less than 1e-6
+#: Gauss points over the punch's radius, and over wave numbers up to MOST_WAVES; doubling them changes the
+#: factor by less than 1e-6
 POINTS = (40, 200)
-#: wave number times thickness from which the base is not felt: the kernel there is below 1e-15
+#: wave number times thickness beyond which the base has no influence: the kernel is below 1e-15
 MOST_WAVES = 20.0
 HARDNESS = 2.845
 """Mean pressure over yield stress at which flesh flows under a smooth punch: 5.69 k, k = Y/2 (Tresca).
 Source: Shield, "On the plastic flow of metals under conditions of axial symmetry", Proc. R. Soc. A 233,
 1955."""
-#: depth over radius up to which small strain holds: finite strain then moves the force by about a hundredth
+#: depth over radius up to which small strain is valid: finite strain changes the force by about a hundredth
 #: (benchmarks/indentation_geometries.py)
 DEEP = 0.2
 RIM = (
@@ -28,10 +28,10 @@ RIM = (
 
 
 def slab_factor_of_punch(over_thickness: float, *, poisson_ratio: float) -> float:
-    """How much stiffer a slab bonded to a rigid base is than a half-space, under a smooth punch.
+    """Stiffness of a slab bonded to a rigid base over that of a half-space, under a smooth punch.
 
-    `over_thickness`: the punch's radius over the slab's thickness; the factor has no unit. Solves the
-    Fredholm equation for the punch, phi(t) - integral over [0, 1] of K(t, s) phi(s) ds = 1, with
+    `over_thickness`: the punch's radius over the slab's thickness; the factor is dimensionless. The function
+    solves the Fredholm equation for the punch, phi(t) - integral over [0, 1] of K(t, s) phi(s) ds = 1, with
     K = 2 a/(pi h) integral of (1 - L(x)) cos(x t a/h) cos(x s a/h) dx and the layer's
     L = (2 k sinh 2x - 4x)/(2 k cosh 2x + 4x^2 + 1 + k^2), k = 3 - 4 nu; the factor is the mean of phi.
     Source: Lebedev and Ufliand, "Axisymmetric contact problem for an elastic layer", J. Appl. Math. Mech. 22,
@@ -51,7 +51,7 @@ def slab_factor_of_punch(over_thickness: float, *, poisson_ratio: float) -> floa
 
 @dataclass(frozen=True, kw_only=True)
 class FlatPunch:
-    """A rigid cylinder's flat end on flesh that is wider."""
+    """The flat end of a rigid cylinder on wider flesh."""
 
     radius_mm: float
     tool: ClassVar[str] = "punch"
@@ -67,9 +67,9 @@ class FlatPunch:
     def curve(self, *, thickness_mm: float | None, poisson_ratio: float) -> ContactCurve:
         """F = 2 a kappa d E/(1 - nu^2), kappa the slab's factor: linear, since the contact does not grow.
 
-        Raises FemFailure (bad-load) for under half a radius of flesh. Source: Sneddon, "The relation between
-        load and penetration in the axisymmetric Boussinesq problem", Int. J. Engng Sci. 3, 1965, 47-57,
-        sec. 6(a).
+        Raises FemFailure (bad-load) if the flesh is thinner than half a radius. Source: Sneddon, "The
+        relation between load and penetration in the axisymmetric Boussinesq problem", Int. J. Engng Sci. 3,
+        1965, 47-57, sec. 6(a).
         """
         over = 0.0 if thickness_mm is None else self.radius_mm / thickness_mm
         if over > THINNEST:

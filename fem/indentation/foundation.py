@@ -1,12 +1,12 @@
-"""A viscoelastic contact as a row of independent springs: exact for contact that grows and for one unloading.
+"""A viscoelastic contact as a row of independent springs: exact for growing contact and for one unloading.
 
-A convex force-depth curve phi(d) is a row of springs: spring j is touched at depth y_j and has stiffness w_j,
-the jump of phi's slope there, so that sum w_j (d - y_j)+ is phi. Give each spring the memory of the flesh,
-and let it leave the ball when its force falls to nothing: while contact grows the sum is Lee and Radok's
-integral, F = int R(t - s) d phi(d(s)); on unloading the last spring in touch is the one with
-int_{t1}^{t} R(t - s) dd(s) = 0, which is Ting's condition for the shrinking contact, and the force is his.
-Unlike his formula the row goes on through any number of cycles. On a half-space the row is exact; on a slab
-exact while contact grows.
+A convex force-depth curve phi(d) is a row of springs: spring j begins contact at depth y_j and has stiffness
+w_j, the jump of phi's slope there, so that sum w_j (d - y_j)+ is phi. Each spring relaxes like the flesh, and
+leaves the ball when its force falls to zero. While contact grows, the sum is Lee and Radok's integral,
+F = int R(t - s) d phi(d(s)). During unloading the last spring in contact is the one with
+int_{t1}^{t} R(t - s) dd(s) = 0, which is Ting's condition for the shrinking contact, and the force is Ting's.
+Unlike Ting's formula, the row is valid for any number of cycles. On a half-space the row is exact; on a slab
+it is exact while contact grows.
 
 Sources: Lee and Radok, "The contact problem for viscoelastic bodies", J. Appl. Mech. 27, 1960, 438-444;
 Ting, "The contact stresses between a rigid indenter and a viscoelastic half-space", J. Appl. Mech. 33, 1966,
@@ -20,15 +20,15 @@ from dataclasses import dataclass
 import numpy as np
 from jaxtyping import Float
 
-#: springs; the force then errs by about a third of their inverse square, relative to the largest
+#: number of springs; the error of the force is about a third of its inverse square, relative to the largest
 SPRINGS = 40
-#: a ball that falls back by less than this share of its largest depth is still going in
+#: share of the largest depth by which a ball may go back and still count as loading
 JITTER = 1e-3
 
 
 @dataclass(frozen=True, kw_only=True)
 class Springs:
-    """Of p curves: force at the depths `level_mm`, straight lines between them."""
+    """p piecewise linear curves: force at the depths `level_mm`."""
 
     level_mm: Float[np.ndarray, "p m"]
     curve: Float[np.ndarray, "p m"]
@@ -39,13 +39,13 @@ class Springs:
         curve: Callable[[Float[np.ndarray, "p m"]], Float[np.ndarray, "p m"]],
         deepest_mm: Float[np.ndarray, " p"],
     ) -> "Springs":
-        """Levels up to the deepest, denser at first touch: they grow as a square."""
+        """Springs up to the deepest; levels grow quadratically, denser at first touch."""
         level = deepest_mm[:, None] * (np.arange(SPRINGS + 1) / SPRINGS) ** 2
         return cls(level_mm=level, curve=curve(level))
 
     @property
     def stiffness(self) -> Float[np.ndarray, "p n"]:
-        """w of each spring, which is touched at its level; the last level has none."""
+        """w of each spring, which begins contact at its level; the last level has none."""
         slope = np.diff(self.curve) / np.diff(self.level_mm)
         return np.diff(slope, prepend=0.0, axis=1)
 
@@ -59,7 +59,7 @@ class Springs:
     def elastic_force(
         self, depth_mm: Float[np.ndarray, "p t"], slack_mm: Float[np.ndarray, "p t n"] | None = None
     ) -> Float[np.ndarray, "p t"]:
-        """Without memory: the curve itself, or, with slack, the springs' compressions times stiffnesses."""
+        """Elastic force: the curve itself, or, with slack, the springs' compressions times stiffnesses."""
         if slack_mm is None:
             rows = zip(depth_mm, self.level_mm, self.curve, strict=True)
             return np.stack([np.interp(*row) for row in rows])
@@ -73,11 +73,11 @@ class Springs:
         share: Float[np.ndarray, "k p"],
         tau_s: Float[np.ndarray, "k p"],
     ) -> Float[np.ndarray, "p t"]:
-        """With memory R(t) = 1 - sum g + sum g exp(-t/tau); depth is linear between frames.
+        """Force with relaxation R(t) = 1 - sum g + sum g exp(-t/tau); depth is linear between frames.
 
         Spring compression v and arm states Q_k obey Q_k' = e_k Q_k + g_k c_k (v' - v), e = exp(-dt/tau),
-        c = tau/dt (1 - e), exact for linear v. While the ball goes in, one such recursion for the whole row
-        does. What touches in the first frame has been touching for long: it starts relaxed.
+        c = tau/dt (1 - e), exact for linear v. During loading, one such recursion is sufficient for the whole
+        row. Springs in contact in the first frame start relaxed, as after a long contact.
         """
         step = np.diff(time_s)[:, None, None] / tau_s
         fade = np.exp(-step)
@@ -111,7 +111,7 @@ class Springs:
 
 
 def last_growing_frame(depth_mm: Float[np.ndarray, "p t"]) -> int:
-    """The last frame before any row's depth falls back by more than jitter, a thousandth of its largest."""
+    """The last frame before any row's depth decreases by more than JITTER, a thousandth of its largest."""
     back = np.maximum.accumulate(depth_mm, axis=1) - depth_mm
     touched = np.maximum.accumulate(depth_mm, axis=1) > 0
     falls = ((back > JITTER * depth_mm.max(axis=1, keepdims=True)) & touched).any(axis=0)
@@ -127,8 +127,8 @@ def _any_path(
 ) -> Float[np.ndarray, "t p n"]:
     """Force of each spring over its stiffness, frame by frame from a known state.
 
-    `parts` are the spring that never relaxes (fade 1) and the arms. Where the ball does not press, v moves
-    such that their sum stays zero; where that is less than the ball demands, the ball has its way.
+    `parts`: the spring that never relaxes (fade 1) and the arms. Out of contact, v changes such that their
+    sum stays zero. If the ball prescribes a larger v, the spring is in contact and has that v.
     """
     stiff = take.sum(axis=1)
     force = np.empty_like(demanded_mm)

@@ -1,4 +1,4 @@
-"""What a trace says before the ball meets the flesh: the load cell's noise, and when it first meets it."""
+"""The load cell's noise, from frames before contact, and the frame of first touch."""
 
 from dataclasses import dataclass
 
@@ -9,20 +9,20 @@ from fem.estimation.coloured_noise import variance_inflation
 from fem.fem_failure import FemFailure, FemProblem
 from fem.indentation.trace import IndenterTrace
 
-#: frames in the air from which their own noise is taken
+#: least number of no-contact frames from which the noise is estimated
 FEWEST = 20
-#: frames that a force must stay above the air's before it counts, and by how many standard deviations
+#: frames for which a force must exceed the no-contact level, and by how many standard deviations
 STAYS, ABOVE = 3, 6.0
-#: largest correlation of neighbouring frames that is believed
+#: largest accepted correlation of neighbouring frames
 MOST_LAG1 = 0.95
-#: variance of the third difference of unit white noise, and a normal's sd over its median deviation
+#: variance of the third difference of unit white noise, and a normal's sd over its median absolute deviation
 THIRD, MAD = 20.0, 1.4826
 
 
 @dataclass(frozen=True, kw_only=True)
 class NoContactNoise:
-    """The load cell's own noise: standard deviation, correlation `lag1` of neighbouring frames, and the
-    degrees of freedom `frames` that both were estimated from.
+    """The load cell's own noise: standard deviation, correlation `lag1` of neighbouring frames, and degrees
+    of freedom `frames` of both estimates.
     """
 
     sd_N: float
@@ -31,12 +31,12 @@ class NoContactNoise:
 
     @property
     def slow_N(self) -> float:
-        """White noise of the same density at low frequency, where all that is looked for lies."""
+        """White noise with the same spectral density at low frequency, where the effects are."""
         return self.sd_N * float(np.sqrt(variance_inflation(np.array([self.lag1]))[0]))
 
 
 def first_touch(trace: IndenterTrace) -> int:
-    """The first frame whose force, and that of the next two, stands clear of the first frames' level."""
+    """The first of three successive frames whose force exceeds the first frames' level by more than noise."""
     force = trace.force_N
     level, noise_N = float(np.median(force[:STAYS])), _rough_N(force)
     for _ in range(2):
@@ -50,8 +50,8 @@ def first_touch(trace: IndenterTrace) -> int:
 
 
 def require_force(trace: IndenterTrace) -> NoContactNoise:
-    """The noise of one recording; raises FemFailure (no-load) where no force stands out from it, or the
-    indenter never moves.
+    """The noise of one recording. Raises FemFailure (no-load) if no force exceeds it clearly, or the indenter
+    never moves.
     """
     for values, what in ((trace.force_N, "force"), (trace.travel_mm, "travel")):
         if np.ptp(values) == 0:
@@ -73,7 +73,7 @@ def require_force(trace: IndenterTrace) -> NoContactNoise:
 
 
 def pooled_noise(trace: IndenterTrace) -> NoContactNoise:
-    """Of several recordings by one load cell: variances weighed by the frames that they are known from."""
+    """Noise of several recordings by one load cell: variances weighted by their numbers of frames."""
     each = [no_contact_noise(part, first_touch(part)) for part in trace.parts]
     if len(each) == 1:
         return each[0]
@@ -85,10 +85,10 @@ def pooled_noise(trace: IndenterTrace) -> NoContactNoise:
 
 
 def no_contact_noise(trace: IndenterTrace, touch: int) -> NoContactNoise:
-    """Of the frames before `touch`, less a straight line through them: autoregressive, as markers' noise.
+    """Noise of the frames before `touch`, minus a fitted line: autoregressive, like markers' noise.
 
-    With fewer than twenty of them, white noise from the third differences of the whole trace, in which a
-    smooth force leaves next to nothing. A load cell that counts in steps has noise of a step over root 12.
+    With fewer than twenty frames, white noise from the third differences of the whole curve, in which a
+    smooth force almost vanishes. The noise is at least the quantisation step of the load cell over root 12.
     """
     least = max(_step_N(trace.force_N) / np.sqrt(12), 1e-6 * float(np.abs(trace.force_N).max()))
     calm = max(touch - 1, 0)
@@ -107,12 +107,12 @@ def no_contact_noise(trace: IndenterTrace, touch: int) -> NoContactNoise:
 
 
 def _rough_N(force: Float[np.ndarray, " t"]) -> float:
-    """Noise from third differences: their median size is blind to a few jumps."""
+    """Noise from third differences; their median is insensitive to a few jumps."""
     third = np.abs(np.diff(force, 3))
     return MAD * float(np.median(third)) / np.sqrt(THIRD) or 1e-6 * float(np.abs(force).max())
 
 
 def _step_N(force: Float[np.ndarray, " t"]) -> float:
-    """The least difference between two different readings."""
+    """The smallest difference between two different readings."""
     steps = np.diff(np.unique(force))
     return float(steps.min()) if len(steps) else 0.0

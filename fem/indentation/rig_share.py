@@ -1,4 +1,4 @@
-"""How much of a trace's travel is the rig's own: where most of it is, E is a lower bound and no more."""
+"""Share of a curve's travel that is the rig's own; if it is too large, E is only a lower bound."""
 
 from dataclasses import dataclass, replace
 
@@ -11,32 +11,31 @@ from fem.indentation.trace import IndenterTrace
 from fem.mismatch.result import NINETY
 
 UNSURE = 0.3
-"""Error of the object's own compliance over it, by the rig's spread, beyond which E is a lower bound. Set by
-hand."""
+"""Relative error of the object's compliance by the rig's standard deviation beyond which E is a lower bound.
+Set by hand."""
 MOST_SHARE = 0.3
-"""Of the slope of the recorded travel that a rig of stated stiffness may give: E is then 1 / (1 - 0.3) = 1.43
-times what the travel says, as far off as UNSURE. Set by hand."""
+"""Largest share of a rig of stated stiffness in the slope of the recorded travel: E is then
+1 / (1 - 0.3) = 1.43 times its value from the travel, an error similar to UNSURE. Set by hand."""
 SAID_SHARE = 0.1
-"""Of the same, from which it is said by how much E is too low. Set by hand."""
+"""The same share, above which a note states by how much E is too low. Set by hand."""
 SOFT_RIG_N_PER_MM = 8.0
-"""Stiffness that is taken for a rig's of which nothing is known: of a parallel gripper with soft pads, the
-softest in ordinary use. Assumed: a golf ball between a gripper's gels takes 2 to 4 N/mm over its way to 25 N,
-arms have some 10 to 50 N/mm, presses on a frame some hundreds. With MOST_SHARE
-contacts above 2.4 N/mm are said: 44 kiwis have 0.2 to 2.0 (two are said), pieces of meat and silicone 0.1 to
-0.7 (one of 37), mangoes 2.3 to 12 (half of 70), from the tenth to the
-ninetieth percentile."""
+"""Assumed stiffness of an unknown rig: that of a parallel gripper with soft pads, the softest in ordinary
+use. For comparison, a golf ball between a gripper's gels has 2 to 4 N/mm up to 25 N, arms have some 10 to
+50 N/mm, presses on a frame some hundreds. With MOST_SHARE, contacts above 2.4 N/mm get a note: 44 kiwis have
+0.2 to 2.0 (two get one), pieces of meat and silicone 0.1 to 0.7 (one of 37), mangoes 2.3 to 12 (half of 70),
+from the tenth to the ninetieth percentile."""
 OF_A_TRACE = "(drupe calibrate --rigid, drupe convert --rig), or give rig_N_per_mm in case.toml"
 OF_A_BATCH = "(drupe calibrate --rigid) and name what it writes as `rig` in batch.toml"
-"""How a rig is made known, beside squeezing a rigid object."""
+"""How to state a rig after squeezing a rigid object."""
 UPPER = 0.5
-"""Share of the peak force above which slopes are taken. Set by hand: E is ruled by the upper half."""
+"""Share of the peak force above which slopes are fitted. Set by hand: the upper half determines E."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RigShare:
-    """Slopes over the upper half of the force, mm/N: of the travel as it was recorded, and of the rig in it.
+    """Slopes over the upper half of the force, mm/N: of the recorded travel, and of the rig's part of it.
 
-    `bound`: a sentence's end that says why E is a lower bound, None where it is none; `notes`: sentences.
+    `bound`: end of a sentence on why E is a lower bound, or None if it is not; `notes`: sentences.
     """
 
     recorded_mm_per_N: float
@@ -47,18 +46,18 @@ class RigShare:
 
     @property
     def share(self) -> float:
-        """Of the recorded travel that the rig gives; all of it where the travel does not grow."""
+        """Share of the rig in the recorded travel; 1 if the travel does not grow."""
         return min(self.rig_mm_per_N / max(self.recorded_mm_per_N, 1e-12), 1.0)
 
 
 def rig_share(trace: IndenterTrace, *, rig_N_per_mm: float | None, made_known: str = OF_A_TRACE) -> RigShare:
-    """What the rig does to E: by the curve that was taken off the travel, or by a stated stiffness, or, where
-    nothing is known, by an ordinary one.
+    """Influence of the rig on E: from the curve subtracted from the travel, from a stated stiffness, or for
+    an unknown rig from an assumed stiffness.
 
-    Springs in series: 1/k = 1/k_o + 1/k_r, k the recorded slope, k_o the object's, k_r the rig's. Of a rig
-    that was taken off, the error of 1/k_o is that of 1/k_r; of one that was not, its share k/k_r is what E is
-    too low by. Of several recordings the one in which the rig gives the largest share. `made_known`: where
-    the rig is to be stated, in the note for one of which nothing is known.
+    Springs in series: 1/k = 1/k_o + 1/k_r, k the recorded slope, k_o the object's, k_r the rig's. If the rig
+    was subtracted, the error of 1/k_o is that of 1/k_r; otherwise E is too low by its share k/k_r. Of several
+    recordings, the one with the rig's largest share counts. `made_known`: how to state the rig, for the note
+    on an unknown one.
     """
     if len(trace.parts) > 1:
         each = [rig_share(part, rig_N_per_mm=rig_N_per_mm, made_known=made_known) for part in trace.parts]
@@ -96,7 +95,7 @@ def rig_share(trace: IndenterTrace, *, rig_N_per_mm: float | None, made_known: s
 
 
 def _of_a_known_rig(slope: float, rig: float, sd: float) -> RigShare:
-    """What is left to the object of the recorded slope, and whether it is clear of the rig's spread."""
+    """Share of a subtracted rig, with `bound` if its error is too large for the object's own slope."""
     known = RigShare(recorded_mm_per_N=slope, rig_mm_per_N=rig, rig_sd_mm_per_N=sd)
     bound = (
         None
@@ -116,12 +115,12 @@ def _of_a_known_rig(slope: float, rig: float, sd: float) -> RigShare:
 def ln_E_with_other_rig(
     known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise, *, give_sd: float
 ) -> float:
-    """ln E of the law refitted with the rig's give so many standard deviations less; its own where none was
-    taken off.
+    """ln E of the law refitted with the rig's displacement `give_sd` standard deviations smaller; the law's
+    own ln E if no rig was subtracted.
 
-    The rig's error is considered, not fitted (Schmidt, "Application of state-space methods to navigation
-    problems", Adv. Control Syst. 3, 1966, 293-340): beside the contact's own curve, which it resembles, a fit
-    would take it for whatever else the law leaves unexplained.
+    The rig's error is a consider parameter, not fitted (Schmidt, "Application of state-space methods to
+    navigation problems", Adv. Control Syst. 3, 1966, 293-340): it resembles the contact's own curve, so that
+    a fit would use it to absorb the law's other residuals.
     """
     if trace.rig_sd_mm is None:
         return float(known.scaled[0])
@@ -130,24 +129,24 @@ def ln_E_with_other_rig(
 
 
 def least_modulus(plain: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> float:
-    """The modulus that E is above with 95 %, MPa: with the rig's give at the lower end of its spread.
+    """Lower 95 % bound of E, MPa, with the rig's displacement at the lower end of its error.
 
-    By linear elasticity, which holds where an effect is found as well: what relaxes or yields was stiffer.
-    Any give that was not taken off leaves the object less travel.
+    It uses linear elasticity, which is a bound with an effect too: flesh that relaxes or yields was stiffer.
+    Any rig displacement that was not subtracted leaves the object less travel.
     """
     ln_E = ln_E_with_other_rig(plain, trace, no_contact, give_sd=NINETY)
     return float(np.exp(ln_E - NINETY * plain.sd[0]))
 
 
 def rig_spread(known: TraceFit, trace: IndenterTrace, no_contact: NoContactNoise) -> float:
-    """Standard deviation of ln E that the rig's spread makes: half its change between the ends."""
+    """Standard deviation of ln E by the rig's error: half the change of ln E between -1 and +1 sd."""
     less, more = (ln_E_with_other_rig(known, trace, no_contact, give_sd=way) for way in (-1.0, 1.0))
     return 0.5 * abs(more - less)
 
 
 def _upper_half(trace: IndenterTrace) -> Int[np.ndarray, " u"]:
-    """Frames of the way in whose force is in the upper half, two at least; a reading of the travel that
-    stands still while the force grows is none.
+    """Frames of loading with a force in the upper half, at least two; frames with an unchanged travel reading
+    are excluded.
     """
     touch, peak = first_touch(trace), int(np.argmax(trace.force_N))
     new = np.r_[True, np.diff(trace.travel_mm) != 0.0]
@@ -158,6 +157,6 @@ def _upper_half(trace: IndenterTrace) -> Int[np.ndarray, " u"]:
 
 
 def _slope(force: Float[np.ndarray, " t"], travel: Float[np.ndarray, " t"]) -> float:
-    """Of the least-squares line, mm/N."""
+    """Slope of the least-squares line, mm/N."""
     off = force - force.mean()
     return float(off @ travel / max(float(off @ off), 1e-30))

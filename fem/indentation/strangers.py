@@ -1,8 +1,8 @@
-"""Recordings of one specimen beside each other: how far their moduli scatter, and which do not belong.
+"""Comparison of recordings of one specimen: scatter of their moduli, and recordings that do not belong.
 
-A law is fitted with a modulus for each recording. Each is compared with the others: ln E by Student's t of
-one more draw from theirs, the curve's shape by the chi-square that its law leaves, with the share of force
-that is unexplained in the others. Source: Gelman et al., "Bayesian Data Analysis", 2013, ch. 6 (predictive
+A law is fitted with a modulus for each recording. Each recording is compared with the others: ln E by
+Student's t for one more draw from theirs, the curve's shape by its residual chi-square at the unexplained
+share of force of the others. Source: Gelman et al., "Bayesian Data Analysis", 2013, ch. 6 (predictive
 checks).
 """
 
@@ -21,13 +21,13 @@ from fem.mismatch.result import NINETY
 from fem.mismatch.selection.decision import Detection
 
 OTHER_SHAPE = "its curve has another shape"
-#: recordings from which on it can be told which of them does not belong
+#: least number of recordings for which one that does not belong can be identified
 FEWEST_PARTS = 3
 
 
 @dataclass(frozen=True)
 class OwnModuli:
-    """`law_fit`: a law's fit to `trace` with a modulus for each recording, `ln_E` with `covariance`."""
+    """A law's fit to `trace` with a modulus for each recording: `ln_E` with `covariance`."""
 
     trace: IndenterTrace
     law_fit: TraceFit
@@ -36,7 +36,7 @@ class OwnModuli:
 
 
 def own_moduli(trace: IndenterTrace, known: TraceFit, no_contact: NoContactNoise) -> OwnModuli:
-    """The law refitted, each recording with a modulus of its own."""
+    """The law refitted with a modulus for each recording."""
     law, at = known.law, len(known.law.baseline)
     extra = [replace(law.unknowns[0], name=f"E_MPa{suffix_of(k)}") for k in trace.numbers[1:]]
     start = np.insert(known.scaled, at, np.full(len(extra), known.scaled[0]))
@@ -48,7 +48,7 @@ def own_moduli(trace: IndenterTrace, known: TraceFit, no_contact: NoContactNoise
 def likeliest_with_own_moduli(
     trace: IndenterTrace, best: Mapping[str, TraceFit], no_contact: NoContactNoise
 ) -> OwnModuli:
-    """Of the plain law and the single effects, by evidence: a law that is common to all moduli bends to a
+    """The likeliest fit of plain law and single effects. With a common modulus, a law would adapt to a
     recording of another specimen.
     """
     each = [own_moduli(trace, trace_fit, no_contact) for name, trace_fit in best.items() if "+" not in name]
@@ -56,11 +56,11 @@ def likeliest_with_own_moduli(
 
 
 def scatter(trace: IndenterTrace, known: TraceFit, no_contact: NoContactNoise) -> tuple[float, float]:
-    """Standard deviation of ln E from recording to recording, beyond what the fit errs by, and what is to be
-    added in squares to that of the law's ln E; none for a recording alone.
+    """Standard deviation of ln E between recordings in excess of the fit's error, and the term to add in
+    quadrature to the error of the law's ln E; both are zero for a single recording.
 
-    Added: the standard error of their mean, times Student's 95 % quantile over the normal's, and the distance
-    of the mean from the law's ln E.
+    The term: the standard error of their mean, times Student's 95 % quantile over the normal's, and the
+    distance of the mean from the law's ln E.
     """
     count = len(trace.parts)
     if count == 1:
@@ -73,8 +73,9 @@ def scatter(trace: IndenterTrace, known: TraceFit, no_contact: NoContactNoise) -
 
 
 def strangers(moduli: OwnModuli) -> dict[int, str]:
-    """Recordings that do not belong, by their index, each with a sentence: the least likely first, then the
-    next given the rest, while the smallest p-value of all, corrected for their number, is below DETECTION_P.
+    """Recordings that do not belong, by their index, each with a sentence. The least likely is removed first,
+    then the next given the rest, while the smallest p-value, corrected for their number, is below
+    DETECTION_P.
     """
     said: dict[int, str] = {}
     members = list(range(len(moduli.ln_E)))
@@ -100,7 +101,7 @@ def strangers(moduli: OwnModuli) -> dict[int, str]:
 
 
 def _modulus_p(moduli: OwnModuli, k: int, others: Sequence[int]) -> float:
-    """Of ln E of recording k given the others'. What the fit errs by counts in full where it is more."""
+    """p-value of ln E of recording k given the others'. The variance is at least the fit's error variance."""
     theirs = moduli.ln_E[others]
     less = np.zeros(len(moduli.ln_E))
     less[k], less[others] = 1.0, -1 / len(others)
@@ -111,7 +112,7 @@ def _modulus_p(moduli: OwnModuli, k: int, others: Sequence[int]) -> float:
 
 
 def _shape_p(moduli: OwnModuli, k: int, others: Sequence[int]) -> float:
-    """Of the chi-square that the law leaves of recording k, by the others' share of unexplained force."""
+    """p-value of recording k's residual chi-square, at the others' unexplained share of the force."""
     trace, law_fit = moduli.trace, moduli.law_fit
     shares = SHARES[law_fit.usual_share * (1 - 1e-9) <= SHARES]
     gaps = trace.force_N - law_fit.force_N

@@ -1,4 +1,4 @@
-"""What a bare indenter recorded: force over travel and time, checked."""
+"""A bare indenter's recording: force over travel and time, validated."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -11,29 +11,30 @@ from scipy.ndimage import median_filter
 
 from fem.indentation.contact_curve import Geometry, out_of_range
 
-#: fewest frames that a fit with a dozen unknowns can be asked to explain
+#: least number of frames for a fit with a dozen unknowns
 FEWEST_FRAMES = 20
 DRIFT_SHARE_PER_MIN, RANGE_OVER_PEAK = 1.2e-4, 10.0
-"""Standard deviation of the drift of a load cell, share of its range per minute, and the range over the peak
-force where nothing is stated. By OIML R 60-1, 5.5.1, a cell's reading under constant load changes by less
+"""Standard deviation of the drift of a load cell, as a share of its range per minute, and the range over the
+peak force, if nothing is stated. By OIML R 60-1, 5.5.1, a cell's reading under constant load changes by less
 than 0.7 of the permissible error within 30 min; of the usual class, C with 3000 intervals, that is
-0.7 * 0.7 * 1.5 / 3000 of the range. It is taken as two standard deviations, and all of it may come within a
+0.7 * 0.7 * 1.5 / 3000 of the range. This is taken as two standard deviations, which may occur within a
 minute. Assumed: the peak force is a tenth of the range or more."""
 PER_FRAME = ("time_s", "force_N", "travel_mm", "rig_give_mm", "rig_sd_mm")
-#: travel slower than this share of the fastest counts as standing still
+#: share of the largest speed below which the tool is at rest
 STILL = 0.05
 
 
 @dataclass(frozen=True, kw_only=True)
 class IndenterTrace:
-    """Force that pushes the tool back (positive in contact) and how far the machine has driven it in.
+    """Force on the tool (positive in contact) and travel of the machine.
 
     `travel_mm` is the machine's own reading: contact may start later than travel, or before the first frame.
-    `starts`: first frames of the recordings of one specimen that are joined here, each from its own travel on
-    (`joined`); one trace alone has one. `numbers`: their places among all recordings of the specimen.
-    Where the rig's own give was taken off it, `rig_give_mm` is that, `rig_sd_mm` its standard deviation,
-    which all frames share. `drift_N_per_min`: standard deviation of the load cell's drift, where it is known.
-    Raises FemFailure (bad-load) where arrays differ in length, hold what is no number, or time runs back.
+    `starts`: first frames of the joined recordings of one specimen, each with its own travel (`joined`); a
+    single recording has one. `numbers`: their indices among all recordings of the specimen.
+    If the rig's displacement was subtracted from the travel, `rig_give_mm` is that displacement, `rig_sd_mm`
+    its standard deviation, with an error common to all frames. `drift_N_per_min`: standard deviation of the
+    load cell's drift, if known.
+    Raises FemFailure (bad-load) if arrays differ in length or have non-finite numbers, or time decreases.
     """
 
     time_s: Float[np.ndarray, " t"]
@@ -73,7 +74,7 @@ class IndenterTrace:
             )
 
     def cut(self, frames: slice) -> "IndenterTrace":
-        """These frames of one recording, as a trace of their own."""
+        """These frames of one recording as a separate curve."""
         arrays: dict[str, Any] = {
             name: values[frames] for name in PER_FRAME if (values := getattr(self, name)) is not None
         }
@@ -81,7 +82,7 @@ class IndenterTrace:
 
     @cached_property
     def parts(self) -> tuple["IndenterTrace", ...]:
-        """Each recording by itself."""
+        """Each recording separately."""
         return (self,) if len(self.starts) == 1 else tuple(self.cut(frames) for frames in self.slices)
 
     @property
@@ -92,19 +93,19 @@ class IndenterTrace:
 
     @property
     def drift_sd_N_per_min(self) -> float:
-        """As stated, or of a load cell of the weakest class (DRIFT_SHARE_PER_MIN)."""
+        """The stated one, or that of a load cell of the usual class (DRIFT_SHARE_PER_MIN)."""
         if self.drift_N_per_min is not None:
             return self.drift_N_per_min
         return DRIFT_SHARE_PER_MIN * RANGE_OVER_PEAK * float(np.abs(self.force_N).max())
 
     @property
     def deepest(self) -> int:
-        """The first frame of one recording that is as deep as any, within a thousandth."""
+        """The first frame of one recording within a thousandth of the largest depth."""
         return int(np.argmax(self.travel_mm >= self.travel_mm.max() * (1 - 1e-3)))
 
     @property
     def phases(self) -> tuple[str, ...]:
-        """Per frame "load" (driven in), "hold" (standing) or "unload" (drawn back)."""
+        """Per frame "load" (driven in), "hold" (at rest) or "unload" (drawn back)."""
         if len(self.starts) > 1:
             return tuple(phase for part in self.parts for phase in part.phases)
         rate = np.gradient(self.travel_mm, self.time_s)
@@ -113,10 +114,10 @@ class IndenterTrace:
 
 
 def joined(traces: Sequence[IndenterTrace]) -> IndenterTrace:
-    """Recordings of one specimen as one trace of several parts, in their order.
+    """Recordings of one specimen as one curve of several parts, in their order.
 
-    Time runs on from one to the next; how long it was between them is not known and nothing asks: every
-    recording is taken to meet flesh that has come back (`fem.indentation.contact_law`).
+    Time continues from one to the next. The unknown interval between them has no influence: the law assumes
+    recovered flesh at the start of each recording (`fem.indentation.contact_law`).
     """
     if len(traces) == 1:
         return traces[0]
@@ -128,7 +129,7 @@ def joined(traces: Sequence[IndenterTrace]) -> IndenterTrace:
     arrays: dict[str, Any] = {}
     for name in PER_FRAME[1:]:
         columns = [getattr(trace, name) for trace in traces]
-        if any(column is not None for column in columns):  # zero of a rig that was not taken off
+        if any(column is not None for column in columns):  # zero for a rig that was not subtracted
             columns = [np.zeros(len(t)) if c is None else c for c, t in zip(columns, times, strict=True)]
             arrays[name] = np.concatenate(columns)
     arrays["numbers"] = tuple(range(len(traces)))
@@ -136,33 +137,33 @@ def joined(traces: Sequence[IndenterTrace]) -> IndenterTrace:
 
 
 def without(trace: IndenterTrace, places: Collection[int]) -> IndenterTrace:
-    """The trace less its recordings at these places; the others keep their numbers."""
+    """The curve without its recordings at these indices; the others keep their numbers."""
     kept = [k for k in range(len(trace.parts)) if k not in places]
     return replace(joined([trace.parts[k] for k in kept]), numbers=tuple(trace.numbers[k] for k in kept))
 
 
-#: share of the force that must be lost, and standard deviations of the noise beside it (set by hand: ten
-#: times what the theory of the contact errs by; six of noise in one of a thousand frames is no accident)
+#: least drop of the force in a rupture, as a share of the force and in standard deviations of the noise (set
+#: by hand: ten times the error of the contact theory; six sd in one of a thousand frames are not chance)
 LOST, ABOVE_NOISE = 0.1, 8.0
-#: times the steepest rise before it that the fall must be as steep as: a solid that relaxes falls, once the
-#: ball stands, at most as steeply as its unrelaxed force rose, which is R(0)/R(long) times the rise that is
-#: seen; 4 allows for three quarters relaxed
+#: least slope of the drop over the steepest rise before it. Once the ball rests, the force of a relaxing
+#: solid falls at most as steeply as its unrelaxed force rose: R(0)/R(long) times the recorded rise. 4 allows
+#: for a relaxation by three quarters
 STEEPER = 4.0
-#: share of the travel so far by which the ball may come back while the force falls (backlash; set by hand)
+#: share of the travel so far by which the ball may go back while the force falls (backlash; set by hand)
 BACKLASH = 0.01
-#: frames that the force must stay down for, since one that reads low is no rupture; and over which the ball
-#: must not come back, since its travel may be read one or two frames late
+#: frames for which the force must stay low, since a single low reading is no rupture; and frames in which
+#: the ball must not go back, since its travel may be recorded one or two frames late
 STAYS, WATCHED = 3, 6
 
 
 def before_rupture(trace: IndenterTrace, *, noise_N: float) -> tuple[IndenterTrace, str]:
-    """One recording up to the largest force before its flesh breaks, and a sentence that says so; the whole
-    of it, and nothing, where no flesh breaks.
+    """One recording up to the largest force before a rupture, and a sentence about it; the whole recording
+    and an empty string if there is no rupture.
 
-    A rupture: a fall by more than LOST of the largest force so far and ABOVE_NOISE of `noise_N`, STEEPER than
-    the rise to it, after which the travel is where that force was reached or beyond. Source: ASABE S368.4,
-    "Compression test of food materials of convex shape" (bioyield and rupture point: less force at more
-    deformation). Raises FemFailure (bad-load) where too few frames are left.
+    A rupture is a drop by more than LOST of the largest force so far and ABOVE_NOISE of `noise_N`, STEEPER
+    than the rise before it. Afterwards the travel is not below that at the largest force. Source: ASABE
+    S368.4, "Compression test of food materials of convex shape" (bioyield and rupture point: less force at
+    more deformation). Raises FemFailure (bad-load) if too few frames remain.
     """
     force, time = np.asarray(median_filter(trace.force_N, size=3, mode="nearest")), trace.time_s
     top = np.maximum.accumulate(force)
@@ -177,7 +178,7 @@ def before_rupture(trace: IndenterTrace, *, noise_N: float) -> tuple[IndenterTra
             continue
         falls = last + int(np.flatnonzero(lost[last:k] <= 0.25 * lost[k])[-1])
         steep = (force[falls] - force[k]) / (time[k] - time[falls])
-        apart = max(STAYS, last // 50)  # over which noise does not rule the rise
+        apart = max(STAYS, last // 50)  # frames over which noise does not dominate the rise
         rise = (force[apart : last + 1] - force[: last + 1 - apart]) / (
             time[apart : last + 1] - time[: last + 1 - apart]
         )

@@ -1,7 +1,7 @@
 """An effect in a force-displacement curve: its unknowns, and how it changes the force.
 
-Names, units, words and scope are those of the same effect between pads (fem.mismatch.effects), said there
-once.
+Names, units, words and scope are those of the same effect between pads, which defines them
+(fem.mismatch.effects).
 """
 
 from collections.abc import Callable, Mapping
@@ -17,9 +17,9 @@ from fem.mismatch.effect_spec import EffectSpec
 from fem.mismatch.result import NINETY, Parameter
 
 Values: TypeAlias = Mapping[str, Float[np.ndarray, " p"]]
-"""Unknowns by name, one number for each of p rows that are tried at once."""
+"""Unknowns by name, one number for each of p rows that are evaluated together."""
 Rows: TypeAlias = Float[np.ndarray, "p _"]
-"""Numbers of these rows in each frame, or at each of their springs' levels."""
+"""Numbers for these rows in each frame, or at each of their springs' levels."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -47,13 +47,13 @@ class Unknown:
 
 @dataclass(frozen=True, kw_only=True)
 class TraceEffect:
-    """One missing physics, in one of its forms (the number of relaxing arms is a form, not an effect).
+    """One effect in one of its forms (the number of relaxing arms is a form, not an effect).
 
-    How it changes the force (fem.indentation.contact_law), each None where it does not: `give_mm` of the
-    machine, taken off the travel; `stress_factor` on the force at a level; `slack_mm` of each spring at
-    each level; `relaxation`: shares and times (s) of its arms; `force_factor` at a depth after the
-    deepest; `added_N` to the recorded force. `parameters`: what is reported of unknowns that are not the
-    parameters themselves, from their values on their scales and the covariance of these.
+    Its changes of the force (fem.indentation.contact_law), each None if absent. `give_mm`: displacement of
+    the machine, subtracted from the travel; `stress_factor`: on the force at a level; `slack_mm`: of each
+    spring at each level; `relaxation`: shares and times (s) of its arms; `force_factor`: at a depth after
+    the deepest; `added_N`: to the recorded force. `parameters`: converts unknowns that are not the reported
+    parameters, from their values on their scales and the covariance of these.
     """
 
     name: str
@@ -70,7 +70,7 @@ class TraceEffect:
 def unknown(
     spec: EffectSpec, name: str, *, scale: Literal["linear", "log", "logit"], mean: float, sd: float
 ) -> Unknown:
-    """A parameter of the effect as a trace's unknown, in its unit; raises KeyError where it has none such."""
+    """A parameter of the effect as a curve's unknown, in its unit; raises KeyError if there is none."""
     parameter = spec.parameter(name)
     if parameter is None:
         raise KeyError(name)

@@ -1,4 +1,4 @@
-"""Noise of a trace: what a model leaves unexplained of the force, beside what the load cell adds."""
+"""Noise of a curve: the part of the force that a model leaves unexplained, and the load cell's noise."""
 
 from dataclasses import dataclass, replace
 
@@ -11,29 +11,29 @@ from fem.indentation.no_contact import NoContactNoise
 from fem.indentation.trace import IndenterTrace
 
 LOOKS = 10.0
-"""Independent looks at a model's error per peak force passed, and per recording: what laws of rubber leave
-of silicone cylinders changes sign some five times in a ramp (`benchmarks/silicone_cylinders.py`). With 20 a
-law is named for a curve that no law explains."""
+"""Number of independent values of a model's error per force change by the peak force, and per recording. The
+residual of rubber laws for silicone cylinders changes sign some five times in a ramp
+(`benchmarks/silicone_cylinders.py`). With 20, a law is named for a curve that no law explains."""
 FLOOR = 0.03
 """Share of the peak force below which the unexplained part no longer falls with the force (set by hand)."""
 SHARE = 0.02
 """Least share of the force that any law leaves unexplained. Of 1, 2 and 3 % it is the least with which laws
-fitted to four fifths of a curve predict the last one (development mixtures of
+fitted to four fifths of a curve predict the last fifth (development mixtures of
 benchmarks/silicone_cylinders.py)."""
 RIG_SHAPE = 0.3
-"""Of the standard deviation of a rig that was taken off, what is no scale of its curve. Set by hand: of three
-squeezes of a spring in series with Hertz's contact the curve is 0.016 mm off at the first touch, where its
-standard deviation at the largest force is 0.057 mm (tests/pipeline/test_calibrate_rig.py)."""
+"""Share of a subtracted rig's standard deviation that is not a common scale of its curve. Set by hand: from
+three squeezes of a spring in series with Hertz's contact, the curve's error at the first touch is 0.016 mm,
+and its standard deviation at the largest force 0.057 mm (tests/pipeline/test_calibrate_rig.py)."""
 STEEPER = 1.5
-"""Relative change of a ball's force over that of its depth (Hertz)."""
+"""Relative change of a ball's force over the relative change of depth (Hertz)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TraceNoise:
     """Covariance white^2 I + a a' exp(-|c - c'|), a and c per frame: an Ornstein-Uhlenbeck process.
 
-    The clock c need not be time: what a model leaves unexplained moves when the force moves (model_clock).
-    With O the process's covariance, whose inverse is tridiagonal, and A = diag(a): C = white^2 I + A O A,
+    The clock c need not be time: a model's residual changes when the force changes (model_clock).
+    O: covariance of the process, with a tridiagonal inverse; A = diag(a). Then C = white^2 I + A O A and
     C^-1 = (I - (I + white^2 Q)^-1)/white^2 with Q = (A O A)^-1, so that every use costs a banded solve.
     Source: Rue and Held, "Gaussian Markov Random Fields", 2005, sec. 1.2 and 2.4 (Markov precision).
     """
@@ -43,7 +43,7 @@ class TraceNoise:
     clock: Float[np.ndarray, " t"]
 
     def part(self, frames: slice | Bool[np.ndarray, " t"], factor: float = 1.0) -> "TraceNoise":
-        """Of some of the frames, with so many times the unexplained force."""
+        """Noise of some of the frames, with the unexplained force times `factor`."""
         return replace(self, wander_N=factor * self.wander_N[frames], clock=self.clock[frames])
 
     @cached_value
@@ -59,7 +59,7 @@ class TraceNoise:
     def _factored(
         self, wander_N: Float[np.ndarray, " t"]
     ) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t-1"]]:
-        """I + white^2 Q with this a as L D L': D, and L below its diagonal."""
+        """L D L' factors of I + white^2 Q with this a: D, and the subdiagonal of L."""
         diagonal, off, _ = self._process
         diagonal = 1 + (self.white_N / wander_N) ** 2 * diagonal
         off = off * self.white_N**2 / (wander_N[:-1] * wander_N[1:])
@@ -80,7 +80,7 @@ class TraceNoise:
     def log_likelihoods(
         self, residual: Float[np.ndarray, " t"], shares: Float[np.ndarray, " s"]
     ) -> Float[np.ndarray, " s"]:
-        """Natural logarithm of the normal density, with a times each share in place of a."""
+        """Natural logarithm of the normal density, with a multiplied by each share."""
         residual = np.asarray_chkfinite(residual)
         log_o = self._process[2]
         logs = []
@@ -93,10 +93,10 @@ class TraceNoise:
 
 
 def noise_of(trace: IndenterTrace, no_contact: NoContactNoise) -> TraceNoise:
-    """White noise and, beside it, all of the measured force (FLOOR of its peak at least) unexplained."""
+    """White noise plus an unexplained part of the size of the measured force, at least FLOOR of its peak."""
     size = np.abs(trace.force_N)
     clocks, end = [], 0.0
-    for part in trace.parts:  # LOOKS unties each recording from the next
+    for part in trace.parts:  # LOOKS decorrelates each recording from the next
         clocks.append(end + model_clock(part.time_s, part.force_N, white_N=no_contact.sd_N))
         end = float(clocks[-1][-1]) + LOOKS
     return TraceNoise(
@@ -109,10 +109,11 @@ def noise_of(trace: IndenterTrace, no_contact: NoContactNoise) -> TraceNoise:
 def model_clock(
     time_s: Float[np.ndarray, " t"], force_N: Float[np.ndarray, " t"], *, white_N: float
 ) -> Float[np.ndarray, " t"]:
-    """Runs with the force's changes (over its peak) and with time (over the recording), LOOKS times each.
+    """Clock that advances with changes of the force (over its peak) and with time (over the recording), LOOKS
+    times each.
 
-    A model's error has one value per stretch of path, not per frame: a trace is some thirty independent looks
-    at it, however many frames were recorded.
+    A model's error has one value per section of the path, not per frame: a curve has some thirty independent
+    values, whatever the number of frames.
     """
     change = (np.abs(np.diff(force_N)) + white_N) / np.abs(force_N).max()
     passed = np.diff(time_s) / (time_s[-1] - time_s[0])
@@ -120,9 +121,9 @@ def model_clock(
 
 
 def least_share(trace: IndenterTrace) -> float:
-    """Least share of the force that is left unexplained: SHARE, or what the shape of a rig's curve errs by.
+    """Least unexplained share of the force: SHARE, or the error by the shape of a rig's curve.
 
-    That is STEEPER RIG_SHAPE sd / d at the peak, d the travel since FLOOR of the peak force.
+    That error is STEEPER RIG_SHAPE sd / d at the peak, d the travel since FLOOR of the peak force.
     """
     if trace.rig_sd_mm is None:
         return SHARE

@@ -1,1 +1,1 @@
-"""What the plain model leaves out of a fruit's recordings: whether, what, where and when."""
+"""Mismatch between a fruit's recordings and the plain model: its presence, cause, place and time."""

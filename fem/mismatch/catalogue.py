@@ -1,4 +1,4 @@
-"""All effects that the finder knows: those of the files in effects/, each of which holds one as EFFECT."""
+"""The catalogue: all effects that the finder knows. Each file in effects/ defines one, as EFFECT."""
 
 import pkgutil
 from importlib import import_module
@@ -9,7 +9,7 @@ from fem.mismatch.effect_spec import EffectSpec
 
 
 def _collected() -> tuple[Effect, ...]:
-    """By EffectSpec.rank, which decides between explanations that are exactly equal."""
+    """Sorted by EffectSpec.rank, which decides between explanations that are exactly equal."""
     names = sorted(module.name for module in pkgutil.iter_modules(effects.__path__))
     catalogue: list[Effect] = [import_module(f"{effects.__name__}.{name}").EFFECT for name in names]
     return tuple(sorted(catalogue, key=lambda effect: effect.spec.rank))
@@ -17,4 +17,4 @@ def _collected() -> tuple[Effect, ...]:
 
 EFFECTS: tuple[Effect, ...] = _collected()
 SPECS: dict[str, EffectSpec] = {effect.spec.name: effect.spec for effect in EFFECTS}
-"""By name, in the order of the catalogue."""
+"""Specifications by name, in the order of the catalogue."""

@@ -1,8 +1,8 @@
-"""Displacement corrections: what known effects add to the plain model, at the modulus fitted with them.
+"""Displacement that known effects add to the plain model, at the modulus fitted with them.
 
     y(t) = X + s [c(t) + d(t)] + R q(t) + ...,      d = sum over effects of (c_theta - c) + shift / s
 
-Most laws depend on s = 1/E, and s on them: it is fitted again with d until it no longer changes.
+Most laws depend on s = 1/E, and s depends on them: d and s are computed in turn until s settles.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -21,12 +21,12 @@ from fem.mismatch.selection.modulus_with import modulus_of
 from fem.mismatch.signature_variant import ONE_WAY
 
 MOST_ROUNDS, STILL = 12, 1e-3
-"""Rounds end where 1/E changes by a smaller share than this."""
+"""Most rounds; rounds end when the relative change of 1/E is below STILL."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class KnownEffect:
-    """An effect with its parameters, named as the search has them, for a flesh of modulus E (MPa)."""
+    """An effect with its searched parameters, as a function of the flesh's modulus E (MPa)."""
 
     effect: Effect
     parameters: Callable[[float], Mapping[str, float]]
@@ -35,11 +35,11 @@ class KnownEffect:
 def displacement_corrections(
     case: MismatchCase, effects: Sequence[KnownEffect], *, at_finite_strain: bool
 ) -> list[Float[np.ndarray, "_t _n 3"]]:
-    """d(t) of every recording, mm MPa, all frames: zero without contact.
+    """d(t) of every recording in all frames, mm MPa; zero without contact.
 
-    `at_finite_strain`: whether the effects change large deformation as well.
+    `at_finite_strain`: whether the effects also change the large deformation.
 
-    Raises FemFailure where the recordings or an effect's model cannot be computed, or 1/E does not settle.
+    Raises FemFailure if the recordings or an effect's model cannot be computed, or 1/E does not settle.
     """
     model = replace(case_model(case)[0], beyond_small_strain=at_finite_strain)
     if not model.compliance > 0:
@@ -74,7 +74,7 @@ def displacement_corrections(
 
 
 def _corrections(model: CaseModel, effects: Sequence[KnownEffect]) -> Fields:
-    """d in the frames used; small corrections add up."""
+    """d in the frames used: the sum of small corrections."""
     corrections = [np.zeros_like(recording.tracks.unit_displacement) for recording in model.grasps]
     for known in effects:
         answer = known.effect.respond(model, known.parameters(1 / model.compliance), ONE_WAY)

@@ -1,11 +1,11 @@
-"""What every effect of the catalogue is: its specification, linear signatures, a full response.
+"""Interface of the catalogue's effects: specification, linear signatures, full response.
 
 The plain model of one recording, marker by marker (fem.estimation.compliance_fit):
 
     y(t) = X + s c(t) + R q(t) + g d(t) + noise,        sum of the pads' forces and moments = 0
 
-An effect changes c, adds to y, or unbalances the forces. Adding physics to the finder is adding a file to
-fem/mismatch/effects that holds one such object as EFFECT.
+An effect changes c, adds to y, or unbalances the forces. To add physics to the finder, add a file to
+fem/mismatch/effects that defines one such object as EFFECT.
 """
 
 from abc import ABC, abstractmethod
@@ -25,17 +25,17 @@ from fem.mismatch.result import Where
 from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 Parameters: TypeAlias = Mapping[str, float]
-"""Of an effect, by the names of its searched parameters."""
+"""Values of an effect's searched parameters, by name."""
 Amounts: TypeAlias = Float[np.ndarray, " k"]
-"""Of a signature's columns."""
+"""Amounts of a signature's columns."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Signature:
-    """One way in which an effect can show, linear in the amounts of its columns.
+    """One way in which an effect can appear, linear in the amounts of its columns.
 
-    `variant` tells alternatives apart (a relaxation time, a pad). `untried`: why it could not be computed, a
-    sentence without a full stop; it has no columns then.
+    `variant` distinguishes alternatives (a relaxation time, a pad). `untried`: reason why the signature could
+    not be computed, a sentence without a full stop; there are no columns then.
     """
 
     variant: Variant
@@ -54,7 +54,7 @@ class Signature:
         least: float = 0.0,
         of_forces: LinearInForces | None = None,
     ) -> "Signature":
-        """One amount that moves the markers of every recording; the options are those of Regressor."""
+        """A signature of one amount that moves every recording's markers; options as of Regressor."""
         column = Regressor(
             name=name,
             sd=sd,
@@ -68,13 +68,13 @@ class Signature:
 
 @dataclass(frozen=True, kw_only=True)
 class Response:
-    """What an effect predicts of all recordings, linear in its parameters or not; one entry per recording.
+    """An effect's prediction of all recordings, linear in its parameters or not; one entry per recording.
 
-    `unit`: the markers' displacement for E = 1 MPa, in the place of c; the plain model's own
-    (`tracks.unit_displacement`) where the effect does not change it. `shift_mm`: what is added to their
-    recorded positions whatever E is, or None. `balance`: what force (N) and moment (N mm over ARM_MM) of all
-    pads should add up to, or None for zero. `rest`: zero drift of each pad's normal force that is predicted,
-    N/s, or None for zero.
+    `unit`: the markers' displacement for E = 1 MPa, which replaces c; the plain model's own
+    (`tracks.unit_displacement`) if the effect does not change it. `shift_mm`: shift of their recorded
+    positions, independent of E, or None. `balance`: predicted sum of force (N) and moment (N mm over ARM_MM)
+    of all pads, or None for zero. `rest`: predicted zero drift of each pad's normal force, N/s, or None for
+    zero.
     """
 
     unit: Fields
@@ -83,7 +83,7 @@ class Response:
     rest: Sequence[Float[np.ndarray, " _p"]] | None = None
 
     def change(self, model: CaseModel, grasp: int) -> ObservationDelta:
-        """What it adds to the plain model's prediction of one recording."""
+        """Change that it makes to the plain model's prediction of one recording."""
         markers = model.compliance * (self.unit[grasp] - model.plain[grasp])
         return ObservationDelta(
             markers=markers if self.shift_mm is None else markers + self.shift_mm[grasp],
@@ -101,7 +101,7 @@ class Response:
         positive: bool = False,
         least: float = 0.0,
     ) -> Regressor:
-        """Its change, which is that of `per` of the amount, as a column; options as of Regressor."""
+        """Its change as a column. The change is that of an amount `per`; options as of Regressor."""
         fields = [ObservationDelta().plus(1 / per, self.change(model, k)) for k in range(len(self.unit))]
         return Regressor(name=name, sd=sd, fields=fields, positive=positive, least=least)
 
@@ -115,7 +115,7 @@ class Response:
         balance: Sequence[Float[np.ndarray, "_f 6"]] | None = None,
         rest: Sequence[Float[np.ndarray, " _p"]] | None = None,
     ) -> "Response":
-        """The plain model's, with `change` (mm MPa) added to each recording's displacement."""
+        """The plain model's response, with `change` (mm MPa) added to each recording's displacement."""
         unit = model.plain
         if change is not None:
             unit = [plain + more for plain, more in zip(unit, change, strict=True)]
@@ -123,7 +123,7 @@ class Response:
 
 
 def superposed(model: CaseModel, responses: Sequence[Response]) -> Response:
-    """One response with the changes of all: small changes add up."""
+    """One response with the sum of all changes, which are small."""
 
     def summed(channel: str, grasp: int, nothing: np.ndarray) -> np.ndarray:
         known = (getattr(response, channel) for response in responses)
@@ -142,10 +142,11 @@ def superposed(model: CaseModel, responses: Sequence[Response]) -> Response:
 
 @dataclass(frozen=True, kw_only=True)
 class Effect(ABC):
-    """One missing physics; `spec`: all that it states of itself.
+    """One effect; `spec`: its specification.
 
-    `seen_directly`: the recordings show it by themselves, whatever the fruit is; its signature has no columns
-    where its response is the plain model's. `says_more`: more is known of it than the markers' motion says.
+    `seen_directly`: the recordings alone show it, whatever the fruit is. Its signature has no columns if its
+    response is the plain model's. `says_more`: it has an auxiliary likelihood, from other data than the
+    markers' motion.
     """
 
     spec: EffectSpec
@@ -154,44 +155,44 @@ class Effect(ABC):
 
     @abstractmethod
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
-        """Its linear signatures about the plain model: alternatives, of which at most one holds."""
+        """Its linear signatures about the plain model: alternatives. At most one is true."""
 
     @abstractmethod
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
-        """The full response at these parameters; `variant` is that of the signature it was found with."""
+        """The full response at these parameters; `variant` is that of the signature that found the effect."""
 
     def at_small_strain(self, model: CaseModel) -> Fields | None:
-        """Where it adds theta D to the flesh's stiffness K0: its one signature, of one column, at small
-        strain: -K0^-1 D U, mm.
+        """-K0^-1 D U, mm: the one signature, of one column, at small strain, of an effect that adds theta D
+        to the flesh's stiffness K0. None for other effects.
         """
         return None
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
-        """The parameters that the amounts found with a signature stand for, within their bounds: the amounts
-        themselves, unless the effect says otherwise.
+        """The parameters that correspond to a signature's fitted amounts, within their bounds. They are the
+        amounts themselves unless the effect overrides this.
         """
         return self.spec.within_bounds(*amounts)
 
     def other_start(self, model: CaseModel, variant: Variant) -> dict[str, float] | None:
-        """Where the search may start as well; None where nothing but the linear round shows."""
+        """A second start of the search; None if only the linear round gives one."""
         return None
 
     def auxiliary_log_likelihood(self, model: CaseModel, parameters: Parameters, variant: Variant) -> float:
-        """ln likelihood of what else is known, over the plain model's; counts for as much as the motion
-        itself at most.
+        """ln likelihood ratio to the plain model of data other than the markers' motion; it counts for no
+        more than the motion does.
         """
         return 0.0
 
     def direct_evidence(self, model: CaseModel) -> float:
-        """ln likelihood of its marks over that of none; it counts in full."""
+        """ln likelihood ratio of its direct evidence, effect to no effect; it counts in full."""
         return 0.0
 
     def measured_sd(self, model: CaseModel) -> dict[str, float]:
-        """Standard deviation of each number that is searched and was measured: the search's prior about its
-        start.
+        """Standard deviation of each searched parameter that was measured. The search uses it as the prior
+        about its start.
         """
         return {}
 
     def where(self, parameters: Parameters) -> Where | None:
-        """Its place in the fruit; None where it has none of its own."""
+        """Its place in the fruit; None if it has no place."""
         return None

@@ -1,7 +1,7 @@
-"""What an effect states of itself, beside its mechanics: all that other rooms derive from the catalogue.
+"""Specification of an effect, apart from its mechanics: what other packages read from the catalogue.
 
-Every effect of fem/mismatch/effects holds one EffectSpec. Settings and their limits, words in reports, advice
-for the next grasp, corrections when grading: all are read from it.
+Every effect of fem/mismatch/effects has one EffectSpec. It determines settings and their limits, words in
+reports, advice for the next grasp, and corrections in grading.
 """
 
 import re
@@ -14,17 +14,17 @@ import numpy as np
 Family = Literal["object", "interaction", "measurement"]
 Kind = Literal["number", "pair", "triple", "pad"]
 KINDS: dict[int, Kind] = {0: "pad", 1: "number", 2: "pair", 3: "triple"}
-"""By how many numbers are searched for."""
+"""Kind of a parameter by its count of numbers."""
 LAW_ERROR = 0.15
-"""Error of an effect's law in any direction, as a share of its signal. Error bars hold it, and a second
-effect must exceed it. In twelve labelled cases the signals left for other effects are 0.10 of the true one's
-(root mean square), and 0.5 at most."""
+"""Error of an effect's law in any direction, as a share of its signal. Error bars include it, and a second
+effect must exceed it. In twelve labelled cases the signals that remain for other effects are 0.10 of the true
+effect's (root mean square), and 0.5 at most."""
 LAW_ERROR_OF_READINGS = 0.02
-"""The same in error bars where the law is of a sensor's readings and holds no mechanics. Set by hand."""
+"""The same in error bars for a law of a sensor's readings, without mechanics. Set by hand."""
 
 
 class Scope(StrEnum):
-    """Whom an effect holds for once it is confirmed."""
+    """What a confirmed effect applies to."""
 
     FRUIT = "one fruit"
     LOT = "the lot's flesh or skin"
@@ -42,7 +42,7 @@ class Entry(StrEnum):
 
 
 class Correction(StrEnum):
-    """What is put right before there is a model of a grasp, each by its own code in grading."""
+    """Corrections that grading makes before it builds a grasp model, each by its own code."""
 
     FORCE_GAIN = "force gain"
     FORCE_DRIFT = "force drift"
@@ -60,25 +60,26 @@ class Correction(StrEnum):
 
 @dataclass(frozen=True)
 class EffectParameter:
-    """One parameter as settings and answers carry it (docs/formats.md), and as the search varies it.
+    """One parameter, as settings and answers contain it (docs/formats.md) and as the search varies it.
 
-    `words`: its meaning. `limits`: what settings may hold. `low`, `high`: where the search is cut off; a
-    second effect that ends there is not accepted, as it then stands for something else. All are set by hand,
-    wide: whatever a fruit or machine could have, and of settings more than that. `components`: of a vector;
-    0: the name of a pad. `searched_as`: name of the number searched for, where the parameter is that times
-    E^modulus_power, E in MPa. `numbered`: settings may hold further ones of its kind ("g_2", "tau_2_s").
+    `words`: its meaning. `limits`: allowed range in settings. `low`, `high`: bounds of the search. A second
+    effect that ends at a bound is rejected, since it then represents something else. All are set by hand,
+    wide: they include any fruit or machine, and `limits` more than that. `components`: number of a vector's
+    components; 0: the parameter is the name of a pad. `searched_as`: name of the searched number, if the
+    parameter is that number times E^modulus_power, E in MPa. `numbered`: settings may contain further
+    parameters of its kind ("g_2", "tau_2_s").
 
-    `low_is_a_law`: the law at `low` is one that flesh may truly have, so that an end there is a result like
-    any other. Example: `stiffening` at its least b is flesh that deforms largely and does not stiffen.
+    `low_is_a_law`: flesh may truly have the law at `low`, so that a search that ends there is a valid result.
+    Example: `stiffening` at its least b is flesh that deforms largely and does not stiffen.
 
-    `log`: it is searched for on a logarithmic scale. `spread`: its prior standard deviation in the refit; a
-    quarter of the bounds' distance unless given.
+    `log`: the search uses a logarithmic scale. `spread`: prior standard deviation in the refit; by default a
+    quarter of the distance between the bounds.
 
-    `strain_power`: how the parameter follows E while the search varies E. The same forces strain flesh of
-    half the E twice as much; the law acts on it as before where the parameter is changed by 2^strain_power.
-    Example: `damage` sets in at W0/E, an energy that goes as the strain squared: its power is 2, and at half
-    the E four times the W0/E does the same. 0: the law does not depend on how large strains are. Any other
-    needs `log`.
+    `strain_power`: how the parameter scales with E while the search varies E. Under the same forces, flesh of
+    half the E has twice the strain. The law's effect stays the same if the parameter changes by
+    2^strain_power. Example: `damage` begins at W0/E, an energy proportional to the strain squared. Its power
+    is 2: half the E requires four times the W0/E. 0: the law does not depend on the size of strains. Any
+    other power requires `log`.
     """
 
     name: str
@@ -103,20 +104,20 @@ class EffectParameter:
 
     @property
     def kind(self) -> Kind:
-        """How many numbers it has; none where it is the name of a pad."""
+        """Kind by its count of numbers; a pad's name has none."""
         return KINDS[self.components]
 
     @property
     def searched(self) -> tuple["EffectParameter", ...]:
-        """What the search varies of it: one number, nothing for a pad, or a vector's components, each a
-        parameter of its own named "offset_mm.0" and so on.
+        """What the search varies: one number, nothing for a pad, or a vector's components. Each component is
+        a parameter of its own, named "offset_mm.0" and so on.
         """
         name = self.searched_as or self.name
         names = [name] if self.components == 1 else [f"{name}.{k}" for k in range(self.components)]
         return tuple(replace(self, name=each, components=1, searched_as="") for each in names)
 
     def is_named(self, name: str) -> bool:
-        """Whether this is its name, or that of a further one of its kind.
+        """Whether this is its name, or the name of a further parameter of its kind.
 
         >>> tau = EffectParameter("tau_s", "s", "", numbered=True)
         >>> [tau.is_named(name) for name in ("tau_s", "tau_2_s", "tau_s_2")]
@@ -127,7 +128,7 @@ class EffectParameter:
         return name == self.name or (self.numbered and re.fullmatch(further, name) is not None)
 
     def searched_values(self, value: float | tuple[float, ...], *, E_MPa: float) -> dict[str, float]:
-        """The numbers searched for, of flesh of modulus E."""
+        """The searched numbers, for flesh of modulus E."""
         values = value if isinstance(value, tuple) else (value,)
         scale = E_MPa**self.modulus_power
         return {
@@ -137,7 +138,7 @@ class EffectParameter:
 
 
 PAD = EffectParameter("pad", "", "which pad", components=0)
-"""The parameter of an effect that one pad has."""
+"""Parameter of an effect that belongs to one pad."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -151,24 +152,24 @@ class EffectWords:
 
 @dataclass(frozen=True, kw_only=True)
 class EffectSpec:
-    """One effect, but for its mechanics.
+    """One effect, without its mechanics.
 
-    `rank`: its place in the catalogue, a number of its own; it decides only between explanations that are
-    exactly equal, for the lower. `family`: what of a grasp the physics belongs to: the fruit ("object"), the
-    contact ("interaction"), or sensor and gripper ("measurement"); the bank's scores are given by it.
-    `scope`: to whom a confirmed effect is applied: the one fruit (FRUIT), or every fruit of the batch, and
-    whether it stays with the jaws when the fruit is turned (SENSOR, GRIPPER). Example: `pose_error` is of the
-    family "interaction", being where pad and skin meet, and of the scope GRIPPER, since it stays with a jaw.
+    `rank`: its place in the catalogue, a unique number. Of explanations that are exactly equal, the lower
+    rank wins. `family`: the part of a grasp that the physics belongs to: the fruit ("object"), the contact
+    ("interaction"), or sensor and gripper ("measurement"); the bank's scores are grouped by it. `scope`: what
+    a confirmed effect applies to: the one fruit (FRUIT) or every fruit of the batch. It also tells whether
+    the effect stays with the jaws when the fruit is turned (SENSOR, GRIPPER). Example: `pose_error` has the
+    family "interaction", as it is where pad and skin meet, and the scope GRIPPER, as it stays with a jaw.
 
-    `correction`: what grading puts right for it; None where it changes how flesh or contact answers a force.
-    `of_the_pit`: there is none of it without a pit. `holds_large_deformation`: its law counts from
-    small strain on, and holds the flesh's large deformation too. `in_recorded_forces`: the recorded forces
-    already contain all that it does. The plain model, driven by those forces, then predicts the markers as
-    well as with it: `respond` returns the plain model's displacement unchanged, E needs no correction, and
-    nothing is written into `batch.toml`. Example: `adhesion`, whose pull at the skin the gel records as
-    force. `knows_time`: its response depends on when the forces act or how fast the jaws go, not only on
-    their course. `remembers_grasps`: what one recording has done to the flesh the next ones find so.
-    `of_readings`: its law changes what a sensor reads, whatever the flesh does.
+    `correction`: what grading corrects for it; None if it changes the response of flesh or contact to a
+    force. `of_the_pit`: it requires a pit. `holds_large_deformation`: its law starts at small strain and
+    includes the flesh's large deformation. `in_recorded_forces`: the recorded forces already contain all of
+    its consequences. The plain model, driven by those forces, then predicts the markers as well as with it:
+    `respond` returns the plain model's displacement unchanged, E needs no correction, and nothing is written
+    into `batch.toml`. Example: `adhesion`, whose pull at the skin the gel records as force. `knows_time`: its
+    response depends on when the forces act or how fast the jaws go, not only on their path.
+    `remembers_grasps`: its change of the flesh in one recording persists in the next ones. `of_readings`: its
+    law changes the readings of a sensor, whatever the flesh does.
     """
 
     name: str
@@ -187,11 +188,11 @@ class EffectSpec:
 
     @property
     def searched(self) -> tuple[EffectParameter, ...]:
-        """What the search varies, in the order of the parameters."""
+        """The searched numbers, in the order of the parameters."""
         return tuple(spec for parameter in self.parameters for spec in parameter.searched)
 
     def within_bounds(self, *values: float) -> dict[str, float]:
-        """The searched parameters at these values, each cut off at its bounds."""
+        """The searched parameters at these values, each clipped to its bounds."""
         return {
             spec.name: float(np.clip(value, spec.low, spec.high))
             for spec, value in zip(self.searched, values, strict=True)
@@ -217,5 +218,5 @@ class EffectSpec:
         return self.scope in (Scope.SENSOR, Scope.GRIPPER)
 
     def parameter(self, name: str) -> EffectParameter | None:
-        """The parameter of that name, of a numbered one's too."""
+        """The parameter of that name, or of a further one of its kind."""
         return next((parameter for parameter in self.parameters if parameter.is_named(name)), None)

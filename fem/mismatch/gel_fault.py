@@ -1,13 +1,13 @@
-"""Effects of a gel or its reading that show in force against displacement of the gel itself.
+"""Effects of a gel or its reading that appear in the relation of force to the gel's displacement.
 
-A law (fem.mismatch.evidence.gel_relation.GelLaw) takes true force and displacement to recorded ones. What is
-measured of it there starts the search and is its prior. But a gel may truly be so, and be read rightly: it is
-the flesh that says whether its forces and places are better understood with the law undone,
+A law (fem.mismatch.evidence.gel_relation.GelLaw) maps true force and displacement to recorded
+ones. The fit of this relation gives the search its start and prior. But a gel may truly behave so, and be
+read correctly. The flesh's equations decide: they are fitted with the law inverted,
 
     y - shift(theta) = X + s c(f_true(theta)) + ...
 
-and where the flesh's own equations fit no better with it the effect is not seen at all. f_true drives the
-model as recorded forces do (fem.estimation.prepared_grasp), which takes most of them from the displacement
+and without. If inverting the law does not improve their fit, the effect is not detected. f_true drives the
+model as recorded forces do (fem.estimation.prepared_grasp), which derives most of them from the displacement
 already.
 """
 
@@ -33,20 +33,20 @@ from fem.mismatch.model.plain_model import GraspResponse
 from fem.mismatch.signature_variant import ONE_WAY, Variant
 
 LEAST_EVIDENCE = 8.0
-"""ln evidence of the relation from which an effect is seen. Cases without a fault of the gel have 3 at most,
-and seem to have a = 0.011, creep = 0.016, share = 0.008 at most; gels of which 0.4 of a marker's displacement
-follows its neighbours 0.028, at an evidence of 1 (measured on simulated gels)."""
+"""Least ln evidence of the relation that detects an effect. Cases without a fault of the gel have 3 at most;
+their fitted a, creep and share are 0.011, 0.016 and 0.008 at most. Gels with 0.4 of a marker's displacement
+coupled to its neighbours reach 0.028, at an evidence of 1 (measured on simulated gels)."""
 KEPT, NO_FORCE_N = 1e-3, 1e-9
-"""Patterns of a change of forces are kept down to this share of the largest, and to this size."""
+"""Relative and absolute (N) limits below which singular values of a change of forces are dropped."""
 HELD = 0.01
-"""Share of the relation's standard deviation by which the search may move a parameter: it is as good as held.
-Of 0.28 of a bent reading in soft flesh the flesh's equations alone would leave 0.20."""
+"""Prior standard deviation of a parameter in the search over that of the relation: the parameter is nearly
+fixed. For a nonlinearity of 0.28 in soft flesh, the flesh's equations alone would give 0.20."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GelFault(Effect):
-    """`law` with its parameters' priors about no fault; `amounts`: those that are zero without it, in which
-    it is linear at first; `others`: values of the rest from which a fit starts.
+    """A `law` with the priors of its parameters about no fault. `amounts`: parameters that are zero without
+    the fault and enter linearly to first order. `others`: start values of the remaining parameters.
     """
 
     seen_directly = True
@@ -56,7 +56,7 @@ class GelFault(Effect):
     others: Mapping[str, float] = field(default_factory=dict)
 
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
-        """One, where the relation shows it and the flesh agrees: the change per amount measured."""
+        """One, if the relation and the flesh both show the fault: the change per measured amount."""
         measured = self.measured(model)
         if measured is None or self.direct_evidence(model) <= 0:
             return []
@@ -69,7 +69,7 @@ class GelFault(Effect):
         return [Signature(variant=ONE_WAY, columns=tuple(columns))]
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
-        """As measured."""
+        """The measured values."""
         measured = self.measured(model)
         measured_values = {} if measured is None else measured.values
         linear = dict(zip(self.amounts, amounts, strict=True))
@@ -78,24 +78,24 @@ class GelFault(Effect):
 
     @property
     def of_the_relation(self) -> bool:
-        """Whether force against displacement shows it; else it is measured in another way."""
+        """Whether the force-displacement relation shows it; otherwise it is measured in another way."""
         return True
 
     def direct_evidence(self, model: CaseModel) -> float:
-        """That of the relation, where it is enough and the flesh agrees; else none."""
+        """Evidence of the relation if it is sufficient and the flesh agrees; otherwise zero."""
         measured = self.measured(model)
         if measured is None or measured.evidence < LEAST_EVIDENCE:
             return 0.0
         return measured.evidence if self.flesh_gain(model) > 0 else 0.0
 
     def measured_sd(self, model: CaseModel) -> dict[str, float]:
-        """HELD of that of the relation, on the scale searched: the flesh's equations know the gel less well,
-        and what they lack themselves would change it.
+        """HELD times that of the relation, on the search's scale. The flesh's equations determine the gel
+        less well, and their own model error would change it.
         """
         return {name: HELD * sd for name, sd in self.relation_sd(model).items()}
 
     def relation_sd(self, model: CaseModel) -> dict[str, float]:
-        """Standard deviation of each parameter as the relation has it, on the scale searched."""
+        """Standard deviation of each parameter from the relation, on the search's scale."""
         measured = self.measured(model)
         assert measured is not None, "asked only where it is seen"
         return {
@@ -104,7 +104,7 @@ class GelFault(Effect):
         }
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
-        """The flesh driven by the forces with the law undone, and places off by what it added."""
+        """The flesh under the forces with the law inverted, and places shifted by what the law added."""
         key = (self.spec.name, *sorted(parameters.items()))
         return model.memoised(key, partial(self._respond, model, parameters))
 
@@ -128,17 +128,17 @@ class GelFault(Effect):
         return Response(unit=unit, shift_mm=shift, balance=balance, rest=rest)
 
     def measured(self, model: CaseModel) -> RelationFit | None:
-        """The law's parameters by force against displacement; kept for the case."""
+        """The law's parameters from force against displacement; memoised for the case."""
         return model.memoised(
             ("gel relation", self.spec.name), lambda: self.fitted(model, self.records(model))
         )
 
     def records(self, model: CaseModel) -> tuple[GelRecord, ...]:
-        """What the law is fitted to: without a zero drift, which bends the relation as a law does."""
+        """Records to which the law is fitted, without zero drift, which bends the relation as a law does."""
         return tuple(record.without_zero_drift() for record in gel_records(model))
 
     def fitted(self, model: CaseModel, records: Sequence[GelRecord]) -> RelationFit | None:
-        """The law's parameters by these records; None where they say nothing of it."""
+        """The law's parameters from these records; None if the records do not determine them."""
         budget = model.case.budget
         start = {name: 0.1 * self.prior_sd[name] for name in self.amounts}
         return fit_law(
@@ -151,8 +151,8 @@ class GelFault(Effect):
         )
 
     def flesh_gain(self, model: CaseModel) -> float:
-        """ln likelihood of the markers' motion by the plain model with the law undone as measured, over that
-        without; 1/E fitted in both. Kept for the case.
+        """ln likelihood ratio of the markers' motion under the plain model, with the measured law inverted
+        and without; 1/E is fitted in both. Memoised for the case.
         """
         return model.memoised(("flesh gain", self.spec.name), partial(self._flesh_gain, model))
 
@@ -164,7 +164,7 @@ class GelFault(Effect):
         return (_flesh_fit(model, None)[0] - _flesh_fit(model, response)[0]) / 2
 
     def modulus_change(self, model: CaseModel) -> float:
-        """Relative change of E by undoing the law as measured; zero where the relation says nothing of it."""
+        """Relative change of E by inverting the measured law; zero if the relation does not determine it."""
         measured = self.measured(model)
         if measured is None:
             return 0.0
@@ -173,14 +173,14 @@ class GelFault(Effect):
 
 
 def is_of_relation(effect: Effect) -> TypeGuard[GelFault]:
-    """Whether it is a fault of the gel that shows in force against displacement."""
+    """Whether it is a gel fault that appears in force against displacement."""
     return isinstance(effect, GelFault) and effect.of_the_relation
 
 
 def _undone(
     recording: GraspResponse, records: Sequence[GelRecord], true: Sequence[GelRecord]
 ) -> tuple[Float[np.ndarray, "f n 3"], Float[np.ndarray, "f n 3"]]:
-    """What the fault adds to the forces that drive the model, N, and to the places, mm; frames used."""
+    """What the fault adds to the model's driving forces, N, and to the places, mm, in the frames used."""
     history, pads, shifts = recording.case.history, [], []
     for pad, record, true_record in zip(history.pads, records, true, strict=True):
         force, moved = (
@@ -211,7 +211,7 @@ def _undone(
 def _response(
     model: CaseModel, recording: GraspResponse, force_N: Float[np.ndarray, "f n 3"]
 ) -> Float[np.ndarray, "f n 3"]:
-    """Displacement (times E) of the markers under forces of few courses in time, mm MPa."""
+    """Displacement (times E) of the markers under forces of low rank in time, mm MPa."""
     left, size, right = np.linalg.svd(force_N.reshape(len(force_N), -1), full_matrices=False)
     kept = size > max(KEPT * float(size[0]), NO_FORCE_N)
     if not kept.any():
@@ -224,8 +224,8 @@ def _response(
 def drift_between(
     time_s: Float[np.ndarray, " t"], air: Bool[np.ndarray, " t"], total_N: Float[np.ndarray, " t"]
 ) -> float:
-    """Mean after the contact less that before it, over the time between, frames beside the contact left out;
-    zero where there are none.
+    """Mean after the contact minus that before it, over the time between, without the frames adjacent to the
+    contact; zero if either side has no frames.
     """
     touched = np.flatnonzero(~air)
     if not len(touched):
@@ -239,7 +239,7 @@ def drift_between(
 
 
 def _flesh_fit(model: CaseModel, response: Response | None) -> tuple[float, float]:
-    """chi-square of the markers' motion with the best 1/E, and that 1/E (1/MPa)."""
+    """Chi-square of the markers' motion at the best 1/E, and that 1/E (1/MPa)."""
     known = Response.plain(model) if response is None else response
     data, along, plain = model.compliance_products(known.unit, known.shift_mm)
     return data - along**2 / plain, along / plain

@@ -1,4 +1,4 @@
-"""What the finder is handed: one fruit's mesh, and its recordings as histories in the fruit frame."""
+"""Input of the finder: one fruit's mesh, and its recordings as histories in the fruit frame."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -18,9 +18,9 @@ from fem.solid.linear_solid import Support, UnitModulusSolid
 class PadMotion:
     """One pad as the machine drove it, every frame of the recording.
 
-    `pose`: pad frame to fruit frame. `normal_N`: the pad's total normal force, all its markers, as recorded
-    (no offset taken out). `markers`: how many markers that is. `gel_N_per_mm`: normal
-    stiffness of the gel under one marker as its maker or a calibration says, or None.
+    `pose`: pad frame to fruit frame. `normal_N`: total recorded normal force of all the pad's markers, with
+    its offset. `markers`: their number. `gel_N_per_mm`: normal stiffness of the gel under one marker as
+    stated by its maker or a calibration, or None.
     """
 
     name: str
@@ -32,10 +32,10 @@ class PadMotion:
 
 @dataclass(frozen=True, kw_only=True)
 class GraspCase:
-    """One recording: its history (markers in and around the patch), and how its pads were driven.
+    """One recording: its history (markers in and around the patch), and the motion of its pads.
 
-    `pads` in the order of `history.pads`. `correction`: what confirmed effects add to the plain model's
-    response, mm MPa, all frames (GraspModel.displacement_correction); None: nothing.
+    `pads`: in the order of `history.pads`. `correction`: displacement that confirmed effects add to the plain
+    model's response, mm MPa, all frames (GraspModel.displacement_correction); None: nothing.
     """
 
     name: str
@@ -46,13 +46,13 @@ class GraspCase:
 
     @property
     def turns(self) -> Float[np.ndarray, "p 3 3"]:
-        """Each pad's axes in the fruit frame, as columns, where it presses most."""
+        """Each pad's axes in the fruit frame, as columns, in its frame of greatest force."""
         return np.stack([pad.pose[int(np.argmax(pad.normal_N)), :3, :3] for pad in self.pads])
 
 
 @dataclass(frozen=True, kw_only=True)
 class MismatchCase:
-    """All recordings of one fruit, its flesh round the prior's pit, and what is assumed of them."""
+    """All recordings of one fruit, its flesh around the prior's pit, and the assumptions about them."""
 
     mesh: FleshMesh
     grasps: tuple[GraspCase, ...]
@@ -62,10 +62,10 @@ class MismatchCase:
 
 @dataclass(frozen=True, kw_only=True)
 class GradedCase:
-    """What grading makes of the same recordings: E without an effect, and its models about the prior's pit,
-    one for each recording; None where it has no E of the recording, or none by displacement since first
-    touch. `solids`: what it has factorised about the prior's pit, by support; the finder factorises any that
-    is missing itself.
+    """Grading's results for the same recordings: E without an effect, and one model about the prior's pit for
+    each recording. A model is None if grading has no E of the recording, or none by displacement since first
+    touch. `solids`: grading's factorised solids about the prior's pit, by support; the finder factorises
+    missing ones itself.
     """
 
     modulus: Modulus

@@ -1,4 +1,4 @@
-"""The diagnosis of one fruit's recordings: is there a mismatch, where, what is it, does modelling it help."""
+"""Diagnosis of one fruit's recordings: is there a mismatch, where, which, and does modelling it help?"""
 
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -37,13 +37,12 @@ def explain(
     progress: Callable[[str], None] | None = None,
     workers: int = 1,
 ) -> Explanation:
-    """The explanation of all recordings of a case together, computed by so many threads.
+    """The joint explanation of all recordings of a case, computed with `workers` threads.
 
-    `graded`: E without an effect, as it is graded (fem.estimation.fruit_modulus), the one that stands where
-    no effect is found, and the models by which E with an effect is inferred likewise; None: the mean of the
-    recordings' own fits.
+    `graded`: E without an effect, as graded (fem.estimation.fruit_modulus), and the models that also infer E
+    with an effect. It is the reported E if no effect is found. None: the mean of the recordings' own fits.
 
-    Raises FemFailure where the plain model cannot be fitted at all.
+    Raises FemFailure if the plain model cannot be fitted.
     """
     seconds: dict[str, float] = {}
 
@@ -119,7 +118,7 @@ NOT_CONVERGED_NOTE = (
 
 
 def _other_pads(first: Hypothesis) -> list[str]:
-    """What the named effect would be on another pad, where recordings cannot tell the pads apart."""
+    """The named effect on another pad, if the recordings cannot separate the pads: sentences."""
     said = []
     for share, again in first.alternatives:
         words = [
@@ -138,7 +137,7 @@ def _other_pads(first: Hypothesis) -> list[str]:
 
 
 def _where(region: str, best: Refit | None) -> Where:
-    """Where the named effect sits, if it has a place of its own: a spot in the fruit, or one pad."""
+    """Place of the named effect if it has one (a spot in the fruit, or one pad), otherwise `region`."""
     named = () if best is None else zip(best.effects, best.variants, best.parameters, strict=True)
     for effect, variant, parameters in named:
         place = effect.where(parameters)
@@ -156,8 +155,8 @@ def case_model(
     most_frames: int | None = None,
     workers: int = 1,
 ) -> tuple[CaseModel, list[CompliantFit]]:
-    """The plain model with 1/E of the recordings' median; `solids`: factorised before, by support;
-    `most_frames`: of each recording (None: all).
+    """The plain model at the median 1/E of the recordings, and its fits. `solids`: already factorised, by
+    support. `most_frames`: of each recording (None: all).
     """
     first = plain_model(case, solids=solids, workers=workers)
     registered = plain_fits(first)
@@ -171,13 +170,13 @@ def case_model(
 
 
 def as_graded(model: CaseModel, graded: Modulus) -> CaseModel:
-    """The same, with E of every explanation in proportion to the graded one."""
+    """The same model, with E of every explanation scaled so that the plain E is the graded one."""
     ratio = graded.value / modulus_of(model).value
     return replace(model, modulus_scale=model.modulus_scale * ratio)
 
 
 def plain_fits(base: PlainModel) -> list[CompliantFit]:
-    """Each recording's own fit of 1/E by the plain model."""
+    """Fit of 1/E by the plain model to each recording alone."""
     scale_sd = base.case.budget.gel_scale_sd
     return [
         fit_compliance(recording.tracks, scale_sd=scale_sd, fruit_moves=recording.case.support == "free")
@@ -190,7 +189,7 @@ def _median_compliance(fits: Sequence[CompliantFit]) -> float:
 
 
 def detected(linear: LinearRound) -> Detection:
-    """Whether recordings contradict the plain model."""
+    """Tests whether the recordings contradict the plain model."""
     direct = [fit.direct for fit in linear.best if fit.effect.seen_directly]
     against: dict[str, list[float]] = {}
     for fit in linear.linear_fits:
@@ -220,10 +219,10 @@ ACROSS = "grasp across the last direction, and along the stem if the jaws allow 
 
 
 def next_grasp(verdict: str | tuple[str, ...], *, grasps: int) -> str | None:
-    """A sentence, or None where nothing is left to tell apart. `grasps`: recordings so far.
+    """Advice on the next recording, or None if no effects need to be separated. `grasps`: recordings so far.
 
     The first difference between the remaining effects decides: whether they stay with a jaw, whether they
-    last in the flesh, whether they depend on time.
+    persist in the flesh, whether they depend on time.
     """
     if isinstance(verdict, str):
         if verdict == UNKNOWN:

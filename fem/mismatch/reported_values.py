@@ -1,4 +1,4 @@
-"""From fits to what an answer says: parameters with intervals, and moduli."""
+"""Values of an answer from fits: parameters with intervals, and moduli."""
 
 import math
 
@@ -17,7 +17,7 @@ from fem.parallel_map import parallel_map
 
 
 def candidates(selection: ModelSelection, linear: LinearRound, *, workers: int = 1) -> tuple[Candidate, ...]:
-    """The ranking, with parameters where an effect was refitted; `workers`: threads."""
+    """The ranking, with parameters of refitted effects; `workers`: threads."""
     base = predictive(linear.products, linear.nuisances)
     return tuple(
         parallel_map(
@@ -29,7 +29,7 @@ def candidates(selection: ModelSelection, linear: LinearRound, *, workers: int =
 def _candidate(
     hypothesis: Hypothesis, linear: LinearRound, base: Float[np.ndarray, " _g"] | None
 ) -> Candidate:
-    """One hypothesis as the result has it; without parameters and modulus where it was not refitted."""
+    """One hypothesis as a result; without parameters and modulus if it was not refitted."""
     if hypothesis.refit is None:
         drop = linear.null.chi2 - hypothesis.misfit * linear.numbers if hypothesis.linear_fits else 0.0
         return Candidate(
@@ -55,7 +55,7 @@ def _candidate(
 
 
 def _over_alternatives(known: Modulus | None, hypothesis: Hypothesis) -> Modulus | None:
-    """E over the pads that cannot be told apart, by their shares: their mean, as uncertain as they differ."""
+    """E as a mixture over pads that the recordings cannot separate, weighted by their probabilities."""
     others = [(share, modulus_with(again).known) for share, again in hypothesis.alternatives]
     there = [(share, modulus) for share, modulus in others if modulus is not None]
     if known is None or not there:
@@ -67,7 +67,7 @@ def _over_alternatives(known: Modulus | None, hypothesis: Hypothesis) -> Modulus
 
 
 def _parameters(again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:
-    """A refit's parameters by name, with standard deviation and 90 % interval; vectors are joined again."""
+    """A refit's parameters by name, with standard deviation and 90 % interval; components form vectors."""
     several = len(again.effects) > 1
     parameters: dict[str, Parameter] = {}
     first = 0
@@ -96,7 +96,7 @@ def _parameters(again: Refit, modulus: ModulusWith) -> dict[str, Parameter]:
 
 
 def _ninety(value: float, spread: float, spec: EffectParameter, *, scale: float = 1.0) -> tuple[float, float]:
-    """The interval of 90 %, about the value or about its logarithm; `scale`: unit of the bounds, as said."""
+    """The 90 % interval, of the value or its logarithm; `scale`: factor from the bounds' unit to its own."""
     if spec.log:
         return value * math.exp(-NINETY * spread / value), value * math.exp(NINETY * spread / value)
     low, high = value - NINETY * spread, value + NINETY * spread
@@ -106,7 +106,7 @@ def _ninety(value: float, spread: float, spec: EffectParameter, *, scale: float 
 def _said(
     parameter: EffectParameter, spec: EffectParameter, value: float, number: int, modulus: ModulusWith
 ) -> tuple[float, float]:
-    """Value and spread as an answer gives them: v E^p of what is searched for, and E goes with it."""
+    """Reported value v E^p of a searched number v, and its standard deviation, with E's dependence on v."""
     size = value if spec.log else 1.0
     spread = float(size * modulus.sd[number])
     power, E = parameter.modulus_power, modulus.at

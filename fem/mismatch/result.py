@@ -1,4 +1,4 @@
-"""What the mismatch finder says of one fruit's recordings: everything a page or a file is written from."""
+"""Result of the mismatch finder for one fruit's recordings, from which pages and files are written."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -9,16 +9,16 @@ from scipy.optimize import brentq
 from scipy.special import ndtr, ndtri
 
 NINETY = float(ndtri(0.95))
-"""Standard deviations on either side of the mean that hold 90 % of a normal distribution."""
+"""Standard deviations on either side of the mean that include 90 % of a normal distribution."""
 NONE, UNKNOWN = "none", "unknown"
-"""Verdicts that are no effect: nothing found, and something found that no effect explains."""
+"""Verdicts without an effect: no mismatch, and a mismatch that no effect explains."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Parameter:
     """One parameter of an effect with its standard deviation and 90 % interval; `sd` None: not estimated.
 
-    A vector (a centre, an offset) has one number per component, a name (a pad) none at all.
+    A vector (a centre, an offset) has one number per component, a name (a pad) has none.
     """
 
     value: float | tuple[float, ...] | str
@@ -35,14 +35,14 @@ class Modulus:
     sd: float
 
     def widened(self, relative_sd: float) -> "Modulus":
-        """With so much more standard deviation of ln E, in squares."""
+        """With a further standard deviation of ln E, added in quadrature."""
         return replace(self, sd=float(np.hypot(self.sd, relative_sd * self.value)))
 
 
 def mixture(weights: Sequence[float], moduli: Sequence[Modulus], *, about: float | None = None) -> Modulus:
-    """E that is one of several, each normal, by their weights (any sum above zero): the mean, or `about` in
-    its place, and a standard deviation whose 90 % interval about that holds the central 90 % of the mixture.
-    A component of little weight hardly widens it, however uncertain it is.
+    """E of a mixture of normal distributions with these weights (any sum above zero): its mean, or `about`
+    instead. The 90 % interval of its standard deviation contains the central 90 % of the mixture. A component
+    of little weight hardly widens it, however uncertain it is.
     """
     share = np.asarray(weights) / np.sum(weights)
     value = np.array([modulus.value for modulus in moduli])
@@ -60,9 +60,9 @@ class Candidate:
     """One explanation in the ranking: an effect, or two joined by "+", sorted.
 
     `log_evidence`: natural logarithm of the marginal likelihood over that of the plain model, by linear
-    signatures or, where `refitted`, by full models. `gain`: by how much chi-square falls. `heldout`: gain in
-    log predictive density on grasps left out, against no effect, and its standard error. `refitted`: with the
-    effect's full nonlinear model.
+    signatures or, if `refitted`, by full models. `gain`: decrease of chi-square. `heldout`: gain in log
+    predictive density on held-out grasps over no effect, and its standard error. `refitted`: by the effect's
+    full nonlinear model.
     """
 
     effect: str
@@ -77,7 +77,7 @@ class Candidate:
 
 @dataclass(frozen=True, kw_only=True)
 class Where:
-    """Where the mismatch sits: a region in words, and for a spot in the flesh its centre and radius."""
+    """Place of the mismatch: a region in words, and for a spot in the flesh its centre and radius."""
 
     region: str
     centre_mm: tuple[float, float, float] | None = None
@@ -86,7 +86,7 @@ class Where:
 
 @dataclass(frozen=True, kw_only=True)
 class HeldOut:
-    """Normalised force residual on grasps that the fit did not see: before, after, and what noise leaves."""
+    """Normalised force residual on held-out grasps: without the effect, with it, and by noise alone."""
 
     rms_before: float
     rms_after: float
@@ -95,10 +95,10 @@ class HeldOut:
 
 @dataclass(frozen=True, kw_only=True)
 class GraspTrace:
-    """One recording through the fit of the *others*: force on the pads over how far the flesh gave way.
+    """One recording by the fit of the *others*: force on the pads over the indentation of the flesh.
 
-    `given_mm`: measured mean approach of the pads' markers; `before_mm`, `after_mm`: what the models give
-    under the measured force. Per frame in contact; `phase` as in the recording.
+    `given_mm`: measured mean approach of the pads' markers; `before_mm`, `after_mm`: that of the models
+    without and with the effect under the measured force. Per frame in contact; `phase` as in the recording.
     """
 
     grasp: str
@@ -112,7 +112,7 @@ class GraspTrace:
 
 @dataclass(frozen=True, kw_only=True)
 class ModulusCell:
-    """The secant modulus of one grasp, pad and frame: the table shows when and where the model misses."""
+    """Secant modulus of one grasp, pad and frame; the table shows when and where the model fails."""
 
     grasp: str
     pad: str
@@ -126,9 +126,8 @@ class ModulusCell:
 class FruitMap:
     """Maps on the fruit's skin, one number per vertex, each divided by its own noise (standard scores).
 
-    `modulus_score`: softer (negative) or stiffer (positive) flesh below would explain the residual.
-    `visible`: how well a spot of soft flesh there could be seen at all, its signal over noise; below three is
-    the blind zone.
+    `modulus_score`: negative where softer, positive where stiffer flesh below would explain the residual.
+    `visible`: signal-to-noise ratio of a spot of soft flesh there; below three is the blind zone.
     """
 
     vertices_mm: Float[np.ndarray, "n 3"]
@@ -139,14 +138,13 @@ class FruitMap:
 
 @dataclass(frozen=True, kw_only=True)
 class Explanation:
-    """The answer. `verdict`: "none", "unknown", one effect, or several that cannot be told apart.
+    """The answer. `verdict`: "none", "unknown", one effect, or several that the data cannot separate.
 
-    `statistics`: each detection statistic's own p-value; `p_nominal`: what they assume without a
-    calibration, None where there is one. `notes`: sentences a reader must know (one grasp
-    only, the category's pit used). `next_grasp`: what to record next, None where nothing is left to
-    tell apart. `withheld`: why no E is given (of a bare ball's
-    trace), which is then not a number in `before`, `after` and `ranking`. `left_out`: places of recordings
-    that do not belong to the others; the first notes say why.
+    `statistics`: each detection statistic's own p-value; `p_nominal`: their assumption if they are not
+    calibrated, otherwise None. `notes`: sentences a reader must know (one grasp only, the category's pit
+    used). `next_grasp`: what to record next, None if there is nothing to separate. `withheld`: why no E is
+    given (for a bare indenter's curve). E is then not a number in `before` and `after`, and absent from
+    `ranking`. `left_out`: indices of recordings that do not belong to the others; the first notes say why.
     """
 
     detected: bool

@@ -1,16 +1,16 @@
-"""The screen: the finder's linear round on what every graded fruit can afford.
+"""The screen: the finder's linear round, cheap enough for every graded fruit.
 
-It asks whether a fruit's recordings hold more than the plain model, and which effects would explain it to
+It tests whether a fruit's recordings contradict the plain model, and which effects would explain them to
 first order, with the test and the posterior of fem.mismatch.selection.decision. It refits nothing, so a
 name is a suggestion. To save time
 
-- long recordings are thinned to MOST_FRAMES frames in all; a frame then stands for its neighbours;
-- a soft spot is sought at one radius, and is tried at its best place alone;
-- laws with a history are followed on PATH_SHARE of the finder's frames;
+- long recordings are thinned to MOST_FRAMES frames in all; a frame then represents its neighbours;
+- a soft spot is searched at one radius, and is tried at its best place alone;
+- history-dependent laws use PATH_SHARE of the finder's frames;
 - NOT_SCREENED effects are left out.
 
-What a confirmed effect adds to grading's response (GraspCase.correction) is part of the plain model here: the
-screen then asks what is left.
+A confirmed effect's displacement (GraspCase.correction) is part of the plain model here, so that the screen
+tests for further effects.
 """
 
 from collections.abc import Iterator, Mapping
@@ -33,14 +33,14 @@ from fem.solid.linear_solid import Support, UnitModulusSolid
 NOT_SCREENED: Mapping[str, str] = {
     "loose_pit": "its response is a search for where flesh and pit touch, on a solid of its own",
 }
-"""Effects that the screen leaves out, and why: none shows in first-order signatures of the bonded flesh."""
+"""Effects that the screen omits, and why: none has first-order signatures of the bonded flesh."""
 MOST_FRAMES = 96
-"""Frames of all recordings together. A sound fruit with four recordings (open-01 of
-benchmarks/results/mismatch.csv) has p 0.98 with 96 and 0.34 with 64, the finder's own is 0.9; 96 take 1 s of
-CPU more."""
+"""Frames of all recordings together. A fruit without mismatch with four recordings (open-01 of
+benchmarks/results/mismatch.csv) has p 0.98 with 96 frames and 0.34 with 64; the finder's own p is 0.9. The
+96 frames take 1 s of CPU more."""
 PATH_SHARE = 0.25
-"""Of the finder's 24 to 48 frames, on which laws with a history are followed: 6 to 12. On fruit N02 of the
-sample batch large deformation then gains 11.9, with all of them 12.4; it takes 8.4 s of CPU, not 11.6."""
+"""Share of the finder's 24 to 48 frames that history-dependent laws use here: 6 to 12 frames. On fruit N02 of
+the sample batch large deformation then gains 11.9, with all frames 12.4; it takes 8.4 s of CPU, not 11.6."""
 TOO_FEW = (
     "one recording alone cannot tell missing physics from where the pit and the pads are; record a second "
     "grasp at another place"
@@ -49,9 +49,9 @@ TOO_FEW = (
 
 @dataclass(frozen=True, kw_only=True)
 class Amount:
-    """One number of an effect that stays with sensor or jaws, beside whatever the fruit itself may have.
+    """One amount of an effect that stays with sensor or jaws, fitted together with the fruit's own effects.
 
-    `pad`: empty for the whole gripper. `value`, `sd`: in the signature's own unit (fem.mismatch.effects).
+    `pad`: empty for the whole gripper. `value`, `sd`: in the signature's unit (fem.mismatch.effects).
     """
 
     effect: str
@@ -63,9 +63,9 @@ class Amount:
 
 @dataclass(frozen=True, kw_only=True)
 class Screened:
-    """What the screen says of one fruit: `names` that the linear round suggests, the likeliest first, of two
-    effects at once joined by "+"; empty where nothing is found. `amounts`: for faults of a whole batch.
-    `moduli`: by each known effect of `names`, E with it over E without, and the relative standard deviation
+    """The screen's result for one fruit. `names`: explanations that the linear round suggests, the likeliest
+    first; two effects are joined by "+"; empty if nothing is found. `amounts`: for faults of a whole batch.
+    `moduli`: for each known effect of `names`, E with it over E without, and the relative standard deviation
     that it adds.
     """
 
@@ -84,11 +84,10 @@ def screen(
     solids: Mapping[Support, UnitModulusSolid] | None = None,
     beyond_small_strain: bool = True,
 ) -> Screened:
-    """The linear round of a fruit that grading has just gone through.
+    """The linear round for a fruit that was just graded.
 
-    `solids`: grading's, where they are still there. `beyond_small_strain`: as CaseModel has it. Raises
-    FemFailure where a recording cannot be projected, the fit gives no 1/E above zero, or one recording is all
-    there is.
+    `solids`: grading's, if still in memory. `beyond_small_strain`: as in CaseModel. Raises FemFailure if a
+    recording cannot be projected, the fitted 1/E is not above zero, or there is only one recording.
     """
     if len(case.grasps) < 2:
         raise FemFailure(FemProblem.NO_LOAD, TOO_FEW)
@@ -121,7 +120,7 @@ def screen(
 
 
 def suggested(linear: LinearRound) -> tuple[Hypothesis, ...]:
-    """Of the posterior's credible set what is likelier than no mismatch, the likeliest first."""
+    """Explanations of the posterior's credible set that are likelier than no mismatch, likeliest first."""
     ranking = {hypothesis.name: hypothesis for hypothesis in ranked(all_explanations(linear))}
     none = ranking[NONE].probability
     names = credible_set(list(ranking), [hypothesis.probability for hypothesis in ranking.values()])
@@ -129,7 +128,7 @@ def suggested(linear: LinearRound) -> tuple[Hypothesis, ...]:
 
 
 def _screened_effects() -> list[Effect]:
-    """The catalogue but for NOT_SCREENED, a soft spot of one size at its best place."""
+    """The catalogue without NOT_SCREENED, with one size of soft spot at its best place."""
     return [
         replace(effect, radii_mm=(RADIUS_MM,), others=0) if isinstance(effect, SoftSpot) else effect
         for effect in EFFECTS
@@ -138,9 +137,9 @@ def _screened_effects() -> list[Effect]:
 
 
 def _amounts(linear: LinearRound) -> Iterator[Amount]:
-    """Of every effect that stays with sensor or jaws, with every effect of the fruit beside it.
+    """Amounts of every effect that stays with sensor or jaws, each fitted with every effect of the fruit.
 
-    The fruit's own amounts have their priors; what they could explain as well is not the jaws'.
+    The fruit's amounts have their priors, so that the jaws' amounts exclude what the fruit could explain.
     """
     products = linear.products
     fruit = [

@@ -1,6 +1,6 @@
-"""Which of an effect's ways to show a signature is.
+"""Variants: the alternative signatures of one effect.
 
-A start value is rounded, so that the last bits of a machine's arithmetic do not send the search another way.
+A start value is rounded, so that rounding errors of a machine do not change the path of the search.
 """
 
 from dataclasses import dataclass
@@ -11,8 +11,8 @@ from jaxtyping import Float
 
 @dataclass(frozen=True, kw_only=True)
 class Variant:
-    """`label`: in words. `pad`: the one that has the effect; empty: none has. `values`: of parameters, from
-    which the search starts. `pit_turns`: whether a loose pit turns; None: not said.
+    """`label`: in words. `pad`: the pad that has the effect; empty if no single pad has. `values`: parameters
+    from which the search starts. `pit_turns`: whether a loose pit turns; None: not stated.
     """
 
     label: str = ""
@@ -22,16 +22,16 @@ class Variant:
 
 
 ONE_WAY = Variant()
-"""Of an effect that shows in one way only."""
+"""Variant of an effect with one signature only."""
 
 
 def of_pad(pad: str) -> Variant:
-    """One pad has the effect."""
+    """Variant of one pad that has the effect."""
     return Variant(label=pad, pad=pad)
 
 
 def at_value(symbol: str, value: float, unit: str = "") -> Variant:
-    """One of the effect's parameters is at a value.
+    """Variant at one value of a parameter.
 
     >>> at_value("tau", 1.0, "s").label
     'tau 1 s'
@@ -40,14 +40,14 @@ def at_value(symbol: str, value: float, unit: str = "") -> Variant:
 
 
 def at_place(centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> Variant:
-    """The effect is in a ball somewhere in the fruit, to a hundredth of a millimetre."""
+    """Variant in a ball in the fruit; its place and radius are rounded to 0.01 mm."""
     x, y, z, radius = (round(float(value), 2) for value in (*centre_mm, radius_mm))
     label = f"{x:.2f} {y:.2f} {z:.2f} radius {radius:.2f} mm"
     return Variant(label=label, values=(x, y, z, radius))
 
 
 def significant(value: float, digits: int) -> float:
-    """Rounded to so many significant digits.
+    """The value rounded to this number of significant digits.
 
     >>> significant(0.0012345, 3)
     0.00123

@@ -1,1 +1,1 @@
-"""Physics that a bare indenter's trace can carry, one per file."""
+"""Effects in the force-displacement curve of a bare indenter, one per file."""

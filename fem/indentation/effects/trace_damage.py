@@ -1,4 +1,4 @@
-"""Flesh softened for good where it was strained most: Mullins damage."""
+"""Permanent softening of flesh where it was strained most: Mullins damage."""
 
 from functools import lru_cache
 
@@ -11,11 +11,11 @@ from fem.indentation.energy_share import half_space, hertz_energy_density
 from fem.indentation.trace_effect import TraceEffect, Values, unknown
 from fem.mismatch.effects.damage import SPEC
 
-#: logarithm of k = mu depth/(R W0) that the table reaches: from no damage at all to all of dmax
+#: range of the table in ln k, k = mu depth/(R W0): from no damage to all of dmax
 REACH = (-9.0, 12.0)
-#: power by which softened flesh takes more energy, measured with finite elements, and rounds to settle it
+#: power by which softened flesh gains strain energy, fitted to finite elements, and its fixed-point rounds
 FEEDBACK, ROUNDS = 2.7, 5
-#: least contact radius over the widest one that the table reaches
+#: least contact radius of the table, over the largest contact radius
 LEAST = 0.05
 
 
@@ -25,13 +25,13 @@ def damage_share(
     depth_mm: Float[np.ndarray, "p t"],
     deepest_mm: Float[np.ndarray, "p t"],
 ) -> Float[np.ndarray, "p t"]:
-    """Force over the undamaged one at a depth after the deepest.
+    """Force over the undamaged force, at a depth after the deepest.
 
-    Stress times 1 - dmax (1 - exp(-Wmax/W0)), Wmax Hertz's energy density at the deepest point and the force
-    the work of that stress in Hertz's strains at the present one: a ball drawn back feels the worst damaged
-    flesh alone. Damaged flesh is strained more for it: energies grow by the force share to the power -2.7,
-    which follows finite elements (the tests say how closely). In an even field all flesh is damaged equally,
-    and strained as the plates demand.
+    The stress is multiplied by 1 - dmax (1 - exp(-Wmax/W0)), Wmax: Hertz's energy density at the deepest
+    depth. The force is the work of that stress in Hertz's strains at the present depth: during retraction
+    only the most damaged flesh carries the ball. Damaged flesh strains more: energies grow by the force share
+    to the power -2.7, fitted to finite elements (the tests state the accuracy). In a uniform field all flesh
+    is damaged equally, and the plates prescribe its strain.
     Source: Simo, "On a fully three-dimensional finite-strain viscoelastic damage model", Comput. Methods
     Appl. Mech. Engrg. 60, 1987 (discontinuous damage driven by the largest energy).
     """
@@ -50,10 +50,10 @@ def damage_share(
 
 @lru_cache(maxsize=8)
 def _lost_share(poisson_ratio: float) -> tuple[RectBivariateSpline, InterpolatedUnivariateSpline]:
-    """Share of the force lost, per dmax, over log k and the contact radius a over the widest one; and over
-    log k alone where the contact is widest.
+    """Lost share of the force, per dmax, as a function of log k and of the contact radius a over the largest
+    one; and of log k alone at the largest contact.
 
-    F = R/(2 a) int (1 - D) dW/da dV with W = mu (a/R)^2 w(x/a), the slope by differences.
+    F = R/(2 a) int (1 - D) dW/da dV with W = mu (a/R)^2 w(x/a); dW/da by finite differences.
     """
     r, z, volume = half_space()
     log_k, width = np.linspace(REACH[0], REACH[1], 64), np.linspace(LEAST, 1, 20)
@@ -77,5 +77,5 @@ DAMAGE = TraceEffect(
     ),
     force_factor=damage_share,
 )
-"""Priors on the scales named: dmax 0.4 (0.2 to 0.65), W0/E 0.02 within a factor of 3.7 (set by hand). This
-reduced law is off by 0.3 % of the largest force (tests/fem/test_indenter_laws.py)."""
+"""Priors on these scales: dmax 0.4 (0.2 to 0.65), W0/E 0.02 within a factor of 3.7 (set by hand). The error
+of this reduced law is 0.3 % of the largest force (tests/fem/test_indenter_laws.py)."""

@@ -1,4 +1,4 @@
-"""Flesh that yields and keeps a dent."""
+"""Plastic set: flesh yields and keeps a dent."""
 
 import numpy as np
 from jaxtyping import Float
@@ -7,8 +7,8 @@ from fem.indentation.contact_curve import ContactCurve
 from fem.indentation.trace_effect import TraceEffect, Values, unknown
 from fem.mismatch.effects.plastic_set import SPEC
 
-#: bound on the springs' mean pressure over the yield stress (hardness, with flesh piled up round the ball),
-#: and how sharply springs go over to it: both measured with finite elements
+#: limit of the springs' mean pressure over the yield stress (hardness, with pile-up around the ball), and
+#: sharpness of the transition to it: both fitted to finite elements
 HARDNESS, SHARP = 4.9, 1.7
 #: the same sharpness under a flat punch (tests/fem/test_flat_punch.py)
 RIM = 4.0
@@ -20,20 +20,20 @@ def plastic_slack_mm(
     deepest_mm: Float[np.ndarray, "p t"],
     level_mm: Float[np.ndarray, "p n"],
 ) -> Float[np.ndarray, "p t n"]:
-    """How far each spring has set: what it was pressed beyond what the flesh's pressure can carry.
+    """Permanent set of each spring: its compression beyond the elastic limit.
 
-    A constant pressure P over a contact of radius a is a row of springs with line load 2 P sqrt(a^2 - x^2); a
-    spring carries E* per length, so that, with a^2 = R d, x^2 = R y, its compression is bounded by k sqrt(m),
-    m = d - y, k = 2 P/E* sqrt(R). Elastic compression m/(1 + (sqrt(m)/k)^1.7)^(1/1.7), P = 4.9 Y, follows
-    finite elements to about 5 % of the largest force; a slab's springs are stiffer and give less for it, by
-    the slab's factor on the force (at the deepest point). The set is what m exceeds it by.
+    A constant pressure P over a contact of radius a is a row of springs with line load 2 P sqrt(a^2 - x^2). A
+    spring carries E* per length. With a^2 = R d and x^2 = R y its compression is therefore bounded by
+    k sqrt(m), m = d - y, k = 2 P/E* sqrt(R). The elastic compression m/(1 + (sqrt(m)/k)^1.7)^(1/1.7),
+    P = 4.9 Y, agrees with finite elements to about 5 % of the largest force. A slab's springs are stiffer and
+    compress less, by the slab's factor on the force (at the deepest point). The set is the rest of m.
     Source: Johnson, "Contact Mechanics", 1985, sec. 6.2-6.3 (hardness; fully plastic P = 3 Y over the true,
     piled-up contact).
 
-    Under a tool whose contact does not grow flesh flows everywhere beyond one depth, and the force stays
-    (perfect plasticity). An even field reaches that limit at once; under a punch flow starts at the rim and
-    spreads: of the depth m, m/(1 + (m/limit)^4)^(1/4) stays elastic. It follows finite elements to a fiftieth
-    of the force down to 1.3 limits; at 2.6 they still rise and are a seventh above.
+    If the tool's contact does not grow, all flesh under it flows beyond a limit depth, at constant force
+    (perfect plasticity). A uniform field reaches that limit abruptly. Under a punch, flow starts at the rim
+    and spreads: m/(1 + (m/limit)^4)^(1/4) of the depth m stays elastic. It agrees with finite elements to a
+    fiftieth of the force up to 1.3 limits; at 2.6 limits their force still rises and is a seventh higher.
     """
     yield_over_E = value["yield_over_E"][:, None]
     if curve.yield_depth_mm is not None:
@@ -57,5 +57,5 @@ PLASTIC_SET = TraceEffect(
     unknowns=(unknown(SPEC, "yield_over_E", scale="log", mean=float(np.log(0.08)), sd=1.0),),
     slack_mm=plastic_slack_mm,
 )
-"""Prior: yield stress 0.08 E within a factor of 2.7 (set by hand). This reduced law is off by 0.5 % of the
-largest force (tests/fem/test_indenter_laws.py)."""
+"""Prior: yield stress 0.08 E within a factor of 2.7 (set by hand). The error of this reduced law is 0.5 % of
+the largest force (tests/fem/test_indenter_laws.py)."""

@@ -1,5 +1,5 @@
-"""Flesh that grows stiffer than the plain law: Fung's exponential under a ball, and in an even field also the
-laws of rubber beyond neo-Hooke.
+"""Flesh that stiffens beyond the plain law: Fung's exponential under a ball, and in a uniform field also
+rubber laws beyond neo-Hooke.
 """
 
 from collections.abc import Callable
@@ -14,22 +14,22 @@ from fem.indentation.energy_share import force_share, half_space, hertz_energy_d
 from fem.indentation.trace_effect import TraceEffect, Unknown, Values, unknown
 from fem.mismatch.effects.stiffening import SPEC
 
-#: power that tells how the field escapes stiffened flesh by spreading, measured with finite elements
+#: exponent by which the field spreads away from stiffened flesh, fitted to finite elements
 ESCAPE = 0.19
 #: largest b depth/R of the table
 LARGEST = 100.0
-#: least height over the first one at which the laws of rubber are evaluated
+#: least height over the initial height at which the rubber laws are evaluated
 FLATTEST = 0.1
 
 
 def fung_share(
     value: Values, curve: ContactCurve, level_mm: Float[np.ndarray, "p n"]
 ) -> Float[np.ndarray, "p n"]:
-    """Force over the linear one where stress is exp(b W/mu) times linear.
+    """Force over the linear force if stress is exp(b W/mu) times the linear stress.
 
-    In Hertz's strains the stored energy mu/b (exp(b W/mu) - 1) gives 1 + e, an upper bound; the true field
-    spreads from where flesh stiffens: (1 + e/0.19)^0.19 follows finite elements (the tests say how closely).
-    An even field has nowhere to escape to: there the law itself holds.
+    In Hertz's strains the stored energy mu/b (exp(b W/mu) - 1) gives 1 + e, an upper bound. The true field
+    spreads away from stiffened flesh: (1 + e/0.19)^0.19 agrees with finite elements (the tests state the
+    accuracy). A uniform field cannot spread: there the law itself applies.
     Source: Fung, "Elasticity of soft tissues in simple elongation", Am. J. Physiol. 213, 1967; its spreading:
     energy_share.
     """
@@ -39,7 +39,7 @@ def fung_share(
 
 @lru_cache(maxsize=8)
 def _log_share(poisson_ratio: float) -> CubicSpline:
-    """Logarithm of the share over s = b depth/R, which is all that it depends on."""
+    """Logarithm of the share as a function of s = b depth/R, its only variable."""
     r, z, _ = half_space()
     w = hertz_energy_density(r, z, poisson_ratio=poisson_ratio)
     s = LARGEST * np.linspace(0, 1, 200)[1:] ** 2
@@ -65,7 +65,7 @@ def ogden_share(power: Float[np.ndarray, "p 1"], stretch: Float[np.ndarray, "p n
     Source: Ogden, "Large deformation isotropic elasticity", Proc. R. Soc. A 326, 1972.
     """
     log = np.log(np.minimum(stretch, 1 - 1e-6))
-    # l^(a-1) - l^(-a/2-1) = 2 l^(a/4-1) sinh(3/4 a ln l), which holds its limit at a = 0
+    # l^(a-1) - l^(-a/2-1) = 2 l^(a/4-1) sinh(3/4 a ln l), which keeps its limit at a = 0
     sinh = np.where(
         np.abs(power) > 1e-6, np.sinh(0.75 * power * log) / np.where(power, power, 1.0), 0.75 * log
     )
@@ -78,7 +78,7 @@ def two_ogden_share(
     weight_2: Float[np.ndarray, "p 1"],
     stretch: Float[np.ndarray, "p n"],
 ) -> np.ndarray:
-    """Two terms of Ogden's law, the second with a share of the modulus; Mooney and Rivlin's at 2 and -2."""
+    """Ogden's law of two terms, `weight_2`: the second's share of the modulus; Mooney-Rivlin at 2 and -2."""
     first, second = ogden_share(power, stretch), ogden_share(power_2, stretch)
     return np.asarray((1 - weight_2) * first + weight_2 * second)
 
@@ -88,8 +88,8 @@ def _linear(name: str, sd: float, mean: float = 0.0) -> Unknown:
 
 
 def _rubber(share: Callable[..., np.ndarray], *unknowns: Unknown) -> TraceEffect:
-    """A law by its share of the neo-Hookean force, a force that a solid can have: parameters far off their
-    range are tried in the search.
+    """A law given by its share of the neo-Hookean force. The share is kept positive, since the search tries
+    parameters far off their range.
     """
 
     def factor(value: Values, curve: ContactCurve, level_mm: np.ndarray) -> Float[np.ndarray, "p n"]:
@@ -115,5 +115,5 @@ RUBBER = (
         Unknown(name="ogden_weight_2", unit="1", scale="logit", mean=0.0, sd=1.7),
     ),
 )
-"""Laws of Yeoh and of Ogden (one term, two terms), for an even field. Priors (set by hand):
-about neo-Hooke, wide enough for what least squares gives of silicone cylinders."""
+"""Laws of Yeoh and of Ogden (one term, two terms), for a uniform field. Priors (set by hand):
+about neo-Hooke, wide enough for least-squares fits of silicone cylinders."""

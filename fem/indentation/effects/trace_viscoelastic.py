@@ -1,4 +1,4 @@
-"""Flesh that relaxes: one to three Maxwell arms beside a spring."""
+"""Relaxation of flesh: one to three Maxwell arms parallel to a spring."""
 
 import numpy as np
 from jaxtyping import Float
@@ -12,10 +12,10 @@ ARMS = 3
 
 
 def viscoelastic(arms: int) -> TraceEffect:
-    """Relaxation R(t) = 1 - sum g + sum g exp(-t/tau): shares g, times tau rising from arm to arm.
+    """Relaxation R(t) = 1 - sum g + sum g exp(-t/tau): shares g, times tau that increase from arm to arm.
 
     Unknowns: weight of each arm over the spring that never relaxes (log), the first tau (log) and the ratio
-    of each tau to the one before (log). Priors: a share of .1 to .75 with one arm; tau .3 to 60 s, later
+    of each tau to the one before (log). Priors: a share of 0.1 to 0.75 with one arm; tau 0.3 to 60 s, later
     arms three to thirty times slower. Source: generalised Maxwell solid, Tschoegl, "The Phenomenological
     Theory of Linear Viscoelastic Behavior", 1989.
     """
@@ -49,10 +49,10 @@ def arms_of(values: Values, arms: int) -> tuple[Float[np.ndarray, "k p"], Float[
 def viscoelastic_parameters(
     scaled: Float[np.ndarray, " u"], covariance: Float[np.ndarray, "u u"]
 ) -> dict[str, Parameter]:
-    """g, tau_s, g_2, tau_2_s, ...: values, standard deviations and 90 % intervals from the unknowns' normal.
+    """g, tau_s, g_2, tau_2_s, ...: values, standard deviations, 90 % intervals, by the unknowns' posterior.
 
-    A share's interval is normal on its logit, a time's on its logarithm; slopes are exact:
-    d ln w_j / d ln g_i = delta_ij - g_j, and the logarithm of a tau is a sum.
+    A share's interval is normal on its logit, a time's on its logarithm. Derivatives are exact:
+    d ln g_i / d ln w_j = delta_ij - g_j, and the logarithm of a tau is a sum.
     """
     arms = len(scaled) // 2
     weight = np.exp(scaled[:arms])

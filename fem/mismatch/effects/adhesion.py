@@ -2,12 +2,12 @@
 
     f_n = -k_n s,      0 < s < reach_mm,      at a marker that has touched and whose skin now draws away by s
 
-(a gel of springs with a finite reach: Dugdale's law of adhesion with the springs in the place of the bodies;
-Johnson 1985, Contact Mechanics, chapter 5.5). The recorded forces hold that pull, so the plain model's
-response is right as it is: s c(t) and E do not change. What shows is the contact itself: markers that pull
-after they have touched and did not before (fem.mismatch.model.pulling_markers). The reach is where the
-stretches of the pulled markers end: twice the largest less the second largest (Robson and Whitlock 1964,
-"Estimation of a truncation point", Biometrika 51).
+(a gel of springs with a finite reach: Dugdale's law of adhesion with springs instead of elastic bodies;
+Johnson 1985, Contact Mechanics, chapter 5.5). The recorded forces include that pull, so the plain model's
+response is correct: s c(t) and E do not change. The contact itself reveals the effect: markers pull after
+they have touched and did not pull before (fem.mismatch.model.pulling_markers). The reach is the upper end of
+the pulled markers' stretches, estimated as twice the largest minus the second largest (Robson and Whitlock
+1964, "Estimation of a truncation point", Biometrika 51).
 """
 
 from collections.abc import Sequence
@@ -52,23 +52,23 @@ class Adhesion(Effect):
     seen_directly = True
 
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
-        """One without columns, where markers pull."""
+        """One without columns, if markers pull."""
         return [Signature(variant=ONE_WAY, columns=())] if model.gels_stick else []
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
-        """The reach as measured."""
+        """The measured reach."""
         return self.spec.within_bounds(model.pull.reach_mm[0])
 
     def direct_evidence(self, model: CaseModel) -> float:
-        """That of the markers that pull."""
+        """Evidence of the markers that pull."""
         return model.pull.evidence
 
     def measured_sd(self, model: CaseModel) -> dict[str, float]:
-        """Of the reach."""
+        """Standard deviation of the reach."""
         return {REACH: model.pull.reach_mm[1]}
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
-        """The plain model's: the recorded forces hold the pull."""
+        """The plain model's response: the recorded forces include the pull."""
         return Response.plain(model)
 
 

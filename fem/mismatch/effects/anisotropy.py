@@ -1,4 +1,4 @@
-"""`anisotropy`: the flesh is stiffer (or softer) along the stem axis, C_zzzz greater by axial times mu.
+"""`anisotropy`: the flesh is stiffer (or softer) along the stem axis: C_zzzz grows by axial times mu.
 
 At finite strain the added stress is F S with S_zz = axial mu E_zz, E the Green-Lagrange strain.
 """
@@ -15,7 +15,7 @@ from fem.mismatch.model.case_model import CaseModel
 from fem.mismatch.model.reduced_law import Operator
 
 ALONG_STEM = np.array([0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
-"""Picks zz of the six stresses xx, yy, zz, yz, xz, xy."""
+"""Selects zz of the six stresses xx, yy, zz, yz, xz, xy."""
 
 SPEC = EffectSpec(
     name="anisotropy",

@@ -1,7 +1,7 @@
-"""`clock_lag`: displacement and force are late against pose and aperture by lag_s.
+"""`clock_lag`: displacement and force lag behind pose and aperture by lag_s.
 
-y_recorded(t) = pose(t) (rest + d(t - lag)), what happened is pose(t - lag) (rest + d(t - lag)): every marker
-of a pad is off by what the pad moved in between. Poses are read between frames in straight lines.
+y_recorded(t) = pose(t) (rest + d(t - lag)), true is pose(t - lag) (rest + d(t - lag)): every marker of a pad
+is off by the pad's motion during the lag. Poses are interpolated linearly between frames.
 """
 
 import numpy as np
@@ -13,7 +13,7 @@ from fem.mismatch.kinds.moved_markers import MovedMarkers
 from fem.mismatch.model.plain_model import GraspResponse
 
 STEP_S = 0.05
-"""Of the difference quotient: about a frame, so that poses read in straight lines are smoothed. Set by
+"""Step of the difference quotient: about a frame, which smooths the linear interpolation of poses. Set by
 hand."""
 
 SPEC = EffectSpec(
@@ -44,7 +44,7 @@ SPEC = EffectSpec(
 
 
 def _gone(recording: GraspResponse, lag_s: float) -> Float[np.ndarray, "f n 3"]:
-    """How far each marker's pad has moved in the last lag_s."""
+    """Displacement of each marker's pad during the last lag_s."""
     gone = np.empty_like(recording.tracks.position_mm)
     time = recording.case.history.time_s
     for k, pad in enumerate(recording.case.pads):

@@ -1,7 +1,7 @@
-"""`damage`: flesh that is softened for good where it once held much energy (Mullins).
+"""`damage`: flesh softens permanently where its strain energy was once large (Mullins).
 
-The law is fem.materials.mullins_damage. Signatures: one for each of a few W0; the amount is dmax. Damaged
-flesh strains more: dmax is less than the amount x, x / (1 + x).
+The law is fem.materials.mullins_damage. Signatures: one for each of a few W0; the amount is dmax to first
+order. Damaged flesh strains more, so that dmax is less than the amount x: x / (1 + x).
 """
 
 from fem.materials.mullins_damage import mullins_damage
@@ -58,5 +58,5 @@ EFFECT: Effect = PathLawEffect(
     from_amount=lambda amount: (amount / (1 + amount),),
     frames=44,
 )
-"""Set by hand: 1 is flesh without stiffness, so that a dmax of a half is far; a twentieth of the flesh is
-that under the pads, which is damaged first."""
+"""Set by hand: at 1 flesh has no stiffness, so that a dmax of a half is large. A twentieth of the flesh is
+the part under the pads, which is damaged first."""

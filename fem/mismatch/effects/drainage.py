@@ -1,21 +1,21 @@
-"""`drainage`: flesh that is held loses juice. Its resistance to losing volume fades, that to shear does not.
+"""`drainage`: flesh under load loses juice: its bulk resistance fades, its shear resistance does not.
 
     sigma = 2 mu eps + lambda (tr eps - s m) 1,      tau m' = tr eps - m
 
-s: the share of lambda that fades, m: what of the volumetric strain has drained. Poroelasticity (Biot 1941)
-with one drainage time for all flesh, however far the juice has to go; as a relaxing bulk modulus in
-Christensen, "Theory of Viscoelasticity", 1982, chapter 1. E is that of the first instant.
+s: share of lambda that fades; m: drained volumetric strain. This is poroelasticity (Biot 1941) with one
+drainage time for all flesh, whatever the length of the juice's path; Christensen, "Theory of
+Viscoelasticity", 1982, chapter 1, has it as a relaxing bulk modulus. E is the instantaneous modulus.
 
-With K_v = lambda K_lambda, what resists a loss of volume, and K0 = mu K_mu + K_v, both in the space of
-fem.mismatch.model.reduced_law, modes phi_k are those with
+K_v = lambda K_lambda is the stiffness against loss of volume, and K0 = mu K_mu + K_v, both in the space of
+fem.mismatch.model.reduced_law. The modes phi_k fulfil
 
     K_v phi_k = b_k K0 phi_k,      phi_k' K0 phi_l = 1 where k = l, else 0,      0 <= b_k <= 1
 
-b_k: the mode's volume share. Each mode's amplitude z under its load F = phi_k' f stands alone,
+b_k: the mode's volume share. The modes' amplitudes z under their loads F = phi_k' f are uncoupled,
 
     z - s b_k m = F,      tau m' = z - m
 
-which is flesh of one relaxing arm, g = s b_k (fem.materials.relaxing_arm). No step in time is needed.
+which is flesh of one relaxing arm, g = s b_k (fem.materials.relaxing_arm). It needs no time stepping.
 """
 
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ from fem.mismatch.model.plain_model import Fields, GraspResponse
 from fem.mismatch.model.reduced_law import ReducedLaw, first_changes, reduced_laws
 
 LEAST_OWN = 1e-10
-"""Directions of the space whose share in K0 is smaller are rounding (its fields are nearly parallel)."""
+"""Directions of the space with a smaller share in K0 are rounding errors (its fields are nearly parallel)."""
 
 SPEC = EffectSpec(
     name="drainage",
@@ -73,8 +73,8 @@ SPEC = EffectSpec(
 
 @dataclass(frozen=True, kw_only=True)
 class FadingVolume:
-    """One recording. `law`: its reduced law of parts K_mu and K_lambda. By mode: `volume_share` b, `load`
-    phi' f of each leading pattern, `at_markers` as a law's.
+    """Modes of one recording. `law`: its reduced law of parts K_mu and K_lambda. By mode: `volume_share` b,
+    `load` phi' f of each leading pattern, `at_markers`: displacement of the markers.
     """
 
     law: ReducedLaw
@@ -102,19 +102,19 @@ class FadingVolume:
 
     @property
     def typical_share(self) -> float:
-        """Mean of b over the modes, each as it stores energy of volume."""
+        """Mean of b over the modes, weighted by their volumetric energy."""
         weight = self.volume_share * (self.load**2).sum(axis=1)
         return float(weight @ self.volume_share / weight.sum())
 
     def change(self, recording: GraspResponse, *, share: float, tau_s: float) -> Float[np.ndarray, "f n 3"]:
-        """What is added to c(t), mm MPa, where a `share` s of lambda fades by tau."""
+        """Change of c(t), mm MPa, if a `share` s of lambda fades with the time tau."""
         g = share * self.volume_share
         lag = lagged(recording, self.law.shares @ self.load.T, tau_s / (1 - g))
         return np.asarray(np.tensordot(g / (1 - g) * lag, self.at_markers, axes=1))
 
 
 def _volume_forces(model: CaseModel, moved: Float[np.ndarray, "r m 3"]) -> Float[np.ndarray, "r m 3"]:
-    """-lambda K_lambda U: minus the nodal forces by which the flesh resists losing volume."""
+    """-lambda K_lambda U: minus the nodal forces by which the flesh resists loss of volume."""
     _, lame = unit_lame_constants(model.poisson_ratio)
     return np.asarray(-lame * matrix_operator(model.parts.k_lambda)(moved))
 
@@ -124,7 +124,7 @@ def _at_once(model: CaseModel) -> Fields:
 
 
 def _fading_volumes(model: CaseModel) -> list[FadingVolume]:
-    """Of every recording, solved for once."""
+    """The modes of every recording, solved for once."""
 
     def compute() -> list[FadingVolume]:
         mu, lame = unit_lame_constants(model.poisson_ratio)

@@ -1,14 +1,14 @@
-"""`gel_creep`: the gel's face goes on moving under load, and its markers with it.
+"""`gel_creep`: the gel's face creeps under load, and its markers move with it.
 
     d_recorded = d + creep m,      m' = (d - m) / creep_tau_s,      m = 0 at first
 
-at each marker; force is right. In frames, the displacement held since the last one at its new value,
+at each marker; the force is correct. Between frames the displacement is constant at its new value, so that
 
     m_k = q m_(k-1) + (1 - q) d_k,      q = exp(-(t_k - t_(k-1)) / creep_tau_s)
 
 (one arm of a generalised Kelvin solid: Findley, Lai and Onaran 1976, Creep and Relaxation, chapter 5). The
-displacement lags the force at every marker and stays for a while after the pad has let go; the markers'
-places on the fruit are wrong by what has crept, and the flesh seems to recover under load.
+displacement lags the force at every marker and persists for a while after unloading. The markers' places on
+the fruit are off by the creep, so that the flesh appears to recover under load.
 """
 
 from collections.abc import Mapping
@@ -24,8 +24,8 @@ from fem.mismatch.gel_fault import GelFault
 
 CREEP, TAU = "creep", "creep_tau_s"
 PRIOR_SD, BEGUN = {CREEP: 0.3, TAU: 3.0}, {TAU: 1.0}
-"""A share and s: the third level of samples/mismatch/injected.py; where the fit begins: about the time
-of a press."""
+"""Priors (a ratio, s): the third level of samples/mismatch/injected.py. The fit starts at about the time of a
+press."""
 
 SPEC = EffectSpec(
     name="gel_creep",
@@ -70,13 +70,13 @@ class CreepingFace:
     """The law of the module."""
 
     def recorded(self, true: GelRecord, values: Mapping[str, float]) -> GelRecord:
-        """Displacement and what has crept."""
+        """Displacement plus creep."""
         moved = true.displacement_mm
         crept = values[CREEP] * memory(moved, true.time_s, values[TAU])
         return replace(true, displacement_mm=moved + crept)
 
     def undone(self, recorded: GelRecord, values: Mapping[str, float]) -> GelRecord:
-        """The displacement less what has crept, frame by frame."""
+        """The displacement minus creep, frame by frame."""
         creep, time_s = values[CREEP], recorded.time_s
         moved = recorded.displacement_mm.copy()
         before = np.zeros_like(moved[0])

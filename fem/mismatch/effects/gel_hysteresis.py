@@ -1,13 +1,12 @@
-"""`gel_hysteresis`: the force that a gel reads falls short while the pad is let go.
+"""`gel_hysteresis`: the force that a gel reads is too low during unloading.
 
     f_recorded = f (1 - 4 share r (1 - r)),      r = F / (largest F so far)
 
-at each marker; F: the pad's normal force. It falls short by `share` halfway down and by nothing at the peak
-and at the end: a loop in force against displacement whose width grows with the peak, and which a second
-press to no more than that peak follows, as filled rubbers have it (Mullins 1969, Rubber Chemistry and
-Technology 42; Johnson 1985, Contact Mechanics, chapter 9.4, for loops whose area is a share of the work).
-All markers of a pad show the same loop; a fruit that yields shows none, since both force and displacement
-are the gel's own.
+at each marker; F: the pad's normal force. The reading lacks the fraction `share` halfway down and nothing at
+the peak and at the end. Force against displacement is a loop whose width grows with the peak. A second press
+up to that peak follows it, as in filled rubbers (Mullins 1969, Rubber Chemistry and Technology 42; Johnson
+1985, Contact Mechanics, chapter 9.4, for loops whose area is a share of the work). All markers of a pad show
+the same loop. A fruit that yields shows none, since both force and displacement are the gel's own.
 """
 
 from collections.abc import Mapping
@@ -23,11 +22,11 @@ from fem.mismatch.gel_fault import GelFault
 
 SHARE = "share"
 LEAST_PEAK = 0.02
-"""Share of the whole press's peak below which there is no peak so far but noise."""
+"""Share of the whole press's peak below which a peak so far counts as noise."""
 NO_FORCE_N = 1e-12
-"""A force that is none."""
+"""Force that counts as zero."""
 TURNS = 12
-"""Newton's turns for r, of a cubic that rises everywhere for shares up to 3/4."""
+"""Newton iterations for r, the root of a cubic that increases everywhere for shares up to 3/4."""
 PRIOR_SD = {SHARE: 0.08}
 """A share of the force: the third level of samples/mismatch/injected.py."""
 
@@ -64,12 +63,12 @@ class Loop:
     """The law of the module."""
 
     def recorded(self, true: GelRecord, values: Mapping[str, float]) -> GelRecord:
-        """Force less what lacks."""
+        """Force minus the lacking part."""
         r = _of_the_peak(true)
         return replace(true, force_N=true.force_N * (1 - 4 * values[SHARE] * r * (1 - r))[:, None, None])
 
     def undone(self, recorded: GelRecord, values: Mapping[str, float]) -> GelRecord:
-        """The force over the share that is left; the pad's total finds r again."""
+        """The force over its recorded fraction; r follows from the pad's recorded total."""
         share = values[SHARE]
         seen = _of_the_peak(recorded)
         r = seen

@@ -1,6 +1,6 @@
 """`graded_modulus`: E (1 + gamma (2 d - 1)), d the relative depth, 0 at the skin and 1 at the pit.
 
-E is that halfway. d: fem.mesh.relative_depth.
+E is the modulus halfway. d: fem.mesh.relative_depth.
 """
 
 from fem.mismatch.effect import Effect
@@ -46,4 +46,4 @@ def _graded_finite(model: CaseModel) -> Operator:
 
 
 EFFECT: Effect = LinearLaw(spec=SPEC, sd=0.4, of_the_depth=True, derivative=_graded, finite=_graded_finite)
-"""Beyond 0.9 flesh at the pit or the skin would have no stiffness; the prior of 0.4 is set by hand."""
+"""Near 1 flesh at pit or skin has no stiffness, hence the bound of 0.9. The prior of 0.4 is set by hand."""

@@ -1,6 +1,6 @@
-"""`gripper_compliance`: the jaws give way, each travels less than recorded, by mm_per_N times its force.
+"""`gripper_compliance`: each jaw yields, and travels less than recorded by mm_per_N times its force.
 
-A marker's recorded position lies ahead of the true one along its pad's normal. Exact and linear.
+A marker's recorded position is ahead of the true one along its pad's normal. The model is exact and linear.
 """
 
 import numpy as np

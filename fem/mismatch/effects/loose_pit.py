@@ -1,16 +1,16 @@
-"""`loose_pit`: freestone. An even gap lies between flesh and pit, closed by being pressed, without friction.
+"""`loose_pit`: freestone. A uniform gap separates flesh and pit; pressure closes it, without friction.
 
-With no pit the flesh answers the measured forces f and pressures p on its inner surface linearly; at every
-patch of that surface, u_n its displacement out of the pit and v_n the rigid pit's,
+Without a pit the flesh responds linearly to the measured forces f and to pressures p on its inner surface. At
+every patch of that surface, with u_n its displacement out of the pit and v_n the rigid pit's,
 
     gap / s + u_n(f, p) - v_n >= 0,      p >= 0,      p (gap / s + u_n - v_n) = 0,      pit in equilibrium
 
-for E = 1 MPa: Signorini's conditions (Kikuchi and Oden 1988, Contact Problems in Elasticity). The answer
-depends on the forces of the moment alone. These are of a pit that turns until next to no moment is left on
-it. One that friction holds (fem.mismatch.effects.loose_pit) does not turn; pressed askew, flesh about an
-oblong pit gives way up to three times as much more than bonded flesh if the pit turns, so that these are two
-ways of the effect to show. Signature: this less the bonded answer, for a few gaps and both ways, amount 1.
-However small the gap, the amount is not: what asks for less than LEAST_AMOUNT of it is something else.
+for E = 1 MPa: Signorini's conditions (Kikuchi and Oden 1988, Contact Problems in Elasticity). The response
+depends on the present forces alone. These conditions describe a pit that turns until almost no moment acts on
+it. A pit that friction holds does not turn. Under oblique load around an oblong pit, the displacement beyond
+that of bonded flesh is up to three times as large if the pit turns, hence both variants. Signature: this
+response minus the bonded one, for a few gaps and both variants, amount 1. Small gaps have this amount too: an
+amount below LEAST_AMOUNT indicates something else.
 """
 
 from collections.abc import Sequence
@@ -38,19 +38,18 @@ from fem.solid.unilateral_contact import pressures
 
 GAP = "gap_mm"
 GAPS_MM = (0.03, 0.06, 0.1, 0.15, 0.21, 0.28, 0.36, 0.48)
-"""Gaps of the signatures, mm, at the plain model's 1/E: each 30 to 100 % wider than the one before, as
-responses change by shares."""
+"""Gaps of the signatures, mm, at the plain model's 1/E: each 30 to 100 % wider than the one before, since
+responses change in proportion."""
 MOST_FRAMES = 30
-"""Contact is solved for so many frames of a recording, evenly spaced in load; between them in a line."""
+"""Frames of a recording at which contact is solved, evenly spaced in load, with linear interpolation."""
 PEAK = 0.3
-"""Peaks of the load above such a share of the greatest are solved for."""
+"""Contact is also solved at peaks of the load above this share of the greatest."""
 LEAST_AMOUNT = 0.5
-"""Set between what recordings ask for of the gap that gains most: eight sound fruit 0.44 at most, six of the
-eight loose pits drawn for it, those looked at, 0.69 to 1.02. None
-of these was set aside."""
+"""Set between fitted amounts of the gap that gains most: at most 0.44 for eight fruit without mismatch, 0.69
+to 1.02 for the six inspected of eight loose pits drawn for it. All are development cases."""
 MOST_ROUNDS, STILL = 12, 1e-3
-"""A gap counts in units of 1/E, which is not that of the bonded model: it is fitted with it, until it changes
-by a smaller share than STILL (a tenth of what E is known to)."""
+"""Contact depends on the gap over 1/E, which differs from the bonded model's 1/E. Rounds solve contact and
+fit 1/E until its relative change is below STILL (a tenth of E's uncertainty)."""
 
 SPEC = EffectSpec(
     name="loose_pit",
@@ -83,9 +82,9 @@ class LoosePit(Effect):
     """The effect; see the module."""
 
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
-        """One for each gap, about a pit that turns and one that does not; none where the flesh has no pit.
+        """One for each gap, for a pit that turns and one that does not; none if the flesh has no pit.
 
-        The flesh is solved for a gap over 1/E. Its own 1/E is fitted afterwards, and with it the gap in mm.
+        Contact is solved for a gap over 1/E. The fit of 1/E comes afterwards and gives the gap in mm.
         """
         if not len(model.mesh.pit_nodes):
             return []
@@ -104,14 +103,14 @@ class LoosePit(Effect):
         return signatures
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
-        """The signature's own gap: its amount is the fitted 1/E over the plain model's."""
+        """The signature's own gap; its amount is the fitted 1/E over the plain model's."""
         return self.spec.within_bounds(signature.variant.values[0])
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
-        """Every recording's markers on flesh that touches its pit where it is pressed on it.
+        """Response of flesh that touches its pit where it is pressed on it.
 
-        Where the variant does not say whether the pit turns (ONE_WAY, of settings) both are computed, and the
-        one that fits the recordings better is taken. Raises FemFailure where neither can be computed.
+        If the variant does not state whether the pit turns (ONE_WAY, of settings), both are computed and the
+        one that fits the recordings better is used. Raises FemFailure if neither can be computed.
         """
         gap_mm = parameters[GAP]
         if variant.pit_turns is not None:
@@ -146,20 +145,20 @@ EFFECT: Effect = LoosePit(spec=SPEC)
 
 
 def at_gap(gap_mm: float, *, pit_turns: bool) -> Variant:
-    """A gap about the pit, from which the search starts; whether the pit turns in it."""
+    """Variant of a gap around the pit, the start of the search, and of whether the pit turns."""
     label = f"gap {gap_mm:g} mm, pit {'turns' if pit_turns else 'does not turn'}"
     return Variant(label=label, values=(gap_mm,), pit_turns=pit_turns)
 
 
 def _responses(model: CaseModel, gap: float, *, pit_turns: bool) -> Fields:
-    """Of every recording, for a gap of so many mm MPa."""
+    """Responses of all recordings, mm MPa, for a `gap` in mm MPa."""
     return model.each(lambda recording: loose_response(model, recording, gap, pit_turns=pit_turns))
 
 
 def loose_response(
     model: CaseModel, recording: GraspResponse, gap: float, *, pit_turns: bool
 ) -> Float[np.ndarray, "f n 3"]:
-    """The markers' displacement, mm MPa, for a gap of so many mm MPa."""
+    """The markers' displacement, mm MPa, for a `gap` in mm MPa."""
     flesh = loose_flesh(model, recording)
     key = ("loose answer", recording.case.name)
     free, opening, pushed = model.memoised(key, lambda: flesh.marker_response(recording))
@@ -173,7 +172,7 @@ def loose_response(
 def _spread(
     shares: Float[np.ndarray, "f r"],
 ) -> tuple[Float[np.ndarray, " f"], Int[np.ndarray, " k"]]:
-    """How far the load has gone by each frame; frames evenly spaced along that, the last, and its peaks."""
+    """Path length of the load at each frame; indices of frames evenly spaced along it, and of its peaks."""
     step = np.linalg.norm(np.diff(shares, axis=0), axis=1) + 1e-12
     path = np.concatenate([[0.0], np.cumsum(step)])
     even = np.searchsorted(path, np.linspace(0, path[-1], MOST_FRAMES))
@@ -184,38 +183,38 @@ def _spread(
 
 
 def _fitted(model: CaseModel, unit: Fields) -> float:
-    """1/E where the markers move so under the forces."""
+    """1/E fitted with this unit response."""
     _, along, plain = model.compliance_products(unit)
     return max(along / plain, model.compliance / 10)
 
 
 def _explained(model: CaseModel, unit: Fields) -> float:
-    """How much of the markers' chi-square such motion explains, at its best 1/E."""
+    """Decrease of the markers' chi-square by this unit response at its best 1/E."""
     _, along, plain = model.compliance_products(unit)
     return max(along, 0.0) ** 2 / plain
 
 
 MOST_PATCHES = 200
-"""On the pit's surface: a solution each, about 3 mm apart on a nectarine's pit. Set by hand."""
+"""Patches of the pit's surface, with one solve each; about 3 mm apart on a nectarine's pit. Set by hand."""
 AT_ONCE = 50
-"""Right-hand sides solved together: memory, nothing else."""
+"""Right-hand sides solved together; affects memory only."""
 HELD_N_PER_MM = 1e-3
-"""Stiffness (at E = 1 MPa) of the springs that keep the pit from floating off."""
+"""Stiffness (at E = 1 MPa) of the springs that prevent free translation of the pit."""
 TURNING_SHARE = 0.02
-"""Stiffness against turning of a pit that is free to turn, N mm per rad, as a share of E r^3 (r: its mean
-radius; bonded in flesh it is 8 pi G r^3 = 8.7 E r^3). Without it a pit that is almost round would turn by
-radians to give way by tenths of a millimetre, where motions are linear for angles below about 0.1. Set by
-hand, of the size of the samples' own (8 N mm per rad, whatever E). It matters for pits that are a little
-oblong: one of semi-axes 10.5, 9.5 and 10 mm, pressed askew by 9 N at 1 MPa, makes flesh softer by 21, 17 and
-14 % with a third of it, with it (0.11 rad) and with three times as much, by 11 % if it does not turn. The
-moment of this spring, and that on a pit that does not turn, is not given back to the flesh as friction: that
-changes how much softer flesh is about a held pit of 12, 9 and 15 mm by 4 % of it."""
+"""Rotational stiffness of a pit that is free to turn, N mm per rad, as a share of E r^3 (r: its mean radius;
+bonded in flesh it is 8 pi G r^3 = 8.7 E r^3). Without it an almost round pit would turn by radians to move by
+tenths of a millimetre, while the linear kinematics hold for angles below about 0.1. Set by hand, similar to
+the samples' (8 N mm per rad, whatever E). It matters for slightly oblong pits. Example: semi-axes 10.5, 9.5
+and 10 mm, an oblique load of 9 N at 1 MPa. With a third of this stiffness, with it (0.11 rad) and with three
+times as much, flesh is softer by 21, 17 and 14 %, and by 11 % if the pit does not turn. The model does not
+return the moment of this spring, or that on a pit that does not turn, to the flesh as friction. For a fixed
+pit of 12, 9 and 15 mm this changes the softening by 4 % of it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class LooseFlesh:
-    """`shifting`: openings (times area) under pressures, the pit's shift included; `turning`: what its
-    turning adds to them; `skin`: the skin's displacement under each pressure; all for E = 1 MPa.
+    """Compliances for E = 1 MPa. `shifting`: openings (times area) under pressures, with the pit's shift;
+    `turning`: what its turning adds to them; `skin`: the skin's displacement under each pressure.
     """
 
     solid: UnitModulusSolid
@@ -227,7 +226,7 @@ class LooseFlesh:
 
     @classmethod
     def of(cls, bonded: UnitModulusSolid) -> "LooseFlesh":
-        """The same flesh, held alike, without its pit: one more factorisation and one solve per patch."""
+        """The same flesh and support without the pit: one more factorisation and one solve per patch."""
         mesh = bonded.mesh
         solid = UnitModulusSolid.factorise(
             replace(mesh, pit_nodes=np.zeros(0, dtype=mesh.pit_nodes.dtype)),
@@ -255,32 +254,32 @@ class LooseFlesh:
         )
 
     def compliance(self, *, pit_turns: bool) -> Float[np.ndarray, "c c"]:
-        """Openings (times area) under pressures, about a pit that turns or does not."""
+        """Openings (times area) under pressures, for a pit that turns or does not."""
         return self.shifting + self.turning if pit_turns else self.shifting
 
     def marker_response(
         self, recording: GraspResponse
     ) -> tuple[Float[np.ndarray, "r n 3"], Float[np.ndarray, "r c"], Float[np.ndarray, "c n 3"]]:
-        """Under a recording's patterns: its markers and the patches (times area) with no pressure inside; and
-        the markers under each patch's pressure."""
+        """Displacements of markers and openings of patches (times area) under a recording's patterns without
+        inner pressure; displacements of markers under each patch's pressure."""
         moved = self.solid.displacement(recording.loads(recording.patterns))
         opening = (self.load.T @ moved.reshape(len(moved), -1).T).T
         return recording.at_markers(moved), opening, recording.seen(self.skin)
 
 
 def loose_flesh(model: CaseModel, recording: GraspResponse) -> LooseFlesh:
-    """The flesh of this recording's support, made once."""
+    """The flesh with this recording's support, computed once."""
     support = recording.case.support
     return model.memoised(("loose flesh", support), lambda: LooseFlesh.of(recording.solid))
 
 
 def patches(mesh: FleshMesh) -> tuple[csr_array, Float[np.ndarray, " c"]]:
-    """B (3 n, c) and the patches' areas, mm2."""
+    """Nodal loads B (3 n, c) of unit pressures; patches' areas, mm2."""
     faces = inner_faces(mesh)
     points, weights = tri_quadrature()
     x = mesh.nodes_mm[faces]
     slope = np.einsum("qdn,knx->kqdx", t6_gradient(points), x)
-    normal = np.cross(slope[:, :, 1], slope[:, :, 0])  # out of the pit; its length is the area's
+    normal = np.cross(slope[:, :, 1], slope[:, :, 0])  # out of the pit; its length is the area element
     hats = np.column_stack([1 - points.sum(axis=1), points])
     pushes = np.einsum("q,qa,qh,kqx->khax", weights, t6_shape(points), hats, normal)
     spread = np.einsum("q,qh,kq->kh", weights, hats, np.linalg.norm(normal, axis=2))
@@ -296,7 +295,7 @@ def patches(mesh: FleshMesh) -> tuple[csr_array, Float[np.ndarray, " c"]]:
 
 
 def inner_faces(mesh: FleshMesh) -> Int[np.ndarray, "k 6"]:
-    """T6 faces round the pit, their normals out of the flesh."""
+    """T6 faces around the pit, their normals out of the flesh."""
     _, whose = boundary_faces(mesh.tets[:, :4])
     tet, side = whose.T
     faces = mesh.tets[tet[:, None], TET_FACES[side]]
@@ -304,7 +303,7 @@ def inner_faces(mesh: FleshMesh) -> Int[np.ndarray, "k 6"]:
 
 
 def _pit_gives(mesh: FleshMesh, load: csr_array) -> tuple[Float[np.ndarray, "c c"], Float[np.ndarray, "c c"]]:
-    """What the pit's shift and its turning add to the openings, by work: H H' / stiffness."""
+    """Compliances that the pit's shift and turning add to the openings, by virtual work: H H' / stiffness."""
     pit = mesh.nodes_mm[mesh.pit_nodes]
     centre = pit_centre_mm(mesh.nodes_mm, mesh.pit_nodes)
     radius_mm = float(np.linalg.norm(pit - centre, axis=1).mean())

@@ -1,4 +1,4 @@
-"""`pit_offset`: the pit sits elsewhere than the category's, by `offset_mm` (true centre less the prior's)."""
+"""`pit_offset`: the pit is off the category's place by `offset_mm` (true centre minus the prior's)."""
 
 from fem.estimation.sensitivity import PIT_OFFSET
 from fem.mismatch.effect import Effect
@@ -33,4 +33,4 @@ SPEC = EffectSpec(
 
 
 EFFECT: Effect = PitChange(spec=SPEC, causes=PIT_OFFSET, sd=2.0)
-"""The prior of 2 mm is set by hand: a pit that is far off its place."""
+"""The prior of 2 mm is set by hand: a pit far off its usual place."""

@@ -1,4 +1,4 @@
-"""`pit_size`: the pit is larger or smaller than the category's, by `scale` in every direction."""
+"""`pit_size`: the pit differs from the category's in size, by the factor `scale` in every direction."""
 
 import numpy as np
 

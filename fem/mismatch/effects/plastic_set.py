@@ -1,7 +1,7 @@
-"""`plastic_set`: flesh that yields where it is strained most, and keeps its new shape.
+"""`plastic_set`: flesh yields where it is strained most, and keeps its new shape.
 
-The law is fem.materials.von_mises_set. Signatures: one for each of a few Y, of which the amount is 1 to 3:
-flesh that has yielded sheds load on its neighbours.
+The law is fem.materials.von_mises_set. Signatures: one for each of a few Y. The amount is 1 to 3, since
+yielded flesh transfers load to its neighbours.
 """
 
 from fem.materials.strain_path import deviator, von_mises
@@ -48,4 +48,4 @@ EFFECT: Effect = PathLawEffect(
     sd=1.5,
     frames=48,
 )
-"""Set by hand: the share of the flesh is that which yields first."""
+"""Set by hand: `exceeding` is the share of the flesh that yields first."""

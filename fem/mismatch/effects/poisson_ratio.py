@@ -1,4 +1,4 @@
-"""`poisson_ratio`: Poisson's ratio is not the one assumed. K = mu(nu) K_mu + lambda(nu) K_lambda at E = 1."""
+"""`poisson_ratio`: Poisson's ratio is not the assumed one. K = mu(nu) K_mu + lambda(nu) K_lambda at E = 1."""
 
 import numpy as np
 from jaxtyping import Float
@@ -54,5 +54,5 @@ EFFECT: Effect = LinearLaw(
     amounts=unit_lame_constants,
     null=lambda model: model.poisson_ratio,
 )
-"""Elastic flesh has less than 0.5, where K grows without end; 0.06 is a wide prior about the assumed one (set
-by hand)."""
+"""Elastic flesh has nu < 0.5, where K is unbounded; 0.06 is a wide prior about the assumed ratio (set by
+hand)."""

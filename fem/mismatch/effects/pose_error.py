@@ -1,12 +1,12 @@
-"""`pose_error`: one pad is not where its pose says: moved in the gel's plane and tilted about its own x axis.
+"""`pose_error`: one pad's recorded pose is shifted in the gel's plane and tilted about the pad's x axis.
 
-recorded pose = true pose . shift . tilt. Its markers truly sit, move and push at
+recorded pose = true pose . shift . tilt. The true positions and forces of its markers are
 
     p_true = pose tilt^-1 shift^-1 (rest + d),        f_true = R tilt^-1 f
 
-and where the fruit turns by w in the grasp, its skin carries them by w x (X_true - X) otherwise than it would
-where they seem to sit. A shear that turns the fruit by 2 degrees takes a pad that is 3 mm off a tenth of a
-millimetre elsewhere.
+If the fruit rotates by w in the grasp, the skin's motion at the true places differs by w x (X_true - X) from
+that at the recorded places. For a shear that rotates the fruit by 2 degrees and a pad that is 3 mm off, the
+difference is a tenth of a millimetre.
 """
 
 from collections.abc import Sequence
@@ -27,10 +27,10 @@ from fem.solid.pad_link import pad_link
 
 NAMES = ("shift_mm.0", "shift_mm.1", "tilt_deg")
 PRIOR_SD = 2.5
-"""Of each parameter, mm and degrees."""
+"""Prior of each parameter, mm and degrees."""
 FAR = 0.1
-"""See fem.mismatch.model.warm_start. A shift beside a tilt of twice its size would else never be
-looked at itself."""
+"""See fem.mismatch.model.warm_start. With the default, a shift together with a tilt of twice its size would
+never be computed exactly."""
 
 SPEC = EffectSpec(
     name="pose_error",
@@ -68,10 +68,10 @@ SPEC = EffectSpec(
 
 
 class PoseError(Effect):
-    """One pad; which is the signature's variant."""
+    """Error of one pad, which the signature's variant names."""
 
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
-        """The pad slid along its x and y, and tilted by a degree."""
+        """One per pad: shifts along its x and y, and a tilt by a degree."""
         signatures = []
         for pad in model.pads:
             first_orders = [_first_order(model, recording, pad) for recording in model.grasps]
@@ -90,9 +90,9 @@ class PoseError(Effect):
         return signatures
 
     def other_start(self, model: CaseModel, variant: Variant) -> dict[str, float] | None:
-        """What best balances forces and moments of all recordings, to first order.
+        """Parameters that best balance forces and moments of all recordings, to first order.
 
-        Turned pads and moved ones balance each other: a shift of 2 mm may all but vanish from the amounts.
+        Effects of tilt and shift compensate each other: a shift of 2 mm may almost vanish from the amounts.
         """
         pad = variant.pad
         normal, right = np.diag(np.full(len(NAMES), PRIOR_SD**-2.0)), np.zeros(len(NAMES))
@@ -108,7 +108,7 @@ class PoseError(Effect):
         return self.spec.within_bounds(*np.linalg.solve(normal, right)) if free else None
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
-        """The pad linked to the skin where it truly was."""
+        """The response with the pad linked to the skin at its true place."""
         theta = np.array([parameters[name] for name in NAMES])
         grasps, pad = model.grasps, variant.pad
 
@@ -137,7 +137,7 @@ class PoseError(Effect):
 def _first_order(
     model: CaseModel, recording: GraspResponse, pad: str
 ) -> tuple[Float[np.ndarray, "3 f n 3"], Float[np.ndarray, "3 f n 3"], Float[np.ndarray, "3 f 6"]]:
-    """d(unit displacement), d(shift of positions), d(imbalance) per mm, mm and degree."""
+    """Derivatives of unit displacement, shift of positions and imbalance, per mm, mm and degree."""
 
     def compute() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         force, position = recording.force_N, recording.tracks.position_mm
@@ -174,7 +174,7 @@ def _first_order(
 def _exact(
     model: CaseModel, recording: GraspResponse, pad: str, theta: Float[np.ndarray, "3"]
 ) -> list[np.ndarray]:
-    """Unit displacement, shift of positions and imbalance with the pad where it truly was."""
+    """Unit displacement, shift of positions and imbalance with the pad at its true place."""
     position, force = recording.tracks.position_mm, recording.force_N
     zero = [recording.tracks.unit_displacement, np.zeros_like(position), np.zeros((len(position), 6))]
     if pad not in recording.pad_names:
@@ -204,7 +204,7 @@ def _exact(
     elsewhere[markers] = where - history.surface_mm
     place = recording.tracks.place_mm + elsewhere
     turns = _turns(model, recording, place, truly, unit)
-    # the equations turn the markers where they seem to sit: once more without what that leaves out
+    # the equations rotate the markers about their recorded places: repeat with that difference removed
     turns = _turns(model, recording, place, truly - _ridden(turns, elsewhere), unit)
     return [unit, position - truly + _ridden(turns, elsewhere), balance]
 
@@ -216,7 +216,7 @@ def _turns(
     position_mm: Float[np.ndarray, "f n 3"],
     unit: Float[np.ndarray, "f n 3"],
 ) -> Float[np.ndarray, "f 3"]:
-    """w of the markers at these places, but for a part that is the same in all frames of a contact."""
+    """w from the markers at these places, up to a constant in each contact."""
     return model.marker_equations(recording).turns(position_mm - place_mm - model.compliance * unit)
 
 

@@ -1,8 +1,8 @@
 """`sensor_drift`: the normal force that one pad records grows by newton_per_s, whether it touches or not.
 
-Counted from the frames in the air in which the pad's offset was taken, evenly over its markers. The true
-force is the recorded one less the drift. What shows it best is the pad after it has let go (fem.mismatch.
-resting_force).
+The drift starts in the no-contact frames that gave the pad's offset, and is uniform over its markers. The
+true force is the recorded one minus the drift. The pad's force after release shows it best
+(fem.estimation.zero_drift).
 """
 
 from collections.abc import Sequence
@@ -59,7 +59,7 @@ class SensorDrift(Effect):
         return signatures
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
-        """The forces of that pad less the drift: exact and linear."""
+        """The response to that pad's forces minus the drift: exact and linear."""
         rate, parts = parameters[RATE], _per_drift(model, variant.pad)
         return Response.plain(
             model,
@@ -72,8 +72,8 @@ class SensorDrift(Effect):
 def _per_drift(
     model: CaseModel, pad: str
 ) -> list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"], Float[np.ndarray, " _p"]]]:
-    """Of each recording the response (mm MPa), the imbalance (N) and the growth of each pad's force, per N/s
-    of this pad's drift. Of that growth the force of markers that the fit leaves out lacks.
+    """For each recording: response (mm MPa), imbalance (N) and growth of each pad's force, per N/s of this
+    pad's drift. The growth excludes markers that the fit leaves out.
     """
     parts = []
     for recording in model.grasps:

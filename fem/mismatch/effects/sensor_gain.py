@@ -1,9 +1,9 @@
 """`sensor_gain`: one pad records its force times a gain.
 
 The true force is the recorded one over the gain, on that pad alone; the pads' recorded forces no longer
-balance. A gain common to both pads is Young's modulus, and cannot be told from it. Which of two pads has the
-gain is E too, but for the gel: a pad's force over its gel's displacement, against what the gel's maker or a
-calibration says of it, grows by the gain.
+balance. A gain common to both pads cannot be separated from Young's modulus. Without the gel, neither can the
+choice of the pad with the gain. The gel decides: the ratio of a pad's measured gel stiffness to the value
+of the gel's maker or a calibration grows by the gain.
 """
 
 from collections.abc import Sequence
@@ -22,9 +22,9 @@ from fem.mismatch.model.plain_model import GraspResponse
 from fem.mismatch.signature_variant import Variant, of_pad
 
 GEL_SD, COMMON_GEL_SD = 0.04, 0.07
-"""Relative standard deviation of what is said of a gel's stiffness: of one pad's, and of all alike."""
+"""Relative standard deviations of a stated gel stiffness: of one pad's own, and common to all pads."""
 MOST_AUXILIARY = 20.0
-"""What a gel's maker says never outweighs more ln evidence of the markers than this."""
+"""Largest ln likelihood ratio that a stated gel stiffness may contribute."""
 
 SPEC = EffectSpec(
     name="sensor_gain",
@@ -55,14 +55,14 @@ SPEC = EffectSpec(
 
 
 class SensorGain(Effect):
-    """One pad's gain; which pad is the signature's variant."""
+    """One pad's gain; the signature's variant names the pad."""
 
     says_more = True
 
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
-        """Minus the response to that pad's forces, and the imbalance that they leave: the slope of `respond`.
+        """Minus the response to that pad's forces, and their imbalance: the derivative of `respond`.
 
-        The noise's scale belongs to it: equal gains of both pads leave the sums of forces as they are.
+        This includes the noise's scale: equal gains of both pads do not change the sums of forces.
         """
         return [self._signature(model, pad) for pad in model.pads]
 
@@ -78,11 +78,11 @@ class SensorGain(Effect):
         return Signature(variant=of_pad(pad), columns=(column,))
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
-        """The amount is the gain less one, as 1 - 1/gain."""
+        """The gain, from the amount 1 - 1/gain."""
         return self.spec.within_bounds(1 / max(1 - float(amounts[0]), 1e-3))
 
     def auxiliary_log_likelihood(self, model: CaseModel, parameters: Parameters, variant: Variant) -> float:
-        """ln of the pads' stiffness being as said with this gain, over that without."""
+        """ln likelihood ratio of the stated gel stiffnesses, with this gain to without."""
         stiffer = [(pad, _stiffer(model, pad)) for pad in model.pads]
         known = [(pad, z) for pad, z in stiffer if z is not None]
         if not known:
@@ -94,11 +94,11 @@ class SensorGain(Effect):
         return float(np.clip(log_ratio, -MOST_AUXILIARY, MOST_AUXILIARY))
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
-        """The forces of that pad divided by the gain, and the sums with them on the scale of their noise.
+        """That pad's forces divided by the gain, and their sums on the scale of their noise.
 
-        Forces of one pad over the gain balance those of the other as well as forces of the other times the
-        gain, but all of them are smaller and so is what noise leaves of their sums: without this scale a pad
-        that reads too high would always explain recordings better than the other reading too low.
+        Dividing one pad's forces by the gain balances the other's as well as multiplying the other's by it.
+        But it makes all forces smaller, and with them the noise of their sums. Without this scale, a pad that
+        reads too high would always explain recordings better than the other pad reading too low.
         """
         gain, pad = parameters["gain"], variant.pad
         share, parts, balances = 1 - 1 / gain, _of_pad(model, pad), []
@@ -110,13 +110,13 @@ class SensorGain(Effect):
 
 
 def _sums(model: CaseModel, recording: GraspResponse) -> Float[np.ndarray, "f 6"]:
-    """Sums of the recorded forces and moments, N; zero where they need not balance."""
+    """Sums of the recorded forces and moments, N; zero if they need not balance."""
     equations = model.balance_equations(recording)
     return np.zeros((len(recording.force_N), 6)) if equations is None else equations.measured
 
 
 def _stiffer(model: CaseModel, pad: str) -> float | None:
-    """ln of a pad's normal force per displacement over what is said of its gel; None where nothing is."""
+    """ln of a pad's measured normal stiffness over the stated one; None if either is unknown."""
     said = [
         motion.gel_N_per_mm
         for recording in model.grasps
@@ -130,7 +130,7 @@ def _stiffer(model: CaseModel, pad: str) -> float | None:
 def _of_pad(
     model: CaseModel, pad: str
 ) -> list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]]]:
-    """Response to one pad's forces alone, mm MPa, and their own sums; zero where it takes no part."""
+    """Response to one pad's forces alone, mm MPa, and their sums; zero in recordings without the pad."""
     parts = []
     for recording in model.grasps:
         mine = recording.own_markers(pad)

@@ -2,10 +2,10 @@
 
     f_recorded = f (1 + a |f| / M),      M: the largest |f| of any marker in the recording
 
-at each marker, alike in all. A gel is linear in small deformation (Johnson 1985, Contact Mechanics, chapter
-4), so that recorded force against the gel's displacement bends with the load where the reading does. A gel
-whose own law bends, rightly read, bends it as well; the flesh's equations part the two (fem.mismatch.
-gel_fault): only with a wrong reading do they fit better with the law undone.
+at each marker, with the same a. A gel is linear in small deformation (Johnson 1985, Contact Mechanics,
+chapter 4), so that a nonlinear reading bends recorded force against the gel's displacement. A gel that is
+itself nonlinear, read correctly, does so too. The flesh's equations separate the two
+(fem.mismatch.gel_fault): they fit better with the law inverted only if the reading is wrong.
 
     |f| = M (sqrt(1 + 4 a r / M) - 1) / (2 a),      M = r_largest / (1 + a),      r = |f_recorded|
 """
@@ -22,11 +22,11 @@ from fem.mismatch.gel_fault import GelFault
 
 AMOUNT = "a"
 LOWEST, HIGHEST = -0.45, 2.0
-"""Below -0.5 the reading falls as the force grows; above the second it is three times the force."""
+"""Bounds of a. Below -0.5 the reading decreases as the force grows; at 2.0 it is three times the force."""
 PRIOR_SD = {AMOUNT: 0.3}
 """A share of the force: the third level of samples/mismatch/injected.py."""
 NONE = 1e-9
-"""An amount that is none."""
+"""Amount that counts as zero."""
 
 SPEC = EffectSpec(
     name="sensor_nonlinear",
@@ -67,7 +67,7 @@ class BentReading:
         return replace(true, force_N=true.force_N * (1 + share * size))
 
     def undone(self, recorded: GelRecord, values: Mapping[str, float]) -> GelRecord:
-        """The positive root; where noise lifts a force beyond the law's greatest, that."""
+        """The positive root; a force that noise lifts beyond the law's greatest is clipped to it."""
         a = values[AMOUNT]
         if abs(a) < NONE:
             return recorded

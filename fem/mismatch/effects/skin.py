@@ -1,7 +1,7 @@
 """`skin`: a membrane on the flesh carries part of the load.
 
 Its stiffness is Et, Young's modulus times thickness (N/mm), its Poisson's ratio the flesh's; K = E K0 + Et Km
-(fem.solid.membrane). What counts is theta = Et / E; the parameter is Et.
+(fem.solid.membrane). The search varies theta = Et / E; the reported parameter is Et.
 """
 
 from fem.mismatch.effect import Effect
@@ -46,5 +46,5 @@ def _stretched_finite(model: CaseModel) -> Operator:
 
 
 EFFECT: Effect = LinearLaw(spec=SPEC, sd=4.0, positive=True, derivative=_stretched, finite=_stretched_finite)
-"""mm of flesh that is as stiff as the membrane. No skin is softer than none; 60 is as much as a whole fruit;
-the prior of 4 is set by hand."""
+"""theta in mm: thickness of flesh that is as stiff as the membrane. It is not negative; 60 is as stiff as a
+whole fruit; the prior of 4 is set by hand."""

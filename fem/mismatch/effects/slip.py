@@ -1,12 +1,12 @@
 """`slip`: the skin slides over a pad where the shear would exceed Coulomb's cone, |f_t| <= mu f_n.
 
-The recorded forces are what the friction lets through, so s c is right for the skin; but a marker, which is
-gel, stays behind the skin by the path w that the skin has slid over it (fem.mismatch.effects.slip):
+The recorded forces are those that friction transmits, so s c is correct for the skin. But a marker, which is
+part of the gel, stays behind the skin by the path w that the skin has slid over it:
 
     y(t) = X + s c(t) + R q(t) - w(t; mu) + noise
 
-Signature: -w for a few mu, amount 1. Smaller mu than the markers' own ratios of shear to pressure allow are
-left out (fem.mismatch.evidence.friction_cone): whatever else the plain model lacks, no such cone explains it.
+Signature: -w for a few mu, amount 1. It omits mu that are smaller than the markers' own ratios of shear to
+pressure allow (fem.mismatch.evidence.friction_cone): no such cone explains any misfit of the plain model.
 Coulomb's law: Johnson 1985, Contact Mechanics, chapter 7.
 """
 
@@ -26,15 +26,15 @@ from fem.mismatch.signature_variant import Variant, at_value
 
 MU = "mu"
 STEPS = (1.05, 1.3, 1.6, 2.0, 2.5, 3.1)
-"""The mu looked at, over the smallest that the cone allows."""
+"""Values of mu tried, over the smallest that the markers' ratios allow."""
 LOWEST, HIGHEST = 0.03, 0.8
-"""Bounds of mu: wet gel on wax above the least, dry skin that sticks in every grasp at the greatest. Set by
+"""Bounds of mu. Wet gel on wax is above the lower; dry skin at the upper sticks in every grasp. Set by
 hand."""
 LEAST_OF_PATH = 0.5
-"""Share of a mu's path below which it is not that path which is seen. Set by hand: from one of the mu looked
-at to the next it shortens by a third."""
+"""Amount of a mu's path below which the data show another cause. Set by hand: the path shortens by a third
+from one of the tried mu to the next."""
 SEEN_MM = 0.002
-"""A path that is nowhere longer than this shows nothing."""
+"""A path that is nowhere longer than this is not observable."""
 
 SPEC = EffectSpec(
     name="slip",
@@ -67,7 +67,7 @@ class Slip(Effect):
     says_more = True
 
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
-        """One for each mu at which something slips."""
+        """One for each mu at which a marker slips."""
         least = least_mu(_ratios(model))
         signatures = []
         for mu in (step * least for step in STEPS if step * least < HIGHEST):
@@ -87,15 +87,15 @@ class Slip(Effect):
         return signatures
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
-        """The signature's own mu: its amount is one."""
+        """The signature's own mu, at which its amount is one."""
         return self.spec.within_bounds(signature.variant.values[0])
 
     def auxiliary_log_likelihood(self, model: CaseModel, parameters: Parameters, variant: Variant) -> float:
-        """Markers piled up on this cone."""
+        """From the number of markers on this cone."""
         return max(_ratios(model).log_ratio(parameters[MU]), 0.0)
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
-        """The markers behind the skin by the path slid."""
+        """The markers, behind the skin by the slid path."""
         return Response.plain(model, shift_mm=[-path for path in _paths(model, parameters[MU])])
 
 
@@ -122,19 +122,20 @@ def _paths(model: CaseModel, mu: float) -> Fields:
 
 
 LEVEL_MM = 0.016
-"""Twice the spread of D's level at the touch on sound recordings (7-9 um)."""
+"""Twice the spread, without slip (7-9 um), of the shear displacement D at first touch."""
 WHOLE_STEPS, HALF_STEPS, STILL_MM = 8, 100, 5e-4
-"""Rounds end when no path asks to change by more than this: it shows in no marker. Half steps follow the
-whole ones: a marker may go to and fro between touching and not (as on open-04 of the mismatch cases)."""
+"""Rounds end when no path changes by more than STILL_MM, which no marker shows. Half steps follow the whole
+steps: a marker may alternate between contact and no contact (as in open-04 of the mismatch cases)."""
 FIRM = 4.0
-"""A marker touches where it is pressed in by so many standard deviations of its noise."""
+"""A marker touches if its depth exceeds this many standard deviations of its noise."""
 FAR_OFF = 2.0
-"""The model's own depth is used, which noise does not reach, unless so many standard deviations too small."""
+"""The noise-free depth of the model is used, but not less than the measured depth minus this many standard
+deviations."""
 SHORTEST_STEP_MM = 0.004
-"""A smaller rise of depth between two frames is noise (that of one frame of the samples' sensor), and no line
-to follow back."""
+"""A smaller rise of depth between two frames is noise (that of one frame of the samples' sensor), and is not
+extrapolated back."""
 FARTHEST_BACK = 1.2
-"""The touch is sought in a line through the first two frames, at most so many frames back."""
+"""Most frames by which the first touch is extrapolated back, in a line through the first two frames."""
 
 
 def slip_path(
@@ -145,9 +146,9 @@ def slip_path(
     mu: float,
     spring_ratio: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, "f n 3"]:
-    """w, mm, in the fruit frame: how far the skin has slid ahead of each marker, zero out of contact.
+    """w, mm, in the fruit frame: path of the skin ahead of each marker, zero out of contact.
 
-    `spring_ratio`: k_t / k_n of each marker's gel. Raises FemFailure (NOT_CONVERGED) where the paths still
+    `spring_ratio`: k_t / k_n of each marker's gel. Raises FemFailure (NOT_CONVERGED) if the paths still
     change after all rounds.
     """
     tracks = recording.tracks
@@ -174,7 +175,7 @@ def slip_path(
 
 
 def _in_pad_axes(recording: GraspResponse, vectors: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
-    """Markers' vectors of the fruit frame, each in its own pad's axes."""
+    """Transforms markers' vectors from the fruit frame to the axes of each marker's pad."""
     in_pad_axes = np.empty_like(vectors)
     for pad, pose in enumerate(recording.pose):
         markers = recording.pad_of_marker == pad
@@ -185,7 +186,7 @@ def _in_pad_axes(recording: GraspResponse, vectors: Float[np.ndarray, "f n 3"]) 
 def _in_fruit_axes(
     recording: GraspResponse, along_pad: Float[np.ndarray, "f n 2"]
 ) -> Float[np.ndarray, "f n 3"]:
-    """Markers' vectors along their own pad's x and y, in the fruit frame."""
+    """Transforms markers' vectors along their pad's x and y to the fruit frame."""
     in_fruit_axes = np.empty((*along_pad.shape[:2], 3))
     for pad, pose in enumerate(recording.pose):
         markers = recording.pad_of_marker == pad
@@ -200,7 +201,7 @@ def _returned(
     episode: np.ndarray,
     slope: Float[np.ndarray, " n"],
 ) -> Float[np.ndarray, "f n 2"]:
-    """The return mapping, frame by frame, each contact beginning without slip."""
+    """The return mapping, frame by frame; each contact begins without slip."""
     count = shear.shape[1]
     level, slid, contact = np.zeros((count, 2)), np.zeros((count, 2)), np.full(count, -1)
     path = np.zeros_like(shear)
@@ -222,7 +223,7 @@ def _returned(
 def _at_touch(
     shear: Float[np.ndarray, "f n 2"], depth: Float[np.ndarray, "f n"], frame: int
 ) -> Float[np.ndarray, "n 2"]:
-    """D where the depth was zero, in a line through this frame and the next."""
+    """D at zero depth, extrapolated linearly from this frame and the next."""
     after = min(frame + 1, len(shear) - 1)
     rise = depth[after] - depth[frame]
     back = np.clip(depth[frame] / np.maximum(rise, SHORTEST_STEP_MM), 0.0, FARTHEST_BACK)
@@ -231,6 +232,6 @@ def _at_touch(
 
 
 def _excess_of_level(level_mm: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """What of a level exceeds its own error."""
+    """Part of the level that exceeds its own error."""
     size = np.linalg.norm(level_mm, axis=1, keepdims=True)
     return np.asarray(level_mm * np.maximum(1 - LEVEL_MM / np.maximum(size, 1e-12), 0.0))

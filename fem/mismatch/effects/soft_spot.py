@@ -2,9 +2,9 @@
 
     K = K0 - (1 - ratio) K1,      K1 the stiffness of the flesh inside
 
-Solved in the space of fem.mismatch.model.reduced_law. Signature: K0^-1 K1 U0, at the few places where it
-explains best what the plain model leaves (fem.mismatch.localisation.spot_search). Its amount is not
-1 - ratio (drop_of).
+The equations are solved in the space of fem.mismatch.model.reduced_law. Signature: K0^-1 K1 U0, at the few
+places where it best explains the plain model's residual (fem.mismatch.localisation.spot_search). Its amount
+is drop_of(ratio), not 1 - ratio.
 """
 
 from collections.abc import Sequence
@@ -31,11 +31,11 @@ from fem.solid.inclusion import ball_stiffness, drop_of, fading
 CENTRE = ("centre_mm.0", "centre_mm.1", "centre_mm.2")
 RADIUS, RATIO = "radius_mm", "ratio"
 MIDDLE_RATIO = 0.35
-"""Of the moduli: the spot whose drop is the prior's standard deviation. Set by hand, a plain bruise."""
+"""Ratio of moduli whose drop is the prior's standard deviation. Set by hand: a clear bruise."""
 RATIOS = (0.1, 0.2, 0.35, 0.5, 0.7, 0.85)
-"""Of the moduli, tried as starts: from next to nothing to next to sound."""
+"""Ratios of moduli tried as starts: from almost no stiffness to almost undamaged."""
 CORRECTIONS = 2
-"""Of the reduced space: each change of the ball asks for solves of its own."""
+"""Corrections in the reduced space; each new ball requires its own solves."""
 
 SPEC = EffectSpec(
     name="soft_spot",
@@ -83,7 +83,7 @@ SPEC = EffectSpec(
 
 @dataclass(frozen=True, kw_only=True)
 class SoftSpot(Effect):
-    """The effect; see the module. `radii_mm` and `others`: which signatures it has
+    """The effect; see the module. `radii_mm` and `others` select its signatures
     (fem.mismatch.localisation.spot_search).
     """
 
@@ -101,9 +101,9 @@ class SoftSpot(Effect):
         return [_signature(model, spot) for spot in spots]
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
-        """The signature's own ball, with whichever of a few ratios explains most of what is left.
+        """The signature's ball, with the one of RATIOS that leaves the smallest residual.
 
-        Where the drop is more than such a ball can give, a larger one.
+        If the amount exceeds the largest drop of such a ball, the ball is larger.
         """
         *centre_mm, radius_mm = signature.variant.values
         largest = drop_of(RATIOS[0], model.poisson_ratio)
@@ -126,8 +126,8 @@ class SoftSpot(Effect):
         return Where(region="flesh", centre_mm=(x, y, z), radius_mm=parameters[RADIUS])
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
-        """Every recording's markers above flesh with such a ball in it; large deformation changes as with the
-        ball of the signature.
+        """Every recording's markers on flesh with such a ball in it; the change of large deformation is that
+        of the signature's ball.
         """
         centre_mm = np.array([parameters[name] for name in CENTRE])
         laws = _laws(model, centre_mm, parameters[RADIUS])
@@ -157,7 +157,7 @@ def _signature(model: CaseModel, spot: Spot) -> Signature:
 
 
 def _changes(model: CaseModel, centre_mm: Float[np.ndarray, "3"], radius_mm: float) -> tuple[Fields, Fields]:
-    """Those of a unit drop: K0^-1 K1 U0, and what large deformation adds."""
+    """Changes by a unit drop: K0^-1 K1 U0, and what large deformation adds."""
 
     def at_small_strain() -> Fields:
         inside = _inside(model, centre_mm, radius_mm)
@@ -186,5 +186,5 @@ def _inside(model: CaseModel, centre_mm: Float[np.ndarray, "3"], radius_mm: floa
 
 
 def _residual(model: CaseModel) -> Fields:
-    """What the plain model leaves of the markers' positions (their places and the fruit's motion in it)."""
+    """The plain model's residual of the markers' positions, with their places and the fruit's motion."""
     return [recording.excess(model.compliance) for recording in model.grasps]

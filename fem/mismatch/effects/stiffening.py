@@ -1,12 +1,12 @@
-"""`stiffening`: flesh that grows stiffer the more it is strained.
+"""`stiffening`: flesh becomes stiffer with strain.
 
-The law is fem.materials.fung_neo_hookean. Where it stiffens much, strains of a tenth are in play, and small
-strains would ask for a b an eighth too large.
+The law is fem.materials.fung_neo_hookean. Strong stiffening involves strains of about 0.1, for which a
+small-strain law would give a b that is an eighth too large.
 
-The signature is b W/mu times the linear stress, W of small strain, in the plain model's field: it
-exaggerates, as the field itself gives way less for it; the start takes the b at which the plain field, shrunk
-as a whole, does the same work. Large deformation is part of the plain model
-(fem.mismatch.evidence.beyond_small_strain), and of this law: refits go without the former.
+The signature is b W/mu times the linear stress, W of small strain, in the plain model's field. It
+overestimates the change, since stiffer flesh strains less; `start` says why it uses the amount unchanged.
+Large deformation is part of the plain model (fem.mismatch.evidence.beyond_small_strain) and of this law:
+refits omit the former.
 """
 
 from collections.abc import Sequence
@@ -20,7 +20,7 @@ from fem.mismatch.signature_variant import Variant
 
 B = "b"
 PRIOR_SD = 30.0
-"""Of b in the linear round. Set by hand, as large as strong stiffening in the samples
+"""Prior of b in the linear round. Set by hand, as large as strong stiffening in the samples
 (samples.mismatch.injected)."""
 SPEC = EffectSpec(
     name="stiffening",
@@ -56,7 +56,7 @@ class Stiffening(Effect):
     """The effect; see the module."""
 
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
-        """The exponential's, its amount b."""
+        """That of the exponential, with amount b."""
         state = stiffening_path(model)
         nu, s = model.poisson_ratio, model.compliance
         forces = model.pieces.forces(s * state.linear, fung_at_small_strain(poisson_ratio=nu))
@@ -64,7 +64,7 @@ class Stiffening(Effect):
         return [Signature.of_markers(B, moved, sd=PRIOR_SD, positive=True)]
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
-        """The amount within the bounds: about the modulus that fits best, both halves of the error cancel."""
+        """The amount within the bounds: at the best-fitting modulus both halves of its error cancel."""
         return self.spec.within_bounds(max(float(amounts[0]), 1.0))
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:

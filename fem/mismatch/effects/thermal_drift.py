@@ -1,13 +1,13 @@
-"""`thermal_drift`: gels warm; they swell in their plane, and their normal force wanders, alike in all pads.
+"""`thermal_drift`: gels warm up, swell in their plane, and their normal force drifts, equally in all pads.
 
     d_recorded = d + strain_per_root_s (sqrt(t) - s0) (x, y, 0)
     f_recorded = f + N_per_root_s (sqrt(t) - s0) / markers
 
-t: since the recording began; s0: the mean of sqrt(t) over the frames in the air before the contact, in which
-offsets are taken; x, y: the marker's place from the middle of the pad. Heat that enters a thick layer from
-one face goes as the root of time (Carslaw and Jaeger 1959, Conduction of Heat in Solids, chapter 2.5). It
-shows where nothing touches: at markers beside the contact and in the frames in the air before and after it,
-as strain, which parts it from `sensor_drift`: one pad's force alone, linear in time.
+t: time since the recording began; s0: mean of sqrt(t) over the no-contact frames before the contact, which
+give the offsets; x, y: the marker's place from the middle of the pad. The heat that enters a thick layer
+through one face grows as sqrt(t) (Carslaw and Jaeger 1959, Conduction of Heat in Solids, chapter 2.5). It
+appears without contact: as strain at markers outside the contact and in no-contact frames before and after
+it. The strain distinguishes it from `sensor_drift`: one pad's force alone, linear in time.
 """
 
 from collections.abc import Mapping, Sequence
@@ -27,13 +27,13 @@ STRAIN, FORCE = "strain_per_root_s", "N_per_root_s"
 PRIOR_SD = {STRAIN: 2e-3, FORCE: 0.3}
 """1/sqrt(s) and N/sqrt(s): the third level of samples/mismatch/injected.py."""
 FEWEST_APART = 8
-"""Markers of a pad that never touch, at least, to be taken alone. Set by hand, as of firm ones
-(fem.mismatch.evidence.gel_relation)."""
+"""Least number of a pad's markers that never touch for a fit to these alone. Set by hand, as that of firm
+markers (fem.mismatch.evidence.gel_relation)."""
 REMEMBERED = 3e-3
-"""Share of the largest force and displacement that a gel may still show after it was let go: as in
+"""Share of the largest force and displacement that may remain in a gel after unloading, as in
 fem.estimation.zero_drift."""
 SURE = 4.0
-"""A strain of so many standard deviations is there."""
+"""Standard deviations by which a strain must differ from zero."""
 
 SPEC = EffectSpec(
     name="thermal_drift",
@@ -77,11 +77,11 @@ class Warming:
     """The law of the module."""
 
     def recorded(self, true: GelRecord, values: Mapping[str, float]) -> GelRecord:
-        """Swollen, and pressing more."""
+        """With swelling and drift of force."""
         return _swollen(true, values, 1.0)
 
     def undone(self, recorded: GelRecord, values: Mapping[str, float]) -> GelRecord:
-        """Without either."""
+        """Without both."""
         return _swollen(recorded, values, -1.0)
 
 
@@ -111,15 +111,15 @@ def _outward(record: GelRecord) -> Float[np.ndarray, "n 3"]:
 
 @dataclass(frozen=True, kw_only=True)
 class ThermalDrift(GelFault):
-    """Measured where nothing touches, in place of force against displacement."""
+    """The effect, measured without contact instead of by force against displacement."""
 
     @property
     def of_the_relation(self) -> bool:
-        """No: it shows where nothing touches."""
+        """False: it appears without contact."""
         return False
 
     def records(self, model: CaseModel) -> tuple[GelRecord, ...]:
-        """As recorded: the drift of the force is its own."""
+        """As recorded: the drift of the force belongs to the effect."""
         return gel_records(model)
 
     def fitted(self, model: CaseModel, records: Sequence[GelRecord]) -> RelationFit | None:
@@ -128,9 +128,9 @@ class ThermalDrift(GelFault):
 
 
 def still_pads(records: Sequence[GelRecord]) -> RelationFit | None:
-    """The two rates of all pads together, of frames in the air; none where the strain is not sure.
+    """Both rates, common to all pads, from no-contact frames; None if the strain is not significant.
 
-    Of markers that never touch, where there are FEWEST_APART: a gel may remember what it was pressed by.
+    Uses markers that never touch if there are FEWEST_APART: a pressed gel may keep a residual deformation.
     """
     weight, right, chi2, count = np.zeros(2), np.zeros(2), 0.0, 0
     for record in records:

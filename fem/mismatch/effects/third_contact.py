@@ -1,15 +1,15 @@
-"""`third_contact`: something beside the pads touches the fruit and pushes at it; no pad feels that force.
+"""`third_contact`: an object other than the pads pushes at the fruit; no pad measures that force.
 
-A palm, a table or a stop, at the place X of the skin. With F(t) its force,
+A palm, a table or a stop touches the skin at X. With F(t) its force,
 
     sum f_i + F = 0, moments likewise,      y(t) = X + s [c(t) + C_X F(t)] + R q(t) + noise
 
-C_X: the markers' response to a force at X, E = 1 MPa. F needs no law: in every frame it is what the pads' own
-forces leave unbalanced, so that springs, rigid stops that are touched late and contacts in some of the
-recordings alone are one effect. What makes it one is that the moments too are those of a force through one
-place of the skin, nearly along its normal, inwards. How stiff the support is cannot be said: flesh under a
-contact 6 mm in radius gives way by some 1/(12 mm E), so that a ripe fruit on a palm of 5 N/mm and on a table
-behave in the same way. Places of the contact and its force: fem.mismatch.kinds.third_force.
+C_X: the markers' response to a force at X, E = 1 MPa. F needs no law: in every frame it balances the pads'
+own forces. Springs, rigid stops with late contact, and contacts in some of the recordings alone are therefore
+one effect. It requires that the moments too are those of a force through one place of the skin, nearly along
+its normal, inwards. The data do not show the support's stiffness: flesh under a contact of 6 mm radius
+has a compliance of about 1/(12 mm E), so that a ripe fruit behaves equally on a palm of 5 N/mm and on a
+table. Places of the contact and its force: fem.mismatch.kinds.third_force.
 """
 
 from collections.abc import Sequence
@@ -34,22 +34,22 @@ from fem.mismatch.signature_variant import Variant, at_place
 CENTRE = ("centre_mm.0", "centre_mm.1", "centre_mm.2")
 FORCE = "force_N"
 SPACING_MM = 6.0
-"""Of the places tried first: a quarter of a fruit's radius, over which a force turns by some 15 degrees. Set
-by hand, so that the best place lies beside one of them."""
+"""Spacing of the places tried first: a quarter of a fruit's radius, over which a force turns by some 15
+degrees. Set by hand, so that the best place is next to one of them."""
 FINE_MM = 1.0
-"""Of the places tried beside the best of these."""
+"""Spacing of the places tried around the best of these."""
 PLACE_SD_MM = 6.0
-"""How far the place may be from the one that balances best, a priori: two simulated ones that bear 4 and
-1.5 % of the pads' push are 1 and 9 mm off."""
+"""Prior standard deviation of the place about the one that balances best. Two simulated contacts that carry
+4 and 1.5 % of the pads' force are 1 and 9 mm off."""
 LEAST_EVIDENCE = 20.0
-"""ln evidence of the balance alone from which a third contact is looked at. Simulated ones that bear 3 % of
-the pads' push show more; cases with nothing of the kind 18.5 at most, but where a pad is misplaced, drifts or
-two gels have faults."""
+"""Least ln evidence of the balance alone for a third contact to be tried. Simulated contacts that carry 3 %
+of the pads' force have more. Cases without one have 18.5 at most, except if a pad is misplaced or drifts, or
+if two gels have faults."""
 LEAST_N = 1e-3
 """N: less than any sensor's noise."""
 SEAT_MM = 4.0
-"""Radius over which the force is spread and the normal taken; the pads are a few times as far away. Set by
-hand, of a contact as wide as a pad's."""
+"""Radius over which the force is spread and the normal averaged; the pads are a few times as far away. Set by
+hand: a contact as wide as a pad's."""
 SPEC = EffectSpec(
     name="third_contact",
     rank=195,
@@ -84,13 +84,13 @@ SPEC = EffectSpec(
         ),
     ),
 )
-"""The scope is the fruit: the place is one of its skin, where it stays when the jaws take the fruit at other
-spots; another fruit on the same palm touches it elsewhere."""
+"""The scope is the fruit: the place belongs to its skin, and stays there when the jaws grasp the fruit at
+other spots. Another fruit on the same palm touches it elsewhere."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Seat:
-    """A place of the skin on which something rests: middle, unit normal into the fruit, points round it."""
+    """A place of contact on the skin: middle, unit normal into the fruit, points around it."""
 
     place_mm: Float[np.ndarray, "3"]
     inward: Float[np.ndarray, "3"]
@@ -98,7 +98,7 @@ class Seat:
 
     @classmethod
     def at(cls, mesh: FleshMesh, place_mm: Float[np.ndarray, "3"]) -> "Seat":
-        """At the point of the skin nearest to a place."""
+        """The seat at the point of the skin nearest to a place."""
         middle = locate(mesh, place_mm[None])
         _, first, second = axes_at(middle.normal[0]).T
         angle = np.arange(6) * np.pi / 3
@@ -115,8 +115,8 @@ class Seat:
 
 @dataclass(frozen=True, kw_only=True)
 class PlacedContact:
-    """A third contact, with its force in each recording. `search`: ln of the mean evidence over all places,
-    over that of the best; zero or less.
+    """A third contact, with its force in each recording. `search`: ln of the ratio of the mean evidence over
+    all places to that of the best place; zero or less.
     """
 
     seat: Seat
@@ -138,7 +138,7 @@ class PlacedContact:
     def changes(
         self, model: CaseModel
     ) -> list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]] | None]:
-        """Of every recording's unit displacement and of its sums of force; None without a force."""
+        """Changes of each recording's unit displacement and sums of force; None without a force."""
         changes: list[tuple[Float[np.ndarray, "_f _n 3"], Float[np.ndarray, "_f 6"]] | None] = []
         place = self.seat.place_mm
         for recording, force in zip(model.grasps, self.forces, strict=True):
@@ -165,8 +165,8 @@ class ThirdContact(Effect):
     seen_directly = True
 
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
-        """The force at the place that balances best, where one does; the amount is its greatest value as a
-        share of what a pad pushes.
+        """The force at the place that balances best, if any. The amount is the greatest force as a share of
+        a pad's peak force.
         """
         contact = best_contact(model)
         if contact is None:
@@ -182,20 +182,20 @@ class ThirdContact(Effect):
         return [Signature(variant=at_place(contact.seat.place_mm, SEAT_MM), columns=(column,))]
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
-        """The place that balances best, the force as measured."""
+        """The place that balances best, and the measured force."""
         contact = best_contact(model)
         push_N = LEAST_N if contact is None else contact.greatest_N[0]
         return self.spec.within_bounds(*signature.variant.values[:3], push_N)
 
     def direct_evidence(self, model: CaseModel) -> float:
-        """What it costs that force and place are taken from the balance: negative."""
+        """Cost of estimating force and place from the balance: negative."""
         contact = best_contact(model)
         if contact is None:
             return 0.0
         return contact.search + sum(force.volume for force in contact.forces if force is not None)
 
     def measured_sd(self, model: CaseModel) -> dict[str, float]:
-        """Of the place about the start; of the force as measured."""
+        """PLACE_SD_MM about the starting place; relative error of the measured force."""
         contact = best_contact(model)
         value, sd = (LEAST_N, LEAST_N) if contact is None else contact.greatest_N
         return {**dict.fromkeys(CENTRE, PLACE_SD_MM), FORCE: sd / value}
@@ -206,7 +206,7 @@ class ThirdContact(Effect):
         return Where(region="skin", centre_mm=(x, y, z), radius_mm=SEAT_MM)
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
-        """Every recording with the force at this place that balances it."""
+        """Every recording under the force at this place that balances it."""
         seat = Seat.at(model.mesh, np.array([parameters[name] for name in CENTRE]))
         contact = PlacedContact(seat=seat, forces=_forces(model, seat.place_mm, seat.inward))
         unit, balance = [], []
@@ -221,7 +221,7 @@ EFFECT: Effect = ThirdContact(spec=SPEC)
 
 
 def best_contact(model: CaseModel) -> PlacedContact | None:
-    """The place whose force balances best, kept for the case; None where none is worth a look."""
+    """The place whose force balances best, memoised for the case; None if evidence is too low."""
     return model.memoised("third contact", lambda: _searched(model))
 
 
@@ -246,7 +246,7 @@ def _searched(model: CaseModel) -> PlacedContact | None:
 
 
 def _most_evidence(model: CaseModel) -> float:
-    """Half of the imbalance's chi-square: more no force can gain."""
+    """Half of the imbalance's chi-square: the upper bound of any force's gain."""
     balances = [model.balance_equations(recording) for recording in model.grasps]
     return sum(
         float((balance.measured * balance.weighed(balance.measured)).sum()) / 2
@@ -270,7 +270,7 @@ def _evidence(
 def _forces(
     model: CaseModel, place_mm: Float[np.ndarray, "3"], inward: Float[np.ndarray, "3"]
 ) -> tuple[ThirdForce | None, ...]:
-    """Of every recording; None where it has none, or is not held by pads alone."""
+    """Force in each recording; None if it has none, or if not only pads hold the fruit."""
 
     def balance(recording: GraspResponse) -> ForceBalance | None:
         equations = model.balance_equations(recording)

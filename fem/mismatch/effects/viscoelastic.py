@@ -1,10 +1,10 @@
 """`viscoelastic`: the flesh relaxes.  E(t) = E (1 - g + g exp(-t / tau))
 
-What that makes of displacements is fem.materials.relaxing_arm:
+The displacements follow by fem.materials.relaxing_arm:
 
     u(t) = s [c(t) + g / (1 - g) h(t)],      h' = (c - h) (1 - g) / tau
 
-s = 1/E of the first instant.
+s = 1/E at the first instant.
 """
 
 from fem.materials.relaxing_arm import RelaxingArm

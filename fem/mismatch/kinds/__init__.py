@@ -1,1 +1,1 @@
-"""What several effects have in common: kinds of effects, each with its signatures and its response."""
+"""Base classes of effects of one kind, each with its signatures and its response."""

@@ -1,6 +1,6 @@
-"""An effect that makes the flesh's law another one: one parameter, stiffness sum_i a_i(theta) K_i.
+"""Effects that change the flesh's law by one parameter: stiffness sum_i a_i(theta) K_i.
 
-Large deformation changes with the law: fem.mismatch.model.finite_change.
+fem.mismatch.model.finite_change computes how large deformation changes with the law.
 """
 
 from collections.abc import Callable, Sequence
@@ -27,9 +27,9 @@ class LinearLaw(Effect):
     """The law of flesh whose stiffness is sum_i a_i(theta) K_i; theta is the effect's one parameter.
 
     `derivative(model)`: dK/dtheta at the plain law. `finite(model)`: its forces at finite strain.
-    `parts(model)` and `amounts(theta)`: the K_i and a_i; K0 and dK/dtheta with 1 and theta unless given.
-    `null(model)`: the theta of the plain law. `sd`: prior standard deviation of theta about it. `positive`:
-    theta is never below it. A law `of_the_depth` needs a pit.
+    `parts(model)` and `amounts(theta)`: the K_i and a_i; by default K0 and dK/dtheta with 1 and theta.
+    `null(model)`: theta of the plain law. `sd`: prior standard deviation of theta about it. `positive`:
+    theta is never below it. A law `of_the_depth` requires a pit.
     """
 
     sd: float
@@ -42,8 +42,8 @@ class LinearLaw(Effect):
     of_the_depth: bool = False
 
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
-        """dc/dtheta at the plain law: -K0^-1 (dK/dtheta) U of the forces at small strain, and what large
-        deformation adds.
+        """dc/dtheta at the plain law: -K0^-1 (dK/dtheta) U at small strain, plus the change by large
+        deformation.
         """
         if self.of_the_depth and not len(model.mesh.pit_nodes):
             return []
@@ -59,15 +59,15 @@ class LinearLaw(Effect):
         return [signature]
 
     def at_small_strain(self, model: CaseModel) -> Fields:
-        """-K0^-1 (dK/dtheta) U of the recordings' forces, mm per unit of theta."""
+        """-K0^-1 (dK/dtheta) U under the recordings' forces, mm per unit of theta."""
         return [model.compliance * small for small in self._first(model)]
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
-        """The amount counts from the plain law."""
+        """The plain law's theta plus the amount."""
         return self.spec.within_bounds(self.null(model) + amounts[0])
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
-        """The law of this parameter, in the reduced space."""
+        """The response with this theta, in the reduced space."""
         theta = parameters[self.spec.searched[0].name]
         laws = model.memoised(self.spec.name, lambda: self._laws(model))
         small = [law.response(self.amounts(theta)) for law in laws]
@@ -79,7 +79,7 @@ class LinearLaw(Effect):
         return model.memoised(name, lambda: first_changes(model, self.derivative(model)))
 
     def _finite(self, model: CaseModel) -> Fields:
-        """What large deformation adds to it."""
+        """What large deformation adds to dc/dtheta."""
         return finite_change(
             model,
             self.spec.name,
@@ -98,20 +98,20 @@ class LinearLaw(Effect):
 def piecewise_operator(
     model: CaseModel, law: PathLaw, *, weight: Float[np.ndarray, "m 4"] | None = None
 ) -> Operator:
-    """Nodal forces of a stress that is a function of the displacement gradient, times the points' weight; in
-    single precision.
+    """Nodal forces, in single precision, of a stress that depends on the displacement gradient, times the
+    points' weight.
     """
     return lambda displacement: model.pieces.forces(displacement, law, weight=weight)
 
 
 def neo_hookean_operator(model: CaseModel, weight: Float[np.ndarray, "m 4"]) -> Operator:
-    """The flesh's own law times the points' weight."""
+    """The Neo-Hookean law times the points' weight."""
     constants = unit_lame_constants(model.poisson_ratio)
     return piecewise_operator(model, lambda gradient: neo_hookean_stress(gradient, *constants), weight=weight)
 
 
 def matrix_operator(matrix: csr_array | bsr_array) -> Operator:
-    """A matrix over all nodes' displacements."""
+    """Multiplication of all nodes' displacements by a matrix."""
 
     def times(displacement: Float[np.ndarray, "f m 3"]) -> Float[np.ndarray, "f m 3"]:
         flat = displacement.reshape(len(displacement), -1).T
@@ -123,5 +123,5 @@ def matrix_operator(matrix: csr_array | bsr_array) -> Operator:
 def stress_operator(
     model: CaseModel, stress: Callable[[Float[np.ndarray, "f m 4 6"]], Float[np.ndarray, "f m 4 6"]]
 ) -> Operator:
-    """B' sigma(eps) of a law of stress that is linear in the strain."""
+    """B' sigma(eps) of a stress that is linear in the strain."""
     return lambda displacement: model.points.forces(stress(model.points.strain(displacement)))

@@ -1,4 +1,4 @@
-"""An effect that puts the recorded markers elsewhere, by one parameter, and leaves the flesh as it is."""
+"""Effects that shift the recorded markers, by one parameter, and do not change the flesh."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,8 +14,8 @@ from fem.mismatch.signature_variant import Variant
 
 @dataclass(frozen=True, kw_only=True)
 class MovedMarkers(Effect):
-    """`moved_mm`: recorded less true positions of a recording's markers (frames by markers) at a value of the
-    parameter. `sd`: its prior standard deviation about zero. `step`: the value whose quotient is the slope.
+    """`moved_mm`: recorded minus true positions of a recording's markers (frames by markers) at a value of
+    the parameter. `sd`: its prior standard deviation about zero. `step`: step of the difference quotient.
     """
 
     sd: float
@@ -24,13 +24,13 @@ class MovedMarkers(Effect):
     positive: bool = False
 
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
-        """The slope at zero."""
+        """The derivative at zero."""
         slopes = [self.moved_mm(recording, self.step) / self.step for recording in model.grasps]
         name = self.spec.searched[0].name
         return [Signature.of_markers(name, slopes, sd=self.sd, positive=self.positive)]
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
-        """Positions off by that much."""
+        """The plain response with shifted positions."""
         value = parameters[self.spec.searched[0].name]
         shift_mm = [self.moved_mm(recording, value) for recording in model.grasps]
         return Response.plain(model, shift_mm=shift_mm)

@@ -1,8 +1,8 @@
-"""An effect that gives the flesh a law whose stress depends on the strains so far.
+"""Effects that give the flesh a law whose stress depends on the strain history.
 
-What one recording has done to the flesh the next ones find so: they come in the order in which they were
-made, and a marker is compared with its own first touch in each. Signatures: what the law makes of the plain
-model's field, one for each of a few levels at which it sets in, relative to what the plain model sees.
+Changes of the flesh in one recording persist in the next ones. Recordings are in the order in which they were
+made, and each marker is compared with its own first touch in each. Signatures: the law's stress in the plain
+model's field, for a few levels at which the law begins, relative to the plain model's own levels.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,11 +24,11 @@ from fem.solid.initial_stress import bounded
 class PathLawEffect(Effect):
     """`spec`: its last parameter is the level, over E.
 
-    `law(parameters, nu)`: of the flesh. `seen(gradient, nu)`: what is held against the level. `symbol` of the
-    level in words. `relative`: levels of the signatures over the one that the share `exceeding` of the
-    flesh's volume exceeds at some time. `unit_law(level, nu)`: the signatures' law. `name`, `sd`: of their
-    amount; `from_amount`: the parameters before the level that it stands for. `frames`: about so many are
-    followed, of all recordings together.
+    `law(parameters, nu)`: the flesh's law. `seen(gradient, nu)`: the quantity that the law compares with the
+    level. `symbol`: the level's symbol in labels. `relative`: levels of the signatures over the level that
+    the share `exceeding` of the flesh's volume exceeds at some time. `unit_law(level, nu)`: the signatures'
+    law. `name`, `sd`: name and prior of their amount. `from_amount`: the parameters before the level, from
+    the amount. `frames`: approximate number of frames computed, of all recordings together.
     """
 
     law: Callable[[Parameters, float], PathLaw]
@@ -63,12 +63,12 @@ class PathLawEffect(Effect):
         ]
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
-        """The signature's level."""
+        """The signature's level and amount."""
         before = self.from_amount(max(float(amounts[0]), 0.0))
         return self.spec.within_bounds(*before, signature.variant.values[0])
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
-        """The law in the field that it itself brings. Raises FemFailure (NOT_CONVERGED)."""
+        """Equilibrium with the law, by fixed-point iteration. Raises FemFailure (NOT_CONVERGED)."""
         state = self._state(model)
         *others, level = (parameters[spec.name] for spec in self.spec.searched)
         as_seen = level / model.compliance ** self.spec.searched[-1].strain_power
@@ -83,7 +83,7 @@ class PathLawEffect(Effect):
         return Response(unit=whole_response(state, more))
 
     def largest_seen(self, model: CaseModel) -> tuple[Float[np.ndarray, "m 4"], float]:
-        """The largest that each point sees in the plain model; what `exceeding` of the flesh exceeds."""
+        """Largest `seen` at each point of the plain model; level that `exceeding` of the flesh exceeds."""
         largest = model.pieces.measured(
             model.compliance * self._state(model).linear,
             lambda gradient: self.seen(gradient, model.poisson_ratio),

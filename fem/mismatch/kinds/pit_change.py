@@ -1,4 +1,4 @@
-"""An effect that has the pit elsewhere or of another size: the mesh moved, factorised and solved again."""
+"""Effects that move or scale the pit: the mesh is moved, factorised and solved again."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -20,13 +20,13 @@ from fem.solid.linear_solid import UnitModulusSolid
 from fem.solid.moved_pit import with_pit_moved
 
 SPREAD = np.array([1.0, 1.0, 1.0, 0.15])
-"""Units in which pits are far or near: mm, mm, mm, ln size."""
+"""Units of the distance between pits: mm, mm, mm, ln size."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PitChange(Effect):
-    """`causes`: of fem.estimation.sensitivity, one for each parameter; `sd`: their prior standard deviation.
-    `value`: a parameter from its cause's amount, `amount` the other way round.
+    """`causes`: causes of fem.estimation.sensitivity, one for each parameter; `sd`: their prior standard
+    deviation. `value` converts a cause's amount to its parameter, `amount` the reverse.
     """
 
     causes: tuple[str, ...]
@@ -35,7 +35,7 @@ class PitChange(Effect):
     amount: Callable[[float], float] = float
 
     def signatures(self, model: CaseModel) -> Sequence[Signature]:
-        """The first order; none for a fruit without a pit."""
+        """The first-order change; none for a fruit without a pit."""
         if not len(model.mesh.pit_nodes):
             return []
         changes = [inner_changes(model, recording) for recording in model.grasps]
@@ -51,11 +51,11 @@ class PitChange(Effect):
         return [Signature(variant=ONE_WAY, columns=columns)]
 
     def start(self, model: CaseModel, signature: Signature, amounts: Amounts) -> dict[str, float]:
-        """The pit of these amounts."""
+        """The pit's parameters from the amounts."""
         return self.spec.within_bounds(*(self.value(amount) for amount in amounts))
 
     def respond(self, model: CaseModel, parameters: Parameters, variant: Variant) -> Response:
-        """The fruit meshed with that pit. Raises FemFailure where the pit would leave the flesh."""
+        """The response with that pit. Raises FemFailure if the pit would leave the flesh."""
         pit = np.zeros(len(PIT))
         for cause, spec in zip(self.causes, self.spec.searched, strict=True):
             pit[PIT.index(cause)] = self.amount(parameters[spec.name])

@@ -1,19 +1,19 @@
-"""The force at one place of the skin that balances a recording beside its pads: linear Gaussian inference.
+"""The force at one place of the skin that balances the pads' forces: linear Gaussian inference.
 
-With m = sum of the pads' forces and moments and W of fem.mismatch.model.marker_equations, columns
-A = [1; (X - x0) x] phi_j(t) and amounts a = R u of them, u ~ N(0, 1) each,
+m: sum of the pads' forces and moments; W: weight of fem.mismatch.model.marker_equations; columns
+A = [1; (X - x0) x] phi_j(t) with amounts a = R u, u ~ N(0, 1) each:
 
     u = -(1 + R' M R)^-1 R' A' W m,   M = A' W A,   ln evidence = (-u . R' A' W m - ln det(1 + R' M R)) / 2
 
 (linear Gaussian inference; Rasmussen and Williams 2006, eq. 2.11 and 5.8). R R' is the amounts' covariance.
-The course of F along the skin's normal is a smooth one that grows with the load l, of covariance
+In time, F along the skin's normal is a smooth function that grows with the load l, with covariance
 
     l l' (1 + g^2 (l l' + exp(-(t - t')^2 / 2 SMOOTH^2))) / (1 + 2 g^2),     t: share of the frames
 
-times the square of a scale; R R' is that, projected on phi_j, its leading functions at the last of FREEDOMS.
-Of SCALES and of FREEDOMS (g) that pair counts which explains most, recording by recording. Along the skin the
-standard deviation is FRICTION of that along the normal. A contact that pulls is none, nor is one beyond the
-CONE of friction, or where a pad itself touches.
+times the square of a scale; R R' is its projection on phi_j, its leading functions at the last of FREEDOMS.
+Each recording uses the pair of SCALES and FREEDOMS (g) with the largest evidence. Tangentially the standard
+deviation is FRICTION times the normal one. A force that pulls, lies outside the CONE of friction, or acts
+where a pad touches is rejected.
 """
 
 from dataclasses import dataclass
@@ -25,31 +25,31 @@ from fem.mismatch.model.marker_equations import BalanceEquations
 from fem.mismatch.model.plain_model import ARM_MM, GraspResponse
 
 SCALES = (0.005, 0.02, 0.08)
-"""Standard deviations of the normal force at the greatest load, as shares of what a pad pushes then: from
-hardly to be told from marker scales to a fruit that is pressed against a table. Set by hand."""
+"""Prior standard deviations of the normal force at the greatest load, as shares of a pad's force then: from
+one like the errors of marker scales to a fruit that is pressed against a table. Set by hand."""
 FREEDOMS = (0.1, 1.0)
-"""Standard deviation of how the force's share of the load changes in a recording, over its mean: a support
-that is touched throughout takes nearly the same share, a stop that is met late any. Set by hand."""
+"""Standard deviation of the change of the force's share of the load in a recording, over its mean. A support
+in permanent contact takes a nearly constant share, a stop with late contact any. Set by hand."""
 SMOOTH, COURSES = 0.2, 6
-"""Length over which the force's share of the load may change, as a share of a recording's frames: a leg of
-the motion; and how many functions hold all but a percent of that covariance. Set by hand."""
+"""Correlation length of the force's share of the load, as a share of a recording's frames (a phase of the
+motion), and the number of functions that contain all but a percent of that covariance. Set by hand."""
 FRICTION = 0.15
-"""Of the force along the skin over that along its normal: little, as the normal of a scanned skin is itself
-known to some degrees. Set by hand."""
+"""Prior of the tangential force over the normal one: small, as the normal of a scanned skin is itself
+uncertain by some degrees. Set by hand."""
 CONE = 0.3
-"""Force along the skin over that along its normal from which it is no contact's: some 17 degrees off the
-normal, as skin on a palm slips. A pad that reads too much leaves a force along each grasp's axis; with grasps
-45 degrees apart no place has two of them within its cone. Set by hand."""
+"""Tangential over normal force beyond which it is not a contact force: some 17 degrees off the normal, where
+skin on a palm slips. A pad that reads too high leaves a force along each grasp's axis; with grasps 45 degrees
+apart, no place has two of them within its cone. Set by hand."""
 CLEAR_MM = 4.0
-"""A place is a pad's own where one of its markers touches within this distance; two markers' pitch."""
+"""A place belongs to a pad if one of its markers touches within this distance: two marker pitches."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ThirdForce:
-    """F(t) of one recording, `sd_N` of its normal part; ln `evidence` of it over none.
+    """F(t) of one recording, `sd_N` of its normal component, and ln `evidence` of F over no force.
 
-    `volume`: the part of that evidence which is not in how well F balances: ln of the prior at F, and of the
-    width that is left of it. Negative.
+    `volume`: the part of that evidence that does not come from the balance (Occam factor): ln of the prior at
+    F and of the posterior's width over the prior's. Negative.
     """
 
     force_N: Float[np.ndarray, "f 3"]
@@ -60,9 +60,9 @@ class ThirdForce:
 
 @dataclass(frozen=True, kw_only=True)
 class ForceBalance:
-    """One recording's balance in terms of its courses phi_j of a force or moment, all six components.
+    """One recording's balance, projected on the functions phi_j of time, for all six force components.
 
-    `roots`: for each of FREEDOMS a matrix whose product with its transpose is the amounts' covariance.
+    `roots`: for each of FREEDOMS a square root of the amounts' covariance.
     `normal`: (phi_j e_a) . W (phi_l e_b), 1/N2; `pushed`: -(phi_j e_a) . W m, 1/N.
     """
 
@@ -74,7 +74,7 @@ class ForceBalance:
 
     @classmethod
     def of(cls, recording: GraspResponse, balance: BalanceEquations) -> "ForceBalance":
-        """Those of a recording that nothing but its pads holds."""
+        """The balance of a recording in which only pads hold the fruit."""
         courses, roots = _courses(recording)
         white = np.einsum("jf,fa,lf,ab->jalb", courses, balance.weight, courses, np.eye(6))
         across = np.einsum("kfa,fa,jf->kja", balance.nuisances, balance.weight, courses)
@@ -88,7 +88,7 @@ class ForceBalance:
         )
 
     def force(self, place_mm: Float[np.ndarray, "3"], inward: Float[np.ndarray, "3"]) -> ThirdForce | None:
-        """The force at a place that best balances the recording; None where none does, or it would pull."""
+        """The force at a place that best balances the recording; None if none does or it is rejected."""
         if _is_under_a_pad(self.recording, place_mm):
             return None
         axes = axes_at(inward)
@@ -114,7 +114,7 @@ class ForceBalance:
 
 
 def _is_under_a_pad(recording: GraspResponse, place_mm: Float[np.ndarray, "3"]) -> bool:
-    """Whether a pad touches there at some time."""
+    """Whether a pad touches there in any frame."""
     touched = (recording.touching).any(axis=0)
     away = np.linalg.norm(recording.tracks.place_mm[touched] - place_mm, axis=1)
     return bool((away < CLEAR_MM).any())
@@ -123,9 +123,9 @@ def _is_under_a_pad(recording: GraspResponse, place_mm: Float[np.ndarray, "3"]) 
 def _posterior(
     normal: Float[np.ndarray, "m m"], pushed: Float[np.ndarray, " m"], root_N: Float[np.ndarray, "m m"]
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m m"], float, float]:
-    """Amounts of the courses along normal and skin in turn, their covariance, ln evidence, its volume.
+    """Posterior mean of the amounts (per phi_j normal, two tangential), covariance, ln evidence, volume.
 
-    `root_N`: times its transpose, the covariance of the amounts a priori.
+    `root_N`: square root of the prior covariance of the amounts.
     """
     pushes = root_N.T @ pushed
     precision = np.eye(len(pushes)) + root_N.T @ normal @ root_N
@@ -138,7 +138,7 @@ def _posterior(
 def _courses(
     recording: GraspResponse,
 ) -> tuple[Float[np.ndarray, "j f"], tuple[Float[np.ndarray, "j j"], ...]]:
-    """phi_j, of the size of the force that an amount of one stands for; roots of FREEDOMS' covariances."""
+    """phi_j, scaled to the force of an amount of one, and square roots of FREEDOMS' covariances."""
     load, share = recording.load, np.linspace(0.0, 1.0, len(recording.load))
     both = np.outer(load, load)
     change = both * (both + np.exp(-((share[:, None] - share) ** 2) / (2 * SMOOTH**2)))
@@ -150,7 +150,7 @@ def _courses(
 
 
 def peak_N(recording: GraspResponse) -> float:
-    """What a pad pushes at the greatest load, N, mean over the pads."""
+    """Force of a pad at the greatest load, N, mean over the pads."""
     return float(np.linalg.norm(recording.force_N, axis=2).sum(axis=1).max()) / len(recording.links)
 
 

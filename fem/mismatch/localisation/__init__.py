@@ -1,1 +1,1 @@
-"""Where, when and in which component a mismatch sits: maps, analysis of variance, spot search."""
+"""Place, time and component of a mismatch: maps, analysis of variance, spot search."""

@@ -1,8 +1,8 @@
-"""Where, when and in which component a mismatch sits: from a fit's residual in excess of noise.
+"""Place, time and component of a mismatch, from a fit's residual in excess of noise.
 
-The residual of every marker, frame and component is squared, in units of its noise variance. The excess over
-MARKER_VARIANCE_INFLATION, which null recordings leave too, is added up by pad, phase and component. Each
-pad's own rigid motion is taken out first, else what one pad shows is shared with the other by the fruit's.
+The residual of every marker, frame and component is squared, in units of its noise variance. Its excess over
+MARKER_VARIANCE_INFLATION, which null recordings have too, is summed by pad, phase and component. Each pad's
+own rigid motion is removed first; otherwise the fruit's motion would spread one pad's residual to the other.
 """
 
 from collections.abc import Sequence
@@ -19,27 +19,28 @@ from fem.mismatch.result import ModulusCell
 
 PHASES = ("load", "hold", "unload")
 PLACE_SHARE = 0.7
-"""Share of the excess above which one pad, phase or component has it. Set by hand: well over half."""
+"""Share of the excess above which it is attributed to one pad, phase or component. Set by hand: well over
+half."""
 PLACE_EXCESS = 0.05
-"""Excess, as a share of noise, below which none of pads, phases and components is told from the others. Set
-by hand."""
+"""Excess, as a share of noise, below which it is attributed to no single pad, phase or component. Set by
+hand."""
 
 
 def located(model: CaseModel, residual: Fields) -> tuple[str, str, str]:
     """The words of an answer's region, `when` and `component`.
 
-    `residual`: of a fit at the markers' positions per recording, mm; rigid motions may be in it.
+    `residual`: a fit's residual of the markers' positions per recording, mm; it may include rigid motions.
     """
     names = model.pads
     amount, count = _excess(model, residual, names)
     enough = amount.sum() > PLACE_EXCESS * count.sum()
 
     def most(share: Float[np.ndarray, " k"]) -> int | None:
-        """Which of several parts has PLACE_SHARE of the excess, if one has."""
+        """The part of several that has PLACE_SHARE of the excess, if any."""
         has = enough and len(share) > 1 and share.max() > PLACE_SHARE * share.sum()
         return int(share.argmax()) if has else None
 
-    # phases weigh by their number of samples
+    # phases are compared by their mean excess per number
     phase = most(amount.sum(axis=(0, 2)) / np.maximum(count.sum(axis=(0, 2)), 1.0))
     component = most(amount.sum(axis=(0, 1)))
     pad = 0 if len(names) == 1 else most(amount.sum(axis=(1, 2)))
@@ -53,8 +54,8 @@ def located(model: CaseModel, residual: Fields) -> tuple[str, str, str]:
 def _excess(
     model: CaseModel, residual: Fields, names: Sequence[str]
 ) -> tuple[Float[np.ndarray, "p 3 2"], Float[np.ndarray, "p 3 2"]]:
-    """Residual in excess of noise, in units of its variance, by pad, phase, and normal and shear; over how
-    many numbers each is the sum.
+    """Residual in excess of noise, in units of its variance, by pad, phase, and normal and shear; number of
+    terms in each sum.
     """
     amount, count = np.zeros((len(names), len(PHASES), 2)), np.zeros((len(names), len(PHASES), 2))
     for recording, basis, field in zip(model.grasps, model.adjoint_basis.grasps, residual, strict=True):

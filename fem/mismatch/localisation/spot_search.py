@@ -1,13 +1,12 @@
-"""Where a ball of softer flesh would best explain a fit's residual: over the flesh, and under the skin.
+"""Places where a ball of softer flesh best explains a fit's residual: in the flesh, and under the skin.
 
-With y the whitened projections of the residual and d those of a ball per unit drop of its modulus
-(fem.mismatch.model.adjoint_basis, the points inside added up), the best drop is d.y / d.d, its standard score
-d.y / |d|: the adjoint score over the root of its Fisher information. Without that root all would seem to lie
-at the surface. Flesh cannot be softer than nothing: a drop is held at MOST_DROP, and scores what it then
-explains.
+y: whitened projections of the residual; d: those of a ball per unit drop of its modulus (sum over the points
+inside, fem.mismatch.model.adjoint_basis). The best drop is d.y / d.d and its standard score d.y / |d|: the
+adjoint score over the root of its Fisher information. Without that root, all spots would appear to be at the
+surface. A modulus cannot be negative: the drop is at most MOST_DROP, scored by what this drop explains.
 
-Markers and frames correlate (fem.mismatch.model.marker_equations): on the map DESIGN_EFFECT of them count as
-one.
+Markers and frames are correlated (fem.mismatch.model.marker_equations): on the map DESIGN_EFFECT of them
+count as one.
 """
 
 from collections.abc import Sequence
@@ -27,29 +26,29 @@ from fem.mismatch.result import FruitMap
 from fem.solid.inclusion import drop_of, fading
 
 GRID_MM = 3.0
-"""Spacing of the places tried first: half a RADIUS_MM, so that none is missed between two."""
+"""Spacing of the places tried first: half a RADIUS_MM, so that no spot between two is missed."""
 RADIUS_MM = 5.5
 """Radius of the ball tried everywhere: the middle of RADII_MM."""
 RADII_MM = (4.0, 5.5, 7.5)
 """Radii tried at the best place; those injected are 4.5 to 8.5 (samples.mismatch.injected)."""
 CONE_DEG = 38.0
-"""Farther than this from the axis of every patch a soft spot cannot be seen."""
+"""A soft spot at a larger angle from the axes of all patches is not observable."""
 APART_MM = 5.0
 """Candidates are at least this far from each other."""
 OTHERS = 3
-"""Further places of which the ball is a signature too: each is a refit. Set by hand."""
+"""Number of further places with a signature; each costs a refit. Set by hand."""
 MOST_DROP = 1.6
-"""What a ball without a modulus comes to (fem.solid.inclusion.drop_of)."""
+"""Drop of a ball without stiffness (fem.solid.inclusion.drop_of)."""
 MAP_RADIUS_MM, BELOW_MM = 6.0, 4.0
 """Radius of the map's ball and depth of its middle under the skin, mm. Set by hand."""
 STANDARD_RATIO = 0.4
-"""Of the moduli: the ball whose visibility is mapped, as the middle of those injected
+"""Ratio of moduli of the ball whose visibility is mapped: the middle of those injected
 (samples.mismatch.injected)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Spot:
-    """One place: the standard score there, and the best drop, 1 for all of the modulus to first order."""
+    """One place: its standard score and best drop; a drop of 1 is all of the modulus to first order."""
 
     centre_mm: Float[np.ndarray, "3"]
     radius_mm: float
@@ -64,10 +63,10 @@ def best_spots(
     radii_mm: Sequence[float],
     others: int,
 ) -> tuple[Spot, ...]:
-    """The best ball of softer flesh in each of the radii, then the best at up to so many other places.
+    """The best ball of softer flesh for each radius, then the best at up to `others` other places.
 
-    Depth and radius stand for each other to first order, hence the several radii at one place. `numbers`: as
-    of AdjointBasis.observed.
+    Depth and radius are interchangeable to first order, hence the several radii at one place. `numbers`: as
+    from AdjointBasis.observed.
     """
     centres = candidate_centres(model)
     balls_seen = model.adjoint_basis.without_modulus(
@@ -87,7 +86,7 @@ def best_spots(
 
 
 def candidate_centres(model: CaseModel) -> Float[np.ndarray, "c 3"]:
-    """A grid of places in the flesh within CONE_DEG of some patch, seen from the fruit's middle."""
+    """A grid of places in the flesh within CONE_DEG of a patch's axis from the fruit's middle."""
     points = model.points.point_mm.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
     axes = [np.arange(a, b, GRID_MM) for a, b in zip(low, high, strict=True)]
@@ -101,14 +100,14 @@ def candidate_centres(model: CaseModel) -> Float[np.ndarray, "c 3"]:
 
 
 def patch_centres(recording: GraspResponse) -> Float[np.ndarray, "p 3"]:
-    """The middle of each pad's load on the fruit."""
+    """Centroid of each pad's load on the fruit."""
     load = np.linalg.norm(recording.force_N, axis=2).sum(axis=0)
     weights = [load * (recording.pad_of_marker == pad) for pad in range(len(recording.links))]
     return np.stack([weight @ recording.tracks.place_mm / weight.sum() for weight in weights])
 
 
 def balls(model: CaseModel, centres: Float[np.ndarray, "c 3"], radius_mm: float) -> csr_array:
-    """How much of each of the flesh's points lies in each ball: (c, points)."""
+    """Weight of each of the flesh's points in each ball: (c, points)."""
     points = model.points.point_mm.reshape(-1, 3)
     near = cKDTree(centres).sparse_distance_matrix(cKDTree(points), radius_mm + 0.5, output_type="coo_matrix")
     weight = fading(near.data, radius_mm)
@@ -150,7 +149,7 @@ def polished(
 def bounded_score(
     shown: Float[np.ndarray, "*b k"], numbers: Float[np.ndarray, " k"]
 ) -> tuple[Float[np.ndarray, "*b"], Float[np.ndarray, "*b"]]:
-    """The signed root of what the best drop within +-MOST_DROP explains, and that drop."""
+    """Signed root of the chi-square that the best drop within +-MOST_DROP explains, and that drop."""
     match = shown @ numbers
     size = np.maximum((shown**2).sum(axis=-1), np.finfo(float).tiny)
     drop = np.clip(match / size, -MOST_DROP, MOST_DROP)
@@ -159,7 +158,7 @@ def bounded_score(
 
 
 def fruit_map(model: CaseModel, numbers: Float[np.ndarray, " k"]) -> FruitMap:
-    """Scores of a ball under each of the skin's corner nodes; `numbers`: as of AdjointBasis.observed."""
+    """Scores of a ball under each of the skin's corner nodes; `numbers`: as from AdjointBasis.observed."""
     vertices, triangles = _skin_triangles(model.mesh)
     basis, below = model.adjoint_basis, vertices - BELOW_MM * _normals(vertices, triangles)
     shown = basis.without_modulus(balls(model, below, MAP_RADIUS_MM) @ basis.cells)
@@ -174,7 +173,7 @@ def fruit_map(model: CaseModel, numbers: Float[np.ndarray, " k"]) -> FruitMap:
 
 
 def _skin_triangles(mesh: FleshMesh) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"]]:
-    """The skin's corner nodes, and its faces between them."""
+    """The skin's corner nodes, and its triangles between them."""
     corners, faces = np.unique(mesh.outer_faces[:, :3], return_inverse=True)
     return mesh.nodes_mm[corners], faces.reshape(-1, 3)
 
@@ -182,7 +181,7 @@ def _skin_triangles(mesh: FleshMesh) -> tuple[Float[np.ndarray, "n 3"], Int[np.n
 def _normals(
     vertices: Float[np.ndarray, "n 3"], triangles: Int[np.ndarray, "m 3"]
 ) -> Float[np.ndarray, "n 3"]:
-    """Outward unit normals of the vertices, by area."""
+    """Outward unit normals of the vertices, weighted by area."""
     a, b, c = vertices[triangles].transpose(1, 0, 2)
     normal = np.zeros_like(vertices)
     for corner in triangles.T:
