@@ -32,8 +32,8 @@ above it is 0.01 with two numbers and 1e-5 with four; the largest of the sample 
 RANK = 1e-9
 """Singular values of a grasp's information below this share of the greatest one are rounding."""
 MOST_ROUNDS, STILL = 50, 1e-5
-"""Amounts are s p: each round scales the fields by the last s, until ln E changes by less than STILL (a
-hundredth of a per cent is a hundredth of the least error bar)."""
+"""Amounts are s p: each round scales the fields by the last s, until ln E changes by less than STILL, a
+thousandth of the least error bar (1 %)."""
 
 
 @dataclass(frozen=True, kw_only=True)
