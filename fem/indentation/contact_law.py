@@ -15,7 +15,7 @@ from fem.indentation.trace_effect import TraceEffect, Unknown, Values
 SHALLOWEST_MM = 1e-3
 #: places of first touches over half a toe, and weights whose sum is 2 (Gauss-Legendre)
 TOUCHES = np.polynomial.legendre.leggauss(6)
-#: unknowns of which each of several recordings may have its own
+#: unknowns that may differ between several recordings
 OWN = ("E_MPa", "onset_mm", "zero_N", "toe_mm")
 #: prior sd of the exponent that bends the force-depth curve: 7 % of the force at a depth of R, for finite
 #: strains, an imperfect ball, and friction under it

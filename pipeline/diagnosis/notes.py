@@ -64,8 +64,8 @@ def require_one_fruit(case: Case) -> None:
 
 
 def _require_own(case: Case, path: Path, recording: Recording) -> list[str]:
-    """Doubts that a recording is of the case's fruit; raises BatchRefused if it names another fruit of the
-    batch.
+    """Doubts about whether the recording belongs to the case's fruit. Raises BatchRefused if it names another
+    fruit of the batch.
     """
     said = recording.fruit_id, recording.category
     try:

@@ -145,7 +145,7 @@ def verdict_entry(verdict: Verdict, key: str) -> VerdictEntry:
 
 
 def _ships(grading: Grading, *, unsaid: bool = False) -> tuple[str, ...]:
-    """Names of the classes that are shipped, or (`unsaid`) of those that are so by default."""
+    """Names of the shipped classes; `unsaid`: only the classes that are shipped by default."""
     both = zip(grading.classes, grading.shipped or (), strict=False)
     return tuple(c.name for c, goes in both if goes and (c.ship is None or not unsaid))
 

@@ -5,6 +5,7 @@ import re
 import numpy as np
 import pytest
 from fem_shapes import ball, cube_flesh, cube_mesh, on_cube_surface
+from hookes_law import Linear
 from scipy.optimize import brentq, minimize_scalar
 from scipy.spatial.transform import Rotation
 
@@ -78,6 +79,20 @@ def test_an_even_strain_is_in_balance_on_any_mesh():
     assert np.abs(virtual - LAW.stress(F[None])[0]).max() < 1e-12
 
 
+def test_stiffness_is_symmetric_and_the_derivative_of_nodal_forces():
+    mesh = cube_flesh(2, uneven=0.2, bulge=0.03)
+    flesh = FiniteFlesh.of(mesh, LAW)
+    rng = np.random.default_rng(0)
+    moved, way = 0.03 * rng.normal(size=(2, *mesh.nodes_mm.shape))
+    stiffness = flesh.stiffness(moved)
+    assert abs(stiffness - stiffness.T).max() < 1e-12  # the forces have a potential
+    off = []
+    for h in (2e-2, 1e-2):
+        change = flesh.force_N(moved + h * way) - flesh.force_N(moved - h * way)
+        off.append(np.abs(change.ravel() / (2 * h) - stiffness @ way.ravel()).max())
+    assert off[0] / off[1] == pytest.approx(4.0, rel=0.05)
+
+
 def pulled_block(solid: UnitModulusSolid, stress_MPa: float) -> np.ndarray:
     """Dead tractions along x on the two faces across it."""
     points, area = skin_quadrature(solid.mesh)
@@ -95,6 +110,13 @@ def test_a_free_block_pulled_at_both_ends_follows_the_closed_form(stretch):
     moved = finite_displacement(solid, LAW, pulled_block(solid, bar(across)[0, 0]))
     exact = (solid.mesh.nodes_mm - 0.5) * (np.array([stretch, across, across]) - 1)
     assert np.abs(moved[0] - exact).max() < 1e-6
+
+
+def test_linear_flesh_without_a_pit_gives_the_linear_answer():
+    solid = UnitModulusSolid.factorise(cube_flesh(3, uneven=0.2), poisson_ratio=NU, support="free")
+    load = pulled_block(solid, 0.4)
+    moved = finite_displacement(solid, Linear(poisson_ratio=NU), load)
+    assert np.abs(moved - solid.displacement(load)).max() < 1e-7
 
 
 def test_small_loads_have_the_linear_answer_for_their_limit(free, pinch):

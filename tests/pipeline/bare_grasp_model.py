@@ -1,4 +1,4 @@
-"""A model of a grasp with two markers of which nothing was computed."""
+"""A grasp model with two markers whose fields are placeholders."""
 
 import numpy as np
 

@@ -70,11 +70,12 @@ def test_results_inside_a_batch_move_with_it_and_are_not_a_copied_templates(grad
         grade(tuesday, None)
 
 
-def test_a_batch_that_was_moved_and_renamed_keeps_its_results(grade, tmp_path):
+@pytest.mark.parametrize("name", ["monday", "copy of monday"])
+def test_a_batch_that_was_moved_or_renamed_keeps_its_results(grade, tmp_path, name):
     out = tmp_path / "out"
     monday = make_batch(tmp_path / "monday", "Monday")
     grade(monday, out)
-    moved = tmp_path / "elsewhere" / "copy of monday"
+    moved = tmp_path / "elsewhere" / name
     shutil.move(monday, moved)
     assert grade(moved, out) == 0
     assert json.loads((out / "batch.json").read_text())["batch"] == str(moved)
@@ -89,6 +90,16 @@ def test_a_batch_in_its_own_folder_may_gain_lose_and_replace_fruit(grade, tmp_pa
     shutil.copytree(tmp_path / "again", monday, dirs_exist_ok=True)
     assert grade(monday, None) == 0
     assert set(rows(monday / "results")) == set(IDS)
+
+
+def test_a_batch_whose_results_moved_inside_it_may_lose_fruit(grade, tmp_path):
+    monday = make_batch(tmp_path / "monday", "Monday")
+    grade(monday, None)
+    moved = tmp_path / "copy"
+    shutil.copytree(monday, moved)
+    (moved / "fruits.csv").write_text("fruit_id\n02\n03\n")
+    assert grade(moved, None) == 0
+    assert set(rows(moved / "results")) == {"02", "03"}
 
 
 def test_a_folder_used_again_for_another_lot_does_not_replace_the_first_lots_results(grade, tmp_path):

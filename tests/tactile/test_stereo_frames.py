@@ -8,17 +8,17 @@ import pytest
 from drawn_gel import drawn
 from jaxtyping import Float
 from raw_folder import PRESS, write_camera, write_log
-from turned_camera import SMALL, turned_camera
 
 from tactile.from_frames import recording_of
-from tactile.gel_camera import project
 from tactile.readers.raw_grasp import read_raw_grasp
 from tactile.tactile_failure import TactileFailure
 
-FRAMES = 5
+FOCAL_PX, FRAMES = 240.0, 5
 X, Y = np.meshgrid(np.arange(-4, 5) * 1.8, np.arange(-3, 4) * 1.8)
 REST = np.stack([X.ravel(), Y.ravel(), np.zeros(63)], axis=1)
-CAMERAS = tuple(turned_camera(turn, **SMALL, distortion=(0.0,) * 5) for turn in (0.0, 0.36))
+AWAY = np.arctan2(6.0, 16.0)
+TURN = np.array([[np.cos(AWAY), 0, -np.sin(AWAY)], [0, 1, 0], [np.sin(AWAY), 0, np.cos(AWAY)]])
+CAMERAS = ((np.eye(3), np.array([0.0, 0.0, -16.0])), (TURN, np.array([6.0, 0.0, -16.0])))
 
 
 def press(frame: int) -> Float[np.ndarray, "n 3"]:
@@ -27,19 +27,28 @@ def press(frame: int) -> Float[np.ndarray, "n 3"]:
     return REST + dent[:, None] * np.stack([0.1 * REST[:, 0], 0.1 * REST[:, 1], -np.ones(63)], axis=1)
 
 
+def seen(camera: int, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
+    """Pinhole: pixels of points of the gel frame."""
+    turn, place = CAMERAS[camera]
+    local = (points - place) @ turn
+    return FOCAL_PX * local[:, :2] / local[:, 2:] + [159.5, 119.5]
+
+
 def write_stereo(folder: Path) -> Path:
     text = 'kind = "markers-stereo"\nname = "two eyes"\n[gel]\nthickness_mm = 3.0\nE_MPa = 0.25\nnu = 0.48\n'
-    for name, camera in zip(("camera", "second_camera"), CAMERAS, strict=True):
-        text += f"[{name}]\nimage_px = {list(camera.image_px)}\nfocal_px = {list(camera.focal_px)}\n"
-        text += f"centre_px = {list(camera.centre_px)}\n"
-        text += f"gel_from_camera = {camera.gel_from_camera.tolist()}\n"
+    for name, (turn, place) in zip(("camera", "second_camera"), CAMERAS, strict=True):
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = turn, place
+        text += f"[{name}]\nimage_px = [320, 240]\nfocal_px = [{FOCAL_PX}, {FOCAL_PX}]\n"
+        text += "centre_px = [159.5, 119.5]\n"
+        text += f"gel_from_camera = {pose.tolist()}\n"
     folder.mkdir(parents=True)
     (folder / "sensor.toml").write_text(text + "[markers]\nrows = 7\ncolumns = 9\npitch_mm = [1.8, 1.8]\n")
     (folder / "grasp.toml").write_text(PRESS)
     write_log(folder, FRAMES)
-    for k, (camera, place) in enumerate(zip(CAMERAS, ("tip", "tip-b"), strict=True)):
-        frames = (drawn(project(camera, press(t)), noise=1.0, seed=2 * t + k) for t in range(FRAMES))
-        write_camera(folder / place, drawn(project(camera, REST), noise=1.0, seed=50 + k), frames)
+    for camera, place in enumerate(("tip", "tip-b")):
+        frames = (drawn(seen(camera, press(t)), noise=1.0, seed=2 * t + camera) for t in range(FRAMES))
+        write_camera(folder / place, drawn(seen(camera, REST), noise=1.0, seed=50 + camera), frames)
     return folder
 
 

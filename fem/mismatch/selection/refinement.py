@@ -155,7 +155,7 @@ def refit(model: CaseModel, linear: LinearRound, linear_fits: Sequence[LinearFit
         model=search.model,
         at_an_end=search.at_an_end(now.at),
         last_gain=gained,
-        signal=max(linear.null.chi2 - now.fit.chi2, 0.0),
+        signal=linear.null.chi2 - now.fit.chi2,
     )
 
 
