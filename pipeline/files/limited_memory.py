@@ -1,4 +1,4 @@
-"""This process's memory: a limit while a native library reads a file, and what is freed given back."""
+"""This process's memory: a limit for native libraries, and the return of freed memory to the system."""
 
 import ctypes
 import os
@@ -13,17 +13,17 @@ except ModuleNotFoundError:
     resource = None  # type: ignore[assignment]
 
 SHARE_OF_FREE = 0.75
-"""Of the machine's free memory, that one run of a model may take. Set by hand."""
+"""Share of the machine's free memory that one run of a model may take. Set by hand."""
 _before: list[tuple[int, int]] = []
-"""For each block that is open, in any thread, the limit before the first of them."""
+"""One entry for each open block, in any thread: the limits (soft, hard) before the first of them."""
 
 
 @contextmanager
 def limited_memory(most_bytes: int) -> Iterator[None]:
-    """Inside the block this process gets at most `most_bytes` more memory; more ends in an exception.
+    """Inside the block this process can allocate at most `most_bytes` more; a larger request raises an error.
 
-    The limit is on addresses (RLIMIT_AS) of the whole process, so that its other threads have it too. Only
-    Linux says how many addresses are in use; elsewhere there is no limit.
+    The limit is on the address space (RLIMIT_AS) of the whole process, so its other threads have it too. Only
+    Linux reports the address space in use; elsewhere there is no limit.
     """
     if resource is None or sys.platform != "linux":
         yield
@@ -41,12 +41,12 @@ def limited_memory(most_bytes: int) -> Iterator[None]:
 
 
 def _addresses_in_use() -> int:
-    """Bytes, from /proc (Linux)."""
+    """Size of this process's address space in bytes, from /proc (Linux)."""
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * os.sysconf("SC_PAGE_SIZE")
 
 
 def free_bytes() -> int:
-    """What the machine's memory has room for (Linux); 1 TB where the system does not say."""
+    """Free memory of the machine in bytes (Linux); 1 TB if the system does not report it."""
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
         return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:"))
@@ -55,7 +55,7 @@ def free_bytes() -> int:
 
 
 def return_freed_memory() -> None:
-    """Gives freed memory back to the system; only glibc keeps some 400 MiB of it after photos."""
+    """Returns freed memory to the system (Linux): after photos, glibc keeps some 400 MiB of it."""
     if sys.platform == "linux":
         with suppress(OSError, AttributeError):
             ctypes.CDLL(None).malloc_trim(0)

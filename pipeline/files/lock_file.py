@@ -1,4 +1,4 @@
-"""Empty files that a process locks; the operating system lets go of them however the process ends."""
+"""Empty files that a process locks; the operating system releases the lock however the process ends."""
 
 import fcntl
 import os
@@ -8,17 +8,17 @@ from contextlib import contextmanager
 from pathlib import Path
 
 WAIT_S = 30.0
-"""Seconds that a process waits for another, which takes less than one for each file. Set by hand."""
+"""Seconds that a process waits for the lock; writing one file takes less than one. Set by hand."""
 LOOK_S = 0.01
-"""Seconds between two looks whether the lock is free."""
+"""Seconds between two attempts to lock the file."""
 
 
 @contextmanager
 def lock_of(path: Path, *, wait_s: float = WAIT_S) -> Iterator[bool]:
-    """Inside the block this process holds the lock of the file at `path`, which is made where there is none.
+    """Inside the block this process holds the lock of the file at `path`; creates the file if it is missing.
 
-    Gives whether it does: False where another still holds it after `wait_s`. A file system without locks has
-    nobody to wait for. No link is followed. Raises OSError where the file cannot be made.
+    Yields False if another process still holds the lock after `wait_s`, else True. A file system without
+    locks yields True at once. Raises OSError if the file cannot be created, or if `path` is a link.
     """
     until = time.monotonic() + wait_s
     while True:
@@ -26,7 +26,7 @@ def lock_of(path: Path, *, wait_s: float = WAIT_S) -> Iterator[bool]:
         try:
             held = locked(lock)
             if held and not _is_at(lock, path):
-                continue  # removed before it was locked: it keeps nobody out
+                continue  # another process removed the file before this lock: it excludes nobody
             if held or time.monotonic() > until:
                 yield held
                 return
@@ -36,7 +36,7 @@ def lock_of(path: Path, *, wait_s: float = WAIT_S) -> Iterator[bool]:
 
 
 def locked(lock: int) -> bool:
-    """Locks an open file, unless another holds it; a file system without locks has nobody to wait for."""
+    """Locks an open file. False if another process holds it; True if the file system has no locks."""
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:

@@ -1,8 +1,8 @@
-"""A results folder's list of the files that drupe wrote into it: nothing else in it is ever touched.
+"""The list of files that drupe wrote into a results folder. drupe replaces and removes only these.
 
-`.written.json` holds, for each file, the SHA-256 of what was written. It is brought up to date before the
-file is, so that a run killed between the two leaves nothing that the next one does not know. Of two processes
-that write into one folder one waits for the other, by a lock on `.written.lock`.
+`.written.json` holds, for each file, the SHA-256 of its content. drupe updates it before it writes the file,
+so that a run killed in between leaves no file that the next run does not know. A lock on `.written.lock`
+makes one process wait while another writes into the folder.
 """
 
 import errno
@@ -23,12 +23,12 @@ MANIFEST = ".written.json"
 LIST_LOCK = ".written.lock"
 FORMAT = "drupe-written"
 MOST_BYTES = 20_000_000
-"""Of a JSON file or page that is not on the list of what drupe wrote: batch.json of 2000 fruit with 72 photos
-each, at 110 bytes a photo, is 16 MB."""
+"""Most bytes of the list, and of a JSON file or page that is not on it. With 2000 fruit, 72 photos each and
+110 bytes a photo, batch.json has 16 MB."""
 
 
 class NotOurs(NotWritten):
-    """A file stands in the way that drupe did not write, or that was changed since."""
+    """Raised if drupe did not write the file at the target, or if somebody has changed it since."""
 
     def __str__(self) -> str:
         return f"{self._path}: {STRANGER}"
@@ -41,13 +41,13 @@ STRANGER = (
 
 
 def is_claimed(folder: Path) -> bool:
-    """Whether `folder` is one that drupe keeps a list of."""
+    """Whether `folder` has a list of the files that drupe wrote."""
     return _read(folder) is not None
 
 
 def in_the_way(targets: Iterable[Path]) -> Iterator[Path]:
-    """Of the places of files that drupe is to write: folders and files that are links, files that drupe did
-    not write or that were changed since, and what stands where a list would be and is none.
+    """What prevents drupe from writing `targets`: links, and files that drupe did not write or that somebody
+    changed since. Also a file with the list's name that is no list.
     """
     by_folder: dict[Path, list[Path]] = {}
     for path in targets:
@@ -62,10 +62,10 @@ def in_the_way(targets: Iterable[Path]) -> Iterator[Path]:
 
 
 def json_in(path: Path) -> Any:
-    """What a JSON file that drupe wrote holds; None where it is no plain file, a link, or broken.
+    """The content of a JSON file that drupe wrote; None if it is no plain file, a link, too large or invalid.
 
-    Nothing is waited for: a named pipe or a device in its place is not opened. What is listed as drupe's and
-    unchanged since is read whatever its size: frames of raw grasps may be millions of inputs.
+    Never blocks: it opens no named pipe or device. A listed, unchanged file may have any size: frames of raw
+    grasps may be millions of inputs.
     """
     most_bytes = MOST_BYTES
     with suppress(OSError):
@@ -82,10 +82,10 @@ def _json(path: Path, *, most_bytes: int) -> Any:
 
 
 def claim(folder: Path) -> None:
-    """Begins the list of `folder`, unless it has one. Raises NotWritten."""
+    """Creates the list of `folder`, unless it has one. Raises NotWritten."""
     if is_claimed(folder):
         return
-    with suppress(OSError):  # what cannot be made is said where the list is written
+    with suppress(OSError):  # writing the list reports why it cannot be made
         folder.mkdir(parents=True, exist_ok=True)
     with _alone(folder):
         if not is_claimed(folder):
@@ -94,8 +94,8 @@ def claim(folder: Path) -> None:
 
 @contextmanager
 def writing_alone(folder: Path) -> Iterator[None]:
-    """Inside the block no other process changes the files of `folder`, where it has a list; where the file
-    system has no locks, they are not kept apart. Not to be nested.
+    """Inside the block no other process of drupe changes the files of `folder`, if the folder has a list.
+    File systems without locks do not exclude other processes. Must not be nested.
     """
     with _alone(folder) if is_claimed(folder) else nullcontext():
         yield
@@ -103,7 +103,7 @@ def writing_alone(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def _alone(folder: Path) -> Iterator[None]:
-    """After WAIT_S the file is written all the same: a stopped process holds up nobody for good."""
+    """Holds the folder's lock; goes on without it after WAIT_S: a stopped process must not block others."""
     with ExitStack() as stack:
         with suppress(OSError):
             stack.enter_context(lock_of(folder / LIST_LOCK, wait_s=WAIT_S))
@@ -123,8 +123,8 @@ def was_ours(path: Path) -> bool:
 
 
 def why_damaged(path: Path) -> str:
-    """Why a file in a folder with a list does not hold what drupe wrote there, a sentence without its end;
-    empty where it does, and where the folder has no list (of an earlier version, or copied without it).
+    """Why a file does not have the content that drupe wrote, as a predicate without a full stop; empty if it
+    has. Also empty if the folder has no list (from an earlier version, or copied without it).
     """
     if not is_claimed(path.parent) and stands(path.parent / MANIFEST):
         return f"cannot be checked: {MANIFEST} beside it, with the SHA-256 of what drupe wrote, is damaged"
@@ -135,8 +135,8 @@ def why_damaged(path: Path) -> str:
 
 
 def enter(path: Path, data: bytes) -> None:
-    """Lists `data` as what is about to be written to `path`, in a block of `writing_alone` that the writing
-    belongs to. Raises NotOurs where a stranger's file is.
+    """Lists the hash of `data` before the caller writes it to `path` in the same block of `writing_alone`.
+    Without a list it does nothing. Raises NotWritten, and NotOurs if drupe did not write the present file.
     """
     listed = _read(path.parent)
     if listed is None:
@@ -152,7 +152,7 @@ def enter(path: Path, data: bytes) -> None:
 
 
 def remove(path: Path) -> None:
-    """Removes `path` where it is ours; anything else stays."""
+    """Removes `path` if drupe wrote it and nobody has changed it; other files stay."""
     with writing_alone(path.parent):
         if is_ours(path):
             path.unlink(missing_ok=True)

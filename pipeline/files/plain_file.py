@@ -1,4 +1,4 @@
-"""Reading a file that a user named: only a plain file, only so many bytes, never one that makes us wait."""
+"""Readers for files that a user names: only plain files up to a given size, without waiting for pipes."""
 
 import errno
 import json
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 DEEPEST = 20
-"""Lists and tables within one another: what is read here needs 4; a reader's stack ends near 1000."""
+"""Most levels of nested lists and tables: drupe's files need 4; a parser's stack overflows near 1000."""
 _KEY_PART = r"""(?:"(?:[^"\\\n]++|\\.)*"?|'[^'\n]*+'?|[\w-]++)"""
 
 
@@ -29,12 +29,12 @@ _TOML_TOKEN = re.compile(
     rf"(?:[ \t]*+\.[ \t]*+{_whole(_KEY_PART, 'next')}){{{DEEPEST}}})|{_KEY_PART}",
     re.DOTALL,
 )
-"""A text over several lines, a comment, punctuation, a key of more than DEEPEST parts, or one part of a key,
-a word or a text (TOML 1.0). Every character is in one token: the search takes time in proportion to the text.
-A text without an end goes to the end of the line or file; the TOML reader stops there."""
+"""A multi-line string, a comment, punctuation, a key of more than DEEPEST parts, or one part of a key, word
+or string (TOML 1.0). Every character is in exactly one token, so that the search takes linear time. An
+unterminated string extends to the end of the line or file, where the TOML reader stops."""
 
 LFS_POINTER = b"version https://git-lfs.github.com/spec/"
-"""How a file begins that Git LFS puts in the place of a large one (its specification, v1)."""
+"""First bytes of the pointer that Git LFS puts in the place of a large file (its specification, v1)."""
 NO_LFS_FILE = "is a Git LFS pointer, not the file itself: fetch the file with `git lfs pull`"
 
 _KINDS = (
@@ -47,14 +47,14 @@ _KINDS = (
 
 
 class NotReadable(Exception):
-    """What is wrong with the file itself, as the end of a sentence: "is a named pipe, not a file"."""
+    """Raised for an unreadable file; its text is a predicate such as "is a named pipe, not a file"."""
 
 
 def not_plain(path: Path) -> str:
-    """Why `path` is no file that can be read, found without opening it; empty where it is one.
+    """Why `path` is not a readable plain file, found without opening it; empty if it is one.
 
-    A link to a plain file is one, wherever that lies. A pipe, a socket or a device is not: opening one can
-    wait for ever, and a device never ends. Nor is one whose name no text can hold.
+    A link to a plain file is accepted, wherever the file is. A pipe, a socket or a device is not: opening one
+    can block forever, and a device never ends. A name that is not UTF-8 is not accepted either.
     """
     if not named_in_utf8(path):
         return "has a name that is not UTF-8"
@@ -75,12 +75,12 @@ def stands(path: Path) -> bool:
 
 
 def named_in_utf8(path: Path) -> bool:
-    """Whether a file's own name is text: on Linux it can be any bytes, which tables and pages cannot hold."""
+    """Whether a file's name is UTF-8. On Linux it can be any bytes, which tables and pages cannot contain."""
     return not any(_undecoded(c) for c in path.name)
 
 
 def read_bytes(path: Path, *, most_bytes: int) -> bytes:
-    """All bytes of a plain file of at most `most_bytes`; raises NotReadable."""
+    """All bytes of a plain file. Raises NotReadable, also above `most_bytes` and for a Git LFS pointer."""
     data = read_head(path, most_bytes + 1)
     if data.startswith(LFS_POINTER):
         raise NotReadable(NO_LFS_FILE)
@@ -101,7 +101,7 @@ def read_head(path: Path, count: int) -> bytes:
 
 
 def open_plain(path: Path) -> BinaryIO:
-    """Opens a plain file, and waits for no pipe; raises OSError, or NotReadable where it is another thing."""
+    """Opens a plain file without waiting for a pipe; raises OSError, or NotReadable if it is not plain."""
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     if wrong := _kind(os.fstat(handle).st_mode):
         os.close(handle)
@@ -110,7 +110,7 @@ def open_plain(path: Path) -> BinaryIO:
 
 
 def is_lfs_pointer(path: Path) -> bool:
-    """Whether the plain file at `path` stands for one that Git LFS has not fetched."""
+    """Whether the plain file at `path` is a pointer to a file that Git LFS has not fetched."""
     with path.open("rb") as file:
         return file.read(len(LFS_POINTER)) == LFS_POINTER
 
@@ -129,7 +129,7 @@ def read_text(path: Path, *, most_bytes: int) -> str:
 
 
 def text_or_empty(path: Path, *, most_bytes: int) -> str:
-    """The text of a UTF-8 file; empty where it cannot be read."""
+    """The text of a UTF-8 file; empty if it cannot be read."""
     try:
         return read_text(path, most_bytes=most_bytes)
     except NotReadable:
@@ -137,7 +137,7 @@ def text_or_empty(path: Path, *, most_bytes: int) -> str:
 
 
 def toml_of(text: str) -> dict[str, Any]:
-    """The table that a TOML text holds; raises NotReadable with the line of the fault."""
+    """The table in a TOML text; raises NotReadable if invalid, too deep, or with integers beyond 64 bits."""
     if line := _line_of_deep_key(text):
         raise NotReadable(f"is nested too deep: line {line} holds a key of more than {DEEPEST} parts")
     try:
@@ -146,14 +146,14 @@ def toml_of(text: str) -> dict[str, Any]:
         raise NotReadable(f"is not valid TOML: {printable(str(error))[:200]}") from error
     except RecursionError as error:
         raise NotReadable(f"is nested too deep (more than {DEEPEST} levels)") from error
-    except ValueError as error:  # Python's own limit on digits
+    except ValueError as error:  # Python's limit on the digits of an integer
         raise NotReadable("is not valid TOML: it holds a number of thousands of digits") from error
     _require_shallow(held)
     return held
 
 
 def json_of(text: str) -> Any:
-    """What a JSON text holds; raises NotReadable with the line of the fault."""
+    """The value in a JSON text; raises NotReadable if invalid, too deep, or with integers beyond 64 bits."""
     try:
         held = json.loads(text)
     except json.JSONDecodeError as error:
@@ -168,7 +168,7 @@ def json_of(text: str) -> Any:
 
 
 def _line_of_deep_key(text: str) -> int:
-    """The line of the first dotted key of more than DEEPEST parts; 0 where there is none.
+    """The line of the first dotted key of more than DEEPEST parts; 0 if there is none.
 
     The TOML reader's time and memory grow with the square of the number of parts: 25,000 take 4 GB.
     """
@@ -177,7 +177,7 @@ def _line_of_deep_key(text: str) -> int:
 
 
 def _require_shallow(held: Any) -> None:
-    """Refuses nesting that a later reader's stack may not survive, and integers beyond 64 bits."""
+    """Raises NotReadable for nesting that may overflow a later stack, and integers beyond 64 bits."""
     level = [held]
     for _ in range(DEEPEST + 1):
         if any(isinstance(entry, int) and not -(2**63) <= entry < 2**63 for entry in level):
@@ -194,7 +194,7 @@ def _require_shallow(held: Any) -> None:
 
 
 def size(count: int) -> str:
-    """Bytes in words.
+    """A number of bytes as text, in MB or kB.
 
     >>> size(2_000_000), size(64_000)
     ('2 MB', '64 kB')
@@ -203,8 +203,8 @@ def size(count: int) -> str:
 
 
 def printable(text: str) -> str:
-    r"""Text without what moves a terminal's cursor or turns a line around: control and format characters.
-    Bytes of a file's name that are not UTF-8 are shown as such.
+    r"""The text without control and format characters, which move a terminal's cursor or reverse a line. Line
+    breaks and tabs become spaces. Bytes of a file's name that are not UTF-8 are escaped.
 
     >>> printable("a\x1b[31mb\u202ec\nd")
     'a[31mbc d'
@@ -219,7 +219,7 @@ def printable(text: str) -> str:
 
 
 def _undecoded(character: str) -> bool:
-    """Whether it stands for a byte that is not UTF-8 (PEP 383)."""
+    """Whether the character encodes a byte that is not UTF-8 (surrogateescape, PEP 383)."""
     return "\udc80" <= character <= "\udcff"
 
 

@@ -1,4 +1,4 @@
-"""Texts, numbers, lists and tables written as TOML."""
+"""Writes texts, numbers, lists and tables as TOML."""
 
 import re
 from typing import Any
@@ -21,7 +21,7 @@ def as_toml(values: dict[str, Any], prefix: str = "") -> str:
 
 
 def _key(name: str) -> str:
-    """A key as TOML writes it: letters, digits, _ and - of ASCII bare, others in quotation marks."""
+    """A TOML key: bare if it has only ASCII letters, digits, _ and -, else in quotation marks."""
     return name if re.fullmatch(r"[A-Za-z0-9_-]+", name) else toml_value(name)
 
 
@@ -30,7 +30,7 @@ def _is_table(value: Any) -> bool:
 
 
 def toml_value(value: Any) -> str:
-    """A value on one line, a table as an inline one.
+    """A value on one line; a table becomes an inline table.
 
     >>> toml_value({"pad": "left", "shift_mm": (0.5, 1.0)})
     '{ pad = "left", shift_mm = [0.5, 1.0] }'

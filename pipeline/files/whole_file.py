@@ -1,4 +1,4 @@
-"""Files appear whole or not at all, and a place that cannot be written to is told in a sentence."""
+"""Writes files whole or not at all; the error on a place that cannot be written names cause and remedy."""
 
 import errno
 import fcntl
@@ -10,7 +10,7 @@ from contextlib import suppress
 from pathlib import Path
 
 MARK = ".drupe-part-"
-"""In the name of every unfinished file, so that one left by a killed run is ours for certain."""
+"""Part of the name of every unfinished file, so that drupe recognises those that killed runs left."""
 _UNFINISHED = re.compile(r"\..+" + re.escape(MARK) + r"[a-z0-9_]{8}")
 _ELSEWHERE = "or choose another place"
 _ADVICE = {
@@ -22,13 +22,13 @@ _ADVICE = {
     errno.EFBIG: f"raise the limit on the size of files (ulimit -f), {_ELSEWHERE}.",
     errno.EIO: f"the disk may be failing; {_ELSEWHERE[3:]}.",
 }
-"""What to do about a write that failed, by the system's error number."""
+"""Advice on a failed write, by the system's error number."""
 MACHINE_FAULTS = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EIO})
-"""What a write can meet that no input and no program is to blame for."""
+"""Error numbers of failed writes that the machine causes, not the input or the program."""
 
 
 class NotWritten(OSError):
-    """A file that could not be written; the text names it, says why, and what to do."""
+    """Raised if a file cannot be written; the text names the file, the cause and the remedy."""
 
     def __init__(self, path: Path, cause: OSError) -> None:
         self._path, self._cause = path, cause
@@ -39,15 +39,15 @@ class NotWritten(OSError):
         return f"{self._path}: cannot be written ({self.strerror}); {advice}"
 
     def __reduce__(self) -> tuple[type["NotWritten"], tuple[Path, OSError]]:
-        """Between processes too."""
+        """Pickles path and cause, so that the error passes between processes."""
         return type(self), (self._path, OSError(self.errno, self.strerror))
 
 
 def put(path: Path, data: bytes, *, mode: int = 0o666, like: os.stat_result | None = None) -> None:
     """Writes `data` to `path` so that a reader, or a run killed meanwhile, never sees half a file.
 
-    A link at `path` is replaced, not followed. `mode`: of the file, less the umask; `like`: a file whose mode
-    it has instead, and where root writes it, whose owner. Raises NotWritten.
+    A link at `path` is replaced, not followed. `mode`: the file's permissions, less the umask. `like`: a file
+    whose permissions it takes instead, and also the owner if root writes it. Raises NotWritten.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -55,7 +55,7 @@ def put(path: Path, data: bytes, *, mode: int = 0o666, like: os.stat_result | No
         handle, name = tempfile.mkstemp(dir=path.parent, prefix=f".{path.name}{MARK}")
         try:
             with os.fdopen(handle, "wb") as file:
-                with suppress(OSError):  # a file system without locks: then nothing is swept there either
+                with suppress(OSError):  # without locks, `sweep` removes nothing either
                     fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
                 file.write(data)
                 file.flush()
@@ -74,9 +74,9 @@ def put(path: Path, data: bytes, *, mode: int = 0o666, like: os.stat_result | No
 
 
 def sweep(folder: Path, *, name: str = "") -> None:
-    """Removes unfinished files (of the file `name`, or all) that a killed run left in `folder`.
+    """Removes unfinished files (of the file `name`, or all) that killed runs left in `folder`.
 
-    Ours for certain: by name, a plain file, our own user's, and locked by no process.
+    Such a file is plain, has the name of an unfinished file, belongs to this user, and no process locks it.
     """
     with suppress(OSError):
         for path in folder.iterdir():
