@@ -1,1 +1,1 @@
-"""A batch on the disk: layout, tables and settings, confirmed effects, records, kept results, provenance."""
+"""A batch on disk: layout, tables, settings, confirmed effects, records, cached results, provenance."""

@@ -1,4 +1,4 @@
-"""Whether a place can be a batch's folder. It imports little: a wrong path is refused within a second."""
+"""Checks whether a path can be a batch folder. It imports little, to refuse a wrong path within a second."""
 
 import os
 from pathlib import Path
@@ -7,7 +7,7 @@ from pipeline.problem import BatchRefused, nearest, refused
 
 
 def require_folder(root: Path) -> None:
-    """Raises BatchRefused where the batch's folder is not there, is no folder, or is that of one fruit."""
+    """Raises BatchRefused if the batch folder does not exist, is a file, or is the folder of one fruit."""
     if root.exists() and not root.is_dir():
         raise refused(root, "is a file; give the batch folder.")
     if (batch := batch_around(root)) is not None:
@@ -17,14 +17,14 @@ def require_folder(root: Path) -> None:
 
 
 def not_there(root: Path, *, holding: str, otherwise: str) -> BatchRefused:
-    """That a folder does not exist, and which one beside it with the file `holding` was likely meant."""
+    """The refusal of a missing folder; suggests a sibling of similar name that has the file `holding`."""
     names = [folder.name for folder in root.parent.glob("*/") if (folder / holding).is_file()]
     return refused(root, f"does not exist; {nearest(root.name, names, otherwise)}")
 
 
 def batch_around(fruit: Path) -> Path | None:
-    """The batch in which a folder is that of one fruit; None where it is not."""
-    place = Path(os.path.realpath(fruit))  # a loop of links has a real path, and is no folder
+    """The batch to which a fruit's folder belongs; None if the folder is not one of a fruit."""
+    place = Path(os.path.realpath(fruit))  # Path.resolve may raise for a loop of links
     if not place.is_dir() or place.parent.name.lower() != "fruits" or (place / "batch.toml").is_file():
         return None
     return place.parents[1] if (place.parents[1] / "batch.toml").is_file() else None

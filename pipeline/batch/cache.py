@@ -1,4 +1,4 @@
-"""Stage results, kept under the hash of what they came from: a second run does only what changed."""
+"""Results of stages, cached under the hash of their inputs: a second run computes only what changed."""
 
 import hashlib
 import io
@@ -23,7 +23,7 @@ from pipeline.files.plain_file import not_plain
 from pipeline.files.whole_file import put
 
 PACKAGES = Path(__file__).resolve().parents[2]
-"""The folder in which the rooms lie: pipeline/batch/cache.py is two below it."""
+"""The folder that contains drupe's packages, two above pipeline/batch/cache.py."""
 ROOMS = ("pipeline", "recon", "tactile", "fem", "reports", "samples")
 LIBRARIES = (
     "h5py",
@@ -44,20 +44,20 @@ LIBRARIES = (
     "vtk",
 )
 HEADER = "__header__"
-"""Name, in a stage's file, of the JSON text that says of which key it is and what the record holds."""
+"""Name of the entry in a stage's file that holds the key and the record as JSON text."""
 
 AT_REST_NS = 3_000_000_000
-"""Age of a file's last change from which its times tell the next one: some file systems write whole seconds,
-or every second one."""
+"""Age of a file's last change after which its times reveal another change: some file systems store whole
+seconds, or every second one."""
 _hashed: dict[Path, tuple[tuple[int, ...], str]] = {}
-"""SHA-256 of files at rest, with what said that they were."""
+"""SHA-256 of files at rest, with the device, inode, size and times of the file then."""
 Kept = TypeVar("Kept", bound=StageRecord)
 
 
 def file_hash(path: Path) -> str:
-    """SHA-256 of a file, hexadecimal; of a file that cannot be read, why (its reader will say so too).
+    """SHA-256 of a file, hexadecimal; for an unreadable file the reason, which its reader reports too.
 
-    A process reads a file once while its size, its times and its inode stay what they were.
+    A process reads a file only once while its device, inode, size and times stay the same.
     """
     if wrong := not_plain(path):
         return f"unreadable: {wrong}"
@@ -78,9 +78,9 @@ def file_hash(path: Path) -> str:
 
 @cache
 def code_version(rooms: tuple[str, ...]) -> str:
-    """A hash of the source files of these rooms and of the numerical libraries' versions.
+    """Hash of the packages' source files (.py, .toml, .csv, without data/) and of the versions of LIBRARIES.
 
-    Raises FileNotFoundError where a room has none: results would be kept whatever the code became.
+    Raises FileNotFoundError if a package has no source file: the hash would not change with the code.
     """
     digest = hashlib.sha256()
     for room in rooms:
@@ -99,7 +99,7 @@ def code_version(rooms: tuple[str, ...]) -> str:
 
 @cache
 def library_versions() -> Mapping[str, str]:
-    """Version of each of LIBRARIES that is installed, looked up once: it takes 0.02 s."""
+    """Version of each of LIBRARIES that is installed; cached, because it takes 0.02 s."""
     installed = {}
     for library in LIBRARIES:
         with suppress(metadata.PackageNotFoundError):
@@ -108,7 +108,7 @@ def library_versions() -> Mapping[str, str]:
 
 
 def stage_key(stage: str, *, files: Iterable[Path], settings: Any, rooms: tuple[str, ...]) -> str:
-    """The key of a stage: hash of its inputs' contents, its settings and its code."""
+    """The key of a stage: SHA-256 of its input files, its settings and the code of the packages `rooms`."""
     parts = {
         "stage": stage,
         "files": [(path.name, file_hash(path)) for path in files],
@@ -119,7 +119,7 @@ def stage_key(stage: str, *, files: Iterable[Path], settings: Any, rooms: tuple[
 
 
 def content_hash(*contents: object) -> str:
-    """SHA-256 of arrays, dataclasses and sequences of them, down to each number; of anything else its repr.
+    """SHA-256 of arrays, dataclasses and sequences by all their numbers; of anything else by its repr.
 
     >>> content_hash(np.arange(3), "pad") == content_hash(np.arange(3), "pad") != content_hash(np.arange(4))
     True
@@ -141,10 +141,10 @@ def content_hash(*contents: object) -> str:
 
 
 def cached(folder: Path, stage: str, key: str, compute: Callable[[], Kept], *, record: type[Kept]) -> Kept:
-    """What `stage` keeps, from `folder` if it was made from the same key, else computed and kept.
+    """The record of `stage`: from `folder` if that has the same key, else computed and stored there.
 
-    A damaged file is computed anew: one that does not match its checksums (CRC-32 of the zip format), cannot
-    be read, or does not validate as a `record`.
+    A damaged file is computed again: it fails its checksums (CRC-32 of the zip format), cannot be read, or
+    does not validate as a `record`. Raises NotWritten.
     """
     path = folder / f"{stage}.npz"
     stored = _load(path, key, record)

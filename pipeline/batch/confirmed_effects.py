@@ -1,4 +1,4 @@
-"""Effects that a batch's settings hold as confirmed: `[[mismatch]]` in batch.toml, which grading uses."""
+"""Confirmed effects in a batch's settings (`[[mismatch]]` in batch.toml), which grading includes in E."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
@@ -27,13 +27,13 @@ from tactile.correction import (
 
 Value = float | tuple[float, ...] | str
 MOST_SD = 1e6
-"""In the parameter's own unit: above every range of limits, so that only slips and infinities are refused."""
+"""Largest sd, in the parameter's unit: above all limits, to refuse only typing errors and infinities."""
 _LENGTH = {"pair": 2, "triple": 3}
-"""Numbers in a list of this kind: a shift on the pad's face, a place in the fruit."""
+"""Numbers of a parameter by its kind: 2 for a shift on the pad's face, 3 for a place in the fruit."""
 
 
 class ConfirmedEffect(BaseModel):
-    """One effect, its parameters and their standard deviations; `fruits`: only these, else all."""
+    """One effect, its parameters and their standard deviations; `fruits`: ids it applies to (None: all)."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -67,7 +67,7 @@ class ConfirmedEffect(BaseModel):
 
     @model_validator(mode="after")
     def _complete(self) -> Self:
-        """Raises ValueError where a parameter of the effect is missing, unknown or implausible."""
+        """Raises ValueError if a parameter of the effect or its sd is missing, unknown or implausible."""
         for parameter in self.spec.parameters:
             name = parameter.name
             if name not in self.parameters:
@@ -91,35 +91,35 @@ class ConfirmedEffect(BaseModel):
 
     @property
     def spec(self) -> EffectSpec:
-        """What the catalogue states of the effect."""
+        """The effect's entry in the catalogue."""
         return SPECS[self.effect]
 
     def number(self, name: str) -> float:
-        """A scalar parameter."""
+        """A scalar parameter; raises TypeError if it is no number."""
         value = self.parameters[name]
         if not isinstance(value, int | float):
             raise TypeError(name)
         return float(value)
 
     def vector(self, name: str) -> tuple[float, ...]:
-        """A parameter with several components."""
+        """A parameter with several components; raises TypeError if it has only one."""
         value = self.parameters[name]
         if not isinstance(value, tuple):
             raise TypeError(name)
         return value
 
     def spread(self, name: str) -> float:
-        """Standard deviation of a parameter, of a vector its longest; 0 where it is not known."""
+        """Standard deviation of a parameter, of a vector the largest component; 0 if unknown."""
         sd = self.sd.get(name, 0.0)
         return max(sd) if isinstance(sd, tuple) else float(sd)
 
     @property
     def pad(self) -> str:
-        """The pad that the effect is about; empty where it is about none."""
+        """The pad that the effect concerns; empty if it concerns none."""
         return str(self.parameters.get("pad", ""))
 
     def place(self) -> tuple[str, str, tuple[str, ...] | None]:
-        """Two entries of the same place speak of the same thing: the later one replaces the earlier."""
+        """Effect, pad and fruits. Two entries with the same place describe the same thing."""
         return (self.effect, self.pad, self.fruits)
 
 
@@ -144,7 +144,7 @@ def _require(name: str, value: Value, parameter: EffectParameter) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class PitFound:
-    """Where and how large the pit was found to be against its prior; spreads 0 where nothing was found."""
+    """Offset and scale of the pit against its prior, with standard deviations (`size_sd` relative)."""
 
     offset_mm: tuple[float, ...] = (0.0, 0.0, 0.0)
     offset_sd_mm: float = 0.0
@@ -152,13 +152,13 @@ class PitFound:
     size_sd: float = 0.0
 
     def moved(self, pit_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """The prior's or a given pit, put where it was found and of the size found."""
+        """The pit's vertices (mm), scaled by `scale` about their box's middle and moved by `offset_mm`."""
         middle = (pit_mm.min(axis=0) + pit_mm.max(axis=0)) / 2
         return np.asarray(middle + self.offset_mm + self.scale * (pit_mm - middle))
 
 
 def pit_found(effects: Iterable[ConfirmedEffect]) -> PitFound:
-    """What the effects say of the pit."""
+    """Offset and size of the pit according to the effects."""
     pit = PitFound()
     for effect in effects:
         if effect.spec.correction is Correction.PIT_OFFSET:
@@ -170,12 +170,12 @@ def pit_found(effects: Iterable[ConfirmedEffect]) -> PitFound:
 
 
 def effects_on(effects: Iterable[ConfirmedEffect], fruit_id: str) -> tuple[ConfirmedEffect, ...]:
-    """Those that hold for one fruit."""
+    """The effects that apply to one fruit."""
     return tuple(effect for effect in effects if effect.fruits is None or fruit_id in effect.fruits)
 
 
 def faults(effects: Iterable[ConfirmedEffect]) -> tuple[Fault, ...]:
-    """What is wrong with the recordings of the jaws, to be taken out of every one of them."""
+    """The faults of the jaws for which drupe corrects every recording."""
     jaw_faults = []
     for effect in effects:
         if effect.spec.enters is Entry.RECORDING and effect.spec.correction is not None:
@@ -196,14 +196,14 @@ _FAULTS: dict[Correction, Callable[..., Fault]] = {
     Correction.GEL_HYSTERESIS: GelHysteresisFault,
     Correction.THERMAL_DRIFT: ThermalFault,
 }
-"""What is taken out of a recording for each correction; its fields are the parameters of the effect."""
+"""The fault of a recording for each correction; its fields are the parameters of the effect."""
 
 
 def in_words(effects: Iterable[ConfirmedEffect]) -> str:
-    """Names as the ranking's `mismatch` column has them: sorted, joined by "+"."""
+    """Names of the effects for the ranking's `mismatch` column: sorted, joined by "+"."""
     return "+".join(sorted({effect.effect for effect in effects}))
 
 
 def keyed(effects: Iterable[ConfirmedEffect]) -> list[dict[str, Any]]:
-    """What a fruit's result depends on: not who found it, nor how sure it was."""
+    """The entries for a fruit's key: effect, parameters and sd. The others do not change its result."""
     return [effect.model_dump(mode="json", include={"effect", "parameters", "sd"}) for effect in effects]

@@ -1,4 +1,4 @@
-"""What grading reads of the answer that `drupe explain` keeps of a fruit (mismatch.json)."""
+"""The part of a fruit's mismatch.json (result of `drupe explain`) that grading reads."""
 
 import math
 
@@ -23,7 +23,7 @@ class _Moduli(BaseModel):
 
 
 class DiagnosisRecord(BaseModel):
-    """Of a fruit's mismatch.json (drupe explain), what grading reads: of which key, and what was found."""
+    """Key and result in a fruit's mismatch.json (drupe explain), as far as grading reads them."""
 
     key: str
     verdict: str | tuple[str, ...]
@@ -34,14 +34,14 @@ class DiagnosisRecord(BaseModel):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The verdict's names, the likeliest first."""
+        """The verdict's names, the most likely first."""
         names = (self.verdict,) if isinstance(self.verdict, str) else self.verdict
         order = {hypothesis.effect: place for place, hypothesis in enumerate(self.ranking)}
         return tuple(sorted(names, key=lambda name: order.get(name, len(order))))
 
     @property
     def suspected(self) -> tuple[SuspectedRecord, ...]:
-        """E with the verdict's effects; empty where the likeliest is none of them, or no E is given."""
+        """E with the verdict's effects; empty if the most likely name is no known effect, or E is missing."""
         if self.names[0] in (NONE, UNKNOWN):
             return ()
         effects = [name for name in self.names if name not in (NONE, UNKNOWN)]
@@ -51,7 +51,7 @@ class DiagnosisRecord(BaseModel):
 def suspected_of(
     effect: str, before: Modulus | _Modulus, after: Modulus | _Modulus
 ) -> tuple[SuspectedRecord, ...]:
-    """E without and with an effect as a ratio; none where one of them is not a positive number."""
+    """E with an effect over E without it; empty if either is not a positive number."""
     known = [
         estimate.value
         for estimate in (before, after)

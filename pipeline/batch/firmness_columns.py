@@ -1,4 +1,4 @@
-"""The readings of `drupe firmness` (firmness.csv of the results), as further columns of a fruit."""
+"""Readings of `drupe firmness` (firmness.csv in the results) as further columns of a fruit."""
 
 import csv
 import math
@@ -12,9 +12,9 @@ from pipeline.files.manifest import why_damaged
 from pipeline.files.plain_file import text_or_empty
 
 MOST_BYTES = 20_000_000
-"""Of a table that is read: a hundred thousand fruit."""
+"""Most bytes of a table that drupe reads: a hundred thousand fruit."""
 SAME_E = 1e-3
-"""A reading counts for the present E if both E differ by less than this share (four figures are stored)."""
+"""A reading applies to the present E if both E differ by less than this share (four figures are stored)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,7 +25,7 @@ class FirmnessReadings:
     rows: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
     def of(self, record: FruitRecord) -> dict[str, float]:
-        """The fruit's readings by column; none where they were computed from another E than it has now."""
+        """The fruit's readings by column; empty if they were computed from another E than the present one."""
         row, (E_MPa, _) = self.rows.get(record.fruit_id, {}), record.ranked_modulus
         if E_MPa is None or not math.isclose(row.get("E_MPa", math.nan), E_MPa, rel_tol=SAME_E):
             return {}
@@ -33,7 +33,7 @@ class FirmnessReadings:
 
 
 def firmness_readings(results: Results) -> FirmnessReadings:
-    """Those in the results; none where `drupe firmness` did not run, or somebody changed its table."""
+    """The readings in the results; empty if `drupe firmness` did not run or somebody changed its table."""
     if not results.firmness.is_file() or why_damaged(results.firmness):
         return FirmnessReadings()
     table = csv.DictReader(text_or_empty(results.firmness, most_bytes=MOST_BYTES).splitlines())

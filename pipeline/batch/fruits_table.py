@@ -1,4 +1,4 @@
-"""`fruits.csv`: one row per fruit, read with every fault of every row named."""
+"""Reads `fruits.csv`, one row per fruit, and reports every fault of every row."""
 
 import csv
 import difflib
@@ -21,29 +21,30 @@ from tactile.readers.specimen import DIAMETERS as AXES
 from tactile.readers.specimen import Axis
 
 MOST_BYTES, MOST_FRUIT, MOST_CELL, MOST_COLUMNS = 4_000_000, 2000, 10_000, 200
-"""Of the table: a day's harvest of one line has some hundred fruit, a row of notes 400 bytes."""
+"""Most bytes, rows, characters of a cell, and columns: a day's harvest of one line has some hundred fruit, a
+row of notes 400 bytes."""
 DIAMETERS = ("diameter_a_mm", "diameter_b_mm", "diameter_c_mm")
 HARDNESS = ("shore_oo", "penetrometer_N")
 """Readings of other instruments, which vary from fruit to fruit far more than sizes do."""
 MEASURES = ("height_mm", "mass_g", *HARDNESS, "diameter_mm", *DIAMETERS)
 REFERENCE_E_MPA = (0.0005, 60.0)
-"""What a reference body's modulus can be: as phantoms' (recon/pit/priors/phantom.toml), from hydrogels to
-cast polyurethane."""
+"""Range of a reference body's modulus: as of phantoms (recon/pit/priors/phantom.toml), from hydrogels to cast
+polyurethane."""
 REFERENCE_SD = (1e-4, 0.5)
-"""Its standard deviation as a share of it: at a half nothing is known any more, and no tensile test is better
-than a ten-thousandth (ISO 7500-1, class 0.5: 5e-3)."""
+"""Range of its relative standard deviation: 0.5 leaves the modulus practically unknown, and no tensile test
+reaches 1e-4 (ISO 7500-1, class 0.5: 5e-3)."""
 REFERENCE_MEASURES = ("reference_E_MPa", "reference_E_sd_MPa", "reference_poisson_ratio")
 COLUMNS = ("fruit_id", *MEASURES, "axis", "pit_share", "notes", "reference", *REFERENCE_MEASURES)
 USER_COLUMN = re.compile(r"[^\W_][\w .%°#()/-]{0,59}")
-"""A name that a user may give to a column: no spreadsheet takes it for a formula or for two cells."""
+"""A name that a user may give to a column; no spreadsheet reads it as a formula or as two cells."""
 YES, NO = frozenset({"true", "yes", "1"}), frozenset({"", "false", "no", "0"})
 SEPARATOR_LINE = re.compile(r'"?sep=([,;\t])"?[ ,;\t]*', re.IGNORECASE)
 SAFE_ID = re.compile(r"[^\W_][\w. -]{0,79}")
-"""Letters and digits of any script (composed: NFC), dots, dashes, underscores, spaces; no mark, no sign."""
+"""Letters and digits of any script (composed: NFC), dots, dashes, underscores, spaces; no mark or symbol."""
 
 
 class Given(BaseModel):
-    """What staff wrote of a fruit; a measure left empty is None."""
+    """A fruit's cells in fruits.csv; an empty measure is None."""
 
     model_config = ConfigDict(frozen=True)
 
@@ -56,48 +57,48 @@ class Given(BaseModel):
     diameter_b_mm: float | None = None
     diameter_c_mm: float | None = None
     axis: Axis | None = None
-    """The diameter along which plates squeeze it."""
+    """The diameter along which plates compress the fruit."""
     pit_share: float | None = None
-    """Diameter of its pit over its own."""
+    """Diameter of the pit over that of the fruit."""
     notes: str = ""
     columns: dict[str, float | str] = {}
     """Cells of the user's own columns (Settings.columns), without the empty ones."""
     reference: bool = False
-    """Whether it is no fruit but a body of known modulus, `reference_E_MPa`."""
+    """Whether the row is a reference body of known modulus `reference_E_MPa`, not a fruit."""
     reference_E_MPa: float | None = None
     reference_E_sd_MPa: float | None = None
     reference_poisson_ratio: float | None = None
 
     @property
     def diameters(self) -> tuple[float | None, ...]:
-        """Of DIAMETERS, in their order."""
+        """The diameters a, b and c."""
         return self.diameter_a_mm, self.diameter_b_mm, self.diameter_c_mm
 
 
 class FruitRow(Given):
-    """A row of fruits.csv. `unreadable`: measures that were written, but are no numbers."""
+    """A row of fruits.csv. `unreadable`: measures whose filled cells are no numbers above zero."""
 
     fruit_id: str
     unreadable: tuple[str, ...] = ()
 
     @property
     def has_height(self) -> bool:
-        """Whether a height was written, even one that is no number."""
+        """Whether the cell of the height is filled, even if it is no number above zero."""
         return self.height_mm is not None or "height_mm" in self.unreadable
 
 
 def given_of(row: FruitRow) -> Given:
-    """What a row says, without whose it is."""
+    """The cells of a row without its fruit_id."""
     return Given(**{name: getattr(row, name) for name in Given.model_fields})
 
 
 def read_fruits(
     path: Path, *, units: Mapping[str, str] | None = None, may_be_empty: bool = False
 ) -> tuple[tuple[FruitRow, ...], list[Problem]]:
-    """The fruit that can be told from the table, each once, and every fault of it; a table without rows is
-    one unless it `may_be_empty`. `units`: the user's own columns with their units (Settings.columns).
+    """The fruit with a valid fruit_id, each once, and every fault of the table. A table without rows is a
+    fault unless it `may_be_empty`. `units`: the user's own columns with their units (Settings.columns).
 
-    Raises BatchRefused where it is no table, or has no ids.
+    Raises BatchRefused if the file is no table, or has no column fruit_id.
     """
     problems: list[Problem] = []
     columns, records = _table(path, problems)
@@ -127,7 +128,7 @@ def read_fruits(
 
 
 def _known_column(written: str, known: Sequence[str]) -> str:
-    """What a column that is not known was likely meant to be, and how a user's own is made known."""
+    """Advice on an unknown column: the column that was likely meant, and how to declare one's own."""
     if (plain := canonical(written, known)) in known:
         return f"write {plain}."
     declare = f'To keep a column of your own, write "{written[:80]}" = "" under [columns] in batch.toml.'
@@ -143,18 +144,18 @@ def _known_column(written: str, known: Sequence[str]) -> str:
 
 
 def canonical(column: str, known: Sequence[str] = COLUMNS) -> str:
-    """The known column that a name is, but for capitals, spaces and dashes; else the name, spelt so."""
+    """The known column that equals the name but for case, spaces and dashes; else the name, normalised."""
     plain = re.sub(r"[\s_-]+", "_", column.strip().lower())
     return next((name for name in known if re.sub(r"[\s_-]+", "_", name.lower()) == plain), plain)
 
 
 Record = tuple[int, dict[str, str]]
-"""The line on which a row begins, and its cells by their columns."""
+"""The first line of a row, and its cells by column."""
 
 
 def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]]:
-    """The cells as text. Where semicolons or tabs part them, as spreadsheets of many countries write them, a
-    comma in a number is its decimal point.
+    """The column names, and the rows with their cells as text. If semicolons or tabs separate the cells, as
+    in spreadsheets of many countries, a comma in a number is its decimal point.
     """
     if not path.is_symlink() and not path.exists():
         raise refused(path, "is missing; it lists the fruit, one row per fruit: fruit_id,height_mm,...")
@@ -188,8 +189,8 @@ def _table(path: Path, problems: list[Problem]) -> tuple[list[str], list[Record]
 
 
 def _separated(text: str) -> tuple[str, str]:
-    """The text, and what parts its cells: what a first line "sep=;" says, as Excel writes it (that line is
-    emptied, so that lines keep their numbers), else what the header has most of.
+    """The text and the separator of its cells. A first line "sep=;", as Excel writes it, states it, and
+    becomes empty so that lines keep their numbers. Otherwise it is the most frequent one in the header.
     """
     first, _, rest = text.partition("\n")
     if stated := SEPARATOR_LINE.fullmatch(first):
@@ -202,11 +203,10 @@ def _separated(text: str) -> tuple[str, str]:
 
 
 def _rows(text: str, separator: str) -> list[tuple[int, list[str]]]:
-    """Each row's first line and its cells; rows of empty cells are none, and a cell may go over several
-    lines.
+    """Each row's first line and its cells, without empty rows; a cell may span several lines.
 
-    Raises ValueError where no cells can be told: an open quotation mark swallows the rows below it, and of a
-    column that stands twice one would be lost.
+    Raises ValueError for an open quotation mark, which swallows the rows below it, for a duplicate column,
+    and for too many columns or characters.
     """
     lines = csv.reader(io.StringIO(text), delimiter=separator, skipinitialspace=True, strict=True)
     begun = 1
@@ -244,7 +244,7 @@ def _rows(text: str, separator: str) -> list[tuple[int, list[str]]]:
 def _row(
     path: Path, line: int, record: dict[str, str], units: Mapping[str, str], problems: list[Problem]
 ) -> FruitRow:
-    """One row of fruits.csv; what is wrong in it is added to `problems`."""
+    """One row of fruits.csv; `problems` gets its faults."""
     cells = {name: (record.get(name) or "").strip() for name in COLUMNS}
     fruit_id = unicodedata.normalize("NFC", cells["fruit_id"])
     if not SAFE_ID.fullmatch(fruit_id):
@@ -277,7 +277,7 @@ def _row(
 def _user_cells(
     record: Mapping[str, str], units: Mapping[str, str], wrong: Callable[[str], None]
 ) -> dict[str, float | str]:
-    """The user's own cells: numbers in columns with a unit, text in the others; `wrong` is told of faults."""
+    """The user's own cells: numbers in columns with a unit, text in the others; calls `wrong` for faults."""
     cells: dict[str, float | str] = {}
     for name, unit in units.items():
         text = printable(record.get(name) or "").strip()
@@ -294,7 +294,7 @@ def _user_cells(
 
 
 def _pressed(cells: Mapping[str, str], wrong: Callable[[str], None]) -> dict[str, Any]:
-    """How plates squeeze the fruit; `wrong` is told of every fault."""
+    """Axis of compression and pit share; calls `wrong` for each fault, also of the diameters."""
     missing = [name for name in DIAMETERS if not cells[name]]
     if 0 < len(missing) < len(DIAMETERS):
         are = "is empty" if len(missing) == 1 else "are empty"
@@ -314,7 +314,7 @@ def _pressed(cells: Mapping[str, str], wrong: Callable[[str], None]) -> dict[str
 
 
 def _reference(cells: Mapping[str, str], wrong: Callable[[str], None]) -> dict[str, Any]:
-    """Whether the row is a reference body, and its modulus; `wrong` is told of every fault."""
+    """The columns of a reference body, empty for a fruit; calls `wrong` for each fault."""
     flag = cells["reference"].lower()
     if flag not in YES | NO:
         wrong(

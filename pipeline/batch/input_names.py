@@ -1,4 +1,4 @@
-"""Names that a batch's folders reserve, in upper or lower case, and what computers leave beside them."""
+"""Names that a batch's folders reserve, in any case, and files that operating systems create beside them."""
 
 import os
 from contextlib import suppress
@@ -23,7 +23,7 @@ SYSTEM_NAMES = frozenset(
         "__pycache__",
     }
 )
-"""Files and folders that Windows, macOS, Linux and Python make by themselves, in lower case."""
+"""Files and folders that Windows, macOS, Linux and Python create by themselves, in lower case."""
 SYSTEM_STARTS = (".", "@", "#", "$", "~$")
 """First letters of hidden files, of folders of network storage (@eaDir, #recycle, $RECYCLE.BIN), and of the
 locks of office programs.
@@ -31,7 +31,7 @@ locks of office programs.
 
 
 def is_of_the_system(name: str) -> bool:
-    """Whether a computer made the file or folder of this name by itself.
+    """Whether a computer created the file or folder of this name by itself.
 
     >>> [is_of_the_system(name) for name in ("@eaDir", "Thumbs.db", "._a.jpg", "fruit.ply")]
     [True, True, True, False]
@@ -40,19 +40,19 @@ def is_of_the_system(name: str) -> bool:
 
 
 def names_in(folder: Path) -> list[str]:
-    """The names in a folder, sorted; none where it is missing or cannot be read."""
+    """The names in a folder, sorted; empty if it is missing or unreadable."""
     with suppress(OSError):
         return sorted(os.listdir(folder))  # noqa: PTH208 - of thousands of fruit
     return []
 
 
 def entries_in(folder: Path) -> list[Path]:
-    """What lies in a folder, by name, but for what computers make by themselves."""
+    """The entries of a folder, sorted by name, without those that computers create by themselves."""
     return [folder / name for name in names_in(folder) if not is_of_the_system(name)]
 
 
 def reserved(folder: Path, name: str) -> Path:
-    """The entry of `folder` with this name; without an exact one, the first that differs in case alone."""
+    """The entry of `folder` with this lower-case name; else the first that differs only in case."""
     exact = folder / name
     if os.path.lexists(exact):
         return exact
@@ -60,8 +60,8 @@ def reserved(folder: Path, name: str) -> Path:
 
 
 def ready_mesh(folder: Path, stem: str) -> Path:
-    """The mesh of this stem ("fruit", "pit") that is read: the exact .ply first, then by MESHES; where there
-    is none, the place of STEM.ply.
+    """The mesh with this stem ("fruit", "pit") that drupe reads: STEM.ply if it exists, else the first by
+    MESHES. Without a mesh, the path of STEM.ply.
     """
     exact = folder / f"{stem}.ply"
     if os.path.lexists(exact):

@@ -1,4 +1,4 @@
-"""Where things lie in a batch and in its results."""
+"""Paths of the files in a batch and in its results."""
 
 import re
 import unicodedata
@@ -29,10 +29,10 @@ class ResultPath:
 
 @dataclass(frozen=True)
 class InputPath(ResultPath):
-    """The path of an input, which the user may spell in capitals."""
+    """The path of an input, whose name the user may write in capitals."""
 
     def __get__(self, folder: Any, kind: type) -> Path:
-        """The path in the folder, spelt as it stands there."""
+        """The path in the folder, with the spelling of the file there."""
         return reserved(folder.root, self.name)
 
 
@@ -45,30 +45,30 @@ class FruitFolder:
     photos = InputPath("photos")
     """The folder of multi-view photos."""
     photos_flipped = InputPath("photos-flipped")
-    """Optional: photos of the same fruit turned upside down, which show what stood on the mat."""
+    """Optional: photos of the same fruit turned upside down, which show the side that was on the mat."""
     grasps = InputPath("grasps")
     """The folder of recordings and raw grasps."""
 
     @property
     def fruit_ply(self) -> Path:
-        """A ready mesh, which takes the photos' place: fruit.ply, or fruit with another mesh's suffix."""
+        """A ready mesh, used instead of the photos: fruit.ply, or fruit with another mesh's suffix."""
         return ready_mesh(self.root, "fruit")
 
     @property
     def pit_ply(self) -> Path:
-        """A pit placed in the fruit by the user, which takes the category prior's place."""
+        """A pit that the user placed in the fruit, used instead of the category's prior."""
         return ready_mesh(self.root, "pit")
 
     def photo_files(self) -> tuple[Path, ...]:
-        """Photos by name."""
+        """Photos, sorted by name."""
         return photo_paths(self.photos)
 
     def flipped_files(self) -> tuple[Path, ...]:
-        """Photos of the fruit upside down, by name."""
+        """Photos of the fruit upside down, sorted by name."""
         return photo_paths(self.photos_flipped)
 
     def unused_photos(self) -> list[str]:
-        """Sentences on files in the folders of photos that are not used; none where a mesh is their shape."""
+        """Sentences on unused files in the folders of photos; empty if a mesh gives the shape."""
         if stands(self.fruit_ply):
             return []
         places = (self.photos, self.photos_flipped)
@@ -80,28 +80,26 @@ class FruitFolder:
         return tuple(sorted((path for path in named if path.is_file()), key=in_order))
 
     def raw_grasp_folders(self) -> tuple[Path, ...]:
-        """Grasps in the raw form (frames in folders), by name, but for those that a recording stands for."""
+        """Grasps in the raw form (frames in folders), by name, except those that a recording replaces."""
         ready = {path.stem for path in self.grasp_files()}
         folders = (path for path in entries_in(self.grasps) if path.name not in ready and path.is_dir())
         return tuple(sorted(folders, key=in_order))
 
     def recordings_by_name(self) -> dict[str, Path]:
-        """The recordings, each under its file's name without the suffix; with it, where two would have the
-        same name.
-        """
+        """The recordings by file name without suffix; with the suffix if two names would be the same."""
         files = self.grasp_files()
         often = Counter(path.stem for path in files)
         return {path.stem if often[path.stem] == 1 else path.name: path for path in files}
 
     def without_shape(self) -> bool:
-        """Whether there is no mesh and no photo, and bare plates squeezed it: its diameters are its shape."""
+        """Whether it has only recordings of a bare indenter, no mesh, photos or raw grasps."""
         if stands(self.fruit_ply) or stands(self.photos) or self.raw_grasp_folders():
             return False
         files = self.grasp_files()
         named = [path for path in files if path.suffix.lower() == ".h5"]
         if not all(is_of_bare_indenter(path) for path in named):
             return False
-        # Of .hdf5 and .mat, which other programs write too, one that is no recording decides nothing.
+        # Other programs write .hdf5 and .mat too: such a file that is no recording decides nothing.
         return bool(named) or any(is_of_bare_indenter(path) for path in files)
 
     def input_files(self) -> tuple[Path, ...]:
@@ -113,13 +111,13 @@ class FruitFolder:
 
 
 def in_order(path: Path) -> tuple[tuple[str, int], ...]:
-    """A key by which names sort as people count: text as text, numbers as numbers."""
+    """A sort key of a path that compares numbers in its name by value, other text as text."""
     parts = re.findall(r"(\D*)(\d*)", path.name)
     return tuple((text, int(digits or -1)) for text, digits in parts)
 
 
 def raw_grasp_files(folder: Path) -> tuple[Path, ...]:
-    """Every file of a raw grasp, and those outside that it names; none of a folder that is no raw grasp."""
+    """Every file of a raw grasp, also those outside that it names; empty if the folder is no raw grasp."""
     if not (folder / "grasp.toml").is_file():  # a link here may lead to a whole disk
         return ()
     return files_of(folder)
@@ -137,28 +135,28 @@ class CaseFolder(FruitFolder):
         return self.root
 
     def raw_grasp_folders(self) -> tuple[Path, ...]:
-        """None: a case holds recordings in HDF5 only."""
+        """Empty: a case has only recordings in HDF5."""
         return ()
 
 
 @dataclass(frozen=True)
 class BatchFolder:
-    """A batch as formats name it."""
+    """The files and folders of a batch."""
 
     root: Path
 
     settings = InputPath("batch.toml")
     table = InputPath("fruits.csv")
     mat = InputPath("mat.json")
-    """mat.json, where the fruit stood on a marker mat."""
+    """mat.json, if the fruit were photographed on a marker mat."""
 
     @property
     def fruits(self) -> Path:
-        """The folder of the fruit's own folders."""
+        """The folder that has one folder for each fruit."""
         return reserved(self.root, "fruits")
 
     default_results = ResultPath("results")
-    """Where results go when no other place is asked for."""
+    """Where results go without --out."""
 
     def fruit(self, fruit_id: str) -> FruitFolder:
         """The folder of one fruit; its name may be decomposed (NFD), as some systems write accents."""
@@ -188,11 +186,11 @@ class FruitResults:
     scene = ResultPath("fruit.glb")
     """Skin, pit and contact patches in three dimensions (glTF)."""
     surface_sd = ResultPath("surface-sd.webp")
-    """The map of how well the place of the skin is known."""
+    """The map of the standard deviation of the skin's place."""
     traceback = ResultPath("traceback.txt")
-    """Where a fault of drupe's own happened."""
+    """The traceback of an internal error of drupe."""
     mismatch = ResultPath("mismatch.json")
-    """What `drupe explain` says of the fruit."""
+    """The result of `drupe explain`."""
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -201,11 +199,11 @@ class FruitResults:
         return tuple(self.root / result_path.name for result_path in named)
 
     def claim(self) -> None:
-        """Begins the list of what is written here; nothing that is not on it is ever replaced or removed."""
+        """Creates the list of files written here; drupe never replaces or removes a file outside it."""
         claim(self.root)
 
     def forget(self) -> None:
-        """Removes what an earlier run wrote, record first: no file stands beside a record not its own."""
+        """Removes an earlier run's files (not mismatch.json), first the record: it must match the others."""
         for path in self.files:
             if path != self.mismatch:
                 remove(path)
@@ -217,13 +215,13 @@ class FruitResults:
 
     @property
     def cache(self) -> Path:
-        """Results of the stages, each under the hash of what it came from."""
+        """Results of the stages, each under the hash of its inputs (pipeline.batch.cache)."""
         return self.root / ".cache"
 
 
 @dataclass(frozen=True)
 class Results:
-    """What `drupe grade` writes."""
+    """The results folder of a batch."""
 
     root: Path
 
@@ -232,14 +230,14 @@ class Results:
     report = ResultPath("report.html")
     firmness = ResultPath("firmness.csv")
     firmness_page = ResultPath("firmness.html")
-    """What `drupe firmness` writes."""
+    """Table and page of `drupe firmness`."""
     provenance = ResultPath("batch.json")
     verdicts = ResultPath("verdicts.jsonl")
-    """What people say of fruit (pipeline.batch.verdicts); no command removes it."""
+    """People's verdicts on fruit (pipeline.batch.verdicts); no command removes them."""
     run = ResultPath(".run.json")
     """The mark of the last run (pipeline.batch.provenance.write_run)."""
     lock = ResultPath(".lock")
-    """Held while a run writes here."""
+    """The lock that a run holds while it writes here."""
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -247,7 +245,7 @@ class Results:
         return (self.ranking, self.ranking_json, self.report, self.provenance)
 
     def claim(self) -> None:
-        """Begins the list of what is written here."""
+        """Creates the list of files written here."""
         claim(self.root)
 
     def fruit(self, fruit_id: str) -> FruitResults:
@@ -258,9 +256,9 @@ class Results:
 def write_whole(path: Path, content: bytes | str) -> None:
     """Writes `content` to `path` so that a reader, or a run killed meanwhile, never sees half a file.
 
-    In a folder of results (one with a list of what drupe wrote) the file goes on the list, and one that drupe
-    did not write is not replaced; of two processes that write there one waits. Raises NotWritten. Bytes of a
-    file's name that are no UTF-8 are escaped.
+    In a folder with a list of drupe's files, the list gets the file. There, drupe waits for other processes,
+    and does not replace a file that it did not write. Bytes in the text that are not UTF-8 are escaped.
+    Raises NotWritten.
     """
     data = content.encode(errors="backslashreplace") if isinstance(content, str) else content
     with writing_alone(path.parent):

@@ -1,4 +1,4 @@
-"""What a batch's settings say of category and pit: the priors in force, and files that the settings name."""
+"""Category and pit prior that a batch's settings select, and the files that the settings name."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -24,7 +24,7 @@ _NO_PITS = (
 
 
 def read_category(folder: BatchFolder, settings: Settings) -> PitPrior:
-    """What the settings' category says, a shipped one or the batch's own file; raises BatchRefused."""
+    """The settings' category, shipped or from the batch's own file; raises BatchRefused if there is none."""
     try:
         return load_prior(as_named(folder.root, settings.category))
     except ReconFailure as failure:
@@ -32,7 +32,7 @@ def read_category(folder: BatchFolder, settings: Settings) -> PitPrior:
 
 
 def read_prior(folder: BatchFolder, settings: Settings) -> PitPrior:
-    """The pit prior that the settings ask for; raises BatchRefused where there is none."""
+    """The pit prior that the settings select; raises BatchRefused if there is none."""
     named = settings.pit.prior
     if named is None or settings.pit.none:
         return read_category(folder, settings)
@@ -43,7 +43,7 @@ def read_prior(folder: BatchFolder, settings: Settings) -> PitPrior:
 
 
 def own_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
-    """The files of category, pit and rig that the settings name, those inside the batch."""
+    """The files for category, pit and rig that the settings name, if they exist inside the batch."""
     named = [
         folder.root / name
         for name in (settings.category, settings.pit.prior, settings.rig)
@@ -53,7 +53,7 @@ def own_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
 
 
 def named_files(folder: BatchFolder, settings: Settings) -> tuple[Path, ...]:
-    """Every file that the settings name: category, pit, rig, model of the geometry."""
+    """The same files, and the file of the geometry model."""
     model = settings.recon.geometry_model
     return (*own_files(folder, settings), *([folder.root / model] if model else []))
 
@@ -63,7 +63,7 @@ def _is_file(named: str) -> bool:
 
 
 def as_named(root: Path, named: str) -> str:
-    """A category's name as it is; a file's path, which is relative to `root`."""
+    """The path of a named file, which is relative to `root`; the name of a category as it is."""
     return str(root / named) if _is_file(named) else named
 
 
@@ -78,9 +78,9 @@ def _refused(
 def read_priors(
     folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...] | None
 ) -> tuple[PitPrior | None, PitPrior | None, list[Problem]]:
-    """The category, the pit prior in force, and what is wrong with either or missing in both.
+    """The category, the selected pit prior, and what is wrong with either or missing in both.
 
-    A category that nobody knows is in order where no fruit needs its pit; a file that cannot be used is not.
+    An unknown category is accepted if no fruit needs its pit; a file that cannot be used is not.
     """
     unknown: list[Problem] = []
     missing: list[Problem] = []
@@ -100,14 +100,14 @@ def read_priors(
 
 
 def _know_the_ratio(prior: PitPrior | None, category: PitPrior | None) -> bool:
-    """The prior in force says it, and the category does not leave it to the batch: a core knows no flesh."""
+    """Whether the prior has a Poisson's ratio, and the category has one or is unknown."""
     left = category is not None and category.poisson_ratio is None
     return prior is not None and prior.poisson_ratio is not None and not left
 
 
 def without_pit(folder: BatchFolder, rows: tuple[FruitRow, ...] | None) -> list[str]:
-    """Fruit without a mesh of their pit that need one. Reference bodies have no pit, and of a fruit without
-    its own mesh only the size is assumed.
+    """Names of fruit without a pit mesh that need one. Reference bodies have no pit; a fruit without its own
+    mesh needs only the size of a pit.
     """
     fruits = [folder.fruit(row.fruit_id) for row in rows or () if not row.reference]
     return [fruit.root.name for fruit in fruits if not fruit.pit_ply.is_file() and not fruit.without_shape()]

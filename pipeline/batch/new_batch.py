@@ -1,4 +1,4 @@
-"""`drupe new`: a batch's folder from folders of photos and recordings, and what is still missing in it."""
+"""`drupe new`: creates a batch from folders of photos and recordings, and names what is still missing."""
 
 import csv
 import io
@@ -29,25 +29,25 @@ from recon.pit.priors import known_categories
 TEMPLATE = Path(__file__).with_name("batch_template.toml")
 """Every key of batch.toml, commented out, with its meaning, unit and default."""
 COLUMNS = ("fruit_id", "height_mm", "mass_g", "shore_oo", "penetrometer_N", "diameter_mm", "notes")
-"""Of the table that is written: those that staff fill in for fruit with photos."""
+"""Columns of the new table: those that staff fill in for fruit with photos."""
 DEFAULT = "nectarine"
-"""The category where none is named."""
+"""The category if none is given."""
 FEW = 12
-"""Photos below which a fruit is asked for more: half of what the guide asks for."""
+"""Number of photos below which drupe asks for more: half of what the guide recommends."""
 SHOWN = 5
-"""Ids that a sentence names."""
+"""Most ids in one sentence."""
 PARTS = frozenset({"photos", "photos-flipped", "grasps"})
-"""Names of folders in a fruit's folder."""
+"""Names of subfolders in a fruit's folder."""
 OF_THE_DAY = frozenset(
     {"harvest_date", "lot", "measured_on", "mismatch", "notes", "pulp_temperature_C", "temperature"}
 )
-"""Settings of the earlier day. Confirmed effects belong to its fruit, or to its sensors on that day.
-[temperature] needs the new day's temperature; `left_out` names it."""
+"""Settings of the earlier day, which are not copied. Confirmed effects belong to its fruit, or to its sensors
+on that day. [temperature] needs the new day's temperature; `left_out` names it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FruitSource:
-    """What is copied for one fruit: its photos, ready mesh and recordings."""
+    """The files to copy for one fruit: its photos, ready mesh and recordings."""
 
     fruit_id: str
     photos: tuple[Path, ...]
@@ -59,7 +59,7 @@ class FruitSource:
 
 @dataclass(frozen=True, kw_only=True)
 class NewBatch:
-    """What was made, and what staff must still do, a sentence each."""
+    """The new batch; `missing`: a sentence for each thing that staff must still do."""
 
     root: Path
     fruits: tuple[FruitSource, ...]
@@ -68,19 +68,19 @@ class NewBatch:
 
 @dataclass(frozen=True, kw_only=True)
 class EarlierBatch:
-    """The settings of the batch in `root`, for another day."""
+    """The settings of the batch in `root`, for reuse on another day."""
 
     root: Path
     settings: Settings
 
     def written(self, named: dict[str, str]) -> str:
-        """batch.toml with `named` (category, lot, cultivar) in place of the earlier day's."""
+        """The text of batch.toml, with `named` (category, lot, cultivar) in place of the earlier day's."""
         kept = self.settings.model_dump(mode="json", exclude_unset=True, exclude=set(OF_THE_DAY))
         head = f"# Settings of {self.root.resolve().name}, by drupe new --like. All keys: docs/formats.md\n\n"
         return head + as_toml({**kept, **named})
 
     def _named_files(self) -> Iterator[Path]:
-        """The mat, and the files inside the batch that the settings name, by their names there."""
+        """The mat, and the files inside the batch that the settings name, if they exist."""
         folder = BatchFolder(self.root)
         files = [folder.mat, *own_files(folder, self.settings)]
         if (model := self.settings.recon.geometry_model) is not None:
@@ -92,11 +92,11 @@ class EarlierBatch:
         )
 
     def _leaves(self, path: Path) -> bool:
-        """Whether links lead out of the batch."""
+        """Whether links lead from the path out of the batch."""
         return not path.resolve().is_relative_to(self.root.resolve())
 
     def copy_files(self, batch: Path) -> None:
-        """Copies those files, but for links that lead out of the batch. Raises OSError."""
+        """Copies those files, except links that lead out of the batch. Raises OSError."""
         for path in self._named_files():
             if not self._leaves(path):
                 target = batch / path.relative_to(self.root)
@@ -104,7 +104,7 @@ class EarlierBatch:
                 shutil.copyfile(path, target)
 
     def left_out(self, batch: Path) -> Iterator[str]:
-        """What staff must look at in the new batch."""
+        """Sentences on settings and files that staff must correct in the new batch."""
         settings = self.settings
         if settings.pulp_temperature_C is not None or settings.temperature is not None:
             table = settings.temperature
@@ -133,12 +133,11 @@ def make_batch(
     cultivar: str | None = None,
     like: Path | None = None,
 ) -> NewBatch:
-    """Writes the batch; photos and recordings are copied, and nothing is changed where they lie. `like`: an
-    earlier batch, whose settings it takes but for those of the day.
+    """Creates the batch in `root`, a new or empty folder, with copies of photos, meshes and recordings.
+    `like`: an earlier batch, whose settings it takes except those of the day (OF_THE_DAY).
 
-    A folder is one fruit where it holds photos, fruit.ply, grasps/ or recordings, or a photos/ of its own;
-    else each folder in it is one. `root` must not be there yet, or be empty. Raises BatchRefused with every
-    fault, before anything is written, and NotWritten.
+    A folder is one fruit if it holds photos, a mesh or recordings, also in photos/ and grasps/. Otherwise
+    each folder in it is one. Raises BatchRefused with every fault before it writes anything, and NotWritten.
     """
     earlier = None
     if like is not None:
@@ -180,7 +179,7 @@ def make_batch(
 
 
 def _wrong_names(names: Sequence[str]) -> Iterator[Problem]:
-    """Names of folders that name no fruit, or two."""
+    """Problems of folders whose names are no fruit_id or occur twice."""
     for name, count in Counter(names).items():
         if name.lower() in PARTS:
             sentence = (
@@ -201,7 +200,7 @@ def _wrong_names(names: Sequence[str]) -> Iterator[Problem]:
 
 
 def _sources(folder: Path) -> Iterator[FruitSource]:
-    """The fruit of one folder: itself, or the folders in it."""
+    """The folder as one fruit, else the folders in it that are fruit."""
     source = _source(folder)
     if source is not None:
         yield source
@@ -212,7 +211,7 @@ def _sources(folder: Path) -> Iterator[FruitSource]:
 
 
 def _source(folder: Path) -> FruitSource | None:
-    """The folder as one fruit, where it holds anything of one."""
+    """The folder as one fruit; None if it has no photos, mesh or recordings."""
     fruit_folder = FruitFolder(folder)
     place = fruit_folder.photos if photo_paths(fruit_folder.photos) else folder
     photos = photo_paths(place)
@@ -255,7 +254,7 @@ def _write(
 
 
 def _settings(named: dict[str, str], earlier: EarlierBatch | None) -> str:
-    """batch.toml: the earlier batch's, or the template with what is `named` taken in."""
+    """The text of batch.toml: the earlier batch's, or the template with the values in `named`."""
     if earlier is not None:
         return earlier.written(named)
     template = TEMPLATE.read_text(encoding="utf-8")
@@ -268,7 +267,7 @@ def _settings(named: dict[str, str], earlier: EarlierBatch | None) -> str:
 
 
 def _missing(root: Path, fruits: Sequence[FruitSource], *, mat: bool) -> Iterator[str]:
-    """What grading needs and these folders did not have."""
+    """Sentences on what grading needs and these folders lack."""
     photographed = [fruit for fruit in fruits if fruit.photos and not fruit.mesh]
     if photographed and not mat:
         yield (

@@ -1,4 +1,4 @@
-"""A batch, opened: settings, fruit, mat and pit prior; every fault of the whole found before work begins."""
+"""Opens a batch: settings, fruit, mat and pit prior; finds every fault of the whole before work begins."""
 
 import unicodedata
 from collections.abc import Callable, Iterator, Sequence
@@ -39,12 +39,12 @@ from tactile.tactile_failure import TactileFailure
 
 @dataclass(frozen=True, kw_only=True)
 class Batch:
-    """A batch as far as its files could be read, and every problem of the batch as a whole (`problems`).
+    """A batch as far as its files are readable, and every problem of the batch as a whole (`problems`).
 
-    `rows`: of fruits.csv, or of the folders of fruit where the table cannot be read (not `listed`). `known`:
+    `rows`: from fruits.csv, or from the fruit folders if the table is not readable (not `listed`). `known`:
     values of the category. `prior`: None if no fruit needs its pit and the settings hold Poisson's ratio, or
-    if a problem states why it is missing. `without_scale`: no photographed fruit has a scale, and
-    a problem says so.
+    if a problem states why it is missing. `without_scale`: no photographed fruit has a scale, and a problem
+    reports this.
     """
 
     folder: BatchFolder
@@ -59,12 +59,12 @@ class Batch:
 
     @property
     def category(self) -> str:
-        """Its name, also where the settings give a file."""
+        """The category's name, even if the settings give a file."""
         return self.settings.category if self.known is None else self.known.category
 
     @property
     def body(self) -> PitBody:
-        """What a whole fruit of the category is like."""
+        """Usual shape, density and pit size of a whole fruit of the category."""
         return STONE_FRUIT if self.known is None else self.known.body
 
     @cached_property
@@ -74,18 +74,18 @@ class Batch:
 
     @cached_property
     def column_doubts(self) -> dict[str, str]:
-        """Sentences on columns of fruits.csv that are out of the category's range in every row."""
+        """By column: a sentence if all its numbers are outside the category's range."""
         return table_doubts(self.rows, kind_of(self.known))
 
 
 RowChoice = Callable[[BatchFolder, tuple[FruitRow, ...]], tuple[FruitRow, ...]]
-"""From the rows of fruits.csv to those that are looked at."""
+"""Selects the rows that a command reads from those of fruits.csv."""
 
 
 def open_batch(root: Path, *, force: bool = False, choose: RowChoice | None = None) -> Batch:
     """The batch at `root`; raises BatchRefused with every problem of the batch as a whole.
 
-    With `force` numbers that are merely implausible stop nothing; `choose` as in `survey`.
+    With `force` it accepts numbers that are merely implausible; `choose` as in `survey`.
     """
     batch = survey(root, choose=choose)
     if stops := [problem for problem in batch.problems if not (force and problem.implausible)]:
@@ -94,10 +94,10 @@ def open_batch(root: Path, *, force: bool = False, choose: RowChoice | None = No
 
 
 def survey(root: Path, *, choose: RowChoice | None = None) -> Batch:
-    """Reads what can be read of the batch at `root`.
+    """Reads the batch at `root` as far as it is readable.
 
-    With `choose` the table may have no row yet or not be there, and the fruit are those that it gives back:
-    fewer, or more (`unlisted_fruit`).
+    With `choose` the table may be empty or missing. `choose` returns the fruit: fewer than the table's rows,
+    or more (`unlisted_fruit`).
     """
     folder = BatchFolder(root)
     problems: list[Problem] = []
@@ -161,7 +161,7 @@ def fruit_folders(folder: BatchFolder) -> list[str]:
 
 
 def unlisted_fruit(folder: BatchFolder, rows: Sequence[FruitRow]) -> list[FruitRow]:
-    """Of folders in fruits/ that the table does not name, in the order of their names."""
+    """Rows for the folders in fruits/ that the table does not name, sorted by name."""
     known = {row.fruit_id for row in rows}
     return [FruitRow(fruit_id=name) for name in fruit_folders(folder) if name not in known]
 
@@ -169,7 +169,7 @@ def unlisted_fruit(folder: BatchFolder, rows: Sequence[FruitRow]) -> list[FruitR
 def _implausible(
     folder: BatchFolder, grading: Grading, rows: tuple[FruitRow, ...], known: PitPrior | None
 ) -> list[Problem]:
-    """Numbers that no batch of the category has: of batch.toml, and of whole columns of fruits.csv."""
+    """Numbers of batch.toml and of whole columns of fruits.csv outside the category's range."""
     kind = kind_of(known)
     said = [(folder.settings, sentence) for sentence in grading_doubts(grading, kind)]
     said += [(folder.table, sentence) for sentence in table_doubts(rows, kind).values()]
@@ -178,8 +178,8 @@ def _implausible(
 
 
 def _salvaged(folder: BatchFolder) -> Settings:
-    """Category, classes and the user's columns of settings with a fault elsewhere, so that one go says what
-    else is wrong.
+    """Category, classes and the user's columns of faulty settings, so that one run also finds the faults of
+    other files.
     """
     settings = Settings(category="unknown")
     with suppress(NotReadable):
@@ -223,7 +223,7 @@ def _effects_without_pit(
 
 
 def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, ...]) -> Iterator[Problem]:
-    """A reference body must be solid, and its Poisson's ratio known; to correct by one there must be one."""
+    """Problems of reference bodies: no body to correct by, no Poisson's ratio, or a pit."""
     bodies = [row for row in rows if row.reference]
     if settings.reference.correct and rows and not bodies:
         sentence = (
@@ -254,13 +254,15 @@ def _references(folder: BatchFolder, settings: Settings, rows: tuple[FruitRow, .
 
 
 def reference_ratio(row: FruitRow, settings: Settings) -> float | None:
-    """A reference body's Poisson's ratio: its row's, else a phantom's; a batch of phantoms says theirs."""
+    """Poisson's ratio of a reference body; None if unknown. Source, by priority: its row, the category of
+    phantoms, the settings of a batch of phantoms.
+    """
     said = reference_prior(row.reference_poisson_ratio).poisson_ratio
     return settings.poisson_ratio if said is None and settings.category == CATEGORY else said
 
 
 def _without_scale(folder: BatchFolder, rows: tuple[FruitRow, ...]) -> list[Problem]:
-    """Without a mat, at least one photographed fruit must have a height; single gaps cost single fruit."""
+    """The problem that no photographed fruit has a height; single gaps stop only single fruit."""
     photographed = [row for row in rows if shape_from_photos(folder.fruit(row.fruit_id), row)]
     if not photographed or any(row.has_height for row in photographed):
         return []
@@ -272,7 +274,7 @@ def _without_scale(folder: BatchFolder, rows: tuple[FruitRow, ...]) -> list[Prob
 
 
 def shape_from_photos(folder: FruitFolder, row: FruitRow) -> bool:
-    """Whether photos are to give the fruit's shape: it has no mesh, and is none of diameters and plates."""
+    """Whether photos must give the fruit's shape: it has no mesh, and diameters do not replace one."""
     if folder.fruit_ply.is_file() or folder.without_shape():
         return False
     empty = not (folder.photos.exists() or folder.grasp_files() or folder.raw_grasp_folders())

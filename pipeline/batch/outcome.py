@@ -1,7 +1,7 @@
-"""Every ending that a fruit can come to, and the sentence that staff read.
+"""Outcomes of a fruit, with the sentence that staff read.
 
-A room's failure (recon, tactile, fem) brings its own code and sentence; the endings here are the
-pipeline's own.
+The failures of recon, tactile and fem bring their own code and sentence; the outcomes here are the
+pipeline's.
 """
 
 import os
@@ -16,7 +16,7 @@ from pipeline.lack_of_memory import is_lack_of_memory
 
 
 class Outcome(Enum):
-    """Code and sentence of an ending that no room speaks for; `{}` takes the particulars."""
+    """Code and sentence of an outcome; `{}` takes the particulars."""
 
     GRADED = ("graded", "")
     NO_GRASP = ("no-grasp", "grasps/ holds no tactile recording, so the fruit has a mesh but no modulus; {}")
@@ -71,7 +71,7 @@ class Outcome(Enum):
 
 
 class FruitEnded(Exception):
-    """Raised inside a stage when a fruit can go no further for a reason that is the pipeline's own."""
+    """Raised inside a stage if a fruit cannot be graded, for one of these reasons."""
 
     def __init__(self, outcome: Outcome, particulars: str = "") -> None:
         self.outcome = outcome
@@ -79,9 +79,9 @@ class FruitEnded(Exception):
 
 
 def ending_of(error: BaseException) -> tuple[Outcome, str]:
-    """The ending that an exception nobody expected comes to, and its particulars.
+    """The outcome of an unexpected exception, and its particulars.
 
-    A full disk and a lack of memory are the machine's, whichever library met them; the rest is drupe's own.
+    A full disk and a lack of memory are faults of the machine, whichever library reports them; else INTERNAL.
     """
     if isinstance(error, NotWritten):
         return Outcome.NOT_WRITTEN, str(error)
@@ -94,6 +94,6 @@ def ending_of(error: BaseException) -> tuple[Outcome, str]:
 
 
 def _number(error: OSError) -> int:
-    """The error's number; HDF5 says it in its text alone."""
+    """The error's number, which HDF5 states only in its text; 0 if it is unknown."""
     said = re.search(r"errno = (\d+)", str(error))
     return error.errno or (int(said[1]) if said else 0)

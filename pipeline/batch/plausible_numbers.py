@@ -1,7 +1,7 @@
-"""Numbers that can be read and that no fruit has: a unit, a decimal point, a column was slipped.
+"""Finds implausible numbers in the input: a wrong unit, a missing decimal point, a swapped column.
 
-Each is held against the range of its category (recon.pit.priors.Plausible), and mass against sizes. The
-sentence names the likely slip.
+Compares each with the range of its category (recon.pit.priors.Plausible), and mass with sizes. The sentence
+names the likely mistake.
 """
 
 import math
@@ -15,28 +15,28 @@ from recon.pit.priors import STONE_FRUIT, PitBody, PitPrior, Plausible
 
 POINT = "is its decimal point missing"
 Slips = dict[str, float]
-"""Factors that turn a number in another unit, or without its point, into the right one."""
+"""Factors that correct a number in another unit, or without its decimal point."""
 LENGTH_SLIPS: Slips = {
     "is it in cm": 10, "is it in inches": 25.4, "is it in m": 1000, "is it in µm": 0.001, POINT: 0.1,
 }  # fmt: skip
-"""Into mm; units are exact."""
+"""Factors into mm, exact."""
 MASS_SLIPS: Slips = {
     "is it in kg": 1000, "is it in ounces": 28.35, "is it in pounds": 453.6, "is it in mg": 0.001, POINT: 0.1,
 }  # fmt: skip
-"""Into g: avoirdupois ounce 28.35 g, pound 453.6 g."""
+"""Factors into g: avoirdupois ounce 28.35 g, pound 453.6 g."""
 MODULUS_SLIPS: Slips = {
     "is it in kPa": 1e-3, "is it in Pa": 1e-6, "is it in GPa": 1000, "is it in psi": 0.006895
 }  # fmt: skip
-"""Into MPa; 1 psi is 0.006895 MPa."""
+"""Factors into MPa; 1 psi is 0.006895 MPa."""
 FLATTEST = 0.5
-"""Ratio, no unit: a mesh's shortest side over the least height or diameter of its category. Assumed: ranges
-are of fruit measured over stem or cheeks, and the side across the suture of a flat one is less than either;
-half of the least is below every fruit on record, and a mesh in centimetres (0.1) is far below it."""
+"""Least ratio of a mesh's shortest side to the least height or diameter of its category. Assumed: ranges are
+of fruit measured over stem or cheeks, and a flat fruit is narrower across the suture. Half of the least is
+below every fruit on record, and far above a mesh in centimetres (0.1)."""
 
 
 @dataclass(frozen=True)
 class Measure:
-    """A column of fruits.csv: its unit, how a sentence calls it, and the slips that are made with it."""
+    """A column of fruits.csv: its unit, its words in a sentence, and likely mistakes with it."""
 
     unit: str
     words: str
@@ -53,19 +53,19 @@ MEASURED = {
         "N", "to the penetrometer", {"is it in kg": 9.807, "is it in pounds (lbf)": 4.448, POINT: 0.1}
     ),
 }
-"""Columns by name. Shore hardness ends at 100 degrees; forces into N: kilograms-force, pounds-force."""
+"""Columns by name. Shore hardness ends at 100 degrees; kilograms-force and pounds-force convert into N."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlausibleRange:
-    """A category as the sentences name it, and what is known of it."""
+    """A category's name in sentences, its plausible ranges and its body."""
 
     name: str
     ranges: Plausible
     body: PitBody
 
     def of(self, measure: str) -> tuple[float, float] | None:
-        """The range of one of MEASURES; a diameter that may be any is between least and most of all sides."""
+        """The range of one of MEASURES. Diameters a to c: FLATTEST times the least size to the most."""
         if measure in DIAMETERS:
             return self.sizes and (FLATTEST * self.sizes[0], self.sizes[1])
         known: tuple[float, float] | None = getattr(self.ranges, measure)
@@ -84,7 +84,7 @@ class PlausibleRange:
 
 
 def kind_of(category: PitPrior | None) -> PlausibleRange:
-    """What is known of a category; of an unknown one, nothing."""
+    """The ranges of a category; for an unknown one, no ranges and the body of a stone fruit."""
     if category is None:
         return PlausibleRange(name="fruit", ranges=Plausible(), body=STONE_FRUIT)
     return PlausibleRange(
@@ -93,7 +93,7 @@ def kind_of(category: PitPrior | None) -> PlausibleRange:
 
 
 def grading_doubts(grading: Grading, kind: PlausibleRange) -> Iterator[str]:
-    """Sentences on numbers of batch.toml that no fruit of the category meets."""
+    """Sentences on limits of classes in batch.toml outside the category's range of E."""
     if kind.ranges.E_MPa is None:
         return
     low, high = kind.ranges.E_MPa
@@ -107,7 +107,7 @@ def grading_doubts(grading: Grading, kind: PlausibleRange) -> Iterator[str]:
 
 
 def table_doubts(rows: Iterable[FruitRow], kind: PlausibleRange) -> dict[str, str]:
-    """Sentences on the columns that are out of range in every row: one slip, not many."""
+    """By column: one sentence if every row (at least two) is outside the range, instead of one per row."""
     said, fruit = {}, [row for row in rows if not row.reference]
     for name in MEASURES:
         values = [value for row in fruit if (value := getattr(row, name)) is not None]
@@ -121,8 +121,8 @@ def table_doubts(rows: Iterable[FruitRow], kind: PlausibleRange) -> dict[str, st
 
 
 def row_doubts(row: FruitRow, kind: PlausibleRange, *, said: Collection[str] = ()) -> Iterator[str]:
-    """Sentences on what one fruit's numbers cannot be, alone and together; `said`: columns on which
-    `table_doubts` has a sentence.
+    """Sentences on implausible numbers of one fruit, alone and as density 6 m / (pi h d^2). `said`: columns
+    on which `table_doubts` has a sentence.
     """
     wrong = False
     for name in MEASURES:
@@ -148,7 +148,7 @@ def row_doubts(row: FruitRow, kind: PlausibleRange, *, said: Collection[str] = (
 def mesh_doubt(box_mm: Sequence[float], kind: PlausibleRange) -> str:
     """A sentence if no fruit has the size of a ready mesh; else empty.
 
-    The longest side must not pass what a height or diameter can be, nor the shortest fall below it.
+    The longest side must be in the range of sizes, the shortest at least FLATTEST times the least size.
     """
     shortest, longest = min(box_mm), max(box_mm)
     if kind.sizes is None:
@@ -169,7 +169,7 @@ def _range(name: str, kind: PlausibleRange) -> str:
 
 
 def _meant(value: float, slips: Slips, limits: tuple[float, float], unit: str) -> str:
-    """What the number would be, had it been meant in another unit: nearest to the middle of the limits."""
+    """A question with the likely unit: the value nearest to the limits' geometric mean. Else advice."""
     fits = {
         word: value * factor for word, factor in slips.items() if limits[0] <= value * factor <= limits[1]
     }

@@ -1,4 +1,4 @@
-"""`batch.json`: what a result came from (versions, settings, inputs, times), so that it can be made again."""
+"""`batch.json`: versions, settings, inputs and times of a result, so that it is reproducible."""
 
 import json
 import platform
@@ -19,7 +19,7 @@ RUN_FORMAT = "drupe-run"
 
 
 def versions() -> dict[str, str]:
-    """drupe, its code's hash, Python, the platform, and the libraries that make the numbers."""
+    """Versions of drupe, its code (a hash), Python, the platform, and the numerical libraries."""
     return {
         "drupe": metadata.version("drupe"),
         "drupe code": code_version(ROOMS)[:16],
@@ -30,7 +30,7 @@ def versions() -> dict[str, str]:
 
 
 def input_hashes(root: Path, files: Iterable[Path]) -> dict[str, str]:
-    """SHA-256 of each input file, by its path inside the batch, or its whole path where it lies outside."""
+    """SHA-256 of each input file, by its path inside the batch, or its absolute path if it is outside."""
     return {_inside(path, root): file_hash(path) for path in files}
 
 
@@ -40,19 +40,19 @@ def _inside(path: Path, root: Path) -> str:
 
 
 def write_provenance(path: Path, content: Mapping[str, Any]) -> None:
-    """Writes batch.json: this content (docs/formats.md) and the versions that made it."""
+    """Writes batch.json: `content` (docs/formats.md) and the versions. Raises NotWritten."""
     whole = {"format": FORMAT, "version": 1, "versions": versions(), **content}
     write_whole(path, json.dumps(whole, indent=1, default=str) + "\n")
 
 
 def read_provenance(results: Results) -> dict[str, Any] | None:
-    """What batch.json says; None where there is none."""
+    """The content of batch.json; None if it is missing or invalid."""
     said = json_in(results.provenance)
     return said if isinstance(said, dict) and said.get("format") == FORMAT else None
 
 
 def require_provenance(results: Results) -> dict[str, Any]:
-    """The same; raises BatchRefused where there is none, with the folder that was likely meant."""
+    """The content of batch.json; if there is none, raises BatchRefused and suggests the likely folder."""
     if (said := read_provenance(results)) is not None:
         return said
     if not results.root.is_dir():
@@ -70,7 +70,7 @@ def require_provenance(results: Results) -> dict[str, Any]:
 
 
 def require_finished(results: Results) -> dict[str, Any]:
-    """The same; raises BatchRefused also where the run did not come to its end."""
+    """The content of batch.json; raises BatchRefused if there is none, or if the run did not finish."""
     said = require_provenance(results)
     if said.get("exit_status") is None:
         raise refused(results.provenance, "belongs to an unfinished run; let `drupe grade` finish it first.")
@@ -78,7 +78,7 @@ def require_finished(results: Results) -> dict[str, Any]:
 
 
 def write_run(results: Results, *, mark: str) -> None:
-    """Writes the mark of a run, by which another machine knows that it sees the same folder.
+    """Writes the mark of a run, by which another machine recognises the same folder.
 
     Raises NotWritten.
     """
@@ -86,7 +86,7 @@ def write_run(results: Results, *, mark: str) -> None:
 
 
 def is_marked(run: Path, mark: str) -> bool:
-    """Whether the file `run` is what `write_run` wrote with this mark."""
+    """Whether `write_run` wrote the file `run` with this mark."""
     held = json_in(run)
     return isinstance(held, dict) and (held.get("format"), held.get("mark")) == (RUN_FORMAT, mark)
 

@@ -1,4 +1,4 @@
-"""What one fruit's `record.json` holds: everything known of the fruit, schema versioned."""
+"""`record.json` of one fruit: everything known about it, with a schema version."""
 
 import math
 from pathlib import Path
@@ -20,8 +20,8 @@ R = TypeVar("R", bound=BaseModel)
 
 
 class OrientationRecord(_Record):
-    """What the shape says of stem and suture, against the fruit frame: `tilt_deg` of the stem axis from z,
-    `turn_deg` of the groove from +x towards +y, depths of hollow and groove, confidences from 0 to 1.
+    """Stem and suture according to the shape, in the fruit frame. `tilt_deg`: of the stem axis from z.
+    `turn_deg`: of the groove from +x towards +y. Depths are of hollow and groove, confidences from 0 to 1.
     """
 
     tilt_deg: float
@@ -33,7 +33,7 @@ class OrientationRecord(_Record):
 
 
 class MeshRecord(_Record):
-    """The fruit's surface: where it came from, its size, and how good it is."""
+    """The fruit's surface: its source, size and quality."""
 
     source: Literal["photos", "fruit.ply"]
     vertices: int
@@ -44,12 +44,12 @@ class MeshRecord(_Record):
     scale_sd: float | None = None
     surface_sd_mm: float | None = None
     quality: dict[str, int | float] = {}
-    """What is known of a mesh of photos, by the names of recon.checks.quality.ReconQuality."""
+    """Quality of a mesh from photos, by the names of recon.checks.quality.ReconQuality."""
     stance: OrientationRecord | None = None
 
 
 class PitRecord(_Record):
-    """The pit that was embedded: from a category prior, or the user's own."""
+    """The embedded pit: from a category prior, or the user's own."""
 
     source: str
     volume_mm3: float
@@ -58,14 +58,14 @@ class PitRecord(_Record):
     thinnest_flesh_mm: float
     flesh_volume_mm3: float
     size_sd: float | None = None
-    """Relative standard deviation of its size that graded the fruit; None before it is graded."""
+    """Relative standard deviation of its size, as grading used it; None before grading."""
 
 
 class PressedRecord(_Record):
-    """A fruit of which there is no mesh, only its diameters (mm) and plates that squeezed it along the first
-    of `compressed_along`; `pit_share`: the pit's diameter over the fruit's, said by `pit_source`.
+    """A fruit without mesh: its diameters (mm) and the axis of its recordings (`compressed_along`).
+    `pit_share`: the pit's diameter over the fruit's, from `pit_source`.
 
-    `shape_sd`: standard deviation of ln E because three diameters are not the shape.
+    `shape_sd`: standard deviation of ln E because three diameters do not fix the shape.
     """
 
     diameters_mm: tuple[float, float, float]
@@ -87,7 +87,7 @@ class FleshRecord(_Record):
 
 
 class PitFoundRecord(_Record):
-    """Where two or more grasps put the pit, against the prior's, fruit frame; one standard deviation each.
+    """The pit's place and size from two or more grasps, against the prior's, with one sd each; fruit frame.
 
     `moved`: by how many of the prior's standard deviations the data moved x, y, z and size.
     """
@@ -107,22 +107,22 @@ class ModulusRecord(_Record):
     E_MPa: float
     E_sd_MPa: float
     common_sd_MPa: float = 0.0
-    """The part of E_sd_MPa that all fruit of the batch share, so that it does not touch their order."""
+    """The part of E_sd_MPa that all fruit of the batch share, so that it does not affect their order."""
     scale_sd_MPa: float = 0.0
-    """Beside E_sd_MPa, by a common factor on force and gel stiffness, which no recording shows."""
+    """Not in E_sd_MPa: error by a common factor on force and gel stiffness, which no recording shows."""
     parts_sd_MPa: dict[str, float] = {}
     pit_found: PitFoundRecord | None = None
 
     def scaled(self, factor: float) -> Self:
-        """E, its error and all parts of that times a factor."""
+        """E, its error and all parts of the error, times a factor."""
         names = ("E_MPa", "E_sd_MPa", "common_sd_MPa", "scale_sd_MPa")
         numbers = {name: factor * getattr(self, name) for name in names}
         parts = {name: factor * sd for name, sd in self.parts_sd_MPa.items()}
         return self.model_copy(update={**numbers, "parts_sd_MPa": parts})
 
     def widened(self, part: str, sd_MPa: float, *, shared: bool) -> Self:
-        """The same E, a part of whose error is wider by a standard deviation; `shared`: by one that all fruit
-        of the batch have in common, so that it does not touch their order.
+        """The same E with `sd_MPa` added in quadrature to its error and to the `part` of that. `shared`: all
+        fruit of the batch share this error, so that it does not affect their order.
         """
         parts = self.parts_sd_MPa
         return self.model_copy(
@@ -135,9 +135,8 @@ class ModulusRecord(_Record):
 
 
 class ReferenceRecord(_Record):
-    """What the batch's reference bodies say of this fruit's E: the ratio r of the modulus found of them over
-    the known one, with its standard deviation, and E as the ranking has it, `corrected` (divided by r) or
-    not.
+    """E against the batch's reference bodies. `ratio`: of their measured modulus over the known one, with its
+    standard deviation. `E_MPa`: as in the ranking, divided by the ratio if `corrected`.
     """
 
     bodies: tuple[str, ...]
@@ -162,8 +161,8 @@ class TemperatureRecord(_Record):
 
 
 class AmountRecord(_Record):
-    """One number of an effect that stays with a sensor or with the jaws, beside all that the fruit may have,
-    in the unit of the effect's linear signature; `pad` is empty for the whole gripper.
+    """One parameter of an effect of the sensor or the jaws, fitted together with the fruit's own effects. Its
+    unit is that of the effect's linear signature. `pad` is empty for the whole gripper.
     """
 
     effect: str
@@ -174,9 +173,9 @@ class AmountRecord(_Record):
 
 
 class SuspectedRecord(_Record):
-    """What an effect that is suspected would do to E: E with it over E without, and the relative standard
-    deviation that it adds to E. `effect`: one name, two joined by "+", or several that cannot be told apart
-    with "|" between.
+    """The change of E by a suspected effect: E with it over E without it, and the relative standard deviation
+    that it adds to E. `effect`: one name, two joined by "+", or several that the data cannot distinguish,
+    joined by "|".
     """
 
     effect: str
@@ -185,12 +184,11 @@ class SuspectedRecord(_Record):
 
 
 class ScreenRecord(_Record):
-    """What the screen for missing physics says: p, names that it suggests (none: nothing was found) with the
-    likeliest first, or in `failure` why it says nothing. `p_nominal`: p is not calibrated (of curves).
+    """Result of the screen for missing physics: p, and the suggested names (empty: none), the most likely
+    first. `failure`: why there is no result. `p_nominal`: p is not calibrated (force-displacement curves).
 
-    `gains`: ln evidence of the best signature of each effect over that of none. `amounts`: for faults that
-    all fruit of a batch have in common. `suspected`: E with each of the names that is a known effect. `note`:
-    what was left out.
+    `gains`: log Bayes factor of each effect's best signature over none. `amounts`: faults that all fruit of a
+    batch share. `suspected`: E with each suggested name that is a known effect. `note`: omissions.
     """
 
     p_value: float | None = None
@@ -203,7 +201,7 @@ class ScreenRecord(_Record):
     note: str = ""
     failure: str = ""
     again: bool = False
-    """Whether what failed may come out otherwise when it is tried again."""
+    """Whether another attempt may succeed after a failure."""
 
 
 class FruitRecord(_Record):
@@ -225,51 +223,51 @@ class FruitRecord(_Record):
     reference: ReferenceRecord | None = None
     """Set once the whole batch is graded; `modulus` and `grasps` of record.json stay as measured."""
     temperature: TemperatureRecord | None = None
-    """The same, after `reference`."""
+    """Set like `reference`, and after it."""
     mismatch: str | None = None
     """Effects of the settings' [[mismatch]] that the modulus takes into account, joined by "+"."""
     screen: ScreenRecord | None = None
-    """What the screen for missing physics says; None where it was left out."""
+    """Result of the screen for missing physics; None if it did not run."""
     warnings: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
-    """Of the warnings, those that name what cannot be right in the inputs; E's error bar is the wider, but
-    not by what is `forced`."""
+    """Those warnings that name contradictions in the inputs. They widen E's error bar, except those in
+    `forced`."""
     forced: tuple[str, ...] = ()
-    """Of the doubts, those on numbers that no fruit has, in spite of which `--force` graded it."""
+    """Those doubts on numbers outside the category's plausible range, which `--force` accepted."""
     copied: tuple[str, ...] = ()
-    """Of the doubts, those on recordings that other fruit of the batch have too; set once the whole batch is
-    graded, `modulus` stays as measured."""
+    """Those doubts on recordings that other fruit of the batch have too. Set once the whole batch is graded;
+    `modulus` stays as measured."""
     strangers: dict[str, bool] = {}
-    """Other fruit that recordings of this one name, and whether the batch had them then: what is used, and
-    what is doubted, depends on it."""
+    """Other fruit that recordings of this one name, and whether the batch had them then. Use and doubts of
+    the recordings depend on it."""
     seconds: dict[str, float] = {}
     peak_memory_MiB: float | None = None
 
     @property
     def graded(self) -> bool:
-        """Whether the fruit went all the way."""
+        """Whether the outcome is "graded", with a modulus."""
         return self.outcome == "graded" and self.modulus is not None
 
     @property
     def ranked_modulus(self) -> tuple[float | None, float | None]:
-        """E and its standard deviation in MPa as the ranking has them; None of a fruit that is not graded."""
+        """E and its sd in MPa, by priority: `temperature`, `reference`, `modulus`; None if not graded."""
         against_bodies = None if self.given.reference else self.reference
         ranked = self.temperature or against_bodies or self.modulus
         return (ranked.E_MPa, ranked.E_sd_MPa) if self.graded and ranked is not None else (None, None)
 
 
 def write_record(path: Path, record: FruitRecord) -> None:
-    """Writes the record as JSON, whole or not at all."""
+    """Writes the record as JSON, whole or not at all. Raises NotWritten."""
     write_whole(path, record.model_dump_json(indent=1) + "\n")
 
 
 def read_record(path: Path) -> FruitRecord | None:
-    """The record at `path`; None where there is none that this version can read."""
+    """The record at `path`; None if this version cannot read one there."""
     return read_as(path, FruitRecord)
 
 
 def read_as(path: Path, record: type[R]) -> R | None:
-    """What the JSON file at `path` holds, as such a record; None where there is none that can be read."""
+    """The JSON file at `path` as such a record; None if it is missing, unreadable or invalid."""
     if not_plain(path):
         return None
     try:

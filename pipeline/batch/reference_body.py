@@ -7,19 +7,19 @@ from pipeline.batch.fruits_table import FruitRow
 from recon.pit.priors import PitPrior, load_prior
 
 CATEGORY = "phantom"
-"""The category whose rules hold for it, whatever fruit the batch is of."""
+"""The category of a reference body, whatever the batch's category is."""
 NAME = "reference body"
-"""What sentences call it."""
+"""Its name in sentences."""
 
 
 @cache
 def reference_prior(poisson_ratio: float | None = None) -> PitPrior:
-    """What is known of a reference body beforehand: a cast body's rules, no pit, and the ratio given."""
+    """The prior of a reference body: the category phantom, with the given Poisson's ratio if there is one."""
     known = load_prior(CATEGORY)
     ratio = known.poisson_ratio if poisson_ratio is None else poisson_ratio
     return replace(known, category=NAME, poisson_ratio=ratio)
 
 
 def category_of(row: FruitRow, category: PitPrior | None) -> PitPrior | None:
-    """What is known of one row's body: the batch's category, or a reference body's."""
+    """The category of one row: a reference body's, else the batch's."""
     return reference_prior(row.reference_poisson_ratio) if row.reference else category

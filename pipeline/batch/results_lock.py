@@ -12,9 +12,9 @@ LOCK = ".lock"
 
 @contextmanager
 def results_lock(root: Path, *, option: str = "--out") -> Iterator[None]:
-    """Holds the results folder for this run; raises BatchRefused where another run does.
+    """Locks the results folder for this run; raises BatchRefused if another run holds it or it is unwritable.
 
-    Where the file system has no locks, two runs are not kept apart.
+    A file system without locks does not separate two runs.
     """
     with ExitStack() as stack:
         try:

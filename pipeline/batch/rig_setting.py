@@ -1,4 +1,4 @@
-"""`rig = "rig.toml"` in batch.toml: how far the batch's jaws give way, which every recording is rid of."""
+"""`rig = "rig.toml"` in batch.toml: the jaws' machine compliance; drupe corrects every recording for it."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,16 +11,16 @@ from tactile.rig.rig_curve import RigCurve
 
 
 def rig_path(root: Path, settings: Settings) -> Path | None:
-    """Where the batch's rig lies, relative to batch.toml; None where it names none."""
+    """Path of the batch's rig file, which batch.toml gives relative to itself; None if it gives none."""
     return None if settings.rig is None else root / settings.rig
 
 
 def batch_rig(root: Path, settings: Settings) -> RigCurve | None:
-    """What the batch's jaws give; raises TactileFailure for a file that is no rig."""
+    """The compliance curve of the batch's jaws; raises TactileFailure for a file that is no rig."""
     path = rig_path(root, settings)
     return None if path is None else read_rig(path).machine
 
 
 def jaw_faults(effects: Sequence[ConfirmedEffect], rig: RigCurve | None) -> tuple[Fault, ...]:
-    """All that is taken out of every recording: confirmed faults of the jaws, and what their rig gives."""
+    """The faults for which drupe corrects every recording: confirmed ones of the jaws, and compliance."""
     return (*faults(effects), *([] if rig is None else [RigFault(curve=rig)]))

@@ -1,4 +1,4 @@
-"""Folders for what a run needs only while it runs, and the end of those that killed runs left."""
+"""Temporary folders of a run, and the removal of those that killed runs left."""
 
 import fcntl
 import os
@@ -17,10 +17,10 @@ PREFIX = "drupe-run-"
 
 @contextmanager
 def scratch(*, near: Path | None = None) -> Iterator[Path]:
-    """A folder that is gone afterwards, in the temporary folder or as a hidden one beside `near`.
+    """A folder that exists inside the block, in the temporary folder or as a hidden one beside `near`.
 
-    It is locked while in use, whoever dies: the next call removes those that nobody holds. Raises
-    BatchRefused or NotWritten where none can be made.
+    It is locked meanwhile; a call removes the folders of killed runs, which no process holds. Raises
+    BatchRefused or NotWritten if it cannot create one.
     """
     try:
         place = Path(tempfile.gettempdir()) if near is None else near.parent
@@ -46,12 +46,12 @@ def scratch(*, near: Path | None = None) -> Iterator[Path]:
 
 
 def _made(place: Path, prefix: str) -> tuple[Path, int]:
-    """A new folder and its lock, held; made again where a sweep took it before it was held."""
+    """A new folder and its held lock; tries again if another run swept the folder before it was locked."""
     while True:
         folder = Path(tempfile.mkdtemp(dir=place, prefix=prefix))
         with suppress(FileNotFoundError):
             lock = os.open(folder, os.O_RDONLY | os.O_CLOEXEC)
-            with suppress(OSError):  # a file system without locks: then nothing is swept there either
+            with suppress(OSError):  # without locks, `_sweep` removes nothing either
                 fcntl.flock(lock, fcntl.LOCK_EX)
             if folder.exists():
                 return folder, lock
@@ -59,7 +59,7 @@ def _made(place: Path, prefix: str) -> tuple[Path, int]:
 
 
 def _sweep(place: Path, prefix: str) -> None:
-    """Removes folders of killed runs: by name, a real folder, our own user's, that nobody holds."""
+    """Removes folders of killed runs: real folders by this name, this user's, that no process holds."""
     for folder in place.glob(f"{prefix}*"):
         with suppress(OSError):
             status = folder.lstat()
@@ -87,7 +87,7 @@ def temporary_files_in(folder: Path) -> Iterator[None]:
 
 @contextmanager
 def environment(values: Mapping[str, str]) -> Iterator[None]:
-    """Variables that processes started inside the block find."""
+    """Sets environment variables inside the block; processes started there inherit them."""
     before = dict(os.environ)
     os.environ.update(values)
     try:
@@ -99,8 +99,8 @@ def environment(values: Mapping[str, str]) -> Iterator[None]:
 
 
 def moved_in(made: Path, target: Path) -> None:
-    """A folder made elsewhere comes to its place. An empty folder there stays the one it is: a shell may be
-    in it. batch.toml, which makes it a batch, comes last.
+    """Moves a folder to its place. An existing empty folder there stays the same one: a shell may be in it.
+    batch.toml, which makes it a batch, comes last.
     """
     if not target.is_dir():
         made.rename(target)

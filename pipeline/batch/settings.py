@@ -23,27 +23,27 @@ from recon.pit.priors import LEAST_POISSON_RATIO
 from recon.recon_failure import ReconFailure
 
 Name = Annotated[str, Field(min_length=1, max_length=200)]
-"""Characters. Set by hand: longer text is no name, it was pasted into the wrong place."""
+"""At most 200 characters. Set by hand: longer text was pasted into the wrong place."""
 Words = Annotated[str, Field(max_length=10_000)]
-"""Characters of free text, some four pages. Set by hand: more was pasted into the wrong place."""
+"""Free text, at most 10,000 characters (four pages). Set by hand: more was pasted into the wrong place."""
 Relative = Annotated[float, Field(ge=1e-4, le=0.5)]
-"""A standard deviation as a share; at a half nothing is known any more, and a ten-thousandth is a force
-standard's (ISO 376, class 00: 5e-4), which no gel and no pit is."""
+"""A relative standard deviation. 0.5 leaves the quantity practically unknown. No gel or pit reaches 1e-4,
+below a force standard's error (ISO 376, class 00: 5e-4)."""
 Shift = Annotated[float, Field(ge=1e-3, le=20)]
-"""A standard deviation in mm: at 20 mm a pit lies outside its fruit, and no gripper places a pad to 1 µm."""
+"""A standard deviation in mm: at 20 mm a pit is outside its fruit, and no gripper places a pad to 1 µm."""
 Stiffness = Annotated[float, Field(ge=1e-6, le=1e4)]
-"""Of a gel per area of its face, MPa/mm; the limits of a recording's (tactile.readers.recording)."""
+"""Stiffness of a gel per area of its face, MPa/mm; limits as of recordings (tactile.readers.recording)."""
 Day = Annotated[datetime.date, Field(ge=datetime.date(1990, 1, 1), le=datetime.date(2100, 1, 1))]
-"""Of a harvest, of grasps or of a calibration. Set by hand: another year is a slip of the pen."""
+"""Day of a harvest, of grasps or of a calibration. Set by hand: another year is a typing error."""
 HISTORY_COLUMNS = (
     "batch", "calibrated_on", "calibration", "doubted", "graded_utc", "gripper_serial", "revision",
     "sensor_serial", "temperature_C",
 )  # fmt: skip
-"""Columns of the tables of `drupe history` that are no settings and no columns of other tables."""
+"""Columns of the tables of `drupe history` that are neither settings nor columns of other tables."""
 
 
 class Strict(BaseModel):
-    """A table of settings: unknown keys, numbers that are not finite and true for a number are refused."""
+    """A table of settings that refuses unknown keys, numbers that are not finite, and true for a number."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -56,7 +56,7 @@ class Strict(BaseModel):
 
 
 class GradingClass(Strict):
-    """A maturity class: every fruit with E up to `E_max_MPa` that no softer class has taken.
+    """A maturity class: every fruit with E up to `E_max_MPa` that belongs to no softer class.
 
     `ship`: whether its fruit are shipped now; None: the class's default (`Grading.shipped`).
     """
@@ -67,22 +67,22 @@ class GradingClass(Strict):
 
 
 class Grading(Strict):
-    """The batch's own limits, softest class first; the last class has no upper limit.
+    """Maturity classes of the batch, softest first; the last class has no upper limit.
 
     `certainty`: the probability from which a class, and the decision to ship or hold, counts as certain.
-    `inspect_below_p`: a fruit whose screen has a smaller p is to be inspected.
+    `inspect_below_p`: drupe lists a fruit for inspection if its screen has a smaller p.
     """
 
     classes: Annotated[tuple[GradingClass, ...], Field(max_length=50)] = ()
     certainty: Annotated[float, Field(ge=0.5, le=0.9999)] = 0.9
-    """Set by hand: of fruit that just reach it one in ten is of another class. Below a half, a fruit could be
-    certain of two lists."""
+    """Set by hand: at this probability, one fruit in ten belongs to another class. Below 0.5, a fruit could
+    be certain of two lists."""
     inspect_below_p: Annotated[float, Field(ge=0, le=1)] = 0.001
-    """Set by hand: one in a thousand sound fruit. The screen names effects below 0.05."""
+    """Set by hand: one in a thousand fruit without mismatch. The screen names effects below 0.05."""
 
     @model_validator(mode="after")
     def _ordered(self) -> Self:
-        """Raises ValueError unless the classes' limits grow and the last has none."""
+        """Raises ValueError unless names differ, the classes' limits grow and only the last has none."""
         for softer, firmer in itertools.pairwise(self.classes):
             if softer.E_max_MPa is None:
                 raise ValueError(
@@ -106,8 +106,8 @@ class Grading(Strict):
 
     @property
     def shipped(self) -> tuple[bool, ...] | None:
-        """Of each class whether its fruit are shipped: as its `ship` says, by default all but the firmest.
-        None where there is no class, or a single one without `ship`: nothing parts the fruit.
+        """For each class, whether its fruit are shipped: its `ship`, by default all but the firmest. None
+        without classes, or for a single one without `ship`: then nothing separates the fruit.
         """
         if len(self.classes) < 2 and all(c.ship is None for c in self.classes):
             return None
@@ -122,9 +122,9 @@ NO_PIT = "none"
 
 
 class PitSettings(Strict):
-    """Which pit prior is embedded, and how far the true pit may be from it (standard deviations).
+    """The pit prior, and the standard deviations of the true pit's place (mm) and size (relative) from it.
 
-    Of prior "none", a fruit that brings no pit.ply has no pit.
+    With prior "none", a fruit without a pit.ply has no pit.
     """
 
     prior: Name | None = None
@@ -138,9 +138,9 @@ class PitSettings(Strict):
 
 
 class Recon(Strict):
-    """Photo route settings; `geometry_model` names a local ONNX file, relative to the batch, which runs
-    on the first of the ONNX Runtime `providers` that the machine has. `fruit_model`: whether the shipped
-    model is asked which pixels are fruit.
+    """Settings for photos. `geometry_model`: a local ONNX file, relative to the batch, which runs on the
+    first available of the ONNX Runtime `providers`. `fruit_model`: whether the shipped model finds the pixels
+    of the fruit.
     """
 
     geometry_model: Name | None = None
@@ -150,7 +150,7 @@ class Recon(Strict):
 
 
 class Photos(Strict):
-    """A coin beside the fruit, for scale without a mat: its name (recon/coins.toml) or its diameter."""
+    """A coin beside the fruit, for scale without a mat: its name (recon/coins.toml) or its diameter in mm."""
 
     coin: Name | None = None
     coin_mm: Annotated[float, Field(ge=10, le=50)] | None = None
@@ -182,7 +182,7 @@ class Photos(Strict):
 class MeshSettings(Strict):
     """Longest element edges in mm: in the bulk of the flesh, and under the pads.
 
-    Under the pads a fifth of each contact's width and at most 1.7 mm (fem.mesh.contact_size) unless given.
+    `pad_edge_mm`: by default a fifth of each contact's width and at most 1.7 mm (fem.mesh.contact_size).
     """
 
     edge_mm: Annotated[float, Field(ge=1, le=20)] = 5.0
@@ -196,19 +196,20 @@ class FleshSettings(Strict):
 
 
 class Device(Strict):
-    """A named piece of equipment, for the record."""
+    """Name and serial number of a device, stored with the results."""
 
     name: Annotated[str, Field(max_length=200)]
     serial: Name | None = None
 
 
 class SensorSettings(Device):
-    """The tactile sensor; scale errors of single markers (relative) and error of a pad's place along the
-    skin, where the maker or a calibration says.
+    """The tactile sensor, with errors that its maker or calibration states: relative scale errors of single
+    markers, and of a pad's place along the skin.
 
-    `common_scale_sd`: of a common factor on force and gel stiffness where a recording states none;
+    `common_scale_sd`: of a common factor on force and gel stiffness, if a recording states none.
     `picture_scale_sd`: of the scale of the gel's pictures. `gel_kn_MPa_per_mm` and `gel_kt_MPa_per_mm`: the
-    gel's known stiffness, with the relative error `gel_stiffness_sd`; each recording's is compared with it.
+    gel's known stiffness, with the relative error `gel_stiffness_sd`; drupe compares each recording's with
+    it.
     """
 
     gel_scale_sd: Relative | None = None
@@ -225,7 +226,7 @@ class SensorSettings(Device):
 
     @property
     def gel_stiffness(self) -> dict[str, tuple[float, float]]:
-        """By name the known stiffness and its relative standard deviation; empty where none is stated."""
+        """The known stiffness and its relative standard deviation, by name; empty if none is stated."""
         known = {
             "gel_kn_MPa_per_mm": self.gel_kn_MPa_per_mm,
             "gel_kt_MPa_per_mm": self.gel_kt_MPa_per_mm,
@@ -234,8 +235,8 @@ class SensorSettings(Device):
 
 
 class TemperatureSettings(Strict):
-    """The user's own change of E with temperature, relative per degree (d ln E / dT), with its standard
-    deviation, and the temperature at which E is reported.
+    """The user's change of E with temperature, relative per degree C (d ln E / dT), with its standard
+    deviation. `reference_C`: the temperature at which drupe reports E.
     """
 
     reference_C: Annotated[float, Field(ge=-5, le=50)]
@@ -244,30 +245,30 @@ class TemperatureSettings(Strict):
 
 
 class ReferenceSettings(Strict):
-    """What is done where reference bodies (fruits.csv) show that the gripper reads another modulus than
-    theirs: `correct` divides every fruit's E by the ratio; without it every E is in doubt.
+    """Use of reference bodies (fruits.csv) whose measured modulus differs from the known one. `correct`:
+    drupe divides every fruit's E by the ratio; otherwise every E is in doubt.
     """
 
     correct: bool = False
 
 
 class Settings(Strict):
-    """Everything a batch says of itself in `batch.toml`; only the category is required.
+    """The settings of a batch in `batch.toml`; only the category is required.
 
-    `rig` names the file, relative to the batch, of how far its jaws give way (pipeline.batch.rig_setting).
+    `rig`: the file of the jaws' machine compliance, relative to the batch (pipeline.batch.rig_setting).
     """
 
     category: Name
     cultivar: Words | None = None
     lot: Annotated[str, Field(max_length=200)] | None = None
-    """Its QR code holds so much; empty is none."""
+    """At most as many characters as its QR code holds; empty means none."""
     orchard: Words | None = None
     operator: Words | None = None
     packer: Words | None = None
     """Who packed the lot, for the printed sheets."""
     harvest_date: Day | None = None
     measured_on: Day | None = None
-    """The day on which the fruit were grasped, for `drupe history`; else that of the first grading."""
+    """The day of the grasps, for `drupe history`; by default that of the first grading."""
     pulp_temperature_C: Annotated[float, Field(ge=-5, le=50)] | None = None
     temperature: TemperatureSettings | None = None
     poisson_ratio_sd: Annotated[float, Field(ge=0, le=0.2)] | None = None
@@ -294,7 +295,7 @@ class Settings(Strict):
     def _with_pulp(
         cls, wanted: TemperatureSettings | None, info: ValidationInfo
     ) -> TemperatureSettings | None:
-        """Raises ValueError where the temperature of the pulp is not stated."""
+        """Raises ValueError if the temperature of the pulp is missing."""
         if wanted is not None and info.data.get("pulp_temperature_C", 0.0) is None:
             raise ValueError("needs pulp_temperature_C, at which the fruit were grasped; add it above")
         return wanted
@@ -302,7 +303,7 @@ class Settings(Strict):
     @field_validator("calibration_days")
     @classmethod
     def _of_something(cls, days: int | None, info: ValidationInfo) -> int | None:
-        """Raises ValueError where no calibration has a date."""
+        """Raises ValueError if neither the sensor's calibration has a date nor a rig is given."""
         sensor = info.data.get("sensor")
         dated = sensor is not None and sensor.calibrated_on is not None
         if days is not None and not dated and info.data.get("rig") is None:
@@ -312,7 +313,7 @@ class Settings(Strict):
     @field_validator("columns")
     @classmethod
     def _free_names(cls, columns: dict[str, str]) -> dict[str, str]:
-        """Raises ValueError for a name that is drupe's own here or in its tables, or that is no name."""
+        """Raises ValueError for names that drupe's settings or tables use, invalid ones, and equal ones."""
         with elsewhere():
             from reports.tables import RANKING_COLUMNS
         taken = (*COLUMNS, *RANKING_COLUMNS, *cls.model_fields, *HISTORY_COLUMNS)
@@ -330,7 +331,7 @@ class Settings(Strict):
 
 
 def settings_schema() -> dict[str, Any]:
-    """The JSON schema (draft 2020-12) of batch.toml, as the reader itself has it."""
+    """The JSON schema (draft 2020-12) of batch.toml, generated from `Settings`."""
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **Settings.model_json_schema(),

@@ -1,4 +1,4 @@
-"""A file of settings, read strictly: every fault is named with its key, what was found and expected."""
+"""Reads a file of settings strictly: each fault states its key, the value found and what was expected."""
 
 import math
 import re
@@ -17,12 +17,12 @@ from recon.cameras.photos import photo_paths
 from tactile.readers.decimal_number import meant
 
 MOST_BYTES = 1_000_000
-"""Of a file of settings: the longest that batches have is 4 kB; 1 MB is read in 0.1 s."""
+"""Most bytes of a settings file: the longest in use has 4 kB; drupe reads 1 MB in 0.1 s."""
 Model = TypeVar("Model", bound=BaseModel)
 _AT_LINE = re.compile(r"\(at line (\d+), column \d+\)")
 _LIST_HEADER = re.compile(r"[ \t]*\[\[([^\]]*)\]\]")
 _DECIMAL_COMMA = re.compile(r"(?:^|[{,])[ \t]*[\w.-]+[ \t]*=[ \t]*([+-]?\d*),(\d+)\b(?!\.)")
-"""A value with a comma where its point should be; in a list (`[0,45]`) there is no = before it."""
+"""A value with a decimal comma; in a list (`[0,45]`) no = precedes the number."""
 
 
 def read_settings(path: Path) -> Settings:
@@ -35,7 +35,7 @@ def read_settings(path: Path) -> Settings:
 
 
 def require_settings_file(path: Path) -> None:
-    """Raises BatchRefused where the file is missing or cannot be read as text. Keys are not checked."""
+    """Raises BatchRefused if the file is missing or cannot be read as text. Keys are not checked."""
     require_folder(path.parent)
     if not path.exists():
         read_settings(path)
@@ -50,7 +50,7 @@ def _folders(root: Path) -> list[Path]:
 
 
 def read_toml(path: Path, model: type[Model], *, missing: str) -> Model:
-    """The file at `path` as `model`; raises BatchRefused with every fault, or `missing` if there is none."""
+    """The file at `path` as `model`; raises BatchRefused with every fault, or `missing` without a file."""
     if not path.is_symlink() and not path.exists():
         raise refused(path, missing)
     text = ""
@@ -78,14 +78,14 @@ _A_CASE = "does not exist, but a case.toml does: this is a single case; use `dru
 
 
 def _decimal_comma(text: str, fault: str) -> str:
-    """The fault in words, where the line that it names has a decimal comma; empty where it has none."""
+    """A sentence if the line that `fault` names has a decimal comma; else empty."""
     at = _AT_LINE.search(fault)
     comma = at and _DECIMAL_COMMA.search(text.split("\n")[int(at[1]) - 1])
     return f"line {at[1]} has a decimal comma: write {comma[1] or 0}.{comma[2]}" if at and comma else ""
 
 
 def _remedy(fault: str) -> str:
-    """What to do about a file whose bytes are no text, or whose text is no TOML."""
+    """Advice on a file whose bytes are no text, or whose text is no TOML."""
     if "TOML" in fault:
         return "; correct it there"
     return "; save it again as UTF-8 text" if "text" in fault else ""
@@ -108,7 +108,7 @@ def _sentence(error: Any, model: type[BaseModel], table: Any, headers: Mapping[s
 
 
 def _entry_named(location: Sequence[str | int], table: Any, headers: Mapping[str, Sequence[int]]) -> str:
-    """Which table of a list a key is in: its name, and the line on which it begins; empty outside of one."""
+    """Name and first line of the list's table that a key is in; empty if the key is in no list."""
     place = next((k for k, part in enumerate(location) if isinstance(part, int)), len(location))
     lines = headers.get(".".join(map(str, location[:place])), ())
     if place == len(location):
@@ -116,13 +116,13 @@ def _entry_named(location: Sequence[str | int], table: Any, headers: Mapping[str
     for part in location[:place]:
         table = table[part]
     if len(table) != len(lines) or not isinstance(entry := table[int(location[place])], dict):
-        return ""  # written without headers, or a header stands in a text
+        return ""  # written without headers, or a text contains a header
     name, line = printable(str(entry.get("name", entry.get("effect", ""))))[:40], lines[int(location[place])]
     return f' ("{name}", line {line})' if name else f" (line {line})"
 
 
 def _list_headers(text: str) -> dict[str, list[int]]:
-    """Lines on which the tables of each list begin, by the list's name."""
+    """Lines of the headers [[list]], by the list's name."""
     headers = defaultdict[str, list[int]](list)
     for number, line in enumerate(text.split("\n"), 1):
         if header := _LIST_HEADER.match(line):
@@ -131,7 +131,7 @@ def _list_headers(text: str) -> dict[str, list[int]]:
 
 
 def shown(value: object) -> str:
-    """A value as it stood in the file, not too long to read."""
+    """The repr of a value, cut to 80 characters."""
     text = repr(value)
     return text if len(text) <= 80 else f"{text[:77]}..."
 
@@ -146,9 +146,9 @@ WORDS = {
     "string": "a text in quotes",
     "tuple": "a list in [ ]",
 }
-"""What is expected, by the first word of a pydantic error's type."""
+"""What drupe expects, by the first word of a pydantic error's type."""
 LIMITS = {"ge": "{} or more", "gt": "more than {}", "le": "at most {}", "lt": "less than {}"}
-"""The same of a number or date out of its limits."""
+"""What drupe expects of a number or date outside its limits, by pydantic's name of the limit."""
 
 
 def _expected(error: Any) -> str:
@@ -176,7 +176,7 @@ def _expected(error: Any) -> str:
 
 
 def _likely_slip(key: str, value: Any) -> str:
-    """What a number out of its limits may have been meant to be."""
+    """A question with the likely unit of a number outside its limits; empty if no unit fits."""
     if not isinstance(value, int | float) or isinstance(value, bool) or not math.isfinite(value):
         return ""
     if key == "pulp_temperature_C":
@@ -199,7 +199,7 @@ def _known_keys(location: list[str | int], model: type[BaseModel]) -> list[str]:
 
 
 def _table(annotation: Any) -> type[BaseModel]:
-    """The model in a field's type: `PitSettings`, `Sensor | None`, `tuple[GradingClass, ...]`."""
+    """The model in a field's type: `PitSettings`, `SensorSettings | None`, `tuple[GradingClass, ...]`."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         return annotation
     return next(_table(part) for part in get_args(annotation) if part not in (type(None), Ellipsis))

@@ -1,4 +1,4 @@
-"""What a stage keeps between runs: one frozen record a stage, checked when it is made and when it is read."""
+"""The cached result of a stage: a frozen record, validated when it is made and when it is read."""
 
 import json
 from collections.abc import Mapping
@@ -9,14 +9,14 @@ from jaxtyping import jaxtyped
 from pydantic import BaseModel, ConfigDict, ModelWrapValidatorHandler, model_validator
 
 ARRAY = "__array__"
-"""Stands, in a record's JSON, for an array: {ARRAY: its name among the file's arrays}."""
+"""Key that replaces an array in a record's JSON: {ARRAY: its name among the file's arrays}."""
 
 
 class StageRecord(BaseModel):
-    """A stage's result: numbers, words, arrays, further records of the kind.
+    """A stage's result: numbers, text, arrays, further stage records.
 
     An array is annotated with its type and shape (jaxtyping); a dimension's name means one length within a
-    record. Raises pydantic.ValidationError where a field is missing, unknown, or of another type or shape.
+    record. Raises pydantic.ValidationError if a field is missing, unknown, or has another type or shape.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=True)
@@ -24,7 +24,7 @@ class StageRecord(BaseModel):
     @model_validator(mode="wrap")
     @classmethod
     def _of_one_shape(cls, value: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        with jaxtyped("context"):  # dimensions named alike are compared within this record
+        with jaxtyped("context"):  # compares dimensions of one name within this record
             return handler(value)
 
     def stored(self) -> tuple[str, dict[str, np.ndarray]]:
@@ -34,7 +34,7 @@ class StageRecord(BaseModel):
 
     @classmethod
     def restored(cls, text: str, arrays: Mapping[str, np.ndarray]) -> Self:
-        """The record that `stored` gave; raises ValueError (a ValidationError is one) where it is none."""
+        """The record from the output of `stored`; raises ValueError or ValidationError if it is invalid."""
         try:
             return cls.model_validate(_with_arrays(json.loads(text), arrays))
         except KeyError as missing:
@@ -42,7 +42,7 @@ class StageRecord(BaseModel):
 
 
 def _without_arrays(value: Any, name: str, arrays: dict[str, np.ndarray]) -> Any:
-    """The value with every array taken out into `arrays`, named by its path in the record."""
+    """The value with every array moved into `arrays`, named by its path in the record."""
     if isinstance(value, np.ndarray):
         arrays[name] = value
         return {ARRAY: name}

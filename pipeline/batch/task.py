@@ -1,4 +1,4 @@
-"""What the process that grades one fruit is told."""
+"""The input of the process that grades one fruit."""
 
 import re
 from dataclasses import dataclass
@@ -23,22 +23,22 @@ IN_THE_REPORT_ALONE = {
     "calibration_days", "columns", "cultivar", "grading", "harvest_date", "lot", "measured_on", "notes",
     "operator", "orchard", "packer", "pulp_temperature_C", "reference", "temperature",
 }  # fmt: skip
-"""Settings that change no fruit's result."""
+"""Settings that do not change a fruit's own result."""
 NOT_IN_THE_KEY: dict[str, Any] = {
     **dict.fromkeys(IN_THE_REPORT_ALONE, True),
     "sensor": {"calibration", "calibrated_on"},
     "mismatch": True,
 }
-"""Those, and the confirmed effects, which are a part of the key of their own."""
+"""Settings left out of a fruit's key; the confirmed effects enter the key separately."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FruitTask:
-    """All that one fruit's process is told; of the settings' confirmed effects those of this fruit alone.
+    """All input for one fruit's process; its settings have only the confirmed effects of this fruit.
 
-    `category`: its name, where the settings give a file; `body`: what a whole fruit of it is like;
-    `batch_fruits`: every fruit_id of its batch, None of a case of its own; `screen`: whether it is screened
-    for missing physics.
+    `category`: its name, even if the settings give a file. `body`: a whole fruit's usual shape and density.
+    `batch_fruits`: every fruit_id of the batch, None for a single case. `screen`: whether drupe screens the
+    fruit for missing physics.
     """
 
     fruit_id: str
@@ -56,15 +56,15 @@ class FruitTask:
     screen: bool = True
 
     def named_in_batch(self, sentence: str) -> str:
-        """The sentence with the batch's files named from its folder on, as people look for them there."""
+        """The sentence with paths of the batch's files relative to its folder."""
         root = re.escape(printable(str(self.batch_root)))
         return re.sub(rf"(?<![^\s(\"'\[`:=]){root}/", "", sentence)
 
 
 def fruit_task(batch: Batch, fruit_id: str, results: Results, *, screen: bool = True) -> FruitTask:
-    """The task of one fruit of the batch, and the key of everything its result depends on.
+    """The task of one fruit of the batch, and the key (hash) of everything its result depends on.
 
-    Its paths are absolute: the process that works on it has a current folder of its own.
+    Its paths are absolute, because the fruit's process works in another folder.
     """
     row = batch.row_of[fruit_id]
     folder = batch.folder.fruit(fruit_id)
@@ -72,7 +72,7 @@ def fruit_task(batch: Batch, fruit_id: str, results: Results, *, screen: bool = 
     settings = batch.settings.model_copy(update={"mismatch": effects})
     category, body, prior = batch.category, batch.body, batch.prior
     if row.reference:
-        # Of the confirmed effects, those of the whole batch's flesh are not this body's.
+        # Effects of the flesh of all fruit do not apply to a reference body.
         effects = tuple(effect for effect in effects if effect.fruits is not None or effect.spec.of_the_jaws)
         changed = {
             "mismatch": effects,

@@ -1,6 +1,6 @@
-"""Files in a batch's folders that look like inputs and that nothing reads: each kind is told with what to do.
+"""Finds files in a batch that look like inputs but that drupe does not read, and gives advice on each kind.
 
-Photos folders: recon.cameras.unused_photos.
+Folders of photos: recon.cameras.unused_photos.
 """
 
 import os
@@ -42,13 +42,13 @@ ADVICE = {
     ),
     **dict.fromkeys((".zip", ".7z", ".tar", ".gz"), "drupe does not open archives; unpack it"),
 }
-"""What to do about an input in the wrong place or of a kind that is not read, by its suffix in lower case."""
+"""Advice on an input in the wrong place or of an unsupported kind, by its suffix in lower case."""
 MOST_NAMED = 3
-"""Files that one sentence names."""
+"""Most files in one sentence."""
 
 
 def unused_of_fruit(folder: FruitFolder) -> list[Problem]:
-    """Remarks on files of a fruit's folder that look like inputs and are not used; each names the first."""
+    """Remarks on unused files of a fruit's folder that look like inputs; each has the path of its first."""
     unused = [(path, why) for path in _files_in(folder.root) if (why := _why(path))]
     if folder.fruit_ply.suffix.lower() == ".obj":  # its texture
         unused = [(path, why) for path, why in unused if path.suffix.lower() not in PHOTOS]
@@ -67,8 +67,8 @@ def unused_of_fruit(folder: FruitFolder) -> list[Problem]:
 
 
 def unused_of_batch(folder: BatchFolder, used: Collection[Path]) -> list[Problem]:
-    """The same of the batch's own folder and of fruits/, outside the folders of single fruit. `used`: files
-    that the settings name.
+    """Such remarks on the batch's own folder and on fruits/, outside the folders of single fruit. `used`:
+    files that the settings name.
     """
     known = (folder.settings, folder.table, folder.mat)
     files = [*_files_in(folder.root), *_files_in(folder.fruits)]
@@ -88,7 +88,7 @@ def _why(path: Path) -> str:
 
 
 def _in_sentences(unused: Iterable[tuple[Path, str]], used: Iterable[Path]) -> list[Problem]:
-    """One sentence for all files of a folder with one cause."""
+    """One remark for all files of a folder with the same advice."""
     known = {os.path.realpath(path) for path in used}
     causes: dict[tuple[Path, str], list[Path]] = defaultdict(list)
     for path, why in unused:
@@ -111,7 +111,7 @@ def _folders_in(folder: Path) -> Iterator[Path]:
 
 
 def _of_raw_grasps(folder: BatchFolder) -> Iterator[Path]:
-    """Files that raw grasps of any fruit name, wherever they lie."""
+    """Files of all raw grasps, also those outside their folders."""
     for place in _folders_in(folder.fruits):
         for grasp in FruitFolder(place).raw_grasp_folders():
             yield from raw_grasp_files(grasp)

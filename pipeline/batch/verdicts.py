@@ -1,4 +1,4 @@
-"""`verdicts.jsonl`: what people say of fruit, beside E. One line per verdict; lines are only ever added."""
+"""`verdicts.jsonl`: people's verdicts on fruit, one line each; drupe only ever adds lines."""
 
 import hashlib
 import io
@@ -18,16 +18,16 @@ from pipeline.files.whole_file import put
 from pipeline.problem import refused
 
 MOST_BYTES = 50_000_000
-"""Of the trail: ten verdicts on each of 2000 fruit, of 1 kB each, are 20 MB."""
+"""Most bytes of the file: ten verdicts on each of 2000 fruit, of 1 kB each, are 20 MB."""
 MOST_NAME, MOST_WHY = 80, 1000
-"""Characters of a name and of a reason. Set by hand: a reason is a sentence or two."""
+"""Most characters of a name and of a reason. Set by hand: a reason is a sentence or two."""
 
 
 class Verdict(BaseModel):
     """A person's class for a fruit. `key`, `E_MPa`, `E_sd_MPa`: of the result that the person judged.
 
-    `device`: the one of the network that sent it; empty where none did.
-    `after`: SHA-256 of all lines before, so that a line that was changed or removed shows.
+    `device`: the device of the network that sent it; empty if none did. `after`: SHA-256 of all earlier
+    lines, which reveals a changed or removed line.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")
@@ -47,14 +47,14 @@ class Verdict(BaseModel):
 
 @dataclass(frozen=True, kw_only=True)
 class Trail:
-    """Verdicts by fruit, the oldest first, and in `fault` why the file cannot be trusted (empty: it can)."""
+    """Verdicts by fruit, the oldest first. `fault`: why the file is not reliable; empty if it is."""
 
     of_fruit: Mapping[str, tuple[Verdict, ...]] = field(default_factory=dict)
     fault: str = ""
 
 
 def read_trail(path: Path) -> Trail:
-    """The verdicts in `path`; those before the first faulty line, where there is one."""
+    """The verdicts in `path`, up to the first faulty line; empty if there is no file."""
     if not path.is_symlink() and not path.exists():
         return Trail()
     of_fruit: dict[str, list[Verdict]] = defaultdict(list)
@@ -89,9 +89,9 @@ def add_verdict(
     now: datetime,
     device: str = "",
 ) -> Verdict:
-    """Adds a person's verdict on the fruit of `record` to the trail at `path`.
+    """Adds a person's verdict on the fruit of `record` to the file at `path`.
 
-    Raises BatchRefused where a text is empty or too long, or the trail was changed; and NotWritten.
+    Raises BatchRefused if a text is empty or too long, or if somebody changed the file; and NotWritten.
     """
     texts = {"class": (judged_class, MOST_NAME), "by": (by, MOST_NAME), "why": (why, MOST_WHY)}
     said = {name: " ".join(printable(text).split()) for name, (text, _) in texts.items()}

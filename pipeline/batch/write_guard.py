@@ -1,8 +1,8 @@
-"""Nothing is written onto, into or above what is read.
+"""Keeps drupe from writing over its inputs.
 
-drupe writes results only into a folder that it made: one that is new or empty, or that has its list of what
-it wrote (pipeline.files.manifest), and that lies in no folder of fruit. Places are compared by device and
-inode once links are followed, so that another spelling or a link makes no difference.
+drupe writes results only into a folder that is new, empty, or has its list of written files
+(pipeline.files.manifest). The folder must not be inside a fruit's folder. Places are compared by device and
+inode after links are followed, so that another spelling or a link makes no difference.
 """
 
 import os
@@ -20,7 +20,7 @@ MOVE = "choose another place"
 
 
 def require_results_place(root: Path, batch: BatchFolder) -> None:
-    """Raises BatchRefused where results of the batch must not go into the folder `root`."""
+    """Raises BatchRefused if results of the batch must not go into the folder `root`."""
     if root == batch.default_results and root.is_symlink():
         raise refused(root, "is a link; name the place it leads to with --out.")
     fruits = [place for place in (root.absolute(), *_around(root)) if _holds_fruit(place)]
@@ -28,8 +28,8 @@ def require_results_place(root: Path, batch: BatchFolder) -> None:
 
 
 def require_made_by_drupe(root: Path, option: str, *, outside: Iterable[Path] = ()) -> None:
-    """Raises BatchRefused where a folder is neither new nor empty, and drupe has not made it, or where it
-    lies in one of the folders that are read (`outside`).
+    """Raises BatchRefused if the folder is not empty and drupe did not make it. Raises it also for a file,
+    and for a place inside a folder of inputs (`outside`).
     """
     _require_outside(root, outside, f"{MOVE} with {option}.")
     if root.exists() and not root.is_dir():
@@ -56,9 +56,9 @@ def require_free(targets: Iterable[Path], option: str) -> None:
 def require_file_apart(
     target: Path, *, inputs: Iterable[Path], folders: Iterable[Path], but_in: Path | None = None
 ) -> None:
-    """Raises BatchRefused where `target` is one of the inputs, or lies in one of the folders read.
+    """Raises BatchRefused if `target` is one of the inputs, or is inside one of the `folders` of inputs.
 
-    `but_in`: a folder in one of them that may be written into.
+    `but_in`: a folder in one of them into which drupe may write.
     """
     if any(same_place(target, path) for path in inputs):
         raise refused(target, "is read by this command, and is not overwritten; give another name.")
@@ -67,7 +67,7 @@ def require_file_apart(
 
 
 def require_new_or_ours(target: Path, is_ours: Callable[[Path], bool], what: str) -> None:
-    """Raises BatchRefused where a file stands at `target` that is not `what`, as `is_ours` tells."""
+    """Raises BatchRefused if `target` is a folder, or a file that is not `what` according to `is_ours`."""
     if not target.name or target.is_dir():
         raise refused(target, "is a folder; give the name of a file.")
     if not target.exists() and not target.is_symlink():
@@ -85,7 +85,7 @@ def _require_outside(target: Path, folders: Iterable[Path], advice: str) -> None
 
 
 def _in_the_way(path: Path, option: str) -> Problem:
-    """The problem of a file that would be overwritten: a link, one changed since, or another's."""
+    """The problem of a file that drupe would overwrite: a link, a changed file, or another program's."""
     if path.is_symlink():
         sentence = f"is a link, and is not written through; remove it, or {MOVE} with {option}."
     elif was_ours(path):
@@ -107,7 +107,7 @@ def _holds_fruit(place: Path) -> bool:
 
 
 def _around(path: Path) -> tuple[Path, ...]:
-    """The path with links followed, and every folder around it; none where links lead nowhere."""
+    """The resolved path and all folders around it; empty if links form a loop."""
     try:
         real = path.resolve()
     except (OSError, RuntimeError):
@@ -120,7 +120,7 @@ def _lies_in(path: Path, folder: Path) -> bool:
 
 
 def same_place(path: Path, other: Path) -> bool:
-    """Whether both are one file or folder, also where neither exists yet."""
+    """Whether both are one file or folder, even if neither exists yet."""
     try:
         return path.samefile(other)
     except OSError:
