@@ -1,1 +1,1 @@
-"""A run over a batch: every fruit in a process of its own, checks beforehand, progress, time left, memory."""
+"""A run over a batch: one process for each fruit, checks before it, progress, time left, memory."""

@@ -1,8 +1,8 @@
-"""What one run of `drupe grade` knows of its batch and of its places.
+"""The batch, places and times of one run of `drupe grade`.
 
-A folder of results belongs to a batch if at least one photo or recording is the same.
-Where all were replaced, folder, label and the id of a fruit must be the same. Ids alone do not tell: many
-people number their fruit from 1 every day.
+A folder of results belongs to a batch if at least one photo or recording is the same. If all were replaced,
+the folder, the label and the id of a fruit must be the same. Ids alone do not identify a batch: many people
+number their fruit from 1 every day.
 """
 
 import math
@@ -25,24 +25,24 @@ from pipeline.run.scheduling import WorkPlace
 from reports.language import ENGLISH
 
 LABEL = ("lot", "harvest_date", "cultivar", "category")
-"""Settings by which people tell batches apart."""
+"""Settings by which people distinguish batches."""
 SHARED_KINDS = frozenset({".toml", ".json", ".csv", ".ply"})
-"""Files that may be identical in different batches: descriptions of sensors, protocols of the
-gripper, the mould of a cast body. Photos and recordings are of one fruit."""
+"""Files that may be identical in different batches: descriptions of sensors, protocols of the gripper, the
+mould of a cast body. Photos and recordings belong to one fruit."""
 SHOWN = 3
-"""Ids that a sentence names."""
+"""Most ids in one sentence."""
 
 
 def utc_now() -> datetime:
-    """The time now, aware of its zone."""
+    """The time now, in UTC and aware of its zone."""
     return datetime.now(UTC)
 
 
 @dataclass(frozen=True, kw_only=True)
 class GradeOptions:
-    """How a batch is graded: `jobs` fruit at once, each within `time_limit_s`, on the machines of `place`.
-    `screen`: whether fruit are screened for missing physics; `force`: whether numbers that no fruit has are
-    only doubts. `language`: of the report.
+    """How drupe grades a batch: `jobs` fruit at once, each within `time_limit_s`, on the machines of `place`.
+    `screen`: whether it screens fruit for missing physics. `force`: whether implausible numbers are only
+    doubts. `language`: of the report.
     """
 
     jobs: int = 1
@@ -55,7 +55,7 @@ class GradeOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class BatchRun:
-    """One run: its batch, where results lie, the SHA-256 of what it reads, and when it began."""
+    """One run: its batch, its results folder, the SHA-256 of its inputs, and its start."""
 
     batch: Batch
     results: Results
@@ -69,8 +69,8 @@ class BatchRun:
         return self.started + timedelta(seconds=time.monotonic() - self.since_s)
 
     def require_ours(self, fruit: Collection[str] | None = None) -> None:
-        """Raises BatchRefused where the results hold files of others, or another batch's. `fruit`: those
-        whose files are looked at; None: all.
+        """Raises BatchRefused if the results contain files of others, or belong to another batch. `fruit`:
+        whose files it checks; None: all.
         """
         results = self.results
         names = self.batch.row_of if fruit is None else fruit
@@ -85,8 +85,8 @@ class BatchRun:
         finding: ReferenceFinding | None = None,
         faults: Sequence[BatchFault] = (),
     ) -> None:
-        """batch.json, with the outcomes of the fruit so far; `status` is None before the end. Times are UTC
-        in ISO 8601. Raises NotWritten.
+        """Writes batch.json with the outcomes of the fruit so far; `status` is None before the end. Times are
+        UTC in ISO 8601. Raises NotWritten.
         """
         content = {
             "batch": batch_folder(self.batch),
@@ -105,13 +105,13 @@ class BatchRun:
 
 
 def batch_folder(batch: Batch) -> str:
-    """The batch's folder, as batch.json names it: absolute, links followed."""
+    """The batch's folder as batch.json names it: absolute, without links."""
     return str(batch.folder.root.resolve())
 
 
 def require_same_batch(results: Results, batch: Batch, inputs: Mapping[str, str]) -> None:
-    """Raises BatchRefused where `results` holds those of another batch than this one, whose files have the
-    hashes `inputs` (by path inside the batch).
+    """Raises BatchRefused if `results` belongs to another batch than this one. `inputs`: SHA-256 of this
+    batch's files, by path inside the batch.
     """
     said = read_provenance(results) or {}
     former_inputs, settings, outcomes = (

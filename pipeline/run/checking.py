@@ -1,4 +1,4 @@
-"""`drupe check`: every problem of a batch at once, and what puts E in doubt, without computing anything."""
+"""`drupe check`: every problem of a batch at once, and every doubt about E, without computing anything."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -49,16 +49,16 @@ from tactile.rig.rig_curve import RigCurve
 
 Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
 Read = dict[str, list[tuple[FruitRow, Path]]]
-"""Recordings that can be used, by what tells that two are one (tactile.recording_digest)."""
+"""Usable recordings by their content (tactile.recording_digest), which identifies copies."""
 
 
 def check(
     root: Path, *, quick: bool = False, report: Callable[[str], None] = lambda _: None
 ) -> Iterator[Problem]:
-    """Everything that would stop the batch or any fruit of it, and, `doubtful`, what would put an E in doubt;
-    as far as reading the files can tell. The batch comes first, then each fruit, which is told to `report`.
-    `quick`: photos are read, but not looked at (blur, light, tags of the mat, sides without a photo), which
-    takes seconds for each fruit.
+    """Everything that would stop the batch or a fruit, and (`doubtful`) everything that would put an E in
+    doubt, as far as the files show. The batch comes first, then each fruit; `report` gets its name before.
+    `quick`: reads photos without the checks of blur, light, tags of the mat and missing sides, which take
+    seconds for each fruit.
     """
     batch, read = survey(root), Read()
     yield from batch.problems
@@ -82,16 +82,16 @@ def check(
 
 
 def implausible(batch: Batch, row: FruitRow, *, box_mm: Sequence[float] | None = None) -> str:
-    """The sentences on what was measured of one fruit, and on the size of its ready mesh, where no fruit of
-    the category is so; empty: none.
+    """The sentences on one fruit's numbers, and on the size of its ready mesh, outside the range of the
+    category; empty if there are none.
 
-    `box_mm`: the mesh's sides, where they are known; it is read otherwise.
+    `box_mm`: the mesh's sides, if known; otherwise this function reads the mesh.
     """
     kind = kind_of(category_of(row, batch.known))
     doubts = list(row_doubts(row, kind, said=batch.column_doubts))
     if box_mm is None:
         mesh, _ = _closed_mesh(row, batch.folder.fruit(row.fruit_id).fruit_ply)
-        # what is wrong with the mesh, the fruit's own work says
+        # grading of the fruit reports a fault of the mesh
         box_mm = None if mesh is None else np.ptp(mesh[0], axis=0).tolist()
     if box_mm is not None and (doubt := mesh_doubt(box_mm, kind)):
         doubts.append(doubt)
@@ -99,8 +99,8 @@ def implausible(batch: Batch, row: FruitRow, *, box_mm: Sequence[float] | None =
 
 
 def implausible_batch(batch: Batch) -> dict[str, list[str]]:
-    """For each fruit, the sentences on numbers of the whole batch that no fruit of the category has and that
-    touch it: limits of classes, and columns in which it has a number.
+    """By fruit, the sentences on implausible numbers of the whole batch that concern it: limits of classes,
+    and columns in which it has a number.
     """
     classes = list(grading_doubts(batch.settings.grading, kind_of(batch.known)))
     columns = batch.column_doubts.items()
@@ -113,7 +113,7 @@ def implausible_batch(batch: Batch) -> dict[str, list[str]]:
 
 @dataclass(frozen=True, kw_only=True)
 class _CheckedFruit:
-    """A fruit of a batch that is being checked. Its recordings that can be used are added to `read`."""
+    """A fruit of a batch under check. `read` gets its usable recordings."""
 
     batch: Batch
     row: FruitRow
@@ -165,7 +165,7 @@ class _CheckedFruit:
             yield from self._of_raw_grasp(path)
 
     def _of_recording(self, path: Path, mesh: Mesh | None) -> list[Problem]:
-        """What the checks of grading say of the recording; raises TactileFailure where they refuse it."""
+        """The findings of grading's checks on the recording; raises TactileFailure if they refuse it."""
         rig = self.rig()
         of_the_gripper = jaw_faults(self.effects(), rig)
         recorded = read_recording(path)
@@ -183,7 +183,7 @@ class _CheckedFruit:
         )
 
     def _of_pressed(self, path: Path) -> list[Problem]:
-        """The same of a recording of a fruit that has its diameters for a shape."""
+        """The same for a recording of a fruit whose diameters are its shape."""
         trace = compression_trace(
             path,
             stated=stated_in_table(given_of(self.row)),
@@ -196,7 +196,7 @@ class _CheckedFruit:
         return self._doubted(path, trace.findings)
 
     def _of_raw_grasp(self, path: Path) -> Iterator[Problem]:
-        """Why a grasp that was not converted cannot be used, or to which fruit it may belong."""
+        """Why a raw grasp cannot be used, or to which fruit it may belong."""
         said: list[str] = []
 
         def read() -> list[Problem]:
@@ -212,7 +212,7 @@ class _CheckedFruit:
     def _of_owner(
         self, recorded: Recording, *, source: str, field: str = "attribute fruit_id"
     ) -> list[Finding]:
-        """Whether the recording names this fruit, as grading asks (pipeline.fruit.grasped.owner_of)."""
+        """Findings if the recording names another fruit, as in grading (pipeline.fruit.grasped.owner_of)."""
         category = None if self.row.reference else self.batch.category
         owner = Owner(
             fruit_id=self.row.fruit_id, category=category, batch_fruits=frozenset(self.batch.row_of)
@@ -220,7 +220,7 @@ class _CheckedFruit:
         return owner_findings(recorded.fruit_id, recorded.category, owner, source=source, field=field)
 
     def _once(self, path: Path, digest: str) -> None:
-        """Adds it to what is read; raises TactileFailure where another file of the fruit holds the same."""
+        """Adds the recording to `read`; raises TactileFailure if another file of the fruit is its copy."""
         same = self.read.setdefault(digest, [])
         refuse_copy(path.name, next((other.name for row, other in same if row == self.row), None))
         same.append((self.row, path))
@@ -229,7 +229,7 @@ class _CheckedFruit:
         return [doubted(self.row, path, f"{path.name}: {finding.sentence}.") for finding in findings]
 
     def _of_ready_mesh(self, mesh: Mesh) -> Iterator[Problem]:
-        """What is wrong with a closed mesh as this fruit's, and with the pit inside it."""
+        """Problems of a closed mesh as this fruit's, and of the pit inside it."""
         batch, row, folder = self.batch, self.row, self.folder
         broken = []
         if said := _size_doubt(mesh, self.kind):
@@ -248,7 +248,7 @@ class _CheckedFruit:
         yield from tried(row, folder.fruit_ply, partial(self._of_pit, mesh, pit))
 
     def _of_pit(self, fruit: Mesh, pit: Mesh | None) -> list[Problem]:
-        """What grading says of the fruit's own pit, if it has one; raises ReconFailure where none fits."""
+        """Grading's doubts about the fruit's own pit, if it has one; raises ReconFailure if none fits."""
         placed = pit if pit is not None else _usual_pit(self.batch, fruit)
         if placed is None:
             return []
@@ -270,7 +270,7 @@ class _CheckedFruit:
 
 
 def _closed_mesh(row: FruitRow, path: Path) -> tuple[Mesh | None, list[Problem]]:
-    """The closed mesh at `path`, read once, and what is wrong with it; neither where there is no file."""
+    """The closed mesh at `path`, and what is wrong with it; None and no problem if there is no file."""
     held: list[Mesh] = []
 
     def read() -> None:
@@ -283,7 +283,7 @@ def _closed_mesh(row: FruitRow, path: Path) -> tuple[Mesh | None, list[Problem]]
 
 
 def _in_two_fruit(batch: Batch, read: Read) -> Iterator[Problem]:
-    """Recordings that several fruit have, each named at all of them."""
+    """Recordings that several fruit have, with one problem for each of the fruit."""
     for same in read.values():
         for row, path in same if len(same) > 1 else ():
             others = (other.relative_to(batch.folder.root) for other_row, other in same if other_row != row)
@@ -295,7 +295,7 @@ def _size_doubt(mesh: Mesh, kind: PlausibleRange) -> str:
 
 
 def _usual_pit(batch: Batch, fruit: Mesh) -> Mesh | None:
-    """The pit that the category puts into a fruit without one of its own; None where it has none."""
+    """The category's pit, placed in a fruit without its own; None if the category has none."""
     if batch.settings.pit.none or batch.prior is None or not batch.prior.has_pit:
         return None
     return place_pit(*fruit, batch.prior)

@@ -1,9 +1,9 @@
 """Many fruits on many machines: dask.distributed behind the interface of pipeline.run.scheduling.
 
-A fruit is a task; the worker that gets it works on it as a run on one machine would, in a process of its own
-(pipeline.run.cluster_worker), so that time limits, crashes and results are the same. Files lie on a file
-system that all machines share. The rest is the scheduler's: it gives the fruit of a lost worker to another,
-and dask-jobqueue replaces jobs of Slurm that end. Only this file and pipeline.run.cluster_worker import dask.
+Each fruit is a task. Its worker grades it in a process of its own (pipeline.run.cluster_worker), as a run on
+one machine would: time limits, crashes and results are equal. All machines share a file system. The scheduler
+gives the fruit of a lost worker to another worker, and dask-jobqueue replaces Slurm jobs that end. Only this
+file and pipeline.run.cluster_worker import dask.
 """
 
 import logging
@@ -33,21 +33,21 @@ from pipeline.run.scheduling import Died, Event, Finished, Progressed
 CONNECT_S = 20.0
 """Seconds in which a scheduler must answer. Set by hand: on a busy login node it takes a few."""
 LOOK_S = 0.1
-"""Seconds that are waited for news."""
+"""Seconds to wait for news."""
 COUNT_S = 1.0
-"""Seconds after which workers are counted again."""
+"""Seconds between two counts of the workers."""
 ANSWER_S = 60.0
-"""Seconds in which sbatch must take or refuse the first jobs; later ones are not waited for. Set by hand: a
-busy controller of Slurm answers in some ten."""
+"""Seconds in which sbatch must accept or refuse the first jobs; drupe does not wait for later ones. Set by
+hand: a busy controller of Slurm answers in some ten."""
 ROUNDED = 1.01
-"""dask-jobqueue gives a worker its memory to two digits of GiB, which may be less than was asked for."""
+"""dask-jobqueue rounds a worker's memory to two digits of GiB, which may be less than requested."""
 
 
 class Cluster:
     """Workers of dask.distributed: of a scheduler's `address`, or (None) of `workers` jobs of Slurm.
 
-    The run is refused where a worker cannot work for it, or where the scheduler is lost. `most`: so many
-    fruit in the cluster at most; `tell` gets sentences for staff.
+    Raises BatchRefused if a worker is unfit for the run, or if the connection to the scheduler is lost.
+    `most`: most fruit in the cluster at once; `tell` gets sentences for staff.
     """
 
     def __init__(
@@ -70,7 +70,7 @@ class Cluster:
 
     def __enter__(self) -> Self:
         """Finds the scheduler, or starts one and asks Slurm for workers; raises BatchRefused."""
-        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # what matters is said in our own words
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)  # drupe has its own messages
         with ExitStack() as held:
             security, self._address = None, self._asked or ""
             if self._asked is None:
@@ -92,11 +92,11 @@ class Cluster:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Takes back what is not done; workers then end the fruit's processes."""
+        """Cancels unfinished fruit; workers then end the fruit's processes."""
         self._held.close()
 
     def room(self) -> int:
-        """How many more fruit it takes now: one for each worker; before there are any, those asked for."""
+        """How many more fruit it takes now: one per worker, before there are any one per requested worker."""
         self._look()
         there = self._workers or self._asked_workers or 1
         return (there if self._most is None else min(there, self._most)) - len(self._fruits)
@@ -119,14 +119,14 @@ class Cluster:
                 yield from self._events(*self._happened.get_nowait())
 
     def _look(self) -> None:
-        """Counts workers now and then; raises BatchRefused where the scheduler is lost: a client that comes
-        back by itself does so without its fruit.
+        """Counts workers now and then; raises BatchRefused if the scheduler is lost. A client that reconnects
+        by itself has lost its fruit.
         """
         if self._client.status != "running" or self._client.scheduler_comm is not self._connection:
             raise self._lost()
         if time.monotonic() - self._counted_s > COUNT_S:
             self._counted_s = time.monotonic()
-            with suppress(Exception):  # no answer: they stay those of before
+            with suppress(Exception):  # without an answer, the last count stays
                 self._workers = len(self._client.scheduler_info(n_workers=-1)["workers"])
 
     def _lost(self) -> BatchRefused:
@@ -143,7 +143,7 @@ class Cluster:
             yield self._ending(fruit_id, news)
 
     def _ending(self, fruit_id: str, future: Future) -> Event:
-        """How a fruit ended; raises BatchRefused where its worker is not fit, or the scheduler is lost."""
+        """How a fruit ended; raises BatchRefused if its worker is unfit, or if the scheduler is lost."""
         try:
             ended = future.result(timeout=CONNECT_S)
         except KilledWorker as killed:
@@ -182,12 +182,12 @@ class Cluster:
 
 @contextmanager
 def slurm_jobs(workers: int, needs: RunNeeds, tell: Callable[[str], None]) -> Iterator[Any]:
-    """A scheduler in this process and `workers` jobs of Slurm, replaced as they end; queue, account and time
-    are those of dask-jobqueue's own settings (~/.config/dask/jobqueue.yaml). Its cluster.
+    """Yields the cluster: a scheduler in this process and `workers` jobs of Slurm, replaced as they end.
+    Settings of dask-jobqueue (~/.config/dask/jobqueue.yaml) give queue, account and time.
 
-    Scheduler, workers and client speak TLS with a key of this run alone, in a hidden folder beside the
-    results (mode 0600, gone afterwards). Raises BatchRefused where Slurm takes none of the jobs, with what
-    sbatch said.
+    Scheduler, workers and client use TLS with a key for this run only. Its hidden folder beside the results
+    is removed afterwards (files of mode 0600). Raises BatchRefused with the answer of sbatch if Slurm accepts
+    no job.
     """
     if shutil.which("sbatch") is None:
         sentence = "found no sbatch; run this command on a machine that submits jobs, or use --scheduler."
@@ -233,7 +233,7 @@ def slurm_jobs(workers: int, needs: RunNeeds, tell: Callable[[str], None]) -> It
 
 
 def _certified(folder: Path) -> Security:
-    """A new key and its certificate, in two files of mode 0600, for scheduler, workers and client alike."""
+    """A new key and its certificate, in two files of mode 0600, for scheduler, workers and client."""
     made = Security.temporary()
     files = {"cert": made.tls_ca_file, "key": made.tls_worker_key}
     for name, content in files.items():
@@ -248,7 +248,7 @@ def _certified(folder: Path) -> Security:
 
 
 def _jobqueue() -> Any:
-    """dask_jobqueue, whose import changes what Ctrl-C does: it would end the run with nothing written."""
+    """dask_jobqueue. Its import changes the handler of Ctrl-C, which would end the run without a report."""
     ctrl_c = signal.getsignal(signal.SIGINT)
     try:
         import dask_jobqueue
@@ -259,23 +259,21 @@ def _jobqueue() -> Any:
 
 
 def _job_class(jobqueue: Any, answers: SimpleQueue[str]) -> type:
-    """dask-jobqueue's job; what sbatch says goes to `answers`, empty of one that it takes."""
+    """dask-jobqueue's job class; `answers` gets the error of sbatch for each job, empty if accepted."""
 
     class Job(jobqueue.SLURMCluster.job_cls):  # type: ignore[misc]  # a class of no known type
         async def start(self) -> None:
-            """Submits it."""
+            """Submits the job."""
             try:
                 await super().start()
                 answers.put("")
             except (OSError, RuntimeError, ValueError) as error:
-                self.status = (
-                    Status.running
-                )  # else dask takes it for a fault of its own, and logs a traceback
+                self.status = Status.running  # else dask logs it as its own fault
                 said = str(error).partition("stderr:\n")[2].strip() or str(error)
                 answers.put(" ".join(said.split()))
 
         async def close(self) -> None:
-            """Takes it back; dask wants to see that it is closed."""
+            """Cancels the job, and sets the status that dask expects."""
             await super().close()
             self.status = Status.closed
 

@@ -1,4 +1,4 @@
-"""What one worker of a cluster does: it checks that it is what the run needs, and works on one fruit."""
+"""The work of one worker of a cluster: it checks that it meets the run's needs, and grades one fruit."""
 
 import multiprocessing
 import pickle
@@ -21,17 +21,17 @@ from pipeline.run.runner import LocalPool
 from pipeline.run.scheduling import Event, Noted, Progressed, not_begun
 
 OWN_MIB = 500.0
-"""What a worker and its nanny take beside the fruit's process: 140 MiB measured of a worker,
-as much for its nanny, and as much again for what grows."""
+"""Memory of a worker and its nanny beside the fruit's process. A worker was measured at 140 MiB; the nanny
+takes as much, and growth as much again."""
 WORKING = (Status.running, Status.paused, Status.closing_gracefully)
-"""A worker's states in which it goes on with its fruit."""
+"""States in which a worker continues with its fruit."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RunNeeds:
-    """What a run needs of its workers: drupe as it is here, its batch and results at the same paths, memory.
+    """What a run needs of its workers: the same drupe, its batch and results at the same paths, memory.
 
-    `drupe`: `this_drupe`; `mark`: what the run wrote into its list of fruit (`run`).
+    `drupe`: `this_drupe`; `mark`: the run's mark in the file `run`.
     """
 
     drupe: str
@@ -61,14 +61,14 @@ class Unfit:
 
 @cache
 def this_drupe() -> str:
-    """Versions of drupe, its source with the numerical libraries, and Python; pickles of one fit no other."""
+    """Versions of drupe, its code with libraries, and Python; pickles of one version fit no other."""
     python = ".".join(platform.python_version_tuple()[:2])
     return f"drupe {metadata.version('drupe')} (code {code_version(ROOMS)[:12]}) on Python {python}"
 
 
 def unfit(needs: RunNeeds, *, threads: int, most_MiB: float | None) -> str:
-    """Why a worker with so many threads, which leaves so much memory to a fruit (None: no limit), cannot work
-    for the run, as a sentence; empty where it can.
+    """Why a worker cannot work for the run, as a sentence; empty if it can. `most_MiB`: the memory that it
+    leaves to a fruit (None: no limit).
     """
     if threads != 1:
         return f"has {threads} threads, expected 1 (one fruit at a time); start it with --nthreads 1."
@@ -98,14 +98,14 @@ def unfit(needs: RunNeeds, *, threads: int, most_MiB: float | None) -> str:
 def fruit_here(
     order: FruitOrder, *, tell: Callable[[str], None], wanted: Callable[[], bool], most_MiB: float | None
 ) -> Event | None:
-    """Works on one fruit in a process of its own, as a run on this machine would; how it ended.
+    """Grades one fruit in a process of its own, as a run on this machine would; returns how it ended.
 
-    `tell` gets its stages, the worker's own log what libraries write. It is stopped, and None returned, when
-    it is no longer `wanted`. `most_MiB`: what the fruit's process may hold. Raises BatchRefused where no
+    `tell` gets its stages, the worker's log what libraries write. If the fruit is no longer `wanted`, stops
+    it and returns None. `most_MiB`: the memory limit of the fruit's process. Raises BatchRefused if no
     temporary folder can be made.
     """
-    # A nanny starts its worker as a daemon of multiprocessing, which must have no processes of its own lest
-    # they outlive it. A fruit's does not: it ends with its parent (pipeline.run.runner).
+    # A nanny starts its worker as a daemon of multiprocessing. Daemons must not start processes, which
+    # may outlive them. A fruit's process does not: it ends with its parent (pipeline.run.runner).
     multiprocessing.current_process().daemon = False
     with LocalPool(jobs=1, time_limit_s=order.time_limit_s, most_MiB=most_MiB) as pool:
         try:
@@ -125,7 +125,7 @@ def fruit_here(
 
 @dataclass(frozen=True)
 class _Call:
-    """A fruit that is begun where this is unpickled."""
+    """A fruit that starts where this object is unpickled."""
 
     order: FruitOrder
     topic: str
@@ -135,14 +135,14 @@ class _Call:
 
 
 def packed_fruit(order: FruitOrder, topic: str) -> bytes:
-    """A fruit for a worker, whose task is `pickle.loads`: every worker has that, and one that cannot load
-    drupe fails in the task. What dask itself cannot unpickle ends the worker without a word.
+    """The pickle of a fruit for a worker, whose task is `pickle.loads`, which every worker has. A worker that
+    cannot load drupe then fails in the task; if dask itself cannot unpickle, the worker ends silently.
     """
     return pickle.dumps(_Call(order, topic))
 
 
 def fruit_on_worker(order: FruitOrder, topic: str) -> Event | Unfit | None:
-    """On a worker: one fruit, whose stages go to the run that asked for it."""
+    """On a worker: grades one fruit, and sends its stages to the run that ordered it."""
     worker = get_worker()
     key = worker.get_current_task()
     limit = worker.memory_manager.memory_limit
@@ -151,7 +151,7 @@ def fruit_on_worker(order: FruitOrder, topic: str) -> Event | Unfit | None:
         return Unfit(why, worker.address)
 
     def wanted() -> bool:
-        """Until the run takes the fruit back or is gone, or the worker has lost its scheduler."""
+        """False once the run cancels the fruit or ends, or the worker loses its scheduler."""
         task = worker.state.tasks.get(key)
         return worker.status in WORKING and task is not None and task.state == "executing"
 

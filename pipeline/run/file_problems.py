@@ -1,4 +1,4 @@
-"""Problems of one file of a fruit: what a reader raises becomes a sentence."""
+"""Problems of one file of a fruit: turns the errors of readers into sentences."""
 
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
@@ -12,7 +12,7 @@ from tactile.tactile_failure import TactileFailure
 
 
 def tried(row: FruitRow, path: Path, read: Callable[[], Iterable[Problem] | None]) -> Iterator[Problem]:
-    """What is wrong with the file at `path`, as `read` says or raises it; the files after it are read too."""
+    """Problems of the file at `path` that `read` returns or raises, so that later files are read too."""
     try:
         yield from read() or ()
     except (ReconFailure, TactileFailure, FemFailure) as failure:
@@ -33,10 +33,10 @@ def tried(row: FruitRow, path: Path, read: Callable[[], Iterable[Problem] | None
 
 
 def doubted(row: FruitRow, path: Path, sentence: str) -> Problem:
-    """What stops nothing, but puts the fruit's E in doubt."""
+    """A problem that stops nothing, but puts the fruit's E in doubt."""
     return Problem(str(path), f"{sentence} E will be in doubt.", fruit_id=row.fruit_id, doubtful=True)
 
 
 def at(row: FruitRow, path: Path, sentence: str) -> Problem:
-    """What stops the fruit, or one recording of it."""
+    """A problem that stops the fruit, or one of its recordings."""
     return Problem(str(path), sentence, fruit_id=row.fruit_id)

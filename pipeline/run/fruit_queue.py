@@ -1,5 +1,5 @@
-"""Which fruit of a batch a run works on: those whose record of an earlier run does not hold, each looked at
-when its turn comes, so that the first of thousands need not wait for the last.
+"""The fruit of a batch that a run grades: those without a valid record of an earlier run. Fruit without a
+record are inspected when their turn comes, so that the first of thousands need not wait for the last.
 """
 
 from collections.abc import Collection, Iterator, Sequence
@@ -30,13 +30,13 @@ RETRIED = frozenset(
         Outcome.IMPLAUSIBLE_INPUT,
     )
 )
-"""Endings that may come out otherwise when tried again, or that the fruit's own files do not settle."""
+"""Outcomes that may change on another attempt, or that do not depend on the fruit's own files."""
 
 
 class FruitQueue:
-    """The `chosen` fruit of a run: `records` gets those of an earlier run that hold (`kept`), and `todo` are
-    the others, which it yields with their tasks. One whose numbers are not plausible has ended when it is
-    reached.
+    """The `chosen` fruit of a run. `records` gets the valid records of an earlier run (`kept`). `todo` are
+    the others, which it yields with their tasks. A fruit with implausible numbers ends when its turn comes,
+    without a process.
     """
 
     def __init__(
@@ -55,7 +55,7 @@ class FruitQueue:
                 self.todo[fruit_id] = run.batch.folder.fruit(fruit_id)
 
     def _holds(self, fruit_id: str, before: FruitRecord) -> bool:
-        """Whether an earlier run's record holds; it is in `records` then."""
+        """Whether an earlier run's record is valid; if so, adds it to `records`."""
         kept = kept_record(self._task(fruit_id), before, self.run.batch.row_of)
         if kept is None:
             return False
@@ -79,11 +79,11 @@ class FruitQueue:
         return self._going.pop(fruit_id)
 
     def forced(self, fruit_id: str) -> list[str]:
-        """What a fruit is graded in spite of, as sentences for its doubts."""
+        """Sentences on implausible numbers with which --force grades a fruit, for its doubts."""
         return [f"{sentence} {GRADED_ALL_THE_SAME}" for sentence in self._forced.get(fruit_id, ())]
 
     def _implausible(self, fruit_id: str, *, box_mm: Sequence[float] | None = None) -> str:
-        """Why the fruit is refused; empty where its numbers are plausible, or forced, which is said."""
+        """Why drupe refuses the fruit; empty if its numbers are plausible, or forced, which it prints."""
         batch = self.run.batch
         sentence = implausible(batch, batch.row_of[fruit_id], box_mm=box_mm)
         if not sentence or not self.run.options.force:
@@ -97,7 +97,7 @@ class FruitQueue:
 
 
 def with_forced(record: FruitRecord, forced: Sequence[str], results: Results) -> FruitRecord:
-    """The record of a graded fruit with these doubts for those that an earlier run forced; kept so."""
+    """A graded fruit's record with these doubts in place of an earlier run's; written if changed."""
     now = tuple(forced) if record.graded else ()
     if now == record.forced:
         return record
@@ -112,7 +112,7 @@ def with_forced(record: FruitRecord, forced: Sequence[str], results: Results) ->
 
 
 def ended_record(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRecord:
-    """The record of a fruit whose process wrote no record. If it cannot be written, it is only printed."""
+    """Writes and returns the record of a fruit whose process wrote none; ignores a failure to write."""
     record = FruitRecord(
         fruit_id=task.fruit_id,
         outcome=outcome.code,
@@ -128,8 +128,8 @@ def ended_record(task: FruitTask, outcome: Outcome, particulars: str) -> FruitRe
 
 
 def kept_record(task: FruitTask, before: FruitRecord, batch_fruits: Collection[str]) -> FruitRecord | None:
-    """The record `before` of an earlier run with what staff wrote of the fruit brought up to date; None where
-    it does not hold. `batch_fruits`: every fruit_id of the batch.
+    """The record `before` of an earlier run with the present cells of fruits.csv; None if it is not valid.
+    `batch_fruits`: every fruit_id of the batch.
     """
     if before.key != task.key:
         return None

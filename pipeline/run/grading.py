@@ -1,4 +1,4 @@
-"""`drupe grade`: every fruit of a batch to its modulus, and the batch to a ranking and a report."""
+"""`drupe grade`: the modulus of every fruit of a batch, then ranking and report."""
 
 import time
 from collections.abc import Callable, Collection
@@ -36,7 +36,7 @@ from recon.learned.onnx_file import model_files
 from reports.entries import BatchEntry
 
 MOST_UNUSED_SAID = 20
-"""Lines on files that are not used: more of them hide the rest of what is printed."""
+"""Most lines on unused files: more would hide the other output."""
 
 
 def grade(
@@ -46,14 +46,14 @@ def grade(
     *,
     console: Console,
 ) -> tuple[int, BatchEntry]:
-    """Grades the batch at `root` into `out`; returns the exit status and what the report says.
+    """Grades the batch at `root` into `out`; returns the exit status and the content of the report.
 
-    Fruit whose inputs, settings and code are those of an earlier run keep their record. A fruit whose own
-    numbers no fruit of the category has ends with that as its reason; with `force` it is graded, and that is
-    one of its doubts. Without `screen`, what an earlier run's screen found stays. Raises BatchRefused where
-    the batch as a whole cannot be graded, or `out` is no place for results or holds another batch's, before
-    anything is written, and NotWritten where the batch's own files cannot be. After Ctrl-C ranking and report
-    of those done are written.
+    Fruit with the same inputs, settings and code as in an earlier run keep their record. A fruit whose own
+    numbers are implausible for its category is graded only with `force`, and with a doubt. Without `screen`,
+    results of an earlier run's screen stay. Raises BatchRefused before it writes anything, if the batch as a
+    whole cannot be graded, or if `out` is unsuitable or belongs to another batch. Raises NotWritten if it
+    cannot write the batch's files. It writes ranking and report of the finished fruit after Ctrl-C, or if
+    lack of memory or the cluster stops the run (BatchRefused).
     """
     began = utc_now(), time.monotonic()
     options.place.require_parts()
@@ -67,7 +67,7 @@ def grade(
         pace = ReportPace()
 
         def report_when_due(_: FruitRecord) -> None:
-            """The end writes the report of all fruit."""
+            """At the end, `report` writes the report of all fruit."""
             if len(records) < len(fruit) and pace.due():
                 with pace.reporting():
                     report_so_far(run, records)
@@ -90,8 +90,8 @@ def grade(
 def begun(
     run: BatchRun, chosen: Collection[str], records: dict[str, FruitRecord], *, console: Console
 ) -> FruitQueue:
-    """Makes the results ready for the `chosen` fruit of a run, of which those that an earlier run graded as
-    they are get their record; the queue of the others. The caller holds the lock of the results.
+    """Prepares the results for the `chosen` fruit of a run; returns the queue of the fruit to grade.
+    `records` gets those that an earlier run graded unchanged. The caller holds the lock of the results.
     """
     run.results.claim()
     sweep(run.results.root)
@@ -104,8 +104,8 @@ def begun(
 def grade_queue(
     queue: FruitQueue, ended: Callable[[FruitRecord], None], *, waiting: int | None = None
 ) -> None:
-    """Grades what is to do, and tells each record to `ended` as it comes. `waiting`: fruit of a watched batch
-    that wait until these are done; None: the batch is not watched.
+    """Grades the queue's fruit, and calls `ended` with each record. `waiting`: fruit of a watched batch that
+    wait until these are done; None: the batch is not watched.
     """
     if queue.todo:
         _work(queue, _engine(queue), ended, waiting)
@@ -123,9 +123,9 @@ def placed(
     began: tuple[datetime, float],
     hashed: bool = True,
 ) -> BatchRun:
-    """The run, whose places are fit to be written to; raises BatchRefused where one is not.
+    """The run, with places that are fit for writing; raises BatchRefused if one is not.
 
-    `began`: by the calendar, and in seconds of the monotonic clock. `hashed`: whether its inputs are, which a
+    `began`: UTC time, and seconds of the monotonic clock. `hashed`: whether to hash the inputs, which a
     report needs.
     """
     results = Results(out or batch.folder.default_results)
@@ -141,8 +141,8 @@ def placed(
 
 
 def say_begun(queue: FruitQueue) -> None:
-    """Prints how many fruit are as an earlier run left them, and which files outside the fruit's folders look
-    like inputs and are not used; a fruit's own files are among its warnings.
+    """Prints how many fruit an earlier run has left unchanged, and which files outside the fruit's folders
+    look like inputs but are unused. Warnings of a fruit name its own unused files.
     """
     batch = queue.run.batch
     if queue.kept:
@@ -157,7 +157,7 @@ def say_begun(queue: FruitQueue) -> None:
 
 
 def _engine(queue: FruitQueue) -> Engine:
-    """What the fruit are worked on by; raises BatchRefused where this machine's memory holds none."""
+    """The engine that grades the fruit; raises BatchRefused if this machine has too little memory for one."""
     run, todo = queue.run, queue.todo.values()
     place = run.options.place
     if place.here:
@@ -184,8 +184,8 @@ def _engine(queue: FruitQueue) -> Engine:
 
 
 def _processes(todo: Collection[FruitFolder], options: GradeOptions, console: Console) -> LocalPool:
-    """Processes of this machine, each with its share of the memory that is free now as its limit; raises
-    BatchRefused where memory holds no fruit.
+    """Processes of this machine, each limited to its share of the free memory; raises BatchRefused if memory
+    is too small for one fruit.
     """
     free_MiB, need_MiB = free_memory_MiB(), _per_fruit_MiB(todo)
     if free_MiB is None:
@@ -221,8 +221,8 @@ def _kind(fruit: FruitFolder) -> str:
 def _work(
     queue: FruitQueue, engine: Engine, ended: Callable[[FruitRecord], None], waiting: int | None
 ) -> None:
-    """Grades what is to do, shows how far it is, puts each record into the queue's records as it comes, and
-    tells it to `ended`.
+    """Grades the queue's fruit and shows progress; puts each record into the queue's records, and calls
+    `ended` with it.
     """
     before = None if waiting is None else len(queue.records)
     total = len(queue.todo) + (waiting or 0)
@@ -243,7 +243,7 @@ def _work(
 
 
 def _record_of(event: Event, task: FruitTask, time_limit_s: float) -> FruitRecord:
-    """The record of a fruit that has ended; endings that its own process could not write are written here."""
+    """The record of a fruit that has ended; writes it if the fruit's own process could not."""
     if isinstance(event, Finished) and isinstance(event.result, FruitRecord):
         return event.result
     if isinstance(event, TimedOut):
@@ -269,7 +269,7 @@ def _way_of_dying(exit_code: int | None) -> str:
 
 
 def _in_a_line(record: FruitRecord) -> str:
-    """What the progress line says of a fruit: its E and whether that is in doubt, or why it has none."""
+    """The progress line on a fruit: its E and whether that is in doubt, or why it has none."""
     if not record.graded or record.modulus is None:
         return f"{record.outcome}: {record.reason}"
     E_MPa, sd_MPa = record.modulus.E_MPa, record.modulus.E_sd_MPa

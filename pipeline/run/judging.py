@@ -1,4 +1,4 @@
-"""`drupe judge`: a person's verdict on a graded fruit, kept beside its E."""
+"""`drupe judge`: a person's verdict on a graded fruit, stored beside its E."""
 
 import re
 from datetime import datetime
@@ -25,8 +25,8 @@ def judge_fruit(
     now: datetime,
     device: str = "",
 ) -> Verdict:
-    """Adds the verdict to the results' trail. Raises BatchRefused where the fruit has no result there, or the
-    class is none of the batch's; and NotWritten.
+    """Adds the verdict to the results' verdicts. Raises BatchRefused if the fruit has no result there, or the
+    batch has other classes; and NotWritten.
     """
     record, classes = judged_record(results, fruit_id)
     if classes and judged_class not in classes:
@@ -38,7 +38,7 @@ def judge_fruit(
 
 
 def judged_record(results: Results, fruit_id: str) -> tuple[FruitRecord, tuple[str, ...]]:
-    """The fruit's record and the classes of its batch. Raises BatchRefused where there is none."""
+    """The fruit's record and the classes of its batch. Raises BatchRefused if it has no record."""
     said = require_provenance(results)
     record = read_record(results.fruit(fruit_id).record) if SAFE_ID.fullmatch(fruit_id) else None
     if record is None:
@@ -54,7 +54,7 @@ def _classes(said: dict[str, Any]) -> tuple[str, ...]:
 
 
 def language_of(report: Path, otherwise: str) -> str:
-    """The language of a report that drupe wrote, so that a new one keeps it."""
+    """The language of a report that drupe wrote, so that a new one keeps it; else `otherwise`."""
     head = read_head(report, 200) if report.is_file() and not report.is_symlink() else b""
     html_tag = re.search(rb'<html lang="(\w+)">', head)
     language = html_tag[1].decode() if html_tag else otherwise

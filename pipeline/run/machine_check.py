@@ -1,4 +1,4 @@
-"""`drupe doctor`: what a run needs of the machine, and a small computation whose answer is known."""
+"""`drupe doctor`: checks what a run needs of the machine, and a small computation with a known result."""
 
 import importlib
 import os
@@ -21,25 +21,25 @@ from pipeline.system_libraries import missing_libraries
 from recon.silhouettes.hull import ball
 
 IMPORTED = ("cv2", "open3d", "manifold3d", "pytetwild", "onnxruntime", "h5py")
-"""Libraries with native code, each of which may be missing what it loads."""
+"""Libraries with native code, which may lack a shared library that they load."""
 OPTIONAL = {
     "pycolmap": "photos without a mat then need a textured ground; photos with the mat need no pycolmap.",
     "pymeshlab": "Open3D then repairs and decimates surfaces; they differ by micrometres.",
     "pymetis": "sparse factorisations then take 1.3 to 2.5 times as long; results are the same.",
 }
-"""Libraries without a package for some computers, and what their absence costs. Times: cubes of 14,000 and
+"""Libraries that some computers have no wheel for, and what their absence costs. Times: cubes of 14,000 and
 148,000 unknowns, CPU seconds of one thread (docs/decisions/0002-our-own-sparse-solver.md)."""
 SKIN_MM, CORE_MM, RATIO, EDGE_MM = 25.0, 10.0, 0.45, 7.0
-"""The ball of the computation: radii of its skin and its rigid core, Poisson's ratio, elements' edges."""
+"""Ball of the computation: radii of its skin and of its rigid core, Poisson's ratio, edges of elements."""
 WITHIN = 0.01
-"""Relative error of the computation that is taken as right: half a per cent is the facets' own."""
+"""Accepted relative error of the computation; the facets alone cause half a per cent."""
 LEAST_DISK_MB = 500.0
-"""Free disk below which it is said: stages of one fruit take 20 MB, photos' scratch files 200. Assumed."""
+"""Free disk below which drupe warns: stages of one fruit take 20 MB, photos' scratch files 200. Assumed."""
 
 
 def parts_check(folder: Path, *, cores: int, missing: list[str]) -> Iterator[str]:
-    """Lines on libraries, threads, memory and the disks of `folder` and of temporary files; what is missing
-    is added to `missing`, a sentence each.
+    """Lines on libraries, threads, memory, and the disks of `folder` and of temporary files; `missing` gets a
+    sentence for each thing that is missing.
     """
     yield ", ".join(f"{name} {value}" for name, value in versions().items())
     missing += missing_libraries()
@@ -73,7 +73,7 @@ def parts_check(folder: Path, *, cores: int, missing: list[str]) -> Iterator[str
 
 
 def computation_check() -> tuple[str, str]:
-    """What a small computation gives, and what is wrong with that; empty: nothing."""
+    """The result of a small computation, and a sentence on what is wrong with it; empty: nothing."""
     began = time.perf_counter()
     off = known_answer_error()
     line = (
@@ -89,8 +89,8 @@ def computation_check() -> tuple[str, str]:
 
 
 def known_answer_error() -> float:
-    """Relative error of the shrinkage of a ball round a rigid core against Lame's closed form: meshed by
-    TetWild, factorised by the multifrontal solver.
+    """Relative error of the shrinkage of a ball round a rigid core against Lame's closed form, with TetWild's
+    mesh and the multifrontal solver.
     """
     (skin, skin_faces), (core, core_faces) = ball(3), ball(2)
     mesh = tetrahedralise(SKIN_MM * skin, skin_faces, CORE_MM * core, core_faces, edge_mm=EDGE_MM)

@@ -1,38 +1,38 @@
-"""How much memory is free, and how many fruit fit into it at once."""
+"""Free memory, and the number of fruit that fit into it at once."""
 
 from collections.abc import Iterator
 from pathlib import Path
 
 PER_FRUIT_MIB = {"photos": 1500.0, "mesh": 1000.0, "traces": 600.0}
-"""Peak of one fruit's process: 1.3 GiB of 36 photos, 0.89 GiB of ready meshes and 542 MiB of traces
-(in record.json, `peak_memory_MiB`), and a tenth on top."""
+"""Peak of one fruit's process (`peak_memory_MiB` in record.json), plus a tenth: 1.3 GiB for 36 photos, 0.89
+GiB for ready meshes, 542 MiB for force-displacement curves."""
 LEAST_MIB = 750.0
-"""Below it nothing is begun: the least of all fruit, a ball without a recording, peaks at 732 MiB
-(`benchmarks/campaign_kills.py`, `peak_memory_MiB` in record.json), most of it the libraries."""
+"""Below it no fruit begins. The smallest fruit, a ball without a recording, peaks at 732 MiB, mostly
+libraries (`benchmarks/campaign_kills.py`, `peak_memory_MiB` in record.json)."""
 
 KEPT_FREE = 0.1
 """Share of the free memory that no fruit gets: the command itself and other programs grow. Set by hand."""
 
 
 def free_memory_MiB(proc: Path = Path("/proc"), groups: Path = Path("/sys/fs/cgroup")) -> float | None:
-    """Memory that can still be had: the machine's, or less where a container or group has a limit.
+    """Available memory in MiB: the machine's, or less if a container or control group has a limit.
 
-    None where the system does not tell.
+    None if the system does not report it.
     """
     left_bytes = [*_of_machine(proc / "meminfo"), *_of_groups(proc / "self" / "cgroup", groups)]
     return min(left_bytes) / 2**20 if left_bytes else None
 
 
 def jobs_that_fit(jobs: int, *, per_fruit_MiB: float, free_MiB: float | None) -> int:
-    """So many fruit at once as memory holds, one at least, `jobs` at most."""
+    """How many fruit memory holds at once: at least 1, at most `jobs`."""
     if free_MiB is None:
         return jobs
     return max(1, min(jobs, int(free_MiB // per_fruit_MiB)))
 
 
 def share_MiB(jobs: int, per_fruit_MiB: float, *, free_MiB: float) -> float:
-    """What each of so many fruit may hold: its share of the free memory less KEPT_FREE, and never less than
-    a fruit needs.
+    """Memory limit of each of `jobs` fruit: its share of the free memory less KEPT_FREE, but at least what a
+    fruit needs.
     """
     return max(per_fruit_MiB, (1.0 - KEPT_FREE) * free_MiB / jobs)
 
@@ -48,7 +48,7 @@ def _of_machine(meminfo: Path) -> Iterator[float]:
 
 
 def _of_groups(cgroup_file: Path, groups: Path) -> Iterator[float]:
-    """What each control group around this process leaves (versions 2 and 1); file cache can be given back."""
+    """Memory left in each control group around this process (versions 2 and 1); file cache counts as free."""
     try:
         lines = cgroup_file.read_text().splitlines()
     except OSError:

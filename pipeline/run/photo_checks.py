@@ -1,5 +1,5 @@
-"""The part of `drupe check` that looks at a fruit's photos: which cannot be read, which are blurred or badly
-exposed, which show too little of the mat, and which sides no photo shows.
+"""The part of `drupe check` on a fruit's photos. It finds unreadable, blurred or badly exposed photos, those
+that show too little of the mat, and sides that no photo shows.
 """
 
 from collections.abc import Iterator, Sequence
@@ -19,16 +19,16 @@ from recon.checks.photo_check import checked_photos
 from recon.checks.view_check import view_doubts
 
 LONGEST_SIDE_PX = 1000
-"""To which photos are shrunk here: 24 of them take 2 s of one core, at grading's 1600 px 5 s. Blur of 2 px in
-photos of 1280 px is told."""
+"""Longest side to which photos are reduced here: 24 of them take 2 s of one core, at grading's 1600 px 5 s.
+It still finds blur of 2 px in photos of 1280 px."""
 
 
 def photo_problems(batch: Batch, row: FruitRow, folder: FruitFolder, *, quick: bool) -> Iterator[Problem]:
-    """What is wrong with a fruit's photos and their scale. `quick`: every photo is read, and no more."""
+    """Problems of a fruit's photos and their scale. `quick`: only reads every photo."""
     if not row.has_height and not batch.folder.mat.exists() and not batch.without_scale:
         sentence = f'"{row.fruit_id}" has no height_mm, and mat.json is missing, so the photos have no scale.'
         yield at(row, batch.folder.table, sentence)
-    quick = quick or (batch.mat is None and batch.folder.mat.exists())  # the mat's own fault is said already
+    quick = quick or (batch.mat is None and batch.folder.mat.exists())  # `survey` reports the mat's own fault
     look = partial(_set_problems, row, mat=batch.mat, quick=quick)
     if folder.photo_files():
         yield from look(folder.photos, folder.photo_files(), "The folder")
@@ -44,7 +44,7 @@ def photo_problems(batch: Batch, row: FruitRow, folder: FruitFolder, *, quick: b
 def _set_problems(
     row: FruitRow, place: Path, paths: Sequence[Path], where: str, *, mat: Mat | None, quick: bool
 ) -> Iterator[Problem]:
-    """What is wrong with one folder of photos: how many, each by itself, and all together."""
+    """Problems of one folder of photos: their number, each photo, and all together."""
     yield from (_remark(row, place, sentence) for sentence in unused_photos(place))
     yield from tried(row, place, lambda: require_enough(len(paths), where=where))
     photos: list[Photo] = []
@@ -64,9 +64,9 @@ def _set_problems(
 
 
 def _look(row: FruitRow, photos: Sequence[Photo], mat: Mat | None, remarks: list[str]) -> None:
-    """Adds to `remarks` what grading would say of light, focus and tags, and which sides no photo shows.
+    """Adds grading's remarks on light, focus and tags to `remarks`, and the sides that no photo shows.
 
-    Raises ReconFailure where grading would refuse the set.
+    Raises ReconFailure if grading would refuse the set.
     """
     checked = checked_photos(photos, mat)
     remarks += checked.warnings

@@ -18,14 +18,14 @@ from rich.progress import (
 from rich.text import Text
 
 MOST_LINES = 8
-"""Fruit at work whose stages are shown below the bar."""
+"""Most fruit whose stages are shown below the bar."""
 LEAST_DONE = 2
-"""Fruit after which the time left is stated: one fruit does not show how long others take."""
+"""Fruit after which drupe states the time left: one fruit does not show how long others take."""
 
 
 class RunConsole(Console):
-    """Standard error. `quiet`: nothing is shown; `verbose`: a line for every stage of every fruit and every
-    line that libraries write, on a terminal too.
+    """Standard error. `quiet`: shows nothing; `verbose`: shows a line for every stage of every fruit and
+    every line that libraries write, on a terminal too.
     """
 
     def __init__(self, *, quiet: bool = False, verbose: bool = False) -> None:
@@ -34,15 +34,15 @@ class RunConsole(Console):
 
 
 def say(console: Console, sentence: str, *, style: str | None = None) -> None:
-    """Prints a sentence as it is: without markup and colours of its own, on a line as long as it is."""
+    """Prints a sentence on one line, without markup or highlighting."""
     console.print(sentence, style=style, highlight=False, markup=False, soft_wrap=True)
 
 
 class BatchProgress:
-    """Shows which fruit is at which stage, how many are done, and when the rest will be.
+    """Shows the stage of each fruit, the number of finished fruit, and the time left.
 
-    `total`: fruit that are still to be done. `before`: those of a watched batch that were done before; they
-    are counted with these, as those that have come so far. None: the batch is not watched.
+    `total`: fruit still to grade. `before`: fruit of a watched batch that were finished earlier; the counts
+    include them, and name the total as fruit that have come. None: the batch is not watched.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class BatchProgress:
             say(self._console, f"[{self._elapsed()}] {fruit_id}: {stage}")
 
     def noted(self, fruit_id: str, line: str) -> None:
-        """A library wrote a line while it worked on a fruit."""
+        """A library wrote a line while drupe graded a fruit."""
         if self._verbose:
             stage = self._stage.get(fruit_id, "").partition(":")[0]
             say(self._console, f"{fruit_id}{f' ({stage})' if stage else ''}: {line}", style="dim")
@@ -111,7 +111,7 @@ class BatchProgress:
         say(self._console, f"[{self._elapsed()}] {fruit_id}: {sentence}{note}")
 
     def _left_s(self) -> float | None:
-        """Seconds until the last fruit ends: the work left, by the mean fruit so far, over the workers."""
+        """Seconds until the last fruit ends: remaining work by the mean time of a fruit, over the workers."""
         fruit_left = self._total - self._done
         if len(self._took_s) < LEAST_DONE or not fruit_left:
             return None
@@ -130,7 +130,7 @@ class BatchProgress:
 
 
 class _TimeLeft(ProgressColumn):
-    """The bar's time left, in seconds by `left_s`; a line where it is not known."""
+    """The bar's time left, in seconds by `left_s`; "--:--" if it is unknown."""
 
     max_refresh = 0.5
 

@@ -1,4 +1,4 @@
-"""Ranking and report of a run: at its end, while it goes on, and anew from what it kept (`drupe report`)."""
+"""Ranking and report of a run: at its end, while it goes on, and again from its records (`drupe report`)."""
 
 import time
 from collections.abc import Callable, Iterator, Mapping, MutableMapping, Sequence
@@ -29,15 +29,15 @@ from reports.page import report_html
 from reports.tables import ranking_csv, ranking_json
 
 LEAST_S = 2.0
-"""Seconds between two reports of a run that goes on, at least. Set by hand: nobody reads faster."""
+"""Least seconds between two reports of a run in progress. Set by hand: nobody reads faster."""
 SHARE = 0.01
-"""Of the run's time that reports may take while it goes on: after one that took t, t over this is waited."""
+"""Most of the run's time that reports may take: after a report that took t, the next waits t / SHARE."""
 
 
 def report(run: BatchRun, records: MutableMapping[str, FruitRecord]) -> tuple[int, BatchEntry]:
-    """Fruit held against each other and the reference bodies; ranking, report and provenance written.
+    """Compares the fruit with each other and the reference bodies; writes ranking, report and provenance.
 
-    The exit status and what the report says; `records` are brought up to date as those on disk are. Raises
+    Returns the exit status and the content of the report; updates `records` as those on disk. Raises
     NotWritten.
     """
     settings = run.batch.settings
@@ -53,13 +53,13 @@ def report(run: BatchRun, records: MutableMapping[str, FruitRecord]) -> tuple[in
 
 
 def outcomes_of(records: Mapping[str, FruitRecord]) -> dict[str, str]:
-    """What each fruit came to."""
+    """The outcome of each fruit."""
     return {fruit_id: record.outcome for fruit_id, record in records.items()}
 
 
 class ReportPace:
-    """When a run that goes on reports again: at the earliest LEAST_S after the last report, and so seldom
-    that reports take no more than SHARE of its time. `clock` in seconds.
+    """When a run in progress reports: at least LEAST_S after the last report, and so rarely that
+    reports take at most SHARE of its time. `clock`: in seconds.
     """
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
@@ -67,12 +67,12 @@ class ReportPace:
         self._ended_s, self._took_s = -float("inf"), 0.0
 
     def due(self) -> bool:
-        """Whether the last report is far enough back; true before the first."""
+        """Whether the next report is due; true before the first."""
         return self._clock() - self._ended_s >= max(LEAST_S, self._took_s / SHARE)
 
     @contextmanager
     def reporting(self) -> Iterator[None]:
-        """A report is made inside the block."""
+        """Measures the report that the caller makes inside the block."""
         began = self._clock()
         try:
             yield
@@ -84,9 +84,9 @@ class ReportPace:
 def report_so_far(
     run: BatchRun, records: Mapping[str, FruitRecord], *, interrupted: bool = False
 ) -> BatchEntry | None:
-    """Replaces ranking and report by those of the fruit that are done; what they say, None where none is.
+    """Replaces ranking and report by those of the finished fruit; returns their content, None without fruit.
 
-    What cannot be written now is left to the end of the run, which says so.
+    It ignores a failure to write: the end of the run writes again, and reports the failure.
     """
     measured = [records[row.fruit_id] for row in run.batch.rows if row.fruit_id in records]
     if not measured:
@@ -103,9 +103,9 @@ def report_so_far(
 def report_of_records(
     run: BatchRun, records: MutableMapping[str, FruitRecord]
 ) -> tuple[int, BatchEntry | None]:
-    """`report` of a run that works on no fruit. Where some have no record: INTERRUPTED, and what ranking and
-    report of the others say, which tell that they are not all (None: there are no others). batch.json is left
-    as it is.
+    """`report` of a run that grades no fruit. If some fruit have no record, returns INTERRUPTED, and the
+    content of ranking and report of the others (None without any). Both state that fruit are missing;
+    batch.json stays.
     """
     if all(row.fruit_id in records for row in run.batch.rows):
         return report(run, records)
@@ -113,7 +113,7 @@ def report_of_records(
 
 
 def entry_of(run: BatchRun) -> partial[BatchEntry]:
-    """`batch_entry` with what every report of the run has: batch, places, inputs and times."""
+    """`batch_entry` with what every report of the run shares: batch, places, inputs and times."""
     return partial(
         batch_entry,
         run.batch,
@@ -131,7 +131,7 @@ def _write(entry: BatchEntry, run: BatchRun) -> None:
 
 
 def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) -> int:
-    """The exit status of a run that went to its end; what staff must look into is no 0."""
+    """The exit status of a finished run; not 0 if staff must inspect something."""
     if not all(record.graded for record in records):
         return UNUSABLE
     alarm = finding is not None and finding.alarm
@@ -141,8 +141,8 @@ def _status(records: Sequence[FruitRecord], finding: ReferenceFinding | None) ->
 def _keep_comparisons(
     measured: Sequence[FruitRecord], in_order: Sequence[FruitRecord], results: Results
 ) -> dict[str, FruitRecord]:
-    """Writes into every record.json what the reference bodies make of its fruit, and which of its recordings
-    other fruit have too, beside what was measured. The records of those that said otherwise, as they are now.
+    """Writes the comparison with reference bodies and the copies of recordings into every record.json, beside
+    the measured values. Returns the records that changed.
     """
     kept = {}
     for record, reported in zip(measured, in_order, strict=True):
@@ -153,10 +153,10 @@ def _keep_comparisons(
 
 
 def report_again(out: Path, batch: Path | None, *, language: str) -> BatchEntry | None:
-    """Writes ranking and report of the records in `out`, by the batch.toml of now; what the report says.
+    """Writes ranking and report of the records in `out`, by the present batch.toml; returns their content.
 
-    `batch`: the batch's folder, where it is no longer where it was graded. None where fruit are still missing
-    and the page says so. Raises BatchRefused where there is nothing to report, and NotWritten.
+    `batch`: the batch's folder, if it moved since grading. None if fruit are missing, which the page states.
+    Raises BatchRefused if there is nothing to report, and NotWritten.
     """
     results = Results(out)
     said = require_provenance(results)
@@ -192,7 +192,7 @@ def report_again(out: Path, batch: Path | None, *, language: str) -> BatchEntry 
 
 
 def with_report(out: Path, batch: Path | None, *, language: str) -> Iterator[str]:
-    """Writes ranking and report again; where that is not possible, a sentence for each reason."""
+    """Writes ranking and report again; yields a sentence for each reason that prevents it."""
     try:
         report_again(out, batch, language=language)
     except BatchRefused as refusal:
@@ -201,13 +201,13 @@ def with_report(out: Path, batch: Path | None, *, language: str) -> Iterator[str
 
 
 def _with_records(results: Results, folder: BatchFolder, rows: tuple[FruitRow, ...]) -> tuple[FruitRow, ...]:
-    """The rows, and those folders without one that `drupe watch` has graded."""
+    """The rows, and a row for each unlisted folder that `drupe watch` has graded."""
     watched = [row for row in unlisted_fruit(folder, rows) if results.fruit(row.fruit_id).record.is_file()]
     return (*rows, *watched)
 
 
 def _as_noted_now(record: FruitRecord, row: FruitRow, path: Path) -> FruitRecord:
-    """The record with notes and the user's own columns as fruits.csv has them now; kept so."""
+    """The record with the present notes and user's columns of fruits.csv; written if changed."""
     given = record.given.model_copy(update={"notes": row.notes, "columns": row.columns})
     if given == record.given:
         return record

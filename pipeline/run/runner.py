@@ -1,5 +1,5 @@
-"""Many fruits at once on this machine: one process per fruit, a time limit, and a crash that costs that fruit
-only.
+"""Grades many fruits at once on this machine. Each has its own process and time limit, so that a crash costs
+only its fruit.
 """
 
 import ctypes
@@ -42,25 +42,24 @@ THREAD_VARIABLES = (
 )
 PROCESS = "drupe fruit"
 LOOK_S = 0.1
-"""Seconds between two looks at what fruit's processes say."""
+"""Seconds between two reads of what the fruit's processes report."""
 LAST_LINES = 5
-"""Of libraries, in which the cause of an end is looked for: they report one in one to three lines."""
+"""Last lines of libraries that may name the cause of an end: libraries report one in one to three lines."""
 MOST_BYTES = 2**20
-"""Of what a fruit's libraries write: more is dropped, and their file is emptied when it is larger."""
+"""Most bytes of a fruit's libraries that are passed on; drupe empties their file when it is larger."""
 LEFT_OUT = f"libraries wrote more than {MOST_BYTES / 2**20:g} MiB; drupe left out the rest"
-"""The last line that is passed on of a fruit's libraries, in place of all that follow."""
+"""The last line that is passed on of a fruit's libraries, in place of all later ones."""
 
 
 class LocalPool:
     """Processes of this machine, as many at once as `jobs`.
 
-    Every fruit has a fresh process (spawned, so that no native library meets a forked copy of itself) with
-    one numerical thread, in an empty folder: nothing of the caller's current folder is imported or read, and
-    paths in tasks must be absolute. It shares no queue and no lock with the others, and tells its stages in a
-    file of its own: one that is killed, at whatever moment, costs its fruit and holds up nobody. The time
-    limit goes by a clock that nobody sets; `most_MiB` is what a fruit's process may hold. Leaving the pool
-    kills what is running; a killed caller takes its processes along. Ctrl-C is the caller's alone: a terminal
-    sends it to the processes too.
+    Every fruit has a fresh process with one numerical thread in an empty folder. It is spawned, so that no
+    native library meets a forked copy of itself. It imports and reads nothing from the caller's current
+    folder: paths in tasks must be absolute. It shares no queue or lock with the others, and reports its
+    stages in its own file: a killed process costs only its fruit. The time limit uses the monotonic clock;
+    `most_MiB` limits the memory of a fruit's process. Leaving the pool kills running processes, and they die
+    with a killed caller. They ignore Ctrl-C, which a terminal sends to them too: the caller handles it.
     """
 
     def __init__(self, *, jobs: int, time_limit_s: float, most_MiB: float | None = None) -> None:
@@ -70,7 +69,7 @@ class LocalPool:
         self._begun = 0
 
     def __enter__(self) -> Self:
-        """Makes the folders in which the fruit's processes work."""
+        """Makes the folders of the fruit's processes. Raises BatchRefused if it cannot."""
         with ExitStack() as held:
             self._folder = held.enter_context(scratch())
             held.enter_context(temporary_files_in(_made(self._folder / "tmp")))
@@ -90,7 +89,7 @@ class LocalPool:
         return self._jobs - len(self._pending)
 
     def begin(self, fruit_id: str, packed: bytes) -> None:
-        """Starts a fruit's process; raises OSError where that cannot be."""
+        """Starts a fruit's process; raises OSError if it cannot."""
         number, self._begun = self._begun, self._begun + 1
         fruit_process = _Running(fruit_id, self._folder / f"log-{number}", f"{PROCESS} {number}")
         self._pending[_started(packed, fruit_process, self._empty)] = fruit_process
@@ -119,7 +118,7 @@ class LocalPool:
 
 
 def _memory_MiB(fruit_process: "_Running") -> float:
-    """What a fruit's process holds; 0 where the system does not tell."""
+    """Memory of a fruit's process in MiB; 0 if the system does not report it."""
     with suppress(OSError, ValueError, IndexError):
         for child in fruit_process.children():
             pages = int(Path(f"/proc/{child.pid}/statm").read_text().split()[1])
@@ -136,8 +135,8 @@ def _started(packed: bytes, fruit_process: "_Running", folder: Path) -> Any:
 
 
 def _kill(fruit_process: "_Running") -> None:
-    """Ends the process of a fruit. Asking (SIGTERM) is not enough: METIS takes that for a failure of its own
-    (`signal(SIGTERM, gk_sigthrow)` in GKlib's error.c), and the work would go on and write a false record.
+    """Kills the process of a fruit. SIGTERM is not enough: METIS treats it as its own failure
+    (`signal(SIGTERM, gk_sigthrow)` in GKlib's error.c), so the process would go on and write a false record.
     """
     for child in fruit_process.children():
         child.kill()
@@ -146,8 +145,8 @@ def _kill(fruit_process: "_Running") -> None:
 
 @contextmanager
 def _deaf_to_ctrl_c() -> Iterator[None]:
-    """Processes started inside the block never get SIGINT; one that comes meanwhile is ours after it."""
-    resource_tracker.ensure_running()  # started with the first process it would lift the block
+    """Processes started inside the block never get SIGINT; this process gets it after the block."""
+    resource_tracker.ensure_running()  # if it started with the first process, it would lift the block
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
         yield
@@ -156,7 +155,7 @@ def _deaf_to_ctrl_c() -> Iterator[None]:
 
 
 class _Running:
-    """A fruit's process by its name, and how much of its log has been reported."""
+    """A fruit's process, and how much of its logs has been reported."""
 
     def __init__(self, fruit_id: str, log: Path, process: str) -> None:
         self.fruit_id, self.process = fruit_id, process
@@ -167,12 +166,12 @@ class _Running:
         self._noted = 0
 
     def children(self) -> list[BaseProcess]:
-        """The process, while it lives."""
+        """The process while it is alive; else empty."""
         return [child for child in multiprocessing.active_children() if child.name == self.process]
 
     @property
     def lacked_memory(self) -> str:
-        """The line in which a library reported a lack of memory at the end; empty where none did."""
+        """The line in which a library reported a lack of memory at the end; empty if none did."""
         return next((line for line in reversed(self._last) if IN_WORDS.search(line)), "")
 
     def happened(self) -> list[Event]:
@@ -186,27 +185,27 @@ class _Running:
         ]
 
     def _within_limit(self, lines: list[str]) -> Iterator[str]:
-        """The lines until all of the fruit together have MOST_BYTES, and then once LEFT_OUT."""
+        """The lines until those of the fruit exceed MOST_BYTES, and then LEFT_OUT once."""
         for line in lines:
             if self._noted <= MOST_BYTES:
                 self._noted += len(line)
                 yield line if self._noted <= MOST_BYTES else LEFT_OUT
 
     def out_of_time(self, limit_s: float) -> bool:
-        """Whether it has been running for longer than `limit_s`, since this was first asked."""
+        """Whether it has run for longer than `limit_s` since the first call."""
         now = time.monotonic()
         self.since_s = now if self.since_s is None else self.since_s
         return now - self.since_s > limit_s
 
 
 class LinesOf:
-    """Lines that another process adds to a file, which is emptied as soon as it is larger than MOST_BYTES."""
+    """Lines that another process appends to a file; empties the file once it is larger than MOST_BYTES."""
 
     def __init__(self, path: Path) -> None:
         self.path, self._at = path, 0
 
     def new(self) -> list[str]:
-        """The whole lines since the last call, from the last MOST_BYTES; none where there is no file."""
+        """The whole lines since the last call, from the last MOST_BYTES; empty if there is no file."""
         try:
             with self.path.open("r+b") as file:
                 end = file.seek(0, os.SEEK_END)
@@ -215,7 +214,7 @@ class LinesOf:
                 whole = said[: said.rfind(b"\n") + 1]
                 self._at += len(whole)
                 if self._at > MOST_BYTES:
-                    file.truncate(0)  # the other process adds to the end, wherever that is
+                    file.truncate(0)  # the other process appends to the new end
                     self._at = 0
         except FileNotFoundError:
             return []
@@ -240,7 +239,7 @@ def _made(folder: Path) -> Path:
 
 
 def _begin(parent: int, folder: Path) -> None:
-    """A fruit's process begins: it ends with its parent, and leaves the caller's folder before it imports."""
+    """Prepares a fruit's process: it ends with its parent, and leaves the caller's folder before imports."""
     _die_with_parent()
     threading.Thread(target=_end_with, args=(parent,), daemon=True).start()
     sys.path[:] = [str(Path(entry).absolute()) if Path(entry).is_dir() else entry for entry in sys.path]
@@ -256,14 +255,14 @@ def _die_with_parent() -> None:
 
 
 def _end_with(parent: int) -> None:
-    """Ends this process when its parent is gone: a killed run leaves no work that nobody waits for."""
+    """Ends this process when its parent is gone, so that a killed run leaves no useless work."""
     while os.getppid() == parent:
         time.sleep(0.5)
     os._exit(1)
 
 
 def _write_into(path: Path) -> None:
-    """All that libraries write, log and warn is added to a file for the rest of this process."""
+    """Appends all that libraries write, log and warn to a file, for the rest of this process."""
     descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
     os.dup2(descriptor, 1)
     os.dup2(descriptor, 2)
@@ -273,7 +272,7 @@ def _write_into(path: Path) -> None:
 
 
 def _fruit(parent: int, folder: Path, log: Path, output: Path, packed: bytes) -> Any:
-    """What a fruit's process does: `packed` is opened, and imports what it needs, in the empty folder."""
+    """Main function of a fruit's process; unpickles `packed`, with its imports, in the empty folder."""
     with suppress(OSError):  # a full disk costs the lines of libraries, not the fruit
         _write_into(output)
     _begin(parent, folder)
@@ -291,12 +290,12 @@ def _fruit(parent: int, folder: Path, log: Path, output: Path, packed: bytes) ->
 
 
 def work_on(task: "FruitTask", report: Callable[[str], None]) -> "FruitRecord":
-    """What a fruit's process does for a run: it grades the fruit; the record, which is written.
+    """The work of a fruit's process in a run: grades the fruit, writes and returns its record.
 
-    The process that hands out fruit names this function and never runs it: it imports what it needs.
+    The process that hands out fruit never runs this function, so the function imports what it needs.
     """
     with uncollected():
         from pipeline.fruit.stages import grade_fruit
 
-    gc.freeze()  # what was imported stays until the process ends: it is not looked through for garbage
+    gc.freeze()  # imports stay until the process ends: garbage collection skips them
     return grade_fruit(task, report)

@@ -1,4 +1,4 @@
-"""The border between a run and what works on its fruit: one loop, and behind it this machine or a cluster."""
+"""The interface between a run and the engine that grades its fruit: this machine or a cluster."""
 
 import importlib.util
 import pickle
@@ -11,15 +11,15 @@ from typing import Any, Protocol, Self
 from pipeline.problem import refused
 
 ADDRESS = re.compile(r"([a-z]+://)?[^/\s]+:[0-9]+/?")
-"""A scheduler's: host and port, the protocol before them or not."""
+"""Address of a scheduler: host and port, with or without the protocol."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class WorkPlace:
-    """Where fruit are worked on: here, `scheduler` (an address of dask), or jobs of `slurm`.
+    """Where fruit are graded: here, by a dask `scheduler` (its address), or in jobs of `slurm`.
 
-    `jobs`: fruit at the same time at most, None: as many as there are workers; `mark` tells this run's folder
-    from any other.
+    `jobs`: most fruit at the same time; None: as many as there are workers. `mark`: identifies the folder of
+    this run.
     """
 
     jobs: int | None = None
@@ -29,11 +29,11 @@ class WorkPlace:
 
     @property
     def here(self) -> bool:
-        """Whether it is this machine."""
+        """Whether this machine grades the fruit."""
         return self.scheduler is None and not self.slurm
 
     def require_parts(self) -> None:
-        """Raises BatchRefused where what is asked for contradicts itself, or is not installed."""
+        """Raises BatchRefused if options contradict each other, or a package is not installed."""
         if self.here:
             return
         if self.slurm and self.scheduler is not None:
@@ -61,7 +61,7 @@ class Progressed:
 
 @dataclass(frozen=True)
 class Noted:
-    """A library wrote a line while it worked on a fruit."""
+    """A library wrote a line while a fruit was graded."""
 
     fruit_id: str
     line: str
@@ -77,7 +77,7 @@ class Finished:
 
 @dataclass(frozen=True)
 class Died:
-    """A fruit's process died (a signal, or the kernel's out-of-memory killer), or what it ran on: `how`."""
+    """A fruit's process died (signal, out-of-memory killer), did not start, or lost its machine (`how`)."""
 
     fruit_id: str
     exit_code: int | None
@@ -92,7 +92,7 @@ class TimedOut:
 
 
 def not_begun(fruit_id: str, error: OSError) -> Died:
-    """The ending of a fruit whose process could not be made, or died before it had been told its task."""
+    """The ending of a fruit whose process could not start, or died before it received its task."""
     return Died(fruit_id, None, f"its process did not start: {error.strerror or error}")
 
 
@@ -102,37 +102,37 @@ Work = Callable[[Any, Report], Any]
 
 
 class Engine(Protocol):
-    """What works on fruit, one process each; a context: what it began is ended with it.
+    """Grades fruit, one process each; a context manager, whose end stops its unfinished fruit.
 
-    pipeline.run.runner.LocalPool (processes of this machine) and pipeline.run.cluster.Cluster
-    (dask.distributed) are the two.
+    The two engines are pipeline.run.runner.LocalPool (processes of this machine) and
+    pipeline.run.cluster.Cluster (dask.distributed).
     """
 
     def __enter__(self) -> Self:
-        """Makes ready; raises BatchRefused where that cannot be."""
+        """Prepares the engine; raises BatchRefused if it cannot."""
 
     def __exit__(self, *_: object) -> None:
-        """Ends whatever fruit are worked on still."""
+        """Stops all unfinished fruit."""
 
     def room(self) -> int:
-        """How many more fruit it takes now; what waits in it is little, however long the batch."""
+        """How many more fruit it takes now. Few fruit wait in it, however large the batch."""
 
     def begin(self, fruit_id: str, packed: bytes) -> None:
-        """Takes a fruit on: pickled (work, task), opened in the fruit's own process. Raises OSError where no
-        process can be made.
+        """Starts a fruit: `packed` is the pickle of (work, task), opened in the fruit's own process. Raises
+        OSError if no process can start.
         """
 
     def happened(self) -> Iterable[Event]:
-        """What has happened since the last call; waits for a moment where that is nothing. Every fruit that
-        was begun ends in one event that is neither Progressed nor Noted.
+        """Events since the last call; waits a moment if there are none. Every started fruit ends with one
+        event that is neither Progressed nor Noted.
         """
 
 
 def run_on(engine: Engine, work: Work, tasks: Iterable[tuple[str, Any]]) -> Generator[Event, None, None]:
-    """Runs `work(task, report)` for each (fruit_id, task) and yields what happens as it happens.
+    """Runs `work(task, report)` for each (fruit_id, task) and yields events as they happen.
 
-    `tasks` are taken as there is room for them; one that is `Finished` needs no work. Leaving the iterator
-    early ends what is running.
+    It takes the next of `tasks` when the engine is free for one; one that is `Finished` needs no work.
+    Leaving the iterator early stops running fruit.
     """
     waiting, all_begun, begun = iter(tasks), False, 0
     with engine:

@@ -1,4 +1,4 @@
-"""`drupe firmness`: standard tests simulated on graded fruit, as lines, a table and a page."""
+"""`drupe firmness`: simulates standard tests on graded fruit, and writes lines, a table and a page."""
 
 import math
 import os
@@ -30,14 +30,14 @@ from reports.trade_page import SizeEffect, TradeFruit, trade_html
 from reports.words import with_sd
 
 DIAMETERS_mm = (20.0, 30.0, 40.0, 50.0, 60.0, 70.0, 80.0)
-"""Of the page's round fruit: from cherries to large peaches."""
+"""Diameters of the page's round fruit: from cherries to large peaches."""
 PIT_SHARES = (0.0, 0.3, 0.45, 0.6)
-"""Their pits' diameters over their own: as far as the table of spheroids goes."""
+"""Their pits' diameters over their own, up to the end of the table of spheroids."""
 POISSON_RATIO = 0.45
-"""Of the page's round fruit."""
+"""Poisson's ratio of the page's round fruit."""
 BALL_FROM_mm = 50.0
-"""Smaller fruit, and pits, change what the ball reads: by mesh it goes 0.66 mm, not 0.79 mm, into a fruit of
-20 mm and 0.6 MPa with a pit of 0.6."""
+"""Smaller fruit, and pits, change the reading of the ball. In a fruit of 20 mm and 0.6 MPa with a pit of 0.6,
+its depth is 0.66 mm by mesh, not 0.79 mm."""
 PENDING = "not simulated yet: run drupe firmness again"
 
 Limit = tuple[TradeTest, float]
@@ -47,11 +47,11 @@ Limit = tuple[TradeTest, float]
 def trade_numbers(
     out: Path, tests: Sequence[TradeTest], limits: Sequence[str], *, now: datetime
 ) -> Iterator[str]:
-    """Simulates the tests fruit by fruit, a line each; after each, writes firmness.csv and firmness.html in
-    `out`, with a reason for every fruit without readings.
+    """Simulates the tests fruit by fruit and yields a line for each. After each, writes firmness.csv and
+    firmness.html in `out`, with a reason for every fruit without readings.
 
-    `limits`: texts TEST=VALUE. Raises BatchRefused before anything is computed where results or options are
-    not sound; and NotWritten.
+    `limits`: texts TEST=VALUE. Raises BatchRefused before any computation if results or options are invalid,
+    and NotWritten.
     """
     results = Results(out)
     said = require_finished(results)
@@ -75,7 +75,7 @@ def trade_numbers(
 
 
 def _fruit_names(results: Results, outcomes: object) -> list[str]:
-    """Of batch.json, which may be a stranger's: names that lead out of the folder are refused."""
+    """The fruit_ids in batch.json; raises BatchRefused if it is damaged or has an invalid name."""
     if not isinstance(outcomes, dict):
         sentence = "is damaged or from another version (outcomes is no table); grade the batch again."
         raise refused(results.provenance, sentence)
@@ -155,16 +155,16 @@ def _simulated(
 
 
 def _scale_sd(record: FruitRecord) -> float:
-    """Relative standard deviation of E by the sensor's scale, as reference bodies leave it."""
+    """Relative standard deviation of E by the sensor's scale, after reference bodies if there are any."""
     if record.reference is not None:
         return record.reference.E_scale_sd_MPa / record.reference.E_MPa
     return 0.0 if record.modulus is None else record.modulus.scale_sd_MPa / record.modulus.E_MPa
 
 
 def fruit_presses(record: FruitRecord, folder: FruitResults) -> tuple[FruitPresses, ...]:
-    """Of the fruit's mesh and pit, with the spreads that graded it. Raises FemFailure and ReconFailure.
+    """Presses of the fruit's mesh and pit, with grading's errors. Raises FemFailure and ReconFailure.
 
-    Records of earlier versions have the pit's spread only where grasps looked for the pit.
+    Records of earlier versions have the pit's error only if several grasps inferred the pit.
     """
     if record.flesh is None or record.mesh is None:
         raise FemFailure(FemProblem.BAD_LOAD, "it has diameters, but no mesh")
@@ -229,7 +229,7 @@ def _table(done: Sequence[TradeFruit], tests: Sequence[TradeTest], graded_utc: s
 
 
 def _sizes(tests: Sequence[TradeTest], *, E_MPa: float) -> SizeEffect:
-    """Readings of round fruit of one E over diameter, for each pit share."""
+    """Readings of round fruit of one E by diameter, for each pit share."""
     values: dict[str, list[list[float]]] = {test.name: [] for test in tests}
     for share in PIT_SHARES:
         fruit = [
