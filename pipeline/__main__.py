@@ -1,7 +1,7 @@
-"""`python -m pipeline`: `drupe`, started where its script is not at hand.
+"""`python -m pipeline` runs `drupe` where its script is not installed.
 
-Not in a folder of strangers: Python looks for `pipeline` there first, and would run a `pipeline.py` of theirs
-before a line of this package. `drupe` and `python -P -m pipeline` do not.
+It is not safe in a folder where others can write: Python looks for `pipeline` there first, and would run
+their `pipeline.py` before this package. `drupe` and `python -P -m pipeline` are safe there.
 """
 
 from pipeline.start import main

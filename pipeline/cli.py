@@ -1,4 +1,4 @@
-"""The `drupe` command: its parts (pipeline/commands), and how every error ends."""
+"""The `drupe` command: its subcommands (pipeline/commands), and message and exit status of every error."""
 
 import pipeline.safe_start  # noqa: F401 - first of all: the current folder may be a stranger's
 
@@ -47,10 +47,10 @@ from pipeline.terminal_language import in_language_of_locale
 
 
 class _Commands(TyperGroup):
-    """The commands; a wrong choice of an option is told without the words of the library that checks it."""
+    """The subcommands; messages on wrong options omit the prefix of the library that checks them."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Runs the command. Raises typer.BadParameter."""
+        """Runs the command. Raises typer.BadParameter for a wrong option."""
         try:
             return super().invoke(ctx)
         except typer.BadParameter as error:
@@ -73,9 +73,9 @@ OF_A_PLACE = frozenset(
         errno.EEXIST, errno.ENOTEMPTY, errno.ESTALE,
     }
 )  # fmt: skip
-"""Errors of the system that say what is wrong with a place that a user named."""
+"""System error numbers that state what is wrong with a path from the user."""
 OF_THE_MACHINE = frozenset({errno.EMFILE, errno.ENFILE, errno.EAGAIN})
-"""And that it has no more of: open files, processes."""
+"""System error numbers for a lack of open files or processes."""
 
 
 def _version(wanted: bool) -> None:
@@ -113,15 +113,15 @@ COMMANDS: dict[Callable[..., None], str] = {
     schema: "Print the JSON schema of batch.toml, for editors.",
     doctor: "Check whether this machine can grade.",
 }
-"""Commands, and what the list of them says of each in one line of 80 columns."""
+"""Subcommands, each with its line in the overview, which is 80 columns wide."""
 for command, in_short in COMMANDS.items():
     app.command(short_help=in_short)(command)
 app.add_typer(device, name="device", short_help="Manage devices that may open the page of drupe watch.")
 
 
 def _not_ours(error: Exception) -> str:
-    """What a user can mend, as a sentence: a full disk, too little memory, or a place that is neither of the
-    installation nor of drupe's own temporary files; empty for anything else, which is a fault of drupe.
+    """A sentence on an error that the user can fix, empty for a fault of drupe. The user can fix a full disk,
+    a lack of memory, files or processes, and a path outside drupe's installation and temporary files.
     """
     ending, said = ending_of(error)
     if ending is Outcome.NOT_WRITTEN:
@@ -143,13 +143,13 @@ def _not_ours(error: Exception) -> str:
 
 
 def main() -> None:
-    """Runs the command, and writes what it says in the locale's language."""
+    """Runs the command, and writes its output in the locale's language."""
     with in_language_of_locale():
         _run()
 
 
 def _run() -> None:
-    """Runs the command; every error that a user can mend is one line on standard error, never a traceback."""
+    """Runs the command. An error that a user can fix becomes a line on standard error, no traceback."""
     came: list[int] = []
     try:
         with ended_like_ctrl_c() as came:

@@ -1,4 +1,4 @@
-"""Being told to end: Ctrl-C, SIGTERM and a terminal that is closed are one interruption."""
+"""Interruptions: drupe treats Ctrl-C, SIGTERM and SIGHUP (a closed terminal) in the same way."""
 
 import signal
 from collections.abc import Iterator
@@ -16,10 +16,10 @@ HANDLERS: dict[signal.Signals, Any] = {
 
 @contextmanager
 def held_back() -> Iterator[None]:
-    """Inside the block native libraries are loaded; an interruption waits for its end.
+    """Blocks interruptions until the end of the block, in which the caller loads native libraries.
 
-    An exception that is raised while a library sets itself up leaves half a library behind, and the
-    interpreter's own end then crashes in it or takes its exit status (Open3D, pycolmap).
+    An exception during its initialisation leaves a library half loaded. The interpreter then crashes at exit,
+    or the library replaces the exit status (Open3D, pycolmap).
     """
     before = signal.pthread_sigmask(signal.SIG_BLOCK, HANDLERS)
     try:
@@ -30,12 +30,11 @@ def held_back() -> Iterator[None]:
 
 @contextmanager
 def ended_like_ctrl_c() -> Iterator[list[int]]:
-    """Inside the block SIGTERM and SIGHUP raise KeyboardInterrupt as Ctrl-C does; a second time they end the
-    process. Handlers that somebody else set stay. A Ctrl-C that waited since the start comes now.
+    """Inside the block SIGTERM and SIGHUP raise KeyboardInterrupt as Ctrl-C does; a second one ends the
+    process. It keeps handlers that other code has set. A Ctrl-C that was blocked since the start arrives now.
 
-    Gives the list of the signals that came. A native library that is loaded later, outside `held_back`,
-    makes the interruption an error of its own ("ImportError: initialization failed"): the list tells them
-    apart.
+    Yields the list of received signals. A native library that is loaded outside `held_back` replaces the
+    interruption with its own error ("ImportError: initialization failed"); the list identifies such an error.
     """
     came: list[int] = []
 

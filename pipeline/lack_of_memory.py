@@ -1,4 +1,4 @@
-"""A lack of memory, whichever library met it."""
+"""Recognises a lack of memory, whichever library reports it."""
 
 import re
 
@@ -7,11 +7,11 @@ IN_WORDS = re.compile(
     r"|unable to allocate",
     re.IGNORECASE,
 )
-"""How native libraries report it."""
+"""The wording by which native libraries report a lack of memory."""
 
 
 def too_little_memory(free_MiB: float | None = None) -> str:
-    """A lack of memory that was met, as a sentence. `free_MiB`: what is free now; None: not known."""
+    """The message on a lack of memory. `free_MiB`: memory that is free now; None: unknown."""
     free = "" if free_MiB is None else f"{free_MiB:.0f} MiB are free; "
     return (
         f"not enough memory: {free}grading needs about 2200 MiB of address space, and up to 1500 MiB per "
@@ -20,9 +20,9 @@ def too_little_memory(free_MiB: float | None = None) -> str:
 
 
 def is_lack_of_memory(error: BaseException | None) -> bool:
-    """Whether an error, or one that it was raised from, is a lack of memory.
+    """Whether an error, or one of its causes (`__cause__`), is a lack of memory.
 
-    An error that happens while a lack of memory is handled (`__context__`) is a fault of its own.
+    An error that occurs while a lack of memory is handled (`__context__`) is a separate fault.
     """
     seen: set[int] = set()
     while error is not None and id(error) not in seen:

@@ -1,4 +1,4 @@
-"""What libraries log, warn and print is hidden: the terminal shows drupe's own sentences alone."""
+"""Hides the log, warnings and output of libraries, so that the terminal shows only drupe's messages."""
 
 import io
 import logging
@@ -8,10 +8,10 @@ from typing import Any
 
 
 def hide_libraries() -> None:
-    """For the rest of this process. DRUPE_DEBUG=1 shows what libraries say.
+    """Hides libraries' output for the rest of this process, unless DRUPE_DEBUG is set.
 
-    Native libraries write to the file descriptors 1 and 2. These lead to nowhere, and Python's own streams to
-    where the descriptors led before.
+    Native libraries write to the file descriptors 1 and 2. These now lead to the null device, and Python's
+    own streams to the former targets of the descriptors.
     """
     if os.environ.get("DRUPE_DEBUG"):
         return

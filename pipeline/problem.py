@@ -1,4 +1,4 @@
-"""What is wrong with a batch, said so that staff can mend it."""
+"""Problems of a batch, in sentences by which staff can correct them."""
 
 import difflib
 from collections.abc import Callable, Iterable, Sequence
@@ -10,16 +10,16 @@ from pipeline.files.plain_file import printable
 
 T = TypeVar("T")
 MOST_KNOWN = 12
-"""Names that a sentence lists: a line of a terminal."""
+"""Most names in one sentence, so that it fits on a line of a terminal."""
 
 
 @dataclass(frozen=True)
 class Problem:
-    """One fault of the input: the file, and a sentence with what was found, what was expected, what to do.
+    """One fault of the input: the file, and a sentence with the finding, the expectation and the remedy.
 
-    `implausible`: the number can be read but no fruit is like that; `drupe grade --force` goes on.
-    `doubtful`: nothing stops, E is given and will be in doubt. `remark`: nothing stops and E is not in doubt,
-    but staff may have meant something else.
+    `implausible`: readable, but outside the category's plausible range; `drupe grade --force` accepts it.
+    `doubtful`: grading goes on, but E is in doubt. `remark`: grading goes on and E is not in doubt, but staff
+    may have meant something else.
     """
 
     file: str
@@ -30,13 +30,13 @@ class Problem:
     remark: bool = False
 
     def __str__(self) -> str:
-        """One line: file first, and once; without control characters, which names of files can hold."""
+        """One line, which names the file once and first, without control characters from file names."""
         sentence = " ".join(self.sentence.split()).removeprefix(f"{Path(self.file).name}: ")
         return printable(f"{self.file}: {sentence}")
 
 
 class BatchRefused(Exception):
-    """Raised when a batch as a whole cannot be graded; holds every problem found, not the first."""
+    """Raised if a batch as a whole cannot be graded; holds every problem, not only the first."""
 
     def __init__(self, problems: Iterable[Problem]) -> None:
         self.problems = tuple(problems)
@@ -44,12 +44,12 @@ class BatchRefused(Exception):
 
 
 def refused(place: Path | str, sentence: str) -> BatchRefused:
-    """The refusal for one problem, of a file or an option."""
+    """A BatchRefused with one problem, of a file or an option."""
     return BatchRefused([Problem(str(place), sentence)])
 
 
 def gathered(problems: list[Problem], read: Callable[[], T]) -> T | None:
-    """What `read` gives; where it is refused None, and its problems are added to the others."""
+    """The result of `read`. If it raises BatchRefused: None, and `problems` gets its problems."""
     try:
         return read()
     except BatchRefused as refusal:
@@ -58,13 +58,13 @@ def gathered(problems: list[Problem], read: Callable[[], T]) -> T | None:
 
 
 def nearest(written: str, known: Iterable[str], otherwise: str, *, cutoff: float = 0.6) -> str:
-    """The known name that was likely meant, as a question; `otherwise` where none is like it."""
+    """A question with the known name that is most similar; `otherwise` if none is similar enough."""
     near = difflib.get_close_matches(written, list(known), n=1, cutoff=cutoff)
     return f'did you mean "{near[0]}"?' if near else otherwise
 
 
 def listed(names: Sequence[str], most: int) -> str:
-    """Names with commas, the first `most` of them.
+    """The first `most` names, separated by commas, and the number of the others.
 
     >>> listed(["a", "b", "c"], 2)
     'a, b and 1 more'
@@ -74,7 +74,7 @@ def listed(names: Sequence[str], most: int) -> str:
 
 
 def known_names(written: str, known: Sequence[str], what: str, plural: str) -> str:
-    """The likely one and all known names; of more than MOST_KNOWN the nearest, and how many others there are.
+    """The likely name and all known names; above MOST_KNOWN the nearest, and the number of the others.
 
     >>> known_names("frim", ["firm", "ripe"], "class", "classes")
     'did you mean "firm"? known classes: firm, ripe.'

@@ -1,9 +1,8 @@
-"""Nothing in the current folder is run: it may be a stranger's.
+"""Keeps drupe from running files of the current folder, which others may have put there.
 
-Python puts the current folder first on its path under -c and -m; Matplotlib reads a `matplotlibrc` there
-while it is imported, and shared libraries are looked for there while some wheels are loaded. Importing this
-module takes the folder off the path; `elsewhere` is where libraries are imported. What PYTHONPATH names
-stays: it is the user's.
+Under -c and -m, Python puts the current folder first on its path. Matplotlib reads a `matplotlibrc` there at
+import, and some wheels load shared libraries from there. Importing this module removes the folder from the
+path, unless PYTHONPATH names it. drupe imports libraries inside `elsewhere`.
 """
 
 import os
@@ -32,8 +31,8 @@ from pipeline.interruption import held_back  # noqa: E402
 
 @contextmanager
 def uncollected() -> Iterator[None]:
-    """Inside the block Python does not look for garbage: libraries make hundreds of thousands of objects that
-    stay, and looking through them again and again takes a quarter of the time of importing them.
+    """Inside the block Python collects no garbage. Libraries create hundreds of thousands of permanent
+    objects at import; scanning them repeatedly takes a quarter of the import time.
     """
     collects = gc.isenabled()
     gc.disable()
@@ -46,10 +45,10 @@ def uncollected() -> Iterator[None]:
 
 @contextmanager
 def elsewhere() -> Iterator[None]:
-    """Inside the block the current folder is the package's own, and an interruption waits for its end.
+    """Inside the block the current folder is the package's own, and interruptions wait for its end.
 
-    OpenCV, once imported, leaves an empty entry in LD_LIBRARY_PATH to every program that is started
-    afterwards, which means the current folder: it is removed.
+    Importing OpenCV leaves an empty entry in LD_LIBRARY_PATH, by which later programs load libraries from the
+    current folder. The end of the block removes it.
     """
     with held_back(), _own_folder(), uncollected():
         yield

@@ -1,4 +1,4 @@
-"""Where the command `drupe` begins: an early Ctrl-C and too little memory to load it are one line each."""
+"""The entry point of `drupe`: an early Ctrl-C, or too little memory to load it, gives one line."""
 
 import signal
 import sys
@@ -22,7 +22,7 @@ from pipeline.library_output import hide_libraries  # noqa: E402
 
 
 def main() -> None:
-    """Runs the command, whose terminal is its own: what libraries write is hidden."""
+    """Runs the command; hides what libraries write to the terminal."""
     try:
         from pipeline.cli import main as run
     except Exception as error:

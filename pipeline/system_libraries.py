@@ -10,11 +10,11 @@ NEEDED = {
     "libX11.so.6": ("libx11-6", "Open3D"),
     "libusb-1.0.so.0": ("libusb-1.0-0", "Open3D"),
 }
-"""Library -> (Debian package, who loads it); found by importing each wheel on a bare Debian 12."""
+"""Library -> (Debian package, wheels that load it); found by importing each wheel on a bare Debian 12."""
 
 
 def missing_libraries(needed: dict[str, tuple[str, str]] = NEEDED) -> list[str]:
-    """A sentence for each missing library, with the Debian package to install; empty when all are there."""
+    """A sentence for each missing library (Linux only), with the Debian package to install."""
     if not sys.platform.startswith("linux"):
         return []
     missing = {name: where for name, where in needed.items() if not _loads(name)}

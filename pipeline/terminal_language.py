@@ -1,4 +1,4 @@
-"""The lines of the terminal in the language of the locale (LC_ALL, LC_MESSAGES or LANG).
+"""Translates the lines of the terminal to the language of the locale (LC_ALL, LC_MESSAGES or LANG).
 
 Commands write English; each whole line is looked up as a sentence (reports/messages.py) when it is written.
 """
@@ -13,7 +13,7 @@ from reports.messages import message
 
 
 class _Translated:
-    """A stream; text that is written to it is in `language` where a catalogue has its line."""
+    """A stream that translates each line written to it to `language`, if a catalogue has the line."""
 
     def __init__(self, stream: TextIO, language: str) -> None:
         self._stream, self._language = stream, language
@@ -33,7 +33,7 @@ class _Translated:
 
 @contextmanager
 def in_language_of_locale() -> Iterator[None]:
-    """Standard output and standard error are in the locale's language inside the block."""
+    """Inside the block, standard output and standard error are in the locale's language."""
     if (language := of_environment()) == ENGLISH:
         yield
         return
@@ -43,6 +43,6 @@ def in_language_of_locale() -> Iterator[None]:
 
 
 def _translated(line: str) -> str:
-    """The line with its indent and its end, which are no part of the sentence."""
+    """The translated line; its indent and its end are not part of the sentence and stay."""
     text = line.strip()
     return line.replace(text, message(text), 1) if text else line
