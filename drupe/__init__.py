@@ -1,7 +1,7 @@
-"""How ripe stone fruit is, from Python: the public functions of drupe.
+"""The public functions of drupe, which measure the ripeness of stone fruit.
 
-Names in `__all__` are public; all else may change without notice (docs/python.md, Compatibility). Units are
-mm, N, MPa and s. Every function raises `DrupeError` for input that it cannot use. Modules load at first use.
+Names in `__all__` are public; all others may change without notice (docs/python.md, Compatibility). Units
+are mm, N, MPa and s. Every function raises `DrupeError` for unusable input. Modules load at first use.
 """
 
 from importlib import import_module
@@ -46,7 +46,7 @@ _MODULE_OF = {name: module for module, names in _MODULES.items() for name in nam
 
 
 def __getattr__(name: str) -> Any:
-    """A public name, whose module is imported now; the caller's import path stays as it is."""
+    """Imports the module of a public name and returns the name's value; `sys.path` does not change."""
     if name not in _MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     import sys
@@ -55,7 +55,7 @@ def __getattr__(name: str) -> Any:
     try:
         value = getattr(import_module(f"{__name__}.{_MODULE_OF[name]}"), name)
     finally:
-        sys.path[:] = path  # the command's start leaves the current folder off the path
+        sys.path[:] = path  # pipeline.safe_start removes the current folder from the path
     globals()[name] = value
     return value
 

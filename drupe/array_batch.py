@@ -1,4 +1,4 @@
-"""A fruit given by arrays as a temporary batch of one fruit, so that `drupe grade`'s own code reads it."""
+"""Writes the arrays of one fruit as a temporary batch, so that the code of `drupe grade` reads them."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -27,9 +27,9 @@ Surface: TypeAlias = tuple[ArrayLike, ArrayLike]
 Pit: TypeAlias = Surface | Literal["none", "prior"]
 FRUIT_ID = "fruit"
 ARGUMENTS = {"category": "category", "poisson_ratio": "nu"}
-"""Arguments that say what these keys of batch.toml do."""
+"""The argument of a function that replaces each of these keys of batch.toml."""
 ANY_CATEGORY = "phantom"
-"""This category has no usual pit and no usual Poisson's ratio, and the widest plausible range of E."""
+"""This category has neither a prior of the pit nor a Poisson's ratio, and the widest plausible range of E."""
 
 
 def silent(_: str) -> None:
@@ -46,7 +46,9 @@ def array_batch(
     category: str | None,
     settings: Mapping[str, Any] | None,
 ) -> Iterator[Path]:
-    """The folder of the batch, gone afterwards; raises DrupeError for wrong arrays and recordings."""
+    """Yields the batch's folder and deletes it at the end of the block. Raises DrupeError for unusable
+    arguments, and instead of failures of drupe's packages in the block.
+    """
     given = list(recordings) if isinstance(recordings, Iterable) else [recordings]
     wrong = [type(held).__name__ for held in given if not isinstance(held, Recording)]
     if wrong or not given:
@@ -92,7 +94,7 @@ def array_batch(
 
 
 def array_task(root: Path) -> FruitTask:
-    """The task of the batch's fruit; raises BatchRefused for settings and sizes that no fruit has."""
+    """The task of the batch's fruit. Raises BatchRefused for invalid settings and implausible sizes."""
     batch = open_batch(root)
     if said := implausible(batch, batch.row_of[FRUIT_ID]):
         raise refused("mesh", said)
@@ -102,7 +104,7 @@ def array_task(root: Path) -> FruitTask:
 
 
 def _surface(name: str, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices and faces, checked; raises DrupeError."""
+    """Vertices (n, 3) and faces (m, 3). Raises DrupeError for wrong shapes or indices out of range."""
     if not isinstance(surface, tuple | list) or len(surface) != 2:
         raise DrupeError(f"{name}: found {type(surface).__name__}, expected the pair (vertices, faces)")
     vertices = numbers(f"{name} vertices", surface[0], (None, 3))
@@ -114,9 +116,7 @@ def _surface(name: str, surface: Surface) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _plain(settings: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings as Python's own types, NumPy's numbers among them, without those that are None; raises
-    DrupeError.
-    """
+    """The settings in Python's types instead of NumPy's, without None. Raises DrupeError for other types."""
 
     def plain(value: Any) -> Any:
         if isinstance(value, np.generic | np.ndarray):

@@ -17,14 +17,14 @@ from pipeline.fruit.stages import measured_fruit
 from tactile.readers.recording import Recording
 
 NINETY = NormalDist().inv_cdf(0.95)
-"""Standard deviations on either side of the mean that hold 90 % of a Gaussian."""
+"""Half-width of a Gaussian's central 90 % interval, in standard deviations."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class MarkerResidual:
-    """Misfit of k markers of a pad at full load: places on the skin (k, 3) and residuals (k,), mm.
+    """Residuals (k,) of a pad's k markers at full load, and their places (k, 3) on the skin, mm, mesh frame.
 
-    The mesh's frame. Positive: the recorded skin went farther into the fruit than the model's.
+    Positive: the recorded skin moved farther into the fruit than the model's.
     """
 
     name: str
@@ -36,10 +36,10 @@ class MarkerResidual:
 class MeasuredModulus:
     """Young's modulus of the flesh of one fruit, from all its recordings together.
 
-    `E_sd_MPa`: standard deviation without the common scale of force and gel stiffness, whose part is
-    `E_scale_sd_MPa`. `interval_90_MPa` includes both. `parts_sd_MPa`: causes of the error bar. `recordings`:
-    a row per recording with its own E, or why it is not used. `warnings`: sentences; `doubts`: those of them
-    that name contradictions in the input. `residuals`: an entry per recording and pad.
+    `E_sd_MPa`: standard deviation without the common scale of force and gel stiffness. `E_scale_sd_MPa`: the
+    standard deviation from that scale. `interval_90_MPa` includes both. `parts_sd_MPa`: causes of the error
+    bar. `recordings`: a row per recording with its E, or why drupe does not use it. `warnings`: sentences.
+    `doubts`: warnings that name contradictions in the input. `residuals`: an entry per recording and pad.
     """
 
     E_MPa: float
@@ -72,13 +72,13 @@ def modulus(
 
     `mesh`: vertices (n, 3) in mm and triangles (m, 3) of the closed skin, outward normals. `recordings`: from
     `recording` or `read_recording`, all of this fruit. `pit`: the pit's mesh in the same frame, "none" for a
-    solid body, or "prior" for the usual pit of the category. `nu`: Poisson's ratio of the flesh, no unit,
-    taken as exact unless `settings` has "poisson_ratio_sd"; None: that of the category. `category`:
-    "nectarine" or another; None: nothing is assumed of the fruit, and E from 0.0005 to 60 MPa is accepted.
-    `settings`: further keys of batch.toml (docs/formats.md), for example {"mesh": {"edge_mm": 8.0}}; paths in
-    it are absolute. `report` receives the name of each stage as it begins.
+    solid body, or "prior" for the category's prior. `nu`: Poisson's ratio of the flesh, exact unless
+    `settings` has "poisson_ratio_sd"; None: the category's. `category`: "nectarine" or another; None: the
+    widest plausible ranges, E from 0.0005 to 60 MPa. `settings`: further keys of batch.toml
+    (docs/formats.md), for example {"mesh": {"edge_mm": 8.0}}; paths in it are absolute. `report` receives the
+    name of each stage at its start.
 
-    Takes about a minute on one core. Raises DrupeError where the input gives no E.
+    Takes about a minute on one core. Raises DrupeError if the input is unusable or gives no E.
     """
     log = StageLog(report)
     given = array_batch(mesh, recordings, pit=pit, nu=nu, category=category, settings=settings)
@@ -86,7 +86,7 @@ def modulus(
         fruit, inference = measured_fruit(array_task(root), log)
         patches = patch_residuals(fruit.placed, inference.grasps)
     held = log.facts.modulus
-    assert held is not None  # set where measured_fruit returns
+    assert held is not None  # measured_fruit raises or sets it
     return MeasuredModulus(
         E_MPa=held.E_MPa,
         E_sd_MPa=held.E_sd_MPa,

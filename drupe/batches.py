@@ -1,4 +1,4 @@
-"""Batches on disk: graded by the command, and read as typed tables."""
+"""Grades a batch on disk with the command `drupe grade`, and reads results as typed tables."""
 
 import subprocess
 import sys
@@ -22,17 +22,16 @@ REAL = (
     "E_at_pulp_MPa", "E_at_pulp_sd_MPa",
 )  # fmt: skip
 COMMAND = (sys.executable, "-P", "-c", "from pipeline.start import main; main()")
-"""The command `drupe` of this installation; -P keeps the current folder off its path."""
+"""The command `drupe` of this installation; -P excludes the current folder from its import path."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class GradedBatch:
     """Results of `drupe grade` in `folder`.
 
-    `ranking`: a row per fruit, softest first, with the columns of ranking.csv (docs/formats.md). Whole
-    numbers are Int64, others Float64, `reference` is bool, texts are string; unknown values are missing. The
-    user's own columns are last.
-    `provenance`: batch.json, with versions, settings, SHA-256 of every input, and times.
+    `ranking`: a row per fruit, softest first, with the columns of ranking.csv (docs/formats.md), then the
+    user's columns. Whole numbers are Int64, others Float64, `reference` is bool, texts are string; unknown
+    values are missing. `provenance`: batch.json, with versions, settings, SHA-256 of every input, and times.
     """
 
     folder: Path
@@ -40,7 +39,7 @@ class GradedBatch:
     provenance: Mapping[str, Any]
 
     def record(self, fruit_id: str) -> Mapping[str, Any]:
-        """Everything known of a fruit (record.json); raises DrupeError for an unknown fruit."""
+        """The fruit's record.json. Raises DrupeError for an unknown fruit or an unreadable record."""
         if fruit_id not in set(self.ranking["fruit_id"]):
             known = ", ".join(self.ranking["fruit_id"][:6])
             raise DrupeError(f'fruit_id: found "{fruit_id}", expected a fruit of the batch: {known}')
@@ -52,7 +51,7 @@ class GradedBatch:
 
 
 def read(out: str | Path) -> GradedBatch:
-    """The results in the folder `out`; raises DrupeError where there are none of `drupe grade`."""
+    """The results in the folder `out`. Raises DrupeError if it has no readable results of `drupe grade`."""
     results = Results(Path(out))
     said, rows = json_in(results.provenance), json_in(results.ranking_json)
     if not isinstance(said, dict) or said.get("format") != "drupe-batch-result":
@@ -78,11 +77,11 @@ def read(out: str | Path) -> GradedBatch:
 def grade(
     batch: str | Path, *, out: str | Path | None = None, jobs: int | None = None, screen: bool = True
 ) -> GradedBatch:
-    """Grades the batch in a folder by the command `drupe grade`, and reads the results.
+    """Grades the batch in a folder with the command `drupe grade`, and reads the results.
 
-    `out`: folder of the results, BATCH/results by default. `jobs`: fruit at a time, one per core by default.
-    `screen`: whether each fruit is tested for physics that the model misses. A fruit without E is a row whose
-    `outcome` and `reason` say why. Raises DrupeError where the batch as a whole cannot be graded.
+    `out`: results folder, BATCH/results by default. `jobs`: fruit in parallel, one per core by default.
+    `screen`: whether drupe tests each fruit for physics that the model misses. In the row of a fruit without
+    E, `outcome` and `reason` state why. Raises DrupeError if drupe cannot grade the batch as a whole.
     """
     place = BatchFolder(Path(batch)).default_results if out is None else Path(out)
     options = ["--out", str(place), *([] if jobs is None else ["--jobs", str(jobs)])]

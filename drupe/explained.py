@@ -1,4 +1,4 @@
-"""What the model misses in one fruit's recordings."""
+"""Physics that the model misses in one fruit's recordings."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -19,12 +19,12 @@ from tactile.readers.recording import Recording
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExplainedMismatch:
-    """What the model misses in a fruit's recordings, as `drupe explain` says it.
+    """The answer of `drupe explain` on a fruit's recordings.
 
-    `verdict`: "none", the name of the effect, several that look the same, or "unknown". `sentence`: the
-    verdict in words. `p_value`: probability of so large a misfit without a mismatch. `E_MPa`, `E_sd_MPa`:
-    with the effect; `E_without_MPa`, `E_without_sd_MPa`: without one. `candidates`: a row per explanation,
-    likeliest first. `answer`: everything, as docs/formats.md defines the JSON of `drupe explain`.
+    `verdict`: "none", the name of the effect, several indistinguishable effects, or "unknown". `sentence`:
+    the verdict in words. `p_value`: probability of a misfit at least this large without a mismatch. `E_MPa`,
+    `E_sd_MPa`: with the effect; `E_without_MPa`, `E_without_sd_MPa`: without it. `candidates`: a row per
+    explanation, most probable first. `answer`: the JSON of `drupe explain` (docs/formats.md).
     """
 
     verdict: tuple[str, ...]
@@ -53,8 +53,7 @@ def explain(
 ) -> ExplainedMismatch:
     """Physics that the model misses in a fruit's recordings. Arguments and errors are those of `modulus`.
 
-    Two recordings or more are needed to test an answer on data that the fit did not see. `jobs`: threads.
-    Takes minutes.
+    The test on held-out recordings needs at least two recordings. `jobs`: threads. Takes minutes.
     """
     given = array_batch(mesh, recordings, pit=pit, nu=nu, category=category, settings=settings)
     with given as root:
@@ -69,9 +68,10 @@ def explain_fruit(
     jobs: int = 1,
     report: Callable[[str], None] = silent,
 ) -> ExplainedMismatch:
-    """The same for a fruit of a batch on disk, by the batch's settings.
+    """Physics that the model misses in a fruit of a batch on disk, with the batch's settings.
 
-    `out`: the results of `drupe grade`, BATCH/results by default; the answer is added there.
+    `out`: the results of `drupe grade`, BATCH/results by default; drupe adds the answer there. Raises
+    DrupeError if the batch, the fruit or its recordings are unusable.
     """
     with refusals():
         return _explained(Path(batch), fruit_id, None if out is None else Path(out), jobs, report)

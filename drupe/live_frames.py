@@ -1,4 +1,4 @@
-"""E from each frame while a gripper closes."""
+"""E from each frame of a closing gripper."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -27,7 +27,7 @@ from tactile.registration import FARTHEST_SHARE, depth_along
 
 @dataclass(frozen=True, kw_only=True)
 class LivePad:
-    """A pad before it touches: zero and noise of its readings, and which of its markers the model has."""
+    """A pad before contact: zero and noise of its readings; `used`: the markers that the model contains."""
 
     rest_mm: Float[np.ndarray, "n 3"]
     displacement_zero_mm: Float[np.ndarray, "n 3"]
@@ -40,7 +40,7 @@ class LivePad:
 
 
 class LiveModulus:
-    """A grasp that is in progress. `estimate` takes frame after frame; `restart` forgets all of them."""
+    """A grasp in progress. `estimate` takes one frame after the other; `restart` discards all frames."""
 
     def __init__(self, model: LiveModel, pads: tuple[LivePad, ...]) -> None:
         self._model, self._pads = model, pads
@@ -48,19 +48,20 @@ class LiveModulus:
 
     @property
     def markers(self) -> tuple[Int[np.ndarray, " _k"], ...]:
-        """Indices of each pad's markers in the model; residuals of a frame follow them, pad after pad."""
+        """Indices of each pad's markers in the model, in the order of a frame's residuals, pad by pad."""
         return tuple(np.flatnonzero(pad.used) for pad in self._pads)
 
     def restart(self) -> None:
-        """Begins again before the first touch."""
+        """Returns to the state before the first touch."""
         self._before = FirstTouch.none(sum(int(pad.used.sum()) for pad in self._pads))
 
     def estimate(self, displacement_mm: PerPad, force_N: PerPad, pose: PerPad) -> FrameEstimate:
         """E from this frame and the markers' first touches; an entry per pad in each argument.
 
-        `displacement_mm` and `force_N` (N, 3) as in `recording`; `pose` (4, 4). Gives `E_MPa`, `E_sd_MPa`
-        (of the markers' noise alone) and `residual_mm` (n, 3) in the mesh's frame. E is NaN until six
-        markers have touched in two frames. Raises DrupeError for a wrong shape or a value that is not finite.
+        `displacement_mm` and `force_N` (N, 3) as in `recording`; `pose` (4, 4). Returns `E_MPa`, `E_sd_MPa`
+        (from the markers' noise alone) and `residual_mm` (n, 3) in the mesh's frame. E is NaN if fewer than
+        six markers touch in both this and the previous frame, or if the fitted 1/E is not positive. Raises
+        DrupeError for a wrong shape, a value that is not finite, or a pose that is not rigid.
         """
         given = {"displacement_mm": displacement_mm, "force_N": force_N, "pose": pose}
         of_pads = {name: per_pad(name, arrays) for name, arrays in given.items()}
@@ -106,13 +107,13 @@ def live(
 ) -> LiveModulus:
     """Prepares E from each frame of a grasp, within milliseconds of the frame.
 
-    `air`: frames of the pads where they will close on the fruit, before the first touch (six or more); they
-    give zero, noise and place. Later frames of it, from the first touch on, are not used. `travel_mm`: the
-    greatest travel of a jaw after the first touch; it says which markers can touch. Other arguments as in
-    `modulus`. Takes up to a minute; prepare it while the gripper waits in the air. Flesh is at small strain
-    whatever `settings` say: E of soft fruit is up to 10 % above that of `modulus`.
+    `air`: six or more frames before the first touch, with the pads at the place where they will close on the
+    fruit; drupe takes zero, noise and place from them and ignores later frames. `travel_mm`: the greatest
+    travel of a jaw after the first touch; it determines which markers can touch. Other arguments as in
+    `modulus`. Takes up to a minute; prepare it while the gripper waits in the air. The model always has small
+    strain: E of soft fruit is up to 10 % above that of `modulus`.
 
-    Raises DrupeError where `air` has too few frames in the air, or the pads do not face the fruit.
+    Raises DrupeError as `modulus` does, and for fewer frames, a bare indenter, or no fruit before a pad.
     """
     if not numbers("travel_mm", travel_mm, ()) > 0:
         raise DrupeError(f"travel_mm: found {travel_mm:g}, expected a travel above 0 mm")
@@ -135,7 +136,7 @@ def live(
 
 
 def _in_air(pad: object, shape: FruitShape, *, travel_mm: float) -> LivePad:
-    """Zero and noise of a pad's frames in the air, and where its markers will touch."""
+    """Zero and noise of a pad's frames in the air, and the places where its markers will touch."""
     if not isinstance(pad, GelPad):
         raise DrupeError("air: found a bare indenter, expected pads with markers")
     frames = frames_in_air(pad) - 1  # the first touch begins between two frames
@@ -168,7 +169,7 @@ def _in_air(pad: object, shape: FruitShape, *, travel_mm: float) -> LivePad:
 
 
 def _without_frames(pad: LivePad) -> PadHistory:
-    """The places of a pad's markers as the mechanics take them, before any frame."""
+    """A grasp history of the pad's markers without any frame."""
     count = int(pad.used.sum())
     none = np.zeros((0, count, 3))
     return PadHistory(

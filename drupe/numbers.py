@@ -1,4 +1,4 @@
-"""The user's arrays as arrays of numbers, or an error that names array, shape and expected shape."""
+"""Checks the user's arrays; the error names array, shape and expected shape."""
 
 from collections.abc import Mapping, Sequence
 from typing import TypeAlias
@@ -11,18 +11,19 @@ from drupe.refusal import DrupeError
 PerPad: TypeAlias = Sequence[ArrayLike] | np.ndarray
 """An array per pad: left, right; or the only one."""
 Length: TypeAlias = int | None
-"""Of an axis; None: any from 1 on."""
+"""Required length of an axis; None: any from 1 on."""
 
 
 def per_pad(name: str, arrays: PerPad) -> list[ArrayLike]:
-    """The entries of `arrays`, a pad each; raises DrupeError for what has no such entries."""
+    """The entries of `arrays`, one per pad. Raises DrupeError for a mapping, a text or a scalar."""
     if isinstance(arrays, Mapping | str) or not np.iterable(arrays):
         raise DrupeError(f"{name}: found {type(arrays).__name__}, expected a sequence with an array per pad")
     return list(arrays)
 
 
 def numbers(name: str, values: ArrayLike, shape: tuple[Length, ...], *, whole: bool = False) -> np.ndarray:
-    """`values` as an array of `shape`, of float64 or (`whole`) int64; raises DrupeError.
+    """`values` as an array of `shape`, float64 or, with `whole`, int64. Raises DrupeError for another shape
+    or type, for masked or non-finite values and, with `whole`, for fractions.
 
     >>> numbers("centre_mm", [0, 0, 30], (3,))
     array([ 0.,  0., 30.])
@@ -44,7 +45,7 @@ def numbers(name: str, values: ArrayLike, shape: tuple[Length, ...], *, whole: b
     )
     if not fits:
         raise DrupeError(f"{name}: found shape {array.shape}, expected {wanted}")
-    if np.ma.is_masked(values):  # np.asarray keeps what the mask hides
+    if np.ma.is_masked(values):  # np.asarray drops the mask
         raise DrupeError(f"{name}: found masked values, expected a number in each place")
     if bad := int((~np.isfinite(array)).sum()):
         where = tuple(int(k) for k in np.argwhere(~np.isfinite(array))[0])

@@ -17,7 +17,7 @@ from tactile.readers.recording import read_recording as read_h5
 from tactile.readers.recording import write_recording as write_h5
 
 PADS = {1: ("tip",), 2: ("left", "right")}
-"""Names of the pads by their number: 1 of a press, 2 of a grasp."""
+"""Names of the pads by their number: a press has 1, a grasp 2."""
 
 
 def jaw_poses(
@@ -32,7 +32,7 @@ def jaw_poses(
     `centre_mm` (3,): the point halfway between the jaws, in the mesh's frame. `closing` (3,): direction from
     the left jaw to the right jaw. `up` (3,): the y axis of both pads. Lengths of directions do not matter.
 
-    Raises DrupeError where the directions are parallel, or a shape is wrong.
+    Raises DrupeError if the directions are parallel or a shape is wrong.
 
     >>> left, right = jaw_poses([60.0, 58.0], centre_mm=[0, 0, 30])
     >>> left[:, :3, 3]
@@ -65,17 +65,17 @@ def recording(
 ) -> Recording:
     """A recording of T frames from arrays: a grasp between two pads, or a press with a single pad.
 
-    `time_s` (T,), seconds, increasing. `aperture_mm` (T,): distance of the two undeformed gel faces; of a
-    press the travel. The next four are sequences with an array per pad, left then right: `rest_mm` (N, 3),
-    markers on the undeformed gel; `displacement_mm` (T, N, 3) from rest, negative z is into the gel;
-    `force_N` (T, N, 3) of the gel on the fruit, positive z pushes the fruit; all in the pad's frame, whose z
-    points into the fruit. `pose` (T, 4, 4): pad frame to the mesh's frame; see `jaw_poses`.
+    `time_s` (T,), seconds, increasing. `aperture_mm` (T,): distance of the two undeformed gel faces; in a
+    press, the travel. The next four are sequences with an array per pad, left then right, in the pad's frame,
+    whose z points into the fruit. `rest_mm` (N, 3): markers on the undeformed gel. `displacement_mm`
+    (T, N, 3): from rest, negative z into the gel. `force_N` (T, N, 3): of the gel on the fruit, positive z
+    pushes the fruit. `pose` (T, 4, 4): pad frame to the mesh's frame; see `jaw_poses`.
     `gel_stiffness_MPa_per_mm`: normal and shear stiffness of the gel per area. `force_scale_sd` and
     `displacement_scale_sd`: relative standard deviations of scales that all markers and frames share.
 
-    Keep ten frames or more before the first touch: they measure the sensor's noise. Values are those that
-    the file of `write_recording` holds: displacement and force in single precision. Raises DrupeError that
-    names the array, what was found and what was expected.
+    Include ten frames or more before the first touch: they measure the sensor's noise. Displacement and force
+    have single precision, as in the file of `write_recording`. Raises DrupeError, which names the array, the
+    value found and the expected one.
 
     >>> rest, still = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.zeros((2, 3, 3, 3))
     >>> held = recording(
@@ -133,17 +133,17 @@ def recording(
 
 
 def as_in_a_file(held: Recording) -> Recording:
-    """The recording as its file gives it back, with every check of the file's reader; raises DrupeError."""
+    """The recording after a round trip through a file. Raises DrupeError if a check of the reader fails."""
     with refusals(), scratch() as folder:
         write_h5(folder / "recording", held)
         return read_h5(folder / "recording")
 
 
 def write_recording(path: str | Path, held: Recording) -> None:
-    """Writes a recording to `path` (.h5), as `drupe grade` reads it and `read_recording` gives it back.
+    """Writes a recording to `path` (.h5, .hdf5 or .mat), for `drupe grade` and `read_recording`.
 
-    Displacement and force are stored in single precision. Raises DrupeError where something exists at `path`
-    or the place cannot be written to: drupe never overwrites a file of yours.
+    The file stores displacement and force in single precision. Raises DrupeError for another suffix, if
+    `path` exists (drupe never overwrites your file), or if drupe cannot write there.
     """
     path = Path(path)
     if path.suffix.lower() not in RECORDINGS:
@@ -156,7 +156,7 @@ def write_recording(path: str | Path, held: Recording) -> None:
 
 
 def read_recording(path: str | Path) -> Recording:
-    """The recording in an .h5 file; raises DrupeError that names the file, the field and what is wrong.
+    """The recording in an .h5 file. Raises DrupeError, which names the file, the field and the fault.
 
     `drupe convert` writes such files from other formats.
     """

@@ -1,4 +1,4 @@
-"""What the public functions raise: one exception, whose text says what was wrong and what to do."""
+"""The one exception of the public functions; its text states the fault and the remedy."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,7 +13,7 @@ from tactile.tactile_failure import TactileFailure
 
 
 class DrupeError(ValueError):
-    """The input gives no result. The text says what was found, what was expected, and what to do."""
+    """The input gives no result. The text states the value found, the expected one, and the remedy."""
 
 
 KNOWN = (BatchRefused, FemFailure, FruitEnded, NotWritten, ReconFailure, TactileFailure)
@@ -21,13 +21,13 @@ KNOWN = (BatchRefused, FemFailure, FruitEnded, NotWritten, ReconFailure, Tactile
 
 @contextmanager
 def refusals(root: Path | None = None) -> Iterator[None]:
-    """Turns every failure of drupe's packages into a DrupeError; paths are named from `root` on."""
+    """Converts failures of drupe's packages in the block to DrupeError; removes `root` from their paths."""
     try:
         yield
     except KNOWN as failure:
         sentence = str(failure)
         raise DrupeError(sentence if root is None else sentence.replace(f"{root}/", "")) from failure
     except ExceptionGroup as failures:
-        if failures.split(KNOWN)[1] is not None:  # a mistake of the program
+        if failures.split(KNOWN)[1] is not None:  # a fault of the program
             raise
         raise DrupeError(" ".join(str(failure) for failure in failures.exceptions)) from failures

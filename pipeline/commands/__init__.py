@@ -1,1 +1,1 @@
-"""The commands of `drupe`, one file each: what is asked for, and how it ends."""
+"""The commands of `drupe`, one file each: arguments, output and exit status."""

@@ -1,4 +1,4 @@
-"""How commands end: what is said of an interruption or a refused input."""
+"""How commands end: the messages of an interruption, a refused input and a written file."""
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -11,7 +11,7 @@ from pipeline.exit_status import INTERRUPTED, UNUSABLE
 
 @contextmanager
 def said_when_interrupted(what_is_left: str) -> Iterator[None]:
-    """Inside the block Ctrl-C is said, with `what_is_left` of the work, and is exit status 130."""
+    """Converts Ctrl-C in the block to exit status 130 and a message that ends with `what_is_left`."""
     try:
         yield
     except KeyboardInterrupt:
@@ -21,7 +21,7 @@ def said_when_interrupted(what_is_left: str) -> Iterator[None]:
 
 @contextmanager
 def said_when_refused(path: Path, *failures: type[Exception]) -> Iterator[None]:
-    """Inside the block a failure on the input at `path` is said, and is exit status 3."""
+    """Converts `failures` in the block to exit status 3 and a message that names the input `path`."""
     try:
         yield
     except failures as reason:
@@ -30,14 +30,14 @@ def said_when_refused(path: Path, *failures: type[Exception]) -> Iterator[None]:
 
 
 def say_written(sentences: Iterable[str], out: Path) -> None:
-    """Prints the sentences, and that `out` was written."""
+    """Prints the sentences, then the line that names the written file `out`."""
     for sentence in sentences:
         typer.echo(sentence)
     typer.echo(f"wrote {out}")
 
 
 def about(path: Path, reason: Exception) -> str:
-    """The reason, with the path in front where it does not begin with it."""
+    """The reason, prefixed with the path unless it already starts with it."""
     said = str(reason)
     last_two = str(Path(*path.parts[-2:]))
     named = [f"{name}{mark}" for name in (str(path), last_two, path.name) if name for mark in ":/ "]

@@ -15,9 +15,9 @@ from pipeline.exit_status import DOUBTED, UNUSABLE
 from pipeline.safe_start import elsewhere
 
 MOST_EXPLAINING = 4
-"""Jobs unless told otherwise: there are seldom more recordings to work on at once, and each costs memory."""
+"""Default limit of jobs: a fruit seldom has more recordings, and each job needs memory."""
 LOADED_LATE = ("open3d", "pymeshlab")
-"""Libraries that rooms import when they need them, where the current folder may be a stranger's."""
+"""Libraries that other packages import late, when the current folder may hold a stranger's modules."""
 
 
 def explain(

@@ -1,4 +1,4 @@
-"""What the machine must have for a command, and how much of it there is."""
+"""Requirements of a command on the machine: system libraries and cores."""
 
 import os
 
@@ -7,7 +7,7 @@ from pipeline.system_libraries import missing_libraries
 
 
 def require_libraries() -> None:
-    """Raises BatchRefused with every system library that native wheels load and that is missing."""
+    """Raises BatchRefused with every missing system library that native wheels load."""
     if missing := missing_libraries():
         raise BatchRefused([Problem("this machine", sentence) for sentence in missing])
 

@@ -12,7 +12,7 @@ from pipeline.commands.endings import said_when_interrupted
 from pipeline.safe_start import elsewhere
 
 SHEETS_MM = {"a4": (210.0, 297.0), "letter": (215.9, 279.4)}
-"""Width and height of the sheets that a mat can be printed on (ISO 216, ANSI/ASME Y14.1)."""
+"""Width and height of the sheets on which a printer can print a mat (ISO 216, ANSI/ASME Y14.1)."""
 
 
 def mat(
@@ -49,7 +49,7 @@ def mat(
             folder / "mat.json": (json.dumps(mat_mapping(printed)) + "\n").encode(),
         }
         for path, content in contents.items():
-            # batches are read by their mat.json: another mat's is not replaced
+            # Photos need the mat.json of their own mat: drupe never replaces one of another mat.
             require_new_or_ours(path, partial(_holds, content=content), f"this mat's {path.name}")
         for path, content in contents.items():
             put(path, content)

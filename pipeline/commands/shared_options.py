@@ -1,4 +1,4 @@
-"""Arguments and options that several commands have."""
+"""Arguments and options that several commands share."""
 
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +13,7 @@ BatchArgument = Annotated[
 ]
 OutOption = Annotated[Path | None, Option(help="The folder for results.", show_default="BATCH/results")]
 TimeLimitOption = Annotated[float, Option(min=1, help="Time limit per fruit, in seconds.")]
-"""Seconds; at least one, as no fruit is graded in less."""
+"""At least one second: no fruit takes less."""
 ScreenOption = Annotated[
     bool, Option(help="Test every fruit for physics that the model misses (18 to 28 s per fruit).")
 ]
@@ -71,7 +71,7 @@ OcFile = Annotated[
 
 
 def chosen_language(asked: str | None) -> str:
-    """The language asked for, else the environment's; raises BatchRefused for one that is not known."""
+    """The language `asked`; None: the environment's. Raises BatchRefused for an unknown language."""
     if asked is None:
         return of_environment()
     if asked not in LANGUAGES:

@@ -2,13 +2,13 @@
 
 Attributes: the code letters and the single sampling plans of MIL-STD-105E (1989), tables I, II-A, II-B and
 II-C. ISO 2859-1:1989 has the same tables, and ISO 2859-1:1999 those for normal and tightened inspection. The
-plans equal those of the R package AQLSchemes 1.7-2 in all 768 cells (16 letters, 16 AQLs, 3 inspections). A
-plan depends on the sum of the rows of code letter and AQL alone: down a diagonal of the table the product of
-n and AQL is the same. Variables: the s method with one specification limit, of ANSI/ASQ Z1.9, tables A-2 and
-B-1 (those of ISO 3951:1989).
+plans equal those of the R package AQLSchemes 1.7-2 in all 768 cells (16 letters, 16 AQLs, 3 inspections). The
+numbers of a plan depend only on the sum of the row indices of code letter and AQL: along a diagonal of the
+table, n times AQL is nearly constant. Variables: the s method with one specification limit of ANSI/ASQ Z1.9,
+tables A-2 and B-1 (also in ISO 3951:1989).
 
-Operating characteristics are exact: binomial (a long series of lots) or hypergeometric (this lot), and for
-variables Student's noncentral t,  P = P(T(n - 1, sqrt(n) z) >= sqrt(n) k), z the normal quantile of 1 - p
+Operating characteristics are exact: binomial for a long series of lots, hypergeometric for this lot. For
+variables, Student's noncentral t: P = P(T(n - 1, sqrt(n) z) >= sqrt(n) k), z the normal quantile of 1 - p
 (Lieberman and Resnikoff, J. Am. Stat. Assoc. 50, 1955, 457).
 """
 
@@ -32,9 +32,9 @@ SWITCHING = {
 """Switching rule of each inspection (MIL-STD-105E, 4.7; ISO 2859-1, 9.3)."""
 INSPECTIONS = tuple(SWITCHING)
 AQLS = (0.010, 0.015, 0.025, 0.040, 0.065, 0.10, 0.15, 0.25, 0.40, 0.65, 1.0, 1.5, 2.5, 4.0, 6.5, 10.0)
-"""Acceptance quality limits in per cent of nonconforming fruit; greater ones count defects, not fruit."""
+"""Acceptance quality limits, per cent of nonconforming fruit; larger ones in the tables count defects."""
 LARGEST_LOTS = (8, 15, 25, 50, 90, 150, 280, 500, 1200, 3200, 10_000, 35_000, 150_000, 500_000)
-"""Of the rows of code letters but the last one, which has no end."""
+"""Largest lot of each row of code letters; the last row has no limit."""
 LETTERS = {
     "S-1": "AAAABBBBCCCCDDD",
     "S-2": "AAABBBCCCDDDEEE",
@@ -44,22 +44,22 @@ LETTERS = {
     "II": "ABCDEFGHJKLMNPQ",
     "III": "BCDEFGHJKLMNPQR",
 }
-"""Table I, a letter per row of lot sizes."""
+"""Table I: for each level, a letter per row of lot sizes."""
 ROWS = "ABCDEFGHJKLMNPQRS"
 SIZES = (2, 3, 5, 8, 13, 20, 32, 50, 80, 125, 200, 315, 500, 800, 1250, 2000, 3150)
-"""Fruit in the sample by row. Only tightened inspection uses row S."""
+"""Fruit in the sample of each row. Only tightened inspection uses row S."""
 REDUCED_SIZES = (2, 2, 2, 3, 5, 8, 13, 20, 32, 50, 80, 125, 200, 315, 500, 800)
-"""The same for reduced inspection."""
+"""Fruit in the sample of each row, for reduced inspection."""
 ZERO_DIAGONAL = {"normal": 14, "tightened": 15, "reduced": 14}
-"""Sum of the rows of letter and AQL, from 0, where the acceptance number is 0."""
+"""Sum of the row indices (from 0) of letter and AQL at which the acceptance number is 0."""
 NUMBERS = {
     "normal": tuple((c, c + 1) for c in (1, 2, 3, 5, 7, 10, 14, 21)),
     "tightened": tuple((c, c + 1) for c in (1, 2, 3, 5, 8, 12, 18)),
     "reduced": ((0, 2), (1, 3), (1, 4), (2, 5), (3, 6), (5, 8), (7, 10), (10, 13)),
 }
-"""Acceptance and rejection numbers from three diagonals past that of 0 on; the two between have arrows."""
+"""Acceptance and rejection numbers from the third diagonal after ZERO_DIAGONAL; two between have arrows."""
 VARIABLES_LOTS = (8, 15, 25, 50, 90, 150, 280, 400, 500, 1200, 3200, 10_000, 35_000, 150_000, 500_000)
-"""Of the rows of table A-2 but the last one."""
+"""Largest lot of each row of table A-2; the last row has no limit."""
 VARIABLES_LETTERS = {
     "S-3": "BBBBBBBCCDEFGHHH",
     "S-4": "BBBBBCDEEFGHIJKK",
@@ -67,12 +67,12 @@ VARIABLES_LETTERS = {
     "II": "BBCDEFGHIJKLMNPP",
     "III": "CDEFGHIJJKLMNPPP",
 }
-"""Table A-2 of ANSI/ASQ Z1.9."""
+"""Table A-2 of ANSI/ASQ Z1.9: for each level, a letter per row of lot sizes."""
 VARIABLES_ROWS = "BCDEFGHIJKLMNP"
 VARIABLES_SIZES = (3, 4, 5, 7, 10, 15, 20, 25, 35, 50, 75, 100, 150, 200)
-"""Fruit of the sample by row of table B-1."""
+"""Fruit in the sample of each row of table B-1."""
 VARIABLES_AQLS = AQLS[5:]
-"""Per cent."""
+"""AQLs of the plans by variables, per cent."""
 K = """
   -    -    -    -    -    -    -    -  1.12 .958 .765 .566
   -    -    -    -    -    -  1.45 1.34 1.17 1.01 .814 .617
@@ -89,24 +89,24 @@ K = """
 2.84 2.73 2.61 2.47 2.33 2.18 2.03 1.89 1.70 1.51 1.29 1.07
 2.85 2.73 2.62 2.47 2.33 2.18 2.04 1.89 1.70 1.51 1.29 1.07
 """
-"""Table B-1: k by letter and AQL. Normal inspection takes the AQL's column from the second on, tightened
-inspection from the first on; "-" is an arrow down.
+"""Table B-1: k by letter (row) and AQL (column). The first AQL has the second column in normal inspection,
+the first in tightened inspection; "-" is an arrow down.
 """
 OC_COLUMNS = ("nonconforming_percent", "acceptance_probability", "lot_acceptance_probability")
-"""Of the table of an operating characteristic."""
+"""Columns of the table of an operating characteristic."""
 CURVE_POINTS = 101
-"""Of an operating characteristic, which steps of a hundredth of its width show whole."""
+"""Points of an operating characteristic: steps of a hundredth of its width resolve its shape."""
 LEAST_ACCEPTED = 0.005
 """Probability of acceptance at which a curve ends."""
 
 
 class NoPlan(ValueError):
-    """Why there is no plan, a sentence."""
+    """There is no plan; the text is a sentence with the reason."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Plan:
-    """Inspect `n` fruit of a lot of `lot_size`; `letter`: of the row of the tables that was used."""
+    """Inspect `n` fruit of a lot of `lot_size`; `aql` in per cent; `letter`: code letter of the row used."""
 
     lot_size: int
     aql: float
@@ -126,7 +126,7 @@ class Plan:
 class AttributesPlan(Plan):
     """Accept the lot with at most `ac` nonconforming fruit in the sample, reject it with `re` or more.
 
-    Reduced inspection accepts it between the two as well, and the next lot gets normal inspection.
+    Reduced inspection also accepts it between the two; the next lot then gets normal inspection.
     """
 
     ac: int
@@ -138,17 +138,17 @@ class AttributesPlan(Plan):
         return self._words("attributes", f"Ac = {self.ac}, Re = {self.re}")
 
     def acceptance(self, share: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
-        """Probability that lots of a process with this share of nonconforming fruit are accepted."""
+        """Probability of accepting lots of a process with this share of nonconforming fruit (binomial)."""
         return np.asarray(binom.cdf(self.re - 1, self.n, share))
 
     def lot_acceptance(self, nonconforming: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
-        """Probability that this lot is accepted, by how many of its fruit are nonconforming."""
+        """Probability of accepting this lot if it has this number of nonconforming fruit (hypergeometric)."""
         return np.asarray(hypergeom.cdf(self.re - 1, self.lot_size, nonconforming, self.n))
 
 
 @dataclass(frozen=True, kw_only=True)
 class VariablesPlan(Plan):
-    """Accept the lot where the sample's mean is `k` of its standard deviations or more inside the limit."""
+    """Accept the lot if the sample's mean is at least `k` standard deviations inside the limit."""
 
     k: float
 
@@ -158,7 +158,7 @@ class VariablesPlan(Plan):
         return self._words("variables (s method)", f"k = {self.k:g}")
 
     def acceptance(self, share: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
-        """The same of a normal characteristic with this share beyond the limit."""
+        """Probability of accepting lots of a normal characteristic with this share beyond the limit."""
         z = norm.isf(np.clip(share, 1e-9, 1 - 1e-9))
         return np.asarray(nct.sf(math.sqrt(self.n) * self.k, self.n - 1, math.sqrt(self.n) * z))
 
@@ -169,7 +169,7 @@ SamplingPlan: TypeAlias = AttributesPlan | VariablesPlan
 def attributes_plan(
     lot_size: int, aql: float, *, level: str = "II", inspection: str = "normal"
 ) -> AttributesPlan:
-    """The plan of MIL-STD-105E. The sample is the whole lot where the table's is as large. Raises NoPlan.
+    """The plan of MIL-STD-105E; the sample is at most the whole lot. Raises NoPlan for invalid arguments.
 
     >>> plan = attributes_plan(1000, 1.0)
     >>> plan.letter, plan.n, plan.ac, plan.re
@@ -184,7 +184,7 @@ def attributes_plan(
 
 
 def _cell(row: int, column: int, inspection: str) -> tuple[int, int, int]:
-    """Row of the plan to use, and its numbers, after the arrows of the table are followed."""
+    """Row of the plan after the table's arrows, with its acceptance and rejection numbers."""
     numbers, past = NUMBERS[inspection], row + column - ZERO_DIAGONAL[inspection]
     last_row = len(ROWS) - 1 if inspection == "tightened" else len(ROWS) - 2
     zero_row = row - past
@@ -203,7 +203,8 @@ def _cell(row: int, column: int, inspection: str) -> tuple[int, int, int]:
 def variables_plan(
     lot_size: int, aql: float, *, level: str = "II", inspection: str = "normal"
 ) -> VariablesPlan:
-    """The s plan of ANSI/ASQ Z1.9 for one specification limit, normal or tightened. Raises NoPlan.
+    """The s plan of ANSI/ASQ Z1.9 for one limit. Raises NoPlan for invalid arguments, reduced inspection, or
+    a sample larger than the lot.
 
     >>> plan = variables_plan(300, 1.0)
     >>> plan.letter, plan.n, plan.k
@@ -239,7 +240,7 @@ def _require_known(
 
 
 def share_accepted_with(plan: SamplingPlan, probability: float) -> float:
-    """Share of nonconforming fruit at which lots are accepted with this probability."""
+    """Share of nonconforming fruit at which the plan accepts lots with this probability."""
 
     def beyond(share: float) -> float:
         return float(plan.acceptance(np.array([share]))[0]) - probability
@@ -248,10 +249,10 @@ def share_accepted_with(plan: SamplingPlan, probability: float) -> float:
 
 
 def operating_characteristic(plan: SamplingPlan) -> pd.DataFrame:
-    """Probability of acceptance by the nonconforming fruit, to where it falls to LEAST_ACCEPTED.
+    """Probability of acceptance over the nonconforming fruit (per cent), down to LEAST_ACCEPTED.
 
-    Of plans by attributes also for this lot of finite size; they are stated at whole numbers of fruit. Where
-    the sample is the whole lot, the curve ends at the rejection number.
+    The curve of a plan by attributes has points at whole numbers of fruit, and a column for this finite lot.
+    If the sample is the whole lot, it ends at the rejection number.
     """
     if isinstance(plan, AttributesPlan) and plan.n >= plan.lot_size:
         end = plan.re / plan.lot_size

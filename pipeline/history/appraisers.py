@@ -1,9 +1,9 @@
-"""Grippers or sensors compared: on lots that several measured on one day, and on the same fruit or bodies.
+"""Compares grippers or sensors on lots that several measured on one day, and on the same fruit or bodies.
 
-Gauge R&R says how much of the spread of readings comes from grippers or sensors (the appraisers): a crossed
-study with parts, appraisers and trials, by analysis of variance (AIAG, Measurement Systems Analysis, 4th ed.,
-2010, ch. III B). Where the interaction of part and appraiser is not significant at 5 %, it is pooled with the
-repeatability. Negative variances count as zero.
+Gauge R&R states how much of the spread of readings comes from grippers or sensors (the appraisers). It is a
+crossed study with parts, appraisers and trials, by analysis of variance (AIAG, Measurement Systems Analysis,
+4th ed., 2010, ch. III B). An interaction of part and appraiser that is not significant at 5 % is pooled with
+the repeatability. Negative variances count as zero.
 """
 
 import math
@@ -23,20 +23,20 @@ from pipeline.history.stored_batch import StoredBatch, StoredFruit
 from reports.history_entries import GaugeEntry
 
 FEWEST_DAYS = 3
-"""Lots and days in common from which two grippers or sensors are compared: Student's t of two is 6.3, wider
+"""Fewest common lots and days for a comparison of two grippers or sensors. Student's t of two is 6.3, wider
 than any difference that matters. Set by hand."""
 SIGNIFICANT = 0.05
-"""Level of the test of the interaction, as AIAG has it."""
+"""Significance level of the test of the interaction (AIAG)."""
 NameOf = Callable[[StoredBatch], str]
 
 
 def gripper_of(batch: StoredBatch) -> str:
-    """Name and serial number; empty where the settings say neither."""
+    """Name and serial number; empty if the settings state neither."""
     return " ".join(filter(None, (batch.gripper, batch.gripper_serial)))
 
 
 def sensor_of(batch: StoredBatch) -> str:
-    """Name, serial number and calibration; empty where the settings say none."""
+    """Name, serial number and calibration; empty if the settings state none."""
     on = f"of {batch.calibrated_on}" if batch.calibrated_on else ""
     return " ".join(filter(None, (batch.sensor, batch.sensor_serial, batch.calibration, on)))
 
@@ -45,10 +45,10 @@ APPRAISERS: dict[str, NameOf] = {"gripper": gripper_of, "sensor": sensor_of}
 
 
 def comparisons(batches: Sequence[StoredBatch]) -> Iterable[str]:
-    """Sentences: by how much each pair differs in the mean of ln E, over lots and days that both measured.
+    """Sentences on the difference of each pair in the mean of ln E, over lots and days that both measured.
 
-    The differences of lots and days are the sample (paired t): parts of a lot differ from day to day by more
-    than fruit do.
+    The paired t test takes the differences of lots and days as its sample: between days, the parts of a lot
+    differ by more than fruit do.
     """
     for kind, named in APPRAISERS.items():
         readings = [
@@ -78,7 +78,7 @@ def comparisons(batches: Sequence[StoredBatch]) -> Iterable[str]:
 class GaugeStudy:
     """Standard deviations in the unit of the readings: EV, AV, INT, GRR, PV and TV of the AIAG manual.
 
-    `categories`: number of distinct categories, 1.41 PV / GRR without its decimals; None where GRR is zero.
+    `categories`: number of distinct categories, 1.41 PV / GRR rounded down; None if GRR is zero.
     """
 
     repeatability: float
@@ -95,7 +95,7 @@ class GaugeStudy:
 
 
 def gauge_study(readings: Float[np.ndarray, "parts appraisers trials"]) -> GaugeStudy:
-    """Of at least two parts, appraisers and trials each."""
+    """The study of readings of at least two parts, appraisers and trials."""
     n, k, r = readings.shape
     mean, cells = readings.mean(), readings.mean(axis=2)
     ss_part = k * r * float(((readings.mean(axis=(1, 2)) - mean) ** 2).sum())
@@ -130,11 +130,10 @@ def gauge_study(readings: Float[np.ndarray, "parts appraisers trials"]) -> Gauge
 
 
 def gauge_entry(batches: Sequence[StoredBatch], kind: str) -> GaugeEntry | str:
-    """The study of all that each gripper (or sensor) measured in several grasps; else why there is none.
+    """The study of all parts that each gripper (or sensor) measured at least twice; else why there is none.
 
-    Fruit with one id, lot and day are taken for the same fruit, reference bodies with one id for the same
-    body.
-    Readings are ln E of single grasps, oldest first; each part has as many as the part with the fewest.
+    Fruit with one id, lot and day count as the same fruit, reference bodies with one id as the same body.
+    Readings are ln E of single grasps, oldest first; the part with the fewest sets the number of trials.
     """
     by_part: dict[tuple[object, ...], dict[str, list[float]]] = defaultdict(lambda: defaultdict(list))
     for batch in sorted(batches, key=lambda batch: (batch.measured, batch.graded_utc)):

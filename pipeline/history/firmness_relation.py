@@ -1,13 +1,13 @@
-"""Readings of a penetrometer against E: the user's columns of fruits.csv, and a relation fitted to them.
+"""Fits readings of a penetrometer (the user's columns of fruits.csv) to E.
 
     F = a + b E + e        or        ln F = a + b ln E + e
 
-Each is fitted by least squares to the fruit of one cultivar over all lots of the store. The law with the
-smaller leave-one-out error in N is kept (Allen, Technometrics 16, 1974, 125: residual over 1 - leverage).
-A reading of one more fruit has the interval of that fit. E is a modulus at small load, and a plunger breaks
-flesh: the share of variance that E explains says how far the relation helps, and there is no conversion
-without a fit. Relations differ between cultivars and seasons (Int. Agrophys. 14, 2000, 311). Plungers of 8
-and 11.1 mm have separate fits, because force does not scale with their area.
+drupe fits both laws by least squares to the fruit of one cultivar over all lots of the store. It keeps the
+law with the smaller leave-one-out error in N (Allen, Technometrics 16, 1974, 125: residual over
+1 - leverage). This fit also gives the prediction interval of a new fruit. E is a modulus at small load, but a
+plunger breaks flesh: drupe states the share of variance that E explains, and never converts without a fit.
+Relations differ between cultivars and seasons (Int. Agrophys. 14, 2000, 311). Plungers of 8 and 11.1 mm have
+separate fits, because force does not scale with their area.
 """
 
 import math
@@ -27,35 +27,35 @@ from pipeline.history.stored_batch import StoredBatch, StoredFruit
 from reports.history_entries import FirmnessEntry
 
 FEWEST_FRUIT = 8
-"""Fruit with both numbers from which a line is fitted: Student's t is 1.94 with six degrees of freedom, a
-fifth wider than with many. Set by hand."""
+"""Fewest fruit with E and a reading for a fit: Student's t is 1.94 with six degrees of freedom, a fifth more
+than with many. Set by hand."""
 LEAST_SPAN = 0.4
-"""Range of ln E that the fruit must have, a factor of 1.5 in E. A line over less fits noise. Set by hand."""
+"""Least range of ln E of the fruit, a factor of 1.5 in E; over less, a line fits noise. Set by hand."""
 PLUNGERS_MM = {"8mm": 8.0, "5/16in": 8.0, "11mm": 11.1, "11.1mm": 11.1, "7/16in": 11.1}
-"""Diameters by how they are written."""
+"""Plunger diameters by their spellings."""
 UNITS = {"N": 1.0, "kgf": 9.80665, "lbf": 4.4482216152605}
-"""Newtons of each (BIPM, NIST SP 811)."""
+"""Newtons per unit (BIPM, NIST SP 811)."""
 COLUMN = re.compile(r"(?P<column>.+)=\s*(?P<unit>[A-Za-z]+)\s*@(?P<plunger>[^=@]+)")
 OWN_SCALE = "penetrometer_N"
-"""A column of drupe's own, in N."""
+"""A column that drupe defines, in N."""
 LINE_POINTS = 60
-"""Of a drawn line: one in 14 px of the widest chart."""
+"""Points of a drawn line: one in 14 px of the widest chart."""
 
 
 class NoReading(ValueError):
-    """Why a text names no column of readings, a sentence."""
+    """A text names no column of readings; the message is a sentence with the reason."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reading:
-    """A column of fruits.csv with readings of a penetrometer: its force in N and its plunger in mm."""
+    """A column of fruits.csv with readings of a penetrometer; `newtons`: N per unit of the column."""
 
     column: str
     newtons: float
     plunger_mm: float
 
     def of(self, fruit: StoredFruit) -> float | None:
-        """The fruit's reading, N; None where its cell is empty, NaN for text and numbers not above 0."""
+        """The fruit's reading, N; None for an empty cell, NaN for text and numbers not above 0."""
         cell = fruit.penetrometer_N if self.column == OWN_SCALE else fruit.columns.get(self.column)
         if cell is None or cell == "":
             return None
@@ -63,7 +63,7 @@ class Reading:
 
 
 def reading_of(text: str) -> Reading:
-    """Of a text COLUMN=UNIT@PLUNGER. Raises NoReading.
+    """The column that a text COLUMN=UNIT@PLUNGER names. Raises NoReading for another text.
 
     >>> one = reading_of("cheek 1=kgf@5/16 in")
     >>> one.column, round(one.newtons, 5), one.plunger_mm
@@ -87,8 +87,8 @@ def reading_of(text: str) -> Reading:
 
 @dataclass(frozen=True, kw_only=True)
 class FirmnessRelation:
-    """The fitted law, `power` for the logarithmic one. `fit`: of statsmodels; `error_N`: the leave-one-out
-    error, rms; `explained`: the share of the readings' variance that it predicts so.
+    """The fitted law; `power`: the logarithmic one. `fit`: of statsmodels. `error_N`: leave-one-out error
+    (rms). `explained`: share of the readings' variance that leave-one-out predictions explain.
     """
 
     power: bool
@@ -99,14 +99,14 @@ class FirmnessRelation:
     explained: float
 
     def predicted(self, E_MPa: Float[np.ndarray, " t"]) -> Float[np.ndarray, "t 3"]:
-        """The reading of one more fruit with each E, N, and both ends of its 90 % interval."""
+        """The predicted reading of a new fruit with each E, and both ends of its 90 % interval, N."""
         frame = self.fit.get_prediction(_design(E_MPa, self.power)).summary_frame(alpha=1 - COVERAGE)
         cells = frame[["mean", "obs_ci_lower", "obs_ci_upper"]].to_numpy()
         return np.asarray(np.exp(cells) if self.power else np.maximum(cells, 0.0))
 
     @property
     def words(self) -> str:
-        """As an equation, with its scatter."""
+        """The law as an equation, with its scatter."""
         a, b = self.fit.params
         law = f"{a:.3g} N {'+' if b >= 0 else '-'} {abs(b):.3g} N/MPa E"
         if self.power:
@@ -128,7 +128,7 @@ def _law(E_MPa: Float[np.ndarray, " n"], F: Float[np.ndarray, " n"], power: bool
     fit = OLS(np.log(F) if power else F, _design(E_MPa, power)).fit()
     left_out = fit.get_influence().resid_press
     error = F - np.exp(np.log(F) - left_out) if power else left_out
-    spread = float(np.sum((F - (F.sum() - F) / (len(F) - 1)) ** 2))  # of each from the mean of all others
+    spread = float(np.sum((F - (F.sum() - F) / (len(F) - 1)) ** 2))  # from the mean of all others
     return FirmnessRelation(
         power=power,
         fit=fit,
@@ -142,7 +142,7 @@ def _law(E_MPa: Float[np.ndarray, " n"], F: Float[np.ndarray, " n"], power: bool
 def firmness_relation(
     E_MPa: Float[np.ndarray, " n"], reading_N: Float[np.ndarray, " n"]
 ) -> FirmnessRelation | str:
-    """The better of the two laws; else why there is none, a sentence without its stop."""
+    """The law with the smaller leave-one-out error; else a clause that states why there is none."""
     if len(E_MPa) < FEWEST_FRUIT:
         return f"{len(E_MPa)} fruit have both E and a reading; the fit needs at least {FEWEST_FRUIT}"
     if (span := float(np.ptp(np.log(E_MPa)))) < LEAST_SPAN:
@@ -163,8 +163,8 @@ Key = tuple[str, float]
 def firmness_relations(
     batches: Sequence[StoredBatch], readings: Sequence[Reading]
 ) -> Iterator[tuple[Key, FirmnessEntry, FirmnessRelation | None]]:
-    """Of each cultivar and plunger with readings; those of one fruit (its cheeks) are averaged. Raises
-    NoReading where no fruit has a reading in a column.
+    """The relation of each cultivar and plunger with readings; averages the readings (cheeks) of a fruit.
+    Raises NoReading if no fruit has a reading in a column.
     """
     pairs: dict[Key, list[tuple[float, float]]] = defaultdict(list)
     left_out: Counter[Key] = Counter()
@@ -213,7 +213,7 @@ def _require_readings(
 def with_firmness(
     table: pd.DataFrame, batches: Sequence[StoredBatch], relations: Mapping[Key, FirmnessRelation]
 ) -> pd.DataFrame:
-    """The table of fruit with predicted readings and their 90 % intervals, within the moduli fitted."""
+    """The table of fruit with predicted readings and their 90 % intervals, within the fitted range of E."""
     rows = [(batch.group, fruit) for batch in batches for fruit in batch.fruit]
     for (group, plunger_mm), relation in sorted(relations.items()):
         cells = np.full((len(rows), 3), np.nan)

@@ -1,4 +1,4 @@
-"""A store of `drupe history`: all results of every batch. The results of a fruit that are newest count."""
+"""A store of `drupe history`: all results of every batch. The newest results of each fruit count."""
 
 import hashlib
 from collections import defaultdict
@@ -15,17 +15,16 @@ from pipeline.history.stored_batch import StoredBatch, StoredFruit, StoredGrasp
 from pipeline.problem import refused
 
 NAME_LENGTH = 12
-"""Hexadecimal digits of a batch's name: two of ten thousand batches are alike with a probability of 2e-7."""
+"""Hexadecimal digits of a batch's name: two of ten thousand batches share one with a probability of 2e-7."""
 SHOWN = 20
-"""Batches that a sentence names, with their lots."""
+"""Most batches that a message names, with their lots."""
 _BATCH = TypeAdapter(StoredBatch)
 
 
 @dataclass(kw_only=True)
 class HistoryStore:
-    """`results`: by the batch's name, in the order in which they count. `damaged`: batches with results whose
-    SHA-256 differs. The steps in `migrations/versions` define the tables; a column holds the field of its
-    name.
+    """`results`: by the batch's name, in the order of grading. `damaged`: batches with results whose SHA-256
+    differs. The steps in `migrations/versions` define the tables; a column holds the field of its name.
     """
 
     path: Path | None
@@ -35,10 +34,9 @@ class HistoryStore:
     damaged: set[str] = field(default_factory=set)
 
     def add(self, batch: StoredBatch) -> bool:
-        """Adds a batch. Results of a batch that the store has become its next revision, where they differ
-        from what is known. Whether the batch is new.
+        """Adds a batch; returns whether it is new. New results of a known batch become its next revision.
 
-        A batch keeps its day unless its settings say another.
+        drupe does not add known results again. A batch keeps its day unless its settings state another.
         """
         name = next((name for name, kept in self.results.items() if _is_of(batch, name, kept)), "")
         if not name:
@@ -56,15 +54,16 @@ class HistoryStore:
         return False
 
     def batches(self) -> tuple[StoredBatch, ...]:
-        """The latest results of all, oldest day first."""
+        """The latest results of all batches, oldest day first."""
         return tuple(
             sorted(map(latest, self.results.values()), key=lambda batch: (batch.measured, batch.key))
         )
 
     def forget(self, named: str) -> list[str]:
-        """Removes all revisions of batches, or of one fruit of them, from the store alone. `named`: a batch's
-        name in the store, its folder (or the last part of it) or its lot; with "/" and a fruit's id after it,
-        that fruit alone. A line for each batch. Raises BatchRefused where nothing is named so.
+        """Removes all revisions of batches, or of one fruit in them, and returns a line per batch.
+
+        `named`: a batch's name in the store, its folder (or the last part of it) or its lot. With "/" and a
+        fruit's id at the end: that fruit alone. Raises BatchRefused if nothing has this name.
         """
         keys, fruit_id = self._keys(named), ""
         if not keys and "/" in named:
@@ -77,13 +76,13 @@ class HistoryStore:
         return [self._forget(key, fruit_id) for key in keys]
 
     def _words(self, key: str) -> str:
-        """A batch's name in the store with what people know it by."""
+        """A batch's name in the store, with its lot, day and folder."""
         batch = latest(self.results[key])
         lot = f", lot {batch.lot}" if batch.lot else ""
         return f"batch {key}{lot}, measured {batch.measured}, {batch.folder}"
 
     def _forget(self, key: str, fruit_id: str) -> str:
-        """Removes the fruit with this id (empty: all), and with former ids that the latest results lack."""
+        """Removes the fruit with this id (empty: all), also under former ids that the latest results lack."""
         words, kept, known = self._words(key), self.results[key], self._fruit(key)
         last = latest(kept)
         recordings = {name for fruit in last.fruit if fruit.fruit_id == fruit_id for name in fruit.recordings}
@@ -141,7 +140,7 @@ class HistoryStore:
 
 
 def read_store(connection: Connection, path: Path | None) -> HistoryStore:
-    """All that the tables hold. Raises SQLAlchemy's DatabaseError, and ValueError where cells are damaged."""
+    """The store in the tables. Raises SQLAlchemy's DatabaseError, and ValueError for damaged cells."""
     metadata = MetaData()
     metadata.reflect(connection)
     store = HistoryStore(path=path, connection=connection, tables=metadata.tables)
@@ -163,10 +162,9 @@ def read_store(connection: Connection, path: Path | None) -> HistoryStore:
 
 
 def latest(results: Sequence[StoredBatch]) -> StoredBatch:
-    """What counts of results of one batch: of each fruit those that were graded last.
+    """One batch from its revisions, in the order of grading: the last results of each fruit.
 
-    A fruit whose recordings all reappear under another id, in later results that do not know its own, has
-    the later id.
+    A fruit takes a later id if all its recordings reappear under that id in later results without its own id.
     """
     counted: dict[str, StoredFruit | None] = {}
     for batch in results:
@@ -196,13 +194,13 @@ def _is_of(batch: StoredBatch, name: str, kept: Sequence[StoredBatch]) -> bool:
 
 
 def is_same_batch(first: StoredBatch, second: StoredBatch) -> bool:
-    """Whether both are results of one batch. Either
+    """Whether both are results of one batch. One of these holds:
 
-    - a fruit of the same id has a recording in both (fruit added, another lot name or folder of results), or
-    - all recordings of a fruit are those of one of another id in the other (a fruit renamed), or
-    - folder, day and label are the same, and a fruit id (recordings that were calibrated again).
+    - A fruit of the same id has a recording in both (added fruit, another lot name or results folder).
+    - All recordings of a fruit belong to a fruit with another id in the other batch (renamed fruit).
+    - Folder, days, category, cultivar, lot and a fruit id are the same (recordings with a new calibration).
 
-    Recordings of reference bodies do not count: these are in many batches.
+    Recordings of reference bodies do not count, because many batches contain them.
     """
     for fruit, other in product(_no_bodies(first), _no_bodies(second)):
         shared = {*fruit.recordings} & {*other.recordings}
@@ -218,7 +216,7 @@ def _no_bodies(batch: StoredBatch) -> list[StoredFruit]:
 
 
 def _label(batch: StoredBatch) -> tuple[object, ...]:
-    """What people tell batches apart by."""
+    """Folder, day, category, cultivar, lot and harvest, by which people distinguish batches."""
     return batch.folder, batch.measured, *batch.series, batch.harvest
 
 

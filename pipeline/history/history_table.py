@@ -19,7 +19,7 @@ MORE_COLUMNS = (
     "maturity", "grasps", "batch", "revision", "graded_utc", "harvest_date", "temperature_C", *BATCH_COLUMNS,
     "calibrated_on",
 )  # fmt: skip
-"""The user's own follow."""
+"""Further columns; the user's own columns follow."""
 STATISTICS_COLUMNS = (
     "measured_on", "category", "cultivar", "lot", "grippers", "n", "mean_E_MPa", "sd_E_MPa",
     *(f"p{share}_E_MPa" for share in PERCENTILES), "n_needed", "precision", "maturity", "share_outside",
@@ -28,7 +28,7 @@ STATISTICS_COLUMNS = (
 
 
 def fruit_table(batches: Sequence[StoredBatch]) -> pd.DataFrame:
-    """Oldest day first."""
+    """The table of fruit, a row per fruit and day, in the order of `batches`."""
     of_user = (name for batch in batches for fruit in batch.fruit for name in fruit.columns)
     names = list(dict.fromkeys([*COLUMNS, *MORE_COLUMNS, *of_user]))
     rows = [
@@ -70,7 +70,7 @@ def _of_fruit(batch: StoredBatch, fruit: StoredFruit) -> dict[str, object]:
 
 
 def statistics_table(batches: Sequence[StoredBatch], *, precision: float) -> pd.DataFrame:
-    """Of fruit that count: by lot and day, and by class where the day's newest batch has classes."""
+    """Statistics of the fruit that count: a row per lot, day and class (of the day's newest batch)."""
     rows = []
 
     def lot_and_day(batch: StoredBatch) -> tuple[object, ...]:

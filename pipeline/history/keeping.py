@@ -1,4 +1,4 @@
-"""`drupe history`: results of many days read, kept in a store, and written as a page and a table."""
+"""`drupe history`: reads results of many days, stores them, and writes a page and tables."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
@@ -23,14 +23,14 @@ from reports.history_page import PAGE_TITLE, history_html
 
 COMMAND = "drupe history"
 MOST_BYTES = 100_000_000
-"""Of a page that is looked at before it is replaced: ten thousand batches."""
+"""Largest page that drupe reads before it replaces it: ten thousand batches."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class HistoryWanted:
-    """What is asked for. `forget`: batches, lots or fruit that the store is to forget. `export`: a table of
-    fruit; `statistics`: one of lots, with the fruit that their means need for `precision` (a share). `gauge`:
-    "gripper", "sensor" or both. `oc`: a table of the operating characteristics of sampling plans.
+    """Options of `drupe history`. `forget`: batches, lots or fruit to remove from the store. `export`: table
+    of fruit. `statistics`: table of lots, with the fruit that their means need for `precision` (a share).
+    `gauge`: "gripper", "sensor" or both. `oc`: table of operating characteristics of sampling plans.
     """
 
     store: Path | None = None
@@ -46,7 +46,7 @@ class HistoryWanted:
 
 @dataclass(frozen=True, kw_only=True)
 class HistoryMade:
-    """The page's entry, how many batches are new, and what is to be said of studies and plans."""
+    """The page's entry, the number of new batches, and sentences on studies and plans."""
 
     entry: HistoryEntry
     new: int
@@ -54,10 +54,10 @@ class HistoryMade:
 
 
 def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) -> HistoryMade:
-    """Reads the results, adds them to the store, and writes what is wanted.
+    """Reads the results, adds them to the store, and writes the wanted files.
 
-    Raises BatchRefused where results or store cannot be read or a place cannot be written to, before anything
-    is; and NotWritten.
+    Raises BatchRefused, before it writes a file, for unreadable results or store, invalid options, or a
+    target that drupe must not overwrite. Raises NotWritten.
     """
     _require_sound(outs, wanted)
     added = [stored_batch(out) for out in outs]
@@ -89,8 +89,8 @@ def make_history(outs: Sequence[Path], wanted: HistoryWanted, *, now: datetime) 
 
 
 def forget_named(outs: Sequence[Path], wanted: HistoryWanted, *, dry_run: bool) -> list[str]:
-    """Removes what is named from the store, and nothing else anywhere; a line for each batch. `dry_run`: the
-    lines say what would be removed, and the store stays. Raises BatchRefused where nothing is named so.
+    """Removes batches, lots or fruit from the store alone; returns a line per batch. With `dry_run` the store
+    does not change. Raises BatchRefused for an unknown name, or options that --forget does not allow.
     """
     if not wanted.forget:
         raise refused(COMMAND, "--dry-run shows the effect of --forget; add --forget.")
@@ -142,7 +142,7 @@ def _is_page(path: Path) -> bool:
 
 
 def summary_lines(made: HistoryMade, written: Sequence[Path]) -> Iterator[str]:
-    """Lots first, then what calls for somebody, then what was fitted and written."""
+    """Lines for the terminal: lots, comparisons, alarms, studies and plans, then the written files."""
     entry = made.entry
     batches = _counted(entry.batches, "batch", "batches")
     yield f"{batches} ({made.new} new), {_counted(len(entry.series), 'lot', 'lots')}"

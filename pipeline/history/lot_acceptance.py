@@ -1,10 +1,10 @@
 """The decision on each lot of a store by a sampling plan: nonconforming fruit are those outside a class.
 
-By attributes each fruit is inside the class or not. By variables, ln E of the fruit is taken as normal, and
-the class must have one limit: Q = (ln U - mean) / s or (mean - ln L) / s is compared with k. A lot's sample
-is of its last day, without fruit in doubt. A fruit that two batches measured that day counts once. Where
-there are more fruit than the plan needs, the sample is the first n by the SHA-256 of lot, day and fruit: a
-draw that does not depend on E.
+By attributes, each fruit is inside the class or not. By variables, ln E of the fruit is normal and the class
+has one limit: the plan compares Q = (ln U - mean) / s or (mean - ln L) / s with k. A lot's sample comes from
+its last day, without fruit in doubt. A fruit that two batches measured that day counts once. If there are
+more fruit than the plan needs, the sample is the first n by the SHA-256 of lot, day and fruit. This draw does
+not depend on E.
 """
 
 import hashlib
@@ -34,12 +34,12 @@ from reports.history_entries import AcceptanceEntry, LotDecisionEntry
 
 ACCEPT, REJECT, MORE = "accept", "reject", "more fruit needed"
 POINTS = (0.95, 0.5, 0.1)
-"""Probabilities of acceptance whose nonconforming fruit are stated: producer's, even, consumer's."""
+"""Probabilities of acceptance at which drupe states the nonconforming fruit: producer's, even, consumer's."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PlanWanted:
-    """Options of a plan. `lot_size`: texts "5000", or "LOT=5000" for one lot."""
+    """Options of a plan. `lot_size`: texts "5000", or "LOT=5000" for one lot; `aql` in per cent."""
 
     lot_size: tuple[str, ...] = ()
     aql: float = 4.0
@@ -49,7 +49,7 @@ class PlanWanted:
 
     @property
     def sizes(self) -> dict[str, int]:
-        """Fruit by lot; "" for lots without a size of their own. Raises NoPlan.
+        """Sizes by lot; "": of all other lots. Raises NoPlan for an invalid text or two sizes of a lot.
 
         >>> PlanWanted(lot_size=("5000", "lot 7=1200")).sizes
         {'': 5000, 'lot 7': 1200}
@@ -66,7 +66,7 @@ class PlanWanted:
         return sizes
 
     def plan(self, lot: str = "") -> SamplingPlan:
-        """Of a lot. Raises NoPlan."""
+        """The plan of a lot. Raises NoPlan if its size is unknown or the tables have no such plan."""
         size = self.sizes.get(lot, self.sizes.get(""))
         if size is None:
             named, option = (f'lot "{lot}"', f'"{lot}=FRUIT"') if lot else ("the lot", "FRUIT")
@@ -76,7 +76,7 @@ class PlanWanted:
 
 
 def plan_words(plan: SamplingPlan) -> tuple[str, str, str]:
-    """The plan, its risks in a long series, and its switching rule."""
+    """The plan, its risks in a long series of lots, and its switching rule, as clauses."""
     return plan.words, _risks(plan), SWITCHING[plan.inspection]
 
 
@@ -96,8 +96,8 @@ def _risks(plan: SamplingPlan) -> str:
 def acceptance_entries(
     batches: Sequence[StoredBatch], class_name: str, wanted: PlanWanted
 ) -> Iterator[AcceptanceEntry]:
-    """A plan each, with its curve and the decisions on its lots. Raises NoPlan where no lot has one,
-    and where a size is stated of a lot that no batch has.
+    """An entry per plan, with its curve and the decisions on its lots. Raises NoPlan if no lot has a plan, or
+    if `wanted` names a lot that no batch has.
     """
     for named in wanted.sizes:
         if named and named not in {batch.lot for batch in batches}:
@@ -128,8 +128,8 @@ def acceptance_entries(
 
 
 def _last_days(batches: Sequence[StoredBatch]) -> Iterator[list[StoredBatch]]:
-    """Batches of each lot's last day, the newest last, also where no fruit of that day counts. Batches of
-    reference bodies alone are left out.
+    """The batches of each lot's last day, the newest last, even if no fruit of that day counts. Batches that
+    contain only reference bodies are left out.
     """
     fruit = [
         batch
@@ -170,7 +170,7 @@ def _place(batch: StoredBatch, fruit_id: str) -> str:
 
 
 def _left_out(on_day: Sequence[StoredBatch], counted: set[str]) -> str:
-    """How many fruit of the day do not count, in words; without those that count in another batch."""
+    """A clause with the number of the day's fruit that no batch counts; empty if there are none."""
     doubted = {
         fruit.fruit_id
         for batch in on_day
@@ -208,8 +208,7 @@ def _by_variables(plan: VariablesPlan, E_MPa: np.ndarray, low: float, high: floa
 
 
 def quality_index(values: Float[np.ndarray, " n"], *, limit: float, upper: bool) -> float:
-    """Standard deviations (n - 1) by which the mean of at least two values lies inside the limit.
-    Raises NoPlan with fewer.
+    """Distance of the mean inside the limit, in standard deviations (n - 1). Raises NoPlan below 2 values.
 
     >>> round(quality_index(np.array([197.0, 188.0, 184.0, 205.0, 201.0]), limit=209.0, upper=True), 2)
     1.59

@@ -1,8 +1,8 @@
 """The file of `drupe history --store`: an SQLite database with the tables of `migrations`.
 
-It is the user's to name and drupe's alone to write: another file, or another program's database, is refused.
-Alembic brings a store of an earlier version to today's tables. Results are only added; `--forget` alone
-removes rows. A run locks the database from reading to writing, and others wait for it.
+The user names the file. drupe refuses other files and databases of other programs. Alembic migrates a store
+of an earlier version to the present tables. drupe only adds results; `--forget` alone removes rows. A run
+locks the database from reading to writing, and other runs wait.
 """
 
 import sqlite3
@@ -26,18 +26,18 @@ from pipeline.problem import BatchRefused, Problem, refused
 APPLICATION = 0x44525550
 """SQLite's application_id of a store: "DRUP" in ASCII."""
 WAIT_S = 20.0
-"""Seconds that another run of drupe is waited for."""
+"""Seconds that a run waits for the lock of another run of drupe."""
 
 
 @contextmanager
 def history_store(
     path: Path | None, *, damaged_too: bool = False, read_only: bool = False
 ) -> Iterator[HistoryStore]:
-    """The store at `path`, made where there is none; one in memory where `path` is None.
+    """Yields the store at `path`, new if there is none; in memory if `path` is None.
 
-    What is added in the block is kept when it ends, and nothing of it where it raises. Raises BatchRefused
-    where a file stands there that is no store of drupe's, and with every batch that is damaged, unless
-    `damaged_too`: then these can be forgotten. `read_only`: nothing is kept.
+    The end of the block commits its changes, unless it raises or `read_only` is set. Raises BatchRefused for
+    a file that is no store of drupe, not writable or damaged. `damaged_too` allows damaged batches, so that
+    `forget` can remove them.
     """
     new = path is None or not path.exists() or path.stat().st_size == 0
     if path is not None and (why := _no_place(path)):
@@ -64,7 +64,7 @@ def _unfit(path: Path | None, sentence: str) -> BatchRefused:
 
 
 def _no_place(path: Path) -> str:
-    """Why no store can be at `path`; empty where it can."""
+    """The reason why `path` cannot hold a store; empty if it can."""
     if not path.parent.is_dir():
         return f"cannot be written: there is no folder {path.parent}"
     if path.is_symlink():
@@ -79,7 +79,7 @@ def _no_place(path: Path) -> str:
 
 
 def _bring_up_to_date(connection: Connection, path: Path | None, *, new: bool) -> None:
-    """Makes today's tables in a new store, or brings those of an earlier version up to date."""
+    """Creates the present tables, or migrates those of an earlier version. Raises BatchRefused."""
     application = connection.exec_driver_sql("PRAGMA application_id").scalar()
     if new and application == 0:
         connection.exec_driver_sql(f"PRAGMA application_id = {APPLICATION}")
@@ -106,7 +106,7 @@ def _bring_up_to_date(connection: Connection, path: Path | None, *, new: bool) -
 
 
 def _sound_store(connection: Connection, path: Path | None, *, damaged_too: bool) -> HistoryStore:
-    """The store; raises BatchRefused with a problem for each damaged batch, and what removes it."""
+    """The store. Raises BatchRefused with a problem for each damaged batch and the option that removes it."""
     try:
         stored = read_store(connection, path)
     except (ValueError, TypeError, KeyError) as error:

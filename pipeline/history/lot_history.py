@@ -1,4 +1,4 @@
-"""Batches of many days as the entries of one page: lots and reference bodies."""
+"""Computes the page of a history from batches of many days: lots and reference bodies."""
 
 import math
 from collections import defaultdict
@@ -26,27 +26,27 @@ from reports.history_entries import (
 )
 
 LOW, HIGH = 0.5 - COVERAGE / 2, 0.5 + COVERAGE / 2
-"""Shares of probability below an interval's ends."""
+"""Probabilities below an interval's ends."""
 QUANTILE = float(norm.ppf(HIGH))
 BAND_POINTS = 60
 """Points of a drawn line: one in 14 px of the widest chart."""
 UNKNOWN_SPREAD = 0.15
-"""Standard deviation of ln E of single fruit of a lot where none was measured: moduli of a lot differ by some
-15 %. Set by hand."""
+"""Standard deviation of ln E of single fruit if a lot has no estimate: moduli of a lot differ by about 15 %.
+Set by hand."""
 REVISED = (
     "{batches} of its batches {were} graded again: the newest results count, and the store keeps "
     "{revisions} earlier revision{s}"
 )
 MOST_NAMED = 6
-"""Fruit that one sentence names."""
+"""Most fruit or days that one sentence names."""
 MISSING = (
     "the newest results of batch {key} ({folder}) lack {names}, which earlier results contain; "
     "{they} still count{s}. To remove one from a store: --forget {key}/{first}"
 )
 TENTH = 0.1
-"""Share of fruit whose day is stated beside the mean's."""
+"""Share of fruit for which the page states a day, beside the day of the mean."""
 PRECISION = 0.05
-"""Of the mean: half of its 90 % interval, by which the number of fruit is stated."""
+"""Default half-width of the mean's 90 % interval, over the mean, that sets the number of fruit needed."""
 DAY_OF_GRADING = "batch.toml has no measured_on for {days}, so drupe takes the day of grading"
 SEVERAL_LIMITS = "the batches of this lot have different class limits; drupe uses those of the last day"
 
@@ -58,7 +58,7 @@ def history_entry(
     precision: float = PRECISION,
     now: datetime,
 ) -> HistoryEntry:
-    """All that the page says."""
+    """The content of the page; `precision`: half-width of the mean's 90 % interval over the mean."""
     by_series: dict[tuple[str, str, str], list[StoredBatch]] = defaultdict(list)
     for batch in sorted(batches, key=lambda batch: (batch.measured, batch.graded_utc)):
         by_series[batch.series].append(batch)
@@ -86,7 +86,7 @@ def _fitted(batches: Iterable[StoredBatch]) -> list[StoredFruit]:
 
 
 def series_entry(batches: Sequence[StoredBatch], *, precision: float) -> SeriesEntry:
-    """One lot over its days; `batches` oldest first."""
+    """One lot over its days; `batches`: oldest first, at least one fruit counts."""
     by_day = {day: list(of_day) for day, of_day in groupby(batches, key=lambda batch: batch.measured)}
     first = min(by_day)
     E_MPa = {
@@ -190,7 +190,7 @@ def _softening_words(law: Softening | None) -> str:
 
 
 def _per_day(rate: float) -> float:
-    """By how many per cent a rate of ln E changes E in a day.
+    """Change of E in a day, per cent, at a rate of ln E (1/day).
 
     >>> round(_per_day(-0.10536), 1)
     -10.0
@@ -246,7 +246,7 @@ def _on(first: date, day: float) -> str:
 
 
 def _bodies(batches: Sequence[StoredBatch]) -> tuple[ReferenceBodyEntry, ...]:
-    """Reference bodies by their ids, each with its points in time; those of several grippers by gripper."""
+    """An entry per reference body, and per gripper if there are several, with its ratios over time."""
     grippers = {gripper_of(batch) for batch in batches}
     by_id: dict[str, list[tuple[StoredBatch, StoredFruit]]] = defaultdict(list)
     for batch in sorted(batches, key=lambda batch: (batch.measured, batch.graded_utc)):

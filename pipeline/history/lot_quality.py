@@ -1,4 +1,4 @@
-"""What a quality manager asks of lots: acceptance, samples for the test of firmness, readings."""
+"""The quality part of a history: acceptance of lots, samples for the firmness test, firmness relations."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
@@ -27,7 +27,7 @@ COMMAND = "drupe history"
 
 @dataclass(frozen=True, kw_only=True)
 class QualityWanted:
-    """Options of `drupe history`: `accept`: the class whose fruit conform. `oecd`: cheeks that one recording
+    """Options of `drupe history`. `accept`: the class of conforming fruit. `oecd`: cheeks that one recording
     presses, 0 without the test. `firmness`: texts COLUMN=UNIT@PLUNGER.
     """
 
@@ -41,7 +41,7 @@ class QualityWanted:
 def lots_quality(
     batches: Sequence[StoredBatch], wanted: QualityWanted
 ) -> tuple[QualityEntry, dict[Key, FirmnessRelation]]:
-    """The page's part, and the fitted relations. Raises BatchRefused where an option says what cannot be."""
+    """The quality part of the page, and the fitted relations. Raises BatchRefused for unusable options."""
     if wanted.plan.lot_size and not wanted.accept:
         raise refused(COMMAND, "--lot-size needs --accept CLASS.")
     if wanted.size_column and not wanted.oecd:
@@ -58,7 +58,7 @@ def lots_quality(
 
 
 def quality_lines(quality: QualityEntry) -> Iterator[str]:
-    """What the terminal says of it."""
+    """Lines for the terminal."""
     for plan in quality.plans:
         yield f"{plan.words}. {plan.risks}."
         yield from (f"  {lot.name}: {lot.verdict}: {lot.words}." for lot in plan.decisions)
@@ -68,7 +68,7 @@ def quality_lines(quality: QualityEntry) -> Iterator[str]:
 
 
 def characteristics(quality: QualityEntry) -> pd.DataFrame:
-    """Operating characteristics of all plans, one below the other."""
+    """Operating characteristics of all plans in one table; the column `plan` names the plan."""
     curves = [
         pd.DataFrame(plan.curve, columns=list(OC_COLUMNS[: plan.curve.shape[1]])).assign(plan=plan.words)
         for plan in quality.plans
@@ -77,7 +77,7 @@ def characteristics(quality: QualityEntry) -> pd.DataFrame:
 
 
 def sampling_plan(wanted: PlanWanted, oc: Path | None) -> Iterator[str]:
-    """The plan in words, and its curve as a table at `oc`. Raises BatchRefused."""
+    """Yields the plan in sentences; writes its curve to `oc`. Raises BatchRefused and NotWritten."""
     if oc is not None:
         require_format(oc, "--oc")
         require_new_or_ours(oc, table_of(OC_COLUMNS[:2]), "a table of drupe plan --oc")

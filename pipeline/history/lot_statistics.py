@@ -1,9 +1,9 @@
-"""Statistics of fruit of one lot on one day, and the difference of two lots.
+"""Statistics of the fruit of one lot on one day, and the difference of two lots.
 
-Mean and standard deviation (n - 1) are of E in MPa. Percentiles interpolate linearly between order statistics
-(Hyndman and Fan, Am. Stat. 50, 1996, 361, definition 7). The share of fruit outside a class has the exact
-interval of Clopper and Pearson (Biometrika 26, 1934, 404). Two lots are compared by Welch's test (Biometrika
-34, 1947, 28); p of several pairs are adjusted by Holm's method (Scand. J. Stat. 6, 1979, 65).
+Mean and standard deviation (n - 1) refer to E in MPa. Percentiles interpolate linearly between order
+statistics (Hyndman and Fan, Am. Stat. 50, 1996, 361, definition 7). The share of fruit outside a class has
+the exact interval of Clopper and Pearson (Biometrika 26, 1934, 404). Welch's test compares two lots
+(Biometrika 34, 1947, 28); Holm's method adjusts p of several pairs (Scand. J. Stat. 6, 1979, 65).
 """
 
 import math
@@ -19,15 +19,15 @@ from pipeline.history.softening import COVERAGE
 from reports.history_entries import DifferenceEntry, LotStatistics
 
 PERCENTILES = (10, 25, 50, 75, 90)
-"""Of the fruit of a lot, in per cent: a tenth at either end, quartiles and the median."""
+"""Percentiles of a lot's fruit: a tenth at either end, quartiles and median."""
 FAR_SD, NEAR_SD = 3.0, 2.0
 """Action and warning limits of a Shewhart chart (Montgomery, Introduction to Statistical Quality Control)."""
 MOST_FRUIT = 10_000
-"""Beyond which no number of fruit is stated: it says that the precision is out of reach."""
+"""Largest number of fruit that drupe states; beyond it the precision is out of reach."""
 
 
 def lot_statistics(E_MPa: Sequence[float], *, precision: float) -> LotStatistics:
-    """Of at least one fruit; `precision`: a share of the mean."""
+    """Statistics of at least one fruit; `precision`: half-width of the mean's 90 % interval over the mean."""
     E = np.asarray(E_MPa, dtype=float)
     mean, sd = float(E.mean()), float(E.std(ddof=1)) if len(E) > 1 else None
     return LotStatistics(
@@ -53,7 +53,7 @@ def needed_fruit(mean: float, sd: float, *, precision: float) -> int | None:
 def share_outside(
     E_MPa: Sequence[float], *, above_MPa: float, up_to_MPa: float | None
 ) -> tuple[float, float, float]:
-    """Share of fruit that are not in the class (above_MPa, up_to_MPa], with its 90 % interval."""
+    """Share of fruit outside the class (above_MPa, up_to_MPa], and both ends of its 90 % interval."""
     outside = sum(not above_MPa < E <= (math.inf if up_to_MPa is None else up_to_MPa) for E in E_MPa)
     interval = binomtest(outside, len(E_MPa)).proportion_ci(COVERAGE, method="exact")
     return outside / len(E_MPa), float(interval.low), float(interval.high)
@@ -62,7 +62,7 @@ def share_outside(
 def class_ranges(
     limits: Sequence[tuple[str, float | None]],
 ) -> list[tuple[str, float, float | None]]:
-    """Classes with the moduli between which they lie, softest first.
+    """Each class with its lower and upper modulus, MPa, softest first.
 
     >>> class_ranges([("ready", 0.5), ("firm", None)])
     [('ready', 0.0, 0.5), ('firm', 0.5, None)]
@@ -72,7 +72,7 @@ def class_ranges(
 
 
 def lot_differences(E_MPa: Mapping[str, Sequence[float]]) -> list[DifferenceEntry]:
-    """All pairs of lots with at least two fruit each, with 90 % intervals, and p by Holm's method."""
+    """Mean difference (first - second), 90 % interval and Holm's p of all pairs of lots with 2+ fruit."""
     from statsmodels.stats.multitest import multipletests  # slow to import
 
     pairs = []
@@ -91,11 +91,11 @@ def lot_differences(E_MPa: Mapping[str, Sequence[float]]) -> list[DifferenceEntr
 
 
 def out_of_control(z: Float[np.ndarray, " n"]) -> str:
-    """What a chart's last point says, "" where the process is in control.
+    """The alarm of a control chart's last point, as a clause; "" if the process is in control.
 
     `z`: ln r over its standard deviation, oldest first. Western Electric's first two rules (Montgomery,
-    Introduction to Statistical Quality Control, ch. 5): the last beyond 3; the last and one of the two before
-    it beyond 2 on the same side.
+    Introduction to Statistical Quality Control, ch. 5): the last is beyond 3; the last and one of the two
+    before it are beyond 2 on the same side.
 
     >>> out_of_control(np.array([2.1, -0.3, 2.4]))
     'two of the last three batches deviate by more than 2 standard deviations on the same side'

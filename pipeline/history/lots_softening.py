@@ -1,12 +1,12 @@
-"""Lots of one cultivar: how fast they soften, by a mixed model, and how they differ on their last days.
+"""Lots of one cultivar: their softening rates by a mixed model, and their differences on the last days.
 
     ln E_ij = (a + a_i) - (k + k_i) t_ij + e_ij
 
-Lot i has its own start a_i and rate k_i, normal with a covariance of their own; t is days since the lot's
-first day. Fitted by restricted maximum likelihood (statsmodels MixedLM; Lindstrom and Bates, J. Am. Stat.
-Assoc. 83, 1988, 1014). With b_i the least squares of lot i alone, X_i its design and D the covariance between
-lots, S_i = s^2 (X_i' X_i)^-1, the fixed effects b have the covariance (sum (D + S_i)^-1)^-1. A lot's rate is
-its best linear unbiased prediction, b + D (D + S_i)^-1 (b_i - b). Both hold where D is singular.
+Lot i has its own start a_i and rate k_i, jointly normal with covariance D; t is days since the lot's first
+day. Restricted maximum likelihood fits the model (statsmodels MixedLM; Lindstrom and Bates, J. Am. Stat.
+Assoc. 83, 1988, 1014). Let b_i be the least-squares fit of lot i alone, X_i its design and
+S_i = s^2 (X_i' X_i)^-1. The fixed effects b then have the covariance (sum (D + S_i)^-1)^-1. A lot's rate is
+its best linear unbiased prediction, b + D (D + S_i)^-1 (b_i - b). Both hold for a singular D.
 """
 
 import math
@@ -23,20 +23,20 @@ from pipeline.history.softening import COVERAGE
 from reports.history_entries import GroupEntry, SeriesEntry
 
 FEWEST_LOTS = 3
-"""With at least two days each: two lots say next to nothing of the spread between lots. Set by hand."""
+"""Fewest lots with at least two days: two lots hardly determine the spread between lots. Set by hand."""
 
 METHOD = "powell"
-"""Of the optimiser. A spread of zero lies on the border, where methods by gradients do not converge."""
+"""Optimiser: a spread of zero is a boundary optimum, at which gradient methods do not converge."""
 
 ON_THE_BORDER = (
     "The MLE may be on the boundary",
     "The random effects covariance matrix is singular",
     "The Hessian matrix at the estimated parameter values is not positive definite",
 )
-"""How warnings of statsmodels begin that a spread of zero between lots gives; no Hessian is used here."""
+"""First words of statsmodels' warnings at a spread of zero. This module uses no Hessian."""
 
 MOST_COMPARED = 20
-"""All pairs of so many lots are compared: 190 rows. Of more lots, those measured last are. Set by hand."""
+"""Most lots that are compared in pairs (190 rows): those measured last. Set by hand."""
 
 NO_LAW = (
     f"There is no common rate of softening yet. The mixed model needs {FEWEST_LOTS} lots with two days each, "
@@ -46,7 +46,7 @@ NO_LAW = (
 
 @dataclass(frozen=True, kw_only=True)
 class LotsSoftening:
-    """k and its 90 % interval, 1/day; the standard deviation of k_i; and k + k_i by lot."""
+    """k, its 90 % interval, the standard deviation `lot_sd` of k_i, and k + k_i by lot; all in 1/day."""
 
     rate: float
     low: float
@@ -56,13 +56,13 @@ class LotsSoftening:
 
 
 def lots_softening(E_MPa: Mapping[str, Mapping[float, Sequence[float]]]) -> LotsSoftening | None:
-    """Of fruit by lot and day (since the lot's first); None with fewer lots, or without convergence."""
+    """The model of E by lot and day since its first; None below FEWEST_LOTS or without convergence."""
     lots = {name: by_day for name, by_day in E_MPa.items() if sum(bool(E) for E in by_day.values()) > 1}
     if len(lots) < FEWEST_LOTS:
         return None
     from statsmodels.regression.mixed_linear_model import MixedLM
 
-    span = max(day for by_day in lots.values() for day in by_day)  # the optimiser needs numbers of like size
+    span = max(day for by_day in lots.values() for day in by_day)  # the optimiser needs numbers of one order
     designs, logs = {}, {}
     for name, by_day in lots.items():
         rows = [(1.0, -day / span, math.log(E)) for day, fruit in by_day.items() for E in fruit]
@@ -70,7 +70,7 @@ def lots_softening(E_MPa: Mapping[str, Mapping[float, Sequence[float]]]) -> Lots
     design = np.concatenate(list(designs.values()))
     groups = np.repeat(list(lots), [len(ln_E) for ln_E in logs.values()])
     with warnings.catch_warnings():
-        # A spread of zero lies on the border, and is a right answer.
+        # A spread of zero is on the boundary, and is a valid result.
         for said in ON_THE_BORDER:
             warnings.filterwarnings("ignore", message=said)
         model = MixedLM(np.concatenate(list(logs.values())), design, groups=groups, exog_re=design)
@@ -100,7 +100,7 @@ def lots_softening(E_MPa: Mapping[str, Mapping[float, Sequence[float]]]) -> Lots
 
 
 def lot_groups(series: Sequence[SeriesEntry]) -> Iterator[GroupEntry]:
-    """Every cultivar with at least two lots. `series`: in the order of their cultivars."""
+    """An entry per cultivar with at least two lots. `series`: sorted by category and cultivar."""
     for (category, cultivar), of_group in groupby(series, key=lambda lot: (lot.category, lot.cultivar)):
         lots = tuple(of_group)
         if len(lots) < 2:

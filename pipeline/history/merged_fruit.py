@@ -1,4 +1,4 @@
-"""Fruit that count for their lot, each once a day: one id of a lot and day is one fruit in all batches."""
+"""Merges the rows of a fruit: one id of a lot and day is the same fruit in all batches."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -11,24 +11,24 @@ from pipeline.history.stored_batch import StoredBatch, StoredFruit
 
 @dataclass(frozen=True, kw_only=True)
 class MergedFruit:
-    """A fruit on one day: `rows` of all batches that measured it (one per gripper), `batch` the first."""
+    """A fruit on one day: `rows` of all batches that measured it (one per gripper), `batch`: the first."""
 
     batch: StoredBatch
     rows: tuple[StoredFruit, ...]
 
     @property
     def fruit_id(self) -> str:
-        """Its name in all batches."""
+        """The fruit's id in all batches."""
         return self.rows[0].fruit_id
 
     @property
     def E_MPa(self) -> float:
-        """Geometric mean of its rows."""
+        """Geometric mean of the rows' E."""
         return float(np.exp(np.mean(np.log([row.E_MPa for row in self.rows]))))
 
     @property
     def cheeks(self) -> tuple[tuple[float, float | None], ...]:
-        """E and its standard deviation by each recording, MPa; of the row where its one recording has none. A
+        """E and its standard deviation by each recording, MPa; by the row if none of its recordings has E. A
         recording in two batches counts once.
         """
         single: dict[str, tuple[float, float | None]] = {}
@@ -44,7 +44,7 @@ class MergedFruit:
 
 
 def merged_fruit(batches: Sequence[StoredBatch]) -> Iterator[MergedFruit]:
-    """By category, cultivar, lot, day and id; without fruit in doubt and reference bodies."""
+    """Fruit by category, cultivar, lot, day and id, without fruit in doubt and reference bodies."""
     rows: dict[tuple[object, ...], list[tuple[StoredBatch, StoredFruit]]] = defaultdict(list)
     for batch in batches:
         for fruit in batch.fruit:

@@ -1,7 +1,7 @@
-"""Whether the sample of a lot suffices for the test of firmness that inspectors do.
+"""Checks whether a lot's sample suffices for the inspectors' test of firmness.
 
 OECD Fruit and Vegetables Scheme, Guidelines on objective tests (2018): at least ten fruit of each size, drawn
-at random, and firmness on two opposite sides of each fruit. E takes the place of the penetrometer's reading.
+at random, and firmness on two opposite sides of each fruit. E replaces the penetrometer's reading.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,16 +15,16 @@ from pipeline.history.stored_batch import StoredBatch
 from reports.history_entries import ObjectiveSampleEntry
 
 FRUIT, CHEEKS = 10, 2
-"""Of each size, and of each fruit."""
+"""Fewest fruit of each size, and fewest cheeks of each fruit."""
 
 
 def objective_samples(
     batches: Sequence[StoredBatch], cheeks_per_recording: int, *, size_column: str = ""
 ) -> Iterator[ObjectiveSampleEntry]:
-    """Of every lot, day and size, oldest first; fruit in doubt and reference bodies do not count.
+    """The sample of each cultivar, lot, day and size, in this order, without fruit in doubt and bodies.
 
-    `cheeks_per_recording`: sides that one recording presses and measures. `size_column`: the user's own
-    column with the size; without it all fruit of a lot are one size.
+    `cheeks_per_recording`: sides that one recording presses and measures. `size_column`: the user's column
+    with the size; without it, all fruit of a lot have one size.
     """
 
     def of_one(fruit: MergedFruit) -> tuple[str, ...]:
@@ -62,7 +62,7 @@ def _sample(name: str, fruit: Sequence[MergedFruit], per_recording: int) -> Obje
 
 
 def _difference(E_MPa: Sequence[Sequence[float]]) -> str:
-    """How far recordings of one fruit lie apart, in words: the pooled standard deviation of ln E."""
+    """A clause with the pooled standard deviation of ln E within fruit; empty without repeats."""
     if not E_MPa:
         return ""
     sd = 100 * pooled_sd([np.log(E) for E in E_MPa])

@@ -1,17 +1,16 @@
-"""How fast a lot softens: exponential decay of its mean modulus over days, and when it reaches a limit.
+"""Softening of a lot: exponential decay of its mean modulus over days, and the day at which it meets a limit.
 
     ln E_ij = a - k t_i + d_i + e_ij        fruit j on day t_i
 
-k is the softening rate per day, d_i (standard deviation tau) what fruit of one day have in common beyond the
-law: another part of the lot, another temperature, the gripper of that day. e_ij is the spread of single
-fruit. Few days say little of tau; it has a half-normal prior (Gelman, Bayesian Analysis 1, 2006, 515) and is
-averaged over, a and k being normal for each tau with flat priors: a random-effects regression. All intervals
-are quantiles of that mixture. The limit L is reached by day t with the probability that a - k t is below ln
-L; without the average this is Fieller's interval (J. R. Stat. Soc. B 16, 1954, 175).
+k is the softening rate per day. d_i (standard deviation tau) is the common deviation of one day's fruit: from
+another part of the lot, another temperature, or that day's gripper. e_ij is the deviation of a single fruit.
+The model is a random-effects regression: for each tau, a and k are normal with flat priors. Few days hardly
+determine tau. It has a half-normal prior (Gelman, Bayesian Analysis 1, 2006, 515), and drupe averages over
+it. All intervals are quantiles of this mixture. The lot reaches the limit L by day t with the probability
+that a - k t < ln L. For a single tau this is Fieller's interval (J. R. Stat. Soc. B 16, 1954, 175).
 
-Exponential decay describes the first part of softening; of kiwifruit it was found too firm in the middle
-(Benge et al., Postharvest Biol. Technol. 19, 2000, 211). Predictions therefore end at FARTHEST observed
-spans.
+Exponential decay describes the first part of softening; it predicts too firm kiwifruit in the middle (Benge
+et al., Postharvest Biol. Technol. 19, 2000, 211). Predictions therefore end at FARTHEST observed spans.
 """
 
 import math
@@ -23,23 +22,23 @@ from jaxtyping import Float
 from scipy.special import ndtr, ndtri
 
 FARTHEST = 2.0
-"""Times the observed span of days up to which the law is followed beyond the last day. Set by hand."""
+"""Longest prediction beyond the last day, over the observed span of days. Set by hand."""
 COVERAGE = 0.9
-"""Of all intervals here."""
+"""Probability of all intervals in this package."""
 DAY_SD = 0.1
-"""Scale of tau's prior, of ln E: samples and sensors of two days differ by some 5 to 10 %. Set by hand."""
+"""Scale of tau's prior (ln E): samples and sensors of two days differ by 5 to 10 %. Set by hand."""
 _TAU = np.linspace(0.0, 4.0 * DAY_SD, 41)
-"""Values of tau that are averaged over: the prior beyond has 6e-5."""
+"""Values of tau in the average; the prior's probability beyond them is 6e-5."""
 _BISECTIONS = 60
-"""Of 24 standard deviations: 2e-17 of one is left."""
+"""Halvings of a bracket: they reduce 24 standard deviations to 2e-17 of one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Softening:
-    """The fitted law, for each tau with its weight: a and k (1/day), and their covariance.
+    """The fitted law: a, k (1/day) and their covariance for each tau, with its weight.
 
-    `first`, `last`: days between which fruit were measured; `days`: their number; `fruit_sd`: spread of ln E
-    of single fruit; `day_sd`: mean of tau.
+    `first`, `last`: first and last day of measurement; `days`: number of days with measurements; `fruit_sd`:
+    standard deviation of ln E of single fruit; `day_sd`: mean of tau.
     """
 
     first: float
@@ -59,12 +58,12 @@ class Softening:
 
     @property
     def softens(self) -> bool:
-        """Whether the interval of k lies above zero."""
+        """Whether the 90 % interval of k is above zero."""
         return self.rate(0.5 - COVERAGE / 2) > 0
 
     @property
     def farthest_day(self) -> float:
-        """The last day that is predicted."""
+        """The last day of predictions."""
         return self.last + FARTHEST * (self.last - self.first)
 
     def ln_E(self, day: Float[np.ndarray, " t"], share: float = 0.5) -> Float[np.ndarray, " t"]:
@@ -79,9 +78,9 @@ class Softening:
 
 
 def softening_of(E_MPa: Mapping[float, Sequence[float]], *, single_sd: float) -> Softening | None:
-    """The law of fruit by day (days since any start); None for fewer than two days.
+    """The law for E of fruit by day (days since any start); None for fewer than two days.
 
-    `single_sd`: standard deviation of one fruit's ln E, where no day has two fruit.
+    `single_sd`: standard deviation of one fruit's ln E if no day has two fruit.
     """
     days = sorted(day for day, fruit in E_MPa.items() if fruit)
     if len(days) < 2:
@@ -110,9 +109,9 @@ def softening_of(E_MPa: Mapping[float, Sequence[float]], *, single_sd: float) ->
 def reached(
     law: Softening, limit_MPa: float, *, share: float = 0.5
 ) -> tuple[float | None, float | None, float | None]:
-    """The day by which a share of the fruit falls to a limit with a chance of 5, 50 and 95 %; None where that
-    is beyond what is predicted, or never. The mean is there with half of the fruit; another share adds its
-    normal quantile of the single fruit's spread, ndtri(share) fruit_sd.
+    """The days by which a share of the fruit falls to a limit with a probability of 5, 50 and 95 %; None if
+    that is beyond the last predicted day, or never. The mean reaches the limit with half of the fruit. For
+    another share, ln E shifts by the normal quantile of single fruit, ndtri(share) fruit_sd.
     """
     days = np.linspace(law.first, law.farthest_day, 2001)
     mean, sd = law.on(days)
@@ -126,7 +125,7 @@ def reached(
 
 
 def pooled_sd(logs: Sequence[Float[np.ndarray, " _n"]]) -> float:
-    """Standard deviation within groups, all groups together; 0 where none has two values."""
+    """Pooled standard deviation within groups; 0 if no group has two values."""
     degrees = sum(len(of_day) - 1 for of_day in logs)
     squares = sum(float(((of_day - of_day.mean()) ** 2).sum()) for of_day in logs)
     return math.sqrt(squares / degrees) if degrees else 0.0
@@ -135,7 +134,7 @@ def pooled_sd(logs: Sequence[Float[np.ndarray, " _n"]]) -> float:
 def _weighted(
     t: Float[np.ndarray, " d"], mean: Float[np.ndarray, " d"], variance: Float[np.ndarray, "m d"]
 ) -> tuple[Float[np.ndarray, "m 2"], Float[np.ndarray, "m 2 2"], Float[np.ndarray, " m"]]:
-    """a and k, their covariance, and ln of the marginal likelihood with flat priors of both."""
+    """a and k, their covariance, and the log marginal likelihood with flat priors of both, for each tau."""
     design = np.stack([np.ones_like(t), -t], axis=1)
     precision = design.T @ (design / variance[:, :, None])
     covariance = np.linalg.inv(precision)
@@ -151,7 +150,7 @@ def _quantile(
     sd: Float[np.ndarray, "t m"],
     weights: Float[np.ndarray, " m"],
 ) -> Float[np.ndarray, " t"]:
-    """Of mixtures of normals, by bisection."""
+    """Quantile of mixtures of normals, by bisection."""
     low, high = (mean - 12 * sd).min(axis=1), (mean + 12 * sd).max(axis=1)
     for _ in range(_BISECTIONS):
         middle = (low + high) / 2

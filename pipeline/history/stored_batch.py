@@ -1,4 +1,4 @@
-"""One graded batch as history keeps it: read from its results, without pictures and meshes."""
+"""Reads one graded batch from its results for the history, without pictures and meshes."""
 
 import hashlib
 import math
@@ -20,13 +20,13 @@ from pipeline.files.plain_file import printable
 from pipeline.problem import BatchRefused, Problem, refused
 
 DESCRIPTIONS = frozenset({".toml", ".json"})
-"""Files beside the frames of a recording that describe sensor and pads, alike in many recordings."""
+"""Suffixes of files beside a recording's frames that describe sensor and pads; many recordings share them."""
 GRADE_AGAIN = "move it away and run `drupe grade` again to rebuild it."
 
 
 @dataclass(frozen=True, kw_only=True)
 class StoredGrasp:
-    """A recording by its name and SHA-256, and E by it alone (None where it has none)."""
+    """A recording by its name and SHA-256; its E alone, None if it has none."""
 
     grasp: str = ""
     recording: str = ""
@@ -37,9 +37,9 @@ class StoredGrasp:
 
 @dataclass(frozen=True, kw_only=True)
 class StoredFruit:
-    """One fruit, or reference body (`E_known_MPa`), with its measured E; readings None where not taken.
+    """One fruit, or reference body (`E_known_MPa`), with its measured E; missing readings are None.
 
-    `doubted`: whether something in its inputs cannot be right; such fruit are shown and not fitted.
+    `doubted`: whether its inputs contain a contradiction; the page shows such fruit, and no fit uses them.
     """
 
     fruit_id: str
@@ -52,25 +52,25 @@ class StoredFruit:
     penetrometer_N: float | None = None
     grasps: tuple[StoredGrasp, ...] = ()
     columns: dict[str, float | str] = field(default_factory=dict)
-    """Readings of `drupe firmness`, and cells of the user's own columns."""
+    """Readings of `drupe firmness`, and cells of the user's columns."""
 
     @property
     def recordings(self) -> tuple[str, ...]:
-        """A SHA-256 of each of its recordings."""
+        """The SHA-256 of each recording, sorted."""
         return tuple(sorted(grasp.recording for grasp in self.grasps if grasp.recording))
 
     @property
     def fitted(self) -> bool:
-        """Whether it counts for its lot: no reference body, and nothing in doubt."""
+        """Whether it counts for its lot: it is no reference body and not in doubt."""
         return self.E_known_MPa is None and not self.doubted
 
 
 @dataclass(frozen=True, kw_only=True)
 class StoredBatch:
-    """A batch on its day. `key`: of a batch in a store its name there, else SHA-256 of its label and
-    recordings. `limits`: (name, highest E in MPa or None) of its maturity classes. `lost`: fruit that were
-    not graded. `dated`: whether the settings say the day. `revisions`: how often its results in the store
-    were replaced. `listed`: ids of all fruit that its latest results know.
+    """A batch on its day. `key`: in a store, its name there; otherwise a SHA-256 of category, cultivar, lot,
+    day and the fruit's input files. `limits`: (name, highest E in MPa or None) of its maturity classes.
+    `lost`: fruit without E. `dated`: whether the settings state the day. `revisions`: number of earlier
+    results in the store. `listed`: ids of all fruit in its latest results.
     """
 
     key: str
@@ -99,28 +99,28 @@ class StoredBatch:
 
     @property
     def missing(self) -> tuple[str, ...]:
-        """Fruit of earlier results that the latest do not know; they still count."""
+        """Fruit of earlier results that the latest lack; they still count."""
         ids = (*(fruit.fruit_id for fruit in self.fruit), *self.lost)
         return tuple(name for name in ids if name not in self.listed) if self.listed else ()
 
     @property
     def group(self) -> str:
-        """Category and cultivar, whose fruit have one relation to other instruments."""
+        """Category and cultivar; their fruit share one relation to other instruments."""
         return f"{self.category} {self.cultivar}".strip()
 
     @property
     def lot_words(self) -> str:
-        """The lot as sentences name it."""
+        """The lot as messages name it."""
         return f"lot {self.lot}" if self.lot else "without a lot"
 
     @property
     def series(self) -> tuple[str, str, str]:
-        """Category, cultivar and lot, whose days belong together."""
+        """Category, cultivar and lot, which identify the days of one lot."""
         return self.category, self.cultivar, self.lot
 
 
 def stored_batch(out: Path) -> StoredBatch:
-    """The batch whose results are in `out`. Raises BatchRefused where there are none that can be read."""
+    """The batch with results in `out`. Raises BatchRefused if they are missing, unfinished or damaged."""
     results = Results(out)
     if results.provenance.is_file() and (why := why_damaged(results.provenance)):
         raise refused(results.provenance, f"{why}; {GRADE_AGAIN}")
@@ -178,7 +178,7 @@ def _batch(out: Path, results: Results, said: Mapping[str, Any]) -> StoredBatch:
 
 
 def _recordings(inputs: Mapping[str, str]) -> dict[str, dict[str, str]]:
-    """By fruit and recording, a SHA-256 of its file, or of the sorted hashes of all its frames."""
+    """By fruit and recording, the SHA-256 of the sorted SHA-256 of its files (without DESCRIPTIONS)."""
     by_recording: dict[tuple[str, str], list[str]] = defaultdict(list)
     for name, digest in inputs.items():
         path = PurePosixPath(name)
@@ -192,7 +192,7 @@ def _recordings(inputs: Mapping[str, str]) -> dict[str, dict[str, str]]:
 
 
 def _grasps(record: FruitRecord, recordings: Mapping[str, str]) -> tuple[StoredGrasp, ...]:
-    """The fruit's recordings, each with its record, which has the name of the file or its stem."""
+    """The fruit's recordings with E from the record, which names each by its file or the file's stem."""
     by_name = {grasp.grasp: grasp for grasp in record.grasps}
     grasps = []
     for name, digest in recordings.items():
@@ -203,7 +203,7 @@ def _grasps(record: FruitRecord, recordings: Mapping[str, str]) -> tuple[StoredG
 
 
 def _fruit(record: FruitRecord, recordings: Mapping[str, str], readings: Mapping[str, float]) -> StoredFruit:
-    """The fruit as ranked (corrected by reference bodies and to a temperature); a body as it was measured."""
+    """The fruit with its ranked E (corrected by reference bodies and temperature); a body as measured."""
     given = record.given
     E_MPa, E_sd_MPa = record.ranked_modulus
     if E_MPa is None or E_sd_MPa is None:
@@ -223,7 +223,7 @@ def _fruit(record: FruitRecord, recordings: Mapping[str, str], readings: Mapping
 
 
 def _key(inputs: Mapping[str, str], settings: Mapping[str, Any]) -> str:
-    """Of what was measured, and of the lot and day that it is said to be of."""
+    """SHA-256 of category, cultivar, lot, stated day and the hashes of the fruit's input files."""
     measured = sorted(digest for path, digest in inputs.items() if path.startswith("fruits/"))
     said = [str(settings.get(name)) for name in ("category", "cultivar", "lot", "measured_on")]
     return hashlib.sha256("\n".join([*said, *measured]).encode()).hexdigest()

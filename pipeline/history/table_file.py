@@ -1,4 +1,4 @@
-"""A table as a file whose ending says its format: .csv, .xlsx, .parquet or .json."""
+"""Writes tables as .csv, .xlsx, .parquet or .json."""
 
 import importlib.util
 import io
@@ -15,12 +15,12 @@ from pipeline.problem import refused
 from reports.tables import safe_cell
 
 NEEDS = {".xlsx": ("openpyxl", "sheets"), ".parquet": ("pyarrow", "parquet")}
-"""Packages by ending, with the extra of drupe that brings them."""
+"""Package of each suffix, and the extra of drupe that installs it."""
 ENDINGS = (".csv", ".xlsx", ".parquet", ".json")
 
 
 def require_format(path: Path, option: str) -> None:
-    """Raises BatchRefused where the ending is none of ENDINGS, or its package is not installed."""
+    """Raises BatchRefused if the suffix is not in ENDINGS, or its package is not installed."""
     ending = path.suffix.lower()
     if ending not in ENDINGS:
         raise refused(path, f'{option}: found the ending "{ending}", expected one of {", ".join(ENDINGS)}.')
@@ -31,7 +31,7 @@ def require_format(path: Path, option: str) -> None:
 
 
 def table_bytes(table: pd.DataFrame, ending: str) -> bytes:
-    """The file's content. Spreadsheets get text that they do not run; Parquet and JSON get text as it is."""
+    """The file's content. CSV and Excel get text that is no formula, Parquet and JSON unchanged text."""
     if ending == ".json":
         records = table.where(table.notna(), None).to_dict("records")
         return (json.dumps(records, indent=1, ensure_ascii=False, allow_nan=False) + "\n").encode()
@@ -48,12 +48,12 @@ def table_bytes(table: pd.DataFrame, ending: str) -> bytes:
 
 
 def put_table(path: Path, table: pd.DataFrame) -> None:
-    """Writes the table whole, in the format of the path's ending."""
+    """Writes the table in the format of the path's suffix. Raises NotWritten."""
     put(path, table_bytes(table, path.suffix.lower()))
 
 
 def table_of(columns: Sequence[str]) -> Callable[[Path], bool]:
-    """Tells whether a table of drupe history stands at a path: its first columns are these."""
+    """A function that tells whether the table at a path begins with these columns."""
     return partial(_starts_with, columns=columns)
 
 

@@ -1,1 +1,1 @@
-"""`drupe convert` and `drupe calibrate`: other formats to recordings, presses to sensor descriptions."""
+"""Converts other formats to recordings, and writes descriptions of sensors, rigs and robots."""

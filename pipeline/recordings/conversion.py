@@ -1,4 +1,4 @@
-"""`drupe convert`: a recording of another kind becomes the one file that everything else reads."""
+"""`drupe convert`: converts a recording in another format to the HDF5 file that drupe reads."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
@@ -51,7 +51,7 @@ KINDS = (
     "a ROS 2 bag (.mcap)",
     "a .csv, .txt, .tsv, .xls or .xlsx of a bare load cell",
 )
-"""What `_read` knows; each has its row in docs/formats.md, Sources of `drupe convert`."""
+"""Sources that `_of_any_kind` reads; docs/formats.md, Sources of `drupe convert`, has a row for each."""
 WHAT_PRESSED = (
     "is a load cell's force-displacement curve. Give --indenter ball or flat with --radius-mm, "
     "or --indenter plates with the specimen (docs/formats.md, A load cell)."
@@ -64,14 +64,14 @@ FRAMES_ALONE = (
 SENSOR_NEEDED = "needs the sensor's description; give --sensor sensor.toml."
 TOPICS_NEEDED = "needs the names of its topics; give --topics topics.toml (docs/formats.md, A ROS 2 bag)."
 POSES_LACKING = "no motion."
-"""How the readers' notes of missing poses end, which jaws or a robot supply."""
+"""End of the readers' notes on missing poses; drupe removes these notes if jaws or a robot give the poses."""
 ANY_RATIO = 0.45
-"""Poisson's, to see whether a geometry has a law at all; `drupe explain` takes that of the flesh."""
+"""Poisson's ratio in the test whether a geometry has a law; `drupe explain` uses that of the flesh."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ConvertRequest:
-    """What the source itself does not say."""
+    """Options of a conversion: values that the source does not state."""
 
     sensor: Path | None = None
     fruit_id: str = "unknown"
@@ -90,9 +90,10 @@ class ConvertRequest:
 
 @dataclass(frozen=True, kw_only=True)
 class Conversion:
-    """What is said of a recording that was written.
+    """Sentences on a written recording.
 
-    `doubts`, `refused`: findings of the checks that need no mesh; grading refuses for the second.
+    `doubts`, `refused`: findings of the checks that need no mesh; `drupe grade` refuses a recording with
+    the latter.
     """
 
     notes: tuple[str, ...]
@@ -103,10 +104,9 @@ class Conversion:
 def convert_runs(
     source: Path, out: Path, wanted: ConvertRequest, *, report: Callable[[str], None]
 ) -> list[tuple[Path, Conversion]]:
-    """`convert`, and where all runs are wanted each into a file of its own, OUT-1.h5 and so on.
+    """Does `convert`; with `all_runs`, writes each run of a table to OUT-1.h5, OUT-2.h5 and so on.
 
-    Returns what was written, with what is said of each. Raises as `convert`; every run is checked before the
-    first is written.
+    Returns the written paths with their sentences. Raises as `convert`; checks all runs before it writes one.
     """
     if not wanted.all_runs:
         return [(out, convert(source, out, wanted, report=report))]
@@ -122,18 +122,18 @@ def convert_runs(
 
 
 def convert(source: Path, out: Path, wanted: ConvertRequest, *, report: Callable[[str], None]) -> Conversion:
-    """Writes the recording in `source` to `out`; `report` tells progress.
+    """Writes the recording in `source` to `out`; `report` receives lines of progress.
 
-    `out` appears whole or not at all: the file is written elsewhere and read back first. Raises
-    TactileFailure for a source that cannot be used, BatchRefused where an option is missing, `source` is no
-    kind that is known, or `out` is one of the inputs or a file that drupe convert did not write.
+    `out` appears only when complete: drupe first writes a draft elsewhere and reads it back. Raises
+    TactileFailure for an unusable source. Raises BatchRefused for a missing or inapplicable option, or a
+    source of unknown kind. It also does so if `out` is an input or a file that drupe convert did not write.
     """
     _require_writable(source, out, wanted)
     return _written(_read(source, wanted, report), source, out, report)
 
 
 def _written(converted: Converted, source: Path, out: Path, report: Callable[[str], None]) -> Conversion:
-    """Writes what was read of `source`, once the file reads back, and says what the checks find in it."""
+    """Writes the recording after its draft was read back, and returns the findings of the checks."""
     with scratch() as folder:
         draft = folder / "draft.h5"
         write_recording(draft, converted.recording)
@@ -165,7 +165,7 @@ def _written(converted: Converted, source: Path, out: Path, report: Callable[[st
 
 
 def _prior(category: str) -> PitPrior | None:
-    """What is known of the category; None where there is none, or one of the user's own."""
+    """The category's prior; None if drupe ships none."""
     try:
         return load_prior(category)
     except ReconFailure:
@@ -173,7 +173,7 @@ def _prior(category: str) -> PitPrior | None:
 
 
 def _require_writable(source: Path, out: Path, wanted: ConvertRequest) -> None:
-    """Raises BatchRefused where `out` is one of the inputs or a file that drupe convert did not write."""
+    """Raises BatchRefused if `out` is or lies in an input, or is a file that drupe convert did not write."""
     named = source, wanted.sensor, wanted.rig, wanted.robot, wanted.flange, wanted.topics
     inputs = [path for path in named if path is not None]
     require_file_apart(out, inputs=inputs, folders=[source] if source.is_dir() else [])
@@ -185,12 +185,12 @@ def _is_converted(path: Path) -> bool:
         with opened(path) as file:
             said = file.attrs.get("written_by")
             return isinstance(said, str) and said == WRITTEN_BY
-    except (TactileFailure, TypeError, ValueError):  # HDF5 holds more types than h5py reads
+    except (TactileFailure, TypeError, ValueError):  # h5py does not read all types of HDF5
         return False
 
 
 def _contact(recording: Recording, name: str) -> list[str]:
-    """What the contact came to, pad by pad; why it cannot be told, where it cannot."""
+    """A line on the contact of each pad, or the reason why drupe finds none; empty for a bare indenter."""
     if not all(isinstance(pad, GelPad) for pad in recording.pads):
         return []
     try:
@@ -201,9 +201,8 @@ def _contact(recording: Recording, name: str) -> list[str]:
 
 
 def _read(source: Path, wanted: ConvertRequest, report: Callable[[str], None]) -> Converted:
-    """The recording in whatever kind of source it is, with poses.
-
-    Raises BatchRefused where a rig is named for what is no bare trace.
+    """The recording in a source of any kind, with poses. Raises BatchRefused for --rig without a load cell's
+    table, or --topics without a ROS 2 bag.
     """
     converted = _of_any_kind(source, wanted, report)
     if wanted.rig is not None and converted.recording.rig_give_mm is None:
@@ -258,7 +257,7 @@ def _of_any_kind(source: Path, wanted: ConvertRequest, report: Callable[[str], N
 
 
 def _require_table(source: Path) -> None:
-    """Raises BatchRefused for what is no table, of which the options speak."""
+    """Raises BatchRefused if the source is no table, because the options apply to tables only."""
     if not source.is_file() or source.suffix.lower() not in TABLES:
         what = "is not a load cell's table; --columns, --units, --sheet and --run apply only to such tables."
         raise refused(source, what)
@@ -276,7 +275,7 @@ def _without_rig(converted: Converted, source: Path, rig: Path | None) -> Conver
 
 
 def _with_poses(converted: Converted, source: Path, wanted: ConvertRequest) -> Converted:
-    """The recording with its pads' poses from jaws or a robot's, where they are named."""
+    """The recording with its pads' poses from the jaws or the robot that the options name."""
     lacking = replace(
         converted, notes=tuple(note for note in converted.notes if not note.endswith(POSES_LACKING))
     )
@@ -297,7 +296,7 @@ def _with_poses(converted: Converted, source: Path, wanted: ConvertRequest) -> C
 
 
 def _trace(source: Path, wanted: ConvertRequest) -> Converted:
-    """A load cell's trace; refuses a geometry that nothing infers E from."""
+    """A load cell's force-displacement curve. Raises BatchRefused if no law gives E for the geometry."""
     round_tip = wanted.indenter != "plate"
     converted = read_trace(
         source,

@@ -1,4 +1,4 @@
-"""Descriptions of sensors, rigs and robots: TOML files that drupe knows as its own by their first line."""
+"""Descriptions of sensors, rigs and robots: TOML files whose first line identifies them as drupe's."""
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -12,12 +12,12 @@ from pipeline.files.toml_text import as_toml
 from pipeline.files.whole_file import put
 
 MOST_BYTES = 4_000_000
-"""Of a description, as its reader has it (tactile.readers.toml_table)."""
+"""Largest description; the limit of its reader (tactile.readers.toml_table) is 1 MB."""
 
 
 @dataclass(frozen=True)
 class DescriptionKind:
-    """The descriptions that one command writes: their first line, and what sentences call them."""
+    """The descriptions of one command: their first line, and their name in messages."""
 
     first_line: str
     called: str
@@ -27,14 +27,14 @@ class DescriptionKind:
         return text_or_empty(path, most_bytes=MOST_BYTES).startswith(f"{self.first_line}\n")
 
     def require_place(self, out: Path, *, inputs: Iterable[Path], folders: Iterable[Path] = ()) -> None:
-        """Raises BatchRefused where `out` is an input, or a file that the command did not write."""
+        """Raises BatchRefused if `out` is or lies in an input, or the command did not write it."""
         require_file_apart(out, inputs=inputs, folders=folders)
         require_new_or_ours(out, self.is_ours, self.called)
 
     def put(
         self, out: Path, table: dict[str, Any], read: Callable[[Path], object], *, remarks: Iterable[str] = ()
     ) -> None:
-        """Writes the table below the first line and `remarks`, once its own reader `read` accepts it."""
+        """Writes first line, `remarks` and table if `read` accepts them. Raises as `read`, or NotWritten."""
         head = "\n".join([self.first_line, *(f"# {remark}" for remark in remarks)])
         with scratch() as folder:
             draft = folder / out.name
@@ -46,7 +46,7 @@ class DescriptionKind:
 def frame_progress(
     report: Callable[[str], None], *, every: int | None = None
 ) -> Callable[[str, int, int], None]:
-    """A pad's progress as a line for `report`: after its last frame, and after `every` so many before."""
+    """A function that reports a pad's progress in a line: after each `every` frames, and after the last."""
 
     def report_pad(pad: str, done: int, of: int) -> None:
         if done == of or (every is not None and done % every == 0):

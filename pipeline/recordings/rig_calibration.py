@@ -1,4 +1,4 @@
-"""`drupe calibrate` of a rig: squeezes of a rigid object become the travel that the rig gives by itself."""
+"""`drupe calibrate --rigid`: determines the machine compliance of a rig from squeezes of a rigid object."""
 
 import datetime
 from collections.abc import Callable, Sequence
@@ -24,12 +24,12 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 
 RIG = DescriptionKind("# rig, written by drupe calibrate", "a rig that drupe calibrate wrote")
 DIGITS = 6
-"""Significant ones of the written curve: a nanometre in a millimetre."""
+"""Significant digits of the written curve: a nanometre in a millimetre."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RigidObject:
-    """What was squeezed, as its user says: words, shape, and diameter (ball) or thickness (block)."""
+    """The squeezed object as the user describes it; `size_mm`: diameter (ball) or thickness (block)."""
 
     name: str
     shape: Literal["ball", "block"]
@@ -45,11 +45,12 @@ def calibrate_rig(
     today: datetime.date,
     report: Callable[[str], None],
 ) -> tuple[str, ...]:
-    """Write `out`, what the rig gives over the force, from these recordings, and return that in words.
+    """Writes the rig's compliance (its own travel over the force) to `out`; returns a summary in sentences.
 
-    Each source is a bare trace (a table, or a recording without markers), a recording of gel pads, or a
-    folder of gel frames; all of one kind. Raises TactileFailure where one holds no squeeze of a rigid object,
-    BatchRefused where `out` is one of the inputs or a file that drupe calibrate did not write.
+    A source is a bare load cell's curve (table or recording without markers), a recording of gel pads, or a
+    folder of gel frames. Raises TactileFailure for a source without a squeeze of a rigid object. Raises
+    BatchRefused for repeated sources, for sources with and without gels together, or for an `out` that is
+    not .toml. It also does so if `out` is an input or a file that drupe calibrate did not write.
     """
     if out.suffix.lower() != ".toml":
         raise refused(out, "is TOML; give a name that ends in .toml.")
@@ -96,7 +97,7 @@ def _read(path: Path, words: TraceWords, report: Callable[[str], None]) -> tuple
 
 
 def _squeezes(recording: Recording, rigid: RigidObject, source: str) -> tuple[RigidPress, ...]:
-    """The squeezes in one recording, the gels' part of their travel with them."""
+    """The squeezes in a recording, with the gels' travel. Raises TactileFailure if there are none."""
     if recording.rig_give_mm is not None:
         raise TactileFailure(
             TactileProblem.UNREADABLE_RECORDING,
@@ -151,7 +152,7 @@ def _described(
     spreads = ("repeat_mm", "hysteresis_mm", "scatter_mm")
     written["spread"] = {name: _short(getattr(of, name)) for name in spreads}
     written["recordings"] = [
-        # of a folder its log, which has the force and the aperture
+        # a folder's log holds the force and the aperture
         {"name": path.name, "sha256": file_hash(path / "log.csv" if path.is_dir() else path)}
         for path in sources
     ]

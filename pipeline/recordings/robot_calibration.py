@@ -1,4 +1,4 @@
-"""`drupe robot`: photos of the mat become the mat's place in the robot's base."""
+"""`drupe robot`: determines the mat's pose in the robot's base from photos of the mat."""
 
 import datetime
 from collections.abc import Callable, Sequence
@@ -23,9 +23,9 @@ from tactile.robot.hand_eye import Lens, MatView, hand_eye
 
 ROBOT = DescriptionKind("# robot, written by drupe robot", "a robot that drupe robot wrote")
 SPREADS = ("flange_sd_mm", "flange_sd_deg", "heldout_mm", "heldout_deg", "pixel_sd")
-"""What the description takes over of the fit's errors."""
+"""Errors of the fit that the description contains."""
 FRUIT_MM = np.array([0.0, 0.0, 30.0])
-"""A typical place of the pads on the mat, mm: half the height of a fruit above its middle."""
+"""Typical place of the pads in the mat's frame, mm: half a fruit's height above the mat's centre."""
 
 
 def calibrate_robot(
@@ -38,10 +38,10 @@ def calibrate_robot(
     today: datetime.date,
     report: Callable[[str], None],
 ) -> tuple[str, ...]:
-    """Write `out`, the robot's description, from a table of flange poses; return in words what it holds.
+    """Writes the robot's description to `out` from a table of flange poses; returns a summary in sentences.
 
-    Photos that the table names lie in its folder. Raises TactileFailure and ReconFailure for tables, photos
-    and poses that cannot be used; BatchRefused where `out` is an input or not a file of drupe robot.
+    The photos are in the table's folder. Raises TactileFailure or ReconFailure for unusable tables, photos
+    and poses. Raises BatchRefused if `out` is no .toml, an input, or not a file of drupe robot.
     """
     if out.suffix.lower() != ".toml":
         raise refused(out, "is TOML; give a name that ends in .toml.")

@@ -1,4 +1,4 @@
-"""`drupe calibrate`: what a press on a load cell says of a sensor goes into its description."""
+"""`drupe calibrate`: corrects a sensor's description by a press on a load cell."""
 
 import datetime
 from collections.abc import Callable
@@ -19,18 +19,17 @@ from tactile.readers.recording import GelPad
 from tactile.readers.sensor_file import read_sensor
 
 LEAST_KNOWN_TO = 1e-3
-"""Relative standard deviation of a force's scale that no press undercuts (set by hand)."""
+"""Least relative standard deviation of a force's scale after a press (set by hand)."""
 CALIBRATED = DescriptionKind("# written by drupe calibrate", "a description that drupe calibrate wrote")
 
 
 def calibrate(
     sensor: Path, out: Path, load_cell: Path | None, *, today: datetime.date, report: Callable[[str], None]
 ) -> tuple[str, ...]:
-    """Write `out`, the description `sensor` with what a press says, and return that in words.
+    """Writes `sensor` to `out` with the gel's E_MPa from the press, and returns a summary in sentences.
 
-    A press with a load cell gives the gel's E_MPa.
-    Raises TactileFailure where the press cannot be used, BatchRefused where `out` is one of the inputs or a
-    file that drupe calibrate did not write.
+    Raises TactileFailure for an unusable press. Raises BatchRefused without a press or its load cell, for an
+    unreadable `sensor`, or if `out` is an input or not a file of drupe calibrate.
     """
     if load_cell is None:
         what = (
@@ -64,7 +63,7 @@ def _described(sensor: Path) -> dict[str, Any]:
 
 
 def _stiffness(path: Path, described: dict[str, Any], press: Path, report: Callable[[str], None]) -> str:
-    """Scales the gel's stiffness to the load cell's force, and says so; raises BatchRefused."""
+    """Scales the gel's E_MPa in `described` to the load cell's force, in place; returns a sentence on it."""
     recording = recording_of(read_raw_grasp(press, sensor=path), progress=frame_progress(report)).recording
     pad = recording.pads[0]
     if recording.wrench_N is None or not isinstance(pad, GelPad):

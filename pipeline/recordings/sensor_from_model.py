@@ -1,4 +1,4 @@
-"""`drupe sensor`: the description of a sensor as it is sold, with the camera of the user's own."""
+"""`drupe sensor`: describes a commercial sensor, with the camera of the user's own copy."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -16,7 +16,7 @@ SENSOR = DescriptionKind("# written by drupe sensor", "a description that drupe 
 
 
 def shipped() -> tuple[SensorModel, ...]:
-    """Every sensor that drupe knows by name."""
+    """All sensors that drupe knows by name."""
     return tuple(map(read_model, model_names()))
 
 
@@ -29,8 +29,8 @@ def write_sensor(
     known_to: float,
     grid: tuple[int | None, int | None],
 ) -> tuple[str, ...]:
-    """Writes `out` and returns what is known how well; raises BatchRefused for another name or a file that is
-    not drupe's, TactileFailure where the picture cannot be used or something is not known.
+    """Writes `out`; returns a line on the source and error of each value. Raises BatchRefused for an unknown
+    name, or a file that drupe sensor did not write; TactileFailure for an unusable picture or missing value.
     """
     if name not in model_names():
         known = ", ".join(model_names())
@@ -46,7 +46,7 @@ def write_sensor(
 
 
 def unknown_of(model: SensorModel) -> str:
-    """What nobody publishes of it, in words; empty where all is known."""
+    """A sentence on the values without a published source; empty if there are none."""
     try:
         described(model, None, source="")
     except TactileFailure as failure:

@@ -1,4 +1,4 @@
-"""What `--columns`, `--units`, `--sheet` and `--run` say of a load cell's table."""
+"""Parses the options `--columns`, `--units`, `--sheet` and `--run` for a load cell's table."""
 
 import re
 
@@ -7,15 +7,15 @@ from tactile.readers.stated_unit import EXAMPLES, NoUnit, read_unit
 from tactile.readers.trace_columns import KNOWN, TraceWords
 
 _NEXT = re.compile(rf",(?=\s*(?:{'|'.join(KNOWN)})\s*=)")
-"""A comma that parts two quantities; another one is of a column's name."""
+"""A comma that separates two quantities; any other comma belongs to a column's name."""
 ALL_RUNS = "all"
-"""What `--run` says for a file of each run."""
+"""Value of `--run` that writes each run to its own file."""
 
 
 def trace_words(
     columns: str | None, units: str | None, sheet: str | None, run: str | None = None
 ) -> TraceWords:
-    """The options taken apart; raises BatchRefused with what can be given.
+    """The parsed options. Raises BatchRefused, with the valid forms, for an invalid option.
 
     >>> trace_words("time=Time (s),force=Force, standard,gap=Gap", "gap=um", None).columns["force"]
     'Force, standard'
@@ -32,7 +32,7 @@ def trace_words(
 
 
 def _run(text: str | None) -> int | None:
-    """The number of a run, from 1; None for none and for all."""
+    """The number of a run, from 1; None without a text or for "all". Raises BatchRefused for other texts."""
     if text is None or text == ALL_RUNS:
         return None
     if not (text.isascii() and text.isdigit() and int(text) > 0):

@@ -1,1 +1,1 @@
-"""`drupe watch`: grades what is put into a batch's folder, and shows it in a browser on this machine."""
+"""`drupe watch`: grades fruit as their files arrive in a batch's folder, and shows them in a browser."""

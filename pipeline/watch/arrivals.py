@@ -1,4 +1,4 @@
-"""What has arrived in the folder of a batch: which fruit are whole and at rest, and what others lack."""
+"""Files that arrive in a batch's folder: which fruit are complete and unchanged, and what others lack."""
 
 import os
 from collections.abc import Callable, Iterator, Sequence
@@ -10,31 +10,31 @@ from pipeline.batch.fruits_table import FruitRow
 from pipeline.batch.layout import BatchFolder, FruitFolder
 
 State = tuple[tuple[str, int, int], ...]
-"""Name, size and time of last change (ns) of files: what differs between two moments has changed."""
+"""Path, size and modification time (ns) of files: two states of an unchanged file are equal."""
 OWN = frozenset({".toml", ".json", ".stl", ".ply", ".obj", ".glb", ".onnx"})
-"""Kinds of files in the batch's own folder on which the result of every fruit may depend. Of fruits.csv it
-depends on the fruit's own row alone."""
+"""Suffixes of files in the batch's own folder that may affect the result of every fruit. fruits.csv is not
+among them, because a row affects its fruit alone."""
 MOST_FILES = 200_000
-"""Files of one fruit that a look goes through: as many as the frames that are read of one pad."""
+"""Most files of one fruit that a scan reads: the limit of frames per pad (tactile.readers.pictures)."""
 DESCRIPTION = "grasp.toml"
-"""The file without which a folder of frames is no grasp yet."""
+"""A folder of frames counts as a grasp once it contains this file."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Arrival:
-    """The files of one fruit's folder, and what it still lacks (empty: nothing)."""
+    """The state of a fruit's files; `missing`: the inputs that it lacks, in words (empty: none)."""
 
     state: State
     missing: str
 
     @property
     def last_change_ns(self) -> int:
-        """When a file of it changed last; 0 where there is none."""
+        """Time of the last change of a file, ns; 0 without files."""
         return max((changed for _, _, changed in self.state), default=0)
 
 
 def arrival(folder: FruitFolder, row: FruitRow) -> Arrival:
-    """What lies in a fruit's folder now. A fruit is whole with a shape and one recording."""
+    """The present files of a fruit's folder. A fruit is complete with a shape and one recording."""
     recorded = bool(folder.grasp_files()) or any(
         (place / DESCRIPTION).is_file() for place in folder.raw_grasp_folders()
     )
@@ -49,7 +49,7 @@ def arrival(folder: FruitFolder, row: FruitRow) -> Arrival:
 
 @dataclass(kw_only=True)
 class Arrivals:
-    """What lies in the folders of a batch's fruit, look by look.
+    """The files of a batch's fruit at the last scan.
 
     `settle_s`: seconds without a change after which a fruit's files are at rest; `clock` in seconds.
     """
@@ -57,14 +57,14 @@ class Arrivals:
     settle_s: float
     clock: Callable[[], float]
     of: dict[str, Arrival] = field(default_factory=dict)
-    """The fruit that have any files."""
+    """Fruit with at least one file, by id."""
     expected: int = 0
-    """Fruit that have none yet."""
+    """Number of fruit without a file."""
     since: dict[str, tuple[State, float]] = field(default_factory=dict)
-    """Files of each fruit, and since when they are so."""
+    """State of each fruit's files, and the clock at their last change."""
 
     def look(self, folder: BatchFolder, rows: Sequence[FruitRow]) -> tuple[FruitRow, ...]:
-        """Looks into the folders of all `rows`; the rows of fruit that lack nothing."""
+        """Scans the folders of all `rows`; returns the rows of complete fruit."""
         arrivals = dict[str, Arrival]()
         for row in rows:
             name = row.fruit_id
@@ -78,24 +78,24 @@ class Arrivals:
         return tuple(row for row in rows if row.fruit_id in self.of and not self.of[row.fruit_id].missing)
 
     def at_rest(self, name: str) -> bool:
-        """Whether a fruit's files have been as they are for long enough."""
+        """Whether a fruit's files are unchanged for `settle_s`."""
         return self.clock() - self.since[name][1] >= self.settle_s
 
     @property
     def lacking(self) -> tuple[tuple[str, str], ...]:
-        """Fruit that have files, but not all that grading needs, and what they lack."""
+        """Fruit with incomplete files, and the inputs that they lack."""
         return tuple(
             (name, fruit_arrival.missing) for name, fruit_arrival in self.of.items() if fruit_arrival.missing
         )
 
 
 def own_state(folder: BatchFolder) -> State:
-    """Of the batch's own files: settings, mat, and what may be named in the settings beside them."""
+    """The state of the batch's own files: settings, mat, and files beside them that settings may name."""
     return state_of(path for path in folder.root.iterdir() if path.suffix.lower() in OWN and path.is_file())
 
 
 def state_of(files: Iterator[Path]) -> State:
-    """Of files that may vanish meanwhile."""
+    """The state of the files; skips files that vanish before it reads them."""
     states = []
     for path in files:
         try:
@@ -107,13 +107,13 @@ def state_of(files: Iterator[Path]) -> State:
 
 
 def _files(fruit: FruitFolder) -> Iterator[Path]:
-    """Files that may be inputs of a fruit: those in its folder, in its parts, and in grasps that are folders
-    of frames. Any of these may be a link, and so may a folder of frames in a grasp; no other is followed.
+    """Files that may be inputs of a fruit: in its folder, its subfolders and raw grasps (folders of frames).
+    Each of these folders may be a link, and so may a folder in a raw grasp. Follows no other links.
     """
     for place in (fruit.root, fruit.photos, fruit.photos_flipped, fruit.grasps):
         yield from _inside(place)
     for grasp in fruit.raw_grasp_folders():
-        if grasp.is_symlink() and not (grasp / DESCRIPTION).is_file():  # it may lead to a whole disk
+        if grasp.is_symlink() and not (grasp / DESCRIPTION).is_file():  # the link may lead to a whole disk
             continue
         for folder, folders, names in os.walk(grasp):
             yield from (Path(folder, name) for name in names)
@@ -122,7 +122,7 @@ def _files(fruit: FruitFolder) -> Iterator[Path]:
 
 
 def _inside(place: Path) -> list[Path]:
-    """What a folder holds but for folders; nothing where it is gone or cannot be read."""
+    """The files directly in a folder; empty if it is missing or unreadable."""
     try:
         with os.scandir(place) as entries:
             return [Path(entry.path) for entry in entries if not entry.is_dir()]

@@ -1,6 +1,6 @@
-"""How many connections the page of `drupe watch` accepts, and how long each may wait with its request.
+"""Limits of the page of `drupe watch`: number of connections, and the time that each may wait.
 
-A connection that never sends a whole request costs a file descriptor, and grading needs those.
+A connection that never sends a request occupies a file descriptor, and grading needs those.
 """
 
 import asyncio
@@ -10,30 +10,30 @@ from typing import Any, Self
 from uvicorn.protocols.http.h11_impl import H11Protocol
 
 MOST_CONNECTIONS = 64
-"""Connections at once. A browser opens at most six for one page."""
+"""Most simultaneous connections. A browser opens at most six for one page."""
 QUEUE = 256
-"""Connections that wait in the system for their turn: they cost this process no file descriptor."""
+"""Most connections that wait in the operating system; they occupy no file descriptor of this process."""
 MOST_OF_ADDRESS = 16
-"""Connections of one address of a network at once: two browsers with six each."""
+"""Most simultaneous connections of one network address: enough for two browsers with six each."""
 REQUEST_S = 10.0
-"""Seconds within which a connection must send the whole head of its next request."""
+"""Seconds within which a connection must send the complete head of its next request."""
 
 
 class CappedSocket(socket.socket):
-    """A listening socket that closes what comes while so many of its connections are open, of all addresses
-    or of one.
+    """A listening socket that closes new connections beyond MOST_CONNECTIONS, or `most_of_address` of one
+    address.
     """
 
     most_of_address: int
     _open: list[tuple[socket.socket, str]]
 
     def capped(self, *, most_of_address: int) -> Self:
-        """This socket, with its limits."""
+        """Sets the limit per address and returns the socket."""
         self.most_of_address, self._open = most_of_address, []
         return self
 
     def accept(self) -> tuple[socket.socket, Any]:
-        """As every socket; asyncio goes on after ConnectionAbortedError."""
+        """Accepts a connection. Raises ConnectionAbortedError, which asyncio ignores, beyond a limit."""
         connection, address = super().accept()
         self._open = [(held, host) for held, host in self._open if held.fileno() >= 0]
         of_address = sum(host == address[0] for _, host in self._open)
@@ -45,22 +45,22 @@ class CappedSocket(socket.socket):
 
 
 class PromptHTTP(H11Protocol):
-    """A protocol for uvicorn that closes a connection without a whole request within REQUEST_S, also while
-    single bytes arrive.
+    """A protocol for uvicorn that closes a connection if the head of a request is incomplete after REQUEST_S,
+    even if single bytes arrive.
     """
 
     def connection_made(self, transport: Any) -> None:
-        """The time for the first request begins."""
+        """Starts the time limit of the first request."""
         super().connection_made(transport)
         self._deadline: asyncio.TimerHandle = self.loop.call_later(REQUEST_S, self._end_if_waiting)
 
     def connection_lost(self, exc: Exception | None) -> None:
-        """There is no time to keep any more."""
+        """Cancels the time limit."""
         self._deadline.cancel()
         super().connection_lost(exc)
 
     def on_response_complete(self) -> None:
-        """The time for the next request begins."""
+        """Starts the time limit of the next request."""
         self._deadline.cancel()
         self._deadline = self.loop.call_later(REQUEST_S, self._end_if_waiting)
         super().on_response_complete()

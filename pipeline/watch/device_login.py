@@ -1,4 +1,4 @@
-"""Who may open the page of `drupe watch` over a network: devices that sent their token over TLS."""
+"""Login of devices that open the page of `drupe watch` over a network: each sends its token over TLS."""
 
 import secrets
 import ssl
@@ -17,14 +17,14 @@ from pipeline.watch.forms import form_of
 from reports.kiosk_page import login_html
 
 THIS_MACHINE = "127.0.0.1", "localhost"
-"""Where the page listens without a network."""
+"""Addresses at which the page needs no network options."""
 SESSION_S = 16 * 3600
 """Seconds after which a device must send its token again."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Network:
-    """Where the page is, and by what: address to listen at, certificate and key (PEM), file of devices."""
+    """The page on a network: address to listen at, certificate and key (PEM), file of devices."""
 
     host: str
     certificate: Path
@@ -35,8 +35,8 @@ class Network:
 def network_of(
     host: str, *, certificate: Path | None, key: Path | None, devices: Path | None
 ) -> Network | None:
-    """The network for the page; None for this machine alone. Raises BatchRefused where it lacks something,
-    or where the certificate, its key or the devices cannot be used.
+    """The network of the page; None for this machine alone. Raises BatchRefused if an option is missing, or
+    if certificate, key or file of devices is unusable.
     """
     given = {"--certificate": certificate, "--key": key, "--devices": devices}
     if host in THIS_MACHINE and not any(given.values()):
@@ -67,9 +67,9 @@ def network_of(
 
 @dataclass(kw_only=True)
 class DeviceLogin:
-    """A session for each device that sent its token; all of them end with the program.
+    """Holds a session for each device that sent its token, in memory; `clock` in seconds.
 
-    `port`: the page's own, since browsers send cookies to all ports of a host. `clock` in seconds.
+    `port`: of the page; the cookie's name contains it, because browsers send cookies to all ports of a host.
     """
 
     devices: Path
@@ -81,11 +81,11 @@ class DeviceLogin:
 
     @property
     def cookie(self) -> str:
-        """Its name. By this prefix browsers take the cookie over TLS alone, of this host alone."""
+        """The cookie's name. Browsers accept the prefix __Host- only over TLS and only for this host."""
         return f"__Host-drupe-{self.port}"
 
     def knows(self, request: Request) -> bool:
-        """Whether a request has the cookie of a session whose device is still in the file."""
+        """Whether the request has the cookie of a current session whose device is still in the file."""
         session = self._session_of(request)
         device, until = self._sessions.get(session, (None, 0.0))
         if device in self._known() and self.clock() < until:
@@ -98,14 +98,14 @@ class DeviceLogin:
         return self._sessions[self._session_of(request)][0].name
 
     def routes(self) -> list[Route]:
-        """The page on which a device sends its token, and the end of its session."""
+        """Routes of the login page and of the logout."""
         return [
             Route("/login", self._login, methods=["GET", "POST"]),
             Route("/logout", self._logout, methods=["POST"]),
         ]
 
     def refusal(self, request: Request) -> Response | None:
-        """What a browser without a session gets instead of the page; None: that there is nothing."""
+        """The answer without a session: for the page, a redirect to the login; otherwise None (404)."""
         return RedirectResponse("login", 303) if request.url.path == "/" else None
 
     async def _login(self, request: Request) -> Response:
@@ -141,7 +141,7 @@ class DeviceLogin:
         return HTMLResponse(login_html(status, language=self.language), status)
 
     def _known(self) -> tuple[KnownDevice, ...]:
-        """The devices in the file as it is now; none where it cannot be read."""
+        """The devices that the file lists now; empty if it is unreadable."""
         try:
             return read_devices(self.devices)
         except (OSError, BatchRefused):

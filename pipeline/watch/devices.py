@@ -1,6 +1,6 @@
-"""Devices that may open the page of `drupe watch` over a network: a file with the hash of each one's token.
+"""The file of devices that may open the page of `drupe watch` over a network, with the hash of each token.
 
-A token has 256 random bits, so that its SHA-256 needs neither salt nor stretching.
+A token has 256 random bits, so its SHA-256 needs neither salt nor stretching.
 """
 
 import hashlib
@@ -20,9 +20,9 @@ from pipeline.files.whole_file import NotWritten, put
 from pipeline.problem import nearest, refused
 
 MOST_BYTES = 1_000_000
-"""Of the file: 5,000 devices."""
+"""Largest file of devices: 5,000 devices."""
 MOST_NAME = 80
-"""Characters of a device's name."""
+"""Most characters of a device's name."""
 
 
 class KnownDevice(BaseModel):
@@ -42,7 +42,7 @@ class _Devices(BaseModel):
 
 
 def read_devices(path: Path) -> tuple[KnownDevice, ...]:
-    """The devices of a file; raises BatchRefused where there is none, or it holds something else."""
+    """The devices of a file. Raises BatchRefused if it is missing, unreadable or no file of devices."""
     try:
         return _Devices.model_validate_json(read_text(path, most_bytes=MOST_BYTES)).devices
     except NotReadable as fault:
@@ -52,7 +52,9 @@ def read_devices(path: Path) -> tuple[KnownDevice, ...]:
 
 
 def add_device(path: Path, name: str, *, now: datetime) -> str:
-    """Adds a device, also to a new file that its owner alone may read; its token, which no file has."""
+    """Adds a device and returns its token, which no file stores. Only the owner can read a new file. Raises
+    BatchRefused for an invalid name, one in use, or as `read_devices`; NotWritten.
+    """
     if not 0 < len(name) <= MOST_NAME or printable(name) != name:
         raise refused("NAME", f"must have 1 to {MOST_NAME} printable characters.")
     token = secrets.token_urlsafe(32)
@@ -65,8 +67,8 @@ def add_device(path: Path, name: str, *, now: datetime) -> str:
 
 
 def revoke_device(path: Path, name: str) -> None:
-    """Removes a device; its token and its sessions end at once."""
-    read_devices(path)  # refused before the folder is made
+    """Removes a device; its token and sessions end at once. Raises BatchRefused for an unknown device."""
+    read_devices(path)  # refuses before `_alone` creates the folder
     with _alone(path):
         devices = read_devices(path)
         left = tuple(device for device in devices if device.name != name)
@@ -77,7 +79,7 @@ def revoke_device(path: Path, name: str) -> None:
 
 
 def device_with(devices: Sequence[KnownDevice], token: str) -> KnownDevice | None:
-    """The device whose token this is. The time that it takes does not depend on how much of it is right."""
+    """The device with this token; None if unknown. The run time does not depend on matching characters."""
     given, owner = hash_of(token), None
     for device in devices:
         if hmac.compare_digest(device.sha256, given):
@@ -92,7 +94,7 @@ def hash_of(token: str) -> str:
 
 @contextmanager
 def _alone(path: Path) -> Iterator[None]:
-    """While no other process changes the file; raises BatchRefused where one holds its lock, NotWritten."""
+    """Holds the file's lock in the block. Raises BatchRefused if another process holds it; NotWritten."""
     lock = path.with_name(f".{path.name}.lock")
     with ExitStack() as stack:
         try:
@@ -106,6 +108,6 @@ def _alone(path: Path) -> Iterator[None]:
 
 
 def _write(path: Path, devices: tuple[KnownDevice, ...]) -> None:
-    """A new file is its owner's alone; another keeps its mode, and its owner where root changes it."""
+    """Only the owner can read a new file. An existing file keeps its mode, and under root its owner."""
     text = _Devices(devices=devices).model_dump_json(indent=1) + "\n"
     put(path, text.encode(), like=path.stat() if path.exists() else None, mode=0o600)

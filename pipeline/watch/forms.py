@@ -12,18 +12,18 @@ HEADERS = {
     "X-Frame-Options": "DENY",
     "Cross-Origin-Resource-Policy": "same-origin",
 }
-"""Of every answer: kept nowhere, shown in no other site's frame, the token passed on to no other site.
+"""Headers of every answer: browsers do not cache it, frame it in another site or send its address elsewhere.
 
 With "no-referrer" browsers would send the origin "null" with a form.
 """
 MOST_FORM_BYTES, FORM_S = 20_000, 10.0
-"""Of a form: 1,200 characters of 12 bytes each (percent encoding), and the seconds that sending may take."""
+"""Limits of a form: 1,200 characters of 12 bytes (percent encoding) and a reserve; seconds to send it."""
 
 
 async def form_of(request: Request) -> dict[str, str] | None:
-    """The fields of a form of this page; None of one from another site, too long, or too slow.
+    """The fields of a form; None if it is from another site, too long, too slow or invalid.
 
-    The browser must state that this page sent the form (Sec-Fetch-Site, else Origin).
+    The browser must state that this page sent the form (Sec-Fetch-Site; without it, Origin).
     """
     page_origin = f"{request.url.scheme}://{request.headers.get('host', '')}"
     site, origin = request.headers.get("sec-fetch-site"), request.headers.get("origin")

@@ -1,9 +1,8 @@
-"""Serves what `drupe watch` shows, to browsers on this machine, or over TLS to devices of the plant.
+"""Serves the page of `drupe watch` to browsers on this machine, or over TLS to devices of the plant.
 
-By default it listens on the loopback interface. Every address begins with a token that only the person at
-the terminal is given. On a network a device sends its own token first (pipeline.watch.device_login). Through
-the page verdicts can be added (pipeline.watch.verdict_desk) and nothing else changed; of the
-results only files that drupe wrote are given.
+By default it listens on the loopback interface. Every address begins with a token, which drupe prints on the
+terminal only. On a network a device sends its own token first (pipeline.watch.device_login). The page can add
+verdicts (pipeline.watch.verdict_desk) and change nothing else. It serves only results that drupe wrote.
 """
 
 import asyncio
@@ -50,13 +49,13 @@ from reports.language import ENGLISH
 Answer = Callable[[Request], Awaitable[Response]]
 LOOPBACK = "127.0.0.1"
 NEWS_S = 0.2
-"""Seconds between two looks for news to tell a page."""
+"""Seconds between two checks for news for an open page."""
 SIGN_OF_LIFE_S = 15.0
-"""Seconds after which an open page hears that there is no news, so that a dead connection shows."""
+"""Seconds without news after which the server sends a comment, so that it detects a dead connection."""
 STARTS_WITHIN_S = 10.0
 """Seconds within which the server must listen."""
 CIPHERS = "DEFAULT:!aNULL:!eNULL"
-"""Of TLS: OpenSSL's own. By itself uvicorn 0.40 also offers suites without encryption or certificate."""
+"""OpenSSL's default ciphers of TLS; uvicorn 0.40 alone also offers some without encryption or certificate."""
 MEDIA_TYPES = {
     ".html": "text/html; charset=utf-8",
     ".csv": "text/csv; charset=utf-8",
@@ -67,38 +66,38 @@ MEDIA_TYPES = {
     ".ply": "application/octet-stream",
     ".glb": "model/gltf-binary",
 }
-"""Kinds of files that are given, and as what."""
+"""Suffixes of the files that the server sends, with their media types."""
 
 
 @dataclass(frozen=True)
 class TokenInAddress:
-    """Whoever knows the address may open the page, on this machine."""
+    """Access on this machine: a browser with the address, which contains the token, may open the page."""
 
     token: str
     prefix: str = "/{token}"
 
     def knows(self, request: Request) -> bool:
-        """By constant-time comparison."""
+        """Whether the address contains the token, by a comparison in constant time."""
         return hmac.compare_digest(request.path_params["token"].encode(), self.token.encode())
 
     def device_of(self, _: Request) -> str:
-        """None."""
+        """Empty: the page needs no device."""
         return ""
 
     def routes(self) -> list[Route]:
-        """None."""
+        """Empty: there is no login."""
         return []
 
     def refusal(self, request: Request) -> None:
-        """Nothing."""
+        """None: the server answers 404."""
 
 
 class PageServer:
-    """A page that changes, and the report beside it; used as a context.
+    """Serves a changing page and the report beside it, in a thread, as a context manager.
 
-    `port` 0: any free one. `network`: where others than this machine may open it; None: nowhere. `tell` gets
-    one sentence when the page stops by itself. Grading does not depend on it. Raises BatchRefused where the
-    port is taken, or the server does not start.
+    `port` 0: any free one. `network`: for other machines; None: this machine alone. `tell` receives one
+    sentence if the page stops before the context ends; grading continues. Raises BatchRefused if the port is
+    not available, or the server does not start.
     """
 
     def __init__(
@@ -143,7 +142,7 @@ class PageServer:
         self._thread = threading.Thread(target=self._serve, name="drupe page", daemon=True)
 
     def _serve(self) -> None:
-        """Runs the server until the context ends; says so where it stops before."""
+        """Runs the server until the context ends; tells if it stops earlier."""
         of_address = MOST_CONNECTIONS if self._network is None else MOST_OF_ADDRESS
         try:
             with CappedSocket(fileno=self._socket.dup().detach()).capped(most_of_address=of_address) as held:
@@ -158,7 +157,7 @@ class PageServer:
 
     @property
     def address(self) -> str:
-        """Where the page is."""
+        """The URL of the page."""
         port = self._socket.getsockname()[1]
         if isinstance(self._access, TokenInAddress):
             return f"http://{LOOPBACK}:{port}/{self._access.token}/"
@@ -168,11 +167,11 @@ class PageServer:
         return f"https://{named}:{port}/"
 
     def show(self, page: str) -> None:
-        """The page from now on; browsers that have it open show it within a second."""
+        """Replaces the page; open browsers show it within a second."""
         self._page, self._version = page, self._version + 1
 
     def __enter__(self) -> Self:
-        """Listens; raises BatchRefused where the server does not start."""
+        """Starts the server. Raises BatchRefused if it does not listen within STARTS_WITHIN_S."""
         self._thread.start()
         until = time.monotonic() + STARTS_WITHIN_S
         while not self._server.started and self._thread.is_alive() and time.monotonic() < until:
@@ -187,7 +186,7 @@ class PageServer:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Stops listening."""
+        """Stops the server."""
         self._closed.set()
         self._server.should_exit = True
         self._thread.join(STARTS_WITHIN_S)
@@ -210,7 +209,7 @@ class PageServer:
         )
 
     def _for_known(self, answer: Answer) -> Answer:
-        """The answer to those who may see the page; what others get."""
+        """Guards `answer`: requests without access get the refusal, or 404."""
 
         async def guarded(request: Request) -> Response:
             if self._access.knows(request):
@@ -223,7 +222,7 @@ class PageServer:
         return HTMLResponse(self._page)
 
     async def _scan(self, request: Request) -> Response:
-        """Leads to what a code names: the form for a fruit, or the report of the lot."""
+        """Redirects to the target of a scanned code: the form for a fruit, or the report of the lot."""
         if self.desk is None:
             return _nothing()
         code = request.query_params.get("code", "")
@@ -233,7 +232,7 @@ class PageServer:
         return HTMLResponse(page, 404)
 
     async def _judge(self, request: Request) -> Response:
-        """The form for a fruit, or its verdict kept; a form of another site is not taken."""
+        """Shows the form for a fruit, or stores the verdict of a sent form; refuses forms of other sites."""
         fruit_id, desk = request.query_params.get("fruit", ""), self.desk
         if desk is None:
             return _nothing()
@@ -275,7 +274,7 @@ class PageServer:
         return Response(content, media_type=MEDIA_TYPES[path.suffix.lower()])
 
     def _given(self, named: str) -> Path | None:
-        """The file of the results that an address names, where it is one that drupe wrote there."""
+        """The file of the results that an address names; None unless drupe wrote it."""
         parts = named.split("/")
         if any(part in ("", ".", "..") or part.startswith(".") or "\0" in part for part in parts):
             return None

@@ -1,4 +1,4 @@
-"""Verdicts that people give on the page of `drupe watch`: the form, what is kept, and the page with it."""
+"""Verdicts on the page of `drupe watch`: shows the form, stores the verdict, and updates the page."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
@@ -18,9 +18,9 @@ from reports.language import spoken
 
 @dataclass(kw_only=True)
 class VerdictDesk:
-    """Shows what is watched through `show`, with verdicts that the last report does not have yet. `kept` is
-    told of each new one; `logout`: whether devices can log out. Used by two threads: the one that grades,
-    and the page's.
+    """Passes the page to `show`, with verdicts that the last report lacks; calls `kept` after each new one.
+
+    `logout`: whether devices can log out. Two threads use it: the grading thread and the page's.
     """
 
     results: Results
@@ -34,13 +34,13 @@ class VerdictDesk:
     _lock: Lock = field(default_factory=Lock)
 
     def show_entry(self, entry: KioskEntry) -> None:
-        """The page shows this from now on."""
+        """Replaces the entry that the page shows."""
         with self._lock:
             self._entry = entry
             self._show()
 
     def form(self, fruit_id: str, *, fault: str = "", written: Mapping[str, str] | None = None) -> str | None:
-        """The page with the form for a fruit that is shown; None for any other."""
+        """The page with the form for a fruit; None if the entry does not contain it."""
         with self._lock:
             entry = self._judged()
         if entry is None or entry.batch is None:
@@ -52,7 +52,7 @@ class VerdictDesk:
         return judge_html(fruit, names, fault=fault, written=written, language=self.language)
 
     def scanned(self, text: str) -> tuple[str, str]:
-        """Where a scanned code leads, from the page's own address; else the page that says why not."""
+        """The target of a scanned code, relative to the page; or "" and a page that states the fault."""
         with self._lock:
             entry = self._judged()
         if entry is None:
@@ -62,7 +62,7 @@ class VerdictDesk:
         return address, "" if address else self._page(entry, fault)
 
     def judge(self, fruit_id: str, written: Mapping[str, str], device: str) -> str | None:
-        """Keeps the verdict of a device's form; where it cannot, the form again with the reason."""
+        """Stores a form's verdict and returns None; on failure returns the form with the reason."""
         texts = {name: written.get(name, "") for name in ("class", "by", "why")}
         try:
             verdict = judge_fruit(

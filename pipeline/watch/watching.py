@@ -1,4 +1,4 @@
-"""The loop of `drupe watch`: fruit are graded as they arrive, one after the other."""
+"""The loop of `drupe watch`: grades fruit as their files arrive."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -28,18 +28,18 @@ from reports.entries import BatchEntry, FruitEntry
 from reports.kiosk_page import KioskEntry
 
 EVERY_S = 0.5
-"""Seconds between two looks at the folder, at least. Set by hand: nobody notices less."""
+"""Least seconds between two scans of the folder. Set by hand: nobody notices less."""
 SHARE = 0.05
-"""Of the time that looking may take: after a look that took t, t over this is waited."""
+"""Largest share of time for scans: after a scan of t seconds the loop waits at least t / SHARE."""
 AGAIN_S = 10.0
-"""Seconds after which a batch that was refused is tried again though nothing in it has changed: the cause may
-lie elsewhere (another run that writes there, a full disk)."""
+"""Seconds until drupe tries a refused batch again even without changes: the cause may lie elsewhere (another
+run that writes there, a full disk)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class WatchOptions:
-    """How the folder is watched: results' place, how fruit are graded, seconds without a change after which a
-    fruit's files are whole, seconds without anything new after which watching ends (None: never).
+    """Options of a watch. `out`: results folder; `grading`: as for `drupe grade`. `settle_s`: seconds without
+    a change until a fruit's files are at rest; `idle_s`: seconds without news until the end (None: never).
     """
 
     out: Path
@@ -50,11 +50,11 @@ class WatchOptions:
 
 @dataclass(kw_only=True)
 class BatchWatch:
-    """What is known of a watched batch between two looks.
+    """The state of a watched batch between two scans.
 
-    `show` is told whenever something is to be seen; `clock` in seconds. Fruit are graded by the same loop as
-    those of `drupe grade`. Each is shown as it ends, among those of the last report. Ranking and report of
-    all follow at a pace that keeps their cost near 1 % of the time.
+    `show` receives each new content of the page; `clock` in seconds. The loop of `drupe grade` grades the
+    fruit. The page shows each fruit once it ends, among those of the last report. Ranking and report of all
+    fruit follow at intervals that keep their cost near 1 % of the time.
     """
 
     root: Path
@@ -64,51 +64,51 @@ class BatchWatch:
     clock: Callable[[], float] = time.monotonic
     sleep: Callable[[float], None] = time.sleep
     records: dict[str, FruitRecord] = field(default_factory=dict)
-    """Of the fruit that are done."""
+    """Records of the finished fruit."""
     graded: dict[str, tuple[FruitRow, State]] = field(default_factory=dict)
     """Row and files of each fruit when it was last graded."""
     batch_files: State | None = None
     """The batch's own files when its fruit were graded."""
     batch: Batch | None = None
-    """With the fruit that are done or at work."""
+    """The batch, with its finished fruit and those in work."""
     working: tuple[str, ...] = ()
-    """Fruit that are being graded, or were when Ctrl-C came."""
+    """Fruit in work, or in work when Ctrl-C interrupted them."""
     recent: dict[str, State] = field(default_factory=dict)
-    """Fruit in the order in which their files were graded, the last at the end, with these files."""
+    """Fruit in the order of grading, the last at the end, with the state of the graded files."""
     entry: BatchEntry | None = None
-    """What the last report says, with the fruit that have ended since."""
+    """The entry of the last report, with the fruit that have ended since."""
     unreported: bool = False
-    """Whether the last report lacks something."""
+    """Whether the last report lacks a fruit or a verdict."""
     refused: bool = False
-    """Whether what was to be done last was refused."""
+    """Whether the last grading or report was refused."""
     status: int = DONE
     """Exit status of the last report."""
     arrivals: Arrivals = field(init=False)
-    """What lies in the fruit's folders."""
+    """The files of the fruit at the last scan."""
     pace: ReportPace = field(init=False)
 
     def __post_init__(self) -> None:
-        """Its parts, by the watch's options and clock."""
+        """Sets the parts that need the options and the clock."""
         self.arrivals = Arrivals(settle_s=self.options.settle_s, clock=self.clock)
         self.pace = ReportPace(self.clock)
 
     @property
     def reported(self) -> BatchEntry | None:
-        """What the last report says; None where it lacks something or there is none."""
+        """The entry of the last report; None if it is incomplete or missing."""
         return None if self.unreported else self.entry
 
     def judged(self) -> None:
-        """Somebody gave a verdict, which the last report lacks."""
+        """Notes a new verdict, which the last report lacks."""
         self.unreported = self.unreported or self.batch is not None
 
     def run(self) -> int:
-        """Watches until nothing new has come for `idle_s`; the exit status of the last report. A fault that
-        ends it leaves ranking and report of what is done, as `stop` does after Ctrl-C.
+        """Watches until `idle_s` seconds pass without news; returns the exit status as `stop` does. After a
+        fault it writes ranking and report of the finished fruit, and raises the fault again.
         """
         try:
             return self._run()
         except Exception:
-            with suppress(Exception):  # the fault itself is raised
+            with suppress(Exception):  # the first fault matters more
                 self.stop()
             raise
 
@@ -139,9 +139,10 @@ class BatchWatch:
             self.sleep(max(EVERY_S, looked_s / SHARE))
 
     def stop(self) -> int:
-        """At the end of `run`, or after an interruption of it: ranking and report of what is done, where the
-        last lack something. The exit status: that of the last report, but INTERRUPTED where fruit are
-        unfinished, and USAGE where the report, or fruit that are still there, were refused.
+        """Ends `run`, also after an interruption: writes ranking and report if the last are incomplete.
+
+        Returns the exit status of the last report, but INTERRUPTED if fruit are unfinished, and USAGE if the
+        report or present fruit were refused.
         """
         if self.unreported or self.working:
             self._report()
@@ -150,8 +151,8 @@ class BatchWatch:
         return USAGE if self.refused and self.status != INTERRUPTED else self.status
 
     def _opened(self) -> tuple[State, Batch | None, tuple[str, ...]]:
-        """The batch's own files, and the batch with the fruit that are whole, or why it cannot be graded: it
-        may be out of reach for a moment, as one on a network drive.
+        """The state of the batch's own files, the batch with its complete fruit, and problems. The batch is
+        None if it is refused or out of reach for a moment, for example on a network drive.
         """
         batch_files: State = ()
         try:
@@ -165,9 +166,7 @@ class BatchWatch:
         return self.arrivals.look(folder, every)
 
     def _forget_changed(self, batch: Batch, batch_files: State) -> None:
-        """Forgets fruit that are gone, and those whose row, files or settings are others than when they were
-        graded.
-        """
+        """Forgets fruit that are gone or incomplete, or whose row, files or settings have changed since."""
         for name, (row, state) in [*self.graded.items()]:
             if name not in batch.row_of:
                 del self.graded[name]
@@ -184,8 +183,8 @@ class BatchWatch:
             self.batch = replace(self.batch, rows=rows)
 
     def _chosen(self, batch: Batch) -> list[str]:
-        """Fruit that are whole, at rest and not graded as they are: as many as are worked on at once, the
-        first come first; before them, at once, all that have a record, of which most are only read.
+        """The next fruit to grade, of those that are complete, at rest and not yet graded in this state: all
+        with a record together, because drupe only reads most records; else the earliest, one per job.
         """
         ready = [name for name in batch.row_of if name not in self.graded and self.arrivals.at_rest(name)]
         results = Results(self.options.out)
@@ -194,8 +193,8 @@ class BatchWatch:
         return again or newest[: self.options.grading.jobs]
 
     def _grade(self, batch: Batch, batch_files: State, chosen: list[str]) -> bool:
-        """Grades the chosen fruit; whether they could be. A report follows where it is due, where several
-        were read again, and after a reference body, by which all others are corrected.
+        """Grades the chosen fruit; returns False if this is refused. A report follows if it is due, if drupe
+        only read several records, and after a reference body, which corrects all other fruit.
         """
         known = {*self.records, *chosen}
         so_far = replace(batch, rows=tuple(row for row in batch.rows if row.fruit_id in known))
@@ -241,7 +240,7 @@ class BatchWatch:
         return placed(batch, self.options.out, self.options.grading, began=began, hashed=hashed)
 
     def _ended(self, run: BatchRun, record: FruitRecord, state: State, *, shown: bool = True) -> None:
-        """A fruit has ended: it is shown among those of the last report, unless `shown` is false."""
+        """Stores an ended fruit, and shows it among those of the last report unless `shown` is false."""
         name = record.fruit_id
         self.graded[name] = run.batch.row_of[name], state
         self.working = tuple(fruit_id for fruit_id in self.working if fruit_id != name)
@@ -254,8 +253,8 @@ class BatchWatch:
             self._tell(())
 
     def _with_newcomer(self, run: BatchRun, entry: BatchEntry, record: FruitRecord) -> BatchEntry:
-        """The last report's entry with a fruit: E by the reference bodies so far, and its rank. Ranks of the
-        others, and how sure the rank is, come with the next report.
+        """The last report's entry with a new fruit: its E, corrected by the reference bodies so far, and its
+        rank. The next report updates the ranks of the others and the probability of this rank.
         """
         bodies = [
             self.records[row.fruit_id]
@@ -274,7 +273,7 @@ class BatchWatch:
         return replace(entry, fruits=(*others, _ranked(fruit, others)))
 
     def _report(self) -> bool:
-        """Ranking and report of the fruit so far, unless they cannot be made, which is told."""
+        """Writes ranking and report of the fruit so far; returns False and shows the problem if refused."""
         if self.batch is None or not self.records:
             return True
         try:
@@ -305,8 +304,8 @@ class BatchWatch:
         return (str(Problem(str(fault.filename or self.root), sentence)),)
 
     def _name_lacking(self, named: Mapping[str, str]) -> dict[str, str]:
-        """Says on the console which fruit lack files though theirs are at rest, where it has not `named` them
-        before; all of them, and what each lacks.
+        """Prints the incomplete fruit whose files are at rest, unless `named` has them. Returns all of them,
+        with the inputs that they lack.
         """
         lacking = {name: missing for name, missing in self.arrivals.lacking if self.arrivals.at_rest(name)}
         for name, missing in lacking.items():
@@ -315,7 +314,7 @@ class BatchWatch:
         return lacking
 
     def _tell(self, problems: tuple[str, ...]) -> None:
-        """Hands over what is to be seen now; problems also go to the console."""
+        """Passes the present entry to `show`; prints problems on the console too."""
         for problem in problems:
             say(self.console, problem)
         self.show(
@@ -332,7 +331,7 @@ class BatchWatch:
 
 
 def _ranked(fruit: FruitEntry, others: list[FruitEntry]) -> FruitEntry:
-    """The fruit, alone in its ranking so far, with its rank among the others."""
+    """The fruit with its rank among the others, without probabilities; they follow with the next report."""
     if fruit.rank is None or fruit.E_MPa is None:
         return fruit
     softer = sum(

@@ -1,4 +1,4 @@
-"""Alembic's entry point: runs the steps on the connection that `pipeline.history.lot_database` opened."""
+"""Alembic's entry point: runs the migrations on the connection of `pipeline.history.lot_database`."""
 
 from alembic import context
 

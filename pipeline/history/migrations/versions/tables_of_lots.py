@@ -24,6 +24,6 @@ STATEMENTS = (
 
 
 def upgrade() -> None:
-    """Creates them."""
+    """Creates the tables."""
     for statement in STATEMENTS:
         op.execute(statement)
