@@ -110,7 +110,7 @@ def test_the_change_is_that_of_flesh_solved_with_a_little_of_the_effect(monkeypa
     model = replace(model_of(), compliance=8.0)
     finite, linear = effect.finite(model), effect.derivative(model)
     flesh = fung_neo_hookean(HARDLY_ANY, poisson_ratio=NU)
-    amount = 0.05 * effect.sd
+    amount = 0.01 * effect.sd  # of the skin, 0.05 leaves 5 % of third degree in the amount
 
     def slope(of_flesh: Operator, of_effect: Operator) -> np.ndarray:
         ahead, back = (
@@ -123,7 +123,7 @@ def test_the_change_is_that_of_flesh_solved_with_a_little_of_the_effect(monkeypa
     small = slope(np.zeros_like, linear)
     (changed,) = finite_change(model, effect.spec.name, lambda: (finite, linear), amount=effect.sd)
     expected = large - small
-    assert np.linalg.norm(changed - expected) < 0.05 * np.linalg.norm(expected)
+    assert np.linalg.norm(changed - expected) < 0.02 * np.linalg.norm(expected)
 
 
 @pytest.mark.parametrize("amount", [-0.3, 0.3])
