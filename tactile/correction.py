@@ -19,8 +19,8 @@ from tactile.rig.rig_curve import MOST_BEYOND, RigCurve
 from tactile.tactile_failure import TactileProblem
 
 LEAST_SLOPE = 0.1
-"""Least slope of the reading over the force: if noise lifts a reading beyond the largest of the law, its root
-is that of this slope."""
+"""Least slope of the reading over the force. It replaces the law's slope if noise lifts a reading beyond the
+law's maximum."""
 NONE = 1e-9
 """An amount that counts as 0."""
 LEAST_PEAK, NO_FORCE_N = 0.02, 1e-12

@@ -2,12 +2,12 @@
 
 A plain jaw has no sensor, but its action follows. Its force is the gel's, equal and opposite (the fruit is at
 rest, its weight neglected). Its face is rigid, so that skin that touches it moves with it. It touches the
-fruit's outermost point towards it. Pressure there is Hertz's, p ~ sqrt(1 - r^2/a^2), over a contact radius a,
-where a^3 = 3 F R / (4 E*) for the force F, the skin's mean radius R and E* = E / (1 - nu^2) (Johnson,
-"Contact Mechanics", 1985, eq. 4.22). Until E is known it is a = sqrt(R d) of the approach d on that side. The
-fruit's approach f is the jaws' travel minus the gel's compression. Each side takes a share in inverse
-proportion to its contact radius, d = f / (1 + a / a_gel). That is 10 to 20 % too wide, since a part of the
-approach lies deeper in the fruit. E is 6 to 12 % too low with it (benchmarks/one_gel_finger.py).
+fruit's outermost point towards it. Pressure there is Hertz's, p ~ sqrt(1 - r^2/a^2), over a contact radius a.
+For a force F on skin of mean radius R, a^3 = 3 F R / (4 E*) with E* = E / (1 - nu^2) (Johnson, "Contact
+Mechanics", 1985, eq. 4.22). Until E is known, a = sqrt(R d) for the approach d on that side. The fruit's
+approach f is the jaws' travel minus the gel's compression. Each side takes a share in inverse proportion to
+its contact radius, d = f / (1 + a / a_gel). That is 10 to 20 % too wide, since a part of the approach lies
+deeper in the fruit. E is 6 to 12 % too low with it (benchmarks/one_gel_finger.py).
 """
 
 from dataclasses import replace

@@ -10,8 +10,8 @@ from tactile.readers.recording import GelPad, Recording
 def recording_digest(recording: Recording) -> str:
     """SHA-256 of all pads' displacements and forces; two recordings share it only if every value agrees.
 
-    Values count in single precision, as `write_recording` stores them, and pads in any order: a file that was
-    written again, with other attributes or with its pads' names exchanged, has the same digest.
+    Values count in single precision, as `write_recording` stores them, and pads in any order. A file that was
+    written again has the same digest, even with other attributes or with its pads' names exchanged.
     """
     pads = []
     for pad in recording.pads:

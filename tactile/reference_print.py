@@ -34,7 +34,7 @@ HIDDEN_RADII, HIDDEN_SPACING = 1.5, 0.22
 """A marker hides the gel within this many of its radii, or this share of the spacing if that is more: lens
 and codec blur its edge. Set by hand."""
 RIM = 0.3
-"""Of the spacing: width of the picture's edge, where blurs see half. Set by hand."""
+"""Width of the picture's edge, in spacings, where blurs see half. Set by hand."""
 CELLS = 11
 """Places beside a marker, in each direction, that are distinguished: a ninth of the spacing each."""
 CELL_SPAN = 1.3

@@ -24,7 +24,7 @@ FEWEST_HITS = 0.5
 MARGIN_MM = 1e-6
 """Around a triangle, beyond which a line certainly misses it: far more than rounding."""
 POINTS_AT_ONCE = 64
-"""Compared with all triangles together: some megabytes for a scan of 50 000 triangles."""
+"""Points compared with all triangles together: some megabytes for a scan of 50 000 triangles."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -33,7 +33,7 @@ gels have 0.021 to 0.048 of it (135 first frames), printed dots as such; loaded 
 SQUARE = 7
 """Parameters of a camera with square pixels; the next is the logarithm of the ratio of its focal lengths."""
 NEEDED = ("thickness_mm", "E_MPa", "nu")
-"""Of a gel, without which no force can be computed."""
+"""Values of a gel without which no force can be computed."""
 OF_DEPTH = 0.45
 """Relative error of the force per relative error of the camera's distance, root mean square. A quarter less
 distance changed forces from dots alone by 15 %, a quarter more by 5 % (benchmarks/gel_image_errors.py

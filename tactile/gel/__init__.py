@@ -1,1 +1,1 @@
-"""What a gel's cameras and law tell: depth by stereo, forces from displacement."""
+"""Mechanics of a gel: compliance of a bonded slab, and forces on its face from marker displacement."""

@@ -1,8 +1,8 @@
-"""From what a gel sensor's cameras saw to displacement and force at every marker.
+"""Displacement and force at every marker of a gel, from the markers in its cameras' pictures.
 
-In the plane a marker is where its ray says. Its depth comes from two cameras (`markers-stereo`) or, with one
-camera (`markers-mono`), from the slab alone: what pressed the face must have moved the markers sideways as
-seen. The last is told by little.
+A marker's ray determines its place in the plane. Its depth comes from two cameras (`markers-stereo`). With
+one camera (`markers-mono`) it comes from the slab model alone: pressure on the face also moves the markers
+sideways. Sideways motion constrains the depth only weakly.
 """
 
 from dataclasses import dataclass
@@ -19,24 +19,23 @@ from tactile.sensors import GelCamera, Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 LEAST_NOISE_PX = 0.01
-"""Least noise of a marker's place, px: drawn frames may have none; real ones have 0.027 (eight real
-clips)."""
+"""Least noise of a marker's place, px: synthetic frames may have none, real ones have 0.027 (eight clips)."""
 MONO_SLAB_SD_MM, MONO_SIDES_SD_MM = 0.006, 0.001
-"""What is asked of the slab's motion along the face where it alone must tell the depth: of an endless slab,
-and of a gel whose sides are known (`benchmarks/gel_image_errors.py --draws 5`)."""
+"""Error of the slab model along the face, which is added to the noise with one camera. Values for an infinite
+slab and a known outline (`benchmarks/gel_image_errors.py --draws 5`)."""
 DEPTH_ROUNDS = 2
-"""Of depth and places, each from the other, with one camera. Set by hand."""
+"""Iterations between depth and places with one camera. Set by hand."""
 FRAMES_TO_CHOOSE_FROM = 3
-"""Of the strong ones, from which the prior is chosen: each costs several inversions. Set by hand."""
+"""Frames with large displacements that determine the prior: each costs several inversions. Set by hand."""
 OF_MEDIAN = 0.6745
 """Median of the absolute value of a standard normal number."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GelFields:
-    """Displacement and force of every marker in every frame (pad frame; the force is that on the fruit).
+    """Displacement and force of every marker in every frame (pad frame; the force acts on the fruit).
 
-    A marker that is not seen in a frame has NaN displacement there. `solver` takes displacements to forces.
+    The displacement of a hidden marker is NaN. `touching`: nodes in contact. `solver` computes the forces.
     """
 
     rest_mm: Float[np.ndarray, "n 3"]
@@ -48,7 +47,7 @@ class GelFields:
 
 
 def slab_of(sensor: Sensor) -> GelSlab:
-    """The sensor's gel; raises TactileFailure (unreadable-sensor) where the description lacks it."""
+    """The sensor's gel. Raises TactileFailure (unreadable-sensor) if the description lacks a constant."""
     if sensor.thickness_mm is None or sensor.E_MPa is None or sensor.nu is None:
         raise TactileProblem.UNREADABLE_SENSOR.failure(
             f"{sensor.name}: forces need the gel: found thickness_mm {sensor.thickness_mm}, E_MPa "
@@ -67,10 +66,10 @@ def fields_of(
 ) -> GelFields:
     """Displacement and force of a whole recording.
 
-    `second` is the other camera's tracking of the same markers (stereo). `hyperparameters` None: chosen on
-    the frames that move most.
-
-    Raises TactileFailure where the sensor's description lacks what its kind needs, or the gel is a dome.
+    `second` is the other camera's tracking of the same markers (stereo). `hyperparameters` None: those most
+    likely for the frames with the largest displacements. Raises TactileFailure (unreadable-sensor) if the
+    sensor's description lacks what its kind needs. It also raises if markers lie outside the described gel,
+    or on a dome that the description lacks.
     """
     frames = len(tracked.time_s)
     noise_px = max(LEAST_NOISE_PX, frame_noise(tracked.position_px))
@@ -123,7 +122,7 @@ def fields_of(
 
 
 def frame_noise(values: Float[np.ndarray, "t n c"]) -> float:
-    """Noise of one value in one frame, from second differences in time, in the quieter fifth of frames."""
+    """Noise of one value in one frame by second differences in time: 0.2 quantile of the frames' medians."""
     if len(values) < 3:
         return 0.0
     bends = np.abs(values[2:] - 2 * values[1:-1] + values[:-2]).reshape(len(values) - 2, -1)
@@ -145,7 +144,7 @@ def _needed(sensor: Sensor, camera: GelCamera | None, name: str) -> GelCamera:
 
 
 def _refuse_dome(sensor: Sensor, slab: GelSlab, rest_mm: Float[np.ndarray, "n 3"]) -> None:
-    """The compliance of the face that is described is not another's."""
+    """Raises TactileFailure if the markers deviate from the described face by more than a tilt."""
     basis = np.column_stack([rest_mm[:, :2], np.ones(len(rest_mm))])
     face = 0.0 if slab.outline is None else slab.outline.face_mm(rest_mm[:, 0], rest_mm[:, 1])
     over = rest_mm[:, 2] - face
@@ -159,7 +158,7 @@ def _refuse_dome(sensor: Sensor, slab: GelSlab, rest_mm: Float[np.ndarray, "n 3"
 
 
 def _refuse_outside(sensor: Sensor, rest_mm: Float[np.ndarray, "n 3"]) -> None:
-    """Markers are on the gel: beyond its outline a size in another unit, or another gel's, would pass."""
+    """Raises TactileFailure for markers outside the outline: it has another unit or is another gel's."""
     if sensor.outline is None:
         return
     size, centre = np.array(sensor.outline.size_mm), np.array(sensor.outline.centre_mm)

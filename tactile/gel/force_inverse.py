@@ -1,22 +1,21 @@
-"""From the displacement of a gel's face to the forces on it: a linear inverse.
+"""Forces on a gel's face from its displacement: a linear inverse problem.
 
-Unknowns are forces t on the nodes of a square grid (tents of traction, tactile.gel.slab). Marker
-displacements y with information W (inverse covariance; zero along what a camera cannot see) and a Gaussian
-prior of precision Q = (1 + roughness^2 Laplacian) / sd^2 on each component give
+Unknowns are forces t on the nodes of a square grid (tents of traction, tactile.gel.slab). Data are marker
+displacements y with information W: inverse covariance, zero along a direction that no camera observes. A
+Gaussian prior has precision Q = (1 + roughness^2 Laplacian) / sd^2 on each component. In the contact
 
     L t = G' W y,    L = G' W G + Q,    covariance of t = L^-1
 
-on the nodes in contact; t = 0 outside, and pressure is positive inside (an active set, from the unbound
-solution, with nodes dropped that would pull and neighbours added that want to push). What frames share is
-computed once (tactile.gel.normal_equations). G is continued by smooth fields that no force makes (quadratics
-over the pad, a percent or two of the displacement): what free sides and a housing do to a slab that is not
-endless. They matter: an almost incompressible gel is so stiff against even pressure that 5 um of even depth
-are 5 % of a press of 3 N. The prior (tactile.gel.grid) is that of greatest marginal likelihood of loaded
-frames,
+Outside t = 0; inside the pressure is positive. An active-set search starts from the unconstrained solution,
+drops nodes that pull and adds neighbours that push. tactile.gel.normal_equations computes once what frames
+share. G also has columns of smooth fields that no force causes: quadratics over the pad, a percent or two of
+the displacement. They represent the effect of free sides and a housing. An almost incompressible gel is so
+stiff under uniform pressure that 5 um of uniform depth are 5 % of a press of 3 N. The hyperparameters
+maximise the marginal likelihood of loaded frames (tactile.gel.grid):
 
-    2 log p = t' L t - y' W y - log det L + log det Q + log det W      (constants left out; MacKay 1992)
+    2 log p = t' L t - y' W y - log det L + log det Q + log det W      (constants omitted; MacKay 1992)
 
-over the prior's spread and roughness, and by how much the noise exceeds what frames in the air show.
+They are the prior's standard deviations and roughness, and the noise over that of no-contact frames.
 """
 
 from collections.abc import Callable, Sequence
@@ -41,26 +40,25 @@ from tactile.gel.grid import (
 from tactile.gel.normal_equations import NormalEquations, forward, lower_root
 
 TOUCHES_AT_SD, STARTS_AT = 4.0, 0.3
-"""A node is in contact at first where it is pushed by so many standard deviations, or by such a share of the
-most. Set by hand."""
+"""A node starts in contact if its unconstrained pressure exceeds this many standard deviations, or this share
+of the greatest. Set by hand."""
 GROWS_AT_SD = 1.0
-"""A node beside the contact joins it where it would be pushed by so many standard deviations."""
+"""A node adjacent to the contact joins it if its push exceeds this many standard deviations."""
 APPEARS_AT_SD = 6.0
-"""A node away from it needs more: among hundreds of nodes 4 would come by chance now and then. Set by
-hand."""
+"""The same for other nodes: among hundreds of them, some would reach 4 by chance. Set by hand."""
 MOST_ROUNDS = 40
-"""In which nodes may join; then they only leave, so that the search ends. Set by hand."""
+"""Most rounds in which nodes may join; then they only leave, so that the search ends. Set by hand."""
 OF_PEAK = (0.15, 0.4)
-"""Where depth is not seen: nodes with such a share of the greatest pressure are starts of the search too. Set
-by hand."""
+"""Without depth the search also starts from nodes with these shares of the greatest pressure. Set by hand."""
 KEPT_VIEWS = 3
-"""Sets of markers in view whose equations are kept: frames that are solved in turn. Set by hand."""
+"""Sets of visible markers whose equations are cached, for frames that alternate. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ActiveSet:
-    """Which nodes touch, the unknowns (0 outside), each outer node's push in standard deviations, and ln of
-    the frame's marginal likelihood with these nodes, up to a constant of the frame and its noise.
+    """Nodes in contact, the unknowns (0 outside), and each outer node's push in standard deviations.
+
+    `log_likelihood`: ln marginal likelihood of the frame, up to a constant of the frame and its noise.
     """
 
     touching: Bool[np.ndarray, " m"]
@@ -71,7 +69,7 @@ class ActiveSet:
 
 @dataclass(frozen=True, kw_only=True)
 class GelContact:
-    """One frame solved: which nodes touch, forces (N) of the markers, and what the slab shows for them."""
+    """Solution of one frame: nodes in contact, and the markers' forces (N) and modelled displacement."""
 
     touching: Bool[np.ndarray, " m"]
     force_N: Float[np.ndarray, "n 3"]
@@ -79,15 +77,14 @@ class GelContact:
 
 
 def sees_depth(information_per_mm2: Float[np.ndarray, "n 3 3"]) -> bool:
-    """Whether markers are seen in three directions; they are all seen by the same cameras."""
+    """Whether the cameras observe three directions; the first marker shows it, as all share the cameras."""
     return bool(np.linalg.matrix_rank(information_per_mm2[0], hermitian=True, rtol=1e-6) == 3)
 
 
 class InvertedForce:
-    """The inverse of one gel, ready for frames: everything that frames share is computed here.
+    """Solver for the forces of one gel; it computes once what frames share.
 
-    `information_per_mm2` (n, 3, 3) is the inverse covariance of one frame's marker displacement as frames in
-    the air show it.
+    `information_per_mm2` (n, 3, 3): inverse covariance of marker displacement in one frame without contact.
     """
 
     def __init__(
@@ -117,7 +114,7 @@ class InvertedForce:
         self._in_view = dict[bytes, NormalEquations]()
 
     def with_prior(self, hyperparameters: PriorHyperparameters) -> "InvertedForce":
-        """The same gel and sensor with another prior of forces and another noise."""
+        """The solver of the same gel and sensor with another prior of forces and another noise."""
         other = copy(self)
         other._take(hyperparameters)
         return other
@@ -128,7 +125,7 @@ class InvertedForce:
         *,
         before: Bool[np.ndarray, " m"] | None = None,
     ) -> GelContact:
-        """One frame; markers that are NaN are left out. `before`: what touched before."""
+        """The solution of one frame without NaN markers. `before`: nodes in contact in the frame before."""
         y, equations, right = self._observed(displacement_mm)
         active_set = self._solved_active_set(equations, right, motion_of(y), before)
         t = active_set.unknowns[: self._size].reshape(-1, 3)
@@ -139,14 +136,14 @@ class InvertedForce:
         )
 
     def active_set(self, displacement_mm: Float[np.ndarray, "n 3"]) -> ActiveSet:
-        """The active set of one frame: no touching node pulls, none outside pushes by six times the noise."""
+        """The active set of one frame: no touching node pulls, and no outer one pushes beyond its limit."""
         y, equations, right = self._observed(displacement_mm)
         return self._solved_active_set(equations, right, motion_of(y))
 
     def log_evidence(
         self, displacement_mm: Float[np.ndarray, "n 3"], touching: Bool[np.ndarray, " m"]
     ) -> float:
-        """ln of the marginal likelihood of a frame whose contact is known, up to a constant of the sensor."""
+        """ln marginal likelihood of a frame with a known contact, up to a constant of the sensor."""
         y, equations, right = self._observed(displacement_mm)
         smooth = smooth_precision(self.grid, motion_of(y))
         forces, fields, log_det_root = equations.factor(touching).solved(right, smooth)
@@ -157,14 +154,14 @@ class InvertedForce:
         return float((fitted - misfit) / 2 + log_det - directions * np.log(self.hyperparameters.noise))
 
     def _observed(self, displacement_mm: np.ndarray) -> tuple[np.ndarray, NormalEquations, np.ndarray]:
-        """Displacement (0 where unknown), equations and right side of the markers that are known."""
+        """Displacement (0 if unknown), equations and right side of the visible markers."""
         usable = np.isfinite(displacement_mm).all(axis=1)
         y = np.where(usable[:, None], displacement_mm, 0.0)
         weighted = np.matmul(self.information, y[:, :, None]).ravel()
         return y, self._equations_of(usable), weighted @ self._moved_by
 
     def _equations_of(self, usable: Bool[np.ndarray, " n"]) -> NormalEquations:
-        """The equations of these markers; those of the last few sets are kept."""
+        """The equations of the usable markers; those of the last few sets are cached."""
         if usable.all():
             return self._whole
         key = usable.tobytes()
@@ -185,10 +182,8 @@ class InvertedForce:
         motion_mm: float,
         before: Bool[np.ndarray, " m"] | None = None,
     ) -> ActiveSet:
-        """The active set.
-
-        Without depth there is more than one in which no node pulls and none outside pushes, some with a
-        force twice too great: the search starts from several, and the most likely one is taken.
+        """The active set. Without depth several sets satisfy its conditions, some with twice the true force.
+        The search then starts from several sets and returns the most likely one.
         """
         first = self._first_touching(equations, right, motion_mm)
         active_set = self._stationary(first, equations, right, motion_mm)
@@ -203,16 +198,16 @@ class InvertedForce:
         return max([active_set, *others], key=lambda candidate: candidate.log_likelihood)
 
     def _adjacent(self, nodes: Bool[np.ndarray, " m"]) -> Bool[np.ndarray, " m"]:
-        """The nodes that have one of these beside them."""
+        """The nodes with a neighbour in `nodes`."""
         return np.asarray(np.append(nodes, False)[self._adjacent_nodes].any(axis=1))
 
     def _first_touching(
         self, equations: NormalEquations, right: np.ndarray, motion_mm: float
     ) -> Bool[np.ndarray, " m"]:
-        """Nodes that push where nothing binds them and that alone would be seen; none where none would be."""
+        """Nodes that push in the unconstrained solution and would be detected alone, if any would be."""
         free = equations.free_pressures(right)
         single_node_sd = self._single_node_sd(equations, right, motion_mm)
-        # without depth every node is unsure, and a good part of the peak must do
+        # Without depth the standard deviations are large: a share of the peak decides.
         sure = STARTS_AT * free.max()
         if self.sees_depth:
             sure = np.minimum(TOUCHES_AT_SD * equations.free_sd, sure)
@@ -227,8 +222,8 @@ class InvertedForce:
         right: np.ndarray,
         motion_mm: float,
     ) -> ActiveSet:
-        """The active set reached from here: nodes that pull leave, neighbours that push join; once a set
-        comes back, nodes only leave.
+        """The active set reached from `touching`: nodes that pull leave and those that push join, until a set
+        recurs; then nodes only leave.
         """
         smooth = smooth_precision(self.grid, motion_mm)
         pushed, push_sd = right[2 : self._size : 3], np.sqrt(equations.push_information)
@@ -269,24 +264,25 @@ class InvertedForce:
 
 
 def _neighbours(adjacent: Bool[np.ndarray, "m m"]) -> Int[np.ndarray, "m k"]:
-    """Of every node those beside it; where it has fewer than others, the number of nodes."""
+    """Indices of each node's neighbours; rows with fewer are filled with the number of nodes."""
     most = int(adjacent.sum(axis=1).max())
     first = np.argsort(~adjacent, axis=1, kind="stable")[:, :most]
     return np.where(np.take_along_axis(adjacent, first, axis=1), first, len(adjacent))
 
 
 ORDER_OF_CLIMBING = ("pressure_MPa", "shear_MPa", "noise", "roughness", "pressure_MPa", "shear_MPa", "noise")
-"""Of the search, one hyperparameter after the other; the first ones again, as they trade with the last."""
+"""Order in which the search varies the hyperparameters; it repeats the first ones, which depend on the
+last."""
 CLIMBED_WITH_CONTACT = ("roughness", "pressure_MPa", "shear_MPa", "roughness", "pressure_MPa", "shear_MPa")
-"""Likewise, where the contact is found anew at every step."""
+"""The same for a search that determines the contact again at every step."""
 ROUNDS = 2
-"""Of climbing: with every node in contact, then with the contact found by the first. Set by hand."""
+"""Rounds of the search: with every node in contact, then with the contact of the first round. Set by hand."""
 LEAST_NOISE = 0.99
-"""Over the noise of frames in the air, which is the least: 1, but for rounding."""
+"""Least noise over that of no-contact frames: 1, but for rounding."""
 DRAGGED = 0.4
-"""Share of one direction in the motion of a gel from which it is dragged: 0.54 to 0.91 in the greatest frame
-of three real drags (cheese_tube of Parag, Incipient-Slip-Detection), 0.99 and more in
-drawn ones, 0.00 where prints come or go (tests/pipeline/test_reference_messages.py). Set by hand between
+"""Share of one direction in the motion of a gel, above which it is dragged. Three real drags have 0.54 to
+0.91 in their greatest frame (cheese_tube of Parag, Incipient-Slip-Detection), synthetic ones 0.99 and more.
+Imprints that appear or vanish have 0.00 (tests/pipeline/test_reference_messages.py). Set by hand between
 them, on these clips."""
 
 
@@ -295,12 +291,13 @@ def most_likely_hyperparameters(
     information_per_mm2: Float[np.ndarray, "n 3 3"],
     frames_mm: Sequence[Float[np.ndarray, "n 3"]] | Float[np.ndarray, "f n 3"],
 ) -> PriorHyperparameters:
-    """The hyperparameters of greatest marginal likelihood over some loaded frames, by factors of two.
+    """The hyperparameters of greatest marginal likelihood over some loaded frames, in factors of two.
 
-    The contact is found anew after every round of climbing. Where depth is not seen, contact and prior depend
-    so much on each other that it is found anew at every step of one more climb. A contact found far too small
-    makes noise of the gel's motion, which then shows no contact at all: where the gel is dragged one way, the
-    noise of the round before it is taken. Else nothing presses, as where the reference bears a print.
+    Each round of the search ends with a new contact. Without depth, contact and prior depend strongly on each
+    other, so one more search determines the contact at every step. A contact far too small attributes the
+    gel's motion to noise, and the search then finds no contact. If the gel is dragged one way, the search
+    restarts with the noise of the round before. Otherwise nothing presses, for example if the reference has
+    an imprint.
     """
     solver = InvertedForce(grid, information_per_mm2, INITIAL_HYPERPARAMETERS)
     noises = list[float]()
@@ -331,7 +328,7 @@ def most_likely_hyperparameters(
 
 
 def one_way_share(displacement_mm: Float[np.ndarray, "n 3"]) -> float:
-    """|sum |d| d| / sum |d|^2 along the face: 1 where all that moves goes one way, 0 round a press."""
+    """|sum |d| d| / sum |d|^2 along the face: 1 if all motion has one direction, 0 around a press."""
     along = np.where(np.isfinite(displacement_mm).all(axis=1)[:, None], displacement_mm, 0.0)[:, :2]
     size = np.linalg.norm(along, axis=1)
     return float(np.linalg.norm(size @ along) / max(float(size @ size), 1e-300))
@@ -340,8 +337,8 @@ def one_way_share(displacement_mm: Float[np.ndarray, "n 3"]) -> float:
 def _climbed(
     start: InvertedForce, order: Sequence[str], likelihood: Callable[[InvertedForce], float]
 ) -> InvertedForce:
-    """The start with one hyperparameter after the other taken times two, or half, up to four times, while
-    that makes it likelier; the noise never falls below that of frames in the air.
+    """The solver after varying each hyperparameter in `order`: doubled or halved up to four times while the
+    likelihood grows. The noise stays at least that of no-contact frames.
     """
     best, most = start, likelihood(start)
     for name in order:

@@ -1,13 +1,12 @@
-"""Change of a gel's compliance by its sides and a domed face: a finite block less an endless slab.
+"""Change of a gel's compliance by its sides and a domed face: a finite block minus an infinite slab.
 
-Both are meshed with the same quadratic bricks (27 nodes) whose back is fixed. Bricks as coarse as half the
-gel's thickness err beside a load, but in both by the same, which goes out in the difference; that is smooth,
-a brick or more from the sides, and is added to the endless slab's exact response (tactile.gel.slab).
+Both have the same quadratic bricks (27 nodes), fixed at the back. Bricks as coarse as half the gel's
+thickness err near a load, but equally in both, so the error cancels. The difference is smooth at a brick or
+more from the sides. It is added to the infinite slab's exact response (tactile.gel.slab).
 
-The block's face is z = -x^2 / (2 R_x) - y^2 / (2 R_y) from its middle, its back z = -h; its bricks are
-isoparametric and follow the face. It is taken apart into its four classes of even and odd motion. Of the slab
-one column of bricks is taken, one wave vector at a time (Bloch), on a lattice that repeats itself CLEAR_CELLS
-beyond the gel.
+The block's face is z = -x^2 / (2 R_x) - y^2 / (2 R_y) about its middle, its back z = -h. Isoparametric bricks
+follow the face. The solver takes the block's four classes of even and odd motion one by one. It takes one
+column of the slab's bricks, one wave vector at a time (Bloch), on a periodic lattice.
 """
 
 from collections.abc import Sequence
@@ -22,25 +21,25 @@ from scipy.linalg import cho_factor, cho_solve
 from scipy.sparse import block_diag, coo_array, csr_array, kron
 
 PER_THICKNESS, LAYERS = 2.0, 2
-"""Bricks per thickness along the face, and through it: within 2 % of what a fine mesh says that the sides
-change (`tests/tactile/test_gel_slab.py`)."""
+"""Bricks per thickness along the face, and through it: the effect of sides is within 2 % of that on a fine
+mesh (`tests/tactile/test_gel_slab.py`)."""
 LEAST_CELLS, MOST_CELLS = 4, 14
-"""Bricks along a side: a gel wider than seven thicknesses has wider ones. Set by hand, for the time."""
+"""Fewest and most bricks along a side: beyond seven thicknesses they are wider. Set by hand, for time."""
 CLEAR_CELLS = 12
-"""Bricks between a gel and its next image in the endless slab: six thicknesses."""
+"""Bricks between a gel and its next image in the infinite slab: six thicknesses."""
 MOST_NU = 0.495
-"""Bricks are no good nearer to 0.5. Set by hand."""
+"""Largest Poisson's ratio of the bricks, which are inaccurate nearer to 0.5. Set by hand."""
 
 GelSides: TypeAlias = Literal["free", "bonded"]
 SIDES: tuple[GelSides, ...] = ("free", "bonded")
-"""What the sides of a gel may be."""
+"""Conditions at the sides of a gel."""
 
 
 class GelOutline(NamedTuple):
-    """A rectangular gel: size along x and y, its middle in the pad frame, and what its sides do.
+    """A rectangular gel: size along x and y, its middle in the pad frame, and the condition at its sides.
 
     Sides are `free`, or `bonded` to a frame as stiff as the back. `face_radius_mm`: radii of a domed face
-    along x and y, infinite where it is flat; the thickness is then that in its middle.
+    along x and y, infinite if it is flat; the thickness of a domed gel is that in the middle.
     """
 
     size_mm: tuple[float, float]
@@ -50,12 +49,12 @@ class GelOutline(NamedTuple):
 
     @property
     def domed(self) -> bool:
-        """Whether its face is no plane."""
+        """Whether the face is curved."""
         return not np.isinf(self.face_radius_mm).all()
 
     @property
     def lowest_mm(self) -> float:
-        """How far the face's corners lie below its middle."""
+        """Depth of the face's corners below its middle, mm."""
         return float(
             sum(size**2 / (8 * r) for size, r in zip(self.size_mm, self.face_radius_mm, strict=True))
         )
@@ -63,14 +62,14 @@ class GelOutline(NamedTuple):
     def face_mm(
         self, x_mm: Float[np.ndarray, "*n"], y_mm: Float[np.ndarray, "*n"]
     ) -> Float[np.ndarray, "*n"]:
-        """Height of the untouched face, mm: 0 in its middle, negative beside it."""
+        """Height of the untouched face, mm: 0 in its middle, negative elsewhere on a dome."""
         (x0, y0), (along, across) = self.centre_mm, self.face_radius_mm
         return np.asarray(-((x_mm - x0) ** 2) / (2 * along) - (y_mm - y0) ** 2 / (2 * across))
 
 
 @dataclass(frozen=True, kw_only=True)
 class SideResponse:
-    """The difference, mm MPa per N, between nodes of the face's lattice: x slowest, y, component."""
+    """Block minus slab, mm MPa per N, between nodes of the face's lattice: x slowest, y, component."""
 
     x_mm: Float[np.ndarray, " a"]
     y_mm: Float[np.ndarray, " b"]
@@ -79,9 +78,9 @@ class SideResponse:
     def between(
         self, at_mm: Float[np.ndarray, "n 2"], nodes_mm: Float[np.ndarray, "m 2"], *, pitch_mm: float
     ) -> Float[np.ndarray, "n 3 m 3"]:
-        """Of E = 1 MPa: displacement (mm) at points per newton on tents round nodes (tactile.gel.slab).
+        """Displacement (mm) at points per newton on tents around nodes (tactile.gel.slab), for E = 1 MPa.
 
-        Points beyond the gel move as its nearest edge does; what of a tent lies beyond it counts for nothing.
+        Points beyond the gel move like its nearest edge. The part of a tent beyond the gel carries no load.
         """
         lattice = (self.x_mm, self.y_mm)
         read = _outer(*(_values(line, at_mm[:, k]) for k, line in enumerate(lattice)))
@@ -93,7 +92,7 @@ class SideResponse:
 
 @lru_cache(maxsize=8)
 def side_response(thickness_mm: float, nu: float, outline: GelOutline) -> SideResponse:
-    """The response of a gel of E = 1 MPa with sides and a domed face less that of an endless flat one."""
+    """Response of a gel of E = 1 MPa with sides and a domed face minus that of an infinite flat one."""
     nu = min(nu, MOST_NU)
     per_mm = PER_THICKNESS / thickness_mm
     cells = [int(np.clip(np.ceil(per_mm * size), LEAST_CELLS, MOST_CELLS)) for size in outline.size_mm]
@@ -124,8 +123,8 @@ def face_compliance(
 ) -> Float[np.ndarray, "c c"]:
     """Displacement (mm) of the face's nodes per newton on them, E = 1 MPa: x slowest, y, component.
 
-    `x_mm`, `y_mm`: places of the nodes, two to a brick, even about the middle; `face_mm`: height of the face
-    at them, 0 in the middle; `bonded`: the sides do not move.
+    `x_mm`, `y_mm`: places of the nodes, two per brick, symmetric about the middle; `bonded`: fixed sides.
+    `face_mm`: height of the face at the nodes, 0 in the middle.
     """
     parted = [_even_and_odd(len(line), bonded=bonded) for line in (x_mm, y_mm)]
     levels = np.linspace(0.0, 1.0, 2 * LAYERS + 1)
@@ -155,7 +154,7 @@ def face_compliance(
 
 
 def _brick_stiffness(places: Float[np.ndarray, "a b u 3"], nu: float) -> csr_array:
-    """K of E = 1 MPa; unknowns: component, then node (x slowest, then y, then up)."""
+    """Stiffness matrix for E = 1 MPa; unknowns: component, then node (x slowest, then y, then z)."""
     number = np.arange(places[..., 0].size).reshape(places.shape[:3])
     corners = number[:-2:2, :-2:2, :-2:2].reshape(-1, 1)
     steps = np.array(
@@ -192,7 +191,7 @@ def _brick_stiffness(places: Float[np.ndarray, "a b u 3"], nu: float) -> csr_arr
 def _endless(
     cells: Sequence[int], across: Sequence[float], thickness_mm: float, nu: float
 ) -> Float[np.ndarray, "c c"]:
-    """Compliance between the same nodes of a slab that goes on."""
+    """Compliance of an infinite slab between the same nodes, mm MPa per N."""
     x, y = (size * np.arange(3) / 2 for size in across)
     up = np.linspace(-thickness_mm, 0.0, 2 * LAYERS + 1)
     column = _brick_stiffness(np.stack(np.meshgrid(x, y, up, indexing="ij"), axis=-1), nu).toarray()
@@ -221,7 +220,7 @@ def _endless(
 
 
 def _even_and_odd(nodes: int, *, bonded: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Orthonormal even and odd motions of a line of nodes, whose ends are at rest where they are bonded."""
+    """Orthonormal even and odd motions of a line of nodes; bonded ends do not move."""
     unit = np.eye(nodes)
     half = unit[:, int(bonded) : nodes // 2]
     even = np.column_stack([(half + half[::-1]) / np.sqrt(2), unit[:, nodes // 2]])
@@ -229,7 +228,7 @@ def _even_and_odd(nodes: int, *, bonded: bool) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _values(line_mm: Float[np.ndarray, " a"], at_mm: Float[np.ndarray, " n"]) -> Float[np.ndarray, "n a"]:
-    """The line's quadratic functions at points, those beyond its ends taken there."""
+    """The line's quadratic shape functions at points; a point beyond an end has the values of that end."""
     size = line_mm[2] - line_mm[0]
     place = np.clip((at_mm - line_mm[0]) / size, 0.0, len(line_mm) // 2)
     cell = np.minimum(place.astype(int), len(line_mm) // 2 - 1)
@@ -243,7 +242,7 @@ def _values(line_mm: Float[np.ndarray, " a"], at_mm: Float[np.ndarray, " n"]) ->
 def _tents(
     line_mm: Float[np.ndarray, " a"], centre_mm: Float[np.ndarray, " m"], pitch_mm: float
 ) -> Float[np.ndarray, "m a"]:
-    """Shares of a newton on (1 - |x - c| / pitch) / pitch at the line's nodes."""
+    """Nodal shares of a newton spread as (1 - |x - c| / pitch) / pitch; parts beyond the line are lost."""
     points, weights = np.polynomial.legendre.leggauss(4)
     arm = np.concatenate([points - 1, points + 1]) / 2
     share = (1 - np.abs(arm)) * np.tile(weights, 2) / 2

@@ -1,10 +1,11 @@
-"""The unknowns of a gel's force: nodes of traction on its face, what forces on them do at the markers, their
-prior, and the smooth fields that go with them. The prior is Gaussian:
+"""Unknowns of the inverse problem for a gel's forces, and their Gaussian prior.
+
+The unknowns are forces at traction nodes on the face, and coefficients of smooth displacement fields that no
+force causes. The precision of each component of the nodal forces is
 
     Q = (1 + roughness^2 Laplacian) / sd^2
 
-on each component of the nodal forces, and a spread of the grid's `smooth_share` times the frame's motion on
-the coefficients of displacement that no force makes.
+The coefficients' standard deviation is the grid's `smooth_share` times the frame's largest displacement.
 """
 
 from dataclasses import dataclass
@@ -16,23 +17,23 @@ from scipy.spatial import Delaunay, cKDTree
 from tactile.gel.slab import GelSlab, tent_compliance
 
 SIDES_UNKNOWN, SIDES_KNOWN = np.array([0.02, 0.02, 0.005]), np.array([0.002, 0.002, 0.0005])
-"""Spread of a smooth field's coefficients over the largest displacement of the frame, x, y and z: free sides
-three thicknesses away make 0.03 and 0.007; where they are computed a tenth is left to what else is not of the
-slab. (`benchmarks/gel_image_errors.py`)"""
+"""Standard deviation of smooth fields' coefficients over the frame's largest displacement, x, y and z. Free
+sides three thicknesses away cause 0.03 and 0.007. If the outline is known, a tenth remains for other
+deviations from a slab (`benchmarks/gel_image_errors.py`)."""
 NODE_PER_MARKER = 0.7
-"""Spacing of nodes over that of markers: a little finer, as the prior smooths over it. Set by hand."""
+"""Spacing of nodes over that of markers: slightly finer, since the prior smooths. Set by hand."""
 LEAST_MOTION_MM, USUAL_MOTION_MM = 0.1, 0.5
-"""Largest displacement of a frame, mm: at least this for the smooth field, and that of a usual press."""
+"""Least value of a frame's largest displacement for the smooth fields, and its value in a usual press, mm."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GelGrid:
-    """Markers and traction nodes of one gel: `compliance` is marker displacement (mm) per nodal force (N).
+    """Markers and traction nodes of one gel. `compliance`: marker displacement (mm) per nodal force (N).
 
-    Forces are those on the fruit, so that a positive normal force goes with a negative displacement.
-    `to_markers` makes marker forces of nodal ones: traction times a marker's cell, `cell_mm2`, with the same
-    sum and moment. `smooth_share`: spread of the smooth fields' coefficients over a frame's largest
-    displacement, x, y and z.
+    Forces act on the fruit, so a positive normal force goes with a negative displacement. `to_markers` maps
+    nodal forces to marker forces: traction times a marker's cell `cell_mm2`, with the same sum and moment.
+    `smooth_share`: standard deviation of the smooth fields' coefficients over a frame's largest displacement,
+    x, y and z.
     """
 
     rest_mm: Float[np.ndarray, "n 3"]
@@ -46,11 +47,11 @@ class GelGrid:
 
 
 def gel_grid(layer: GelSlab, rest_mm: Float[np.ndarray, "n 3"]) -> GelGrid:
-    """Traction nodes under the markers.
+    """Traction nodes on a square grid among the markers.
 
-    They are 0.7 of the side of the square apart that is a marker's share of the face; at 1.0 the rim of a
-    contact is too coarse, and a press of known force comes out 2 to 5 % too strong. Raises ValueError for
-    fewer than nine markers.
+    Their pitch is 0.7 times the side of a square as large as a marker's cell. A factor of 1.0 resolves the
+    rim of a contact too coarsely: computed forces are 2 to 5 % too large. Raises ValueError for fewer than
+    nine markers.
     """
     if len(rest_mm) < 9:
         raise ValueError(f"a force field needs nine markers; there are {len(rest_mm)}")
@@ -83,10 +84,10 @@ def gel_grid(layer: GelSlab, rest_mm: Float[np.ndarray, "n 3"]) -> GelGrid:
 def _shares(
     flat: Float[np.ndarray, "n 2"], nodes: Float[np.ndarray, "m 2"], pitch_mm: float, cell_mm2: float
 ) -> Float[np.ndarray, "n m"]:
-    """What each marker gets of each node: the node's traction at the marker times the marker's cell.
+    """Force at each marker per nodal force: the node's traction there times the marker's cell.
 
-    That alone keeps sum and moment only on average; the least change over the nine nearest markers makes it
-    exact for every node.
+    This conserves sum and moment only on average. The least-squares correction over the nine nearest markers
+    conserves both for every node.
     """
     _, near = cKDTree(flat).query(nodes, k=9)
     arm = (flat[near] - nodes[:, None]) / pitch_mm
@@ -102,7 +103,7 @@ def _shares(
 
 @dataclass(frozen=True, kw_only=True)
 class PriorHyperparameters:
-    """The prior: spread of pressure and of shear (MPa), roughness (pitches); noise over that in the air."""
+    """Standard deviations of pressure and shear (MPa), roughness (pitches), noise over no-contact noise."""
 
     pressure_MPa: float
     shear_MPa: float
@@ -111,12 +112,11 @@ class PriorHyperparameters:
 
 
 INITIAL_HYPERPARAMETERS = PriorHyperparameters(pressure_MPa=0.03, shear_MPa=0.01, roughness=1.0, noise=2.0)
-"""Where the search for the prior starts: a usual press, node by node as noisy as twice what frames say. Set
-by hand."""
+"""Start of the search for the prior: a usual press, twice the noise of no-contact frames. Set by hand."""
 
 
 def prior_precision(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.ndarray, "d d"]:
-    """Q of the nodal forces, 1/N^2; node by node x, y and z."""
+    """Q of the nodal forces, 1/N^2. Unknowns are ordered by node, then x, y and z."""
     m = len(grid.nodes_mm)
     smooth = np.eye(len(grid.nodes_mm)) + hyperparameters.roughness**2 * grid.laplacian
     out = np.zeros((m, 3, m, 3))
@@ -128,7 +128,7 @@ def prior_precision(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Flo
 def log_det_prior(
     grid: GelGrid, hyperparameters: PriorHyperparameters, touching: Bool[np.ndarray, " m"]
 ) -> float:
-    """ln det of Q of these nodes; 0 of none."""
+    """ln det Q of the touching nodes; 0 if none touches."""
     among = grid.laplacian[np.ix_(touching, touching)]
     smooth = np.eye(len(among)) + hyperparameters.roughness**2 * among
     log_scale = np.log(_scales(grid, hyperparameters)).sum()
@@ -136,15 +136,15 @@ def log_det_prior(
 
 
 def _scales(grid: GelGrid, hyperparameters: PriorHyperparameters) -> Float[np.ndarray, "3"]:
-    """1 over the variance of one node's force along x, y and z, 1/N^2."""
+    """Inverse variance of one node's force along x, y and z, 1/N^2."""
     sd_MPa = np.array([hyperparameters.shear_MPa, hyperparameters.shear_MPa, hyperparameters.pressure_MPa])
     return np.asarray((sd_MPa * grid.pitch_mm**2) ** -2.0)
 
 
 def displacement_by(grid: GelGrid) -> Float[np.ndarray, "d u"]:
-    """Marker displacement (mm) by nodal forces (N) and, after them, the smooth fields.
+    """Marker displacement (mm) per nodal force (N), then per coefficient of the smooth fields.
 
-    These are 1, x, y, x^2, x y and y^2 over the pad (from -1 to 1), each for x, y and z.
+    These fields are 1, x, y, x^2, x y and y^2 over the pad (from -1 to 1), each for x, y and z.
     """
     low, high = grid.rest_mm[:, :2].min(axis=0), grid.rest_mm[:, :2].max(axis=0)
     x, y = ((grid.rest_mm[:, :2] - (low + high) / 2) / ((high - low) / 2)).T
@@ -153,15 +153,15 @@ def displacement_by(grid: GelGrid) -> Float[np.ndarray, "d u"]:
 
 
 def motion_of(y: Float[np.ndarray, "n 3"]) -> float:
-    """The largest displacement of a frame, mm, and LEAST_MOTION_MM at least."""
+    """The largest displacement of a frame, mm, but at least LEAST_MOTION_MM."""
     return max(float(np.linalg.norm(y, axis=1).max()), LEAST_MOTION_MM)
 
 
 def smooth_precision(grid: GelGrid, motion_mm: float) -> Float[np.ndarray, " s"]:
-    """Of the smooth fields' coefficients, in a frame of this motion."""
+    """Precision of the smooth fields' coefficients, 1/mm^2, in a frame with this largest displacement."""
     return np.tile(1.0 / (grid.smooth_share * motion_mm) ** 2, 6)
 
 
 def dofs_of(touching: Bool[np.ndarray, " m"]) -> Int[np.ndarray, " d"]:
-    """Unknowns of the touching nodes: three each."""
+    """Indices of the touching nodes' unknowns, three per node."""
     return np.asarray((3 * np.flatnonzero(touching)[:, None] + np.arange(3)).ravel())

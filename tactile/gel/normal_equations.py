@@ -1,10 +1,10 @@
-"""The normal equations of a gel's forces, solved on one set of touching nodes after another.
+"""The normal equations of a gel's forces, solved for one set of touching nodes after another.
 
     (G' W G + Q + S) [t; s] = G' W y
 
-with forces t on the nodes that touch, zero on the others, and coefficients s of the smooth fields, whose
-precision S goes with the frame's motion. S is eliminated after the forces, so that one factor of their block
-serves all frames.
+t: forces on the touching nodes, zero on the others; s: coefficients of the smooth fields. Their precision S
+depends on the frame's largest displacement. The solver eliminates s after t, so that all frames share one
+factor of the forces' block.
 """
 
 from dataclasses import dataclass, field
@@ -17,13 +17,13 @@ from scipy.linalg import blas, lapack
 from tactile.gel.grid import dofs_of
 
 KEPT_NUMBERS = 8_000_000
-"""Of the factors that are kept, numbers at most: 64 MB."""
+"""Most numbers in cached factors: 64 MB."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TouchingFactor:
-    """The factor of the forces on some nodes: `root` (lower, Cholesky's) of their block, `across` = root^-1
-    times their columns with the smooth fields, `left` what these leave of the smooth fields' block.
+    """Cholesky factor of the forces `at` some nodes. `root`: lower factor of their block; `across`: root^-1
+    times their coupling with the smooth fields; `left`: Schur complement for the smooth fields.
     """
 
     at: Int[np.ndarray, " a"]
@@ -34,7 +34,7 @@ class TouchingFactor:
     def solved(
         self, right: Float[np.ndarray, " u"], smooth: Float[np.ndarray, " s"]
     ) -> tuple[Float[np.ndarray, " a"], Float[np.ndarray, " s"], float]:
-        """Forces, smooth coefficients of precision `smooth`, and ln det of the whole root."""
+        """Forces, smooth coefficients with precision `smooth`, and ln det of the whole factor."""
         inner = lower_root(self.left + np.diag(smooth))
         z = forward(self.root, right[self.at])
         fields = backward(inner, forward(inner, right[len(right) - len(smooth) :] - z @ self.across))
@@ -51,11 +51,11 @@ class TouchingFactor:
 
 @dataclass(frozen=True)
 class NormalEquations:
-    """The equations of one gel and prior while some markers are in view: `normal` = G' W G + Q.
+    """The equations of one gel and prior for the markers in view: `normal` = G' W G + Q.
 
-    `push_information`: the diagonal of G' W G in the nodes' pressures. `usual_smooth`: precision of the
-    smooth fields in a frame of usual motion. `whole` and `lost`: the equations of all markers, and rows V
-    whose V' V is taken out of them.
+    `push_information`: diagonal of G' W G for the nodes' pressures. `usual_smooth`: precision of the smooth
+    fields in a usual press. `whole`: equations of all markers; `lost`: hidden markers' rows V; V' V is
+    subtracted.
     """
 
     normal: Float[np.ndarray, "u u"]
@@ -67,7 +67,7 @@ class NormalEquations:
 
     @property
     def nodes(self) -> int:
-        """How many nodes there are."""
+        """Number of nodes."""
         return len(self.push_information)
 
     @property
@@ -77,11 +77,11 @@ class NormalEquations:
 
     @property
     def fields_by_pressure(self) -> Float[np.ndarray, "m s"]:
-        """The smooth fields' block with the nodes' pressures."""
+        """The block that couples the nodes' pressures with the smooth fields."""
         return self.normal[2 : 3 * self.nodes : 3, 3 * self.nodes :]
 
     def factor(self, touching: Bool[np.ndarray, " m"]) -> TouchingFactor:
-        """The factor of the nodes that touch; kept for the next time."""
+        """The factor for these touching nodes, cached."""
         key = touching.tobytes()
         if key not in self._kept:
             if sum(factor.root.size for factor in self._kept.values()) > KEPT_NUMBERS:
@@ -97,18 +97,18 @@ class NormalEquations:
     def resisted(
         self, at: Int[np.ndarray, " a"], forces: Float[np.ndarray, " a"], fields: Float[np.ndarray, " s"]
     ) -> Float[np.ndarray, " m"]:
-        """The equations' left side in every node's pressure."""
+        """The left side of each node's equation of pressure."""
         by_forces = forces @ self._pressure_columns[at]
         return np.asarray(by_forces + self.fields_by_pressure @ fields)
 
     def without(self, lost: Float[np.ndarray, "l u"]) -> "NormalEquations":
-        """The same less V' V of these rows V."""
+        """The equations minus V' V, for the rows V of hidden markers."""
         gone = (lost[:, 2 : 3 * self.nodes : 3] ** 2).sum(axis=0)
         information = np.maximum(self.push_information - gone, 1e-9 * self.push_information)
         return NormalEquations(self.normal - lost.T @ lost, information, self.usual_smooth, self, lost)
 
     def free_pressures(self, right: Float[np.ndarray, " u"]) -> Float[np.ndarray, " m"]:
-        """Pressures of all nodes (N) where nothing binds them, by Woodbury's identity where rows are lost."""
+        """Normal forces (N) of all nodes without constraints; Woodbury's identity subtracts lost rows."""
         if self.whole is None:
             return self._free.solved(right, self.usual_smooth)[0][2::3]
         root, (gone, inner) = self.whole.free_root, self._lost_parts
@@ -117,7 +117,7 @@ class NormalEquations:
 
     @cached_property
     def free_sd(self) -> Float[np.ndarray, " m"]:
-        """Standard deviations of the free pressures."""
+        """Standard deviations of these normal forces, N."""
         if self.whole is None:
             return np.asarray(np.sqrt((self.free_root[:, 2 : 3 * self.nodes : 3] ** 2).sum(axis=0)))
         gone, inner = self._lost_parts
@@ -126,7 +126,7 @@ class NormalEquations:
 
     @cached_property
     def free_root(self) -> Float[np.ndarray, "u u"]:
-        """A root R of the covariance of all unknowns, R' R, where nothing binds them."""
+        """R with R' R the covariance of all unknowns without the contact's constraints."""
         return self._free.covariance_root(self.usual_smooth)
 
     @cached_property
@@ -149,7 +149,8 @@ class NormalEquations:
 def lower_root(matrix: Float[np.ndarray, "a a"]) -> Float[np.ndarray, "a a"]:
     """Cholesky's lower factor; raises numpy.linalg.LinAlgError for a matrix that is not positive definite.
 
-    These three call the library directly: scipy's checks take longer than such small systems.
+    Like `forward` and `backward` it calls LAPACK directly: scipy's checks take longer than such small
+    systems.
     """
     root, wrong = lapack.dpotrf(matrix, lower=1)
     if wrong:

@@ -1,9 +1,9 @@
-"""The gel's modulus from a press whose force a load cell gave.
+"""The gel's modulus from a press onto a load cell.
 
-Forces found from displacement are proportional to the modulus assumed, so that the gain
-g = sum W F / sum F^2 over the frames of a press (W the load cell's force along the pad's normal, F the gel's)
-times the assumed modulus is the gel's. Its standard deviation is that of the frames' scatter about one line.
-The whole contact must be in view, and the press normal: what friction carries is not asked for.
+Computed forces are proportional to the assumed modulus. The true modulus is therefore the assumed one times
+the gain g = sum W F / sum F^2 over the frames of a press. W is the load cell's force along the pad's normal,
+F the gel's. The gain's standard deviation follows from the scatter about one line. The whole contact must be
+in view, and the press must be normal: the gain ignores friction.
 """
 
 from dataclasses import dataclass
@@ -14,16 +14,16 @@ from jaxtyping import Float
 from tactile.tactile_failure import TactileProblem
 
 LEAST_SHARE = 0.2
-"""Of the greatest force; frames with less carry too little. Set by hand."""
+"""Least share of the greatest force, of gel and cell each, in a frame that counts. Set by hand."""
 FEWEST_FRAMES = 5
-"""That carry enough, on one line with its scatter. Set by hand."""
+"""Fewest such frames: they determine a line and the scatter about it. Set by hand."""
 NOT_ONE_LINE = 0.1
-"""Scatter about the line, over the greatest force, beyond which it is none. Set by hand."""
+"""Most scatter about the line over the greatest force. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GelGain:
-    """Load cell over gel: value, standard deviation, and the frames' scatter over the peak force."""
+    """Force of the load cell over the gel's: value, standard deviation, and scatter over the peak force."""
 
     value: float
     sd: float
@@ -31,12 +31,12 @@ class GelGain:
 
 
 def gel_gain(cell_N: Float[np.ndarray, " t"], gel_N: Float[np.ndarray, " t"], *, source: str) -> GelGain:
-    """By what the gel's forces must be multiplied to be the load cell's; signs do not matter.
+    """The factor from the gel's forces to the load cell's; signs do not matter.
 
-    Only frames with a fifth of the peak force count. Raises TactileFailure (unreadable-frames) for fewer than
-    five such frames, or forces that do not lie on one line through zero within a tenth of the peak.
+    Only frames with a fifth of both peak forces count. Raises TactileFailure (unreadable-frames) for fewer
+    than five of them. It also raises if they scatter about one line through zero by over a tenth of the peak.
 
-    A gel that reads 8 N where the cell reads 10 N.
+    A gel that reads 8 N where the cell reads 10 N:
 
     >>> round(gel_gain(np.linspace(0, 10, 50), np.linspace(0, 8, 50), source="press.csv").value, 6)
     1.25

@@ -1,17 +1,17 @@
-"""How the face of a gel gives way under traction: an elastic slab whose back is bonded to a rigid plate.
+"""Compliance of a gel's face under traction: an elastic slab whose back is bonded to a rigid plate.
 
-The slab 0 < z < h carries traction t exp(i k x) on its face z = h and is fixed at z = 0. With wave number
-k = |k|, H = k h, T = tanh H, s = 1 - 2 nu and a = 2 (1 - nu), Papkovich and Neuber's form
-2 mu u = -grad(phi + z psi) + 4 (1 - nu) psi e_z, both functions harmonic, leaves two amplitudes g:
+The slab 0 < z < h is fixed at z = 0 and carries traction t exp(i k x) on its face z = h. For wave number
+k = |k| let H = k h, T = tanh H, s = 1 - 2 nu and a = 2 (1 - nu). The Papkovich-Neuber form
+2 mu u = -grad(phi + z psi) + 4 (1 - nu) psi e_z with harmonic phi and psi, leaves two amplitudes g:
 
     [normal, shear traction] / k = [[-s T - H, a - H T], [a + H T, H - s T]] g
     2 mu [along k, normal]       = [[(3 - 4 nu) T + H, H T], [-H T, (3 - 4 nu) T - H]] g
 
-(both over cosh H), and for shear across k: displacement = T / (mu k) traction. k -> 0 gives h / mu in shear
-and h (1 + nu)(1 - 2 nu) / (E (1 - nu)) under pressure, k -> infinity Boussinesq's and Cerruti's half space.
-The kernel is exact for small strain at any nu < 0.5 and holds for a slab that is wide compared with h: at nu
-0.48 what free sides change falls to a third every 1.2 thicknesses; where the gel's outline is known it is
-computed (tactile.gel.gel_sides). It is a flat slab's: a dome is refused.
+(both over cosh H). Shear across k gives displacement = T / (mu k) traction. For k -> 0 the compliance is
+h / mu in shear and h (1 + nu)(1 - 2 nu) / (E (1 - nu)) under pressure. For k -> infinity it is that of
+Boussinesq's and Cerruti's half space. The kernel is exact for small strain and any nu < 0.5 if the slab is
+wide compared with h. At nu 0.48 the effect of free sides falls to a third every 1.2 thicknesses. For a known
+outline tactile.gel.gel_sides computes it, and that of a domed face.
 """
 
 from dataclasses import dataclass
@@ -24,17 +24,16 @@ from scipy.ndimage import map_coordinates, spline_filter
 from tactile.gel.gel_sides import GelOutline, side_response
 
 FLAT_TO = 0.1
-"""A gel whose face departs from a plane by more than this part of its thickness is not a flat slab."""
+"""Most deviation of a gel's face from the described one, over the thickness."""
 FINE_PER_PITCH = 8
-"""Steps per node at which the tent of traction is sampled. Set by hand."""
+"""Grid steps per node spacing in the tabulated response to a tent of traction. Set by hand."""
 CLEAR_THICKNESSES = 8.0
-"""Thicknesses about the face that are computed too: exp(-8) of it, 0.03 %, comes back from the next
-period."""
+"""Margin around the face in thicknesses: exp(-8) of the response, 0.03 %, reaches the next period."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GelSlab:
-    """A bonded elastic slab; without an outline it goes on for ever."""
+    """A bonded elastic slab; infinite without an outline."""
 
     thickness_mm: float
     E_MPa: float
@@ -43,22 +42,21 @@ class GelSlab:
 
     @property
     def shear_MPa(self) -> float:
-        """mu = E / (2 (1 + nu))."""
+        """Shear modulus mu = E / (2 (1 + nu))."""
         return self.E_MPa / (2.0 * (1.0 + self.nu))
 
     def spectrum(self, k_per_mm: Float[np.ndarray, " q"]) -> Float[np.ndarray, "q 4"]:
-        """The kernel of the module's docstring; k = 0 by its limit."""
+        """Kernel (mm/MPa): along k by shear and pressure, normal by pressure, across k. k = 0: its limit."""
         mu, nu, h = self.shear_MPa, self.nu, self.thickness_mm
         k = np.maximum(np.asarray(k_per_mm, dtype=float), 1e-4 / h)
         H = k * h
         T = np.tanh(H)
         s, a, kappa = 1.0 - 2.0 * nu, 2.0 * (1.0 - nu), 3.0 - 4.0 * nu
         normal, shear = (-s * T - H, a - H * T), (a + H * T, H - s * T)
-        # past H = 20 the layer is a half space; T = 1 then, and H^2 would only cost digits
         determinant = normal[0] * shear[1] - normal[1] * shear[0]
         along, up = (kappa * T + H, H * T), (-H * T, kappa * T - H)
         scale = 1.0 / (2.0 * mu * k * determinant)
-        # inverse of [[n0, n1], [s0, s1]] is [[s1, -n1], [-s0, n0]] / determinant: columns pressure, shear
+        # The inverse of [[n0, n1], [s0, s1]] is [[s1, -n1], [-s0, n0]] / determinant: pressure, shear.
         along_by_shear = (-along[0] * normal[1] + along[1] * normal[0]) * scale
         along_by_pressure = (along[0] * shear[1] - along[1] * shear[0]) * scale
         up_by_pressure = (up[0] * shear[1] - up[1] * shear[0]) * scale
@@ -72,11 +70,11 @@ def tent_compliance(
     *,
     pitch_mm: float,
 ) -> Float[np.ndarray, "n 3 m 3"]:
-    """Displacement (mm) at points of the face per newton on tents of traction round `nodes_mm`.
+    """Displacement (mm) at points of the face per newton on tents of traction around `nodes_mm`.
 
-    A tent is (1 - |x| / pitch)(1 - |y| / pitch) / pitch^2 within one pitch: the nodes of a square grid of
-    that pitch make every bilinear traction. The response of one tent is tabulated on a grid 8 times finer
-    than the pitch and read by cubic splines; what a gel's sides change is added (tactile.gel.gel_sides).
+    A tent is (1 - |x| / pitch)(1 - |y| / pitch) / pitch^2 within one pitch: tents on a square grid of that
+    pitch span every bilinear traction. Cubic splines interpolate the response to one tent, tabulated 8 times
+    finer than the pitch. If the gel has an outline, the effect of its sides is added (tactile.gel.gel_sides).
     """
     offset = at_mm[:, None] - nodes_mm
     fine = pitch_mm / FINE_PER_PITCH
@@ -94,7 +92,7 @@ def tent_compliance(
             read = map_coordinates(smooth, where, order=3, mode="grid-wrap", prefilter=False)
             out[:, i, :, j] = read.reshape(offset.shape[:2])
             if i != j:
-                # reciprocity: even under exchange in the face, odd where the normal takes part
+                # Reciprocity: terms within the face are even under exchange, those with the normal odd.
                 out[:, j, :, i] = out[:, i, :, j] if j < 2 else -out[:, i, :, j]
     if layer.outline is not None:
         sides = side_response(layer.thickness_mm, layer.nu, layer.outline)
@@ -105,11 +103,10 @@ def tent_compliance(
 def _tables(
     layer: GelSlab, load: Float[np.ndarray, "a a"], fine_mm: float
 ) -> dict[tuple[int, int], Float[np.ndarray, "a a"]]:
-    """Splines of the response to tents, along i by force along j; (1, 1) and (1, 2) are the mirrored (0, 0)
-    and (0, 2), as x and y enter alike.
+    """Splines of the displacement along i by tents of force along j.
 
-    Half of the wave numbers are enough, as all is real; tents have nothing at the highest one, which has no
-    partner of opposite sign.
+    (1, 1) and (1, 2) are (0, 0) and (0, 2) with x and y exchanged. The response is real, so half of the wave
+    numbers suffice. The highest one has no partner of opposite sign, but tents have no amplitude there.
     """
     size = len(load)
     kx = 2.0 * np.pi * fft.fftfreq(size, fine_mm)[:, None]

@@ -1,6 +1,4 @@
-"""Values of markers that were not seen, from those around them; values and poses between the times at which
-they are known.
-"""
+"""Fills gaps: values of hidden markers from their neighbours, values and poses between recorded times."""
 
 import numpy as np
 from jaxtyping import Float
@@ -8,15 +6,15 @@ from scipy.spatial import cKDTree
 from scipy.spatial.transform import Rotation, Slerp
 
 AROUND = 6
-"""Neighbours from whose values a missing one is taken: those next to it on a grid, about."""
+"""Nearest known markers from which a missing value is computed: about the neighbours on a grid."""
 
 
 def filled(
     rest_mm: Float[np.ndarray, "n 3"], values: Float[np.ndarray, "t n 3"]
 ) -> Float[np.ndarray, "t n 3"]:
-    """`values` with every NaN replaced by the mean of the six nearest known markers of its frame.
+    """`values` with each NaN marker replaced by a weighted mean of the six nearest known ones in its frame.
 
-    Weights fall with the square of the distance. A frame without any known marker must not be given.
+    Weights fall with the square of the distance. Every frame must have a known marker.
     """
     whole = values.copy()
     for t in np.flatnonzero(~np.isfinite(values).all(axis=(1, 2))):
@@ -32,7 +30,8 @@ def filled(
 def at_times(
     when: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " s"], values: Float[np.ndarray, " s *c"]
 ) -> Float[np.ndarray, " t *c"]:
-    """`values` at other times, linear in between; unchanged where the times are the same.
+    """`values` at the times `when`: linear interpolation, constant beyond the ends; equal times change
+    nothing.
 
     >>> at_times(np.array([0.5]), np.array([0.0, 1.0]), np.array([10.0, 20.0]))
     array([15.])
@@ -48,9 +47,9 @@ def at_times(
 def poses_at(
     when: Float[np.ndarray, " t"], time_s: Float[np.ndarray, " s"], pose: Float[np.ndarray, "s 4 4"]
 ) -> Float[np.ndarray, "t 4 4"]:
-    """Rigid transforms at other times (s): shifts linear in between, turns at a constant rate.
+    """Rigid transforms at other times (s): linear translation, rotation at a constant rate (slerp).
 
-    `when` lies within `time_s`, which has two times or more and increases.
+    `when` lies within `time_s`, which increases and has two times or more.
     """
     moved = np.tile(np.eye(4), (len(when), 1, 1))
     moved[:, :3, :3] = Slerp(time_s, Rotation.from_matrix(pose[:, :3, :3]))(when).as_matrix()

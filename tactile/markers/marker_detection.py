@@ -1,15 +1,14 @@
-"""Markers of one frame, found to a fraction of a pixel.
+"""Detects the markers of one frame to a fraction of a pixel.
 
-The light on a gel is uneven and drifts; a marker is told from it by contrast = |I / background - 1|, where
-the background is the frame itself with the markers closed (dark ones) or opened (light ones) away and
-smoothed.
+The light on a gel is uneven and drifts. Contrast = |I / background - 1| separates markers from it. The
+background is the frame after a morphological closing (dark markers) or opening (light ones), smoothed.
 
-The frame's edge cuts some markers. Of a disc of radius r whose centre lies s inside a straight edge the part
-in view has its centroid at
+The frame's edge cuts some markers. A disc of radius r has its centre s inside a straight edge. The centroid
+of its visible part lies
 
     m(s) = s + (2/3) (r^2 - s^2)^(3/2) / A(s),   A(s) = r^2 (pi - acos(s/r)) + s sqrt(r^2 - s^2)
 
-inside that edge. m grows with s, so that it tells s; at s = r nothing is cut and m = r.
+inside that edge. m grows with s, so the centroid determines s; at s = r nothing is cut and m = r.
 """
 
 from dataclasses import dataclass
@@ -20,43 +19,41 @@ from jaxtyping import Bool, Float, UInt8
 from scipy.spatial import cKDTree
 
 COARSE_RADIUS_PX = 3.0
-"""The background is made on a frame so shrunk that a marker's radius is about this."""
+"""Approximate radius of a marker in the shrunk frame that yields the background."""
 SCALES = np.geomspace(1.5, 24.0, 13)
-"""Standard deviations tried for blobs, px; a disc of radius r answers most at r / sqrt(2)."""
+"""Standard deviations of the blob filter, px; a disc of radius r responds most at r / sqrt(2)."""
 STRONG = 0.5
-"""Of the 0.9 quantile of the peaks: those above are markers for sure, weaker ones may be dirt. Set by
-hand."""
+"""Share of the peaks' 0.9 quantile above which a peak is a marker; weaker ones may be dirt. Set by hand."""
 WINDOW_RADII = 1.7
-"""Half the width of the window a centroid is taken in, in marker radii."""
+"""Half width of a centroid's window, in marker radii."""
 FLOOR = 0.3
-"""Contrast below this share of the marker's own peak does not weigh: it is shade, not marker."""
+"""Contrast below this share of the marker's peak has no weight: it is shading."""
 CENTRE_STEPS = 6
-"""Of moving a window onto its own centroid, at most; SETTLED_PX mostly ends them before."""
+"""Most steps of a window onto its centroid; STATIONARY_PX usually ends them earlier."""
 STATIONARY_PX = 0.01
-"""px of a step below which a centre is found: a third of a frame's noise of 0.03 px (eight
-real clips)."""
+"""Step (px) below which a centre is final: a third of a frame's noise of 0.03 px (eight real clips)."""
 LEAST_CONTRAST = 0.08
 """A marker is at least this much darker or lighter than its gel."""
 UNLIKE = 3.0
-"""A blob whose mass or peak differs from the median by more than this factor is no marker."""
+"""A blob is no marker if its mass is off the median by this factor, or its peak below the median by it."""
 NEAR = 0.55
 """Two blobs nearer than this share of the usual spacing are one marker and its glint."""
 OUTSIDE = 0.2
 """A centre may lie this many radii outside the frame: two fifths of the disc are then in view."""
 STEPS = 60
-"""Of the table of m(s), straight between: a fortieth of a radius each."""
+"""Points of the table of m(s), a fortieth of a radius apart, with linear interpolation."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MarkerLook:
-    """What a sensor's markers look like: `radius_px`, and whether they are darker than the gel."""
+    """Appearance of a sensor's markers: `radius_px`, and whether they are darker than the gel."""
 
     radius_px: float
     dark: bool
 
 
 def grey(frame: UInt8[np.ndarray, "h w *c"]) -> Float[np.ndarray, "h w"]:
-    """The mean of the channels, single precision."""
+    """The mean of the channels in whole grey levels, single precision."""
     if frame.ndim == 2:
         return np.asarray(frame, dtype=np.float32)
     weights = np.full((1, frame.shape[2]), 1.0 / frame.shape[2], dtype=np.float32)
@@ -64,7 +61,7 @@ def grey(frame: UInt8[np.ndarray, "h w *c"]) -> Float[np.ndarray, "h w"]:
 
 
 def contrast(intensity: Float[np.ndarray, "h w"], look: MarkerLook) -> Float[np.ndarray, "h w"]:
-    """0 on the gel, towards 1 on a marker (dark ones: 1 is black)."""
+    """0 on the gel; 1 - I / background on dark markers (1 is black), I / background - 1 on light ones."""
     shrink = max(1, round(look.radius_px / COARSE_RADIUS_PX))
     height, width = intensity.shape
     size = (max(8, width // shrink), max(8, height // shrink))
@@ -72,7 +69,7 @@ def contrast(intensity: Float[np.ndarray, "h w"], look: MarkerLook) -> Float[np.
     radius = look.radius_px / shrink
     side = 2 * int(np.ceil(1.5 * radius)) + 1
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (side, side))
-    # A border of its own value: the default would let the frame's edge win every maximum or minimum.
+    # Mirrored margin: OpenCV's default would make the frame's edge win every maximum or minimum.
     pad = side
     framed = cv2.copyMakeBorder(small, pad, pad, pad, pad, cv2.BORDER_REFLECT_101)
     operation = cv2.MORPH_CLOSE if look.dark else cv2.MORPH_OPEN
@@ -83,11 +80,11 @@ def contrast(intensity: Float[np.ndarray, "h w"], look: MarkerLook) -> Float[np.
 
 
 def find_look(intensity: Float[np.ndarray, "h w"]) -> MarkerLook:
-    """Radius and polarity of the blobs that answer most.
+    """Radius and polarity of the blobs with the strongest response.
 
-    At each scale s the answer is s^2 times the Laplacian of the Gaussian-smoothed frame, in parts of the
-    local brightness; the score is the median of the strong maxima times the fourth root of how many there
-    are, so that many like blobs win over one large shade.
+    The response at scale s is s^2 times the Laplacian of the Gaussian-smoothed frame, relative to the local
+    brightness. The score is the median of the strong maxima times the fourth root of their number, so that
+    many similar blobs outscore one large shadow.
     """
     shade = cv2.GaussianBlur(intensity, (0, 0), intensity.shape[0] / 12)
     relative = intensity / np.maximum(shade, 1.0)
@@ -119,12 +116,12 @@ class Blobs:
     mass: Float[np.ndarray, " n"]
 
     def of(self, keep: Bool[np.ndarray, " n"]) -> "Blobs":
-        """The blobs that `keep` names."""
+        """Only the blobs in `keep`."""
         return Blobs(centre_px=self.centre_px[keep], peak=self.peak[keep], mass=self.mass[keep])
 
 
 def find_blobs(shown: Float[np.ndarray, "h w"], look: MarkerLook, *, least: float) -> Blobs:
-    """Every local maximum of the contrast smoothed to a marker's size that reaches `least`, sub-pixel."""
+    """Local maxima above `least` of the contrast smoothed to a marker's size; centres are sub-pixel."""
     step = max(1, int(look.radius_px // 4))  # maxima are only a start: a coarser frame finds them
     height, width = shown.shape
     small = (
@@ -144,10 +141,10 @@ def find_blobs(shown: Float[np.ndarray, "h w"], look: MarkerLook, *, least: floa
 
 
 def centred(shown: Float[np.ndarray, "h w"], start_px: Float[np.ndarray, "n 2"], look: MarkerLook) -> Blobs:
-    """Each start moved to the centroid of the contrast around it, again and again until it stays.
+    """Each start moved to the centroid of the contrast around it, until it is stationary.
 
-    The window tapers to its rim, so that a neighbour or the frame's noise does not pull; the fixed point is
-    the marker's centre wherever the marker is symmetric. Outside the frame the contrast is zero.
+    The window tapers towards its rim, so neighbours and noise have little weight. The fixed point of a
+    symmetric marker is its centre. Outside the frame the contrast is zero.
     """
     half = int(np.ceil(WINDOW_RADII * look.radius_px))
     padded = cv2.copyMakeBorder(shown, half, half, half, half, cv2.BORDER_CONSTANT, value=0)
@@ -180,7 +177,7 @@ def centred(shown: Float[np.ndarray, "h w"], start_px: Float[np.ndarray, "n 2"],
 
 
 def markers_of(shown: Float[np.ndarray, "h w"], look: MarkerLook) -> Blobs:
-    """The markers of an unloaded gel: blobs alike in peak and mass, one per place, whole within the frame."""
+    """Markers of an unloaded gel: blobs of similar peak and mass, one per place, whole within the frame."""
     blobs = find_blobs(shown, look, least=LEAST_CONTRAST)
     if not len(blobs.peak):
         return blobs
@@ -216,7 +213,7 @@ def spacing_of(centre_px: Float[np.ndarray, "n 2"]) -> float:
 
 
 def _alone(blobs: Blobs) -> Bool[np.ndarray, " n"]:
-    """Of blobs too near to one another the heaviest stays."""
+    """Which blobs to keep: the heaviest of those too near to each other."""
     keep = np.ones(len(blobs.mass), dtype=bool)
     if len(keep) < 3:
         return keep
@@ -229,7 +226,7 @@ def _alone(blobs: Blobs) -> Bool[np.ndarray, " n"]:
 
 
 def disc_radius_px(shown: Float[np.ndarray, "h w"], markers: Blobs) -> float:
-    """The markers' radius: that of a disc of the (median) area on which contrast exceeds half its peak."""
+    """Radius of a disc with the markers' median area of contrast above half of the median peak; 0 without."""
     over = (shown > 0.5 * float(np.median(markers.peak))).astype(np.uint8)
     _, labels, stats, _ = cv2.connectedComponentsWithStats(over, connectivity=4)
     columns, rows = np.rint(markers.centre_px).astype(np.int64).T
@@ -243,8 +240,8 @@ def uncut(
 ) -> Float[np.ndarray, "n 2"]:
     """Centres of the discs whose visible parts have these centroids, in a frame of (height, width).
 
-    Pixels are squares around whole coordinates: the frame's edges lie at -0.5. Each axis is taken by itself,
-    which is exact but for the corners.
+    Pixels are squares around integer coordinates: the frame's edges lie at -0.5. Each axis is corrected
+    alone, which is exact except in the corners.
     """
     s = np.linspace(-1.5 * OUTSIDE, 1.0, STEPS)
     area = np.pi - np.arccos(s) + s * np.sqrt(1.0 - s**2)

@@ -1,4 +1,4 @@
-"""The markers at rest as a lattice: which are neighbours, and which steps take it onto itself."""
+"""The markers at rest as a lattice: neighbours, and translations that map it onto itself."""
 
 from dataclasses import dataclass
 
@@ -7,30 +7,29 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import Delaunay, QhullError, cKDTree
 
 NEIGHBOURS = 8
-"""Of a marker: those round it on a square grid."""
+"""Neighbours of a marker: those around it on a square grid."""
 LONG_EDGE = 1.7
-"""Neighbours are those joined by an edge no longer than this many spacings."""
+"""Longest edge between neighbours, in spacings."""
 VOTE_BINS = 0.25
-"""Of displacements that are voted for, in spacings: finer than neighbours differ. Set by hand."""
+"""Bin width for votes on displacements, in spacings: less than neighbours differ. Set by hand."""
 VOTE_REACH = 2.5
-"""Spacings that a gel moves between two frames at most. Set by hand."""
+"""Largest motion of a gel between two frames, in spacings. Set by hand."""
 VOTED_GUESSES = 4
-"""Best voted displacements that are tried in full. Set by hand."""
+"""Displacements with the most votes that are tried in full. Set by hand."""
 STEPS = 8
-"""Steps of a grid to its neighbours, diagonals included; a hexagonal one has six."""
+"""Steps of a grid to its neighbours, with diagonals; a hexagonal grid has six."""
 FEWEST_ON_GRID = 6
-"""Markers that a step must leave within the outline to be judged by: scattered ones meet by chance. Set by
-hand."""
+"""Fewest markers within the outline after a step for a test of it: a few coincide by chance. Set by hand."""
 ON_GRID = 0.3
-"""In spacings: a marker that a step brings so near to another one's place lies on it. Set by hand."""
+"""Distance, in spacings, within which a shifted marker coincides with another one. Set by hand."""
 
 
 @dataclass(frozen=True)
 class Lattice:
-    """The markers at rest (px), their usual spacing, which are neighbours, and each one's nearest few.
+    """The markers at rest (px), their usual spacing, pairs of neighbours, and each one's nearest few.
 
-    `steps_px`: steps that take most of the markers to another one's place; none where they are scattered.
-    `shape`: of the picture; `margin_px`: a marker is whole, and is seen, so far inside its edge.
+    `steps_px`: translations that map most markers onto others; none if they are scattered. `shape`: height
+    and width of the picture; `margin_px`: distance from its edge at which a marker is wholly visible.
     """
 
     rest_px: Float[np.ndarray, "n 2"]
@@ -45,7 +44,7 @@ class Lattice:
 def lattice_of(
     rest_px: Float[np.ndarray, "n 2"], spacing_px: float, *, shape: tuple[int, int], margin_px: float
 ) -> Lattice:
-    """Neighbours are Delaunay's, without the long edges of the hull."""
+    """The lattice; Delaunay edges join neighbours, except for long ones at the hull."""
     count = len(rest_px)
     nearest = np.asarray(cKDTree(rest_px).query(rest_px, k=min(NEIGHBOURS + 1, count))[1]).reshape(count, -1)
     try:
@@ -61,7 +60,7 @@ def lattice_of(
 
 
 def _steps(rest_px: Float[np.ndarray, "n 2"], spacing_px: float) -> Float[np.ndarray, "s 2"]:
-    """Steps up to a square's diagonal by which most markers, put there, lie on another one."""
+    """Translations, up to a square's diagonal, that map most markers onto others."""
     tree = cKDTree(rest_px)
     pairs = tree.query_pairs(LONG_EDGE * spacing_px, output_type="ndarray")
     offsets = rest_px[pairs[:, 1]] - rest_px[pairs[:, 0]]
@@ -73,7 +72,7 @@ def _steps(rest_px: Float[np.ndarray, "n 2"], spacing_px: float) -> Float[np.nda
 def _regular(
     tree: cKDTree, rest_px: Float[np.ndarray, "n 2"], step: Float[np.ndarray, "2"], spacing_px: float
 ) -> bool:
-    """Whether most of the markers that a step leaves within their outline come to lie on another one."""
+    """Whether most of the markers that stay within the outline after a step coincide with another one."""
     low, high = rest_px.min(axis=0), rest_px.max(axis=0)
     there = rest_px + step
     within = ((there > low) & (there < high)).all(axis=1)
@@ -88,10 +87,10 @@ def neighbours_say(
     *,
     of: Bool[np.ndarray, " n"] | None = None,
 ) -> Float[np.ndarray, "n 2"]:
-    """Each marker's displacement as its known neighbours have it: an affine fit, a mean where they are few.
+    """Each marker's displacement (px) by its known neighbours: an affine fit, shrunk towards their mean.
 
-    Weights fall with distance; a marker's own value is not used. Without any known marker near, the mean of
-    all. `of`: the markers that are asked for, zero for the others; None: all.
+    Weights fall with distance; a marker's own value has none. Markers without known neighbours get the mean
+    of all. `of`: markers to compute, zero for the others; None: all.
     """
     asked = np.arange(len(known)) if of is None else np.flatnonzero(of)
     said = np.zeros((len(known), 2))
@@ -105,7 +104,7 @@ def neighbours_say(
     everyone = displacement_px[known].mean(axis=0) if known.any() else np.zeros(2)
     mean = np.einsum("nk,nkc->nc", weight, values) / np.maximum(total, 1e-9)[:, None]
     basis = np.concatenate([np.ones((*offset.shape[:2], 1)), offset], axis=2)
-    # A little stiffness on the slopes keeps one-sided neighbourhoods (the rim) from running away.
+    # Regularised slopes keep one-sided neighbourhoods (at the rim) from extrapolating.
     normal = np.einsum("nk,nki,nkj->nij", weight, basis, basis) + np.diag([1e-6, 0.2, 0.2])
     right = np.einsum("nk,nki,nkc->nic", weight, basis, values - mean[:, None])
     fitted = mean + np.linalg.solve(normal, right)[:, 0]
@@ -114,7 +113,7 @@ def neighbours_say(
 
 
 def whole_displacement(lattice: Lattice, position_px: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """Each marker's displacement (px); of one without a position (NaN) what its neighbours say."""
+    """Each marker's displacement (px); for one without a position (NaN) the estimate by its neighbours."""
     known = np.isfinite(position_px[:, 0])
     moved = np.where(known[:, None], position_px - lattice.rest_px, 0.0)
     return np.where(known[:, None], moved, neighbours_say(lattice, moved, known, of=~known))
@@ -123,7 +122,7 @@ def whole_displacement(lattice: Lattice, position_px: Float[np.ndarray, "n 2"]) 
 def voted(
     jumps_px: Float[np.ndarray, "j 2"], spacing_px: float, *, most: int = VOTED_GUESSES
 ) -> list[Float[np.ndarray, "2"]]:
-    """The commonest of many jumps, most votes first."""
+    """The most frequent displacements (px) among many, most votes first."""
     jumps = jumps_px / spacing_px
     jumps = jumps[np.abs(jumps).max(axis=1) < VOTE_REACH]
     cells = np.rint(jumps / VOTE_BINS).astype(np.int64)

@@ -1,18 +1,16 @@
-"""Which blob of a frame is which marker.
+"""Assigns the blobs of a frame to markers.
 
-A marker's displacement is near its neighbours': a gel has no seams. Each guess of the displacements is
-matched to the blobs, grown from the markers that it has right, and shifted by every step of the markers'
-grid; the match of least cost wins. Where markers stand on a grid and the grid goes on beyond the picture,
-every match and the same one a pitch further are as smooth and as full. What tells them apart is the part of
-the gel that has not moved: a press leaves some of it where it was, or at rest. Where no part has stayed, the
-two cannot be told apart, and `Match.margin` says so; but a gel that moves as a whole by nearly whole pitches
-(within 0.2 of one) looks as if it had stayed, and nothing here can say that it has not.
+Neighbouring markers have similar displacements, since a gel is continuous. Each guess of the displacements is
+matched to the blobs, grown from its consistent part, and shifted by every step of the markers' grid. The
+match of least cost wins. If a grid continues beyond the picture, a match shifted by one pitch is equally
+smooth and complete. Only the part of the gel that has not moved distinguishes the two. If no part has stayed,
+`Match.margin` is small. A gel that moves by nearly whole pitches (within 0.2 of one) appears to have stayed;
+nothing here detects this.
 
-After a jump of about one spacing between two frames markers can be matched with their neighbours' blobs, for
-as long as that looks smoother; when the labels become right again, all of them jump by a spacing. Labelling
-backwards from there finds the frames between. Of the two labellings the one that moves the markers less in
-total is right: with d the true jump and p the spacing, a wrong label moves by |d - p| at first and by p when
-it is corrected, and |d - p| + p >= d.
+After a jump of about one spacing, markers can be matched with their neighbours' blobs while that is smoother.
+When the labels become right again, all of them jump by a spacing. Labelling backwards from there finds the
+frames between. Of the two labellings, the one with less total motion is right. Let d be the true jump and p
+the spacing. A wrong label moves by |d - p| at first and by p when it is corrected, and |d - p| + p >= d.
 """
 
 from collections.abc import Iterator, Sequence
@@ -29,54 +27,53 @@ from tactile.markers.marker_detection import inside
 from tactile.markers.marker_lattice import Lattice, voted, whole_displacement
 
 GATE = 0.5
-"""A blob farther from where a marker is expected than this share of the spacing is not taken for it."""
+"""Largest distance of a blob from a marker's expected place, in spacings."""
 UNMATCHED_COST = 1.0
-"""Of all markers unmatched, in the unit of the misfit between neighbours (spacings). Set by hand."""
+"""Cost if every marker is unmatched, in the unit of neighbours' misfit (square spacings). Set by hand."""
 SPARE_COST = 1.0
-"""Of as many blobs that are no marker, and lie where the reference had none, as there are markers. Set by
-hand."""
+"""Cost if as many blobs as there are markers are unmatched. Blobs count only if their place on the reference
+was in view. Set by hand."""
 MOVED_COST = 0.1
-"""Of all markers further than STAYS from every guess: about what a grid of ten rows, wholly in view, costs
-when it is a row off (a tenth of its markers without a blob, a tenth of the blobs without a marker: 0.2), by
-half. Set by hand."""
+"""Cost if every marker is further than STAYS from every guess: half of that of a visible grid of ten rows
+that is a row off. A tenth of the markers and of the blobs are then unmatched. Set by hand."""
 FAR_COST = 0.01
-"""Of all markers a spacing from the nearest guess: of matches that differ in nothing else the nearest wins.
-Set by hand."""
+"""Cost if every marker is a spacing from the nearest guess: of equal matches the nearest wins. Set by
+hand."""
 STAYS = 0.2
-"""In spacings: a marker nearer to a guess has stayed where that guess has it. Set by hand."""
+"""Distance from a guess, in spacings, below which a marker has stayed there. Set by hand."""
 SURE = 0.02
-"""A match of so low a cost is taken at once: neighbours that differ by a seventh of the spacing."""
+"""Cost below which a match is accepted at once: neighbours differ by a seventh of the spacing."""
 LEAST_MARGIN = 0.02
-"""Cost by which a match must be better than its shifts, a fifth of the markers that have stayed: of 150 drawn
-jumps of 0.3 to 1.5 pitches all five that were matched a pitch off had less, and 11 of the 145 others."""
+"""Least excess cost of a match's shifts: that of a fifth of the markers that have stayed. Of 150 synthetic
+jumps of 0.3 to 1.5 pitches, all five that were matched a pitch off had less, and 11 of the 145 others."""
 STEPS_GONE = 4
-"""Steps of the grid that a match is shifted by in turn, at most: further than VOTE_REACH. Set by hand."""
+"""Most steps of the grid by which a match is shifted successively: further than VOTE_REACH. Set by hand."""
 SEAM = 0.4
-"""Neighbours whose displacements differ by more than this share of the spacing are on two sides of a seam."""
+"""Difference of neighbours' displacements, in spacings, above which a seam (discontinuity) separates them."""
 SEEDS = 3
-"""Patches of markers that move alike, from which the rest is matched in turn. Set by hand."""
+"""Patches of markers with similar motion from which a match is grown again. Set by hand."""
 FEWEST_SEEDS = 4
-"""Markers of such a patch, at least. Set by hand."""
+"""Fewest markers of such a patch. Set by hand."""
 GROWTH_ROUNDS = 12
-"""Of matching what is next to the patch: a gel of some 25 markers across is reached. Set by hand."""
+"""Rounds of matching the neighbours of a patch: enough for a gel some 25 markers wide. Set by hand."""
 GROWTH_NEIGHBOURS = 6
-"""Nearest of a marker, two of which must be matched for it to be next. Set by hand."""
+"""Nearest markers of one; two of them must be matched before it is. Set by hand."""
 
 
 UNSURE = 1.0
-"""A frame of less certainty is said, and no modulus comes from what follows it."""
+"""Certainty below which a frame is flagged; later displacements may be a pitch off, so E has no meaning."""
 JUMP = 0.5
-"""In spacings: a marker that moves further between two frames may have changed its label."""
+"""Motion between two frames, in spacings, above which a marker may have changed its label."""
 FEWEST = 3
-"""Markers that must jump together to be looked at again. Set by hand."""
+"""Fewest markers that must jump together before their labels are checked. Set by hand."""
 LOOK_BACK = 25
-"""Frames that are gone back, at most: bounds time and memory. Set by hand."""
+"""Most frames to go back: bounds time and memory. Set by hand."""
 
 
 @dataclass(frozen=True)
 class Match:
-    """`blob[n]` is marker n's blob or -1; `cost` is lower for a smoother and fuller match. `margin`: how much
-    more the best match that is shifted by a step of the grid costs; infinite where none was tried.
+    """`blob[n]` is marker n's blob or -1; `cost` is lower for a smoother and more complete match. `margin`:
+    excess cost of the best match that is shifted by a step of the grid; infinite if none was tried.
     """
 
     blob: Int[np.ndarray, " n"]
@@ -90,13 +87,13 @@ class Match:
 
     @property
     def certainty(self) -> float:
-        """0 where a step of the grid fits as well, 1 where none does by far."""
+        """0 if a match shifted by a step of the grid costs no more, 1 if it costs LEAST_MARGIN more."""
         return min(1.0, self.margin / LEAST_MARGIN)
 
 
 @dataclass(frozen=True)
 class _Sought:
-    """What one frame's blobs are matched with: `guesses` of the displacements (px)."""
+    """Lattice, `guesses` of the displacements (px), and blobs of one frame."""
 
     lattice: Lattice
     guesses: Sequence[Float[np.ndarray, "n 2"]]
@@ -108,16 +105,16 @@ class _Sought:
         return Match(blob, self._cost(blob))
 
     def displacement(self, blob: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
-        """px; of a marker without a blob what its neighbours say."""
+        """Each marker's displacement, px; for one without a blob the estimate by its neighbours."""
         return whole_displacement(self.lattice, self.places(blob))
 
     def places(self, blob: Int[np.ndarray, " n"]) -> Float[np.ndarray, "n 2"]:
-        """px; NaN of a marker without a blob."""
+        """Each marker's place, px; NaN without a blob."""
         return np.where((blob >= 0)[:, None], self.blobs_px[blob], np.nan)
 
     def missing(self, blob: Int[np.ndarray, " n"]) -> tuple[int, int, int]:
-        """Markers without a blob that should be in view, blobs without a marker that should have been in view
-        on the reference, and all markers that should be in view.
+        """Numbers of unmatched markers that should be in view, of unmatched blobs whose place the reference
+        showed, and of markers that should be in view.
         """
         lattice, known = self.lattice, blob >= 0
         place = self.displacement(blob)
@@ -131,8 +128,8 @@ class _Sought:
         return int((expected & ~known).sum()), unmarked, int((expected | known).sum())
 
     def _cost(self, blob: Int[np.ndarray, " n"]) -> float:
-        """Mean square disagreement of neighbours in spacings (at most 1 each), and the shares of markers
-        without a blob, of blobs without a marker, and of markers that no guess has near.
+        """Mean square difference of neighbours (spacings, at most 1 each). Shares of markers without a blob,
+        of blobs without a marker and of markers far from every guess add to it.
         """
         known = blob >= 0
         if not known.any():
@@ -149,7 +146,7 @@ class _Sought:
         return rough + lost / max(1, count) + moved
 
     def away(self, blob: Int[np.ndarray, " n"]) -> Float[np.ndarray, " k"]:
-        """How far each matched marker is from the nearest of the guesses, in spacings."""
+        """Distance of each matched marker from the nearest guess, in spacings."""
         known = blob >= 0
         place = self.blobs_px[blob[known]] - self.lattice.rest_px[known]
         away = [np.linalg.norm(place - guess[known], axis=1) for guess in self.guesses]
@@ -161,9 +158,9 @@ def match(
     guesses: Sequence[Float[np.ndarray, "n 2"]],
     blobs_px: Float[np.ndarray, "m 2"],
 ) -> Match:
-    """The best match over the guessed displacements (px), what grows from them, and shifts by the grid.
+    """The best match over the guessed displacements (px), matches grown from them, and shifts by the grid.
 
-    A marker that a match takes out of view costs nothing when it is not found.
+    A marker that a match moves out of view needs no blob.
     """
     if not len(blobs_px):
         return Match(np.full(len(lattice.rest_px), -1), np.inf, margin=0.0)
@@ -185,7 +182,7 @@ def match(
 
 
 def _against_shifts(sought: _Sought, best: Match) -> Match:
-    """The cheapest of a match and those that are the same but for steps of the grid, and by what margin."""
+    """The cheapest among a match and its shifts by steps of the grid, with its margin."""
     for _ in range(STEPS_GONE):
         place = sought.displacement(best.blob)
         shifted = [_matched(sought, place + step) for step in sought.lattice.steps_px]
@@ -200,7 +197,7 @@ def _against_shifts(sought: _Sought, best: Match) -> Match:
 
 
 def _differs(candidate: Match, other: Match) -> bool:
-    """Whether most of the markers that both have found have another blob."""
+    """Whether most of the markers that both matches contain have another blob."""
     both = candidate.matched & other.matched
     return bool(both.any() and (candidate.blob[both] != other.blob[both]).mean() > 0.5)
 
@@ -208,7 +205,7 @@ def _differs(candidate: Match, other: Match) -> bool:
 def _stayed(
     sought: _Sought, blob: Int[np.ndarray, " n"], guess: Float[np.ndarray, "n 2"]
 ) -> Int[np.ndarray, " n"]:
-    """Of a match the markers that are where the guess has them, as their neighbours are; -1 for the rest."""
+    """Blobs of the markers that are, like half of their neighbours, near the guess; -1 for the rest."""
     place = sought.blobs_px[blob] - sought.lattice.rest_px
     near = (blob >= 0) & (np.linalg.norm(place - guess, axis=1) < STAYS * sought.lattice.spacing_px)
     around = near[sought.lattice.nearest].mean(axis=1) >= 0.5
@@ -216,7 +213,7 @@ def _stayed(
 
 
 def _matched(sought: _Sought, guess: Float[np.ndarray, "n 2"]) -> Match:
-    """Nearest both ways, then once more from where the neighbours' matches put each marker."""
+    """Mutual nearest neighbours, repeated after moving each marker by its neighbours' median error."""
     lattice, blobs_px = sought.lattice, sought.blobs_px
     blob = _mutual(sought, lattice.rest_px + guess)
     known = blob >= 0
@@ -228,7 +225,7 @@ def _matched(sought: _Sought, guess: Float[np.ndarray, "n 2"]) -> Match:
 def _median_of_known(
     values: Float[np.ndarray, "n k 2"], known: Bool[np.ndarray, "n k"]
 ) -> Float[np.ndarray, "n 2"]:
-    """Median over the known ones of each row; zero where there are none."""
+    """Median over the known values of each row; zero if none is known."""
     ordered = np.sort(np.where(known[..., None], values, np.inf), axis=1)
     count = known.sum(axis=1)
     rows = np.arange(len(values))
@@ -238,7 +235,7 @@ def _median_of_known(
 
 
 def _seams(sought: _Sought, best: Match) -> Bool[np.ndarray, " e"]:
-    """The pairs of neighbours that a match tears apart, or pushes onto each other."""
+    """Pairs of neighbours that a match tears apart or pushes onto each other."""
     displacement = sought.blobs_px[best.blob] - sought.lattice.rest_px
     a, b = sought.lattice.edges.T
     apart = np.linalg.norm(displacement[a] - displacement[b], axis=1) > SEAM * sought.lattice.spacing_px
@@ -246,9 +243,9 @@ def _seams(sought: _Sought, best: Match) -> Bool[np.ndarray, " e"]:
 
 
 def _regrown(sought: _Sought, best: Match) -> Iterator[Match]:
-    """Matches that keep one unbroken part of `best`, the rest grown from it; none where all is unbroken.
+    """Matches grown from one continuous part of `best`; none if all of it is continuous.
 
-    A region that took its neighbours' blobs is inwardly smooth; only the seam around it shows.
+    A region that took its neighbours' blobs is smooth inside; only the seam around it shows.
     """
     torn = _seams(sought, best)
     if not torn.any():
@@ -265,7 +262,7 @@ def _regrown(sought: _Sought, best: Match) -> Iterator[Match]:
 
 
 def _grown(sought: _Sought, seed: Int[np.ndarray, " n"]) -> Match:
-    """The match that grows from a part of one, marker by marker, each where its neighbours say that it is."""
+    """The match that grows from a part of one, marker by marker, each near the estimate by its neighbours."""
     lattice, blob = sought.lattice, seed
     for _ in range(GROWTH_ROUNDS):
         known = blob >= 0
@@ -279,7 +276,7 @@ def _grown(sought: _Sought, seed: Int[np.ndarray, " n"]) -> Match:
 
 
 def _mutual(sought: _Sought, where_px: Float[np.ndarray, "n 2"]) -> Int[np.ndarray, " n"]:
-    """Pairs that are each other's nearest within the gate; -1 for the rest."""
+    """Pairs that are each other's nearest within the gate; -1 for the other markers."""
     away, blob = sought.tree.query(where_px)
     marker = cKDTree(where_px).query(sought.blobs_px)[1]
     near = np.asarray(away) <= GATE * sought.lattice.spacing_px
@@ -292,9 +289,9 @@ def relabelled(
     position: Float[np.ndarray, "t n 2"],
     blobs_px: Sequence[Float[np.ndarray, "_ 2"]],
 ) -> Float[np.ndarray, "t n 2"]:
-    """`position` (px, NaN where lost) with the right labels between a jump and the jump back.
+    """`position` (px, NaN if lost) with corrected labels between a jump and the jump back.
 
-    `blobs_px`: each frame's blobs. Labels that stay wrong for more than LOOK_BACK frames are not found.
+    `blobs_px`: each frame's blobs. Labels that stay wrong for more than LOOK_BACK frames are not corrected.
     """
     whole = position.copy()
     for t in range(2, len(position)):
@@ -318,20 +315,20 @@ def _relabelled_frame(
     after: Float[np.ndarray, "n 2"],
     blobs_px: Float[np.ndarray, "m 2"],
 ) -> Float[np.ndarray, "n 2"]:
-    """The blobs labelled from where the markers are one frame later."""
+    """The blobs labelled by the markers' places one frame later."""
     moved = whole_displacement(lattice, after)
     best = match(lattice, [moved, np.zeros_like(moved)], blobs_px)
     return np.where(best.matched[:, None], blobs_px[best.blob] if len(blobs_px) else np.nan, np.nan)
 
 
 def _differ(lattice: Lattice, first_px: Float[np.ndarray, "n 2"], second_px: Float[np.ndarray, "n 2"]) -> int:
-    """How many markers are elsewhere by more than half a spacing."""
+    """Number of markers whose two positions differ by more than half a spacing."""
     apart = np.linalg.norm(first_px - second_px, axis=1)
     return int((np.nan_to_num(apart) > JUMP * lattice.spacing_px).sum())
 
 
 def _path(forward: Float[np.ndarray, "k n 2"], back: list[Float[np.ndarray, "n 2"]]) -> float:
-    """How much further markers move by the second labelling, over those that both follow throughout."""
+    """Excess total motion (px) of the second labelling, over markers that both follow throughout."""
     other = np.stack([forward[0], *back[::-1], forward[-1]])
     both = np.isfinite(forward).all(axis=(0, 2)) & np.isfinite(other).all(axis=(0, 2))
     lengths = [np.linalg.norm(np.diff(way[:, both], axis=0), axis=2).sum() for way in (forward, other)]

@@ -1,4 +1,4 @@
-"""One camera's frames of a raw grasp become tracked markers whose places the sensor's description knows."""
+"""Tracks the markers in one camera's frames of a raw grasp and identifies them in the description."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -17,20 +17,20 @@ from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileProblem
 
 FEWEST_SEEN = 0.5
-"""A frame that shows fewer of the markers cannot be used."""
+"""Least share of the markers in a usable frame."""
 LOOKED_AT = 12
-"""Frames of a recording in which a print is looked for, evenly spaced: each takes about 0.08 s at 320 x 240
-pixels, as two or three frames of tracking do."""
+"""Evenly spaced frames in which drupe searches for an imprint. Each takes about 0.08 s at 320 x 240 pixels,
+like two or three frames of tracking."""
 Progress = Callable[[str, int, int], None]
-"""Told which pad, how many of its frames are done, and how many there are."""
+"""Receives the pad's name, how many of its frames are done, and how many there are."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PadMarkers:
-    """The markers that the description knows, followed through all frames; which frames are doubled.
+    """The markers in the description, tracked through all frames; `doubled`: frames that repeat the last one.
 
-    `reference_print`: the print on the picture of the untouched gel, `print_shown` that on each frame, over
-    the least that counts.
+    `reference_print`: evidence of an imprint in the picture of the untouched gel, over the detection limit;
+    `print_shown`: in each frame, interpolated.
     """
 
     tracked: TrackedMarkers
@@ -44,7 +44,7 @@ class PadMarkers:
 def tracked_markers(
     pad: RawPad, view: RawCamera, camera: GelCamera, source: str, progress: Progress | None
 ) -> PadMarkers:
-    """One camera's markers in all frames. Raises TactileFailure: what pad_reference does, markers-lost."""
+    """One camera's markers in all frames. Raises TactileFailure as pad_reference, and for unusable frames."""
     known = pad_reference(pad.sensor, view, camera, source=source)
     reference = known.markers
     rest_px = reference.lattice.rest_px
@@ -127,7 +127,7 @@ def tracked_markers(
 
 
 def camera_of(pad: RawPad) -> GelCamera:
-    """The pad's first camera; raises TactileFailure (wrong-sensor) where its description has none."""
+    """The pad's first camera; raises TactileFailure (wrong-sensor) if its description has none."""
     if pad.sensor.camera is None:
         raise TactileProblem.WRONG_SENSOR.failure(
             f"{pad.name}: found frames of a sensor described as kind {pad.sensor.kind!r} without a camera, "
@@ -137,7 +137,7 @@ def camera_of(pad: RawPad) -> GelCamera:
 
 
 def of_frames(tracked: TrackedMarkers, kept: Bool[np.ndarray, " t"]) -> TrackedMarkers:
-    """Only the frames `kept`."""
+    """Only the frames in `kept`."""
     return replace(
         tracked,
         time_s=tracked.time_s[kept],
@@ -157,7 +157,7 @@ def of_markers(tracked: TrackedMarkers, markers: list[int]) -> TrackedMarkers:
 
 
 def losses_said(tracked: TrackedMarkers, source: str) -> list[str]:
-    """Notes of markers that went for good, and of those hidden for a while."""
+    """Notes on markers that disappeared for good, and on those hidden for a while."""
     lost = ~np.isfinite(tracked.position_px[..., 0])
     torn = tracked.torn
     notes = []

@@ -1,14 +1,14 @@
-"""The markers at rest as a regular lattice seen through a smooth lens, and how far they are from it.
+"""The markers at rest as a regular lattice behind a smooth lens, and their misfit to it.
 
-With X = (u, v) a marker's place on its lattice, a camera that looks at a flat face has it at
+A camera that faces a flat gel sees the marker at the place X = (u, v) of the lattice at
 
     x = p + (k1 r^2) p + t,   p = H (u, v, 1),   r = |p|,
     t = (2 t1 p1 p2 + t2 (r^2 + 2 p1^2), t1 (r^2 + 2 p2^2) + 2 t2 p1 p2)
 
-(a homography H, then Brown and Conrady's first radial and the tangential terms about the picture's middle, in
-half diagonals: Brown 1971, Close-range camera calibration): eleven numbers. A gel that is pressed bulges, and
-its markers leave that place together; printing leaves each of them off by itself. Neighbours' mean tells the
-two apart.
+H is a homography. The lens has the first radial and both tangential terms about the picture's middle, in half
+diagonals (Brown 1971, Close-range camera calibration). These are eleven numbers. Under pressure a gel bulges,
+and neighbouring markers leave that place together. Printing errors are independent. The mean over neighbours
+separates the two.
 """
 
 from dataclasses import dataclass
@@ -21,41 +21,41 @@ from scipy.spatial import cKDTree
 from tactile.markers.marker_lattice import Lattice, voted
 
 REACH = 0.35
-"""Of the spacing: a neighbour is looked for within this distance of where the steps so far put it. Set by
-hand."""
+"""Largest distance of a neighbour from its predicted place, in spacings. Set by hand."""
 ASLANT = 0.6
-"""Least sine of the angle of a grid's two steps: 37 degrees; a square one has 1, a hexagonal one 0.87."""
+"""Least sine of the angle between a grid's two steps: 37 degrees. Square grids have 1, hexagonal ones
+0.87."""
 FARTHEST_STEP = 2.4
-"""Of the spacing: a grid's longer step is at most this long. A square grid in a picture that was squeezed
-from 16:9 to 1:1 has 1.78; `voted` counts steps up to 2.5."""
+"""Longest step of a grid, in spacings. A square grid in a picture squeezed from 16:9 to 1:1 has 1.78; `voted`
+counts steps up to 2.5."""
 USUAL_MISFIT_PX = 0.5
-"""Misfit from which on a marker weighs less: what printed dots have of themselves, 0.35 to 0.6 px (43 empty
-gels, benchmarks/gel_references.py FOLDER --half even)."""
+"""Misfit above which a marker weighs less: that of printed dots, 0.35 to 0.6 px (43 empty gels,
+benchmarks/gel_references.py FOLDER --half even)."""
 PARAMETERS = 11
-"""Of the lens and the homography."""
+"""Parameters of the homography and the lens."""
 FEWEST = 16
-"""Markers that tell PARAMETERS with some to spare: 32 values."""
+"""Fewest markers for PARAMETERS: 32 values, with some to spare."""
 UNINDEXED = np.iinfo(np.int64).min
 """Place on the lattice of a marker that no step reaches."""
 
 
 @dataclass(frozen=True)
 class LensFit:
-    """A lattice seen through a lens: `values` are the homography's first eight and the lens's three."""
+    """A lattice seen through a lens: `values` are the homography's first eight, then k1, t1 and t2."""
 
     values: Float[np.ndarray, "11"]
     shape: tuple[int, int]
 
     def places_px(self, lattice_places: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        """Where the camera has these places of the lattice."""
+        """Where the camera sees these places of the lattice."""
         return _seen(self.values, lattice_places, self.shape)
 
 
 def lattice_places(lattice: Lattice) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"]]:
     """Each marker's place on the grid, in steps from one in the middle, and whether it has one.
 
-    Grown from neighbour to neighbour with steps that follow the picture's distortion. No marker has a place
-    where they are scattered.
+    The grid grows from neighbour to neighbour with steps that follow the picture's distortion. Scattered
+    markers have no place.
     """
     places, indexed = lattice.rest_px, np.zeros(len(lattice.rest_px), dtype=bool)
     tree = cKDTree(places)
@@ -87,7 +87,7 @@ def lattice_places(lattice: Lattice) -> tuple[Float[np.ndarray, "n 2"], Bool[np.
 
 
 def _first_steps(lattice: Lattice, tree: cKDTree) -> Float[np.ndarray, "2 2"] | None:
-    """The two shortest common steps between neighbours, to the right and down; None where they have none."""
+    """The two shortest common steps between neighbours, to the right and down; None if there are none."""
     pairs = tree.query_pairs(FARTHEST_STEP * lattice.spacing_px, output_type="ndarray")
     offsets = lattice.rest_px[pairs[:, 1]] - lattice.rest_px[pairs[:, 0]]
     kinds = voted(np.concatenate([offsets, -offsets]), lattice.spacing_px, most=8)
@@ -104,9 +104,9 @@ def _first_steps(lattice: Lattice, tree: cKDTree) -> Float[np.ndarray, "2 2"] | 
 def fitted_lens(
     lattice_places: Float[np.ndarray, "n 2"], seen_px: Float[np.ndarray, "n 2"], shape: tuple[int, int]
 ) -> LensFit:
-    """The lens that has these places of a lattice where they are seen; markers far off weigh less.
+    """The lens through which these places of a lattice appear at `seen_px`.
 
-    Least squares of a soft absolute misfit. Needs FEWEST markers or more.
+    Least squares of a soft absolute misfit: outliers weigh less. Needs FEWEST markers or more.
     """
     scale = np.abs(lattice_places).max(axis=0).clip(1e-9)
     middle, half = _frame(shape)
@@ -123,7 +123,7 @@ def fitted_lens(
 
 
 def coherent_misfit_px(lattice: Lattice, off_px: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-    """Mean of each marker's and its neighbours' misfit (px): what they have in common."""
+    """Mean misfit (px) of each marker and its neighbours: the part that they share."""
     near = lattice.nearest
     return np.asarray((off_px + off_px[near].sum(axis=1)) / (1 + near.shape[1]))
 

@@ -1,6 +1,4 @@
-"""Markers followed through a sequence, one frame at a time (memory does not grow with its length), and which
-marker of the sensor's description each of them is.
-"""
+"""Tracks markers through a sequence with one frame in memory, and identifies them in the description."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -32,29 +30,28 @@ from tactile.sensors import GelCamera
 from tactile.tactile_failure import TactileProblem
 
 FEWEST_MARKERS = 9
-"""In the first frame: fewer tell no field of displacement (three by three). Set by hand."""
+"""Fewest markers on the reference for a field of displacement: three by three. Set by hand."""
 BLOB_CONTRAST = 0.3
-"""A blob of a later frame reaches this share of the usual marker's peak on the reference."""
+"""Least peak of a blob in a later frame, over the median marker's on the reference."""
 FAINT = 0.35
-"""A marker looked for where its neighbours put it needs this share of its own peak on the reference."""
+"""Least peak of a marker sought where its neighbours predict it, over its own on the reference."""
 FAINT_REACH = 0.3
-"""... and to be found within this share of the spacing."""
+"""Largest distance of such a marker from its predicted place, in spacings."""
 TORN = 0.6
-"""A marker that its neighbours' motion contradicts by more than this share of the spacing is given up."""
+"""Difference from its neighbours' motion, in spacings, above which a marker is lost."""
 REACH = 0.4
-"""A marker lies within this share of the spacing from where the description has it."""
+"""Largest distance of a marker from its described place, in spacings."""
 ENOUGH = 0.8
-"""Share of the markers that must lie so."""
+"""Least share of the markers within REACH."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TrackedMarkers:
-    """Where every marker is in every frame of one camera, px, pixel (0, 0) being the first one's centre.
+    """Places of all markers in all frames of one camera, px; pixel (0, 0) is the centre of the first one.
 
-    `reference_px` are the markers in the unloaded image, distorted as the camera sees them; `position_px` is
-    NaN where a marker is lost or hidden. `rest_mm` is each marker's place on the undeformed gel, gel frame:
-    the sensor's own where it states a grid. `certainty` is the least of the frames so far (FrameMarkers);
-    None: it is not known.
+    `reference_px`: markers in the unloaded image, with the lens's distortion; `position_px`: NaN if a marker
+    is lost or hidden. `rest_mm`: each marker's place on the undeformed gel, gel frame; the sensor's own if it
+    states them. `certainty`: the least of the frames so far (FrameMarkers); None: unknown.
     """
 
     time_s: Float[np.ndarray, " t"]
@@ -65,14 +62,14 @@ class TrackedMarkers:
 
     @property
     def torn(self) -> Bool[np.ndarray, " n"]:
-        """Markers that went and never came back while at least half of the others stayed in view."""
+        """Markers missing in the last frame, if it shows more than half of all."""
         lost = ~np.isfinite(self.position_px[-1, :, 0])
         return np.asarray(lost & bool(lost.mean() < 0.5))
 
 
 @dataclass(frozen=True)
 class ReferenceMarkers:
-    """The unloaded gel as a camera sees it; `disc_px` is the markers' own radius."""
+    """The unloaded gel as a camera sees it; `disc_px` is the markers' radius."""
 
     look: MarkerLook
     markers: Blobs
@@ -83,10 +80,10 @@ class ReferenceMarkers:
 
 @dataclass(frozen=True)
 class FrameMarkers:
-    """One frame: `position_px` (NaN where lost) of every marker of the reference.
+    """One frame: `position_px` (NaN if lost) of every marker of the reference.
 
-    `blobs_px` is all that looked like a marker, so that names can be set right later. `certainty`:
-    0 where the markers could as well be a pitch of their grid further, 1 where they could not.
+    `blobs_px`: all candidates, from which later frames can correct the labels. `certainty`: 0 if the markers
+    could as well be a pitch of their grid further, 1 if they could not.
     """
 
     position_px: Float[np.ndarray, "n 2"]
@@ -95,9 +92,9 @@ class FrameMarkers:
 
 
 def reference_of(frame: UInt8[np.ndarray, "h w *c"], *, source: str) -> ReferenceMarkers:
-    """The markers of an unloaded gel; `source` is how a failure names the frame.
+    """The markers of an unloaded gel; `source` names the frame in a failure.
 
-    Raises TactileFailure (no-markers) where fewer than nine are found.
+    Raises TactileFailure (no-markers) for fewer than nine.
     """
     intensity = grey(frame)
     look = find_look(intensity)
@@ -120,8 +117,8 @@ def follow(
 ) -> Iterator[FrameMarkers]:
     """Every frame's markers, in the frames' order.
 
-    A frame's blobs are found anew, so that errors do not add up; what came before only says which blob is
-    which marker. The first frame may already be loaded.
+    Blobs are detected in each frame separately, so errors do not accumulate; earlier frames determine only
+    which blob is which marker. The first frame may already be loaded.
     """
     rest = reference.lattice.rest_px
     moved, speed = np.zeros_like(rest), np.zeros_like(rest)
@@ -135,12 +132,12 @@ def follow(
 def track(
     reference: ReferenceMarkers, frames: Iterable[UInt8[np.ndarray, "h w *c"]]
 ) -> Float[np.ndarray, "t n 2"]:
-    """Positions (px, NaN where lost) over all frames, names corrected by later frames."""
+    """Positions (px, NaN if lost) over all frames, with labels corrected by later frames."""
     return labelled_places(reference, list(follow(reference, frames)))
 
 
 def labelled_places(reference: ReferenceMarkers, rows: Sequence[FrameMarkers]) -> Float[np.ndarray, "t n 2"]:
-    """Positions in all frames followed so far, names corrected by later frames."""
+    """Positions (px, NaN if lost) in these frames, with labels corrected by later frames."""
     before = np.array([row.position_px for row in rows]).reshape(-1, *reference.lattice.rest_px.shape)
     return relabelled(reference.lattice, before, [row.blobs_px for row in rows])
 
@@ -171,7 +168,7 @@ def _markers_in(
 def _look_for_lost(
     reference: ReferenceMarkers, shown: Float[np.ndarray, "h w"], position: Float[np.ndarray, "n 2"]
 ) -> None:
-    """Fills in, where they lie, the markers that are fainter than a blob but stand where neighbours say."""
+    """Fills in the markers that are fainter than a blob but lie where their neighbours predict them."""
     lattice = reference.lattice
     known = np.isfinite(position[:, 0])
     if known.all() or not known.any():
@@ -193,7 +190,7 @@ def _look_for_lost(
 
 
 def _give_up_contradicted(lattice: Lattice, position: Float[np.ndarray, "n 2"]) -> None:
-    """Loses the markers whose neighbours all say that they are elsewhere."""
+    """Sets markers to NaN whose displacement contradicts the estimate by their neighbours (TORN)."""
     known = np.isfinite(position[:, 0])
     if not known.any():
         return
@@ -205,9 +202,9 @@ def _give_up_contradicted(lattice: Lattice, position: Float[np.ndarray, "n 2"]) 
 
 @dataclass(frozen=True)
 class Places:
-    """The reference's markers that the description knows: `kept[n]` counts in the reference's order.
+    """The reference's markers that the description has; `kept`: their indices in the reference.
 
-    `described[n]` counts in the description's; without one, in the reference's.
+    `described`: their indices in the description; without one, in the reference.
     """
 
     kept: Int[np.ndarray, " n"]
@@ -224,11 +221,10 @@ def places_of(
     source: str,
     outline: GelOutline | None = None,
 ) -> Places:
-    """Each marker's rest place: the described one whose projection it lies on, else its ray's on the face
-    (that of `outline`, a plane without).
+    """Each marker's rest place: the described one at which it appears. Without a description, where its ray
+    meets the face (of `outline`, else a plane).
 
-    Raises TactileFailure (wrong-sensor) that says what does not agree: the image's size (height, width), or
-    the markers' places.
+    Raises TactileFailure (wrong-sensor) if the image's size (height, width) or the markers' places differ.
     """
     width, height = camera.image_px
     if shape != (height, width):

@@ -1,4 +1,4 @@
-"""Rows of cells from text with any delimiter and from spreadsheets: what a machine's table is found in."""
+"""Rows of cells from delimited text and spreadsheets, in which machines write their tables."""
 
 import csv
 import io
@@ -20,33 +20,33 @@ from tactile.readers.limited_process import tried
 from tactile.readers.pictures import absence, unusable
 
 MOST_BYTES = 200_000_000
-"""Bytes of a file: an hour at 1 kHz is 150 MB of text."""
+"""Largest file: an hour at 1 kHz is 150 MB of text."""
 PATIENCE_S, MOST_MEMORY = 60.0, 800_000_000
-"""To find the cells of a spreadsheet, with the empty ones between: a million take 4 s and 90 MB."""
+"""Seconds and bytes for the cells of a spreadsheet, with empty ones between: a million take 4 s and 90 MB."""
 LOOKED_AT = 400
-"""Rows in which the names of columns are looked for: machines write some ten to a hundred lines above."""
+"""Rows in which the columns' names are sought: machines write ten to a hundred lines above."""
 DELIMITERS = {"\t": "tabs", ";": "semicolons", ",": "commas"}
-"""In the order in which they are believed: a comma may be a decimal one."""
+"""Delimiters by priority: a comma may be a decimal one."""
 SEPARATOR_LINE = re.compile(r'"?sep=([^\r\n"])"?[ ,;\t]*(?=[\r\n])', re.IGNORECASE)
-"""The first line of a table that Excel wrote for other countries, with the delimiter."""
+"""First line of a table from Excel that states the delimiter."""
 EMPTY = frozenset({"", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "---"})
-"""Cells that hold no reading, in small letters."""
+"""Cells without a reading, in lower case."""
 SPACES = "spaces"
-"""Cells apart by one space or more, where the text has none of the delimiters."""
+"""Delimiter of one space or more, if the text has none of the others."""
 SPREADSHEETS = (".xls", ".xlsx")
 SPREADSHEETS_BEGIN = (b"\xd0\xcf\x11\xe0", b"PK\x03\x04")
-"""First bytes of an OLE file (.xls) and a zip (.xlsx); machines also name text .xls."""
+"""First bytes of an OLE file (.xls) and a zip (.xlsx). Some machines name text files .xls."""
 _CALAMINE = "python-calamine, which is not installed: pip install 'drupe[sheets]', or save the sheet as .csv"
 
 Cell: TypeAlias = str | float
 """A spreadsheet's number, or the text of a cell, stripped."""
 Row: TypeAlias = tuple[int, list[Cell]]
-"""The number of the row in the file, from 1, and its cells without the empty ones at its end."""
+"""The number of the row in the file, from 1, and its cells without empty ones at its end."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CellTable:
-    """One table's rows. `delimiter`: in words, empty of a spreadsheet; `encoding`: as it was read."""
+    """One table's rows. `delimiter`: in words, empty for a spreadsheet; `encoding`: that of a text file."""
 
     name: str
     rows: tuple[Row, ...]
@@ -55,9 +55,9 @@ class CellTable:
 
 
 def sheets_of(path: Path) -> tuple[CellTable, ...]:
-    """Every sheet of a spreadsheet, the one of a text; blank rows left out.
+    """Every sheet of a spreadsheet, or the one table of a text file, without blank rows.
 
-    Raises TactileFailure (unreadable-frames) with what is wrong with the file.
+    Raises TactileFailure (unreadable-frames) with the fault of the file.
     """
     if missing := absence(path):
         raise unusable(path.name, missing, "a table with the columns time_s, travel_mm, force_N")
@@ -71,7 +71,7 @@ def sheets_of(path: Path) -> tuple[CellTable, ...]:
 
 
 def number_of(cell: Cell) -> float | None:
-    """The number in a cell, with a decimal point or comma; None where there is none.
+    """The number in a cell, with a decimal point or comma; None if there is none.
 
     >>> number_of("1,5"), number_of(2.0), number_of("N")
     (1.5, 2.0, None)
@@ -82,8 +82,8 @@ def number_of(cell: Cell) -> float | None:
 
 
 def number_in(source: str, row: int, cell: Cell, *, holes: bool = False, commas: bool = False) -> float:
-    """The number in a cell of a row, with a decimal comma too where `commas` says so; NaN in one of EMPTY
-    where `holes` allows them. Raises TactileFailure (unreadable-frames) for no number, or too large a one.
+    """The number in a cell of a row. `commas`: it may have a decimal comma; `holes`: a cell in EMPTY is NaN.
+    Raises TactileFailure (unreadable-frames) for no number, or too large a one.
     """
     text = str(cell).strip()
     if holes and text.lower() in EMPTY:
@@ -96,7 +96,7 @@ def number_in(source: str, row: int, cell: Cell, *, holes: bool = False, commas:
 
 
 def cells_of(rows: Sequence[Row], places: Iterable[int]) -> Iterator[tuple[Cell, ...]]:
-    """The cells of some columns, row by row, empty where a row ends before them."""
+    """The cells of the columns `places`, row by row; empty where a row is too short."""
     columns = tuple(places)
     return (tuple(cells[at] if at < len(cells) else "" for at in columns) for _, cells in rows)
 
@@ -104,7 +104,7 @@ def cells_of(rows: Sequence[Row], places: Iterable[int]) -> Iterator[tuple[Cell,
 def numbers_in(
     source: str, at: int, rows: Sequence[Row], *, holes: bool, commas: bool
 ) -> Float[np.ndarray, " n"]:
-    """The numbers of one column, as `number_in` reads each; `source` names it in failures."""
+    """The numbers of one column, read by `number_in`; `source` names the column in failures."""
     cells = zip(rows, cells_of(rows, [at]), strict=True)
     return np.array([number_in(source, row, cell, holes=holes, commas=commas) for (row, _), (cell,) in cells])
 
@@ -112,7 +112,7 @@ def numbers_in(
 def _text(path: Path, data: bytes) -> CellTable:
     text, encoding = _decoded(path, data)
     stated = SEPARATOR_LINE.match(text)
-    if stated:  # the line is emptied, so that rows keep their numbers
+    if stated:  # an empty line stays, so that rows keep their numbers
         text = text[stated.end() :]
     delimiter = stated[1] if stated else delimiter_of(text)
     named = DELIMITERS.get(delimiter, delimiter)
@@ -132,7 +132,7 @@ def _text(path: Path, data: bytes) -> CellTable:
 
 
 def csv_lines(source: str, text: str, delimiter: str, *, expected: str) -> Iterator[tuple[int, list[str]]]:
-    """The cells of each line, and its number; raises TactileFailure for one whose last cell does not end."""
+    """The number and cells of each line; raises TactileFailure for a cell or quotation that does not end."""
     lines = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, strict=True)
     begun = 1
     try:
@@ -146,14 +146,14 @@ def csv_lines(source: str, text: str, delimiter: str, *, expected: str) -> Itera
 
 
 def refuse_repeated_names(source: str, names: Sequence[str]) -> None:
-    """Refuses a table that has a column twice."""
+    """Raises TactileFailure (unreadable-frames) for a repeated column name."""
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise unusable(source, f"the column {twice[:60]!r} twice", "each column once")
 
 
 def _decoded(path: Path, data: bytes) -> tuple[str, str]:
-    """The text and what it was read as: by its byte order mark, else UTF-8, else Windows' Western letters."""
+    """The text and its encoding: by its byte order mark, else UTF-8, else Windows-1252."""
     encodings = ["utf-16"] if data.startswith((b"\xff\xfe", b"\xfe\xff")) else ["utf-8-sig", "cp1252"]
     for encoding in encodings:
         try:
@@ -167,13 +167,13 @@ def _decoded(path: Path, data: bytes) -> tuple[str, str]:
 
 
 def _spaced(line: str) -> list[str]:
-    """Cells apart by spaces; a unit in brackets belongs to the name before it, but for a row of units."""
+    """Cells separated by spaces; a unit in brackets belongs to the name before, except in a row of units."""
     text = line.strip()
     return text.split() if text[0] in "([" else re.split(r"\s+(?![(\[])", text)
 
 
 def delimiter_of(text: str) -> str:
-    r"""The delimiter by which most lines with numbers fall into two cells or more; spaces where none does.
+    r"""The delimiter of most lines with digits, SPACES if most have none; a comma if no line has a digit.
 
     >>> delimiter_of("a;b\n1,5;2,5\n"), delimiter_of("a,b\n1,5\n"), delimiter_of("1,5 2\n2,5 3\n")
     (';', ',', 'spaces')
@@ -184,7 +184,7 @@ def delimiter_of(text: str) -> str:
 
 
 def _delimiter_in(line: str) -> str:
-    """Of one line; a comma inside each of several numbers that spaces part is a decimal one."""
+    """Delimiter of one line; commas inside several numbers separated by spaces are decimal ones."""
     mark = next((mark for mark in DELIMITERS if mark in line), SPACES)
     cells = line.split()
     decimal = len(cells) > 1 and all(number_of(cell) is not None for cell in cells)
@@ -205,7 +205,7 @@ def _spreadsheet(path: Path, data: bytes) -> tuple[CellTable, ...]:
             sheets.append((name, book.get_sheet_by_name(name).to_python(skip_empty_area=False)))
         return sheets
 
-    # The library makes a table of all cells between the used ones; without memory it ends the process.
+    # The library allocates all cells between the used ones; without memory it ends the process.
     trial = tried(read, patience_s=PATIENCE_S, most_bytes=MOST_MEMORY)
     if trial.exceeded:
         where = f"sheet {trial.lines[-1]}" if trial.lines else "the sheets"
@@ -227,7 +227,7 @@ def _spreadsheet(path: Path, data: bytes) -> tuple[CellTable, ...]:
 
 
 def _cell(value: object) -> Cell:
-    """A number as it is, everything else (dates, truth values, errors) as its text."""
+    """A number unchanged, everything else (dates, truth values, errors) as text."""
     if isinstance(value, int | float) and not isinstance(value, bool):
         return float(value)
     return str(value).strip()

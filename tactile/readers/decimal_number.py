@@ -1,20 +1,20 @@
-"""Numbers in tables, written plainly: ASCII digits with a decimal point, no more."""
+"""Parses plain numbers in tables: ASCII digits with a decimal point."""
 
 import math
 import re
 import unicodedata
 
 LARGEST = 1e12
-"""A number beyond is of no machine (times since 1970 are 1.8e9 s); squares of larger ones overflow."""
+"""No machine writes a larger number (times since 1970 are 1.8e9 s); squares of far larger ones overflow."""
 _PLAIN = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d{1,4})?", re.ASCII)
 _POINTS = str.maketrans({",": ".", "\u066b": "."})
 """The decimal comma, and the Arabic one."""
 
 
 def decimal_number(cell: str) -> float | None:
-    """The number in a cell, such as 60.5, -3 or 1e-3; None where it is not written so, or not finite.
+    """The number in a cell, such as 60.5, -3 or 1e-3; None if it has another form or is not finite.
 
-    Python's own `float` takes more: digits of every script, "6_0", "nan", "infinity".
+    Python's `float` also accepts digits of every script, "6_0", "nan" and "infinity".
 
     >>> decimal_number(" 60.5 "), decimal_number("6_0"), decimal_number("60,5"), decimal_number("1e999")
     (60.5, None, None, None)
@@ -25,8 +25,7 @@ def decimal_number(cell: str) -> float | None:
 
 
 def meant(cell: str) -> str:
-    """How a number that is written otherwise is to be written, as the end of a sentence; empty where the cell
-    is no number at all, or one that is written plainly.
+    """Advice on the plain form of a number, as the end of a sentence; empty for plain numbers and other text.
 
     >>> meant("60,5"), meant("6_0"), meant("tall"), meant("1e300")
     ('; it has a decimal comma; write 60.5', '; write 60', '', '')

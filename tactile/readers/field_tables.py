@@ -1,8 +1,8 @@
-"""Displacement and force per marker in tables: NumPy's .npz, a CSV file, or topics of a ROS 2 bag.
+"""Displacement and force per marker from tables: NumPy's .npz, a CSV file, or topics of a ROS 2 bag.
 
-The .npz holds the recording's own names: `time_s` (T,), `aperture_mm` (T,), and for each pad (left and right,
-or tip) `pads/<pad>/rest_mm` (N, 3), `pads/<pad>/displacement_mm` and `pads/<pad>/force_N` (T, N, 3),
-optionally `pads/<pad>/pose` (T, 4, 4) or (4, 4).
+The .npz has the names of a recording: `time_s` (T,) and `aperture_mm` (T,). Each pad (left and right, or tip)
+has `pads/<pad>/rest_mm` (N, 3), `pads/<pad>/displacement_mm` and `pads/<pad>/force_N` (T, N, 3). A
+`pads/<pad>/pose` (T, 4, 4) or (4, 4) is optional.
 
 The CSV file has one row for each frame and marker: `time_s`, `aperture_mm`, `pad` (0 left or tip, 1 right),
 `marker`, `x_mm`, `y_mm`, `z_mm` (at rest), `dx_mm`, `dy_mm`, `dz_mm`, `fx_N`, `fy_N`, `fz_N`.
@@ -30,7 +30,8 @@ COLUMNS = ("time_s", "aperture_mm", "pad", "marker", *REST, *MOVED, *PUSHED)
 def read_field_table(
     path: Path, *, fruit_id: str, category: str, sensor: Sensor, topics: Path | None = None
 ) -> Converted:
-    """A recording from a table of marker fields; `sensor` says the gel's stiffness, `topics` a bag's topics.
+    """A recording from a table of marker fields. `sensor`: with the gel's stiffness; `topics`: those of a
+    bag.
 
     Raises TactileFailure (unreadable-frames) that names the file, the field and its fault.
     """
@@ -86,7 +87,7 @@ def _npz(path: Path) -> dict[str, np.ndarray]:
 
 
 def _from_csv(path: Path) -> dict[str, np.ndarray]:
-    """The table's columns as arrays by frame and marker. Raises TactileFailure where rows are missing."""
+    """The columns as arrays by frame and marker. Raises TactileFailure for a missing column or row."""
     columns = read_columns(path, wanted=COLUMNS)
     missing = [name for name in COLUMNS if name not in columns]
     if missing:

@@ -1,9 +1,9 @@
 """A table of a robot's flange poses, as its controller or driver logs them: base_from_flange, one per row.
 
-Columns, by name in the first row: `x_mm`, `y_mm`, `z_mm` or `x_m`, `y_m`, `z_m`; the rotation as a quaternion
-`qx`, `qy`, `qz`, `qw`, a rotation vector `rx_rad`, `ry_rad`, `rz_rad` (or `_deg`), angles `roll_deg`,
-`pitch_deg`, `yaw_deg` (or `_rad`) about the fixed axes x, y, z in this order, or a matrix `r11`, `r12` ...
-`r33`; optionally `time_s`, `aperture_mm`, and the `photo` that was taken there.
+The first row names the columns. Positions are `x_mm`, `y_mm`, `z_mm` or `x_m`, `y_m`, `z_m`. Rotations are a
+quaternion `qx`, `qy`, `qz`, `qw`, a rotation vector `rx_rad`, `ry_rad`, `rz_rad` (or `_deg`), or a matrix
+`r11`, `r12` ... `r33`. They may also be angles `roll_deg`, `pitch_deg`, `yaw_deg` (or `_rad`) about the fixed
+axes x, y, z in this order. Optional are `time_s`, `aperture_mm`, and the `photo` that was taken there.
 """
 
 from collections.abc import Sequence
@@ -24,8 +24,8 @@ QUATERNION = ("qx", "qy", "qz", "qw")
 VECTOR = {("rx_rad", "ry_rad", "rz_rad"): 1.0, ("rx_deg", "ry_deg", "rz_deg"): np.pi / 180}
 """Columns of the rotation vector, and the factor to radians."""
 ANGLES = {("roll_rad", "pitch_rad", "yaw_rad"): 1.0, ("roll_deg", "pitch_deg", "yaw_deg"): np.pi / 180}
-"""Columns of Euler angles, and the factor to radians: R = Rz(yaw) Ry(pitch) Rx(roll), the convention of ROS
-(REP 103) and URDF; FANUC calls them W, P, R and KUKA C, B, A."""
+"""Columns of Euler angles, and the factor to radians: R = Rz(yaw) Ry(pitch) Rx(roll). ROS (REP 103) and URDF
+have this convention; FANUC names them W, P, R and KUKA C, B, A."""
 MATRIX = tuple(f"r{row}{column}" for row in (1, 2, 3) for column in (1, 2, 3))
 ROTATIONS = (QUATERNION, *VECTOR, *ANGLES, MATRIX)
 LEAST_REACH_MM, MOST_REACH_MM = 20.0, 20_000.0
@@ -41,8 +41,8 @@ MOST_ROWS = 1_000_000
 
 @dataclass(frozen=True, kw_only=True)
 class FlangeTable:
-    """`base_from_flange` (mm), NaN in rows without a pose. `photo`: names. None: the table
-    has no such column. `row`: numbers of the rows in the file.
+    """`base_from_flange` (mm), NaN in rows without a pose. `photo`: names of files. `row`: numbers of the
+    rows in the file. A column that the table lacks is None.
     """
 
     base_from_flange: Float[np.ndarray, "n 4 4"]
@@ -60,7 +60,7 @@ class FlangeTable:
 def read_flange_table(path: Path) -> FlangeTable:
     """The table in a .csv, .txt, .tsv, .xls or .xlsx; raises TactileFailure that names row and column.
 
-    A row may lack all cells of the pose (a photo of the mat at its place before a camera at rest).
+    A row may lack the whole pose (a photo of the mat at its place before a camera at rest).
     """
     header, *rows = sheets_of(path)[0].rows or ((1, []),)
     names = [str(cell) for cell in header[1]]
@@ -111,7 +111,7 @@ def read_flange_table(path: Path) -> FlangeTable:
 def _rotations(
     source: str, rows: Sequence[Row], notation: tuple[str, ...], values: Float[np.ndarray, "n k"]
 ) -> Float[np.ndarray, "n 3 3"]:
-    """The rotations, NaN where cells are empty; refuses what is none, by row."""
+    """The rotations, NaN for empty cells; raises TactileFailure, with the row, for a wrong one."""
     known = np.isfinite(values).all(axis=1)
     given = values[known]
 

@@ -1,6 +1,6 @@
-"""log.csv of a raw grasp: what the machine said at each time.
+"""Reads log.csv of a raw grasp: the machine's values over time.
 
-Columns: `time_s`, `aperture_mm`; optionally `frame` (the number of the picture taken then) and the load
+Columns: `time_s`, `aperture_mm`; optionally `frame` (the number of the picture at that time) and the load
 cell's `fx_N`, `fy_N`, `fz_N`, `tx_Nmm`, `ty_Nmm`, `tz_Nmm` (all six, fruit frame).
 """
 
@@ -16,9 +16,9 @@ from tactile.readers.cell_rows import csv_lines, number_in, refuse_repeated_name
 from tactile.readers.pictures import absence, unusable
 
 MOST_BYTES, MOST_ROWS, MOST_COLUMNS = 200_000_000, 2_000_000, 100
-"""Of a table of numbers: 500 frames of 400 markers are 200,000 rows of 13 columns, 25 MB."""
+"""Limits of a table of numbers: 500 frames of 400 markers are 200,000 rows of 13 columns, 25 MB."""
 FARTHEST_MM = 2000.0
-"""mm of aperture: wider than any gripper."""
+"""Largest aperture: no gripper opens wider."""
 NEEDED = ("time_s", "aperture_mm")
 _OTHERS = ((";", "semicolons"), ("\t", "tabs"))
 LOAD_CELL = ("fx_N", "fy_N", "fz_N", "tx_Nmm", "ty_Nmm", "tz_Nmm")
@@ -26,7 +26,7 @@ LOAD_CELL = ("fx_N", "fy_N", "fz_N", "tx_Nmm", "ty_Nmm", "tz_Nmm")
 
 @dataclass(frozen=True, kw_only=True)
 class GraspLog:
-    """The log's rows; `frame` and `wrench_N` are None where it has no such columns."""
+    """The log's rows; `frame` and `wrench_N` are None if it lacks those columns."""
 
     time_s: Float[np.ndarray, " t"]
     aperture_mm: Float[np.ndarray, " t"]
@@ -37,8 +37,8 @@ class GraspLog:
 def read_columns(path: Path, *, wanted: Sequence[str]) -> dict[str, Float[np.ndarray, " t"]]:
     """Every column of a CSV file of numbers; raises TactileFailure (unreadable-frames) by row and column.
 
-    `wanted`: the columns that the caller needs, which the failure names where there is no such file. Whether
-    the file has them is for the caller to check.
+    `wanted`: columns that the caller needs, named in the failure if the file is missing. The caller must
+    check that the file has them.
     """
     if missing := absence(path):
         raise unusable(path.name, missing, "a table with the columns " + ", ".join(wanted))
@@ -69,7 +69,7 @@ def read_columns(path: Path, *, wanted: Sequence[str]) -> dict[str, Float[np.nda
 
 
 def read_log(path: Path) -> GraspLog:
-    """The log, its times strictly increasing; raises TactileFailure (unreadable-frames)."""
+    """The log; raises TactileFailure (unreadable-frames), for example if its times do not increase."""
     columns = read_columns(path, wanted=NEEDED)
     for name in NEEDED:
         if name not in columns:
@@ -97,7 +97,7 @@ def read_log(path: Path) -> GraspLog:
 
 
 def increasing(source: str, time_s: Float[np.ndarray, " t"]) -> None:
-    """Refuses times that stand still or run back, by row."""
+    """Raises TactileFailure (unreadable-frames), with the row, if times repeat or decrease."""
     back = np.flatnonzero(np.diff(time_s) <= 0)
     if len(back):
         k = int(back[0])

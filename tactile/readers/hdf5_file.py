@@ -1,8 +1,8 @@
-"""Opening an HDF5 file of unknown origin, each fault of the file as a whole in words of its own.
+"""Opens HDF5 files of unknown origin, with a specific message for each fault of the file as a whole.
 
-The library believes what a file says of itself: it follows texts without an end and unpacks any size, in
-native code that no exception and no signal handler of Python's interrupts. So a process of its own reads
-everything but pictures first, in time and with little memory.
+The library trusts a file's contents: it follows texts without an end and unpacks any size. Neither exceptions
+nor Python's signal handlers interrupt its native code. A separate process therefore first reads everything
+but pictures, with limits on time and memory.
 """
 
 import hashlib
@@ -27,18 +27,18 @@ from tactile.readers.pictures import absence
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MOST_BYTES = 8_000_000_000
-"""Of a recording with its images; a larger file is refused before it is opened."""
+"""Largest recording with its images; a larger file is refused before it is opened."""
 PATIENCE_S = 20.0
-"""A sound recording is read in 0.05 s for each 10 MB."""
+"""Most time to read a file; an intact recording takes 0.05 s for each 10 MB."""
 MOST_MEMORY = 500_000_000
-"""Of all fields but pictures, held at once: two pads of 400 markers for a minute at 30 frames a second take
-70 MB. Grading takes some times as much."""
+"""Most bytes of all fields but pictures at once: two pads of 400 markers for a minute at 30 frames a second
+take 70 MB. Grading takes several times as much."""
 MOST_HASHED_BYTES = 10_000_000
-"""Of a file whose hash is worth the while: it takes 5 to 10 ms then, as does starting a process."""
+"""Largest file to hash: it takes 5 to 10 ms, like the start of a process."""
 PICTURES = "images"
 """A field of raw frames, which is never read."""
 _read_through: set[bytes] = set()
-"""Hashes of contents that the library came to the end of: one file is opened several times in a run."""
+"""Hashes of files that the library read to the end: a run opens one file several times."""
 SIGNATURE = b"\x89HDF\r\n\x1a\n"
 OPEN_TO_WRITE = 0b101
 """Bits of the consistency flags that a writer sets and clears on closing (HDF5 file format, superblock
@@ -49,7 +49,7 @@ DAMAGED = f"{COPY_AGAIN}: it is cut short or damaged"
 
 
 def first_line(cause: Exception) -> str:
-    """What the HDF5 library says, without the lines below it."""
+    """The first line of the HDF5 library's message."""
     return str(cause).splitlines()[0][:120] if str(cause) else type(cause).__name__
 
 
@@ -62,7 +62,7 @@ def unreadable(path: Path, field: str, fault: str, expected: str, advice: str) -
 
 @contextmanager
 def opened(path: Path) -> Iterator[Any]:
-    """The open file; every complaint of the HDF5 library inside the block becomes a TactileFailure."""
+    """The open file; errors of the HDF5 library inside the block become a TactileFailure."""
     if not named_in_utf8(path):
         fault, expected = "a name that is not UTF-8", "letters, digits, - and _"
         raise unreadable(path, "the file", fault, expected, "rename it")
@@ -78,7 +78,7 @@ def opened(path: Path) -> Iterator[Any]:
         file = h5py.File(path, "r")
     except (OSError, RuntimeError, KeyError, TypeError, ValueError) as cause:
         raise _damaged(path, cause) from cause
-    # The fields' readers answer for TypeError and ValueError: here they would hide mistakes of this program.
+    # The fields' readers handle TypeError and ValueError: here these would hide faults of this program.
     with file:
         try:
             yield file
@@ -87,10 +87,10 @@ def opened(path: Path) -> Iterator[Any]:
 
 
 def require_end(path: Path, *, patience_s: float = PATIENCE_S) -> None:
-    """Refuses a file that the library does not come to the end of in time and memory.
+    """Raises TactileFailure (unreadable-recording) if reading the file exceeds the limits of time or memory.
 
-    An end with an error is no fault here: the reader will say which. Contents that were once read so are not
-    read again.
+    An error of the library is no fault here, since the reader will report it. Contents that were read to the
+    end once are not read again.
     """
     digest = _digest(path)
     if digest in _read_through:
@@ -104,7 +104,7 @@ def require_end(path: Path, *, patience_s: float = PATIENCE_S) -> None:
 
 
 def _digest(path: Path) -> bytes | None:
-    """SHA-256 of the file; None of one that is too long for it to pay, or that cannot be read."""
+    """SHA-256 of the file; None if it is longer than MOST_HASHED_BYTES or cannot be read."""
     with suppress(OSError, NotReadable), open_plain(path) as file:
         data = file.read(MOST_HASHED_BYTES + 1)
         return hashlib.sha256(data).digest() if len(data) <= MOST_HASHED_BYTES else None
@@ -112,7 +112,7 @@ def _digest(path: Path) -> bytes | None:
 
 
 def _read(path: Path, tell: Callable[[str], None]) -> None:
-    """Every attribute and field but pictures, of which all is held; links are not followed."""
+    """Reads every attribute and field but pictures, and keeps them all; links are not followed."""
     held = []
     with h5py.File(path, "r") as file:
         pads = child_group(file, "pads")
@@ -133,9 +133,9 @@ def _names(container: Any) -> list[str]:
 
 
 def _value(container: Any, key: Any) -> Any:
-    """What the library reads; None where it complains, which the reader will hear too.
+    """The value; None if the library raises an error, which the reader will report.
 
-    Raises MemoryError where a filter fails: the library says no more where there is no room to unpack.
+    Raises MemoryError also if a filter fails: the library reports too little memory in no other way.
     """
     try:
         return container[key]
@@ -146,7 +146,7 @@ def _value(container: Any, key: Any) -> Any:
 
 
 def _holds(group: Any, name: str, kind: type) -> bool:
-    """Whether `group` itself, not by a link, holds an object of this kind (h5py.Group, h5py.Dataset)."""
+    """Whether `group` has an object of this kind (h5py.Group or Dataset), without links, in this file."""
     with suppress(TypeError, ValueError):
         hard = isinstance(group.get(name, getlink=True), h5py.HardLink)
         return hard and group.get(name, getclass=True) is kind and not is_elsewhere(group[name])
@@ -159,7 +159,7 @@ def is_elsewhere(data: Any) -> bool:
 
 
 def child_group(group: Any, name: str) -> Any:
-    """The group of that name in `group`; None where there is none, or a link to one."""
+    """The group of that name in `group`; None if it is missing or a link."""
     return group[name] if _holds(group, name, h5py.Group) else None
 
 
@@ -169,7 +169,7 @@ def _damaged(path: Path, cause: Exception) -> TactileFailure:
 
 
 def _fault(path: Path, said: str) -> tuple[str, str, str]:
-    """What was found, expected and is to be done, by the first bytes and what the library `said`."""
+    """What was found, expected and advised, by the first bytes and the library's message `said`."""
     with path.open("rb") as file:
         first = file.read(512)
     if first.startswith(LFS_POINTER):

@@ -1,7 +1,7 @@
-"""Reading with limits on time and memory, in a process of its own first.
+"""Reads files with limits on time and memory in a separate process, before this one reads them.
 
-Native libraries believe what a file says of itself. One changed byte can make them loop for ever, and a file
-of 1 kB can make them ask for 500 GB, at which some of them end the whole process.
+Native libraries trust a file's contents. One changed byte can make them loop for ever. A file of 1 kB can
+make them request 500 GB, at which some end the whole process.
 """
 
 import faulthandler
@@ -31,19 +31,19 @@ Action: TypeAlias = Callable[[Callable[[str], None]], object]
 
 @dataclass(frozen=True)
 class Trial:
-    """`exceeded`: the limit that it met, in words; empty where it ended by itself. `lines`: what it wrote."""
+    """`exceeded`: the limit that the process met, in words; empty if it ended itself. `lines`: its output."""
 
     exceeded: str
     lines: tuple[str, ...]
 
 
 def tried(action: Action, *, patience_s: float, most_bytes: int) -> Trial:
-    """Runs `action` in a process of its own, which may take `patience_s` and `most_bytes` more memory.
+    """Runs `action` in a separate process, which may take `patience_s` and `most_bytes` more memory.
 
-    The action gets a function that takes lines for the caller. An exception of the action exceeds nothing, as
-    the reader will meet it too; neither does a system that cannot fork processes. An end by a signal exceeds
-    the memory: some libraries abort where it is refused. The process ends with the call, however that ends,
-    and after `patience_s` of processor time in any case.
+    The action gets a function that sends lines to the caller. Its exceptions exceed no limit, since the
+    reader will raise them too. Without fork nothing runs or exceeds a limit. A signal that ends the process
+    counts as exceeded memory: some libraries abort if it is refused. The process ends with the call, and
+    after `patience_s` of processor time in any case.
     """
     if not hasattr(os, "fork"):
         return Trial("", ())
@@ -72,12 +72,12 @@ def tried(action: Action, *, patience_s: float, most_bytes: int) -> Trial:
 
 
 def lacks_memory(cause: BaseException) -> bool:
-    """Whether it was raised for want of memory; HDF5 says so in words alone."""
+    """Whether memory was too small; HDF5 reports this only in words."""
     return isinstance(cause, MemoryError) or "allocat" in str(cause).lower()
 
 
 def _act(action: Action, writer: int, patience_s: float, most_bytes: int) -> NoReturn:
-    """The life of the process."""
+    """Runs the action in the child process."""
     try:
         faulthandler.disable()
         quiet = os.open(os.devnull, os.O_RDWR)

@@ -1,4 +1,4 @@
-"""A bare indenter's trace: time, travel and force in a machine's table, text or spreadsheet."""
+"""A bare indenter's force-displacement curve from a machine's table: time, travel and force."""
 
 from pathlib import Path
 from typing import Literal
@@ -17,31 +17,30 @@ from tactile.readers.trace_columns import FORCE, FoundColumns, TraceWords, colum
 from tactile.trace_thinning import thin
 
 TABLES = (".csv", ".txt", ".tsv", *SPREADSHEETS)
-"""How the name of a trace's file ends."""
+"""Endings of a file with such a table."""
 OF_MARKERS = frozenset({"pad", "marker", *MOVED})
-"""Columns that a table of marker fields has and no load cell: a .csv with one of them is such a table, if an
-incomplete one, whose reader then names the column that is missing. A place alone (`z_mm`) may be a machine's.
-"""
+"""Columns of a table of marker fields, which no load cell has. A .csv with one of them is read as such a
+table; its reader then names the missing column. A position alone (`z_mm`) may be a machine's."""
 LATEST_START_S = 1e6
-"""s: a time that starts later (12 days) is a clock's, and is counted from the first frame."""
+"""Latest plausible start (12 days); a later one is a clock's, and times then count from the first frame."""
 UNLOADED_FRAMES = 5
-"""First frames, whose median force is that of the cell alone: an offset is no sign. Set by hand."""
+"""First frames; their median force is the cell's offset, which must not decide the sign. Set by hand."""
 NO_MARKERS = (
     "a load cell's table has neither markers nor poses. `drupe explain` reads the recording; "
     "`drupe grade` reads it only for plates around a fruit with three diameters."
 )
 """Note on every recording of a load cell."""
 FEWEST_FRAMES = 2
-"""A table with fewer rows is no recording."""
+"""Fewest rows of a recording."""
 _NUMBERS = {2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
-"""Of runs, in words."""
+"""Numbers of runs in words."""
 
 
 def is_trace(path: Path, *, sensor_given: bool) -> bool:
-    """Whether the file is that of a bare load cell, no table of marker fields (a .csv can be either).
+    """Whether the file contains a load cell's table and no marker fields (a .csv can be either).
 
-    A table of markers has a column of markers in its first row; with a sensor's description given, a .csv
-    without any such column is one as well, unless it has a force by a name that is known.
+    A .csv with a column of markers in its first row contains marker fields. If the user gives a sensor's
+    description, so does a .csv without a known name of a force.
     """
     if path.suffix.lower() != ".csv":
         return path.suffix.lower() in TABLES
@@ -50,7 +49,7 @@ def is_trace(path: Path, *, sensor_given: bool) -> bool:
 
 
 def header_of(path: Path) -> list[str]:
-    """The names in a CSV file's first row."""
+    """The names in a CSV file's first row; none if the file cannot be opened."""
     if not_plain(path):
         return []
     with path.open(encoding="utf-8-sig", errors="replace") as file:
@@ -67,11 +66,11 @@ def read_trace(
     specimen: PressedSpecimen | None = None,
     words: TraceWords | None = None,
 ) -> Converted:
-    """`time_s`, `travel_mm` and `force_N` of a press, positive when pressed; the pose is not known.
+    """The recording of a press, with travel and force positive under load; its pose is unknown.
 
-    `words`: what was said of the table's columns, units and sheet. A long trace is thinned. Raises
-    TactileFailure (unreadable-frames) for a missing column, a cell that is no number, time that runs back, or
-    a travel that goes the wrong way.
+    `words`: the user's options for columns, units, sheet and run. Long curves are thinned. Raises
+    TactileFailure (unreadable-frames) for a missing column, a cell that is no number, decreasing time, or a
+    travel that goes the wrong way.
     """
     words = words or TraceWords()
     sheet, columns, notes = _table(path, words)
@@ -111,7 +110,7 @@ def read_trace(
 
 
 def _table(path: Path, words: TraceWords) -> tuple[CellTable, FoundColumns, list[str]]:
-    """The one sheet that has the columns, and what must be known of how it was read."""
+    """The one sheet that has the columns, and notes on how it was read."""
     sheets = sheets_of(path)
     if words.sheet is not None:
         chosen = tuple(sheet for sheet in sheets if sheet.name == words.sheet)
@@ -143,7 +142,7 @@ def _table(path: Path, words: TraceWords) -> tuple[CellTable, FoundColumns, list
 
 
 def runs_in(path: Path, *, words: TraceWords | None = None) -> int:
-    """How many runs stand one below the other in the table; raises TactileFailure as `read_trace` does."""
+    """Number of runs below each other in the table; raises TactileFailure as `read_trace` does."""
     sheet, columns, notes = _table(path, words or TraceWords())
     return len(_runs(path.name, _logged(path, sheet, columns, notes), notes))
 
@@ -157,7 +156,7 @@ def _runs(source: str, logged: LoggedTrace, notes: list[str]) -> list[LoggedTrac
 
 
 def _prepared(source: str, logged: LoggedTrace, run: int | None, notes: list[str]) -> LoggedTrace:
-    """The one run, or that of this number, without what the logger did; notes on each correction."""
+    """The only run, or the one of this number, with the logger's faults corrected and a note on each."""
     runs = _runs(source, logged, notes)
     if run is None and len(runs) > 1:
         first = ", ".join(str(trace.rows[0]) for trace in runs)
@@ -180,11 +179,11 @@ def _prepared(source: str, logged: LoggedTrace, run: int | None, notes: list[str
 
 
 def _logged(path: Path, sheet: CellTable, columns: FoundColumns, notes: list[str]) -> LoggedTrace:
-    """Each quantity in s, N, mm, NaN where a cell is empty; rows without any of the three are left out, and
-    so are headers that stand again between runs.
+    """Each quantity in s, N or mm, NaN for empty cells; without rows that lack all three or repeat the
+    header.
 
-    A comma is a decimal one where commas do not part the cells; a file with both commas and points in its
-    numbers is refused, since one of them then parts thousands.
+    If commas do not separate the cells, they are decimal ones. Raises TactileFailure if numbers contain both
+    commas and points, since one of them then separates thousands.
     """
     rows, breaks = _rows_and_breaks(sheet, columns)
     width = len(columns.header)
@@ -213,7 +212,7 @@ def _logged(path: Path, sheet: CellTable, columns: FoundColumns, notes: list[str
 
 
 def _rows_and_breaks(sheet: CellTable, columns: FoundColumns) -> tuple[list[Row], tuple[int, ...]]:
-    """Rows of numbers, and before which of them the header stands again; its row of units goes with it."""
+    """Rows of numbers, and indices of those before which the header (with its row of units) is repeated."""
     rows: list[Row] = []
     breaks: list[int] = []
     above, below = sheet.rows[max(columns.first - 2, 0) : columns.first], sheet.rows[columns.first :]
@@ -248,7 +247,7 @@ def _decimal_commas(path: Path, rows: list[Row], columns: FoundColumns) -> bool:
 def _travel(
     path: Path, prepared: LoggedTrace, pushed: Float[np.ndarray, " t"], notes: list[str]
 ) -> Float[np.ndarray, " t"]:
-    """The travel, or what the gap has closed by; a TactileFailure where it goes back as the force grows."""
+    """The travel, or the decrease of the gap; raises TactileFailure if it reverses as the force grows."""
     quantity, travel = prepared.quantity, prepared.travel
     if quantity == "gap":
         notes.append(

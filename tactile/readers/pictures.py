@@ -1,6 +1,4 @@
-"""Frames of one camera, read one by one: numbered pictures or a video; and what is wrong with them, seen
-while they pass by.
-"""
+"""Reads one camera's frames one by one from numbered pictures or a video, and checks them meanwhile."""
 
 import re
 from collections.abc import Callable, Iterable, Iterator
@@ -27,27 +25,28 @@ from tactile.tactile_failure import TactileFailure, TactileProblem
 PICTURES = (".png", ".jpg", ".jpeg")
 VIDEOS = (".avi", ".mp4")
 MOST_BYTES, MOST_PIXELS, MOST_FRAMES = 100_000_000, 25_000_000, 200_000
-"""Cameras in gels have 0.3 to 5 million pixels; 200,000 frames are an hour at 55 a second."""
+"""Most bytes of a picture, pixels of a frame, and frames. Cameras in gels have 0.3 to 5 million pixels;
+200,000 frames are an hour at 55 a second."""
 MOST_FRAME_MEMORY = 1_000_000_000
-"""Bytes for one frame and what the library takes to unpack it: a frame of 25 million pixels has 75 MB."""
+"""Bytes for one frame and its decoding: a frame of 25 million pixels has 75 MB."""
 PICTURES_BEGIN = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff")
-"""First bytes of PNG and JPEG: other kinds unpack to any size, or name other files."""
+"""First bytes of PNG and JPEG: other formats may unpack to any size, or name other files."""
 MP4_BEGINS = (b"ftyp", b"moov", b"mdat", b"free", b"skip", b"wide")
 """Types of the first box of an MP4 or QuickTime file (ISO/IEC 14496-12)."""
 NUMBERED = re.compile(r"^frame_(\d+)$")
 WHITE = 250
-"""Grey level of 255 from which a pixel counts as full white: JPEG leaves a few levels."""
+"""Grey level of 255 from which a pixel counts as white: JPEG changes a few levels."""
 SATURATED = 0.1
-"""More of the frame than this share at full white: nothing can be seen there."""
+"""Largest share of white pixels in a usable frame."""
 GAP = 1.6
-"""A step this many times the usual one means that frames between are lost."""
+"""Ratio of a time step to the usual one above which frames are missing."""
 EVERY = 4
-"""Every so many rows and columns are looked at: a share needs no more."""
+"""Step between the rows and columns that are inspected: enough for a share."""
 
 
 @dataclass(frozen=True)
 class Pictures:
-    """`frames()` starts a new pass, in RGB. `numbered`: the recorder's own numbers, not counted here."""
+    """`frames()` starts a new pass, in RGB. `numbered`: the numbers are the recorder's, not counted here."""
 
     source: str
     numbers: tuple[int, ...]
@@ -56,18 +55,18 @@ class Pictures:
 
 
 def unusable(source: str, fault: str, expected: str) -> TactileFailure:
-    """The failure sentence of frames and their log."""
+    """The failure of a file of frames or numbers: what was found, and what was expected."""
     return TactileProblem.UNREADABLE_FRAMES.failure(f"{source}: found {fault}, expected {expected}.")
 
 
 def absence(path: Path) -> str:
-    """Why `path` is no file that can be read, as the object of "found"; empty where it is one."""
+    """Why `path` is no readable file, as the object of "found"; empty if it is one."""
     wrong = not_plain(path)
     return "no such file" if wrong == "does not exist" else wrong and f"that it {wrong}"
 
 
 def read_picture(path: Path) -> UInt8[np.ndarray, "h w 3"]:
-    """One RGB picture; raises TactileFailure (unreadable-frames) where there is none or it is damaged."""
+    """One RGB picture; raises TactileFailure (unreadable-frames) if it is missing, damaged or too large."""
     if missing := absence(path):
         raise unusable(path.name, missing, "a .png or .jpg picture")
     named = f"{path.parent.name}/{path.name}"
@@ -94,8 +93,8 @@ def _require_few_pixels(source: str, wide: int, high: int) -> None:
 def pictures_in(place: Path) -> Pictures:
     """The frames at `place`: a folder with frame_000000.png ..., or a video.
 
-    Raises TactileFailure (unreadable-frames) where there is nothing of the kind, a number comes twice, or the
-    video cannot be opened.
+    Raises TactileFailure (unreadable-frames) if neither is there, a number is repeated, or the video is
+    unreadable.
     """
     if place.is_dir():
         return _folder(place)
@@ -130,7 +129,7 @@ def _folder(folder: Path) -> Pictures:
 
 
 def _video(path: Path) -> Pictures:
-    """The frames of a video, read one by one. Raises TactileFailure where it is unreadable or cut short."""
+    """The frames of a video, read one by one. Raises TactileFailure if it is unreadable or cut short."""
     _require_container(path)
     video = _capture(path)
     said = int(video.get(cv2.CAP_PROP_FRAME_COUNT)) if video.isOpened() else 0
@@ -164,9 +163,9 @@ def _video(path: Path) -> Pictures:
 
 
 def _require_container(path: Path) -> None:
-    """Refuse what is no AVI or MP4 by its first bytes.
+    """Raises TactileFailure unless the first bytes are those of AVI or MP4.
 
-    FFmpeg knows lists of files (ffconcat, HLS, SDP), by which it would read files that the user did not name.
+    FFmpeg also reads lists of files (ffconcat, HLS, SDP), and would open files that the user did not name.
     """
     try:
         begin = read_head(path, 12)
@@ -180,21 +179,21 @@ def _require_container(path: Path) -> None:
 
 
 def _capture(path: Path) -> cv2.VideoCapture:
-    """The open video, by FFmpeg alone, in one thread: each thread keeps frames of its own."""
+    """The open video, decoded by FFmpeg in one thread, since each thread buffers frames."""
     with limited_memory(MOST_FRAME_MEMORY):
         return cv2.VideoCapture(str(path.absolute()), cv2.CAP_FFMPEG, [cv2.CAP_PROP_N_THREADS, 1])
 
 
 def _cut_short(data: bytes) -> bool:
-    """Whether the file lacks its end mark: decoders fill the missing rows with grey and say nothing."""
-    tail = data[-4096:].rstrip(b"\0")[-64:]  # some recorders fill up the last block
+    """Whether the end mark is missing: decoders fill missing rows with grey and report no error."""
+    tail = data[-4096:].rstrip(b"\0")[-64:]  # some recorders pad the last block
     return (b"IEND" if data.startswith(PICTURES_BEGIN[0]) else b"\xff\xd9") not in tail
 
 
 def checked(
     frames: Iterable[UInt8[np.ndarray, "h w 3"]], source: str, shape: tuple[int, int]
 ) -> Iterator[UInt8[np.ndarray, "h w 3"]]:
-    """The same frames; raises TactileFailure for one that is over-exposed or of another size."""
+    """The same frames; raises TactileFailure for one that is over-exposed or has another size."""
     for k, frame in enumerate(frames):
         if frame.shape[:2] != shape:
             fault = f"frame {k} of {frame.shape[1]} x {frame.shape[0]} pixels"
@@ -204,7 +203,7 @@ def checked(
 
 
 def refuse_saturated(frame: UInt8[np.ndarray, "h w 3"], source: str) -> None:
-    """Refuses a frame of which more than a tenth is white in every channel."""
+    """Raises TactileFailure (gel-saturated) if over a tenth of the frame is white in every channel."""
     share = float((frame[::EVERY, ::EVERY].min(axis=2) >= WHITE).mean())
     if share > SATURATED:
         raise TactileProblem.SATURATED.failure(
@@ -216,9 +215,9 @@ def refuse_saturated(frame: UInt8[np.ndarray, "h w 3"], source: str) -> None:
 def gaps_said(
     time_s: Float[np.ndarray, " t"], source: str, *, numbers: Int[np.ndarray, " t"] | None = None
 ) -> list[str]:
-    """A note where frames are missing: by their `numbers` if they have any, else where time steps are long.
+    """A note on missing frames: by gaps in their `numbers` if they have any, otherwise by long time steps.
 
-    Frames that are numbered without a gap are all there, however unevenly they were taken.
+    Consecutive numbers show that no frame is missing, however irregular the times.
     """
     if len(time_s) < 3:
         return []

@@ -1,4 +1,4 @@
-"""NumPy's own files, read only as far as they are numbers and fit into so much memory."""
+"""Reads NumPy files, if they contain only numbers and fit a limit of memory."""
 
 import io
 from pathlib import Path
@@ -12,14 +12,14 @@ from tactile.readers.decimal_number import LARGEST
 from tactile.readers.recording_fields import Shape, fits, shape_said
 
 MOST_BYTES = 400_000_000
-"""Of a file: twenty minutes of 400 markers at 30 frames a second."""
+"""Largest file: twenty minutes of 400 markers at 30 frames a second."""
 MOST_MEMORY = 1_000_000_000
-"""Of what it unpacks to, in double precision: a few kilobytes can promise terabytes."""
+"""Most memory for the unpacked arrays, in double precision: a few kilobytes can expand to terabytes."""
 
 
 def array_fault(values: np.ndarray, shape: Shape, *, like: str = "") -> tuple[str, str] | None:
-    """What was found and expected where a shape does not fit, or numbers are not finite or too large; None
-    where nothing is wrong. `like`: why the shape is expected, as the end of a sentence.
+    """What was found and expected if the shape is wrong, or numbers are not finite or too large; None if all
+    is right. `like`: the reason for the expected shape, as the end of a sentence.
     """
     if not fits(values.shape, shape):
         return f"shape {values.shape}", shape_said(shape) + like
@@ -32,12 +32,12 @@ def array_fault(values: np.ndarray, shape: Shape, *, like: str = "") -> tuple[st
 
 
 def load_npy(path: Path) -> np.ndarray:
-    """The array in an .npy file; numbers are converted to double precision. Raises NotReadable."""
+    """The array in an .npy file, in double precision. Raises NotReadable."""
     return next(iter(load_npz(path).values()))
 
 
 def load_npz(path: Path) -> dict[str, np.ndarray]:
-    """The arrays of an .npz file by name (an .npy file's has none), in double precision; or NotReadable."""
+    """The arrays of an .npz file by name ("" for an .npy file), in double precision. Raises NotReadable."""
     data = io.BytesIO(read_bytes(path, most_bytes=MOST_BYTES))
     try:
         with limited_memory(MOST_MEMORY):
@@ -48,7 +48,7 @@ def load_npz(path: Path) -> dict[str, np.ndarray]:
         raise NotReadable(f"unpacks to more than {size(MOST_MEMORY)}") from error
     except NotReadable:
         raise
-    except Exception as error:  # a broken header or archive fails in a dozen ways
+    except Exception as error:  # a broken header or archive raises many kinds of errors
         raise NotReadable("is no whole NumPy file") from error
 
 

@@ -1,7 +1,7 @@
-"""A grasp in its raw form: the frames of each pad, and what the machine logged.
+"""A grasp in its raw form: the frames of each pad, and the machine's log.
 
-A folder with grasp.toml, log.csv and for each pad a folder of pictures or a video (docs/formats.md, "A raw
-grasp"). A pad moves along its own z by half of what the aperture changes (a press: its tip by all of the
+The folder contains grasp.toml, log.csv and, for each pad, a folder of pictures or a video (docs/formats.md,
+"A raw grasp"). A pad moves along its z by half of the aperture's change (a press: its tip by all of the
 travel).
 """
 
@@ -37,9 +37,9 @@ TOP_KEYS = {"fruit_id", "category", "loading", "support", "sensor", "pose_apertu
 
 @dataclass(frozen=True, kw_only=True)
 class RawCamera:
-    """One camera's untouched gel and its frames.
+    """One camera's picture of the untouched gel, and its frames.
 
-    `reference_from`: the file or the frames that it comes from.
+    `reference_from`: the file or frames from which the picture comes.
     """
 
     reference: UInt8[np.ndarray, "h w 3"]
@@ -49,8 +49,8 @@ class RawCamera:
 
 @dataclass(frozen=True, kw_only=True)
 class RawPad:
-    """One pad's frames; `time_s` and `pose` are one per frame, on the log's clock. `described_in`: the file
-    that describes its sensor.
+    """One pad's frames; `time_s` (on the log's clock) and `pose` have one value per frame. `described_in`:
+    the file with its sensor's description.
     """
 
     name: str
@@ -64,7 +64,7 @@ class RawPad:
 
 @dataclass(frozen=True, kw_only=True)
 class PlainJaw:
-    """A rigid jaw without a gel; its pose at the first pad's frames."""
+    """A rigid jaw without a gel, and its poses in the first pad's frames."""
 
     name: str
     pose: Float[np.ndarray, "t 4 4"]
@@ -72,7 +72,7 @@ class PlainJaw:
 
 @dataclass(frozen=True, kw_only=True)
 class RawGrasp:
-    """A grasp before any frame is looked at. `recording` has no pads yet; it is at the first pad's frames."""
+    """A grasp before any frame is analysed. `recording` has the first pad's times, but no pads yet."""
 
     source: str
     recording: Recording
@@ -81,10 +81,11 @@ class RawGrasp:
 
 
 def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
-    """The raw grasp in `folder`; `sensor` is the description of every pad, in place of those it names.
+    """The raw grasp in `folder`; `sensor`: a description for every pad, in place of those that the grasp
+    names.
 
     Raises TactileFailure that names the file and the field: unreadable-frames, unreadable-sensor, or
-    wrong-sensor where a pad's serial is not its description's.
+    wrong-sensor if a pad's serial or picture differs from its description.
     """
     if not named_in_utf8(folder):
         raise unusable(folder.name, "a name that is not UTF-8", "letters and digits: rename the folder")
@@ -133,7 +134,7 @@ def read_raw_grasp(folder: Path, *, sensor: Path | None = None) -> RawGrasp:
 def _pad(
     folder: Path, name: str, table: Table, log: GraspLog, loading: Loading, at_mm: float, sensor: Path | None
 ) -> RawPad:
-    """One pad of a raw grasp: its sensor, pictures and poses. Raises TactileFailure where they do not fit."""
+    """One pad of a raw grasp: its sensor, pictures and poses. Raises TactileFailure if they do not match."""
     table.refuse_unknown(PAD_KEYS)
     description = sensor or _sensor_path(folder, table)
     described = read_sensor(description)
@@ -188,7 +189,7 @@ def _poses(table: Table, opened_mm: Float[np.ndarray, " t"], loading: Loading) -
 
 
 def _is_plain(table: Table) -> bool:
-    """Whether the jaw is said to have no gel."""
+    """Whether grasp.toml states that the jaw has no gel."""
     said = table.values.get("plain", False)
     if not isinstance(said, bool):
         raise table.refusal("plain", repr(said)[:40], "true for a rigid jaw without a gel, or nothing")
@@ -221,10 +222,10 @@ def _nearest(folder: Path, name: str) -> Path | None:
 
 
 def files_of(folder: Path) -> tuple[Path, ...]:
-    """Every file of the raw grasp: those that lie in it, and those that grasp.toml names wherever they lie
-    (descriptions of sensors, frames, pictures of the untouched gel).
+    """Every file of the raw grasp: those in its folder, and those that grasp.toml names (descriptions of
+    sensors, frames, pictures of the untouched gel).
 
-    Of a grasp.toml that cannot be read, or names what is not there, as many as can be told.
+    If grasp.toml is unreadable or names missing files, the list has all others.
     """
     held = {path for path in folder.rglob("*") if not not_plain(path)}
     try:
@@ -243,7 +244,7 @@ def files_of(folder: Path) -> tuple[Path, ...]:
 
 
 def _named(folder: Path, name: str, table: Table) -> Iterator[Path]:
-    """What one table of grasp.toml names: the whole grasp's (of no name), or a pad's."""
+    """Files that one table of grasp.toml names: the grasp's own table (empty name), or a pad's."""
     sensor = _nearest(folder, table.file_name("sensor")) if "sensor" in table.values else None
     if sensor is not None:
         yield sensor
@@ -258,7 +259,7 @@ def _named(folder: Path, name: str, table: Table) -> Iterator[Path]:
 
 
 def _pictures(place: Path) -> Iterator[Path]:
-    """The file itself, or the frames and their times in a folder."""
+    """The file itself, or the frames in a folder and their times."""
     held = place.iterdir() if place.is_dir() and os.access(place, os.R_OK) else ()
     pictures = (p for p in held if p.suffix.lower() in PICTURES or p.name == "times.csv")
     yield from (path for path in (place, *pictures) if not not_plain(path))
@@ -277,7 +278,7 @@ def _place(folder: Path, name: str, said: str) -> Path:
 def _times(
     folder: Path, name: str, table: Table, pictures: Pictures, log: GraspLog
 ) -> tuple[Float[np.ndarray, " t"], Float[np.ndarray, " t"]]:
-    """Each frame's time on the log's clock, and the aperture then."""
+    """Each frame's time on the log's clock, and the aperture at that time."""
     times_csv = folder / name / "times.csv"
     if times_csv.is_file():
         columns = read_columns(times_csv, wanted=FRAME_TIMES)
@@ -313,7 +314,7 @@ def _times(
 
 
 def _require_description(folder: Path) -> None:
-    """Raises TactileFailure that names the folder where it holds no grasp.toml, and says what it holds."""
+    """Raises TactileFailure, with the folder and its contents, if it has no grasp.toml."""
     names = [path.name for path in folder.iterdir() if not path.name.startswith((".", "@"))]
     if "grasp.toml" in names:
         return
@@ -327,7 +328,7 @@ def _require_description(folder: Path) -> None:
 
 
 def _refuse_swapped(folder: Path, table: Table, pads: tuple[RawPad, ...]) -> None:
-    """Raises TactileFailure where a pad's serial number is not its sensor's."""
+    """Raises TactileFailure (wrong-sensor) if a pad's serial number differs from its sensor's."""
     said = {pad.name: table.table(pad.name, needed=True).text("serial", default="") for pad in pads}
     for pad in pads:
         serial = said[pad.name]

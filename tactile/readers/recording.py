@@ -1,8 +1,8 @@
-"""One tactile recording: what the pads of a gripper, or of a press, felt over time.
+"""One tactile recording: poses of a gripper's or press's pads over time, with displacement and force.
 
 The file is HDF5, version 1: root attributes `format`, `version`, `fruit_id`, `category`, `loading`, `sensor`
 and optionally `support`; datasets `time_s`, `aperture_mm`, optionally `wrench_N`; one group per pad below
-`pads`. Units are mm, N, MPa and s. A pose takes pad coordinates to fruit coordinates.
+`pads`. Units are mm, N, MPa and s. A pose maps pad coordinates to fruit coordinates.
 """
 
 from collections.abc import Sequence
@@ -24,12 +24,12 @@ FORMAT = "drupe-recording"
 VERSION = 1
 """Of the file; docs/formats.md describes it."""
 FEWEST_FOR_AREA = 9
-"""Markers from which on the area of one is fields: of three by three the middle Voronoi cell is whole."""
+"""Fewest markers that determine the area per marker: of three by three the middle Voronoi cell is closed."""
 FEWEST_MARKERS = 3
-"""That span an area, which contact has: outlines of fewer, or of a line, do not exist."""
+"""Fewest markers that span an area, which a contact needs."""
 LEAST_SPREAD = 0.01
-"""Least spread of a gel's markers across over along (standard deviations): a row 20 mm long whose places are
-read to 0.2 mm is below it, a grid of two rows of eleven has 0.16. Assumed."""
+"""Least ratio of the spread of a gel's markers across to that along (standard deviations). A row 20 mm long,
+read to 0.2 mm, is below it; two rows of eleven have 0.16. Assumed."""
 TIME = Limit(1e10, "seconds (since 1970 they are 1.8e9)")
 APERTURE = Limit(2000.0, "millimetres (is it in m or µm?)")
 WRENCH = Limit(1e7, "newtons and newton millimetres")
@@ -45,12 +45,11 @@ RADIUS = Limit(1000.0, "millimetres", least=0.001)
 SHARE = Limit(1.0, "(a share)")
 SCALE_SD = Limit(2.0, "(a relative standard deviation)", least=1e-4)
 POSE_SD = Limit(20.0, "mm", least=1e-3)
-"""These are the largest that each field can be at all, in the unit named, some hundred times what sensors and
-grippers reach: beyond it a number is broken or in another unit, and squares of it may overflow. The least
-likewise: the softest gel made has 1e-4 MPa, and 30 mm of it a shear stiffness E / (2 (1 + nu) h) of 1.1e-6
-MPa per mm; quotients by numbers that are next to nothing overflow."""
+"""These are the largest values of each field in its unit, some hundred times those of sensors and grippers. A
+larger number is wrong or in another unit, and its square may overflow. Quotients by values below the least
+may overflow. The softest gel (1e-4 MPa, 30 mm) has a shear stiffness E / (2 (1 + nu) h) of 1.1e-6 MPa/mm."""
 RIG_FIELDS = ("rig_give_mm", "rig_sd_mm")
-"""Optional, of a bare press that `drupe convert --rig` corrected: both or none."""
+"""Optional fields of a bare press that `drupe convert --rig` corrected: both or none."""
 GEL_CONSTANTS = {
     "gel_kn_MPa_per_mm": ("gel_kn_MPa_per_mm", STIFFNESS),
     "gel_kt_MPa_per_mm": ("gel_kt_MPa_per_mm", STIFFNESS),
@@ -60,14 +59,13 @@ GEL_CONSTANTS = {
     "force_scale_sd": ("force_scale_sd", SCALE_SD),
     "displacement_scale_sd": ("displacement_scale_sd", SCALE_SD),
 }
-"""Attributes of a gel pad by the field that holds each, with its limit: the first two are needed, the others
-may be left out."""
+"""Attribute of a gel pad and its limit, by field: both stiffnesses are needed, the others optional."""
 GEL_KNOWN = {
     "certainty": ("t", SHARE),
     "reference_print": ("", ANY),
     "print_shown": ("t", ANY),
 }
-"""Optional datasets of a gel pad, of no negative value: one a frame (t), or in all."""
+"""Optional datasets of a gel pad without negative values: one per frame (t), or one in all."""
 TEXTS = ("fruit_id", "category", "loading", "support", "sensor")
 SERIES = ("time_s", "aperture_mm", "wrench_N", *RIG_FIELDS)
 """Attributes of a file, and its fields beside the pads."""
@@ -82,14 +80,14 @@ PoseFrame: TypeAlias = Literal["fruit", "mat"]
 class GelPad:
     """A gel with markers, all in the pad frame; z points out of the gel into the fruit.
 
-    `displacement_mm` is from rest (negative z: pressed into the gel), `force_N` is what the gel puts on the
-    fruit at each marker (positive z: pushes the fruit). The rest surface may be a dome. `certainty`: of each
-    frame, 0 where every marker could as well be a pitch of their grid further, 1 where none could; None where
-    nobody followed markers through pictures. `reference_print` and `print_shown`: how much the picture of the
-    untouched gel, and each frame's, show of something that is pressed in, over the least that counts
-    (tactile.reference_print). `place_sd_mm`: standard deviation of the markers' places at rest, common to all
-    frames; a file does not hold it. `force_scale_sd`, `displacement_scale_sd`: relative standard
-    deviations of both scales, which all markers and frames share; 0 where nobody states them.
+    `displacement_mm` is from rest (negative z: pressed into the gel). `force_N` acts on the fruit at each
+    marker (positive z: pushes the fruit). The rest surface may be a dome. `certainty` of each frame: 0 if
+    every marker could as well be a pitch of their grid further, 1 if not; None without tracking in pictures.
+    `reference_print`, `print_shown`: evidence of an imprint in the picture of the untouched gel and in each
+    frame, over the detection limit (tactile.reference_print). `place_sd_mm`: standard deviation of the
+    markers' rest positions, common to all frames, not stored in files. `force_scale_sd`,
+    `displacement_scale_sd`: relative standard deviations of both scales, common to all markers and frames; 0
+    if not stated.
     """
 
     name: str
@@ -111,13 +109,13 @@ class GelPad:
 
     @property
     def marker_kn_N_per_mm(self) -> float | None:
-        """Normal stiffness of the gel under one marker; None where too few markers say its area."""
+        """Normal stiffness of the gel under one marker; None if too few markers determine its area."""
         area = marker_area_mm2(self.rest_mm)
         return None if area is None else self.gel_kn_MPa_per_mm * area
 
 
 def marker_area_mm2(rest_mm: Float[np.ndarray, "n 3"]) -> float | None:
-    """The gel's face that belongs to one marker: the median Voronoi cell; None below nine markers.
+    """Area of the gel's face per marker: the median Voronoi cell; None below nine markers or on one line.
 
     >>> grid = np.array([[x, y, 0.0] for x in range(0, 8, 2) for y in range(0, 8, 2)])
     >>> marker_area_mm2(grid)
@@ -133,7 +131,7 @@ def marker_area_mm2(rest_mm: Float[np.ndarray, "n 3"]) -> float | None:
     whole = [corners for corners in regions if corners and -1 not in corners]
     if not whole:
         return None
-    # the corners of a cell of a plane are listed in order round it
+    # Voronoi lists the corners of a plane cell in order around it.
     here, following = (
         cells.vertices[np.concatenate(ends)] for ends in (whole, [c[1:] + c[:1] for c in whole])
     )
@@ -144,8 +142,8 @@ def marker_area_mm2(rest_mm: Float[np.ndarray, "n 3"]) -> float | None:
 
 @dataclass(frozen=True, kw_only=True)
 class IndenterPad:
-    """A bare indenter with a load cell: one normal force per frame, no markers. `radius_mm` of a ball or a
-    flat punch, None of a plate; `specimen`: what is known of what it presses on.
+    """A bare indenter with a load cell: one normal force per frame, no markers. `radius_mm`: of a ball or a
+    flat punch; optional for a plate. `specimen`: stated facts about the pressed specimen.
     """
 
     name: str
@@ -158,16 +156,15 @@ class IndenterPad:
 
 @dataclass(frozen=True, kw_only=True)
 class Recording:
-    """Everything one file holds.
+    """The contents of one file.
 
-    `aperture_mm` is the jaws' distance (grasp) or the indenter's travel (press). `support`: "free" (the pads
-    alone hold the fruit) or "base" (every surface node within 0.2 mm of the lowest z is fixed). `wrench_N`:
-    force (N) and torque (N·mm) of the machine's own load cell, fruit frame. `rig_give_mm`: what was taken
-    off a bare press's travel because the rig gives way, with its standard deviation `rig_sd_mm`; None:
-    nothing. `notes`: what its reader took otherwise than the file has it, without full stops.
-    `pose_frame`: what the pads' poses lead to, the fruit frame or the mat's (from a robot), which grading
-    shifts to the fruit. `pose_sd_mm`: standard deviation of a pad's place per axis, where a robot's
-    calibration tells it.
+    `aperture_mm` is the jaws' distance (grasp) or the indenter's travel (press). `support`: "free" (only the
+    pads hold the fruit) or "base" (every surface node within 0.2 mm of the lowest z is fixed). `wrench_N`:
+    force (N) and torque (N·mm) of the machine's load cell, fruit frame. `rig_give_mm`: displacement of the
+    rig subtracted from a bare press's travel, with standard deviation `rig_sd_mm`; None: nothing. `notes`:
+    changes that the reader made, without full stops. `pose_frame`: target of the pads' poses, the fruit frame
+    or the mat's (from a robot); grading shifts the latter to the fruit. `pose_sd_mm`: standard deviation of a
+    pad's position per axis, if a robot's calibration states it.
     """
 
     fruit_id: str
@@ -189,9 +186,9 @@ class Recording:
 def read_recording(path: Path) -> Recording:
     """The recording in `path`, checked field by field.
 
-    Raises TactileFailure (unreadable-recording) that names the file, the field, what was found, what was
-    expected and what to do: for a missing or truncated file, a wrong format or version, a missing field, a
-    wrong shape or type, a value that is not finite, time that does not increase, or a pose that is not rigid.
+    Raises TactileFailure (unreadable-recording) with file, field, found and expected value, and advice.
+    Causes are a missing or truncated file, a wrong format or version, and a missing field. Others are a wrong
+    shape or type, values that are not finite, times that do not increase, and poses that are not rigid.
     """
     with opened(path) as file:
         root = GroupReader(path=path, group=file)
@@ -223,7 +220,7 @@ def read_recording(path: Path) -> Recording:
 
 
 def write_recording(path: Path, recording: Recording) -> None:
-    """Write `recording` so that `read_recording` gives it back.
+    """Write `recording` so that `read_recording` returns it, but for `notes` and `place_sd_mm`.
 
     Marker displacement and force are stored in single precision (6e-8 relative), the rest in double.
     """
@@ -248,7 +245,7 @@ def write_recording(path: Path, recording: Recording) -> None:
 
 
 def is_of_bare_indenter(path: Path) -> bool:
-    """Whether the pads of the file at `path`, which may be no recording, have one force and no markers."""
+    """Whether the pads in the file have one force and no markers; False if the file is no recording."""
     try:
         with opened(path) as file:
             pads = child_group(file, "pads")
@@ -263,7 +260,7 @@ def is_of_bare_indenter(path: Path) -> bool:
 def _read_pad(pad: GroupReader, name: str, *, frames: int, scale_sd: float) -> GelPad | IndenterPad:
     """One pad of a recording: a gel's fields, or the force of an indenter.
 
-    `scale_sd`: the recording's own `force_scale_sd`, for a pad that states none.
+    `scale_sd`: the recording's `force_scale_sd`, for a pad that states none.
     """
     pose = pad.poses("pose", frames)
     if "force_z_N" in pad and "rest_mm" not in pad:
@@ -292,7 +289,7 @@ def _read_pad(pad: GroupReader, name: str, *, frames: int, scale_sd: float) -> G
 
 
 def _rig_fields(root: GroupReader, frames: int) -> dict[str, Any]:
-    """What a rig's give took off the travel, and its standard deviation; nothing where neither is there."""
+    """The rig's displacement in the travel and its standard deviation; empty if both are missing."""
     if not any(name in root for name in RIG_FIELDS):
         return {}
     values = {name: root.array(name, (frames,), limit=APERTURE) for name in RIG_FIELDS}
@@ -303,7 +300,7 @@ def _rig_fields(root: GroupReader, frames: int) -> dict[str, Any]:
 
 
 def _gel_constants(pad: GroupReader, scale_sd: float) -> dict[str, Any]:
-    """By field; spreads of scales are 0 where nobody states them."""
+    """The constants by field; missing spreads of scales are `scale_sd` (force) and 0 (displacement)."""
     said = {
         field: (pad.positive if limit is STIFFNESS else pad.optional_positive)(name, limit=limit)
         for field, (name, limit) in GEL_CONSTANTS.items()
@@ -313,7 +310,7 @@ def _gel_constants(pad: GroupReader, scale_sd: float) -> dict[str, Any]:
 
 
 def _known(pad: GroupReader, name: str, frames: int) -> Any:
-    """An optional field of a gel; None where it is left out."""
+    """An optional field of a gel; None if it is missing."""
     if name not in pad:
         return None
     axis, limit = GEL_KNOWN[name]
@@ -323,7 +320,7 @@ def _known(pad: GroupReader, name: str, frames: int) -> Any:
 
 
 def _no_face(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[str, str, str] | None:
-    """What was found, expected and is to be done where markers span no area; None where they do."""
+    """What was found, expected and advised if the markers span no area; None if they do."""
     expected = f"at least {FEWEST_MARKERS} that are not on one line"
     if len(rest_mm) < FEWEST_MARKERS:
         fault = f"{len(rest_mm)} marker{'' if len(rest_mm) == 1 else 's'}"
@@ -337,7 +334,7 @@ def _no_face(rest_mm: Float[np.ndarray, "n 3"]) -> tuple[str, str, str] | None:
 
 
 def _write_fields(group: Any, record: Recording | GelPad | IndenterPad, names: Sequence[str]) -> None:
-    """Those that the record has."""
+    """Writes the fields that the record has, in double precision."""
     for name in names:
         if (values := getattr(record, name)) is not None:
             group[name] = np.asarray(values, dtype=np.float64)
@@ -354,7 +351,7 @@ def _write_gel(group: Any, pad: GelPad) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Converted:
-    """A recording in the canonical form; `notes` are sentences for people."""
+    """A recording in the canonical form; `notes`: sentences for users."""
 
     recording: Recording
     notes: tuple[str, ...]

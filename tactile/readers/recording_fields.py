@@ -1,4 +1,4 @@
-"""Reading single fields of a recording, each with the check that its kind needs."""
+"""Reads single fields of a recording, and checks each."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,16 +17,16 @@ Shape: TypeAlias = tuple[int | None, ...]
 RIGID_TOLERANCE = 1e-4
 """Largest entry of R'R - I that still counts as a rotation: poses stored in single precision pass."""
 MOST_CHARACTERS = 200
-"""Of a name in a recording. Set by hand: longer text is no name."""
+"""Longest name in a recording. Set by hand."""
 FARTHEST_MM = 1e5
-"""A pose's shift beyond 100 m is of no gripper."""
+"""Largest translation of a pose along an axis: no gripper is 100 m away."""
 REWRITE = "write the field again as plain numbers or text: HDF5 holds more types than arrays do"
 
 
 @dataclass(frozen=True)
 class Limit:
-    """The largest that a number can be, either sign, and its unit with what a larger one may have been; of a
-    constant, which is above zero, the least too.
+    """Largest absolute value of a number, and its unit, with a question for a likely other unit. `least`:
+    least value of a constant, which must be positive.
     """
 
     largest: float
@@ -35,12 +35,14 @@ class Limit:
 
 
 ANY = Limit(1e12, "in any unit")
-"""Of a field without a limit of its own: far beyond any, and its square is finite."""
+"""Limit of a field without a specific one: far beyond any value, with a finite square."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GroupReader:
-    """One HDF5 group of one file, and the name it goes by in failures (`prefix`, empty for the root)."""
+    """One HDF5 group of a file; `prefix` names it in failures (empty for the root). Methods raise
+    TactileFailure (unreadable-recording) for a field that is missing or wrong.
+    """
 
     path: Path
     group: Any
@@ -75,7 +77,7 @@ class GroupReader:
         return printable(value)
 
     def choice(self, name: str, allowed: set[str], *, default: str | None = None) -> str:
-        """A text attribute that must be one of `allowed`; `default` where it may be left out."""
+        """A text attribute that must be one of `allowed`; `default` if it is missing."""
         if default is not None and name not in self.group.attrs:
             return default
         value = self.text(name)
@@ -85,14 +87,14 @@ class GroupReader:
         return value
 
     def version(self, name: str, known: int) -> None:
-        """The format's version, which must be `known`, as a number of any type: 1.0 is version 1."""
+        """Checks the format's version: a number of any type (1.0 is version 1) that must be `known`."""
         value = self._attribute(name)
         if not isinstance(value, int | np.integer | np.floating) or value != known:
             advice = "convert the file, or use a release of drupe that reads this version"
             raise self._refuse(f"attribute {name}", _said(value), f"version {known}", advice)
 
     def positive(self, name: str, *, limit: Limit) -> float:
-        """A numeric attribute above zero, up to its limit."""
+        """A numeric attribute above zero, within its limit."""
         number, value = self._number(name)
         if not (np.isfinite(number) and number > 0):
             raise self._refuse(
@@ -111,12 +113,12 @@ class GroupReader:
         return number
 
     def optional_positive(self, name: str, *, limit: Limit) -> float | None:
-        """A numeric attribute above zero, or None where the file leaves it out."""
+        """A numeric attribute above zero, or None if it is missing."""
         return self.positive(name, limit=limit) if name in self.group.attrs else None
 
     def array(self, name: str, shape: Shape, *, limit: Limit = ANY) -> Float[np.ndarray, "..."]:
-        """A dataset of numbers with `shape` (None: any length above zero), in double precision, all finite
-        and none beyond the limit.
+        """A dataset of numbers with `shape` (None: any length above zero), in double precision. All are
+        finite and within the limit.
         """
         data = self._dataset(name)
         self._require_shape(name, data, shape)
@@ -146,7 +148,7 @@ class GroupReader:
         return values
 
     def refuse(self, name: str, wrong: tuple[str, str, str] | None) -> None:
-        """Refuses a field with what was found, what was expected and what to do; None: nothing is wrong."""
+        """Raises the failure of a field: what was found, expected, and advised; None: no fault."""
         if wrong is not None:
             raise self._refuse(name, *wrong)
 
@@ -158,7 +160,7 @@ class GroupReader:
         expected: str = "0 or more",
         advice: str = "leave the field out, or write it again",
     ) -> None:
-        """Refuses a field with a value below 0."""
+        """Raises the failure of a field with a value below 0."""
         if (values < 0).any():
             raise self._refuse(name, f"{values.min():g}", expected, advice)
 
@@ -183,7 +185,7 @@ class GroupReader:
         return values
 
     def _attribute(self, name: str) -> Any:
-        """What an attribute holds; an array of one is that one, as MATLAB and Julia write them."""
+        """An attribute's value; an array of one element is that element, as MATLAB and Julia write it."""
         if name not in self.group.attrs:
             raise self._refuse(
                 f"attribute {name}", "nothing", "the attribute to be present", "add it to the file"
@@ -197,19 +199,17 @@ class GroupReader:
             ) from cause
 
     def _number(self, name: str) -> tuple[float, Any]:
-        """What an attribute holds as a number, NaN where it is none, and as it is."""
+        """An attribute as a number, NaN if it is none, and as it was stored."""
         value = self._attribute(name)
         return float(value) if isinstance(value, int | float | np.number) else float("nan"), value
 
     def _require_own(self, name: str) -> None:
-        """Refuse a field that is a link: it may lead into another file, which is not of the recording and
-        which no list of its inputs names.
-        """
+        """Refuses a field that is a link: it may lead into a file that no list of the inputs names."""
         if not isinstance(self.group.get(name, getlink=True, default=h5py.HardLink()), h5py.HardLink):
             raise self._refuse(name, "a link", "the field itself", "write its values into this file")
 
     def _dataset(self, name: str) -> Any:
-        """The dataset of this name, still unread. Raises TactileFailure where there is none."""
+        """The dataset, still unread. Raises TactileFailure if it is missing or stored in another file."""
         self._require_own(name)
         try:
             data = self.group.get(name)
@@ -226,7 +226,7 @@ class GroupReader:
         return data
 
     def _values(self, name: str, data: Any, *, axes: int) -> Any:
-        """All values; a single row or column as a vector."""
+        """All values; a single row or column becomes a vector if `axes` is 1."""
         try:
             values = data[()]
         except (TypeError, ValueError) as cause:
@@ -243,11 +243,11 @@ class GroupReader:
         return values.reshape(-1) if axes == 1 else values
 
     def _require_shape(self, name: str, data: Any, shape: Shape) -> None:
-        """Raises TactileFailure where a dataset has another shape; None stands for any length from 1."""
+        """Raises TactileFailure for a dataset with another shape; None allows any length from 1."""
         if data.shape is None:  # HDF5's null dataspace: a type and no values, not even an empty array
             raise self._refuse(name, "an empty dataset", "values in it", "record the field or write it again")
         held = have = tuple(data.shape)
-        if len(shape) == 1 and len(have) == 2 and 1 in have:  # MATLAB has no vectors, but rows and columns
+        if len(shape) == 1 and len(have) == 2 and 1 in have:  # MATLAB writes vectors as rows or columns
             have = (max(have),)
         if not fits(have, shape):
             advice = "frames and markers must agree with time_s and rest_mm"
@@ -263,14 +263,14 @@ class GroupReader:
 
 
 def fits(have: tuple[int, ...], wanted: Shape) -> bool:
-    """Whether a shape is the one wanted; None stands for any length from 1."""
+    """Whether a shape is the wanted one; None allows any length from 1."""
     return len(have) == len(wanted) and all(
         (length >= 1 if want is None else length == want) for length, want in zip(have, wanted, strict=True)
     )
 
 
 def are_rigid(poses: Float[np.ndarray, "t 4 4"]) -> Bool[np.ndarray, " t"]:
-    """Which matrices are a rotation and a shift of at most 100 m.
+    """Which matrices are a rotation and a translation of at most 100 m along each axis.
 
     >>> are_rigid(np.stack([np.eye(4), 2 * np.eye(4)])).tolist()
     [True, False]
@@ -284,7 +284,7 @@ def are_rigid(poses: Float[np.ndarray, "t 4 4"]) -> Bool[np.ndarray, " t"]:
 
 
 def shape_said(wanted: Shape) -> str:
-    """A shape as a sentence names it.
+    """A shape in words.
 
     >>> shape_said((None, 3))
     'shape (any, 3)'
@@ -293,7 +293,7 @@ def shape_said(wanted: Shape) -> str:
 
 
 def _said(value: object) -> str:
-    """A value as the user wrote it: numpy's scalars without their type."""
+    """A value as the user wrote it: NumPy scalars without their type."""
     if isinstance(value, h5py.Empty):
         return "an empty attribute"
     if isinstance(value, np.ndarray):

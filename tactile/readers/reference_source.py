@@ -1,8 +1,8 @@
-"""Which picture of the untouched gel a pad's frames are held against, as grasp.toml names it.
+"""The picture of the untouched gel to which a pad's frames are compared, as grasp.toml names it.
 
-`reference` is a picture, or another clip of the same gel (a folder of frame_*.png or a video), beside the
-grasp or elsewhere in its batch; `reference_frames = [k, m]` are frames k to m - 1 of that clip or, without
-one, of the pad's own.
+`reference` is a picture, or another clip of the same gel (a folder of frame_*.png or a video). It lies in the
+grasp or elsewhere in its batch. `reference_frames = [k, m]` are frames k to m - 1 of that clip, or without
+one of the pad's own; the reference is their mean.
 """
 
 from dataclasses import dataclass
@@ -15,11 +15,11 @@ from tactile.readers.pictures import PICTURES, VIDEOS, Pictures, pictures_in, re
 from tactile.readers.toml_table import Table
 
 BATCH = "batch.toml"
-"""In the folder that nothing named in a grasp may lead out of."""
+"""File of the batch's folder, which paths in a grasp must not leave."""
 FOLDERS_ABOVE = 4
-"""Of a grasp, among which the batch's is: fruits, the fruit's, grasps, and one to spare."""
+"""Folders above a grasp in which BATCH is sought: grasps, the fruit's, fruits and the batch's."""
 MOST_FRAMES = 1000
-"""Of a mean: noise falls by thirty with them, and the frames of a longer clip need not be read."""
+"""Most frames of a mean: its noise is a thirtieth of one frame's, and a longer clip need not be read."""
 ADVICE = (
     "a picture of the untouched gel; or name another clip or picture of it (reference = ...), or frames of "
     "it (reference_frames = [0, 5])"
@@ -28,7 +28,7 @@ ADVICE = (
 
 @dataclass(frozen=True)
 class Reference:
-    """The picture, and the file or the frames that it comes from."""
+    """The picture, and the name of the file or frames that it comes from."""
 
     picture: UInt8[np.ndarray, "h w 3"]
     source: str
@@ -37,8 +37,8 @@ class Reference:
 def read_reference(folder: Path, pad: str, table: Table, pictures: Pictures) -> Reference:
     """The reference of a pad; `table` is the pad's in grasp.toml, `pictures` are its own frames.
 
-    Raises TactileFailure (unreadable-frames) that names the file and the field: a path that leads out of the
-    batch, what is not there, frames that the clip does not have, or two references.
+    Raises TactileFailure (unreadable-frames), with file and field, for a path out of the batch, a missing
+    file, frames that the clip lacks, or two references.
     """
     said = table.file_name("reference", default="")
     chosen = "reference_frames" in table.values
@@ -61,7 +61,7 @@ def read_reference(folder: Path, pad: str, table: Table, pictures: Pictures) -> 
 
 
 def named_reference(folder: Path, table: Table, said: str) -> Path:
-    """Where grasp.toml's `reference` is; raises TactileFailure where that is outside the batch."""
+    """The path of grasp.toml's `reference`; raises TactileFailure if it is outside the batch."""
     root = batch_of(folder)
     if Path(said).is_absolute() or not (folder / said).resolve().is_relative_to(root):
         expected = (
@@ -72,19 +72,19 @@ def named_reference(folder: Path, table: Table, said: str) -> Path:
 
 
 def batch_of(folder: Path) -> Path:
-    """The folder above that holds batch.toml; without one, the folder that the grasp lies in."""
+    """The nearest folder above with batch.toml; without one, the folder that contains the grasp."""
     here = folder.resolve()
     above = (here, *here.parents[:FOLDERS_ABOVE])
     return next((place for place in above if (place / BATCH).is_file()), here.parent)
 
 
 def reference_path(place: Path) -> Path:
-    """The picture called reference in a folder of frames; reference.png where there is none."""
+    """The picture named reference in a folder of frames; reference.png if there is none."""
     return next((p for s in PICTURES if (p := place / f"reference{s}").is_file()), place / "reference.png")
 
 
 def _mean(table: Table, pictures: Pictures) -> Reference:
-    """The mean of the clip's frames that reference_frames names; of all without it."""
+    """The mean of the clip's frames in reference_frames; without that key, of the first MOST_FRAMES."""
     count = len(pictures.numbers)
     first, end = 0, min(count, MOST_FRAMES)
     if "reference_frames" in table.values:

@@ -1,7 +1,7 @@
 """A rig's description in TOML, as `drupe calibrate` writes it from squeezes of a rigid object.
 
-The curve [travel] is of the whole path, [jaws] the same less what the gels' markers show; both give the
-travel and its standard deviation over the force (docs/formats.md).
+The curve [travel] is that of the whole path, [jaws] that without the gels' displacement. Both list a
+displacement and its standard deviation over the force (docs/formats.md).
 """
 
 import datetime
@@ -23,21 +23,22 @@ VERSION = 1
 """Of the file; docs/formats.md describes it."""
 SHAPES = ("ball", "block")
 SIZE = Limit(1000.0, "millimetres", least=0.1)
-"""No jaws open wider, and nothing smaller is held."""
+"""Size of a rigid object: no jaws open wider, and none hold a smaller one."""
 CURVES = {"force_N", "give_mm", "sd_mm"}
 TOP = {
     "format", "version", "object", "shape", "size_mm", "made", "squeezes", "least_N", "travel", "jaws",
     "gels", "spread", "recordings",
 }  # fmt: skip
 FEWEST_KNOTS = 2
-"""A line has two ends."""
+"""Fewest points of a curve."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Rig:
-    """`travel`: what the whole path gives, gels and all; `jaws`: less the gels, None where none were in it.
+    """`travel`: displacement of the whole path, with gels; `jaws`: without them, None if no gels were
+    measured.
 
-    `made`: the day of its calibration, None where the file does not say. `digest`: SHA-256 of the file.
+    `made`: the day of its calibration, None if the file lacks it. `digest`: SHA-256 of the file.
     """
 
     object_name: str
@@ -50,7 +51,7 @@ class Rig:
 
     @property
     def machine(self) -> RigCurve:
-        """What jaws and frame give without gels, as far as it was measured."""
+        """Displacement of jaws and frame; with the gels if nobody measured it without them."""
         return self.jaws or self.travel
 
 
@@ -78,7 +79,7 @@ def read_rig(path: Path) -> Rig:
 
 
 def _curve(top: Table, name: str) -> RigCurve | None:
-    """One curve of the file, None where it has none of this name; raises TactileFailure where it is wrong."""
+    """One curve of the file, None if it lacks it. Raises TactileFailure if it is wrong."""
     table = top.table(name, needed=False)
     if not table:
         return None

@@ -1,8 +1,8 @@
-"""A gripper on a robot in TOML: the pads' places on the flange; and where the robot stands, as calibrated.
+"""Reads in TOML a gripper on a robot: the pads' poses on the flange, and the calibrated pose of the mat.
 
-gripper.toml has the poses from the gripper's drawing; robot.toml, as `drupe robot` writes it, holds the same
-tables and `base_from_mat` with its covariance, of a turn (rad) and a shift (mm) in the mat's axes
-(docs/formats.md).
+gripper.toml has the poses from the gripper's drawing. robot.toml, which `drupe robot` writes, has the same
+tables and `base_from_mat`. Its covariance is that of a rotation (rad) and a translation (mm) in the mat's
+axes (docs/formats.md).
 """
 
 from dataclasses import dataclass
@@ -28,9 +28,8 @@ ROBOT_KEYS = GRIPPER_KEYS | {
 
 @dataclass(frozen=True, kw_only=True)
 class Gripper:
-    """`pads`: flange_from_pad (mm) by name, at `pose_aperture_mm`; `pose_sd_mm`: their spread per axis.
-    `wrench_frame`: "flange" or "base", in whose axes and about whose origin the load cell measures; None:
-    not stated.
+    """`pads`: flange_from_pad (mm) by name, at `pose_aperture_mm`; `pose_sd_mm`: their standard deviation per
+    axis. `wrench_frame`: "flange" or "base", whose axes and origin the load cell uses; None: not stated.
     """
 
     pads: dict[str, Float[np.ndarray, "4 4"]]
@@ -41,7 +40,7 @@ class Gripper:
 
 @dataclass(frozen=True, kw_only=True)
 class Robot:
-    """A gripper whose robot's base is known: see tactile.robot.base_and_mat.BaseAndMat."""
+    """A gripper and the pose of the mat in its robot's base (tactile.robot.base_and_mat.BaseAndMat)."""
 
     gripper: Gripper
     base_from_mat: Float[np.ndarray, "4 4"]
@@ -101,6 +100,6 @@ def _pose(table: Table, name: str) -> Float[np.ndarray, "4 4"]:
 
 
 def _spread(table: Table, name: str) -> float:
-    """A standard deviation, 0 where there is none."""
+    """A standard deviation; 0 if it is missing."""
     value = table.number(name, needed=False, above=-1e-12)
     return value or 0.0

@@ -1,8 +1,8 @@
 """Marker fields, aperture and poses of a grasp from a ROS 2 bag (MCAP), by the topics that a TOML file names.
 
 Fields are PointCloud2 (x, y, z) or Float64MultiArray, Float32MultiArray (x, y, z of each marker in turn).
-Times are those at which messages were logged: one computer's clock. Lengths are metres in ROS (REP 103), but
-the TOML file (docs/formats.md) may state mm.
+Times are those at which one computer logged the messages. Lengths are metres in ROS (REP 103); the TOML file
+(docs/formats.md) may state mm, except for poses.
 """
 
 from collections.abc import Callable
@@ -23,10 +23,10 @@ from tactile.readers.toml_table import read_table
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MOST_BYTES = 8_000_000_000
-"""Of the bag, which may have a camera's pictures too; topics that are not named are not decoded."""
+"""Largest bag. It may contain a camera's pictures: the reader decodes only topics that the file names."""
 MOST_MEMORY, PATIENCE_S = 2_000_000_000, 300.0
-"""Bytes and seconds that decoding may take. Set by hand: two pads of 400 markers for a minute at 30 frames/s
-take 70 MB as numbers, and some times as much as Python's objects."""
+"""Most bytes and seconds for decoding. Set by hand: two pads of 400 markers for a minute at 30 frames/s take
+70 MB as numbers, several times that as objects."""
 MM = {"m": 1000.0, "mm": 1.0}
 """Millimetres in each unit of length."""
 FLOATS = {7: "f4", 8: "f8"}
@@ -94,7 +94,7 @@ def bag_fields(path: Path, topics: Path) -> dict[str, np.ndarray]:
 
 
 def _series(path: Path, topics: set[str]) -> dict[str, TopicSeries]:
-    """The messages of these topics, decoded; first in a process of its own with limits."""
+    """The decoded messages of these topics; a separate process with limits decodes them first."""
     try:
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
@@ -128,7 +128,7 @@ def _series(path: Path, topics: set[str]) -> dict[str, TopicSeries]:
         return read()
     except (TactileFailure, NotReadable):
         raise
-    except Exception as cause:  # a broken bag meets the libraries in a dozen ways
+    except Exception as cause:  # a broken bag makes the libraries raise many kinds of errors
         said = f"{type(cause).__name__}: {cause}"[:120]
         raise unusable(path.name, f"a damaged bag or unequal messages ({said})", "a whole bag") from cause
 
@@ -138,7 +138,7 @@ def _number(message: Any) -> np.ndarray:
 
 
 def _rows(message: Any) -> np.ndarray:
-    """x, y, z of each marker; raises ValueError for an array whose layout says otherwise."""
+    """x, y, z of each marker; raises ValueError for an array with another layout."""
     sizes = [axis.size for axis in message.layout.dim]
     if len(sizes) > 1 and sizes[-1] != 3:
         raise ValueError(f"a layout of {sizes}, x, y, z are not the last axis")
@@ -147,7 +147,7 @@ def _rows(message: Any) -> np.ndarray:
 
 
 def _cloud(message: Any) -> np.ndarray:
-    """x, y, z of a point cloud of any layout; raises KeyError and ValueError where it has none."""
+    """x, y, z of a point cloud of any layout; raises KeyError or ValueError if it lacks them."""
     at = {field.name: field for field in message.fields}
     order = ">" if message.is_bigendian else "<"
     layout = np.dtype(
@@ -176,7 +176,7 @@ VALUES: dict[str, Callable[[Any], np.ndarray]] = {
     "sensor_msgs/msg/PointCloud2": _cloud,
     "geometry_msgs/msg/PoseStamped": _pose,
 }
-"""Numbers of a message, by its type."""
+"""Function that returns the numbers of a message, by the message's type."""
 
 
 def _poses(
@@ -198,7 +198,7 @@ def _poses(
 def _opening(
     first: Float[np.ndarray, "t 4 4"], right: Float[np.ndarray, "t 4 4"] | None
 ) -> Float[np.ndarray, " t"]:
-    """Distance of the two faces along the left pad's normal; of a press the travel along the tip's."""
+    """Distance of the faces along the left pad's normal, mm; for a press the tip's travel along its z."""
     ahead = first[:, :3, 2]
     way = first[:, :3, 3] - first[0, :3, 3] if right is None else right[:, :3, 3] - first[:, :3, 3]
     return np.asarray(np.einsum("ti,ti->t", way, ahead))

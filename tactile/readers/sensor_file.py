@@ -19,20 +19,20 @@ GEL = {
     "gel_kt_MPa_per_mm",
 }  # fmt: skip
 SIZE_MM = (1.0, 1000.0)
-"""Of a gel's face, least and most."""
+"""Least and largest side of a gel's face."""
 MOST_SAG = 0.6
-"""Of the thickness that a domed face's corners may lie below its middle. Set by hand: GelSight Mini's have a
-third."""
+"""Largest depth of a domed face's corners below its middle, over the thickness. Set by hand: GelSight Mini's
+have a third."""
 LEAST_PITCH_MM = 0.01
-"""Markers closer than a cell of skin are none that a camera in a gel tells apart."""
+"""Least distance of markers that a camera in a gel can separate."""
 
 
 def read_sensor(path: Path) -> Sensor:
     """The sensor that `path` describes.
 
     Raises TactileFailure (unreadable-sensor) that names the file, the field, what was found and what was
-    expected: no such file, not TOML, an unknown key, a missing one, a value of a wrong kind or out of range,
-    or a table that the kind needs and the file lacks.
+    expected. Causes are a missing file, text that is not TOML, unknown keys and wrong values. The file may
+    also lack a key or table that the sensor's kind needs.
     """
     top = read_table(path, TactileProblem.UNREADABLE_SENSOR, what="a sensor's description")
     top.refuse_unknown(TOP)
@@ -61,14 +61,14 @@ def read_sensor(path: Path) -> Sensor:
 
 
 def _spread(top: Table, name: str) -> float:
-    """A relative standard deviation under [spread]; 0 without."""
+    """A relative standard deviation in [spread]; 0 if it is missing."""
     table = top.table("spread", needed=False)
     table.refuse_unknown({"force", "displacement"})
     return table.within(name, SCALE_SD, needed=False) or 0.0
 
 
 def _outline(gel: Table) -> GelOutline | None:
-    """The gel's size, middle and sides; None where its size is not given. Raises TactileFailure."""
+    """The gel's size, middle and sides; None without its size. Raises TactileFailure."""
     size = gel.numbers("size_mm", (2,), needed=False)
     if size is None:
         for name in ("centre_mm", "sides", "face_radius_mm"):
@@ -122,8 +122,8 @@ def _camera(table: Table) -> GelCamera | None:
 
 
 def _rest(table: Table, outline: GelOutline | None) -> Float[np.ndarray, "n 3"] | None:
-    """The markers' rest positions (mm) as listed or as a grid, which lies on the face where that is domed;
-    None where the description has neither.
+    """The markers' rest positions (mm), as listed or as a grid; None if the description has neither. A grid
+    follows a domed face.
     """
     if not table:
         return None

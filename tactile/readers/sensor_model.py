@@ -1,7 +1,6 @@
-"""Sensors as they are sold: what is published of each, with its source and its spread.
+"""Commercial sensors: published values of each, with source and standard deviation.
 
-One file for each in tactile/sensor_models. A value is `{ value, sd, source }`; what is not there the user
-gives.
+Each has one file in tactile/sensor_models. A value is `{ value, sd, source }`; the user adds others.
 """
 
 import re
@@ -19,14 +18,15 @@ from tactile.sensors import SensorKind, bonded_stiffness
 from tactile.tactile_failure import TactileProblem
 
 FOLDER = Path(__file__).parents[1] / "sensor_models"
-"""Where the shipped ones lie."""
+"""Folder of the shipped files."""
 _SERIAL = re.compile(r"(?:(?:sn|s/n|serial|#)[:. ]*[\w-]*\d[\w-]*)|(?!v\d)(?=[\w-]*\d)(?=[\w-]*[a-z-])[\w-]+")
-"""In small letters: SN 20123, #7, D20123, A1-0040R; a number alone, or a version (v2), may be of a model."""
+"""Serial numbers in small letters: SN 20123, #7, D20123, A1-0040R. A number alone or a version (v2) may be
+part of a model's name."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Published:
-    """A number (or two, along x and y), its standard deviation in the same unit, and who says so."""
+    """A number (or two, along x and y), its standard deviation in the same unit, and its source."""
 
     value: Float[np.ndarray, " n"]
     sd: float
@@ -34,14 +34,14 @@ class Published:
 
     @property
     def relative_sd(self) -> float:
-        """Over the mean of the values."""
+        """Standard deviation over the mean absolute value."""
         return float(self.sd / np.mean(np.abs(self.value)))
 
 
 @dataclass(frozen=True, kw_only=True)
 class SensorModel:
-    """`gel`: by the keys of a description's [gel]; `pitch_mm` None where the dots are the user's own;
-    `fields`: relative spread of a maker's own "force" and "displacement".
+    """`gel`: by the keys of a description's [gel]; `pitch_mm`: None if the user prints the dots; `fields`:
+    relative standard deviation of the maker's "force" and "displacement".
     """
 
     key: str
@@ -57,14 +57,14 @@ class SensorModel:
 
 
 def model_names() -> tuple[str, ...]:
-    """Of the shipped sensors."""
+    """Keys of the shipped sensors."""
     return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
 
 
 def model_named(sensor: str) -> SensorModel | None:
-    """The shipped sensor that a recording names: by its key or its name, which a serial number may follow.
+    """The shipped sensor that a recording names by its key or its name, with or without a serial number.
 
-    Other words behind the name are of another sensor: DIGIT 360, DIGIT Pinki.
+    Other words behind the name belong to other sensors: DIGIT 360, DIGIT Pinki.
 
     >>> names = ("GelSight Mini, marked gel", "Tac3D A1-0040R", "gel")
     >>> [model and model.key for model in map(model_named, names)]
@@ -84,7 +84,7 @@ def _plain(name: str) -> str:
 
 @cache
 def read_model(name: str) -> SensorModel:
-    """The shipped sensor of that name; raises TactileFailure (unreadable-sensor) for a file that is none."""
+    """The shipped sensor of that name; raises TactileFailure (unreadable-sensor) for a wrong file."""
     path = FOLDER / f"{name}.toml"
     top = read_table(path, TactileProblem.UNREADABLE_SENSOR, what="a sensor's published values")
     top.refuse_unknown({"kind", "name", "notes", "gel", "markers", "camera", "fields"})
@@ -117,9 +117,9 @@ def _one(said: Any) -> Published:
 
 @dataclass(frozen=True, kw_only=True)
 class PublishedGel:
-    """`source`: who says so. `stiffness`: by the name of a pad's attribute, the value (MPa/mm) and its
-    relative standard deviation. `pitch_mm`: geometric mean of both steps of the grid, with its relative
-    `pitch_sd`.
+    """Published values of a gel, from `source`. `stiffness`: by the name of a pad's attribute, the value
+    (MPa/mm) and its relative standard deviation. `pitch_mm`: geometric mean of both steps of the grid;
+    `pitch_sd`: its relative standard deviation.
     """
 
     source: str
@@ -129,10 +129,9 @@ class PublishedGel:
 
 
 def gel_of_model(model: SensorModel) -> PublishedGel:
-    """What the sensor's published values say of its gel.
+    """The gel's stiffness and pitch from published values.
 
-    Where the stiffness itself is not published it is the bonded layer's (tactile.sensors),
-    errors to first order.
+    An unpublished stiffness is that of the bonded layer (tactile.sensors), with errors to first order.
     """
     pitch, names = model.pitch_mm, ("gel_kn_MPa_per_mm", "gel_kt_MPa_per_mm")
     measured = {name: model.gel[name] for name in names if name in model.gel}

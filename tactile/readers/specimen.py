@@ -1,4 +1,4 @@
-"""What a bare indenter presses on, as far as its recording says: lengths in mm, None where not said."""
+"""The specimen under a bare indenter, as its recording states it: lengths in mm, None if not stated."""
 
 from dataclasses import dataclass, fields
 from typing import Any, Literal, TypeAlias, cast
@@ -9,15 +9,15 @@ SpecimenKind: TypeAlias = Literal["cylinder", "fruit"]
 SpecimenEnds: TypeAlias = Literal["bonded", "lubricated"]
 Axis: TypeAlias = Literal["a", "b", "c"]
 LENGTH = Limit(500.0, "millimetres (is it in m or µm?)", least=0.01)
-"""Of any specimen, some ten times the largest fruit's; the least is a film's."""
+"""Length of any specimen: the largest is ten times the largest fruit's, the least a film's."""
 DIAMETERS: tuple[Axis, ...] = ("a", "b", "c")
 
 
 @dataclass(frozen=True, kw_only=True)
 class PressedSpecimen:
-    """A slab (`thickness_mm`), a cylinder between plates (`height_mm`, `diameter_mm`, `ends`) or a fruit
-    between plates (`diameters_mm` a, b, c, the one along which it is compressed, `axis`, and `pit_share`, the
-    pit's diameter over the fruit's).
+    """A slab (`thickness_mm`), or a cylinder (`height_mm`, `diameter_mm`, `ends`) or fruit between plates. A
+    fruit has diameters a, b, c (`diameters_mm`) and is compressed along one of them (`axis`). `pit_share`:
+    the pit's diameter over the fruit's.
     """
 
     kind: SpecimenKind | None = None
@@ -31,12 +31,12 @@ class PressedSpecimen:
 
     @property
     def stated(self) -> dict[str, Any]:
-        """What is said, by field."""
+        """The stated facts, by field."""
         return {f.name: value for f in fields(self) if (value := getattr(self, f.name)) is not None}
 
 
 def read_specimen(pad: GroupReader) -> PressedSpecimen:
-    """From a pad's attributes, all of which may be missing; raises TactileFailure for what is no number."""
+    """The specimen in a pad's attributes, which are all optional; raises TactileFailure for wrong values."""
     diameters = tuple(pad.optional_positive(f"diameter_{name}_mm", limit=LENGTH) for name in DIAMETERS)
     if any(diameter is not None for diameter in diameters):
         diameters = tuple(pad.positive(f"diameter_{name}_mm", limit=LENGTH) for name in DIAMETERS)
@@ -54,7 +54,7 @@ def read_specimen(pad: GroupReader) -> PressedSpecimen:
 
 
 def write_specimen(attributes: Any, specimen: PressedSpecimen) -> None:
-    """Into a pad's attributes, so that `read_specimen` gives it back."""
+    """Writes the specimen into a pad's attributes, so that `read_specimen` returns it."""
     said = specimen.stated
     if "kind" in said:
         said["specimen"] = said.pop("kind")

@@ -1,5 +1,5 @@
-"""The unit that a text states (a column's name, a row of units, an option), read with pint, and whether
-something beside it may change what it means.
+"""Reads with pint the unit in a text: a column's name, a row of units, an option. It also reports any text
+beside the unit that may change its meaning.
 """
 
 import functools
@@ -21,9 +21,9 @@ QUANTITIES = {
     "travel": ("mm", LENGTH, 1e3, 1e-7, 1e3),
     "gap": ("mm", LENGTH, 1e3, 1e-7, 1e3),
 }
-"""Our unit of each quantity, its kind, our units in one of SI, and the smallest and largest factor of any
-press: ns to days, 0.1 uN to a tonne, 0.1 nm to m. Beyond these pint reads what a header means otherwise: `Mm`
-as a megametre, `pct` as a picocarat."""
+"""Our unit of each quantity, its kind, our units per SI unit, and the least and largest factor of any press.
+These are ns to days, 0.1 uN to a tonne, and 0.1 nm to m. Outside of them pint misreads a header: `Mm` as a
+megametre, `pct` as a picocarat."""
 EXAMPLES = {
     "time": ("s", "ms", "min"),
     "force": ("N", "kN", "mN", "kgf", "gf", "lbf"),
@@ -43,7 +43,7 @@ _KINDS = {
     "meter/second": "a speed",
     "kelvin": "a temperature",
 }
-"""A unit of each kind that is told by its name; others are of another quantity."""
+"""One unit of each kind that messages name; all others are of "another quantity"."""
 _ALIASES = (
     "@alias second = sek = sekunde = sekunden = seconde = secondes = seg = segundo = segundos",
     "@alias minute = minuten = minuto = minutos",
@@ -51,28 +51,28 @@ _ALIASES = (
     "@alias inch = zoll = pouce = pouces",
     "@alias force_kilogram = kp = kilopond",
 )
-"""Words of German, French and Spanish exports beside pint's own."""
+"""Names in German, French and Spanish exports that pint lacks."""
 _MEANT = {'"': "inch", "''": "inch", "′′": "inch", "”": "inch", "mil": "thou", "mils": "thou"}
-"""Marks, and `mil` as a length (pint: an angle)."""
+"""Marks for inches, and `mil` as a length (pint: an angle)."""
 _AMBIGUOUS = {"gr": "may be a grain or a gram"}
 _PLAIN = re.compile(r"[^\W\d_]{1,20}|%|°[CFK]")
 _COMPOUND = re.compile(r"[^\W\d_]{1,12}[23]?(?:[*/·. ]?\^?[^\W\d_]{1,12}[23]?){1,2}")
 _IN_BRACKETS = re.compile(r"[(\[{]\s*([^()\[\]{}]+?)\s*[)\]}]")
 _AT_END = re.compile(r"(?:[_/,]\s*|\bin\s+|\s)([^\W\d_]{1,12})\.?$")
 _ONE_LETTER = "smgN"
-"""Units of one letter that a name may end in without brackets; others are axes and channels there."""
+"""Units of one letter at the end of a name without brackets; other letters are axes and channels there."""
 _NO_FORCE_OR_LENGTH = frozenset({PRESSURE, VOLTAGE, RATIO})
-"""What a column of a like name may hold in place of a force or a travel."""
+"""Quantities that a column with a similar name may contain in place of a force or travel."""
 _FACTOR = re.compile(
     r"(?:(?<![^\W_])[x×✕]|[*·∙⋅÷/^])\s*\d+|\d+\s*(?:[x×✕](?![^\W_])|[*·∙⋅^])"  # x 10, /10, 10x, 10^3
     r"|\d[⁰¹²³⁴⁵⁶⁷⁸⁹⁺⁻]|\d[eE][+-]?\d|(?<![\w.,])(?:10+|0[.,]\d+)\s*$"  # 10³, 1e3, 1000 before the unit
 )
-"""What multiplies or divides. Another number alone is a channel's or a cell's."""
+"""A multiplication or division. Other numbers identify a channel or cell."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Unit:
-    """`factor`: to s, N or mm. `of_mass`: a mass, taken as its weight at standard gravity."""
+    """`factor`: to s, N or mm. `of_mass`: the unit is a mass, the factor its weight at standard gravity."""
 
     text: str
     factor: float
@@ -81,8 +81,8 @@ class Unit:
 
 @dataclass(frozen=True, kw_only=True)
 class NoUnit:
-    """A text that is no unit of the quantity, and `why`. `other`: the kind of quantity it is a unit of.
-    `open`: it has a unit, and a factor or a second unit beside it, so that only the user can say.
+    """A text that is no unit of the quantity, and `why`. `other`: the kind of quantity that it measures.
+    `open`: it has a unit, but also a factor or a second unit, so that only the user can decide.
     """
 
     text: str
@@ -92,9 +92,9 @@ class NoUnit:
 
 
 def read_unit(text: str, quantity: str) -> Unit | NoUnit:
-    """The unit of a quantity (a key of QUANTITIES) in `text`, which may stand in brackets.
+    """The unit of a quantity (a key of QUANTITIES) in `text`, with or without brackets.
 
-    Capitals count where they decide (mN, MN), else not.
+    Capitals matter only if they decide (mN, MN).
 
     >>> read_unit("KN", "force"), read_unit("[µm]", "travel").factor
     (Unit(text='KN', factor=1000.0, of_mass=False), 0.001)
@@ -123,7 +123,7 @@ def read_unit(text: str, quantity: str) -> Unit | NoUnit:
 
 
 def is_unit(cell: str) -> bool:
-    """Whether a cell holds nothing but a unit, of whatever quantity, or stands in brackets as units do.
+    """Whether a cell is only a unit, of any quantity, or any text in brackets.
 
     >>> is_unit("(lbf)"), is_unit("sec"), is_unit("Force")
     (True, True, False)
@@ -135,7 +135,7 @@ def is_unit(cell: str) -> bool:
 
 
 def _spellings(plain: str) -> tuple[str, ...]:
-    """As it stands, with newton's capital alone, and in small letters: `KN`, `Sec`, `LBF`, `MM`."""
+    """The text as written, with newton's capital, and in small letters: `KN`, `Sec`, `LBF`, `MM`."""
     low = plain.lower()
     newton = [f"{low[:-1]}N"] if low in ("n", "kn", "mn", "cn", "dan") else []
     return tuple(dict.fromkeys([plain, *newton, low]))
@@ -143,7 +143,7 @@ def _spellings(plain: str) -> tuple[str, ...]:
 
 @functools.lru_cache(maxsize=1000)
 def _parsed(text: str) -> tuple[str | None, float]:
-    """The kind of pint's unit and its factor to SI; None where it is no unit. Nothing else is evaluated."""
+    """The kind of pint's unit and its factor to SI; None if it is no unit. pint evaluates nothing else."""
     if not (_PLAIN.fullmatch(text) or _COMPOUND.fullmatch(text)):
         return None, 0.0
     registry = _registry()
@@ -158,7 +158,7 @@ def _parsed(text: str) -> tuple[str | None, float]:
 
 @functools.cache
 def _registry() -> "pint.UnitRegistry":
-    import pint  # takes a second: only where a unit is not our own
+    import pint  # takes a second: only for units that are not ours
 
     registry: pint.UnitRegistry = pint.UnitRegistry()
     for alias in _ALIASES:
@@ -167,10 +167,10 @@ def _registry() -> "pint.UnitRegistry":
 
 
 def unit_of_name(name: str, quantity: str) -> Unit | NoUnit | None:
-    """The unit that a column's name states at its end, in brackets or not; None where it states none.
+    """The unit that a column's name states at its end, with or without brackets; None if it states none.
 
-    What stands at the end without brackets is a unit only where it fits, or is plainly of another quantity.
-    Anything behind the brackets, a second unit or a factor leaves the unit open (`NoUnit.open`).
+    A word at the end without brackets counts only if it is a unit of the quantity, or of pressure, voltage or
+    ratio. A unit is open (`NoUnit.open`) if text follows the brackets, or with a second unit or a factor.
 
     >>> unit_of_name("Normal force (kN)", "force").factor, unit_of_name("travel_in", "travel").factor
     (1000.0, 25.4)
@@ -196,7 +196,7 @@ def unit_of_name(name: str, quantity: str) -> Unit | NoUnit | None:
 
 
 def with_factor(text: str) -> NoUnit | None:
-    """A text that multiplies or divides; None for one that does not."""
+    """The open unit of a text that multiplies or divides; None for other texts."""
     factor = _FACTOR.search(text)
     return None if factor is None else _open(text, f'has a factor beside it ("{factor[0].strip()}")')
 

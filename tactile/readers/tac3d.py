@@ -1,8 +1,8 @@
-"""Tac3D recordings as the maker's recorder saves them: one folder of NumPy arrays per sensor serial number.
+"""Reads Tac3D recordings from the maker's recorder: one folder of NumPy arrays per sensor serial number.
 
 `index.npy` (T,), `sendTimestamp.npy` (T,) s, `3D_Positions.npy`, `3D_Displacements.npy` (mm) and
-`3D_Forces.npy` (N) of (T, N, 3); some also `recvTimestamp.npy` (s). Axes are the sensor's own: z out of the
-gel; forces are those that the gel feels (pressed: negative z).
+`3D_Forces.npy` (N) of (T, N, 3); some also `recvTimestamp.npy` (s). Axes are the sensor's: z points out of
+the gel. Forces act on the gel (pressed: negative z).
 """
 
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ FIELDS = ("3D_Positions", "3D_Displacements", "3D_Forces")
 
 @dataclass(frozen=True, kw_only=True)
 class Tac3D:
-    """What one sensor's folder holds, in its own axes and signs; `None` where a file is not there."""
+    """One sensor's recording, in its own axes and signs; `receive_s` is None if the file is missing."""
 
     serial: str
     index: Int[np.ndarray, " t"]
@@ -34,7 +34,7 @@ class Tac3D:
 
 
 def sensor_folders(folder: Path) -> tuple[Path, ...]:
-    """The folders of single sensors: this one, or those in it, by name."""
+    """The folders of single sensors: this one, or its subfolders, by name."""
     if not folder.is_dir():
         return ()
     inside = sorted(path for path in folder.iterdir() if path.is_dir())

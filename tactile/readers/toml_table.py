@@ -1,4 +1,4 @@
-"""Reading a TOML file key by key, each with the check that its kind needs."""
+"""Reads a TOML file key by key, and checks each value."""
 
 import datetime
 from collections.abc import Collection
@@ -15,15 +15,15 @@ from tactile.readers.recording_fields import Limit, are_rigid, fits
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MOST_BYTES = 1_000_000
-"""Of a description: 10,000 markers' places take 0.4 MB."""
+"""Largest description: places of 10,000 markers take 0.4 MB."""
 MOST_NAME_BYTES = 255
-"""Of a file's name on Linux (NAME_MAX): looking for a longer one is an error of its own."""
+"""Longest file name on Linux (NAME_MAX): the search for a longer one raises another error."""
 LARGEST = 1e9
-"""A number beyond is of no sensor; products of larger ones overflow."""
+"""No number of a sensor is larger; products of far larger ones overflow."""
 
 
 def read_table(path: Path, problem: TactileProblem, *, what: str) -> "Table":
-    """The whole file as a table; raises TactileFailure (`problem`) where there is no such file or no TOML."""
+    """The whole file as a table; raises TactileFailure (`problem`) if it is missing or not TOML."""
     if missing := absence(path):
         raise refused(problem, path, "the file", missing, what)
     try:
@@ -40,7 +40,7 @@ def refused(problem: TactileProblem, path: Path, field: str, fault: str, expecte
 
 @dataclass(frozen=True)
 class Table:
-    """One table of the file, and the name it goes by in failures."""
+    """One table of the file; `prefix` names it in failures. Wrong values raise TactileFailure (`problem`)."""
 
     path: Path
     problem: TactileProblem
@@ -65,7 +65,7 @@ class Table:
             raise self.refusal("version", repr(self.values.get("version")), str(version))
 
     def pose(self, name: str) -> Float[np.ndarray, "4 4"]:
-        """A rotation and a shift, mm."""
+        """A rigid motion as a 4x4 matrix, mm."""
         pose: Float[np.ndarray, "4 4"] = self.numbers(name, (4, 4))
         if not are_rigid(pose[None]).all():
             raise self.refusal(name, "a matrix that is no rotation and shift", "a rigid motion, mm")
@@ -75,7 +75,7 @@ class Table:
         return bool(self.values)
 
     def table(self, name: str, *, needed: bool) -> "Table":
-        """The table `name` below this one; empty where it is not there and not needed."""
+        """The table `name` below this one; empty if it is missing and not needed."""
         entry = self.values.get(name, {})
         if not isinstance(entry, dict):
             raise self.refusal(name, repr(entry), f"a table [{name}]")
@@ -84,7 +84,7 @@ class Table:
         return Table(self.path, self.problem, entry, f"{self.prefix}{name}.")
 
     def text(self, name: str, *, default: str | None = None) -> str:
-        """A text; `default` where it may be left out."""
+        """A text of at most 1000 characters; `default` if it is missing."""
         value = self.values.get(name, default)
         if not isinstance(value, str):
             raise self.refusal(name, "nothing" if value is None else repr(value), "a text in quotes")
@@ -93,7 +93,7 @@ class Table:
         return printable(value)
 
     def file_name(self, name: str, *, default: str | None = None) -> str:
-        """A text that can name a file, by a path or not."""
+        """A text that can name a file, with or without a path."""
         value = self.text(name, default=default)
         if any(len(part.encode()) > MOST_NAME_BYTES for part in value.split("/")):
             raise self.refusal(name, value, f"a file's name of at most {MOST_NAME_BYTES} bytes")
@@ -107,7 +107,7 @@ class Table:
         return value
 
     def day(self, name: str) -> datetime.date | None:
-        """A date, written as one or as text (2026-08-14); None where it is left out."""
+        """A date, written as one or as text (2026-08-14); None if it is missing."""
         held = self.values.get(name)
         try:
             return None if held is None else datetime.date.fromisoformat(str(held))
@@ -115,7 +115,7 @@ class Table:
             raise self.refusal(name, repr(held), "a date like 2026-08-14") from None
 
     def within(self, name: str, limit: Limit, *, needed: bool) -> float | None:
-        """A number within its limit, as a recording has it; None where it may be left out, and is."""
+        """A number within its limit, which is a recording's; None if it is missing and not needed."""
         value = self.number(name, needed=needed, above=0.0)
         if value is not None and not limit.least <= value <= limit.largest:
             expected = f"{limit.least:g} to {limit.largest:g} {limit.unit}".rstrip()
@@ -123,7 +123,7 @@ class Table:
         return value
 
     def number(self, name: str, *, needed: bool, above: float) -> float | None:
-        """A number above `above`; None where it may be left out, and is."""
+        """A number above `above`; None if it is missing and not needed."""
         if name not in self.values and not needed:
             return None
         value = float(self.numbers(name, ())[()])
@@ -132,14 +132,14 @@ class Table:
         return value
 
     def whole(self, name: str) -> int:
-        """A whole number above zero."""
+        """A whole number from 1 to 1000."""
         value = self.values.get(name)
         if not isinstance(value, int) or isinstance(value, bool) or not 1 <= value <= 1000:
             raise self.refusal(name, "nothing" if value is None else repr(value), "a whole number, 1 to 1000")
         return value
 
     def numbers(self, name: str, shape: tuple[int | None, ...], *, needed: bool = True) -> Any:
-        """An array of this shape (None: any length above zero); None where it may be left out, and is."""
+        """An array of this shape (None: any length above zero); None if it is missing and not needed."""
         if name not in self.values and not needed:
             return None
         value = self.values.get(name)

@@ -1,4 +1,4 @@
-"""Which column of a machine's table is time, force, travel or gap, and in what unit: said, never guessed."""
+"""Finds the columns of time, force, travel or gap in a machine's table, and their units; it never guesses."""
 
 import difflib
 import math
@@ -13,26 +13,24 @@ from tactile.tactile_failure import TactileFailure
 
 TRAVEL = ("travel_mm", "aperture_mm")
 FORCE = ("force_N", "force_z_N", "fz_N")
-"""Names that travel and force may have; the first that the file has is taken."""
+"""Names of travel and force, by priority."""
 KNOWN = {"time": ("time_s",), "force": FORCE, "travel": TRAVEL, "gap": ("gap_mm",)}
-"""The names that are known without an option. A gap takes the place of a travel."""
+"""Names that need no option. A gap serves if there is no travel."""
 _LIKE = {
     "time": r"time|zeit|temps|tiempo|^t$",
     "force": r"force|kraft|load|fz|peso|last",
     "travel": r"travel|displ|pos|ext|stroke|weg|allongement|course|depth|indentation|crosshead|way",
     "gap": r"gap|width|opening|aperture|[eé]cartement|abstand",
 }
-"""Words in names of columns by which an option is proposed (it is never taken without being given)."""
+"""Words in columns' names by which a message proposes an option; only the user's option takes effect."""
 _NOT_MEASURED = re.compile(r"goal|target|set|soll|cons|command", re.IGNORECASE)
 _ROWS_BELOW = 3
-"""Rows below the names in which a row of units is looked for."""
+"""Rows below the names in which a row of units is sought."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TraceWords:
-    """What was said of the table: names of columns and units by quantity, the sheet, and which run of several
-    (from 1).
-    """
+    """The user's options: columns' names and units by quantity, the sheet, and the run's number (from 1)."""
 
     columns: Mapping[str, str] = field(default_factory=dict)
     units: Mapping[str, str] = field(default_factory=dict)
@@ -42,8 +40,8 @@ class TraceWords:
 
 @dataclass(frozen=True, kw_only=True)
 class FoundColumns:
-    """Where the numbers stand: `place` of each quantity in a row, its unit, and the first row of numbers;
-    `notes`: what must be known of the units.
+    """`place`: index of each quantity's column; `units`: its unit; `first`: index of the first row of
+    numbers. `notes`: facts about the units that the user must know.
     """
 
     header: tuple[str, ...]
@@ -54,9 +52,10 @@ class FoundColumns:
 
 
 def find_columns(source: str, sheet: CellTable, words: TraceWords) -> FoundColumns | None:
-    """The columns by their names in one of the first rows; None where no row has them all.
+    """The columns by their names in one of the first rows; None if no row has them all.
 
-    Raises TactileFailure (unreadable-frames) for a name twice in the row, and for a unit that nobody states.
+    Raises TactileFailure (unreadable-frames) for a repeated name, and for a unit that is missing or
+    ambiguous.
     """
     for k, (_, cells) in enumerate(sheet.rows[:LOOKED_AT]):
         names = [cell if isinstance(cell, str) else "" for cell in cells]
@@ -120,7 +119,7 @@ def _units(
 def _contradiction(
     source: str, named: str, in_row: Unit | NoUnit | None, in_name: Unit | NoUnit | None, stated: Unit | None
 ) -> TactileFailure:
-    """Two units that are not equal, of the file or of the file and --units."""
+    """The failure for two different units: of the file, or of the file and --units."""
     said = (("the row of units", in_row), ("its name", in_name), ("--units", stated))
     units = [f"{unit.text} by {where}" for where, unit in said if isinstance(unit, Unit)]
     expected = "one unit: correct a copy of the table"
@@ -130,7 +129,7 @@ def _contradiction(
 
 
 def _other_quantity(source: str, unit: NoUnit, quantity: str, named: str) -> TactileFailure:
-    """A column of something else, which no option turns into a force, a travel or a time."""
+    """The failure for a column that no option turns into a force, a travel or a time."""
     expected = (
         f"a column of {quantity} ({', '.join(EXAMPLES[quantity])}, ...): name another column, convert the "
         f'values, or rename the column if "{unit.text}" is no unit'
@@ -143,7 +142,7 @@ def _ways(quantity: str) -> str:
 
 
 def _check_apart(source: str, sheet: CellTable, k: int) -> None:
-    """As many names as numbers in the first row of numbers below, where only spaces part them."""
+    """Raises TactileFailure if only spaces separate cells, and the numbers of names and values differ."""
     numbers = next((cells for _, cells in sheet.rows[k + 1 : k + 4] if _numeric(cells)), [])
     names = sheet.rows[k][1]
     if sheet.delimiter == SPACES and numbers and len(numbers) != len(names):
@@ -152,7 +151,7 @@ def _check_apart(source: str, sheet: CellTable, k: int) -> None:
 
 
 def _chosen(names: Sequence[str], words: TraceWords) -> dict[str, str] | None:
-    """The name in this row of time, force, and travel or gap; None where one of them is not there."""
+    """The names of time, force, and travel or gap in this row; None if one is missing."""
     names_by_quantity = {}
     for quantity, known in KNOWN.items():
         said = words.columns.get(quantity)
@@ -183,9 +182,9 @@ def _units_below(sheet: CellTable, k: int, place: Mapping[str, int]) -> tuple[di
 def _no_unit(
     source: str, chosen: Mapping[str, str], missing: Mapping[str, Sequence[Unit | NoUnit]]
 ) -> TactileFailure:
-    """No unit, or one that is not known: asks for it, and proposes none where the file states one.
+    """The failure for a missing or unknown unit; it proposes one only if the file states none.
 
-    `missing`: by quantity what the row of units and the column's name state, the row first.
+    `missing`: by quantity the statements of the row of units, then of the column's name.
     """
     q, stated = next(iter(missing.items()))
     unit = min(stated, key=lambda reading: not (isinstance(reading, NoUnit) and reading.open), default=None)
@@ -197,12 +196,12 @@ def _no_unit(
 
 
 def _in_row(cell: str, quantity: str) -> Unit | NoUnit | None:
-    """What a cell of the row of units states; an empty one nothing."""
+    """The unit that a cell of the row of units states; None if it is empty."""
     return with_factor(cell) or read_unit(cell, quantity) if cell else None
 
 
 def columns_wanted(source: str, sheets: Sequence[CellTable], words: TraceWords) -> TactileFailure:
-    """The columns that the file has, and the option to give for them."""
+    """The failure that lists the file's columns and the option to give."""
     tables = [(sheet, header_above_numbers(sheet.rows)) for sheet in sheets]
     tables = [(sheet, header) for sheet, header in tables if header]
     if not tables:
@@ -230,7 +229,7 @@ def columns_wanted(source: str, sheets: Sequence[CellTable], words: TraceWords) 
 
 
 def proposed(header: Sequence[str]) -> str:
-    """The option that would name the columns, as it is to be typed.
+    """The option that names the columns, as the user types it.
 
     >>> proposed(["", "Time", "GoalForce", "Force", "Pos"])
     '--columns time=Time,force=Force,travel=Pos'
@@ -246,7 +245,7 @@ def proposed(header: Sequence[str]) -> str:
 
 
 def header_above_numbers(rows: Sequence[Row]) -> tuple[str, ...]:
-    """The names above the first run of rows with two numbers or more; empty where there are none."""
+    """The names above the first rows with two numbers or more; empty if there are none."""
     for k, (_, cells) in enumerate(rows[:LOOKED_AT]):
         if k == 0 or not (_numeric(cells) and all(_numeric(row[1]) for row in rows[k + 1 : k + 3])):
             continue

@@ -1,1 +1,1 @@
-"""How far a rig itself gives way: fitted to squeezes of a rigid object, taken off travels and apertures."""
+"""Compliance of a rig: fitted to squeezes of a rigid object, subtracted from travels and apertures."""

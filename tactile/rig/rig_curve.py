@@ -1,4 +1,4 @@
-"""Travel that a rig gives by itself over the force on it, its spread, and a bare trace without it."""
+"""Displacement of a rig under load and its standard deviation; a force-displacement curve without it."""
 
 from dataclasses import dataclass, replace
 
@@ -11,19 +11,18 @@ from tactile.rig.rigid_squeeze import UNLOADED_FRAMES
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MOST_BEYOND = 1.25
-"""Times the largest calibrated force up to which a curve is extrapolated; beyond it, it says nothing. Set by
-hand: by the rule below the spread at this end is an eighth of what the last slope would give of the force."""
+"""Largest force for extrapolation over the largest calibrated one, F. Set by hand: the standard deviation
+there includes an eighth of F times the last slope."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RigCurve:
-    """`give_mm` of the rig at the knots `force_N` (from 0 up), with standard deviation `sd_mm`.
+    """`give_mm`: displacement of the rig at the knots `force_N` (from 0 up), with standard deviation `sd_mm`.
 
-    Between knots both are monotone cubics (PCHIP: Fritsch and Carlson, "Monotone piecewise cubic
-    interpolation", SIAM J. Numer. Anal. 17, 1980, 238-246), so that the give grows with the force as the
-    knots do. Beyond the last knot it goes on with its last slope: a rig that only stiffens gives no more
-    than that, and no less than at the last knot, so that the standard deviation grows by half of what is
-    added.
+    Monotone cubics interpolate both (PCHIP: Fritsch and Carlson, "Monotone piecewise cubic interpolation",
+    SIAM J. Numer. Anal. 17, 1980, 238-246), so the displacement grows with the force as the knots do. Beyond
+    the last knot it grows with its last slope. A rig that stiffens moves no farther than that, and no less
+    than at the last knot. The standard deviation therefore grows by half of the added displacement.
     """
 
     force_N: Float[np.ndarray, " k"]
@@ -36,7 +35,7 @@ class RigCurve:
         return float(self.force_N[-1])
 
     def give(self, force_N: Float[np.ndarray, "*t"]) -> Float[np.ndarray, "*t"]:
-        """How far the rig gives way, mm; nothing where nothing pushes.
+        """Displacement of the rig, mm; 0 for forces below 0.
 
         >>> knots = {"force_N": np.array([0.0, 10, 20]), "give_mm": np.array([0.0, 0.1, 0.2])}
         >>> RigCurve(**knots, sd_mm=np.zeros(3)).give(np.array([5.0, 30.0])).round(6)
@@ -55,25 +54,25 @@ class RigCurve:
 
     @property
     def last_mm_per_N(self) -> float:
-        """The slope of the last knots' chord, with which the curve is extrapolated."""
+        """Slope between the last two knots, with which the curve is extrapolated."""
         return float((self.give_mm[-1] - self.give_mm[-2]) / (self.force_N[-1] - self.force_N[-2]))
 
     def reaches(self, force_N: float) -> bool:
-        """Whether the curve says anything at so large a force."""
+        """Whether the curve, with its extrapolation, covers this force."""
         return force_N <= MOST_BEYOND * self.largest_N
 
     def plus(self, deviations: float) -> "RigCurve":
-        """The curve so many standard deviations off: of a rig that gives more, or less."""
+        """The curve of a more or less compliant rig, by so many standard deviations; it never falls."""
         give = np.maximum.accumulate(np.maximum(self.give_mm + deviations * self.sd_mm, 0.0))
         return RigCurve(force_N=self.force_N, give_mm=give, sd_mm=self.sd_mm)
 
 
 def without_rig(recording: Recording, curve: RigCurve, *, source: str, named: str) -> Converted:
-    """The trace with travel less give(F), F counted from the load cell's reading in the first frames.
+    """The force-displacement curve with travel minus give(F); F counts from the load cell's first readings.
 
-    The recording keeps both the give and its standard deviation in each frame (`rig_give_mm`, `rig_sd_mm`),
-    from which the spread goes into E. Raises TactileFailure (unreadable-recording) where the recording is no
-    bare press, was corrected before, or goes beyond what the curve says.
+    The recording keeps the subtracted displacement and its standard deviation in each frame (`rig_give_mm`,
+    `rig_sd_mm`), which enter the error of E. Raises TactileFailure (unreadable-recording) if the recording is
+    no bare press, is already corrected, or exceeds the curve's forces.
     """
     pad = recording.pads[0]
     if not isinstance(pad, IndenterPad) or len(recording.pads) != 1:
@@ -113,7 +112,7 @@ def without_rig(recording: Recording, curve: RigCurve, *, source: str, named: st
 
 
 def _touched(force: Float[np.ndarray, " t"]) -> int:
-    """The last frame before the peak in which less than a fiftieth of the largest force is felt."""
+    """The last frame before the peak with a force below a fiftieth of the largest; the first without any."""
     peak = int(np.argmax(force))
     below = np.flatnonzero(force[: peak + 1] < 0.02 * force[peak])
     return int(below[-1]) if len(below) else 0

@@ -1,4 +1,4 @@
-"""Travel over force of a rig from squeezes of a rigid object: monotone, stiffening, with its spread."""
+"""Displacement of a rig over force, from squeezes of a rigid object: monotone, stiffening, with its error."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -14,27 +14,28 @@ from tactile.rig.rigid_squeeze import RigidPress
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 RAMPS = 10
-"""Forces at which the stiffening may change, beside Hertz's own. Set by hand."""
+"""Parts of the force range, at whose ends the slope may change, in addition to Hertz's law. Set by hand."""
 KNOTS = 49
-"""Of the curve as it is written: between them a PCHIP is off Hertz's travel in series with a spring by 1e-3
-of the largest travel at most (tests/tactile/test_rig.py)."""
+"""Knots of the written curve. Between them a PCHIP deviates from Hertz's law in series with a spring by at
+most 1e-3 of the largest travel (tests/tactile/test_rig.py)."""
 HERTZ = 2 / 3
-"""Power of the force that the approach of a ball and a flat goes with."""
+"""Exponent of the force in the approach of a ball and a flat (Hertz)."""
 USUAL_SCALE_SD = 0.05
-"""Standard deviation of a rig's give from squeeze to squeeze, over the give, that stands for one squeeze
-beside those made: with one recording nothing else is known of it. Assumed."""
+"""Relative standard deviation of a rig's displacement between squeezes, counted as one more squeeze: a single
+recording does not show it. Assumed."""
 LEAST_RESOLVED = 3.0
-"""Largest give over its scatter about the curve, below which the travel does not resolve the rig. Set by
-hand."""
+"""Least ratio of largest displacement to scatter about the curve: below it the travel does not resolve the
+rig. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FittedRig:
-    """The rig's curve and what its spread is made of, each at the largest force, mm.
+    """The rig's curve and the contributions to its standard deviation, mm.
 
-    `repeat_mm`: from squeeze to squeeze; `hysteresis_mm`: half of what the way out lies beyond the way in
-    (negative where it lies before it, which no rig does by itself: clocks that are apart do); `scatter_mm`:
-    of the curve, from that of the readings about it. `held`: the least share of force kept in a hold.
+    `repeat_mm`: between squeezes, and `scatter_mm`: from the readings' scatter `readings_mm` about the curve,
+    both at the largest force. `hysteresis_mm`: half of unloading minus loading travel, where it is largest;
+    only clocks that differ make it negative. `least_N`: least force that all squeezes cover. `held`: least
+    share of force kept in a hold.
     """
 
     curve: RigCurve
@@ -48,17 +49,18 @@ class FittedRig:
 
 
 def fit_rig(squeezes: Sequence[RigidPress], *, with_gels: bool = True) -> FittedRig:
-    """The travel that is the rig's, over the force; of what the gels do not give where `with_gels` is false.
+    """Displacement of the rig over force; without that of the gels (`part_mm`) if `with_gels` is False.
 
-    travel_i = onset_i + s_i sum_k c_k phi_k(F) with c_k >= 0 and phi = F, F^(2/3) and min(F, f_k): every sum
-    of these grows with the force and stiffens, and a spring in series with Hertz's contact is one exactly.
-    The scales s_i, of mean 1, are what one squeeze differs by from another; their variance counts one squeeze
-    of USUAL_SCALE_SD besides: s^2 = (0.05^2 + sum (s_i - 1)^2)/n. A next squeeze is off by s sqrt(1 + 1/n),
-    times Student's 95 % quantile with max(n, 2) degrees of freedom over the normal's, so that an interval of
-    two of these holds as often after three squeezes as after thirty. The curve holds up to the least of the
-    squeezes' largest forces, and is that of the way in; half of the distance to the way out is part of its
-    spread, but for the jaws alone: what gels give on the way out is not known. Raises TactileFailure
-    (unreadable-frames) where the readings do not resolve it.
+    travel_i = onset_i + s_i sum_k c_k phi_k(F) with c_k >= 0 and phi = F, F^(2/3) and min(F, f_k). Every such
+    sum grows with the force and stiffens; a spring in series with a Hertz contact is one exactly. The scales
+    s_i, of mean 1, differ between squeezes. One squeeze of USUAL_SCALE_SD adds to their variance:
+    s^2 = (0.05^2 + sum (s_i - 1)^2)/n. The next squeeze deviates by s sqrt(1 + 1/n). A factor, the ratio of
+    Student's 95 % quantile with max(n, 2) degrees of freedom to the normal one, makes two standard deviations
+    cover as often after three squeezes as after thirty.
+
+    The curve is that of loading, up to the least of the squeezes' peaks. Half of its distance from unloading
+    is part of its standard deviation, except without the gels: their unloading is unknown. Raises
+    TactileFailure (unreadable-frames) if the readings do not resolve the rig.
     """
     force = [squeeze.force_N for squeeze in squeezes]
     travel = [squeeze.travel_mm - (0.0 if with_gels else 1.0) * squeeze.part_mm for squeeze in squeezes]
@@ -114,7 +116,7 @@ _Give: TypeAlias = Callable[[Float[np.ndarray, "*t"]], Float[np.ndarray, "*t"]]
 
 
 def _basis(force: Float[np.ndarray, " t"], largest: float) -> Float[np.ndarray, "t k"]:
-    """The stiffening curves of which the give is made, each 1 at the largest force or where it ends."""
+    """Stiffening curves that compose the displacement, each 1 at the largest force or where it ends."""
     share = force / largest
     ends = (np.arange(1, RAMPS) / RAMPS) ** 1.5
     return np.column_stack([share, share**HERTZ, *(np.minimum(share / end, 1.0) for end in ends)])
@@ -126,9 +128,10 @@ def _shape(
     scales: Float[np.ndarray, " n"],
     largest: float,
 ) -> tuple[_Give, int]:
-    """Amounts by non-negative least squares, onsets taken out by each squeeze's mean; how many are not zero.
+    """Displacement by non-negative least squares, and its number of terms; each squeeze's mean eliminates its
+    onset.
 
-    Readings count by the force that they pass, so that a slow stretch has no more say than a fast one.
+    Each reading weighs the force between its neighbours, so that slow and fast stretches count equally.
     Source: Lawson and Hanson, "Solving Least Squares Problems", 1974, ch. 23.
     """
     rows, values = [], []
@@ -150,7 +153,7 @@ def _shape(
 def _scales(
     force: list[Float[np.ndarray, " _t"]], travel: list[Float[np.ndarray, " _t"]], give: _Give
 ) -> tuple[Float[np.ndarray, " n"], list[float]]:
-    """Each squeeze's own give over the common curve, of mean 1, and its onset."""
+    """Each squeeze's scale relative to the common curve, of mean 1, and its onset, mm."""
     scales, onsets = [], []
     for f, t in zip(force, travel, strict=True):
         weight, y = _weights(f), give(f)
@@ -162,7 +165,7 @@ def _scales(
 
 
 def _weights(force: Float[np.ndarray, " t"]) -> Float[np.ndarray, " t"]:
-    """Force between the middles to the neighbours, and a tenth of the mean of these for each reading."""
+    """Force between the midpoints to the neighbours, plus a tenth of its mean over all readings."""
     order = np.argsort(force)
     gaps = np.gradient(force[order]) if len(force) > 1 else np.ones(1)
     weight = np.empty(len(force))
@@ -177,7 +180,7 @@ def _hysteresis(
     onsets: list[float],
     knots: Float[np.ndarray, " k"],
 ) -> Float[np.ndarray, " k"]:
-    """Half of what the travel on the way out is beyond that on the way in, at the knots; 0 where unknown."""
+    """Half of unloading minus loading travel at the knots, mm; 0 if unknown."""
     half_gaps: list[tuple[float, float]] = []
     for squeeze, s, o in zip(squeezes, scales, onsets, strict=True):
         there = (squeeze.back_force_N > 0) & (squeeze.back_force_N <= knots[-1])

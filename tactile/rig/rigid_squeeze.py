@@ -1,6 +1,4 @@
-"""Squeezes of a rigid object found in a recording of force and travel, why one is none, and how far the gels
-themselves are pressed in.
-"""
+"""Squeezes of a rigid object in a recording of force and travel, their checks, and the gels' indentation."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -14,45 +12,44 @@ from tactile.readers.recording import GelPad
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 UNLOADED_FRAMES = 5
-"""First frames, whose median force is the load cell's zero. Set by hand."""
+"""First frames; their median force is the load cell's zero. Set by hand."""
 LEAST_OVER_NOISE = 20.0
-"""Peak force over the noise of one frame, below which the curve would be one of noise. Set by hand."""
+"""Least peak force over the noise of one frame; below it the curve is noise. Set by hand."""
 TOUCHED, TOUCHED_SHARE = 6.0, 0.02
-"""Force above which something is touched: so many standard deviations of its noise, and this share of the
+"""Force above which there is contact: this many standard deviations of its noise, and this share of the
 largest. Set by hand."""
 WEAK = 0.5
-"""Of the largest squeeze's force: an episode with less is no squeeze of its own. Set by hand."""
+"""Least peak of a squeeze over the largest one's; weaker episodes are ignored. Set by hand."""
 FEWEST_READINGS = 4
-"""New readings of the travel on the way in, without which no line has a curvature. Set by hand."""
+"""Fewest new readings of the travel while loading; fewer show no curvature. Set by hand."""
 FALL = 0.1
-"""Share of the peak by which the force may fall while the travel goes on. Set by hand: past it something has
-slipped or broken."""
+"""Share of the peak by which force (or travel) may fall while loading. Set by hand: beyond it something
+slipped or broke."""
 CREEP = 0.15
-"""Share of the peak force that may be lost in the second half of a hold. Set by hand between gels, which
-lose 2 to 6 % in a golf ball's squeezes, and meat, which loses 43
-to 72 % in 10 s."""
+"""Largest share of the peak force lost by the second half of a hold. Set by hand between gels, which lose 2
+to 6 % in a golf ball's squeezes, and meat, which loses 43 to 72 % in 10 s."""
 STANDS = 0.05
-"""Share of the travel by which it may move in a hold. Set by hand."""
+"""Share of the travel by which it may change in a hold. Set by hand."""
 SET = 0.4
-"""Share of the travel that may be left where the force is back at a tenth. Set by hand."""
+"""Largest share of the travel that remains when the force has fallen to a tenth. Set by hand."""
 SOFTENS = 1.5
-"""Times the slope of the travel over the lower half of the force that it may have over the upper half, beside
-three standard errors: a contact stiffens, what yields or slips does not. Set by hand."""
+"""Largest ratio of the travel's slope over the upper half of the force to that over the lower half, beyond
+three standard errors. A contact stiffens; yielding or slip does not. Set by hand."""
 NOT_RIGID = 0.5
-"""Share of the object's size that no rig gives: the object was crushed, or its size is in another unit."""
+"""Largest travel over the object's size: beyond it the object broke, or its size has another unit."""
 UNDER = 0.5
-"""Of the deepest marker's indentation, above which a marker lies under the object. Set by hand."""
+"""Least indentation, over that of the deepest marker, of a marker under the object. Set by hand."""
 FEWEST_UNDER = 4
-"""Markers under a ball from which its lowest point is fitted: three unknowns, and one to spare."""
+"""Fewest markers under a ball for a fit of its lowest point: three unknowns, and one to spare."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class RigidPress:
-    """Force (N, from the load cell's zero) and travel (mm) on the way in, and on the way out.
+    """Force (N, from the load cell's zero) and travel (mm) while loading, and while unloading (`back_`).
 
-    Only new readings of the travel are kept: a reading that stands still while the force moves is stale.
-    `part_mm`: of the same frames, travel that is known to be the gels' own; zeros where there are none.
-    `held`: force kept while the travel stood still, over the peak; 1 where nothing was held.
+    Only new readings of the travel are kept: one that is constant while the force changes is stale.
+    `part_mm`: the gels' own travel in the same frames, if known, else zeros. `held`: force kept at constant
+    travel, over the peak; 1 without a hold.
     """
 
     source: str
@@ -65,7 +62,7 @@ class RigidPress:
 
     @property
     def largest_N(self) -> float:
-        """The force at the peak."""
+        """The peak force, N."""
         return float(self.force_N.max())
 
 
@@ -77,11 +74,11 @@ def rigid_squeezes(
     size_mm: float,
     source: str,
 ) -> tuple[RigidPress, ...]:
-    """Every squeeze in a recording: contact, force up to a peak, and back where it was recorded.
+    """Every squeeze in a recording: contact, loading to a peak, and unloading if it was recorded.
 
-    `travel_mm` grows as the jaws close. Raises TactileFailure (unreadable-frames) that names what makes one
-    no squeeze of a rigid object: too little force, too few readings, force that falls as the travel goes on
-    or that is lost while it stands still, travel that does not come back or grows faster at higher force.
+    `travel_mm` grows as the jaws close. Raises TactileFailure (unreadable-frames) for too little force or too
+    few readings. It also raises if the force falls as the travel grows or is lost at constant travel, and if
+    the travel does not return or grows faster at higher force.
     """
     noise = noise_sd(force_N)
     pushed = force_N - float(np.median(force_N[:UNLOADED_FRAMES]))
@@ -108,7 +105,7 @@ def _squeeze(
     size_mm: float,
     source: str,
 ) -> RigidPress:
-    """One contact episode, checked."""
+    """One contact episode; raises TactileFailure if a check fails."""
 
     def require(holds: object, observed: str, expected: str, advice: str) -> None:
         if not holds:
@@ -142,7 +139,7 @@ def _squeeze(
     _require_stiffening(force[into], travel[into], source)
     stands = travel[after] > travel[: peak + 1].max() - STANDS * gone
     still = after[: len(after) if stands.all() else int(np.argmin(stands))]
-    # the last frames may be those of an opening that the travel's reading has not followed yet
+    # In the last frames the jaws may already open, although the reading of the travel has not changed.
     held = float(np.median(force[still[len(still) // 2 :]])) / most if len(still) else 1.0
     observed = f"{1 - held:.0%} of the force lost while the travel stands still"
     require(held >= 1 - CREEP, observed, f"at most {CREEP:.0%}", "squeeze an object that does not relax")
@@ -167,7 +164,7 @@ def _squeeze(
 
 
 def _require_stiffening(force: Float[np.ndarray, " t"], travel: Float[np.ndarray, " t"], source: str) -> None:
-    """Raises where the travel over the upper half of the force is clearly steeper than over the lower."""
+    """Raises TactileFailure if travel is clearly steeper over the upper half of the force than the lower."""
     half = 0.5 * (force.min() + force.max())
     slopes = []
     for part in (force <= half, force >= half):
@@ -186,12 +183,12 @@ def _require_stiffening(force: Float[np.ndarray, " t"], travel: Float[np.ndarray
 
 
 def _new_readings(travel: Float[np.ndarray, " t"]) -> Bool[np.ndarray, " t"]:
-    """Frames whose travel is not the frame's before."""
+    """Frames whose travel differs from the frame before."""
     return np.asarray(np.r_[True, np.diff(travel) != 0.0][: len(travel)])
 
 
 def _back(values: Float[np.ndarray, " t"]) -> float:
-    """By how much they fall below what came before."""
+    """Largest fall below an earlier value."""
     return float((np.maximum.accumulate(values) - values).max())
 
 
@@ -202,12 +199,12 @@ def _no_squeeze(source: str, fault: str, expected: str, advice: str) -> TactileF
 
 
 def gel_give_mm(pad: GelPad, *, shape: Literal["ball", "block"], size_mm: float) -> Float[np.ndarray, " t"]:
-    """Indentation of the gel at the object's foremost point, mm, for each frame; 0 where nothing presses.
+    """Indentation of the gel at the object's foremost point, mm, for each frame; 0 if nothing presses.
 
-    Under a ball of radius R a marker that touches stands at depth d - r^2/2R, r its distance from the lowest
-    point, so that depth + (x^2 + y^2)/2R = a + b x + c y over the markers that are pressed in at least half
-    as deep as the deepest, and d = a + R (b^2 + c^2)/2 (the sphere's paraboloid: off by r^4/8R^3). Under a
-    flat block it is the mean of these. With fewer than four of them it is the deepest one's own.
+    Under a ball of radius R a touching marker has depth d - r^2/2R at distance r from the lowest point. Hence
+    depth + (x^2 + y^2)/2R = a + b x + c y over the markers at least half as indented as the deepest, and
+    d = a + R (b^2 + c^2)/2 (the sphere's paraboloid: off by r^4/8R^3). With fewer than four of these markers
+    d is the greatest depth. Under a flat block d is their mean depth.
     """
     position = pad.rest_mm + pad.displacement_mm
     pressed = -pad.displacement_mm[:, :, 2]
@@ -225,7 +222,7 @@ def gel_give_mm(pad: GelPad, *, shape: Literal["ball", "block"], size_mm: float)
 
 
 def _apex_mm(places: Float[np.ndarray, "n 2"], depth: Float[np.ndarray, " n"], *, radius_mm: float) -> float:
-    """Depth of a ball's lowest point from markers that it has pressed in."""
+    """Depth of a ball's lowest point from markers under it, mm."""
     middle = places.mean(axis=0)
     around = places - middle
     rows = np.column_stack([np.ones(len(around)), around])

@@ -1,1 +1,1 @@
-"""A robot's frames: where the mat lies in the robot's base, and from that the pads' poses."""
+"""Frames of a robot: the mat's pose in the robot's base, and the pads' poses that follow."""

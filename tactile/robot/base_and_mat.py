@@ -1,4 +1,4 @@
-"""Where the mat lies in the robot's base, how well that is known, and checks of the flange's poses."""
+"""Pose of the mat in the robot's base, its error, and checks of the flange's poses."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -74,12 +74,12 @@ def motion_slopes(points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3 6"
 
 
 def flange_covariance(sd_mm: float, sd_deg: float) -> Float[np.ndarray, "6 6"]:
-    """Of a turn (rad) and a shift (mm) with these standard deviations per axis."""
+    """Covariance of a rotation (rad) and a translation (mm) with these standard deviations per axis."""
     return np.diag(np.repeat([np.radians(sd_deg) ** 2, sd_mm**2], 3))
 
 
 def place_sd_mm(covariance: Float[np.ndarray, "6 6"], place_mm: Float[np.ndarray, "3"]) -> float:
-    """Standard deviation per axis (mm) of a point, in the axes of `covariance`, that turns and shifts."""
+    """Standard deviation per axis (mm) of a point under motions with this covariance, in the same axes."""
     moved = motion_slopes(place_mm[None])[0]
     return float(np.sqrt(np.trace(moved @ covariance @ moved.T) / 3))
 
@@ -129,5 +129,5 @@ def require_noise(
 
 
 def folds(count: int) -> list[Int[np.ndarray, " _"]]:
-    """Numbers of the poses in each part, every FOLDS-th."""
+    """Indices of the poses in each part, every FOLDS-th."""
     return [np.arange(start, count, FOLDS) for start in range(min(FOLDS, count))]

@@ -1,8 +1,8 @@
-"""Pictures of the mat and the flange's poses tell where the mat lies in the robot's base.
+"""Pose of the mat in the robot's base, from pictures of the mat and the flange's poses.
 
 With the camera on the flange and the mat at rest, camera_from_mat = inv(flange_from_camera) @
 inv(base_from_flange) @ base_from_mat. With the camera at rest and the mat on the flange, camera_from_mat =
-inv(base_from_camera) @ base_from_flange @ flange_from_mat; pictures of the mat at its place then give
+inv(base_from_camera) @ base_from_flange @ flange_from_mat; pictures of the mat at its place then determine
 base_from_mat. Both are A' B W with B known: a closed form for A and W starts a least-squares fit.
 """
 
@@ -29,28 +29,29 @@ from tactile.robot.base_and_mat import (
 FEWEST_POSES = 8
 """Poses with a picture: 48 equations for 12 unknowns leave enough to measure the noise. Set by hand."""
 MOST_START_MM = 20.0
-"""Root mean square miss (mm) of the mat's corners after the closed form, beyond which no fit begins: ten
-times MOST_SD_MM, because the closed form does not weight its equations."""
+"""Largest miss of the mat's corners after the closed form (mm, root mean square) with which a fit starts: ten
+times MOST_SD_MM, because the closed form has no weights."""
 MOST_STEPS, CONVERGED = 20, 1e-4
-"""Steps of the fit, and the square of the last one in standard deviations; good poses take four."""
+"""Most steps of the fit, and the square of the last one in standard deviations; good poses take four."""
 FIRST_NOISE = (np.radians(0.1), 0.3)
-"""rad and mm of a flange pose in the first fit: usual arms."""
+"""Noise of a flange pose (rad, mm) in the first fit: usual arms."""
 LEAST_NOISE = (np.radians(1e-3), 5e-3)
-"""rad, mm: no robot is better, and a smaller value makes the weights singular."""
+"""Least noise of a flange pose (rad, mm): no robot is better, and a smaller value makes the weights
+singular."""
 LEAST_PX = 0.02
-"""px: no corner is found better."""
+"""Least noise of a corner, px."""
 WHAT_TO_CHECK = (
     "Check that each row names its own photo, and that the poses are the flange's in the base's frame. "
     "Check their units, the order of the quaternion and the axes of the angles. Neither mat nor camera "
     "may move."
 )
-"""Of poses that disagree with the pictures."""
+"""Advice for poses that disagree with the pictures."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MatView:
-    """A picture's corners of the mat (mm, px), the mat's pose before the camera as a start, and the flange's
-    pose; None where the mat lay at its place before a camera at rest.
+    """A picture's corners of the mat (mm, px), the mat's initial pose in the camera's frame, and the flange's
+    pose. The last is None if the mat lay at its place before a camera at rest.
     """
 
     name: str
@@ -62,7 +63,7 @@ class MatView:
 
 @dataclass(frozen=True, kw_only=True)
 class Lens:
-    """A pinhole with one radial term k1, as the pictures alone give it: px, px, 1."""
+    """A pinhole with one radial term, from the pictures alone: focal length and middle (px), k1."""
 
     focal_px: float
     middle_px: tuple[float, float]
@@ -85,9 +86,9 @@ class _Fit:
 
 @dataclass(frozen=True)
 class _Equations:
-    """All corners' equations about a fit, each picture's compressed to what a triangular factor keeps.
+    """Linear equations of all corners about a fit; QR factors compress those of each picture.
 
-    Of picture i: y = X step + T off + noise of `px`, with `off` the flange's own error (rad, mm), T (6, 6).
+    Picture i: y = X step + T off + noise of `px`, with the flange's error `off` (rad, mm) and T (6, 6).
     `rest`, `rest_y`: the equations without an error of the flange.
     """
 
@@ -99,15 +100,15 @@ class _Equations:
     px: float
 
     def without(self, part: Int[np.ndarray, " _"]) -> "_Equations":
-        """The equations without some pictures; the rest, which shows lens and tilt, stays."""
+        """The equations without some pictures; `rest`, which determines lens and tilt, stays."""
         keep = np.delete(np.arange(len(self.y)), part)
         return replace(self, T=self.T[keep], X=self.X[keep], y=self.y[keep])
 
     def solved(
         self, noise: Float[np.ndarray, "2"]
     ) -> tuple[Float[np.ndarray, " p"], Float[np.ndarray, "p p"], float]:
-        """The step by generalised least squares, its covariance, and twice the restricted log likelihood
-        (Patterson and Thompson 1971, Biometrika 58:545), negative, of the flange's noise (rad, mm).
+        """The step by generalised least squares, its covariance, and -2 times the restricted log likelihood
+        of the flange's noise (rad, mm) (Patterson and Thompson 1971, Biometrika 58:545).
         """
         root = self.T * np.repeat(noise, 3)
         spread = root @ np.swapaxes(root, 1, 2) + self.px**2 * np.eye(6)
@@ -124,10 +125,9 @@ class _Equations:
 def hand_eye(views: Sequence[MatView], lens: Lens, *, camera_on_flange: bool, source: str) -> BaseAndMat:
     """base_from_mat by maximum likelihood over all corners (px), both frames and the lens.
 
-    Each flange pose has an unknown error of its own, normal with one spread for turns and one for places. It
-    is eliminated: the corners of one picture share a covariance px² I + J S J'. The spreads are those that
-    the residuals show. Raises TactileFailure for too few or too similar poses, and for poses that disagree
-    with the pictures.
+    Each flange pose has an unknown normal error; the residuals determine its standard deviations of rotation
+    and position. The error is eliminated: the corners of one picture share a covariance px² I + J S J'.
+    Raises TactileFailure for too few or too similar poses, and for poses that disagree with the pictures.
     """
     moving = [view for view in views if view.base_from_flange is not None]
     still = [view for view in views if view.base_from_flange is None]
@@ -211,9 +211,7 @@ def _fitted(
     camera_on_flange: bool,
     source: str,
 ) -> tuple[_Fit, _Equations, Float[np.ndarray, "2"]]:
-    """The fit, its equations and the flange's noise (rad, mm), by Gauss and Newton's steps; the noise is
-    estimated again before each step.
-    """
+    """The fit, its equations and the flange's noise (rad, mm); each Gauss-Newton step estimates it again."""
     noise = np.array(FIRST_NOISE)
     for _ in range(MOST_STEPS):
         equations = _equations(moving, still, fit, camera_on_flange=camera_on_flange)
@@ -228,8 +226,8 @@ def _fitted(
 def _linear(
     view: MatView, fit: _Fit, camera_on_flange: bool
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, "m 6"], Float[np.ndarray, "m p"]]:
-    """Of one picture: seen less predicted pixels, and the prediction's slopes by a motion of the flange in
-    its axes (0 where the mat lies at its place) and by a step of the fit.
+    """Residual pixels of one picture, and derivatives of the predicted pixels: by a motion of the flange in
+    its axes (0 if the mat lies at its place), and by a step of the fit.
     """
     camera = np.linalg.inv(fit.frames[0])
     mat_frame = 2 if view.base_from_flange is None else 1
@@ -261,7 +259,7 @@ def _linear(
 def _equations(
     moving: Sequence[MatView], still: Sequence[MatView], fit: _Fit, *, camera_on_flange: bool
 ) -> _Equations:
-    """The corners' equations about `fit`; a corner's noise is what no motion of its picture removes."""
+    """The corners' equations about `fit`. Residuals that no motion of a picture removes are corner noise."""
     lines = [_linear(view, fit, camera_on_flange) for view in moving]
     R = [_triangle(np.column_stack([by_flange, by_fit, miss])) for miss, by_flange, by_fit in lines]
     top = np.array([factor[:6] for factor in R])
@@ -306,6 +304,6 @@ def _moved(pose: Float[np.ndarray, "4 4"], points: Float[np.ndarray, "n 3"]) -> 
 
 
 def _nearest_rotation(matrix: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "3 3"]:
-    """Of a matrix whose sign is free: a singular vector's is."""
+    """The rotation nearest to a matrix of unknown sign (a singular vector's sign is arbitrary)."""
     left, _, right = np.linalg.svd(matrix * np.sign(np.linalg.det(matrix)))
     return np.asarray(left @ right)

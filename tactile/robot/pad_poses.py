@@ -17,16 +17,16 @@ from tactile.robot.base_and_mat import flange_covariance, place_sd_mm
 from tactile.tactile_failure import TactileFailure
 
 FARTHEST_MM = 400.0
-"""mm of a pad from the mat's middle, where the fruit stands: a large fruit, and a gripper wide open."""
+"""Largest distance of a pad from the mat's middle, mm: a large fruit, and a gripper wide open."""
 UNDER_MM = 5.0
-"""mm that a pad's middle may seem to lie below the paper."""
+"""Largest depth of a pad's middle below the mat, mm."""
 CLOCK_SLACK_S = 0.1
 """Seconds by which the flange's table may begin after, or end before, the recording: some of its rows."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PadSpread:
-    """Standard deviations per axis of one pad's place (mm): all of it, and its shares by cause."""
+    """Standard deviations per axis of one pad's position (mm): the whole, and its parts by cause."""
 
     name: str
     sd_mm: float
@@ -38,14 +38,14 @@ class PadSpread:
 def with_robot_poses(
     recording: Recording, robot: Robot, table: FlangeTable, *, source: str, named: str
 ) -> tuple[Recording, tuple[PadSpread, ...]]:
-    """The recording with its pads' poses in the mat's frame, and how well they are known.
+    """The recording with its pads' poses in the mat's frame, and their standard deviations.
 
-    With `time_s` the flange's poses (and `aperture_mm`, if there is one) are interpolated at the recording's
-    times; without, a single row holds for all frames, or there is one row a frame. Jaws move along their own
-    z by half of the change of aperture; a press's tip is fixed on the flange. A wrench is turned into the
-    mat's frame. Raises TactileFailure where table, gripper and recording do not belong together, the wrench's
-    frame is not stated, or the pads are far from the mat. `source`, `named`: what the recording and the table
-    are called.
+    If the table has `time_s`, the flange's poses (and `aperture_mm`) are interpolated at the recording's
+    times. Otherwise it has one row for all frames, or one per frame. Each jaw moves along its z by half of
+    the aperture's change; a press's tip is fixed on the flange. A wrench is transformed to the mat's frame.
+
+    Raises TactileFailure if table, gripper and recording do not match, the wrench's frame is not stated, or
+    the pads are far from the mat. `source` and `named` are the names of recording and table in failures.
     """
     flange, aperture_mm = _at_frames(table, recording, source=source, named=named)
     recording = recording if aperture_mm is None else replace(recording, aperture_mm=aperture_mm)
@@ -94,7 +94,7 @@ def moved_wrench(
 def _at_frames(
     table: FlangeTable, recording: Recording, *, source: str, named: str
 ) -> tuple[Float[np.ndarray, "t 4 4"], Float[np.ndarray, " t"] | None]:
-    """base_from_flange of each frame, and the aperture where the table has it."""
+    """base_from_flange of each frame, and the aperture if the table has it."""
     poses, time_s, frames = table.base_from_flange, table.time_s, recording.time_s
     if not table.known.all():
         row = table.row[int(np.argmin(table.known))]
@@ -119,9 +119,7 @@ def _at_frames(
 def _spread(
     name: str, robot: Robot, on_mat: Float[np.ndarray, "3"], on_flange: Float[np.ndarray, "3"]
 ) -> PadSpread:
-    """Of a pad at these places (mm): the calibration's error at the mat, the flange's at the pad, and the
-    drawing's.
-    """
+    """Standard deviations of a pad's position by the calibration, the flange's poses and the drawing."""
     parts = (
         place_sd_mm(robot.covariance, on_mat),
         place_sd_mm(flange_covariance(robot.flange_sd_mm, robot.flange_sd_deg), on_flange),
