@@ -1,4 +1,4 @@
-"""The photo route on one page: photos -> cameras -> outlines -> hull -> depth -> closed, scaled mesh."""
+"""Reconstruction from photos: cameras -> outlines -> hull -> depth -> closed, scaled mesh."""
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -36,7 +36,7 @@ from recon.triangle_mesh import Faces, Vertices, vertex_normals
 
 @contextmanager
 def one_thread() -> Iterator[None]:
-    """One thread for OpenCV and BLAS, and OpenCV's seed set, so that a run can be repeated."""
+    """Limit OpenCV and BLAS to one thread and set OpenCV's seed, so that runs repeat."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     cv2.setRNGSeed(1)
@@ -48,11 +48,11 @@ def one_thread() -> Iterator[None]:
 
 
 LOOSE_AGREEMENT = 0.6
-"""Share of the views that must take a cell of the first block for fruit, where AGREEMENT gave a mesh that the
-photos contradict. White fruit without the fruit model: 1.8 and 12.6 mm off with 0.85, 0.36 and 0.07 mm with
-0.6; dark and red fruit the other way round."""
+"""Share of the views that must classify a cell of the first block as fruit, if the photos contradict the mesh
+made with AGREEMENT. White fruit without the fruit model: 1.8 and 12.6 mm off with 0.85, 0.36 and 0.07 mm with
+0.6. For dark and red fruit 0.85 is better."""
 HEIGHT_SD_MM = 0.2
-"""Standard deviation of a height in fruits.csv: of a caliper on a soft, round body (assumed)."""
+"""Standard deviation of a height in fruits.csv, by a caliper on a soft, round body (assumed)."""
 MADE_TWICE = (
     "The photos contradicted the first mesh, so drupe made another from a looser start. Check "
     "its picture, and use a ground of another colour next time."
@@ -61,8 +61,8 @@ MADE_TWICE = (
 
 @dataclass(frozen=True, kw_only=True)
 class ReconOptions:
-    """What a batch may set: faces of the mesh, fineness of the hull (ball level), and the fruit model that is
-    asked where outlines are found (None: none).
+    """Settings of a batch: most faces of the mesh, ball level of the hull, providers of ONNX Runtime, coin
+    for the scale. `fruit_model`: the model that helps to find outlines (None: no model).
     """
 
     max_faces: int = 6000
@@ -74,16 +74,16 @@ class ReconOptions:
 
 @dataclass(frozen=True, kw_only=True)
 class Reconstruction:
-    """A closed fruit mesh (mm, faces outward), its scale error (relative) and surface error, and its origin.
+    """A closed fruit mesh (mm, faces outward), its scale error (relative), surface error, and origin.
 
     `frame` is "mat" (the mat's frame: z up, z = 0 on the paper) or "shape" (z up, the support plane at z =
-    0). `cameras` are those of the photos used, in that frame, without distortion; `views` tells how many of
-    them each vertex faces; `sd_mm` is the standard deviation of the skin's place at each vertex, and
-    `surface_sd_mm` its root mean square over the skin that was seen. A geometry model gives none of these.
-    `outlines` are the fruit's in each of these photos, pixels (column, row) of the photo without distortion.
-    `notes` tell of what was done otherwise than usual, without a doubt of the mesh; `unplaced` are the photos
-    whose camera was not found. `flipped_cameras` are those of photos of the fruit upside down, in the same
-    frame, with their distortion.
+    0). `cameras` are those of the photos used, in that frame, without distortion; `views` counts the cameras
+    that see each vertex. `sd_mm` is the standard deviation of the skin's place at each vertex,
+    `surface_sd_mm` its root mean square over visible skin. A geometry model gives no cameras, views or
+    `sd_mm`. `outlines` are the fruit's in each of these photos, pixels (column, row) without distortion.
+    `notes` report unusual steps that cast no doubt on the mesh. `unplaced` are the photos without a camera
+    pose. `flipped_cameras` are those of photos of the fruit upside down, in the same frame, with their
+    distortion.
     """
 
     vertices: Vertices
@@ -109,12 +109,12 @@ def reconstruct(
     height_mm: float | None,
     options: ReconOptions | None = None,
 ) -> Reconstruction:
-    """The fruit of a set of photos as a closed mesh in mm, scaled by the mat or by the fruit's height.
+    """The fruit as a closed mesh in mm, scaled by the mat, or without one by a coin or the fruit's height.
 
-    One thread and fixed seeds: the same photos give the same mesh. Where the photos contradict it, it is made
-    once more from a block that fewer photos must agree on. Raises ReconFailure: too-few-views, mat-not-found,
-    no-overlap, no-fruit, fruit-cut-off, no-scale, no-surface, not-watertight, surface-contradicted,
-    bad-geometry-model, missing-library.
+    One thread and fixed seeds: the same photos give the same mesh. If the photos contradict the mesh, it is
+    made once more from a block that fewer photos must agree on. Raises ReconFailure: too-few-views,
+    mat-not-found, no-overlap, no-fruit, fruit-cut-off, no-scale, no-surface, not-watertight,
+    surface-contradicted, bad-geometry-model, missing-library.
     """
     options = options or ReconOptions()
     _require_scale(photos, mat, height_mm)
@@ -148,9 +148,9 @@ def _reconstructed(
     model: FruitModel | None,
     agreement: float,
 ) -> Reconstruction:
-    """Outlines to surface to closed mesh, with its quality and the warnings that follow.
+    """The closed mesh from outlines and relief, with its quality and warnings.
 
-    Raises ReconFailure, surface-contradicted, where the photos do not show the mesh.
+    Raises ReconFailure, among others surface-contradicted if the photos do not show the mesh.
     """
     low_mm, high_mm = poses.box
     with one_thread():
@@ -241,10 +241,10 @@ def reconstruct_with_model(
     height_mm: float | None,
     options: ReconOptions | None = None,
 ) -> Reconstruction:
-    """The same with a model of the user's own (ONNX), of either kind, told by its outputs.
+    """`reconstruct` with the user's ONNX model; its outputs distinguish fruit from geometry models.
 
-    A fruit model takes the shipped one's place in `reconstruct`; the points of a geometry model take the
-    outlines' place, and need the mat. Raises ReconFailure: bad-geometry-model, and what `reconstruct` raises.
+    A fruit model replaces the shipped one. The points of a geometry model replace the outlines and need the
+    mat. Raises ReconFailure: bad-geometry-model, and those of `reconstruct`.
     """
     options = options or ReconOptions()
     if is_fruit_model(model, providers=options.providers):

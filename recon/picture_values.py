@@ -18,7 +18,7 @@ def sampled(
     outside: float | None = None,
     how: int = cv2.INTER_LINEAR,
 ) -> np.ndarray:
-    """Values of a picture at pixels (column, row), bilinear; `outside` where they miss it, or its border's.
+    """Values at pixels (column, row), bilinear by default; off the picture `outside`, or its edge's if None.
 
     >>> picture = np.array([[0.0, 2.0]], dtype=np.float32)
     >>> sampled(picture, np.array([[0.5, 0.0], [9.0, 0.0]]), outside=-1.0)

@@ -1,4 +1,4 @@
-"""How photos can fail to become a mesh: an exception whose problem is a word, its detail a sentence."""
+"""Failures of a reconstruction: an exception with a problem code and a detail for the user."""
 
 from enum import StrEnum
 
@@ -6,7 +6,7 @@ from pipeline.files.plain_file import printable
 
 
 class ReconProblem(StrEnum):
-    """What went wrong, in a word that a record can carry."""
+    """Code of a failure, as records store it."""
 
     TOO_FEW_VIEWS = "too-few-views"
     UNREADABLE_PHOTO = "unreadable-photo"
@@ -34,9 +34,8 @@ class ReconProblem(StrEnum):
 class ReconFailure(Exception):
     """Raised for everything that a user's photos, files or settings can cause.
 
-    `detail` is one sentence: what was found, what was expected, what to do next; it names the file and the
-    field when a file is at fault; control characters, which names of files can hold, are taken out.
-    `str(failure) == failure.detail`.
+    `detail` states what was found, what was expected and what to do next. It names the file and the field at
+    fault. Control characters, which file names can contain, are removed. `str(failure) == failure.detail`.
     """
 
     def __init__(self, problem: ReconProblem, detail: str) -> None:
@@ -46,5 +45,5 @@ class ReconFailure(Exception):
         self.detail = detail
 
     def __reduce__(self) -> tuple[type["ReconFailure"], tuple[ReconProblem, str]]:
-        """Survive the way back from a worker process."""
+        """Let a worker process return the failure."""
         return type(self), (self.problem, self.detail)

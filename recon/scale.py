@@ -1,5 +1,5 @@
-"""Where size comes from (mat, height or coin), the box in which a fruit may stand, and how much too tall a
-fruit comes out that no photo shows from the side.
+"""Scale of a mesh by mat, height or coin, and the box in which a fruit may stand. Also the excess height of a
+mesh whose top no photo shows from the side.
 """
 
 from collections.abc import Sequence
@@ -25,35 +25,35 @@ from recon.triangle_mesh import Vertices
 WAVE = 8
 """Standard deviation of the filter that correlates the errors of an outline's samples, in samples."""
 MARGIN_PX = 16
-"""px about an outline: enough for its errors."""
+"""Margin around an outline, px: enough for its errors."""
 NOISE_PX, SEED = 0.5, 1
-"""Standard deviation of the outlines: exact ones outweigh bending and leave a ball at 45 degrees a cone."""
+"""Noise of the outlines, px, and seed. Without noise a ball seen from 45 degrees keeps a conical top."""
 NO_CONE = 0.02
-"""Excess of a hull under which the fitted surface's is under 0.2 %, and not worked out."""
+"""Excess of the hull below which the fitted surface's, under 0.2 %, is not computed."""
 SHOULDER, SHOULDER_TO_DEG, SHOULDER_SD = 0.06, 25.0, 0.45
-"""Size of the shoulder's term, where it ends, and its relative standard deviation: below."""
+"""Factor, largest elevation and relative standard deviation of the shoulder's term; see `expected_excess`."""
 FIT_SD = 0.5
-"""Stone fruits that stand with the stem cavity up come out taller than ellipsoids by SHOULDER (a / c)² tan e,
-e up to 25 degrees. The relative standard deviations of that and of the excess."""
+"""Relative standard deviation of the fitted surface's excess. Stone fruit with the stem cavity up need the
+shoulder's term beyond an ellipsoid's excess."""
 SIDEWAYS_DEG = 25.0
-"""Below, nothing is taken off: an egg and a nectarine, seen from 15 and 18 degrees, come out right so. Fruits
-with a cavity are 0.4 to 3.1 % too tall there (21 meshes), 0.8 to 1.9 times the shoulder's term, which is the
-sd."""
+"""Elevation below which the expected excess is zero: meshes of an egg and a nectarine, seen from 15 and 18
+degrees, have the right height. Fruits with a cavity are 0.4 to 3.1 % too tall there (21 meshes). That is 0.8
+to 1.9 times the shoulder's term, which serves as the standard deviation."""
 TOP_SHARE = 0.1
-"""Of the height, what counts as the top of which relief may tell."""
+"""Upper share of the height that counts as the top."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TopExcess:
-    """How much taller than the fruit its mesh is expected to be, relative, and its standard deviation."""
+    """Expected relative excess of the mesh's height over the fruit's, and its standard deviation."""
 
     value: float
     sd: float
 
     def remaining(self, measured: float) -> "TopExcess":
-        """What is left where a share of the top was measured: its summit is among them with that probability.
+        """The excess after a share of the top was measured, which has the summit with that probability.
 
-        Mean and variance of a mixture: of this excess with probability p = 1 - measured, and of none.
+        Mean and variance of a mixture: this excess with probability p = 1 - measured, else none.
         """
         p = 1.0 - measured
         return TopExcess(
@@ -62,7 +62,7 @@ class TopExcess:
 
 
 def top_share(vertices: Vertices, measured: Bool[np.ndarray, " n"]) -> float:
-    """The share of the top's vertices (the upper tenth of the height) that were measured."""
+    """Share of the vertices in the upper tenth of the height that were measured."""
     z = vertices[:, 2]
     return float(measured[z >= z.max() - TOP_SHARE * np.ptp(z)].mean())
 
@@ -70,12 +70,12 @@ def top_share(vertices: Vertices, measured: Bool[np.ndarray, " n"]) -> float:
 def expected_excess(
     cameras: Sequence[Camera], box: Float[np.ndarray, "3"], elevation_rad: float
 ) -> TopExcess:
-    """The excess of a mesh of size `box` that stands on z = 0 at x = y = 0, seen by these cameras.
+    """Expected excess of a mesh with sides `box` that stands on z = 0 at x = y = 0, seen by these cameras.
 
-    value = settled_excess of an ellipsoid + SHOULDER (a / c)² tan(min(e, 25 degrees)), c half the height and
-    a the mean of the other semi-axes; `elevation_rad`: e, at which the lowest photo looks down on the top.
-    The mesh's own height is taken to count half of the hull's excess too much. Below SIDEWAYS_DEG the value
-    is 0, with the shoulder's term as standard deviation.
+    value = fitted_excess of an ellipsoid (0 up to NO_CONE) + SHOULDER (a / c)² tan(min(e, 25 degrees)). Here
+    c is half the height and a the mean of the other semi-axes. e = `elevation_rad` is the lowest camera's
+    elevation above the top. The mesh's height is assumed to include half of the hull's excess. Below
+    SIDEWAYS_DEG the value is 0 and the shoulder's term the standard deviation.
     """
     hull = hull_excess(box / 2, elevation_rad)
     sideways = elevation_rad < np.radians(SIDEWAYS_DEG)
@@ -91,10 +91,10 @@ def expected_excess(
 
 
 def hull_excess(semi: Float[np.ndarray, "3"], elevation_rad: float) -> float:
-    """How much taller than the ellipsoid its hull is where photos look down on its top at `elevation_rad`.
+    """Relative excess of the hull's height over the ellipsoid's, for photos at `elevation_rad` above its top.
 
-    The tangent plane that falls by the elevation meets the axis at sqrt(c² + a² tan²) over the middle:
-    excess = (sqrt(1 + (a / c)² tan² e) - 1) / 2 of the height 2 c, a the mean of the other semi-axes.
+    A tangent plane inclined by e meets the axis at sqrt(c² + a² tan² e) above the centre. The excess is
+    (sqrt(1 + (a / c)² tan² e) - 1) / 2 of the height 2 c, a the mean of the other semi-axes.
 
     >>> round(hull_excess(np.ones(3), np.radians(30.0)), 3)
     0.077
@@ -104,10 +104,10 @@ def hull_excess(semi: Float[np.ndarray, "3"], elevation_rad: float) -> float:
 
 
 def fitted_excess(cameras: Sequence[Camera], box: Float[np.ndarray, "3"]) -> float:
-    """How much taller than itself an ellipsoid comes out from its own outlines in these photos, relative.
+    """Relative excess of the height of an ellipsoid that is fitted to its own outlines in these photos.
 
     `box`: its axes along x, y and z; it stands on z = 0 at x = y = 0. Its outlines are conics (Hartley and
-    Zisserman 2004, 8.3) with waves of NOISE_PX; hull and fitted surface are those that a fruit gets.
+    Zisserman 2004, 8.3) with correlated noise of NOISE_PX. Hull and surface are fitted as for a fruit.
     """
     rng = np.random.default_rng(SEED)
     factor = 60.0 / float(box[2])  # the hull's precision is absolute
@@ -154,18 +154,18 @@ def _outline(
 
 
 PRINT_SCALE_SD = 0.001
-"""Relative error of a mat's print that was measured: 0.1 mm of its bar of 100 (assumed)."""
+"""Relative error of a printed mat whose bar of 100 mm was measured to 0.1 mm (assumed)."""
 UNSURE = 0.005
-"""Relative error of the scale that is said: 0.15 mm at the skin of a fruit of 60 mm."""
+"""Standard deviation of the excess above which a warning names it: 0.15 mm at the skin of a 60 mm fruit."""
 APART_SD = 3.0
-"""Standard deviations by which coin and height may differ unsaid."""
+"""Standard deviations by which coin and height may differ without a warning."""
 NEAREST_COIN, FARTHEST_COIN = 0.12, 0.3
-"""How far from the height's scale the coin is sought, at least and at most (beyond, its rings are met)."""
+"""Least and greatest relative distance from the height's scale to search the coin (beyond are its rings)."""
 Box = tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]
 
 
 def blank_box(mat: Mat) -> Box:
-    """The space over the mat's blank centre, with room for a fruit that overhangs it."""
+    """The box (mm) above the mat's blank centre, with a margin for a fruit that overhangs it."""
     inner = min(float(np.abs(corners[:, :2]).max(1).min()) for corners in mat.corners_mm.values())
     half = max(inner, 0.12 * mat.width_mm)
     return box_about_z(1.45 * half, 2.7 * half)
@@ -178,7 +178,7 @@ def box_about_z(half: float, high: float) -> Box:
 
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """The factor that takes a mesh made without a mat to mm, its relative standard deviation, and doubts."""
+    """Factor that scales a mesh made without a mat to mm, its relative standard deviation, and warnings."""
 
     factor: float
     sd: float
@@ -198,10 +198,10 @@ def scale_without_mat(
 ) -> Scale:
     """Scale from the height of the fruit, or from a coin beside it, which the height then checks.
 
-    A mesh whose top no photo shows from the side is taken to be height_mm (1 + excess) tall, with the
-    expected excess of the share of the top that relief has not measured (1 - `top_measured`). The height's
-    error is the caliper's, that of two mesh ends (`surface_sd`, in the mesh's unit), and the excess's. A coin
-    is sought within three of these; without one the height counts, with a warning.
+    The mesh is assumed to be height_mm (1 + excess) tall. The excess is that of the share of the top without
+    measured relief (1 - `top_measured`). The height's error combines the caliper's, that of two mesh ends
+    (`surface_sd`, in the mesh's unit), and the excess's. The coin is searched within three of these
+    (NEAREST_COIN to FARTHEST_COIN); if it is not found, the height counts, with a warning.
     """
     low, high = vertices.min(0), vertices.max(0)
     tall = float(high[2] - low[2])

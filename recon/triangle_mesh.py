@@ -8,7 +8,7 @@ from scipy.sparse.linalg import splu
 Vertices = Float[np.ndarray, "n 3"]
 Faces = Int[np.ndarray, "m 3"]
 Mesh = tuple[Float[np.ndarray, "_n 3"], Int[np.ndarray, "_m 3"]]
-"""Vertices and faces of a mesh, as many as there are."""
+"""Vertices and faces of a mesh, of any number."""
 
 
 def sides_of(faces: Faces) -> Int[np.ndarray, "m3 2"]:
@@ -17,7 +17,7 @@ def sides_of(faces: Faces) -> Int[np.ndarray, "m3 2"]:
 
 
 def open_edges(faces: Faces) -> int:
-    """How many directed edges lack their opposite or occur twice; 0 for a closed, well turned manifold.
+    """Number of directed edges that repeat or lack their opposite: 0 if closed and oriented, 1 without faces.
 
     >>> tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     >>> open_edges(tetrahedron), open_edges(tetrahedron[1:])
@@ -33,7 +33,7 @@ def open_edges(faces: Faces) -> int:
 
 
 def unique_edges(faces: Faces) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, " m3"]]:
-    """Each edge once, its lower vertex first, in ascending order; and which of them each of `sides_of` is."""
+    """Each edge once (lower vertex first, ascending), and the index of each of `sides_of` among them."""
     sides = np.sort(sides_of(faces), axis=1)
     width = int(sides.max(initial=0)) + 1
     keys, of_side = np.unique(sides[:, 0] * width + sides[:, 1], return_inverse=True)
@@ -41,13 +41,13 @@ def unique_edges(faces: Faces) -> tuple[Int[np.ndarray, "e 2"], Int[np.ndarray, 
 
 
 def bodies(faces: Faces) -> int:
-    """How many pieces the surface has that share no vertex."""
+    """Number of connected pieces of the surface, which share no vertex."""
     used, index = np.unique(faces, return_inverse=True)
     return int(parts_of(sides_of(index.reshape(faces.shape)), len(used)).max(initial=-1)) + 1
 
 
 def parts_of(edges: Int[np.ndarray, "e 2"], count: int) -> Int[np.ndarray, " n"]:
-    """The number of the connected part, from 0 on, that each of `count` vertices belongs to."""
+    """Index, from 0, of the connected part that contains each of `count` vertices."""
     graph = sparse.coo_array((np.ones(len(edges), np.int8), tuple(edges.T)), shape=(count, count))
     return np.asarray(sparse.csgraph.connected_components(graph, directed=False)[1])
 
@@ -59,11 +59,11 @@ def used_part(vertices: Vertices, faces: Faces) -> Mesh:
 
 
 def consistently_oriented(faces: Faces) -> Faces:
-    """The faces, some of them turned round, so that neighbours run along their shared edge in opposite
-    directions; unchanged where an edge has not two faces, or the surface has one side (a Moebius strip).
+    """The faces, reoriented so that neighbours traverse their shared edge in opposite directions.
 
-    Each face has two copies, as it is and turned. Copies that agree along an edge are joined; what is joined
-    to the first face's own copy agrees with it.
+    Unchanged if an edge does not have two faces, or the surface has one side (a Moebius strip). Each face has
+    two copies, original and reversed. Copies that agree along an edge are joined; all that are joined to the
+    first face's original agree with it.
     """
     m, ends = len(faces), sides_of(faces)
     _, of_side = unique_edges(faces)
@@ -77,12 +77,12 @@ def consistently_oriented(faces: Faces) -> Faces:
     as_they_are, turned = parts_of(np.stack([rows, columns], axis=1), 2 * m).reshape(2, m)
     if (as_they_are == turned).any():
         return faces
-    flipped = as_they_are > turned  # of the two halves of each body, one has the lower number
+    flipped = as_they_are > turned  # a body has two labels; its faces with the higher one are reversed
     return np.where(flipped[:, None], faces[:, ::-1], faces)
 
 
 def volume_mm3(vertices: Vertices, faces: Faces) -> float:
-    """Sum of a . (b x c) / 6 over the faces; positive when they look outward.
+    """Enclosed volume, sum of a . (b x c) / 6 over the faces; positive for outward faces.
 
     >>> corners = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     >>> tetrahedron = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
@@ -113,7 +113,7 @@ def vertex_normals(vertices: Vertices, faces: Faces) -> Float[np.ndarray, "n 3"]
 
 
 def _crosses(vertices: Vertices, faces: Faces) -> Float[np.ndarray, "m 3"]:
-    """The faces' normals, twice as long as their areas."""
+    """Normals of the faces; their length is twice the area."""
     a, b, c = (vertices[faces[:, k]] for k in range(3))
     return np.cross(b - a, c - a)
 
@@ -121,7 +121,7 @@ def _crosses(vertices: Vertices, faces: Faces) -> Float[np.ndarray, "m 3"]:
 def facing(
     points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"], place: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, " n"]:
-    """Cosines between the normals and the way to a camera at `place`."""
+    """Cosines of the angles between the normals and the directions to a camera at `place`."""
     ray = place - points
     return np.asarray(np.einsum("ij,ij->i", ray, normals) / np.linalg.norm(ray, axis=1))
 
@@ -133,8 +133,8 @@ def rim_crossings(
     j: Int[np.ndarray, " e"],
     place: Float[np.ndarray, "3"],
 ) -> tuple[Int[np.ndarray, " k"], Int[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Edges (i, j) of which one end, a, faces a camera at `place` and the other, b, does not; and the share t
-    of the way from a to b where n . (place - x), linear along the edge, is zero.
+    """Edges with just one end facing a camera at `place`. a (from `i`) and b (from `j`) are the ends. At the
+    share t of the way from a to b, n . (place - x) is zero, if linear along the edge.
     """
     towards = np.einsum("ij,ij->i", place - points, normals)
     crossing = (towards[i] > 0) != (towards[j] > 0)
@@ -143,7 +143,7 @@ def rim_crossings(
 
 
 def smoothed(values: Float[np.ndarray, "n ..."], faces: Faces, rounds: int) -> Float[np.ndarray, "n ..."]:
-    """Values at vertices, brought halfway to the mean over their neighbours, so many times."""
+    """Values at vertices, moved halfway to the mean over their neighbours, `rounds` times."""
     mean = neighbour_mean(faces, len(values))
     for _ in range(rounds):
         values = 0.5 * (values + mean @ values)
@@ -151,7 +151,7 @@ def smoothed(values: Float[np.ndarray, "n ..."], faces: Faces, rounds: int) -> F
 
 
 def neighbour_mean(faces: Faces, count: int) -> sparse.csr_array:
-    """The matrix that takes values at `count` vertices to the mean over each one's neighbours."""
+    """Matrix that maps values at `count` vertices to the mean over each one's neighbours."""
     i, j = sides_of(faces).T
     A = sparse.csr_array((np.ones(2 * len(i)), (np.r_[i, j], np.r_[j, i])), shape=(count, count))
     A.data[:] = 1.0
@@ -161,7 +161,7 @@ def neighbour_mean(faces: Faces, count: int) -> sparse.csr_array:
 def solved(
     matrix: sparse.sparray | sparse.spmatrix, right: Float[np.ndarray, " n"]
 ) -> Float[np.ndarray, " n"]:
-    """matrix^-1 right of a symmetric positive definite matrix, eliminated in a minimum degree order."""
+    """matrix^-1 right for a symmetric positive definite matrix (SuperLU, minimum-degree order)."""
     A, options = sparse.csc_array(matrix), {"SymmetricMode": True}
     factor = splu(A, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options=options)
     return np.asarray(factor.solve(right))

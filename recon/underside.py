@@ -21,24 +21,24 @@ from recon.surface.repair import repaired
 from recon.triangle_mesh import Faces, Vertices, facing, vertex_normals
 
 VIEWS = 3
-"""The third best camera tells how well skin was seen: three photos or more measure it."""
+"""Rank of the camera that rates how well skin was seen: three photos or more measure it."""
 GRAZING, FULL = 0.0, 0.3
-"""Cosines between a normal and the VIEWS-best camera: from where on the skin was seen, and seen well."""
+"""Cosines between the normal and the direction to that camera at which skin is unseen, and fully seen."""
 TURNS, TRIAL_POINTS, TRIAL_STEPS, STEPS, FINALISTS = 24, 500, 20, 40, 4
-"""Starts 15 degrees apart; points and steps of a trial; steps of the finalists, and their number. By hand."""
+"""Starts 15 degrees apart; points and steps of a trial; steps and number of the finalists. Set by hand."""
 RING_DEG = (15.0, 50.0)
-"""Elevations of cameras that are not known: a low and a high ring, as advised."""
+"""Elevations assumed for unknown cameras: a low and a high ring, as drupe advises."""
 FEWEST = 60
-"""Points of one mesh, of 500, on skin that both saw, at least."""
+"""Least number of points on skin that both meshes saw; a trial has 500 points."""
 OUTLIER = 3.0
-"""Robust spreads beyond which a point has no partner. Set by hand, as usual in robust statistics."""
+"""Scale of Geman and McClure's weight, in robust spreads. Set by hand, as usual in robust statistics."""
 MOST_MISS_SHARE, MOST_LARGER, MOST_LARGER_BY_HEIGHT = 0.012, 0.01, 0.12
-"""Largest miss (of the fruit's size) and difference in scale of two meshes of one fruit, and the latter by
-height, which differs for a fruit that lies tilted."""
+"""Largest misfit (of the fruit's size) and scale difference of two meshes of one fruit. The last applies to
+scales by height, which differs for a fruit that lies tilted."""
 LIKE, APART_DEG, SAME_SHARE = 1.15, 10.0, 0.006
-"""Another way round that fits nearly as well, turned by more than so much, and makes another shape of it."""
+"""A rival pose fits within this factor, is rotated by more than this, and changes the skin by this share."""
 CONVENTION_DEG = 40.0
-"""Of two ways the one counts in which the fruit was laid over about the mat's arrow, so far off at most."""
+"""Largest angle from turning the fruit about the mat's arrow; of rival poses the one within it counts."""
 
 
 @dataclass(frozen=True)
@@ -51,9 +51,9 @@ class ScannedSide:
 
     @classmethod
     def of(cls, vertices: Vertices, faces: Faces, places: Float[np.ndarray, "v 3"]) -> "ScannedSide":
-        """From where the cameras stood: a vertex counts by the third of them that it faces most.
+        """Rate each vertex by the camera with the third-largest cosine to its normal.
 
-        Where that is not known, cameras all around at RING_DEG above the mat are assumed.
+        Without `places` (camera centres, mm), two rings of cameras at RING_DEG above the mat are assumed.
         """
         normals = vertex_normals(vertices, faces)
         if not len(places):
@@ -64,7 +64,7 @@ class ScannedSide:
 
 
 def _ring(vertices: Vertices) -> Float[np.ndarray, "v 3"]:
-    """Places around a fruit on the mat, ten of its sizes away."""
+    """Camera centres at RING_DEG around a fruit on the mat, ten of its sizes away."""
     around, up = (g.ravel() for g in np.meshgrid(np.arange(12) * np.pi / 6, np.radians(RING_DEG)))
     way = np.stack([np.cos(around) * np.cos(up), np.sin(around) * np.cos(up), np.sin(up)], axis=1)
     return np.asarray(vertices.mean(0) + 10 * float(np.ptp(vertices, axis=0).max()) * way)
@@ -72,10 +72,10 @@ def _ring(vertices: Vertices) -> Float[np.ndarray, "v 3"]:
 
 @dataclass(frozen=True)
 class BothSides:
-    """The upright mesh with the other's skin where that saw better; `upright_from_over` took that there.
+    """Vertices of the upright mesh on the mean of both skins; `upright_from_over`: pose of the other mesh.
 
-    `miss_mm`: root mean square distance of the two where both saw the skin; `by_convention`: another turn
-    fits as well, and this is the one about the mat's arrow.
+    `miss_mm`: root mean square distance of the meshes where both saw the skin. `by_convention`: another
+    rotation fits as well, and this one is about the mat's arrow.
     """
 
     vertices: Vertices
@@ -86,7 +86,7 @@ class BothSides:
 
 @dataclass(frozen=True)
 class _Laid:
-    """One way to lay the other mesh on the first: its pose, its miss, and how much larger the other is."""
+    """A registration of the other mesh on the first: pose, misfit, and by what share the other is larger."""
 
     pose: Float[np.ndarray, "4 4"]
     miss_mm: float
@@ -94,13 +94,13 @@ class _Laid:
 
 
 def both_sides(upright: ScannedSide, over: ScannedSide, *, on_mat: bool = True) -> BothSides:
-    """`over`, the fruit laid upside down, found on `upright`, and both merged into one skin.
+    """`over`, the fruit laid upside down, registered on `upright`, and both merged into one skin.
 
-    Point to plane registration (Chen, Medioni 1992) on skin that both saw well, with Geman and McClure's
-    weights, from TURNS turns about the vertical; then each vertex goes to the mean of both skins, weighted by
-    how well each saw it. `on_mat`: both are to scale, and a turn that the shape leaves open is that about the
-    mat's arrow; else the second's scale follows the first's. Raises ReconFailure (no-overlap): another fruit,
-    another scale, or an ambiguous rotation.
+    Point-to-plane registration (Chen, Medioni 1992) on skin that both saw, with Geman and McClure's weights,
+    from TURNS rotations about the vertical. Each vertex then moves to the mean of both skins, weighted by how
+    well each saw it. `on_mat`: both are to scale, and the mat's arrow decides between rotations that the
+    shape leaves open; else the second's scale follows the first's. Raises ReconFailure (no-overlap): another
+    fruit, another scale, or an ambiguous rotation.
     """
     skin = _Skin(upright)
     size = float(np.ptp(upright.vertices, axis=0).max())
@@ -146,19 +146,19 @@ def both_sides(upright: ScannedSide, over: ScannedSide, *, on_mat: bool = True) 
 
 
 def _apart_mm(upright: ScannedSide, a: Float[np.ndarray, "n 3"], b: Float[np.ndarray, "n 3"]) -> float:
-    """How far two skins differ where the upright mesh did not see, along the normals."""
+    """Root mean square distance of two skins along the normals, where the upright mesh was not seen well."""
     off = np.einsum("ij,ij->i", b - a, vertex_normals(a, upright.faces))
     return float(np.sqrt(np.mean(off[upright.seen < 0.5] ** 2)))
 
 
 def _turn_from(first: Float[np.ndarray, "4 4"], pose: Float[np.ndarray, "4 4"]) -> float:
-    """Degrees by which a pose is turned about the vertical against another."""
+    """Angle between two poses about the vertical, degrees."""
     R = pose[:3, :3] @ first[:3, :3].T
     return float(np.degrees(abs(np.arctan2(R[1, 0] - R[0, 1], R[0, 0] + R[1, 1]))))
 
 
 class _Skin:
-    """A mesh that is asked for its nearest points."""
+    """A scanned side with queries of nearest points."""
 
     def __init__(self, side: ScannedSide) -> None:
         self._mesh = RayMesh(side.vertices, side.faces)
@@ -168,7 +168,7 @@ class _Skin:
     def nearest(
         self, points: Float[np.ndarray, "k 3"]
     ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"], Float[np.ndarray, " k"]]:
-        """The nearest points of the skin, its smooth normals and how well it was seen there."""
+        """The nearest points of the skin, its interpolated normals, and how well it was seen there."""
         corners, weights = self._mesh.nearest(points)
         normals = np.einsum("kc,kcx->kx", weights, self._normals[corners])
         normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
@@ -177,7 +177,7 @@ class _Skin:
 
 
 def _turned_over(upright: ScannedSide, over: ScannedSide, turn_deg: float) -> Float[np.ndarray, "4 4"]:
-    """The other mesh turned about z, then over about x, its box's middle on the first's."""
+    """Pose that turns the other mesh about z, then over about x, and aligns the middles of both boxes."""
     R = Rotation.from_euler("zx", [turn_deg, 180.0], degrees=True).as_matrix()
     target, middle = ((side.vertices.min(0) + side.vertices.max(0)) / 2 for side in (upright, over))
     return affine(R, target - R @ middle)
@@ -192,9 +192,9 @@ def _laid(
     steps: int,
     on_mat: bool,
 ) -> _Laid:
-    """Point to plane from a start; the scale is solved for too, and applied where there is no mat.
+    """Point-to-plane registration from a start; the scale is always solved for, and applied without a mat.
 
-    Where the two have too little skin in common the miss is infinite.
+    The misfit is infinite if the two share too little skin.
     """
     source, source_seen = over.vertices[which], over.seen[which]
     left = 1.0
@@ -231,7 +231,7 @@ def _laid(
 
 
 def _different(ways: Sequence[_Laid]) -> list[_Laid]:
-    """Of those that ended in the same turn the one of the least miss, in that order."""
+    """The registrations by misfit, without those that end within APART_DEG of a better one."""
     kept: list[_Laid] = []
     for way in sorted(ways, key=lambda way: way.miss_mm):
         turns = [Rotation.from_matrix(_turn(way) @ _turn(other).T).magnitude() for other in kept]
@@ -245,7 +245,7 @@ def _turn(way: _Laid) -> Float[np.ndarray, "3 3"]:
 
 
 def _merged_skin(upright: ScannedSide, over: ScannedSide, way: _Laid) -> Float[np.ndarray, "n 3"]:
-    """The first mesh's vertices on the weighted mean of both skins."""
+    """The first mesh's vertices, moved to the weighted mean of both skins."""
     placed = ScannedSide(moved(over.vertices, way.pose), over.faces, over.seen)
     near, _, seen = _Skin(placed).nearest(upright.vertices)
     share = seen / np.maximum(seen + upright.seen, 1e-3)
@@ -259,9 +259,9 @@ Route = Callable[[Sequence[Photo]], Reconstruction]
 def with_underside(
     upright: Reconstruction, read: Callable[[], Sequence[Photo]], route: Route, *, mat: Mat | None
 ) -> Reconstruction:
-    """The upright reconstruction with the other side's skin; as it was, with a warning, where that fails.
+    """The upright reconstruction with its underside; if that fails, unchanged but for a warning.
 
-    `read` gives the photos of the fruit upside down, `route` makes a mesh of them as it did of the others.
+    `read` gives the photos of the fruit upside down; `route` reconstructs them as it did the upright ones.
     """
     try:
         return _merged(upright, read(), route, mat)

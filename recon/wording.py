@@ -3,11 +3,11 @@
 from collections.abc import Sequence
 
 FEW_NAMES = 6
-"""In a sentence: more are not read. Set by hand."""
+"""Most names in a sentence. Set by hand."""
 
 
 def listed(names: Sequence[str]) -> str:
-    """Names with commas, the first six of them.
+    """Names separated by commas; after the first six, only the number of the others.
 
     >>> listed(["a.jpg", "b.jpg"]), listed([f"{i}" for i in range(8)])
     ('a.jpg, b.jpg', '0, 1, 2, 3, 4, 5 and 2 more')

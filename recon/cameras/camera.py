@@ -1,4 +1,4 @@
-"""A camera with its pose: world to pixels, whose centres are whole numbers; x right, y down, z ahead."""
+"""A camera with its pose. Pixel centres are integers; in camera axes x is right, y down, z ahead."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,8 +13,8 @@ from recon.picture_values import Picture
 
 @dataclass(frozen=True, kw_only=True)
 class Camera:
-    """A pinhole with one radial term, and its pose: u = f x (1 + k1 r²) + c, r² = x² + y², c the middle of
-    the picture, (x, y) = (X, Y) / Z in camera axes.
+    """A pinhole camera with one radial term: u = f x (1 + k1 r²) + c, r² = x² + y². The picture's middle is
+    c, and (x, y) = (X, Y) / Z in camera axes.
     """
 
     name: str
@@ -55,7 +55,7 @@ class Camera:
         return pinhole(self.focal_px, (self.height_px, self.width_px))
 
     def shows(self, pixels: Float[np.ndarray, "*n 2"], border_px: float) -> Bool[np.ndarray, "*n"]:
-        """Which pixels lie in the picture, further than `border_px` from its outermost ones."""
+        """Mask of the pixels that lie more than `border_px` inside the outermost ones."""
         outermost = np.array([self.width_px - 1, self.height_px - 1])
         return np.asarray(((pixels > border_px) & (pixels < outermost - border_px)).all(axis=-1))
 
@@ -82,11 +82,11 @@ class Camera:
         return np.asarray(xy * self.focal_px + self.middle_px)
 
     def pixel_mm(self, points: Float[np.ndarray, "n 3"]) -> float:
-        """How wide a pixel is at the points' median depth."""
+        """Width of a pixel at the points' median depth, mm."""
         return float(np.median(self.into(points)[:, 2])) / self.focal_px
 
     def moved(self, new_from_world: Float[np.ndarray, "4 4"]) -> "Camera":
-        """The same camera in a world moved, turned and scaled by a similarity."""
+        """The same camera in a world transformed by a similarity."""
         scale = np.cbrt(np.linalg.det(new_from_world[:3, :3]))
         cam_from_new = self.cam_from_world @ np.linalg.inv(new_from_world)
         cam_from_new[:3] *= scale
@@ -109,7 +109,7 @@ def place_of(cam_from_world: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "3"]
 
 
 def aim_of(poses: Float[np.ndarray, "v 4 4"]) -> Float[np.ndarray, "3"]:
-    """The point nearest to the optical axes of all cameras (cam_from_world)."""
+    """The point nearest to the optical axes of all cameras (`poses`: cam_from_world)."""
     A, b = np.zeros((3, 3)), np.zeros(3)
     for pose in poses:
         off = np.eye(3) - np.outer(pose[2, :3], pose[2, :3])
@@ -118,7 +118,7 @@ def aim_of(poses: Float[np.ndarray, "v 4 4"]) -> Float[np.ndarray, "3"]:
 
 
 def straightened(photo: Photo, camera: Camera) -> tuple[Picture, Camera]:
-    """The photo as a camera without distortion would have taken it, and that camera."""
+    """The photo without lens distortion, and its camera."""
     if abs(camera.k1) < 1e-6:
         return photo.image, replace(camera, k1=0.0)
     image = cv2.undistort(photo.image, camera.intrinsics, np.array([camera.k1, 0.0, 0.0, 0.0]))

@@ -17,32 +17,32 @@ from recon.recon_failure import ReconProblem
 from recon.silhouettes.mask import lab
 
 USUAL_THICKNESS_MM = 1.9
-"""Of a coin that is given by its diameter alone: those of coins.toml have 1.35 to 2.5."""
+"""Assumed for a coin that is given by its diameter alone; those of coins.toml have 1.35 to 2.5."""
 STRUCK_SD_MM = 0.03
-"""How far struck and worn coins are from what their mint states (assumed)."""
+"""Standard deviation of the diameter of struck and worn coins from their mint's value (assumed)."""
 EDGE_MM = 0.15
-"""The widest place of a coin lies so far below its top: the edge is rounded (assumed)."""
+"""Depth of a coin's widest circle below its top: the edge is rounded (assumed)."""
 LEAST_SD = 0.005
-"""Relative error beyond the photos' scatter: 0.1 to 1.0 % on a coin 38 px wide, by where the search began."""
+"""Least relative error: the start of the search changes the result by 0.1 to 1.0 % on a coin 38 px wide."""
 SPOTS = 180
-"""Places looked at along the rim: every two degrees."""
+"""Samples along the rim: every two degrees."""
 RADIUS_STEP = 0.02
-"""Of the tried radii, relative: over an element of 1 / 9 radius, five steps of it."""
+"""Relative step of the tried radii: about a fifth of an element of the top view (1 / 9 radius)."""
 LEAST_STEP = 3.0
-"""Least step of colour of an edge, CIE Lab units, over four places across a rim or one pixel from above."""
+"""Least colour step of an edge, CIE Lab units, over four samples across a rim or a pixel of the top view."""
 OUTERMOST = 0.5
-"""Coins have rings: of steps along a ray that reach this share of the strongest, the outermost is the rim."""
+"""Coins have rings: the rim is the outermost step along a ray that reaches this share of the strongest."""
 OUTERMOST_VOTES = 0.8
-"""Of the tried radii that reach this share of the most votes, the largest is the first guess."""
+"""The first guess is the largest radius that reaches this share of the most votes."""
 FEWEST_VIEWS = 3
-"""Photos that show the rim, at least: one that errs stands out among three."""
+"""Least number of photos that show the rim: of three, one that errs is detectable."""
 LEAST_SHARE = 0.45
-"""Of the rim's far half, found near one circle in a photo that counts."""
+"""Least share of the rim's far half that a photo must show to count."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Coin:
-    """A coin by what it is called, its diameter and its thickness."""
+    """Name, diameter and thickness of a coin."""
 
     name: str
     diameter_mm: float
@@ -51,7 +51,7 @@ class Coin:
 
 @dataclass(frozen=True, kw_only=True)
 class CoinScale:
-    """Factor from the cameras' unit to mm, its relative sd, and where the coin lies."""
+    """Factor from the cameras' unit to mm, its relative sd, and the coin's centre (x, y) in that unit."""
 
     factor: float
     sd: float
@@ -65,7 +65,7 @@ def known_coins() -> dict[str, Coin]:
 
 
 def coin_named(name: str) -> Coin:
-    """The coin of that name, in any case; raises ReconFailure (no-scale) that names all coins.
+    """The coin of that name, in any case; raises ReconFailure (no-scale) that lists all coins.
 
     >>> coin_named("1 EURO").diameter_mm
     23.25
@@ -85,12 +85,12 @@ def coin_named(name: str) -> Coin:
 def coin_scale(
     images: Pictures, cameras: Sequence[Camera], coin: Coin, *, unit_mm: float, spread: float
 ) -> CoinScale:
-    """The scale that a coin on the plane z = 0 gives; cameras have no distortion.
+    """The scale by a coin on the plane z = 0; cameras have no distortion.
 
-    `unit_mm` is the cameras' unit in mm, known to within `spread` (relative). The rim, a circle of the coin's
-    thickness above the plane, is sought in the photos' mean from above. Then steps of colour across its
-    farther half in every photo settle centre and radius together, with Cauchy's weights. The fruit's middle
-    is at x = y = 0. Raises ReconFailure (no-scale) where no such circle shows in three photos.
+    `unit_mm` is the cameras' unit in mm, known to within `spread` (relative). The rim is a circle at the
+    coin's thickness less EDGE_MM above the plane. A Hough transform of the photos' top views finds it. Colour
+    steps across its far half in all photos then give centre and radius, with Cauchy's weights. The fruit's
+    middle is at x = y = 0. Raises ReconFailure (no-scale) if fewer than three photos show the circle.
     """
     high = coin.thickness_mm - EDGE_MM
     about = coin.diameter_mm / 2 / unit_mm
@@ -130,7 +130,7 @@ def _far_rim(
     height: float,
     reach: float,
 ) -> Float[np.ndarray, "n 2"]:
-    """Places on the plane of the rim's far half where a photo has its step of colour."""
+    """Points (x, y) of the rim's far half at which a photo shows the colour step."""
     radii = x[2] * (1 + np.linspace(-reach, reach, 41))
     turn = 2 * np.pi * np.arange(SPOTS) / SPOTS
     way = np.stack([np.cos(turn), np.sin(turn)], axis=1)
@@ -163,10 +163,10 @@ def _sought(
     height: float,
     spread: float,
 ) -> Float[np.ndarray, "3"]:
-    """Centre and radius of the circle across which the photos' colours step most evenly all around.
+    """Centre and radius of the circle with the most even colour steps all around.
 
-    In each photo's picture from above, steps of brightness vote for centres at the tried radii along their
-    own direction, both ways (Hough); the votes of all photos are added.
+    In each photo's top view every colour gradient votes for centres at the tried radii, along its direction,
+    both ways (Hough). The votes of all photos are added.
     """
     distance = float(np.median([np.linalg.norm(c.place) for c in cameras]))
     half = 0.65 * distance

@@ -1,4 +1,4 @@
-"""The plane that most points lie on: where a fruit stands when no mat says so."""
+"""The plane of most points, on which a fruit without a mat stands."""
 
 import numpy as np
 from jaxtyping import Float
@@ -7,11 +7,11 @@ from recon.cameras.similarity import affine
 from recon.recon_failure import ReconProblem
 
 TRIALS = 600
-"""Planes through three points that are tried; if a quarter is ground, all miss it with probability 0.01 %."""
+"""Tried planes through three points; if a quarter is ground, all miss it with a probability of 0.01 %."""
 FEWEST_POINTS = 15
-"""On a plane, at least; fewer may share one by chance. Set by hand."""
+"""Least number of points on the plane; fewer may share one by chance. Set by hand."""
 STEEPEST_DEG = 10.0
-"""Degrees from straight above within which the first photo's side is not told. Set by hand."""
+"""Degrees from the vertical within which the first photo's azimuth is undefined. Set by hand."""
 
 
 def ground_plane(
@@ -21,10 +21,10 @@ def ground_plane(
     above: Float[np.ndarray, "m 3"],
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
-    """A point, and the upward unit normal, of the plane within `tolerance` of most points (RANSAC).
+    """A point and the upward unit normal of the plane with the most points within `tolerance` (RANSAC).
 
-    Up is where `above` (the cameras) is, all on one side. Raises ReconFailure (no-overlap) where fewer than
-    fifteen points share a plane.
+    The camera centres `above` must lie on one side of it, which is up. Raises ReconFailure (no-overlap) if
+    fewer than fifteen points share a plane.
     """
     best, count = np.zeros(len(points), bool), 0
     for _ in range(TRIALS if len(points) >= FEWEST_POINTS else 0):
@@ -57,10 +57,10 @@ def ground_plane(
 def upright(
     up: Float[np.ndarray, "3"], foot: Float[np.ndarray, "3"], ahead: Float[np.ndarray, "3"]
 ) -> Float[np.ndarray, "4 4"]:
-    """The rigid motion that brings `foot` to the origin, `up` to z, and `ahead` (seen from above) to x.
+    """The rigid transform that moves `foot` to the origin, `up` to z, and `ahead`, made horizontal, to x.
 
-    Without a mat `ahead` is where the first photo was taken, by convention from the suture's side. Raises
-    ReconFailure (no-overlap) where that is within ten degrees of straight above: it then points nowhere.
+    Without a mat `ahead` points to the first photo's camera, by convention on the suture's side. Raises
+    ReconFailure (no-overlap) within ten degrees of the vertical, where it has no azimuth.
     """
     x = ahead - (ahead @ up) * up
     if not np.linalg.norm(x) > np.sin(np.radians(STEEPEST_DEG)) * np.linalg.norm(ahead):

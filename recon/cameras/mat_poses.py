@@ -1,4 +1,4 @@
-"""Mat tags to camera poses and focal length: homographies for a start, then one bundle adjustment."""
+"""Camera poses and focal length from the mat's tags: start by homographies, then bundle adjustment."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -17,16 +17,16 @@ from recon.recon_failure import ReconFailure, ReconProblem
 from recon.scale import PRINT_SCALE_SD, Box, blank_box
 
 FEWEST_TAGS = 4
-"""Tags that place a photo, at least: sixteen corners. Set by hand."""
+"""Least number of tags for a photo's pose: sixteen corners. Set by hand."""
 LONGEST_ERROR_PX = 3.0
-"""px by which a corner may miss the mat: sharp ones miss by fractions of a pixel. Set by hand."""
+"""Largest reprojection error of a corner, px: sharp ones err by fractions of a pixel. Set by hand."""
 UNKNOWN_FOCAL_SD = 1.0
-"""Of the logarithm of the focal length before the tags tell it: wide enough to count for nothing."""
+"""Prior standard deviation of the log focal length before the tags: wide enough to have no effect."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Poses:
-    """Cameras of the photos that could be placed, and how well they explain the pictures."""
+    """Cameras of the photos with a pose (their indices: `used`), their errors, and the fruit's box."""
 
     cameras: tuple[Camera, ...]
     used: Int[np.ndarray, " v"]
@@ -45,12 +45,12 @@ class _Sighting:
 
 
 def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
-    """Cameras in the mat's frame (mm, z up) with one focal length and one radial term, without EXIF.
+    """Cameras in the mat's frame (mm, z up) with one focal length and one radial term.
 
-    Minimises the distance in pixels of seen and projected tag corners. Photos of another size than most are
-    left out, with a warning. `scale_sd`: relative standard error of the similarity from the print to freely
-    triangulated corners, and of the print. Raises ReconFailure: mat-not-found (no tag anywhere),
-    too-few-views (fewer than three photos of one size with four tags).
+    Minimises the reprojection error of tag corners (px). EXIF only gives a start if homographies fail. Photos
+    of an unusual size are left out, with a warning. `scale_sd` combines the printed mat's relative error with
+    that of its similarity to freely triangulated corners. Raises ReconFailure: mat-not-found (no photo shows
+    four tags, or fewer than three fit the mat), too-few-views (fewer than three of one size with four tags).
     """
     require_enough(len(photos), where="The set")
     sightings, size, warnings = _of_one_size(_sightings(photos, mat), photos)
@@ -90,7 +90,7 @@ def cameras_from_mat(photos: Sequence[Photo], mat: Mat) -> Poses:
 
 
 def _sightings(photos: Sequence[Photo], mat: Mat) -> list[_Sighting]:
-    """Corners of tags in the photos that show enough of them; raises ReconFailure where too few do."""
+    """Tag corners of the photos with FEWEST_TAGS or more; raises ReconFailure for under three photos."""
     seen = [photo.tags or detect_tags(photo.image, mat) for photo in photos]
     sightings = [
         _Sighting(i, np.concatenate([mat.corners_mm[t] for t in tags.tolist()]), corners.reshape(-1, 2))
@@ -115,7 +115,7 @@ def _sightings(photos: Sequence[Photo], mat: Mat) -> list[_Sighting]:
 
 
 def _consistent(good: Sequence[Bool[np.ndarray, " _"]]) -> list[int]:
-    """Sightings of which most corners fit; raises ReconFailure (mat-not-found) where too few are left."""
+    """Sightings with most corners consistent; raises ReconFailure (mat-not-found) for fewer than three."""
     kept = [i for i, g in enumerate(good) if g.sum() >= 2 * FEWEST_TAGS and g.mean() > 0.5]
     if len(kept) < FEWEST_PHOTOS:
         raise ReconProblem.MAT_NOT_FOUND.failure(
@@ -129,7 +129,7 @@ def _consistent(good: Sequence[Bool[np.ndarray, " _"]]) -> list[int]:
 def _of_one_size(
     sightings: list[_Sighting], photos: Sequence[Photo]
 ) -> tuple[list[_Sighting], tuple[int, int], tuple[str, ...]]:
-    """Sightings in photos of the commonest (height, width), that size, and a warning if others are left."""
+    """Sightings in photos of the commonest (height, width), that size, and a warning for those left out."""
     sizes = [photos[s.photo].image.shape[:2] for s in sightings]
     (size, count), *others = Counter(sizes).most_common()
     if not others:
@@ -148,10 +148,10 @@ def _of_one_size(
 
 
 def focal_from_homographies(sightings: Sequence[_Sighting], size: tuple[int, int]) -> float | None:
-    """Focal length that makes the mat's axes orthogonal and equally long in each view; weighted median.
+    """Focal length (px) that makes the mat's axes orthogonal and equally long in each view; weighted median.
 
-    With h1, h2 the first columns of a view's homography about the picture's middle: h1' w h2 = 0 and
-    h1' w h1 = h2' w h2, w = diag(1/f², 1/f², 1) (Zhang 2000, IEEE PAMI 22:1330, with c known and no skew).
+    h1, h2 are the first columns of a view's homography about the picture's middle. Conditions: h1' w h2 = 0,
+    h1' w h1 = h2' w h2 with w = diag(1/f², 1/f², 1) (Zhang 2000, IEEE PAMI 22:1330; known c, no skew).
     """
     squares, weights = [], []
     for s in sightings:
@@ -187,7 +187,7 @@ def _adjusted(
     start: Sequence[Float[np.ndarray, "4 4"]],
     focal_px: float,
 ) -> tuple[list[Camera], float]:
-    """One bundle adjustment with the corners held: the cameras, and the focal length's error (px)."""
+    """One bundle adjustment with fixed corners: the cameras, and the focal length's error (px)."""
     corners, point = np.unique(np.concatenate([s.corners_mm for s in sightings]), axis=0, return_inverse=True)
     seen = Sightings(
         view=np.repeat(np.arange(len(sightings)), [len(s.corners_mm) for s in sightings]),
@@ -213,7 +213,7 @@ def _adjusted(
 
 
 def _scale_error(sightings: Sequence[_Sighting], cameras: Sequence[Camera]) -> float:
-    """Relative standard error of scale: corners triangulated freely, against the print, by similarity."""
+    """Relative standard error of the scale, by the similarity of printed and freely triangulated corners."""
     rays: dict[tuple[float, ...], list[Float[np.ndarray, "2 4"]]] = {}
     for s, camera in zip(sightings, cameras, strict=True):
         P = camera.intrinsics @ camera.cam_from_world[:3]

@@ -1,4 +1,4 @@
-"""Cameras without a mat: from the ground, or by pycolmap, turned upright on the plane under the fruit."""
+"""Cameras without a mat, from the ground's texture or by pycolmap, upright on the plane under the fruit."""
 
 import signal
 import tempfile
@@ -18,12 +18,12 @@ from recon.cameras.plane_motion import cameras_from_ground, placed
 from recon.cameras.similarity import affine
 from recon.recon_failure import ReconFailure, ReconProblem
 
-# pycolmap, without its way with signals: a process that is told to end should end, not print its stack
+# pycolmap's own SIGTERM handler would print a stack; the handler of the process must stay
 _before = signal.getsignal(signal.SIGTERM)
 _mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGTERM})
 
 try:
-    import pycolmap  # it takes SIGTERM over as it is imported: one that comes meanwhile waits
+    import pycolmap  # its import replaces the handler of SIGTERM, which is blocked meanwhile
 except (ImportError, OSError):
     pycolmap = None  # pip has no package of it for Linux on ARM
 finally:
@@ -32,20 +32,20 @@ finally:
     signal.pthread_sigmask(signal.SIG_SETMASK, _mask)
 
 MOST_FEATURES = 4000
-"""Of a photo: more take time (matching costs their square) and are fainter. Set by hand."""
+"""Most features of a photo: more are fainter, and matching costs their square. Set by hand."""
 LONGEST_SIDE_PX = 1280
-"""px to which photos are reduced for this: ground and fruit have detail enough there. Set by hand."""
+"""Longest side of reduced photos, px: ground and fruit keep enough detail. Set by hand."""
 MOST_TRIALS = 1000
-"""Of RANSAC for a pair of photos: bounds the time of pairs that share nothing. Set by hand."""
+"""RANSAC trials for a pair of photos: bounds the time of pairs without overlap. Set by hand."""
 SEED = 1
-"""Any number does, kept so that runs repeat."""
+"""Arbitrary, fixed so that runs repeat."""
 
 
 def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
-    """Cameras from the flat ground's texture, or where that leaves photos out, from features of the scene.
+    """Cameras from the flat ground's texture, or if that leaves photos out, from features of the scene.
 
-    World and box as `cameras_from_features` says; of the two ways the one that places more photos counts,
-    the ground's before the other. Raises ReconFailure: no-overlap, no-fruit.
+    The method that places more photos counts; if equal, the ground. World and box: see
+    `cameras_from_features`. Raises ReconFailure: too-few-views, no-overlap, no-fruit, missing-library.
     """
     require_enough(len(photos), where="The set")
     try:
@@ -67,10 +67,10 @@ def cameras_from_motion(photos: Sequence[Photo], *, height_mm: float) -> Poses:
 def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses:
     """Cameras from SIFT features of all pairs and incremental mapping (Schönberger, Frahm 2016).
 
-    World: about millimetres (what stands on the ground is taken to be `height_mm` tall), z up from the
-    support plane, fruit near the z axis, x to where the first photo was taken. Writes PNG to a scratch
-    folder, as pycolmap reads only files. Raises ReconFailure: no-overlap (fewer than three photos or half of
-    them, or not the first, hang together, or the first looks straight down), no-fruit, missing-library.
+    World: about millimetres (the fruit is assumed `height_mm` tall), z up from the support plane. The fruit
+    is near the z axis; x points to the first camera. Writes PNG to a scratch folder, as pycolmap reads only
+    files. Raises ReconFailure: no-overlap (under three photos, or half of them, or not the first, are
+    connected, or the first looks straight down), too-few-views, no-fruit, missing-library.
     """
     require_enough(len(photos), where="The set")
     if pycolmap is None:
@@ -116,7 +116,7 @@ def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses
 
 
 def _mapped(photos: Sequence[Photo], scratch: Path) -> "pycolmap.Reconstruction | None":
-    """COLMAP's reconstruction with the most photos, from SIFT features; None where there is none."""
+    """COLMAP's reconstruction with the most photos, from SIFT features; None if it finds none."""
     pictures = scratch / "pictures"
     pictures.mkdir()
     for i, photo in enumerate(photos):
@@ -164,13 +164,13 @@ def _mapped(photos: Sequence[Photo], scratch: Path) -> "pycolmap.Reconstruction 
 
 
 def _camera(photo: Photo, image: "pycolmap.Image") -> Camera:
-    """A camera of COLMAP's, SIMPLE_RADIAL, as ours."""
+    """The camera of a COLMAP image (SIMPLE_RADIAL)."""
     matrix, params = image.cam_from_world().matrix(), image.camera.params
     return Camera.of(photo, params[0], params[3], affine(matrix[:, :3], matrix[:, 3]))
 
 
 def _level(cloud: Float[np.ndarray, "n 3"], cameras: Sequence[Camera]) -> Float[np.ndarray, "4 4"]:
-    """The motion to z = 0 of the plane of most points, cameras above it, and to x = y = 0 of their aim."""
+    """The rigid transform that moves the plane of most points to z = 0 and the cameras' aim to x = y = 0."""
     aim = aim_of(np.array([c.cam_from_world for c in cameras]))
     places = np.array([c.place for c in cameras])
     distance = float(np.median(np.linalg.norm(places - aim, axis=1)))

@@ -17,19 +17,19 @@ from recon.picture_values import Picture
 from recon.recon_failure import ReconFailure, ReconProblem
 
 SUFFIXES = (".jpg", ".jpeg", ".jpe", ".jfif", ".png", ".heic", ".heif", ".hif")
-"""In any case. WebP, TIFF, AVIF and raw pictures are not read (unused_photos.py names such files)."""
+"""Suffixes in any case. WebP, TIFF, AVIF and raw pictures are not read (see unused_photos.py)."""
 FEWEST_PHOTOS = 3
-"""Of any reconstruction: two that err agree with each other, a third one tells."""
+"""Least number of photos: two may agree in an error, which a third one shows."""
 MOST_PHOTOS = 500
 """500 photos of 1600 x 1200 px take 2.9 GB; 24 are advised, a turntable takes 72."""
 MOST_BYTES = 200_000_000
-"""Of one photo's file: about a byte for each of MOST_PIXELS. Set by hand."""
+"""Largest file of a photo: about a byte for each of MOST_PIXELS. Set by hand."""
 MOST_PIXELS, MOST_WHOLE_PIXELS = 210_000_000, 60_000_000
-"""The largest sensors of phones have 200 megapixels. 60 megapixels take 180 MB once decoded; a JPEG that is
-larger is decoded at a half, a quarter or an eighth of its sides, anything else that is larger is refused: a
-progressive JPEG takes its memory at full size whatever is wanted of it."""
+"""The largest sensors of phones have 200 megapixels; 60 megapixels take 180 MB once decoded. A larger JPEG is
+decoded at a half, a quarter or an eighth of its sides. Other larger pictures are refused, also a progressive
+JPEG, which takes the memory of its full size at any scale."""
 SHORTEST_SIDE_PX, MOST_LONGEST_OVER_SHORTEST = 32, 8.0
-"""Below, and beyond a panorama's 8 to 1, no fruit can be seen in it."""
+"""Shortest side, and largest ratio of sides (a panorama's), of a photo that can show a fruit."""
 FULL_FRAME_WIDTH_MM = 36.0
 """Width of the film that "35 mm equivalent" focal lengths refer to."""
 READ = ("JPEG", "PNG", "HEIF")
@@ -56,18 +56,18 @@ _FIRST_BYTES = (
     (b"\0\0\0\x0cJXL ", "JPEG XL"),
     (b"\0\0\0\x0cjP  ", "JPEG 2000"),
 )
-"""How other pictures begin."""
+"""First bytes of pictures, and their kinds."""
 EXIF_IFD, FOCAL_35MM = 0x8769, 0xA405
 """Tags of Exif 2.32 (CIPA DC-008): the directory of the photo, and FocalLengthIn35mmFilm in it."""
 BROKEN = (OSError, SyntaxError, ValueError, EOFError, RuntimeError, MemoryError, struct.error)
-"""What Pillow's readers raise for files that are no whole pictures."""
+"""Exceptions of Pillow's readers for files that are no whole pictures."""
 pi_heif.register_heif_opener()
-Image.MAX_IMAGE_PIXELS = None  # sizes are checked here, with limits of our own
+Image.MAX_IMAGE_PIXELS = None  # `_require_size` checks sizes, with limits of our own
 
 
 @dataclass(frozen=True)
 class Photo:
-    """A picture: name, pixels (BGR), focal length in its pixels (EXIF), and, once sought, the mat's tags."""
+    """A photo: name, pixels (BGR), focal length in its pixels (EXIF), and the mat's tags once detected."""
 
     name: str
     image: Picture
@@ -76,10 +76,10 @@ class Photo:
 
 
 def photo_paths(folder: Path) -> tuple[Path, ...]:
-    """What counts as a photo: a folder's files with one of SUFFIXES (in any case), sorted by name.
+    """The photos of a folder: files with one of SUFFIXES (in any case), sorted by name.
 
-    Hidden files (cameras and phones leave a ._001.jpg), folders and links to nothing are no photos; a folder
-    that does not exist holds none.
+    Hidden files (cameras and phones leave a ._001.jpg), folders and broken links are skipped; a folder that
+    does not exist has no photos.
     """
     if not folder.is_dir():
         return ()
@@ -88,9 +88,9 @@ def photo_paths(folder: Path) -> tuple[Path, ...]:
 
 
 def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
-    """One photo, turned upright as EXIF says, shrunk to `longest_side_px` where it is larger.
+    """One photo, upright by EXIF, shrunk if its longest side exceeds `longest_side_px`.
 
-    Raises ReconFailure (unreadable-photo) that names the file when it is empty, cut short or no picture.
+    Raises ReconFailure (unreadable-photo) that names the file if it is damaged, no picture, or of unfit size.
     """
     if not named_in_utf8(path):
         raise _unreadable(path, "has a name that is not UTF-8", "letters, digits, - and _: rename it")
@@ -101,7 +101,7 @@ def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
     if not data:
         raise _unreadable(path, "is empty")
     try:
-        # warnings: of EXIF that cannot be read and is not needed
+        # Pillow warns of unreadable EXIF, which is not needed
         with (
             warnings.catch_warnings(action="ignore"),
             Image.open(BytesIO(data), formats=READ) as picture,
@@ -118,7 +118,7 @@ def read_photo(path: Path, *, longest_side_px: int = 1600) -> Photo:
 
 
 def picture_kind(head: bytes) -> str:
-    """What kind of picture a file is by its first bytes, of which 32 do; empty where it is none.
+    """Kind of a picture by the first bytes of its file (32 suffice); empty if it is none.
 
     >>> picture_kind(b"\\xff\\xd8\\xff\\xe0"), picture_kind(b"RIFF1234WEBP"), picture_kind(b"text")
     ('JPEG', 'WebP', '')
@@ -152,7 +152,7 @@ def _photo(path: Path, picture: Image.Image, longest_side_px: int) -> Photo:
 
 
 def _require_size(path: Path, picture: Image.Image) -> None:
-    """Refuse, before it is decoded, what would not fit into memory or cannot show a fruit."""
+    """Refuse, before decoding, a picture that would not fit into memory or cannot show a fruit."""
     width, height = picture.size
     progressive = bool(picture.info.get("progressive"))
     reduced = picture.format in ("JPEG", "MPO") and not progressive
@@ -171,7 +171,7 @@ def _require_size(path: Path, picture: Image.Image) -> None:
 def read_photos(folder: Path) -> tuple[Photo, ...]:
     """All photos of a folder, by name.
 
-    Raises ReconFailure: too-few-views under three photos, unreadable-photo for the first file that is none.
+    Raises ReconFailure: too-few-views (see `require_enough`), unreadable-photo for the first unreadable file.
     """
     paths = photo_paths(folder)
     require_enough(len(paths), where=str(folder))
@@ -179,7 +179,7 @@ def read_photos(folder: Path) -> tuple[Photo, ...]:
 
 
 def require_enough(count: int, *, where: str) -> None:
-    """Refuse fewer than three photos, and more than memory holds."""
+    """Raise ReconFailure (too-few-views) for fewer than FEWEST_PHOTOS, or more than MOST_PHOTOS."""
     if count > MOST_PHOTOS:
         raise ReconProblem.TOO_FEW_VIEWS.failure(
             f"{where} holds {count} photos; at most {MOST_PHOTOS} are read: keep some 24 to 72, evenly "

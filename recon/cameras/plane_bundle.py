@@ -1,4 +1,4 @@
-"""Bundle adjustment of photos of a flat ground: its points keep to z = 0, every photo may focus anew."""
+"""Bundle adjustment of photos of a flat ground (z = 0), with a focal length per photo."""
 
 from dataclasses import dataclass
 
@@ -12,20 +12,20 @@ from scipy.spatial.transform import Rotation
 from recon.cameras.camera import middle_of
 
 BREATHING_SD = 0.004
-"""Relative spread of the focal length from photo to photo: phones focus each one anew (drawn ones: 0.002).
-With 0, cameras were 0.31 instead of 0.16 mm off (phone-002 of benchmarks/photo_bank.py, 12 photos)."""
+"""Relative spread of the focal length between photos, as phones refocus (0.002 in rendered ones). With 0,
+cameras were 0.31 instead of 0.16 mm off (phone-002 of benchmarks/photo_bank.py, 12 photos)."""
 RIGID = 1e-4
-"""The same spread where all photos share one focal length: none to speak of."""
+"""The same spread if all photos share one focal length: practically zero."""
 K1_SD = 0.05
-"""Spread of the radial term about none: what phones leave after their own correction."""
+"""Spread of the radial term about zero: the residual of the phones' own correction."""
 LOSS_PX = 1.0
-"""px from where on a miss counts less than by its square: points are found to a few tenths. Set by hand."""
+"""Scale of Cauchy's loss, px: points are found to a few tenths. Set by hand."""
 STEPS = 40
-"""Of the search at most; it ends where steps no longer gain. Set by hand."""
+"""Most evaluations of the solver; it ends when steps no longer improve the fit. Set by hand."""
 ROUNDS, STEADY = 4, 0.02
-"""How often the misses' spread is told anew, and the change of its logarithm that ends it (by hand)."""
+"""Most estimates of the residuals' spread, and the change of its logarithm that ends them. By hand."""
 LEAST_SPREAD_PX = 1e-3
-"""px, least spread of the misses: keeps exact data from a division by zero."""
+"""Least spread of the residuals, px: avoids a division by zero for exact data."""
 
 
 @dataclass(frozen=True)
@@ -40,10 +40,10 @@ class PlaneScene:
 
 @dataclass(frozen=True)
 class Sightings:
-    """Observation k is point `point[k]` in photo `view[k]` at `places_px[k]` (pixel centres whole).
+    """Observation k is point `point[k]` in photo `view[k]` at `places_px[k]` (pixel centres are integers).
 
-    `whiten[k]` makes a miss in pixels one of even spread in all directions: along a streak of wood a patch
-    is found worse than across.
+    `whiten[k]` gives a residual in pixels equal spread in all directions: a patch is located less precisely
+    along the grain of wood than across.
     """
 
     view: Int[np.ndarray, " k"]
@@ -52,13 +52,13 @@ class Sightings:
     whiten: Float[np.ndarray, "k 2 2"]
 
     def kept(self, keep: Bool[np.ndarray, " k"]) -> "Sightings":
-        """Some of them."""
+        """The sightings that `keep` marks."""
         return Sightings(self.view[keep], self.point[keep], self.places_px[keep], self.whiten[keep])
 
 
 @dataclass(frozen=True)
 class Adjusted:
-    """The scene adjusted, each sighting's miss in px, and the standard deviation of the log focal length."""
+    """The adjusted scene, each sighting's whitened residual (px), and the sd of the log focal length."""
 
     scene: PlaneScene
     miss_px: Float[np.ndarray, " k"]
@@ -71,7 +71,7 @@ def projected(
     at: Float[np.ndarray, "k 2"],
     middle: Float[np.ndarray, "2"],
 ) -> Float[np.ndarray, "k 2"]:
-    """Pixels of ground points."""
+    """Pixels of the ground points `at` in the photos `view`."""
     R, t = scene.poses[view, :3, :3], scene.poses[view, :3, 3]
     X = np.einsum("kij,kj->ki", R[:, :, :2], at) + t
     xy = X[:, :2] / X[:, 2:]
@@ -90,14 +90,14 @@ def adjusted(
     loss_px: float = LOSS_PX,
     ground_held: bool = False,
 ) -> Adjusted:
-    """Poses, focal lengths, k1 and points of the least misses, with Cauchy's weights, against their priors.
+    """Poses, focal lengths, k1 and points of least residuals, with Cauchy's loss, and priors.
 
-    The cost is the misses' over sigma² plus the priors' over their spreads squared; sigma, the misses' own
-    spread (px), is told by their median, at the start and anew after each solution (ROUNDS). log f_i =
-    log f + b_i with b_i of spread `breathing_sd` about 0, k1 of spread K1_SD about 0, and log f of (mean,
-    spread) `focal_prior`; `loss_px` is where a miss counts half; `ground_held`: the points stay where they
-    start. By SciPy's trust region with sparse derivatives by differences; similarities of a ground that is
-    not held are left to its shortest steps. `size`: (height, width) of the photos.
+    The cost is the residuals² / sigma² plus the priors' squared deviations over their spreads. The residuals'
+    spread sigma (px) comes from their median, at the start and after each solution (ROUNDS). Priors: log f_i
+    = log f + b_i, b_i of spread `breathing_sd` about 0. k1 has spread K1_SD about 0, log f (mean, spread)
+    `focal_prior`. A residual of `loss_px` has half weight; `ground_held` fixes the points. SciPy's trust
+    region solves this with sparse differences; its shortest steps fix the similarity of a free ground.
+    `size`: (height, width) of the photos.
     """
     views, points = len(scene.poses), 0 if ground_held else scene.ground.size
     middle = middle_of(size)
@@ -108,7 +108,7 @@ def adjusted(
     x[-2:] = common, scene.k1
 
     def scene_at(x: Float[np.ndarray, " u"]) -> PlaneScene:
-        """After moves of the points, of each view's turn, shift and breathing, and of log f and k1."""
+        """The scene with changes of points, of each view's pose and log focal length, of log f and of k1."""
         of_views = x[points:-2].reshape(-1, 7)
         poses, turn = scene.poses.copy(), Rotation.from_rotvec(of_views[:, :3]).as_matrix()
         poses[:, :3, :3] = turn @ scene.poses[:, :3, :3]
@@ -146,7 +146,7 @@ def adjusted(
 
 
 def _pattern(seen: Sightings, points: int, views: int) -> csr_array:
-    """Which residuals of `adjusted` depend on which unknowns."""
+    """Sparsity of the Jacobian of `adjusted`."""
     count, unknowns = len(seen.view), points + 7 * views + 2
     of_view = points + 7 * seen.view[:, None] + np.arange(7)
     shared = np.full((count, 2), [unknowns - 2, unknowns - 1])
@@ -160,6 +160,6 @@ def _pattern(seen: Sightings, points: int, views: int) -> csr_array:
 
 
 def _spread_px(miss_px: Float[np.ndarray, "k 2"]) -> float:
-    """Of the misses in each direction, as the median of a Rayleigh distribution tells it."""
+    """Standard deviation of the residuals in each direction, by the median of a Rayleigh distribution."""
     away = np.linalg.norm(miss_px, axis=1)
     return max(float(np.median(away) / np.sqrt(2 * np.log(2))), LEAST_SPREAD_PX)

@@ -1,4 +1,4 @@
-"""Cameras without a mat from the flat ground that the fruit stands on: few photos, taken from far apart."""
+"""Cameras without a mat, from the flat ground under the fruit in few, widely spaced photos."""
 
 from collections.abc import Sequence
 
@@ -31,29 +31,29 @@ from recon.silhouettes.segmentation import SegmentationScene, first_block
 from recon.wording import listed
 
 SIDE_PX = 1000
-"""Of the picture from above: about as fine as the photos show the ground. Set by hand."""
+"""Side of the top view, px: about as fine as the photos show the ground. Set by hand."""
 REACH = 0.6
-"""Half side of the ground looked at, over the median distance of the cameras."""
+"""Half side of the top view, over the median distance of the cameras."""
 EVEN_PX = 12.0
-"""Brightness is evened over so many pixels: shadows and the phone's tone curve fall away."""
+"""Scale, px, of local brightness normalisation, which removes shadows and the phone's tone curve."""
 PATCH_PX = 10
-"""Half side of a patch: 441 pixels tell a correlation to a few hundredths."""
+"""Half side of a patch, px: 441 pixels determine a correlation to a few hundredths."""
 MOST_CORNERS = 700
-"""Corners taken at most: more cost time and tell the same cameras. Set by hand."""
+"""Most corners: more cost time and do not change the cameras. Set by hand."""
 LEAST_APART_PX = 9
-"""px between points: patches overlap by about half."""
+"""Least distance between points, px: patches overlap by about half."""
 LEAST_LIKE = 0.5
-"""Correlation of a patch that counts as found."""
+"""Least correlation of a matched patch."""
 FLOOR_PX = 0.05
-"""What a parabola through the correlation is off by itself."""
+"""Error of the parabola through the correlation, without noise, px."""
 FEWEST_VIEWS = 3
-"""Least number of photos that show a point; its place is their median."""
+"""Least number of photos that show a point of the median ground."""
 
 
 def _from_above(
     photo: Photo, scene: PlaneScene, view: int, grid: Float[np.ndarray, "n 2"], side: int
 ) -> tuple[Float[np.ndarray, "s s"], Bool[np.ndarray, "s s"]]:
-    """A photo's ground as from above, its brightness evened, and where it shows any."""
+    """A photo's top view of the ground with normalised brightness, and the mask of its visible part."""
     grey = cv2.cvtColor(photo.image, cv2.COLOR_BGR2GRAY).astype(np.float32)
     height, width = grey.shape
     at = projected(scene, np.full(len(grid), view), grid, middle_of(grey.shape))
@@ -75,8 +75,8 @@ def ground_tracks(
 ) -> tuple[Sightings, Float[np.ndarray, "n 2"]]:
     """Sightings of ground points around `foot`, and the points.
 
-    The median of all photos' grounds shows the ground without the fruit; about its corners (Shi, Tomasi
-    1994) each photo is searched by normalised cross correlation within `search_px` picture elements.
+    The median of all top views shows the ground without the fruit. Patches at its corners (Shi, Tomasi 1994)
+    are searched in each photo by normalised cross-correlation, within `search_px` picture elements.
     """
     distance = float(np.median([np.linalg.norm(place_of(p) - [*foot, 0.0]) for p in scene.poses]))
     side = SIDE_PX
@@ -111,7 +111,7 @@ def ground_tracks(
         steps = [projected(scene, views[-1], at + unit * e, middle) - places[-1] for e in np.eye(2)]
         px_from_element = np.stack(steps, axis=2)
         spreads.append(px_from_element @ spread[matched] @ np.swapaxes(px_from_element, 1, 2))
-    W = np.linalg.inv(np.linalg.cholesky(np.concatenate(spreads)))  # the median sighting keeps its size
+    W = np.linalg.inv(np.linalg.cholesky(np.concatenate(spreads)))  # scaled below, to median 1
     seen = Sightings(
         np.concatenate(views),
         np.concatenate(points),
@@ -124,7 +124,7 @@ def ground_tracks(
 def compacted(
     seen: Sightings, ground: Float[np.ndarray, "n 2"]
 ) -> tuple[Sightings, Float[np.ndarray, "m 2"]]:
-    """Without the points that fewer than FEWEST_VIEWS photos show."""
+    """Sightings and ground without the points that fewer than FEWEST_VIEWS photos show."""
     often = np.bincount(seen.point, minlength=len(ground)) >= FEWEST_VIEWS
     number = np.cumsum(often) - 1
     kept = seen.kept(often[seen.point])
@@ -152,10 +152,10 @@ def _searched(
     corners: np.ndarray,
     search_px: int,
 ) -> tuple[Float[np.ndarray, "n 2"], Bool[np.ndarray, " n"], Float[np.ndarray, "n 2 2"]]:
-    """How far each corner's patch lies off in a picture, whether it was found there, and the covariance.
+    """Offset of each corner's patch in a picture, whether it was found there, and the covariance.
 
-    Near the top the correlation is c - x' A x / 2; noise moves the top with a covariance of (1 - c) / n
-    times the inverse of A, n the patch's picture elements over a blur's, and FLOOR_PX in all directions.
+    Near its peak the correlation is c - x' A x / 2. Noise moves the peak with the covariance A^-1 (1 - c) /
+    n, n the patch's area over a blur's; FLOOR_PX is added in all directions.
     """
     spread = np.tile(np.eye(2), (len(corners), 1, 1))
     moved, matched = np.zeros((len(corners), 2)), np.zeros(len(corners), bool)
@@ -179,7 +179,7 @@ def _searched(
 
 
 def _top(like: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "2"], Float[np.ndarray, "2 2"]] | None:
-    """Top and curvature A of the quadratic fitted to 3 x 3 values; None without a top within a pixel."""
+    """Peak and curvature A of the quadratic fitted to 3 x 3 values; None without a peak within a pixel."""
     gx = (like[:, 2].sum() - like[:, 0].sum()) / 6
     gy = (like[2].sum() - like[0].sum()) / 6
     xx = (like[:, 0].sum() + like[:, 2].sum() - 2 * like[:, 1].sum()) / 3
@@ -193,26 +193,26 @@ def _top(like: Float[np.ndarray, "3 3"]) -> tuple[Float[np.ndarray, "2"], Float[
 
 
 FEWER_FEATURES, MORE_FEATURES = 700, 1600
-"""Features of each picture from above, and where photos do not join with these; time goes by the square."""
+"""Features of each top view at first, and if photos stay unconnected; time grows with the square."""
 MOST_POINTS = 2500
-"""In the first adjustment, of all photos together: bounds its time. Set by hand."""
+"""Most points of the first adjustment, over all photos: bounds its time. Set by hand."""
 START_LOSS_PX, LOSS_PX = 4.0, 1.0
-"""px from where on a miss counts for less, while cameras are rough and at the end. Set by hand."""
+"""Scale of Cauchy's loss, px, while cameras are rough and at the end. Set by hand."""
 SEARCHES_PX = (10, 4, 3)
-"""px of the ground seen from above by which points are looked for, round by round as cameras get better."""
+"""Range, in elements of the top view, of the search for points in each round, as cameras improve."""
 FEWEST_TRACKS = 30
-"""Points of the ground, at least, that a set of cameras rests on. Set by hand."""
+"""Least number of ground points for a set of cameras. Set by hand."""
 MOST_MISS_PX = 1.5
-"""Median miss from which on ground points do not lie on one plane."""
+"""Median residual, px, above which ground points do not lie on one plane."""
 
 
 def cameras_from_ground(photos: Sequence[Photo], *, height_mm: float) -> Poses:
-    """Cameras from the ground's texture, matched as from above, on the plane z = 0.
+    """Cameras from the ground's texture, matched in top views, on the plane z = 0.
 
-    Homographies of the ground between all pairs give focal length and poses at once; patches of the ground
-    measured in every photo then refine them, each photo with a focal length of its own about the common one.
-    World and box as in recon.cameras.motion. Photos of one size. Raises ReconFailure: no-overlap where
-    fewer than three photos, or fewer than half, or not the first, hang together; no-fruit.
+    Homographies of the ground between all pairs give focal length and poses. Patches of the ground in every
+    photo then refine them; each photo's focal length may deviate from the common one. World and box as in
+    recon.cameras.motion. Raises ReconFailure: no-fruit, no-overlap (sizes differ, ground not flat, or under
+    three photos, or half, or not the first, are connected).
     """
     if len({p.image.shape for p in photos}) != 1:
         raise ReconProblem.NO_OVERLAP.failure(
@@ -260,7 +260,7 @@ def _lacking(
     places: Sequence[Float[np.ndarray, "3"]],
     middle: Float[np.ndarray, "3"],
 ) -> str:
-    """Which views are missing where the photos `members` were taken around the middle."""
+    """Missing views, in words, if the photos `members` were taken at `places` around the middle."""
     names = [p.name for p in photos]
     unplaced = [name for i, name in enumerate(names) if i not in members]
     return missing_views(
@@ -275,7 +275,7 @@ def _apart(
     size: tuple[int, int],
     focal_px: float | None,
 ) -> ReconFailure:
-    """Which photos hang together and which do not, and where more are needed."""
+    """The failure (no-overlap) that names the connected photos and where more are needed."""
     if len(largest) < FEWEST_PHOTOS:
         return ReconProblem.NO_OVERLAP.failure(
             f"Of {len(photos)} photos no three show the same ground (at most {len(largest)} overlap); "
@@ -332,7 +332,7 @@ def _focal_prior(size: tuple[int, int], focal_px: float | None) -> tuple[float, 
 def _refined(
     photos: Sequence[Photo], scene: PlaneScene, size: tuple[int, int], focal_px: float | None
 ) -> Adjusted:
-    """The scene from patches of the ground, searched in smaller and smaller windows."""
+    """The scene from patches of the ground, searched in ever smaller windows."""
     adjustment = None
     for search_px in SEARCHES_PX:
         seen, ground = ground_tracks(photos, scene, aim_of(scene.poses)[:2], search_px=search_px)
@@ -354,10 +354,10 @@ def _refined(
 def placed(
     photos: Sequence[Photo], cameras: Sequence[Camera], height_mm: float
 ) -> tuple[Float[np.ndarray, "4 4"], Box]:
-    """Shift and scale to about millimetres with the fruit on the z axis, and the box that it stands in.
+    """Shift and scale to about millimetres with the fruit on the z axis, and the box that contains it.
 
-    What stands on the ground near the place that the photos look at is the fruit: a block that the photos
-    agree on.
+    The fruit is the block on the ground, near the cameras' aim, on which the photos agree. Raises
+    ReconFailure (no-fruit).
     """
     distance = float(np.median([np.linalg.norm(c.place) for c in cameras]))
     guess = scaling(100 / distance)

@@ -1,4 +1,4 @@
-"""First cameras: the focal length and tilt for which homographies show the same flat ground to scale."""
+"""Start cameras: the focal length and tilt with which homographies preserve the flat ground's metric."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,23 +15,23 @@ from recon.cameras.similarity import affine
 from recon.triangle_mesh import parts_of
 
 SINES = (0.25, 0.45, 0.72, 1.0)
-"""Sines of the elevations from which photos are tried to have been taken: within a factor of 1.35 of every
-one from 11 degrees up, and SIFT stands tilts of 1.5 to 2 (Morel, Yu 2009, SIAM J. Imaging Sci. 2:438)."""
+"""Sines of the tried elevations, within a factor of 1.35 of that of any elevation above 11 degrees. SIFT
+tolerates tilts of 1.5 to 2 (Morel, Yu 2009, SIAM J. Imaging Sci. 2:438)."""
 USUAL_FOCAL = 1.15
-"""Focal length over the longest side where EXIF is silent: phones' main cameras have 0.7 to 1.5."""
+"""Focal length over the longest side without EXIF: phones' main cameras have 0.7 to 1.5."""
 REACH = 0.75
-"""Half side of the ground looked at, over the distance from camera to ground along the optical axis."""
+"""Half side of the top view, over the distance from camera to ground along the optical axis."""
 RATIO = 0.85
-"""Of a match's distance to the next best one's, at most (Lowe 2004: 0.8; here both photos must agree)."""
+"""Largest ratio of a match's distance to the next best's (Lowe 2004: 0.8; here both photos must agree)."""
 FEWEST_INLIERS = 14
-"""Matches that fit one homography, at least: eight numbers are fitted, and chance fits some. Set by hand."""
+"""Least number of matches on one homography: it has eight parameters, and chance fits some. Set by hand."""
 INLIER_PX = 4.0
-"""px by which a match may miss, of pictures from above at their first, rough cameras. Set by hand."""
+"""Largest residual of a match, px of the photo: features are from top views of rough cameras. Set by hand."""
 
 
 @dataclass(frozen=True)
 class GroundFeatures:
-    """Places in a photo's own pixels (pixel centres whole) and unit descriptors, for each of SINES."""
+    """Places in a photo's own pixels (centres are integers) and unit descriptors, for each of SINES."""
 
     places_px: tuple[Float[np.ndarray, "_n 2"], ...]
     descriptors: tuple[Float[np.ndarray, "_n 128"], ...]
@@ -39,7 +39,7 @@ class GroundFeatures:
 
 @dataclass(frozen=True)
 class GroundPair:
-    """Photos `a` and `b`, matched places in each, and the homography of the ground that takes a's to b's."""
+    """Photos `a` and `b`, matched places in each, and the homography of the ground from a to b."""
 
     a: int
     b: int
@@ -51,8 +51,8 @@ class GroundPair:
 def down_view(
     size: tuple[int, int], focal_px: float, sine: float
 ) -> tuple[Float[np.ndarray, "3 3"], tuple[int, int]]:
-    """The homography from a photo of (height, width) to its ground as from straight above, and that
-    picture's (width, height), for a camera held level whose axis meets the ground at arcsin(`sine`).
+    """The homography from a photo of (height, width) to its top view, and the top view's (width, height). The
+    camera has no roll, and its axis meets the ground at arcsin(`sine`).
     """
     cosine = float(np.sqrt(max(1.0 - sine * sine, 0.0)))
     turn = np.array([[1.0, 0, 0], [0, sine, -cosine], [0, cosine, sine]])
@@ -64,7 +64,7 @@ def down_view(
 
 
 def ground_features(photo: Photo, *, most: int) -> GroundFeatures:
-    """RootSIFT features (Lowe 2004; Arandjelovic, Zisserman 2012) of the photo's ground as from above."""
+    """RootSIFT features (Lowe 2004; Arandjelovic, Zisserman 2012) of top views of the photo's ground."""
     grey = cv2.cvtColor(photo.image, cv2.COLOR_BGR2GRAY)
     focal_px = photo.focal_px or USUAL_FOCAL * max(grey.shape)
     sift = cv2.SIFT.create(nfeatures=most, contrastThreshold=0.01, edgeThreshold=12)
@@ -143,17 +143,17 @@ def _mutual(
 FOCALS = np.geomspace(0.55, 3.2, 14)
 """Tried focal lengths over the longest side: phones from ultra-wide to a threefold zoom."""
 ELEVATIONS_DEG = np.arange(8.0, 90.0, 6.0)
-"""Of a camera above the ground, tried as starts: the search finds its way over half a step."""
+"""Start elevations of a camera above the ground: the search converges over half a step."""
 ROLLS_DEG = np.array([-12.0, -6.0, 0.0, 6.0, 12.0])
-"""Of a hand-held camera about its axis, likewise."""
+"""Start rolls of a hand-held camera about its axis: the search converges over half a step."""
 FINALISTS = 5
-"""Best starts that are searched to their end. Set by hand."""
+"""Number of best starts that are optimised. Set by hand."""
 KNOWN_FOCAL_SD, USUAL_FOCAL_SD = 0.03, 0.6
 """Spread of the logarithm of the focal length about EXIF's, or about the usual one."""
 
 
 def joined(pairs: Sequence[GroundPair], count: int) -> list[list[int]]:
-    """The groups of photos that hang together by pairs, the largest first."""
+    """Groups of photos that pairs connect, the largest first."""
     part = parts_of(np.array([(p.a, p.b) for p in pairs], int).reshape(-1, 2), count)
     groups = [np.flatnonzero(part == k).tolist() for k in np.unique(part)]
     return sorted(groups, key=lambda g: (-len(g), g[0]))
@@ -164,7 +164,7 @@ def chained(
 ) -> tuple[int, dict[int, Float[np.ndarray, "3 3"]]]:
     """The best connected photo, and the homographies from it to each of `members` along the strongest pairs.
 
-    The tree is that of the most matches (Prim), so that a false pair with few of them is not used.
+    The tree maximises the numbers of matches (Prim), so that a false pair with few of them is not used.
     """
     weight: dict[int, float] = dict.fromkeys(members, 0.0)
     for p in pairs:
@@ -189,10 +189,10 @@ def start_cameras(
 ) -> tuple[float, dict[int, Float[np.ndarray, "4 4"]]]:
     """Focal length (px) and cam_from_world of each photo; the world's z = 0 is the ground, in any unit.
 
-    With H = K R' the homography from the ground in its own metric frame to the first photo, K^-1 H_i H must
-    have first columns a, b that are orthogonal and equally long in every photo i (Zhang 2000; Triggs 1998,
-    autocalibration from planar scenes): minimises sum ((|a|² - |b|²)² + (2 a.b)²) / (|a|² + |b|²)², robustly,
-    over focal length, elevation and roll of the first camera, from a grid of starts.
+    H = K R' is the homography from the metric ground to the first photo. Columns a, b of K^-1 H_i H are
+    orthogonal and equally long in every photo i (Zhang 2000; Triggs 1998, autocalibration from planar
+    scenes). Minimises sum ((|a|² - |b|²)² + (2 a.b)²) / (|a|² + |b|²)², robustly, over focal length,
+    elevation and roll of the first camera, from a grid of starts.
     """
     names = sorted(from_first)
     H = np.stack([from_first[i] for i in names])
@@ -231,11 +231,10 @@ def start_cameras(
 
 
 def _pose(A: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4 4"]:
-    """The rigid motion nearest to columns r1, r2, t, with the camera on the side of the ground where z > 0.
+    """The rigid transform nearest to columns r1, r2, t, with the camera on the side of the ground with z > 0.
 
-    A homography has no sign: r1, r2, t and their negatives differ by the side that the camera is on, whose
-    height is -(r1 x r2) . t. The plane's own frame of `_down` has z into the ground; x is turned over to have
-    it upwards.
+    A homography has no sign: r1, r2, t and their negatives put the camera on opposite sides. Its height is
+    -(r1 x r2) . t. The plane's frame of `_down` has z into the ground; x is reversed to have z up.
     """
     r1, r2, t = -A[:, 0], A[:, 1], A[:, 2]
     if np.cross(r1, r2) @ t > 0:
@@ -245,7 +244,7 @@ def _pose(A: Float[np.ndarray, "3 3"]) -> Float[np.ndarray, "4 4"]:
 
 
 def _down(elevation: float, roll: float) -> Float[np.ndarray, "3 3"]:
-    """Turns a camera's axes into those of one that looks straight down."""
+    """The rotation from a camera's axes to those of one that looks straight down (angles in rad)."""
     s, c = np.sin(elevation), np.cos(elevation)
     level = np.array([[np.cos(roll), -np.sin(roll), 0], [np.sin(roll), np.cos(roll), 0], [0, 0, 1.0]])
     return np.asarray(np.array([[1.0, 0, 0], [0, s, -c], [0, c, s]]) @ level)

@@ -15,13 +15,13 @@ from recon.picture_values import Picture
 from recon.recon_failure import ReconFailure, ReconProblem
 
 TAG_MM, FARTHEST_MM = (3.0, 300.0), 2000.0
-"""Sides of tags, 30 mm mat to poster, and their reach; `drupe mat` prints 9 and 18 mm within 95 mm."""
+"""Sides of tags and their reach, mm, from a 30 mm mat to a poster; `drupe mat` prints 9 and 18 within 95."""
 BORDERS = (1, 2)
-"""Cells of black round a tag's code: one in AprilTag's and ArUco's tags, two in Kalibr's grids."""
+"""Width of a tag's black border in cells: one in AprilTag's and ArUco's tags, two in Kalibr's grids."""
 PLACED, SHARP = 0.3, 0.05
-"""Of a tag's side, how near its corners lie to the mat's if their order is right (a quarter turn: 1), and if
-the border is right: up to 0.05 for drawn tags 16 px wide, 0.08 and more for Kalibr's with the wrong
-border."""
+"""Largest distance of corners from the mat's, in sides of a tag, in the right order (a quarter turn: 1), and
+with the right border. Rendered tags 16 px wide have up to 0.05. Kalibr's with the wrong border have 0.08 and
+more."""
 LEAST_SIDE_PX = 30.0
 """A shorter side counts as this long: corners are off by fractions of a pixel, whatever the tag's size."""
 _UNITS = ((10.0, "cm"), (25.4, "inches"), (1000.0, "m"))
@@ -45,7 +45,7 @@ class Mat:
 
 
 def standard_mat(*, tag_mm: float = 18.0, gap_mm: float = 5.0, margin_mm: float = 17.0) -> Mat:
-    """7 x 7 tags without the middle 3 x 3, whose place is the fruit's.
+    """A mat of 7 x 7 tags without the middle 3 x 3, where the fruit stands.
 
     The default, 40 tags on 190 x 190 mm, fits A4 and Letter paper. Halve `tag_mm` and `gap_mm` for cherries.
     """
@@ -58,7 +58,7 @@ def standard_mat(*, tag_mm: float = 18.0, gap_mm: float = 5.0, margin_mm: float 
 
 
 def mat_mapping(mat: Mat) -> dict[str, Any]:
-    """What mat.json holds for a mat; `parse_mat` takes it back."""
+    """Content of mat.json for a mat; `parse_mat` reads it."""
     return {
         "W": mat.width_mm,
         "H": mat.height_mm,
@@ -111,7 +111,7 @@ def parse_mat(mapping: Mapping[str, Any], *, source: str) -> Mat:
 
 
 def _square(value: object, bad: Callable[[str, str], ReconFailure]) -> Float[np.ndarray, "4 3"]:
-    """The four corners of one tag, mm; `bad` takes what was found and what was expected."""
+    """The four corners of one tag, mm; `bad` makes a failure of what was found and what was expected."""
     try:
         points = np.asarray(value, float)
     except (TypeError, ValueError, OverflowError):
@@ -137,7 +137,7 @@ def _square(value: object, bad: Callable[[str, str], ReconFailure]) -> Float[np.
 
 
 def _overlapping(corners: Mapping[int, Float[np.ndarray, "4 3"]]) -> tuple[int, int] | None:
-    """The first two tags that cover each other, by more than about a hundredth of a side."""
+    """The first two tags that overlap, by more than about a hundredth of a side; None without any."""
     squares = {tag: square[:, :2].astype(np.float32) for tag, square in corners.items()}
     middles = np.stack([square.mean(axis=0) for square in squares.values()])
     shrunk = [c + 0.99 * (square - c) for c, square in zip(middles, squares.values(), strict=True)]
@@ -148,7 +148,7 @@ def _overlapping(corners: Mapping[int, Float[np.ndarray, "4 3"]]) -> tuple[int, 
 
 
 def tag_bits(dictionary: str, tag: int) -> Bool[np.ndarray, "k k"]:
-    """The printed cells of a tag, True where white, its black border (one cell) included, as seen upright."""
+    """The printed cells of an upright tag, True where white, with its black border of one cell."""
     table = _dictionary(dictionary)
     cells = table.markerSize + 2
     return np.asarray(cv2.aruco.generateImageMarker(table, tag, cells, borderBits=1) > 127)
@@ -157,11 +157,11 @@ def tag_bits(dictionary: str, tag: int) -> Bool[np.ndarray, "k k"]:
 def detect_tags(
     image: Picture, mat: Mat, *, borders: tuple[int, ...] = BORDERS
 ) -> tuple[Int[np.ndarray, " t"], Float[np.ndarray, "t 4 2"]]:
-    """The mat's tags in a photo: numbers and corners, px (centres whole), to a fraction of a pixel.
+    """The mat's tags in a photo: numbers and corners, px (centres are integers), to a fraction of a pixel.
 
-    Corners come in the mat's order, whichever corner of a printed tag is its first: AprilTag's own images are
-    turned by half a turn against OpenCV's. `borders` are tried in turn until the tags fit the mat. Tags that
-    do not fit, and fewer than four, are as OpenCV reads them.
+    Corners are in the mat's order, because AprilTag's own images are rotated by 180 degrees against OpenCV's.
+    `borders` are tried until the tags fit the mat. Tags that do not fit, and fewer than four, are returned as
+    OpenCV reads them.
     """
     grey = cv2.cvtColor(image, cv2.COLOR_BGR2GRAY)
     as_read, placed = [], []
@@ -188,7 +188,7 @@ def detect_tags(
 def _read(
     grey: UInt8[np.ndarray, "h w"], mat: Mat, border: int
 ) -> tuple[Int[np.ndarray, " t"], Float[np.ndarray, "t 4 2"]]:
-    """Tags of the mat that OpenCV reads once each, by number, if their border has so many cells."""
+    """Tags of the mat that OpenCV reads exactly once with a border of `border` cells, by number."""
     parameters = cv2.aruco.DetectorParameters()
     parameters.markerBorderBits = border
     parameters.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
@@ -209,9 +209,9 @@ def _read(
 def _expected(
     corners: Float[np.ndarray, "t 4 2"], printed_mm: Float[np.ndarray, "t 4 3"]
 ) -> Float[np.ndarray, "t 4 2"] | None:
-    """Where the mat has its corners round the tags' middles, px; None for fewer than four tags or a line.
+    """Expected corners, px, from the mat and the tags' middles; None for fewer than four tags or a line.
 
-    The homography of the middles gives shape and turn of each tag. Its own middle gives the place, so the
+    The homography of the middles gives shape and rotation of each tag, and its own middle the place. So the
     lens's distortion counts only within a tag.
     """
     if len(corners) < 4:
@@ -226,7 +226,7 @@ def _expected(
 
 
 def _crossing(corners: Float[np.ndarray, "t 4 2"]) -> Float[np.ndarray, "t 2"]:
-    """Where the diagonals of each tag meet: the picture of its middle."""
+    """Intersection of each tag's diagonals: the image of its middle."""
     start, along, other = corners[:, 0], corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1]
     between = corners[:, 1] - start
     share = (between[:, 0] * other[:, 1] - between[:, 1] * other[:, 0]) / (
@@ -238,7 +238,7 @@ def _crossing(corners: Float[np.ndarray, "t 4 2"]) -> Float[np.ndarray, "t 2"]:
 def _refined(
     grey: UInt8[np.ndarray, "h w"], corners: Float[np.ndarray, "t 4 2"]
 ) -> Float[np.ndarray, "t 4 2"]:
-    """Corners to a fraction of a pixel; Kalibr's tags touch squares there, which cut the outline short.
+    """Corners to a fraction of a pixel; Kalibr's tags touch squares there, which shorten the found outline.
 
     The window reaches 0.08 of a side: the border is 0.2 wide.
     """
@@ -254,6 +254,6 @@ def _dictionary(name: str) -> Any:
 
 
 def _short(value: object) -> str:
-    """A value as it stands in the file, not too long to read."""
+    """A value as in the file, cut to 60 characters."""
     text = json.dumps(value, default=repr)
     return text if len(text) <= 60 else f"{text[:57]}..."

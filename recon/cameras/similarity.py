@@ -1,4 +1,4 @@
-"""The similarity (turn, scale, shift) that best takes one set of points to another."""
+"""Similarity transforms (rotation, scale, shift) between sets of points."""
 
 import numpy as np
 from jaxtyping import Float
@@ -7,7 +7,7 @@ from jaxtyping import Float
 def fitted_similarity(
     source: Float[np.ndarray, "n 3"], target: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, " n"]]:
-    """target_from_source of least sum |target - (s R source + t)|² (Umeyama 1991, PAMI 13:376); residuals.
+    """target_from_source by least sum |target - (s R source + t)|² (Umeyama 1991, PAMI 13:376); residuals.
 
     >>> T, away = fitted_similarity(np.eye(3), 2 * np.eye(3) + 1)
     >>> round(float(np.cbrt(np.linalg.det(T[:3, :3]))), 9), bool(away.max() < 1e-9)
@@ -25,7 +25,7 @@ def fitted_similarity(
 def robust_similarity(
     source: Float[np.ndarray, "n 3"], target: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "4 4"], Float[np.ndarray, " m"]]:
-    """The same without pairs over three times the median residual off, and the other pairs' residuals."""
+    """`fitted_similarity` without pairs over three times the median residual, and the other residuals."""
     keep = np.ones(len(source), bool)
     for _ in range(8):
         T, _ = fitted_similarity(source[keep], target[keep])
@@ -47,7 +47,7 @@ def scaling(factor: float) -> Float[np.ndarray, "4 4"]:
 
 
 def moved(points: Float[np.ndarray, "*n 3"], T: Float[np.ndarray, "4 4"]) -> Float[np.ndarray, "*n 3"]:
-    """Points taken by a 4x4 transform.
+    """Points transformed by a 4x4 matrix.
 
     >>> moved(np.array([[1.0, 2, 3]]), np.diag([2.0, 2, 2, 1]))
     array([[2., 4., 6.]])

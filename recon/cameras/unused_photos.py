@@ -1,4 +1,4 @@
-"""Files in a folder of photos that are not read as photos, and why: none is left out without a word."""
+"""Files in a folder of photos that are not read as photos, and why."""
 
 import os
 from collections import defaultdict
@@ -16,19 +16,19 @@ NO_PHOTOS = frozenset(
         ".mov", ".mp4", ".m4v", ".avi", ".3gp", ".wav", ".m4a", ".mp3", ".lrv",
     }
 )  # fmt: skip
-"""Notes, and what cameras write beside a photo: edits, a film's small copy, the film of a moving photo."""
+"""Suffixes that need no warning: notes, and what cameras write beside a photo (edits, copies and films)."""
 READ_KINDS = {"JPEG": ".jpg", "PNG": ".png", "HEIC": ".heic"}
 """Kinds of pictures that are read, and the suffix that each should have."""
 MOST_ENTRIES = 2000
-"""Entries of a folder that are looked at, so that a link to a whole disk costs nothing."""
+"""Most entries of a folder that are inspected, so that a link to a whole disk costs no time."""
 
 
 def unused_photos(folder: Path, *, pictures_alone: bool = False) -> list[str]:
-    """Sentences on the files of a folder of photos that are not used, one for each cause. `pictures_alone`:
-    on those that are pictures by their first bytes, in a folder that may hold other files too.
+    """Sentences on the unused files in a folder of photos, one for each cause. `pictures_alone`: only on
+    those that are pictures by their first bytes, in a folder that may hold other files too.
 
-    Left out are notes and what cameras write beside a photo (NO_PHOTOS), hidden files, and a raw picture or
-    the like beside a photo of the same name. The kind of a picture is told by its first bytes.
+    No sentence names NO_PHOTOS, hidden files, or files beside a photo of the same name, such as raw pictures.
+    The first bytes determine the kind of a picture.
     """
     used = {path.stem.lower() for path in photo_paths(folder)}
     causes: dict[str, list[str]] = defaultdict(list)
@@ -42,7 +42,7 @@ def unused_photos(folder: Path, *, pictures_alone: bool = False) -> list[str]:
 
 
 def _why_unused(path: Path, used: set[str], *, pictures_alone: bool) -> str:
-    """Why a file or folder is not used; empty where it is, or where nobody expects it to be."""
+    """Why a file or folder is not used; empty if it is used, or if nobody expects it to be."""
     suffix, wrong = path.suffix.lower(), not_plain(path)
     if suffix in SUFFIXES:
         if not wrong or wrong.startswith("has a name"):  # its reader refuses such a name
@@ -64,7 +64,7 @@ def _why_unused(path: Path, used: set[str], *, pictures_alone: bool) -> str:
 
 
 def _entries(folder: Path) -> list[Path]:
-    """Visible entries by name, none if unreadable; @, #, $ and ~ begin names of storage and offices."""
+    """Visible entries by name, none if unreadable. Storage and office files begin with @, #, $ or ~."""
     with suppress(OSError), os.scandir(folder) as entries:
         names = sorted(entry.name for entry, _ in zip(entries, range(MOST_ENTRIES), strict=False))
         return [folder / name for name in names if name[0] not in ".@#$~"]

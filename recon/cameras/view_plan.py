@@ -8,9 +8,9 @@ from jaxtyping import Float
 from recon.wording import listed
 
 WIDE_DEG = 75.0
-"""A side without photos that is said; from 120 degrees on a shape is refused (recon/checks/quality.py)."""
+"""Widest azimuth gap without advice; above 120 degrees a shape is refused (recon/checks/quality.py)."""
 STEP_DEG = 45.0
-"""What is advised between neighbours: eight photos once around."""
+"""Advised step between neighbours: eight photos once around."""
 
 
 def missing_views(
@@ -21,12 +21,12 @@ def missing_views(
     given: Sequence[str],
     unplaced: Sequence[str] = (),
 ) -> str:
-    """Which sides of a fruit lack photos, which photos join none, and what to take; empty for enough views.
+    """Sentences on sides without photos, on photos without a pose, and what to take; empty for enough views.
 
     `names` are the photos taken at `places` around `middle` (z up), of all the `given` ones in order.
-    Azimuths count from the first of `names`. Each gap over WIDE_DEG gets photos at most STEP_DEG apart; a
-    photo that could not be placed (`unplaced`) gets one more on each side of where its neighbours in order
-    were taken.
+    Azimuths count from the first of `names`. Each gap over WIDE_DEG gets photos at most STEP_DEG apart. A
+    photo without a pose (`unplaced`) adds one photo midway between its neighbours in order, if any gap is
+    named.
     """
     away = places[:, :2] - middle[:2]
     angle = np.degrees(np.arctan2(away[:, 1], away[:, 0]))
@@ -70,7 +70,7 @@ def missing_views(
 
 
 def _neighbours(name: str, given: Sequence[str], placed: dict[str, float]) -> tuple[str | None, str | None]:
-    """The placed photos taken before and after one, in order around."""
+    """The nearest photos with a pose before and after one, in order around."""
     i = list(given).index(name)
     around = [*given[i + 1 :], *given[:i]]
     after = next((n for n in around if n in placed), None)

@@ -1,1 +1,1 @@
-"""Whether photos and mesh can be believed: photo checks, rim evidence, surface error, verdicts."""
+"""Checks of photos and mesh: photo checks, rim evidence, surface error, verdicts."""

@@ -1,8 +1,8 @@
-"""What the photos say beside the mesh's rim: is the ground there seen to be ground, the skin to be skin?
+"""Evidence beside the mesh's rim: do the photos show ground outside of it and skin inside?
 
-A point of the support plane that the mesh leaves free in several photos must keep its colour in them all.
-This is a second look without outlines and background plate, not independent evidence: what misleads both,
-such as a wrong camera or ground mirrored in the skin, goes unnoticed.
+A point of the support plane that the mesh leaves free in several photos must keep its colour in them all. The
+check needs no outlines and no background plate, but it is not independent evidence. What misleads both, such
+as a wrong camera or ground mirrored in the skin, goes unnoticed.
 """
 
 from collections.abc import Sequence
@@ -25,28 +25,28 @@ from recon.silhouettes.mask import (
 from recon.triangle_mesh import Faces, Vertices
 
 REACH_PX = 10
-"""How far to either side of the rim a profile reaches, px."""
+"""Reach of a profile to either side of the rim, px."""
 REACH_SHARE = 0.05
 """The same as a share of the fruit's diameter; the larger counts."""
 MOST_EVIDENCE = 3.0
-"""Most that one pixel counts for or against skin (natural log of a ratio of densities)."""
+"""Limit of a pixel's evidence for or against skin (natural log of a ratio of densities)."""
 MOST_OF_SHADOW = 0.5
-"""The same for darkened ground: skin that mirrors the ground at its rim looks like that too."""
+"""The same for darkened ground: skin that mirrors the ground at its rim has similar colours."""
 CORRELATED = 0.6
 """Weight of a pixel's evidence, below one because neighbouring pixels correlate. The pixels of the two
 neighbouring samples count half as much."""
 EDGE_EVIDENCE, EDGE_LAB = 16.0, 25.0
-"""Most that a step of colour across the edge counts for (averaged over a sample and its neighbours, weights
-STEP_POOLING), and the step (Lab units) that counts so much."""
+"""Limit of a colour step's evidence, averaged over a sample and its neighbours (STEP_POOLING), and the step
+(Lab units) that reaches it."""
 STEP_POOLING = (0.25, 0.5, 0.25)
-"""Weights of a place and its two neighbours along the rim, whose steps are pooled (binomial)."""
+"""Weights of a sample and its two neighbours along the rim, whose steps are averaged (binomial)."""
 STEP_PX = 3
-"""The steepest place of a step is looked for within so many pixels: blurred steps are up to five wide."""
+"""Range of the search for the steepest place of a step, px: blurred steps are up to five wide."""
 PRIOR_SCALE_PX = 1.5
-"""Scale of the prior (Cauchy) over the edge's distance from the rim, px: meshes are mostly right to a pixel.
+"""Scale of the Cauchy prior over the edge's distance from the rim, px: meshes are mostly right to a pixel.
 With this and STEP_PX the error fell from 0.9 to 0.5 px on a dark glossy plum, elsewhere it stayed 0.4 px."""
 SHADOW_SHARE = 0.15
-"""Prior share of ground beside a fruit that is darkened."""
+"""Prior probability that the ground beside a fruit is darkened."""
 LEAST_DENSITY = 2e-7
 """Density (per Lab unit cubed) of colours that neither model expects."""
 
@@ -58,8 +58,8 @@ class RimEvidence:
     Sample i is the point (1 - t) a + t b of the mesh's edge between vertices `a` and `b`, as photo `view`
     sees it. `offset_mm` is the posterior mean of the edge's place (positive: the fruit reaches further than
     the mesh), `sd_mm` its standard deviation, `pixel_mm` a pixel's size there. `known`: three other photos
-    tell the ground's colour there. `turn`: direction from the fruit's middle in the picture (radians; 0
-    right, pi / 2 up).
+    show the ground's colour on most of the profile. `turn`: direction from the fruit's middle in the picture
+    (radians; 0 right, pi / 2 up).
     """
 
     view: Int[np.ndarray, " k"]
@@ -76,15 +76,14 @@ class RimEvidence:
 def rim_evidence(
     images: Pictures, cameras: Sequence[Camera], vertices: Vertices, faces: Faces
 ) -> RimEvidence:
-    """The place of the skin's edge along the normals of the mesh's rim, in every photo anew.
+    """The place of the skin's edge along the normals of the mesh's rim, in every photo.
 
-    Along a normal, pixel by pixel, l = log p(colour | skin) - log p(colour | ground). Ground is what the
-    other photos show at the same point of z = 0 (median, spread over the photos, range of the eight
-    neighbours), as it is or darkened (L* + 16, a*, b* scaled by one k in DARKEST_SHADOW..1); skin is what
-    this photo shows further inside; l shrinks to 0 where the two look alike. With an edge at d the profile's
-    evidence is sum_{o < d} l - sum_{o > d} l, and a step of colour that the ground does not explain adds to
-    it; the posterior over d (Cauchy prior of scale PRIOR_SCALE_PX) gives `offset_mm` and `sd_mm`.
-    Cameras have no distortion.
+    Each pixel along a normal contributes l = log p(colour | skin) - log p(colour | ground). The other photos
+    give the ground's colour at the same point of z = 0 (median, spread over photos, range of eight
+    neighbours). It may be darkened (L* + 16, a*, b* times one k in DARKEST_SHADOW..1). This photo gives the
+    skin's colour further inside; l shrinks to 0 for similar colours. The evidence for an edge at d is sum_{o
+    < d} l - sum_{o > d} l. A colour step that the ground does not explain adds to it. The posterior over d
+    (Cauchy prior of scale PRIOR_SCALE_PX) gives `offset_mm` and `sd_mm`. Cameras have no distortion.
     """
     rim_views, rims = rims_of(images, cameras, vertices, faces)
     diameter_px = float(np.median([np.ptp(s.camera.project(vertices), axis=0).max() for s in rim_views]))
@@ -97,7 +96,7 @@ def rim_evidence(
 def _evidence(
     rims: Sequence[Rim], profiles: Profiles, offsets: Float[np.ndarray, " o"], reach: int
 ) -> RimEvidence:
-    """Where each sample of the rims has its edge, and what the colours beside it say."""
+    """The edge at each rim sample, from the colours of its profile."""
     view = np.repeat(np.arange(len(rims)), [len(r.t) for r in rims])
     offset_px, sd_px = np.zeros((2, len(view)))
     known = np.zeros(len(view), bool)
@@ -125,7 +124,7 @@ def _evidence(
 
 
 def _turn(pixel: Float[np.ndarray, "k 2"]) -> Float[np.ndarray, " k"]:
-    """Directions of a rim's pixels from its middle; rows count downwards."""
+    """Directions (rad) of a rim's pixels from its middle; rows count downwards."""
     if not len(pixel):
         return np.zeros(0)
     across, down = (pixel - (pixel.min(0) + pixel.max(0)) / 2).T
@@ -137,12 +136,12 @@ def _densities(
 ) -> tuple[
     Float[np.ndarray, "k o"], Float[np.ndarray, "k o"], Float[np.ndarray, "k o"], Float[np.ndarray, "k o"]
 ]:
-    """Densities of one photo's profile colours as lit ground, darkened ground, and skin; and in 0..1 how far
-    skin and ground can be told apart at all there.
+    """Densities of one photo's profile colours as lit ground, darkened ground, and skin. Also, in 0..1, how
+    different the colours of skin and ground are.
 
-    As recon.silhouettes.mask's ground_noise and ground_density, from other data: the ground is what the other
-    photos show, with a spread for every pixel and channel; its noise comes from a few thousand pixels of
-    profiles, too few to tell of shadows, which are taken as even over k with the prior SHADOW_SHARE.
+    Like ground_noise and ground_density of recon.silhouettes.mask, but the other photos give the ground, with
+    a spread for every pixel and channel. The noise is from a few thousand pixels of profiles, too few to show
+    shadows. These are assumed uniform over k with the prior SHADOW_SHARE.
     """
     colours, known = profiles.colours[mine], profiles.known[mine]
     ground = profiles.ground[mine]
@@ -179,9 +178,9 @@ def _densities(
 
 
 def _steps(profiles: Profiles, mine: Bool[np.ndarray, " p"]) -> Float[np.ndarray, "k o"]:
-    """Evidence of an edge at each offset: how far what the ground leaves unexplained jumps there.
+    """Evidence of an edge at each offset: the jump of the colour that the ground does not explain.
 
-    A high step is blurred over several pixels; only where it is steepest does it count in full.
+    A high step is blurred over several pixels; only its steepest place counts in full.
     """
     rest = profiles.colours[mine] - profiles.ground[mine]
     rest = np.where(profiles.known[mine][..., None], rest, profiles.colours[mine])
@@ -197,7 +196,7 @@ def _edge_of(
     offsets: Float[np.ndarray, " o"],
     reach: int,
 ) -> tuple[Float[np.ndarray, " k"], Float[np.ndarray, " k"]]:
-    """Posterior mean and standard deviation of the edge's offset (px), pooled over the next samples."""
+    """Posterior mean and standard deviation of the edge's offset (px), pooled over neighbouring samples."""
     pooled = ndimage.convolve1d(log_odds, [0.5, 1.0, 0.5], axis=0, mode="wrap") * CORRELATED
     total = np.cumsum(pooled, axis=1)
     score = 2 * total - pooled - total[:, -1:] + ndimage.convolve1d(step, STEP_POOLING, axis=0, mode="wrap")
@@ -212,9 +211,9 @@ def _edge_of(
 
 
 def student(off: Float[np.ndarray, "*n 3"], scale: Float[np.ndarray, "*#n 3"]) -> Float[np.ndarray, " *n"]:
-    """Student's t density in three dimensions, DEGREES_OF_FREEDOM = 5: Γ(4) / (Γ(5/2) (5π)^(3/2)) = 0.0725
-    at its top for unit scales. recon.silhouettes.mask has one and two dimensions, in single precision for
-    whole windows.
+    """Student's t density in three dimensions for DEGREES_OF_FREEDOM = 5. At its top it is Γ(4) / (Γ(5/2)
+    (5π)^(3/2)) = 0.0725 for unit scales. recon.silhouettes.mask has one and two dimensions, in single
+    precision for whole windows.
     """
     square = np.sum((off / scale) ** 2, axis=-1)
     return np.asarray(0.0725 / np.prod(scale, axis=-1) * (1 + square / DEGREES_OF_FREEDOM) ** -4.0)

@@ -1,4 +1,4 @@
-"""Photos inspected before any geometry: which are of no use, which need their light evened, and why."""
+"""Checks of photos before reconstruction: which are unusable, which need even light, and why."""
 
 from collections import defaultdict
 from collections.abc import Sequence
@@ -17,27 +17,27 @@ from recon.recon_failure import ReconFailure, ReconProblem
 from recon.wording import FEW_NAMES, listed
 
 STEPS = 33
-"""Places across an edge, a sixteenth of the side before it to one behind: a few tenths of a pixel apart."""
+"""Samples across an edge, a sixteenth of the side to either side: a few tenths of a pixel apart."""
 ROWS = 9
-"""Profiles along the middle half of an edge that are averaged against noise. Set by hand."""
+"""Profiles along the middle half of an edge, averaged to reduce noise. Set by hand."""
 LEAST_CONTRAST = 10.0
-"""Grey levels between paper and print, of 255, from which an edge's width can be measured. Set by hand."""
+"""Least grey levels (of 255) between paper and ink to measure an edge's width. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TagOptics:
-    """Smear of edges (standard deviation, px), and median grey of the paper beside the tags (0 to 255)."""
+    """Blur of edges (standard deviation, px), and median grey of the paper beside the tags (0 to 255)."""
 
     blur_px: float
     white: float
 
 
 def tag_optics(grey: UInt8[np.ndarray, "h w"], corners: Float[np.ndarray, "t 4 2"]) -> TagOptics | None:
-    """Edges from paper to a tag's black border, read across; None where no edge has contrast.
+    """Blur and paper's grey from profiles across the edges of tags; None if no edge has contrast.
 
-    A step smeared by a Gaussian of standard deviation s has its steepest slope (white - black) / (s sqrt(2
-    pi)). The way across reaches a sixteenth of the tag's side, half of the narrowest printed cell, to each
-    side; a smear of more than about half of that is read too small.
+    A step blurred by a Gaussian of standard deviation s has its steepest slope (white - black) / (s sqrt(2
+    pi)). Profiles reach a sixteenth of the tag's side, half of the narrowest printed cell, to each side. Blur
+    above about half of that is underestimated.
     """
     middle = corners.mean(axis=1, keepdims=True)
     a, b = corners, np.roll(corners, -1, axis=1)
@@ -60,28 +60,28 @@ def tag_optics(grey: UInt8[np.ndarray, "h w"], corners: Float[np.ndarray, "t 4 2
 
 
 ENOUGH_VIEWS = 12
-"""With so many good photos, doubtful ones are left out. Meshes from 12 are 0.09 to 0.15 mm off."""
+"""Number of good photos from which doubtful ones are left out. Meshes from 12 are 0.09 to 0.15 mm off."""
 MOST_BLUR_PX = 1.25
-"""Standard deviation of the blur on printed edges, px; beyond it a photo is of no use. Set by hand."""
+"""Largest standard deviation of the blur on printed edges, px. Set by hand."""
 LEAST_SHARP = 0.35
-"""Sharpness over the usual one of its set, below which a photo is blurred. Set by hand."""
+"""Sharpness over the set's median, below which a photo is blurred. Set by hand."""
 LEAST_SHARP_ALONE = 0.06
-"""Least sharpness, whatever the others have: a sharp photo of a mat has 0.5, blurred by 4 px 0.025."""
+"""Least sharpness in any set: a sharp photo of a mat has 0.5, one blurred by 4 px 0.025."""
 MOST_CLIPPED = 0.35
-"""Share of a photo's pixels at full white beyond which it is of no use. Set by hand."""
+"""Largest share of a photo's pixels at full white. Set by hand."""
 LEAST_WHITE = 90.0
-"""Grey levels of 255 of the paper, below which a photo is too dark. Set by hand."""
+"""Least grey level (of 255) of the paper; a darker photo is too dark. Set by hand."""
 MOST_UNEVEN = 0.12
-"""Relative difference of the paper's white between photos that is left as it is. Set by hand."""
+"""Relative difference of the paper's white between photos that is not corrected. Set by hand."""
 LEAST_MAT_SEEN = 0.75
-"""Share of the mat's tags that all photos together show unless some are covered or cut off. Set by hand."""
+"""Least share of the mat's tags that all photos together show, unless some are covered. Set by hand."""
 LEAST_BRIGHT = 45.0
-"""Grey level of 255 that 5 % of a photo's pixels reach at least; below it is too dark. Set by hand."""
+"""Least grey level (of 255) of a photo's brightest 5 %; a darker photo is too dark. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CheckedPhotos:
-    """The photos to work on, and sentences about those that were left out or are doubtful."""
+    """The photos to use, and sentences about those that were left out or are doubtful."""
 
     photos: tuple[Photo, ...]
     warnings: tuple[str, ...]
@@ -89,7 +89,7 @@ class CheckedPhotos:
 
 @dataclass(frozen=True, kw_only=True)
 class _Look:
-    """What one photo shows at first sight."""
+    """Measures of one photo before reconstruction."""
 
     photo: Photo
     sharpness: float
@@ -101,13 +101,13 @@ class _Look:
 
 
 def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
-    """The photos that can serve, at one brightness, and what is to be said of the rest.
+    """The usable photos, at one brightness, and sentences about the others.
 
-    Left out, by name and with the reason: photos that are mirrored, that show fewer than four tags of the
-    mat, and, while twelve good ones stay, blurred, overexposed or dark ones. Copies of a photo count once.
-    Where the paper of the mat shows that photos differ in brightness by more than 12 %, or are dark, all are
-    brought to the same. Raises ReconFailure: mirrored photos all through, unreadable-photo (all too dark to
-    tell fruit from paper), mat-not-found, too-few-views.
+    Left out, by name and with the reason, are mirrored photos and those with fewer than four tags of the mat.
+    Blurred, overexposed or dark ones are left out while twelve good ones remain. Copies of a photo count
+    once. If the mat's paper shows that photos are dark, or differ in brightness by more than 12 %, all are
+    brought to one level. Raises ReconFailure: mat-not-found (mirrored photos, no tags), too-few-views,
+    no-overlap (without a mat, an unusable first photo).
     """
     known, on_mat = (mat, True) if mat is not None else (standard_mat(), False)
     distinct, copies = _without_copies(photos)
@@ -143,7 +143,7 @@ def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
 
 
 def _with_first(first: Photo, good: list[_Look], kept: list[_Look], lost: dict[str, str]) -> list[_Look]:
-    """Without a mat the first photo shows where the suture is: it stays, or the set is refused."""
+    """The kept photos and the first (without a mat it shows the suture); raises ReconFailure (no-overlap)."""
     if first.name in lost:
         raise ReconProblem.NO_OVERLAP.failure(
             f"The first photo, {first.name}, is unusable ({lost[first.name]}). Without a mat it "
@@ -155,7 +155,7 @@ def _with_first(first: Photo, good: list[_Look], kept: list[_Look], lost: dict[s
 
 
 def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
-    """Photos without those that are equal to an earlier one pixel by pixel, and a sentence on them."""
+    """Photos without exact copies of an earlier one, and a sentence on the copies."""
     first: dict[bytes, Photo] = {}
     copies = []
     for photo in photos:
@@ -174,7 +174,7 @@ def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
 
 
 def _look(photo: Photo, mat: Mat, *, on_mat: bool) -> _Look:
-    """What is measured of a photo: tags, sharpness, light."""
+    """Tags, sharpness and light of a photo."""
     grey = cv2.cvtColor(photo.image, cv2.COLOR_BGR2GRAY)
     borders = BORDERS if on_mat else BORDERS[:1]
     tags, corners = detect_tags(photo.image, mat, borders=borders)
@@ -198,7 +198,7 @@ def _look(photo: Photo, mat: Mat, *, on_mat: bool) -> _Look:
 
 
 def _refuse_mirrored(looks: list[_Look], *, on_mat: bool) -> None:
-    """Refuse a set whose every photo that shows tags shows them mirrored."""
+    """Raise ReconFailure (mat-not-found) if only mirrored photos show tags; without a mat, if most do."""
     mirrored = [look for look in looks if look.mirrored]
     upright = [look for look in looks if len(look.tags) >= FEWEST_TAGS]
     if mirrored and (not upright if on_mat else len(mirrored) > len(upright)):
@@ -210,7 +210,7 @@ def _refuse_mirrored(looks: list[_Look], *, on_mat: bool) -> None:
 
 
 def _loss(look: _Look, usual: float, *, others_show_it: bool, on_mat: bool) -> str:
-    """Why a photo cannot be placed; empty where it can."""
+    """Why a photo cannot be placed; empty if it can."""
     if look.mirrored:
         return "mirrored (the mat's tags are readable only in a mirror); flip it back"
     if not on_mat or len(look.tags) >= FEWEST_TAGS:
@@ -224,7 +224,7 @@ def _loss(look: _Look, usual: float, *, others_show_it: bool, on_mat: bool) -> s
 
 
 def _weakness(look: _Look, usual: float, *, on_mat: bool) -> str:
-    """How a photo that can be placed shows the fruit badly; empty where it does not."""
+    """Why a photo shows the fruit badly, though it can be placed; empty if it does not."""
     optics = look.optics
     if look.clipped > MOST_CLIPPED:
         return "overexposed (more than a third of the picture is pure white); retake it with less exposure"
@@ -239,7 +239,7 @@ def _weakness(look: _Look, usual: float, *, on_mat: bool) -> str:
 
 
 def _refuse_rest(looks: list[_Look], lost: dict[str, str], mat: Mat) -> None:
-    """Refuse a set of which fewer than three photos can be placed."""
+    """Raise ReconFailure (mat-not-found, too-few-views): fewer than three photos can be placed."""
     if not lost:
         return
     most = max(len(look.tags) for look in looks)
@@ -265,7 +265,7 @@ def _by_reason(reasons: dict[str, str]) -> dict[str, list[str]]:
 
 
 def _mat_doubts(tags: Sequence[Sequence[int]], mat: Mat) -> list[str]:
-    """A sentence where over a quarter of the mat's tags are in no photo; `tags` are those seen in each."""
+    """A sentence if over a quarter of the mat's tags are in no photo; `tags` are those seen in each."""
     seen = {tag for each in tags for tag in each}
     if not seen or len(seen) >= LEAST_MAT_SEEN * len(mat.corners_mm):
         return []
@@ -277,7 +277,7 @@ def _mat_doubts(tags: Sequence[Sequence[int]], mat: Mat) -> list[str]:
 
 
 def _evened(photos: Sequence[Photo], optics: Sequence[TagOptics]) -> tuple[Photo, ...]:
-    """All photos with the paper as white as in the middle one, where they differ by over 12 % or are dark."""
+    """All photos, scaled to the median white of the paper if they differ by over 12 % or are dark."""
     whites = np.array([o.white for o in optics])
     if len(whites) < len(photos) or len(whites) == 0:
         return tuple(photos)

@@ -1,4 +1,4 @@
-"""How good a reconstruction is in numbers, the warnings from them, and what is refused."""
+"""Quality of a reconstruction in numbers, the warnings from them, and refusals."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -14,13 +14,13 @@ from recon.silhouettes.outline import outline_of
 from recon.triangle_mesh import Faces, Vertices, volume_mm3
 
 FEWEST_VIEWS = 6
-"""Photos in use, at least; with 8, meshes are 0.09 to 0.20 mm off (benchmarks/results/recon.csv). By hand."""
+"""Least photos in use; with 8, meshes are 0.09 to 0.20 mm off (benchmarks/results/recon.csv). By hand."""
 WIDEST_GAP_DEG = 120.0
-"""Degrees about the fruit that no photo covers, at most: a third of a turn. Set by hand."""
+"""Widest angle about the fruit without a photo, degrees: a third of a turn. Set by hand."""
 
 
 ENOUGH_SEEN = 0.8
-"""Share of the skin in sight of photos below which it is said. Set by hand."""
+"""Share of visible skin below which drupe warns. Set by hand."""
 UNKNOWN = float("nan")
 
 
@@ -28,14 +28,13 @@ UNKNOWN = float("nan")
 class ReconQuality:
     """Counts, residuals and agreement of one reconstruction.
 
-    `seen_share` of the surface is in sight of two cameras, of either set where there are photos of the fruit
-    upside down; `unseen_mm2` is not, and was closed by the method.
-    `flipped_views`, `flipped_miss_mm`: photos of the fruit upside down that were used, and how far their mesh
-    is from the upright one where both saw the skin (root mean square).
-    `offset_rms_mm`, `offset_local_mm`, `offset_volume_share`: how far the photos put the skin from the mesh,
-    looked at anew beside its rims (recon/checks/ground_check.py): root mean square, what 2 % of the skin
-    exceeds, and what it adds up to. `ground_known_share` of the rims have ground behind them that other
-    photos show.
+    `seen_share` of the surface is visible to two cameras or more, upright or flipped; the method closed the
+    rest, `unseen_mm2`. `flipped_views`: number of photos of the fruit upside down that were used.
+    `flipped_miss_mm`: root mean square distance of their mesh from the upright one on skin that both saw.
+    `offset_rms_mm`, `offset_local_mm`, `offset_volume_share`: distance of the skin from the mesh by the
+    photos beside its rims (recon/checks/ground_check.py). They are root mean square, the value that 2 % of
+    the skin exceeds, and the sum over the volume. `ground_known_share` of the rims have ground behind them
+    that other photos show.
     """
 
     views_given: int = 0
@@ -60,12 +59,12 @@ class ReconQuality:
     ground_known_share: float = UNKNOWN
 
     def known(self) -> dict[str, int | float]:
-        """The numbers that are known, by name."""
+        """The finite numbers, by name."""
         return {name: number for name, number in asdict(self).items() if np.isfinite(number)}
 
 
 def outline_rms_mm(vertices: Vertices, faces: Faces, silhouettes: Sequence[Silhouette]) -> float:
-    """Root mean square distance between the mesh's projected rim and the outlines seen, mm at the fruit."""
+    """Root mean square distance between the mesh's projected rim and the outlines, mm at the fruit."""
     squares = []
     for s in silhouettes:
         rim = outline_of(drawn(vertices, faces, s.window, s.camera))
@@ -89,7 +88,7 @@ def widest_gap_deg(places: Float[np.ndarray, "v 3"], middle: Float[np.ndarray, "
 
 
 def warnings_of(quality: ReconQuality, *, largest_mm: float) -> tuple[str, ...]:
-    """True sentences about what may be wrong, for staff to read."""
+    """Warnings for staff about what may be wrong."""
     out = []
     q = quality
     if q.views_used < 12:
@@ -116,7 +115,7 @@ def warnings_of(quality: ReconQuality, *, largest_mm: float) -> tuple[str, ...]:
 
 
 def seen_doubts(quality: ReconQuality) -> tuple[str, ...]:
-    """What is said where much of the surface was not seen."""
+    """A warning if cameras see too little of the surface."""
     if not quality.seen_share < ENOUGH_SEEN:
         return ()
     share = f"Only {100 * quality.seen_share:.0f} % of the surface is visible to two or more cameras"
@@ -124,7 +123,7 @@ def seen_doubts(quality: ReconQuality) -> tuple[str, ...]:
 
 
 def depth_doubts(edge_depth_mm: float) -> tuple[str, ...]:
-    """What is said of a hollow as deep as the search looks (`Relief.edge_depth_mm`; 0: none).
+    """A warning of a hollow as deep as the search range (`Relief.edge_depth_mm`; 0: none).
 
     >>> depth_doubts(0.0)
     ()
@@ -138,11 +137,10 @@ def depth_doubts(edge_depth_mm: float) -> tuple[str, ...]:
 
 
 def require_seen(quality: ReconQuality, *, left_out: Sequence[str] = (), lacking: str = "") -> None:
-    """Refuse a shape seen from too few directions: fewer than six views, or a side of over 120 degrees
-    without any, make meshes wrong by half to all of the volume.
+    """Raise ReconFailure (too-few-views) for fewer than six views, or a side of over 120 degrees without any.
 
-    `left_out`: why photos were not tried; `lacking`: the views that are missing. Raises ReconFailure
-    (too-few-views).
+    Such meshes are wrong by half to all of the volume. `left_out`: why photos were not tried; `lacking`: the
+    missing views, in words.
     """
     where = f" {lacking}" if lacking else ""
     if quality.views_used < FEWEST_VIEWS:
@@ -168,7 +166,7 @@ def _why_left_out(quality: ReconQuality, left_out: Sequence[str]) -> str:
 
 
 def shape_doubts(vertices: Vertices, faces: Faces, *, body: PitBody = STONE_FRUIT) -> tuple[str, ...]:
-    """Sentences where the mesh is no single body of its category: too long, or hollow between lumps."""
+    """Warnings if the mesh is no single body of its category: too long, or hollow between lumps."""
     out = []
     box = np.ptp(vertices, axis=0)
     if box.max() > body.longest_over_shortest * box.min():

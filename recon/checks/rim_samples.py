@@ -16,17 +16,17 @@ from recon.silhouettes.mask import Window
 from recon.triangle_mesh import Faces, Vertices, rim_crossings, sides_of, vertex_normals
 
 FARTHEST_DIAMETERS = 6.0
-"""Ground further from the fruit than this many diameters is not looked up: a wall may stand there."""
+"""Largest distance, in diameters, of ground that is used: a wall may be beyond."""
 
 
 DIAMETER_PX = 260.0
-"""Photos are downscaled until the fruit is about this wide (px): finer pixels cost time and tell no more."""
+"""Photos are downscaled until the fruit is about this wide (px): finer pixels cost time without benefit."""
 RIM_SAMPLES = 96
-"""Of a rim and photo at most: every four degrees, which bounds the time."""
+"""Most samples of a rim in a photo: every four degrees, which bounds the time."""
 CLEARANCE_PX = 4.0
-"""A sighting tells the ground's colour where it is at least this far outside the mesh's rim (px)."""
+"""Least distance of a ground sighting outside the mesh's rim (px)."""
 FEWEST_SIGHTINGS = 3
-"""Photos that show a place of the ground, at least, for its colour: of three, one that errs stands out."""
+"""Least number of photos that show a ground point: of three, one that errs is detectable."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def rims_of(
     gains = _gains(pairs, outside, vertices)
     rim_views = []
     for far, gain in zip(outside, gains, strict=True):
-        image, camera = pairs.pop(0)  # hundreds of MB in all
+        image, camera = pairs.pop(0)  # frees it: all have hundreds of MB
         rim_views.append(_visible(image, camera, far, gain))
     return rim_views, [_rim(s, vertices, normals, faces) for s in rim_views]
 
@@ -96,7 +96,7 @@ def visible_ground(
     points: Float[np.ndarray, "k 3"],
     clearance_px: float,
 ) -> tuple[Float[np.ndarray, "k 2"], Bool[np.ndarray, " k"]]:
-    """Pixels of ground points, and which of them are in the picture and free of the mesh."""
+    """Pixels of ground points, and the mask of those in the picture and outside of the mesh."""
     ahead = camera.into(points)[:, 2] > 0
     pixels = camera.project(points)
     return pixels, ahead & camera.shows(pixels, 2) & (sampled(outside_px, pixels) > clearance_px)
@@ -107,7 +107,7 @@ def _gains(
     outside: Sequence[Float[np.ndarray, "_ _"]],
     vertices: Vertices,
 ) -> Float[np.ndarray, "v 3"]:
-    """Factors of blue, green and red that bring every photo to the median one, from ground in free sight."""
+    """Factors of blue, green and red that match every photo to the median one, by visible ground."""
     middle, radius = ground_centre(vertices)
     turn, far = np.meshgrid(np.linspace(0, 2 * np.pi, 40, endpoint=False), np.linspace(1.2, 3.0, 12))
     ring = np.column_stack([(far * np.cos(turn)).ravel(), (far * np.sin(turn)).ravel(), 0 * turn.ravel()])
@@ -143,7 +143,7 @@ def _visible(
 
 
 def _rim(view: RimView, vertices: Vertices, normals: Float[np.ndarray, "n 3"], faces: Faces) -> Rim:
-    """Edges whose one end faces the camera and whose other does not, on the outer rim, evenly thinned out."""
+    """Samples on edges with just one end facing the camera, on the outer rim, evenly thinned out."""
     camera = view.camera
     edges = sides_of(faces)
     i, j = edges[edges[:, 0] < edges[:, 1]].T
@@ -179,7 +179,7 @@ def profiles_of(
 ) -> Profiles:
     """Colours along all rims' normals, and quantiles of what other photos show there of z = 0.
 
-    A photo tells nothing of its own rims' ground. `known` where FEWEST_SIGHTINGS photos or more tell.
+    A photo does not count for its own rims. `known`: FEWEST_SIGHTINGS photos or more show the ground.
     """
     middle, radius = ground_centre(vertices)
     points, colours, reached = [], [], []

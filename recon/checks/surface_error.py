@@ -1,4 +1,4 @@
-"""How far the mesh's skin may be off, vertex by vertex, from what the photos show beside its rims."""
+"""Error of the mesh's skin at each vertex, by what the photos show beside its rims."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,17 +11,17 @@ from recon.surface.ray_mesh import SEEN_BY, RayMesh
 from recon.triangle_mesh import Faces, Vertices, facing, smoothed, vertex_areas, vertex_normals
 
 HEIGHTS_DEG = (-75.0, -45.0, -15.0, 15.0)
-"""Bounds of the rim's bands, above the horizontal: shadows lie low; straight below has no left or right."""
+"""Bounds of the rim's bands, degrees above the horizontal: shadows lie low; the bottom has no sides."""
 FEWEST_SAMPLES = 30
-"""Samples of each side of a band, at least: a photo has 8 of its 96 there, so four photos suffice."""
+"""Least samples on each side of a band: a photo has 8 of its 96 there, so four photos suffice."""
 NOTICED_PX = 0.5
-"""Left against right that counts, px of the photo as checked: 0.3 at most without a flash, 1.5 with one."""
+"""Left-right difference that counts, px of the downscaled photo: up to 0.3 without a flash, 1.5 with one."""
 
 
 def left_right_px(evidence: RimEvidence) -> Float[np.ndarray, " b"]:
-    """By how much the edge lies further out left than right, px, band by band: medians over all photos.
+    """Median offset of the edge on the left less that on the right, px, by band over all photos.
 
-    The known samples of a band's two sides are compared; 0 where either has fewer than FEWEST_SAMPLES.
+    Only known samples count; 0 if either side has fewer than FEWEST_SAMPLES.
     """
     right = np.cos(evidence.turn) > 0
     offset_px = evidence.offset_mm / evidence.pixel_mm
@@ -36,7 +36,7 @@ def left_right_px(evidence: RimEvidence) -> Float[np.ndarray, " b"]:
 
 
 def in_camera_shadow(evidence: RimEvidence) -> Bool[np.ndarray, " k"]:
-    """Samples whose edge may be the shadow's: a differing band's further side, and all below the bands."""
+    """Samples whose edge may be a shadow's: the further side of differing bands, and all below the bands."""
     apart = left_right_px(evidence)
     noticed = np.where(np.abs(apart) > NOTICED_PX, np.sign(apart), 0.0)
     by_band = np.concatenate([noticed, [0.0, 0.0]])  # above the bands, and below them (band -1)
@@ -46,16 +46,16 @@ def in_camera_shadow(evidence: RimEvidence) -> Bool[np.ndarray, " k"]:
 
 
 def camera_shadow_px(evidence: RimEvidence) -> float:
-    """By how much left and right differ most, px (positive: left is further out); 0 where they do not."""
+    """Largest left-right difference, px (positive: left is further out); 0 up to NOTICED_PX."""
     apart = left_right_px(evidence)
     worst = float(apart[np.abs(apart).argmax()])
     return worst if abs(worst) > NOTICED_PX else 0.0
 
 
 def shadow_sd_mm(evidence: RimEvidence) -> Float[np.ndarray, " k"]:
-    """What a shadow that the mesh may have swallowed makes uncertain at each sample, mm.
+    """Uncertainty at each sample by a shadow that the mesh may include, mm.
 
-    In every band that differs, and below the bands, as much as left and right differ where that is most.
+    In every band that differs, and below the bands, it is the largest left-right difference.
     """
     worst_px = abs(camera_shadow_px(evidence))
     noticed = np.abs(left_right_px(evidence)) > NOTICED_PX
@@ -70,25 +70,25 @@ def _band(evidence: RimEvidence) -> Int[np.ndarray, " k"]:
 
 
 SPREADING = 8
-"""Half steps to the neighbours' mean that spread a rim sample over the skin: about 0.07 diameters."""
+"""Smoothing rounds that spread a rim sample over the skin: about 0.07 diameters."""
 OUTLIER = 2.5
-"""Robust spreads from where on a sample counts for less: 2.5 leaves 1 % out. Set by hand."""
+"""Scale of Cauchy's weight, in robust spreads: 1 % of normal samples exceed 2.5. Set by hand."""
 ROBUST_ROUNDS = 4
-"""Of reweighting. Set by hand."""
+"""Rounds of reweighting. Set by hand."""
 INDEPENDENT, LEAST_HELD = 3.0, 0.3
-"""Samples about a vertex that err independently, per full one held there: photos do, neighbours do not. With
-1 instead of 3, half as many wrong meshes more passed."""
+"""Independent samples per unit of weight at a vertex (photos are independent, neighbours are not), and the
+least weight. With 1 instead of 3, 1.5 times as many wrong meshes passed."""
 RIM_SD_PX = 0.35
 """Least error of a place on a rim, px."""
 HALF_KNOWN = 0.03
-"""Rim samples about a vertex at which what they say and what geometry alone says count alike."""
+"""Weight of rim samples at a vertex at which they count as much as geometry alone."""
 UNKNOWN_RIM = 0.007
-"""Standard deviation per diameter where rims pass but no other photo shows the ground behind them."""
+"""Standard deviation per diameter at rims without ground behind them in other photos."""
 NEVER_GRAZED = 0.06
-"""Standard deviation per diameter and per squared angle (rad) to the nearest rim, where no rim tells."""
+"""Standard deviation per diameter and per squared angle (rad) to the nearest rim, without rim samples."""
 BRIDGED = 0.008
-"""Standard deviation per diameter where outlines may bridge a hollow of unknown depth: 0.005 to 0.012 on
-eleven sets, against 0.002 where the surface is round."""
+"""Standard deviation per diameter where outlines may bridge a hollow of unknown depth. Measured: 0.005 to
+0.012 on eleven sets, against 0.002 where the surface is round."""
 
 
 def sd_on_patch_mm(
@@ -96,7 +96,7 @@ def sd_on_patch_mm(
 ) -> float:
     """Root mean square of a surface's `sd_mm` (per vertex) over the points of the mesh nearest to `points`.
 
-    sqrt(mean over p of sd(x_p)²), sd linear within each triangle. Points that stand evenly on a contact patch
+    sqrt(mean over p of sd(x_p)²), sd linear within each triangle. Evenly spaced points on a contact patch
     give the root mean square over its area.
     """
     corners, shares = RayMesh(vertices, faces).nearest(points)
@@ -105,10 +105,10 @@ def sd_on_patch_mm(
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceError:
-    """What is known of each vertex' place, along the normal.
+    """Error of each vertex along the normal.
 
-    `sd_mm`: standard deviation; `offset_mm`: the offset that the rims measured (positive: fruit outside the
-    mesh), shrunk where they disagree; `rms_mm`: root mean square of `sd_mm` over the skin that two cameras or
+    `sd_mm`: standard deviation. `offset_mm`: the offset that the rims measured (positive: fruit outside the
+    mesh), shrunk where they disagree. `rms_mm`: root mean square of `sd_mm` over the skin that two cameras or
     more saw.
     """
 
@@ -128,11 +128,10 @@ def surface_error(
 ) -> SurfaceError:
     """Offsets measured at rims, spread over the skin: sd² = mean² + spread² / count + (pixel floor)².
 
-    Every known sample counts by 1 / (sd² + floor²) and by Cauchy's weight about the mean of its surroundings,
-    at its edge's two ends. Away from any rim sd rises to NEVER_GRAZED D δ², δ the angle between the skin and
-    the nearest line of sight that grazes it: a hull of diameter D stands off by up to D δ² / 4 there.
-    Where outlines may bridge a hollow that no photos measured (`bridged`, 0 to 1), and where a shadow that
-    goes with the camera stands beside the rim, what that makes uncertain is added in squares.
+    Every known sample counts at its edge's two ends, by 1 / (sd² + floor²) and Cauchy's weight about the
+    local mean. Away from any rim sd rises to NEVER_GRAZED D δ², δ the angle from the skin to the nearest
+    grazing line of sight. A hull of diameter D stands off by up to D δ² / 4 there. Hollows that outlines may
+    bridge (`bridged`, 0 to 1) and shadows that move with the camera add their uncertainty in squares.
     """
     count = len(vertices)
     diameter = float(np.ptp(vertices, axis=0).max())

@@ -1,4 +1,4 @@
-"""Does the mesh lie where the photos show the skin? A doubt that names the place, or a refusal."""
+"""Does the mesh lie where the photos show the skin? A warning that names the place, or a refusal."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,23 +14,22 @@ from recon.triangle_mesh import Faces, Vertices, vertex_areas, vertex_normals, v
 from recon.wording import listed
 
 OFF_MM, REFUSED_OFF = 0.2, 0.0125
-"""Root mean square of the offsets over the skin seen: said from here on (mm), refused (diameters).
-On ten of eleven true surfaces at most 0.16 mm (on the eleventh, with a false edge at its top, 0.32 mm), on
-all eleven moved by 0.5 mm at least 0.23 mm. This and the next two were measured on the sets that they were
-chosen on."""
+"""Root mean square of the offsets over visible skin: warning (mm) and refusal (diameters). Ten of eleven true
+surfaces have at most 0.16 mm, the eleventh, with a false edge at its top, 0.32 mm. All eleven, moved by 0.5
+mm, have at least 0.23 mm. This and the next two were measured on the sets that they were chosen on."""
 LOCAL_MM, LOCAL_SHARE, REFUSED_LOCAL = 0.5, 0.014, 0.04
-"""The same for the offset that 2 % of the skin exceeds: said beyond 0.5 mm or 0.014 diameters, whichever is
-less; refused beyond 0.04 diameters. The same ten true surfaces: at most 0.28 mm; with a patch pushed in by
-1.5 mm: 0.36 mm on a cherry, 0.85 mm and more on the rest."""
+"""The same for the offset that 2 % of the skin exceeds: warning above 0.5 mm or 0.014 diameters, whichever is
+less; refusal above 0.04. The ten true surfaces have at most 0.28 mm. With a patch pushed in by 1.5 mm a
+cherry has 0.36 mm, the others 0.85 mm or more."""
 VOLUME_SHARE = 0.02
-"""Share of the volume of the offsets' sum that is said: true surfaces 0.019, shrunk by 2 % 0.027 and more."""
+"""Share of the volume, by the offsets, that gives a warning: true surfaces 0.019, shrunk by 2 % 0.027 up."""
 EDGE_BIAS_PX, CLEAR_PX = 0.3, 1.5
-"""An edge seen b px too far out makes 6 b px / D of volume. Where edges are clear (90 % within CLEAR_PX of
-the rim) b is under EDGE_BIAS_PX: at most 0.11 on seven right meshes, 0.33 and more on the same shrunk by 1 %
-in length but for a cherry 110 px wide; on dark glossy fruit, whose edges are unclear, up to 0.5."""
+"""An edge seen b px too far out makes 6 b px / D of volume. Clear edges (90 % within CLEAR_PX of the rim)
+have b under EDGE_BIAS_PX: at most 0.11 on seven right meshes. Shrunk by 1 % in length these have 0.33 and
+more, but for a cherry 110 px wide. Dark glossy fruit with unclear edges have up to 0.5."""
 APART, FEWEST_KNOWN, ROUNDS = 0.01, 40, 12
-"""Diameters from where on a photo disagrees with the mesh (0.6 mm on 60), samples of 96 that tell it, and
-rounds of reweighting. Set by hand."""
+"""Shift or growth, in diameters, that contradicts the mesh (0.6 mm on 60); least samples of 96 for it; rounds
+of reweighting. Set by hand."""
 ADVICE = (
     "Something moved between photos, or drupe took a shadow or a reflection for fruit, or fruit for ground. "
     "Take the photos again without touching fruit or mat, in soft, even light, on a matt ground of another "
@@ -40,7 +39,7 @@ ADVICE = (
 
 @dataclass(frozen=True, kw_only=True)
 class SurfaceOffset:
-    """Offsets of the skin that two cameras saw: rms, the 98 % size (mm), and their sum over the volume."""
+    """Offsets of the skin that two cameras saw: rms, 98 % quantile (mm), and their share of the volume."""
 
     rms_mm: float
     local_mm: float
@@ -50,7 +49,7 @@ class SurfaceOffset:
 def surface_offset(
     error: SurfaceError, vertices: Vertices, faces: Faces, views: Int[np.ndarray, " n"]
 ) -> SurfaceOffset:
-    """The offsets' sizes; zero where no skin was seen."""
+    """Sizes of the offsets; zero without visible skin."""
     area = _seen_area(vertices, faces, views)
     if not area.any():
         return SurfaceOffset(rms_mm=0.0, local_mm=0.0, volume_share=0.0)
@@ -72,10 +71,10 @@ def surface_doubts(
     faces: Faces,
     views: Int[np.ndarray, " n"],
 ) -> tuple[str, ...]:
-    """A sentence where the photos put the skin elsewhere than the mesh: where, by how much, what to do.
+    """Warnings if the photos put the skin elsewhere than the mesh: where, by how much, what to do.
 
     The mesh's x axis points to the suture, z = 0 is the mat or the table. Raises ReconFailure
-    (surface-contradicted) where the mesh is not to be used.
+    (surface-contradicted) above REFUSED_OFF or REFUSED_LOCAL.
     """
     diameter = float(np.ptp(vertices, axis=0).max())
     local = min(LOCAL_MM, LOCAL_SHARE * diameter)
@@ -100,10 +99,10 @@ def surface_doubts(
 
 
 def moved_doubts(evidence: RimEvidence, names: Sequence[str], diameter_mm: float) -> tuple[str, ...]:
-    """A sentence that names the photos in which the fruit has another place or size than the mesh.
+    """A warning that names the photos in which the fruit has another place or size than the mesh.
 
     The offsets o of a photo's rim samples at directions a are fitted by o = x cos a + y sin a + growth, with
-    Cauchy's weights. What counts is a shift, or a change of the diameter, of more than APART diameters.
+    Cauchy's weights. A shift, or a change of the diameter, of more than APART diameters counts.
     """
     apart_mm = {}
     for view, name in enumerate(names):
@@ -131,7 +130,7 @@ def moved_doubts(evidence: RimEvidence, names: Sequence[str], diameter_mm: float
 
 
 def _volume_limit(evidence: RimEvidence, diameter_mm: float) -> float:
-    """From which share of the volume on the offsets are said to add up to something."""
+    """Share of the volume above which the offsets' sum gives a warning."""
     known = evidence.known
     pixel_mm = evidence.pixel_mm[known]
     if not known.any() or np.percentile(np.abs(evidence.offset_mm[known]) / pixel_mm, 90) > CLEAR_PX:
@@ -154,7 +153,7 @@ def _camera_shadow(evidence: RimEvidence) -> tuple[str, ...]:
 
 
 def place_in_words(vertices: Vertices, faces: Faces, vertex: int) -> str:
-    """Where a vertex is, as a person says it who faces the suture: y points to the right."""
+    """The place of a vertex in words, for a person who faces the suture: y points to the right."""
     normal = vertex_normals(vertices, faces)[vertex]
     middle = (vertices.min(0) + vertices.max(0)) / 2
     x, y = vertices[vertex, :2] - middle[:2]

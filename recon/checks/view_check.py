@@ -14,9 +14,9 @@ from recon.surface.ray_mesh import seen_and_unseen
 from recon.triangle_mesh import facing
 
 USUAL_HEIGHT_MM = 50.0
-"""Height (mm) of a fruit where none is given; 20 mm more change the share of skin seen by 0.01 or 0.02."""
+"""Assumed height (mm) of a fruit; 20 mm more change the visible share of skin by 0.01 or 0.02."""
 LEVEL = 3
-"""Subdivisions of the ball that stands for the fruit: 642 vertices, 4 degrees apart."""
+"""Subdivisions of the ball that represents the fruit: 642 vertices, 8 degrees apart."""
 
 
 def view_doubts(
@@ -27,9 +27,9 @@ def view_doubts(
     height_mm: float | None,
     left_out: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """Sentences where `photos` do not show a fruit on the mat well all around, with where to take others.
+    """Warnings if `photos` do not show a fruit on the mat well all around, with where to take others.
 
-    A ball of the fruit's height stands for its skin. `given`: the names of all photos of the set in order;
+    A ball of the fruit's height represents its skin. `given`: the names of all photos of the set in order;
     `left_out`: why some of them are not in `photos`. Raises ReconFailure as grading would: mat-not-found, or
     too-few-views (fewer than six photos that can be placed, or none over 120 degrees around the fruit).
     """

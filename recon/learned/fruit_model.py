@@ -16,18 +16,18 @@ from recon.silhouettes.mask import Window
 
 SHIPPED = Path(__file__).parent / "models" / "fruit.onnx"
 SIDE_PX = 192
-"""Of the square picture that the shipped model was trained on (benchmarks/fruit_model_train.py)."""
+"""Side of the square pictures that trained the shipped model (benchmarks/fruit_model_train.py)."""
 OUTPUT, SIGNATURE = "fruit_log_odds", "(n, 3, 192, 192)"
 CPU = ("CPUExecutionProvider",)
 AT_ONCE = 4
-"""Pictures in one run: 36 at once take 680 MiB more memory, and no less time."""
+"""Pictures per run: 36 in one run take 680 MiB more memory, and no less time."""
 MOST_BYTES = 2_000_000_000
-"""Of memory for one run, of the shipped model or the user's own."""
+"""Memory limit of one run, for the shipped model and the user's own."""
 
 
 @dataclass(frozen=True)
 class FruitModel:
-    """An open model of signature images (n, 3, 192, 192), RGB in [0, 1] -> fruit_log_odds (n, 1, h, w)."""
+    """An open model, images (n, 3, 192, 192), RGB in [0, 1] -> fruit_log_odds (n, 1, h, w)."""
 
     path: Path
     session: Any
@@ -35,8 +35,8 @@ class FruitModel:
     def log_odds(self, images: Pictures, windows: Sequence[Window]) -> list[Float[np.ndarray, "_ _"]]:
         """Log odds of fruit over shrunk windows of BGR photos.
 
-        The model sees the square round a window, which beyond the photo goes on as its edge. Raises
-        ReconFailure (bad-geometry-model) where the model fails or gives another shape.
+        The model receives the square around a window; beyond the photo its edge is repeated. Raises
+        ReconFailure (bad-geometry-model) if the model fails, or returns another shape or non-finite numbers.
         """
         extents = [_extent(window) for window in windows]
         squares = [_square(image, *extent) for image, extent in zip(images, extents, strict=True)]
@@ -46,14 +46,14 @@ class FruitModel:
         how = {"flags": cv2.INTER_LINEAR, "borderMode": cv2.BORDER_REPLICATE}
         out = []
         for logits, (start, side), window in zip(made, extents, windows, strict=True):
-            cell = side / logits.shape[1]  # px of the photo, whose pixel centres are whole numbers
+            cell = side / logits.shape[1]  # px of the photo; pixel centres are integers
             corner = window.into_small((start + (cell - 1) / 2)[None])[0]
             M = np.column_stack([np.eye(2) * cell / window.shrink, corner])
             out.append(np.asarray(cv2.warpAffine(logits, M, window.small_size_px, **how)))
         return out
 
     def _run(self, squares: list[UInt8[np.ndarray, "s s 3"]]) -> Float[np.ndarray, "n h w"]:
-        """The model's log odds for squares of photos; raises ReconFailure for one that cannot be used."""
+        """The model's log odds for squares of photos; raises ReconFailure (bad-geometry-model)."""
         batch = np.stack([s[:, :, ::-1].transpose(2, 0, 1) for s in squares]).astype(np.float32) / 255
         (answer,) = ran(self.path, self.session, [OUTPUT], batch, signature=SIGNATURE, most_bytes=MOST_BYTES)
         made = np.asarray(answer, np.float32)
@@ -65,7 +65,7 @@ class FruitModel:
 
 
 def fruit_model(path: Path = SHIPPED, *, providers: Sequence[str] = CPU) -> FruitModel:
-    """Open a fruit model. Raises ReconFailure (bad-geometry-model) that names the file and what is wrong."""
+    """Open a fruit model. Raises ReconFailure (bad-geometry-model) that names the file and its fault."""
     session = opened(path, providers)
     inputs = {i.name: i.shape for i in session.get_inputs()}
     wanted = [3, SIDE_PX, SIDE_PX]
@@ -75,7 +75,7 @@ def fruit_model(path: Path = SHIPPED, *, providers: Sequence[str] = CPU) -> Frui
 
 
 def is_fruit_model(path: Path, *, providers: Sequence[str] = CPU) -> bool:
-    """Whether an ONNX file gives fruit_log_odds. Raises ReconFailure where it cannot be opened."""
+    """Whether an ONNX file has the output of a fruit model. Raises ReconFailure if it cannot be opened."""
     return OUTPUT in {o.name for o in opened(path, providers).get_outputs()}
 
 
@@ -87,7 +87,7 @@ def _extent(window: Window) -> tuple[Int[np.ndarray, "2"], int]:
 
 
 def _square(image: Picture, start: np.ndarray, side: int) -> UInt8[np.ndarray, "s s 3"]:
-    """The photo's square from `start` (column, row) on, at the model's size."""
+    """The photo's square from `start` (column, row), resized to the model's input."""
     x0, y0 = int(start[0]), int(start[1])
     rows, columns = image.shape[:2]
     part = image[max(y0, 0) : min(y0 + side, rows), max(x0, 0) : min(x0 + side, columns)]

@@ -1,4 +1,4 @@
-"""A learned geometry model (ONNX, VGGT's names): photos of a fruit on the mat in, points of its skin out."""
+"""A learned geometry model (ONNX, VGGT's names) maps photos of a fruit on the mat to points of its skin."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -17,21 +17,21 @@ from recon.recon_failure import ReconProblem
 from recon.scale import PRINT_SCALE_SD, blank_box
 
 MULTIPLE = 14
-"""px: sides must be a multiple of the model's patch, 14 in VGGT."""
+"""Divisor of the sides, px: the model's patch, 14 in VGGT."""
 WIDTH_PX = 518
 """Width that VGGT was trained on, for models that leave it open."""
 SIGNATURE = "(1, S, 3, H, W)"
 POINTS, TRUST = "world_points", "world_points_conf"
 TRUSTED_SHARE = 0.6
-"""Of a model's points, by its own confidence. Set by hand: what it trusts least is background and rims."""
+"""Share of the points that are kept: the model trusts background and rims least. Set by hand."""
 FEWEST_CORNERS = 16
-"""Of the mat, at least, that scale and pose rest on: as many as four tags have."""
+"""Least number of the mat's corners for scale and pose: those of four tags."""
 FEWEST_POINTS = 200
-"""Above the ground, at least: fewer are no fruit. Set by hand."""
+"""Least number of points above the ground: fewer are no fruit. Set by hand."""
 MOST_POINTS = 60000
-"""Kept at most: 0.4 mm apart on a fruit of 60 mm. Set by hand."""
+"""Most points kept: 0.4 mm apart on a fruit of 60 mm. Set by hand."""
 SEED = 1
-"""Any number does, kept so that runs repeat."""
+"""Arbitrary, fixed so that runs repeat."""
 
 
 def fruit_points(
@@ -39,8 +39,8 @@ def fruit_points(
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3"], float]:
     """Points of the skin in the mat's frame (mm, z up), outward normals, and the relative scale error.
 
-    The more trusted 60 % of the points count. The points at the tags' corners fix the similarity to the mat.
-    Raises ReconFailure: bad-geometry-model, mat-not-found (fewer than four tags seen), no-fruit.
+    Only the 60 % most trusted points count. Points at the tags' corners fix the similarity to the mat. Raises
+    ReconFailure: bad-geometry-model, mat-not-found (fewer corners than four tags have), no-fruit.
     """
     points, trust = point_maps(photos, model, providers=providers)
     normals = _grid_normals(points)
@@ -66,12 +66,12 @@ def fruit_points(
 def point_maps(
     photos: Sequence[Photo], model: Path, *, providers: Sequence[str] = ("CPUExecutionProvider",)
 ) -> tuple[Float[np.ndarray, "s h w 3"], Float[np.ndarray, "s h w"]]:
-    """Each photo's points in the model's own world, and how much each is trusted (-inf: it is none).
+    """Each photo's points in the model's world frame, and their confidence (-inf: no point).
 
-    The model's signature is images (1, S, 3, H, W), RGB in [0, 1] -> world_points (1, S, H, W, 3), and
-    world_points_conf (1, S, H, W) if it has one. H and W are multiples of 14 (W 518 where the model leaves it
-    open). Runs on the first of `providers` that this machine has. Raises ReconFailure (bad-geometry-model)
-    that names the file and the input, output or provider that is missing or misshapen.
+    Input: images (1, S, 3, H, W), RGB in [0, 1]. Outputs: world_points (1, S, H, W, 3), and world_points_conf
+    (1, S, H, W) if it has one. H and W are multiples of 14 (W 518 if the model leaves it open). It runs on
+    the first of `providers` that this machine has. Raises ReconFailure (bad-geometry-model) that names the
+    file and the missing or misshapen input, output or provider.
     """
     session = opened(model, providers)
     offered = [o.name for o in session.get_outputs()]
@@ -108,7 +108,7 @@ def point_maps(
 def _world_from_tags(
     points: Float[np.ndarray, "s h w 3"], photos: Sequence[Photo], mat: Mat
 ) -> tuple[Float[np.ndarray, "4 4"], float]:
-    """The similarity that takes the points to the mat, by its tags' corners; and the scale's relative sd."""
+    """Similarity transform from the points to the mat by its tags' corners, and the scale's relative sd."""
     seen, printed = [np.empty((0, 3))], [np.empty((0, 3))]
     for picture, photo in zip(points, photos, strict=True):
         tags, corners = detect_tags(photo.image, mat)
@@ -129,6 +129,6 @@ def _world_from_tags(
 
 
 def _grid_normals(points: Float[np.ndarray, "s h w 3"]) -> Float[np.ndarray, "s h w 3"]:
-    """Normals towards the camera, from the neighbours to the right and below."""
+    """Unit normals towards the camera, by central differences over neighbouring points."""
     normal = np.cross(np.gradient(points, axis=1), np.gradient(points, axis=2))
     return np.asarray(normal / np.maximum(np.linalg.norm(normal, axis=-1, keepdims=True), 1e-12))

@@ -1,4 +1,4 @@
-"""Whether a file may be opened as an ONNX model, and which files it keeps its numbers in."""
+"""Checks that a file may be opened as an ONNX model, and finds its external data files."""
 
 import mmap
 import re
@@ -8,16 +8,16 @@ from pipeline.files.plain_file import NO_LFS_FILE, is_lfs_pointer, not_plain, si
 from recon.recon_failure import ReconFailure, ReconProblem
 
 MOST_BYTES = 4_000_000_000
-"""The largest that a protobuf message can be is 2 GB; what is larger keeps its numbers beside it."""
+"""Largest model file. Protobuf messages have at most 2 GB; larger models keep weights in other files."""
 LOCATION = re.compile(rb"\n\x08location\x12.", re.DOTALL)
-"""Key of an entry of external data (onnx.proto, StringStringEntryProto), and the length of the path after it:
+"""Key of an external-data entry (onnx.proto, StringStringEntryProto), and the length of the path after it:
 one byte, as longer paths are refused."""
 
 
 def require_onnx(model: Path) -> None:
-    """Refuse what is no plain file, and a model that keeps numbers outside of plain files of its folder.
+    """Raise ReconFailure (bad-geometry-model) unless the model is a plain file.
 
-    Raises ReconFailure (bad-geometry-model).
+    Its external data must be in plain files in its folder or below.
     """
     if wrong := not_plain(model):
         raise bad_model(model, wrong, "an ONNX file")
@@ -32,7 +32,7 @@ def require_onnx(model: Path) -> None:
 
 
 def model_files(model: Path) -> tuple[Path, ...]:
-    """The model, and the files in its folder that it keeps numbers in; the model alone where it is none."""
+    """The model and its external data files; the model alone if `require_onnx` refuses it."""
     try:
         require_onnx(model)
         return (model, *(model.parent / location for location in _locations(model)))
@@ -41,7 +41,7 @@ def model_files(model: Path) -> tuple[Path, ...]:
 
 
 def _locations(model: Path) -> tuple[str, ...]:
-    """Paths of the files that tensors name, each once."""
+    """Paths of the external data files, each once."""
     with model.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
         ends = [(match.end(), content[match.end() - 1]) for match in LOCATION.finditer(content)]
         paths = [content[start : start + length].decode(errors="replace") for start, length in ends]
@@ -49,7 +49,7 @@ def _locations(model: Path) -> tuple[str, ...]:
 
 
 def _location_fault(model: Path, location: str) -> str:
-    """Why the file is not used; empty where it is a plain file in the model's folder or below it."""
+    """Why an external data file is refused; empty for a plain file in the model's folder or below."""
     path = Path(location)
     if not path.parts or path.is_absolute() or ".." in path.parts:
         return "is not in the folder of the model"
@@ -60,7 +60,7 @@ def _location_fault(model: Path, location: str) -> str:
 
 
 def bad_model(model: Path, fault: str, expected: str) -> ReconFailure:
-    """The failure that a model is not what was expected."""
+    """The failure (bad-geometry-model) that states a model's fault and what was expected."""
     return ReconProblem.BAD_GEOMETRY_MODEL.failure(
         f"The geometry model {model} {fault}; expected {expected}."
     )

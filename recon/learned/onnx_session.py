@@ -1,11 +1,11 @@
-"""ONNX files: opened with one thread on the first provider at hand, refused by name."""
+"""ONNX sessions with one thread, on the first provider that the machine has."""
 
 import difflib
 import os
 from collections.abc import Sequence
 from pathlib import Path
 
-os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which else keeps and sends a device's identity
+os.environ["ORT_DISABLE_TELEMETRY"] = "1"  # before the import, which would store and send a device ID
 import numpy as np
 import onnxruntime
 
@@ -14,13 +14,13 @@ from recon.learned.onnx_file import bad_model, model_files, require_onnx
 
 INPUT = "images"
 SIZES, MOST_MORE_BYTES = 3, 1_000_000_000
-"""Memory to load a model: so many times its files (constants are copied), and so many bytes more."""
+"""Memory to load a model: this multiple of its files (constants are copied), plus this many bytes."""
 
 
 def providers_fault(providers: Sequence[str]) -> str:
-    """What is wrong with a list of providers, as "found ...; expected ..."; empty where nothing is.
+    """The fault of a list of providers, as "found ...; expected ..."; empty for a valid list.
 
-    Each must be one that ONNX Runtime knows, and this machine must have one of them.
+    ONNX Runtime must know each provider, and this machine must have one of them.
     """
     known, here = onnxruntime.get_all_providers(), onnxruntime.get_available_providers()
     for name in providers:
@@ -36,7 +36,7 @@ def providers_fault(providers: Sequence[str]) -> str:
 
 def opened(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSession:
     """A session on the first of `providers` that this machine has. Raises ReconFailure (bad-geometry-model)
-    that names the file where it is missing, is no ONNX model, or none of the providers is there.
+    for a missing file, a file that is no ONNX model, or if the machine has no such provider.
     """
     require_onnx(model)
     options = onnxruntime.SessionOptions()
@@ -72,10 +72,10 @@ def ran(
     signature: str,
     most_bytes: int | None = None,
 ) -> list[np.ndarray]:
-    """What the model makes of `images`, its one input, with at most `most_bytes` more memory.
+    """Outputs of the model for `images`, its one input, with at most `most_bytes` more memory.
 
-    None: SHARE_OF_FREE of the machine's free memory. Raises ReconFailure (bad-geometry-model), in which
-    `signature` is the shape that is expected of images.
+    None: SHARE_OF_FREE of the machine's free memory. Raises ReconFailure (bad-geometry-model) that states
+    `signature`, the expected shape of `images`.
     """
     try:
         with limited_memory(int(SHARE_OF_FREE * free_bytes()) if most_bytes is None else most_bytes):

@@ -18,12 +18,12 @@ from recon.triangle_mesh import Faces, Mesh, Vertices, bodies, open_edges, used_
 
 
 def load_pit(named: str | Path, *, category: str) -> PitPrior:
-    """The pit prior of a category, of a TOML file, or the category's with a measured pit's mesh.
+    """The pit prior of a category or a TOML file, or a category's prior with the mesh of a measured pit.
 
-    The mesh is in mm with z to the stem end and x to the suture; wherever it lies, its box's centre is put
-    where the category's pits have theirs (in the middle, if it leaves them to the batch), in its own size.
-    Spreads and Poisson's ratio stay the category's.
-    Raises ReconFailure: no-prior, bad-prior (not of a pit's size), unreadable-mesh, not-watertight.
+    The mesh is in mm with z to the stem end and x to the suture. It keeps its size. Its box's centre moves to
+    the category's pit centre, or to the fruit's middle if the category leaves the pit to the batch. Spreads
+    and Poisson's ratio stay the category's. Raises ReconFailure: no-prior, bad-prior (a faulty file, or not
+    of a pit's size), unreadable-mesh, not-watertight.
     """
     path = Path(named)
     if path.suffix.lower() not in SUFFIXES:
@@ -53,12 +53,12 @@ def load_pit(named: str | Path, *, category: str) -> PitPrior:
 LEVEL = 3
 """Subdivisions of an icosahedron: 1280 triangles, 1.3 mm wide on a pit of 10 mm radius."""
 LEAST_FLESH_MM = 0.5
-"""Of flesh over the pit, mm: thinner than an element, and than any fruit's. Set by hand."""
+"""Least flesh over the pit, mm: thinner than an element, and than any fruit's. Set by hand."""
 
 
 @dataclass(frozen=True)
 class EmbeddedPit:
-    """The flesh as one solid, faces out of it: outer skin and pit wall, and which faces are pit wall."""
+    """The flesh as one solid with outward faces: skin and pit wall; `on_pit` marks those of the wall."""
 
     vertices: Vertices
     faces: Faces
@@ -74,17 +74,16 @@ class EmbeddedPit:
 
     @property
     def pit(self) -> Mesh:
-        """The pit as the cut left it, faces out of the pit."""
+        """The pit's surface after the Boolean, faces out of the pit."""
         return used_part(self.vertices, self.faces[self.on_pit][:, ::-1])
 
 
 def place_pit(fruit_vertices: Vertices, fruit_faces: Faces, prior: PitPrior) -> Mesh:
     """The prior's pit in a closed fruit mesh (fruit frame): a closed mesh of the superellipsoid's volume.
 
-    In direction d the surface lies at (|d_x/a|^p + |d_y/b|^p + |d_z/c|^p)^(-1/p); the mesh is then blown up
-    by the fraction of a percent that flat faces lose. A measured pit is put there as it is. Raises
-    ReconFailure: not-watertight for an open fruit mesh, no-prior where the category leaves its pits to the
-    batch.
+    The surface is |x/a|^p + |y/b|^p + |z/c|^p = 1 about the pit's centre. The mesh is enlarged by the
+    fraction of a percent that flat faces lose. A measured pit keeps its size. Raises ReconFailure:
+    not-watertight for an open fruit mesh, no-prior if the category leaves its pits to the batch.
     """
     require_closed(fruit_vertices, fruit_faces, what="fruit")
     low, high = fruit_vertices.min(axis=0), fruit_vertices.max(axis=0)
@@ -114,8 +113,8 @@ def embed_pit(
 ) -> EmbeddedPit:
     """Fruit minus pit, both closed meshes in one frame (mm).
 
-    Raises ReconFailure: not-watertight (either mesh), pit-outside-fruit (the pit is larger than the fruit,
-    sticks out of it, or leaves less than half a millimetre of flesh).
+    Raises ReconFailure: not-watertight (either mesh); pit-outside-fruit (the pit exceeds the fruit's volume,
+    protrudes, or leaves less than 0.5 mm of flesh).
     """
     fruit = _solid(fruit_vertices, fruit_faces, "fruit")
     pit = _solid(pit_vertices, pit_faces, "pit")
@@ -149,10 +148,10 @@ def embed_pit(
 
 
 def least_gap_mm(first: Mesh, second: Mesh) -> float:
-    """Shortest way between two surfaces that do not cross: over the vertices of each, to the other's faces.
+    """Shortest distance from the vertices of each surface to the faces of the other; they do not cross.
 
-    Never too short; too long only where two edges face each other midway, by at most h^2 / 8 (1/r + 1/R) for
-    edges of length h on surfaces of radii of curvature r and R: 0.02 mm for h = 1 mm on a pit of 10 mm.
+    It is too long only where two edges face each other midway, by at most h^2 / 8 (1/r + 1/R). Edges have
+    length h, surfaces radii of curvature r and R: 0.02 mm for h = 1 mm on a pit of 10 mm.
     """
     ways = [
         RayMesh(*mesh).distances_mm(v[np.unique(f)]).min()
@@ -162,7 +161,7 @@ def least_gap_mm(first: Mesh, second: Mesh) -> float:
 
 
 def require_closed(vertices: Vertices, faces: Faces, *, what: str) -> None:
-    """Refuse a mesh that is open, in pieces, or turned inside out."""
+    """Raise ReconFailure (not-watertight) for a mesh that is open, in pieces, or inside out."""
     if gaps := open_edges(faces):
         raise _unsound(
             what,
@@ -180,7 +179,7 @@ def require_closed(vertices: Vertices, faces: Faces, *, what: str) -> None:
 
 
 def _solid(vertices: Vertices, faces: Faces, what: str) -> manifold3d.Manifold:
-    """The closed mesh as a solid for Boolean operations; raises ReconFailure where it is none."""
+    """The closed mesh as a solid for Boolean operations; raises ReconFailure (not-watertight)."""
     require_closed(vertices, faces, what=what)
     mesh = manifold3d.Mesh64(
         np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.uint64)

@@ -1,4 +1,4 @@
-"""All outlines of the fruit: cut from the outside in, then sharpened in rounds of carving and projecting."""
+"""Outlines of the fruit in all photos: segmented from the outside in, then refined in rounds of hulls."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -38,26 +38,26 @@ from recon.silhouettes.tangent import fitted_to_outlines
 from recon.triangle_mesh import Faces, Mesh, Vertices
 
 LOWEST_AGREEMENT = 0.85
-"""Overlap of a photo's outline with the hull of all, below which it is left out. Set by hand."""
+"""Least overlap (intersection over union) of a photo's outline with the hull of all. Set by hand."""
 MOST_INWARD_PX = 3.5
-"""px of the cut picture by which an outline may lie inside what the hull shows. Set by hand."""
+"""Largest distance of an outline inside the hull's, px of the photo. Set by hand."""
 OUTLIER_SHARE = 0.03
-"""Of the views that may cut away too much in the fit: less than one of 33. Set by hand."""
+"""Share of the views that may carve too much in the fit: less than one of 33. Set by hand."""
 HULL_LEVEL, FIT_LEVEL = 4, 5
 """Subdivisions of an icosahedron, in the first rounds and in the fit: 2562 and 10242 vertices."""
 COVER_SHRINK = 4
-"""The ground's cover is computed at a quarter of the photo's sides: its edge is off the fruit anyway."""
+"""Reduction of the photos for masks that hide the ground: their edges are off the fruit anyway."""
 SURE_SHARE = 0.06
-"""So deep inside a hull, as a share of the window, pixels are surely fruit."""
+"""Depth inside a hull, as a share of the window, from which pixels are certainly fruit."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Cover:
-    """What may hide the ground while the background plate is made: the hull grown by a share of the fruit's
-    size, and a foot under it, a disc on the ground as wide as a share of the hull.
+    """What may hide the ground in the background plate: the dilated hull, and a disc under it on the ground.
 
-    `side_px` of a photo's cut picture; `outlier_share` of the views that may cut away too much of the hull:
-    too large a one is cut again in the next round, too small a one bounds it wrongly.
+    `grown`: dilation over the fruit's size; `foot`: the disc's width over the hull's. `side_px`: side of a
+    shrunk window. `outlier_share` of the views may carve too much: too large a hull is carved again in the
+    next round, too small a one bounds it wrongly.
     """
 
     grown: float
@@ -70,14 +70,14 @@ COVERS = (
     Cover(grown=0.05, foot=0.6, side_px=320, outlier_share=0.25),
     Cover(grown=0.03, foot=0.35, side_px=420, outlier_share=0.15),
 )
-"""Wide at first (as for the block), closer and finer once the hull is known. Set by hand."""
+"""Wide at first, closer and finer once the hull is known. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Round:
-    """How far an outline may move, which share of views may cut away too much in the hull, how much a pixel's
-    log odds count at most, and whether the outline is sharpened on the photo's own pixels and kept near the
-    hull's, and before that moved to the steepest step nearby.
+    """`reach_px`: largest shift of an outline. `outlier_share` of the views may carve too much;
+    `most_log_odds`: limit of a pixel's log odds. `sharpen`: refine the outline at full resolution and keep it
+    near the hull's; `search`: before that, move it to the steepest colour step nearby.
     """
 
     reach_px: float
@@ -93,12 +93,12 @@ ROUNDS = (
     Round(reach_px=3.0, outlier_share=0.05, most_log_odds=0.4, sharpen=True, search=False),
     Round(reach_px=2.0, outlier_share=OUTLIER_SHARE, most_log_odds=0.4, sharpen=True, search=False),
 )
-"""Of making the outlines sharp, coarse to fine; the surface comes from the last one's. Set by hand."""
+"""Rounds of refinement, coarse to fine; the last one gives the surface. Set by hand."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class FoundFruit:
-    """Outlines in the views that agree, the surface fitted to them, rims at each vertex, agreement."""
+    """Outlines in the consistent views, the surface fitted to them, rims at each vertex, mean overlap."""
 
     silhouettes: tuple[Silhouette, ...]
     used: Int[np.ndarray, " v"]
@@ -119,12 +119,12 @@ def find_fruit(
     agreement: float = AGREEMENT,
     model: FruitModel | None = None,
 ) -> FoundFruit:
-    """The thing that stands on z = 0 inside a box, cut out of every photo. Cameras have no distortion.
+    """Outlines and surface of the object on z = 0 inside a box (mm). Cameras have no distortion.
 
-    From the outside in: what may be fruit is unknown in the background plate, and there alone pixels may turn
-    into fruit; each hull bounds the next. `agreement`: the share of the views that must take a cell of the
-    first block for fruit. `model` is asked, too. Raises ReconFailure: no-fruit, fruit-cut-off (fewer than
-    three photos hold it whole).
+    The current hull or block hides the ground from the background plate, and only pixels inside it may become
+    fruit; each hull bounds the next. `agreement`: the share of the views that must classify a cell of the
+    first block as fruit. `model` adds its log odds. Raises ReconFailure: no-fruit, fruit-cut-off (fewer than
+    three photos show it whole).
     """
     scene = SegmentationScene(images, cameras, low_mm, high_mm, model)
     block = first_block(scene, agreement=agreement)
@@ -173,7 +173,7 @@ def find_fruit(
 
 
 def _agreeing(views: Sequence[CutPhoto], masks: Sequence[Bool[np.ndarray, "_ _"]], mesh: Mesh) -> list[int]:
-    """Views whose mask is that of the hull; raises ReconFailure, no-fruit, where too few are."""
+    """Views whose mask agrees with the hull; raises ReconFailure (no-fruit) for fewer than three."""
     overlaps = [_overlap(drawn(*mesh, v.window, v.camera), m) for v, m in zip(views, masks, strict=True)]
     kept = [i for i, a in enumerate(overlaps) if a >= LOWEST_AGREEMENT]
     if len(kept) < FEWEST_PHOTOS:
@@ -185,7 +185,7 @@ def _agreeing(views: Sequence[CutPhoto], masks: Sequence[Bool[np.ndarray, "_ _"]
 
 
 Pixels = Callable[[Window, Camera], Bool[np.ndarray, "h w"]]
-"""What marks pixels of a camera's shrunk window."""
+"""A function that marks pixels of a camera's shrunk window."""
 Cut = tuple[list[CutPhoto], list[Float[np.ndarray, "_ _"]], list[Bool[np.ndarray, "_ _"]]]
 """Views, log odds and masks."""
 
@@ -200,7 +200,7 @@ def _cut(
     perhaps: Pixels,
     sure: Pixels,
 ) -> Cut:
-    """The photos cut in windows around points, where `perhaps` bounds the fruit and hides the ground."""
+    """Segmentation in windows around points; `perhaps` bounds the fruit and hides the ground."""
     covered = [
         perhaps(Window(image, (0, 0), COVER_SHRINK), camera)
         for image, camera in zip(scene.images, scene.cameras, strict=True)
@@ -211,7 +211,7 @@ def _cut(
 
 
 def _cut_block(scene: SegmentationScene, block: Block) -> Cut:
-    """The photos cut with the block and everything under it as what may be fruit."""
+    """Segmentation with the block and everything under it as possible fruit."""
     column = block.with_column(reach=2)
     return _cut(
         scene,
@@ -227,7 +227,7 @@ def _cut_block(scene: SegmentationScene, block: Block) -> Cut:
 
 
 def _cut_hull(scene: SegmentationScene, mesh: Mesh, cover: Cover, centre_mm: Float[np.ndarray, "3"]) -> Cut:
-    """The same with a hull, grown, and a foot under it."""
+    """Segmentation with the dilated hull and a disc under it as possible fruit."""
     vertices, _ = mesh
     size = float(np.ptp(vertices, axis=0).max())
     turn = np.linspace(0, 2 * np.pi, 48, endpoint=False)
@@ -260,7 +260,7 @@ def _cut_hull(scene: SegmentationScene, mesh: Mesh, cover: Cover, centre_mm: Flo
 def _refined(
     views: list[CutPhoto], log_odds: list[Float[np.ndarray, "_ _"]], mesh: Mesh, step: Round
 ) -> tuple[list[Silhouette], float]:
-    """Every view's outline near the hull's, and the share of it that lies on a clear edge."""
+    """Each view's outline near the hull's, and their mean clear share; raises ReconFailure (no-fruit)."""
     drawings = [outline_of(drawn(*mesh, v.window, v.camera)) for v in views]
     expected = [outline for outline in drawings if outline is not None]
     if len(expected) < len(views):
@@ -285,7 +285,7 @@ def _refined(
 
 
 def _whole(scene: SegmentationScene, block: Block) -> tuple[SegmentationScene, Int[np.ndarray, " v"]]:
-    """The photos that hold the whole block, and which they are."""
+    """The scene of photos with the whole block, and their indices; raises ReconFailure (fruit-cut-off)."""
     points, given = block.points, len(scene.cameras)
     whole = [i for i, camera in enumerate(scene.cameras) if camera.shows(camera.project(points), 3).all()]
     if len(whole) < FEWEST_PHOTOS:

@@ -1,4 +1,4 @@
-"""The background plate: the support plane without the fruit, put together from all views."""
+"""The background plate: the support plane without the fruit, combined from all views."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -11,15 +11,15 @@ from recon.cameras.camera import Camera
 from recon.picture_values import Pictures
 
 MOST_VIEWS = 24
-"""Photos that make the plate, evenly chosen: a median of more tells no more. Set by hand."""
+"""Most photos for the plate, evenly chosen: more do not improve the median. Set by hand."""
 FEWEST_VIEWS = 3
-"""Photos that show a cell, at least: a median of two is none."""
+"""Least number of photos that show a cell: two have no robust median."""
 SIDE_CELLS = 900
-"""Along a side of the plate. Set by hand, about as fine as the photos show the ground; see ROWS_AT_ONCE."""
+"""Cells along a side, about as fine as the photos show the ground. Set by hand; see ROWS_AT_ONCE."""
 DIM = 0.15
-"""Quantile of the views for the dim side, and from the top for the bright: one odd view of seven is out."""
+"""Quantile over the views for the dim side, 1 - DIM for the bright: excludes one outlier of seven."""
 LEAST_GAIN = 0.03
-"""Relative difference of brightness between photos below which they are taken as they are. Set by hand."""
+"""Relative brightness difference between photos that is not corrected. Set by hand."""
 ROWS_AT_ONCE = 12
 """24 layers of 12 rows of 900 cells in three colours are 780 kB: they stay in a processor's cache."""
 
@@ -28,8 +28,8 @@ ROWS_AT_ONCE = 12
 class BackgroundPlate:
     """Colours (BGR) of the plane z = 0 on a square grid about the origin, and where they are known.
 
-    `dim` and `bright` are quantiles over the views (DIM, 1 - DIM): they part where the ground shines, where a
-    shadow moved, and at edges that are not quite registered.
+    `dim` and `bright` are quantiles over the views (DIM, 1 - DIM). They differ where the ground shines, where
+    a shadow moved, and at misregistered edges.
     """
 
     colours: UInt8[np.ndarray, "s s 3"]
@@ -41,8 +41,8 @@ class BackgroundPlate:
 
 @dataclass(frozen=True)
 class GroundViews:
-    """The plane z = 0 as some of the photos show it, on the grid of the plates made of them; `layers[k]` is
-    photo `chosen[k]`, `ahead[k]` says which cells lie in front of its camera.
+    """The plane z = 0 in some of the photos, on the grid of their plates. `layers[k]` is photo `chosen[k]`;
+    `ahead[k]` marks the cells in front of its camera.
     """
 
     chosen: tuple[int, ...]
@@ -54,7 +54,7 @@ class GroundViews:
 
 
 def ground_views(images: Pictures, cameras: Sequence[Camera], *, half_width_mm: float) -> GroundViews:
-    """At most MOST_VIEWS photos, evenly chosen, brought to the plane. Cameras have no distortion."""
+    """At most MOST_VIEWS photos, evenly chosen, resampled on the plane. Cameras have no distortion."""
     chosen = np.unique(np.linspace(0, len(images) - 1, min(MOST_VIEWS, len(images))).round().astype(int))
     side = (SIDE_CELLS, SIDE_CELLS)
     layers = np.empty((len(chosen), *side, 3), np.uint8)
@@ -80,10 +80,10 @@ def ground_views(images: Pictures, cameras: Sequence[Camera], *, half_width_mm: 
 def background_plate(
     views: GroundViews, covered: Sequence[Bool[np.ndarray, "_ _"]] | None = None
 ) -> BackgroundPlate:
-    """Median (and spread) over the views of every cell's colour, each view brought to the others' exposure.
+    """Median and quantiles over the views of each cell's colour, with exposure differences corrected.
 
-    `covered` marks the fruit's pixels in every photo, shrunk or not (they do not count); without it the
-    median must outvote them. A cell is known where three views see it.
+    `covered` marks the fruit's pixels in every photo, at any resolution (they do not count); without it the
+    median must outvote them. A cell is known if three views see it.
     """
     seen = np.zeros(views.ahead.shape, bool)
     side = (SIDE_CELLS, SIDE_CELLS)
@@ -109,7 +109,7 @@ def background_plate(
 
 
 def plane_from_cell(half_width_mm: float) -> Float[np.ndarray, "3 3"]:
-    """Homogeneous grid indices (column, row) to (x, y)."""
+    """Matrix from homogeneous grid indices (column, row) to (x, y), mm."""
     step = 2 * half_width_mm / (SIDE_CELLS - 1)
     return np.array([[step, 0, -half_width_mm], [0, step, -half_width_mm], [0, 0, 1.0]])
 
@@ -123,7 +123,7 @@ def background_in_view(
     size_px: tuple[int, int],
     shrink: int,
 ) -> tuple[list[np.ndarray], Bool[np.ndarray, "h w"]]:
-    """Layers on the plate's grid as a camera sees them, and where the plate is known, in a shrunk window.
+    """Layers on the plate's grid, warped to a camera's shrunk window, and the mask of the known plate.
 
     `corner_px` is the window's first pixel (column, row) in the picture, `size_px` its (columns, rows) when
     shrunk.
@@ -158,7 +158,7 @@ def _quantiles(
     gains: Float[np.ndarray, "v 3"],
     shares: tuple[float, ...],
 ) -> list[UInt8[np.ndarray, "s s 3"]]:
-    """Order statistics over the layers that see a cell (lower middle), channels times the layers' gains."""
+    """Lower quantiles `shares` over the layers that see a cell, channels times the layers' gains."""
     side = seen.shape[1]
     out = [np.zeros((side, side, 3), np.uint8) for _ in shares]
     last = np.maximum(seen.sum(0, dtype=np.uint8), 1) - 1
@@ -169,7 +169,7 @@ def _quantiles(
         part = slice(first, first + ROWS_AT_ONCE)
         rows = []
         for layer, visible, table in zip(layers[:, part], seen[:, part], tables, strict=True):
-            unseen = cv2.cvtColor(visible.view(np.uint8) - np.uint8(1), cv2.COLOR_GRAY2BGR)  # 255, seen: 0
+            unseen = cv2.cvtColor(visible.view(np.uint8) - np.uint8(1), cv2.COLOR_GRAY2BGR)  # 255 or (seen) 0
             rows.append(cv2.bitwise_or(layer if plain else cv2.LUT(layer, table[None]), unseen))
         ordered = np.stack(_sorted_layers(rows)).reshape(-1, 3)
         cells = np.arange(len(ordered) // len(layers))
@@ -180,7 +180,7 @@ def _quantiles(
 
 
 def _sorted_layers(layers: list[UInt8[np.ndarray, "..."]]) -> list[UInt8[np.ndarray, "..."]]:
-    """The layers' values in ascending order, place by place (odd-even merge sort, Batcher 1968)."""
+    """The layers' values in ascending order, cell by cell (odd-even merge sort, Batcher 1968)."""
     count = len(layers)
     p = 1
     while p < count:

@@ -1,4 +1,4 @@
-"""The visual hull as an implicit function, met by rays from inside: vertices finer than any cell."""
+"""The visual hull as an implicit function that rays from inside intersect: finer than a voxel grid."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,9 +15,9 @@ from recon.silhouettes.mask import Window
 from recon.triangle_mesh import Faces, Mesh, Vertices, unique_edges
 
 STEPS = 40
-"""Towards the surface along a ray at most; each takes the whole distance found. Set by hand."""
+"""Most steps along a ray; each advances by the whole distance found. Set by hand."""
 NEAREST_MM = 1e-3
-"""mm from the surface at which a ray is there: far below a pixel."""
+"""Distance from the surface at which a ray stops, mm: far below a pixel."""
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Silhouette:
     camera: Camera
 
     def depth_mm(self, points: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-        """How far inside the outline's cone points lie (mm); no distortion; far inside off the window."""
+        """Depth of points inside the outline's cone, mm; off the window the greatest depth. No distortion."""
         cone = self._cone
         column, row, depth = cone[:, :3] @ points.T + cone[:, 3:]
         pixels = np.stack([column / depth, row / depth], axis=1, dtype=np.float32, casting="same_kind")
@@ -38,7 +38,7 @@ class Silhouette:
 
     @cached_property
     def _cone(self) -> Float[np.ndarray, "3 4"]:
-        """World points to homogeneous pixels of the shrunk window, scaled by the points' depth (mm)."""
+        """Matrix from world points to homogeneous pixels of the shrunk window, scaled by their depth (mm)."""
         origin, step = self.window.into_small(np.array([[0.0, 0.0], [1.0, 1.0]]))
         small = np.diag([*(step - origin), 1.0])
         small[:2, 2] = origin
@@ -46,11 +46,11 @@ class Silhouette:
 
     @cached_property
     def furthest_px(self) -> float:
-        """How far inside the outline a pixel of the window lies at most."""
+        """Greatest distance of a pixel inside the outline."""
         return float(self.distance_px.max())
 
     def outline_px(self) -> Float[np.ndarray, "n 2"]:
-        """The largest part's outline as a closed curve, pixels of the photo; empty for no part."""
+        """Outline of the largest part as a closed curve, pixels of the photo; empty without a part."""
         inside = (self.distance_px > 0).astype(np.uint8)
         contours, _ = cv2.findContours(inside, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
         if not contours:
@@ -59,7 +59,7 @@ class Silhouette:
 
 
 def silhouette_of_mask(mask: Bool[np.ndarray, "h w"], window: Window, camera: Camera) -> Silhouette:
-    """Distance to a pixel mask's edge, to about half a pixel of the mask."""
+    """Silhouette of a pixel mask, to about half a pixel of the mask."""
     padded = np.pad(mask.astype(np.uint8), 1, mode="edge")
     inside = cv2.distanceTransform(padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
     outside = cv2.distanceTransform(1 - padded, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)[1:-1, 1:-1]
@@ -69,7 +69,7 @@ def silhouette_of_mask(mask: Bool[np.ndarray, "h w"], window: Window, camera: Ca
 
 @cache
 def ball(level: int) -> Mesh:
-    """Even directions: an icosahedron's faces split in four `level` times; 10 * 4^level + 2 vertices."""
+    """Unit sphere: an icosahedron's faces split in four `level` times; 10 * 4^level + 2 vertices."""
     g = (1 + 5**0.5) / 2
     flat = [(-1.0, g, 0.0), (1.0, g, 0.0), (-1.0, -g, 0.0), (1.0, -g, 0.0)]
     vertices = np.array([np.roll(p, turn) for turn in range(3) for p in flat])
@@ -90,7 +90,7 @@ def ball(level: int) -> Mesh:
 
 
 def split(values: Float[np.ndarray, "n k"], level: int, finer: int) -> Float[np.ndarray, "m k"]:
-    """Values at vertices of `ball(level)` on `ball(finer)`: a new vertex gets the mean of its edge's ends."""
+    """Values at vertices of `ball(level)`, on `ball(finer)`: a new vertex gets the mean of its edge."""
     for step in range(level, finer):
         values = np.concatenate([values, values[unique_edges(ball(step)[1])[0]].mean(1)])
     return values
@@ -108,9 +108,9 @@ def visual_hull(
     """Where rays from `centre_mm` leave the intersection of all silhouette cones and of z >= floor.
 
     phi(X) = min over views of the depth inside the cone, or with `outlier_share` the depth that this share of
-    the views undercuts (a ball of radius r grows by about r doubt² / 2). A ray advances by phi until phi = 0
-    (sphere tracing, Hart 1996). Right for shapes seen whole from their centre; the mesh is closed and of
-    genus 0.
+    the views undercuts. (A ball of radius r grows by about r δ² / 2, δ the angle to the nearest other view.)
+    A ray advances by phi until phi = 0 (sphere tracing, Hart 1996). The shape must be star-shaped about its
+    centre; the mesh is closed and of genus 0.
     """
     directions, faces = ball(level)
     radius = np.zeros(len(directions))
@@ -131,9 +131,9 @@ def visual_hull(
 
 
 def drawn(vertices: Vertices, faces: Faces, window: Window, camera: Camera) -> Bool[np.ndarray, "h w"]:
-    """The closed mesh's shadow in a shrunk window, without holes: what its rim encloses.
+    """Mask of a closed mesh in a shrunk window, without holes: what its rim encloses.
 
-    The rim is the edges that one face turned to the camera has to itself.
+    The rim consists of the edges that belong to just one face towards the camera.
     """
     columns, rows = window.small_size_px
     picture = np.zeros((rows, columns), np.uint8)

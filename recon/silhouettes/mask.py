@@ -1,4 +1,4 @@
-"""Which pixels are fruit: log odds of each pixel's colour under the fruit against the ground behind it."""
+"""Log odds of each pixel's colour under the fruit against the ground behind it."""
 
 from dataclasses import dataclass
 
@@ -12,30 +12,30 @@ from recon.picture_values import Picture
 from recon.silhouettes.background_plate import BackgroundPlate, background_in_view
 
 LIGHTNESS_WEIGHT = 0.4
-"""Of L* against a* and b* in a distance of colours: shading changes lightness and hardly hue. Set by hand."""
+"""Weight of L* in a colour distance: shading changes lightness and hardly hue. Set by hand."""
 BINS = 24
-"""Of the palette's histogram along each side: 4 of L* and 8 of a* and b* each. Set by hand."""
+"""Bins of the palette's histogram along each side: 4 units of L* and 8 of a* and b* each. Set by hand."""
 SMOOTHING = ((0.8, 0.8), (0.2, 2.5))
-"""Shares and widths (bins) of a palette's smoothing: what was sampled, and what is near to it."""
+"""Shares and widths (bins) of a palette's smoothing, for sampled colours and for colours near them."""
 MOST_LOG_ODDS = 6.0
-"""Of one pixel: 400 to 1, so that none outvotes its neighbours. Set by hand."""
+"""Limit for one pixel: 400 to 1, so that none outvotes its neighbours. Set by hand."""
 LEAST_NOISE_LAB = (1.5, 1.0)
-"""Least scale of lightness and of each chroma about the plate, Lab units, as JPEG and resampling leave."""
+"""Least scale of lightness and of each chroma about the plate, Lab units: noise of JPEG and resampling."""
 CALM_SHARE, CALM_DEVIATIONS = 0.3, (0.385, 0.845)
-"""The 30 % quantiles of a deviation in one and in two dimensions, in standard deviations of one."""
+"""The 30 % quantiles of a deviation in one and in two dimensions, in standard deviations per dimension."""
 DEGREES_OF_FREEDOM = 5.0
-"""Of Student's t for noise of colours, whose tails are heavier than normal ones. Set by hand."""
+"""Degrees of freedom of Student's t for colour noise: its tails are heavier than normal. Set by hand."""
 DARKEST_SHADOW = 0.45
 """Least factor of L* + 16 in a shadow: a tenth of the light."""
 SHADOW_BINS, UNSEEN_SHADOWS = 22, 0.05
-"""Of the shadows' histogram, and the share of them that unseen depths of shadow keep. Set by hand."""
+"""Bins of the shadows' histogram, and the share spread evenly over all depths of shadow. Set by hand."""
 LEAST_SHADOW_SHARE, UNKNOWN_SHADOW_SHARE = 0.01, 0.05
-"""Share of ground pixels that a shadow may have reached since the plate: everywhere, where it is unknown."""
+"""Least share of ground pixels that a shadow darkened since, and that share where the plate is unknown."""
 STRANGER, NEARBY, STRANGE_SHARES = 10.0, 0.08, (0.005, 0.6)
-"""A pixel is strange to the plate where the photo's surroundings tell its colour so many times better; reach
-of that over the window's side; bounds of the share (the lower keeps dark skin before dark ink)."""
+"""A pixel is strange to the plate if its surroundings explain its colour this many times better. Reach of
+that over the window's side; bounds of the share (the lower keeps dark skin on dark ink)."""
 UNSEEN_DENSITY = 2.5e-8
-"""Of either: two percent of the pixels spread evenly over the 8e5 Lab units cubed of the sRGB gamut."""
+"""Floor of both densities: 2 % of the pixels spread evenly over the sRGB gamut of 8e5 Lab units cubed."""
 SPREAD_OF_QUANTILES = 2.07
 """Standard deviations between the quantiles 0.15 and 0.85 of a normal distribution."""
 
@@ -44,7 +44,7 @@ SPREAD_OF_QUANTILES = 2.07
 class Window:
     """The part of a photo around the fruit: whole-resolution pixels from `corner_px` (column, row) on.
 
-    `image` has no channel where only its size counts.
+    `image` has no channel if only its size counts.
     """
 
     image: UInt8[np.ndarray, "h w _"]
@@ -66,15 +66,15 @@ class Window:
         return np.asarray((pixels - np.array(self.corner_px) - (self.shrink - 1) / 2) / self.shrink)
 
     def from_small(self, pixels: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 2"]:
-        """Pixels of the shrunk window as pixels of the photo: `into_small`, undone."""
+        """Pixels of the shrunk window as pixels of the photo: the inverse of `into_small`."""
         return np.asarray(pixels * self.shrink + (self.shrink - 1) / 2 + np.array(self.corner_px))
 
 
 @dataclass(frozen=True)
 class Behind:
-    """The ground as a photo's window would show it without the fruit: Lab colours, their range over the
-    eight neighbours (registration is not exact), how lightness and chroma scatter from view to view, and
-    where the plate is known; elsewhere the nearest known colour stands in.
+    """The ground in a photo's window without the fruit: Lab colours, and their range over the eight
+    neighbours (registration is not exact). `scatter`: that of lightness and chroma between views. `known`:
+    where the plate is known; elsewhere the nearest known colour replaces it.
     """
 
     colours: Float[np.ndarray, "*n 3"]
@@ -91,9 +91,9 @@ class Behind:
 
 @dataclass(frozen=True, kw_only=True)
 class GroundNoise:
-    """How a photo's sure ground scatters about the plate: scales of lightness and chroma (Lab units), the
-    share of pixels that a shadow has darkened since, and how dark: the density of k (`ground_density`) over
-    SHADOW_BINS even bins of DARKEST_SHADOW..1.
+    """Scatter of a photo's certain ground about the plate: scales of lightness and chroma (Lab units).
+    `shadow_share`: share of pixels that a shadow has darkened since. `shadow_density`: density of their k
+    (`ground_density`) over SHADOW_BINS even bins of DARKEST_SHADOW..1.
     """
 
     lightness: float
@@ -110,7 +110,7 @@ def lab(image: Picture) -> Float[np.ndarray, "h w 3"]:
 def window_around(
     image: Picture, camera: Camera, points: Float[np.ndarray, "n 3"], *, margin: float, small_side_px: int
 ) -> Window | None:
-    """The box of the points' projections, widened by `margin` of its size; None outside the picture."""
+    """The box of the points' projections, widened by `margin` of its size; None under 16 px or behind."""
     pixels = camera.project(points)
     lowest, highest = pixels.min(0), pixels.max(0)
     grow = margin * (highest - lowest).max()
@@ -123,7 +123,7 @@ def window_around(
 
 
 def background_scatter(background: BackgroundPlate) -> Float[np.ndarray, "s s 2"]:
-    """How lightness and chroma scatter from view to view on the plate's grid (standard deviations, Lab)."""
+    """Standard deviations (Lab) of lightness and chroma between views, on the plate's grid."""
     apart = np.abs(lab(background.bright) - lab(background.dim))
     apart[..., 1] = np.hypot(apart[..., 1], apart[..., 2]) / np.float32(np.sqrt(2))
     return np.asarray(cv2.GaussianBlur(apart[..., :2] / np.float32(SPREAD_OF_QUANTILES), (3, 3), 0.7))
@@ -152,7 +152,7 @@ def ground_behind(
 def nearest_marked(
     marked: Bool[np.ndarray, "h w"],
 ) -> tuple[Float[np.ndarray, "h w"], Int[np.ndarray, "h w"]]:
-    """How far the nearest marked pixel is from each (px, nearly), and its number, line by line."""
+    """Distance from each pixel to the nearest marked one (px, nearly), and that one's row-major number."""
     distance, label = cv2.distanceTransformWithLabels(
         (~marked).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
@@ -169,7 +169,7 @@ def difference(colours: Float[np.ndarray, "*n 3"], behind: Behind) -> Float[np.n
 def first_log_odds(colours: Float[np.ndarray, "h w 3"], behind: Behind) -> Float[np.ndarray, "h w"]:
     """Log odds from the plate alone, before the fruit's colours are known; 0 where the plate is not known.
 
-    Lightness is weighted down, against shadows that were cast in some photos only.
+    Lightness has less weight, because some photos alone may show a shadow.
     """
     weight = np.array([LIGHTNESS_WEIGHT, 1, 1], np.float32)
     distance = np.linalg.norm(difference(colours, behind) * weight, axis=2)
@@ -181,10 +181,10 @@ def first_log_odds(colours: Float[np.ndarray, "h w 3"], behind: Behind) -> Float
 def ground_noise(
     colours: Float[np.ndarray, "*n 3"], behind: Behind, ground: Bool[np.ndarray, "*n"]
 ) -> GroundNoise:
-    """Scales and shadows over pixels that are surely ground.
+    """Scales and shadows over pixels that are certainly ground.
 
-    The scales are those of a normal distribution whose CALM_SHARE of smallest deviations are the ones seen: a
-    shadow over half of the ground does not widen them.
+    Each scale is that of a normal distribution with the same CALM_SHARE quantile of deviations. A shadow over
+    half of the ground does not widen it.
     """
     where = ground & behind.known
     even = np.full(SHADOW_BINS, 1 / (1 - DARKEST_SHADOW))
@@ -214,9 +214,9 @@ def ground_density(
 ) -> Float[np.ndarray, "*n"]:
     """Density (per Lab unit cubed) of a colour on the ground.
 
-    Lit as in the plate: Student's t about its colour. In a shadow cast since: L* + 16, a*, b* all scaled by
-    one k in DARKEST_SHADOW..1 (light scaled by k³, CIE 1976), as often as on sure ground. Where the plate is
-    not known the nearest known colour counts, with twice the scatter.
+    A mixture of lit ground (Student's t about the plate's colour) and new shadows. A shadow scales L* + 16,
+    a*, b* by one k in DARKEST_SHADOW..1 (light by k³, CIE 1976), as often as on certain ground. Where the
+    plate is unknown the nearest known colour counts, with twice the scatter.
     """
     unsure = np.where(behind.known, np.float32(1), np.float32(2))
     shadow_share = np.where(behind.known, np.float32(noise.shadow_share), np.float32(UNKNOWN_SHADOW_SHARE))
@@ -234,7 +234,7 @@ def ground_density(
 
 
 def cells_of(colours: Float[np.ndarray, "*n 3"]) -> Int[np.ndarray, "*n"]:
-    """The cell of a BINS x BINS x BINS histogram over the Lab range that each colour falls in."""
+    """Number of each colour's cell in a BINS x BINS x BINS histogram over the Lab range."""
     step = np.array([BINS / 100, BINS / 200, BINS / 200], np.float32)
     index = np.clip((colours + np.array([0, 100, 100], np.float32)) * step, 0, BINS - 1).astype(np.int16)
     return np.asarray((index[..., 0] * BINS + index[..., 1]) * BINS + index[..., 2], np.int16)
@@ -253,7 +253,7 @@ def colour_density(cells: Int[np.ndarray, " n"]) -> Float[np.ndarray, " c"]:
 def looks_like(
     colours: Float[np.ndarray, "h w 3"], sample: Float[np.ndarray, "n 3"]
 ) -> Bool[np.ndarray, "h w"]:
-    """Where a colour is as common in a sample as nine tenths of the sample's own colours are."""
+    """Mask of colours whose density in a sample reaches the 10 % quantile of the sample's own densities."""
     cells = cells_of(sample)
     density = colour_density(cells)
     return np.asarray(density[cells_of(colours)] >= np.percentile(density[cells], 10))
@@ -262,11 +262,11 @@ def looks_like(
 def strange_share(
     ground: Float[np.ndarray, "h w"], other: Float[np.ndarray, "h w"], sure: Bool[np.ndarray, "h w"]
 ) -> Float[np.ndarray, "h w"]:
-    """How often sure ground nearby is better told by the photo's own surroundings than by the plate.
+    """Share of certain ground nearby that the photo's surroundings explain better than the plate.
 
-    `ground` and `other` are the densities of each pixel's colour under the plate and under the palette of
-    the surroundings. Rises where the ground shines or is not flat; carried into what is no sure ground by
-    normalised convolution over NEARBY of the window's side.
+    `ground` and `other` are the densities of each pixel's colour under the plate and under the palette of the
+    surroundings. The share rises where the ground shines or is not flat. Normalised convolution over NEARBY
+    of the window's side extends it beyond certain ground.
     """
     odd = (STRANGER * ground < other) & sure
     width = NEARBY * len(sure)
@@ -289,8 +289,8 @@ def colour_log_odds(
 ) -> Float[np.ndarray, "*n"]:
     """log p(colour | fruit) - log p(colour | ground), clipped to +-6, from the colour's densities.
 
-    The ground is as the plate tells but for the share `strange`, which is as the surroundings are. Either has
-    a floor for colours that were not among its sure pixels.
+    The ground's density is the plate's, but for the share `strange` that of the surroundings (`other`). Both
+    hypotheses have a floor for colours that their certain pixels lack.
     """
     outside = (1 - strange) * ground + strange * other
     log_odds = np.log((inside + np.float32(UNSEEN_DENSITY)) / (outside + np.float32(UNSEEN_DENSITY)))
@@ -298,7 +298,7 @@ def colour_log_odds(
 
 
 def tidy(log_odds: Float[np.ndarray, "h w"]) -> Bool[np.ndarray, "h w"]:
-    """Pixels with the odds for fruit, without specks and pinholes."""
+    """Pixels with positive log odds, smoothed, without specks and holes."""
     smooth = cv2.GaussianBlur(log_odds.astype(np.float32), (5, 5), 1.0)
     mask, disc = (smooth > 0).astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (5, 5))
     mask = cv2.morphologyEx(cv2.morphologyEx(mask, cv2.MORPH_CLOSE, disc), cv2.MORPH_OPEN, disc)

@@ -16,29 +16,29 @@ from recon.silhouettes.mask import Window, nearest_marked
 from recon.silhouettes.star_cut import best_rings
 
 SAMPLES = 1024
-"""Places along an outline: about one a pixel on a fruit 320 px wide."""
+"""Samples along an outline: about one a pixel on a fruit 320 px wide."""
 LEASH = 4.0
-"""Log odds that a shift of the whole reach costs, where nothing else tells the place. Set by hand."""
+"""Cost in log odds of a shift by the whole reach: decides where nothing else does. Set by hand."""
 EDGE_GAIN = 15.0
-"""Log odds that a clear step of colour is worth, at most: that of several pixels of colour. Set by hand."""
+"""Largest gain in log odds of a colour step: that of several pixels of colour. Set by hand."""
 EDGE_LAB = 40.0
-"""CIE Lab units of a step that is worth all of it. Set by hand."""
+"""Colour step with the whole gain, CIE Lab units. Set by hand."""
 EDGE_PX = 2.0
-"""px on either side over which a step is taken: a photo's blur."""
+"""Width on either side over which a step is averaged, px: a photo's blur."""
 STEP_PX, BEND = 0.5, 2.0
-"""px between shifts that are tried, and log odds that a step between neighbours costs. Set by hand."""
+"""Step between tried shifts, px, and its cost in log odds between neighbours. Set by hand."""
 BAND_PX = 12.0
-"""px of the photo on either side of the first outline that are looked at. Set by hand."""
+"""Distance from an outline, px of the photo, at which its signed distance is clipped. Set by hand."""
 STEEPEST_REACH_PX = 3.0
-"""px within which the steepest change of colour is sought at the end. Set by hand."""
+"""Range of the search for the steepest colour change, px. Set by hand."""
 STEP_BAND_PX, STEP_SHARE = (1.0, 2.5), 0.4
-"""Where the colours inside and outside are taken, and which share of fruit the true edge has between them. At
-grazing angles a skin mirrors the ground behind it (Fresnel), so that one half lies 0.04 to 0.27 px too far
-in: at the true edge the share is 0.34 to 0.47, 0.41 in the median of 14 sets."""
+"""Distances, px, over which the colours inside and outside are averaged, and the fruit's share at the true
+edge. At grazing angles skin mirrors the ground behind it (Fresnel), so that a share of one half lies 0.04 to
+0.27 px too far in. At the true edge it is 0.34 to 0.47 (0.41 in the median of 14 sets)."""
 CLEAR_STEP = 0.05
-"""Least step of an edge in linear light of 0 to 1, above a photo's grain. Set by hand."""
+"""Least step of an edge in linear light of 0 to 1, above a photo's noise. Set by hand."""
 LINEAR_LIGHT = ((np.arange(256) / 255) ** 2.2).astype(np.float32)
-"""Light of each pixel value, of a display's usual gamma."""
+"""Linear light of each pixel value, at a display's usual gamma."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Outline:
 
 
 def outline_of(mask: Bool[np.ndarray, "h w"]) -> Outline | None:
-    """The outer edge of a mask's largest part as evenly spaced samples; None for an empty mask."""
+    """The outer edge of a mask's largest part as evenly spaced samples; None for under 20 pixels."""
     contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     if not contours:
         return None
@@ -73,12 +73,12 @@ def snapped(
     reach_px: float,
     most_log_odds: float,
 ) -> list[Outline]:
-    """The closed paths within `reach_px` of outlines that part the odds best along a step of colour.
+    """The closed paths within `reach_px` of outlines that best separate the odds along a colour step.
 
-    Sample i may shift by d along its normal; its gain is the sum of log odds (each at most `most_log_odds`,
-    so that a likeness of colours does not outweigh a plain edge) inside d less those outside, plus the colour
-    step at d (up to `EDGE_GAIN` for `EDGE_LAB`), less up to `LEASH` for a shift of the whole reach.
-    Neighbours may differ by one step, at a cost of BEND: maximised by dynamic programming over the ring.
+    Sample i may shift by d along its normal. Its gain is the sum of log odds inside d less those outside. A
+    colour step at d adds up to EDGE_GAIN for EDGE_LAB; LEASH (d / `reach_px`)² is deducted. Each log odds is
+    at most `most_log_odds`, so that similar colours do not outweigh a clear edge. Neighbours may differ by
+    one step, at a cost of BEND. Dynamic programming over the ring maximises the sum.
     """
     shifts = np.arange(-reach_px, reach_px + STEP_PX / 2, STEP_PX)
     gains = [
@@ -97,7 +97,7 @@ def _gain(
     shifts: Float[np.ndarray, " k"],
     most_log_odds: float,
 ) -> Float[np.ndarray, "n k"]:
-    """What every shift of every sample along its normal is worth, as `snapped` says."""
+    """Gain of every shift of every sample along its normal (see `snapped`)."""
     step_px = float(shifts[1] - shifts[0])
     reach_px = float(shifts[-1])
     wide = round(EDGE_PX / step_px)
@@ -117,11 +117,11 @@ def _gain(
 def sharpened(outline: Outline, window: Window, *, search: bool) -> tuple[Outline, Window]:
     """The outline on the colour step of the whole-resolution window, which is returned unshrunk.
 
-    Along each normal, with F and B the mean colours STEP_BAND_PX inside and outside, the pixel's share of
-    fruit is a = (c - B).(F - B) / |F - B|²; the edge is where a crosses STEP_SHARE. Colours from further away
-    mislead: shadows on the ground deepen towards the fruit. `search`: before that the outline goes to the
-    steepest change of colour within STEEPEST_REACH_PX. Samples without a clear step (|F - B| small, no
-    crossing nearby) keep the shift of their neighbours.
+    F and B are the mean colours STEP_BAND_PX inside and outside. Along each normal a pixel's share of fruit
+    is a = (c - B).(F - B) / |F - B|²; the edge is where a crosses STEP_SHARE. Colours from further away
+    mislead: shadows on the ground deepen towards the fruit. `search`: before that the outline moves to the
+    steepest colour change within STEEPEST_REACH_PX. Samples without a clear step (|F - B| small, no crossing
+    nearby) get the shift of their neighbours.
     """
     whole = Window(window.image, window.corner_px, 1)
     colours = cv2.LUT(window.image, LINEAR_LIGHT)
@@ -132,7 +132,7 @@ def sharpened(outline: Outline, window: Window, *, search: bool) -> tuple[Outlin
 
 
 def _on_steepest(curve: Outline, colours: Float[np.ndarray, "h w 3"]) -> Outline:
-    """A curve moved to the steepest change of colour nearby; nearer ones count for more."""
+    """A curve moved to the steepest colour change nearby; nearer ones have more weight."""
     reach_px = STEEPEST_REACH_PX
     shifts = np.arange(-reach_px - 1, reach_px + 1.25, 0.5)
     profile = curve.profile(colours, shifts)
@@ -148,7 +148,7 @@ def _on_steepest(curve: Outline, colours: Float[np.ndarray, "h w 3"]) -> Outline
 
 
 def _on_step(curve: Outline, colours: Float[np.ndarray, "h w 3"]) -> Outline:
-    """A curve moved to where the colour has STEP_SHARE of the fruit's between two bands beside it."""
+    """A curve moved to where the fruit's share between the bands inside and outside is STEP_SHARE."""
     (nearest_px, furthest_px), at_share = STEP_BAND_PX, STEP_SHARE
     shifts = np.arange(-furthest_px, furthest_px + 0.25, 0.5)
     profile = curve.profile(colours, shifts)
@@ -174,10 +174,10 @@ def _on_step(curve: Outline, colours: Float[np.ndarray, "h w 3"]) -> Outline:
 
 
 def kept_near(outline: Outline, expected: Outline, *, inward_px: float) -> Outline:
-    """The found outline, but the expected one wherever the found one lies more than `inward_px` inside it.
+    """`outline`, but `expected` wherever `outline` lies more than `inward_px` inside it.
 
-    A hull that most views agree on is hardly larger than the fruit; an outline far inside it has followed a
-    highlight, a reflection or a likeness of colour, and must not carve.
+    A hull that most views agree on is hardly larger than the fruit. An outline far inside it follows a
+    highlight, a reflection or similar colours, and must not carve.
     """
     _, nearest = KDTree(expected.points).query(outline.points)
     signed = np.sum((outline.points - expected.points[nearest]) * expected.normals[nearest], axis=1)
@@ -195,7 +195,7 @@ def enlarged(outline: Outline, factor: int) -> Outline:
 
 
 def silhouette_of_outline(outline: Outline, window: Window, camera: Camera) -> Silhouette:
-    """Signed distance to the curve: exact to first order within 12 px, clipped there."""
+    """Signed distance to the curve: exact to first order within 12 px of the photo, clipped there."""
     columns, rows = window.small_size_px
     inside = np.zeros((rows, columns), np.uint8)
     cv2.fillPoly(inside, [np.rint(outline.points * 16).astype(np.int32)], 1, shift=4)
@@ -211,7 +211,7 @@ def silhouette_of_outline(outline: Outline, window: Window, camera: Camera) -> S
 def _nearest_samples(
     points: Float[np.ndarray, "n 2"], shape: tuple[int, int], within_px: float
 ) -> tuple[Int[np.ndarray, " p"], Int[np.ndarray, " p"], Int[np.ndarray, " p"]]:
-    """Rows and columns of the pixels near a curve, and the sample next to each, to about a sample."""
+    """Rows and columns of the pixels near a curve, and the nearest sample of each, to about a sample."""
     column, row = np.rint(points).astype(int).T
     there = (column >= 0) & (row >= 0) & (column < shape[1]) & (row < shape[0])
     sample = np.full(shape, -1)

@@ -1,4 +1,4 @@
-"""Which cells and pixels are fruit: log odds of pixels, cuts of photos, and a first coarse block by vote."""
+"""Segmentation: log odds of pixels, masks of photos, and a first coarse block of cells by vote."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,9 +19,9 @@ from recon.silhouettes.mask import Behind, Window
 from recon.silhouettes.star_cut import star_cuts
 
 CELLS = 44
-"""Along the longest side of the working volume: enough for a first place and size. Set by hand."""
+"""Cells along the longest side of the box: enough for a first place and size. Set by hand."""
 AGREEMENT = 0.85
-"""Share of the views that must take a cell for fruit: some may err. Set by hand."""
+"""Share of the views that must classify a cell as fruit: some may err. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class Block:
         return np.asarray(self.low_mm + (np.argwhere(self.filled) + 0.5) * self.cell_mm)
 
     def with_column(self, *, reach: int) -> "Block":
-        """This block grown by `reach` cells, and everything straight below it, down to the box's floor."""
+        """This block dilated by `reach` cells, with everything straight below it, down to the box's floor."""
         wide = np.pad(self.filled, ((reach, reach), (reach, reach), (0, reach)))
         grown = ndimage.binary_dilation(wide, ndimage.generate_binary_structure(3, 1), iterations=reach)
         grown = np.flip(np.logical_or.accumulate(np.flip(grown, axis=2), axis=2), axis=2)
@@ -57,7 +57,7 @@ def carve(
 ) -> Block:
     """The largest connected set of cells inside the masks of a share `agreement` of the views that show them.
 
-    Voting instead of strict intersection keeps one bad mask from eating the fruit.
+    Voting, unlike strict intersection, keeps fruit that one bad mask misses.
     """
     cell = float((high_mm - low_mm).max()) / CELLS
     shape = np.maximum(np.ceil((high_mm - low_mm) / cell).astype(int), 1)
@@ -79,26 +79,26 @@ def carve(
 
 
 COARSE_SIDE_PX = 300
-"""px of a photo's cut picture for the first block, whose cells are a few pixels wide there."""
+"""Side of a shrunk window for the first block, px, whose cells are a few pixels wide there."""
 SURE_LOG_ODDS = 2.0
-"""Log odds from which a pixel is surely unlike the plate: 7 to 1. Set by hand."""
+"""Log odds above which a pixel certainly differs from the plate: 7 to 1. Set by hand."""
 FEWEST_CELLS = 60
-"""Of the first block, at least: fewer are a speck. Set by hand."""
+"""Least number of cells of the first block: fewer are a speck. Set by hand."""
 CORE_SHARE = 0.4
-"""Half side of the box's middle, over the box's, whose pixels tell the fruit's colours. Set by hand."""
+"""Half side of the box's core, over the box's, whose pixels give the fruit's colours. Set by hand."""
 FEWEST_SURE_PIXELS = 500
-"""For a palette, at least: fewer do not fill its bins. Set by hand."""
+"""Least number of pixels for a palette: fewer do not fill its bins. Set by hand."""
 PRIOR_LOG_ODDS, PRIOR_SHARE = 8.0, 0.03
-"""Log odds of what must or cannot be fruit by the other photos, and the share of the side over which they are
-reached. Set by hand; above MOST_LOG_ODDS of recon.silhouettes.mask, so that colour does not outvote them."""
+"""Prior log odds of pixels that must or cannot be fruit by the other photos; width of their ramp over the
+side. Set by hand; above MOST_LOG_ODDS of recon.silhouettes.mask, so that colour does not outvote them."""
 UNKNOWN_LOG_ODDS = (-0.3, 0.5)
-"""Log odds where the plate is not known: colour says little there, steps of colour decide. With (0.2, 0.8)
-what may be fruit ran over the shadow under a dull peach (set 8 of benchmarks/photo_bank.py: 4.3 mm off)."""
+"""Bounds of colour's log odds where the plate is unknown: colour steps decide there. With (0.2, 0.8) possible
+fruit included the shadow under a dull peach (set 8 of benchmarks/photo_bank.py: 4.3 mm off)."""
 BLURRED_LOG_ODDS, MOST_LEARNED_LOG_ODDS = 2.0, 4.0
-"""Log odds of the fruit model count less the first (its blurred edge), at most the second. Counted whole, 18
-photos of a nectarine were 0.46 instead of 0.41 mm off (outlines alone)."""
+"""The fruit model's log odds are reduced by the first (its edge is blurred), and are at most the second. In
+full, they gave 0.46 instead of 0.41 mm of error on 18 photos of a nectarine (outlines alone)."""
 THINNED = 2
-"""Means over tens of thousands of ground pixels: every second pixel and line tells them as well."""
+"""Step between pixels and rows for statistics of the ground: tens of thousands of pixels suffice."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +115,7 @@ class CutPhoto:
 
 @dataclass(frozen=True)
 class Bounds:
-    """What is known of the fruit in a view's shrunk window: surely fruit, and perhaps fruit."""
+    """Pixels of a view's shrunk window that are certainly fruit, and that may be fruit."""
 
     sure: Bool[np.ndarray, "h w"]
     perhaps: Bool[np.ndarray, "h w"]
@@ -141,7 +141,7 @@ class SegmentationScene:
         return ground_views(self.images, self.cameras, half_width_mm=half_width)
 
     def background(self, covered: Sequence[Bool[np.ndarray, "_ _"]] | None) -> BackgroundPlate:
-        """The ground without the fruit, which hides what `covered` marks in the photos, shrunk or not."""
+        """The ground without the fruit, which hides the pixels of the photos that `covered` marks."""
         return background_plate(self.ground, covered)
 
     def views(self, around: Float[np.ndarray, "n 3"], *, margin: float, side_px: int) -> list[CutPhoto]:
@@ -158,7 +158,7 @@ class SegmentationScene:
         return views
 
     def _learned(self, windows: dict[int, Window]) -> list[Float[np.ndarray, "_ _"]]:
-        """What the fruit model adds to the log odds in each window."""
+        """Log odds that the fruit model adds in each window."""
         if self.model is None or not windows:
             return [np.zeros(w.small_size_px[::-1], np.float32) for w in windows.values()]
         log_odds = self.model.log_odds([self.images[i] for i in windows], list(windows.values()))
@@ -167,10 +167,10 @@ class SegmentationScene:
 
 
 def first_block(scene: SegmentationScene, *, agreement: float = AGREEMENT) -> Block:
-    """The thing that stands on z = 0 inside the box, as coarse cells; its shaded lower flank may be missing.
+    """The object on z = 0 inside the box, as coarse cells; its shaded lower flank may be missing.
 
     The plate is the median over the photos, which must outvote the fruit. `agreement` is the share of the
-    views that must take a cell for fruit. Raises ReconFailure (no-fruit) where nothing stands there.
+    views that must classify a cell as fruit. Raises ReconFailure (no-fruit) for fewer than FEWEST_CELLS.
     """
     corners = np.stack(np.meshgrid(*zip(scene.low_mm, scene.high_mm, strict=True)), axis=-1).reshape(-1, 3)
     views = scene.views(corners, margin=0.02, side_px=COARSE_SIDE_PX)
@@ -196,10 +196,10 @@ def _similar_to_fruit(
     low: Float[np.ndarray, "3"],
     high: Float[np.ndarray, "3"],
 ) -> list[Bool[np.ndarray, "_ _"]]:
-    """Pixels that look like the plate behind them but also like the fruit: dark skin before black ink.
+    """Pixels with colours similar to the fruit's, though the plate may have them too: dark skin on black ink.
 
-    They say nothing against a fruit, where it is not found without them. The fruit's colours are those of
-    pixels surely unlike the plate, where the middle of the box projects to.
+    They count as fruit if no fruit is found without them. The fruit's colours are those of pixels that
+    certainly differ from the plate, in the projection of the box's core.
     """
     grid = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 9)] * 3), axis=-1).reshape(-1, 3)
     middle, half = (low + high) / 2, (high - low) / 2
@@ -221,7 +221,7 @@ def _similar_to_fruit(
 def _carved(
     masks: list[Bool[np.ndarray, "_ _"]], views: list[CutPhoto], scene: SegmentationScene, agreement: float
 ) -> Block:
-    """The coarse fruit that the masks agree on, or the failure that there is none."""
+    """The coarse fruit that the masks agree on; raises ReconFailure (no-fruit) without one."""
     windows, cameras = [v.window for v in views], [v.camera for v in views]
     block = carve(masks, windows, cameras, low_mm=scene.low_mm, high_mm=scene.high_mm, agreement=agreement)
     if block.filled.sum() < FEWEST_CELLS:
@@ -237,9 +237,9 @@ def learned_log_odds(
 ) -> tuple[list[Float[np.ndarray, "_ _"]], list[Bool[np.ndarray, "_ _"]]]:
     """Log odds of fruit against ground in every view, and the mask that they make.
 
-    The fruit's colours are learned on what is surely fruit, half from this view and half from all, the
-    ground's on what is surely not. (Learned again inside the masks, they took a glossy cherry's shadow in.)
-    Outside of what may be fruit the odds are against it. `centre_mm` is about the fruit's middle.
+    The fruit's colours come from certain fruit, half from this view and half from all, the ground's from
+    certain ground. (Colours learned again inside the masks included a glossy cherry's shadow.) Outside of
+    possible fruit the odds are against it. `centre_mm` is about the fruit's middle.
     """
     ground = []
     for bound in bounds:
@@ -276,7 +276,7 @@ def _log_odds(
     around: Float[np.ndarray, " c"],
     fruit: Float[np.ndarray, " c"],
 ) -> Float[np.ndarray, "h w"]:
-    """Log odds of one view. Colours count where the prior leaves it open; the share of strange pixels is
+    """Log odds of one view. Colours count where the prior is open. Noise and the share of strange pixels are
     estimated on every THINNED-th pixel and line.
     """
     thin = (slice(None, None, THINNED), slice(None, None, THINNED))
@@ -297,7 +297,7 @@ def _log_odds(
 
 
 def _prior(bound: Bounds) -> Float[np.ndarray, "h w"]:
-    """Log odds for what is surely fruit, against what cannot be; each grows over PRIOR_SHARE of the side."""
+    """Log odds for certain fruit, against impossible fruit; each ramps over PRIOR_SHARE of the side."""
     width = PRIOR_SHARE * len(bound.sure)
     outside = cv2.distanceTransform((~bound.perhaps).astype(np.uint8), cv2.DIST_L2, 3)
     inside = cv2.distanceTransform(bound.sure.astype(np.uint8), cv2.DIST_L2, 3)
@@ -306,7 +306,7 @@ def _prior(bound: Bounds) -> Float[np.ndarray, "h w"]:
 
 
 def pixels_of(block: Block, window: Window, camera: Camera) -> Bool[np.ndarray, "h w"]:
-    """The cells' shadow in a camera's shrunk window."""
+    """Mask of the block's projection in a camera's shrunk window."""
     columns, rows = window.small_size_px
     points = block.points
     at = np.rint(window.into_small(camera.project(points))).astype(int)
@@ -321,13 +321,13 @@ def pixels_of(block: Block, window: Window, camera: Camera) -> Bool[np.ndarray, 
 
 
 def eroded(mask: Bool[np.ndarray, "h w"], by_px: float) -> Bool[np.ndarray, "h w"]:
-    """What lies deeper inside than so many pixels, two at least."""
+    """Pixels deeper inside the mask than `by_px` (at least two)."""
     inside = cv2.distanceTransform(np.pad(mask.astype(np.uint8), 1), cv2.DIST_L2, 3)[1:-1, 1:-1]
     return np.asarray(inside > max(2.0, by_px))
 
 
 def no_fruit(fault: str) -> ReconFailure:
-    """The failure that there is no fruit, and why it is thought so."""
+    """The failure (no-fruit) and its reason."""
     return ReconProblem.NO_FRUIT.failure(
         f"drupe found no fruit: {fault}; expected one fruit in the blank centre, visible from all "
         "sides. Check the photos."

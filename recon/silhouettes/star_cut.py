@@ -1,4 +1,4 @@
-"""The best closed contours around points: log odds and steps of colour parted by dynamic programming."""
+"""The best closed contours around points, by log odds and colour steps, with dynamic programming."""
 
 from collections.abc import Sequence
 from functools import cache
@@ -11,11 +11,11 @@ from recon.picture_values import sampled
 
 
 def best_rings(gain: Float[np.ndarray, "v n k"], *, bend: float, steepest: int) -> Int[np.ndarray, "v n"]:
-    """Of each ring of n samples the path over k states with the greatest sum of gains, closed on itself.
+    """The closed path of each ring of n samples over k states with the greatest sum of gains.
 
     Neighbouring samples may differ by at most `steepest` states, at a cost of `bend` a state. A first run
-    from the ring's far side finds the state at sample 0, a second one starts and ends there (dynamic
-    programming, Viterbi 1967): all but exact, since only that state is taken from an open path.
+    from the ring's far side finds the state at sample 0; a second one starts and ends there (dynamic
+    programming, Viterbi 1967). It is nearly exact: only that state comes from an open path.
     """
     count = gain.shape[1]
     middle = count // 2
@@ -52,23 +52,23 @@ def _paths(
 
 
 RAYS = 384
-"""About a middle: one a degree or so, a pixel apart at a radius of 60."""
+"""Rays about a centre: about one a degree, a pixel apart at a radius of 60."""
 STEP_PX = 1.0
-"""px along a ray."""
+"""Step along a ray, px."""
 MOST_LOG_ODDS = 1.5
-"""Of one pixel: 4 to 1, so that the whole contour decides and no patch of strange colour. Set by hand."""
+"""Limit for one pixel: 4 to 1, so that the whole contour decides, not a patch of odd colour. Set by hand."""
 EDGE_GAIN = 18.0
-"""Log odds that a clear step of colour is worth, at most: that of a dozen pixels. Set by hand."""
+"""Largest gain in log odds of a colour step: that of a dozen pixels. Set by hand."""
 EDGE_LAB = 25.0
-"""CIE Lab units of a step that is worth all of it. Set by hand."""
+"""Colour step with the whole gain, CIE Lab units. Set by hand."""
 EDGE_PX = 2
-"""Steps on either side over which a step of colour is taken: a photo's blur."""
+"""Steps on either side over which a colour step is measured: a photo's blur."""
 BEND = 3.0
-"""Log odds that a step between neighbouring rays costs: two pixels of colour. Set by hand."""
+"""Cost in log odds of a step between neighbouring rays: two pixels of colour. Set by hand."""
 STEEPEST = 5
-"""Steps between neighbouring rays at most: within 18 degrees of the ray at a radius of 100 px."""
+"""Most steps between neighbouring rays: within 18 degrees of the ray at a radius of 100 px."""
 BEYOND_PX, FEWEST_RADII = 6.0, 8
-"""Rays end so far outside the last pixel that may be fruit, after so many steps at least."""
+"""Length of rays beyond the last pixel that may be fruit, px, and their least number of steps."""
 
 
 def star_cuts(
@@ -76,12 +76,12 @@ def star_cuts(
     colours: Sequence[Float[np.ndarray, "_ _ 3"]],
     centres: Sequence[Float[np.ndarray, "2"]],
 ) -> list[Bool[np.ndarray, "_ _"]]:
-    """Of each picture the region star-shaped about its centre (column, row) that parts the odds best.
+    """The region of each picture, star-shaped about its centre (column, row), that best separates the odds.
 
-    Along each of RAYS rays the contour lies at one radius r; its gain is the sum of the odds inside r less
-    those outside (each clipped to +-MOST_ODDS), plus up to EDGE_GAIN for a step of colour at r. Radii of
-    neighbouring rays differ by at most STEEPEST steps, at a cost of BEND a step. This is the minimum cut with
-    a star-shape prior (Veksler 2008), found by dynamic programming round the ring.
+    Along each of RAYS rays the contour lies at one radius r. Its gain is the sum of the log odds inside r
+    less those outside, each clipped to +-MOST_LOG_ODDS. A colour step at r adds up to EDGE_GAIN. Radii of
+    neighbouring rays differ by at most STEEPEST steps, at a cost of BEND a step. Dynamic programming round
+    the ring finds this minimum cut with a star-shape prior (Veksler 2008).
     """
     gains = [_gain(o, c, centre) for o, c, centre in zip(log_odds, colours, centres, strict=True)]
     longest = max(g.shape[1] for g in gains)
@@ -101,7 +101,7 @@ def star_cuts(
 def _gain(
     log_odds: Float[np.ndarray, "h w"], colours: Float[np.ndarray, "h w 3"], centre: Float[np.ndarray, "2"]
 ) -> Float[np.ndarray, "r k"]:
-    """What every radius of every ray is worth, as `star_cuts` says."""
+    """Gain of every radius of every ray (see `star_cuts`)."""
     rows, columns = log_odds.shape
     y, x = np.nonzero(log_odds > -MOST_LOG_ODDS)
     furthest = float(np.hypot(x - centre[0], y - centre[1]).max()) if len(x) else 0.0

@@ -1,4 +1,4 @@
-"""A surface that lies on the outlines where views are tangent to it, of least bending in between."""
+"""A surface fitted to the outlines where views are tangent to it, with least bending in between."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,25 +19,25 @@ from recon.triangle_mesh import (
 )
 
 ROUNDS, CAUTIOUS_ROUNDS = 8, 5
-"""Of the fit; each looks for the rims anew. Set by hand."""
+"""Rounds of the fit, and the first ones of NONE_AT_FIRST_FROM; each finds the rims again. Set by hand."""
 STIFFNESS = 6.0
-"""Of bending against a rim's miss in mm, both squared. Set by hand."""
+"""Weight of bending against a rim's misfit in mm, both squared. Set by hand."""
 REACH_SHARE = 0.03
-"""Of the fruit's size, within which a vertex belongs to a rim; twice that in the first round. Set by hand."""
+"""Largest distance of a rim from its outline, over the fruit's radius; at first twice that. By hand."""
 LEAST_SPREAD_PX = 0.35
-"""px, least spread of the misses, as RIM_SD_PX of recon.checks.surface_error."""
+"""Least spread of the misfits, px; the same as RIM_SD_PX of recon.checks.surface_error."""
 SPREADS = 3.0
-"""Spreads from where on a miss counts ever less. Set by hand, as usual in robust statistics."""
+"""Scale of Geman and McClure's weight, in spreads. Set by hand, as usual in robust statistics."""
 SHADED, NONE_FROM, NONE_AT_FIRST_FROM = 0.4, 1.0, 0.8
-"""How far down a rim's normal points (1: straight down) from where on it does not count, in the end and in
-the CAUTIOUS_ROUNDS first rounds; over the SHADED before that it counts ever less."""
+"""Downward part of a rim's normal (1: straight down) at which its weight is zero: at the end, and in the
+CAUTIOUS_ROUNDS first rounds. Its weight falls over the SHADED before."""
 SPREADING = 6
-"""Half steps to the neighbours' mean that spread what is known over the skin. Set by hand."""
+"""Smoothing rounds that spread the rims' weights over the skin. Set by hand."""
 
 
 @dataclass(frozen=True)
 class FittedSurface:
-    """A surface on the outlines: its vertices, and how many rims hold each of them."""
+    """Vertices on the outlines, and the summed weight of the rims at each of them."""
 
     vertices: Vertices
     support: Float[np.ndarray, " n"]
@@ -46,15 +46,15 @@ class FittedSurface:
 def fitted_to_outlines(vertices: Vertices, faces: Faces, silhouettes: Sequence[Silhouette]) -> FittedSurface:
     """A hull's vertices moved along their normals until its rims lie on the outlines.
 
-    The hull of few or noisy outlines is biased: outward where no view is tangent (a ball of radius r by r δ²
-    / 2 at δ from the nearest tangent view), inward by noise. Here all outlines count alike. The signed
-    distance of a rim, on edge (i, j), to its outline is one equation for the shift δ of the edge's ends,
+    The hull of few or noisy outlines is biased: inward by noise, outward where no view is tangent. (A ball of
+    radius r is biased by r θ² / 2 at θ from the nearest tangent view.) Here all outlines have equal weight.
+    The signed distance of a rim, on edge (i, j), to its outline is one equation for the shift δ of the ends,
 
-        min_δ  sum_rims w (a_i δ_i + a_j δ_j - depth)² + STIFFNESS sum_i (n_i . (L x)_i + (L δ)_i)²,
+        min_δ  sum_rims w (a_i δ_i + a_j δ_j - depth)² + STIFFNESS sum_i (n_i . (L x)_i + (L δ)_i)².
 
-    with L the mean of the neighbours less the vertex and w Geman and McClure's weight, solved again on the
-    moved mesh. The lowest vertex belongs on z = 0. Rims that look down at it have the fruit's
-    shadow behind them: in the first rounds those beyond 53 degrees do not count.
+    L is the mean of the neighbours less the vertex, w Geman and McClure's weight; each round solves it again.
+    The lowest vertex belongs on z = 0. Rims with downward normals have the fruit's shadow behind them: in the
+    first rounds those beyond 53 degrees do not count.
     """
     i, j = unique_edges(faces)[0].T
     L = sparse.csr_array(neighbour_mean(faces, len(vertices)) - sparse.identity(len(vertices)))

@@ -30,23 +30,22 @@ MM_IN_A_METRE = 1000.0
 Z_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """glTF 2.0 has metres and +Y up (3.4): (x, y, z) there is (x, -z, y) here."""
 SEEN_RGB, UNSEEN_RGB = (252, 189, 120), (150, 155, 160)
-"""Of 255: orange where photos show the skin, grey elsewhere."""
+"""Colours of 255: orange where photos show the skin, grey elsewhere."""
 MOST_BYTES, MOST_ELEMENTS = 100_000_000, 300_000
-"""Vertices and faces, each, within the 1000 MiB of one fruit (pipeline.run.memory): 300,000 faces peak at 950
-MiB in `drupe grade`, 1.3 million took 1.9 GB. 8000 are enough."""
+"""Largest file; most vertices and faces, each, for the 1000 MiB of one fruit (pipeline.run.memory). 300,000
+faces peak at 950 MiB in `drupe grade`, 1.3 million took 1.9 GB. 8000 are enough."""
 MOST_ASCII_BYTES = 30_000_000
-"""Of numbers written as text, which take thirty times their length while they are read."""
+"""Largest text file: numbers as text take thirty times their length while they are read."""
 FARTHEST_MM = 1e6
-"""A coordinate beyond a kilometre is of no fruit, and squares of larger ones overflow."""
+"""Largest coordinate: no fruit lies beyond a kilometre, and squares of larger ones overflow."""
 
 
 def read_mesh(path: Path) -> Mesh:
-    """Vertices (mm) and triangles of a mesh file, chosen by its suffix.
+    """Vertices (mm) and triangles of a mesh file, read by its suffix.
 
-    Faces of more corners are cut into triangles. Where the surface is not closed, corners in the same place
-    are merged, and faces are turned alike. Vertices that no face uses are left out. glTF is in metres with y
-    up, and is turned to z up. Raises ReconFailure (unreadable-mesh) that names the file and what is wrong in
-    it.
+    Faces of more corners are cut into triangles. If the surface is not closed, coincident corners are merged
+    and faces oriented consistently. Unused vertices are removed. glTF (metres, y up) becomes mm with z up.
+    Raises ReconFailure (unreadable-mesh) that names the file and its fault.
     """
     kind = path.suffix.lower()
     if kind not in SUFFIXES:
@@ -78,7 +77,7 @@ def read_mesh(path: Path) -> Mesh:
 
 
 def _of_ply(path: Path, data: bytes) -> Mesh:
-    """Refuses a header that promises more than the file can hold, before memory is asked for it."""
+    """The mesh of a PLY file; its header is checked before memory is allocated."""
     try:
         header = read_header(data)
         for element in header.elements:
@@ -94,7 +93,7 @@ def _of_ply(path: Path, data: bytes) -> Mesh:
 
 
 def _by_trimesh(path: Path, kind: str, data: bytes) -> Mesh:
-    """Without textures and materials, which may be other files."""
+    """The mesh by trimesh, without textures and materials, which may be other files."""
     if kind == ".stl":
         _require_stl(path, data)
     elif kind == ".glb":
@@ -105,14 +104,14 @@ def _by_trimesh(path: Path, kind: str, data: bytes) -> Mesh:
             io.BytesIO(data), file_type=kind[1:], process=False, skip_materials=True, **options
         )
         return np.array(mesh.vertices, float), np.array(mesh.faces, int).reshape(-1, 3)
-    except Exception as error:  # a broken file meets trimesh's parsers in a dozen ways
+    except Exception as error:  # trimesh's parsers fail in a dozen ways
         raise _unreadable(path, "is broken", f"a whole {kind[1:].upper()} file") from error
 
 
 def _joined(vertices: Vertices, faces: Faces) -> Mesh:
-    """The mesh as it is where it is closed; else with corners in the same place merged and faces without area
-    left out; where that does not close it, with the faces turned alike and outward, if that does. A closed
-    surface is not turned, whatever the format: inside out, it is refused as a fruit.
+    """A closed mesh unchanged; else with coincident corners merged and degenerate faces removed. If that does
+    not close it, its faces are oriented consistently and outward, if that does. A closed surface is not
+    reoriented: as a fruit, `require_closed` refuses it inside out.
     """
     if not open_edges(faces):
         return vertices, faces
@@ -135,8 +134,8 @@ def _joined(vertices: Vertices, faces: Faces) -> Mesh:
 def mesh_bytes(vertices: Vertices, faces: Faces, *, views: Int[np.ndarray, " n"] | None = None) -> bytes:
     """A binary PLY (coordinates to a millionth of their size); the same mesh gives the same bytes.
 
-    With `views`, the number of photos that show each vertex, the vertices carry it (views, ushort) and a
-    colour (red, green, blue, alpha): orange where they were seen, grey where they were not.
+    `views`: number of photos that show each vertex. It becomes a property of the vertices (views, ushort),
+    with a colour (red, green, blue, alpha): orange from SEEN_BY photos on, else grey.
     """
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if views is not None:
@@ -148,12 +147,12 @@ def mesh_bytes(vertices: Vertices, faces: Faces, *, views: Int[np.ndarray, " n"]
 
 
 def write_mesh(path: Path, vertices: Vertices, faces: Faces) -> None:
-    """The bytes of `mesh_bytes` as a file."""
+    """Write `mesh_bytes` to a file."""
     path.write_bytes(mesh_bytes(vertices, faces))
 
 
 def _require_stl(path: Path, data: bytes) -> None:
-    """Refuse a binary STL whose count of faces is not what the file holds: 84 bytes, then 50 a face."""
+    """Refuse a binary STL with fewer faces than its header states (84 bytes, then 50 a face), or too many."""
     if data[:5].lower() == b"solid" or len(data) < 84:
         return
     count = int.from_bytes(data[80:84], "little")
@@ -164,9 +163,9 @@ def _require_stl(path: Path, data: bytes) -> None:
 
 
 def _require_glb(path: Path, data: bytes) -> None:
-    """Refuse a binary glTF that is cut short, compressed, drupe's own picture (in mm, z up), or of more
-    vertices than are read, before memory is asked for it (glTF 2.0, 4.4: a header of 12 bytes, then a chunk
-    of JSON with its length and kind).
+    """Refuse a binary glTF that is cut short, compressed, drupe's own picture (in mm, z up), or too large. It
+    is checked before memory is allocated (glTF 2.0, 4.4: a header of 12 bytes, then a chunk of JSON with its
+    length and kind).
     """
     whole = "a whole GLB file (binary glTF 2.0)"
     if data[:4] != b"glTF" or data[16:20] != b"JSON" or int.from_bytes(data[8:12], "little") > len(data):

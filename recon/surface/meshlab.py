@@ -54,7 +54,7 @@ def closed_and_decimated(
 
 
 def _clean(work: Any) -> None:
-    """Removes doubled and loose parts, closes holes and turns the faces one way, in place."""
+    """Removes duplicate and loose parts, closes holes and orients the faces consistently, in place."""
     work.meshing_remove_duplicate_vertices()
     work.meshing_remove_duplicate_faces()
     work.meshing_remove_null_faces()

@@ -1,4 +1,4 @@
-"""The fruit frame, and the orientation by the shape: stem from its hollow, suture from its groove.
+"""The fruit frame, and the orientation by shape: stem from its hollow, suture from its groove.
 
 Fruit frame: stem end up z, suture to +x, origin under the middle on the support plane.
 """
@@ -14,15 +14,15 @@ from recon.surface.ray_mesh import RayMesh
 from recon.triangle_mesh import Faces, Vertices
 
 SURE = 0.5
-"""Confidence from which an orientation by shape counts against the convention. Set by hand."""
+"""Confidence above which an orientation by shape contradicts the convention. Set by hand."""
 MOST_TILT_DEG = 15.0
-"""Degrees that the stem may be off the vertical unsaid: fruit do not stand straight. Set by hand."""
+"""Largest tilt of the stem without a warning, degrees: fruit do not stand straight. Set by hand."""
 MOST_TURN_DEG = 20.0
-"""Degrees that the suture may be off the arrow unsaid: so well it is laid by eye. Set by hand."""
+"""Largest angle of the suture to the arrow without a warning, degrees: people align by eye. Set by hand."""
 
 
 def to_fruit_frame(vertices: Vertices) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "4 4"]]:
-    """A mesh photographed on a mat (or as on one) in its fruit frame, and `fruit_from_mesh`.
+    """The vertices of a mesh photographed upright, in its fruit frame, and `fruit_from_mesh`.
 
     The origin goes to the centre of the mesh's box in x and y and to its lowest point in z.
 
@@ -35,35 +35,34 @@ def to_fruit_frame(vertices: Vertices) -> tuple[Float[np.ndarray, "n 3"], Float[
 
 
 WIDTHS = (0.2, 0.28, 0.36, 0.45)
-"""Of stem hollows, as angles (rad) from the fruit's middle. Set by hand."""
+"""Widths of stem hollows, as angles (rad) from the fruit's centre. Set by hand."""
 GROOVE_WIDTHS = (0.08, 0.11, 0.15)
-"""Of sutures, likewise. Set by hand."""
+"""Widths of sutures, as angles (rad) about the stem axis. Set by hand."""
 LEVEL = 4
 """Subdivisions of an icosahedron on which the radius is taken: 2562 directions, 4 degrees apart."""
 CAPS = 3
-"""Likewise of the stem's directions that are tried: 642, 8 degrees apart."""
+"""Subdivisions for the tried directions of the stem: 642, 8 degrees apart."""
 SMOOTH_DEGREE = 4
-"""Of the spherical harmonics that stand for a fruit without hollow: lopsided, and no sharper. Set by hand."""
+"""Degree of the polynomials that describe a fruit without hollow: lopsided, and no sharper. Set by hand."""
 SMOOTH_TURNS = 4
-"""Likewise of the harmonics round the stem, for a fruit without groove."""
+"""Highest harmonic round the stem that describes a fruit without groove."""
 LEAST_HOLLOW = 0.02
-"""Depth of a stem hollow over the fruit's size that is one for sure. Set by hand."""
+"""Reference depth of a stem hollow over the fruit's radius (`_prominence`). Set by hand."""
 LEAST_GROOVE = 0.006
-"""Likewise of a suture."""
+"""Reference depth of a suture over the fruit's radius."""
 BAND_DEG = (50.0, 115.0)
-"""From the stem: where a suture is looked for, clear of the stem's hollow and of the blossom end."""
+"""Polar angles from the stem to search a suture, clear of the stem's hollow and of the blossom end."""
 APART_DEG = 40.0
-"""Degrees: nearer than that another best place is the same one."""
+"""Angle, degrees, within which two candidates are the same hollow or groove."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Orientation:
-    """Stem axis and suture as the shape shows them, unit vectors in the mesh's own axes.
+    """Stem axis and suture by shape, unit vectors in the mesh's own axes.
 
-    A confidence is 0 where nothing stands out and 1 where one hollow (one groove) stands far out of all
-    others: (1 - second best / best) times how far the best exceeds what noise and slight lumps do. It is a
-    rule, not a probability. `hollow_mm` and `groove_mm` are depths below the smooth surface; the groove's is
-    the mean along it.
+    A confidence is (1 - second best / best) times a factor that rises from 0 to 1 with the depth of the best
+    hollow or groove. The suture's is also multiplied by the stem's. It is a rule, not a probability.
+    `hollow_mm` and `groove_mm` are depths below the smooth surface; the groove's is the mean along it.
     """
 
     stem: Float[np.ndarray, "3"]
@@ -85,13 +84,13 @@ class Orientation:
 
 
 def orientation_of(vertices: Vertices, faces: Faces) -> Orientation:
-    """Stem axis and suture of a closed fruit mesh, whichever way it lies.
+    """Stem axis and suture of a closed fruit mesh in any pose.
 
-    With r(d) the surface's distance from the centre of volume in direction d: the stem is where a round
-    hollow a exp(-(angle/w)²), w = 0.2 to 0.45, explains most of r's deviation from a smooth surface
-    (polynomials of degree 4, fitted so that hollows do not count). The suture is the meridian along which r,
-    less its harmonics up to 4 around the axis, dips most evenly from 50 to 115 degrees off the stem. A
-    blossom end deeper than the stem's would be taken for it.
+    r(d) is the surface's distance from the centre of volume in direction d. At the stem a round hollow a
+    exp(-(angle/w)²), w = 0.2 to 0.45, explains most of r's deviation from a smooth surface. That is a
+    polynomial of degree 4, robust against hollows. The suture is the meridian on which r, less its harmonics
+    up to 4 around the axis, dips most. Its depth is a trimmed mean from 50 to 115 degrees off the stem. A
+    blossom end deeper than the stem's hollow is mistaken for it.
     """
     centre = volume_centre(vertices, faces)
     directions, _ = ball(LEVEL)
@@ -128,7 +127,7 @@ def volume_centre(vertices: Vertices, faces: Faces) -> Float[np.ndarray, "3"]:
 
 
 def _prominence(best: float, second: float, over: float) -> float:
-    """(1 - second / best)(1 - exp(-over²)): 0.63 of the lead counts where the depth is just the least one."""
+    """(1 - second / best)(1 - exp(-over²)): 0.63 of the lead counts at the reference depth (`over` = 1)."""
     if not best > 0:
         return 0.0
     return float((1 - min(max(second, 0.0) / best, 1.0)) * (1 - np.exp(-(max(over, 0.0) ** 2))))
@@ -143,7 +142,7 @@ def _radii(
 
 
 def _smooth(directions: Float[np.ndarray, "k 3"], radius: Float[np.ndarray, " k"]) -> Float[np.ndarray, " k"]:
-    """The least-squares polynomial of degree 4 in the direction; step by step, hollows count for less."""
+    """The polynomial of degree 4 in the direction by least squares, reweighted to ignore hollows."""
     x, y, z = directions.T
     powers = [
         (i, j, n - i - j)
@@ -184,7 +183,7 @@ def _caps(
 def _refined_axis(
     start: Float[np.ndarray, "3"], directions: Float[np.ndarray, "k 3"], hollow: Float[np.ndarray, " k"]
 ) -> Float[np.ndarray, "3"]:
-    """The centre of the hollow near `start`: tried on finer and finer crosses about it."""
+    """The centre of the hollow near `start`, searched on ever finer 3 x 3 grids about it."""
     best, step = start, 0.08
     while step > 0.004:
         side, up = _across(best)
@@ -207,7 +206,7 @@ def _across(axis: Float[np.ndarray, "3"]) -> tuple[Float[np.ndarray, "3"], Float
 def _groove(
     skin: RayMesh, centre: Float[np.ndarray, "3"], stem: Float[np.ndarray, "3"]
 ) -> tuple[Float[np.ndarray, "3"], float, float]:
-    """Direction and depth of the deepest meridian groove, and the depth of the next, APART_DEG away."""
+    """Direction and depth of the deepest meridian groove, and depth of the next, over APART_DEG away."""
     side, up = _across(stem)
     polar = np.radians(np.linspace(*BAND_DEG, 27))
     turn = np.radians(np.arange(360.0))
@@ -231,9 +230,9 @@ def _groove(
 
 
 def orientation_warnings(orientation: Orientation) -> tuple[str, ...]:
-    """Sentences where the shape of the mesh, in the fruit frame, contradicts the convention of placement.
+    """Warnings if the shape of the mesh, in the fruit frame, contradicts the convention of placement.
 
-    The frame stays as placed: the recordings' poses are written in it.
+    The frame stays as placed, because the recordings' poses refer to it.
     """
     out = []
     if orientation.stem_confidence >= SURE and orientation.tilt_deg > MOST_TILT_DEG:

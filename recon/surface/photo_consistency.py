@@ -1,4 +1,4 @@
-"""Photo-consistency of small patches: how well views agree on them, and where along the normals best."""
+"""Photo-consistency of small patches: correlation between views, and its peak along the normals."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,26 +12,26 @@ from recon.picture_values import Pictures, sampled
 from recon.triangle_mesh import facing
 
 SIDE = 7
-"""Of a patch, in places: 49 numbers tell a correlation to a seventh."""
+"""Samples along a patch's side: 49 numbers determine a correlation to a seventh."""
 _RISES = np.indices((SIDE, SIDE)).reshape(2, -1)[::-1].T - (SIDE - 1) / 2
 _GRADIENT = np.ascontiguousarray(_RISES / np.linalg.norm(_RISES, axis=0), np.float32)
-"""These are patches that rise evenly along each side, by steps and of unit length."""
+"""These are patches that rise evenly along each side, in steps and of unit norm."""
 PATCH_STEP_PX = 1.7
-"""px between them: as far as a photo's blur makes neighbours alike."""
+"""Distance between samples, px: as far as a photo's blur correlates neighbours."""
 FACING = 0.35
-"""Least cosine between normal and line of sight: flatter than 70 degrees a patch shrinks to a third."""
+"""Least cosine between normal and line of sight: beyond 70 degrees a patch shrinks to a third."""
 FEWEST_VIEWS = 3
-"""That show a patch, at least: two agree by chance."""
+"""Least number of views that show a patch: two agree by chance."""
 VIEW_COUNTS = (5, 8)
 """Views compared: few face the bottom of a narrow cavity; many average out a highlight that moves."""
 LEAST_CONTRAST = (1.2, 0.8)
-"""Least standard deviation of a patch (grey levels), and without its gradient; a photo's noise is 0.5."""
+"""Least standard deviation of a patch (grey levels), with and without its gradient; photo noise is 0.5."""
 LEAST_SCORE = (0.5, 0.4)
-"""Correlation, as it is and without the gradient, that is trusted. Set by hand."""
+"""Least trusted correlation, with and without the gradient. Set by hand."""
 DISTINCT, DISTINCT_STEPS = 0.1, 3
-"""By which it must exceed that of every depth more than so many steps away. Set by hand."""
+"""Lead of a peak over every depth more than this many steps away. Set by hand."""
 HIGHLIGHT, MOST_HIGHLIGHT = 215.0, 0.05
-"""Grey level of 255 from which a place is a highlight, and the share of a patch that may be. Set by hand."""
+"""Grey level (of 255) of a highlight, and largest share of a patch that may be one. Set by hand."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Patches:
 
 
 def grey_views(images: Pictures, cameras: Sequence[Camera]) -> list[GreyView]:
-    """Photos as the patches are compared in: grey, slightly blurred."""
+    """The photos in grey, slightly blurred, for the comparison of patches."""
     return [
         GreyView(cv2.GaussianBlur(cv2.cvtColor(i, cv2.COLOR_BGR2GRAY), (3, 3), 0.8).astype(np.float32), c)
         for i, c in zip(images, cameras, strict=True)
@@ -63,7 +63,7 @@ def grey_views(images: Pictures, cameras: Sequence[Camera]) -> list[GreyView]:
 
 
 def views_facing(patches: Patches, views: Sequence[GreyView]) -> Int[np.ndarray, " n"]:
-    """How many views each patch faces well enough to be compared in."""
+    """Number of views that each patch faces well enough to be compared (cosine over FACING)."""
     return np.asarray((_cosines(patches, views) > FACING).sum(axis=0))
 
 
@@ -74,12 +74,12 @@ def _cosines(patches: Patches, views: Sequence[GreyView]) -> Float[np.ndarray, "
 def agreement(
     patches: Patches, views: Sequence[GreyView], offsets_mm: Float[np.ndarray, " d"]
 ) -> tuple[Float[np.ndarray, "k n d"], Bool[np.ndarray, "k n d"]]:
-    """Mean pairwise correlation of each patch in the views that face it most, moved along its normal.
+    """Mean pairwise correlation of each patch in the views that it faces most, at offsets along its normal.
 
-    With unit patches p_v of zero mean the score is (|sum_v p_v|² - K) / (K (K - 1)). k runs over VIEW_COUNTS
-    for patches as they are, then for patches less their gradient (which shading and blurred mirror images
-    have, and texture has not). Where fewer than three views show contrast and no highlight, the score is 0
-    and the second answer False.
+    For K unit patches p_v of zero mean the score is (|sum_v p_v|² - K) / (K (K - 1)). Index k runs over
+    VIEW_COUNTS for patches as they are, then for patches less their gradient. Shading and blurred reflections
+    have a gradient, texture has none. Where fewer than three views show contrast and no highlight, the score
+    is 0 and the second array False.
     """
     cosine = _cosines(patches, views)
     rank = np.argsort(np.argsort(-cosine, axis=0, kind="stable"), axis=0)
@@ -112,7 +112,7 @@ def agreement(
 def best_offsets(
     scores: Float[np.ndarray, "k n d"], offsets_mm: Float[np.ndarray, " d"]
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Offset (mm) of the scores' peak by a parabola, and its weight, the score squared; 0 if unclear."""
+    """Offset (mm) of the scores' peak by a parabola, and its weight, the squared score; 0 if unclear."""
     step = float(offsets_mm[1] - offsets_mm[0])
     each = [_peak(s, offsets_mm, LEAST_SCORE[k // len(VIEW_COUNTS)]) for k, s in enumerate(scores)]
     offset, weight = np.stack([o for o, _ in each]), np.stack([w for _, w in each])
@@ -125,7 +125,7 @@ def best_offsets(
 
 
 def _square(patches: Patches, views: Sequence[GreyView]) -> Float[np.ndarray, "n p 3"]:
-    """Points of square patches as wide as SIDE steps of pixels, bent as the surface is."""
+    """Points of square patches of SIDE x SIDE samples, bent with the surface's curvature."""
     pixel_mm = float(np.median([v.camera.pixel_mm(patches.points) for v in views]))
     normals = patches.normals
     aside = np.where(np.abs(normals[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
@@ -156,7 +156,7 @@ def _seen(
 def _peak(
     scores: Float[np.ndarray, "n d"], offsets: Float[np.ndarray, " d"], least: float
 ) -> tuple[Float[np.ndarray, " n"], Float[np.ndarray, " n"]]:
-    """Offset of each patch's highest score, by a parabola, and its weight: 0 for one not to be trusted."""
+    """Offset of each patch's highest score, by a parabola, and its weight: 0 for a peak without trust."""
     rows = np.arange(len(scores))
     best = scores.argmax(1)
     inner = np.clip(best, 1, len(offsets) - 2)

@@ -1,8 +1,8 @@
-"""Reads vertices and faces of a PLY file: text or binary, faces of any number of corners, other columns
-passed over.
+"""Reads vertices and faces of a PLY file, text or binary. Faces may have any number of corners; other columns
+are skipped.
 
-Format: G. Turk, The PLY Polygon File Format, 1994. A header names the elements in the order in which their
-rows follow, and each row's columns; a list's row begins with the number of its items.
+Format: G. Turk, The PLY Polygon File Format, 1994. A header lists the elements in the order of their rows,
+and the columns of each row. A list begins with the number of its items.
 """
 
 import struct
@@ -22,17 +22,17 @@ TYPES = {
 """Names of types in headers, and their codes in struct and NumPy."""
 ENDIAN = {b"ascii": "", b"binary_little_endian": "<", b"binary_big_endian": ">"}
 MOST_HEADER_BYTES = 65536
-"""Of a header; one with 20 properties and comments has 1 kB. Set by hand."""
+"""Longest header; one with 20 properties and comments has 1 kB. Set by hand."""
 CORNERS = ("vertex_indices", "vertex_index")
 
 
 class NotPly(Exception):
-    """What is wrong with the file, as the end of a sentence: "is broken (...)"."""
+    """The fault of a file, as the end of a sentence: "is broken (...)"."""
 
 
 @dataclass(frozen=True)
 class PlyProperty:
-    """One property; `counted`: the type of a list's length, empty of a single number."""
+    """One property; `counted`: the type of a list's length, empty for a single number."""
 
     name: str
     type: str
@@ -41,7 +41,7 @@ class PlyProperty:
 
 @dataclass(frozen=True)
 class Element:
-    """What the header says of one element."""
+    """Name, number of rows, and columns of one element of the header."""
 
     name: str
     count: int
@@ -49,31 +49,31 @@ class Element:
 
     @property
     def least_bytes(self) -> int:
-        """The least that the rows take, with empty lists."""
+        """Least size of the rows, with empty lists."""
         return self.count * max(sum(struct.calcsize(f"<{c.counted or c.type}") for c in self.columns), 1)
 
 
 @dataclass(frozen=True)
 class PlyHeader:
-    """The elements, NumPy's sign of the order of bytes (empty: text), and where the rows begin."""
+    """The elements, NumPy's sign of the byte order (empty: text), and the offset of the rows."""
 
     elements: tuple[Element, ...]
     endian: str
     length: int
 
     def count(self, name: str) -> int:
-        """Rows of this element; 0 where there is none."""
+        """Number of rows of this element; 0 if it is missing."""
         return sum(element.count for element in self.elements if element.name == name)
 
 
 def read_header(data: bytes) -> PlyHeader:
-    """The header of a PLY file, whose counts its rows can hold; raises NotPly."""
+    """The header of a PLY file; raises NotPly if it is broken, or if the file is too short for its counts."""
     end = data.find(b"end_header", 0, MOST_HEADER_BYTES)
     if not data.startswith(b"ply") or end < 0:
         raise NotPly("is broken (no PLY header)")
     length = data.find(b"\n", end) + 1 or len(data)
     if data[end + 10 : end + 11] == b"\r" and data[end + 11 : end + 12] != b"\n":
-        length = end + 11  # lines that end as those of old Macs
+        length = end + 11  # line ends of old Macs
     elements: list[Element] = []
     endian = None
     for line in data[:end].splitlines():
@@ -99,7 +99,7 @@ def read_header(data: bytes) -> PlyHeader:
 
 
 def _property(words: list[str]) -> PlyProperty | None:
-    """The property of a header's line; None where it is none."""
+    """The property in a header's line; None for a line without a known type."""
     if len(words) == 3 and words[1] in TYPES:
         return PlyProperty(words[2], TYPES[words[1]])
     if len(words) == 5 and words[1] == "list" and words[2] in TYPES and words[3] in TYPES:
@@ -108,16 +108,16 @@ def _property(words: list[str]) -> PlyProperty | None:
 
 
 def read_ply(data: bytes, header: PlyHeader) -> Mesh:
-    """Vertices in the file's unit and triangles; faces of more corners are cut into fans around the first.
+    """Vertices in the file's unit, and triangles; polygons are cut into fans around their first corner.
 
-    Raises NotPly where the rows are not what the header says.
+    Raises NotPly if the rows do not match the header.
     """
     try:
         rows = _rows(data, header)
         vertices = np.column_stack([rows["vertex"][axis] for axis in "xyz"]).astype(float)
         face = rows["face"]
         polygons = next(face[name] for name in CORNERS if name in face)
-        with np.errstate(all="ignore"):  # of text: what is no vertex's number is found by its caller
+        with np.errstate(all="ignore"):  # the caller checks the numbers of vertices
             return vertices, _fans(polygons)
     except (KeyError, StopIteration, ValueError, IndexError, TypeError, OverflowError, struct.error) as cause:
         raise NotPly("is broken (what follows its header is not what that says)") from cause
@@ -125,11 +125,11 @@ def read_ply(data: bytes, header: PlyHeader) -> Mesh:
 
 Values = Sequence[np.ndarray] | np.ndarray
 Rows = dict[str, Mapping[str, Values]]
-"""Values by element and column: a number a row, or of a list an array a row (a table for even lists)."""
+"""Values by element and column: a number a row, or for a list an array a row (a table for even lists)."""
 
 
 def _fans(polygons: Values) -> Int[np.ndarray, "m 3"]:
-    """Triangles (corner 0, k, k + 1) of each polygon; ValueError where one has fewer than 3 corners."""
+    """Triangles (corner 0, k, k + 1) of each polygon; raises ValueError for fewer than 3 corners."""
     if isinstance(polygons, np.ndarray):
         groups = [polygons.astype(np.int64)]
     else:
@@ -144,7 +144,7 @@ def _fans(polygons: Values) -> Int[np.ndarray, "m 3"]:
 
 
 def _rows(data: bytes, header: PlyHeader) -> Rows:
-    """Raises ValueError or struct.error where the rows are not what the header says."""
+    """Values of all rows; raises ValueError or struct.error if they do not match the header."""
     if not header.endian:
         numbers = np.array(data[header.length :].split(), "<f8").tobytes()
         as_numbers = [replace(e, columns=tuple(map(_as_number, e.columns))) for e in header.elements]
@@ -166,14 +166,14 @@ def _rows(data: bytes, header: PlyHeader) -> Rows:
 
 
 def _as_number(column: PlyProperty) -> PlyProperty:
-    """The property as text has it: numbers of any type, lengths of lists included."""
+    """The property as text has it: all numbers, also the lengths of lists, as doubles."""
     return replace(column, type="d", counted=column.counted and "d")
 
 
 def _even_rows(data: bytes, at: int, element: Element, endian: str) -> np.ndarray | None:
-    """The rows as a table of columns v0, v1, ...; None where lists are not all as long as the first row's.
+    """The rows as a table of columns v0, v1, ...; None if a list is not as long as the first row's.
 
-    Raises ValueError where rows without lists do not fit.
+    Raises ValueError if rows without lists do not fit.
     """
     start = at
     fields: list[tuple[str, str] | tuple[str, str, tuple[int]]] = []
@@ -198,7 +198,7 @@ def _even_rows(data: bytes, at: int, element: Element, endian: str) -> np.ndarra
 def _uneven_rows(
     data: bytes, at: int, element: Element, endian: str
 ) -> tuple[dict[str, list[np.ndarray]], int]:
-    """The rows one by one, and where they end. Lists alone are kept: other columns are of no use here."""
+    """The rows' lists, read one by one, and where they end; other columns are not needed."""
     lists: dict[str, list[np.ndarray]] = {c.name: [] for c in element.columns if c.counted}
     kinds = [np.dtype(endian + column.type) for column in element.columns]
     for _ in range(element.count):

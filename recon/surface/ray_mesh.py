@@ -1,5 +1,5 @@
-"""Nearest points of a mesh, what rays meet, and how many cameras see each vertex (Open3D, one thread, single
-precision).
+"""Nearest points of a mesh, intersections with rays, and the number of cameras that see each vertex (Open3D,
+one thread, single precision).
 """
 
 from types import ModuleType
@@ -11,13 +11,13 @@ from recon.recon_failure import ReconProblem
 from recon.triangle_mesh import Faces, Vertices, face_areas, facing, vertex_normals
 
 SEEN_BY = 2
-"""Cameras that must see a place for it to count as seen: one alone tells no depth."""
+"""Least number of cameras for a place to count as seen: one alone gives no depth."""
 CLEAR = 1e-3
-"""Rays start so far above the skin, as a share of the fruit's size, that its own facets do not hide it."""
+"""Height of a ray's start above the skin, over the fruit's size, so that its own facets do not hide it."""
 
 
 def seeing_views(vertices: Vertices, faces: Faces, places: Float[np.ndarray, "v 3"]) -> Int[np.ndarray, " n"]:
-    """How many of the cameras at `places` (mm) see each vertex of a closed mesh: it faces them, unhidden."""
+    """Number of cameras at `places` (mm) that see each vertex of a closed mesh: it faces them, unhidden."""
     skin = RayMesh(vertices, faces)
     normals = vertex_normals(vertices, faces)
     start = vertices + CLEAR * float(np.ptp(vertices, axis=0).max()) * normals
@@ -31,7 +31,7 @@ def seeing_views(vertices: Vertices, faces: Faces, places: Float[np.ndarray, "v 
 def seen_and_unseen(vertices: Vertices, faces: Faces, views: Int[np.ndarray, " n"]) -> tuple[float, float]:
     """The share of the skin that SEEN_BY cameras or more saw, and the area of the rest, mm^2.
 
-    The rest is the hole in what the photos show, closed by the method. A triangle counts by its corners.
+    The method closed the rest. A triangle counts by its corners.
     """
     area = face_areas(vertices, faces)
     hole = float(area @ (views[faces] < SEEN_BY).mean(axis=1))
@@ -42,10 +42,10 @@ DEBIAN_PACKAGES = "libegl1 libgl1 libusb-1.0-0"
 
 
 def open3d() -> ModuleType:
-    """Open3D, or ReconFailure (missing-library) that says which packages bring it.
+    """Open3D; raises ReconFailure (missing-library) that names the packages to install.
 
-    Raises KeyboardInterrupt where that came while the library was loaded: native libraries make it an
-    ImportError of their own ("initialization failed").
+    Raises KeyboardInterrupt for an interrupt while the library loads. Native libraries turn it into an
+    ImportError ("initialization failed").
     """
     try:
         import open3d as module
@@ -63,7 +63,7 @@ def open3d() -> ModuleType:
 
 
 class RayMesh:
-    """Vertices (mm) and faces; raises ReconFailure (missing-library) where Open3D does not load."""
+    """Queries on a mesh (mm); raises ReconFailure (missing-library) if Open3D does not load."""
 
     def __init__(self, vertices: Vertices, faces: Faces) -> None:
         o3d = open3d()
@@ -82,7 +82,7 @@ class RayMesh:
     def nearest(
         self, points: Float[np.ndarray, "k 3"]
     ) -> tuple[Int[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
-        """The triangle's corners next to each point, and the shares of each in the nearest point."""
+        """Corners of the triangle nearest to each point, and the nearest point's barycentric coordinates."""
         asked = self._tensor(points.astype(np.float32))
         answer = self._scene.compute_closest_points(asked, nthreads=1)
         return self._place(answer["primitive_ids"].numpy().astype(int), answer["primitive_uvs"].numpy())
@@ -90,8 +90,8 @@ class RayMesh:
     def met(
         self, start: Float[np.ndarray, "k 3"], ahead: Float[np.ndarray, "k 3"]
     ) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
-        """How often the way `ahead` goes into a ray from `start` to its first face (inf without one, and then
-        any face's), the face's corners, and the shares of each in the place.
+        """t of the first face that start + t `ahead` meets (inf without one), its corners, and the
+        barycentric coordinates there. Without a face, the corners are any face's.
         """
         rays = self._tensor(np.hstack([start, ahead]).astype(np.float32))
         answer = self._scene.cast_rays(rays, nthreads=1)
@@ -103,7 +103,7 @@ class RayMesh:
     def _place(
         self, face: Int[np.ndarray, " k"], uv: Float[np.ndarray, "k 2"]
     ) -> tuple[Int[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
-        """Corners of faces, and the shares of each at barycentric coordinates."""
+        """Corners of faces, and all three barycentric coordinates from the last two."""
         second = uv.astype(float)
         return self._faces[face], np.column_stack([1 - second.sum(axis=1), second])
 

@@ -1,5 +1,5 @@
-"""Relief that no silhouette shows (the stem cavity, a suture): the outline surface moved along its normals to
-where photos agree, kept only where photos that took no part in the search agree better than before.
+"""Relief that no silhouette shows (stem cavity, suture): the outline surface is moved along its normals to
+where photos agree. It is kept only where held-out photos agree better than before.
 """
 
 from collections.abc import Sequence
@@ -41,16 +41,16 @@ from recon.triangle_mesh import Faces, Vertices
 LEAST_GAIN = 0.05
 """Rise of the correlation in the held-out views that confirms a vertex."""
 CHANCE = 1e-2
-"""How probable as many confirmed vertices may be by chance: true cavities 2.6e-3 or less, others 1.4e-2."""
+"""Largest probability of the confirmed vertices by chance: true cavities 2.6e-3 or less, others 1.4e-2."""
 
 
 def judged(
     mesh: OutlineMesh, held_out: Sequence[GreyView], candidate: Found, null: Found, *, least_mean_gain: float
 ) -> Bool[np.ndarray, " n"]:
-    """The vertices of those connected regions that moved and that the views held out confirm.
+    """The vertices of the connected, moved regions that the held-out views confirm.
 
-    `null` is a search where the outlines are certain: what it finds is there by chance. `least_mean_gain` is
-    the mean rise of the correlation that a region must bring.
+    `null` is a search where the outlines are certain; what it finds is by chance. `least_mean_gain` is the
+    mean rise of the correlation that a region needs.
     """
     per_patch = max(1.0, vertices_per_patch(mesh, held_out))
     placed = candidate.weight > 0
@@ -100,7 +100,7 @@ def _gains(
 
 
 def _risen(before: Patches, after: Patches, views: Sequence[GreyView]) -> Float[np.ndarray, " n"]:
-    """Rise of the correlation, mean over the ways it is measured in on both surfaces; nan where in none."""
+    """Mean rise of the correlation over the kinds of score known on both surfaces; nan without any."""
     here = np.zeros(1)
     (a, a_enough), (b, b_enough) = agreement(before, views, here), agreement(after, views, here)
     both = (a_enough & b_enough)[..., 0]
@@ -109,19 +109,20 @@ def _risen(before: Patches, after: Patches, views: Sequence[GreyView]) -> Float[
 
 
 COARSE, FINE = 4, 5
-"""Levels of the ball that are searched first, and for a region kept: 2 and 1 mm apart on a peach."""
+"""Ball levels of the first search, and of kept regions: vertices 2 and 1 mm apart on a peach."""
 SUPPORT_WEIGHT = 5.0
-"""Pull (as a weight) back to the outline surface where rims hold it: five times the best depth's."""
+"""Weight of the pull back to the outline surface where rims support it: five times the best depth's."""
 MOST_ROUNDS = 4
-"""Rounds on the finer mesh. What is left moves by under 0.03 mm a round."""
+"""Most rounds on the finer mesh; later ones move it by under 0.03 mm."""
 HELD_SHARE, RIM_RINGS, ZONE_RINGS = 0.2, 2, 3
-"""Share of the median hold under which a vertex may move, rings around such, and around regions kept."""
+"""Share of the median support under which a vertex may move; rings around these, and around kept regions."""
 LEAST_MEAN_GAIN, LEAST_MEAN_GAIN_LESS_AVERAGED = 0.03, 0.2
-"""Mean rise of correlation that a region must bring, by search: true cavities 0.07 to 0.55 and 0.44 to 0.55;
-with less averaging skin without texture 0.037, a glossy cherry's wrong region 0.099."""
+"""Mean rise of correlation that a region needs, by averaging. True cavities have 0.07 to 0.55 and 0.44 to
+0.55. With less averaging skin without texture has 0.037, a glossy cherry's wrong region 0.099."""
 LEAST_AGAIN_GAIN, LEAST_FINE_GAIN = 0.05, 0.02
-"""Mean rise of correlation that a finer search must bring over the whole range (true ones 0.099 and 0.28, one
-on mirror images 0.034), and near the surface: with 0.004 a glossy plum gets worse, 0.052 -> 0.060 mm."""
+"""Mean rise of correlation that a finer search needs, over the whole range and near the surface. In the
+first, true ones have 0.099 and 0.28, one on reflections 0.034. Second: 0.004 worsens a glossy plum, 0.052 ->
+0.060 mm."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,9 +130,9 @@ class Relief:
     """A surface with its relief, and what is known of it at each vertex.
 
     `measured`: placed by photos that agree, in a region that held-out views confirm. `bridged`: 1 where the
-    outline surface is so flat that outlines may bridge a hollow, 0 where it is round; where it is high and
-    `measured` is not, the skin may lie deeper by more than the outlines' error tells. `edge_depth_mm`: depth
-    under the outlines of the deepest vertex at the edge of the search, 0 where none is at the edge.
+    outline surface is so flat that outlines may bridge a hollow, 0 where it is round. Where it is high
+    without `measured`, the skin may lie deeper than the outlines' error allows. `edge_depth_mm`: depth under
+    the outlines of the deepest vertex at the edge of the search, 0 if none is at the edge.
     """
 
     vertices: Vertices
@@ -150,14 +151,13 @@ def relief(
 ) -> Relief:
     """A surface on `ball`'s directions, moved where photos show that outlines bridge a hollow.
 
-    Only vertices that few rims hold (`support`) or where the surface is flat may move, if at least three of
-    every second view and three of the others face them. In the first half of the views patches slide along
-    the normal to where their correlation is highest, and a membrane fills between distinct peaks. In the
-    second half a vertex confirms a region where its correlation rises by LEAST_GAIN. The same search where
-    rims hold a round surface tells how often that happens by chance, p0 = (k0 + 1) / (n0 + 2) per patch
-    (Laplace); a region is kept where P(K >= k; n, p0) is under CHANCE. Where none is, scores are averaged
-    over fewer neighbours once more. Regions kept are searched again on a finer mesh, while the held-out views
-    agree better.
+    Only vertices that few rims support (`support`), or on flat surface, may move. At least three views of
+    each half must face them. In the first half of the views patches slide along the normal to their highest
+    correlation, and a membrane fills between distinct peaks. In the second half a vertex confirms a region if
+    its correlation rises by LEAST_GAIN. The same search where rims support a round surface gives the
+    probability of that by chance, p0 = (k0 + 1) / (n0 + 2) per patch (Laplace). A region is kept if P(K >= k;
+    n, p0) is under CHANCE. Without any, scores are averaged over fewer neighbours once more. Kept regions are
+    searched again on a finer mesh, while the held-out views agree better.
     """
     finer = round(np.log(max(len(vertices) - 2, 10) / 10) / np.log(4))
     coarse = outline_mesh(vertices, faces, min(COARSE, finer))
@@ -213,8 +213,8 @@ def _finer(
     *,
     again: bool,
 ) -> tuple[Float[np.ndarray, "m 3"], Bool[np.ndarray, " m"]]:
-    """A surface found, improved on a finer mesh inside a zone while the second half of the views agrees
-    better with what the first half finds; and where it was measured. `again`: over the whole range first.
+    """A surface refined on a finer mesh inside a zone while the second half of the views agrees better; and
+    where it was measured. `again`: over the whole range first.
 
     The second half decides up to 3 + MOST_ROUNDS times, so its gain is no unbiased score of the result. It is
     never searched, and each step must raise its mean correlation by LEAST_AGAIN_GAIN or LEAST_FINE_GAIN.

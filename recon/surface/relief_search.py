@@ -1,5 +1,5 @@
-"""The search for relief in one half of the views, on a coarser level of the ball: depth by photo-consistency,
-a membrane between.
+"""Search for relief in half of the views, on a coarser level of the ball: depths by photo-consistency, and a
+membrane between.
 """
 
 from collections.abc import Sequence
@@ -31,18 +31,18 @@ from recon.triangle_mesh import (
 )
 
 FLAT, ROUND = 0.45, 0.85
-"""Convexity (mean curvature times radius) below which a surface may be a bridge over a hollow, and
-above which it is true skin: 0.0 to 0.56 (10 to 90 %) where true skin lies over 0.5 mm deeper, 0.83 to 1.2
-where it lies within 0.1 mm."""
+"""Convexity (mean curvature times radius) below which a surface may bridge a hollow, and above which it is
+true skin. It is 0.0 to 0.56 (10 to 90 %) where true skin lies over 0.5 mm deeper, 0.83 to 1.2 where it lies
+within 0.1 mm."""
 CURVATURE_ROUNDS = 6
-"""Times that curvature is averaged with the neighbours': over a fifth of the radius."""
+"""Smoothing rounds of the curvature: over a fifth of the radius."""
 MOST_CURVATURE = 3.0
 """Largest curvature (inverse radii): a patch bent more than that is noise of the mesh."""
 
 
 @dataclass(frozen=True)
 class OutlineMesh:
-    """A coarser level of the surface, its radius, and its even split into the next."""
+    """The outline surface at a coarser level of `ball`, and its radius."""
 
     level: int
     faces: Faces
@@ -62,7 +62,7 @@ def outline_mesh(vertices: Vertices, faces: Faces, level: int) -> OutlineMesh:
 
 
 def heights_mm(mesh: OutlineMesh, moved: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-    """How far a surface lies outside the outline surface, mm."""
+    """Height of a surface above the outline surface, along the latter's normals, mm."""
     return np.asarray(np.einsum("ij,ij->i", moved - mesh.outline.points, mesh.outline.normals))
 
 
@@ -73,7 +73,7 @@ def patches_of(mesh: OutlineMesh, surface: Float[np.ndarray, "n 3"]) -> Patches:
 
 
 def vertices_per_patch(mesh: OutlineMesh, views: Sequence[GreyView]) -> float:
-    """How many vertices share one patch; under 1 they are further apart than patches are wide."""
+    """Number of vertices per patch; under 1 they are further apart than patches are wide."""
     points = mesh.outline.points
     pixel_mm = np.median([v.camera.pixel_mm(points) for v in views])
     patch_mm2 = float((SIDE - 1) * PATCH_STEP_PX * pixel_mm) ** 2
@@ -88,7 +88,7 @@ def connected_parts(where: Bool[np.ndarray, " n"], faces: Faces) -> list[Bool[np
 
 
 def grown(where: Bool[np.ndarray, " n"], faces: Faces, rings: int) -> Bool[np.ndarray, " n"]:
-    """A set of vertices and so many rings of neighbours around it."""
+    """A set of vertices and `rings` rings of neighbours around it."""
     step = neighbour_mean(faces, len(where))
     for _ in range(rings):
         where = where | (step @ where.astype(float) > 0)
@@ -98,7 +98,7 @@ def grown(where: Bool[np.ndarray, " n"], faces: Faces, rings: int) -> Bool[np.nd
 def roundness(bending: Float[np.ndarray, " n"]) -> Float[np.ndarray, " n"]:
     """1 where a surface (mean curvature in inverse radii, negative if convex) bulges, 0 where it is flat.
 
-    Outlines bridge a hollow from lip to lip with a piece that is flat across: what is flat may be a bridge.
+    Outlines bridge a hollow from lip to lip with a flat piece, so that a flat surface may be a bridge.
     """
     return np.asarray(np.clip((-bending - FLAT) / (ROUND - FLAT), 0.0, 1.0))
 
@@ -118,7 +118,7 @@ def mean_curvature(
 
 @dataclass(frozen=True, kw_only=True)
 class Search:
-    """Offsets along the normals, in radii of the fruit, from the surface given or as moved before."""
+    """Offsets along the normals, in radii of the fruit, from the outline surface or the one moved before."""
 
     highest: float
     lowest: float
@@ -131,41 +131,41 @@ COARSE_SEARCHES = (
     Search(highest=0.015, lowest=-0.2, steps=24, from_moved=False),
     Search(highest=0.05, lowest=-0.07, steps=14, from_moved=True),
 )
-"""Twice the whole range (stem cavities are up to 0.19 radii deep), as slopes help; then near the finding."""
+"""The whole range (stem cavities are up to 0.19 radii deep), again with slopes, then near the result."""
 FINE_SEARCH = Search(highest=0.04, lowest=-0.05, steps=12, from_moved=True)
 """Offsets (radii) on the finer mesh: steps of 0.2 mm on a peach, under a pixel of the photos."""
 STEM_COSINE = 0.75
-"""Of the normal to the vertical: steeper skin is a side, where no stem is."""
+"""Cosine between normal and vertical below which skin is a side, where no stem is."""
 SHALLOW_SHARE = 0.055
-"""On sides (normal over 41 degrees off the vertical) skin lies at most so far (radii) under the outlines."""
+"""Largest depth (radii) of skin under the outlines on sides (normal over 41 degrees off the vertical)."""
 STIFFNESS = 1.2
-"""Stiffness of the membrane against the weight (at most 1) of a depth: a lone one does not bend it."""
+"""Stiffness of the membrane against the weight (at most 1) of a depth: a single one does not bend it."""
 AVERAGED, LESS_AVERAGED = (2, 2, 2), (1, 1, 1)
-"""Times that scores are averaged with the neighbours', by search of COARSE_SEARCHES. Twice holds noise of
-glossy skin down, but smears peaks of steep slopes. Once is tried after twice found nothing: on 18 photos of a
-nectarine 21 of 79 vertices of the cavity then passed, 2 before."""
+"""Smoothing rounds of the scores, by search of COARSE_SEARCHES. Two suppress noise of glossy skin, but smear
+peaks of steep slopes. One is tried after two found nothing: on 18 photos of a nectarine 21 of 79 vertices of
+the cavity then passed, 2 before."""
 FINE_STIFFNESS, FINE_AVERAGED, FINE_PULL = 5.0, 5, 0.02
-"""The same on the finer mesh, over about as many millimetres, and the pull (as a weight) back to where the
-surface was. 2 to 5 rounds and stiffness 1.5 to 5 differ by under 0.003 mm on six sets."""
+"""Stiffness and smoothing rounds on the finer mesh, over about as many millimetres; weight of the pull back
+to the surface before. 2 to 5 rounds and stiffness 1.5 to 5 differ by under 0.003 mm on six sets."""
 EVERYWHERE, LOOSE = 0.02, 2e-4
-"""Pull (as a weight) back to the outline surface of every vertex, and of those in a hollow: against a depth's
-0.16 to 1 the first costs an eighth at most, and alone brings vertices without a depth back."""
+"""Weight of the pull back to the outline surface, for all vertices and for those in a hollow. Against a
+depth's 0.16 to 1 the first costs an eighth at most; alone it returns vertices without a depth."""
 HOLLOW_SHARE = 0.02
-"""Depth (radii) from where a vertex counts as deep: 0.6 mm on a peach, twice the outlines' own error."""
+"""Depth (radii) above which a vertex counts as deep: 0.6 mm on a peach, twice the outlines' own error."""
 HOLLOW_DENSITY, HOLLOW_SURE = 0.25, 0.6
-"""Share of the vertices around that must be deep, and of those with a depth, for a hollow."""
+"""Least share of deep vertices among those nearby, and among those with a depth, for a hollow."""
 HOLLOW_ROUNDS = 3
-"""Rounds of averaging that "around" is, about 12 degrees of the fruit."""
+"""Smoothing rounds that define "nearby", about 12 degrees of the fruit."""
 MOVED_SHARE = 0.01
-"""Radii that a vertex must move to count: a third of a millimetre on a peach, the outlines' own error."""
+"""Least move of a vertex that counts (radii): a third of a millimetre on a peach, the outlines' own error."""
 GROWTH_RINGS = 3
-"""Rings of vertices around what moved that are searched next: a hollow's slopes are found from its floor."""
+"""Rings around moved vertices that are searched next: a hollow's slopes are found from its floor."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Found:
-    """What a search found: a surface, the weight of each vertex's depth in it (0: none of its own), the
-    vertices that might move, and those far from the outline surface (with a depth, or between such).
+    """Result of a search: the surface, the weight of each vertex's depth (0: without one), and the vertices
+    that might move. `far`: those far from the outline surface (with a depth, or between such).
     """
 
     surface: Float[np.ndarray, "n 3"]
@@ -182,11 +182,11 @@ def searched(
     *,
     averaged: tuple[int, ...],
 ) -> Found:
-    """The outline surface moved where vertices are active.
+    """The outline surface, moved at active vertices.
 
-    First over the whole range with normals of the outline surface, then with those of the hollow found, then
-    near it. `averaged`: by search, how many times scores are averaged with the neighbours'. Vertices that
-    rims hold are pulled back to them, but where photos agree all around that the skin lies deep.
+    Three searches: over the whole range with the outline surface's normals, again with normals halfway to the
+    found hollow's, then near the result. `averaged`: smoothing rounds of the scores, by search. `held` pulls
+    vertices back to the outlines, except where photos agree all around that the skin lies deep.
     """
     points, radius, faces = mesh.outline.points, mesh.radius_mm, mesh.faces
     moved, patches, rows = points, mesh.outline, np.flatnonzero(active)
@@ -224,7 +224,7 @@ def refined(
     views: Sequence[GreyView],
     zone: Bool[np.ndarray, " n"],
 ) -> tuple[Float[np.ndarray, "n 3"], Bool[np.ndarray, " n"]]:
-    """A surface moved smoothly inside a zone, by 0 where no depth is found; and where one was."""
+    """A surface moved smoothly inside a zone, by 0 without depths nearby; and the mask of found depths."""
     patches, rows = patches_of(mesh, surface), np.flatnonzero(zone)
     offsets = np.linspace(FINE_SEARCH.highest, FINE_SEARCH.lowest, FINE_SEARCH.steps) * mesh.radius_mm
     scores = _averaged(_spread_scores(patches, views, rows, offsets), mesh.faces, FINE_AVERAGED)
@@ -236,7 +236,7 @@ def refined(
 
 
 def at_edge(mesh: OutlineMesh, surface: Float[np.ndarray, "n 3"]) -> Bool[np.ndarray, " n"]:
-    """Vertices about as deep under the outlines as `searched` looks, so that the skin may lie deeper.
+    """Vertices about as deep under the outlines as `searched` reaches, so that the skin may lie deeper.
 
     A peak is distinct only if scores more than DISTINCT_STEPS steps away are lower, so the deepest steps hold
     no distinct peak. On sides, deeper scores count as 0, and only the last step is at the edge.
@@ -262,7 +262,7 @@ def _spread_scores(
 
 
 def _averaged(scores: Float[np.ndarray, "k n d"], faces: Faces, times: int) -> Float[np.ndarray, "k n d"]:
-    """Scores averaged with the neighbours', so many times."""
+    """Scores averaged with the neighbours', `times` times."""
     return np.stack([smoothed(each, faces, times) for each in scores])
 
 

@@ -1,4 +1,4 @@
-"""Points to a smooth surface, and a surface to one closed manifold that looks outward, with few faces."""
+"""A smooth surface through points, and its repair to one closed, outward manifold with few faces."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,14 +12,14 @@ from recon.surface.ray_mesh import RayMesh, open3d
 from recon.triangle_mesh import Faces, Mesh, Vertices, open_edges, unique_edges, volume_mm3
 
 DEPTH = 6
-"""Of the octree: 64 cells over 1.1 fruit: 0.004 to 0.011 mm off; 7: 0.003 to 0.008 for 3 to 4 CPU s more."""
+"""Depth of the octree: 64 cells over 1.1 fruit, 0.004 to 0.011 mm off (7: 0.003 to 0.008, 3 to 4 s more)."""
 
 
 def poisson_surface(points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray, "n 3"]) -> Mesh:
-    """The surface by the points whose indicator's gradient fits the normals (Kazhdan, Hoppe 2013).
+    """The surface whose indicator's gradient fits the normals at the points (Kazhdan, Hoppe 2013).
 
-    Points (mm) cover the whole fruit, normals look outward. Run in one thread: the same points give the same
-    mesh.
+    Points (mm) cover the whole fruit, normals point outward. One thread: the same points give the same mesh.
+    Raises ReconFailure (no-surface).
     """
     o3d = open3d()
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.ascontiguousarray(points)))
@@ -35,13 +35,13 @@ def poisson_surface(points: Float[np.ndarray, "n 3"], normals: Float[np.ndarray,
 
 
 LARGEST_HOLE = 0.25
-"""Half the diagonal of the largest hole's box that is closed, over the diagonal of the surface's box: 0.16
-under a drawn fruit; a lid over 0.25 takes 3 % of a ball's volume. Set by hand."""
+"""Half the diagonal of the largest closed hole's box, over the diagonal of the surface's box. Under a
+rendered fruit it is 0.16; a lid over 0.25 takes 3 % of a ball's volume. Set by hand."""
 
 
 @dataclass(frozen=True)
 class RepairedMesh:
-    """A closed manifold and how far decimation moved the surface (mm)."""
+    """A closed manifold, and the root mean square distance by which decimation moved the surface."""
 
     vertices: Vertices
     faces: Faces
@@ -51,8 +51,8 @@ class RepairedMesh:
 def repaired(vertices: Vertices, faces: Faces, *, max_faces: int) -> RepairedMesh:
     """The largest part of a surface as a manifold, holes closed, of at most `max_faces` faces.
 
-    By PyMeshLab where it is installed, else by Open3D. Raises ReconFailure: not-watertight where it stays
-    open, missing-library where neither can be loaded.
+    By PyMeshLab if it is installed, else by Open3D. Raises ReconFailure: not-watertight if it stays open,
+    missing-library if Open3D does not load.
     """
     tool = _closed_and_decimated if meshlab.library() is None else meshlab.closed_and_decimated
     whole, corners, triangles = tool(vertices, faces, max_faces=max_faces)
@@ -70,7 +70,7 @@ def repaired(vertices: Vertices, faces: Faces, *, max_faces: int) -> RepairedMes
 def _closed_and_decimated(
     vertices: Vertices, faces: Faces, *, max_faces: int
 ) -> tuple[Float[np.ndarray, "k 3"], Float[np.ndarray, "v 3"], Int[np.ndarray, "f 3"]]:
-    """As recon.surface.meshlab, by Open3D; raises ReconFailure (missing-library)."""
+    """`closed_and_decimated` of recon.surface.meshlab by Open3D; raises ReconFailure (missing-library)."""
     o3d = open3d()
     mesh = _clean(
         o3d.geometry.TriangleMesh(
@@ -85,9 +85,9 @@ def _closed_and_decimated(
 
 
 def _clean(mesh: Any) -> Any:
-    """The largest part of an Open3D mesh, its holes closed and its faces turned one way.
+    """The largest part of an Open3D mesh, its holes closed and its faces oriented consistently.
 
-    Doubled faces are dropped, and all faces at an edge that more than two faces share.
+    Duplicate faces are dropped, and all faces at an edge that more than two faces share.
     """
     o3d = open3d()
     mesh.remove_duplicated_vertices()

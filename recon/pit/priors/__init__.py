@@ -1,4 +1,4 @@
-"""What is known of a category beforehand (pit, flesh, whole body): numbers in TOML files, with sources."""
+"""Priors of a category (pit, flesh, whole body): numbers in TOML files, with sources."""
 
 import difflib
 import math
@@ -14,23 +14,23 @@ from recon.triangle_mesh import Faces, Vertices
 
 FOLDER = Path(__file__).parent
 LEAST_POISSON_RATIO = 0.1
-"""Of flesh and of phantoms: fruit tissue is given 0.2 to 0.49 and gels more; 0, cork's, is a slip."""
+"""Least Poisson's ratio: sources give flesh 0.2 to 0.49 and gels more; 0, as cork's, is an input error."""
 MOST_BYTES = 1_000_000
-"""Of a category's file; the shipped ones have 3 kB."""
+"""Largest file of a category; the shipped ones have 2 kB."""
 LEFT = "given_by_batch"
-"""The key under which a category names what it leaves to the batch."""
+"""Key of the list of fields that a category leaves to the batch."""
 MAY_BE_LEFT = {
     "pit": ("axis_ratios", "raised", "exponent"),
     "poisson_ratio": ("poisson_ratio", "poisson_ratio_sd"),
 }
-"""What a category may leave, and the fields that it then does not have."""
+"""Groups that a category may leave to the batch, and the fields that its file then omits."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MeasuredPit:
-    """A pit that somebody measured: a closed mesh, mm, z to the stem, x to the suture, its box about 0.
+    """A measured pit: a closed mesh, mm, z to the stem, x to the suture, the centre of its box at 0.
 
-    `digest` (SHA-256) stands for the mesh wherever a prior is compared or written down.
+    `digest` (SHA-256) represents the mesh in comparisons and records of a prior.
     """
 
     vertices: Vertices = field(repr=False, compare=False)
@@ -40,15 +40,15 @@ class MeasuredPit:
 
 @dataclass(frozen=True, kw_only=True)
 class PitBody:
-    """What a whole body of a category is like, by which a scan is doubted; as it stands here, a stone fruit.
+    """Plausible shape and density of a whole body, to check scans; the defaults are for stone fruit.
 
-    `stem_and_suture`: whether the shape shows how it stands (recon.surface.orientation).
-    `longest_over_shortest`: of its box, at most; `least_convex`: the least share of its convex hull that
-    it fills. Stone fruit are at most 1.35 times as long as wide and fill 0.95 to 0.99 of their hull
-    (estimates). `density_g_per_cm3` of the whole: 0.94 for apricots (Ahmadi et al. 2009, Pakistan Journal
-    of Nutrition 8:264), 1.24 for peaches (Emadi et al. 2011, World Applied Sciences Journal 12(1):119),
-    the margin an estimate. `pit_mm`: the longest side of a measured pit, from less than a small cherry's
-    to more than a large peach's (estimate).
+    `stem_and_suture`: whether the shape shows its orientation (recon.surface.orientation).
+    `longest_over_shortest`: largest ratio of its box's sides. `least_convex`: least share of its convex hull
+    that it fills. Stone fruit are at most 1.35 times as long as wide and fill 0.95 to 0.99 of their hull
+    (estimates). `density_g_per_cm3` of the whole: 0.94 for apricots (Ahmadi et al. 2009, Pakistan Journal of
+    Nutrition 8:264), 1.24 for peaches (Emadi et al. 2011, World Applied Sciences Journal 12(1):119), the
+    margin an estimate. `pit_mm`: longest side of a measured pit, from below a small cherry's to above a large
+    peach's (estimate).
     """
 
     stem_and_suture: bool = True
@@ -66,12 +66,11 @@ Range = tuple[float, float]
 
 @dataclass(frozen=True, kw_only=True)
 class Plausible:
-    """The least and the greatest value of each number that a real fruit of the category has; None: unknown.
+    """Least and greatest plausible value of each quantity of a real fruit of the category; None: unknown.
 
-    Wide on purpose: a value outside is refused, so no real fruit may lie there. `height_mm` is along the stem
-    axis, `diameter_mm` across it; `density_g_per_cm3` is mass over the ellipsoid of height and diameter,
-    which a flat or grooved fruit does not fill or overfills; `E_MPa` is Young's modulus of the flesh, from
-    over-ripe to unripe.
+    The ranges are wide, because values outside are refused. `height_mm` is along the stem axis, `diameter_mm`
+    across it. `density_g_per_cm3` is mass over the ellipsoid of height and diameter, so flat or grooved fruit
+    deviate. `E_MPa` is Young's modulus of the flesh, from over-ripe to unripe.
     """
 
     height_mm: Range | None = None
@@ -85,16 +84,15 @@ class Plausible:
 
 @dataclass(frozen=True, kw_only=True)
 class PitPrior:
-    """A pit as a superellipsoid in the fruit frame, in shares of the fruit's box, and the spread about it.
+    """A superellipsoidal pit in the fruit frame, in shares of the fruit's box, and its uncertainty.
 
-    Semi-axis k is `axis_ratios[k]` times half the fruit's box along axis k; its centre lies `raised[k]`
-    half-boxes from the box's centre; |x/a|^p + |y/b|^p + |z/c|^p = 1 with p = `exponent` (2: an ellipsoid).
-    `offset_sd_mm` is per axis, `size_sd` relative, `poisson_ratio_sd` that of the flesh.
-    `fruit_mm` is the least and the greatest size (cube root of the box's volume) that a whole fruit of the
-    kind is taken to have, if the file says so; `plausible`: the ranges outside which a number that staff give
-    is a slip, if the file has the table. A `measured` pit takes the superellipsoid's place, in its own
-    size. `axis_ratios` and `poisson_ratio` are None in a category that leaves them to the batch. `body`: what
-    else is expected of the whole. `sources` says where each number comes from.
+    Semi-axis k is `axis_ratios[k]` times half the fruit's box along axis k. The centre lies `raised[k]`
+    half-boxes from the box's centre. |x/a|^p + |y/b|^p + |z/c|^p = 1 with p = `exponent` (2: an ellipsoid).
+    `offset_sd_mm` is per axis, `size_sd` relative, `poisson_ratio_sd` that of the flesh. `fruit_mm`: least
+    and greatest size of a whole fruit (cube root of the box's volume), if the file states it. `plausible`:
+    ranges outside which staff's numbers are errors, if the file has the table. A `measured` pit replaces the
+    superellipsoid, in its own size. `axis_ratios` and `poisson_ratio` are None in a category that leaves them
+    to the batch. `body`: plausible shape of the whole. `sources`: where each number comes from.
     """
 
     category: str
@@ -113,13 +111,13 @@ class PitPrior:
 
     @property
     def has_pit(self) -> bool:
-        """Whether it says which pit to set into a fruit."""
+        """Whether the prior defines a pit."""
         return self.measured is not None or self.axis_ratios is not None
 
 
 @cache
 def known_categories() -> tuple[str, ...]:
-    """Categories that ship with a file."""
+    """Names of the shipped categories."""
     return tuple(sorted(path.stem for path in FOLDER.glob("*.toml")))
 
 
@@ -144,7 +142,7 @@ def load_prior(category_or_path: str | Path) -> PitPrior:
 
 @cache
 def _shipped(name: str) -> PitPrior:
-    """What comes with the package is read once: a run opens its batch several times."""
+    """A shipped category's prior; cached, because a run opens its batch several times."""
     if name not in known_categories():
         raise ReconProblem.NO_PRIOR.failure(
             f"drupe has no pit prior for {name!r}; known: {', '.join(known_categories())}. You can "
@@ -154,11 +152,11 @@ def _shipped(name: str) -> PitPrior:
 
 
 Kind = tuple[str, Callable[[Any], Any]]
-"""What is expected of a value, in words, and what makes it ours: None of one that does not fit."""
+"""The expected value in words, and a parser that returns None for any other."""
 
 
 def _numbers(low: float, high: float, count: int = 1, *, rising: bool = False) -> Kind:
-    """A number of a range, or a tuple of `count`, the smaller first if they are `rising`."""
+    """A number in a range, or a tuple of `count`; `rising`: the smaller first."""
 
     def read(value: Any) -> float | tuple[float, ...] | None:
         given = value if count > 1 else [value]
@@ -185,7 +183,7 @@ _FIELDS: dict[str, Kind] = {
     "poisson_ratio": _numbers(LEAST_POISSON_RATIO, 0.4999),
     "poisson_ratio_sd": _numbers(0.0, 0.2),
 }
-"""Fields of pit and flesh that a category states or leaves to the batch; ranges wide of any fruit."""
+"""Fields of pit and flesh that a category states or leaves to the batch; the ranges exceed any fruit's."""
 _OF_BODY: dict[str, Kind] = {
     "stem_and_suture": _FLAG,
     "longest_over_shortest": _numbers(1.0, 100.0),
@@ -193,11 +191,11 @@ _OF_BODY: dict[str, Kind] = {
     "density_g_per_cm3": _numbers(0.0, 25.0, 2, rising=True),
     "pit_mm": _numbers(0.1, 200.0, 2, rising=True),
 }
-"""Fields of PitBody, of stone fruit if not stated; wide of any fruit and phantom."""
+"""Fields of PitBody, with its defaults; the ranges exceed those of any fruit and phantom."""
 _OPTIONAL = {**_OF_BODY, "fruit_mm": _numbers(5.0, 200.0, 2, rising=True)}
 """These and the usual size of a whole fruit, mm."""
 _PLAUSIBLE = "two numbers of 0 or above, the smaller first", _numbers(0.0, 1e9, 2, rising=True)[1]
-"""Of any range of Plausible, in its unit; larger numbers are slips."""
+"""Kind of each range of Plausible, in its unit; larger numbers are input errors."""
 
 
 def _read(path: Path) -> PitPrior:
@@ -226,7 +224,7 @@ def _read(path: Path) -> PitPrior:
             raise _bad(path, message)
         sources[name] = printable(source)
     known = {*_FIELDS, *_OPTIONAL, "category", "plausible", LEFT}
-    for key in table.keys() - known:  # others are notes of the file's owner
+    for key in table.keys() - known:  # other keys are notes of the file's owner
         if near := difflib.get_close_matches(key, known, n=1, cutoff=0.8):
             raise _bad(path, f'unknown key "{key}"; did you mean "{near[0]}"?')
     body = PitBody(**{name: values.pop(name) for name in _OF_BODY if name in values})
@@ -240,7 +238,7 @@ def _read(path: Path) -> PitPrior:
 
 
 def _left_to_batch(path: Path, table: Mapping[str, Any]) -> set[str]:
-    """The fields that the file leaves to the batch; it must not state them as well."""
+    """Fields that the file leaves to the batch; raises ReconFailure (bad-prior) if it also states them."""
     named = table.get(LEFT, [])
     if not isinstance(named, list) or not all(isinstance(n, str) and n in MAY_BE_LEFT for n in named):
         choice = " and ".join(f'"{n}"' for n in MAY_BE_LEFT)
@@ -253,7 +251,7 @@ def _left_to_batch(path: Path, table: Mapping[str, Any]) -> set[str]:
 
 
 def _plausible(path: Path, table: object) -> Plausible | None:
-    """The table [plausible] of a category's file, each entry `[low, high]`; None where there is no table."""
+    """The table [plausible] of a category's file, each entry `[low, high]`; None without the table."""
     if table is None:
         return None
     if not isinstance(table, dict):
