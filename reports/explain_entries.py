@@ -46,7 +46,7 @@ class ExplainEntry:
     The JSON omits `scale_sd` and the fields from `cells` on. `scale_sd`: standard deviation of ln E from the
     sensors' scales, which no E here includes. `effects`: words of the single effects; `parameter_words`:
     meanings by effect and parameter. `contacts_mm`: where each pad touched, all grasps together. `facts`:
-    (label, value).
+    (label, value) of Poisson's ratio and elements.
     """
 
     detected: bool
