@@ -115,7 +115,7 @@ def _centre(axes: Axes, radius: float) -> None:
 
 
 def _bar_and_words(axes: Axes, *, lowest: float, bottom: float, title: str) -> None:
-    """Draws the measuring bar, what to do with it, and the mat's title."""
+    """Draws the measuring bar with instructions, and the mat's title."""
     y = max(lowest - 6.0, bottom + 13.0)
     half = _BAR_MM / 2
     ink: dict[str, Any] = {"facecolor": _INK, "linewidth": 0}

@@ -53,7 +53,7 @@ def message(text: str) -> str:
 
 
 def _translated(said: Any) -> Any:
-    """A sentence, several, or a record with those that SENTENCES names, in the language in force."""
+    """A sentence, several, or the sentences of a record that SENTENCES names, in the language in force."""
     if isinstance(said, str):
         return message(said)
     if isinstance(said, tuple):

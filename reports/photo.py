@@ -16,7 +16,7 @@ def thumbnail_jpeg(image: UInt8[np.ndarray, "h w 3"], *, longest_px: int = PAGE_
 
 
 def within(image: UInt8[np.ndarray, "h w 3"], longest_px: int) -> tuple[UInt8[np.ndarray, "_h _w 3"], float]:
-    """The picture with its longer side at most ``longest_px``, and the factor by which it was scaled."""
+    """The picture with its longer side at most ``longest_px``, and its scale factor."""
     scale = longest_px / max(image.shape[:2])
     if scale >= 1.0:
         return image, 1.0

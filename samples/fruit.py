@@ -91,7 +91,7 @@ class SampleFruit:
 
 
 def fruits_of_seed(count: int, *, seed: int) -> tuple[SampleFruit, ...]:
-    """`count` nectarines whose moduli spread evenly in the logarithm over 0.15 to 1.6 MPa, in shuffled order.
+    """`count` nectarines with moduli spread evenly in ln E over 0.15 to 1.6 MPa, in shuffled order.
 
     Ripeness (the colour) follows the modulus with some scatter, as it does in an orchard.
     """

@@ -29,8 +29,8 @@ from samples.mismatch.skin_compliance import SkinCompliance, Slices, parts_of
 from samples.sample_failure import NotInEquilibrium
 
 TOLERANCE_N, ROUGHLY_N = 1e-6, 1e-3
-"""Tolerances of the force residual, norm over all nodes, N: six orders below the pads' force of some newtons,
-and three while the skin point of each gel point is unknown."""
+"""Tolerances of the force residual (norm over all nodes), N: six orders below the pads' force of some
+newtons. The looser one, three orders below, serves while the skin point of each gel point is unknown."""
 ROUNDED_N = 1e-4
 """N: a residual below this that no step reduces is rounding. The compliance has single precision, which
 leaves 1e-5 to 3e-5 N after a start that was 40 N off. At the gel's stiffness of 10 N/mm it is 1e-5 mm; it is
