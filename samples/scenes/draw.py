@@ -71,8 +71,8 @@ def draw_scene(
 ) -> Scene:
     """Scene number `index` of a family with seed FIRST_SEED + index; the same arguments give the same scene.
 
-    `fruit`: kind and fruit that replace the random one; all other factors are unchanged. Raises KeyError for
-    a family that is not one of FAMILIES.
+    `fruit`: kind and fruit that replace the random one; all other factors keep their random draws. Raises
+    KeyError for a family that is not one of FAMILIES.
     """
     seed = FIRST_SEED[family] + index
     phone, turns = family == "phone", family == "turntable"
