@@ -1,1 +1,1 @@
-"""Records to CSV and HTML that people read."""
+"""Turns records of graded fruit into CSV, JSON and HTML that people read."""

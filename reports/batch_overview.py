@@ -1,4 +1,4 @@
-"""The first screen of a report: how many fruit of each class, what to ship, hold and inspect, and why."""
+"""First screen of a report: number of fruit per class, and which fruit to ship, hold or inspect, and why."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from reports.words import NO_BREAK, advice, percent, suspicion_words
 Indexed = tuple[int, FruitEntry]
 """A fruit with its number on the page."""
 SHIPPED_WITH = "ship with probability "
-"""Before the probability in the reason of a borderline fruit."""
+"""This text precedes the probability in the reason of a borderline fruit."""
 REASONS = (
     "not graded",
     "E is in doubt",
@@ -22,15 +22,15 @@ REASONS = (
     "the suspected effect changes its class",
     "borderline",
 )
-"""What such reasons begin with; each is in the words files."""
+"""Every reason starts with one of these; the words files translate each of them."""
 MOST_LISTED = 120
-"""Fruit of one list that are named on a printed certificate: more do not fit on its page."""
+"""A printed certificate lists the fruit of a group up to this number; more do not fit on its page."""
 MOST_LINKED = 12
-"""Fruit of one list that have a link on the screen; of more the table has all."""
+"""The screen links to at most this many fruit of a group; the table holds all."""
 
 
 class DecisionList(NamedTuple):
-    """One of the three lists: its key, title, what is done with its fruit, and the fruit by reason."""
+    """One of the three lists: its key, title, criterion (`words`), and its fruit grouped by reason."""
 
     key: str
     title: str
@@ -39,22 +39,22 @@ class DecisionList(NamedTuple):
 
     @property
     def fruits(self) -> tuple[Indexed, ...]:
-        """All of them."""
+        """All fruit of the list."""
         return tuple(fruit for _, group in self.groups for fruit in group)
 
 
 class Failures(NamedTuple):
-    """Fruit that were not graded for one cause: the outcome's code, its advice, the fruit."""
+    """Fruit with one outcome and advice, none of them graded: the outcome's code, its advice, the fruit."""
 
     outcome: str
     advice: str
     fruits: tuple[Indexed, ...]
     same_reason: str
-    """The reason, where all have the same but for numbers in it."""
+    """The first fruit's reason if the reasons differ only in numbers and fruit ids; else empty."""
 
 
 def decision_lists(batch: BatchEntry, fruits: list[Indexed]) -> tuple[DecisionList, ...]:
-    """Ship, hold, inspect; the first two only where classes say what is shipped."""
+    """The lists ship, hold and inspect; if no class states what to ship, only a non-empty inspect list."""
     by_list: dict[str, list[Indexed]] = {SHIP: [], HOLD: [], INSPECT: []}
     for fruit in fruits:
         if fruit[1].decision:
@@ -79,7 +79,7 @@ def decision_lists(batch: BatchEntry, fruits: list[Indexed]) -> tuple[DecisionLi
 
 
 def _by_reason(fruits: list[Indexed]) -> tuple[tuple[str, tuple[Indexed, ...]], ...]:
-    """Those that share a reason together, the commonest first; a borderline's percentage is left out."""
+    """Groups of fruit with the same reason, largest first; a borderline fruit's percentage is ignored."""
     groups: dict[str, list[Indexed]] = {}
     for fruit in fruits:
         groups.setdefault(fruit[1].decision_reason.partition(":")[0], []).append(fruit)
@@ -89,7 +89,7 @@ def _by_reason(fruits: list[Indexed]) -> tuple[tuple[str, tuple[Indexed, ...]], 
 
 
 def failures(fruits: list[Indexed]) -> tuple[Failures, ...]:
-    """Fruit that were not graded, those of one outcome and advice together, the commonest first."""
+    """Groups of fruit that were not graded, by outcome and advice, largest first."""
     groups: dict[tuple[str, str], list[Indexed]] = {}
     for index, fruit in fruits:
         if not fruit.ok:
@@ -103,7 +103,7 @@ def failures(fruits: list[Indexed]) -> tuple[Failures, ...]:
 
 
 def share_words(share: float) -> str:
-    """A setting in percent, to as many digits as it has.
+    """A share in percent, with at most four significant digits.
 
     >>> share_words(0.9).replace(NO_BREAK, " "), share_words(0.995).replace(NO_BREAK, " ")
     ('90 %', '99.5 %')
@@ -112,7 +112,7 @@ def share_words(share: float) -> str:
 
 
 def class_counts(batch: BatchEntry, fruits: list[Indexed]) -> tuple[tuple[str, int, int], ...]:
-    """(class, its fruit, those of them that are not certain) of every class, softest first."""
+    """(class, number of fruit, number of uncertain fruit) of every class, softest first."""
     alone = [fruit for _, fruit in fruits if fruit.maturity]
     counts = Counter(fruit.maturity for fruit in alone)
     unsure = Counter(fruit.maturity for fruit in alone if fruit.other_class)
@@ -120,7 +120,7 @@ def class_counts(batch: BatchEntry, fruits: list[Indexed]) -> tuple[tuple[str, i
 
 
 def class_words(fruit: FruitEntry) -> str:
-    """The class that a borderline fruit may have as well; empty where its own is certain."""
+    """A borderline fruit's other possible class with its probability; empty if its class is certain."""
     if not fruit.other_class:
         return ""
     chance = percent(fruit.other_class_probability)
@@ -128,7 +128,7 @@ def class_words(fruit: FruitEntry) -> str:
 
 
 def reason_words(reason: str, suspicion: Suspicion | None = None) -> str:
-    """Why a fruit is to be inspected (pipeline.ranking.decisions), in the page's language."""
+    """Why staff must inspect a fruit (pipeline.ranking.decisions), in the page's language."""
     head, colon, rest = reason.partition(": ")
     if suspicion is not None:
         return f"{say(head)}: {suspicion_words(suspicion)}"
@@ -139,12 +139,12 @@ def reason_words(reason: str, suspicion: Suspicion | None = None) -> str:
 
 
 def numbered(batch: BatchEntry) -> list[Indexed]:
-    """All fruit in reading order, with the numbers by which the page links to them."""
+    """All fruit as `ranked`, with the numbers that the page's links use."""
     return list(enumerate(ranked(batch.fruits), start=1))
 
 
 def correlation_words(shore: ShoreCorrelation) -> str:
-    """The correlation in one line."""
+    """Number of fruit, both correlations of E and Shore readings, and p (if known), in one line."""
     words = (
         f"{shore.n} fruit with both: Spearman rank correlation {shore.spearman:.2f}, "
         f"Pearson correlation {shore.pearson:.2f}"

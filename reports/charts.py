@@ -20,15 +20,15 @@ from reports.language import say
 Chart = dict[str, Any]
 """A chart for static/charts.js: title, description, caption, axes and layers."""
 MOST_BATCHES = 60
-"""Of a control chart: beyond it the marks run together."""
+"""A control chart shows at most this many batches; marks of more would overlap."""
 UNKNOWN_LOT = "unknown"
 EPOCH = date(1970, 1, 1)
-"""From which uPlot counts days, as Unix does."""
+"""Day zero of uPlot's axes with dates, as in Unix time."""
 
 
 def layer(kind: str, x: Iterable[float], y: Iterable[float], **how: object) -> Chart:
-    """Marks, a line or an area through the points that are finite, rounded: a pixel is a thousandth of
-    the chart. `how`: colour, name, shape, `dashed`, `faint`, and lists of one entry per point.
+    """Marks, a line or an area through the finite points, rounded: a pixel is a thousandth of the chart.
+    `how`: colour, name, shape, `dashed`, `faint`, and lists with one entry per point.
     """
     places = np.column_stack([np.fromiter(x, float), np.fromiter(y, float)])
     places = places[np.isfinite(places).all(axis=1)]
@@ -50,12 +50,12 @@ def rules(
 
 
 def rounded(values: Iterable[float]) -> list[float]:
-    """To five significant digits, of large numbers (days) eight."""
+    """The values to five significant digits; to eight from 1e4 on, for days."""
     return [float(f"{value:.{8 if abs(value) >= 1e4 else 5}g}") for value in values]
 
 
 def padded(values: Iterable[float], *, from_zero: bool = False) -> tuple[float, float]:
-    """Axis limits that hold all finite values with a little air; never empty."""
+    """Axis limits that contain all finite values with a margin of 6 %; never an empty interval."""
     finite = [value for value in values if math.isfinite(value)] or [0.0, 1.0]
     lowest, highest = min(finite), max(finite)
     if from_zero:
@@ -65,43 +65,43 @@ def padded(values: Iterable[float], *, from_zero: bool = False) -> tuple[float, 
 
 
 def day_limits(days: Iterable[float]) -> tuple[float, float]:
-    """Limits of an axis with `dates` that hold all days with half a day of air at least."""
+    """Limits of an axis with `dates` that contain all days, with a margin of 4 % and at least half a day."""
     held = list(days)
     air = max(0.04 * (max(held) - min(held)), 0.5)
     return min(held) - air, max(held) + air
 
 
 def day_number(day: date) -> int:
-    """Days since 1970, by which an axis with `dates` counts."""
+    """Days since 1970-01-01, the unit of an axis with `dates`."""
     return (day - EPOCH).days
 
 
 def script_json(content: object) -> str:
-    """JSON in a line, for a script element that no text of it can end."""
+    """JSON on one line; it escapes every `<`, so that no text can close the script element."""
     text = json.dumps(content, ensure_ascii=False, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c")
 
 
 class PlacedCharts:
-    """Charts of one page in the order of their places, which the page's script fills."""
+    """Charts of one page, in the order of their places; the page's script draws each in its place."""
 
     def __init__(self) -> None:
         self._charts: list[Chart] = []
 
     def place(self, chart: Chart) -> Markup:
-        """The chart's place in the page."""
+        """Add a chart and return its place in the page."""
         self._charts.append(chart)
         return Markup('<figure class="drawn"></figure>')
 
     def json(self) -> Markup:
-        """All charts that have a place so far."""
+        """JSON of all charts that have a place so far."""
         return Markup(script_json(self._charts))
 
 
 def control_chart(body: ReferenceBodyEntry) -> Chart:
-    """Found over known modulus of one reference body by time; one mark a batch, at most 60.
+    """Measured over known modulus of one reference body over time: one mark per batch, the last 60 at most.
 
-    The inner pair of dashed lines is 1 with 2 of each point's standard deviations either way, the outer 3.
+    Dashed lines are at exp(±2 s) and exp(±3 s), s = sd / ratio of each batch. Diamonds are beyond ±3 s.
     """
     points = body.history[-MOST_BATCHES:]
     days = [point.time_utc.timestamp() / 86400 for point in points]

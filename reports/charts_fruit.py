@@ -16,16 +16,16 @@ from reports.language import say
 from reports.words import number
 
 _MOST_POINTS = 80
-"""Marks of one pad: on a drawing 360 px wide more would lie less than 4 px apart."""
+"""Most marks of one pad: on a drawing 360 px wide, more would be less than 4 px apart."""
 _MOST_OF_CURVE, _LEAST_OF_MEAN = 16, 4
-"""Most points of the model's curve, and fewest frames in the mean of each. Set by hand: frames scatter."""
+"""Most points of the model's curve; fewest frames averaged in each, because frames scatter. Set by hand."""
 LEAST_CERTAIN = 0.2
-"""Relative error of a frame's modulus from which it does not set the chart's scale."""
+"""A frame whose modulus has at least this relative error does not influence the chart's scale."""
 _SHAPES = ("circle", "square")
 
 
 def fruit_charts(fruit: FruitEntry) -> list[Chart]:
-    """All charts of a fruit: of each recording force and residual, then E by frame."""
+    """All charts of a fruit: force and residual of each recording, then E by frame."""
     charts = [
         chart for recording in fruit.recordings if recording.curves for chart in _of_recording(recording)
     ]
@@ -35,7 +35,7 @@ def fruit_charts(fruit: FruitEntry) -> list[Chart]:
 
 
 def _of_recording(recording: GraspRecord) -> list[Chart]:
-    """Force against travel with the model's curve, and how far each frame is from it."""
+    """Force over travel; with a fitted model also its curve, and a second chart of the residuals."""
     curves = [curve for curve in recording.curves if np.isfinite(curve.travel_mm).any()]
     model = model_curve(curves)
     across = padded(_travels(curves), from_zero=True)
@@ -88,7 +88,7 @@ def model_curve(
 ) -> tuple[Float[np.ndarray, " m"], Float[np.ndarray, " m"], Float[np.ndarray, " m"]] | None:
     """Travel (mm), force (N) and the travel's standard deviation (mm) of the fitted model, by rising force.
 
-    All pads' frames, sorted by force; each point is the mean of neighbouring ones. None without a model.
+    Each point averages neighbours among all pads' frames; the travel never decreases. None without a model.
     """
     models = [curve.model for curve in curves if curve.model is not None]
     points = np.array(
@@ -106,7 +106,7 @@ def model_curve(
 def residual_um(
     curve: CurveRecord, travel_mm: Float[np.ndarray, " m"], force_N: Float[np.ndarray, " m"]
 ) -> Float[np.ndarray, " f"]:
-    """Recorded travel less that of the model's curve at the same force, µm; NaN outside the curve."""
+    """Recorded travel minus the travel of the model's curve at the same force, µm; NaN outside the curve."""
     recorded = np.array(curve.force_N, dtype=float)
     modelled = np.interp(recorded, force_N, travel_mm, left=np.nan, right=np.nan)
     missed_mm: np.ndarray = np.array(curve.travel_mm, dtype=float) - modelled
@@ -114,13 +114,13 @@ def residual_um(
 
 
 def _travels(curves: list[CurveRecord]) -> Iterable[float]:
-    """All travels, recorded and of the model."""
+    """All travels, recorded and modelled, mm."""
     yield from chain(*(curve.travel_mm for curve in curves))
     yield from chain(*(curve.model.travel_mm for curve in curves if curve.model is not None))
 
 
 def _pad_marks(curve: CurveRecord, up: Iterable[float], k: int) -> Chart:
-    """A pad's marks over travel, those that are finite, at most _MOST_POINTS."""
+    """One pad's marks over travel: finite points, thinned evenly to at most _MOST_POINTS."""
     points = np.column_stack([curve.travel_mm, list(up)])
     points = points[np.isfinite(points).all(axis=1)]
     points = points[:: max(1, math.ceil(len(points) / _MOST_POINTS))]
@@ -129,7 +129,7 @@ def _pad_marks(curve: CurveRecord, up: Iterable[float], k: int) -> Chart:
 
 
 def _frames(fruit: FruitEntry) -> Chart:
-    """Modulus by each frame alone against travel, all grasps; band: the fruit's own value ± one sd."""
+    """E from each frame alone over travel, for all grasps; band: the fruit's E ± one standard deviation."""
     by_recording = {recording.grasp: recording.frames for recording in fruit.recordings if recording.frames}
     frames = [frame for rows in by_recording.values() for frame in rows]
     sure = [frame.E_MPa for frame in frames if frame.E_sd_MPa < LEAST_CERTAIN * frame.E_MPa]
@@ -161,6 +161,6 @@ def _frames(fruit: FruitEntry) -> Chart:
 
 
 def _spread(fruit: FruitEntry) -> list[float]:
-    """E less and plus one standard deviation; empty where it is not known."""
+    """E minus and plus one standard deviation, MPa; empty if E is unknown."""
     sd = fruit.E_sd_MPa or 0.0
     return [] if fruit.E_MPa is None else [fruit.E_MPa - sd, fruit.E_MPa + sd]

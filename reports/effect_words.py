@@ -19,30 +19,30 @@ VERDICTS: dict[str, EffectEntry] = {
         "eye, and record the fruit again.",
     ),
 }
-"""The two verdicts that are no effect; the words of effects come with the entry (ExplainEntry.effects)."""
+"""Words of the two verdicts that name no effect; ExplainEntry.effects holds the words of effects."""
 
 LISTED = {NOTHING: "no mismatch", UNEXPLAINED: "an unknown effect"}
-"""Both in a list of explanations that cannot be distinguished."""
+"""Both verdicts as items in a list of explanations that the recordings cannot distinguish."""
 
 
 def parts(effect: str) -> tuple[str, ...]:
-    """The single effects of a name."""
+    """The single effects of a name, which + joins."""
     return tuple(effect.split("+"))
 
 
 def words_of(name: str, entry: ExplainEntry) -> EffectEntry | None:
-    """Of a single effect or a verdict that is none; None where the entry does not bring them."""
+    """Words of a single effect, or of a verdict without effect; None if the entry lacks them."""
     return VERDICTS.get(name) or entry.effects.get(name)
 
 
 def in_short(effect: str, entry: ExplainEntry) -> str:
-    """What the effect is, to complete a sentence; of a pair, both."""
+    """The short words of an effect, which complete a sentence; for a pair, of both effects."""
     known = [(words_of(part, entry), part) for part in parts(effect)]
     return ", and ".join(effect_name(part) if words is None else words.short for words, part in known)
 
 
 def explain_verdict(entry: ExplainEntry) -> str:
-    """The whole answer in one sentence (two where E changes), and what the ± of E excludes."""
+    """The answer in one to three sentences, and one more on the error that the ± of E excludes."""
     if entry.withheld is not None or not entry.scale_sd:
         return _answer(entry)
     return f"{_answer(entry)} Each ± excludes the sensor's scales, {100 * entry.scale_sd:.1f} % of E."
@@ -84,7 +84,7 @@ def _answer(entry: ExplainEntry) -> str:
 
 
 def by_rank(entry: ExplainEntry) -> tuple[str, ...]:
-    """The verdict's names, the likeliest first."""
+    """The verdict's names, most probable first."""
     order = {candidate.effect: k for k, candidate in enumerate(entry.ranking)}
     return tuple(sorted(entry.verdict, key=lambda effect: order.get(effect, len(order))))
 
@@ -104,7 +104,7 @@ def where_in_words(entry: ExplainEntry) -> str:
 
 
 def when_in_words(entry: ExplainEntry) -> str:
-    """The phase of the grasp."""
+    """The phase of the grasp in which the effect shows."""
     return {
         "load": "while it is squeezed",
         "hold": "while it is held",
@@ -114,7 +114,7 @@ def when_in_words(entry: ExplainEntry) -> str:
 
 
 def component_in_words(entry: ExplainEntry) -> str:
-    """Which component shows it."""
+    """The component that shows the effect."""
     return {
         "normal": "straight into the skin",
         "shear": "along the skin",

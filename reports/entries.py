@@ -1,8 +1,8 @@
-"""What the reports are told: frozen records of one batch and its fruits.
+"""Input of the reports: frozen records of one batch and its fruit.
 
-The records hold finished figures and ready words; nothing here or behind them computes a result.
-Units are in the names; ``None`` (or an empty tuple) says that a figure is not known. Every standard
-deviation is one sigma. Times are aware datetimes in UTC.
+The records hold finished numbers and words; reports compute no results. Units are in the names; ``None`` (or
+an empty tuple) marks an unknown value. Every standard deviation is one sigma. Times are aware datetimes in
+UTC.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from reports.grasp_record import GraspRecord
 
 @dataclass(frozen=True, kw_only=True)
 class ShoreCorrelation:
-    """How the graded moduli agree with Shore OO readings of the same fruits.
+    """How well the graded moduli agree with Shore OO readings of the same fruit.
 
     ``p`` is the two-sided p-value of the Spearman rank correlation under "no relation".
     """
@@ -28,13 +28,13 @@ class ShoreCorrelation:
 
 
 SHIP, HOLD, INSPECT = "ship", "hold", "inspect"
-"""Lists that a fruit may be on: to be shipped, to be held back, to be inspected (or grasped again)."""
+"""Keys of the three lists: staff ship a fruit, hold it back, or inspect it (or grasp it again)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Picture:
-    """A picture that the page holds: its bytes, JPEG or WebP, and the file of it, as a path from the page's
-    folder (empty: there is none). Without bytes the page only links to the file.
+    """A picture on the page: its bytes (JPEG or WebP) and its file, a path from the page's folder (empty: no
+    file). Without bytes the page only links to the file.
     """
 
     content: bytes = b""
@@ -43,24 +43,24 @@ class Picture:
 
 @dataclass(frozen=True, kw_only=True)
 class FruitPictures:
-    """Those that a fruit has."""
+    """Pictures of one fruit; None marks a missing one."""
 
     photo: Picture | None = None
     outlines: Picture | None = None
-    """All photos with the outlines that the shape was made from; the page has a link to it alone."""
+    """Sheet of all photos with the outlines from which the mesh was made; the page only links to it."""
     mesh: Picture | None = None
     surface_sd: Picture | None = None
     scene: bytes = b""
-    """The fruit in three dimensions, as GLB; empty where the page is not to hold it."""
+    """3D model of the fruit as GLB; empty if the page has no 3D view."""
 
 
 OR = "|"
-"""Between effects of which one is there."""
+"""Separates alternative effects: the recordings show one of them."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Suspect:
-    """One effect that the screen suggests: its name, what it is (to complete a sentence), what to do."""
+    """One effect that the screen suggests: its name, `short` (completes a sentence), and advice for staff."""
 
     name: str
     short: str
@@ -69,9 +69,9 @@ class Suspect:
 
 @dataclass(frozen=True, kw_only=True)
 class Suspicion:
-    """Why a fruit is to be inspected although its E is not in doubt: the suspected effect (empty: none is
-    named), the screen's p (`p_nominal`: not calibrated), and E and class without and with the effect (None,
-    empty: not known).
+    """Suspected effect of a fruit whose E is not in doubt (`effect` is empty if the screen names none).
+    `p_value`: the screen's p (`p_nominal`: not calibrated). E and class are given without and with the effect
+    (None or empty: unknown).
     """
 
     effect: str
@@ -87,9 +87,9 @@ class Suspicion:
 
 @dataclass(frozen=True, kw_only=True)
 class ScreenEntry:
-    """What the screen for missing physics says of a fruit: suspects, the likeliest first, none where nothing
-    was found; or in `why_not` why it says nothing (a sentence without a full stop). `note`: what was left
-    out. `p_nominal`: p is not calibrated.
+    """Result of the screen for missing physics. `suspects`: most probable first, empty if it found none.
+    `why_not`: why there is no result (a sentence without a full stop). `note`: inputs that the screen
+    ignored. `p_nominal`: p is not calibrated.
     """
 
     p_value: float | None = None
@@ -100,7 +100,7 @@ class ScreenEntry:
 
     @property
     def verdict(self) -> str:
-        """As the ranking has it; "none" as `drupe explain` says it.
+        """The verdict in the ranking; "none" means the same as in `drupe explain`.
 
         >>> ScreenEntry(p_value=0.4).verdict, ScreenEntry(why_not="no gel").verdict
         ('none', 'not screened: no gel')
@@ -112,7 +112,7 @@ class ScreenEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class VerdictEntry:
-    """A person's class for a fruit, why, and E as it was then. `earlier`: it was graded again since."""
+    """A person's class for a fruit, the reason, and E at that time. `earlier`: it was graded again later."""
 
     judged_class: str
     by: str
@@ -125,10 +125,10 @@ class VerdictEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class FruitEntry:
-    """All that a report says of one fruit, graded or not.
+    """All that a report shows of one fruit, graded or not.
 
-    A graded fruit has ``ok`` true and ``E_MPa`` set. One that is not has ``outcome``, the short code of
-    what stopped it, ``reason``, the sentence, and whatever was known before it stopped.
+    A graded fruit has ``ok`` true and ``E_MPa`` set. Otherwise ``outcome`` is the failure's code and
+    ``reason`` its sentence; other fields hold what was known before the failure.
     """
 
     fruit_id: str
@@ -138,66 +138,66 @@ class FruitEntry:
     reason: str = ""
     """One sentence: what was found, what was expected."""
     rank: int | None = None
-    """1 is the softest; None where there is no modulus."""
+    """1 is the softest; None without a modulus."""
     rank_probability: float | None = None
     rank_low: int | None = None
     rank_high: int | None = None
-    """The true rank is `rank` with `rank_probability`, and from `rank_low` to `rank_high` with 90 %."""
+    """The true rank is `rank` with `rank_probability`; with 90 % it is from `rank_low` to `rank_high`."""
     E_MPa: float | None = None
     E_sd_MPa: float | None = None
     E_scale_sd_MPa: float | None = None
-    """Beside E_sd_MPa, by a common factor on force and gel stiffness; None where there is no gel."""
+    """Error from a common factor on force and gel stiffness, not in E_sd_MPa; None without a gel."""
     maturity: str | None = None
     maturity_probability: float | None = None
     class_withheld: bool = False
     """Whether it has no class because its E is in doubt."""
     other_class: str | None = None
     other_class_probability: float | None = None
-    """The class that it may have as well, where its own is less certain than the batch's `certainty`."""
+    """A second possible class, if the first is less certain than the batch's `certainty`."""
     decision: str = ""
-    """SHIP, HOLD or INSPECT; empty where nothing parts the fruit."""
+    """SHIP, HOLD or INSPECT; empty if the batch makes no decisions."""
     decision_reason: str = ""
-    """Why it is to be inspected, to complete a sentence."""
+    """Why staff must inspect it; the words complete a sentence."""
     suspicion: Suspicion | None = None
-    """What `decision_reason` says of a suspected effect, in numbers."""
+    """The numbers behind a `decision_reason` that names a suspected effect."""
     p_softer_than_next: float | None = None
     height_mm: float | None = None
     volume_mm3: float | None = None
     grasps: int = 0
     shore_oo: float | None = None
     mismatch: str | None = None
-    """What the mechanical model is found to leave out, as a name of the effect vocabulary; several that
-    cannot be told apart with OR between them, the likeliest first."""
+    """Name of the effect that the mechanical model lacks; OR separates effects that the recordings cannot
+    distinguish, most probable first."""
     mismatch_taken: bool = False
-    """Whether E takes that into account."""
+    """Whether E accounts for `mismatch`."""
     screen: ScreenEntry | None = None
-    """What the screen says of what is left beyond that; None where it was left out."""
+    """The screen's result for physics beyond `mismatch`; None if no screen ran."""
     reference: bool = False
-    """Whether it is no fruit but a body of known modulus, which has no rank and no class."""
+    """Whether it is a reference body of known modulus, which has no rank and no class."""
     E_uncorrected_MPa: float | None = None
-    """E before it was divided by what the reference bodies say; None where it was not."""
+    """E before the correction by the reference bodies; None without a correction."""
     E_at_pulp_MPa: float | None = None
     E_at_pulp_sd_MPa: float | None = None
-    """E at the temperature at which the fruit was grasped; None where E is that."""
+    """E at the pulp temperature of the grasp; None if E already refers to that temperature."""
     warnings: tuple[str, ...] = ()
-    """Beyond the doubts."""
+    """Warnings other than doubts."""
     doubts: tuple[str, ...] = ()
-    """What cannot be right in the inputs, with its likely cause, of a fruit that is graded all the same."""
+    """Contradictions in the inputs of a graded fruit, each with its likely cause."""
     forced: tuple[str, ...] = ()
-    """Of the doubts, those that do not widen its error bar: numbers that no fruit has, graded by --force."""
+    """Doubts that do not widen the error bar: implausible values that --force accepted."""
     pictures: FruitPictures = FruitPictures()
     has_pit: bool = False
     """Whether the mechanics, and the picture of the mesh, have a pit."""
     recordings: tuple[GraspRecord, ...] = ()
-    """Those that gave a modulus, in their order."""
+    """Recordings that gave a modulus, in their order."""
     smaller_error: str = ""
-    """What E's error bar is made of for the most part, and what would make it smaller; sentences."""
+    """Sentences on the largest part of E's error, and on how to reduce it."""
     verdicts: tuple[VerdictEntry, ...] = ()
-    """What people say of it, the latest last; E does not depend on them."""
+    """Verdicts of people, latest last; E does not depend on them."""
     columns: Mapping[str, float | str] = field(default_factory=dict)
-    """Cells of the user's own columns, by name; empty ones are left out."""
+    """Cells of the user's own columns by name, without empty ones."""
     readings: Mapping[str, float] = field(default_factory=dict)
-    """Of simulated firmness tests, by column; with `_sd` at its end, a standard deviation."""
+    """Simulated firmness tests by column; a name that ends in `_sd` holds a standard deviation."""
     facts: tuple[tuple[str, str], ...] = ()
     """(label, value with its unit): views used, reprojection error, pit size, mesh size, ..."""
     seconds: Mapping[str, float] = field(default_factory=dict)
@@ -207,7 +207,7 @@ class FruitEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class RatioPoint:
-    """A reference body in one batch: its modulus found over known, and one standard deviation of that."""
+    """A reference body in one batch: measured over known modulus, with one standard deviation."""
 
     time_utc: datetime
     lot: str
@@ -217,7 +217,7 @@ class RatioPoint:
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceBodyEntry:
-    """A body of known modulus: known and found, and their ratio."""
+    """A reference body: its known and measured moduli, and their ratio."""
 
     fruit_id: str
     E_known_MPa: float
@@ -232,7 +232,7 @@ class ReferenceBodyEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class ReferenceEntry:
-    """What the reference bodies of a batch say of the gripper, in words; ``alarm`` where staff must act."""
+    """Sentences about the gripper from the reference bodies of a batch; ``alarm``: staff must act."""
 
     sentences: tuple[str, ...]
     alarm: bool
@@ -241,7 +241,7 @@ class ReferenceEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class Unfinished:
-    """How far a run is that has not come to its end: fruit done and in all; whether it was interrupted."""
+    """Progress of an unfinished run: fruit done, fruit in total, and whether it was interrupted."""
 
     done: int
     total: int
@@ -250,9 +250,9 @@ class Unfinished:
 
 @dataclass(frozen=True, kw_only=True)
 class BatchEntry:
-    """All that a report says of one batch: its fruits in any order, and where the figures come from.
+    """All that a report shows of one batch: its fruit in any order, and the provenance of the figures.
 
-    Of an `unfinished` run: the fruits that are done, and no exit status.
+    An `unfinished` run has only its finished fruit, and no exit status.
     """
 
     name: str
@@ -260,7 +260,7 @@ class BatchEntry:
     fruits: tuple[FruitEntry, ...]
     started_utc: datetime
     finished_utc: datetime
-    """Of an unfinished run, the time of these figures."""
+    """The time of these figures if the run is unfinished."""
     exit_status: int | None
     unfinished: Unfinished | None = None
     cultivar: str | None = None
@@ -271,9 +271,9 @@ class BatchEntry:
     classes: tuple[tuple[str, float | None], ...] = ()
     """(name, highest modulus of the class in MPa), softest first; the last has no limit."""
     ships: tuple[str, ...] | None = None
-    """The classes whose fruit are shipped; None where nothing parts the fruit."""
+    """Classes whose fruit are shipped; None if the batch makes no decisions."""
     ships_by_default: tuple[str, ...] = ()
-    """Those of them of which the settings do not say whether they are shipped."""
+    """Classes in `ships` for which the settings do not state whether to ship them."""
     certainty: float = 0.9
     """The probability from which a class and a decision count as certain."""
     mean_E_MPa: float | None = None
@@ -290,13 +290,13 @@ class BatchEntry:
     shore: ShoreCorrelation | None = None
     reference: ReferenceEntry | None = None
     faults: tuple[str, ...] = ()
-    """What sensors or jaws have wrong in the whole batch, a sentence each."""
+    """Faults of sensors or jaws in the whole batch, one sentence each."""
     screened: bool = False
-    """Whether fruit of it were screened for missing physics."""
+    """Whether any of its fruit was screened for missing physics."""
 
 
 def ranked(fruits: tuple[FruitEntry, ...]) -> tuple[FruitEntry, ...]:
-    """In reading order: fruits by rank, those without a rank, ties by fruit_id; reference bodies after all.
+    """Fruit by rank, then without rank (graded first), ties by fruit_id; reference bodies are last.
 
     >>> from reports.entries import FruitEntry, ranked
     >>> hard = FruitEntry(fruit_id="a", ok=True, outcome="graded", rank=2)
@@ -313,5 +313,5 @@ def ranked(fruits: tuple[FruitEntry, ...]) -> tuple[FruitEntry, ...]:
 
 
 def without_references(fruits: tuple[FruitEntry, ...]) -> tuple[FruitEntry, ...]:
-    """The fruit alone."""
+    """The fruit without the reference bodies."""
     return tuple(fruit for fruit in fruits if not fruit.reference)

@@ -13,19 +13,19 @@ from reports.explain_entries import ExplainEntry, Record
 from reports.words import effect_name, number, percent
 
 ALL_PADS = "all"
-"""The pad of what all pads show together."""
+"""Pad name of values that all pads determine together."""
 _MARKS = ("circle", "square", "triangle", "diamond")
 MOST_BARS = 8
-"""Explanations with a bar, set by hand: further ones would be bars of no length."""
+"""Most explanations with a bar (set by hand): the bars of further ones would have no visible length."""
 WITHOUT: Chart = {"colour": "before", "dashed": True, "name": "without"}
 WITH: Chart = {"colour": "pad0"}
 """Lines of the model without the effect and with it."""
 Bar = tuple[str, float, str, str]
-"""Words, length as a share of the whole, its number in words, and the class of its colour."""
+"""Words, length as a share of the full width, value in words, and the class of its colour."""
 
 
 def evidence_bars(ranking: Sequence[Record], *, verdict: Sequence[str]) -> list[Bar]:
-    """One bar per explanation, as long as its probability; those of the verdict in the strong colour."""
+    """One bar per explanation: its length is the probability, the verdict has the strong colour."""
     return [
         (
             effect_name(candidate.effect),
@@ -38,9 +38,9 @@ def evidence_bars(ranking: Sequence[Record], *, verdict: Sequence[str]) -> list[
 
 
 def rms_bars(heldout: Record, *, with_effect: bool) -> list[Bar]:
-    """Force residual on recordings that the fit did not see: without the effect, with it, and of noise.
+    """Normalised force residual on held-out recordings: without the effect, with it, and by noise alone.
 
-    `with_effect`: whether there is one; else the model has one bar.
+    `with_effect`: whether an effect was found; otherwise the model has one bar.
     """
     model = [("with the effect" if with_effect else "model", heldout.rms_after, "named")]
     without = [("without", heldout.rms_before, "before")] if with_effect else []
@@ -50,7 +50,7 @@ def rms_bars(heldout: Record, *, with_effect: bool) -> list[Bar]:
 
 
 def modulus_over_time(entry: ExplainEntry, *, with_effect: bool) -> list[Chart]:
-    """Per grasp, E of every frame and pad over time; dashed: E without and with the effect, or E."""
+    """One chart per grasp: E of each frame and pad (sd < 25 %) over time; E without and with the effect."""
     sure = [cell for cell in entry.cells if 0 < cell.E_sd_MPa < 0.25 * abs(cell.E_MPa)]
     if not sure:
         return []
@@ -107,9 +107,9 @@ def _cells_chart(
 
 
 def force_and_residual(trace: Record, *, with_effect: bool) -> tuple[Chart, Chart]:
-    """Force over approach as measured and modelled, and what the models leave of the approach over time.
+    """Force over approach, measured and modelled, and the models' residuals of the approach over time (µm).
 
-    `with_effect`: whether there is one; else the model has one line.
+    `with_effect`: whether an effect was found; otherwise the model has one line.
     """
     after = WITH | {"name": "with the effect" if with_effect else "model"}
     travel = np.concatenate([trace.given_mm, trace.before_mm, trace.after_mm])

@@ -1,8 +1,8 @@
-"""One fruit's explanation, for the JSON of the format drupe-mismatch (docs/formats.md), page and terminal.
+"""The explanation of one fruit for JSON (format drupe-mismatch, docs/formats.md), page and terminal.
 
-The finder's own records (fem/mismatch/result.py) are read by their attributes, since this package imports
-nothing of fem: a candidate of the ranking, a modulus, a check, a map. Units are in the names; standard
-deviations are one sigma, intervals hold 90 %.
+This package imports nothing from fem: it reads attributes of the records in fem/mismatch/result.py
+(candidates, moduli, checks, maps). Units are in the names; standard deviations are one sigma, intervals hold
+90 %.
 """
 
 from __future__ import annotations
@@ -20,9 +20,9 @@ FORMAT: Final = "drupe-mismatch"
 VERSION: Final = 1
 """Name and number of the format in docs/formats.md; the number grows when an old reader would fail."""
 OPTIONAL = frozenset({"E_withheld", "doubts", "p_nominal", "left_out"})
-"""Keys that are left out where there is nothing."""
+"""Keys that the JSON omits if they are empty."""
 Record: TypeAlias = Any
-"""Of fem/mismatch/result.py."""
+"""A record of fem/mismatch/result.py."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -36,18 +36,17 @@ class EffectEntry:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class ExplainEntry:
-    """All that is written of one fruit. `verdict`: the names left; one, or several not told apart.
+    """All that drupe writes about one fruit. `verdict`: one name, or several that cannot be distinguished.
 
-    `before`, `after`: E without the effect and with it; `withheld`: why no E is given, which is then not a
-    number. `p_nominal`: what p assumes where it is not calibrated. `left_out`: recordings that do not belong
-    to the others. `heldout`: residuals on recordings that
-    the fit did not see, None where there are none. `doubts`: why E cannot be right. `applied`: one sentence
-    where the effect was written into a batch's settings, or
-    why it was not. `inputs`: SHA-256 in hex by file. `scale_sd`: of ln E, by the sensors' scales, which no E
-    here includes. Of the page alone: `cells`, `traces`, `maps`; `effects`,
-    words of the single effects in verdict and ranking; `parameter_words`, meanings by effect and parameter;
-    `contacts_mm`, where each pad touched, all grasps together; `facts`, (label, value): Poisson's ratio,
-    elements.
+    `before`, `after`: E without and with the effect; `withheld`: why no E is given (E is then NaN).
+    `p_nominal`: what an uncalibrated p assumes. `left_out`: recordings that do not fit the others. `heldout`:
+    residuals on held-out recordings, None without any. `doubts`: why E cannot be right. `applied`: a sentence
+    on whether drupe wrote the effect into the batch's settings. `inputs`: SHA-256 in hex by file.
+
+    The JSON omits `scale_sd` and the fields from `cells` on. `scale_sd`: standard deviation of ln E from the
+    sensors' scales, which no E here includes. `effects`: words of the single effects; `parameter_words`:
+    meanings by effect and parameter. `contacts_mm`: where each pad touched, all grasps together. `facts`:
+    (label, value) of Poisson's ratio and elements.
     """
 
     detected: bool
@@ -85,7 +84,7 @@ class ExplainEntry:
     facts: tuple[tuple[str, str], ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """What drupe-mismatch holds, as JSON: null for no finite number, empty OPTIONAL keys left out."""
+        """Content of a drupe-mismatch file: null for non-finite numbers, without empty OPTIONAL keys."""
         written = {
             "format": FORMAT,
             "version": VERSION,
@@ -109,7 +108,7 @@ class ExplainEntry:
 
 
 def _candidate(candidate: Record) -> dict[str, Any]:
-    """One explanation: its probability among all tried, its evidence and what it does for held-out grasps."""
+    """One explanation: probability among all candidates, evidence, and gain on held-out grasps."""
     parameters = {name: _plain(parameter) for name, parameter in candidate.parameters.items()}
     for parameter in parameters.values():
         interval = parameter.pop("interval")

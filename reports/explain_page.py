@@ -1,4 +1,4 @@
-"""The page of a mismatch: one HTML file that shows all it holds, with no network."""
+"""Page of an explained mismatch: one HTML file that needs no network."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ _MAP = MapStyle(
 
 
 def explain_html(entry: ExplainEntry) -> str:
-    """The whole page, the same text for the same record; all text of the case is escaped."""
+    """The whole page; the same record gives the same text. It escapes all text of the case."""
     named = [candidate for candidate in entry.ranking if candidate.effect in entry.verdict]
     with_effect = _kind(entry) not in (NOTHING, UNEXPLAINED)
     return charted_page(
@@ -69,7 +69,7 @@ def _kind(entry: ExplainEntry) -> str:
 
 
 def _meanings(entry: ExplainEntry) -> list[tuple[str, str, str]]:
-    """(name, what it means, what to do) of every effect in the verdict, or of a lone none or unknown."""
+    """(name, meaning, advice) of every effect in the verdict, or of a verdict of only none or unknown."""
     listed = [effect for effect in by_rank(entry) if len(entry.verdict) == 1 or effect not in LISTED]
     singles = dict.fromkeys(part for effect in listed for part in parts(effect))
     known = [(name, words_of(name, entry)) for name in singles]
@@ -81,7 +81,7 @@ def _meanings(entry: ExplainEntry) -> list[tuple[str, str, str]]:
 
 
 def _map(entry: ExplainEntry) -> str:
-    """WebP as base64 of the fruit from six sides; empty where there is no map."""
+    """The map on the fruit from six sides, as WebP in base64; empty without a map."""
     maps = entry.maps
     if maps is None or not np.isfinite(maps.modulus_score).any():
         return ""
@@ -98,7 +98,7 @@ def _map(entry: ExplainEntry) -> str:
 
 
 def _sentence(words: str) -> str:
-    """With a capital and a full stop.
+    """The words with a capital letter and a full stop.
 
     >>> _sentence("grasp across"), _sentence("Hold it.")
     ('Grasp across.', 'Hold it.')
@@ -107,7 +107,7 @@ def _sentence(words: str) -> str:
 
 
 def _blind_share(entry: ExplainEntry) -> float | None:
-    """Share of the skin, by area, in the blind zone."""
+    """Share of the skin's area on which the recordings could not show a change (BLIND_BELOW)."""
     if entry.maps is None:
         return None
     corners = entry.maps.vertices_mm[entry.maps.triangles]

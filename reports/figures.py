@@ -1,4 +1,4 @@
-"""Matplotlib's figures as pictures, the same bytes for the same figure."""
+"""Matplotlib figures as pictures; the same figure gives the same bytes."""
 
 import io
 
@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 
 
 def png_of(figure: Figure) -> bytes:
-    """The figure at its own size."""
+    """PNG of the figure at its own size."""
     out = io.BytesIO()
     FigureCanvasAgg(figure)
     figure.savefig(out, format="png", dpi=figure.dpi, metadata={"Software": None})
@@ -15,7 +15,7 @@ def png_of(figure: Figure) -> bytes:
 
 
 def webp_of(figure: Figure) -> bytes:
-    """The same in fewer bytes, for a page."""
+    """WebP of the figure at quality 80: fewer bytes, for a page."""
     out = io.BytesIO()
     FigureCanvasAgg(figure)
     figure.savefig(out, format="webp", dpi=figure.dpi, pil_kwargs={"quality": 80})

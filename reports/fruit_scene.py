@@ -1,8 +1,8 @@
-"""The fruit in three dimensions, as binary glTF 2.0: pit, and the skin with its contact patches painted on.
+"""3D model of the fruit as binary glTF 2.0: the pit, and the skin with its contact patches.
 
-Colours are those of the vertices (COLOR_0, RGBA); the skin is half transparent, so that the pit shows. A map
-of the skin is a second set of colours (COLOR_1), its name and ends in the skin's `extras`. Photos of the skin
-are an image by direction from a point, which the `extras` name too.
+Vertices have colours (COLOR_0, RGBA); the skin is half transparent, so that the pit shows. A map of the skin
+is a second set of colours (COLOR_1); the skin's `extras` hold its name and limits. Photos of the skin are one
+image by direction from a point, which the `extras` hold too.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ from scipy.spatial import cKDTree
 from reports.skin_layer import FLESH, PADS, PIT, SkinLayer, middle
 
 SKIN_TRIANGLES, PIT_TRIANGLES = 1600, 400
-"""Of the decimated surfaces. Set by hand: 30 kB without photos, and facets of 4 mm on one of 60 mm."""
+"""Most triangles after decimation. Set by hand: 30 kB without photos, facets of 4 mm on a fruit of 60 mm."""
 SKIN_ALPHA, PATCH_ALPHA = 0.45, 0.92
-"""Opacity of the skin and of what the pads touched (by eye)."""
+"""Opacity of the skin, and of contact patches and maps (by eye)."""
 ROUND = 1.6
-"""Patch round a marker, in the median distance of neighbours: closed patches, rims half a pitch wide."""
+"""Radius of a marker's patch over the median spacing: patches close, and rims are half a spacing wide."""
 _COMPONENTS = {"<f4": 5126, "|u1": 5121, "<u2": 5123}
-"""Component types (glTF 2.0, 3.6.2.2) of numpy's."""
+"""glTF component types (glTF 2.0, 3.6.2.2) by numpy type."""
 _VERTICES, _TRIANGLES = 34962, 34963
 """Buffer targets (glTF 2.0, 5.11.5)."""
 
@@ -37,7 +37,7 @@ class SceneSurface:
     faces: Int[np.ndarray, "m 3"]
 
     def decimated(self, most: int) -> SceneSurface:
-        """The surface with so many triangles at most."""
+        """The surface with at most `most` triangles."""
         if len(self.faces) <= most:
             return self
         import pyvista
@@ -68,9 +68,9 @@ def fruit_scene(
     photo: bytes = b"",
     stem_and_suture: bool = True,
 ) -> bytes:
-    """A GLB in mm, z to the stem; `contacts_mm`: points that each pad touches; `layer`: a map of the skin;
-    `photo`: a JPEG of it by direction (reports.skin_texture); `stem_and_suture`: whether the body has them,
-    at +z and +x.
+    """A GLB in mm, z to the stem. `contacts_mm`: points that each pad touches; `layer`: a map of the skin;
+    `photo`: the skin's JPEG by direction (reports.skin_texture); `stem_and_suture`: whether the body has
+    them, at +z and +x.
     """
     parts: list[_Part] = []
     if pit is not None and len(pit.faces):
@@ -94,7 +94,7 @@ def fruit_scene(
 def _painted(
     vertices: Float[np.ndarray, "n 3"], contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]]
 ) -> Float[np.ndarray, "n 4"]:
-    """RGBA of the skin's vertices."""
+    """RGBA of the skin's vertices, with a patch around each touched point."""
     colour = np.tile([*FLESH, SKIN_ALPHA], (len(vertices), 1))
     for k, points in enumerate(contacts_mm.values()):
         if len(points) < 2:

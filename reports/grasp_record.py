@@ -1,4 +1,4 @@
-"""What one recording of a fruit gave, as `record.json` holds it and the report shows it."""
+"""Results of one recording of a fruit, as in `record.json` and in the report."""
 
 from array import array
 from itertools import chain
@@ -19,7 +19,7 @@ def _in_threes(flat: array) -> list[tuple[float, float, float]]:
 
 
 Places = Annotated[array, BeforeValidator(_flat), PlainSerializer(_in_threes)]
-"""Points (mm), in JSON lists of three. As Python's own numbers they took half of a record's memory."""
+"""Points (mm) in one flat array, in JSON lists of three. Python floats took half of a record's memory."""
 
 
 class _Record(BaseModel):
@@ -27,7 +27,7 @@ class _Record(BaseModel):
 
 
 class ModelCurveRecord(_Record):
-    """Travel of the fitted model under a pad's force, in the frames used; `sd_mm`: of it, by E's error."""
+    """The fitted model's travel under a pad's force, in the frames used; `sd_mm`: its error due to E."""
 
     travel_mm: list[float]
     force_N: list[float]
@@ -44,7 +44,7 @@ class CurveRecord(_Record):
 
 
 class FrameRecord(_Record):
-    """E by one frame alone, by the noise of its markers; whether the jaws were opening."""
+    """E from one frame alone, its error from the markers' noise, and whether the jaws were opening."""
 
     travel_mm: float
     E_MPa: float
@@ -53,12 +53,12 @@ class FrameRecord(_Record):
 
 
 class GraspRecord(_Record):
-    """What one recording gave; `failure` says why it gave nothing."""
+    """Results of one recording; `failure` says why there are none."""
 
     grasp: str
     failure: str | None = None
     digest: str = ""
-    """Of the displacements and forces that it was made of (tactile.recording_digest)."""
+    """Digest of its displacements and forces (tactile.recording_digest)."""
     E_MPa: float | None = None
     E_sd_MPa: float | None = None
     parts_sd_MPa: dict[str, float] = {}

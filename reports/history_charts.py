@@ -10,11 +10,11 @@ from reports.palette import class_marks
 from reports.words import number
 
 _MOST_SINGLE = 400
-"""Fruit of a day that are drawn one by one: beyond it marks run together."""
+"""Most single fruit drawn per day: marks of more would overlap."""
 
 
 def softening_chart(series: SeriesEntry) -> Chart:
-    """Single fruit, each day's mean with its interval, the law's line and band, limits dashed."""
+    """Single fruit, daily means with 90 % intervals, the fitted law with its band, dashed class limits."""
     first = day_number(series.days[0].day)
     law, days = series.softening, series.days
     single = [(day_number(day.day), E) for day in days for E in day.single_E_MPa[:_MOST_SINGLE]]
@@ -57,7 +57,7 @@ def softening_chart(series: SeriesEntry) -> Chart:
 
 
 def lots_chart(group: GroupEntry) -> Chart:
-    """The days' means of every lot of a cultivar, joined, each lot with its colour and shape."""
+    """Daily geometric means of every lot of a cultivar; each lot has a line, a colour and a shape."""
     marks = class_marks(tuple(lot.name for lot in group.series))
     layers = []
     for lot in group.series:
@@ -81,8 +81,8 @@ def lots_chart(group: GroupEntry) -> Chart:
 
 
 def characteristic_chart(plan: AcceptanceEntry) -> Chart:
-    """Probability of acceptance over nonconforming fruit, for a long series of lots and for this lot; the AQL
-    as an upright line.
+    """Probability of acceptance over nonconforming fruit (%), for lots of a long series and, by attributes,
+    for this lot. A dashed vertical line marks the AQL.
     """
     percent, *probabilities = plan.curve.T
     styles = ({"colour": "pad0", "name": "lots of a long series"}, {"colour": "noise", "name": "one lot"})
@@ -103,7 +103,7 @@ def characteristic_chart(plan: AcceptanceEntry) -> Chart:
 
 
 def firmness_chart(relation: FirmnessEntry) -> Chart:
-    """Readings of single fruit over E, the fitted line and the band of 90 % of further fruit."""
+    """Readings of single fruit over E, the fitted line, and the band that holds 90 % of further fruit."""
     highest = [] if relation.line is None else [*relation.line[:, 3]]
     layers = [layer("marks", relation.E_MPa, relation.reading_N, colour="noise")]
     if relation.line is not None:

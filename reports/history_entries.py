@@ -1,4 +1,4 @@
-"""What the page of a history is told: lots over days and reference bodies."""
+"""Input of the history page: lots over days, reference bodies, gauge studies and quality decisions."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from reports.entries import ReferenceBodyEntry
 
 @dataclass(frozen=True, kw_only=True)
 class LotStatistics:
-    """Of n fruit, E in MPa: percentiles are of 10, 25, 50, 75 and 90 %; `sd_MPa` and `needed` are None of one
-    fruit. `needed`: fruit from which the half-width of the mean's 90 % interval is at most the stated share
-    of the mean, if their spread is this one; None where that is out of reach.
+    """Statistics of n fruit. Percentiles are 10, 25, 50, 75 and 90 %; `sd_MPa` and `needed` are None for one
+    fruit. `needed`: number of fruit for which the mean's 90 % interval has at most the stated relative
+    half-width, at this spread; None if out of reach.
     """
 
     n: int
@@ -32,7 +32,7 @@ class DayEntry:
 
     day: date
     left_out: int
-    """Fruit that are not graded, or in doubt."""
+    """Number of fruit that are not graded, or in doubt."""
     E_MPa: float
     E_low_MPa: float
     E_high_MPa: float
@@ -42,14 +42,14 @@ class DayEntry:
 
     @property
     def fruit(self) -> int:
-        """How many count."""
+        """Number of fruit in the statistics."""
         return self.statistics.n
 
 
 @dataclass(frozen=True, kw_only=True)
 class LimitEntry:
-    """When the lot's mean, and a tenth of its fruit, fall to a class's limit: sentences; the share of fruit
-    below it now, and the share outside the class with its interval (90 %).
+    """A class limit, and when the lot's mean (`words`) and a tenth of its fruit (`tenth_words`) fall to it.
+    `share_below`: share of fruit below it now; `outside`: share outside the class, with its 90 % interval.
     """
 
     name: str
@@ -85,7 +85,7 @@ class SeriesEntry:
 
     @property
     def name(self) -> str:
-        """As headings have it.
+        """The lot's name in headings.
 
         >>> SeriesEntry(category="plum", cultivar="", lot="7", days=()).name
         'plum, lot 7'
@@ -97,7 +97,7 @@ class SeriesEntry:
 @dataclass(frozen=True, kw_only=True)
 class DifferenceEntry:
     """Two lots of a cultivar on their last days: mean E of the first minus that of the second, MPa, with its
-    90 % interval. `p`: of Welch's test, adjusted for the number of pairs.
+    90 % interval. `p`: p-value of Welch's test, adjusted for the number of pairs.
     """
 
     first: str
@@ -110,7 +110,7 @@ class DifferenceEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class GroupEntry:
-    """Lots of one cultivar together; `words` and `rates`: how fast ln E falls a day, by the mixed model."""
+    """All lots of one cultivar; `words` and `rates`: decrease of ln E per day, by the mixed model."""
 
     name: str
     series: tuple[SeriesEntry, ...]
@@ -121,8 +121,8 @@ class GroupEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class GaugeEntry:
-    """A gauge study of grippers or sensors: `components` by name, in % of E and in % of the total variation;
-    `biases` of each gripper or sensor against their mean, in % of E.
+    """A gauge study of grippers or sensors. `components`: (name, % of E, % of the total variation); `biases`:
+    deviation of each gripper or sensor from their mean, in % of E.
     """
 
     kind: str
@@ -133,7 +133,7 @@ class GaugeEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class LotDecisionEntry:
-    """A lot on its last day, and what the sampling plan says of it."""
+    """Decision of the sampling plan on one lot, on its last day."""
 
     name: str
     verdict: str
@@ -142,8 +142,8 @@ class LotDecisionEntry:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class AcceptanceEntry:
-    """A sampling plan with its operating characteristic: nonconforming fruit in per cent, probability of
-    acceptance; by attributes also that of one lot of this size. `refusals`: lots without a decision.
+    """A sampling plan. `curve`, its operating characteristic: nonconforming fruit (%), probability of
+    acceptance, and by attributes also that of one lot of this size. `refusals`: lots without a decision.
     """
 
     words: str
@@ -157,8 +157,8 @@ class AcceptanceEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class ObjectiveSampleEntry:
-    """Fruit of one size of a lot: what a test of firmness needs of them. `cheeks`: by fruit, E in MPa (sd) of
-    each recording.
+    """A lot's fruit of one size, and what a firmness test of them still lacks. `cheeks`: by fruit, E of each
+    recording and its standard deviation, MPa.
     """
 
     name: str
@@ -171,8 +171,8 @@ class ObjectiveSampleEntry:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirmnessEntry:
-    """Readings of a penetrometer (N) against E (MPa), with the fitted relation and its 90 % band; no line
-    where none was fitted.
+    """Readings of a penetrometer (N) against E (MPa), with the fitted relation and its 90 % band; `line` is
+    None without a fit.
     """
 
     title: str
@@ -180,13 +180,13 @@ class FirmnessEntry:
     E_MPa: Float[np.ndarray, " n"]
     reading_N: Float[np.ndarray, " n"]
     line: Float[np.ndarray, "t 4"] | None = None
-    """E in MPa; reading, and low and high end for one more fruit, in N."""
+    """Columns: E (MPa); fitted reading, and lower and upper limit for one more fruit (N)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class QualityEntry:
-    """What a quality manager asked for: decisions by sampling plans, samples of the test of firmness, and
-    relations to penetrometers.
+    """Requests of a quality manager: decisions by sampling plans, samples of firmness tests, and relations to
+    penetrometers.
     """
 
     plans: tuple[AcceptanceEntry, ...] = ()
@@ -196,8 +196,8 @@ class QualityEntry:
 
 @dataclass(frozen=True, kw_only=True)
 class HistoryEntry:
-    """The whole page. `alarms`: what reference bodies say of the gripper that calls for somebody.
-    `comparisons`: sentences on grippers and sensors. `precision`: of the mean, by which fruit are counted.
+    """Content of the page. `alarms`: sentences of reference bodies that call for action. `comparisons`:
+    sentences on grippers and sensors. `precision`: relative half-width for `needed`.
     """
 
     made_utc: datetime

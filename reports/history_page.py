@@ -1,4 +1,4 @@
-"""The page of a history: one HTML file that shows all it holds, with no network."""
+"""Page of the history: one HTML file that needs no network."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from reports.history_entries import HistoryEntry
 from reports.html_templates import charted_page
 
 PAGE_TITLE = "History of graded batches"
-"""By which a page of an earlier run is known."""
+"""drupe recognises a page of an earlier run by this title."""
 
 
 def history_html(history: HistoryEntry) -> str:
-    """The whole page, the same text for the same entry; all text of the batches is escaped."""
+    """The whole page; the same entry gives the same text. It escapes all text of the batches."""
     return charted_page(
         "history",
         control_chart=control_chart,

@@ -1,4 +1,4 @@
-"""How every page is made from its template: all text escaped, a name that is missing an error."""
+"""Renders every page from its template; it escapes all text, and a missing name is an error."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from reports.language import fruit_count, language_in_force, say, say_html
 from reports.words import duration, effect_name, number, percent, verdict_words, with_sd
 
 CHARTS = ("uplot.js", "charts.js")
-"""Scripts of a page with charts: their library (uPlot, MIT, 51 kB), and what draws them."""
+"""Scripts of a page with charts: the library uPlot (MIT, 51 kB), and drupe's script that draws with it."""
 
 
 def template_of(name: str) -> Template:
@@ -51,13 +51,13 @@ def _environment(language: str) -> Environment:
 
 
 def own_script(name: str) -> tuple[Markup, str]:
-    """A script (static/`name`) for a page, and the SHA-256 (base64) by which its content policy allows it."""
+    """A script (static/`name`) for a page, and its SHA-256 (base64) for the page's content policy."""
     script = resources.files("reports").joinpath(f"static/{name}").read_text(encoding="utf-8")
     return Markup(script), base64.b64encode(hashlib.sha256(script.encode()).digest()).decode("ascii")
 
 
 def charted_page(name: str, *, scripts: Sequence[str] = CHARTS, **content: object) -> str:
-    """A page with charts: the function "chart" puts one in its place, and `scripts` draw all of them.
+    """A page with charts: its template calls `chart` to place each, and `scripts` draw all of them.
 
     A content security policy in the page forbids every outside source and every script but these.
     """

@@ -1,7 +1,7 @@
-"""The pages of `drupe watch`: the last fruit large, with its class and what to do next; made anew after each.
+"""The pages of `drupe watch`: the last fruit in large type, with its class and the next action.
 
-It holds all it shows. Its one script asks the server, from which it comes, for the page anew when something
-has changed; without scripts the browser loads the page again every few seconds.
+drupe renders the page again after each fruit, and the page needs no other file. Its only script reloads the
+page from the server after a change; without scripts the browser reloads it every few seconds.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from reports.sheet_code import read_sheet_code
 from reports.words import NOTHING, UNEXPLAINED, advice, effect_name, suspect_words
 
 MOST_BEFORE = 8
-"""Fruit before the last one that the page lists. Set by hand: what fits below it on a small screen."""
+"""Most earlier fruit that the page lists. Set by hand: they fit below the last one on a small screen."""
 MOST_AT_WORK = 4
-"""Fruit at work that are named; more are counted."""
+"""Most fruit in progress that the page names; of more it shows only the number."""
 MOST_WAITING = 6
-"""Fruit still lacking files that are named; others are counted."""
+"""Most fruit with missing files that the page names; it counts the others."""
 WORDS = {SHIP: "Ship", HOLD: "Hold back", INSPECT: "Inspect"}
-"""What to do with a fruit, by the list that it is on; each is in the words files."""
+"""Action for the fruit of each list; the words files translate each."""
 COUNTED = {SHIP: "to ship", HOLD: "to hold back", INSPECT: "to inspect"}
-"""The lists beside the number of their fruit."""
+"""Words next to the number of fruit of each list."""
 MISSING = ("photos or fruit.ply", "a recording in grasps/")
-"""What a fruit may lack (pipeline.watch.arrivals), with "and" between both."""
+"""Inputs that a fruit may lack (pipeline.watch.arrivals); "and" joins both."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class KioskEntry:
-    """What the page shows: the batch as far as it is graded (None: nothing is), fruit in the order in which
-    they were graded, the last first, those at work, those that lack files (id, what), how many of the table
-    have no files at all, and why nothing can be graded now.
+    """Content of the page. `batch`: the fruit graded so far (None: none yet); `recent`: graded fruit, latest
+    first; `working`: fruit in progress; `waiting`: fruit that lack files (id, what). `expected`: number of
+    fruit in the table without any files; `problems`: why drupe cannot grade now.
     """
 
     name: str
@@ -50,9 +50,9 @@ class KioskEntry:
 
 
 def kiosk_html(entry: KioskEntry, *, fault: str = "", logout: bool = False, language: str = ENGLISH) -> str:
-    """The whole page. All text of the batch is escaped; a content security policy in the page forbids every
-    outside source and every script but the page's own. `fault`: why a scanned code opened nothing; `logout`:
-    whether devices can log out; `language`: one of reports.language.LANGUAGES.
+    """The whole page. It escapes all text of the batch; its content security policy forbids every outside
+    source and every script but the page's own. `fault`: why a scanned code opened nothing; `logout`: whether
+    devices can log out; `language`: one of reports.language.LANGUAGES.
     """
     with spoken(language):
         return _page(entry, fault, logout)
@@ -94,13 +94,13 @@ def _page(entry: KioskEntry, fault: str, logout: bool) -> str:
 
 
 def list_words(fruit: FruitEntry) -> str:
-    """What to do with a fruit, in one word; empty if the batch makes no decision."""
+    """The action for a fruit in a word or two; empty if the batch makes no decision."""
     return say(WORDS[fruit.decision]) if fruit.decision in WORDS else ""
 
 
 def led_to(entry: KioskEntry, text: str) -> tuple[str, str]:
-    """Where the code of a sheet, or a fruit's name, leads from the page: an address beside it, and where
-    there is none, a sentence that says why.
+    """Address, relative to the page, for a sheet's code or a fruit's name, and an empty text. Without such an
+    address: an empty text and a sentence that says why.
     """
     if entry.batch is None:
         return "./", ""
@@ -118,7 +118,7 @@ def led_to(entry: KioskEntry, text: str) -> tuple[str, str]:
 
 
 def next_action(fruit: FruitEntry) -> str:
-    """What is to be done with a fruit, as a sentence; empty where nothing says so."""
+    """The next action for a fruit, as a sentence; empty if there is none."""
     if not fruit.ok:
         return f"{fruit.reason} {advice(fruit)}".strip()
     if fruit.reference:
@@ -132,9 +132,9 @@ def next_action(fruit: FruitEntry) -> str:
 
 
 def left_out(fruit: FruitEntry) -> str:
-    """What the model leaves out of a fruit's E, as the screen or `drupe explain` say, as a sentence; empty
-    where nothing is known to be left out. Of what nobody can name, and of what changes what to do,
-    `next_action` says enough.
+    """The effect that a fruit's E ignores, by the screen or `drupe explain`, as a sentence; empty if none is
+    known. It is also empty for an unknown effect and for one that changes the class: `next_action` covers
+    both.
     """
     if (
         not fruit.ok
@@ -163,15 +163,15 @@ def judge_html(
 ) -> str:
     """The page on which a person gives a verdict on a fruit, with its E and earlier verdicts; without script.
 
-    `classes`: of the batch; without any the class is free text. `fault`: why the verdict was not kept, with
-    what was `written`.
+    `classes`: the batch's; without classes the page accepts free text. `fault`: why the server refused a
+    verdict; `written`: the refused entries.
     """
     with spoken(language):
         return template_of("judge").render(fruit=fruit, classes=classes, fault=fault, written=written or {})
 
 
 def login_html(status: int, *, language: str = ENGLISH) -> str:
-    """The page on which a device sends its token, without script. `status` of HTTP: 200, or why the last try
+    """The page on which a device sends its token, without script. `status`: HTTP 200, or why the last attempt
     failed.
     """
     with spoken(language):

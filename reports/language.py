@@ -1,7 +1,7 @@
-"""The language of a page: sentences from one words file each, and decimals as they are written there.
+"""Language of a page: one file of translated sentences per language, and its decimal separator.
 
-Pages are written in English; `say` looks each sentence up in reports/words/NAME.toml of the language in
-force. What other packages say of a fruit (warnings, doubts, why it was not graded) is in reports/messages.py.
+Code and templates are in English; `say` finds the translation in reports/words/NAME.toml. reports/messages.py
+translates the sentences of other packages (warnings, doubts, failures).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from markupsafe import Markup
 
 ENGLISH = "en"
 LANGUAGES = (ENGLISH, "de", "es")
-"""Names by ISO 639-1."""
+"""Codes of ISO 639-1."""
 DECIMAL_COMMA = frozenset({"de", "es"})
 _in_force: ContextVar[str] = ContextVar("language", default=ENGLISH)
 """The language of the page that is being made."""
@@ -26,7 +26,7 @@ _in_force: ContextVar[str] = ContextVar("language", default=ENGLISH)
 
 @contextmanager
 def spoken(language: str) -> Iterator[None]:
-    """Pages made meanwhile are in this language. Raises ValueError for one that is not in LANGUAGES."""
+    """Context in which pages are in this language. Raises ValueError for one that is not in LANGUAGES."""
     if language not in LANGUAGES:
         raise ValueError(f'found language "{language}", expected one of {", ".join(LANGUAGES)}')
     token = _in_force.set(language)
@@ -37,7 +37,7 @@ def spoken(language: str) -> Iterator[None]:
 
 
 def of_environment(environment: Mapping[str, str] = os.environ) -> str:
-    """The language that LC_ALL, LC_MESSAGES or LANG ask for, where it is one of LANGUAGES; else English.
+    """The language in the first set of LC_ALL, LC_MESSAGES and LANG if it is one of LANGUAGES; else English.
 
     >>> of_environment({"LANG": "de_AT.UTF-8"}), of_environment({"LANG": "C.UTF-8"}), of_environment({})
     ('de', 'en', 'en')
@@ -50,12 +50,12 @@ def of_environment(environment: Mapping[str, str] = os.environ) -> str:
 
 
 def language_in_force() -> str:
-    """Of the page that is being made."""
+    """The language of the page that is being made."""
     return _in_force.get()
 
 
 def say(text: str, **values: object) -> str:
-    """An English sentence in the language in force, `values` put into its braces.
+    """Translation of an English sentence into the language in force, with `values` in its braces.
 
     >>> with spoken("de"):
     ...     say("{count} fruit", count=3)
@@ -66,7 +66,7 @@ def say(text: str, **values: object) -> str:
 
 
 def fruit_count(count: int) -> str:
-    """So many fruit, in the language in force.
+    """The number of fruit with its noun, in the language in force.
 
     >>> with spoken("de"):
     ...     fruit_count(1), fruit_count(2)
@@ -76,13 +76,13 @@ def fruit_count(count: int) -> str:
 
 
 def say_html(text: str, **values: object) -> Markup:
-    """The same of a sentence with markup in it; values are escaped."""
-    said = Markup(_sentence(text))  # of this package, not of the batch
+    """As `say`, for a sentence with markup; values are escaped."""
+    said = Markup(_sentence(text))  # safe: this package wrote the markup, not the batch
     return said.format(**values) if values else said
 
 
 def decimals(figure: str) -> str:
-    """A figure with a decimal point as it is written in the language in force.
+    """A number with the decimal separator of the language in force.
 
     >>> with spoken("es"):
     ...     decimals("0.321 ± 0.012")
@@ -98,6 +98,6 @@ def _sentence(text: str) -> str:
 
 @cache
 def words_of(language: str) -> Mapping[str, str]:
-    """English sentences and theirs."""
+    """Translations by English sentence."""
     file = resources.files("reports").joinpath(f"words/{language}.toml")
     return tomllib.loads(file.read_text(encoding="utf-8"))

@@ -1,4 +1,4 @@
-"""The printable marker mat: a PDF at true size, every tag one filled path, a bar to measure the print."""
+"""The printable marker mat: a PDF at true size, with one filled path per tag and a measuring bar."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from matplotlib.path import Path
 
 _INK = "#000000"
 _BAR_MM = 100.0
-"""A length that every ruler has, long enough that half a millimetre of misreading is 0.5 %."""
+"""Length of the measuring bar: every ruler has it, and half a millimetre of misreading is only 0.5 %."""
 _MM_PER_INCH = 25.4
 """By definition; matplotlib takes sizes in inches."""
 
@@ -30,14 +30,14 @@ def mat_sheet_pdf(
     sheet_mm: tuple[float, float],
     title: str,
 ) -> bytes:
-    """PDF of one page, ``sheet_mm`` wide and high, the mat's origin at the page's centre, x right, y up.
+    """PDF of one page, ``sheet_mm`` wide and high, with the mat's origin at its centre, x right, y up.
 
     ``corners_mm`` holds each tag's outer corners as seen from above, top-left first, clockwise (z is
-    left out); ``bits`` its printed cells, True where white, black border included. The circle that shows
-    where the fruit stands has the largest radius that leaves 3 mm to the tags. Bar and
-    words stand in the strip below the tags. The same arguments give the same bytes.
+    ignored). ``bits`` holds its printed cells with their black frame, True where white. The circle for the
+    fruit has the largest radius that leaves 3 mm to the tags (at least 2 mm). Bar and words are in the strip
+    below the tags. The same arguments give the same bytes.
 
-    Raises ValueError where a tag lacks its cells, or a tag or the 100 mm bar does not fit on the sheet.
+    Raises ValueError if there are no tags, a tag lacks its cells, or tags or bar (100 mm) exceed the sheet.
     """
     _refuse_what_does_not_fit(corners_mm, bits, sheet_mm)
     width, height = sheet_mm
@@ -72,7 +72,7 @@ def _refuse_what_does_not_fit(
     bits: Mapping[int, Bool[np.ndarray, "k k"]],
     sheet_mm: tuple[float, float],
 ) -> None:
-    """Raises ValueError for a mat without tags, with unknown ones, or larger than its sheet."""
+    """Raises ValueError for a mat without tags, a tag without cells, or a mat larger than its sheet."""
     if not corners_mm:
         raise ValueError("The mat has no tags; expected at least one.")
     bare = sorted(set(corners_mm) - set(bits))
@@ -92,13 +92,13 @@ _STRIP_MM = 19.0
 
 
 def _nearest_mm(corners_mm: Mapping[int, Float[np.ndarray, "4 3"]]) -> float:
-    """Distance of the origin from the nearest tag's edges."""
+    """Distance of the origin from the nearest tag's edges, mm."""
     tags = [corners[:, :2].astype(np.float32) for corners in corners_mm.values()]
     return min(abs(cv2.pointPolygonTest(tag, (0.0, 0.0), measureDist=True)) for tag in tags)
 
 
 def _centre(axes: Axes, radius: float) -> None:
-    """Circle and cross where the fruit stands, and the arrow along +x that its suture follows."""
+    """Draw circle and cross at the fruit's place, and the arrow along +x that its suture follows."""
     turn = np.linspace(0.0, 2 * np.pi, 181)
     fine: dict[str, Any] = {"color": "#777777", "lw": 0.5}
     axes.plot(radius * np.cos(turn), radius * np.sin(turn), **fine)
@@ -115,7 +115,7 @@ def _centre(axes: Axes, radius: float) -> None:
 
 
 def _bar_and_words(axes: Axes, *, lowest: float, bottom: float, title: str) -> None:
-    """Draws the measuring bar, what to do with it, and the mat's title."""
+    """Draws the measuring bar with instructions, and the mat's title."""
     y = max(lowest - 6.0, bottom + 13.0)
     half = _BAR_MM / 2
     ink: dict[str, Any] = {"facecolor": _INK, "linewidth": 0}

@@ -1,9 +1,9 @@
 """Warnings, doubts, reasons and problems in the language of a page or of the terminal.
 
-The other packages make them in English, as formatted strings, and records keep them so. A catalogue
-(reports/words/messages-NAME.toml) has each string with {0}, {1} in place of what varies, and its translation.
-A sentence is looked up by the string that it fits; what varies is looked up in turn. A sentence without a
-translation stays English. tests/reports/test_messages.py compares the catalogues with the code.
+The other packages write them in English from format strings, and records keep the English. A catalogue
+(reports/words/messages-NAME.toml) maps each format string, with placeholders {0}, {1}, to its translation.
+`message` finds the format string that a sentence matches, and translates the placeholders' texts likewise. A
+sentence without a translation stays English. tests/reports/test_messages.py compares catalogues and code.
 """
 
 from __future__ import annotations
@@ -21,10 +21,10 @@ from reports.entries import BatchEntry, FruitEntry, ReferenceEntry, ScreenEntry,
 from reports.language import ENGLISH, decimals, language_in_force
 
 _FIELD = re.compile(r"(?:\{\d\})+")
-"""What varies; of two that touch, nobody can tell where the first ends, so they are one."""
+"""A placeholder. Adjacent ones count as one, because nothing marks where the first ends."""
 _FIGURE = re.compile(r"[-+±]?\d+\.\d+(?: ± \d+\.\d+)?")
 MOST_NAME = 300
-"""Characters before a colon that may name a recording or a file."""
+"""Most characters before a colon that may name a recording or a file."""
 SENTENCES: Mapping[type, tuple[str, ...]] = {
     BatchEntry: ("fruits", "faults", "reference"),
     FruitEntry: ("screen", "reason", "smaller_error", "warnings", "doubts", "forced", "facts"),
@@ -32,7 +32,7 @@ SENTENCES: Mapping[type, tuple[str, ...]] = {
     ScreenEntry: ("suspects", "why_not", "note"),
     Suspect: ("short", "advice"),
 }
-"""Where the records of a report hold sentences of other packages, or records that hold such sentences."""
+"""Fields of report records that hold sentences of other packages, or records with such sentences."""
 
 
 class _Template(NamedTuple):
@@ -48,12 +48,12 @@ def in_language(batch: BatchEntry) -> BatchEntry:
 
 
 def message(text: str) -> str:
-    """An English sentence in the language in force; as it is where no catalogue has it."""
+    """An English sentence in the language in force; unchanged if no catalogue has it."""
     return _message(text, language_in_force()) or text
 
 
 def _translated(said: Any) -> Any:
-    """A sentence, several, or a record with those that SENTENCES names, in the language in force."""
+    """A sentence, several, or the sentences of a record that SENTENCES names, in the language in force."""
     if isinstance(said, str):
         return message(said)
     if isinstance(said, tuple):
@@ -64,8 +64,8 @@ def _translated(said: Any) -> Any:
 
 @lru_cache(maxsize=4096)
 def _message(text: str, language: str) -> str | None:
-    """The translation of the whole, of it without its full stop, of its sentences, or of what follows a
-    name; None where there is none.
+    """Translation of the text, with or without its full stop, of its sentences, or of the part after a name
+    and a colon. None without a translation.
     """
     if language == ENGLISH or not text:
         return None
@@ -85,7 +85,7 @@ def _message(text: str, language: str) -> str | None:
 
 
 def _whole(text: str, language: str) -> str | None:
-    """By the template with most text of its own that `text` fits."""
+    """Translation by the matching template with the longest fixed text; None without a match."""
     for template in _templates(language):
         if template.literal in text and (fit := template.pattern.fullmatch(text)) is not None:
             parts = {name[1:]: _part(part, language) for name, part in fit.groupdict().items()}
@@ -108,7 +108,7 @@ def _templates(language: str) -> tuple[_Template, ...]:
 
 
 def _pattern(english: str) -> re.Pattern[str]:
-    """What fits a template; of fields that touch, the first takes all."""
+    """Pattern of the texts that fit a template; of adjacent fields, the first takes all."""
     pieces = re.split(r"\{(\d)\}(?:\{\d\})*", english)
     names = (f"(?P<f{number}>.*?)" for number in pieces[1::2])
     text = map(re.escape, pieces[0::2])
@@ -119,7 +119,7 @@ def _pattern(english: str) -> re.Pattern[str]:
 
 @cache
 def catalogue(language: str) -> Mapping[str, str]:
-    """English templates and theirs; none of English."""
+    """Translations by English template; empty for English."""
     if language == ENGLISH:
         return {}
     file = resources.files("reports").joinpath(f"words/messages-{language}.toml")

@@ -1,4 +1,4 @@
-"""Photos of a fruit with the outline drawn in that its mesh was made from: one, and a sheet of all."""
+"""Photos of a fruit with the outlines from which drupe made its mesh: one photo, or a sheet of all."""
 
 from __future__ import annotations
 
@@ -13,24 +13,24 @@ from jaxtyping import Float, UInt8
 from reports.photo import PAGE_PX, jpeg, within
 
 LINE_BGR, INK_BGR = (255, 190, 0), (29, 25, 22)
-"""A light blue, which no stone fruit has, on paper and in shadow too; names as the page's text."""
+"""Line: a light blue that no stone fruit has, on paper and in shadow too; names: the page's text colour."""
 TILE_PX, MARGIN = 220, 0.18
-"""Height and width of a photo on the sheet (px), and what is shown around the outline, over its size. Set by
-hand: outlines can be judged to a pixel of the screen, and 24 photos take 250 kB."""
+"""Side of a photo on the sheet (px), and margin around the outline over its size. Set by hand: a reader can
+judge outlines to a pixel of the screen, and 24 photos take 250 kB."""
 NAME_PX, COLUMNS = 20, 6
-"""Height of the line with a photo's name, and photos in a row: 1320 px, a screen's width."""
+"""Height of the line with a photo's name, px, and photos per row: 1320 px, a screen's width."""
 NAME_LETTERS = 28
 """Letters of a name that fit under a photo at the size used."""
 BLUR = 0.45
-"""Standard deviation of the blur before a photo is shrunk, in pixels of the sheet, as an area's mean."""
+"""Standard deviation of the blur before a photo is shrunk, in sheet pixels: it acts as an area mean."""
 LINE_PX = 1
-"""Width of the line in the finished picture, px: a wider one hides the edge that it is to be held against."""
+"""Width of the line in the finished picture, px: a wider one would hide the edge of the fruit."""
 _SUBPIXEL_BITS = 4
-"""Of the coordinates that OpenCV draws: sixteenths of a pixel."""
+"""Fractional bits of the coordinates that OpenCV draws: sixteenths of a pixel."""
 
 
 class OutlinedPhoto(NamedTuple):
-    """A BGR photo without distortion and the closed outline in its pixels (column, row)."""
+    """An undistorted BGR photo, and the closed outline in its pixels (column, row)."""
 
     name: str
     image: UInt8[np.ndarray, "_h _w 3"]
@@ -46,7 +46,7 @@ def outlined_photo_jpeg(photo: OutlinedPhoto, *, longest_px: int = PAGE_PX) -> b
 def outline_sheet_jpeg(photos: Sequence[OutlinedPhoto]) -> bytes:
     """JPEG of all photos, each cut out around its outline, named, COLUMNS in a row.
 
-    Raises ValueError where there is none.
+    Raises ValueError without photos.
     """
     if not photos:
         raise ValueError("A sheet of outlines needs at least one photo.")
@@ -62,7 +62,7 @@ def outline_sheet_jpeg(photos: Sequence[OutlinedPhoto]) -> bytes:
 
 
 def _tile(photo: OutlinedPhoto) -> UInt8[np.ndarray, "_t _t 3"]:
-    """The square around the outline, TILE_PX high; what lies beyond the photo is white."""
+    """The square around the outline, TILE_PX high; its area outside the photo is white."""
     low, high = photo.outline_px.min(axis=0), photo.outline_px.max(axis=0)
     side = max(float((high - low).max()) * (1 + 2 * MARGIN), 1.0)
     corner, scale = (low + high) / 2 - side / 2, TILE_PX / side
@@ -89,7 +89,7 @@ def _drawn(image: UInt8[np.ndarray, "h w 3"], curve: Float[np.ndarray, "n 2"]) -
 
 
 def _plain(name: str) -> str:
-    """A name in the letters that OpenCV has; the middle of a long one is left out."""
+    """A name in ASCII letters, because OpenCV draws no others; a long name loses its middle."""
     ascii_name = unicodedata.normalize("NFKD", name).encode("ascii", "ignore").decode()
     shown = "".join(character if character.isprintable() else "?" for character in ascii_name)
     half = NAME_LETTERS // 2 - 1

@@ -1,7 +1,7 @@
-"""The report of a batch: one HTML file that shows all it holds, with no network.
+"""The report of a batch: one HTML file that needs no network.
 
-Its scripts are named in the page's content policy by their hashes. They draw the charts and the rows in
-view, and show one fruit at a time from JSON in the page. Without scripts the page has the summary and a table
+The page's content security policy allows its scripts by their hashes. They draw the charts and the visible
+rows, and show one fruit at a time from JSON in the page. Without scripts the page has the summary and a table
 of all fruit.
 """
 
@@ -63,11 +63,10 @@ _EXIT_STATUS = {
 
 
 def report_html(batch: BatchEntry, *, language: str = ENGLISH) -> str:
-    """The whole report as one self-contained HTML page, the same text for the same records.
+    """The whole report as one self-contained HTML page; the same records give the same text.
 
-    All text of the batch is escaped; pictures are data URIs; a content security policy in the page
-    forbids every outside source and every script but the page's own. `language`: one of
-    reports.language.LANGUAGES.
+    It escapes all text of the batch and holds pictures as data URIs. Its content security policy forbids
+    every outside source and every script but the page's own. `language`: one of reports.language.LANGUAGES.
     """
     with spoken(language):
         return _page(in_language(batch))
@@ -136,7 +135,7 @@ def _page(batch: BatchEntry) -> str:
 
 
 def _lot(batch: BatchEntry, fruits: list[Indexed]) -> dict[str, object]:
-    """What static/dashboard.js filters and draws: figures of all fruit in the table's order, and words."""
+    """Input of static/dashboard.js: figures of all fruit in the table's order, and words."""
     marks = class_marks(tuple(name for name, _ in batch.classes))
     header, *lines = ranking_csv(batch).splitlines()
     return {
@@ -179,19 +178,19 @@ def _lot(batch: BatchEntry, fruits: list[Indexed]) -> dict[str, object]:
 
 
 def _details(functions: Mapping[str, Any], fruits: list[Indexed]) -> Iterator[dict[str, object]]:
-    """What the page shows of each fruit when a reader opens it: its HTML, and its charts."""
+    """The details of each fruit, which the page shows on request: HTML and charts."""
     template = template_of("fruit")
     for _, fruit in fruits:
         yield {"html": template.render(fruit=fruit, **functions), "charts": fruit_charts(fruit)}
 
 
 def _json_lines(objects: Iterable[object]) -> Markup:
-    """Each as JSON on a line of its own, for a script element that no text of it can end."""
+    """One line of JSON per object, escaped for a script element."""
     return Markup("\n".join(map(script_json, objects)))
 
 
 def _screened(fruit: FruitEntry) -> str:
-    """The cell of the ranking's table: none found, the first suspect, or that the fruit was not screened."""
+    """Cell of the ranking: none found, the first suspect, not screened, or a dash without a screen."""
     screen = fruit.screen
     if screen is None:
         return UNKNOWN_WORD
@@ -226,7 +225,7 @@ class _ClassOfLot(NamedTuple):
 
 
 def _classes(batch: BatchEntry, fruits: list[Indexed]) -> list[_ClassOfLot]:
-    """Mark, name, limits and fruit of each class; those of the batch's own limits, softest first."""
+    """Mark, name, limits, share and number of fruit of each class of the batch, softest first."""
     marks = class_marks(tuple(name for name, _ in batch.classes))
     counts = {name: (count, unsure) for name, count, unsure in class_counts(batch, fruits)}
     graded = sum(fruit.E_MPa is not None for fruit in without_references(batch.fruits))
@@ -250,9 +249,9 @@ def _classes(batch: BatchEntry, fruits: list[Indexed]) -> list[_ClassOfLot]:
 
 
 def _facts(fruit: FruitEntry, batch: BatchEntry) -> list[tuple[str, list[tuple[str, str]]]]:
-    """(label, words) of a fruit's details by heading: of "Error bar: pit size" the part before the colon.
+    """(label, words) of a fruit's details by heading; "Error bar: pit size" has the heading "Error bar".
 
-    Readings of firmness, and the user's own columns, have a heading of their own.
+    Firmness readings and the user's own columns have separate headings.
     """
     facts: list[tuple[str, str]] = []
     if fruit.height_mm is not None:
@@ -289,14 +288,14 @@ def reading_columns(batch: BatchEntry) -> list[str]:
 
 
 def _as_given(cell: float | str | None) -> str:
-    """A cell of a user's own column with all its digits."""
+    """A cell of a user's own column; a number has up to 12 digits."""
     if cell is None:
         return UNKNOWN_WORD
     return cell if isinstance(cell, str) else with_comma(f"{cell:.12g}")
 
 
 def _image(picture: Picture, alt: str) -> Markup:
-    """The picture inside the page, leading to its file at full size; where it has no bytes, words that do."""
+    """The picture with a link to its file at full size; without bytes, the words `alt` with that link."""
     shown: Markup | str = alt
     if picture.content:
         content = base64.b64encode(picture.content).decode("ascii")
@@ -310,7 +309,7 @@ def _image(picture: Picture, alt: str) -> Markup:
 
 
 def _qr(batch: BatchEntry, fruit_id: str = "") -> str:
-    """The sheet's code as the content of a data URI; empty where there is none."""
+    """PNG of the sheet's code in base64; empty if the names are too long for a code."""
     code = sheet_code(batch.lot or batch.name, fruit_id)
     return base64.b64encode(qr_png(code)).decode("ascii") if code else ""
 

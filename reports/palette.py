@@ -1,8 +1,8 @@
-"""Colour and shape of each maturity class: apart in hue, in lightness and in shape.
+"""Colour and shape of each maturity class; classes differ in hue, in lightness and in shape.
 
-Colours are names in static/palette.css, which has them for light and dark pages. They run from red (softest)
-to blue (firmest), at least 3:1 against the page (WCAG 2.2, 1.4.11, non-text contrast). None rests on telling
-red from green.
+Colours are names in static/palette.css, which defines them for light and dark pages. They run from red
+(softest) to blue (firmest), at least 3:1 against the page (WCAG 2.2, 1.4.11, non-text contrast). Readers need
+not distinguish red from green.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ _CORNERS = {
     "triangle": ((0.0, -1.2), (1.15, 0.9), (-1.15, 0.9)),
     "down": ((0.0, 1.2), (1.15, -0.9), (-1.15, -0.9)),
 }
-"""Of the shapes, in their size; static/charts.js has the same."""
+"""Corners of the shapes in units of their size; static/charts.js has the same."""
 
 
 def class_marks(names: tuple[str, ...]) -> dict[str, tuple[str, str]]:
@@ -36,7 +36,7 @@ def class_marks(names: tuple[str, ...]) -> dict[str, tuple[str, str]]:
 
 
 def class_mark(colour: str, shape: str) -> Markup:
-    """The mark of a class in a line of text."""
+    """The mark of a class as SVG for a line of text."""
     if shape == "circle":
         mark = Markup('<circle cx="7" cy="7" r="4.6" class="mark {}"></circle>').format(colour)
     else:

@@ -16,7 +16,7 @@ def thumbnail_jpeg(image: UInt8[np.ndarray, "h w 3"], *, longest_px: int = PAGE_
 
 
 def within(image: UInt8[np.ndarray, "h w 3"], longest_px: int) -> tuple[UInt8[np.ndarray, "_h _w 3"], float]:
-    """The picture with its longer side at most ``longest_px``, and the factor by which it was scaled."""
+    """The picture with its longer side at most ``longest_px``, and its scale factor."""
     scale = longest_px / max(image.shape[:2])
     if scale >= 1.0:
         return image, 1.0
@@ -25,7 +25,7 @@ def within(image: UInt8[np.ndarray, "h w 3"], longest_px: int) -> tuple[UInt8[np
 
 
 def jpeg(image: UInt8[np.ndarray, "h w 3"], *, quality: int = 82) -> bytes:
-    """A BGR picture as JPEG. Raises ValueError for one that has no pixels or too many for the format."""
+    """A BGR picture as JPEG. Raises ValueError for too many pixels for the format, cv2.error for none."""
     done, coded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, quality])
     if not done:
         raise ValueError(f"An image of shape {image.shape} cannot be written as JPEG.")

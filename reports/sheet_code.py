@@ -1,8 +1,4 @@
-"""The code on a printed sheet, which the page of `drupe watch` accepts: of a lot, or of one of its fruit.
-
-The text is `drupe/LOT/FRUIT` with both names percent-encoded, FRUIT empty for the whole lot. The symbol is a
-QR code (ISO/IEC 18004) with error correction M.
-"""
+"""The code on a printed sheet, for a lot or one of its fruit; the page of `drupe watch` accepts it."""
 
 from __future__ import annotations
 
@@ -14,11 +10,11 @@ import segno
 
 HEAD = "drupe"
 MOST_BYTES = 300
-"""Of a code: longer names have none, and a symbol of so many is still easy to scan (69 modules)."""
+"""Most bytes of a code: longer names have no code, and a symbol of this size (69 modules) is easy to scan."""
 
 
 def sheet_code(lot: str, fruit_id: str = "") -> str:
-    """The text of a sheet's code; empty where the names are too long for one.
+    """The text of a sheet's code; empty if the names are too long for one.
 
     >>> sheet_code("H/07", "N 1")
     'drupe/H%2F07/N%201'
@@ -28,7 +24,7 @@ def sheet_code(lot: str, fruit_id: str = "") -> str:
 
 
 def read_sheet_code(text: str) -> tuple[str | None, str]:
-    """Lot (None: the text names none) and fruit (empty: the whole lot) of what was scanned or typed.
+    """Lot (None: not named) and fruit (empty: the whole lot) in a scanned or typed text.
 
     >>> read_sheet_code("drupe/H%2F07/N%201"), read_sheet_code(" N 1 ")
     (('H/07', 'N 1'), (None, 'N 1'))
@@ -41,7 +37,7 @@ def read_sheet_code(text: str) -> tuple[str | None, str]:
 
 @lru_cache(maxsize=4096)
 def qr_png(text: str) -> bytes:
-    """The code, made once (2 ms): a PNG of a pixel per module, with the standard's quiet zone of four."""
+    """PNG of the code, made once (2 ms): one pixel per module, and the standard's quiet zone of four."""
     written = io.BytesIO()
     segno.make_qr(text, error="m").save(written, kind="png", scale=1, border=4)
     return written.getvalue()

@@ -1,4 +1,4 @@
-"""Maps on a fruit's skin: a value at each vertex, and its colour; nothing here draws a picture."""
+"""Maps on a fruit's skin: value and colour of each vertex. Other modules draw the pictures."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from jaxtyping import Bool, Float, Int
 from scipy.spatial import cKDTree
 
 FLESH = np.array([0.99, 0.74, 0.47])
-"""sRGB shares, ripe flesh as on photos (by eye)."""
+"""sRGB (0 to 1) of ripe flesh on photos (by eye)."""
 PIT = np.array([0.36, 0.20, 0.12])
-"""sRGB shares, a stone's brown (by eye)."""
+"""sRGB (0 to 1) of a brown pit (by eye)."""
 PADS = ((0.114, 0.306, 0.537), (0.0, 0.47, 0.42), (0.48, 0.25, 0.55), (0.35, 0.35, 0.35))
-"""sRGB shares of the pads' contacts: blue, green, violet, grey, for colour-blind readers too (by eye)."""
+"""sRGB (0 to 1) of the pads' contacts: blue, green, violet, grey, for colour-blind readers too (by eye)."""
 SIGNED = ("7d0630", "d1495b", "f2b9a6", "f7f3ea", "a9cbe0", "3c8dbc", "163f70")
 ONE_SIDED = ("f7f3ea", "e8c06a", "c77a12", "6b2d00")
-"""Colours (sRGB) of a value from its lowest to its highest: about zero, and from zero up."""
+"""sRGB in hex from the lowest to the highest value: for values of both signs, and from zero up."""
 REACH = 1.6
-"""Skin farther from every marker than so many distances of neighbours has no value."""
+"""Skin farther than this from every marker has no value, in median spacings of the markers."""
 NEIGHBOURS = 6
-"""Markers of which a place's value is the mean, by a Gaussian of one marker's distance: a marker's own noise
-does not stand out, a patch's tilt or dome does. Set by hand."""
+"""Nearest markers that a value averages, with Gaussian weights (sd: one marker spacing). The mean hides the
+noise of one marker and keeps a patch's tilt or dome. Set by hand."""
 MOST_SHARE = 0.98
-"""The colours reach what this share of the values stays below."""
+"""The colours end at this quantile of the absolute values."""
 LEAST_UM = 20.0
-"""Their least reach, um: twice a usual gel's noise, which is not to look like misfit. Set by hand."""
+"""Their least reach, um: twice a usual gel's noise, which must not appear as misfit. Set by hand."""
 
 
 def ramp(shares: Float[np.ndarray, " n"], colours: Sequence[str]) -> Float[np.ndarray, "n 3"]:
@@ -42,9 +42,9 @@ def ramp(shares: Float[np.ndarray, " n"], colours: Sequence[str]) -> Float[np.nd
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SkinLayer:
-    """A map about zero over a surface's vertices: its value where `shown`, in the colours of a bar that
-    reaches from -`limit` to `limit`; `low` and `high` are the ends of the bar as they are read. `name` is
-    the page's word for it among the colours of the fruit in three dimensions.
+    """A map of values of both signs over a surface's vertices, valid where `shown`. Its colour bar reaches
+    from -`limit` to `limit`; `low` and `high` are the labels of its ends. `name`: the page's word for the map
+    in the 3D view.
     """
 
     name: str
@@ -84,7 +84,7 @@ class PatchResidual:
 def residual_layer(
     vertices_mm: Float[np.ndarray, "n 3"], patches: Sequence[PatchResidual]
 ) -> SkinLayer | None:
-    """Residuals over the whole skin, the mean where patches overlap; None without a patch of two markers."""
+    """Residuals over the whole skin, averaged where patches overlap; None if no patch has two markers."""
     carried = [
         on_skin(vertices_mm, patch.places_mm, patch.residual_um)
         for patch in patches
@@ -109,7 +109,7 @@ def on_skin(
     places_mm: Float[np.ndarray, "k 3"],
     values: Float[np.ndarray, " k"],
 ) -> tuple[Float[np.ndarray, " n"], Bool[np.ndarray, " n"]]:
-    """The markers' values carried to the vertices, and which vertices are near enough to a marker."""
+    """The markers' values interpolated to the vertices, and whether each vertex is near a marker (REACH)."""
     tree = cKDTree(places_mm)
     pitch = float(np.median(np.asarray(tree.query(places_mm, k=2)[0])[:, 1]))
     pitch = max(pitch, 1e-6)

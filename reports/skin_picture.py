@@ -18,7 +18,7 @@ from reports.figures import webp_of
 from reports.skin_layer import FLESH, ONE_SIDED, PADS, PIT, SIGNED, middle, ramp, vertex_normals
 
 BLIND_BELOW = 3.0
-"""A spot whose signal is less than three times its noise could not be seen."""
+"""The recordings cannot show a spot whose signal is less than three times its noise."""
 INK, GREY = "#16191d", (0.70, 0.72, 0.75)
 """Colours of lines (as the page's text) and of skin without a value."""
 FROM_SIDES = (
@@ -35,17 +35,17 @@ FROM_TWO = (("", 35.0, 24.0), ("", 215.0, 24.0))
 MARGIN = 1.25
 """Half the width of a view over that of the fruit (by eye)."""
 MOST_SHARE, LEAST_MM = 0.98, 0.1
-"""The colours of the surface's error reach what this share of the seen vertices stays below, since a few at
-the foot hide the rest. They reach so far (mm) at least: a good surface does not look like a bad one."""
+"""The colours of the surface's error end at this quantile of the seen vertices, because a few at the foot
+would hide the rest. They reach at least LEAST_MM: a good surface does not look like a bad one."""
 LENGTHS_MM = (50.0, 20.0, 10.0, 5.0, 2.0, 1.0)
-"""Of a scale bar."""
+"""Lengths of a scale bar, mm."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class MapStyle:
-    """What a map's colours mean: words at both ends of its bar, and of skin without a value.
+    """Legend of a map: words at both ends of its bar, and for skin without a value.
 
-    `signed`: about zero, else from zero up; the bar reaches `least` at least.
+    `signed`: values of both signs, else from zero up; the bar reaches at least `least`.
     """
 
     low: str
@@ -75,12 +75,12 @@ class DrawnSkin:
 
     @property
     def middle_mm(self) -> Float[np.ndarray, " 3"]:
-        """That of its box."""
+        """Centre of its box."""
         return middle(self.vertices)
 
     @property
     def half_mm(self) -> float:
-        """Half the width of a view of it."""
+        """Half the width of a view, mm."""
         return MARGIN * float(np.ptp(self.vertices, axis=0).max()) / 2
 
     def drawn(self, axes: Axes, view: Float[np.ndarray, "3 3"]) -> None:
@@ -173,7 +173,7 @@ def coloured(
     seen: Bool[np.ndarray, " n"],
     contacts_mm: Mapping[str, Float[np.ndarray, "_p 3"]] | None = None,
 ) -> tuple[DrawnSkin, float]:
-    """The skin in the colours of `values`, grey where they are not `seen`; and how far the colours reach."""
+    """The skin coloured by `values`, grey where not `seen`; and the value at the end of the colours."""
     limit = max(float(np.nanmax(np.abs(values[seen if seen.any() else slice(None)]))), style.least)
     shares = np.nan_to_num(values) / limit
     colours = ramp(0.5 + 0.5 * shares, SIGNED) if style.signed else ramp(shares, ONE_SIDED)

@@ -1,6 +1,6 @@
-"""The fruit's skin as its photos show it, as one picture: longitude to the right, from the stem down.
+"""Texture of the fruit's skin from its photos: longitude to the right, from the stem down.
 
-Photos are blended by how squarely they face the skin. Skin that no photo shows is grey.
+Photos have weights by how squarely they face the skin. Skin that no photo shows is grey.
 """
 
 from __future__ import annotations
@@ -17,22 +17,22 @@ from reports.photo import jpeg
 from reports.skin_layer import middle, vertex_normals
 
 WIDTH_PX, HEIGHT_PX = 384, 192
-"""About half a millimetre on a fruit of 60 mm, and 10 to 20 kB."""
+"""Size of the texture: a pixel is about 0.5 mm on a fruit of 60 mm, and a file has 10 to 20 kB."""
 LEAST_FACING = 0.35
 """Cosine of view and normal below which a photo is not used: near its outline it shows the background."""
 SHARPNESS = 8
-"""Power of that cosine: the squarest photo dominates, and no seam shows (by eye)."""
+"""Power of that cosine in the weights: the squarest photo dominates, and no seam shows (by eye)."""
 UNSEEN = 128.0
 """Grey of skin that no photo shows."""
 LIFT_MM = 0.3
-"""Over the skin, where lines of sight end: the skin between vertices lies up to this far under a face."""
+"""Height of the lines of sight above the skin, which lies up to this far under a face between vertices."""
 NEAREST = 4
-"""Vertices between which the skin is interpolated."""
+"""Nearest vertices that interpolate the skin."""
 
 
 @dataclass(frozen=True, eq=False)
 class SkinPhoto:
-    """A photo (BGR) without distortion, the matrix from the mesh's points to its pixels, its place (mm)."""
+    """An undistorted BGR photo, the matrix from the mesh's points to its pixels, the camera's place (mm)."""
 
     image: UInt8[np.ndarray, "_h _w 3"]
     pixels_from_mesh: Float[np.ndarray, "3 4"]
@@ -45,8 +45,8 @@ def skin_texture(
     photos: Iterable[SkinPhoto],
     hidden: Callable[[Float[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]], Bool[np.ndarray, " k"]],
 ) -> bytes:
-    """A JPEG whose pixel (u, v), both from 0 to 1, is the skin at longitude 2 π u from +x towards +y and at
-    the angle π v from +z, seen from the middle of the mesh. Empty where no photo shows the skin.
+    """A JPEG of the skin by direction from the middle of the mesh; empty if no photo shows the skin. Pixel
+    (u, v), both from 0 to 1, has the longitude 2 π u from +x towards +y and the angle π v from +z.
 
     `hidden`: whether the mesh lies between pairs of points (mm).
     """

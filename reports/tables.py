@@ -13,25 +13,25 @@ from reports.entries import BatchEntry, FruitEntry, ranked
 
 _NUMBER = r"\d*(?:[.,\s]\d+)*\.?(?:[eE][+-]?\d+)?[%\s]*"
 _REST = rf"\s*(?:[^\s\d.,;)>]|{_NUMBER}(?:[-+*/^&=<>＋－＝]|:\s*[\d$]))"
-"""What makes a formula of a sign: no number behind it, or a number that is not all ("-7" and "-7 mm" are)."""
+"""What follows the sign of a formula: no number, or a number and an operator (not "7" or "7 mm")."""
 _FORMULA = re.compile(rf"^(?=\t|[\s\"]*[=+\-@＝＋－＠])|(?<=[;,\t])(?=[\s\"]*(?:[=@＝＠]|[+\-＋－]{_REST}))")
-"""Where a cell would begin that a spreadsheet takes for a formula."""
+"""Places in a text where a spreadsheet would begin to read a formula."""
 
 
 def ranking_json(batch: BatchEntry) -> str:
-    """The same table for programs: a list of one object per fruit, keys as the columns, unknown values null,
-    text as it is (no apostrophe before what a spreadsheet would run).
+    """The ranking as JSON for programs: a list of one object per fruit, columns as keys, unknown values null.
+    Text is unchanged but for line breaks: formulas get no apostrophe.
     """
     rows, _ = _rows(batch, _plain)
     return json.dumps(rows, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def ranking_csv(batch: BatchEntry) -> str:
-    """Table of the batch: softest first, no modulus last, then reference bodies, as CSV (RFC 4180, LF).
+    """The ranking as CSV (RFC 4180, LF): softest first, then fruit without a rank, then reference bodies.
 
-    Moduli carry four significant figures, their standard deviations three; an unknown value is an empty
-    cell. Text that a spreadsheet would run as a formula (first character = + - @) is led by an
-    apostrophe, which spreadsheets take as "this is text"; line breaks in text become spaces.
+    Moduli carry four significant figures, their standard deviations three; an unknown value is an empty cell.
+    `safe_cell` puts an apostrophe before text that a spreadsheet would run as a formula; spreadsheets read it
+    as "this is text". Line breaks in text become spaces.
     """
     rows, columns = _rows(batch, safe_cell)
     table = pd.DataFrame(rows, columns=columns, dtype=object)
@@ -39,18 +39,18 @@ def ranking_csv(batch: BatchEntry) -> str:
 
 
 def _said_by(fruit: FruitEntry) -> str | None:
-    """Where `mismatch` comes from."""
+    """Source of `mismatch`: settings, explain or screen."""
     if fruit.mismatch:
         return "settings" if fruit.mismatch_taken else "explain"
     return "screen" if fruit.screen else None
 
 
 def safe_cell(text: str | None) -> str | None:
-    """Text that no spreadsheet runs, on one line; None where there is none.
+    """Text on one line that no spreadsheet runs as a formula; None for empty text.
 
-    An apostrophe goes before = + - @ at the start of the text, and before a formula behind a separator in it:
-    a spreadsheet of another country takes `;`, a comma or a tab for the end of the cell, quoted or not.
-    Numbers behind a separator stay. The same text comes back for text that is safe.
+    An apostrophe goes before = + - @ at the start of the text, and before a formula after a separator in it.
+    Some locales read `;`, a comma or a tab as the end of the cell, quoted or not. Numbers after a separator
+    stay, and a second call changes nothing.
 
     >>> safe_cell("=1+1"), safe_cell("lot 7;=cmd"), safe_cell("a - b, -0.3 mm")
     ("'=1+1", "lot 7;'=cmd", 'a - b, -0.3 mm')
@@ -61,15 +61,15 @@ def safe_cell(text: str | None) -> str | None:
 
 
 def _plain(text: str | None) -> str | None:
-    """Text on one line; None where there is none."""
+    """Text on one line; None for empty text."""
     return " ".join(text.replace("\x00", "").splitlines()) if text else None
 
 
 def _rows(
     batch: BatchEntry, written: Callable[[str], str | None]
 ) -> tuple[list[dict[str, object]], list[str]]:
-    """A row per fruit in their order, with texts as they are `written`, and the columns: drupe's, readings of
-    firmness, the user's own.
+    """A row per fruit in ranked order, its texts converted by `written`; and the columns: drupe's, firmness
+    readings, the user's own.
     """
     names = list(dict.fromkeys([*batch.readings, *(name for name, _ in batch.columns)]))
     rows = []
@@ -81,7 +81,7 @@ def _rows(
 
 
 def _row(fruit: FruitEntry) -> dict[str, object]:
-    """A fruit's cells by column. New columns are added at the end only: programs read by name and place."""
+    """A fruit's cells by column. New columns go to the end: programs read columns by name and by place."""
     judged = fruit.verdicts[-1] if fruit.verdicts else None
     return {
         "rank": fruit.rank,

@@ -1,4 +1,4 @@
-"""The page of `drupe firmness`: readings of standard tests, and what size and pit do to them at one E."""
+"""The page of `drupe firmness`: readings of standard tests, and how size and pit change them at one E."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from reports.charts import Chart, layer, padded
 from reports.html_templates import charted_page
 
 Test: TypeAlias = Any
-"""A TradeTest of fem/firmness/trade_tests.py, of which this package imports nothing."""
+"""A TradeTest of fem/firmness/trade_tests.py; this package imports nothing from fem."""
 COLOURS = ("c0", "c2", "c3", "c4")
-"""Of the lines, from no pit to the largest."""
+"""Colours of the lines, from no pit to the largest."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class TradeFruit:
-    """A fruit's readings by test, each with its standard deviation, or why there are none. NaN: out of the
-    simulation's reach. `E_at`: moduli by the column of a limit. `doubt`: what cannot be right in its inputs.
+    """A fruit's readings by test with standard deviations, or the `reason` without any. NaN: beyond the range
+    of the simulation. `E_at`: moduli by the column of a limit. `doubt`: a contradiction in its inputs.
     """
 
     fruit_id: str
@@ -37,8 +37,8 @@ class TradeFruit:
 
 @dataclass(frozen=True, kw_only=True)
 class SizeEffect:
-    """Readings of round fruit of one E: by test, for each pit share a value at each diameter; NaN where
-    none holds.
+    """Readings of round fruit of one E: by test, for each pit share a value at each diameter; NaN if no value
+    is valid.
     """
 
     E_MPa: float
@@ -57,9 +57,9 @@ def trade_html(
     graded_utc: str,
     folder: str,
 ) -> str:
-    """The whole page, the same text for the same content; all text of the batch is escaped.
+    """The whole page; the same content gives the same text. It escapes all text of the batch.
 
-    `graded_utc`: when the grading ended; `folder`: of the results.
+    `graded_utc`: when the grading ended; `folder`: the results' folder.
     """
     return charted_page(
         "trade",

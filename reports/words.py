@@ -13,9 +13,9 @@ from reports.language import say
 UNKNOWN = "–"
 NO_BREAK = "\u00a0"
 NOTHING, UNEXPLAINED = "none", "unknown"
-"""The two verdicts that name no effect: nothing is missing; something is that no known effect explains."""
+"""The two verdicts that name no effect: no mismatch, and a mismatch that no known effect explains."""
 SMALLEST_P = 0.001
-"""p-values are not told apart below this: so far out a p-value rests on few of 2,000 draws."""
+"""Pages show smaller p-values only as "< 0.001": they rest on few of 2,000 draws."""
 
 _ADVICE = {
     "withheld-modulus": (
@@ -65,7 +65,7 @@ def advice(fruit: FruitEntry) -> str:
 
 
 def remarks(fruit: FruitEntry) -> str:
-    """What a reader must know of a fruit before trusting its row; empty where there is nothing."""
+    """Notes that a reader needs before trusting a fruit's row; empty without any."""
     if not fruit.ok:
         return f"{say('not graded')}: {fruit.outcome}"
     notes = [say("reference body")] if fruit.reference else []
@@ -84,7 +84,7 @@ def remarks(fruit: FruitEntry) -> str:
 
 
 def verdict_words(verdict: VerdictEntry) -> str:
-    """A person's verdict as a sentence without its end, with E as it was then."""
+    """A person's verdict as a sentence without a full stop, with E at that time."""
     E_then = f"{with_sd(verdict.E_MPa, verdict.E_sd_MPa)} MPa" if verdict.E_MPa is not None else UNKNOWN
     said = say(
         "{by} judged it {judged} on {day} (E = {modulus}): {why}",
@@ -102,7 +102,7 @@ def verdict_words(verdict: VerdictEntry) -> str:
 
 
 def screen_words(screen: ScreenEntry) -> str:
-    """What the screen suspects or why it could not look, in a line; empty where it found nothing.
+    """The screen's suspects, or why it did not run, in a line; empty if it found nothing.
 
     >>> from reports.entries import ScreenEntry, Suspect
     >>> skin = Suspect(name="skin", short="a stiff skin carries part of the load", advice="")
@@ -117,7 +117,7 @@ def screen_words(screen: ScreenEntry) -> str:
 
 
 def suspect_words(suspects: Sequence[Suspect]) -> str:
-    """The likeliest of the suspects, and those that look like it."""
+    """The most probable suspect in words, and the names of the others."""
     first, *others = suspects
     like = f", or {' or '.join(effect_name(other.name) for other in others)}" if others else ""
     return f"{first.short}{like}"
@@ -156,7 +156,7 @@ def _with_class(E_MPa: float, E_sd_MPa: float | None, maturity: str) -> str:
 
 
 def p_words(p_value: float | None, nominal: bool = False) -> str:
-    """A p-value in brackets, with a space before; empty where there is none. `nominal`: not calibrated.
+    """A p-value in brackets, with a space before; empty if unknown. `nominal`: not calibrated.
 
     >>> [p_words(p).replace(NO_BREAK, " ") for p in (0.432, 0.0123, 1e-7, None)]
     [' (p = 0.43)', ' (p = 0.012)', ' (p < 0.001)', '']
@@ -175,7 +175,7 @@ def p_words(p_value: float | None, nominal: bool = False) -> str:
 
 
 def effect_name(effect: str) -> str:
-    """The name of an effect as people read it, of several too.
+    """Readable name of an effect, of a pair (+), or of alternatives (|).
 
     >>> effect_name("pit_offset+viscoelastic|slip")
     'pit offset with viscoelastic or slip'
@@ -184,7 +184,7 @@ def effect_name(effect: str) -> str:
 
 
 def number(value: float | None, *, figures: int = 3) -> str:
-    """A figure with so many significant digits, without exponent where it can be read without.
+    """A number with `figures` significant digits, and an exponent only beyond eight decimals.
 
     >>> number(104123.7), number(0.03217), number(None)
     ('104124', '0.0322', '–')
@@ -198,7 +198,7 @@ def number(value: float | None, *, figures: int = 3) -> str:
 
 
 def with_sd(value: float | None, sd: float | None) -> str:
-    """Value ± standard deviation, both to the second digit of the deviation.
+    """Value ± standard deviation to the second digit of the deviation, at most the value's fifth.
 
     >>> with_sd(0.32143, 0.0121), with_sd(0.32143, None), with_sd(None, None)
     ('0.321 ± 0.012', '0.321', '–')
@@ -214,7 +214,7 @@ def with_sd(value: float | None, sd: float | None) -> str:
 
 
 def percent(probability: float | None) -> str:
-    """A probability in whole percent, never a false certainty; the space does not break.
+    """A probability in whole percent, never 0 or 100 %, with a no-break space.
 
     >>> [percent(p).replace(NO_BREAK, " ") for p in (0.9999, 0.731, 0.0002, None)]
     ['>99 %', '73 %', '<1 %', '–']

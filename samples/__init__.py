@@ -1,4 +1,4 @@
-"""Synthetic fruit with known answers, by a discretisation and solver of their own.
+"""Synthetic fruit with known answers, by a discretisation and solver that the estimator does not use.
 
-Nothing of fem is used: a truth made by the estimator's code would share its errors and hide them.
+Only the sparse solver comes from fem: a truth from the estimator's code would hide the errors of that code.
 """

@@ -33,7 +33,7 @@ def mat_texture(mat: Mat, *, pixels_per_mm: float = 8.0) -> Float[np.ndarray, "h
 def random_field(
     directions: Float[np.ndarray, "n 3"], frequency: float, rng: np.random.Generator
 ) -> Float[np.ndarray, " n"]:
-    """Smooth noise of unit variance: forty plane waves of about `frequency` radians per unit length."""
+    """Smooth noise of unit variance: forty plane waves, wave vector components N(0, `frequency`^2)."""
     waves = rng.normal(size=(40, 3)) * frequency
     phase = rng.uniform(0, 2 * np.pi, 40)
     return np.asarray(np.cos(directions @ waves.T + phase).sum(axis=1) / np.sqrt(20.0))
@@ -42,7 +42,7 @@ def random_field(
 def specks(
     directions: Float[np.ndarray, "n 3"], count: int, widest: float, rng: np.random.Generator
 ) -> Float[np.ndarray, " n"]:
-    """Shades of `count` dots, 0.004 to `widest` radians wide: 1 in a middle, 0 between them."""
+    """Shades of `count` random dots: exp(-(distance / width)^2), widths 0.004 to `widest` radians."""
     middles = rng.normal(size=(count, 3))
     middles /= np.linalg.norm(middles, axis=1, keepdims=True)
     away, nearest = cKDTree(middles).query(directions)

@@ -1,7 +1,7 @@
-"""Bricks of flesh round a rigid pit: their linear stiffness, and what nodal forces do to the unknowns.
+"""Bricks of flesh around a rigid pit: linear stiffness, and nodal forces as forces on the unknowns.
 
-Unknowns: the free nodes' displacements and the pit's shift and rotation vector; the pit turns as a rigid body
-through any angle. Laws at finite strain: samples.mismatch.flesh_laws.
+Unknowns are the free nodes' displacements and the pit's shift and rotation vector. The pit turns as a rigid
+body through any angle. samples.mismatch.flesh_laws holds the laws at finite strain.
 """
 
 from dataclasses import dataclass
@@ -14,9 +14,9 @@ from scipy.spatial.transform import Rotation
 from samples.hexahedra import Bricks, lagrange
 
 HOLDING_N_PER_MM = 2e-2
-"""A hair-fine spring on the pit: holds the fruit in the air; a hundredth of a millimetre costs it 0.2 mN."""
+"""Weak spring on the pit, which holds a free fruit: a shift of 0.01 mm costs 0.2 mN."""
 HOLDING = HOLDING_N_PER_MM * np.array([1.0, 1.0, 1.0, 400.0, 400.0, 400.0])
-"""The spring on the pit's shift (N/mm) and on its turn (N mm)."""
+"""That spring's stiffness against the pit's shift (N/mm) and rotation (N mm/rad)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,7 +38,7 @@ class BrickFlesh:
         return 3 * len(self.free_nodes) + 6
 
     def dofs_of(self, nodes: Int[np.ndarray, " k"]) -> Int[np.ndarray, "k 3"]:
-        """The unknowns of free nodes. Raises ValueError for a node that hangs on larger bricks."""
+        """Unknowns of free nodes. Raises ValueError for nodes of the pit and for hanging nodes."""
         place = np.searchsorted(self.free_nodes, nodes)
         if not np.array_equal(self.free_nodes[np.minimum(place, len(self.free_nodes) - 1)], nodes):
             raise ValueError("a pad may touch skin whose nodes hang on larger bricks: refine a wider zone")
@@ -55,8 +55,8 @@ class BrickFlesh:
     def on_unknowns(
         self, nodal_N: Float[np.ndarray, "n 3"], q: Float[np.ndarray, " u"]
     ) -> Float[np.ndarray, " u"]:
-        """Internal forces on the nodes as forces on the unknowns at q, the pit's springs included; moment
-        about the pit's centre.
+        """Internal nodal forces as forces on the unknowns at q, with the pit's springs; moments are about the
+        pit's centre.
         """
         if self.bricks.follows is not None:
             nodal_N = np.asarray(self.bricks.follows.T @ nodal_N)
@@ -73,7 +73,7 @@ class BrickFlesh:
 def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float) -> BrickFlesh:
     """Integrate the bricks (27 Gauss points) and assemble the linear stiffness with a rigid pit.
 
-    Raises ValueError where a brick is turned inside out.
+    Raises ValueError if a brick is inverted.
     """
     mu, lam = lame_constants(E_MPa, poisson_ratio)
     slopes, volumes = shape_gradients(bricks.nodes_mm[bricks.cells])
@@ -100,15 +100,15 @@ def flesh_of(bricks: Bricks, *, E_MPa: float, poisson_ratio: float) -> BrickFles
 
 
 def lame_constants(E_MPa: float, nu: float) -> tuple[float, float]:
-    """mu and lam, MPa."""
+    """Lame's constants mu and lambda, MPa."""
     return E_MPa / (2 * (1 + nu)), E_MPa * nu / ((1 + nu) * (1 - 2 * nu))
 
 
 def shape_gradients(
     corners: Float[np.ndarray, "m 27 3"],
 ) -> tuple[Float[np.ndarray, "m 27 27 3"], Float[np.ndarray, "m 27"]]:
-    """Gradients of the shape functions (1/mm; cell, point, node, axis) and volumes (mm³) of the 27 Gauss
-    points of each brick, whose nodes lie at `corners` (mm).
+    """Gradients of the shape functions (1/mm; cell, point, node, axis) and volumes (mm³) of each brick's 27
+    Gauss points. `corners`: its nodes, mm.
     """
     at, weight = np.polynomial.legendre.leggauss(3)
     value, slope = lagrange(at)
@@ -150,7 +150,7 @@ def scattered(blocks: np.ndarray, dofs: Int[np.ndarray, "m k"], size: int) -> cs
 
 
 def rigid_tie(bricks: Bricks, free: Int[np.ndarray, " f"], centre: Float[np.ndarray, " 3"]) -> csr_array:
-    """Nodal displacement of small unknowns: pit nodes follow shift + rotation x arm, hanging nodes theirs."""
+    """Matrix from small unknowns to nodal displacements; pit nodes follow shift + rotation x arm."""
     f, pit = len(free), bricks.pit_nodes
     axes = np.arange(3)
     own_rows = (3 * free[:, None] + axes).ravel()

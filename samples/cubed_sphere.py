@@ -9,11 +9,10 @@ from jaxtyping import Float, Int
 
 @dataclass(frozen=True)
 class CubedSphere:
-    """Unit directions on a grid of the cube, welded, with the grid's windows kept.
+    """Unit directions on a grid over the sides of a cube, without duplicates, and the sides' index grids.
 
-    `directions` (n, 3); `faces` holds one index grid per cube side, laid out so that the two grid
-    axes and the outward direction are right-handed. Neighbouring sides share the indices of their common
-    edge.
+    `faces` holds one index grid per cube side; its two axes and the outward direction are right-handed.
+    Neighbouring sides share the indices of their common edge.
     """
 
     directions: Float[np.ndarray, "n 3"]
@@ -26,7 +25,7 @@ class CubedSphere:
         return np.concatenate([np.stack([a, b, c], 1), np.stack([a, c, d], 1)])
 
     def biquadratic_cells(self) -> Int[np.ndarray, "k 3 3"]:
-        """Nine-node cells (k, 3, 3) of a grid whose every second line is a mid line."""
+        """Nine-node cells; every second line of the grid is a line of middle nodes."""
         cells = []
         for grid in self.faces:
             windows = np.lib.stride_tricks.sliding_window_view(grid, (3, 3))[::2, ::2]
@@ -42,10 +41,10 @@ def _cells() -> list[tuple[slice, slice]]:
 def cubed_sphere(
     x_angles: Float[np.ndarray, " a"], y_angles: Float[np.ndarray, " b"], z_angles: Float[np.ndarray, " c"]
 ) -> CubedSphere:
-    """The cube [-1, 1]^3 gridded at tan(angle) along each axis, pushed to the unit sphere.
+    """Grid on the cube [-1, 1]^3 at tan(angle) along each axis, projected to the unit sphere.
 
-    Each list of angles (radians) runs from -pi/4 to pi/4. Equal angles give cells of nearly equal size; a
-    list that is finer at zero makes the two cube sides that it crosses finer at their centres.
+    Each list of angles (radians) runs from -pi/4 to pi/4. Equal angles give cells of nearly equal size. A
+    list that is finer at zero narrows the middle cells of the four cube sides along its axis.
     """
     lines = [np.tan(np.asarray(a, dtype=float)) for a in (x_angles, y_angles, z_angles)]
     for line in lines:
@@ -73,7 +72,7 @@ def cubed_sphere(
 
 @lru_cache(maxsize=8)
 def even_sphere(cells: int) -> CubedSphere:
-    """A cubed sphere of `cells` by `cells` near-equal cells per side; kept, and not to be written to."""
+    """A cubed sphere of `cells` by `cells` near-equal cells per side, cached, with read-only arrays."""
     angles = np.linspace(-np.pi / 4, np.pi / 4, cells + 1)
     sphere = cubed_sphere(angles, angles, angles)
     for kept in (sphere.directions, *sphere.faces):

@@ -1,4 +1,4 @@
-"""Nectarines that never grew: a star-shaped skin, a true pit beside its prior, a known modulus."""
+"""Synthetic nectarines: a star-shaped skin, a true pit that deviates from its prior, a known modulus."""
 
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
@@ -9,21 +9,21 @@ from jaxtyping import Float
 from recon.triangle_mesh import Mesh
 from samples.cubed_sphere import even_sphere
 
-# Semi-axes of a nectarine's pit over the half-lengths of its fruit's box (x suture, y cheeks, z stem),
-# and its centre above the box centre in half-lengths. Assumed, and the same as in the prior that grading
-# uses: what a sample tests is a pit off its prior by the spreads below, not an unknown kind of fruit.
+# Semi-axes of a nectarine's pit over the half-lengths of its fruit's box (x suture, y cheeks, z stem).
+# Assumed, and equal to the prior of grading: samples test a pit that deviates from its prior by the spreads
+# below, not an unknown kind of fruit.
 PIT_OVER_BOX = (0.446, 0.328, 0.567)
 PIT_RAISED = (0.010, 0.0, 0.022)
-"""Half-lengths of the box by which a nectarine's pit sits above its centre; as in the prior of grading."""
+"""Offset of a nectarine's pit from the box centre in half-lengths of the box, as in the prior of grading."""
 PIT_OFFSET_SD_MM = 0.3
 """Spread of a pit's centre about its prior, mm, each coordinate (assumed)."""
 PIT_SIZE_SD = 0.02
 """Relative spread of each of a pit's half axes about its prior (assumed)."""
 POISSON_RATIO = 0.45
-"""Of the flesh, and assumed when it is graded: samples test E, not Poisson's ratio."""
+"""True ratio of the flesh, which grading assumes too: samples test E, not Poisson's ratio."""
 MESH_ERROR_MM = 0.1
-"""Root mean square of the scanned mesh's waves, mm: what meshes from photos are off by (docs/validation.md,
-Shape: 0.06 to 0.16)."""
+"""Root mean square error of the scanned mesh, mm, as in meshes from photos (docs/validation.md, Shape: 0.06
+to 0.16)."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +31,7 @@ class Skin:
     """The surface x(d) = centre + r(d) d over unit directions d, fruit frame, mm.
 
     r = |d / half_axes|^-1 (1 + cubic form(d)) - stem cavity - blossom dimple - suture groove (on the +x
-    half). An ellipsoid about the origin where nothing else is said.
+    half). The defaults give an ellipsoid about the origin.
     """
 
     centre_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -72,14 +72,14 @@ class SamplePit:
     semi_axes_mm: tuple[float, float, float]
 
     def points_mm(self, directions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
-        """The points where rays from its centre leave it."""
+        """Surface points on rays from its centre."""
         radius = 1.0 / np.linalg.norm(directions / np.asarray(self.semi_axes_mm), axis=1)
         return np.asarray(np.asarray(self.centre_mm) + radius[:, None] * directions)
 
 
 @dataclass(frozen=True, kw_only=True)
 class SampleFruit:
-    """One fruit with everything that is true of it."""
+    """One fruit with its true shape, pit and properties."""
 
     fruit_id: str
     seed: int = 0
@@ -91,7 +91,7 @@ class SampleFruit:
 
 
 def fruits_of_seed(count: int, *, seed: int) -> tuple[SampleFruit, ...]:
-    """`count` nectarines whose moduli spread evenly in the logarithm over 0.15 to 1.6 MPa, in shuffled order.
+    """`count` nectarines with moduli spread evenly in ln E over 0.15 to 1.6 MPa, in shuffled order.
 
     Ripeness (the colour) follows the modulus with some scatter, as it does in an orchard.
     """
@@ -111,9 +111,9 @@ def fruits_of_seed(count: int, *, seed: int) -> tuple[SampleFruit, ...]:
 
 
 def fruit_of_seed(fruit_id: str, *, seed: int, E_MPa: float, ripeness: float = 0.5) -> SampleFruit:
-    """A nectarine of about 61 x 59 x 57 mm, the same for the same seed.
+    """A nectarine of about 60 x 59 x 56 mm, the same for the same seed.
 
-    The true pit lies 0.3 mm (per axis) off where the category's proportions put it, and 2 % off in size.
+    Its pit deviates from the category's proportions by 0.3 mm per axis and 2 % in size (standard deviations).
     """
     rng = np.random.default_rng([seed, 1])
     size = rng.normal(1.0, 0.035)
@@ -144,20 +144,20 @@ def box_mm(skin: Skin) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]
 
 
 def skin_mesh(skin: Skin, *, cells: int) -> Mesh:
-    """Vertices and outward triangles of the skin, 12 cells^2 triangles."""
+    """Vertices (mm) and the 12 cells^2 outward triangles of the skin."""
     sphere = even_sphere(cells)
     return skin.points_mm(sphere.directions), sphere.triangles()
 
 
 def scanned_mesh(fruit: SampleFruit, *, cells: int, error_mm: float) -> Mesh:
-    """The fruit's skin as a scanner would give it, the same for the same fruit."""
+    """The fruit's skin with a scanner's error; the same fruit gives the same mesh."""
     return scanned_skin(
         fruit.skin, cells=cells, error_mm=error_mm, rng=np.random.default_rng([fruit.seed, 2])
     )
 
 
 def scanned_skin(skin: Skin, *, cells: int, error_mm: float, rng: np.random.Generator) -> Mesh:
-    """The skin as a scanner would give it: moved along its rays by a smooth error of the given RMS."""
+    """The skin with a scanner's error: a smooth error along its rays with the given RMS."""
     sphere = even_sphere(cells)
     waves, phase = rng.normal(size=(24, 3)) * 5.0, rng.uniform(0, 2 * np.pi, 24)
     wobble = np.cos(sphere.directions @ waves.T + phase).sum(axis=1)

@@ -1,8 +1,8 @@
 """A gel pad against skin: an elastic layer with Coulomb friction.
 
-The gel is a bed of springs on a rigid face: pressure p = kn depth, shear t = -kt (x - X) where X is the gel
-point that a skin point met when it first touched (its anchor), |t| <= friction p; past that the skin slips
-and the anchor is dragged along. In the pad frame z points out of the gel, so that a depth is a negative z.
+The gel is a bed of springs on a rigid back: pressure p = kn depth, shear t = -kt (x - X), |t| <= friction p.
+The anchor X is the gel point that the skin point x met at first touch. Skin at the limit slips and drags its
+anchor along. In the pad frame z points out of the gel, so that a depth is a negative z.
 """
 
 from dataclasses import dataclass
@@ -13,8 +13,8 @@ from jaxtyping import Bool, Float
 
 @dataclass(frozen=True, kw_only=True)
 class Gel:
-    """Normal and shear stiffness per area, friction between gel and skin, and how far the gel is drawn out
-    by skin that it has touched before it lets go (0: it does not stick).
+    """Normal and shear stiffness per area, and friction between gel and skin. `reach_mm`: how far adhering
+    skin draws out the gel before it detaches (0: no adhesion).
     """
 
     kn_MPa_per_mm: float = 0.22
@@ -24,7 +24,7 @@ class Gel:
 
 
 DEFAULT_GEL = Gel()
-"""Of the sample batch."""
+"""Gel of the sample batch."""
 
 
 def traction(
@@ -33,9 +33,9 @@ def traction(
     anchor_mm: Float[np.ndarray, "n 2"],
     stuck: Bool[np.ndarray, " n"] | None = None,
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, "n 3 3"]]:
-    """Force per gel area on the skin (MPa, pad frame) and its derivative by the position.
+    """Force per gel area on the skin (MPa, pad frame) and its derivative by the position (MPa/mm).
 
-    Points that are `stuck` pull, and hold their shear, however far they are.
+    Points that are `stuck` pull and keep their shear at any distance.
     """
     n = len(position_mm)
     pressed = position_mm[:, 2] < 0

@@ -1,10 +1,9 @@
-"""What a camera behind a gel sees: dark dots on a face that is lit, displaced and seen through a lens.
+"""Images of a camera behind a gel: dark dots on a face that is lit, displaced and seen through a lens.
 
-Every pixel looks along its ray at one material point of the face: the one whose displaced place projects
-there (found by iteration on a coarse grid of pixels, then by cubic splines in between, as displacement is
-smooth). Its colour is Lambert's: the gel's colour times ambient light plus each light's strength times the
-cosine between it and the face, seen from inside the gel. Dots have an edge of one pixel; the lens blurs; the
-sensor adds Gaussian noise and rounds to eight bits.
+Each pixel shows the material point of the face whose displaced position projects there. Iteration finds it on
+a coarse grid of pixels; cubic splines interpolate, because displacement is smooth. Shading is Lambert's: the
+gel's colour times ambient light plus each light's strength times the cosine to the face's inner normal. Dots
+have an edge of one pixel; the lens blurs; the sensor adds Gaussian noise and rounds to eight bits.
 """
 
 from collections.abc import Callable
@@ -20,11 +19,10 @@ from tactile.gel_camera import mm_per_px
 from tactile.sensors import GelCamera
 
 COARSE_PX = 4
-"""Pixels between two rays that are followed exactly; displacement is smooth over a dot's width, splines fill
-in."""
+"""Pixels between two exact rays; splines interpolate, because displacement is smooth over a dot's width."""
 ROUNDS = 30
-"""Steps of the search for the point that a pixel shows, at most: it ends at 1e-3 px, each step gains about
-the slope of the displacement."""
+"""Most steps of the search for a pixel's material point. It ends at 1e-3 px; each step multiplies the error
+by about the slope of the displacement."""
 
 Field = Callable[[Float[np.ndarray, "m 2"]], Float[np.ndarray, "m 3"]]
 """Displacement (mm) of points of the undeformed face."""
@@ -40,7 +38,7 @@ class GelLight:
 
 @dataclass(frozen=True, kw_only=True)
 class GelLook:
-    """Dots (places, diameter), brightness of gel and dots (0 to 1), what the camera adds (grey levels)."""
+    """Dots (places, diameter), brightness of gel and dots (0 to 1), the camera's noise (grey levels)."""
 
     rest_mm: Float[np.ndarray, "n 3"]
     dot_mm: float = 0.42
@@ -106,7 +104,7 @@ def seen_material(
 
 
 def seen_at(camera: GelCamera, points_mm: Float[np.ndarray, "m 3"]) -> Float[np.ndarray, "m 2"]:
-    """Pinhole and Brown-Conrady distortion (k1, k2, p1, p2, k3), pixel (0, 0) the first one's centre."""
+    """Pixels by pinhole and Brown-Conrady distortion (k1, k2, p1, p2, k3); first pixel's centre: (0, 0)."""
     inverse = np.linalg.inv(camera.gel_from_camera)
     local = points_mm @ inverse[:3, :3].T + inverse[:3, 3]
     x, y = local[:, 0] / local[:, 2], local[:, 1] / local[:, 2]
@@ -133,7 +131,7 @@ def _normals(material: Float[np.ndarray, "m 2"], field: Field) -> Float[np.ndarr
 def _shade(
     lights: tuple[GelLight, ...], ambient: float, normals: Float[np.ndarray, "m 3"]
 ) -> Float[np.ndarray, "m 3"]:
-    """Brightness of a white face in R, G and B; without lights the same everywhere."""
+    """Brightness of a white face in R, G and B; 1 everywhere without lights."""
     if not lights:
         return np.ones_like(normals)
     total = np.full_like(normals, ambient)

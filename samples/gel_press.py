@@ -1,10 +1,10 @@
 """A gel pad pressed by a rigid ball, as truth for gel images: finite elements, contact and friction.
 
-The gel is a block of 27-node bricks, small strain, its back fixed and its sides free. The ball's surface is
-followed where the gel's face is now: a node at distance d from the ball's centre carries the pressure
-c_n (R - d) where that is positive, and a shear c_t times the way it has been dragged on the ball since it
-first touched, at most friction times pressure (Coulomb; both c are stiff penalties). Pad frame: the face is
-z = 0, the gel lies below it, z points out. Forces here are those on the ball, as recordings have them.
+The gel is a block of 27-node bricks at small strain, with a fixed back and free sides. Contact acts on the
+displaced face: a node at distance d from the ball's centre bears the pressure c_n (R - d) if d < R. Its shear
+is c_t times its slip on the ball since first touch, at most friction times pressure (Coulomb). Both c are
+stiff penalties. Pad frame: the face is z = 0, the gel lies below, z points out. Forces act on the ball, as in
+recordings.
 """
 
 from collections.abc import Callable, Sequence
@@ -22,20 +22,20 @@ from samples.hexahedra import lagrange, with_midpoints
 from samples.sample_failure import NotInEquilibrium
 
 SHIPPED_X = (-13.0, -10.5, -8.5, -7.2, *np.arange(-6.2, 6.3, 1.0333333), 7.2, 8.5, 10.5, 13.0)
-"""Borders of the block's bricks, mm: a gel of 26 x 22 mm, about 1 mm fine under the ball."""
+"""Edges of the block's bricks along x, mm: a gel of 26 x 22 mm, with 1 mm bricks under the ball."""
 SHIPPED_Y = (-11.0, -9.2, -8.0, -7.1, *np.arange(-6.2, 6.3, 1.0333333), 7.1, 8.0, 9.2, 11.0)
-"""Likewise across."""
+"""Edges of the bricks along y, mm."""
 SHIPPED_DEPTHS = (0.0, 0.18, 0.4, 0.68, 1.0)
-"""Borders of its four layers as shares of the thickness, finer to the face, where strain is steepest."""
+"""Boundaries of its four layers over the thickness: layers are thin at the face, where strain is steepest."""
 NORMAL_MPA_PER_MM, SHEAR_MPA_PER_MM = 20.0, 8.0
-"""Penalties of contact, across and along the face: a pressure of 0.05 MPa lies 2.5 um deep in the ball."""
+"""Contact penalties, normal and tangential: at 0.05 MPa the gel's face is 2.5 um inside the ball."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class GelBlock:
-    """A block of gel: cell borders, and compliance (mm/N) from loads on `reach` to every node of the face.
+    """A block of gel: node lines, and compliance (mm/N) from loads on the nodes `reach` to the face's nodes.
 
-    `face_mm` (a, b, 2) are the face's nodes, `weights_mm2` (a, b) the area each stands for.
+    `weights_mm2` holds the area of each of the face's n nodes, x slowest.
     """
 
     x_mm: Float[np.ndarray, " a"]
@@ -52,7 +52,7 @@ class GelBlock:
     def at(
         self, values: Float[np.ndarray, "n c"], where_mm: Float[np.ndarray, "m 2"]
     ) -> Float[np.ndarray, "m c"]:
-        """Nodal values read at points of the face through the cells' own biquadratic functions."""
+        """Nodal values interpolated at points of the face by the cells' biquadratic functions."""
         grid = values.reshape(len(self.x_mm), len(self.y_mm), -1)
         (i, a), (j, b) = _read(self.x_mm, where_mm[:, 0]), _read(self.y_mm, where_mm[:, 1])
         near = grid[i[:, :, None], j[:, None, :]]
@@ -61,7 +61,7 @@ class GelBlock:
 
 @dataclass(frozen=True, kw_only=True)
 class BallPose:
-    """Where the ball is: its centre (pad frame) and its turn about z since the start."""
+    """Pose of the ball: its centre (pad frame) and its rotation about z since the start."""
 
     centre_mm: tuple[float, float, float]
     turn_rad: float = 0.0
@@ -85,7 +85,7 @@ def gel_block(
     y_mm: Sequence[float] = SHIPPED_Y,
     depths: Sequence[float] = SHIPPED_DEPTHS,
 ) -> GelBlock:
-    """Mesh and condense a block; `depths` are relative cell borders, loads reach `reach_mm` far."""
+    """Mesh and condense a block. `depths`: layer boundaries (relative); `reach_mm`: radius of the loads."""
     x, y = with_midpoints(np.asarray(x_mm)), with_midpoints(np.asarray(y_mm))
     z = -thickness_mm * with_midpoints(np.asarray(depths))[::-1]
     a, b, c = len(x), len(y), len(z)
@@ -110,9 +110,9 @@ def gel_block(
 
 
 def pressed(block: GelBlock, path: Sequence[BallPose], *, radius_mm: float, friction: float) -> list[Pressed]:
-    """The gel along a path of the ball, instant by instant (the first should be in the air).
+    """The gel along a path of the ball, instant by instant; the first pose should be without contact.
 
-    Raises NotInEquilibrium when the contact does not settle or grows past the block's reach.
+    Raises NotInEquilibrium if the contact does not converge or grows past the block's reach.
     """
     at = np.column_stack([block.face_mm[block.reach], np.zeros(len(block.reach))])
     weight = block.weights_mm2[block.reach][:, None]
@@ -129,7 +129,7 @@ def pressed(block: GelBlock, path: Sequence[BallPose], *, radius_mm: float, fric
         u, force = _equilibrium(small, law, weight, u)
         if np.any(force[edge]):
             raise NotInEquilibrium("the ball's contact grew past the part of the gel that can be loaded")
-        # what a node holds on to is a point of the ball, in the ball's own frame
+        # a node sticks to a point of the ball, in the ball's frame
         in_ball_mm = turn.inv().apply(at + u - centre)
         now = force[:, 2] / weight[:, 0] < 0
         stretch = _shear(force / weight, at + u - centre) / SHEAR_MPA_PER_MM
@@ -154,7 +154,7 @@ def _ball_law(
     at: np.ndarray, centre: np.ndarray, turn: Rotation, held: np.ndarray, touching: np.ndarray,
     radius: float, friction: float,
 ) -> Law:  # fmt: skip
-    """Traction on the gel (MPa) at displacement u, and its slope by u, by differences."""
+    """Law: traction on the gel (MPa) at displacement u, and its derivative by finite differences."""
     foot = centre + turn.apply(held)
 
     def law(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

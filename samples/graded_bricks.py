@@ -1,10 +1,10 @@
-"""27-node bricks that are halved towards the skin under two pads, level by level.
+"""27-node bricks, locally refined towards the skin under two pads, level by level.
 
-Each cube face of the flesh starts as `cells` x `cells` bricks, `layers` deep; a brick is cut into eight where
-it is larger than asked for at its distance from the skin that is touched. Bricks that touch differ by one
-level at most. A node of a smaller brick on the face or edge of a larger one is no unknown: it follows the
-larger brick's own interpolation, in place and in displacement, so that both are continuous (Rheinboldt and
-Mesztenyi, ACM Trans. Math. Softw. 6, 1980).
+Each cube face of the flesh starts as `cells` x `cells` bricks, `layers` deep. A brick is cut into eight if it
+exceeds the allowed size at its distance from the touched skin. Adjacent bricks differ by at most one level. A
+node of a smaller brick that hangs on the face or edge of a larger one is no unknown. It follows the larger
+brick's interpolation in place and displacement, so that both are continuous (Rheinboldt and Mesztenyi, ACM
+Trans. Math. Softw. 6, 1980).
 """
 
 from dataclasses import dataclass
@@ -21,10 +21,10 @@ from samples.hexahedra import Bricks, frame_of, lagrange
 
 @dataclass(frozen=True, kw_only=True)
 class BrickGrading:
-    """How fine: bricks along a cube side and in depth before any is cut, levels of cutting, growth.
+    """Refinement: bricks along a cube side and in depth before any cut, levels of cuts, growth.
 
-    A brick is as small as its level lets it be at the touched skin, and may be larger by `growth` times its
-    distance from there.
+    Bricks at the touched skin have the size of the last level; elsewhere they may be larger by `growth` times
+    their distance from it.
     """
 
     cells: int
@@ -59,7 +59,7 @@ class _Boxes:
 
 @dataclass(frozen=True)
 class _Lattice:
-    """Integer places of all nodes that there could be, and where they are in the fruit."""
+    """Integer places of all possible nodes, and their positions in the fruit."""
 
     fruit: SampleFruit
     frame: Float[np.ndarray, "3 3"]
@@ -67,7 +67,7 @@ class _Lattice:
     depth: int
 
     def keys(self, face: Int[np.ndarray, " m"], at: Int[np.ndarray, "m p 3"]) -> Int[np.ndarray, "m p"]:
-        """One number for each place of each brick's face; places on two cube faces get the same number."""
+        """One number per place; places on the common edge of two cube faces have the same number."""
         axis, low = face[:, None] // 2, face[:, None] % 2 == 1
         u, v = np.where(low, at[..., 1], at[..., 0]), np.where(low, at[..., 0], at[..., 1])
         cube = np.empty((*at.shape[:2], 3), dtype=np.int64)
@@ -84,7 +84,7 @@ class _Lattice:
     def places_mm(
         self, keys: Int[np.ndarray, " n"]
     ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
-        """Where they are (fruit frame), and their relative depths."""
+        """Their positions (fruit frame), and their relative depths (0: skin, 1: pit)."""
         rest, down = np.divmod(keys, self.depth + 1)
         n = self.side + 1
         cube = np.tan(
@@ -131,7 +131,7 @@ def touched_skin_mm(
     touch_mm: Float[np.ndarray, " 3"],
     overlap_mm: float,
 ) -> Float[np.ndarray, "t 3"]:
-    """Skin that comes within `overlap_mm` of a pad's face (axes `turn`) where it first touches."""
+    """Points of the skin within `overlap_mm` of a pad's face (axes `turn`) at first touch."""
     points = fruit.skin.points_mm(even_sphere(96).directions)
     return np.asarray(points[(points - touch_mm) @ turn[:, 2] < overlap_mm])
 
@@ -139,7 +139,7 @@ def touched_skin_mm(
 _LOCAL = np.stack(np.meshgrid([2, 1, 0], [0, 1, 2], [0, 1, 2], indexing="ij"), axis=-1).reshape(27, 3)[
     :, [1, 2, 0]
 ]
-"""Nodes of a brick in half sizes: two along the face and depth; ordered outward first, as in
+"""Nodes of a brick in half sizes: two along the face, and depth (slowest, outward), as in
 samples.hexahedra."""
 
 
@@ -156,7 +156,7 @@ def _coarsest(grading: BrickGrading, unit: int) -> _Boxes:
 def _refined(
     lattice: _Lattice, boxes: _Boxes, grading: BrickGrading, touched_mm: Float[np.ndarray, "t 3"]
 ) -> _Boxes:
-    """Cut by size and distance, then until bricks that touch differ by one level at most."""
+    """Cut bricks by size and distance, then until adjacent bricks differ by at most one level."""
     tree = cKDTree(touched_mm)
     mean_mm = float(np.linalg.norm(touched_mm - np.mean(lattice.fruit.skin.centre_mm), axis=1).mean())
     unit_mm = np.pi / 2 * mean_mm / lattice.side
@@ -167,8 +167,8 @@ def _refined(
         keys, back = np.unique(corner, return_inverse=True)
         away = np.asarray(tree.query(lattice.places_mm(keys)[0])[0])
         away = away[back].reshape(-1, 27).min(axis=1)
-        # cells at the border of the touched skin must have no hanging nodes either: their neighbours count as
-        # if they were one cell nearer
+        # cells at the edge of the touched skin must not have hanging nodes: bricks at the skin count as one
+        # cell nearer
         away = np.where(boxes.low[here, 2] == 0, np.maximum(away - smallest_mm, 0.0), away)
         asked_mm = smallest_mm + grading.growth * away
         chosen = np.zeros(len(here), dtype=bool)
@@ -178,7 +178,7 @@ def _refined(
 
 
 def _balanced(lattice: _Lattice, boxes: _Boxes) -> _Boxes:
-    """Cut bricks that touch one of less than half their size, the largest difference first, until none is."""
+    """Cut bricks adjacent to one of less than half their size, largest difference first, until none is."""
     sizes = sorted(set(boxes.size.tolist()))
     for small in sizes:
         corners = np.unique(lattice.keys(boxes.face, _in_brick(boxes, 2 * _cube(2)))[boxes.size == small])
@@ -201,9 +201,9 @@ def _cube(count: int) -> Int[np.ndarray, "c 3"]:
 def _follows(
     lattice: _Lattice, boxes: _Boxes, keys: Int[np.ndarray, " n"], cells: Int[np.ndarray, "m 27"]
 ) -> csr_array | None:
-    """Every node as a sum of free ones: itself, or the interpolation of the larger brick it hangs on.
+    """Matrix that gives every node from free ones: itself, or the interpolation of the larger brick.
 
-    None where no node hangs. A node that hangs on nodes that hang on others is traced to the last of them.
+    None without hanging nodes. If a node hangs on hanging nodes, its row goes back to free ones.
     """
     quarters = _cube(5)
     on_surface = np.any((quarters == 0) | (quarters == 4), axis=1)
@@ -241,6 +241,6 @@ def _follows(
 
 
 def _brick_weights(at: Float[np.ndarray, "q 3"]) -> Float[np.ndarray, "q 27"]:
-    """Shares of a brick's nodes at places (two along the face, depth, each -1 to 1)."""
+    """Shape functions of a brick at places (two along the face, depth, each -1 to 1)."""
     (a, _), (b, _), (c, _) = (lagrange(at[:, k]) for k in range(3))
     return np.asarray(np.einsum("qr,qu,qv->qruv", c[:, ::-1], a, b).reshape(-1, 27))

@@ -1,4 +1,4 @@
-"""How the jaws go: along which line they meet the fruit, and how far they close from frame to frame."""
+"""The jaws' motion: the line along which they close, and their travel from frame to frame."""
 
 from dataclasses import dataclass
 
@@ -9,12 +9,12 @@ from samples.cubed_sphere import even_sphere
 from samples.fruit import SampleFruit
 
 DEEPEST_MM = 1.5
-"""How far each jaw goes past its first touch; the patch of a soft fruit then still fits on the gel."""
+"""Largest travel of each jaw past first touch, mm: a soft fruit's contact patch still fits on the gel."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Motion:
-    """Corners of the jaws' way, linear in between: travel of each jaw past first touch, left pad's shear.
+    """Piecewise linear motion by its corners: travel of each jaw past first touch, shear of the left pad.
 
     `recorded` marks the corners that are frames of the recording; the others are instants between frames.
     """
@@ -37,18 +37,18 @@ def straight(time_s: Float[np.ndarray, " t"], travel_mm: Float[np.ndarray, " t"]
 
 @dataclass(frozen=True, kw_only=True)
 class Hold:
-    """Where the jaws are: rotations (pad to fruit), left then right, and the origins at first touch."""
+    """Pose of the jaws, left then right: rotations (pad to fruit), and face origins at first touch."""
 
     turns: tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, "3 3"]]
     touch_mm: Float[np.ndarray, "2 3"]
 
     def origins(self, travel_mm: float) -> Float[np.ndarray, "2 3"]:
-        """Faces' origins after a travel of each jaw."""
+        """Face origins after a travel of each jaw."""
         return self.touch_mm + travel_mm * np.stack([turn[:, 2] for turn in self.turns])
 
 
 def two_cycles(*, deepest_mm: float, speed_mm_per_s: float, clearance_mm: float = 0.35) -> Motion:
-    """Ten frames in the air, a load to two thirds, off, a load to the deepest, a hold, off, five in air."""
+    """Ten frames in air, load to 0.66 of the deepest, unload, load to the deepest, hold, unload, air."""
     air, away = np.full(10, -clearance_mm), -0.12
     first = np.linspace(0, 0.66 * deepest_mm, 7)[1:]
     off = np.linspace(0.66 * deepest_mm, away, 5)[1:]
@@ -64,7 +64,7 @@ def two_cycles(*, deepest_mm: float, speed_mm_per_s: float, clearance_mm: float 
 
 
 def hold_along(fruit: SampleFruit, *, azimuth_deg: float, tilt_deg: float, uneven_mm: float = 0.02) -> Hold:
-    """Jaws along a direction, centred between their first touches; the left comes `uneven_mm` late."""
+    """Jaws along a direction, centred between their first touches; the left touches `uneven_mm` later."""
     turns = jaw_turns(azimuth_deg=azimuth_deg, tilt_deg=tilt_deg)
     axis = turns[0][:, 2]
     skin = fruit.skin.points_mm(even_sphere(200).directions)
@@ -90,10 +90,10 @@ def jaw_turns(
 
 @dataclass(frozen=True, kw_only=True)
 class PlannedGrasp:
-    """One grasp to simulate: the recording's name, where the jaws are, how they move.
+    """One grasp to simulate: the recording's name, pose and motion of the jaws.
 
-    `mesh`: which of a case's meshes (0, 1, 2) it is solved on. `hold` gives the spots in the mesh's order,
-    left pad first; `turned`: the pads have changed places.
+    `mesh`: number of the case's mesh (0, 1, 2) that the solver uses. `hold` has the spots in the mesh's
+    order, left pad first; `turned`: the pads exchange places.
     """
 
     name: str
@@ -104,7 +104,7 @@ class PlannedGrasp:
 
 
 def planned_grasps(fruit: SampleFruit, *, count: int) -> tuple[PlannedGrasp, ...]:
-    """Grasps about 90 degrees apart, clear of the suture's groove, each at a speed of its own."""
+    """Grasps alternate between two directions, 90 degrees apart, off the suture; each has a random speed."""
     rng = np.random.default_rng([fruit.seed, 6])
     first = rng.uniform(32.0, 58.0)
     plans = []

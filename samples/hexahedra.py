@@ -12,7 +12,7 @@ from samples.fruit import SampleFruit
 
 @dataclass(frozen=True, kw_only=True)
 class Fineness:
-    """Cell borders: degrees from the grasp axis, cells along the axis, relative depth below the skin."""
+    """Cell edges in degrees from the grasp axis, number of cells along it, cell edges in relative depth."""
 
     degrees: tuple[float, ...]
     along: int
@@ -20,10 +20,9 @@ class Fineness:
 
 
 SHIPPED = Fineness(degrees=(0, 4.2, 8.4, 12.6, 17.5, 28, 45), along=4, depths=(0, 0.15, 0.34, 0.62, 1))
-"""Of the batch that is shipped: cells 2 mm wide under the pads of a fruit of 30 mm radius, four layers
-deep."""
+"""Of the shipped batch: cells 2 mm wide under the pads of a fruit of 30 mm radius, in four layers."""
 FINER = Fineness(degrees=(0, 3, 6, 9, 12.2, 16, 22, 32, 45), along=6, depths=(0, 0.1, 0.22, 0.38, 0.62, 1))
-"""For asking what SHIPPED leaves: about 1.4 times as fine in every direction."""
+"""For the discretisation error of SHIPPED: about 1.4 times as fine in every direction."""
 COARSE = Fineness(degrees=(0, 6.5, 14, 45), along=2, depths=(0, 0.3, 1))
 """For tests that need a solution and not an accurate one."""
 
@@ -32,8 +31,8 @@ COARSE = Fineness(degrees=(0, 6.5, 14, 45), along=2, depths=(0, 0.3, 1))
 class Bricks:
     """Nodes, 27-node cells (radial index slowest, outward), the skin's nine-node cells, the pit's nodes.
 
-    `relative_depth` of each node: 0 at the skin, 1 at the pit. `follows`: each node's displacement from those
-    of all, where some hang on the interpolation of larger bricks (None: none does).
+    `relative_depth` of each node: 0 at the skin, 1 at the pit. `follows`: matrix that interpolates the
+    displacements of hanging nodes in larger bricks (None: no node hangs).
     """
 
     nodes_mm: Float[np.ndarray, "n 3"]
@@ -45,7 +44,7 @@ class Bricks:
 
     @property
     def free_nodes(self) -> Int[np.ndarray, " f"]:
-        """Nodes that move for themselves: neither the pit's nor such as hang on larger bricks."""
+        """Nodes with unknowns: neither pit nodes nor hanging nodes."""
         free = np.ones(len(self.nodes_mm), dtype=bool)
         free[self.pit_nodes] = False
         if self.follows is not None:
@@ -56,8 +55,8 @@ class Bricks:
 def flesh_bricks(fruit: SampleFruit, axis: Float[np.ndarray, " 3"], fineness: Fineness) -> Bricks:
     """The true flesh of a fruit, meshed finer where a grasp along `axis` (a unit vector) touches it.
 
-    A node at direction d and relative depth s lies at (1 - s) skin(d) + s pit(d): the skin and the pit are
-    met exactly at the nodes, and in between to the fourth order of the cell's size.
+    A node at direction d and relative depth s lies at (1 - s) skin(d) + s pit(d). Nodes lie exactly on the
+    skin and the pit; between nodes the error decreases with the third power of the cell's size.
     """
     fine = with_midpoints(np.radians(fineness.degrees))
     graded = np.concatenate([-fine[:0:-1], fine])
@@ -83,7 +82,7 @@ def flesh_bricks(fruit: SampleFruit, axis: Float[np.ndarray, " 3"], fineness: Fi
 
 
 def with_midpoints(borders: Float[np.ndarray, " a"]) -> Float[np.ndarray, " b"]:
-    """Cell borders and the middle between each two: n borders give 2 n - 1 places."""
+    """Cell edges and the midpoints between them: n edges give 2 n - 1 places."""
     full = np.empty(2 * len(borders) - 1)
     full[::2] = borders
     full[1::2] = (borders[1:] + borders[:-1]) / 2
@@ -91,7 +90,7 @@ def with_midpoints(borders: Float[np.ndarray, " a"]) -> Float[np.ndarray, " b"]:
 
 
 def frame_of(axis: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
-    """Rows: the axis and two directions across it."""
+    """Rows: the axis (not along z) and two unit vectors across it."""
     across = np.cross([0.0, 0.0, 1.0], axis)
     across /= np.linalg.norm(across)
     return np.stack([axis, across, np.cross(axis, across)])

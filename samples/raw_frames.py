@@ -1,8 +1,7 @@
-"""A recording in the raw form that a sensor would have given: rendered frames, log.csv and grasp.toml.
+"""A recording in a sensor's raw form: rendered frames, log.csv and grasp.toml.
 
-The gel's face is displaced as the recording's markers are, and two cameras behind it see its dots
-(samples.gel_images). What noise the recording has is in the frames as motion of the dots; the cameras add
-their own.
+The gel's face moves as the recording's markers do, and two cameras behind it see its dots
+(samples.gel_images). The dots' motion contains the recording's noise; the cameras add their own.
 """
 
 import csv
@@ -20,15 +19,15 @@ from tactile.sensors import GelCamera
 Progress = Callable[[str], None]
 SENSOR = "sensor.toml"
 TILT_RAD, DISTANCE_MM, FOCAL_PX = 0.35, 26.0, 520.0
-"""Of the two cameras: about 20 degrees, from 26 mm, with a focal length at which 640 pixels see 32 mm."""
+"""Tilt (about 20 degrees), distance and focal length of the two cameras: 640 pixels show 32 mm."""
 DISTORTION = (-0.1, 0.02, 0.001, -0.001, 0.0)
-"""k1, k2, p1, p2, k3 as OpenCV has them: a wide lens of such a sensor (assumed)."""
+"""k1, k2, p1, p2, k3 as in OpenCV: the wide lens of such a sensor (assumed)."""
 THICKNESS_MM, E_MPA, NU = 4.0, 0.2, 0.48
-"""Of the gel: 4 mm of a soft silicone, nearly incompressible (assumed)."""
+"""The gel: 4 mm of a soft silicone, nearly incompressible (assumed)."""
 
 
 def write_sensor(folder: Path, pad: GelPad) -> None:
-    """The description of a pad's sensor, whose gel gives way as the recording says."""
+    """Write the description of a pad's sensor, with the recording's gel stiffness, as SENSOR."""
     lines = [
         'kind = "markers-stereo"',
         'name = "20x20 marker gel (rendered)"',
@@ -57,9 +56,9 @@ def write_sensor(folder: Path, pad: GelPad) -> None:
 def write_raw_grasp(
     folder: Path, recording: Recording, *, rng: np.random.Generator, progress: Progress | None = None
 ) -> None:
-    """grasp.toml, log.csv and the frames of `recording` (a grasp of gel pads) in `folder`, which is made.
+    """Write grasp.toml, log.csv and the frames of `recording` (a grasp of gel pads) into a new `folder`.
 
-    The sensor's description (`write_sensor`) is expected above it.
+    Readers expect the sensor's description (`write_sensor`) in its parent. Raises FileExistsError.
     """
     folder.mkdir(parents=True)
     with (folder / "log.csv").open("w", newline="", encoding="utf-8") as file:
@@ -103,7 +102,7 @@ def eyes() -> tuple[GelCamera, GelCamera]:
 
 
 def _tilted(turn_rad: float) -> GelCamera:
-    """A gel camera turned about the y axis that looks at the gel's middle."""
+    """A gel camera turned about the y axis, with the gel's middle on its axis."""
     c, s = float(np.cos(turn_rad)), float(np.sin(turn_rad))
     pose: Float[np.ndarray, "4 4"] = np.eye(4)
     pose[:3, :3] = [[c, 0, s], [0, 1, 0], [-s, 0, c]]

@@ -1,5 +1,5 @@
-"""Mitsuba 3 and Open Image Denoise, imported when a photo is asked for, and what every picture needs of them:
-cameras, meshes, vertex normals, channels.
+"""Mitsuba 3 and Open Image Denoise, imported at first use, and the parts that all pictures share: cameras,
+meshes, vertex normals, channels.
 """
 
 import importlib
@@ -17,7 +17,7 @@ from samples.viewpoints import Viewpoint
 
 
 def mitsuba() -> Any:
-    """The module mitsuba with a variant set: LLVM where a compiler is found, scalar otherwise.
+    """The module mitsuba with a variant set: LLVM if a compiler is found, else scalar.
 
     Raises RendererMissing.
     """
@@ -34,7 +34,7 @@ def mitsuba() -> Any:
 
 
 def _compiler_found() -> bool:
-    """Whether a libLLVM is at hand that compiles this scene: 16 or later (15 and older abort the process)."""
+    """Whether there is libLLVM 16 or later (15 and older abort the process); tells Dr.Jit its path."""
     if "DRJIT_LIBLLVM_PATH" in os.environ:
         return True
     names = (find_library(f"LLVM-{version}") for version in range(30, 15, -1))

@@ -1,6 +1,6 @@
-"""A whole batch folder of sample fruit, as a user would hand it in, and its answers beside it.
+"""A whole batch folder of sample fruit, in the form that users provide, and its answers.
 
-`answers.json` holds what is true of each fruit; grading does not read it.
+`answers.json` holds the true values of each fruit; grading does not read it.
 """
 
 import csv
@@ -36,7 +36,7 @@ __all__ = ["SampleFailure", "write_answers", "write_batch", "write_grasps", "wri
 
 Progress = Callable[[str], None]
 PHOTOS = 24
-"""Of each fruit: as many as users are advised to take."""
+"""Photos of each fruit: the number that drupe recommends."""
 
 _SETTINGS = """\
 # Nectarines that never grew: shapes, photos and grasps are simulated, the true moduli are in answers.json.
@@ -79,9 +79,9 @@ def write_batch(
 ) -> None:
     """Write a batch of `fruits` nectarines into `folder`: the same seed gives the same batch.
 
-    With `photos` each fruit is rendered on the printed mat (minutes per fruit, the extra `samples`); without,
-    it comes as fruit.ply, scanned with 0.1 mm RMS of error, and no renderer is needed.
-    Raises SampleFailure: the folder is not empty, a renderer is missing, a simulation did not converge.
+    With `photos` a renderer draws each fruit on the printed mat (minutes per fruit, the extra `samples`).
+    Otherwise each fruit has a scan, fruit.ply, with 0.1 mm RMS of error. Raises SampleFailure if the folder
+    is not empty, a renderer is missing, or a simulation does not converge.
     """
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
         raise SampleFailure(f"{folder} exists and is not an empty folder; name a new one.")
@@ -100,10 +100,10 @@ def write_batch(
 
 
 def write_settings(folder: Path, fruits: tuple[SampleFruit, ...], *, seed: int) -> None:
-    """batch.toml, fruits.csv and mat.json.
+    """Write batch.toml, fruits.csv and mat.json.
 
-    Height, mass and Shore hardness are measured with error; hardness follows the logarithm of E loosely, by a
-    line of this generator's own that is no conversion rule.
+    Sizes, mass and Shore hardness have errors of 0.1 mm, 1 % and 2.5 points (standard deviations). Hardness
+    is linear in ln E; this line serves the samples only and is no conversion rule.
     """
     (folder / "batch.toml").write_text(_SETTINGS.format(seed=seed), encoding="utf-8")
     (folder / "mat.json").write_text(json.dumps(mat_mapping(standard_mat())) + "\n", encoding="utf-8")
@@ -121,7 +121,7 @@ def write_settings(folder: Path, fruits: tuple[SampleFruit, ...], *, seed: int) 
 
 
 def write_scan(path: Path, fruit: SampleFruit) -> None:
-    """fruit.ply, as a scanner with 0.1 mm RMS of smooth error would give it."""
+    """Write fruit.ply with a scanner's smooth error of 0.1 mm RMS."""
     path.parent.mkdir(parents=True, exist_ok=True)
     vertices, triangles = scanned_mesh(fruit, cells=28, error_mm=MESH_ERROR_MM)
     write_mesh(path, vertices, triangles)
@@ -135,7 +135,7 @@ def write_grasps(
     fineness: Fineness = SHIPPED,
     progress: Progress | None = None,
 ) -> None:
-    """grasp-1.h5, grasp-2.h5, ... from directions about 90 degrees apart."""
+    """Write grasp-1.h5, grasp-2.h5, ..., one for each of `planned_grasps`. Raises NotInEquilibrium."""
     folder.mkdir(parents=True, exist_ok=True)
     for k, plan in enumerate(planned_grasps(fruit, count=count)):
         recording = simulate(
@@ -149,7 +149,7 @@ def write_grasps(
 
 
 def write_answers(folder: Path, fruits: tuple[SampleFruit, ...], *, seed: int) -> None:
-    """answers.json: what is true of every fruit, in the fruit frame."""
+    """Write answers.json: the true values of every fruit, in the fruit frame."""
     answers = {
         "format": "drupe-sample-answers",
         "version": 1,
@@ -160,7 +160,7 @@ def write_answers(folder: Path, fruits: tuple[SampleFruit, ...], *, seed: int) -
 
 
 def _answer(fruit: SampleFruit) -> dict[str, Any]:
-    """What answers.json says of a fruit: its true modulus, shape and pit."""
+    """A fruit's entry in answers.json: its true modulus, shape and pit."""
     low, high = box_mm(fruit.skin)
     return {
         "E_MPa": fruit.E_MPa,

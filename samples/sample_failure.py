@@ -1,4 +1,4 @@
-"""Why a sample could not be made."""
+"""Failures to make a sample."""
 
 
 class SampleFailure(Exception):

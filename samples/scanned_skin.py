@@ -1,4 +1,4 @@
-"""A scanned fruit in place of a drawn one: surface and colours of a textured mesh, by direction."""
+"""A scanned fruit as a sample: surface and colours of a textured mesh, by direction."""
 
 import io
 from dataclasses import dataclass, replace
@@ -40,7 +40,7 @@ class Scan:
     ) -> tuple[Float[np.ndarray, " k"], Int[np.ndarray, "k 3"], Float[np.ndarray, "k 3"]]:
         """Distance to the mesh in each direction, the corners of the triangle there, and their weights.
 
-        Raises SampleFailure where a ray meets no triangle.
+        Raises SampleFailure if a ray meets no triangle.
         """
         away, corners, weights = self._rays.met(np.broadcast_to(start_mm, directions.shape), directions)
         if not np.all(np.isfinite(away)):
@@ -53,12 +53,12 @@ class Scan:
 
 @dataclass(frozen=True, kw_only=True)
 class ScannedSkin(Skin):
-    """The first surface of a scan that rays from `centre_mm` meet; the drawn terms of `Skin` play no part."""
+    """The first surface of a scan on rays from `centre_mm`; it ignores the analytic terms of `Skin`."""
 
     scan: Scan
 
     def radius_mm(self, directions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, " n"]:
-        """r(d) in mm for unit directions. Raises SampleFailure where the scan is open."""
+        """r(d) in mm for unit directions. Raises SampleFailure if the scan is open there."""
         return self.scan.met(np.array(self.centre_mm), directions)[0]
 
     def colours(self, directions: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 3"]:
@@ -78,7 +78,7 @@ class ScannedSkin(Skin):
         return np.asarray(normals / np.linalg.norm(normals, axis=1, keepdims=True))
 
     def as_mapping(self) -> dict[str, Any]:
-        """Its place and half axes; the scan itself stays in its file."""
+        """Its centre and half axes, without the scan."""
         return {"centre_mm": self.centre_mm, "half_axes_mm": self.half_axes_mm}
 
     def _interpolated(
@@ -89,9 +89,9 @@ class ScannedSkin(Skin):
 
 
 def read_scan(mesh: Path, texture: Path, *, mm_per_unit: float) -> Scan:
-    """An OBJ file with normals and texture coordinates, and its picture; its material file is not read.
+    """An OBJ file with normals and texture coordinates, and its picture, without its material file.
 
-    Raises SampleFailure that names the file where it has no texture coordinates or the picture does not load.
+    Raises SampleFailure that names a file without texture coordinates, or a picture that does not load.
     """
     loaded = trimesh.load_mesh(io.BytesIO(mesh.read_bytes()), file_type="obj", process=False)
     uv = getattr(loaded.visual, "uv", None)
@@ -116,7 +116,7 @@ def skin_of_scan(
 ) -> ScannedSkin:
     """The scan in the fruit frame: `stem_mm` straight above the centre of volume, `suture_mm` towards +x.
 
-    Both points lie on the scan, in its own axes. The lowest point is at z = 0, the box centred on the z axis.
+    Both points lie on the scan, in its axes. The lowest point is at z = 0, the box is centred on the z axis.
     """
     centre = volume_centre(scan.vertices, scan.triangles)
     z = (stem_mm - centre) / np.linalg.norm(stem_mm - centre)

@@ -1,4 +1,4 @@
-"""The batches that come with the package, ready to copy: no renderer, no simulation."""
+"""Batches in the package, ready to copy without renderer or simulation."""
 
 import shutil
 from pathlib import Path
@@ -9,7 +9,7 @@ _DATA = Path(__file__).parent / "data"
 
 
 def shipped_batches() -> tuple[str, ...]:
-    """Names of the shipped batches, the main one first."""
+    """Names of the shipped batches in alphabetical order."""
     names = sorted(p.parent.name for p in _DATA.glob("*/batch.toml"))
     return tuple(names)
 

@@ -1,4 +1,4 @@
-"""A tactile grasp of a sample fruit: two jaws close on it in simulation; the recording they would give."""
+"""A simulated tactile grasp of a sample fruit by two jaws, and its recording."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -23,7 +23,7 @@ from samples.sample_failure import NotInEquilibrium
 from tactile.readers.recording import Recording
 
 WIDER_AT_UNLIKE_GELS = 1.0
-"""The softer pad takes up to the travel of both jaws: so much wider must its patch be (see meshed_fruit)."""
+"""`wider` (meshed_fruit) for two different gels: the softer pad may take the travel of both jaws."""
 
 
 def simulate(
@@ -37,8 +37,8 @@ def simulate(
 ) -> Recording:
     """The recording of one grasp at finite strain. Every frame is in equilibrium.
 
-    `gel`: of both jaws, or of the left and the right one (a very stiff one is a plain jaw).
-    Raises NotInEquilibrium where a step does not converge or the patch outgrows the pad.
+    `gel`: one for both jaws, or the left and the right one (a very stiff gel acts as a rigid jaw). Raises
+    NotInEquilibrium if a step does not converge or the contact patch outgrows the pad.
     """
     truth = true_grasp(fruit, grasp, gel=gel, fineness=fineness, progress=progress)
     return as_measured(
@@ -55,7 +55,7 @@ def true_grasp(
     fineness: Fineness = SHIPPED,
     progress: Callable[[str], None] | None = None,
 ) -> TrueRecording:
-    """The same before any noise. Raises NotInEquilibrium."""
+    """The recording of `simulate` before any noise. Raises NotInEquilibrium."""
     left, right = _of_each(gel)
     stands = meshed_fruit(
         fruit, grasp, sensor=replace(DEFAULT_SENSOR, gel=left), fineness=fineness,

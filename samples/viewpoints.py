@@ -1,4 +1,4 @@
-"""A pinhole view, and how a camera looks at a place."""
+"""Pinhole views, camera poses, and radial lens distortion."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ class Viewpoint:
 
     @property
     def azimuth_deg(self) -> float:
-        """Of the camera's place about the z axis, from +x towards +y."""
+        """Azimuth of the camera's position about the z axis, from +x towards +y."""
         x, y = (-self.cam_from_world[:3, :3].T @ self.cam_from_world[:3, 3])[:2]
         return float(np.degrees(np.arctan2(y, x)))
 
@@ -40,8 +40,8 @@ def direction(azimuth: float, elevation: float) -> Float[np.ndarray, " 3"]:
 def look_at(
     eye: Float[np.ndarray, " 3"], aim: Float[np.ndarray, " 3"], *, roll: float
 ) -> Float[np.ndarray, "4 4"]:
-    """World to camera (4 x 4, mm) of a camera at `eye` that looks at `aim`, turned by `roll` (radians) about
-    its axis; without roll the world's z axis is upright in the picture.
+    """World to camera (4 x 4, mm) for a camera at `eye` that faces `aim`, turned by `roll` (radians) about
+    its axis. Without roll the world's z axis is upright in the picture.
     """
     ahead = (aim - eye) / np.linalg.norm(aim - eye)
     right = np.cross(ahead, [0.0, 0.0, 1.0])
@@ -58,7 +58,7 @@ def look_at(
 def distorted_pixels(
     pixels: Float[np.ndarray, "n 2"], view: Viewpoint, *, k1: float
 ) -> Float[np.ndarray, "n 2"]:
-    """Where the lens puts what a pinhole would put at `pixels` (centre of the first pixel (0, 0))."""
+    """Pixels through the lens, r' = r (1 + k1 r^2), of pinhole `pixels`; first pixel's centre: (0, 0)."""
     middle = _middle(view)
     x = (pixels - middle) / view.focal_px
     return np.asarray(middle + view.focal_px * x * (1 + k1 * np.sum(x**2, axis=-1, keepdims=True)))
@@ -77,7 +77,7 @@ def pinhole_pixels(
 
 
 def margin_px(views: Sequence[Viewpoint], *, k1: float) -> int:
-    """How many pixels more a pinhole picture needs on every side to fill the distorted one, in every view."""
+    """Margin of a pinhole picture on every side that fills the distorted picture in every view, px."""
     reach = [
         pinhole_pixels(np.array([(0.0, 0.0), (0.0, (v.height_px - 1) / 2)]), v, k1=k1).min() for v in views
     ]
@@ -87,7 +87,7 @@ def margin_px(views: Sequence[Viewpoint], *, k1: float) -> int:
 def distorted_picture(
     picture: Float[np.ndarray, "h w c"], view: Viewpoint, *, k1: float, margin: int
 ) -> Float[np.ndarray, "h2 w2 c"]:
-    """The lens's picture out of a pinhole picture that is `margin` pixels larger on every side."""
+    """The lens's picture from a pinhole picture that is `margin` pixels larger on every side."""
     if k1 == 0.0:
         return picture[margin : margin + view.height_px, margin : margin + view.width_px]
     y, x = np.mgrid[: view.height_px, : view.width_px].astype(float)

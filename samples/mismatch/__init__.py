@@ -1,1 +1,1 @@
-"""Mismatch cases with known answers: what recordings look like when one piece of physics is left out."""
+"""Mismatch cases with known answers: recordings that contain physics which the plain model lacks."""

@@ -1,7 +1,7 @@
-"""Flesh with something of its own: uneven modulus, extra stiffness along the stem, a skin.
+"""Altered flesh: varying modulus, extra stiffness along the stem, a skin.
 
-Ratios of the modulus are given at the integration points. Stiffnesses are to be added to that of plain flesh,
-on the same unknowns (free nodes and the rigid pit).
+Ratios of the modulus are given at the integration points. Stiffnesses are additions to that of plain flesh,
+on the same unknowns (free nodes and the rigid pit), N/mm.
 """
 
 import numpy as np
@@ -12,24 +12,24 @@ from samples.brick_flesh import BrickFlesh, assembled, rigid_tie, scattered
 from samples.hexahedra import Bricks, lagrange
 
 SPOT_EDGE_MM = 0.5
-"""Over which a soft spot's modulus changes: half of an element under the pads, so that no mesh cuts it."""
+"""Width of a soft spot's edge, mm: half of an element under the pads, so that no mesh cuts the edge."""
 
 
 def graded(bricks: Bricks, *, gamma: float) -> Float[np.ndarray, "m 27"]:
-    """1 + gamma (2 d - 1), d the relative depth: 0 at the skin, 1 at the pit."""
+    """Ratio of the modulus 1 + gamma (2 d - 1) at relative depth d: 0 at the skin, 1 at the pit."""
     return 1 + gamma * (2 * relative_depths(bricks) - 1)
 
 
 def soft_spot(
     bricks: Bricks, *, centre_mm: Float[np.ndarray, " 3"], radius_mm: float, ratio: float
 ) -> Float[np.ndarray, "m 27"]:
-    """1 - (1 - ratio) / (1 + exp((r - radius) / 0.5 mm)), r the distance from the centre."""
+    """Ratio 1 - (1 - ratio) / (1 + exp((r - radius) / 0.5 mm)) at the distance r from the centre."""
     away = np.linalg.norm(integration_points_mm(bricks) - centre_mm, axis=-1)
     return np.asarray(1 - (1 - ratio) / (1 + np.exp(np.minimum((away - radius_mm) / SPOT_EDGE_MM, 50.0))))
 
 
 def uneven(flesh: BrickFlesh, ratio: Float[np.ndarray, "m 27"]) -> csr_array:
-    """E times `ratio` at every integration point."""
+    """Added stiffness if E is multiplied by `ratio` at every integration point."""
     bricks = flesh.bricks
     extra = assembled(
         bricks.cells, flesh.slopes, flesh.volumes * (ratio - 1), flesh.mu_MPa, flesh.lam_MPa,
@@ -39,7 +39,7 @@ def uneven(flesh: BrickFlesh, ratio: Float[np.ndarray, "m 27"]) -> csr_array:
 
 
 def stiffer_along_stem(flesh: BrickFlesh, *, axial: float) -> csr_array:
-    """C_zzzz grows by `axial` times mu, z the stem's axis: energy density axial mu eps_zz^2 / 2 on top."""
+    """Added stiffness for C_zzzz + axial mu, z the stem's axis: energy density axial mu eps_zz^2 / 2."""
     bricks = flesh.bricks
     along = flesh.slopes[..., 2]
     block = np.einsum("mga,mgb,mg->mab", along, along, flesh.volumes) * axial * flesh.mu_MPa
@@ -47,10 +47,10 @@ def stiffer_along_stem(flesh: BrickFlesh, *, axial: float) -> csr_array:
 
 
 def with_skin(flesh: BrickFlesh, *, Et_N_per_mm: float, poisson_ratio: float) -> csr_array:
-    """A membrane on the outer surface: plane stress, Young's modulus times thickness Et.
+    """Added stiffness of a membrane on the outer surface in plane stress; Et is Young's modulus x thickness.
 
-    Membrane strain is the symmetric surface gradient of the displacement in the tangent plane; a flat
-    membrane's law D = Et / (1 - nu^2) [[1, nu, 0], [nu, 1, 0], [0, 0, (1 - nu) / 2]] acts on it.
+    Membrane strain is the symmetric surface gradient of the displacement in the tangent plane. The law is
+    that of a flat membrane, `D = Et / (1 - nu^2) [[1, nu, 0], [nu, 1, 0], [0, 0, (1 - nu) / 2]]`.
     """
     bricks = flesh.bricks
     cells = bricks.skin_cells.reshape(-1, 9)
@@ -95,10 +95,10 @@ def _shares() -> Float[np.ndarray, "27 27"]:
 
 
 def integration_points_mm(bricks: Bricks) -> Float[np.ndarray, "m 27 3"]:
-    """Places of the 27 integration points of every cell, in the order of samples.brick_flesh."""
+    """Positions of the 27 integration points of every cell, in the order of samples.brick_flesh."""
     return np.asarray(np.einsum("gn,mni->mgi", _shares(), bricks.nodes_mm[bricks.cells]))
 
 
 def relative_depths(bricks: Bricks) -> Float[np.ndarray, "m 27"]:
-    """Depth of every integration point: 0 at the skin, 1 at the pit, even along each ray."""
+    """Relative depth of every integration point: 0 at the skin, 1 at the pit, linear along each ray."""
     return np.asarray(np.einsum("gn,mn->mg", _shares(), bricks.relative_depth[bricks.cells]))

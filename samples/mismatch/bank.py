@@ -1,7 +1,7 @@
-"""The bank of cases: fruit are simulated once and stored without noise; cases are drawn from them.
+"""The bank of cases: it simulates and stores fruit once without noise, and draws cases from them.
 
 A fruit has no effect, or effects that change the flesh or the contact (SIMULATED). A draw adds noise, the
-scan's error, the prior's error and effects of sensor, gripper and prior (DRAWN). All follows from one seed.
+scan's error, the prior's error, and effects of sensor, gripper and prior (DRAWN). One seed determines all.
 """
 
 from dataclasses import dataclass, replace
@@ -39,39 +39,39 @@ from samples.mismatch.true_recording import TrueRecording
 from samples.sample_failure import SampleFailure
 
 SEED = 2028
-"""Of fruit and cases; any number does. 2027 was the bank whose cases were stored with their noise."""
+"""Seed of fruit and cases; any number serves. 2027 was the bank that stored its cases with their noise."""
 MESH = BrickGrading(cells=3, layers=3)
-"""Of the bank's fruit: the mesh on which another simulator was compared (docs/validation.md, Solver)."""
+"""Mesh of the bank's fruit, as in the comparison with another simulator (docs/validation.md, Solver)."""
 MESHES = (0, 2, 1)
-"""Each is stored alone. Mesh 0 has two grasps and mesh 2 a shear leg: they take longest and go first."""
+"""Meshes, stored one by one. Mesh 0 has two grasps and mesh 2 a shear leg: they take longest and go first."""
 DRAWN = (
     "poisson_ratio", "pit_offset", "pit_size", "sensor_gain", "sensor_drift", "gripper_compliance",
     "pose_error", "sensor_nonlinear", "gel_creep", "gel_hysteresis", "thermal_drift",
 )  # fmt: skip
-"""Effects that need no fruit of their own: the recording or the prior is changed."""
+"""Effects that need no new simulation: they change the recording or the prior."""
 SIMULATED = (*(name for name in EFFECTS if name not in DRAWN), *OUT_OF_CATALOGUE)
-"""Effects and physics that change what is simulated: they cannot be added to a stored fruit."""
+"""Effects and physics that need a simulation: they cannot be added to a stored fruit."""
 WIDE = 3
-"""In the names and seeds of fruit and cases: their amplitudes are drawn over the effect's whole range."""
+"""Part of names and seeds of fruit and cases whose amplitudes cover the effect's whole range."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class BankFruit:
-    """One fruit of the bank: no effect, or simulated ones; its number among its like."""
+    """One fruit of the bank: its simulated effects (or none), and its number among fruit with the same."""
 
     number: int
     effects: tuple[str, ...] = ()
 
     @property
     def name(self) -> str:
-        """Of its files."""
+        """Name of its files."""
         if not self.effects:
             return f"null-{self.number:03d}"
         return f"{'+'.join(self.effects)}-{WIDE}-{self.number}"
 
     @property
     def seed(self) -> tuple[int, ...]:
-        """All that is drawn of the fruit follows from it."""
+        """Seed of all random properties of the fruit."""
         if not self.effects:
             return (SEED, 0, self.number)
         return (SEED, 1, sum(map(ord, "+".join(self.effects))), WIDE, self.number)
@@ -84,9 +84,9 @@ class BankFruit:
 
 
 def simulate(folder: Path, fruit: BankFruit, mesh: int) -> None:
-    """Store the grasps of one mesh of a fruit, unless they are there.
+    """Store the grasps of one mesh of a fruit, unless the file exists.
 
-    Raises NotInEquilibrium where a grasp finds no balance.
+    Raises NotInEquilibrium if a grasp does not converge.
     """
     path = folder / f"{fruit.name}-m{mesh}.npz"
     if path.exists():
@@ -98,7 +98,7 @@ def simulate(folder: Path, fruit: BankFruit, mesh: int) -> None:
 
 
 def simulated(folder: Path, fruit: BankFruit) -> tuple[TrueRecording, ...]:
-    """The four stored grasps. Raises SampleFailure unless all meshes are there."""
+    """The four stored grasps, by name. Raises SampleFailure unless all meshes are stored."""
     paths = [folder / f"{fruit.name}-m{mesh}.npz" for mesh in MESHES]
     if not all(path.exists() for path in paths):
         raise SampleFailure(f"not every mesh of {fruit.name} is simulated: run `simulate` first")
@@ -111,10 +111,10 @@ def draw_case(
     cases: Path, fruit: BankFruit, truths: tuple[TrueRecording, ...], *, added: tuple[str, ...] = (),
     record: int,
 ) -> str:  # fmt: skip
-    """Write one case below `cases`, unless it is there, and return its name; the answer comes last.
+    """Write one case below `cases`, unless it exists, and return its name; the answer comes last.
 
-    `truths`: the fruit's grasps; `added`: effects of DRAWN. Another `record` has other
-    parameters of these, other noise, another scan and another prior.
+    `truths`: the fruit's grasps; `added`: effects of DRAWN. Another `record` has other parameters of `added`,
+    other noise, another scan and another prior.
     """
     effects = (*fruit.effects, *added)
     case_id = f"{'+'.join(effects)}-{WIDE}-{fruit.number}-{record}" if effects else f"{fruit.name}-{record}"
@@ -126,7 +126,7 @@ def draw_case(
     injected = tuple(with_amount(injection, max(peaks), truths) for injection in (*plan.injected, *stated))
     origin = {"fruit": fruit.name, "fruit_seed": fruit.seed, "added": added, "seed": SEED}
     entry = answer(drawn, label_of(injected)) | {"drawn_from": origin}
-    rng.bytes(16)  # earlier banks drew a salt here
+    rng.bytes(16)  # keeps the draws of earlier banks, which drew a salt here
     recordings = tuple(as_recorded(truth, injected) for truth in truths)
     write_case_files(cases / case_id, drawn, recordings, peaks_N=peaks, rng=rng)
     write_answer(cases, case_id, entry)
@@ -136,7 +136,7 @@ def draw_case(
 def added_effects(
     case_id: str, added: tuple[str, ...]
 ) -> tuple[tuple[InjectedEffect, ...], np.random.Generator]:
-    """Effects of DRAWN as a case has them, and the generator of all else that is drawn of it."""
+    """A case's effects of DRAWN, and the generator for all its other draws."""
     rng = np.random.default_rng([SEED, 2, *case_id.encode()])
     effects = tuple(
         InjectedEffect(effect=name, parameters=drawn_parameters(name, drawn_amplitude(name, rng), rng))
@@ -148,10 +148,10 @@ def added_effects(
 def as_stated(
     drawn: DrawnFruit, added: tuple[InjectedEffect, ...], rng: np.random.Generator
 ) -> tuple[DrawnFruit, tuple[InjectedEffect, ...]]:
-    """The fruit as another record states it, and the effects with the parameters of their labels.
+    """The fruit as another record states it, and the effects with their labels' parameters.
 
-    The truth stays: the prior's pit is displaced or scaled the other way. The case states the Poisson's ratio
-    that was drawn, and its label is the true one.
+    The truth stays: the prior's pit moves or scales the other way. The case states the Poisson's ratio of the
+    draw, and its label holds the true one.
     """
     offset, size, ratio = (named(added, effect) for effect in ("pit_offset", "pit_size", "poisson_ratio"))
     seen = seen_anew(

@@ -1,5 +1,5 @@
-"""Simulated grasps on disk: the noise-free truth of a fruit, and cases with mesh, pit prior, settings and
-recordings. Noise, scan errors and sensor effects are drawn when a case is written.
+"""Simulated grasps on disk: a fruit's noise-free truth, and cases with mesh, pit prior, settings, recordings.
+Writing a case draws noise, scan errors and sensor effects.
 """
 
 import fcntl
@@ -21,11 +21,11 @@ from samples.mismatch.true_recording import PadTruth, TrueRecording, as_measured
 from tactile.readers.recording import Recording, write_recording
 
 FORMAT = 1
-"""Of the file; a reader refuses another."""
+"""Format of the file; `stored_truths` refuses others."""
 
 
 def store_truths(path: Path, truths: tuple[TrueRecording, ...]) -> None:
-    """Write a fruit's grasps, whole or not at all."""
+    """Write a fruit's grasps; an interrupted call leaves no file at `path`."""
     arrays: dict[str, np.ndarray] = {}
     words = []
     for k, truth in enumerate(truths):
@@ -68,7 +68,7 @@ def stored_truths(path: Path) -> tuple[TrueRecording, ...]:
 
 
 MESH_CELLS = 33
-"""Along each side of the cubed sphere's faces: triangles of 1.4 mm on a fruit of 30 mm radius."""
+"""Cells along each side of the cubed sphere's faces: triangles of 1.4 mm on a fruit of 30 mm radius."""
 
 _SETTINGS = """\
 category = "{category}"
@@ -87,7 +87,7 @@ def write_case_files(
     peaks_N: tuple[float, ...],
     rng: np.random.Generator,
 ) -> None:
-    """The case's folder, whole or not at all; noise and the scan's error come from `rng`.
+    """Write the case's `folder`, which appears once it is complete. Noise and scan error come from `rng`.
 
     The case's frame has the prior's pit at its origin. `peaks_N`: true peak force of each recording.
     """
@@ -119,7 +119,7 @@ def sensed(
     peak_N: float,
     rng: np.random.Generator,
 ) -> Recording:
-    """The recording as the sensor gives it, in the frame whose origin is at `origin_mm`."""
+    """The recording with sensor noise, in the frame whose origin is at `origin_mm`."""
     rounded = replace(truth, time_s=np.round(truth.time_s, 3), aperture_mm=np.round(truth.aperture_mm, 4))
     return as_measured(
         rounded, gels=(truth.gel, truth.gel), noise=drawn.sensor.noise(peak_N), rng=rng, fruit_id=fruit_id,
@@ -141,7 +141,7 @@ def answer(drawn: DrawnFruit, label: dict[str, Any]) -> dict[str, Any]:
 
 
 def write_answer(folder: Path, case_id: str, entry: dict[str, Any]) -> None:
-    """Add one case's answer to answers.json, which several processes may do at once."""
+    """Add one case's answer to answers.json; a lock permits several processes at once."""
     path = folder / "answers.json"
     path.parent.mkdir(parents=True, exist_ok=True)
     with path.with_suffix(".lock").open("w") as lock:
@@ -154,7 +154,7 @@ def write_answer(folder: Path, case_id: str, entry: dict[str, Any]) -> None:
 
 
 def is_written(folder: Path, case_id: str) -> bool:
-    """Whether a case is there with its answer."""
+    """Whether a case and its answer exist."""
     answers = folder / "answers.json"
     known = json.loads(answers.read_text(encoding="utf-8")) if answers.exists() else {}
     return case_id in known and (folder / case_id).exists()

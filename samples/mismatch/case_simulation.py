@@ -1,4 +1,4 @@
-"""One mismatch case from its plan: the truth simulated, the machine's faults added."""
+"""One mismatch case from its plan: simulation of the truth, then the machine's faults."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -74,16 +74,16 @@ FAULTS: dict[str, Callable[..., TrueRecording]] = {
     "thermal_drift": with_thermal_drift,
     "gel_softening": lambda truth, **_: with_nominal_stiffness(truth),
 }
-"""What makes each fault of machine and gels from its label's parameters, by its effect's name."""
+"""Function for each fault of machine and gels, by effect; its arguments are the label's parameters."""
 BODIES = ("loose_pit", "third_contact", "split_pit")
-"""Effects that make the fruit another body, of linear flesh; at most one, and none with a law of its own."""
+"""Effects that need another body of linear flesh; at most one, and none together with a material law."""
 ALONE = ("split_pit", *OUT_OF_CATALOGUE)
-"""These are injected without any other effect on the body."""
+"""Effects that are only injected alone."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CasePlan:
-    """Everything that is decided before anything is computed."""
+    """All decisions of a case before any computation."""
 
     drawn: DrawnFruit
     grasps: tuple[PlannedGrasp, ...]
@@ -91,7 +91,7 @@ class CasePlan:
 
 
 def planned(case_id: str, effects: tuple[tuple[str, float], ...], *, seed: tuple[int, ...]) -> CasePlan:
-    """A case with the given effects, each of its amplitude; all the rest from the seed."""
+    """A case with the given effects and amplitudes; the seed determines all the rest."""
     rng = np.random.default_rng(list(seed))
     kind: Category = CATEGORIES[int(rng.integers(len(CATEGORIES)))]
     injected = tuple(
@@ -134,8 +134,8 @@ def _placed(
 def with_amount(
     injection: InjectedEffect, peak_N: float, truths: tuple[TrueRecording, ...] = ()
 ) -> InjectedEffect:
-    """Drifts are planned as shares of the peak force per time; their labels are in newtons, as is what a
-    third contact bears.
+    """The effect with its label's parameters in newtons. Plans state drifts as shares of the peak force per
+    time, and do not state a third contact's force.
     """
     if injection.effect == "third_contact" and truths:
         return replace(injection, parameters={**injection.parameters, "force_N": max(map(borne_N, truths))})
@@ -149,9 +149,9 @@ def with_amount(
 
 
 def true_recordings(plan: CasePlan, *, fineness: BrickGrading = CASE) -> tuple[TrueRecording, ...]:
-    """The plan's grasps, mesh by mesh; what grasp 1 did to the flesh is there in grasp 4.
+    """The plan's grasps, mesh by mesh; grasp 4 meets the flesh as grasp 1 changed it.
 
-    Raises NotInEquilibrium where a grasp finds no balance.
+    Raises NotInEquilibrium if a grasp does not converge.
     """
     lag = named(plan.injected, "clock_lag")
     recordings: dict[str, TrueRecording] = {}
@@ -177,10 +177,10 @@ def true_recordings(plan: CasePlan, *, fineness: BrickGrading = CASE) -> tuple[T
 def body_of(
     stands: MeshedFruit, injected: tuple[InjectedEffect, ...], *, skin: Skin | None = None
 ) -> tuple[GrippedBody, InnerContact | None]:
-    """The flesh of one mesh with everything injected into it, and what it touches beside the pads: a loose
-    pit, a third contact (of which `skin`, the fruit's, says the normal).
+    """The flesh of one mesh with its injected effects, and a loose pit's or third contact's inner contact.
 
-    Raises SampleFailure for two effects that are not simulated together.
+    `skin` determines a third contact's normal. Raises SampleFailure for a third contact without it, and for
+    effects that cannot be simulated together.
     """
     flesh = stands.flesh
     for effect in ALONE:
@@ -220,7 +220,7 @@ def body_of(
 
 
 def as_recorded(truth: TrueRecording, injected: tuple[InjectedEffect, ...]) -> TrueRecording:
-    """What the machine's faults make of a true recording; a late clock is in it already."""
+    """The true recording with the machine's faults; the simulation has already included a late clock."""
     for fault in injected:
         if fault.effect in FAULTS:
             truth = FAULTS[fault.effect](truth, **fault.parameters)

@@ -1,4 +1,4 @@
-"""Fruits of three categories drawn at random, each with a true pit near the category's prior."""
+"""Random fruit of three categories, each with a true pit near the category's prior."""
 
 from dataclasses import dataclass, replace
 from typing import Literal
@@ -21,22 +21,22 @@ from samples.mismatch.marker_sensor import DEFAULT_SENSOR, MarkerSensor, drawn_s
 Category = Literal["nectarine", "plum", "pdms_ball"]
 CATEGORIES: tuple[Category, ...] = ("nectarine", "plum", "pdms_ball")
 SOFTEST_MPA, FIRMEST_MPA = 0.15, 1.4
-"""Moduli are drawn evenly in their logarithm between these: from ripe to unripe, as in the sample batch (0.2
-to 1.4 MPa) and a little softer."""
+"""Moduli are log-uniform between these, MPa: from ripe to unripe, as in the sample batch (0.2 to 1.4 MPa) and
+a little softer."""
 
 
 MESH_ERRORS_MM = (0.05, 0.12)
-"""Root mean square of drawn scans' errors, mm: what photos give (docs/validation.md, Shape)."""
+"""Range of the RMS error of scans, mm: that of meshes from photos (docs/validation.md, Shape)."""
 LARGEST_SHARE = 0.9
-"""Of the travel that goes into the height of the contact at most, for a gel that is to be wide enough."""
+"""Largest share of the travel that becomes height of the contact; the gel must be wide enough for it."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class DrawnFruit:
-    """The truth of one fruit, the pit that its category would have, and how deep its first grasp goes.
+    """The truth of one fruit, the category's pit as its prior, and the depth of its first grasp.
 
-    `sensor`: what presses and sees it; `mesh_error_mm`: RMS of its scanned mesh; `stated_poisson_ratio`: what
-    its case says.
+    `sensor`: gel, markers and noise of both pads; `mesh_error_mm`: RMS of its scanned mesh;
+    `stated_poisson_ratio`: value in its case file.
     """
 
     category: Category
@@ -71,7 +71,7 @@ _KINDS = {
         pit_share=(0.4, 0.4, 0.4),
     ),
 }  # fmt: skip
-"""Half axes, stem cavity and suture in mm, spread as a share, the pit's half axes over the fruit's (assumed;
+"""Half axes, stem cavity and suture in mm, relative spread, the pit's half axes over the fruit's (assumed;
 the pdms_ball is the phantom's)."""
 
 
@@ -84,9 +84,9 @@ def drawn_fruit(
     pit_scale: float = 1.0,
     poisson_ratio: float = POISSON_RATIO,
 ) -> DrawnFruit:
-    """A fruit about the origin; its pit is the prior's, 0.3 mm (per axis) and 2 % off, then moved or scaled.
+    """A fruit about the origin; its pit is 0.3 mm (per axis) and 2 % off the prior, or moved or scaled.
 
-    E is log-uniform in 0.15 to 1.4 MPa; the deepest travel is 6 to 8 % of the radius.
+    E is log-uniform in 0.15 to 1.4 MPa; the deepest travel is 6 to 7.6 % of the radius.
     """
     kind = _KINDS[category]
     half = np.array(kind.half_axes_mm) * np.clip(rng.normal(1.0, kind.spread), 0.88, 1.12)
@@ -112,9 +112,9 @@ def drawn_fruit(
 def _pit_error(
     rng: np.random.Generator, shift_mm: Float[np.ndarray, " 3"] | None, scale: float
 ) -> tuple[Float[np.ndarray, " 3"], Float[np.ndarray, " 3"]]:
-    """Shift (mm) and size ratios of the true pit to its prior.
+    """Shift (mm) and size ratios of the true pit relative to its prior.
 
-    Both have the category's spread; an injected shift or scale takes the place of that spread.
+    Both have the category's spread; an injected shift or scale replaces that spread.
     """
     centre, sizes = rng.normal(0.0, PIT_OFFSET_SD_MM, 3), rng.normal(1.0, PIT_SIZE_SD, 3)
     if shift_mm is not None:
@@ -123,7 +123,7 @@ def _pit_error(
 
 
 def seen_by_drawn_sensor(drawn: DrawnFruit, rng: np.random.Generator) -> DrawnFruit:
-    """The same fruit pressed by sensors drawn wide, its mesh off by 0.05 to 0.12 mm."""
+    """The same fruit with random sensors of a wide range, and a mesh error of 0.05 to 0.12 mm."""
     radius = float(np.mean(drawn.fruit.skin.half_axes_mm))
     contact = float(np.sqrt(2 * radius * LARGEST_SHARE * drawn.depth_mm))
     return _with_error(replace(drawn, sensor=drawn_sensor(rng, contact_mm=contact)), rng)
@@ -138,7 +138,7 @@ def seen_anew(
 ) -> DrawnFruit:
     """Another record of the same grasps: other noise, another scan, another prior.
 
-    The truth stays. The pit is off the new prior by the category's spread, or moved and scaled as stated.
+    The truth stays. The pit deviates from the new prior by the category's spread, or as stated.
     """
     centre, sizes = _pit_error(rng, pit_shift_mm, pit_scale)
     prior = SamplePit(

@@ -1,14 +1,14 @@
-"""Laws of flesh at finite strain: Neo-Hookean, and what stiffens, relaxes, drains, is damaged or yields.
+"""Laws of flesh at finite strain: Neo-Hookean, stiffening, relaxation, drainage, damage and yield.
 
-F = 1 + H is the deformation gradient, C = F'F, J = det F, E = (C - 1) / 2 Green's strain, mu and lam Lame's
-constants. Every law returns the first Piola stress P = F S. All start from one second Piola stress and
-energy,
+F = 1 + H is the deformation gradient, C = F'F, J = det F, E = (C - 1) / 2 Green's strain; mu and lam are
+Lame's constants. Every law returns the first Piola stress P = F S. All start from one second Piola stress and
+energy
 
     S = mu (1 - C^-1) + lam ln J C^-1 + axial mu E_zz (z z'),     W = mu/2 (tr C - 3 - 2 ln J) + lam/2 ln^2 J
                                                                       + axial mu/2 E_zz^2,
 
-that of Bonet and Wood 2008 (eq. 6.27, 6.28), times the modulus' ratio at each point, stiffer along the stem z
-where `axial` is not zero. A turn of the fruit is no strain to any of them. State is what a point remembers.
+by Bonet and Wood 2008 (eq. 6.27, 6.28) for `axial` = 0, times the modulus' ratio at each point. `axial` adds
+stiffness along the stem z. A rotation of the fruit causes no stress. State is a point's memory.
 """
 
 from abc import ABC, abstractmethod
@@ -25,12 +25,12 @@ Tensors = Float[np.ndarray, "*p 3 3"]
 
 
 class FleshLaw(ABC):
-    """A law per point. `still`: it does not depend on time."""
+    """A law per point. `still`: whether it is independent of time."""
 
     still: ClassVar[bool] = True
 
     def at_first(self, points: tuple[int, ...]) -> State:  # noqa: ARG002
-        """The state of virgin flesh: nothing, of a law that does not remember."""
+        """The state of undeformed flesh; empty for a law without memory."""
         return ()
 
     @abstractmethod
@@ -53,19 +53,19 @@ class Lame:
 
 @dataclass(frozen=True, kw_only=True)
 class PlainFlesh(FleshLaw):
-    """P = F S. `ratio`: of the modulus at each point over E; `axial`: how much stiffer along z, in mu."""
+    """P = F S. `ratio`: the modulus at each point over E; `axial`: added stiffness along z, over mu."""
 
     lame: Lame
     ratio: Float[np.ndarray, "*p"] | float = 1.0
     axial: float = 0.0
 
     def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:  # noqa: ARG002
-        """F S."""
+        """P = F S."""
         at = self.at(H)
         return at.F @ self.second(at), state
 
     def at(self, H: Tensors) -> "_Strained":
-        """What all laws need of H. Raises NotInEquilibrium where flesh is turned inside out."""
+        """Strain measures of H for all laws. Raises NotInEquilibrium if an element is inverted."""
         F = H + np.eye(3)
         J = np.einsum("...i,...i->...", np.cross(F[..., 0], F[..., 1]), F[..., 2])
         if not J.min() > 0:
@@ -74,7 +74,7 @@ class PlainFlesh(FleshLaw):
         return _Strained(F, C, _inverse(C), np.log(J))
 
     def second(self, at: "_Strained", ln: Float[np.ndarray, "*p"] | None = None) -> Tensors:
-        """S; `ln`: what stands for ln J in its volumetric part."""
+        """S; `ln` replaces ln J in its volumetric part."""
         mu, lam, ln = self.lame.mu, self.lame.lam, at.ln if ln is None else ln
         S = mu * np.eye(3) + (lam * ln - mu)[..., None, None] * at.inverse
         if self.axial:
@@ -106,7 +106,7 @@ class StiffeningFlesh(FleshLaw):
     b: float
 
     def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:  # noqa: ARG002
-        """The plain stress times a factor that grows with the energy."""
+        """The plain stress times a factor that grows with the energy, at most e^30."""
         at = self.plain.at(H)
         factor = np.exp(np.minimum(self.b * self.plain.energy(at) / self.plain.lame.mu, 30.0))
         return factor[..., None, None] * (at.F @ self.plain.second(at)), state
@@ -116,7 +116,7 @@ class StiffeningFlesh(FleshLaw):
 class Relaxing(FleshLaw):
     """P = F ((1 - g) S + h) with h' = g S' - h / tau (Simo and Hughes 1998, section 10.3). State: h, S.
 
-    S is taken linear in time over a step, for which the update is exact.
+    The update is exact for S linear in time over a step.
     """
 
     plain: PlainFlesh
@@ -125,11 +125,11 @@ class Relaxing(FleshLaw):
     still: ClassVar[bool] = False
 
     def at_first(self, points: tuple[int, ...]) -> State:
-        """Rested."""
+        """Relaxed and unstrained."""
         return np.zeros((*points, 3, 3)), np.zeros((*points, 3, 3))
 
     def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:
-        """What has relaxed is missing."""
+        """The stress without its relaxed part."""
         at = self.plain.at(H)
         S = self.plain.second(at)
         h = _faded(state[0], self.g * (S - state[1]), pause_s / self.tau_s)
@@ -138,9 +138,9 @@ class Relaxing(FleshLaw):
 
 @dataclass(frozen=True, kw_only=True)
 class Draining(FleshLaw):
-    """S with lam ((1 - s) ln J + s a) in the place of lam ln J,  a' = (ln J)' - a / tau. State: a, ln J.
+    """S with lam ((1 - s) ln J + s a) for lam ln J, a' = (ln J)' - a / tau. State: a, ln J.
 
-    One drainage time for all flesh, however far from the skin: poroelasticity without its length.
+    All flesh has one drainage time at any depth: poroelasticity without its length scale.
     """
 
     plain: PlainFlesh
@@ -149,11 +149,11 @@ class Draining(FleshLaw):
     still: ClassVar[bool] = False
 
     def at_first(self, points: tuple[int, ...]) -> State:
-        """Full of juice, unstrained."""
+        """Undrained and unstrained."""
         return np.zeros(points), np.zeros(points)
 
     def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:
-        """What has drained away of the volumetric stress is missing; ln J is taken linear over the step."""
+        """The stress without the drained part of the volumetric stress; ln J is linear over the step."""
         at = self.plain.at(H)
         left = _faded(state[0], at.ln - state[1], pause_s / self.tau_s)
         ln = (1 - self.volume_share) * at.ln + self.volume_share * left
@@ -162,7 +162,7 @@ class Draining(FleshLaw):
 
 @dataclass(frozen=True, kw_only=True)
 class Damaged(FleshLaw):
-    """P = (1 - dmax (1 - exp(-Wmax/W0))) F S, Wmax the largest energy density so far.
+    """P = (1 - dmax (1 - exp(-Wmax/W0))) F S; Wmax is the largest energy density so far.
 
     After Mullins (Ogden and Roxburgh 1999). State: Wmax.
     """
@@ -172,11 +172,11 @@ class Damaged(FleshLaw):
     W0_MPa: float
 
     def at_first(self, points: tuple[int, ...]) -> State:
-        """Never strained."""
+        """Undamaged."""
         return (np.zeros(points),)
 
     def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:  # noqa: ARG002
-        """The lost share is missing."""
+        """The plain stress reduced by the damage."""
         at = self.plain.at(H)
         largest = np.maximum(state[0], self.plain.energy(at))
         left = 1 + self.dmax * np.expm1(-largest / self.W0_MPa)
@@ -187,9 +187,9 @@ class Damaged(FleshLaw):
 class Yielding(FleshLaw):
     """F = Fe Fp, the plain law for Fe; J2 flow, linear isotropic hardening, exponential map (Simo 1992).
 
-    Flows where the equivalent Mandel stress Ce Se exceeds yield_MPa + hardening_MPa times the plastic strain.
-    The flow of a step is that of small elastic strain (Simo and Hughes 1998, box 3.1), right to first order
-    in the elastic strain. State: Fp less 1, and the equivalent plastic strain so far.
+    It flows if the equivalent Mandel stress Ce Se exceeds yield_MPa + hardening_MPa times the plastic strain.
+    The flow of a step is that of small elastic strain (Simo and Hughes 1998, box 3.1), accurate to first
+    order in the elastic strain. State: Fp less 1, and the equivalent plastic strain so far.
     """
 
     plain: PlainFlesh
@@ -201,7 +201,7 @@ class Yielding(FleshLaw):
         return np.zeros((*points, 3, 3)), np.zeros(points)
 
     def stress(self, H: Tensors, state: State, pause_s: float) -> tuple[Tensors, State]:  # noqa: ARG002
-        """P of the elastic part, pulled back to the shape at rest."""
+        """P of the elastic part, pulled back to the reference shape."""
         F, plastic, so_far = H + np.eye(3), state[0] + np.eye(3), state[1]
         at = self.plain.at(F @ np.linalg.inv(plastic) - np.eye(3))
         mandel = at.C @ self.plain.second(at)
@@ -220,7 +220,7 @@ class Yielding(FleshLaw):
 
 
 def _inverse(C: Tensors) -> Tensors:
-    """Of symmetric tensors, by their minors: ten times as fast as elimination."""
+    """Inverse of symmetric tensors by minors: ten times as fast as elimination."""
     a, b, c, d, e, f = (C[..., i, k] for i, k in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
     minors = (d * f - e * e, c * e - b * f, b * e - c * d, a * f - c * c, b * c - a * e, a * d - b * b)
     size = a * minors[0] + b * minors[1] + c * minors[2]
@@ -229,5 +229,5 @@ def _inverse(C: Tensors) -> Tensors:
 
 
 def _faded(memory: np.ndarray, change: np.ndarray, pauses: float) -> np.ndarray:
-    """m' = c' - m / tau over `pauses` times tau, c linear in time."""
+    """Solution of m' = c' - m / tau after `pauses` times tau, for c linear in time."""
     return np.asarray(np.exp(-pauses) * memory - np.expm1(-pauses) / pauses * change)

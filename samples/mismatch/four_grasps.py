@@ -1,7 +1,7 @@
-"""The four grasps of a mismatch case: where the jaws are, how they close, which instants are recorded.
+"""The four grasps of a mismatch case: poses of the jaws, their motion, and the recorded instants.
 
-Grasp 1 is fast and has two cycles, grasp 2 crosses it slowly, grasp 3 is oblique and shears during the hold,
-grasp 4 takes the spots of grasp 1 with the fruit turned round between the jaws.
+Grasp 1 is fast and has two cycles. Grasp 2 is slow and at a right angle to it. Grasp 3 is oblique and shears
+during the hold. Grasp 4 repeats the spots of grasp 1 with the pads exchanged.
 """
 
 from dataclasses import dataclass
@@ -13,27 +13,27 @@ from samples.fruit import Skin
 from samples.grasp_plan import Hold, Motion, PlannedGrasp, jaw_turns
 
 TILT_SD_DEG, UNEVEN_SD_MM = 4.0, 0.02
-"""How unlike their plan grasps are done, tilt in degrees and depth in mm (set by hand)."""
+"""Standard deviations of the grasps from their plan: tilt (degrees) and depth (mm), set by hand."""
 OBLIQUE_TURN_DEG, OBLIQUE_TILT_DEG = 45.9, -28.8
-"""Degrees round the stem and towards it of the third grasp, set by hand: off the fruit's planes of
+"""Angles of the third grasp around the stem and towards it, degrees; set by hand, off the fruit's planes of
 symmetry."""
 CLEARANCE_MM = 0.4
-"""Between pad and skin before and after, mm: more than the skin's own waves (0.1 mm), so that nothing
+"""Gap of pad and skin before and after, mm: larger than the skin's waves (0.1 mm), so that nothing
 touches."""
 AIR_BEFORE, AIR_AFTER, AIR_STEP_S = 30, 15, 0.1
-"""Frames in the air before and after contact, s between them: what zero and drift are told from."""
+"""Frames before and after contact, and seconds between them; they determine zero and drift."""
 HOLD_SHARES = (0.04, 0.1, 0.2, 0.35, 0.55, 0.8, 1.0)
-"""Of the hold's length at which frames are recorded: denser at first, where creep is fastest."""
+"""Times of frames over the hold's length: denser at first, when creep is fastest."""
 LOAD_FRAMES, UNLOAD_FRAMES, SHEAR_FRAMES = 8, 7, 6
-"""Frames of closing, opening and shearing: enough that curves show their bend (set by hand)."""
+"""Frames of closing, opening and shearing: enough to resolve the curves' bends (set by hand)."""
 SHEAR_MM, SHEAR_S, PAUSE_S = 1.2, 1.5, 0.4
-"""Sideways way of a pad in the hold (mm), its time and the pause before it (s), set by hand."""
+"""Shear travel of a pad in the hold (mm), its duration, and the pause at the first peak (s), set by hand."""
 LET_GO_MM = -0.02
-"""mm past first touch of the last frame of opening: just out of contact."""
+"""Travel past first touch of the last frame of opening, mm: just out of contact."""
 
 
 def four_grasps(skin: Skin, *, depth_mm: float, rng: np.random.Generator) -> tuple[PlannedGrasp, ...]:
-    """Grasp 1 in a direction drawn at random near the equator, the others relative to it."""
+    """Grasp 1 in a random direction near the equator, the others relative to it."""
     azimuth_deg = float(rng.uniform(0.0, 360.0))
     first_tilt_deg, second_tilt_deg = np.clip(rng.normal(0.0, TILT_SD_DEG, 2), -8.0, 8.0).tolist()
     directions = (
@@ -56,7 +56,7 @@ def four_grasps(skin: Skin, *, depth_mm: float, rng: np.random.Generator) -> tup
 
 
 def through_centre(skin: Skin, *, azimuth_deg: float, tilt_deg: float, uneven_mm: float) -> Hold:
-    """Jaws on a line through the skin's centre; both touch at travel 0, the left `uneven_mm` later."""
+    """Jaws on a line through the skin's centre; the right touches at travel 0, the left at `uneven_mm`."""
     turns = jaw_turns(azimuth_deg=azimuth_deg, tilt_deg=tilt_deg)
     axis = turns[0][:, 2]
     centre = np.asarray(skin.centre_mm)
@@ -69,7 +69,7 @@ def through_centre(skin: Skin, *, azimuth_deg: float, tilt_deg: float, uneven_mm
 
 @dataclass(frozen=True, kw_only=True)
 class Manner:
-    """How one grasp is done: depths of its cycles (mm), speed of each jaw (mm/s), hold (s), shear or none."""
+    """Protocol of one grasp: depths of its cycles (mm), speed of each jaw (mm/s), hold (s), shear or not."""
 
     depths_mm: tuple[float, ...]
     speed_mm_per_s: float
@@ -78,7 +78,7 @@ class Manner:
 
 
 def four_manners(depth_mm: float) -> tuple[Manner, Manner, Manner, Manner]:
-    """The manners of grasps 1 to 4 for the deepest travel of the first."""
+    """Protocols of grasps 1 to 4 for the deepest travel of the first."""
     d = depth_mm
     return (
         Manner(depths_mm=(0.75 * d, d), speed_mm_per_s=4.0, hold_s=3.0, shears=False),
@@ -89,7 +89,7 @@ def four_manners(depth_mm: float) -> tuple[Manner, Manner, Manner, Manner]:
 
 
 def motion_of(manner: Manner) -> Motion:
-    """The corners of one grasp: air, each cycle's load and unload, a hold at the deepest, air again."""
+    """Motion of one grasp: air, load and unload of each cycle with a hold at the last depth, air again."""
     corners: list[tuple[float, float, float, bool]] = []  # time, travel, shear, whether it is a frame
 
     def go(pause_s: float, travel_mm: float, shear_mm: float | None = None, *, recorded: bool = True) -> None:

@@ -1,9 +1,8 @@
-"""A gel pad as a bed of springs, each held by the skin point it met: contact followed from the gel's side.
+"""A gel pad as a bed of springs, each anchored to the skin point that it met.
 
-Every gel point X carries the traction of samples.gel_contact: pressure kn times depth, shear kt times how
-far the skin point x that it met has moved aside, and no more shear than friction times pressure. A gel
-point that is free looks straight up at the skin; what it sees when the skin comes through the gel's face,
-it keeps.
+Every gel point X carries the traction of samples.gel_contact: its pressure is kn times depth. Its shear is kt
+times the sideways motion of the skin point x that it met, at most friction times pressure. A free gel point
+is projected along z to the skin. It keeps the skin point that passes the gel's face.
 """
 
 from dataclasses import dataclass, replace
@@ -18,13 +17,13 @@ from samples.mismatch.marker_sensor import MarkerSensor
 from samples.sample_failure import NotInEquilibrium
 
 NEAREST_CELLS = 6
-"""Cells that are tried for a point: those round a corner of the mesh, and two to spare."""
+"""Nearest cells tried for a point: those around a corner of the mesh, and two to spare."""
 EDGE = 1.0 + 1e-6
-"""Of a cell's coordinates, which end at 1, with rounding errors."""
+"""Largest coordinate of a point in a cell, whose edge is at 1, with rounding errors."""
 
 
 def weights(at: Float[np.ndarray, "n 2"]) -> Float[np.ndarray, "n 9"]:
-    """Shares of a cell's nine nodes at the coordinates `at` (-1 to 1)."""
+    """Shape functions of a cell's nine nodes at the coordinates `at` (-1 to 1)."""
     (a, _), (b, _) = lagrange(at[:, 0]), lagrange(at[:, 1])
     return np.asarray((a[:, :, None] * b[:, None, :]).reshape(-1, 9))
 
@@ -40,7 +39,7 @@ def settle_in_cell(
     corners: Float[np.ndarray, "n 9 2"], target: Float[np.ndarray, "n 2"], at: Float[np.ndarray, "n 2"],
     *, rounds: int = 6,
 ) -> Float[np.ndarray, "n 2"]:  # fmt: skip
-    """Coordinates at which each cell (its nodes seen from above) covers its target, by Newton from `at`."""
+    """Coordinates at which each cell, projected along z, covers its target, by Newton's method from `at`."""
     place = at
     for _ in range(rounds):
         miss = target - np.einsum("na,nac->nc", weights(place), corners)
@@ -62,9 +61,9 @@ def seen_from_above(
     cell: Int[np.ndarray, " m"],
     at: Float[np.ndarray, "m 2"],
 ) -> tuple[Int[np.ndarray, " m"], Float[np.ndarray, "m 2"]]:
-    """The cell and coordinates that cover each target, starting from an earlier place (cell -1: none).
+    """Cell and coordinates that cover each target, starting from an earlier solution (cell -1: none).
 
-    Where no cell covers a target, the cell comes back as -1.
+    The cell is -1 if no cell covers a target.
     """
     cell, at = cell.copy(), at.copy()
     known = np.flatnonzero(cell >= 0)
@@ -89,17 +88,17 @@ def seen_from_above(
 
 
 POINTS = 4
-"""Gel points along each side of a skin cell: 3 or 6 change markers by less than 0.1 um and a pad's force by
-less than 0.02 %."""
+"""Gel points along each side of a skin cell. With 3 or 6, markers change by less than 0.1 um and a pad's
+force by less than 0.02 %."""
 CLOSE_MM, SPACE_MM = 0.1, 1.0
-"""Only gel points this near to skin this low look up."""
+"""The search covers gel points up to SPACE_MM beyond the skin nodes that are below CLOSE_MM."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Bed:
-    """Gel points of one pad (pad frame), the gel area of each (mm^2); the markers come last, with none.
+    """Gel points of one pad (pad frame) and the gel area of each; the markers come last, with no area.
 
-    `marker_area_mm2`: of the square of gel that a marker stands for.
+    `marker_area_mm2`: area of the square of gel that a marker represents.
     """
 
     points_mm: Float[np.ndarray, "g 2"]
@@ -109,11 +108,11 @@ class Bed:
 
 
 def bed_of(sensor: MarkerSensor, skin_mm: Float[np.ndarray, "n 3"], cells: Int[np.ndarray, "k 9"]) -> Bed:
-    """Gauss points of the skin's cells as they face the gel (pad frame, mm), then the markers.
+    """Gauss points of the skin's cells that face the gel (pad frame, mm), then the markers.
 
-    Skin meets the gel nearly straight, so that integrals over the gel are integrals over whole cells: a grid
-    of points that the cells' borders cut at random spreads pressure on a cell's nodes by wrong shares (a grid
-    of 0.5 mm on cells of 1 mm put 1 to 2 um of waves on the markers).
+    Skin meets the gel nearly along z, so that integrals over the gel are integrals over whole cells. A grid
+    that the cells' edges cut at random would distribute pressure wrongly to a cell's nodes. A grid of 0.5 mm
+    on cells of 1 mm put 1 to 2 um of waves on the markers.
     """
     at, weight = np.polynomial.legendre.leggauss(POINTS)
     (value, slope), corners = lagrange(at), skin_mm[cells, :2].reshape(-1, 3, 3, 2)
@@ -134,7 +133,7 @@ def bed_of(sensor: MarkerSensor, skin_mm: Float[np.ndarray, "n 3"], cells: Int[n
 
 @dataclass(frozen=True, kw_only=True)
 class Held:
-    """Where on the skin each gel point is: cell (-1: no skin above), coordinates, and whether it touches."""
+    """Skin point of each gel point: cell (-1: no skin above), coordinates, and whether it touches."""
 
     cell: Int[np.ndarray, " g"]
     at: Float[np.ndarray, "g 2"]
@@ -142,7 +141,7 @@ class Held:
 
 
 def nothing_held(bed: Bed) -> Held:
-    """Before the first touch."""
+    """The state before the first touch."""
     count = len(bed.points_mm)
     return Held(cell=np.full(count, -1), at=np.zeros((count, 2)), touching=np.zeros(count, dtype=bool))
 
@@ -151,9 +150,9 @@ def looked_up(
     bed: Bed, held: Held, cells: Int[np.ndarray, "k 9"], was: Float[np.ndarray, "n 3"],
     now: Float[np.ndarray, "n 3"],
 ) -> Held:  # fmt: skip
-    """Free points find the skin above them; one that the skin came through since `was`, where it did so.
+    """Free points with the skin above them; if the skin passed one since `was`, with the point of passage.
 
-    `was`, `now`: the skin's nodes in the pad frame then and now.
+    `was`, `now`: the skin's nodes in the pad frame, before and now.
     """
     close = np.linalg.norm(now[now[:, 2] < CLOSE_MM, :2], axis=1).max(initial=0.0) + SPACE_MM
     if close == SPACE_MM:
@@ -179,9 +178,9 @@ def looked_up(
 
 @dataclass(frozen=True, kw_only=True)
 class Link:
-    """Gel points tied to skin nodes: `shares` (points x nodes), and the points that have skin above them.
+    """Interpolation from skin nodes: `points` with skin above them, and `shares` (points x nodes).
 
-    `stuck`: those that the skin has touched and not yet left, where the gel sticks.
+    `stuck`: points that the skin has touched and not yet left, if the gel adheres.
     """
 
     points: Int[np.ndarray, " s"]
@@ -192,7 +191,7 @@ class Link:
 
 
 def link_of(gel: Gel, bed: Bed, held: Held, cells: Int[np.ndarray, "k 9"], nodes: int) -> Link:
-    """The interpolation from skin nodes to gel points for the places that `held` says."""
+    """The interpolation from skin nodes to gel points at the places in `held`."""
     points = np.flatnonzero(held.cell >= 0)
     columns = cells[held.cell[points]]
     rows = np.repeat(np.arange(len(points)), 9)
@@ -209,7 +208,7 @@ def link_of(gel: Gel, bed: Bed, held: Held, cells: Int[np.ndarray, "k 9"], nodes
 
 
 def let_go(gel: Gel, held: Held, link: Link, now: Float[np.ndarray, "n 3"]) -> Held | None:
-    """What is held once points drawn out beyond the gel's reach have let go; None where none has."""
+    """`held` after points beyond the gel's reach have detached; None if none has."""
     if link.stuck is None:
         return None
     beyond = link.stuck & (np.asarray(link.shares @ now)[:, 2] >= gel.reach_mm)
@@ -223,9 +222,9 @@ def let_go(gel: Gel, held: Held, link: Link, now: Float[np.ndarray, "n 3"]) -> H
 def after_step(
     gel: Gel, bed: Bed, held: Held, cells: Int[np.ndarray, "k 9"], now: Float[np.ndarray, "n 3"], link: Link
 ) -> Held:
-    """What stays held after a converged step; points past the friction cone are drawn along the skin.
+    """`held` after a converged step; points beyond the friction cone slide along the skin.
 
-    Raises NotInEquilibrium when skin that no cell of the patch covers would touch.
+    Raises NotInEquilibrium if a point slides past the cells of the patch.
     """
     position = np.asarray(link.shares @ now)
     touching = np.zeros(len(bed.points_mm), dtype=bool)
@@ -249,7 +248,7 @@ def after_step(
 def marker_values(
     gel: Gel, bed: Bed, link: Link, now: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "m 3"], Float[np.ndarray, "m 3"]]:
-    """Shift of every marker (mm) and force on its square of gel (N), pad frame; zero without touch."""
+    """Displacement of markers (mm) and force on their squares of gel (N), pad frame; zero without contact."""
     position = np.asarray(link.shares @ now)
     force, _ = traction(gel, position, link.anchors_mm, link.stuck)
     load = np.zeros((len(bed.points_mm), 3))

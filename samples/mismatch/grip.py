@@ -1,8 +1,8 @@
 """Two pads on a fruit, one instant after the other, each in equilibrium.
 
-The fruit answers through the compliance C of the skin nodes that pads can reach: u = freely + C f(u), where f
-is what the gel's springs put on the nodes and `freely` is where unloaded flesh would stand (not zero once it
-has crept or yielded). Solved by Newton's method, its linear systems by GMRES.
+The skin nodes that pads can reach have the compliance C: u = freely + C f(u). f holds the gel springs' forces
+on the nodes. `freely` is the displacement of unloaded flesh (not zero once it has crept or yielded). Newton's
+method solves this, with GMRES for its linear systems.
 """
 
 from dataclasses import dataclass
@@ -29,45 +29,44 @@ from samples.mismatch.skin_compliance import SkinCompliance, Slices, parts_of
 from samples.sample_failure import NotInEquilibrium
 
 TOLERANCE_N, ROUGHLY_N = 1e-6, 1e-3
-"""N, norm over all nodes: six orders below the pads' force of some newtons; and three, as long as it is not
-yet known which skin each gel point meets."""
+"""Tolerances of the force residual (norm over all nodes), N: six orders below the pads' force of some
+newtons. The looser one, three orders below, serves while the skin point of each gel point is unknown."""
 ROUNDED_N = 1e-4
-"""N: a miss this small that no step makes smaller is rounding, since the compliance is in single precision
-(1e-5 to 3e-5 N after a start that was 40 N off). At the gel's stiffness of 10 N/mm it is 1e-5 mm, at a
-first light touch, where the gel holds less, more."""
+"""N: a residual below this that no step reduces is rounding. The compliance has single precision, which
+leaves 1e-5 to 3e-5 N after a start that was 40 N off. At the gel's stiffness of 10 N/mm it is 1e-5 mm; it is
+more at a first light touch, where the gel is less stiff."""
 NEWTON_STEPS = 60
-"""Before a step counts as without balance: three to ten do where it has one (set by hand)."""
+"""Newton steps before a step counts as not converged: three to ten converge if one can (set by hand)."""
 LOOKS = 4
-"""How often at most it is looked up anew which skin point a gel point meets (set by hand)."""
+"""Most searches for the skin point of each gel point (set by hand)."""
 SAME_PLACE_MM = 2e-4
-"""mm: a change of places below it ends that; a twentieth of a frame's noise of 4 um
+"""mm: a smaller change of places ends the searches; a twentieth of a frame's noise of 4 um
 (samples.mismatch.marker_sensor)."""
 LEFT_SHARE, GMRES_ROUNDS = 0.01, 100
-"""What GMRES leaves of a Newton step's miss, and its rounds at most (set by hand)."""
+"""Relative residual of GMRES in a Newton step, and its most iterations (set by hand)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class InnerContact:
-    """Points inside the fruit that push back, without friction, once they have closed by more than a gap."""
+    """Points inside the fruit that push back without friction once they close by more than a gap."""
 
     gap_mm: float
     N_per_mm: Float[np.ndarray, " p"]
 
     def push(self, opening_mm: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
-        """Force that opens each point."""
+        """Force that opens each point, N."""
         return np.asarray(self.N_per_mm * np.maximum(0.0, -(self.gap_mm + opening_mm)))
 
     def slope(self, opening_mm: Float[np.ndarray, " p"]) -> Float[np.ndarray, " p"]:
-        """Minus the derivative of the push."""
+        """Minus the derivative of the push, N/mm."""
         return np.where(opening_mm < -self.gap_mm, self.N_per_mm, 0.0)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Grip:
-    """What stays the same over a recording: patches, their nodes at rest (fruit frame), beds, gels.
+    """Constants of a recording: patches, their nodes at rest (fruit frame), beds, gels.
 
-    With an `inner` contact the vector of unknowns goes on, after the skin's, with how far each of its points
-    opens.
+    With an `inner` contact, the unknowns contain the openings of its points after those of the skin.
     """
 
     patches: tuple[SkinPatch, ...]
@@ -85,16 +84,16 @@ class Grip:
         return np.asarray((here - origins[side]) @ self.patches[side].turn)
 
     def part(self, side: int) -> slice:
-        """Where the unknowns of one side are."""
+        """Slice of one side's unknowns."""
         first = 0 if side == 0 else 3 * len(self.patches[0].nodes)
         return slice(first, first + 3 * len(self.patches[side].nodes))
 
 
 @dataclass(frozen=True, kw_only=True)
 class Instant:
-    """One instant: skin displacement, nodal forces (fruit frame, N), pads' origins, what the gels hold.
+    """One instant: skin displacement, nodal forces (fruit frame, N), pads' origins, skin points of the gels.
 
-    `step_N`: the change of the forces since the instant before, `travel` that of the origins.
+    `step_N`: change of the forces since the previous instant; `travel`: that of the origins.
     """
 
     u: Float[np.ndarray, " d"]
@@ -108,7 +107,7 @@ class Instant:
 
 
 def before_touch(grip: Grip, origins: Float[np.ndarray, "2 3"], u: Float[np.ndarray, " d"]) -> Instant:
-    """The first instant, in the air; the skin stands off its rest by u."""
+    """An instant without contact; u is the skin's displacement from rest."""
     zero = np.zeros(len(u))
     still = np.zeros((grip.beds[0].markers, 3))
     return Instant(
@@ -128,11 +127,11 @@ def next_instant(
     start: Float[np.ndarray, " d"] | None = None,
     near: Float[np.ndarray, " d"] | None = None,
 ) -> Instant:
-    """The instant with the pads' faces at `origins`; `start`: forces to begin from; `near`: displacement to
-    begin from, the gels taken to be linear about it in the first step: where `freely` has moved the fruit as
-    a whole, forces to begin from bring the skin nowhere near, and each gel point would seem to slip.
+    """The instant with the pads' faces at `origins`. `start`: initial forces; `near`: initial displacement,
+    about which the first step takes the gels to be linear. If `freely` moves the whole fruit, initial forces
+    alone put the skin far off, and every gel point would appear to slip.
 
-    Raises NotInEquilibrium where Newton's method stalls.
+    Raises NotInEquilibrium if Newton's method stalls.
     """
     force = _continued(before, origins) if start is None else start
     columns = _reach(grip, force)
@@ -155,7 +154,7 @@ def next_instant(
         change = np.abs(balance.u - u).max()
         force, u = balance.force_N, balance.u
         lost = [let_go(grip.gels[s], kept_on[s], links[s], grip.local(s, u, origins)) for s in (0, 1)]
-        if any(new is not None for new in lost):  # fewer hold each time: this ends
+        if any(new is not None for new in lost):  # fewer points adhere each time, so this ends
             kept_on = [old if new is None else new for old, new in zip(kept_on, lost, strict=True)]
             look = max(look, 1)
             continue
@@ -178,12 +177,12 @@ def next_instant(
 
 
 def _continued(before: Instant, origins: Float[np.ndarray, "2 3"]) -> Float[np.ndarray, " d"]:
-    """The forces if they go on as in the last step, for as far as the pads go on."""
+    """Forces extrapolated from the last step by the pads' progress."""
     return np.asarray(before.force_N + going_on(before, origins) * before.step_N)
 
 
 def going_on(before: Instant, origins: Float[np.ndarray, "2 3"]) -> float:
-    """How far the pads go on as in the last step, as a share of it: 0 where they turn back, 2 at most."""
+    """Progress of the pads along the last step, as a share of it: 0 if they turn back, 2 at most."""
     size = float((before.travel**2).sum())
     share = float((before.travel * (origins - before.origins)).sum()) / size if size else 0.0
     return float(np.clip(share, 0.0, 2.0))
@@ -191,7 +190,7 @@ def going_on(before: Instant, origins: Float[np.ndarray, "2 3"]) -> float:
 
 @dataclass(frozen=True)
 class _State:
-    """Forces that the skin is taken to bear, where they bring it, and what the gels then really do."""
+    """Assumed forces on the skin, the displacement they cause, and the gels' forces at that displacement."""
 
     force_N: Float[np.ndarray, " d"]
     u: Float[np.ndarray, " d"]
@@ -210,7 +209,7 @@ def _balanced(
     grip: Grip, links: list[Link], origins: np.ndarray, compliance: SkinCompliance, freely: np.ndarray,
     start: np.ndarray, enough_N: float, near: np.ndarray | None,
 ) -> _State:  # fmt: skip
-    """Newton's method for the forces, with shorter steps where a whole one makes the miss larger."""
+    """Newton's method for the forces; it shortens steps that increase the residual."""
 
     def state(force: np.ndarray) -> _State:
         columns = _reach(grip, force)
@@ -242,8 +241,8 @@ def _step_from(
     grip: Grip, push: "_Push", off: Float[np.ndarray, " d"], force: Float[np.ndarray, " d"],
     compliance: SkinCompliance,
 ) -> Float[np.ndarray, " d"]:  # fmt: skip
-    """The Newton step from `force`, the gels linear about a place that is `off` from where these bring the
-    skin.
+    """The Newton step from `force`, with the gels linear about a displacement that is `off` from the one that
+    `force` causes.
     """
     columns = _reach(grip, np.abs(force) + np.abs(push.force_N))
     if not columns:
@@ -257,9 +256,9 @@ def _step_from(
 def _newton_step(
     miss: Float[np.ndarray, " d"], push: "_Push", columns: Slices, compliance: SkinCompliance
 ) -> Float[np.ndarray, " d"]:
-    """y with (1 + B C) y = miss, B minus the slope of what the gels do (not symmetric where skin slips).
+    """y with (1 + B C) y = miss; B is minus the derivative of the gels' forces (not symmetric if skin slips).
 
-    By GMRES (Saad and Schultz, SIAM J. Sci. Stat. Comput. 7, 1986), by elimination where that does not end.
+    GMRES solves it (Saad and Schultz, SIAM J. Sci. Stat. Comput. 7, 1986), or elimination if GMRES fails.
     """
     count = sum(c.stop - c.start for c in columns)
     short = _picked(miss, columns)
@@ -279,7 +278,7 @@ def _newton_step(
 
 
 def _reach(grip: Grip, force: Float[np.ndarray, " d"]) -> Slices:
-    """Where there are forces: of each patch the nodes up to the last that bears one, all inner points."""
+    """Unknowns with forces: each patch's nodes up to the last that bears one, and all inner points."""
     slices = []
     for side in (0, 1):
         part = grip.part(side)
@@ -296,7 +295,7 @@ def _picked(values: Float[np.ndarray, " d"], columns: Slices) -> Float[np.ndarra
 
 
 class _Push:
-    """What both gels and the inner contact do at displacements u: nodal forces, and minus their slope."""
+    """Nodal forces of both gels and the inner contact at displacements u, and minus their derivative B."""
 
     def __init__(
         self, grip: Grip, links: list[Link], origins: Float[np.ndarray, "2 3"], u: Float[np.ndarray, " d"]
@@ -316,7 +315,7 @@ class _Push:
         self.force_N = np.concatenate(forces)
 
     def held_by(self, x: Float[np.ndarray, "a k"], columns: Slices) -> Float[np.ndarray, "a k"]:
-        """B x on the columns, for motions x there."""
+        """B x on the columns, for displacements x there."""
         pushes = []
         rest = x
         for c in columns:
@@ -337,7 +336,7 @@ class _Push:
         return self._grip.inner.slope(self._opening)
 
     def _touching(self, side: int, nodes: int) -> tuple[csr_array, Float[np.ndarray, "s 3 3"]]:
-        """Of the gel points that feel anything: their shares of the first nodes, their stiffness."""
+        """Gel points with stiffness: their interpolation from the first nodes, and their stiffness."""
         if side not in self._kept:
             block = self._blocks[side]
             touched = np.flatnonzero(np.abs(block).max(axis=(1, 2)) > 0)

@@ -1,4 +1,4 @@
-"""How strong each effect is made: of any amplitude, from just to be seen to plain."""
+"""Amplitudes and parameters of injected effects, from barely visible to plain."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -56,27 +56,27 @@ AMPLITUDES: dict[str, Range] = {
     "drainage": (0.01, 0.9),
     "split_pit": (0.03, 1.0),
 }
-"""Least and greatest amplitude, in the parameter's own unit (docs/formats.md; of a pit's offset in mm, of a
-drift a share per s, of a wrong pose about 1), but counted from no effect: of a soft spot 1 - ratio, of
-Poisson's ratio how far it is from the fruit's, of slip 1/mu, of a plastic set E over the yield stress. Set by
-hand: from a tenth of what can just be seen, or from what hardly slides or yields, to what is plain."""
+"""Least and greatest amplitude in the parameter's unit (docs/formats.md), counted from no effect. A pit's
+offset is in mm, a drift a share per s, a wrong pose a factor on 4 mm and 5 degrees. A soft spot has 1 -
+ratio, Poisson's ratio its difference from the fruit's, slip 1/mu, a plastic set E over the yield stress. Set
+by hand: from a tenth of the smallest visible one, or from the onset of slip or yield, to a plain effect."""
 EFFECTS = tuple(AMPLITUDES)
-"""Of the catalogue."""
+"""Effects of the catalogue."""
 OUT_OF_CATALOGUE = ("palm", "gel_softening")
-"""Physics that the catalogue does not have; the right answer to each is "unknown". The fruit's bottom rests
-on the gripper's palm, a spring, in every grasp. Both gels soften while they are held; the sensor goes on
-believing their nominal stiffness."""
+"""Physics outside the catalogue; the right answer to each is "unknown". `palm`: the fruit's bottom rests on
+the gripper's palm, a spring, in every grasp. `gel_softening`: both gels soften during contact, and the sensor
+still uses their nominal stiffness."""
 MATERIAL_LAWS = ("stiffening", "viscoelastic", "plastic_set", "damage", "drainage")
 TOUCHES_WIDELY = ("stiffening", "skin")
-"""Flesh that gives way less than its modulus says, and so touches the pads in wider patches."""
+"""Effects that make flesh stiffer than its modulus suggests, so that the contact patches are wider."""
 STIFFENING_IS_FIRMER = 3.0
-"""With half of it rounds of flesh and contact did not settle while a pad shears: measured on earlier rounds,
-over the shift of the skin, and kept."""
+"""Factor on the stiffness in NonlinearBody's iterations. Half of it did not converge while a pad shears:
+measured on an earlier scheme, which iterated over the skin's displacement, and kept."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class InjectedEffect:
-    """One effect; `parameters` are those of its label."""
+    """One effect with the parameters of its label. Raises SampleFailure for an unknown effect."""
 
     effect: str
     parameters: dict[str, Any]
@@ -87,7 +87,7 @@ class InjectedEffect:
             raise SampleFailure(f"There is no effect {self.effect!r}; there are: {', '.join(known)}.")
 
     def number(self, name: str) -> float:
-        """One parameter that is a number."""
+        """A numeric parameter."""
         return float(self.parameters[name])
 
 
@@ -102,8 +102,8 @@ def touches_widely(injected: tuple[InjectedEffect, ...]) -> bool:
 
 
 def label_of(injected: tuple[InjectedEffect, ...]) -> dict[str, Any]:
-    """A case's label: `effect`, the names sorted and joined by + (or none), and `parameters`, those of a
-    single effect or one group per effect. Physics outside the catalogue is "unknown", its name a parameter.
+    """A case's label: `effect`, the sorted names joined by + (or none), and `parameters`, those of a single
+    effect or one group per effect. Physics outside the catalogue is "unknown"; a parameter holds its name.
     """
     for injection in injected:
         if injection.effect in OUT_OF_CATALOGUE:
@@ -115,14 +115,14 @@ def label_of(injected: tuple[InjectedEffect, ...]) -> dict[str, Any]:
 
 
 def gel_of(injected: tuple[InjectedEffect, ...], gel: Gel = DEFAULT_GEL) -> Gel:
-    """The pads' gel; with slip its friction is low. It may stick."""
+    """The pads' gel, with low friction for slip and with adhesion if injected."""
     slip, adhesion = named(injected, "slip"), named(injected, "adhesion")
     gel = gel if slip is None else replace(gel, friction=slip.number("mu"))
     return gel if adhesion is None else replace(gel, reach_mm=adhesion.number("reach_mm"))
 
 
 def plain_flesh(flesh: BrickFlesh, injected: tuple[InjectedEffect, ...] = ()) -> PlainFlesh:
-    """The Neo-Hookean law of the flesh with every injected effect that changes its modulus or direction."""
+    """The Neo-Hookean law with every injected effect on modulus or anisotropy."""
     ratio: Float[np.ndarray, "m 27"] | float = 1.0
     axial = 0.0
     for injection in injected:
@@ -139,7 +139,7 @@ def plain_flesh(flesh: BrickFlesh, injected: tuple[InjectedEffect, ...] = ()) ->
 
 
 def stiffness_at_rest(flesh: BrickFlesh, law: PlainFlesh) -> csr_array:
-    """The tangent of the law in the shape at rest."""
+    """Tangent stiffness of the law in the undeformed shape."""
     total = flesh.stiffness
     if isinstance(law.ratio, np.ndarray):
         total = total + uneven(flesh, law.ratio)
@@ -147,7 +147,7 @@ def stiffness_at_rest(flesh: BrickFlesh, law: PlainFlesh) -> csr_array:
 
 
 def membrane(flesh: BrickFlesh, injected: tuple[InjectedEffect, ...]) -> csr_array | None:
-    """Stiffness of an injected skin."""
+    """Stiffness of an injected skin; None without one."""
     skin = named(injected, "skin")
     if skin is None:
         return None
@@ -156,7 +156,7 @@ def membrane(flesh: BrickFlesh, injected: tuple[InjectedEffect, ...]) -> csr_arr
 
 
 def flesh_law(plain: PlainFlesh, injection: InjectedEffect | None) -> tuple[FleshLaw, float]:
-    """The law of an injected effect, and how much firmer than at rest the solver takes the flesh."""
+    """The law of an injected effect, and the solver's stiffness over that at rest."""
     if injection is None or injection.effect not in MATERIAL_LAWS:
         return plain, 1.0
     if injection.effect == "stiffening":
@@ -177,7 +177,7 @@ def spot_under_pad(
     drawn: DrawnFruit, grasp: PlannedGrasp, *, pad: str, depth_mm: float, aside_deg: float,
     rng: np.random.Generator,
 ) -> Float[np.ndarray, " 3"]:  # fmt: skip
-    """A place `depth_mm` below the skin, seen from the centre `aside_deg` off the pad."""
+    """A point `depth_mm` below the skin, at `aside_deg` from the pad's direction as seen from the centre."""
     towards = -grasp.hold.turns[0 if pad == "left" else 1][:, 2]
     sideways = np.cross(towards, rng.normal(size=3))
     sideways /= np.linalg.norm(sideways)
@@ -192,25 +192,25 @@ NAMES = {
     "gripper_compliance": "mm_per_N", "adhesion": "reach_mm", "gel_hysteresis": "share",
     "third_contact": "N_per_mm",
 }  # fmt: skip
-"""The parameter of each effect that has no other."""
+"""Name of the parameter for effects whose draw has only one."""
 MOST_POISSON_RATIO = 0.488
-"""Poisson's ratio above which linear bricks lock (set by hand)."""
+"""Poisson's ratio above which bricks lock (set by hand)."""
 
 
 def drawn_amplitude(effect: str, rng: np.random.Generator) -> float:
-    """Log-uniform over the range of the effect; 1 for physics outside the catalogue."""
+    """A log-uniform amplitude in the effect's range; 1 for physics outside the catalogue."""
     return log_uniform(rng, *AMPLITUDES.get(effect, (1.0, 1.0)))
 
 
 def log_uniform(rng: np.random.Generator, low: float, high: float) -> float:
-    """A number whose logarithm is uniform between those of two others."""
+    """A log-uniform number between two others."""
     return float(np.exp(rng.uniform(np.log(low), np.log(high))))
 
 
 def drawn_parameters(effect: str, amplitude: float, rng: np.random.Generator) -> dict[str, Any]:
-    """Parameters of an effect, but for what the fruit alone can say: where a soft spot is.
+    """Random parameters of an effect, except a soft spot's place, which depends on the fruit.
 
-    Those of physics outside the catalogue are drawn later, by `drawn_out_of_catalogue`.
+    Empty for physics outside the catalogue. Raises SampleFailure for an unknown effect.
     """
     if effect in OUT_OF_CATALOGUE:
         return {}
@@ -249,7 +249,7 @@ def drawn_parameters(effect: str, amplitude: float, rng: np.random.Generator) ->
 
 
 def drawn_out_of_catalogue(physics: str, rng: np.random.Generator) -> InjectedEffect:
-    """At a level that is plain to be seen."""
+    """Physics outside the catalogue at a plainly visible amplitude."""
     if physics == "palm":
         parameters = {"N_per_mm": float(rng.uniform(15.0, 30.0)), "area_radius_mm": 6.0}
     else:
@@ -258,7 +258,7 @@ def drawn_out_of_catalogue(physics: str, rng: np.random.Generator) -> InjectedEf
 
 
 def _mirrored(ratio: float) -> float:
-    """Poisson's ratio as far above the fruit's as this one is below it, if bricks do not lock there."""
+    """Poisson's ratio as far above the fruit's as this one is below, unless bricks lock there."""
     mirrored = 2 * POISSON_RATIO - ratio
     return mirrored if mirrored < MOST_POISSON_RATIO else ratio
 
@@ -274,7 +274,7 @@ def _on_circle(rng: np.random.Generator) -> Float[np.ndarray, " 2"]:
 
 
 def _size_of(effect: str, amplitude: float) -> float:
-    """The parameter that an amplitude stands for."""
+    """The parameter's value for an amplitude."""
     if effect == "soft_spot":
         return 1 - amplitude
     if effect == "poisson_ratio":

@@ -1,8 +1,8 @@
-"""What faulty machines and gels make of a true recording.
+"""Faults of machines and gels in a recording.
 
-A machine: gain, drift, compliance, a late clock, a wrong pose. Gels, both pads alike: a bent reading, creep,
-a loop, warming. All take the truth and return what would be recorded but for the sensor's noise. Definitions:
-the table of effects in the format of mismatch cases.
+A machine: gain, drift, compliance, a late clock, a wrong pose. Gels of both pads: nonlinear reading, creep,
+hysteresis, warming. All take the truth and return the recording without the sensor's noise. The table of
+effects in docs/formats.md defines them.
 """
 
 from collections.abc import Callable
@@ -15,11 +15,11 @@ from samples.grasp_plan import Motion, PlannedGrasp
 from samples.mismatch.true_recording import PadTruth, TrueRecording
 
 NO_FORCE_N = 1e-9
-"""A force that is none."""
+"""Forces below this count as zero."""
 
 
 def with_gain(truth: TrueRecording, *, pad: str, gain: float) -> TrueRecording:
-    """Recorded force of one pad is `gain` times the true one."""
+    """One pad's recorded force is `gain` times the true one."""
     return _scaled(truth, lambda _: gain, only=pad)
 
 
@@ -28,7 +28,7 @@ def _scaled(
     factor: Callable[[PadTruth], Float[np.ndarray, "t ..."] | float],
     only: str | None = None,
 ) -> TrueRecording:
-    """Recorded forces are the true ones times a factor of each pad."""
+    """Recorded forces are the true ones times a factor for each pad."""
     return truth.with_pads(lambda p: replace(p, force_N=p.force_N * factor(p)), only=only)
 
 
@@ -39,7 +39,7 @@ def with_drift(truth: TrueRecording, *, pad: str, newton_per_s: float) -> TrueRe
 
 
 def _with_normal_force(pad: PadTruth, added_N: Float[np.ndarray, " t"]) -> PadTruth:
-    """A pad whose every marker bears so much more normal force in each frame."""
+    """The pad with the same normal force added to every marker in a frame."""
     force = pad.force_N.copy()
     force[:, :, 2] += added_N[:, None]
     return replace(pad, force_N=force)
@@ -72,7 +72,7 @@ def with_pose_error(
 
 
 def with_instants(grasp: PlannedGrasp, times_s: Float[np.ndarray, " k"]) -> PlannedGrasp:
-    """The same grasp with corners at `times_s` too, every corner recorded: what a late clock is read from."""
+    """The same grasp with corners at `times_s` too, every corner recorded, as input of `recorded_late`."""
     motion = grasp.motion
     time = np.unique(np.round(np.concatenate([motion.time_s, times_s]), 9))
     first, last = np.round(motion.time_s[[0, -1]], 9)
@@ -89,7 +89,7 @@ def with_instants(grasp: PlannedGrasp, times_s: Float[np.ndarray, " k"]) -> Plan
 def recorded_late(
     everything: TrueRecording, frames_s: Float[np.ndarray, " t"], *, lag_s: float
 ) -> TrueRecording:
-    """Frames at `frames_s` with the markers of `lag_s` earlier; before the start, those of the start."""
+    """Frames at `frames_s` with the markers of `lag_s` earlier; before the start, with those of the start."""
     now, earlier = (at_times(everything, times_s) for times_s in (frames_s, frames_s - lag_s))
     left, right = (
         replace(pad, displacement_mm=then.displacement_mm, force_N=then.force_N)
@@ -99,7 +99,7 @@ def recorded_late(
 
 
 def at_times(everything: TrueRecording, times_s: Float[np.ndarray, " t"]) -> TrueRecording:
-    """The instants nearest to the given times."""
+    """The recorded instants nearest to the given times."""
     index = np.abs(times_s[:, None] - everything.time_s).argmin(axis=1)
     chosen = everything.with_pads(
         lambda p: PadTruth(
@@ -133,7 +133,7 @@ def with_gel_creep(truth: TrueRecording, *, creep: float, creep_tau_s: float) ->
 
 
 def with_hysteresis(truth: TrueRecording, *, share: float) -> TrueRecording:
-    """While a pad's force is below its peak so far, the recorded force falls short by up to `share` of it."""
+    """Recorded force = f (1 - 4 share x (1 - x)), x the pad's normal force over its peak so far."""
 
     def left(pad: PadTruth) -> Float[np.ndarray, "t 1 1"]:
         total = pad.force_N.sum(axis=1)[:, 2]
@@ -146,7 +146,7 @@ def with_hysteresis(truth: TrueRecording, *, share: float) -> TrueRecording:
 def with_thermal_drift(
     truth: TrueRecording, *, strain_per_root_s: float, N_per_root_s: float
 ) -> TrueRecording:
-    """Markers move away from the gel's middle and each pad's normal force grows, with the root of time."""
+    """Markers move away from the gel's middle and normal force grows, both with the square root of time."""
     root = np.sqrt(truth.time_s - truth.time_s[0])
     swell = strain_per_root_s * root[:, None, None] * (truth.rest_mm * np.array([1.0, 1.0, 0.0]))
     growth_N = N_per_root_s / len(truth.rest_mm) * root
@@ -156,7 +156,7 @@ def with_thermal_drift(
 
 
 def with_nominal_stiffness(truth: TrueRecording) -> TrueRecording:
-    """Recorded forces are what a sensor computes from the markers with the gel's nominal stiffness."""
+    """Recorded forces are those that a sensor computes from the markers with the gel's nominal stiffness."""
     gel = truth.gel
     stiffness = np.array([gel.kt_MPa_per_mm, gel.kt_MPa_per_mm, gel.kn_MPa_per_mm])
     return truth.with_pads(

@@ -1,4 +1,4 @@
-"""The gel sensors of a case and how well they see: as in the sample batch, or drawn wide."""
+"""Gel sensors of a case and their noise: that of the sample batch, or random ones of a wide range."""
 
 from dataclasses import dataclass, replace
 
@@ -10,7 +10,7 @@ from samples.gel_contact import DEFAULT_GEL, Gel
 
 @dataclass(frozen=True, kw_only=True)
 class SensorNoise:
-    """Per component: noise of a frame (AR(1)), of the reference frame; per marker: scale errors; steps."""
+    """Noise per component of a frame (AR(1)) and of the reference frame; scale errors per marker; steps."""
 
     displacement_mm: float = 0.004
     reference_mm: float = 0.002
@@ -29,7 +29,7 @@ def measured(
     noise: SensorNoise,
     rng: np.random.Generator,
 ) -> tuple[Float[np.ndarray, "t n 3"], Float[np.ndarray, "t n 3"]]:
-    """True marker displacement and force as the sensor would give them, rounded to its steps."""
+    """Marker displacement and force from a sensor: true values with scale errors and noise, rounded."""
     lag1 = noise.correlation
 
     def sensed(truth: np.ndarray, sd: float, reference_sd: float, scale: float, step: float) -> np.ndarray:
@@ -49,7 +49,7 @@ def measured(
 
 
 LEAST_MARKERS, MOST_MARKERS, PITCH_MM = 14, 22, (0.8, 1.3)
-"""Markers along each side, and the distance between two, mm: of gels with markers as published (set by
+"""Range of markers along each side, and of their spacing, mm: as in published gels with markers (set by
 hand)."""
 
 
@@ -57,7 +57,7 @@ hand)."""
 class MarkerSensor:
     """Both pads' gel, its square grid of markers, its noise.
 
-    `force_share`: noise of one marker's force over the pad's peak force.
+    `force_share`: standard deviation of a marker's force over the pad's peak force.
     """
 
     gel: Gel = DEFAULT_GEL
@@ -78,16 +78,16 @@ class MarkerSensor:
 
     @property
     def half_width_mm(self) -> float:
-        """Half the gel's side: every marker stands for a square of gel."""
+        """Half the gel's side: every marker represents a square of gel."""
         return self.markers * self.pitch_mm / 2
 
     @property
     def name(self) -> str:
-        """As recordings call it."""
+        """The sensor's name in recordings."""
         return f"{self.markers}x{self.markers} marker gel"
 
     def noise(self, peak_N: float) -> SensorNoise:
-        """For a recording whose pads push with `peak_N` at most."""
+        """Noise of a recording whose pads push with `peak_N` at most."""
         size = self.force_share * peak_N
         return SensorNoise(
             displacement_mm=self.displacement_mm, reference_mm=self.displacement_mm / 2, force_N=size,
@@ -97,13 +97,13 @@ class MarkerSensor:
 
 
 DEFAULT_SENSOR = MarkerSensor()
-"""Of the sample batch."""
+"""Sensor of the sample batch."""
 
 
 def drawn_sensor(rng: np.random.Generator, *, contact_mm: float) -> MarkerSensor:
-    """A sensor drawn at random whose gel is wider than a contact of that radius.
+    """A random sensor whose gel is wider than a contact of that radius.
 
-    kn log-uniform in 0.1 to 0.5 MPa/mm, kt 0.2 to 0.35 of it, friction 0.5 to 1.1.
+    kn is log-uniform in 0.1 to 0.5 MPa/mm, kt 0.2 to 0.35 of it, friction 0.5 to 1.1.
     """
     kn = float(np.exp(rng.uniform(np.log(0.1), np.log(0.5))))
     gel = Gel(
@@ -120,7 +120,7 @@ def drawn_sensor(rng: np.random.Generator, *, contact_mm: float) -> MarkerSensor
 
 
 def with_drawn_noise(sensor: MarkerSensor, rng: np.random.Generator) -> MarkerSensor:
-    """The same gel and markers seen by another camera: noise and scale errors drawn anew."""
+    """The same gel and markers with another camera: new random noise and scale errors."""
     return replace(
         sensor,
         displacement_mm=float(rng.uniform(0.002, 0.006)),

@@ -1,4 +1,4 @@
-"""A drawn fruit meshed for its grasps: per direction the bricks, the linear flesh and the skin patches."""
+"""A fruit meshed for its grasps: for each direction the bricks, the linear flesh and the skin patches."""
 
 from dataclasses import dataclass
 
@@ -13,23 +13,23 @@ from samples.hexahedra import Bricks, Fineness, flesh_bricks
 from samples.mismatch.marker_sensor import DEFAULT_SENSOR, MarkerSensor
 
 CASE = BrickGrading(cells=4, layers=4)
-"""Bricks of 0.049 of the fruit's radius (1.3 mm on one of 27 mm) at the skin under the pads. What that
-leaves is measured by benchmarks/truth_verification.py (docs/validation.md, Solver). Fewer
-layers are too stiff between skin and pit: with two, a pad's force is 0.25 % too large."""
+"""Bricks of 0.049 of the fruit's radius (1.3 mm at 27 mm) at the skin under the pads.
+benchmarks/truth_verification.py measures the remaining error (docs/validation.md, Solver). Fewer layers are
+too stiff between skin and pit: with two, a pad's force is 0.25 % too large."""
 RIGID_SHARE, HALF, FIRMNESS_MM, SPARE_MM = 1.2, 0.5, 2.4, 0.1
-"""Skin touches a pad where its height above the first touch is below a share of the travel: half of it for
-flesh much softer than the gel (Hertz), all of it for flesh much firmer. In between about 1 - 0.5 / (1 + E /
-(2.4 mm kn)), seen on 6 pads of one fruit; 0.2 and 0.1 mm are to spare, for patches end with whole cells."""
+"""Skin touches a pad if its height above the first touch is below a share of the travel. The share is half
+for flesh much softer than the gel (Hertz), and one for flesh much firmer. In between it is about 1 - 0.5 / (1
++ E / (2.4 mm kn)), from 6 pads of one fruit. 0.2 and 0.1 mm are reserves: patches end with whole cells."""
 WIDE_SHARE = 0.3
-"""So much greater is that share where flesh gives way less: then it may reach the whole travel."""
+"""Increase of that share for flesh stiffer than its modulus: its share may reach the whole travel."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SkinPatch:
     """The skin that one pad can reach: its nodes (numbers in the bricks), its cells (local numbers).
 
-    Nodes are in the order in which a face that comes nearer would meet them.
-    `turn` takes pad axes to fruit axes; `rim`: the nodes (local) that border on other skin.
+    Nodes are in the order in which an approaching face would meet them. `turn` takes pad axes to fruit axes;
+    `rim`: nodes (local) that other skin shares.
     """
 
     turn: Float[np.ndarray, "3 3"]
@@ -40,9 +40,9 @@ class SkinPatch:
 
 @dataclass(frozen=True, kw_only=True)
 class MeshedFruit:
-    """One mesh of one fruit (E as true of it): its linear flesh, its two patches, their unknowns.
+    """One mesh of one fruit (with its true E): its linear flesh, its two patches, their unknowns.
 
-    `touch_mm`: where the middle of each pad's face is at the first touch (fruit frame); `sensor`: both pads'.
+    `touch_mm`: middle of each pad's face at first touch (fruit frame); `sensor`: that of both pads.
     """
 
     flesh: BrickFlesh
@@ -62,7 +62,8 @@ def meshed_fruit(
 ) -> MeshedFruit:
     """The fruit meshed finer under the pads of the grasp, with patches as wide as the deepest press needs.
 
-    `wider`: so much greater is the share of the travel in which skin may touch a pad (see WIDE_SHARE).
+    `wider` adds to the share of RIGID_SHARE (see WIDE_SHARE). Raises ValueError for inverted bricks or
+    hanging nodes in a patch.
     """
     firmness = fruit.E_MPa / (FIRMNESS_MM * sensor.gel.kn_MPa_per_mm)
     share = RIGID_SHARE - HALF / (1 + firmness) + wider
@@ -85,7 +86,7 @@ def meshed_fruit(
 def patch_of(
     bricks: Bricks, turn: Float[np.ndarray, "3 3"], *, touch_mm: Float[np.ndarray, " 3"], overlap_mm: float
 ) -> SkinPatch:
-    """Cells that face the pad and come within `overlap_mm` of its face where it first touches."""
+    """Cells that face the pad and come within `overlap_mm` of its face at first touch."""
     local = (bricks.nodes_mm - touch_mm) @ turn
     corners = local[bricks.skin_cells]
     normal = np.cross(corners[:, 2, 1] - corners[:, 0, 1], corners[:, 1, 2] - corners[:, 1, 0])

@@ -1,12 +1,12 @@
-"""A fruit whose flesh follows a law of its own: equilibrium by alternating contact and flesh.
+"""A fruit with a material law: equilibrium by alternating contact and flesh.
 
-A round takes the displacement q of all unknowns, frees the skin of what stress beyond the linear one does
-there, and solves the contact on the dense linear stiffness:
+An iteration takes the displacement q of all unknowns. It computes the skin's free displacement from the
+stress in excess of the linear one, and solves the contact with the dense linear compliance:
 
     freely = -K^-1 excess(q),        q' = freely + K^-1 P f,   f the pads' forces on the skin at q'
 
-so that pads hold the fruit in each round as they do in the end. Rounds are sped up by Anderson mixing (Walker
-and Ni 2011, type II) until q no longer changes.
+Thus pads hold the fruit in each iteration as in the solution. Anderson mixing (Walker and Ni 2011, type II)
+accelerates the iterations until q no longer changes.
 """
 
 from collections.abc import Callable
@@ -25,15 +25,15 @@ from samples.mismatch.skin_compliance import SkinCompliance, compliance_of
 from samples.sample_failure import NotInEquilibrium
 
 PointStress = Callable[[Float[np.ndarray, "m 27 3 3"]], Float[np.ndarray, "m 27 3 3"]]
-"""Stress (MPa) at the integration points for the displacement gradients there."""
+"""Stress (MPa) at the integration points as a function of the displacement gradients there."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class WholeFruit:
     """Flesh with its factorised stiffness, and its patches' compliance.
 
-    `stiffness`: the one that is factorised, near that of the flesh at rest. `support`: stiffness of a skin or
-    of springs, linear in the unknowns. `slopes`: gradients of the shape functions at the integration points,
+    `stiffness`: the factorised one, close to that of the flesh at rest. `support`: stiffness of a skin or of
+    springs, linear in the unknowns. `slopes`: gradients of the shape functions at the integration points,
     three rows for each.
     """
 
@@ -46,8 +46,8 @@ class WholeFruit:
     dofs: Int[np.ndarray, " d"]
 
     def excess(self, q: Float[np.ndarray, " u"], stress: PointStress) -> Float[np.ndarray, " u"]:
-        """Internal forces on the unknowns of the `stress` of the displacement gradient and of what else holds
-        the fruit, less those of the factorised stiffness; the pit turns through any angle.
+        """Internal forces on the unknowns from the `stress` and `support`, minus those of the factorised
+        stiffness; the pit rotates through any angle.
         """
         nodal = self._nodal_force(stress(self._gradients(self.flesh.displacement(q))))
         force = self.flesh.on_unknowns(nodal, q) - self.stiffness @ q
@@ -59,7 +59,7 @@ class WholeFruit:
         return np.asarray(gradients.reshape(-1, 27, 3, 3).transpose(0, 1, 3, 2))
 
     def _nodal_force(self, stress: Float[np.ndarray, "m 27 3 3"]) -> Float[np.ndarray, "n 3"]:
-        """Forces on the nodes of a stress field P_ik (first index the force's)."""
+        """Nodal forces of a stress field P_ik (first index: direction of the force)."""
         cells = self.flesh.bricks.cells
         m = len(cells)
         weighted = stress.transpose(0, 1, 3, 2) * self.flesh.volumes[..., None, None]
@@ -103,28 +103,28 @@ def whole_fruit(
 
 
 CONVERGED_MM = 4e-5
-"""mm, the largest change of a skin node in a round: a hundredth of a frame's noise of 4 um
+"""mm, largest change of a skin node in an iteration: a hundredth of a frame's noise of 4 um
 (samples.mismatch.marker_sensor)."""
 LET_GO_N = 0.5
-"""N, sum over all nodes' forces along all axes: pads that press with 0.15 N each. With less the springs that
-stand for the fruit's support (0.02 N/mm) draw it along by a millimetre and more."""
+"""N, sum of all nodes' forces along all axes: 0.15 N from each pad. Below it, the springs that support the
+fruit (0.02 N/mm) drag it along by a millimetre and more."""
 REST_S = 1e4
-"""Between two grasps."""
+"""Seconds between two grasps."""
 DRAWN_MM = 0.5
-"""mm: where pads that hardly press part, a skin node that moves farther in one step is drawn along by those
-springs, and the grip has ended. Set by hand: ten times what a balanced step moves it (0.045 mm)."""
+"""mm: between parting pads that hardly press, the support springs drag a skin node that moves farther in one
+step, and the grip has ended. Set by hand: ten times the motion of a converged step (0.045 mm)."""
 ROUNDS, DEPTH = 60, 8
-"""Rounds before a step counts as unbalanced and is halved, and how many earlier ones are mixed (set by
+"""Iterations before a step counts as not converged and is halved, and earlier ones in the mix (set by
 hand)."""
 HALVINGS = 3
-"""How often a step that finds no balance is halved, without the trend and tangent of the whole one."""
+"""Most halvings of a step that does not converge; the halves start without the trend of earlier steps."""
 
 
 class NonlinearBody:
-    """Flesh with a law per point; it remembers what the law remembers, from grasp to grasp."""
+    """Flesh with a law per point; it keeps the law's state from grasp to grasp."""
 
     def __init__(self, whole: WholeFruit, law: FleshLaw, *, firmer: float = 1.0) -> None:
-        """`firmer`: times the linear stiffness that the rounds lean on; above 1 for flesh that stiffens."""
+        """`firmer`: factor on the linear stiffness in the iterations, above 1 for stiffening flesh."""
         self._whole, self._compliance, self._law = whole, whole.compliance.scaled(1 / firmer), law
         self._firmer = firmer
         self.still = law.still
@@ -134,11 +134,11 @@ class NonlinearBody:
 
     @property
     def displacement_mm(self) -> Float[np.ndarray, " u"]:
-        """Of all unknowns at the last instant."""
+        """Displacement of all unknowns at the last instant."""
         return self._q
 
     def begin(self) -> Float[np.ndarray, " d"]:
-        """Unloaded, where the flesh's own stress has brought the skin."""
+        """The unloaded skin's displacement under residual stress. Raises NotInEquilibrium."""
         return self._unloaded(REST_S)
 
     def _unloaded(self, pause_s: float) -> Float[np.ndarray, " d"]:
@@ -157,9 +157,9 @@ class NonlinearBody:
     def advance(
         self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float
     ) -> Instant:
-        """Equilibrium of contact and flesh; a step that finds none is taken in two.
+        """Equilibrium of contact and flesh; a step that does not converge is halved.
 
-        Pads that part with hardly any force left let go: what springs there are then pull the fruit along.
+        Parting pads with hardly any force let go, because the support springs would drag the fruit along.
         """
         return self._in_steps(grip, before, origins, pause_s, HALVINGS)
 
@@ -210,7 +210,7 @@ class NonlinearBody:
         raise NotInEquilibrium(f"flesh and contact found no balance in {ROUNDS} rounds: press less")
 
     def _excess(self, q: Float[np.ndarray, " u"], pause_s: float) -> tuple[Float[np.ndarray, " u"], State]:
-        """Forces of the flesh's stress beyond the linear one at q, and what the flesh then remembers."""
+        """Forces of the flesh's stress in excess of the linear one at q, and the law's next state."""
         state = self._state
 
         def stress(H: Float[np.ndarray, "m 27 3 3"]) -> Float[np.ndarray, "m 27 3 3"]:
@@ -222,7 +222,7 @@ class NonlinearBody:
 
 
 def sound_body(stands: MeshedFruit) -> NonlinearBody:
-    """Plain flesh of one mesh."""
+    """The body of one mesh with plain flesh."""
     lame = Lame(mu=stands.flesh.mu_MPa, lam=stands.flesh.lam_MPa)
     return NonlinearBody(whole_fruit(stands.flesh, stands.dofs), PlainFlesh(lame=lame))
 
@@ -232,7 +232,7 @@ def _apart_mm(origins: Float[np.ndarray, "2 3"]) -> float:
 
 
 class AndersonMixing:
-    """The last `depth` rounds and their mix; of the samples, as truth must not use the estimator's code."""
+    """The last `depth` iterations and their mix; fem's code is not used, so that truth stays independent."""
 
     def __init__(self, depth: int) -> None:
         self._depth = depth
@@ -240,7 +240,7 @@ class AndersonMixing:
         self._change: list[np.ndarray] = []
 
     def mixed(self, q: Float[np.ndarray, " u"], mapped: Float[np.ndarray, " u"]) -> Float[np.ndarray, " u"]:
-        """The next guess, where `mapped` is what a round has made of the guess q."""
+        """The next guess; `mapped` is the result of an iteration from the guess q."""
         self._mapped = [*self._mapped[-self._depth :], mapped]
         self._change = [*self._change[-self._depth :], mapped - q]
         if len(self._change) == 1:

@@ -1,7 +1,7 @@
-"""Fruit of another body: a loose pit with an even gap all round, split pit, third contact, palm.
+"""Fruit with another body: a loose pit with an even gap, a split pit, a third contact, a palm.
 
 A third contact is a seat that fits the skin within a few millimetres of one place, on a spring along the
-skin's normal there. It touches when the skin has come `gap_mm` towards it: a palm, a table, a stop.
+skin's normal. It touches after the skin has moved `gap_mm` towards it: a palm, a table, a stop.
 """
 
 import numpy as np
@@ -18,19 +18,18 @@ from samples.mismatch.true_recording import TrueRecording
 from samples.sample_failure import SampleFailure
 
 LOWEST_CAP_DEG = 30.0
-"""Degrees from the lowest point within which a place is drawn: out of the pads' way, whose lowest spot is 60
-degrees from it (samples.mismatch.four_grasps)."""
+"""Largest angle of the place from the lowest point, degrees. The pads do not reach it: their lowest spot is
+60 degrees from that point (samples.mismatch.four_grasps)."""
 STEP = 1e-4
-"""Of directions, by which the skin's normal is found by differences; on a smooth skin any small number
-does."""
+"""Step of directions for the skin's normal by differences; on a smooth skin any small number serves."""
 SEAT_RADIUS_MM = 6.0
-"""What of the skin about the place the seat bears. Set by hand, as a palm's soft cushion would."""
+"""Radius of skin around the place that the seat bears, mm. Set by hand, as for a palm's soft cushion."""
 FEWEST = 9
-"""Nodes that it bears at least, on a mesh that is coarse there: those of a cell's face."""
+"""Fewest nodes that it bears on a coarse mesh: those of a cell's face."""
 
 
 def drawn_place_mm(skin: Skin, rng: np.random.Generator) -> Float[np.ndarray, " 3"]:
-    """A place on the skin within LOWEST_CAP_DEG of its lowest point, evenly over the cap."""
+    """A place on the skin within LOWEST_CAP_DEG of its lowest point, uniform over the cap."""
     height = rng.uniform(np.cos(np.radians(LOWEST_CAP_DEG)), 1.0)
     azimuth, across = rng.uniform(0, 2 * np.pi), np.sqrt(1 - height**2)
     direction = np.array([across * np.cos(azimuth), across * np.sin(azimuth), -height])
@@ -38,7 +37,7 @@ def drawn_place_mm(skin: Skin, rng: np.random.Generator) -> Float[np.ndarray, " 
 
 
 def inward_normal(skin: Skin, place_mm: Float[np.ndarray, " 3"]) -> Float[np.ndarray, " 3"]:
-    """Unit normal of the skin there, into the fruit."""
+    """Unit normal of the skin at a place, into the fruit."""
     outward = place_mm - np.array(skin.centre_mm)
     outward = outward / np.linalg.norm(outward)
     first = np.cross(outward, np.eye(3)[np.abs(outward).argmin()])
@@ -61,9 +60,10 @@ def with_third_contact(
     gap_mm: float = 0.0,
     stiffness: csr_array | None = None,
 ) -> tuple[SkinCompliance, InnerContact]:
-    """Compliance of the skin's unknowns, then of the way inward of every node of the seat; and the seat.
+    """Compliance of the skin's unknowns and of the inward displacement of the seat's nodes; and the seat.
 
-    `normal`: into the fruit, that of the seat. `stiffness`: of the flesh, on its unknowns (None: plain).
+    `normal`: the seat's, inward. `stiffness`: the flesh's (None: plain). Raises SampleFailure on a coarse
+    mesh.
     """
     bricks = flesh.bricks
     skin = np.unique(bricks.skin_cells)
@@ -86,7 +86,7 @@ def with_third_contact(
 
 
 def _shares(across_mm: Float[np.ndarray, "s 2"]) -> Float[np.ndarray, " s"]:
-    """Of the stiffness that each node has: the most even ones about the middle, all above zero."""
+    """Share of the stiffness per node: the most even shares with the seat's centre, all positive."""
     rows = np.column_stack([np.ones(len(across_mm)), across_mm])
     shares = np.linalg.lstsq(rows.T, np.array([1.0, 0.0, 0.0]))[0]
     if np.linalg.matrix_rank(rows) < 3 or not (shares > 0).all():
@@ -98,7 +98,7 @@ def _shares(across_mm: Float[np.ndarray, "s 2"]) -> Float[np.ndarray, " s"]:
 
 
 def borne_N(truth: TrueRecording) -> float:
-    """The greatest force that the pads of a recording leave to others, N."""
+    """Largest force on other supports in a recording, N: the pads' resultant."""
     total = np.sum([np.einsum("tij,tnj->ti", p.pose[:, :3, :3], p.force_N) for p in truth.pads], axis=0)
     return float(np.linalg.norm(total, axis=1).max())
 
@@ -106,9 +106,9 @@ def borne_N(truth: TrueRecording) -> float:
 def split_pit_stiffness(flesh: BrickFlesh, *, angle_deg: float = 0.0, share: float = 1.0) -> csr_array:
     """Stiffness with two rigid half pits; the second half's six unknowns come last.
 
-    `angle_deg`: of the parting plane about the stem's axis z, from x towards y. `share`: how far the halves
-    part, of what they would with nothing joining them: below 1 a bond joins them, (1 / share - 1) times what
-    the flesh itself holds them together by.
+    `angle_deg`: angle of the parting plane about the stem's axis z, from x towards y. `share`: relative
+    motion of the halves over that without a bond. Below 1 a bond joins them, with (1 / share - 1) times the
+    flesh's stiffness between them.
     """
     bricks = flesh.bricks
     full = assembled(
@@ -135,7 +135,7 @@ def split_pit_stiffness(flesh: BrickFlesh, *, angle_deg: float = 0.0, share: flo
 
 
 def _bond(free: csr_array, share: float) -> csr_array:
-    """Between the halves: (1 / share - 1) times the stiffness of their motion relative to each other."""
+    """Bond between the halves: (1 / share - 1) times the stiffness of their relative motion."""
     last = np.arange(free.shape[0] - 12, free.shape[0])
     apart = np.hstack([-np.eye(6), np.eye(6)])
     gives = apart @ factorise(free).compliance(last) @ apart.T
@@ -145,7 +145,7 @@ def _bond(free: csr_array, share: float) -> csr_array:
 
 
 def on_a_palm(flesh: BrickFlesh, *, N_per_mm: float, area_radius_mm: float) -> csr_array:
-    """Stiffness to add: springs along z under the lowest part of the skin."""
+    """Added stiffness of springs along z under the lowest part of the skin."""
     bricks = flesh.bricks
     skin = np.unique(bricks.skin_cells)
     places = bricks.nodes_mm[skin]
@@ -158,9 +158,9 @@ def on_a_palm(flesh: BrickFlesh, *, N_per_mm: float, area_radius_mm: float) -> c
 
 
 THREADS_N_PER_MM = 0.05
-"""All round, hair-fine threads hold the flesh to the pit; they keep it from floating off."""
+"""Total stiffness of weak threads between flesh and loose pit, which keep the flesh in place."""
 PENALTY_PER_MM = 25.0
-"""Closed, the pit's surface gives way by the pressure over this many times E."""
+"""Contact stiffness per area over E, 1/mm: at pressure p a closed gap yields by p / (25 E) mm."""
 
 
 def loose_compliance(
@@ -168,7 +168,7 @@ def loose_compliance(
 ) -> SkinCompliance:
     """Compliance of the skin's unknowns, then of the opening of every pit node.
 
-    `extra`: stiffness on the flesh's own unknowns to add, with the pit's nodes bonded (a skin).
+    `extra`: added stiffness on the flesh's unknowns, with bonded pit nodes (a skin).
     """
     bricks = flesh.bricks
     full = assembled(
@@ -191,14 +191,14 @@ def loose_compliance(
 
 
 def pit_contact(flesh: BrickFlesh, *, gap_mm: float) -> InnerContact:
-    """The pit's surface as a stiff frictionless bed at `gap_mm`."""
+    """Contact of the pit's surface: a stiff frictionless bed at `gap_mm`."""
     modulus = flesh.mu_MPa * (3 * flesh.lam_MPa + 2 * flesh.mu_MPa) / (flesh.lam_MPa + flesh.mu_MPa)
     _, areas = _normals(flesh)
     return InnerContact(gap_mm=gap_mm, N_per_mm=PENALTY_PER_MM * modulus * areas)
 
 
 def _normals(flesh: BrickFlesh) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndarray, " p"]]:
-    """Outward unit normals of the pit's opening nodes, and the area that each stands for."""
+    """Outward unit normals of the pit's opening nodes, and the area that each represents, mm²."""
     bricks = flesh.bricks
     quads = _pit_quads(flesh)
     x = bricks.nodes_mm
@@ -214,14 +214,14 @@ def _normals(flesh: BrickFlesh) -> tuple[Float[np.ndarray, "p 3"], Float[np.ndar
 
 
 def _opening_nodes(bricks: Bricks) -> Int[np.ndarray, " p"]:
-    """Nodes of the pit that move for themselves once it is loose: all but hanging ones."""
+    """Nodes of the pit with unknowns once it is loose: all but hanging ones."""
     if bricks.follows is None:
         return bricks.pit_nodes
     return np.asarray(bricks.pit_nodes[bricks.follows.diagonal()[bricks.pit_nodes] == 1.0])
 
 
 def _pit_quads(flesh: BrickFlesh) -> Int[np.ndarray, "k 4"]:
-    """Four small quadrilaterals per innermost cell, outward."""
+    """Four small outward quadrilaterals per innermost cell."""
     bricks = flesh.bricks
     inner = bricks.cells[np.all(np.isin(bricks.cells[:, :9], bricks.pit_nodes), axis=1), :9].reshape(-1, 3, 3)
     quads = [
@@ -233,7 +233,7 @@ def _pit_quads(flesh: BrickFlesh) -> Int[np.ndarray, "k 4"]:
 
 
 def _motion_off_pit(flesh: BrickFlesh) -> coo_array:
-    """How the flesh moves off the pit at each node: along the normal and two tangents."""
+    """Displacement of the flesh relative to the pit at each node: along the normal and two tangents."""
     bricks = flesh.bricks
     normal, _ = _normals(flesh)
     helper = np.where(np.abs(normal[:, :1]) < 0.7, [[1.0, 0.0, 0.0]], [[0.0, 1.0, 0.0]])

@@ -1,10 +1,10 @@
-"""How the skin in front of the pads moves under forces on it, all other unknowns free.
+"""Displacement of the skin in front of the pads under forces on it, with all other unknowns free.
 
-The compliance C = P' K^-1 P of the skin's unknowns P, dense. Its softest motions (the fruit as a whole on the
-hair-fine springs that hold it) are a thousand times softer than the rest: they are split off,
-C = E + Z M Z', so that E can be stored in single precision without loss.
+C = P' K^-1 P is the dense compliance of the skin's unknowns P. Its softest modes, the whole fruit on its weak
+support springs, are a thousand times softer than the rest. They are split off, C = E + Z M Z', so that single
+precision suffices for E.
 
-Of fem, only its sparse linear algebra is used here: a factorisation has one answer, whoever wrote it.
+fem contributes only the sparse linear algebra: every correct factorisation gives the same answer.
 """
 
 from dataclasses import dataclass, replace
@@ -16,8 +16,8 @@ from scipy.sparse import csr_array
 from fem.sparse.solver import Factor, factorise
 
 SOFTEST, ROUNDS = 16, 3
-"""Motions that are split off: the six of the whole fruit, as many of a loose pit, some to spare; and rounds
-of subspace iteration (Golub and Van Loan 2013, section 8.2.4). Any number leaves C what it is."""
+"""Modes split off: six of the whole fruit, six of a loose pit, some to spare. Steps of subspace iteration for
+them (Golub and Van Loan 2013, section 8.2.4). C depends on neither."""
 
 Slices = tuple[slice, ...]
 
@@ -35,7 +35,7 @@ class SkinCompliance:
         return len(self.elastic)
 
     def scaled(self, factor: float) -> "SkinCompliance":
-        """Flesh that gives way `factor` times as much."""
+        """The compliance of flesh that is `factor` times as compliant."""
         return replace(self, scale=factor * self.scale)
 
     def times(
@@ -48,7 +48,7 @@ class SkinCompliance:
         single = force.astype(self.elastic.dtype)
         pull = self.core @ sum(
             self.softest[c].T @ part for c, part in parts_of(force, columns)
-        )  # the softest motions' share, in double precision
+        )  # the softest modes' share, in double precision
         displacements = []
         for r in rows:
             elastic = sum(self.elastic[r, c] @ part for c, part in parts_of(single, columns))
@@ -63,7 +63,7 @@ class SkinCompliance:
 def parts_of(
     values: Float[np.ndarray, "a ..."], columns: Slices
 ) -> list[tuple[slice, Float[np.ndarray, "_ ..."]]]:
-    """What `values` lists one after another, for each of the columns' slices."""
+    """Parts of `values` for each of the columns' slices."""
     ends = np.cumsum([c.stop - c.start for c in columns])
     return list(zip(columns, np.split(values, ends[:-1]), strict=True))
 
@@ -74,7 +74,7 @@ def skin_compliance(stiffness: csr_array, kept: Int[np.ndarray, " d"]) -> SkinCo
 
 
 def compliance_of(factor: Factor, kept: Int[np.ndarray, " d"]) -> SkinCompliance:
-    """The same of a stiffness that is factorised already."""
+    """As `skin_compliance`, for a factorised stiffness."""
     whole = factor.compliance(kept)
     softest = np.random.default_rng(0).normal(size=(len(whole), min(SOFTEST, len(whole))))
     for _ in range(ROUNDS):

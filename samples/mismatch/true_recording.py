@@ -1,4 +1,4 @@
-"""The recording of one grasp before any sensor: instants at the frames, and what the machine knows."""
+"""The recording of one grasp before any sensor: frames of contact, and the machine's poses and times."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -18,15 +18,15 @@ from tactile.readers.recording import GelPad, Recording
 
 
 class GrippedBody(Protocol):
-    """A fruit under load. `still`: an instant with unmoved pads is the same as the one before."""
+    """A fruit under load. `still`: an instant with unmoved pads equals the previous one."""
 
     @property
     def still(self) -> bool:
-        """Whether nothing creeps in it."""
+        """Whether the body has no creep."""
         ...
 
     def begin(self) -> Float[np.ndarray, " d"]:
-        """Rested since its last grasp: how far off its first place the unloaded skin is, mm."""
+        """The unloaded skin's displacement after a rest since the last grasp, mm."""
         ...
 
     def advance(
@@ -37,9 +37,7 @@ class GrippedBody(Protocol):
 
 
 class ElasticBody:
-    """Linear flesh: always the same compliance, nothing to remember. Unknowns beside the skin's, if any, are
-    those of an inner contact.
-    """
+    """Linear flesh without memory. Unknowns other than the skin's belong to an inner contact."""
 
     still = True
 
@@ -47,18 +45,18 @@ class ElasticBody:
         self._compliance, self._nowhere = compliance, np.zeros(len(compliance))
 
     def begin(self) -> Float[np.ndarray, " d"]:
-        """Where it always was."""
+        """Zero displacement."""
         return self._nowhere
 
     def advance(
         self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float  # noqa: ARG002
     ) -> Instant:  # fmt: skip
-        """Equilibrium with the pads."""
+        """Equilibrium with the pads at `origins`."""
         return next_instant(grip, before, origins, self._compliance, self._nowhere)
 
 
 class SofteningGelBody:
-    """A body whose gels soften: their stiffness goes as 1 - g + g exp(-t/tau), t the time of contact."""
+    """A body whose gels soften by 1 - g + g exp(-t/tau); t is the time of contact."""
 
     still = False
 
@@ -67,14 +65,14 @@ class SofteningGelBody:
         self._pressed_s = 0.0
 
     def begin(self) -> Float[np.ndarray, " d"]:
-        """Rested."""
+        """The body's unloaded skin; also resets the time of contact."""
         self._pressed_s = 0.0
         return self._body.begin()
 
     def advance(
         self, grip: Grip, before: Instant, origins: Float[np.ndarray, "2 3"], pause_s: float
     ) -> Instant:
-        """Equilibrium with the softened gel."""
+        """Equilibrium with the softened gels."""
         self._pressed_s = self._pressed_s + pause_s if np.any(before.force_N) else 0.0
         left, right = grip.gels
         soft = replace(grip, gels=(self._softened(left), self._softened(right)))
@@ -99,7 +97,7 @@ class PadTruth:
 
 @dataclass(frozen=True, kw_only=True)
 class TrueRecording:
-    """What happened at the frames; pads are left, right, the gel is the left one's."""
+    """The true values at the frames; pads are left, right, `gel` is the left one's."""
 
     name: str
     time_s: Float[np.ndarray, " t"]
@@ -110,14 +108,14 @@ class TrueRecording:
 
     @property
     def marker_area_mm2(self) -> float:
-        """Of the square of gel that each marker stands for."""
+        """Area of the square of gel that each marker represents."""
         places = np.unique(self.rest_mm[:, 0])
         return float(places[1] - places[0]) ** 2
 
     def with_pads(
         self, change: Callable[[PadTruth], PadTruth], *, only: str | None = None
     ) -> "TrueRecording":
-        """The recording with each pad changed, or the one of that name."""
+        """The recording with each pad changed, or only the pad of that name."""
         left, right = (
             change(pad) if only in (None, name) else pad
             for name, pad in zip(PAD_NAMES, self.pads, strict=True)
@@ -136,7 +134,7 @@ def grip_of(
     gel: Gel | tuple[Gel, Gel],
     inner: InnerContact | None = None,
 ) -> Grip:
-    """The grip on a fruit as it was meshed. `gel`: of both pads, or of each."""
+    """The grip on a meshed fruit. `gel`: one for both pads, or one for each."""
     nodes = stands.flesh.bricks.nodes_mm
     local = [
         (nodes[p.nodes] - touch) @ p.turn for p, touch in zip(stands.patches, stands.touch_mm, strict=True)
@@ -157,9 +155,9 @@ def grasped(
     *,
     watch: Callable[[int, Instant], None] | None = None,
 ) -> TrueRecording:
-    """Go through the motion, from corner to corner; keep the recorded corners.
+    """Simulate the motion from corner to corner; keep the recorded corners.
 
-    `watch` is told each corner's number and instant. Raises NotInEquilibrium where a step finds no balance.
+    `watch` gets each corner's number and instant. Raises NotInEquilibrium if a step does not converge.
     """
     hold, motion = grasp.hold, grasp.motion
     instant = before_touch(grip, _origins(hold, motion, 0), body.begin())
@@ -190,7 +188,7 @@ def as_measured(
     sensor: str,
     origin_mm: Float[np.ndarray, " 3"] | None = None,
 ) -> Recording:
-    """The recording as the sensor gives it; `origin_mm`: of its frame (None: the frame of the truth)."""
+    """The recording with sensor noise; `origin_mm`: origin of its frame (None: that of the truth)."""
     pads = []
     for name, gel, pad in zip(PAD_NAMES, gels, truth.pads, strict=True):
         felt, pushed = measured(pad.displacement_mm, pad.force_N, noise, rng)
@@ -233,7 +231,7 @@ def _origins(hold: Hold, motion: Motion, k: int) -> Float[np.ndarray, "2 3"]:
 def _at_frames(
     grasp: PlannedGrasp, grip: Grip, frames: list[Instant], rest_mm: Float[np.ndarray, "n 3"]
 ) -> TrueRecording:
-    """The recording at the frames that are kept, in the pads' own order."""
+    """The recording at the recorded frames, in the pads' order."""
     hold, motion = grasp.hold, grasp.motion
     shown = motion.recorded
     travel = motion.travel_mm[shown]

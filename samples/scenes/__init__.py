@@ -1,1 +1,1 @@
-"""Photo scenes drawn at random with everything that is true of them known."""
+"""Random photo scenes whose true shapes, cameras and other factors are known."""

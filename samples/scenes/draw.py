@@ -1,4 +1,4 @@
-"""A scene drawn from a seed: every factor by a stream of its own, so that none depends on another's draw."""
+"""A random scene from a seed: every factor has a random stream, so that none depends on another's draws."""
 
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -29,18 +29,18 @@ from samples.viewpoints import Viewpoint
 
 FAMILIES = ("mat", "phone", "turntable")
 FIRST_SEED = {"mat": 4000, "phone": 7000, "turntable": 10000}
-"""Scenes of a family have seeds from here on, apart from each other."""
+"""First seed of each family; the families' seeds do not overlap."""
 SAMPLE_QUALITY = 72
-"""Of a sample's JPEG files, which a package ships: 0 to 100."""
+"""JPEG quality (0 to 100) of a sample's photos, which the package ships."""
 _SHAPE, _SKIN, _GROUND, _SHEET, _LIGHT, _CAMERA, _PIPELINE, _COIN, _TURNTABLE = range(9)
-"""Numbers of the streams; a factor that is added comes last, so that none of the others changes."""
+"""Numbers of the streams; a new factor comes last, so that the others keep their draws."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Scene:
-    """Everything that is true of one set of photos. `half` is work (even index) or scored (odd: kept for a
-    final score, nobody tunes on it). Of the family phone `sheet` is None: no mat, at most a coin. Of the
-    family turntable the mat lies on a disc that turns before a fixed camera.
+    """The truth of one set of photos. `half` is work (even index) or scored (odd: held-out, nobody tunes on
+    it). The family phone has no mat (`sheet` is None) and at most a coin. In the family turntable the mat
+    lies on a disc that turns before a fixed camera.
     """
 
     family: str
@@ -62,17 +62,17 @@ class Scene:
 
     @property
     def name(self) -> str:
-        """The name of its folder."""
+        """Name of its folder."""
         return f"{'set' if self.family == 'mat' else self.family}-{self.index:03d}"
 
 
 def draw_scene(
     index: int, *, photos: int, family: str = "mat", fruit: tuple[str, SampleFruit] | None = None
 ) -> Scene:
-    """Scene number `index` of a family, the same for the same arguments; seed FIRST_SEED + index.
+    """Scene number `index` of a family with seed FIRST_SEED + index; the same arguments give the same scene.
 
-    `fruit`: kind and fruit that stand in the drawn fruit's place; all else stays as drawn.
-    Raises KeyError for a family that is not one of FAMILIES.
+    `fruit`: kind and fruit that replace the random one; all other factors keep their random draws. Raises
+    KeyError for a family that is not one of FAMILIES.
     """
     seed = FIRST_SEED[family] + index
     phone, turns = family == "phone", family == "turntable"
@@ -123,7 +123,7 @@ def draw_scene(
 def sample_scene(fruit: SampleFruit, *, photos: int) -> Scene:
     """A fruit of the sample batch on a clean mat and wood, between two softboxes, in three rings of photos.
 
-    The same fruit gives the same scene. Its colour goes with its ripeness.
+    The same fruit gives the same scene. Its ripeness sets its colour.
     """
     rng = np.random.default_rng([fruit.seed, 3])
     high = float(box_mm(fruit.skin)[1][2])
@@ -157,7 +157,7 @@ def sample_scene(fruit: SampleFruit, *, photos: int) -> Scene:
 
 
 def scene_mapping(scene: Scene) -> dict[str, Any]:
-    """What scene.json holds: every drawn factor by its plain name, and per photo what differs."""
+    """Content of scene.json: every factor by its plain name, and what differs between photos."""
     fruit = scene.fruit
     low, high = box_mm(fruit.skin)
     return {

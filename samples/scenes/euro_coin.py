@@ -1,4 +1,4 @@
-"""A euro coin beside the fruit: 23.25 mm across, 2.33 mm thick, a brass ring round a silver centre."""
+"""A euro coin next to the fruit: 23.25 mm across, 2.33 mm thick, a brass ring around a silver centre."""
 
 from dataclasses import dataclass
 
@@ -8,17 +8,17 @@ from jaxtyping import Float, Int
 
 DIAMETER_MM = 23.25  # 1 euro: Council Regulation (EU) No 729/2014, annex I
 THICKNESS_MM = 2.33
-"""Of one euro (European Central Bank), mm."""
+"""Thickness of one euro (European Central Bank), mm."""
 _CENTRE_MM = 8.3  # radius of the silver-coloured part, by eye
 _RELIEF_MM = 0.12
-"""How high its picture stands above its field, mm (assumed)."""
+"""Height of its relief above its field, mm (assumed)."""
 _BRASS, _SILVER = (0.80, 0.62, 0.32), (0.78, 0.77, 0.74)
-"""sRGB shares of ring and centre (by eye)."""
+"""sRGB (0 to 1) of ring and centre (by eye)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneCoin:
-    """Where its centre lies on the ground (mm, z = 0 below it) and how it is turned."""
+    """Position of its centre on the ground (mm; the ground is z = 0) and its rotation."""
 
     centre_mm: tuple[float, float]
     turn_deg: float
@@ -26,7 +26,7 @@ class SceneCoin:
 
 
 def draw_coin(rng: np.random.Generator, *, fruit_radius_mm: float) -> SceneCoin | None:
-    """In half of the draws, a coin whose rim is 15 to 40 mm from the fruit's side."""
+    """In half of the draws a coin whose rim is 15 to 40 mm from the fruit's side, otherwise None."""
     if rng.uniform() < 0.5:
         return None
     away = fruit_radius_mm + float(rng.uniform(15, 40)) + DIAMETER_MM / 2

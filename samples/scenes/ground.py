@@ -1,4 +1,4 @@
-"""What the mat or the fruit lies on: wood, cloth, brushed steel, stone, a white table."""
+"""The ground under mat or fruit: wood, cloth, brushed steel, stone, a white table."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -12,19 +12,19 @@ from samples.appearance import linear_rgb
 GROUNDS = ("cloth", "steel", "stone", "white-table", "wood")
 TILE_MM = 560.0  # side of the textured square; beyond it the texture is mirrored
 TILE_PX = 2048
-"""Side of a tile of texture, px (TILE_MM mm): set by hand, finer than photos of the scene show it."""
+"""Side of a texture tile (TILE_MM), px: set by hand, finer than photos of the scene resolve."""
 
 _WOODS = ((0.62, 0.45, 0.28), (0.38, 0.25, 0.16), (0.74, 0.60, 0.42), (0.52, 0.34, 0.20))
-"""sRGB shares, one of which is drawn (by eye)."""
+"""sRGB (0 to 1) of woods; a scene has one of them (by eye)."""
 _CLOTHS = ((0.76, 0.71, 0.62), (0.18, 0.22, 0.36), (0.55, 0.14, 0.14), (0.50, 0.52, 0.52), (0.30, 0.42, 0.30))
-"""sRGB shares likewise."""
+"""sRGB (0 to 1) of cloths."""
 _STONES = ((0.45, 0.44, 0.43), (0.62, 0.58, 0.53), (0.25, 0.26, 0.28), (0.72, 0.71, 0.69))
-"""sRGB shares likewise."""
+"""sRGB (0 to 1) of stones."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneGround:
-    """Kind, sRGB colour, pattern (of cloth: plain, stripes, check; of wood: planks, board), roughness, turn
+    """Kind, sRGB colour, pattern (cloth: plain, stripes, check; wood: planks, board), roughness, rotation
     about z, half width of the table top.
     """
 
@@ -64,7 +64,7 @@ def ground_shape(mi: Any, ground: SceneGround, *, z_mm: float) -> dict[str, Any]
     texture = {
         "type": "bitmap", "raw": True, "wrap_mode": "mirror",
         "bitmap": mi.Bitmap(ground_texture(ground)),
-        # the middle of a tile lies in the middle of the table
+        # centres a tile on the table
         "to_uv": mi.ScalarTransform3f()
         .translate([0.5 - 0.5 * repeat, 0.5 - 0.5 * repeat])
         .scale([repeat, repeat]),
@@ -97,8 +97,7 @@ def ground_texture(ground: SceneGround, *, side_px: int = TILE_PX) -> Float[np.n
 
 
 def _wood(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarray:
-    """A texture of wood: grain along the columns, pores, and planks where the pattern has them."""
-    # the grain runs along the columns of the picture
+    """Texture of wood: grain along the columns, pores, and planks if the pattern has them."""
     tone = _tone(rng, side, (0.09, 5, 100), (0.07, 14, 400), (0.04, 40, 900), (0.05, 3, 4))
     pores = _noise(rng, side, 120, 1400) > 2.0
     tone = np.where(pores, tone - 0.18, tone)
@@ -112,7 +111,7 @@ def _wood(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarra
 
 
 def _cloth(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarray:
-    """A texture of woven cloth: warp and weft, and stripes or checks where the pattern has them."""
+    """Texture of woven cloth: warp and weft, and stripes or checks if the pattern has them."""
     threads = int(TILE_MM / rng.uniform(0.9, 1.8))
     along = np.arange(side) * threads / side
     which = along.astype(int)
@@ -153,13 +152,13 @@ def _white(ground: SceneGround, rng: np.random.Generator, side: int) -> np.ndarr
 
 
 def _tone(rng: np.random.Generator, side: int, *waves: tuple[float, int, int]) -> np.ndarray:
-    """A sum of noises, each with its amplitude and its cells down and across."""
+    """Sum of noises, each with its amplitude and its number of cells down and across."""
     noises = [share * _noise(rng, side, rows, columns) for share, rows, columns in waves]
     return np.asarray(np.sum(noises, axis=0))
 
 
 def _noise(rng: np.random.Generator, side: int, rows: int, columns: int) -> np.ndarray:
-    """Smooth noise of about unit variance with so many cells down and across."""
+    """Smooth noise of about unit variance with `rows` cells down and `columns` cells across."""
     cells = rng.normal(size=(min(rows, side), min(columns, side))).astype(np.float32)
     grown = cv2.resize(cells, (side, side), interpolation=cv2.INTER_CUBIC)
     return np.asarray(grown / grown.std())

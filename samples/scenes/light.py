@@ -1,4 +1,4 @@
-"""The light of a scene: lamps that stand still, lamps and shadows that move with the camera, the room."""
+"""The light of a scene: fixed lamps, ambient light, and flash and shadows that move with the camera."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -23,12 +23,12 @@ _SINGLE_LAMPS = {
     "hard-lamp": ((0.10, 0.30), (35, 65), (600, 1000), (8, 15)),
     "photographer-shadow": ((0.2, 0.4), (35, 50), (1300, 1700), (90, 220)),
 }
-"""Lights of one lamp: ranges of the room's share, of elevation (degrees), distance and half side (mm)."""
+"""Lights of one lamp: ranges of ambient share, elevation (degrees), distance and half side (mm)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Lamp:
-    """A rectangle of half sides `half_mm` that faces the mat's centre from a direction and a distance."""
+    """A rectangle with half sides `half_mm` that faces the mat's centre from a direction and a distance."""
 
     azimuth_deg: float
     elevation_deg: float
@@ -40,8 +40,8 @@ class Lamp:
 
 @dataclass(frozen=True, kw_only=True)
 class SceneLight:
-    """`room`: irradiance from all round over the main light's; lamps stand still; a flash (inner and outer
-    radius, offset right and up from the lens, mm) and the photographer's body move with the camera.
+    """`room`: ambient irradiance over the main light's. `lamps` are fixed; a flash (inner and outer radius,
+    offset right and up from the lens, mm) and the photographer's body move with the camera.
     """
 
     kind: str
@@ -55,7 +55,7 @@ class SceneLight:
 
 
 def draw_light(rng: np.random.Generator) -> SceneLight:
-    """One of `LIGHTS`, drawn evenly, with its numbers."""
+    """A random light, with equal probability for each of `LIGHTS`."""
     kind = str(rng.choice(LIGHTS))
     azimuth, tint = float(rng.uniform(0, 360)), rng.normal(0, 0.04)
     colour = triple(np.array(_NEUTRAL) * (1 + tint, 1.0, 1 - tint))
@@ -91,7 +91,7 @@ def draw_light(rng: np.random.Generator) -> SceneLight:
 
 
 def softboxes(*, azimuth_deg: float, pattern_seed: int) -> SceneLight:
-    """Two softboxes in a bright room, as for photos of goods."""
+    """Two softboxes in bright ambient light, as in product photos."""
     lamps = tuple(
         Lamp(azimuth_deg=azimuth_deg + turn, elevation_deg=elevation, distance_mm=700.0,
              half_mm=(150.0, 110.0), rgb=_NEUTRAL, share=share)
@@ -104,7 +104,7 @@ def softboxes(*, azimuth_deg: float, pattern_seed: int) -> SceneLight:
 
 
 def standing_lights(mi: Any, light: SceneLight) -> dict[str, Any]:
-    """The room and the lamps that stand still, for the renderer."""
+    """Ambient light and fixed lamps, for the renderer."""
     made: dict[str, Any] = {
         "room": {
             "type": "envmap", "bitmap": mi.Bitmap(room_picture(light)),
@@ -141,7 +141,7 @@ def flash_radiance(light: SceneLight, *, distance_mm: float) -> Rgb:
 
 
 def flash_mesh(light: SceneLight, view: Viewpoint) -> Mesh:
-    """The flash as a flat ring (or disc) round the lens, in the world; it shines where the camera looks."""
+    """The flash as a flat ring (or disc) around the lens, in the world frame; it faces along the view."""
     parts, (inner, outer) = 24, light.flash_radii_mm or (0.0, 1.0)
     turn = 2 * np.pi * np.arange(parts) / parts
     circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(parts)], axis=1)
@@ -157,7 +157,7 @@ def flash_mesh(light: SceneLight, view: Viewpoint) -> Mesh:
 
 
 def photographer_mesh(view: Viewpoint) -> Mesh:
-    """A body behind the camera and the phone in front of it: what stands in the light in this view."""
+    """The photographer's body behind the camera and the phone in front of it, which cast shadows."""
     sphere = even_sphere(12)
     eye = -view.cam_from_world[:3, :3].T @ view.cam_from_world[:3, 3]
     out = eye[:2] / max(float(np.linalg.norm(eye[:2])), 1e-6)
@@ -176,7 +176,7 @@ def photographer_mesh(view: Viewpoint) -> Mesh:
 
 
 def room_picture(light: SceneLight) -> Float[np.ndarray, "h w 3"]:
-    """An environment map of a blurred room whose mean irradiance is `room` of the main light's."""
+    """Environment map of blurred surroundings; its mean irradiance is `room` times the main light's."""
     rng = np.random.default_rng([light.pattern_seed, 0])
     spread = 0.12 if light.kind == "overcast" else 0.5
     blobs = rng.normal(0, spread, (5, 9, 1)) + rng.normal(0, 0.12 * spread, (5, 9, 3))

@@ -1,4 +1,4 @@
-"""What the camera makes of the light: a plain picture, or a phone's processing, as image edits."""
+"""From light to a photo: a plain picture, or the processing of a phone as image edits."""
 
 from dataclasses import dataclass, replace
 
@@ -8,16 +8,16 @@ from jaxtyping import Float, UInt8
 
 PIPELINES = ("none", "phone")
 PLAIN_QUALITY = 92
-"""Of JPEG, 0 to 100: what cameras write by default, about."""
+"""JPEG quality, 0 to 100: the usual default of cameras, about."""
 ORIENTATIONS = (3, 6, 8)  # EXIF: half turn; quarter turn clockwise; quarter turn the other way, to see it
 
 
 @dataclass(frozen=True, kw_only=True)
 class Pipeline:
-    """`sharpening` adds so much of what a blur of `sharpening_px` took away (halos); `noise_reduction` is the
-    bilateral filter's range in levels; `chroma_noise` what colour noise it leaves, levels; `tone_clip` and
-    `tone_share` are CLAHE's clip limit and how much of its result is mixed in; `k1` radial distortion;
-    `vignetting` the light lost in the corners; `gamma` bends the finished tones: v^gamma.
+    """`sharpening` is the weight of unsharp masking with a blur of `sharpening_px` (halos). `noise_reduction`
+    is the bilateral filter's range, `chroma_noise` the colour noise after it (levels). `tone_clip` and
+    `tone_share` are CLAHE's clip limit and weight. `k1` is radial distortion, `vignetting` the light loss in
+    the corners; `gamma` maps finished tones v to v^gamma.
     """
 
     kind: str
@@ -37,8 +37,8 @@ class Pipeline:
 
 @dataclass(frozen=True, kw_only=True)
 class Shot:
-    """What differs from photo to photo: white-balance gains (R, G, B), focal length over its mean,
-    blur (standard deviation, px), EXIF orientation (1 = stored upright).
+    """Differences between photos: white-balance gains (R, G, B), focal length over its mean, blur (standard
+    deviation, px), EXIF orientation (1: stored upright).
     """
 
     gains: tuple[float, float, float] = (1.0, 1.0, 1.0)
@@ -50,8 +50,8 @@ class Shot:
 def draw_pipeline(
     rng: np.random.Generator, *, photos: int, kinds: tuple[str, ...] = PIPELINES
 ) -> tuple[Pipeline, tuple[Shot, ...]]:
-    """A pipeline of one of `kinds`, and its shots. Two of three are phones. A phone does each of its edits in
-    four sets of five, distortion in two of five, rotated storage in one of three.
+    """A pipeline of one of `kinds`, and its shots. With both kinds two of three are phones. A phone applies
+    each of its edits in four sets of five, distortion in two of five, and rotated storage in one of three.
     """
     kind = "phone" if rng.uniform() < 0.66 or "none" not in kinds else "none"
     plain = Pipeline(kind=kind)
@@ -84,7 +84,7 @@ def draw_pipeline(
                 gains=(float(gains[0]), float(gains[1]), float(gains[2])),
                 focal_scale=float(breathing),
                 blur_px=float(blur),
-                # a hand turns the phone over now and then
+                # people turn the phone over now and then
                 orientation=turned if rng.uniform() < 0.85 else 1,
             )
         )
@@ -94,7 +94,7 @@ def draw_pipeline(
 def exposed(
     light: Float[np.ndarray, "h w 3"], *, gain: float, pipeline: Pipeline, shot: Shot
 ) -> Float[np.ndarray, "h w 3"]:
-    """Linear light as the sensor counts it: vignetting, exposure, white balance, blur. Channels R, G, B."""
+    """Linear light on the sensor: vignetting, exposure, white balance, blur. Channels R, G, B."""
     height, width = light.shape[:2]
     y, x = np.ogrid[:height, :width]
     square = (
@@ -110,7 +110,7 @@ def exposed(
 def developed(
     light: Float[np.ndarray, "h w 3"], *, pipeline: Pipeline, rng: np.random.Generator
 ) -> UInt8[np.ndarray, "h w 3"]:
-    """The finished BGR picture of what the sensor counted: tone curve, noise, and the phone's edits."""
+    """The finished BGR picture from the sensor's light: tone curve, noise, and a phone's edits."""
     tone = np.clip(light, 0.0, None)
     tone = np.where(tone > 0.7, 0.7 + 0.3 * np.tanh((tone - 0.7) / 0.3), tone)
     srgb = np.where(tone <= 0.0031308, 12.92 * tone, 1.055 * np.maximum(tone, 1e-9) ** (1 / 2.4) - 0.055)
@@ -124,7 +124,7 @@ def developed(
 def _phone_edits(
     levels: Float[np.ndarray, "h w 3"], pipeline: Pipeline, rng: np.random.Generator
 ) -> Float[np.ndarray, "h w 3"]:
-    """What a phone does to a photo after the sensor: noise reduction, local contrast, sharpening."""
+    """A phone's edits after the sensor: noise reduction, local contrast, sharpening."""
     if pipeline.noise_reduction:
         smooth = cv2.bilateralFilter(
             np.clip(levels, 0, 255).astype(np.float32), 5, pipeline.noise_reduction, 1.6

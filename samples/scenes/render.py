@@ -31,28 +31,28 @@ from samples.scenes.stand import turntable_shapes
 from samples.viewpoints import Viewpoint, margin_px
 
 _FINER = 3
-"""Samples along each side of a pixel that tell how much of it the fruit covers: in steps of a ninth."""
+"""Samples along each side of a pixel for the share that the fruit covers, in steps of a ninth."""
 _WIDEST, _NARROWEST = 3.2, 1.15
-"""Widths of the square over that of the fruit's box."""
+"""Largest and smallest width of a close-up over that of the fruit's box."""
 _LEVELS = (0.30, 0.80)
-"""Exposure, as shares of full scale."""
+"""Range of a close-up's exposure, as shares of full scale."""
 
 
 _PAPER_BELOW_MM = 0.02
-"""The mat lies below z = 0 by this, mm, so that the fruit on it does not share a plane with it."""
+"""Depth of the mat below z = 0, mm, so that mat and fruit do not share a plane."""
 _TABLE_BELOW_MM = 0.3
-"""And the table below the mat, as the sheet bends and is never quite down."""
+"""Depth of the table below z = 0, mm: a sheet bends and never lies quite flat."""
 _WINDOW_OVER_BOX = 1.25
-"""The window with more light samples is so much wider than the fruit's box: its shadow and rim are inside."""
+"""Width of the window with more light samples over the fruit's box, to include shadow and rim."""
 _FEATHER_PX = 8
-"""Over so many pixels the window's picture is faded into the rest."""
-_LEAST_ALBEDO = 0.05  # what is seen by reflection alone has light, too
+"""Width of the blend between the window and the rest of the picture, px."""
+_LEAST_ALBEDO = 0.05  # surfaces that only reflect have light too
 
 
 @dataclass(frozen=True, kw_only=True)
 class RenderOptions:
-    """Light samples per pixel of the halved frame and of the fruit's window, surface samples per pixel of the
-    frame, path depth, skin cells.
+    """Light samples per pixel of the halved frame and of the fruit's window (`crop_samples`), surface samples
+    per pixel of the frame (`print_samples`), path depth, skin cells.
     """
 
     frame_samples: int = 4
@@ -63,11 +63,11 @@ class RenderOptions:
 
 
 def pictures(scene: Scene, *, options: RenderOptions) -> Iterator[Float[np.ndarray, "h w 3"]]:
-    """Linear RGB light of each view as a pinhole sees it, `margin_px` pixels larger on every side.
+    """Linear RGB light of each view through a pinhole, `margin_px` pixels larger on every side.
 
-    The frame's light is path-traced at half the resolution, divided by the surfaces' albedo, denoised,
-    enlarged and multiplied by the albedo at full resolution: print stays sharp, and a frame costs a quarter.
-    The fruit's window is path-traced at full resolution. Raises RendererMissing.
+    Paths sample the frame's light at half the resolution. It is divided by albedo, denoised, enlarged, and
+    multiplied by the albedo at full resolution: print stays sharp at a quarter of the cost. Paths sample the
+    fruit's window at full resolution. Raises RendererMissing.
     """
     mi = mitsuba()
     oidn = denoiser()
@@ -103,14 +103,14 @@ def pictures(scene: Scene, *, options: RenderOptions) -> Iterator[Float[np.ndarr
 
 
 def halved(view: Viewpoint) -> Viewpoint:
-    """The same view at half the resolution. Raises ValueError when a side is odd."""
+    """The same view at half the resolution. Raises ValueError if a side is odd."""
     if view.width_px % 2 or view.height_px % 2:
         raise ValueError(f"a picture of {view.width_px} x {view.height_px} px cannot be halved")
     return scaled(view, 0.5)
 
 
 def _colour(surfaces: Float[np.ndarray, "h w 6"]) -> Float[np.ndarray, "h w 3"]:
-    """What light is multiplied by, from albedo and normal; one for the room behind, which has neither."""
+    """Factor on light, from albedo and normal; about 1 for the background, which has neither."""
     room = np.clip(1 - np.linalg.norm(surfaces[..., 3:], axis=-1, keepdims=True), 0, 1)
     return np.asarray(surfaces[..., :3] + room + _LEAST_ALBEDO)
 
@@ -124,7 +124,7 @@ def fruit_cover(
     *,
     finer: int,
 ) -> Float[np.ndarray, "h w"]:
-    """The share of each pixel of a window that the fruit covers, seen by a pinhole; `finer`^2 rays each."""
+    """Share of each pixel of a window that the fruit covers in a pinhole view, from `finer`^2 rays each."""
     left, top, width, height = (finer * side for side in window)
     fine = scaled(view, finer)
     which = mi.load_dict({"type": "aov", "aovs": "i:shape_index"})
@@ -148,14 +148,14 @@ def scaled(view: Viewpoint, factor: float) -> Viewpoint:
 
 @dataclass(frozen=True, kw_only=True)
 class World:
-    """A loaded scene, and `stand`, which puts in place what moves with the camera."""
+    """A loaded scene, and `stand`, which places the parts that move with the camera."""
 
     scene: Any
     stand: Callable[[Viewpoint], None]
 
 
 def load_world(mi: Any, scene: Scene, *, options: RenderOptions) -> World:
-    """Everything of the scene for the renderer; what moves with the camera stands as in the first view."""
+    """The whole scene for the renderer; parts that move with the camera are placed as in the first view."""
     first = scene.views[0]
     lights = standing_lights(mi, scene.light)
     shapes: dict[str, Any] = {"type": "scene", **lights}
@@ -197,7 +197,7 @@ def load_world(mi: Any, scene: Scene, *, options: RenderOptions) -> World:
         shapes["body"] = mesh_shape(mi, "body", points, triangles, bsdf=cloth)
         moving["body"] = lambda view: photographer_mesh(view)[0]
     turning = {}
-    if scene.turntable is not None:  # in the mat's frame what stands still turns with the camera
+    if scene.turntable is not None:  # in the mat's frame, fixed parts turn with the camera
         turning = {name: shapes[name]["to_world"] for name in (*lights, "table", "card")}
     loaded = mi.load_dict(shapes)
 
@@ -236,9 +236,9 @@ def _fruit(mi: Any, scene: Scene, options: RenderOptions) -> Any:
 def _windows(
     views: Sequence[Viewpoint], points_mm: Float[np.ndarray, "n 3"]
 ) -> tuple[tuple[int, int, int, int], ...]:
-    """Left, top, width and height of a window round the points in each view: their box and a quarter more.
+    """Left, top, width and height of a window around the points in each view: their box and a quarter more.
 
-    All are of one size, for another size costs the renderer a second of compilation.
+    All have one size, because another size costs the renderer a second of compilation.
     """
     lows, highs = [], []
     for view in views:
@@ -261,18 +261,18 @@ def _feather(height: int, width: int) -> Float[np.ndarray, "h w 1"]:
 
 @dataclass(frozen=True, kw_only=True)
 class CloseUp:
-    """A BGR picture, and how much of each pixel the fruit covers, 0 to 255."""
+    """A BGR picture, and the share of each pixel that the fruit covers, 0 to 255."""
 
     image: UInt8[np.ndarray, "s s 3"]
     cover: UInt8[np.ndarray, "s s"]
 
 
 def close_ups(scene: Scene, *, side_px: int, samples: int, options: RenderOptions) -> Iterator[CloseUp]:
-    """One picture for each view of the scene, path-traced with `samples` per pixel.
+    """One square picture for each view of the scene, path-traced with `samples` per pixel.
 
-    The square is 1.15 to 3.2 times as wide as the fruit's box (evenly in its logarithm) and lies so that the
-    box is about inside. Ground that is not in shadow is exposed to 0.30 to 0.80 of full scale; then the
-    scene's camera pipeline. Raises RendererMissing.
+    The square is 1.15 to 3.2 times as wide as the fruit's box (log-uniform), and the box is about inside.
+    Ground without shadow has an exposure of 0.30 to 0.80 of full scale; then the scene's camera pipeline
+    follows. Raises RendererMissing.
     """
     mi, oidn = mitsuba(), denoiser()
     rng = np.random.default_rng([scene.seed, 30])
@@ -307,7 +307,7 @@ def close_ups(scene: Scene, *, side_px: int, samples: int, options: RenderOption
 def _square(
     view: Viewpoint, box: Float[np.ndarray, "n 3"], rng: np.random.Generator, *, side_px: int
 ) -> tuple[Viewpoint, tuple[int, int, int, int]]:
-    """The view at the scale at which the drawn square is `side_px` wide, and that square in it."""
+    """The view, scaled so that a random square around the fruit is `side_px` wide, and that square."""
     pixels = view.pixels(box)
     low, high = pixels.min(0), pixels.max(0)
     extent = float((high - low).max())
@@ -319,7 +319,7 @@ def _square(
 
 
 def _ground_level(light: Float[np.ndarray, "s s 3"], cover: Float[np.ndarray, "s s"]) -> float:
-    """The 70th percentile of the luminance beside the fruit; of all where the fruit fills the picture."""
+    """70th percentile of the luminance around the fruit, or of the whole picture if the fruit fills it."""
     luminance = light @ np.array([0.2126, 0.7152, 0.0722], np.float32)
     around = luminance[cover < 0.02]
     return float(max(np.percentile(around if around.size > 100 else luminance, 70), 1e-4))

@@ -1,4 +1,4 @@
-"""The fruit of a scene: kind, size, lopsidedness, stem cavity, suture, pit and modulus from a seed."""
+"""The fruit of a scene: random kind, size, asymmetry, stem cavity, suture, pit and modulus."""
 
 from dataclasses import dataclass
 
@@ -6,17 +6,17 @@ import numpy as np
 
 from samples.fruit import SampleFruit, SamplePit, Skin, box_mm, on_its_base, triple
 
-# half of a blank centre (big mat: 37 mm) less a few mm
+# half of the mat's blank centre (big mat: 37 mm) less a few mm
 _LARGEST_HALF_MM = 34.5
 
 
 @dataclass(frozen=True, kw_only=True)
 class SceneKind:
-    """A kind of fruit: middle half axes (x suture, y cheeks, z stem), how deep its hollows are, its pit.
+    """A kind of fruit: mean half axes (x suture, y cheeks, z stem), depths of its hollows, its pit.
 
-    Depths are shares of the mean half axis, widths are angles in radians. `pit_over_box` are the pit's
-    semi-axes over the half box, `height_spread` the spread of the height over the width. All are assumed, by
-    eye on shop fruit.
+    Depths are shares of the mean half axis, widths are angles in radians. `pit_over_box`: the pit's semi-axes
+    over the half box; `height_spread`: largest relative change of the height. All are assumed, by eye on shop
+    fruit.
     """
 
     half_axes_mm: tuple[float, float, float]
@@ -58,14 +58,14 @@ KINDS = {
         pit_over_box=(0.44, 0.36, 0.46),
     ),
 }  # fmt: skip
-"""By name, in the units that SceneKind says (assumed, by eye on shop fruit)."""
+"""By name, in the units of SceneKind (assumed, by eye on shop fruit)."""
 
 
 def draw_fruit(rng: np.random.Generator, *, fruit_id: str, seed: int) -> tuple[str, SampleFruit]:
-    """The name of its kind and a fruit that stands on z = 0, its box centred on the z axis, mm.
+    """Kind and fruit; the fruit's lowest point is at z = 0, its box is centred on the z axis.
 
-    The pit lies off its kind's proportions by 1 % of the half box per axis and 4 % in size; the modulus is
-    spread evenly in the logarithm over 0.15 to 1.6 MPa.
+    Its pit deviates from the kind's proportions by 1 % of the half box per axis and 4 % in size (standard
+    deviations). The modulus is log-uniform over 0.15 to 1.6 MPa.
     """
     name = str(rng.choice(sorted(KINDS)))
     kind = KINDS[name]

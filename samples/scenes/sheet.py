@@ -1,4 +1,4 @@
-"""The printed mat as it lies there: clean, dirty (stains, juice, crumbs) or creased (folds and waves)."""
+"""The printed mat in use: clean, dirty (stains, juice, crumbs) or creased (folds and waves)."""
 
 from dataclasses import dataclass
 
@@ -10,13 +10,13 @@ from recon.cameras.printed_mat import Mat, standard_mat
 from samples.appearance import mat_texture
 
 STATES = ("clean", "creased", "dirty")
-_FADE_MM = 12.0  # from the blank centre's edge outward, over which the paper starts to lift
+_FADE_MM = 12.0  # distance from the blank centre over which the paper starts to lift
 
 
 @dataclass(frozen=True, kw_only=True)
 class Sheet:
-    """`size`: big (standard_mat()) or small (9 mm tags, for cherries). Folds lift the paper by
-    `fold_mm`, waves by up to `wave_mm`; stains and crumbs are counts.
+    """`size`: big (standard_mat()) or small (9 mm tags, for cherries). Folds lift the paper by `fold_mm`,
+    waves by up to `wave_mm`; stains and crumbs are numbers.
     """
 
     size: str
@@ -32,11 +32,11 @@ class Sheet:
 CLEAN_SHEET = Sheet(
     size="big", state="clean", stains=0, crumbs=0, folds=0, fold_mm=0.0, wave_mm=0.0, pattern_seed=0
 )
-"""Of the sample batch: flat and without dirt."""
+"""The sheet of the sample batch: flat and without dirt."""
 
 
 def draw_sheet(rng: np.random.Generator, *, fruit_kind: str) -> Sheet:
-    """A mat's state, drawn evenly; two of three cherries stand on the small mat, all else on the big one."""
+    """A mat in a random state; the mat is small for two of three cherries and big for all other fruit."""
     small = bool(rng.uniform() < 0.67) and fruit_kind == "cherry"
     state = str(rng.choice(STATES))
     dirty, creased = state == "dirty", state == "creased"
@@ -60,7 +60,7 @@ def sheet_mat(sheet: Sheet) -> Mat:
 
 
 def sheet_texture(sheet: Sheet, mat: Mat) -> Float[np.ndarray, "h w 3"]:
-    """Linear RGB of the print with its dirt and worn folds, seen from above, +y up the picture."""
+    """Linear RGB of the printed sheet with its dirt and worn folds, seen from above, +y up the picture."""
     per_mm = max(8.0, 144.0 / mat.tag_mm)
     print_rgb = mat_texture(mat, pixels_per_mm=per_mm)
     rng = np.random.default_rng([sheet.pattern_seed, 0])
@@ -90,7 +90,7 @@ def sheet_texture(sheet: Sheet, mat: Mat) -> Float[np.ndarray, "h w 3"]:
 def sheet_height_mm(
     sheet: Sheet, mat: Mat, x: Float[np.ndarray, "..."], y: Float[np.ndarray, "..."]
 ) -> Float[np.ndarray, "..."]:
-    """How far the paper stands off the plane z = 0: zero in the blank centre, never below."""
+    """Height of the paper above the plane z = 0, mm: zero in the blank centre, never negative."""
     height = np.zeros(np.shape(x))
     for angle, offset, width in _folds(sheet, mat):
         from_fold = np.cos(angle) * x + np.sin(angle) * y - offset
@@ -109,7 +109,7 @@ def sheet_height_mm(
 def sheet_mesh(
     sheet: Sheet, mat: Mat, *, cells: int = 190
 ) -> tuple[Float[np.ndarray, "n 3"], Int[np.ndarray, "m 3"], Float[np.ndarray, "n 2"]]:
-    """Vertices, upward triangles and texture coordinates (v up) of the paper; 1 cell if it lies flat."""
+    """Vertices, upward triangles and texture coordinates (v up) of the paper; one cell if it is flat."""
     count = cells if sheet.state == "creased" else 1
     u, v = (g.ravel() for g in np.meshgrid(np.linspace(0, 1, count + 1), np.linspace(0, 1, count + 1)))
     x, y = (u - 0.5) * mat.width_mm, (v - 0.5) * mat.height_mm
@@ -134,7 +134,7 @@ def _folds(sheet: Sheet, mat: Mat) -> list[tuple[float, float, float]]:
 def _stained(
     print_rgb: np.ndarray, x: np.ndarray, y: np.ndarray, mat: Mat, rng: np.random.Generator
 ) -> np.ndarray:
-    """The print with one stain at random: a tinted blot with a dried edge."""
+    """The sheet's texture with one random stain: a tinted blot with a dried edge."""
     at = rng.uniform(-0.5, 0.5, 2) * (mat.width_mm, mat.height_mm)
     radius = mat.width_mm * rng.uniform(0.015, 0.09)
     angle = np.arctan2(y - at[1], x - at[0])

@@ -1,4 +1,4 @@
-"""How a scene's fruit takes light: its colour, how glossy it is, patches, specks, bloom."""
+"""Optics of a scene's fruit skin: colour, gloss, patches, specks, bloom."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -11,7 +11,7 @@ from samples.fruit import triple
 
 Rgb = tuple[float, float, float]
 
-# two sRGB colours that patches fade between, by eye on shop fruit
+# two sRGB colours at the ends of each skin's patches, by eye on shop fruit
 COLOURS: dict[str, tuple[Rgb, Rgb]] = {
     "white-yellow": ((0.90, 0.82, 0.54), (0.92, 0.76, 0.36)),
     "green": ((0.50, 0.60, 0.20), (0.66, 0.69, 0.30)),
@@ -28,16 +28,16 @@ GLOSSES: dict[str, tuple[float, float, float, float, float]] = {
     "glossy": (0.22, 0.50, 1.0, 0.93, 0.0),
 }
 _BLOOM: Rgb = (0.62, 0.65, 0.74)
-"""sRGB shares of wax bloom, a bluish grey (by eye)."""
+"""sRGB (0 to 1) of wax bloom, a bluish grey (by eye)."""
 _BLOOM_ROUGHNESS = 0.85
-"""Of skin under full bloom, 1 being matt (by eye)."""
+"""Roughness of skin under full bloom; 1 is matt (by eye)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class SkinLook:
-    """`mottle`: how far broad patches go from one colour to the other; `fine`: relative amplitude of
-    lightness over a twenty-fifth of a radian; `specks`: number of pale dots; `bloom`: mean share of the
-    waxy white layer; roughness and the rest as in the principled model.
+    """`mottle`: how far broad patches go from one colour to the other. `fine`: relative amplitude of
+    lightness over about 1/25 radian. `specks`: number of pale dots. `bloom`: mean share of the waxy white
+    layer. Roughness and the rest belong to the principled model.
     """
 
     colour: str
@@ -57,7 +57,7 @@ class SkinLook:
 
 
 def draw_skin(rng: np.random.Generator) -> SkinLook:
-    """Colour and gloss drawn evenly and apart from each other."""
+    """A skin with random colour and gloss, independent and with equal probabilities."""
     colour = str(rng.choice(sorted(COLOURS)))
     gloss = str(rng.choice(sorted(GLOSSES)))
     roughness, specular, coat, coat_gloss, sheen = GLOSSES[gloss]
@@ -81,7 +81,7 @@ def draw_skin(rng: np.random.Generator) -> SkinLook:
 
 
 def ripe_skin(ripeness: float, *, pattern_seed: int) -> SkinLook:
-    """A satin nectarine, from green-yellow with a faint blush (0) to orange with a deep red one (1)."""
+    """A satin nectarine: green-yellow with a faint blush (ripeness 0) to orange with a deep red one (1)."""
     roughness, specular, coat, coat_gloss, sheen = GLOSSES["satin"]
     unripe, ripe = np.array(((0.62, 0.66, 0.22), (0.70, 0.54, 0.18))), np.array(COLOURS["red"])
     ground, blush = unripe + ripeness * (np.array(((0.93, 0.66, 0.18), ripe[1])) - unripe)
@@ -95,7 +95,7 @@ def ripe_skin(ripeness: float, *, pattern_seed: int) -> SkinLook:
 def skin_attributes(
     look: SkinLook, directions: Float[np.ndarray, "n 3"]
 ) -> tuple[Float[np.ndarray, "n 3"], Float[np.ndarray, " n"]]:
-    """Linear RGB and roughness by direction."""
+    """Linear RGB and roughness by unit direction."""
     rng = np.random.default_rng([look.pattern_seed, 0])
     patches = random_field(directions, 3.0, rng) + 0.5 * random_field(directions, 9.0, rng)
     if look.colour == "two-coloured":

@@ -1,4 +1,4 @@
-"""A turntable: mat and fruit turn on a disc before a camera, lamps, a table and a card that stand still."""
+"""Camera positions: hand-held in rings, or on a tripod before a turntable that carries mat and fruit."""
 
 from dataclasses import dataclass, replace
 from typing import Any
@@ -10,13 +10,13 @@ from samples.scenes.ground import SceneGround, draw_ground, ground_shape
 from samples.viewpoints import Viewpoint, direction, look_at
 
 WIDTH_PX, HEIGHT_PX = 960, 720
-"""Of the photos, px: a quarter of a phone's each way; rendering takes as long as there are pixels."""
-LIKELY_ODD = 0.3  # share of the sets in which a few photos come from a higher or lower place
+"""Size of the photos, px: a quarter of a phone's each way, because rendering time grows with pixels."""
+LIKELY_ODD = 0.3  # share of sets with a few photos from a higher or lower place
 
 
 @dataclass(frozen=True, kw_only=True)
 class Ring:
-    """So many photos at one height."""
+    """Number of photos at one elevation."""
 
     elevation_deg: float
     photos: int
@@ -24,7 +24,7 @@ class Ring:
 
 @dataclass(frozen=True, kw_only=True)
 class ScenePhoto:
-    """Mean focal length, mean distance from the fruit, rings, photos from an odd height, exposure (EV)."""
+    """Mean focal length and distance, field width at the fruit, rings, photos off the rings, exposure."""
 
     focal_px: float
     distance_mm: float
@@ -38,7 +38,7 @@ class ScenePhoto:
 def draw_camera(
     rng: np.random.Generator, *, photos: int, field_mm: tuple[float, float], fewest_rings: int = 2
 ) -> ScenePhoto:
-    """A camera whose picture is `field_mm` wide at the fruit, its focal length 0.8 to 1.55 picture widths."""
+    """A random camera: field width in the range `field_mm` at the fruit, focal length 0.8 to 1.55 widths."""
     focal = 0.8 * (1.55 / 0.8) ** float(rng.uniform())
     field = float(rng.uniform(*field_mm))
     heights = [float(rng.uniform(*span)) for span in ((14, 25), (36, 50), (58, 72))]
@@ -72,7 +72,7 @@ def hand_held(
     aim_mm: tuple[float, float, float],
     focal_scales: Float[np.ndarray, " n"],
 ) -> tuple[Viewpoint, ...]:
-    """One view per photo; photo k has the focal length focal_px times focal_scales[k]."""
+    """One hand-held view per photo; photo k has the focal length focal_px times focal_scales[k]."""
     rng = np.random.default_rng([camera.hand_seed, 0])
     views: list[Viewpoint] = []
     for ring in camera.rings:
@@ -100,13 +100,13 @@ def hand_held(
 
 
 _STEP_SD_DEG = 1.5
-"""Spread of a photo's turn about its even place, degrees: a disc that a hand turns by marks (assumed)."""
+"""Standard deviation of a photo's turn from even steps, degrees: a hand turns the disc by marks (assumed)."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Turntable:
-    """The disc, and a card (half width and half height `card_half_mm`) that stands upright on the table,
-    `card_mm` behind the axis as the camera sees it.
+    """The disc, and a card with a half width and half height `card_half_mm`. The card is upright on the
+    table, `card_mm` behind the axis for the camera.
     """
 
     radius_mm: float
@@ -118,7 +118,7 @@ class Turntable:
 
 
 def draw_turntable(rng: np.random.Generator) -> Turntable:
-    """A pale or dark disc that is larger than the mat, and a card with a pattern."""
+    """A random turntable: a pale or dark disc, larger than the mat, and a card with a pattern."""
     grey = float(rng.choice((0.15, 0.85)))
     radius = float(rng.uniform(150, 170))
     return Turntable(
@@ -132,7 +132,7 @@ def draw_turntable(rng: np.random.Generator) -> Turntable:
 
 
 def on_tripod(camera: ScenePhoto) -> ScenePhoto:
-    """The camera at the middle height of its rings, where all photos are taken."""
+    """The camera at the mean elevation of its rings for all photos."""
     height = float(np.mean([ring.elevation_deg for ring in camera.rings]))
     photos = sum(ring.photos for ring in camera.rings)
     return replace(camera, rings=(Ring(elevation_deg=height, photos=photos),), odd_photos=())
@@ -141,9 +141,9 @@ def on_tripod(camera: ScenePhoto) -> ScenePhoto:
 def before_turntable(
     camera: ScenePhoto, *, aim_mm: tuple[float, float, float], focal_scales: Float[np.ndarray, " n"]
 ) -> tuple[Viewpoint, ...]:
-    """One view per photo in the mat's frame: the camera stands still, the disc has turned on by about a step.
+    """One view per photo in the mat's frame: the camera is fixed, and the disc turns by about an even step.
 
-    The first photo is taken from the suture's side (+x).
+    The camera takes the first photo from the suture's side (+x).
     """
     rng = np.random.default_rng([camera.hand_seed, 0])
     (ring,) = camera.rings
@@ -162,7 +162,7 @@ def before_turntable(
 
 
 def turntable_shapes(mi: Any, turntable: Turntable, *, z_mm: float) -> dict[str, Any]:
-    """Disc (its top at z_mm), its rim, and the card as it stands for a camera in the direction +x."""
+    """Disc (its top at z_mm), its rim, and the card for a camera in the direction +x."""
     to, foot = mi.ScalarTransform4f, z_mm - turntable.height_mm
     plastic = {"type": "diffuse", "reflectance": {"type": "srgb", "color": list(turntable.srgb)}}
     half_wide, half_high = turntable.card_half_mm

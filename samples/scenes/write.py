@@ -1,4 +1,4 @@
-"""A scene as a folder: photos/, mat.json, fruit_truth.ply, cameras_truth.json, scene.json."""
+"""Scenes as folders: photos/, mat.json, fruit_truth.ply, cameras_truth.json, scene.json."""
 
 import json
 import shutil
@@ -21,14 +21,14 @@ from samples.scenes.render import RenderOptions, pictures
 from samples.scenes.sheet import sheet_mat
 from samples.viewpoints import Viewpoint, distorted_picture, margin_px
 
-# EXIF orientation: the turn from the picture as seen to the picture as stored (np.rot90 counts left turns)
+# EXIF orientation: left turns (np.rot90) from the upright picture to the stored one
 _LEFT_TURNS = {1: 0, 3: 2, 6: 1, 8: 3}
 
 
 def write_jpeg(path: Path, image: UInt8[np.ndarray, "h w 3"], *, quality: int, orientation: int = 1) -> None:
-    """Write a BGR picture; with an orientation other than 1, stored turned and tagged (EXIF 2.3, tag 0x0112).
+    """Write a BGR picture; orientations other than 1 are stored rotated and tagged (EXIF 2.3, tag 0x0112).
 
-    Raises OSError when the file cannot be written.
+    Raises OSError if the file cannot be written.
     """
     stored = np.ascontiguousarray(np.rot90(image, _LEFT_TURNS[orientation]))
     flags = [cv2.IMWRITE_JPEG_QUALITY, quality, cv2.IMWRITE_JPEG_OPTIMIZE, 1]
@@ -41,22 +41,22 @@ def write_jpeg(path: Path, image: UInt8[np.ndarray, "h w 3"], *, quality: int, o
     path.write_bytes(data)
 
 
-# linear light that the metered part of a picture is brought to (by eye: paper is pale grey, not white)
+# linear light of the metered part after exposure (by eye: paper is pale grey, not white)
 _PAPER_LEVEL = 0.62
 _SCENE_LEVEL = 0.16
-"""Geometric mean of the picture's luminance over full scale, where there is no paper to expose for: the
-middle grey of photography is 0.18."""
+"""Geometric mean of luminance over full scale for a picture without paper: photography's middle grey is
+0.18."""
 
 
 def complete(folder: Path, *, photos: int) -> bool:
-    """Whether a set is finished: scene.json is written last, and all photos are there."""
+    """Whether a set is complete: it has all photos and scene.json, the last file that is written."""
     return (folder / "scene.json").is_file() and len(list((folder / "photos").glob("*.jpg"))) == photos
 
 
 def write_scene(
     out: Path, scene: Scene, *, options: RenderOptions, progress: Callable[[str], None] | None = None
 ) -> Path:
-    """Render a scene into out/<name>, which appears when all of it is written. Raises RendererMissing."""
+    """Render a scene into out/<name>, which appears once it is complete. Raises RendererMissing."""
     folder, part = out / scene.name, out / f"{scene.name}.part"
     shutil.rmtree(part, ignore_errors=True)
     part.mkdir(parents=True)
@@ -78,9 +78,9 @@ def write_scene(
 def write_photos(
     folder: Path, scene: Scene, *, options: RenderOptions, progress: Callable[[str], None] | None = None
 ) -> list[float]:
-    """Render a scene's photos into a folder as 000.jpg, 001.jpg, ...; the gain that each was exposed by.
+    """Render a scene's photos into a folder as 000.jpg, 001.jpg, ...; returns each photo's exposure gain.
 
-    The same scene and options give the same pictures. Raises RendererMissing, before the folder is made.
+    The same scene and options give the same pictures. Raises RendererMissing before it makes the folder.
     """
     mitsuba()
     denoiser()
@@ -108,10 +108,10 @@ def write_photos(
 
 
 def metered_gain(light: Float[np.ndarray, "h w 3"], *, mat: Mat | None, view: Viewpoint) -> float:
-    """The factor on linear light that exposes a picture: by its paper where there is a mat, else by its mean.
+    """Factor on linear light that exposes a picture: by the paper of the mat, or else by the mean.
 
-    Of points spread over the mat the 70th percentile is paper; without a mat the mean logarithm goes to a
-    middle grey, held back where it would burn more than a fiftieth of the picture.
+    The 70th percentile of points spread over the mat is paper. Without a mat the geometric mean becomes a
+    middle grey, unless that would overexpose more than a fiftieth of the picture.
     """
     luminance = np.maximum(light @ np.array([0.2126, 0.7152, 0.0722], dtype=light.dtype), 1e-6)
     if mat is not None:
@@ -127,9 +127,9 @@ def metered_gain(light: Float[np.ndarray, "h w 3"], *, mat: Mat | None, view: Vi
 
 
 def cameras_mapping(scene: Scene) -> dict[str, Any]:
-    """What cameras_truth.json holds: mean focal length (px), k1, and per photo pose and focal length.
+    """Content of cameras_truth.json: mean focal length (px), k1, and each photo's pose and focal length.
 
-    R, t: camera (x right, y down, z ahead) from mat; pictures upright, principal point in the middle.
+    R, t: camera (x right, y down, z ahead) from mat; pictures are upright, the principal point is central.
     """
     return {
         "f": scene.camera.focal_px,
