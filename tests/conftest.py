@@ -38,7 +38,7 @@ def modules_with_arrays() -> list[str]:
     ]
 
 
-jaxtyping.jaxtyped = array_annotations.only_with_arrays(jaxtyping.jaxtyped)
+jaxtyping.jaxtyped = array_annotations.first_calls_with_arrays(jaxtyping.jaxtyped)
 install_import_hook(modules_with_arrays(), "array_annotations.check")
 
 
@@ -53,6 +53,12 @@ def pytest_collection_finish() -> None:
     """
     gc.enable()
     gc.set_threshold(10_000, 20, 20)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_runtest_setup() -> None:
+    """Every test checks the first calls of each function again."""
+    array_annotations.CALLS.clear()
 
 
 @pytest.fixture

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from array_annotations import CHECKED
 from jaxtyping import TypeCheckError
 
 from tactile.gel.force_inverse import ActiveSet
@@ -44,3 +45,11 @@ def test_sound_arrays_pass_and_annotations_stay() -> None:
     assert set(motion_of.__annotations__) == {"y", "return"}
     assert motion_of.__annotations__["return"] is float
     assert smooth_precision.__annotations__["grid"] is GelGrid
+
+
+@pytest.mark.parametrize("time", [1, 2])
+def test_each_test_checks_the_first_calls_and_no_more(time: int) -> None:
+    for _ in range(CHECKED):
+        with pytest.raises(TypeCheckError):
+            motion_of(np.zeros((time, 2)))
+    motion_of(np.zeros((time, 2)))
