@@ -91,15 +91,18 @@ def gain_of(press: Pressing) -> float | None:
     one. Both are summed over the pressed markers, without noise; None if no law applies to the pad.
     """
     totals = _totals(press)
-    if totals is None:
-        return None
+    return None if totals is None else _gain(press, totals)
+
+
+def _gain(press: Pressing, totals: Sequence[Float[np.ndarray, "t 3"]]) -> float | None:
     felt, gel = (float((z**2).mean() - z[press.quiet].var()) for z in (total[:, 2] for total in totals))
     return float(np.sqrt(gel / felt)) if min(felt, gel) > 0 else None
 
 
 def _law(press: Pressing) -> Iterator[Misfit]:
     """Misfits of displacement with the law's prediction: size, course over time, pattern over markers."""
-    gain, totals = gain_of(press), _totals(press)
+    totals = _totals(press)
+    gain = None if totals is None else _gain(press, totals)
     if gain is None or totals is None or press.gel_mm is None:
         return
     course, shares = _whitened(totals, [total[press.quiet] for total in totals])

@@ -7,6 +7,7 @@ and optionally `support`; datasets `time_s`, `aperture_mm`, optionally `wrench_N
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import lru_cache
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, cast
 
@@ -121,6 +122,13 @@ def marker_area_mm2(rest_mm: Float[np.ndarray, "n 3"]) -> float | None:
     >>> marker_area_mm2(grid)
     4.0
     """
+    return _cell_area_mm2(np.ascontiguousarray(rest_mm, dtype=np.float64).tobytes())
+
+
+@lru_cache(maxsize=16)
+def _cell_area_mm2(places: bytes) -> float | None:
+    """The area for markers at these places, cached: checks of a recording ask for it many times."""
+    rest_mm = np.frombuffer(places).reshape(-1, 3)
     if len(rest_mm) < FEWEST_FOR_AREA:
         return None
     try:
