@@ -19,7 +19,7 @@ BATCH = "batch.toml"
 FOLDERS_ABOVE = 4
 """Folders above a grasp in which files are sought: grasps, the fruit's, fruits and the batch's."""
 MOST_FRAMES = 1000
-"""Most frames of a mean: its noise is a thirtieth of one frame's, and a longer clip need not be read."""
+"""Most frames of a mean without `reference_frames`: its noise is a thirtieth of one frame's."""
 ADVICE = (
     "a picture of the untouched gel; or name another clip or picture of it (reference = ...), or frames of "
     "it (reference_frames = [0, 5])"
