@@ -158,7 +158,7 @@ def _refined(
 ) -> _Boxes:
     """Cut bricks by size and distance, then until adjacent bricks differ by at most one level."""
     tree = cKDTree(touched_mm)
-    mean_mm = float(np.linalg.norm(touched_mm - np.mean(lattice.fruit.skin.centre_mm), axis=1).mean())
+    mean_mm = float(np.linalg.norm(touched_mm - np.asarray(lattice.fruit.skin.centre_mm), axis=1).mean())
     unit_mm = np.pi / 2 * mean_mm / lattice.side
     smallest_mm = 2 * unit_mm
     for level in range(grading.levels):

@@ -26,8 +26,7 @@ class Viewpoint:
     def pixels(self, points_mm: Float[np.ndarray, "n 3"]) -> Float[np.ndarray, "n 2"]:
         """Image coordinates; the centre of the first pixel is (0, 0)."""
         seen = points_mm @ self.cam_from_world[:3, :3].T + self.cam_from_world[:3, 3]
-        middle = np.array([self.width_px - 1, self.height_px - 1]) / 2
-        return np.asarray(self.focal_px * seen[:, :2] / seen[:, 2:] + middle)
+        return np.asarray(self.focal_px * seen[:, :2] / seen[:, 2:] + _middle(self))
 
 
 def direction(azimuth: float, elevation: float) -> Float[np.ndarray, " 3"]:

@@ -143,7 +143,8 @@ def without(trace: IndenterTrace, places: Collection[int]) -> IndenterTrace:
 
 
 #: least drop of the force in a rupture, as a share of the force and in standard deviations of the noise (set
-#: by hand: ten times the error of the contact theory; six sd in one of a thousand frames are not chance)
+#: by hand: ten times the error of the contact theory; and above six sd, which the largest drop of white noise
+#: exceeds in fewer than one of a thousand recordings of a thousand frames)
 LOST, ABOVE_NOISE = 0.1, 8.0
 #: least slope of the drop over the steepest rise before it. Once the ball rests, the force of a relaxing
 #: solid falls at most as steeply as its unrelaxed force rose: R(0)/R(long) times the recorded rise. 4 allows

@@ -70,7 +70,6 @@ def _look(row: FruitRow, photos: Sequence[Photo], mat: Mat | None, remarks: list
     """
     checked = checked_photos(photos, mat)
     remarks += checked.warnings
-    require_enough(len(checked.photos), where="The set")
     if mat is not None:
         names = [photo.name for photo in photos]
         height_mm, left_out = row.height_mm, checked.warnings

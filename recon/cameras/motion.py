@@ -84,9 +84,9 @@ def cameras_from_features(photos: Sequence[Photo], *, height_mm: float) -> Poses
     registered = 0 if model is None else model.num_reg_images()
     if model is None or registered < max(FEWEST_PHOTOS, len(photos) / 2):
         raise ReconProblem.NO_OVERLAP.failure(
-            f"Only {registered} of {len(photos)} photos share enough features. Without a mat, the "
-            "fruit needs a textured ground, and neighbouring photos must be within 20 degrees. Print "
-            "the mat (drupe mat) or take more photos."
+            f"Features of the photos give camera poses for only {registered} of {len(photos)} photos. "
+            "Without a mat, the fruit needs a textured ground, and neighbouring photos must be within 20 "
+            "degrees. Print the mat (drupe mat) or take more photos."
         )
     rows = sorted((int(image.name[:6]), image) for image in model.images.values() if image.has_pose)
     if rows[0][0] != 0:

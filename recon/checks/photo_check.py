@@ -10,7 +10,7 @@ import numpy as np
 from jaxtyping import Float, UInt8
 
 from recon.cameras.mat_poses import FEWEST_TAGS
-from recon.cameras.photos import FEWEST_PHOTOS, Photo
+from recon.cameras.photos import FEWEST_PHOTOS, Photo, require_enough
 from recon.cameras.printed_mat import BORDERS, Mat, detect_tags, standard_mat
 from recon.picture_values import sampled
 from recon.recon_failure import ReconFailure, ReconProblem
@@ -111,6 +111,7 @@ def checked_photos(photos: Sequence[Photo], mat: Mat | None) -> CheckedPhotos:
     """
     known, on_mat = (mat, True) if mat is not None else (standard_mat(), False)
     distinct, copies = _without_copies(photos)
+    _require_distinct(len(distinct), copies)
     looks = [_look(p, known, on_mat=on_mat) for p in distinct]
     _refuse_mirrored(looks, on_mat=on_mat)
     usual = float(np.median([look.sharpness for look in looks]))
@@ -171,6 +172,14 @@ def _without_copies(photos: Sequence[Photo]) -> tuple[list[Photo], list[str]]:
         f"{len(copies)} {noun} of another ({pairs}), so drupe uses each view once; take a photo from "
         "every direction."
     ]
+
+
+def _require_distinct(count: int, copies: Sequence[str]) -> None:
+    """Raise ReconFailure (too-few-views) with the sentence on copies if too few different photos remain."""
+    try:
+        require_enough(count, where="The set without copies" if copies else "The set")
+    except ReconFailure as failure:
+        raise failure.problem.failure(" ".join([*copies, failure.detail])) from None
 
 
 def _look(photo: Photo, mat: Mat, *, on_mat: bool) -> _Look:
@@ -240,8 +249,6 @@ def _weakness(look: _Look, usual: float, *, on_mat: bool) -> str:
 
 def _refuse_rest(looks: list[_Look], lost: dict[str, str], mat: Mat) -> None:
     """Raise ReconFailure (mat-not-found, too-few-views): fewer than three photos can be placed."""
-    if not lost:
-        return
     most = max(len(look.tags) for look in looks)
     if most == 0 and not any("blurred" in reason for reason in lost.values()):
         raise ReconProblem.MAT_NOT_FOUND.failure(

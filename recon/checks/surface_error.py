@@ -7,6 +7,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from recon.checks.ground_check import RimEvidence
+from recon.silhouettes.tangent import RIM_SD_PX
 from recon.surface.ray_mesh import SEEN_BY, RayMesh
 from recon.triangle_mesh import Faces, Vertices, facing, smoothed, vertex_areas, vertex_normals
 
@@ -78,8 +79,6 @@ ROBUST_ROUNDS = 4
 INDEPENDENT, LEAST_HELD = 3.0, 0.3
 """Independent samples per unit of weight at a vertex (photos are independent, neighbours are not), and the
 least weight. With 1 instead of 3, 1.5 times as many wrong meshes passed."""
-RIM_SD_PX = 0.35
-"""Least error of a place on a rim, px."""
 HALF_KNOWN = 0.03
 """Weight of rim samples at a vertex at which they count as much as geometry alone."""
 UNKNOWN_RIM = 0.007

@@ -108,9 +108,9 @@ def visual_hull(
     """Where rays from `centre_mm` leave the intersection of all silhouette cones and of z >= floor.
 
     phi(X) = min over views of the depth inside the cone, or with `outlier_share` the depth that this share of
-    the views undercuts. (A ball of radius r grows by about r δ² / 2, δ the angle to the nearest other view.)
-    A ray advances by phi until phi = 0 (sphere tracing, Hart 1996). The shape must be star-shaped about its
-    centre; the mesh is closed and of genus 0.
+    the views undercuts. A ball of radius r grows by about r δ² / 2 along a ray, δ its angle to the nearest
+    rim that a view sees. A ray advances by phi until phi = 0 (sphere tracing, Hart 1996). The shape must be
+    star-shaped about its centre; the mesh is closed and of genus 0.
     """
     directions, faces = ball(level)
     radius = np.zeros(len(directions))

@@ -24,8 +24,8 @@ STIFFNESS = 6.0
 """Weight of bending against a rim's misfit in mm, both squared. Set by hand."""
 REACH_SHARE = 0.03
 """Largest distance of a rim from its outline, over the fruit's radius; at first twice that. By hand."""
-LEAST_SPREAD_PX = 0.35
-"""Least spread of the misfits, px; the same as RIM_SD_PX of recon.checks.surface_error."""
+RIM_SD_PX = 0.35
+"""Least error of a place on a rim, px, and so the least spread of the misfits."""
 SPREADS = 3.0
 """Scale of Geman and McClure's weight, in spreads. Set by hand, as usual in robust statistics."""
 SHADED, NONE_FROM, NONE_AT_FIRST_FROM = 0.4, 1.0, 0.8
@@ -79,7 +79,7 @@ def fitted_to_outlines(vertices: Vertices, faces: Faces, silhouettes: Sequence[S
             (np.concatenate([wa, wb]), (np.tile(count, 2), np.concatenate([a, b]).astype(int))),
             shape=(len(miss), len(x)),
         )
-        spread = max(1.48 * float(np.median(np.abs(miss))), LEAST_SPREAD_PX * float(np.median(pixel_mm)))
+        spread = max(1.48 * float(np.median(np.abs(miss))), RIM_SD_PX * float(np.median(pixel_mm)))
         weight = 1 / (1 + (miss / (SPREADS * spread)) ** 2) ** 2
         down = -(wa * normals[a.astype(int), 2] + wb * normals[b.astype(int), 2])
         none_from = NONE_AT_FIRST_FROM if turn < CAUTIOUS_ROUNDS else NONE_FROM

@@ -12,6 +12,7 @@ from fem.sparse.solver import factorise
 from samples.brick_flesh import HOLDING, BrickFlesh, assembled, rigid_tie
 from samples.fruit import Skin
 from samples.hexahedra import Bricks
+from samples.mismatch.flesh_laws import Lame
 from samples.mismatch.grip import InnerContact
 from samples.mismatch.skin_compliance import SkinCompliance, skin_compliance
 from samples.mismatch.true_recording import TrueRecording
@@ -192,7 +193,7 @@ def loose_compliance(
 
 def pit_contact(flesh: BrickFlesh, *, gap_mm: float) -> InnerContact:
     """Contact of the pit's surface: a stiff frictionless bed at `gap_mm`."""
-    modulus = flesh.mu_MPa * (3 * flesh.lam_MPa + 2 * flesh.mu_MPa) / (flesh.lam_MPa + flesh.mu_MPa)
+    modulus = Lame(mu=flesh.mu_MPa, lam=flesh.lam_MPa).modulus
     _, areas = _normals(flesh)
     return InnerContact(gap_mm=gap_mm, N_per_mm=PENALTY_PER_MM * modulus * areas)
 

@@ -53,7 +53,8 @@ def draw_pipeline(
     """A pipeline of one of `kinds`, and its shots. With both kinds two of three are phones. A phone applies
     each of its edits in four sets of five, distortion in two of five, and rotated storage in one of three.
     """
-    kind = "phone" if rng.uniform() < 0.66 or "none" not in kinds else "none"
+    drawn = "phone" if rng.uniform() < 0.66 else "none"
+    kind = drawn if drawn in kinds else kinds[0]
     plain = Pipeline(kind=kind)
     if kind == "none":
         return plain, (Shot(),) * photos

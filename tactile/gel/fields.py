@@ -15,6 +15,7 @@ from tactile.gel.grid import PriorHyperparameters, gel_grid
 from tactile.gel.slab import FLAT_TO, GelSlab
 from tactile.gel_camera import mm_per_px, on_face, ray_information, triangulated
 from tactile.markers.tracking import TrackedMarkers
+from tactile.noise import MEDIAN_OF_GAUSSIAN
 from tactile.sensors import GelCamera, Sensor
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
@@ -27,8 +28,6 @@ DEPTH_ROUNDS = 2
 """Iterations between depth and places with one camera. Set by hand."""
 FRAMES_TO_CHOOSE_FROM = 3
 """Frames with large displacements that determine the prior: each costs several inversions. Set by hand."""
-OF_MEDIAN = 0.6745
-"""Median of the absolute value of a standard normal number."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -127,7 +126,7 @@ def frame_noise(values: Float[np.ndarray, "t n c"]) -> float:
         return 0.0
     bends = np.abs(values[2:] - 2 * values[1:-1] + values[:-2]).reshape(len(values) - 2, -1)
     usable = [float(np.nanmedian(row)) for row in bends if np.isfinite(row).any()]
-    return float(np.quantile(usable, 0.2)) / OF_MEDIAN / np.sqrt(6.0) if usable else 0.0
+    return float(np.quantile(usable, 0.2)) / MEDIAN_OF_GAUSSIAN / np.sqrt(6.0) if usable else 0.0
 
 
 def _on_planes(

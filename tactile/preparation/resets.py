@@ -89,7 +89,7 @@ def _touch_and_levels(travel: Values, force_N: Values) -> tuple[int, float | Non
     """
     sd = noise_sd(force_N)
     clear = np.abs(force_N - float(np.median(force_N[:NEIGHBOURS]))) > CLEAR * sd
-    stays = np.flatnonzero(clear[:-2] & clear[1:-1] & clear[2:])
+    stays = np.flatnonzero(np.convolve(clear, np.ones(STAYS), "valid") == STAYS)
     touch = int(stays[0]) if len(stays) else len(force_N)
     before = float(np.median(force_N[: max(touch - 1, 1)])) if touch >= NEIGHBOURS else None
     if touch in (0, len(force_N)):

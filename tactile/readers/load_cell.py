@@ -24,7 +24,7 @@ table; its reader then names the missing column. A position alone (`z_mm`) may b
 LATEST_START_S = 1e6
 """Latest plausible start (12 days); a later one is a clock's, and times then count from the first frame."""
 UNLOADED_FRAMES = 5
-"""First frames; their median force is the cell's offset, which must not decide the sign. Set by hand."""
+"""First frames; their median force is the load cell's offset. Set by hand."""
 NO_MARKERS = (
     "a load cell's table has neither markers nor poses. `drupe explain` reads the recording; "
     "`drupe grade` reads it only for plates around a fruit with three diameters."

@@ -20,7 +20,7 @@ from tactile.markers.gaps import at_times
 from tactile.readers.grasp_log import GraspLog, increasing, read_columns, read_log
 from tactile.readers.pictures import PICTURES, VIDEOS, Pictures, pictures_in, read_picture, unusable
 from tactile.readers.recording import PADS_OF_LOADING, Loading, Recording, Support
-from tactile.readers.reference_source import named_reference, read_reference, reference_path
+from tactile.readers.reference_source import FOLDERS_ABOVE, named_reference, read_reference, reference_path
 from tactile.readers.sensor_file import read_sensor
 from tactile.readers.toml_table import Table, read_table
 from tactile.sensors import Sensor
@@ -216,8 +216,8 @@ def _sensor_path(folder: Path, table: Table) -> Path:
 
 
 def _nearest(folder: Path, name: str) -> Path | None:
-    """The file of this name beside grasp.toml, or in the nearest of four folders above."""
-    places = [place / name for place in (folder, *folder.resolve().parents[:4])]
+    """The file of this name beside grasp.toml, or in the nearest of FOLDERS_ABOVE folders above."""
+    places = [place / name for place in (folder, *folder.resolve().parents[:FOLDERS_ABOVE])]
     return next((place for place in places if not not_plain(place)), None)
 
 

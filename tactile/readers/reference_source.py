@@ -17,9 +17,9 @@ from tactile.readers.toml_table import Table
 BATCH = "batch.toml"
 """File of the batch's folder, which paths in a grasp must not leave."""
 FOLDERS_ABOVE = 4
-"""Folders above a grasp in which BATCH is sought: grasps, the fruit's, fruits and the batch's."""
+"""Folders above a grasp in which files are sought: grasps, the fruit's, fruits and the batch's."""
 MOST_FRAMES = 1000
-"""Most frames of a mean: its noise is a thirtieth of one frame's, and a longer clip need not be read."""
+"""Most frames of a mean without `reference_frames`: its noise is a thirtieth of one frame's."""
 ADVICE = (
     "a picture of the untouched gel; or name another clip or picture of it (reference = ...), or frames of "
     "it (reference_frames = [0, 5])"

@@ -6,8 +6,8 @@ import numpy as np
 from jaxtyping import Float
 from scipy.interpolate import PchipInterpolator
 
+from tactile.readers.load_cell import UNLOADED_FRAMES
 from tactile.readers.recording import Converted, IndenterPad, Recording
-from tactile.rig.rigid_squeeze import UNLOADED_FRAMES
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
 MOST_BEYOND = 1.25

@@ -8,11 +8,10 @@ from jaxtyping import Bool, Float
 
 from tactile.noise import noise_sd
 from tactile.preparation.rows import true_runs
+from tactile.readers.load_cell import UNLOADED_FRAMES
 from tactile.readers.recording import GelPad
 from tactile.tactile_failure import TactileFailure, TactileProblem
 
-UNLOADED_FRAMES = 5
-"""First frames; their median force is the load cell's zero. Set by hand."""
 LEAST_OVER_NOISE = 20.0
 """Least peak force over the noise of one frame; below it the curve is noise. Set by hand."""
 TOUCHED, TOUCHED_SHARE = 6.0, 0.02

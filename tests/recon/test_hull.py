@@ -98,6 +98,19 @@ def test_the_hull_ends_where_rays_leave_the_nearest_cone():
     assert open_edges(faces) == 0
 
 
+def test_a_balls_hull_grows_by_half_the_squared_angle_to_the_nearest_rim():
+    azimuth = np.arange(8) * np.pi / 4
+    towards = np.stack([np.cos(azimuth), np.sin(azimuth), 0 * azimuth], axis=1)
+    vertices, _ = hull([exact_silhouette(camera_towards(toward)) for toward in towards], level=4)
+    rays, _ = ball(4)
+    rim = np.arccos(RADIUS_MM / DISTANCE_MM)
+    delta = np.abs(np.arccos(np.clip(rays @ towards.T, -1, 1)) - rim).min(axis=1)
+    far = delta > 0.15
+    growth = np.linalg.norm(vertices - CENTRE, axis=1) / RADIUS_MM - 1
+    np.testing.assert_allclose(growth[far], delta[far] ** 2 / 2, rtol=0.1)
+    assert far.sum() > 100
+
+
 def test_one_outline_too_small_eats_a_strict_hull_and_not_one_of_most_views():
     views = [exact_silhouette(camera_towards(direction)) for direction in directions(24)]
     views[5] = Silhouette(views[5].distance_px - 30.0, views[5].window, views[5].camera)

@@ -4,6 +4,7 @@ import signal
 import subprocess
 import sys
 
+import cv2
 import numpy as np
 import pytest
 from mat_scene import Egg, photographed, ring
@@ -11,7 +12,7 @@ from refusals import refused
 
 from recon.cameras import motion
 from recon.cameras.ground_plane import upright
-from recon.cameras.motion import cameras_from_motion
+from recon.cameras.motion import cameras_from_features, cameras_from_motion
 from recon.cameras.photos import Photo
 from recon.cameras.printed_mat import standard_mat
 from recon.recon_failure import ReconProblem
@@ -43,6 +44,15 @@ def test_without_pycolmap_photos_that_the_ground_does_not_join_name_it_and_what_
     blank = [Photo(f"{i}.png", np.full((120, 160, 3), 90, np.uint8)) for i in range(4)]
     with refused(ReconProblem.MISSING_LIBRARY, r"needs pycolmap.*on the mat \(drupe mat\).*fruit\.ply"):
         cameras_from_motion(blank, height_mm=48.0)
+
+
+def test_photos_with_common_features_but_one_viewpoint_are_refused_for_their_camera_poses():
+    rng = np.random.default_rng(0)
+    cloth = cv2.GaussianBlur(rng.uniform(0, 255, (480, 640, 3)), (0, 0), 3)
+    cloth = cv2.normalize(cloth, None, 0, 255, cv2.NORM_MINMAX)
+    noisy = [np.clip(cloth + rng.normal(0, 2, cloth.shape), 0, 255).astype(np.uint8) for _ in range(4)]
+    with refused(ReconProblem.NO_OVERLAP, "Features of the photos give camera poses for only 0 of 4 photos"):
+        cameras_from_features([Photo(f"{i}.png", image) for i, image in enumerate(noisy)], height_mm=48.0)
 
 
 def test_a_first_photo_from_straight_above_is_refused():

@@ -89,6 +89,18 @@ def test_copies_count_once():
     assert "copy of 000.png = 000.png" in checked.warnings[0]
 
 
+@pytest.mark.parametrize("mat", [MAT, None], ids=["mat", "no mat"])
+def test_a_set_of_copies_is_refused_and_the_copies_are_named(mat):
+    a, b = photos()[:2]
+    set_of_two = [a, b, replace(a, name="x.png"), replace(b, name="y.png")]
+    with refused(
+        ReconProblem.TOO_FEW_VIEWS,
+        r"2 photos are copies of another \(x\.png = 000\.png, y\.png = 001\.png\).* "
+        "The set without copies holds 2 photos; a shape needs at least 3",
+    ):
+        checked_photos(set_of_two, mat)
+
+
 def test_a_covered_mat_is_told():
     def halved(image):
         image = image.copy()

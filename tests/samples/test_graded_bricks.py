@@ -1,5 +1,7 @@
 """Bricks that are halved towards the skin: fields, volume, balance and contact as on even meshes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from ball_fruit import ball
@@ -7,7 +9,7 @@ from mismatch_ball import drawn_ball, grasp_along_x, grasped_ball, linear_body, 
 
 from fem.sparse.solver import factorise
 from samples.brick_flesh import assembled, flesh_of, rigid_tie, shape_gradients
-from samples.fruit import SampleFruit, fruit_of_seed
+from samples.fruit import SampleFruit, fruit_of_seed, triple
 from samples.graded_bricks import BrickGrading, graded_bricks, touched_skin_mm
 from samples.hexahedra import COARSE, Bricks, Fineness, flesh_bricks, lagrange
 from samples.mismatch.meshed_fruit import meshed_fruit, patch_of
@@ -106,6 +108,20 @@ def test_displacement_is_continuous_between_large_and_small_bricks(bricks: Brick
     outer = _flux(bricks, bricks.skin_cells.reshape(-1, 9), moved)
     inner_cells = bricks.cells[np.all(np.isin(bricks.cells[:, :9], bricks.pit_nodes), axis=1), :9]
     assert inside == pytest.approx(outer - _flux(bricks, inner_cells, moved), rel=1e-9, abs=1e-7)
+
+
+@pytest.mark.parametrize("by_mm", [(0.0, 0.0, 28.0), (30.0, -10.0, 5.0)])
+def test_a_fruit_elsewhere_has_the_same_bricks(fruit: SampleFruit, by_mm: tuple[float, ...]) -> None:
+    def moved(place_mm: tuple[float, float, float]) -> tuple[float, float, float]:
+        return triple(np.add(place_mm, by_mm))
+
+    skin = replace(fruit.skin, centre_mm=moved(fruit.skin.centre_mm))
+    elsewhere = replace(fruit, skin=skin, pit=replace(fruit.pit, centre_mm=moved(fruit.pit.centre_mm)))
+    touched_mm = fruit.skin.points_mm(X[None])
+    here = graded_bricks(fruit, X, SMALL, touched_mm=touched_mm)
+    there = graded_bricks(elsewhere, X, SMALL, touched_mm=touched_mm + by_mm)
+    np.testing.assert_array_equal(there.cells, here.cells)
+    np.testing.assert_allclose(there.nodes_mm - by_mm, here.nodes_mm, atol=1e-9)
 
 
 def _flux(bricks: Bricks, cells: np.ndarray, u: np.ndarray) -> np.ndarray:

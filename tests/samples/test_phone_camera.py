@@ -10,10 +10,16 @@ from scene_projection import projected
 
 from recon.cameras.photos import read_photo
 from samples.scenes.draw import Scene, scene_mapping
-from samples.scenes.phone import Pipeline, developed, exposed
+from samples.scenes.phone import PIPELINES, Pipeline, developed, draw_pipeline, exposed
 from samples.scenes.render import widened
 from samples.scenes.write import cameras_mapping, write_jpeg
 from samples.viewpoints import Viewpoint, distorted_picture, distorted_pixels, margin_px, pinhole_pixels
+
+
+@pytest.mark.parametrize("kinds", [("none",), ("phone",), PIPELINES])
+def test_a_drawn_pipeline_is_one_of_the_kinds_that_are_asked_for(kinds: tuple[str, ...]) -> None:
+    drawn = {draw_pipeline(np.random.default_rng(k), photos=1, kinds=kinds)[0].kind for k in range(30)}
+    assert drawn == set(kinds)
 
 
 def test_focal_lengths_breathe_by_at_most_four_in_a_thousand_and_the_files_say_so(
