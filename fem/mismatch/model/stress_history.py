@@ -159,6 +159,15 @@ class PathState:
         """Index of each recording's first frame, and the number of frames."""
         return [0, *np.cumsum([len(chosen_frames.chosen) for chosen_frames in self.frames]).tolist()]
 
+    def among(self, other: "PathState") -> Int[np.ndarray, " f"]:
+        """Indices of these frames in a state of more frames of the same law, which holds all of them."""
+        return np.concatenate(
+            [
+                first + np.searchsorted(more.chosen, few.chosen)
+                for first, few, more in zip(other.first, self.frames, other.frames, strict=False)
+            ]
+        )
+
     def response(self, force: Float[np.ndarray, "f n 3"]) -> Float[np.ndarray, "f n 3"]:
         """K0^-1 times nodal forces, each recording with its own support."""
         displacement = np.empty_like(force)
