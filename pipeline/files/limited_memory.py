@@ -13,8 +13,6 @@ try:
 except ModuleNotFoundError:
     resource = None  # type: ignore[assignment]
 
-SHARE_OF_FREE = 0.75
-"""Share of the machine's free memory that one run of a model may take. Set by hand."""
 _USER = "user"
 _limits: dict[object, int] = {}
 """Soft limits in bytes of address space: the user's (_USER), and that of each open block, in any thread."""
@@ -71,15 +69,6 @@ if sys.platform != "win32":
 def _addresses_in_use() -> int:
     """Size of this process's address space in bytes, from /proc (Linux)."""
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[0]) * os.sysconf("SC_PAGE_SIZE")
-
-
-def free_bytes() -> int:
-    """Free memory of the machine in bytes (Linux); 1 TB if the system does not report it."""
-    try:
-        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
-        return next(int(line.split()[1]) * 1024 for line in lines if line.startswith("MemAvailable:"))
-    except (OSError, StopIteration):
-        return 10**12
 
 
 def return_freed_memory() -> None:
