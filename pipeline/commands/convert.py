@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 import typer
 from typer import Argument, Option
 
-from pipeline.commands.endings import said_when_interrupted, said_when_refused
+from pipeline.commands.endings import exit_when_interrupted, exit_when_refused
 from pipeline.commands.shared_options import ColumnsOption, SheetOption, UnitsOption
 from pipeline.exit_status import DOUBTED, UNUSABLE
 from pipeline.safe_start import elsewhere
@@ -179,7 +179,7 @@ def convert(
         else Jaws(centre_mm=jaws_centre_mm, closing=closing or (1.0, 0.0, 0.0), up=up or (0.0, 0.0, 1.0)),
     )
     kept = "; drupe kept the files of finished runs" if wanted.all_runs else "; drupe wrote no file"
-    with said_when_interrupted(kept), said_when_refused(source, TactileFailure):
+    with exit_when_interrupted(kept), exit_when_refused(source, TactileFailure):
         runs = convert_runs(source, out, wanted, report=StageLines().stage)
     unusable = doubted = False
     for path, done in runs:

@@ -172,11 +172,11 @@ def firmness_relations(
         for reading in readings:
             key = fruit.batch.group, reading.plunger_mm
             cells = [force for row in fruit.rows if (force := reading.of(row)) is not None]
-            sound = [force for force in cells if not math.isnan(force)]
-            of_plunger[key] += [float(np.mean(sound))] if sound else []
-            left_out[key] += len(cells) - len(sound)
-            usable[reading] += len(sound)
-            unusable[reading] += len(cells) - len(sound)
+            valid = [force for force in cells if not math.isnan(force)]
+            of_plunger[key] += [float(np.mean(valid))] if valid else []
+            left_out[key] += len(cells) - len(valid)
+            usable[reading] += len(valid)
+            unusable[reading] += len(cells) - len(valid)
         for key, forces in of_plunger.items():
             if forces:
                 pairs[key].append((fruit.E_MPa, float(np.mean(forces))))
