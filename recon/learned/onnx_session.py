@@ -59,7 +59,8 @@ def opened(model: Path, providers: Sequence[str]) -> onnxruntime.InferenceSessio
     most = SIZES * sum(path.stat().st_size for path in model_files(model)) + MOST_MORE_BYTES
     try:
         with limited_memory(most):
-            return onnxruntime.InferenceSession(str(model), options, providers=usable)
+            # the fallback would print, and load the same file again
+            return onnxruntime.InferenceSession(str(model), options, providers=usable, enable_fallback=0)
     except Exception as error:  # onnxruntime raises its own classes, all straight from Exception
         raise bad_model(
             model,
